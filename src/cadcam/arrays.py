@@ -1,0 +1,50 @@
+"""Array aliases and the one gate through which arrays enter a value type: checked, copied, read-only."""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.errors import BadValue
+
+Array: TypeAlias = npt.NDArray[np.float64]  # geometry
+Picture: TypeAlias = npt.NDArray[np.float32]  # images in [0, 1], depth in mm
+Ids: TypeAlias = npt.NDArray[np.int32]  # faces, parts
+Mask: TypeAlias = npt.NDArray[np.bool_]
+Floats: TypeAlias = npt.ArrayLike
+
+
+def frozen(
+    values: npt.ArrayLike,
+    what: str,
+    shape: tuple[int | None, ...],
+    dtype: npt.DTypeLike = np.float64,
+    *,
+    batched: bool = False,
+    finite: bool = True,
+) -> npt.NDArray[Any]:
+    """Return a read-only copy of `values` whose trailing axes have `shape` (None = any length).
+
+    With `batched`, leading axes are free; otherwise the number of axes must be that of `shape`. Raises `BadValue`
+    naming `what`, the first offending index and its value.
+    """
+    try:
+        array = np.array(values, dtype=dtype)
+    except (TypeError, ValueError) as error:
+        raise BadValue(what, repr(values)[:80], f"numbers of shape {_text(shape)}") from error
+    tail = array.shape[array.ndim - len(shape) :] if array.ndim >= len(shape) else ()
+    fits = len(tail) == len(shape) and all(n is None or n == m for n, m in zip(shape, tail, strict=True))
+    if not fits or (not batched and array.ndim != len(shape)):
+        raise BadValue(what, f"of shape {array.shape}", f"shape {_text(shape, batched)}")
+    if finite and array.dtype.kind == "f" and not np.isfinite(array).all():
+        index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise BadValue(f"{what}{list(index) if index else ''}", array[index], "a finite number")
+    array.setflags(write=False)
+    return array
+
+
+def _text(shape: tuple[int | None, ...], batched: bool = False) -> str:
+    names = ["..."] * batched + ["N" if n is None else str(n) for n in shape]
+    return f"({', '.join(names)})"

@@ -1,0 +1,1 @@
+"""Meshes, their feature edges, and parametric sample parts."""

@@ -1,0 +1,1 @@
+"""From observations to a camera or a pose with its covariance."""

@@ -1,0 +1,1 @@
+"""Lens, camera, the extended pinhole and OpenGL's values for it."""

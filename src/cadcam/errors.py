@@ -1,0 +1,84 @@
+"""Every error a caller can cause: what was wrong, where, the value found, and the way out.
+
+The command line prints the message of a `CadcamError` without a traceback and exits with 2; anything else that
+escapes is a bug of ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+from os import PathLike
+
+
+class CadcamError(Exception):
+    """Something the caller can put right; the message says how."""
+
+
+class BadValue(CadcamError):
+    """An argument is out of its range, has the wrong shape, or is not finite."""
+
+    def __init__(self, what: str, value: object, expected: str) -> None:
+        super().__init__(f"{what} is {value}; expected {expected}")
+        self.what, self.value, self.expected = what, value, expected
+
+
+class UnreadableFile(CadcamError):
+    """A file is missing, truncated, empty or not what its name says."""
+
+    def __init__(self, path: str | PathLike[str], reason: str, remedy: str = "") -> None:
+        super().__init__(f"{path}: {reason}" + (f"; {remedy}" if remedy else ""))
+        self.path, self.reason, self.remedy = path, reason, remedy
+
+
+class UnknownName(CadcamError):
+    """A name (unit, renderer, parameter, format ...) is not one of those known; the nearest is suggested."""
+
+    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+        names = sorted(known)
+        near = get_close_matches(name, names, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        super().__init__(f"unknown {kind} {name!r}{hint} (known: {', '.join(names)})")
+        self.kind, self.name, self.known = kind, name, tuple(names)
+
+
+class TooFewPoints(CadcamError):
+    """Fewer observations than unknowns."""
+
+    def __init__(self, task: str, have: int, need: int) -> None:
+        super().__init__(f"{task} needs at least {need} points; {have} given")
+        self.task, self.have, self.need = task, have, need
+
+
+class DegenerateGeometry(CadcamError):
+    """The points cannot determine what was asked, whatever their accuracy; the message carries the numbers."""
+
+
+class MirroredPoints(DegenerateGeometry):
+    """The points only fit a camera that sees them from behind: a left-handed frame or swapped image axes."""
+
+
+class NotConverged(CadcamError):
+    """An iteration stopped before its minimum; the message says where it stood."""
+
+
+class SizeMismatch(CadcamError):
+    """A picture's size is not the camera's."""
+
+    def __init__(self, what: str, size: tuple[int, int], expected: tuple[int, int], remedy: str) -> None:
+        super().__init__(
+            f"{what} is {size[0]} x {size[1]} px but the camera is {expected[0]} x {expected[1]} px; {remedy}"
+        )
+        self.size, self.expected = size, expected
+
+
+class NothingInView(CadcamError):
+    """The model lies wholly behind the camera or outside its picture."""
+
+
+class MissingExtra(CadcamError):
+    """A feature needs an optional package that is not installed."""
+
+    def __init__(self, feature: str, extra: str) -> None:
+        super().__init__(f'{feature} needs an optional package: pip install "cadcam[{extra}]"')
+        self.feature, self.extra = feature, extra

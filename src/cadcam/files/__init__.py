@@ -1,0 +1,1 @@
+"""cadcam's own files: cameras, poses and points."""

@@ -1,0 +1,1 @@
+"""Solvers: linear seeds, pose from points, least squares with covariance."""

@@ -1,0 +1,1 @@
+"""Rotations and rigid motions: no camera, no picture, no file."""

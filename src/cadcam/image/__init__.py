@@ -1,0 +1,1 @@
+"""Pixels: reading and writing pictures, edges in them, lines drawn on them."""

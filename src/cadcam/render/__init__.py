@@ -1,0 +1,1 @@
+"""Pictures and visible edges of a scene through a camera."""
