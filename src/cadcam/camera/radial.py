@@ -1,0 +1,124 @@
+"""Radial curves of lenses: where they turn back, and their inverse. Shared by the lens models."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+from numpy.polynomial import Polynomial
+
+from cadcam.arrays import Array
+
+_ITERATIONS = 60  # bisection alone halves the bracket this often: below one ulp
+
+
+def polynomial_limit(odd: Sequence[float]) -> float:
+    """Return the smallest r > 0 where the derivative of sum odd[k] r^(2k+1) vanishes, inf if it never does."""
+    slope = [(2 * k + 1) * c for k, c in enumerate(odd)]
+    return _smallest_root(slope)
+
+
+def rational_limit(numerator: Sequence[float], denominator: Sequence[float]) -> float:
+    """Return the smallest r > 0 where r N(r^2)/D(r^2) stops rising or its denominator vanishes.
+
+    N = 1 + n1 s + n2 s^2 + ..., D alike, s = r^2. The derivative has the sign of N D + 2 s (N' D - N D').
+    """
+    N, D = Polynomial([1.0, *numerator]), Polynomial([1.0, *denominator])
+    slope = N * D + 2 * Polynomial([0.0, 1.0]) * (N.deriv() * D - N * D.deriv())
+    return min(_smallest_root(np.real(slope.coef)), _smallest_root(np.real(D.coef)))
+
+
+def _smallest_root(in_r2: npt.ArrayLike) -> float:
+    """Return sqrt of the smallest positive real root of a polynomial in s = r^2 (ascending coefficients)."""
+    c = np.trim_zeros(np.asarray(in_r2, dtype=np.float64), "b")
+    if c.size < 2:
+        return np.inf
+    roots = Polynomial(c).roots()
+    real = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots)) & (roots.real > 0)]
+    return float(np.sqrt(real.min())) if real.size else np.inf
+
+
+def fold_limit(jacobian: Callable[[Array], Array], limit: float) -> float:
+    """Return the largest radius <= limit with det(dm/du) > 0 in every direction (720 of them) and below it.
+
+    For lenses that are not radially symmetric; the first sign change along each direction is refined by bisection.
+    """
+    phi = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+    e = np.stack([np.cos(phi), np.sin(phi)], axis=-1)
+    top = limit if np.isfinite(limit) else 10.0  # 84 deg off the axis: beyond any lens of this family
+    radii = np.linspace(0, top, 401)[1:]
+    with np.errstate(all="ignore"):
+        folded = ~(np.linalg.det(jacobian(radii[:, None, None] * e)) > 0)
+    if not folded.any():
+        return limit
+    step = int(np.argmax(folded.any(axis=1)))
+    inner, outer = radii[step] - radii[0], radii[step]
+    for _ in range(40):
+        middle = 0.5 * (inner + outer)
+        ok = bool((np.linalg.det(jacobian(middle * e)) > 0).all())
+        inner, outer = (middle, outer) if ok else (inner, middle)
+    return float(inner)
+
+
+def inverse(curve: Callable[[Array], tuple[Array, Array]], rho: Array, limit: float, *, clamp: bool = False) -> Array:
+    """Return r in [0, limit) with curve(r) = rho, to rounding; NaN (or just inside the limit with `clamp`) if none.
+
+    `curve` gives value and slope and rises on [0, limit). Newton's step where it stays in the bracket, else bisection.
+    """
+    rho = np.asarray(rho, dtype=np.float64)
+    with np.errstate(all="ignore"):
+        high = _upper_bracket(curve, rho, limit)
+        reachable = curve(high)[0] >= rho
+        low, r = np.zeros_like(rho), np.minimum(rho, 0.5 * high)
+        for _ in range(_ITERATIONS):
+            value, slope = curve(r)
+            low, high = np.where(value <= rho, r, low), np.where(value > rho, r, high)
+            newton = r - (value - rho) / slope
+            r_next = np.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
+            if np.all((np.abs(r_next - r) <= 4e-16 * np.abs(r)) | ~reachable | np.isnan(rho)):
+                r = r_next
+                break
+            r = r_next
+    return np.where(reachable, r, 0.999 * limit if clamp else np.nan)
+
+
+def _upper_bracket(curve: Callable[[Array], tuple[Array, Array]], rho: Array, limit: float) -> Array:
+    if np.isfinite(limit):
+        return np.full_like(rho, limit)
+    high = np.maximum(rho, 1.0)
+    for _ in range(60):  # a curve without a turn rises, but it may rise slowly
+        short = curve(high)[0] < rho
+        if not short.any():
+            break
+        high = np.where(short, 2 * high, high)
+    return high
+
+
+def newton_plane(distort: Callable[[Array], tuple[Array, Array, Array]], m: Array, start: Array) -> Array:
+    """Return u with distort(u) = m by Newton's method in the plane from `start`; NaN where it does not get there."""
+    u = np.array(start)
+    scale = 1 + np.abs(m).max(axis=-1)
+    for _ in range(30):
+        value, J, _ = distort(u)
+        error = value - m
+        det = J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0]
+        step = np.stack(
+            [
+                (J[..., 1, 1] * error[..., 0] - J[..., 0, 1] * error[..., 1]) / det,
+                (J[..., 0, 0] * error[..., 1] - J[..., 1, 0] * error[..., 0]) / det,
+            ],
+            axis=-1,
+        )
+        u = u - step
+        if np.all((np.abs(step).max(axis=-1) <= 4e-16 * scale) | np.isnan(step).any(axis=-1)):
+            break
+    residual = np.abs(distort(u)[0] - m).max(axis=-1)
+    return np.where((residual <= 1e-13 * scale)[..., None], u, np.nan)
+
+
+def radial_jacobian(u: Array, gain: Array, slope: Array) -> Array:
+    """Return d(u gain(r^2))/du (..., 2, 2) for gain and slope = dgain/dr^2."""
+    return np.asarray(
+        gain[..., None, None] * np.eye(2) + 2 * slope[..., None, None] * (u[..., :, None] * u[..., None, :])
+    )

@@ -1,0 +1,132 @@
+"""Rigid motions, `b_from_a`: p_b = b_from_a @ p_a."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import overload
+
+import numpy as np
+
+from cadcam.arrays import Array, Floats, frozen
+from cadcam.errors import BadValue, DegenerateGeometry
+from cadcam.geometry import rotation as so3
+
+_ORTHONORMAL = 1e-6  # a rotation typed with six decimals passes; a scale or a reflection does not
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rigid:
+    """A rotation (..., 3, 3) followed by a translation (..., 3) in mm; leading axes are a batch.
+
+    Tangent order: (translation, rotation). A perturbation acts on the right, `T @ Rigid.exp(xi)`: it lives in the
+    frame that the motion starts from, and so does its 6x6 covariance.
+    """
+
+    rotation: Array = field(default_factory=lambda: np.eye(3))
+    translation: Array = field(default_factory=lambda: np.zeros(3))
+
+    def __post_init__(self) -> None:
+        R = frozen(self.rotation, "rotation", (3, 3), batched=True)
+        t = frozen(self.translation, "translation", (3,), batched=True)
+        defect = float(np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(initial=0.0))
+        if defect > _ORTHONORMAL or not np.all(np.linalg.det(R) > 0):
+            raise BadValue(
+                "rotation",
+                f"off a rotation by {defect:.2g} (or mirrored)",
+                "an orthonormal, right-handed 3x3 matrix",
+            )
+        object.__setattr__(self, "rotation", R)
+        object.__setattr__(self, "translation", t)
+
+    @classmethod
+    def from_matrix(cls, matrix: Floats) -> Rigid:
+        """Return the motion of a homogeneous (..., 4, 4) or (..., 3, 4) matrix, mm."""
+        matrix = np.asarray(matrix, dtype=np.float64)
+        if matrix.ndim < 2 or matrix.shape[-1] != 4 or matrix.shape[-2] not in (3, 4):
+            raise BadValue("rigid motion", f"of shape {matrix.shape}", "a 4x4 or 3x4 matrix")
+        if matrix.shape[-2] == 4 and not np.allclose(matrix[..., 3, :], [0, 0, 0, 1], rtol=0, atol=1e-12):
+            raise BadValue("last row of the rigid motion", matrix[..., 3, :], "(0, 0, 0, 1)")
+        return cls(matrix[..., :3, :3], matrix[..., :3, 3])
+
+    @classmethod
+    def look_at(cls, eye: Floats, target: Floats, *, up: Floats = (0.0, 0.0, 1.0)) -> Rigid:
+        """Return camera_from_world of a camera at `eye` (mm) whose z axis meets `target`, with `up` upwards (-y)."""
+        eye, target = frozen(eye, "eye", (3,)), frozen(target, "target", (3,))
+        up = frozen(up, "up", (3,))
+        forward = target - eye
+        right = np.cross(forward, up)
+        scale = float(np.linalg.norm(forward)) * float(np.linalg.norm(up))
+        if not np.linalg.norm(right) > 1e-9 * scale or scale == 0:
+            raise DegenerateGeometry(f"looking from {eye} to {target} with up {up}: up must not lie along the view")
+        z = forward / np.linalg.norm(forward)
+        x = right / np.linalg.norm(right)
+        R = np.stack([x, np.cross(z, x), z])
+        return cls(R, -R @ eye)
+
+    @classmethod
+    def exp(cls, xi: Floats) -> Rigid:
+        """Return the motion of the twist xi = (translation, rotation), shape (..., 6)."""
+        xi = np.asarray(xi, dtype=np.float64)
+        v, w = xi[..., :3], xi[..., 3:]
+        return cls(so3.exp(w), _apply(so3.left_jacobian(w), v))
+
+    def log(self) -> Array:
+        """Return the twist (..., 6) with `Rigid.exp(T.log())` equal to T, rotation angle <= pi."""
+        w = so3.log(self.rotation)
+        v = _apply(so3.inverse_left_jacobian(w), self.translation)
+        return np.concatenate(np.broadcast_arrays(v, w), axis=-1)
+
+    @property
+    def inv(self) -> Rigid:
+        """Return a_from_b."""
+        Rt = np.swapaxes(self.rotation, -1, -2)
+        return Rigid(Rt, -_apply(Rt, self.translation))
+
+    @property
+    def matrix(self) -> Array:
+        """Return the homogeneous matrix (..., 4, 4)."""
+        shape = np.broadcast_shapes(self.rotation.shape[:-2], self.translation.shape[:-1])
+        out = np.zeros((*shape, 4, 4))
+        out[..., :3, :3], out[..., :3, 3], out[..., 3, 3] = self.rotation, self.translation, 1.0
+        return out
+
+    @property
+    def origin(self) -> Array:
+        """Return where frame b's origin lies in frame a, (..., 3) mm: the camera centre of a camera_from_world."""
+        return -_apply(np.swapaxes(self.rotation, -1, -2), self.translation)
+
+    def adjoint(self) -> Array:
+        """Return Ad (..., 6, 6): T exp(xi) T^-1 = exp(Ad xi), and cov(a_from_b) = Ad S Ad^T for S = cov(b_from_a)."""
+        R = self.rotation
+        shape = np.broadcast_shapes(R.shape[:-2], self.translation.shape[:-1])
+        out = np.zeros((*shape, 6, 6))
+        out[..., :3, :3] = out[..., 3:, 3:] = R
+        out[..., :3, 3:] = so3.hat(self.translation) @ R
+        return out
+
+    @overload
+    def __matmul__(self, other: Rigid) -> Rigid: ...
+    @overload
+    def __matmul__(self, other: Array) -> Array: ...
+    def __matmul__(self, other: Rigid | Array) -> Rigid | Array:
+        """Return c_from_a = c_from_b @ b_from_a, or the points p_b = b_from_a @ p_a of an array (..., 3).
+
+        A single motion applies to any array of points; a batch of motions broadcasts against the points' leading
+        axes (so N motions by N points pair up; add an axis to apply each motion to every point).
+        """
+        if isinstance(other, Rigid):
+            return Rigid(self.rotation @ other.rotation, _apply(self.rotation, other.translation) + self.translation)
+        return _apply(self.rotation, np.asarray(other, dtype=np.float64)) + self.translation
+
+    def __repr__(self) -> str:
+        if self.rotation.ndim > 2 or self.translation.ndim > 1:
+            return f"Rigid(batch {np.broadcast_shapes(self.rotation.shape[:-2], self.translation.shape[:-1])})"
+        t = np.array2string(self.translation, precision=4)
+        w = np.array2string(np.degrees(so3.log(self.rotation)), precision=4)
+        return f"Rigid(translation {t} mm, rotation vector {w} deg)"
+
+
+def _apply(R: Array, p: Array) -> Array:
+    if R.ndim == 2:  # one product for many points: the common case, and the fast one
+        return np.asarray(p @ R.T)
+    return np.asarray(np.einsum("...ij,...j->...i", R, p))
