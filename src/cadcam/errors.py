@@ -31,6 +31,14 @@ class UnreadableFile(CadcamError):
         self.path, self.reason, self.remedy = path, reason, remedy
 
 
+class UnwritableFile(CadcamError):
+    """A file cannot be written where it was asked for."""
+
+    def __init__(self, path: str | PathLike[str], reason: str, remedy: str = "") -> None:
+        super().__init__(f"{path}: cannot be written: {reason}" + (f"; {remedy}" if remedy else ""))
+        self.path, self.reason, self.remedy = path, reason, remedy
+
+
 class UnknownName(CadcamError):
     """A name (unit, renderer, parameter, format ...) is not one of those known; the nearest is suggested."""
 
