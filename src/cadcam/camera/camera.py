@@ -16,8 +16,8 @@ from cadcam.errors import BadValue
 class Camera:
     """Intrinsics: q = K lens(p), with q = (column, row) px and (0, 0) the centre of the top-left pixel.
 
-    size: (width, height) in px. K: [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] in px; skew is the entry K01. In the thesis' terms
-    fx = f p cos(beta), skew = f p sin(beta), fy = f, cx = V0, cy = U0.
+    size: (width, height) in px. K: [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] in px; skew is the entry K01.
+    In the thesis' terms fx = f p cos(beta), skew = f p sin(beta), fy = f, cx = V0, cy = U0.
     """
 
     size: tuple[int, int]

@@ -1,7 +1,7 @@
 """The extended pinhole: eleven parameters <-> camera + pose <-> 3x4 matrix. The only file with the thesis' axes.
 
-Image points are (U, V): U points down, V to the right, so (U, V) = (y, x) of our pixels. The camera's axes are x' down, y' right,
-and it looks along -z':
+Image points are (U, V): U points down, V to the right, so (U, V) = (y, x) of our pixels. The camera's axes are x' down,
+y' right, and it looks along -z':
 
     X' = R (X - F),  R = Rz(c) Ry(b) Rx(a)
     U = U0 + f x'/(-z'),   V = V0 + f p (sin(beta) x' + cos(beta) y')/(-z')
@@ -140,7 +140,7 @@ class ExtendedPinhole:
 
     @property
     def matrix(self) -> Array:
-        """Return C = K/K23 (3x4), the DLT's matrix with C23 = 1. `DegenerateGeometry` if the world origin has depth 0."""
+        """Return C = K/K23 (3x4), the DLT's matrix with C23 = 1; `DegenerateGeometry` if the origin has depth 0."""
         K = self.unnormalised_matrix
         if abs(K[2, 3]) <= 1e-12 * np.abs(K[2]).max():
             raise DegenerateGeometry(

@@ -1,8 +1,8 @@
 """Lenses: how a direction in the camera frame becomes a point of the normalised image plane, and back.
 
 A lens maps a point p = (x, y, z) of the camera frame to m = (mx, my), dimensionless; the camera matrix K then maps m
-to pixels. m is in the *distorted* normalised plane: for the ideal lens m = (x, y)/z. Every lens gives NaN for z <= 0 and
-outside its valid radius, where its own curve turns back and one image point would have two directions.
+to pixels. m is in the *distorted* normalised plane: for the ideal lens m = (x, y)/z. Every lens gives NaN for z <= 0
+and outside its valid radius, where its own curve turns back and one image point would have two directions.
 
 All lenses pass the same conformance tests (tests/camera/test_lens.py); a new one is a new row there.
 """

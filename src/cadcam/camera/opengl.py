@@ -67,9 +67,9 @@ class LookAt:
 def frustum(camera: Camera, *, near: float, far: float, pixel_corners: bool = True) -> Frustum:
     """Return glFrustum's arguments (thesis Table 3.2 with bottom and top corrected), scaled to `near` in mm.
 
-    With `pixel_corners` the sides lie half a pixel outside the first and last pixel centres, as OpenGL samples; without,
-    the values are the thesis' own (left = -V0, right = W - V0, bottom = U0 - H, top = U0), half a pixel off. glFrustum
-    knows neither skew nor distortion: what it leaves out is exact in `projection_matrix`, or the lens' own.
+    With `pixel_corners` the sides lie half a pixel outside the first and last pixel centres, as OpenGL samples;
+    without, the values are the thesis' own (left = -V0, right = W - V0, bottom = U0 - H, top = U0), half a pixel off.
+    glFrustum knows neither skew nor distortion: `projection_matrix` carries the skew exactly.
     """
     _check_range(near, far)
     half = 0.5 if pixel_corners else 0.0
@@ -85,10 +85,16 @@ def frustum(camera: Camera, *, near: float, far: float, pixel_corners: bool = Tr
     )
 
 
-def look_at(camera_from_world: Rigid) -> LookAt:
-    """Return gluLookAt's arguments: eye = F, centre = F + view direction, up = -(image down), thesis Table 3.4 corrected."""
+def look_at(camera: Camera, camera_from_world: Rigid) -> LookAt:
+    """Return gluLookAt's arguments (thesis Table 3.4, corrected): eye F, centre F + view axis, up along the columns.
+
+    up is minus the direction in which a pixel column runs, sign(det M) times the first column of M^-1. With skew that
+    is not quite the camera's -y: gluLookAt and glFrustum cannot tilt one image axis alone, and this choice keeps the
+    columns upright. The exact pair is `model_view_matrix` and `projection_matrix`.
+    """
     eye = camera_from_world.origin
-    return LookAt(eye, eye + camera_from_world.rotation[2], -camera_from_world.rotation[1])
+    column = np.array([-camera.skew / camera.fx, 1.0, 0.0]) @ camera_from_world.rotation
+    return LookAt(eye, eye + camera_from_world.rotation[2], -column / np.linalg.norm(column))
 
 
 def viewport(camera: Camera) -> tuple[int, int, int, int]:
@@ -111,7 +117,7 @@ def projection_matrix(camera: Camera, *, near: float, far: float) -> Array:
 
 
 def model_view_matrix(camera_from_world: Rigid) -> Array:
-    """Return the 4x4 eye_from_world in OpenGL's eye axes; equal to `look_at(...).matrix`."""
+    """Return the 4x4 eye_from_world in OpenGL's eye axes; equal to `look_at(...).matrix` where there is no skew."""
     out = camera_from_world.matrix
     out[..., :3, :] = EYE_FROM_CAMERA @ out[..., :3, :]
     return out

@@ -1,0 +1,38 @@
+"""A table of cameras as they occur: every camera test runs over it."""
+
+from __future__ import annotations
+
+from cadcam.camera.camera import Camera
+from cadcam.camera.lens import BrownConrady, Division, Fisheye, OddRadial
+
+CAMERAS: dict[str, Camera] = {
+    "ideal, square, centred": Camera.from_focal((640, 480), 600.0),
+    "thesis position 1 (1996, 6.5 mm lens)": Camera.from_focal(
+        (768, 576), 811.8, fy=805.88, cx=354.66, cy=319.74, skew=0.142
+    ),
+    "strongly skewed, off centre": Camera.from_focal((800, 600), 900.0, fy=700.0, cx=250.3, cy=410.9, skew=55.0),
+    "OpenCV stereo sample, left": Camera.from_focal(
+        (640, 480), 535.9, cx=342.3, cy=235.6, lens=BrownConrady(-0.266, -0.038, 0.0018, -0.0003, 0.238)
+    ),
+    "phone, rational": Camera.from_focal(
+        (4000, 3000),
+        3100.0,
+        cx=2010.2,
+        cy=1489.7,
+        lens=BrownConrady(0.12, -0.31, 4e-4, -3e-4, 0.09, 0.02, -0.15, 0.03),
+    ),
+    "rational with thin prism": Camera.from_focal(
+        (1600, 1200),
+        1300.0,
+        fy=1310.0,
+        skew=2.0,
+        lens=BrownConrady(-0.21, 0.06, 1e-3, -2e-3, 0.01, 0.05, 0.01, 0.0, 1e-3, -5e-4, 8e-4, 2e-4),
+    ),
+    "barrel until it folds": Camera.from_focal((640, 480), 300.0, lens=BrownConrady(-0.35, 0.05)),
+    "pincushion": Camera.from_focal((1280, 960), 1500.0, lens=BrownConrady(0.25, 0.1)),
+    "thesis EQ 2.5": Camera.from_focal((768, 576), 806.0, lens=OddRadial(0.001, -0.12, 0.05, -0.02)),
+    "division, barrel": Camera.from_focal((1280, 1024), 700.0, lens=Division(-0.3)),
+    "division, pincushion": Camera.from_focal((1280, 1024), 1700.0, lens=Division(0.2)),
+    "fisheye, 150 deg": Camera.from_focal((1280, 960), 400.0, lens=Fisheye(0.03, -0.008, 0.001, -0.0002), skew=1.0),
+    "fisheye that folds": Camera.from_focal((1280, 960), 380.0, lens=Fisheye(-0.15)),
+}

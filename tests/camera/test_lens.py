@@ -1,0 +1,153 @@
+"""One conformance suite: a new lens is a new row of cameras.py and inherits every theorem here."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cadcam.arrays import Array
+from cadcam.camera.camera import Camera
+from cadcam.camera.lens import LENSES, BrownConrady, Division, Fisheye, OddRadial
+from cadcam.errors import BadValue
+
+from .cameras import CAMERAS
+
+EPS = np.finfo(float).eps
+every_camera = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
+
+
+def points_within(camera: Camera, rng: np.random.Generator, n: int = 400, share: float = 0.97) -> Array:
+    """Points in front, up to `share` of the largest angle the lens images (at most 80 deg), 0.1 to 10 m away."""
+    limit = min(share * np.arctan(camera.lens.valid_radius), np.radians(80))
+    t, phi, d = rng.uniform(0, limit, n), rng.uniform(0, 2 * np.pi, n), rng.uniform(100, 10_000, n)
+    return d[:, None] * np.stack([np.sin(t) * np.cos(phi), np.sin(t) * np.sin(phi), np.cos(t)], axis=-1)
+
+
+@every_camera
+def test_unproject_undoes_project(camera: Camera, rng: np.random.Generator) -> None:
+    p = points_within(camera, rng)
+    d = camera.unproject(camera.project(p))
+    assert np.allclose(np.linalg.norm(d, axis=1), 1, rtol=0, atol=4 * EPS)
+    # near the fold the inverse amplifies rounding by 1/slope: at 97 % of the way the slope is above 0.02
+    assert np.abs(np.cross(d, p) / np.linalg.norm(p, axis=1)[:, None]).max() < 2000 * EPS
+
+
+@every_camera
+def test_project_undoes_unproject_over_the_picture(camera: Camera) -> None:
+    q = camera.pixel_grid()[::37, ::41].reshape(-1, 2)
+    d = camera.unproject(q)
+    imaged = ~np.isnan(d).any(axis=1)
+    assert imaged.mean() > 0.3  # the two that fold do not reach the corners
+    assert np.abs(camera.project(d[imaged]) - q[imaged]).max() < 1e-9  # px; 1e4 eps times the picture
+
+
+@every_camera
+def test_jacobian_with_respect_to_the_point(camera: Camera, rng: np.random.Generator) -> None:
+    p = points_within(camera, rng, share=0.9)
+    q, J = camera.project_with_jacobian(p)
+    assert np.array_equal(q, camera.project(p), equal_nan=True)
+    for k, e in enumerate(np.eye(3)):
+        h = 1e-5 * np.linalg.norm(p, axis=1, keepdims=True)
+        difference = (camera.project(p + h * e) - camera.project(p - h * e)) / (2 * h)
+        scale = np.linalg.norm(J, axis=(1, 2))
+        # central differences: third derivative h^2, rounding eps/h; a wrong term is off by per cents
+        assert (np.linalg.norm(difference - J[..., k], axis=1) / scale).max() < 1e-6
+
+
+@every_camera
+def test_jacobian_with_respect_to_the_coefficients(camera: Camera, rng: np.random.Generator) -> None:
+    p, lens, h = points_within(camera, rng, share=0.7), camera.lens, 1e-6
+    m, _, C = lens.project_with_jacobians(p)
+    names = list(lens.parameters)
+    assert C.shape == (*m.shape, len(names))
+    for k, name in enumerate(names):
+        plus = type(lens)(**{**lens.parameters, name: lens.parameters[name] + h}).project(p)
+        minus = type(lens)(**{**lens.parameters, name: lens.parameters[name] - h}).project(p)
+        scale = 1 + np.abs(C[..., k]).max()
+        assert np.abs((plus - minus) / (2 * h) - C[..., k]).max() < 1e-7 * scale
+
+
+@every_camera
+def test_image_radius_rises_up_to_the_valid_radius(camera: Camera) -> None:
+    """No direction is imaged twice: along every azimuth the image moves outwards, all the way."""
+    limit = min(np.arctan(camera.lens.valid_radius), np.radians(85))
+    t = np.linspace(0, limit * (1 - 1e-9), 500)[:, None]
+    phi = np.linspace(0, 2 * np.pi, 72, endpoint=False)
+    e = np.stack([np.cos(phi), np.sin(phi)], axis=-1)
+    p = np.concatenate([np.sin(t)[..., None] * e, np.broadcast_to(np.cos(t)[..., None], (500, 72, 1))], axis=-1)
+    m = camera.lens.project(p)
+    steps = np.sum(np.diff(m, axis=0) * e, axis=-1)
+    assert np.all(steps > 0)
+
+
+@every_camera
+def test_nothing_behind_or_beyond_the_valid_radius_is_imaged(camera: Camera) -> None:
+    assert np.isnan(camera.project(np.array([[0.0, 0, 0], [0, 0, -1], [1, 2, -3], [1, 0, 0]]))).all()
+    assert np.isnan(camera.project(np.array([np.nan, 0, 1]))).all()
+    r = camera.lens.valid_radius
+    if np.isfinite(r):
+        assert np.isnan(camera.project(np.array([1.0001 * r, 0, 1]))).all()
+        assert np.isfinite(camera.project(np.array([0.5 * r, 0, 1]))).all()
+
+
+def test_the_valid_radius_is_where_the_radial_curve_turns() -> None:
+    k1, k2 = -0.35, 0.05
+    r = BrownConrady(k1, k2).valid_radius
+    assert abs(1 + 3 * k1 * r**2 + 5 * k2 * r**4) < 1e-12
+    assert Division(0.2).valid_radius == pytest.approx(1 / (2 * np.sqrt(0.2)), rel=4 * EPS)
+    assert Fisheye(-0.15).max_angle == pytest.approx(np.sqrt(1 / 0.45), rel=1e-12)
+    assert BrownConrady(0.1, 0.2).valid_radius == np.inf
+    assert BrownConrady(k4=-1.0).valid_radius <= 1  # the denominator's pole
+
+
+def test_tangential_distortion_shrinks_the_valid_radius_to_its_own_fold() -> None:
+    plain, tangential = BrownConrady(-0.3), BrownConrady(-0.3, 0, 0.02, -0.03)
+    r = tangential.valid_radius
+    assert r < plain.valid_radius
+    phi = np.linspace(0, 2 * np.pi, 1000)
+    for factor, folded in ((0.999, False), (1.01, True)):
+        u = factor * r * np.stack([np.cos(phi), np.sin(phi)], axis=-1)
+        J = tangential._distort_with_jacobians(u)[1]
+        assert bool((np.linalg.det(J) <= 0).any()) is folded
+
+
+def test_brown_conrady_is_opencvs(rng: np.random.Generator) -> None:
+    cv2 = pytest.importorskip("cv2", reason="OpenCV is a peer here, not a dependency")
+    for name in ("OpenCV stereo sample, left", "phone, rational", "rational with thin prism"):
+        camera = CAMERAS[name]
+        square = Camera.from_focal(camera.size, camera.fx, fy=camera.fy, lens=camera.lens)
+        p = points_within(square, rng, share=0.5)
+        theirs = cv2.projectPoints(
+            p, np.zeros(3), np.zeros(3), np.array(square.K), np.array(list(square.lens.parameters.values()))
+        )[0].reshape(-1, 2)
+        assert np.abs(square.project(p) - theirs).max() < 1e-9 * 4000
+
+
+def test_fisheye_is_opencvs(rng: np.random.Generator) -> None:
+    cv2 = pytest.importorskip("cv2", reason="OpenCV is a peer here, not a dependency")
+    camera = Camera.from_focal((1280, 960), 400.0, lens=Fisheye(0.03, -0.008, 0.001, -0.0002))
+    p = points_within(camera, rng, share=0.9)
+    K, D = np.array(camera.K), np.array(list(camera.lens.parameters.values()))
+    theirs = cv2.fisheye.projectPoints(p[None], np.zeros((3, 1)), np.zeros((3, 1)), K, D)[0].reshape(-1, 2)
+    assert np.abs(camera.project(p) - theirs).max() < 1e-9 * 1000
+
+
+def test_the_thesis_polynomial_adds_dr_along_the_radius() -> None:
+    a = (0.001, -0.12, 0.05, -0.02)
+    r = np.linspace(0.01, 0.5, 9)
+    dr = a[0] * r + a[1] * r**3 + a[2] * r**5 + a[3] * r**7  # EQ 2.5 as printed
+    e = np.array([0.6, 0.8])
+    p = np.concatenate([r[:, None] * e, np.ones((9, 1))], axis=1)
+    assert np.allclose(OddRadial(*a).project(p), (r + dr)[:, None] * e, rtol=4 * EPS, atol=0)
+
+
+def test_bad_coefficients_are_refused() -> None:
+    with pytest.raises(BadValue, match="k1"):
+        BrownConrady(np.nan)
+    with pytest.raises(BadValue, match="a1"):
+        OddRadial(-1.5)
+    with pytest.raises(BadValue, match="number of distortion coefficients is 6"):
+        BrownConrady.from_opencv(np.zeros(6))
+    assert BrownConrady.from_opencv([*range(12), 0, 0]).parameters == dict(
+        zip(LENSES["brown-conrady"]().parameters, range(12), strict=True)
+    )
