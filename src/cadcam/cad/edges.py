@@ -38,9 +38,9 @@ class EdgeKind(IntEnum):
 class FeatureEdges:
     """Segments along mesh edges, in chains.
 
-    `vertices` (S, 2) indices into mesh.vertices; `faces` (S, 2) the incident faces, -1 for none; `kind` (S,) `EdgeKind`;
-    `chain` (S,) number of the polyline, whose segments follow one another in the arrays and are directed head to tail;
-    `part` (S,) part of the first face.
+    `vertices` (S, 2) indices into mesh.vertices; `faces` (S, 2) the incident faces, -1 for none; `kind` (S,) of type
+    `EdgeKind`; `chain` (S,) number of the polyline, whose segments follow one another in the arrays and are directed
+    head to tail; `part` (S,) part of the first face.
     """
 
     vertices: Ids

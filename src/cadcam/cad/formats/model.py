@@ -1,0 +1,90 @@
+"""What every reader returns, and the checks that all of them owe the caller."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.cad.mesh import Mesh, unique_names
+from cadcam.errors import UnreadableFile
+
+Place = Callable[[int], str]
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """A mesh in the length unit of its file.
+
+    `unit` is that unit, or None where the format has none; `declared` tells whether the file itself names the unit
+    (3MF, STEP) rather than the rules of its format (glTF); `notes` say what was left out.
+    """
+
+    mesh: Mesh
+    unit: str | None = None
+    declared: bool = False
+    notes: tuple[str, ...] = ()
+
+
+def assembled(
+    path: Path,
+    vertices: npt.NDArray[np.floating],
+    faces: npt.NDArray[np.integer],
+    *,
+    part: npt.NDArray[np.integer] | None = None,
+    names: Sequence[str] = (),
+    colors: npt.NDArray[np.floating] | None = None,
+    surface: npt.NDArray[np.integer] | None = None,
+    corner_normals: npt.NDArray[np.floating] | None = None,
+    vertex_place: Place = "vertex {}".format,
+    face_place: Place = "face {}".format,
+) -> Mesh:
+    """Return the mesh of a file, or raise `UnreadableFile` with the place of the first thing wrong with it.
+
+    Parts that own no face are left out; without `names` there is one part, named like the file.
+    """
+    if not len(faces):
+        what = f"{len(vertices)} vertices but no faces" if len(vertices) else "no geometry"
+        raise UnreadableFile(path, f"holds {what}", "export the model as a triangle mesh, not as points or wires")
+    check_finite(path, vertices, vertex_place)
+    check_indices(path, faces, len(vertices), face_place)
+    names = tuple(names) or (path.stem,)
+    part = np.zeros(len(faces), np.int32) if part is None else part
+    present = np.flatnonzero(np.bincount(part, minlength=len(names)))
+    number = np.full(len(names), -1, np.int32)
+    number[present] = np.arange(len(present))
+    if colors is None:
+        colors = np.full((len(names), 3), np.nan, np.float32)
+    return Mesh(
+        vertices=np.asarray(vertices, np.float64),
+        faces=np.asarray(faces),
+        part=number[part],
+        surface=np.full(len(faces), -1, np.int32) if surface is None else np.asarray(surface),
+        part_names=unique_names([names[i] or path.stem for i in present]),
+        part_colors=np.asarray(colors, np.float32)[present],
+        corner_normals=None if corner_normals is None else np.asarray(corner_normals, np.float32),
+    )
+
+
+def check_finite(path: Path, vertices: npt.NDArray[np.floating], place: Place) -> None:
+    """Raise `UnreadableFile` naming the first vertex with a coordinate that is not a finite number."""
+    bad = ~np.isfinite(vertices).all(axis=1)
+    if bad.any():
+        at = int(np.argmax(bad))
+        values = ", ".join(f"{x:g}" for x in vertices[at])
+        raise UnreadableFile(path, f"{place(at)} is ({values})", "coordinates must be finite numbers")
+
+
+def check_indices(path: Path, faces: npt.NDArray[np.integer], n_vertices: int, place: Place) -> None:
+    """Raise `UnreadableFile` naming the first face that refers to a vertex which is not there (rows or a flat list)."""
+    bad = (faces < 0) | (faces >= n_vertices)
+    if bad.any():
+        at = tuple(int(i) for i in np.argwhere(bad)[0])
+        raise UnreadableFile(
+            path,
+            f"{place(at[0])} refers to vertex {int(faces[at])}, counted from 0, but the file has {n_vertices} vertices",
+            "export it again",
+        )

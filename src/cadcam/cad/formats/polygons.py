@@ -1,0 +1,110 @@
+"""Polygons into triangles."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array
+
+Longs = npt.NDArray[np.int64]
+
+
+def triangulated(vertices: Array, counts: Longs, corners: Longs) -> tuple[Longs, Longs]:
+    """Return triangles (T, 3) and the polygon (T,) each comes from.
+
+    `corners` lists the vertex indices of all polygons one after the other, `counts` how many each has (polygons with
+    fewer than three give nothing). Quadrangles are cut along the shorter diagonal that stays inside, larger polygons
+    by clipping ears, so concave outlines come out right. Order of the polygons and their sense are kept.
+    """
+    start = np.cumsum(counts) - counts
+    triangles, owners = [], []
+    three, four = np.flatnonzero(counts == 3), np.flatnonzero(counts == 4)
+    triangles.append(corners[start[three, None] + np.arange(3)])
+    owners.append(three)
+    if len(four):
+        quads = corners[start[four, None] + np.arange(4)]
+        triangles.append(_cut_quads(vertices, quads).reshape(-1, 3))
+        owners.append(np.repeat(four, 2))
+    for polygon in np.flatnonzero(counts > 4):
+        loop = corners[start[polygon] : start[polygon] + counts[polygon]]
+        cut = loop[clip_ears(_flattened(vertices[loop]))]
+        triangles.append(cut)
+        owners.append(np.full(len(cut), polygon))
+    owner = np.concatenate(owners)
+    order = np.argsort(owner, kind="stable")
+    return np.concatenate(triangles)[order], owner[order]
+
+
+def _cut_quads(vertices: Array, quads: Longs) -> Longs:
+    """Return two triangles (Q, 2, 3) for each quadrangle."""
+    p = vertices[quads]
+    normal = np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
+    worst = []
+    for k in (0, 1):  # the diagonal from corner k to corner k + 2
+        a, b, c, d = (p[:, (k + i) % 4] for i in range(4))
+        first = np.einsum("ij,ij->i", np.cross(b - a, c - a), normal)
+        second = np.einsum("ij,ij->i", np.cross(c - a, d - a), normal)
+        worst.append(np.minimum(first, second))
+    length = [np.linalg.norm(p[:, k + 2] - p[:, k], axis=1) for k in (0, 1)]
+    both = (worst[0] > 0) & (worst[1] > 0)
+    from_zero = np.where(both, length[0] <= length[1] * (1 + 1e-9), worst[0] >= worst[1])
+    turned = np.where(from_zero[:, None], quads, np.roll(quads, -1, axis=1))
+    return np.asarray(turned[:, [[0, 1, 2], [0, 2, 3]]])
+
+
+def _flattened(loop: Array) -> Array:
+    """Return the polygon (N, 3) in the plane of its Newell normal, (N, 2), counter-clockwise."""
+    ahead = np.roll(loop, -1, axis=0)
+    normal = np.cross(loop - loop[0], ahead - loop[0]).sum(axis=0)
+    length = np.linalg.norm(normal)
+    if not length > 0:
+        return np.zeros((len(loop), 2))
+    axis = np.eye(3)[np.argmin(np.abs(normal))]
+    x = np.cross(axis, normal / length)
+    x /= np.linalg.norm(x)
+    return np.column_stack([(loop - loop[0]) @ x, (loop - loop[0]) @ np.cross(normal / length, x)])
+
+
+def clip_ears(loop: Array) -> Longs:
+    """Return triangles (N - 2, 3) as indices into the simple counter-clockwise polygon (N, 2).
+
+    Among the ears, the one with the widest smallest angle goes first, which avoids most needles. A polygon that crosses
+    itself has no proper ears at some point; it is then fanned, as good as any other choice.
+    """
+    left = list(range(len(loop)))
+    triangles = []
+    while len(left) > 3:
+        index = np.array(left)
+        at = loop[index]
+        before, after = np.roll(at, 1, axis=0), np.roll(at, -1, axis=0)
+        quality = _ear_quality(before, at, after)
+        ear = _best_ear(before, at, after, quality)
+        triangles.append([left[ear - 1], left[ear], left[(ear + 1) % len(left)]])
+        del left[ear]
+    triangles.append(left)
+    return np.array(triangles, np.int64)
+
+
+def _ear_quality(a: Array, b: Array, c: Array) -> Array:
+    """Return twice the signed area over the longest side squared: 0.87 for equal sides, negative where concave."""
+    area = _turn(a, b, c)
+    longest = np.max([((p - q) ** 2).sum(axis=-1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
+    return np.asarray(area / np.maximum(longest, 1e-300))
+
+
+def _best_ear(before: Array, at: Array, after: Array, quality: Array) -> int:
+    for ear in np.argsort(-quality, kind="stable"):
+        if quality[ear] <= 0:
+            break
+        a, b, c = before[ear], at[ear], after[ear]
+        inside = (_turn(a, b, at) >= 0) & (_turn(b, c, at) >= 0) & (_turn(c, a, at) >= 0)
+        corner = (at == a).all(axis=1) | (at == b).all(axis=1) | (at == c).all(axis=1)
+        if not (inside & ~corner).any():
+            return int(ear)
+    return int(np.argmax(quality))
+
+
+def _turn(a: Array, b: Array, c: Array) -> Array:
+    ab, ac = b - a, c - a
+    return np.asarray(ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0])

@@ -1,0 +1,233 @@
+"""Mend what files get wrong: split vertices, faces without area, faces given twice, faces wound the wrong way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cadcam.arrays import Array, Ids, Mask
+from cadcam.cad.mesh import Mesh, compacted
+from cadcam.cad.topology import HalfEdges, Longs, part_vertices, weld, weld_tolerance
+from cadcam.errors import DegenerateGeometry
+
+
+@dataclass(frozen=True, slots=True)
+class Repairs:
+    """What `mend` did, in numbers, and what it found but left alone."""
+
+    welded_vertices: int = 0
+    degenerate_faces: int = 0
+    duplicate_faces: int = 0
+    turned_faces: int = 0
+    open_edges: int = 0
+    non_manifold_edges: int = 0
+
+    def lines(self) -> list[str]:
+        """Return one sentence for each thing done or found."""
+        said = [
+            (self.welded_vertices, "vertices welded"),
+            (self.degenerate_faces, "faces without area removed"),
+            (self.duplicate_faces, "repeated faces removed"),
+            (self.turned_faces, "faces turned to point outwards"),
+            (self.open_edges, "open edges (sheets or gaps)"),
+            (self.non_manifold_edges, "edges shared by three or more faces"),
+        ]
+        return [f"{count} {what}" for count, what in said if count]
+
+
+def mend(mesh: Mesh) -> tuple[Mesh, Repairs]:
+    """Return the mesh welded, cleaned and wound outwards, and what that took.
+
+    Vertices of one part are welded by position. Faces with a corner welded away, or lower than a tenth of the weld
+    tolerance, go; so do repeats of a face within its part, whichever way they are wound. Each component of faces joined
+    by two-faced edges is wound one way; closed ones outwards by their signed volume (a cavity keeps its sense against
+    the body around it), components that only close together with those of other parts likewise. Open sheets keep the
+    sense of the majority of their faces, and one-sided (Möbius) components are left alone. Raises `DegenerateGeometry`
+    when no face is left.
+    """
+    vertex, part, corner = part_vertices(mesh)
+    points = mesh.vertices[vertex]
+    first = weld(points, part)
+    corners = first[corner]
+    kept = _distinct_corners(corners)
+    n_collapsed = int((~kept).sum())
+    kept[kept] = ~_repeats(corners[kept])
+    n_repeats = mesh.n_faces - int(kept.sum()) - n_collapsed
+    welded = replace(
+        mesh.select(kept) if not kept.all() else mesh,
+        vertices=points,
+        faces=corners[kept].astype(np.int32),
+    )
+    turned = _turned(welded)
+    sound = _faces_turned(welded, turned)
+    flat = _needles(sound, points, part)
+    if flat.all():
+        raise DegenerateGeometry(f"all {mesh.n_faces} faces have zero area")
+    half = HalfEdges.of(sound.faces.astype(np.int64))
+    return _facing_normals(sound.select(~flat) if flat.any() else compacted(sound)), Repairs(
+        welded_vertices=len(points) - int(np.unique(first).size),
+        degenerate_faces=n_collapsed + int(flat.sum()),
+        duplicate_faces=n_repeats,
+        turned_faces=int(turned.sum()),
+        open_edges=int((half.count == 1).sum()),
+        non_manifold_edges=int((half.count > 2).sum()),
+    )
+
+
+def _distinct_corners(corners: Longs) -> Mask:
+    a, b, c = corners.T
+    return np.asarray((a != b) & (b != c) & (c != a))
+
+
+def _repeats(corners: Longs) -> Mask:
+    """Return which faces have the same three corners as an earlier one."""
+    if not len(corners):
+        return np.zeros(0, bool)
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    middle = corners.sum(axis=1) - low - high
+    order = np.lexsort((high, middle, low))
+    keys = np.column_stack([low, middle, high])[order]
+    result = np.zeros(len(corners), bool)
+    result[order[1:]] = (keys[1:] == keys[:-1]).all(axis=1)
+    return result
+
+
+def _needles(mesh: Mesh, points: Array, part: Longs) -> Mask:
+    """Return which faces are lower than a tenth of the weld tolerance of their part: their normal is noise."""
+    sides = np.stack([mesh.vertices[mesh.faces[:, k - 1]] - mesh.vertices[mesh.faces[:, k]] for k in range(3)])
+    longest = np.linalg.norm(sides, axis=2).max(axis=0, initial=0)
+    limit = 0.1 * weld_tolerance(points, part)[mesh.part] if len(points) else np.zeros(0)
+    return np.asarray(2 * mesh.face_areas <= limit * longest)
+
+
+def _faces_turned(mesh: Mesh, turned: Mask) -> Mesh:
+    if not turned.any():
+        return mesh
+    faces = mesh.faces.copy()
+    faces[turned] = faces[turned][:, ::-1]
+    normals = mesh.corner_normals
+    if normals is not None:
+        normals = normals.copy()
+        normals[turned] = normals[turned][:, ::-1]
+    return replace(mesh, faces=faces, corner_normals=normals)
+
+
+def _facing_normals(mesh: Mesh) -> Mesh:
+    """Return the mesh with corner normals on the outer side, like the winding."""
+    if mesh.corner_normals is None:
+        return mesh
+    inward = np.einsum("fck,fk->f", mesh.corner_normals, mesh.face_normals) < 0
+    if not inward.any():
+        return mesh
+    return replace(mesh, corner_normals=np.where(inward[:, None, None], -mesh.corner_normals, mesh.corner_normals))
+
+
+def _turned(mesh: Mesh) -> Mask:
+    """Return which faces must be turned: within each part first, then across parts for what stays open."""
+    corners = mesh.faces.astype(np.int64)
+    turned, closed = _winding(mesh.vertices, corners, mesh.part)
+    if closed.all() or len(mesh.part_names) == 1:
+        return turned
+    rest = np.flatnonzero(~closed)
+    where = np.where(turned[rest, None], corners[rest][:, ::-1], corners[rest])
+    shared = weld(mesh.vertices, np.zeros(len(mesh.vertices), np.int64))
+    again, now_closed = _winding(mesh.vertices, shared[where], np.zeros(len(rest), np.int32))
+    turned[rest[now_closed]] ^= again[now_closed]
+    return turned
+
+
+def _winding(vertices: Array, corners: Longs, part: Ids) -> tuple[Mask, Mask]:
+    """Return which faces (F,) to turn and which belong to a closed component."""
+    half = HalfEdges.of(corners)
+    component, state, orientable = _components(half, len(corners))
+    closed = _closed(half, component) & orientable
+    outward = np.where(state[:, None], corners[:, ::-1], corners)
+    inverted = _inverted(vertices, outward, component, closed, part)
+    turned = np.where(orientable[component], state ^ inverted[component], False)
+    return np.asarray(turned), np.asarray(closed[component])
+
+
+def _components(half: HalfEdges, n_faces: int) -> tuple[Longs, Mask, Mask]:
+    """Return the component (F,) of each face, whether it runs against the rest of it (F,), and which are orientable.
+
+    Two copies of each face, one turned: an edge whose faces run in opposite senses links equal copies, an edge whose
+    faces run in the same sense links unlike ones. A component falls into two mirror images, or is one-sided.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    first = half.start[half.count == 2]
+    one, other = half.order[first], half.order[first + 1]
+    against = half.forward[one] == half.forward[other]
+    one, other = one // 3, other // 3
+    plain = coo_array((np.ones(len(one), np.int8), (one, other)), shape=(n_faces, n_faces))
+    n, label = connected_components(plain, directed=False)
+    component = np.asarray(label, np.int64)
+    if not against.any():
+        return component, np.zeros(n_faces, bool), np.ones(n, bool)
+    rows = np.concatenate([one, one + n_faces])
+    columns = np.concatenate([other + n_faces * against, other + n_faces * ~against])
+    double = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(2 * n_faces, 2 * n_faces))
+    copy = np.asarray(connected_components(double, directed=False)[1], np.int64).reshape(2, -1)
+    state = copy[0] > copy[1]
+    orientable = np.ones(n, bool)
+    orientable[component[copy[0] == copy[1]]] = False
+    minority = 2 * np.bincount(component, state, minlength=n) > np.bincount(component, minlength=n)
+    return component, np.asarray(state ^ minority[component]), orientable
+
+
+def _closed(half: HalfEdges, component: Longs) -> Mask:
+    """Return which components (C,) have exactly two of their own faces at every edge."""
+    closed = np.ones(int(component.max(initial=-1)) + 1, bool)
+    side = half.order
+    of_edge = component[side // 3]
+    simple = np.repeat(half.count == 2, half.count)
+    edge = half.edge[side[~simple]]
+    key, count = np.unique(edge * len(closed) + of_edge[~simple], return_counts=True)
+    closed[(key % len(closed))[count != 2]] = False
+    return closed
+
+
+def _inverted(vertices: Array, corners: Longs, component: Longs, closed: Mask, part: Ids) -> Mask:
+    """Return which closed components (C,) are inside out; those within another body follow that body."""
+    n = len(closed)
+    low, high = np.full((n, 3), np.inf), np.full((n, 3), -np.inf)
+    for k in range(3):
+        np.minimum.at(low, component, vertices[corners[:, k]])
+        np.maximum.at(high, component, vertices[corners[:, k]])
+    centre = ((low + high) / 2)[component]
+    a, b, c = (vertices[corners[:, k]] - centre for k in range(3))
+    volume = np.bincount(component, np.einsum("ij,ij->i", a, np.cross(b, c)), minlength=n) / 6
+    flat = np.abs(volume) <= 1e-9 * np.linalg.norm(high - low, axis=1) ** 3
+    inverted: Mask = closed & (volume < 0) & ~flat
+    if not inverted.any():
+        return inverted
+    sample = np.zeros(n, np.int64)
+    sample[component] = corners[:, 0]
+    home = np.zeros(n, np.int64)
+    home[component] = part
+    order = np.argsort(-np.prod(high - low, axis=1), kind="stable")
+    result = inverted.copy()
+    for inner in order[closed[order] & ~flat[order]]:
+        around = (
+            closed & ~flat & (home == home[inner]) & (low < low[inner]).all(axis=1) & (high > high[inner]).all(axis=1)
+        )
+        for outer in order[around[order]]:
+            if _inside(vertices[sample[inner]], *(vertices[corners[component == outer, k]] for k in range(3))):
+                result[inner] = result[outer]
+                break
+    return result
+
+
+def _inside(point: Array, a: Array, b: Array, c: Array) -> bool:
+    """Return whether the closed surface of triangles a, b, c (N, 3) winds round the point.
+
+    The sum of the signed solid angles is 4 pi inside and 0 outside (Van Oosterom and Strackee, 1983).
+    """
+    a, b, c = a - point, b - point, c - point
+    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    top = np.einsum("ij,ij->i", a, np.cross(b, c))
+    ab, bc, ca = (np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a)))
+    angle = 2 * np.arctan2(top, la * lb * lc + ab * lc + bc * la + ca * lb).sum()
+    return bool(abs(angle) > 2 * np.pi)
