@@ -1,0 +1,65 @@
+"""Lint, format, types and import contracts hold; and the contracts can fail."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def run(*command: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    """Run a tool of this interpreter's environment."""
+    folder = Path(sys.executable).parent
+    tool = shutil.which(command[0], path=f"{folder}{os.pathsep}{os.environ['PATH']}")
+    if tool is None:
+        pytest.fail(f'{command[0]} is not installed: pip install -e ".[dev]"')
+    return subprocess.run([tool, *command[1:]], cwd=cwd, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [("ruff", "check", "."), ("ruff", "format", "--check", "."), ("mypy",), ("lint-imports",)],
+    ids=["lint", "format", "types", "imports"],
+)
+def test_tool_is_content(command: tuple[str, ...]) -> None:
+    result = run(*command)
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+@pytest.mark.parametrize(
+    ("room", "line", "contract"),
+    [
+        ("geometry/rigid.py", "from cadcam.camera.camera import Camera", "imports only go down"),
+        ("cad/mesh.py", "from cadcam.image.picture import read_picture", "imports only go down"),
+        ("render/view.py", "import trimesh", "mesh loaders stay in cad"),
+        ("calibrate/points.py", "import embreex", "Embree stays in render"),
+        ("files/points.py", "from PIL import Image", "image codecs stay in image"),
+    ],
+)
+def test_a_forbidden_import_breaks_its_contract(tmp_path: Path, room: str, line: str, contract: str) -> None:
+    shutil.copytree(ROOT / "src", tmp_path / "src", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    file = tmp_path / "src/cadcam" / room
+    file.write_text(file.read_text() + f"\n{line}\n")
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path / "src")}
+    tool = shutil.which("lint-imports", path=str(Path(sys.executable).parent)) or "lint-imports"
+    result = subprocess.run(
+        [tool, "--no-cache"], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
+    assert result.returncode != 0
+    assert f"{contract} BROKEN" in result.stdout
+
+
+def test_no_file_holds_two_jobs() -> None:
+    long = {
+        str(p.relative_to(ROOT)): n
+        for p in [*ROOT.glob("src/**/*.py"), *ROOT.glob("tests/**/*.py"), *ROOT.glob("benchmarks/*.py")]
+        if (n := len(p.read_text().splitlines())) > 450
+    }
+    assert not long
