@@ -1,0 +1,316 @@
+"""Photos as float32 arrays in [0, 1], read at full depth and the right way up, and written whole or not at all.
+
+A picture is (H, W) grey or (H, W, 3) red, green, blue; `picture[y, x]` is the sample at pixel centre q = (x, y).
+Values are those of the file divided by its white: no gamma is undone and no colour profile applied.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import struct
+import threading
+import warnings
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Picture
+from cadcam.errors import BadValue, UnknownName, UnreadableFile
+from cadcam.image.deep import deep_size, read_deep
+from cadcam.image.whole import write_whole
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+MAX_PIXELS = 500_000_000
+LUMA = (0.2126, 0.7152, 0.0722)  # ITU-R BT.709
+
+# Pillow mode -> (mode to convert to, bits a sample, value of white; None where the file does not say)
+_MODES: dict[str, tuple[str, int, float | None]] = {
+    "1": ("L", 1, 255.0),
+    "L": ("L", 8, 255.0),
+    "LA": ("LA", 8, 255.0),
+    "La": ("LA", 8, 255.0),
+    "P": ("RGB", 8, 255.0),
+    "PA": ("RGBA", 8, 255.0),
+    "RGB": ("RGB", 8, 255.0),
+    "RGBX": ("RGB", 8, 255.0),
+    "RGBA": ("RGBA", 8, 255.0),
+    "RGBa": ("RGBA", 8, 255.0),
+    "CMYK": ("RGB", 8, 255.0),
+    "YCbCr": ("RGB", 8, 255.0),
+    "HSV": ("RGB", 8, 255.0),
+    "I;16": ("I;16", 16, 65535.0),
+    "I;16L": ("I;16L", 16, 65535.0),
+    "I;16B": ("I;16B", 16, 65535.0),
+    "I": ("I", 32, None),
+    "F": ("F", 32, 1.0),
+}
+_SUFFIXES = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
+_PARSING = (OSError, ValueError, SyntaxError, TypeError, LookupError, EOFError, OverflowError, struct.error, zlib.error)
+_pillow_limit = threading.Lock()  # Pillow's own pixel limit is a module variable
+
+
+@dataclass(frozen=True, slots=True)
+class PictureInfo:
+    """Where a picture came from: file, its hash, size (width, height) as shown, bits a sample, EXIF orientation."""
+
+    path: str
+    sha256: str
+    size: tuple[int, int]
+    bits: int
+    orientation: int
+
+
+def read_picture(
+    path: str | os.PathLike[str], *, max_pixels: int = MAX_PIXELS, full_scale: float | None = None
+) -> Picture:
+    """Return the picture in a PNG, JPEG, TIFF, PGM/PPM, BMP or WebP file, float32 in [0, 1], (H, W) or (H, W, 3).
+
+    EXIF orientation is applied, so rows run down the picture as it is looked at. Transparent pixels are laid over
+    white, as a viewer shows them. Of a file with several pictures the first is read. `full_scale` is the stored
+    value that means white: by default 255, 65535 or 1.0 by the file's sample type (for 12 bits stored in 16 pass
+    4095). Raises `UnreadableFile` naming file, reason and remedy; a picture of more than `max_pixels` is refused
+    before it is unpacked.
+    """
+    return read_picture_with_info(path, max_pixels=max_pixels, full_scale=full_scale)[0]
+
+
+def read_picture_with_info(
+    path: str | os.PathLike[str], *, max_pixels: int = MAX_PIXELS, full_scale: float | None = None
+) -> tuple[Picture, PictureInfo]:
+    """Return the picture as `read_picture` does, and where it came from."""
+    if full_scale is not None and not (np.isfinite(full_scale) and full_scale > 0):
+        raise BadValue("full_scale", full_scale, "a positive number: the stored value that means white")
+    data = _file_bytes(path)
+    try:
+        samples, bits, white, orientation, turn = _decoded(path, data, max_pixels)
+    except UnreadableFile:
+        raise
+    except MemoryError:
+        raise UnreadableFile(path, "does not fit into memory", "crop it or reduce its size") from None
+    except _PARSING as error:
+        raise UnreadableFile(path, *_explained(error)) from error
+    picture = _upright(_composited(_scaled(path, samples, full_scale or white)), turn)
+    digest = hashlib.sha256(data).hexdigest()
+    return picture, PictureInfo(os.fspath(path), digest, (picture.shape[1], picture.shape[0]), bits, orientation)
+
+
+def write_picture(path: str | os.PathLike[str], picture: npt.ArrayLike, *, bits: int = 8, quality: int = 95) -> None:
+    """Write a picture as PNG or JPEG by its suffix, whole or not at all; missing folders are made.
+
+    Values are clipped to [0, 1] and rounded. `bits=16` is for grey PNG; `quality` for JPEG. Raises `UnknownName`
+    for another suffix, `BadValue` for NaN or a wrong shape, `UnwritableFile` where the system refuses.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in _SUFFIXES:
+        raise UnknownName("picture suffix", suffix, _SUFFIXES)
+    write_whole(path, encoded(picture, _SUFFIXES[suffix], bits=bits, quality=quality))
+
+
+def encoded(picture: npt.ArrayLike, form: str, *, bits: int = 8, quality: int = 95) -> bytes:
+    """Return the bytes of a "PNG" or "JPEG" file of the picture."""
+    from PIL import Image
+
+    values = checked(picture)
+    if bits not in (8, 16) or (bits == 16 and (values.ndim == 3 or form != "PNG")):
+        raise BadValue("bits", bits, "8, or 16 for a grey PNG")
+    white, dtype = (255.0, np.uint8) if bits == 8 else (65535.0, np.uint16)
+    stored = np.clip(values, 0.0, 1.0)
+    stored *= white
+    stored += 0.5
+    file = io.BytesIO()
+    Image.fromarray(stored.astype(dtype)).save(file, form, quality=quality, subsampling=0)
+    return file.getvalue()
+
+
+def checked(picture: npt.ArrayLike) -> Picture:
+    """Return the picture as a float32 array (not copied if it is one); raise `BadValue` on wrong shape or NaN."""
+    try:
+        values = np.asarray(picture, np.float32)
+    except (TypeError, ValueError) as error:
+        raise BadValue("picture", repr(picture)[:80], "numbers of shape (H, W) or (H, W, 3)") from error
+    if not (values.ndim == 2 or (values.ndim == 3 and values.shape[2] == 3)) or 0 in values.shape:
+        raise BadValue("picture", f"of shape {values.shape}", "shape (H, W) or (H, W, 3), none of them zero")
+    if not np.isfinite(values).all():
+        raise BadValue("picture", "not finite at " + _first(~np.isfinite(values)), "finite values")
+    return values
+
+
+def to_gray(picture: npt.ArrayLike) -> Picture:
+    """Return the (H, W) luma of a picture: ITU-R BT.709 weights on the values as stored (not linear luminance).
+
+    Edges stay where they are and noise stays about uniform in gamma-coded values; a grey picture is returned as it
+    is.
+    """
+    values = checked(picture)
+    return values if values.ndim == 2 else values @ np.array(LUMA, np.float32)
+
+
+def to_rgb(picture: npt.ArrayLike) -> Picture:
+    """Return the (H, W, 3) colour picture; grey is repeated three times in a new array."""
+    values = checked(picture)
+    return values if values.ndim == 3 else np.repeat(values[..., None], 3, axis=2)
+
+
+def equalized(gray: npt.ArrayLike) -> Picture:
+    """Return the (H, W) picture with its grey values replaced by their rank in [0, 1]: a flat histogram.
+
+    Classic histogram equalisation (Gonzalez and Woods, Digital Image Processing, 3.3) with 65536 levels; used by
+    the thesis' added pictures (Fig. 3-4). A picture of a single value is returned unchanged.
+    """
+    values = checked(gray)
+    if values.ndim != 2:
+        raise BadValue("picture", f"of shape {values.shape}", "a grey picture (H, W); to_gray makes one")
+    level = (np.clip(values, 0.0, 1.0) * 65535.0 + 0.5).astype(np.uint16)
+    below = np.cumsum(np.bincount(level.ravel(), minlength=65536))
+    lowest = below[level.min()]
+    if lowest == values.size:
+        return values.copy()
+    ranks: Picture = ((below - lowest) / (values.size - lowest)).astype(np.float32)
+    return ranks[level]
+
+
+def _file_bytes(path: str | os.PathLike[str]) -> bytes:
+    try:
+        data = Path(path).read_bytes()
+    except FileNotFoundError:
+        raise UnreadableFile(path, "no such file", "check the path") from None
+    except IsADirectoryError:
+        raise UnreadableFile(path, "is a folder", "name a picture in it") from None
+    except (OSError, ValueError) as error:
+        raise UnreadableFile(path, getattr(error, "strerror", None) or str(error)) from error
+    if not data:
+        raise UnreadableFile(path, "is empty", "copy it again from its source")
+    return data
+
+
+def _decoded(
+    path: str | os.PathLike[str], data: bytes, max_pixels: int
+) -> tuple[npt.NDArray[Any], int, float | None, int, int]:
+    """Return samples (H, W) or (H, W, C), bits a sample, value of white, EXIF orientation, and what is left of it."""
+    with _pillow_limit, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # all that Pillow warns of is either harmless or checked here
+        if size := deep_size(data):
+            _check_size(path, size, max_pixels)
+            deep = read_deep(data)
+            bits = 8 * deep.samples.dtype.itemsize
+            return deep.samples, bits, deep.white, _valid(deep.orientation), _valid(deep.orientation)
+        from PIL import Image
+
+        limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
+        try:
+            with Image.open(io.BytesIO(data)) as image:
+                _check_size(path, image.size, max_pixels)
+                orientation = _orientation(image)
+                stored = _pillow_samples(image)
+                return *stored, orientation, _orientation(image)  # Pillow turns TIFF files itself, at loading
+        finally:
+            Image.MAX_IMAGE_PIXELS = limit
+
+
+def _check_size(path: str | os.PathLike[str], size: tuple[int, int], max_pixels: int) -> None:
+    width, height = size
+    if width < 1 or height < 1:
+        raise UnreadableFile(path, f"is {width} x {height} px: no pixels", "export it again from its source")
+    if width * height > max_pixels:
+        raise UnreadableFile(
+            path,
+            f"is {width} x {height} px = {width * height} pixels, more than the limit of {max_pixels}",
+            f"if that is its true size, pass max_pixels={width * height}",
+        )
+
+
+def _pillow_samples(image: Image.Image) -> tuple[npt.NDArray[Any], int, float | None]:
+    if image.mode not in _MODES:
+        raise ValueError(f"its colour mode {image.mode} is not supported")
+    mode, bits, white = _MODES[image.mode]
+    if "transparency" in image.info and mode in ("L", "RGB"):
+        mode = "RGBA"
+    if image.mode == "I" and image.format == "PPM":
+        white = 65535.0  # Pillow has already scaled a plain PGM from its largest value
+    return np.asarray(image if image.mode == mode else image.convert(mode)), bits, white
+
+
+def _orientation(image: Image.Image) -> int:
+    try:
+        return _valid(image.getexif().get(274, 1))
+    except _PARSING:  # a damaged EXIF block does not make the pixels unreadable
+        return 1
+
+
+def _valid(value: object) -> int:
+    """Return an EXIF orientation 1 to 8; anything else in the tag counts as upright."""
+    return value if isinstance(value, int) and 1 <= value <= 8 else 1
+
+
+def _explained(error: BaseException) -> tuple[str, str]:
+    """Return reason and remedy for an exception of a decoder."""
+    from PIL import UnidentifiedImageError
+
+    if isinstance(error, UnidentifiedImageError):
+        return "is not a picture in a format known here", "use PNG, JPEG, TIFF, PGM, PPM, BMP or WebP"
+    text = str(error) or type(error).__name__
+    cut = any(word in text for word in ("truncated", "cut off", "not enough", "unrecognized data stream"))
+    if cut or isinstance(error, (EOFError, struct.error)):
+        return f"is cut off or damaged ({text})", "copy it again from its source"
+    return f"cannot be decoded ({text})", "export it again, for instance as PNG"
+
+
+def _scaled(path: str | os.PathLike[str], samples: npt.NDArray[Any], white: float | None) -> Picture:
+    """Return samples / white as float32, checked: finite and within [0, 1]."""
+    real = samples.dtype.kind == "f"
+    if real and not np.isfinite(samples).all():
+        where = _first(~np.isfinite(samples))
+        raise UnreadableFile(path, f"has a value that is not finite at {where}", "fill such pixels before saving")
+    low, high = (samples.min(), samples.max()) if real or white != np.iinfo(samples.dtype).max else (0, 0)
+    if white is None:
+        raise UnreadableFile(
+            path, f"has 32-bit integer samples from {low} to {high}, whose white is not known", "pass full_scale=..."
+        )
+    if low < 0 or high > white:
+        raise UnreadableFile(
+            path,
+            f"has values from {low:g} to {high:g}, outside 0 to {white:g}",
+            f"pass full_scale={high:g} (the value that means white) or scale it before saving"
+            if low >= 0
+            else "shift and scale it to 0 ... 1 before saving",
+        )
+    picture: Picture = np.divide(samples, np.float32(white), dtype=np.float32, casting="same_kind")
+    return picture
+
+
+def _composited(samples: Picture) -> Picture:
+    """Return (H, W) or (H, W, 3): alpha, if there, laid over white."""
+    if samples.ndim == 2:
+        return samples
+    if samples.shape[2] in (2, 4):
+        alpha = samples[..., -1:]
+        samples = samples[..., :-1] * alpha + (1 - alpha)
+    if samples.shape[2] == 1:
+        return samples[..., 0]
+    if samples.shape[2] != 3:
+        raise BadValue("picture", f"of {samples.shape[2]} channels", "1 to 4 channels")
+    return samples
+
+
+def _upright(picture: Picture, orientation: int) -> Picture:
+    """Return the picture as looked at; EXIF 2.32 tag 0x0112 says on which side the first row and column are."""
+    if orientation >= 5:
+        picture = picture.swapaxes(0, 1)
+    if orientation in (3, 4, 7, 8):
+        picture = picture[::-1]
+    if orientation in (2, 3, 6, 7):
+        picture = picture[:, ::-1]
+    return np.ascontiguousarray(picture)
+
+
+def _first(bad: npt.NDArray[np.bool_]) -> str:
+    y, x = (int(i) for i in np.argwhere(bad)[0][:2])
+    return f"pixel (x, y) = ({x}, {y})"

@@ -1,0 +1,334 @@
+from __future__ import annotations
+
+import io
+import struct
+import warnings
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image, ImageOps, TiffImagePlugin
+
+from cadcam.errors import BadValue, UnknownName, UnreadableFile, UnwritableFile
+from cadcam.image.picture import (
+    equalized,
+    read_picture,
+    read_picture_with_info,
+    to_gray,
+    to_rgb,
+    write_picture,
+)
+
+GRAY8 = np.arange(35, dtype=np.uint8).reshape(5, 7) * 7
+RGB8 = np.stack([GRAY8, GRAY8[::-1], 255 - GRAY8], axis=2)
+
+
+def png(samples: np.ndarray, filters: list[int], exif: bytes = b"") -> bytes:
+    """Encode 16-bit samples (H, W, C) with the given filter a row, byte by byte as ISO/IEC 15948 section 9 says."""
+    height, width, channels = samples.shape
+    step, lines = 2 * channels, samples.astype(">u2").view(np.uint8).reshape(height, -1).astype(int)
+    raw = bytearray()
+    for y, kind in zip(range(height), filters, strict=True):
+        raw.append(kind)
+        for i, value in enumerate(lines[y]):
+            left = lines[y, i - step] if i >= step else 0
+            up = lines[y - 1, i] if y else 0
+            corner = lines[y - 1, i - step] if y and i >= step else 0
+            p = left + up - corner
+            nearest = min((abs(p - left), 0, left), (abs(p - up), 1, up), (abs(p - corner), 2, corner))[2]
+            raw.append((value - (0, left, up, (left + up) // 2, nearest)[kind]) % 256)
+    head = struct.pack(">IIBBBBB", width, height, 16, {1: 0, 2: 4, 3: 2, 4: 6}[channels], 0, 0, 0)
+    chunks = [(b"IHDR", head), (b"eXIf", exif), (b"IDAT", zlib.compress(bytes(raw))), (b"IEND", b"")]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+        for name, body in chunks
+        if body or name == b"IEND"
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("a.png", {}),
+        ("a.bmp", {}),
+        ("a.tif", {"compression": "tiff_lzw"}),
+        ("a.webp", {"lossless": True}),
+        ("a.ppm", {}),
+    ],
+)
+@pytest.mark.parametrize("stored", [GRAY8, RGB8], ids=["gray", "rgb"])
+def test_eight_bit_files_give_their_stored_values_over_255(tmp_path, name, options, stored):
+    Image.fromarray(stored).save(tmp_path / name, **options)
+    picture = read_picture(tmp_path / name)
+    assert picture.dtype == np.float32
+    if name == "a.webp" and stored.ndim == 2:
+        stored = RGB8[..., [0, 0, 0]]  # WebP has no grey
+    np.testing.assert_array_equal(picture, stored.astype(np.float32) / np.float32(255))
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.tif"])
+def test_all_eight_exif_orientations_are_applied(tmp_path, orientation, name):
+    image = Image.fromarray(RGB8.repeat(8, 0).repeat(8, 1))
+    exif = Image.Exif()
+    exif[274] = orientation
+    image.save(tmp_path / name, exif=exif)
+    with Image.open(tmp_path / name) as stored:
+        expected = np.asarray(ImageOps.exif_transpose(stored), np.float32) / np.float32(255)
+    picture, info = read_picture_with_info(tmp_path / name)
+    np.testing.assert_array_equal(picture, expected)
+    assert info.orientation == orientation
+    assert info.size == (picture.shape[1], picture.shape[0])
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
+def test_sixteen_bit_png_keeps_every_bit_whatever_its_row_filters(tmp_path, rng, channels):
+    samples = rng.integers(0, 65536, (1030, 5, channels), dtype=np.uint16)  # longer than one block of rows
+    samples[..., 1:] += samples[..., :1] // 2
+    if channels in (2, 4):
+        samples[..., -1] = 65535
+    filters = rng.integers(0, 5, 1030).tolist()
+    (tmp_path / "a.png").write_bytes(png(samples, filters))
+    picture, info = read_picture_with_info(tmp_path / "a.png")
+    stored = np.rint(picture.astype(float) * 65535).astype(int)
+    np.testing.assert_array_equal(stored, samples[..., 0] if channels < 3 else samples[..., :3])
+    assert info.bits == 16
+
+
+def test_sixteen_bit_png_obeys_its_exif_chunk(tmp_path, rng):
+    samples = rng.integers(0, 65536, (3, 5, 3), dtype=np.uint16)
+    exif = Image.Exif()
+    exif[274] = 6
+    (tmp_path / "a.png").write_bytes(png(samples, [4, 4, 4], exif.tobytes()[6:]))
+    expected = np.rot90(samples, -1) / np.float32(65535)
+    np.testing.assert_allclose(read_picture(tmp_path / "a.png"), expected, atol=1e-6)
+
+
+def test_transparent_pixels_are_laid_over_white(tmp_path):
+    rgba = np.zeros((1, 3, 4), np.uint8)
+    rgba[0, :, 0] = 255
+    rgba[0, :, 3] = [0, 51, 255]
+    Image.fromarray(rgba).save(tmp_path / "a.png")
+    expected = [[[1, 1, 1], [1, 0.8, 0.8], [1, 0, 0]]]
+    np.testing.assert_allclose(read_picture(tmp_path / "a.png"), expected, atol=2e-7)
+
+
+def test_one_bit_and_palette_files_read_as_grey_and_colour(tmp_path):
+    bits = GRAY8 > 100
+    Image.fromarray(bits).save(tmp_path / "bits.png")
+    np.testing.assert_array_equal(read_picture(tmp_path / "bits.png"), bits.astype(np.float32))
+    Image.fromarray(RGB8).quantize(35).save(tmp_path / "palette.png")
+    np.testing.assert_allclose(read_picture(tmp_path / "palette.png"), RGB8 / 255.0, atol=1e-6)
+
+
+def test_sixteen_bit_grey_survives_png_tiff_and_pgm(tmp_path, rng):
+    stored = rng.integers(0, 65536, (4, 6), dtype=np.uint16)
+    Image.fromarray(stored).save(tmp_path / "a.png")
+    Image.fromarray(stored).save(tmp_path / "a.tif")
+    (tmp_path / "a.pgm").write_bytes(b"P5\n# a comment\n6 4\n65535\n" + stored.astype(">u2").tobytes())
+    for name in ("a.png", "a.tif", "a.pgm"):
+        picture = read_picture(tmp_path / name)
+        np.testing.assert_array_equal(np.rint(picture.astype(float) * 65535), stored, err_msg=name)
+
+
+def test_a_pgm_of_twelve_bits_is_white_at_its_own_largest_value(tmp_path):
+    (tmp_path / "a.pgm").write_bytes(b"P5 2 1 4095\n" + np.array([0, 4095], ">u2").tobytes())
+    np.testing.assert_array_equal(read_picture(tmp_path / "a.pgm"), [[0, 1]])
+
+
+def test_sixteen_bit_ppm_keeps_every_bit(tmp_path, rng):
+    stored = rng.integers(0, 65536, (4, 6, 3), dtype=np.uint16)
+    (tmp_path / "a.ppm").write_bytes(b"P6 6 4 65535\n" + stored.astype(">u2").tobytes())
+    np.testing.assert_array_equal(np.rint(read_picture(tmp_path / "a.ppm").astype(float) * 65535), stored)
+
+
+def deep_tiff(stored: np.ndarray, compression: str, predictor: int) -> bytes:
+    """Write (H, W, C) as the grey TIFF of the same bytes, then give it the colour file's directory."""
+    height, width, channels = stored.shape
+    values = stored.copy()
+    if predictor == 2:
+        values[:, 1:] -= stored[:, :-1]
+    file = io.BytesIO()
+    directory = TiffImagePlugin.ImageFileDirectory_v2()
+    Image.fromarray(values.reshape(height, -1)).save(file, "TIFF", compression=compression, tiffinfo=directory)
+    data = bytearray(file.getvalue())
+    with Image.open(io.BytesIO(data)) as image:
+        tags = dict(image.tag_v2)
+    tags |= {256: width, 258: (stored.itemsize * 8,) * channels, 262: 2, 277: channels, 317: predictor}
+    tags[339] = (1 if stored.dtype.kind == "u" else 3,) * channels
+    entries, extra, at = b"", b"", len(data) + 2 + 12 * len(tags) + 4
+    for tag in sorted(tags):
+        listed = tags[tag] if isinstance(tags[tag], tuple) else (int(tags[tag]),)
+        body = struct.pack(f"<{len(listed)}I", *map(int, listed))
+        if len(body) > 4:
+            entries += struct.pack("<HHII", tag, 4, len(listed), at + len(extra))
+            extra += body
+        else:
+            entries += struct.pack("<HHI", tag, 4, len(listed)) + body
+    data[4:8] = struct.pack("<I", len(data))
+    return bytes(data) + struct.pack("<H", len(tags)) + entries + bytes(4) + extra
+
+
+@pytest.mark.parametrize("compression", ["raw", "tiff_lzw", "tiff_adobe_deflate"])
+@pytest.mark.parametrize("predictor", [1, 2])
+def test_sixteen_bit_colour_tiff_keeps_every_bit(tmp_path, rng, compression, predictor):
+    stored = rng.integers(0, 65536, (40, 30, 3), dtype=np.uint16)
+    (tmp_path / "a.tif").write_bytes(deep_tiff(stored, compression, predictor))
+    np.testing.assert_array_equal(np.rint(read_picture(tmp_path / "a.tif").astype(float) * 65535), stored)
+
+
+def test_float_colour_tiff_is_read(tmp_path, rng):
+    stored = rng.random((4, 6, 3), dtype=np.float32)
+    (tmp_path / "a.tif").write_bytes(deep_tiff(stored, "raw", 1))
+    np.testing.assert_array_equal(read_picture(tmp_path / "a.tif"), stored)
+
+
+def test_float_values_outside_zero_to_one_are_refused_until_the_caller_says_what_is_white(tmp_path):
+    Image.fromarray(np.array([[0, 200.0]], np.float32)).save(tmp_path / "a.tif")
+    with pytest.raises(UnreadableFile, match=r"a\.tif: has values from 0 to 200, .*full_scale=200"):
+        read_picture(tmp_path / "a.tif")
+    np.testing.assert_array_equal(read_picture(tmp_path / "a.tif", full_scale=400), [[0, 0.5]])
+    with pytest.raises(BadValue, match="full_scale"):
+        read_picture(tmp_path / "a.tif", full_scale=0)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_float_picture_with_a_hole_is_refused_at_its_pixel(tmp_path, bad):
+    stored = np.zeros((3, 4), np.float32)
+    stored[1, 2] = bad
+    Image.fromarray(stored).save(tmp_path / "a.tif")
+    with pytest.raises(UnreadableFile, match=r"not finite at pixel \(x, y\) = \(2, 1\)"):
+        read_picture(tmp_path / "a.tif")
+
+
+def test_missing_folder_empty_and_foreign_files_are_one_clear_error_each(tmp_path):
+    (tmp_path / "empty.png").write_bytes(b"")
+    (tmp_path / "text.png").write_text("not a picture")
+    for name, reason in [("none.png", "no such file"), ("", "is a folder"), ("empty.png", "is empty")]:
+        with pytest.raises(UnreadableFile, match=reason):
+            read_picture(tmp_path / name)
+    with pytest.raises(UnreadableFile, match=r"text\.png: is not a picture in a format known here; use PNG"):
+        read_picture(tmp_path / "text.png")
+
+
+SAVED = {
+    "a.png": {},
+    "a.jpg": {},
+    "a.bmp": {},
+    "a.tif": {},
+    "lzw.tif": {"compression": "tiff_lzw"},
+    "a.ppm": {},
+    "a.webp": {},
+    "deep.png": {},
+    "deep.tif": {},
+    "deep.ppm": {},
+}
+
+
+@pytest.mark.parametrize("name", SAVED)
+def test_a_file_cut_anywhere_gives_one_error_and_no_warning(tmp_path, rng, name, capfd):
+    stored = rng.integers(0, 65536, (24, 32, 3), dtype=np.uint16)
+    whole = io.BytesIO()
+    if name == "deep.png":
+        whole.write(png(stored, [4] * 24))
+    elif name == "deep.ppm":
+        whole.write(b"P6 32 24 65535\n" + stored.tobytes())
+    elif name == "deep.tif":
+        whole.write(deep_tiff(stored, "tiff_lzw", 2))
+    else:
+        form = Image.registered_extensions()[Path(name).suffix]
+        Image.fromarray((stored >> 8).astype(np.uint8)).save(whole, form, **SAVED[name])
+    data = whole.getvalue()
+    for share in (0.002, 0.02, 0.1, 0.5, 0.9):
+        (tmp_path / name).write_bytes(data[: max(1, int(share * len(data)))])
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            with pytest.raises(UnreadableFile, match=name):
+                read_picture(tmp_path / name)
+    assert capfd.readouterr().err == ""
+
+
+def test_a_picture_above_the_pixel_limit_is_refused_by_size_before_it_is_unpacked(tmp_path):
+    Image.fromarray(GRAY8).save(tmp_path / "a.png")
+    (tmp_path / "deep.png").write_bytes(png(np.zeros((5, 7, 3), np.uint16), [0] * 5))
+    for name in ("a.png", "deep.png"):
+        with pytest.raises(UnreadableFile, match=r"is 7 x 5 px = 35 pixels.*limit of 34; .*max_pixels=35"):
+            read_picture(tmp_path / name, max_pixels=34)
+        assert read_picture(tmp_path / name, max_pixels=35).shape[:2] == (5, 7)
+
+
+def test_a_picture_beyond_pillows_own_limit_is_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 10)
+    Image.fromarray(GRAY8).save(tmp_path / "a.png")
+    assert read_picture(tmp_path / "a.png").shape == (5, 7)
+    assert Image.MAX_IMAGE_PIXELS == 10
+
+
+def test_a_header_that_promises_a_huge_picture_costs_no_memory(tmp_path):
+    head = struct.pack(">IIBBBBB", 2**31 - 1, 2**31 - 1, 16, 2, 0, 0, 0)
+    chunk = struct.pack(">I", 13) + b"IHDR" + head + struct.pack(">I", zlib.crc32(b"IHDR" + head))
+    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + chunk)
+    with pytest.raises(UnreadableFile, match="more than the limit"):
+        read_picture(tmp_path / "a.png")
+
+
+def test_a_ppm_without_pixels_is_refused(tmp_path):
+    (tmp_path / "a.ppm").write_bytes(b"P6 0 5 65535\n")
+    with pytest.raises(UnreadableFile, match="no pixels"):
+        read_picture(tmp_path / "a.ppm")
+
+
+def test_written_pictures_read_back_within_half_a_level(tmp_path, rng):
+    color = rng.random((6, 8, 3), dtype=np.float32)
+    write_picture(tmp_path / "new" / "a.png", color)
+    np.testing.assert_allclose(read_picture(tmp_path / "new" / "a.png"), color, atol=0.5 / 255 + 1e-6)
+    write_picture(tmp_path / "b.png", color[..., 0], bits=16)
+    np.testing.assert_allclose(read_picture(tmp_path / "b.png"), color[..., 0], atol=0.5 / 65535 + 1e-6)
+    write_picture(tmp_path / "c.jpg", np.full((16, 16), 0.5))
+    np.testing.assert_allclose(read_picture(tmp_path / "c.jpg"), 0.5, atol=2 / 255)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["b.png", "c.jpg", "new"]
+
+
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
+    (tmp_path / "a.png").write_bytes(b"old")
+    for picture in (np.full((2, 2), np.nan), np.zeros((2, 2, 4)), np.zeros((0, 2))):
+        with pytest.raises(BadValue, match="picture"):
+            write_picture(tmp_path / "a.png", picture)
+    with pytest.raises(UnknownName, match=r"unknown picture suffix '.gif'"):
+        write_picture(tmp_path / "a.gif", np.zeros((2, 2)))
+    with pytest.raises(BadValue, match="bits"):
+        write_picture(tmp_path / "a.png", np.zeros((2, 2, 3)), bits=16)
+    with pytest.raises(UnwritableFile, match=r"a\.png"):
+        write_picture(tmp_path / "a.png" / "b.png", np.zeros((2, 2)))
+    (tmp_path / "c.png").mkdir()
+    with pytest.raises(UnwritableFile, match="folder"):
+        write_picture(tmp_path / "c.png", np.zeros((2, 2)))
+    assert (tmp_path / "a.png").read_bytes() == b"old"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.png", "c.png"]
+
+
+def test_grey_and_colour_convert_by_bt709_luma():
+    np.testing.assert_allclose(to_gray([[[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]]])[0], [0.2126, 0.7152, 0.0722, 1])
+    np.testing.assert_array_equal(to_rgb([[0.25]]), [[[0.25] * 3]])
+    np.testing.assert_array_equal(to_gray([[0.25]]), [[0.25]])
+
+
+def test_equalized_grey_values_are_their_ranks_and_keep_their_order(rng):
+    gray = rng.random((100, 100), dtype=np.float32) ** 2
+    flat = equalized(gray)
+    order = np.argsort(gray.ravel())
+    assert (np.diff(flat.ravel()[order]) >= 0).all()
+    # the lowest level of 65536 holds x**2 < 0.5/65535: 0.3 % of the pixels, all given rank 0
+    np.testing.assert_allclose(np.sort(flat.ravel()), np.linspace(0, 1, gray.size), atol=0.01)
+    assert abs(flat.mean() - 0.5) < 0.01
+    assert equalized(np.full((3, 3), 0.25)).max() == 0.25
+
+
+def test_real_photos_are_read_as_their_own_size(shared):
+    for path, size in [(shared("data/dbat_camcal"), None), (shared("data/visp_mbt_cube"), None)]:
+        photo = next(p for p in sorted(path.rglob("*")) if p.suffix.lower() in (".jpg", ".png", ".pgm"))
+        picture, info = read_picture_with_info(photo)
+        assert picture.max() <= 1
+        assert info.size == picture.shape[1::-1]
+        assert size is None or info.size == size
