@@ -22,7 +22,7 @@ from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 
 # rows of our camera frame (x right, y down, z forward) in the thesis' (x' down, y' right, z' back)
-_OURS_FROM_THESIS = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+OURS_FROM_THESIS = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _PIXEL_FROM_UV = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
@@ -65,7 +65,7 @@ class ExtendedPinhole:
     def from_camera(cls, camera: Camera, camera_from_world: Rigid) -> ExtendedPinhole:
         """Return the eleven parameters of a camera and its pose; the lens is not among them."""
         K, (X, Y, Z) = camera.K, camera_from_world.origin
-        a, b, c = angles_of(_OURS_FROM_THESIS.T @ camera_from_world.rotation)
+        a, b, c = angles_of(OURS_FROM_THESIS.T @ camera_from_world.rotation)
         aspect = np.hypot(K[0, 0], K[0, 1]) / K[1, 1]
         skew = np.arctan2(K[0, 1], K[0, 0])
         return cls.from_vector([X, Y, Z, a, b, c, aspect, K[1, 1], skew, K[1, 2], K[0, 2]])
@@ -113,7 +113,7 @@ class ExtendedPinhole:
     @property
     def camera_from_world(self) -> Rigid:
         """Return the pose in our camera frame (x right, y down, z forward)."""
-        R = _OURS_FROM_THESIS @ self.rotation
+        R = OURS_FROM_THESIS @ self.rotation
         return Rigid(R, -R @ np.array([self.X, self.Y, self.Z]))
 
     @property

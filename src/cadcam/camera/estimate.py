@@ -1,0 +1,169 @@
+"""A camera as it comes out of a calibration or a pose: never without its covariance, residuals and observations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cadcam.arrays import Array, Floats, frozen
+from cadcam.camera.camera import Camera
+from cadcam.camera.extended_pinhole import NAMES, ExtendedPinhole
+from cadcam.camera.observations import Observations
+from cadcam.camera.sensitivity import project_with_sensitivity, rotation_by_angles, twist_by_local
+from cadcam.errors import BadValue, UnknownName
+from cadcam.geometry.rigid import Rigid
+
+_ANGLES = slice(3, 6)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraEstimate:
+    """A camera and where it stands, estimated from points; a pose is the same with its internals fixed.
+
+    free: the names of the estimated parameters, a subset of `parameters` (the thesis' eleven, then the lens' own).
+    cofactor: covariance (n, n) of the local coordinates of `cadcam.camera.sensitivity` for pixel noise of 1 px, zero
+    where nothing was free. It has no gimbal lock; `covariance` says the same in the thesis' names.
+    method: how it was computed, one line.
+    alternative: the other pose that a flat target (or a minimum nearly as good) allows, with its residuals; else None.
+    """
+
+    camera: Camera
+    camera_from_world: Rigid
+    observations: Observations
+    free: tuple[str, ...]
+    cofactor: Array
+    method: str = ""
+    alternative: CameraEstimate | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        n = len(self.parameters)
+        object.__setattr__(self, "cofactor", frozen(self.cofactor, "cofactor", (n, n)))
+        for name in self.free:
+            if name not in self.parameters:
+                raise UnknownName("parameter", name, self.parameters)
+        if len(set(self.free)) != len(self.free):
+            raise BadValue("free parameters", self.free, "each name once")
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Return all names: X Y Z (mm), a b c (rad), aspect, focal (px), skew (rad), U0 V0 (px), lens coefficients."""
+        return (*NAMES, *self.camera.lens.parameters)
+
+    @property
+    def extended_pinhole(self) -> ExtendedPinhole:
+        """Return the eleven parameters; the lens is not among them."""
+        return ExtendedPinhole.from_camera(self.camera, self.camera_from_world)
+
+    @property
+    def values(self) -> Array:
+        """Return the values (n,) of `parameters`, angles in rad."""
+        return np.concatenate([self.extended_pinhole.vector, list(self.camera.lens.parameters.values())])
+
+    def value(self, name: str) -> float:
+        """Return one parameter (mm, rad, px)."""
+        return float(self.values[self._index(name)])
+
+    @property
+    def residuals(self) -> Array:
+        """Return measured minus projected pixels (column, row), (N, 2)."""
+        return self.observations.q - self.camera.project(self.camera_from_world @ self.observations.p_world)
+
+    @property
+    def sum_of_squares(self) -> float:
+        """Return the sum of dU^2 + dV^2 over all points, px^2."""
+        return float(np.sum(self.residuals**2))
+
+    @property
+    def thesis_residual(self) -> float:
+        """Return the thesis' residual sqrt(sum(dU^2 + dV^2)/N) for N points, px."""
+        return float(np.sqrt(self.sum_of_squares / len(self.observations)))
+
+    @property
+    def rms_px(self) -> float:
+        """Return the root mean square of one pixel coordinate, sqrt(sum(dU^2 + dV^2)/(2N)): thesis_residual/sqrt(2)."""
+        return float(np.sqrt(self.sum_of_squares / (2 * len(self.observations))))
+
+    def worst(self) -> tuple[str, float]:
+        """Return the name of the point with the largest residual and that distance in px."""
+        distance = np.linalg.norm(self.residuals, axis=1)
+        i = int(np.argmax(distance))
+        return self.observations.names[i], float(distance[i])
+
+    @property
+    def dof(self) -> int:
+        """Return the degrees of freedom, 2 N minus the number of free parameters."""
+        return 2 * len(self.observations) - len(self.free)
+
+    @property
+    def sigma0(self) -> float | None:
+        """Return the noise of one pixel coordinate by the residuals, sqrt(sum of squares/dof); None if dof is 0."""
+        return float(np.sqrt(self.sum_of_squares / self.dof)) if self.dof > 0 else None
+
+    @property
+    def noise_px(self) -> float:
+        """Return the pixel noise behind `covariance`: the observations' sigma_px if stated, else sigma0, else inf.
+
+        With dof = 0 and nothing stated the points fit exactly whatever their noise: it is unknown, every sigma is inf.
+        """
+        stated = self.observations.sigma_px
+        noise = self.sigma0 if stated is None else stated
+        return np.inf if noise is None else noise
+
+    @property
+    def covariance(self) -> Array:
+        """Return the covariance (n, n) of `parameters` in mm, rad, px; rows and columns of fixed ones are zero.
+
+        The angles' part is undefined at b = +-90 deg (gimbal lock): use `pose_covariance` there. With `noise_px` inf
+        the diagonal of the free parameters is inf and the rest zero.
+        """
+        T = np.eye(len(self.parameters))
+        T[_ANGLES, _ANGLES] = np.linalg.pinv(rotation_by_angles(self.camera_from_world.rotation))
+        free = np.isin(self.parameters, self.free)
+        return _scaled(T @ self.cofactor @ T.T * np.outer(free, free), self.noise_px)
+
+    def sigma(self, name: str) -> float:
+        """Return the standard deviation of one parameter (mm, rad, px); 0 for a fixed one."""
+        i = self._index(name)
+        return float(np.sqrt(self.covariance[i, i]))
+
+    @property
+    def correlation(self) -> Array:
+        """Return the correlation matrix of the free parameters, in the order of `free`; the noise does not enter."""
+        index = [self._index(name) for name in self.free]
+        T = np.eye(len(self.parameters))
+        T[_ANGLES, _ANGLES] = np.linalg.pinv(rotation_by_angles(self.camera_from_world.rotation))
+        C = (T @ self.cofactor @ T.T)[np.ix_(index, index)]
+        sd = np.sqrt(np.diag(C))
+        return np.asarray(C / np.outer(sd, sd))
+
+    @property
+    def pose_covariance(self) -> Array:
+        """Return the covariance (6, 6) of xi in `camera_from_world @ Rigid.exp(xi)`: (mm, rad) in the world frame."""
+        B = twist_by_local(self.camera_from_world.origin)
+        return _scaled(B @ self.cofactor[:6, :6] @ B.T, self.noise_px)
+
+    def projection_covariance(self, p_world: Floats) -> Array:
+        """Return the covariance (..., 2, 2) px^2 of where world points (..., 3) are seen, due to the camera's error."""
+        points = np.asarray(p_world, dtype=np.float64)
+        _, J = project_with_sensitivity(self.camera, self.camera_from_world, points.reshape(-1, 3))
+        cofactor = J @ self.cofactor @ np.swapaxes(J, -1, -2)
+        return _scaled(cofactor, self.noise_px).reshape(*points.shape[:-1], 2, 2)
+
+    def _index(self, name: str) -> int:
+        if name not in self.parameters:
+            raise UnknownName("parameter", name, self.parameters)
+        return self.parameters.index(name)
+
+    def __repr__(self) -> str:
+        return (
+            f"CameraEstimate({len(self.observations)} points, {len(self.free)} free, "
+            f"residual {self.thesis_residual:.4g} px, {self.camera})"
+        )
+
+
+def _scaled(cofactor: Array, noise: float) -> Array:
+    if np.isfinite(noise):
+        return np.asarray(noise**2 * cofactor)
+    diagonal = np.eye(cofactor.shape[-1], dtype=bool)
+    return np.where(diagonal & (cofactor > 0), np.inf, 0.0)
