@@ -1,0 +1,19 @@
+"""Matt shading from normals: shared by all renderers, so that they look alike."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cadcam.arrays import Picture
+from cadcam.render.view import Look
+
+
+def shade(normals: Picture, towards_camera: Picture, colors: Picture, look: Look) -> Picture:
+    """Return RGB (N, 3) float32 of surface points with unit normals that face the camera, all in the camera frame.
+
+    `towards_camera` (N, 3) are unit vectors from the points to the camera; `colors` (N, 3) the parts' own.
+    """
+    fill = np.array(look.fill_from, np.float32) / np.float32(np.linalg.norm(look.fill_from))
+    head = np.einsum("ij,ij->i", normals, towards_camera)
+    light = look.ambient + look.head * np.clip(head, 0, 1) + look.fill * np.clip(normals @ fill, 0, 1)
+    return np.asarray(np.clip(colors * light[:, None], 0, 1), np.float32)

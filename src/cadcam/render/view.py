@@ -1,0 +1,221 @@
+"""What every renderer takes and gives back: `Scene`, `Look`, `View` and the `Renderer` protocol. Types only."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from enum import Flag, auto
+from types import MappingProxyType
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Ids, Mask, Picture, frozen
+from cadcam.cad.edges import FeatureEdges, feature_edges
+from cadcam.cad.mesh import Mesh
+from cadcam.camera.camera import Camera
+from cadcam.errors import BadValue, NothingInView
+from cadcam.geometry.rigid import Rigid
+
+# Muted and told apart by people with any colour vision: hues of Okabe and Ito (2008), lightened for shading.
+PALETTE = np.array(
+    [
+        [0.66, 0.73, 0.80],
+        [0.90, 0.72, 0.42],
+        [0.55, 0.78, 0.90],
+        [0.45, 0.74, 0.64],
+        [0.93, 0.90, 0.55],
+        [0.45, 0.60, 0.80],
+        [0.87, 0.58, 0.42],
+        [0.85, 0.68, 0.78],
+    ],
+    dtype=np.float32,
+)
+
+
+class Channel(Flag):
+    """What a view can hold; combine with `|`."""
+
+    IMAGE = auto()
+    DEPTH = auto()
+    NORMAL = auto()
+    PART = auto()
+    FACE = auto()
+    ALL = IMAGE | DEPTH | NORMAL | PART | FACE
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """A mesh in the world frame (mm), its feature edges and an RGB colour in [0, 1] for each part, (P, 3)."""
+
+    mesh: Mesh
+    edges: FeatureEdges
+    colors: Picture
+
+    def __post_init__(self) -> None:
+        colors = frozen(self.colors, "part colours", (None, 3), np.float32)
+        if len(colors) != len(self.mesh.part_names):
+            raise BadValue("part colours", f"{len(colors)} long", f"one for each of {len(self.mesh.part_names)} parts")
+        object.__setattr__(self, "colors", colors)
+
+    @classmethod
+    def of(cls, mesh: Mesh, *, edges: FeatureEdges | None = None, colors: npt.ArrayLike | None = None) -> Scene:
+        """Return the scene of a mesh; edges default to `feature_edges(mesh)`, colours to the file's or a palette."""
+        if colors is None:
+            palette = PALETTE[np.arange(len(mesh.part_names)) % len(PALETTE)]
+            colors = np.where(np.isnan(mesh.part_colors), palette, mesh.part_colors)
+        return cls(mesh, feature_edges(mesh) if edges is None else edges, np.asarray(colors, np.float32))
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """How the shaded image looks; ids, depth and normals do not depend on it.
+
+    Surfaces are matt and two-sided. `head` is the strength of a light at the camera, `fill` that of a distant light
+    from `fill_from` (camera frame: x right, y down, z forward), `ambient` what remains without either. `background` RGB
+    in [0, 1]. `supersampling` n takes n x n rays a pixel for the image and its coverage; all else stays at the centres.
+    """
+
+    head: float = 0.55
+    fill: float = 0.30
+    ambient: float = 0.20
+    fill_from: tuple[float, float, float] = (-0.5, -0.8, -0.3)
+    background: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    supersampling: int = 1
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.supersampling <= 16:
+            raise BadValue("supersampling", self.supersampling, "a whole number from 1 to 16")
+        if min(self.head, self.fill, self.ambient) < 0:
+            raise BadValue("(head, fill, ambient)", (self.head, self.fill, self.ambient), "numbers of at least 0")
+
+
+PLAIN = Look()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """A rendered picture of a scene: arrays of shape (H, W, ...) that `camera` saw from `camera_from_world`.
+
+    Asking for a channel that was not rendered raises `BadValue` naming it.
+    """
+
+    camera: Camera
+    camera_from_world: Rigid
+    layers: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for layer in self.layers.values():
+            layer.setflags(write=False)  # made for this view by a renderer: no copy of what may be large
+        object.__setattr__(self, "layers", MappingProxyType(dict(self.layers)))
+
+    @property
+    def image(self) -> Picture:
+        """Shaded RGB (H, W, 3) float32 in [0, 1]."""
+        return self._layer("image")
+
+    @property
+    def coverage(self) -> Picture:
+        """Share (H, W) float32 of each pixel's samples that met the model; comes with the image."""
+        return self._layer("coverage")
+
+    @property
+    def gray(self) -> Picture:
+        """Luminance (H, W) float32 of the image, weights of ITU-R BT.601."""
+        return np.asarray(self.image @ np.array([0.299, 0.587, 0.114], np.float32))
+
+    @property
+    def depth(self) -> Picture:
+        """z-depth (H, W) float32 in mm at pixel centres; inf on the background."""
+        return self._layer("depth")
+
+    @property
+    def normal(self) -> Picture:
+        """Unit normals (H, W, 3) float32 of the faces met, camera frame, turned to the camera; 0 on the background."""
+        return self._layer("normal")
+
+    @property
+    def part(self) -> Ids:
+        """Part numbers (H, W) int32; -1 on the background."""
+        return self._layer("part")
+
+    @property
+    def face(self) -> Ids:
+        """Face numbers (H, W) int32; -1 on the background."""
+        return self._layer("face")
+
+    @property
+    def mask(self) -> Mask:
+        """Pixels (H, W) whose centre sees the model."""
+        for name, seen in (("face", lambda a: a >= 0), ("part", lambda a: a >= 0), ("depth", np.isfinite)):
+            if name in self.layers:
+                return np.asarray(seen(self.layers[name]))
+        return np.asarray(self.normal.any(axis=-1)) if "normal" in self.layers else np.asarray(self.coverage > 0)
+
+    def _layer(self, name: str) -> npt.NDArray[Any]:
+        if name not in self.layers:
+            channel = "IMAGE" if name == "coverage" else name.upper()
+            raise BadValue(f"channel {name}", "not rendered", f"Channel.{channel} among the channels asked for")
+        return self.layers[name]
+
+
+class Renderer(Protocol):
+    """Made from a scene once (acceleration structures, uploads), then asked for many views; one thread at a time.
+
+    The world frame is the mesh's. Renderers agree on which face a pixel centre sees, except within their own documented
+    sub-pixel resolution of an edge.
+    """
+
+    name: str
+
+    @property
+    def scene(self) -> Scene:
+        """The scene it was made from."""
+        ...
+
+    def render(
+        self,
+        camera: Camera,
+        camera_from_world: Rigid,
+        *,
+        channels: Channel = Channel.ALL,
+        look: Look = PLAIN,
+    ) -> View:
+        """Return the view; where the model is not in it, an empty one (see `nothing_in_view`)."""
+        ...
+
+    def render_batch(
+        self,
+        camera: Camera,
+        poses: Iterable[Rigid],
+        *,
+        channels: Channel = Channel.ALL,
+        look: Look = PLAIN,
+    ) -> Iterator[View]:
+        """Yield a view for each camera_from_world, in order, empty ones included."""
+        ...
+
+
+def nothing_in_view(mesh: Mesh, camera: Camera, camera_from_world: Rigid) -> NothingInView:
+    """Return the error that says where the model's box lies, in the camera frame (mm) and in the picture (px)."""
+    low, high = mesh.bounds
+    corners = np.array([[(low, high)[i][0], (low, high)[j][1], (low, high)[k][2]] for i, j, k in np.ndindex(2, 2, 2)])
+    p = camera_from_world @ corners
+    box = " x ".join(f"[{a:.0f}, {b:.0f}]" for a, b in zip(p.min(axis=0), p.max(axis=0), strict=True))
+    text = f"the model's box spans {box} mm in the camera frame (x right, y down, z forward)"
+    if p[:, 2].max() <= 0:
+        return NothingInView(
+            f"the model lies wholly behind the camera: {text}; is the pose camera_from_world inverted?"
+        )
+    q = camera.project(p)
+    q = q[np.isfinite(q).all(axis=1)]
+    where = (
+        f"projects to x [{q[:, 0].min():.0f}, {q[:, 0].max():.0f}], y [{q[:, 1].min():.0f}, {q[:, 1].max():.0f}] px"
+        if len(q)
+        else "lies outside the lens' valid radius"
+    )
+    return NothingInView(
+        f"nothing of the model is in the {camera.width} x {camera.height} px picture: {text} and {where}; "
+        "check the pose and the model's unit"
+    )
