@@ -90,3 +90,18 @@ class MissingExtra(CadcamError):
     def __init__(self, feature: str, extra: str) -> None:
         super().__init__(f'{feature} needs an optional package: pip install "cadcam[{extra}]"')
         self.feature, self.extra = feature, extra
+
+
+class MissingCore(CadcamError):
+    """The compiled core that the raster renderer needs is not there."""
+
+    def __init__(self, why: str) -> None:
+        super().__init__(
+            f"the raster renderer is not available: {why}; use the renderer 'ray', or reinstall cadcam where a C "
+            "compiler (CC, cc, gcc, clang) or a network to fetch one (the ziglang wheel) is at hand"
+        )
+        self.why = why
+
+
+class NotEnoughMemory(CadcamError):
+    """Something would not fit into memory; said before it is tried."""
