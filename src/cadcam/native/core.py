@@ -21,7 +21,7 @@ from cadcam.errors import BadValue, MissingCore, NotEnoughMemory
 
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 LIBRARY = Path(__file__).with_name("_raster" + _SUFFIX)
-LONGEST = 1 << 20  # px along a side: rows and columns stay far from the limits of 32 bits
+LONGEST = 65535  # px along a side, samples counted: the lens table stores them in 16 bits
 
 
 class Request(c.Structure):
@@ -75,12 +75,12 @@ def library() -> c.CDLL:
 
 
 def variant() -> str:
-    """Return the instruction set in use: "x86-64-v4", "x86-64-v3" or "baseline"."""
+    """Return the instruction set in use: "x86-64-v3" or "baseline"."""
     return str(library().cc_variant().decode())
 
 
 def choose_variant(level: int) -> str:
-    """Use instruction set 0 (baseline), 1 (x86-64-v3) or 2 (v4), or the best with -1; return the one now in use."""
+    """Use instruction set 0 (baseline) or 1 (x86-64-v3), or the best with -1; return the one now in use."""
     library().cc_choose_variant(level)
     return variant()
 

@@ -28,7 +28,7 @@ struct cc_scene {
     cluster *clusters;
     int64_t n_clusters, n_faces;
     double *x, *y, *z;       /* vertices, cluster by cluster */
-    uint8_t (*corner)[3];    /* triangles: indices into the vertices of their cluster */
+    uint8_t *corner[3];      /* triangles: indices into the vertices of their cluster */
     int32_t *id;             /* triangles: the caller's face number */
     float (*normal)[3];      /* by face number: unit normal in the world, 0 without area */
     int32_t *part;           /* by face number */
@@ -36,6 +36,7 @@ struct cc_scene {
 };
 
 typedef struct { int32_t x0, x1, y0, y1; } rect; /* samples, both ends included; empty if x0 > x1 or y0 > y1 */
+typedef struct { uint16_t x0, x1, y0, y1; } short_rect;
 typedef struct { double x0, x1, y0, y1; } box;   /* of the sampling plane */
 
 struct cc_lens {
@@ -47,7 +48,7 @@ struct cc_lens {
     /* Which samples may lie in a part of the plane: a pyramid over a grid of cells in squashed coordinates. */
     double scale_x, scale_y, origin_x, origin_y;
     int32_t levels, cells_x[32], cells_y[32];
-    rect *cell[32];
+    short_rect *cell[32];
 };
 
 /* Squash the plane to (-1, 1) along each axis, monotonically, so that a grid of equal cells serves 180 degrees. */
@@ -90,8 +91,6 @@ int frame_work_baseline(cc_frame *frame, cc_worker *worker);
 #if defined(__x86_64__)
 int frame_prepare_v3(cc_frame *frame);
 int frame_work_v3(cc_frame *frame, cc_worker *worker);
-int frame_prepare_v4(cc_frame *frame);
-int frame_work_v4(cc_frame *frame, cc_worker *worker);
 #endif
 
 void *aligned_block(size_t bytes); /* 64-byte aligned, not cleared; NULL where memory is short */

@@ -4,10 +4,10 @@
 
 #include "internal.h"
 
-static const rect NOWHERE = {INT32_MAX, INT32_MIN, INT32_MAX, INT32_MIN};
+static const short_rect NOWHERE = {UINT16_MAX, 0, UINT16_MAX, 0};
 static const box NOTHING = {INFINITY, -INFINITY, INFINITY, -INFINITY};
 
-static void grow_rect(rect *r, const rect *other) {
+static void grow_rect(short_rect *r, const short_rect *other) {
     if (other->x0 < r->x0) r->x0 = other->x0;
     if (other->x1 > r->x1) r->x1 = other->x1;
     if (other->y0 < r->y0) r->y0 = other->y0;
@@ -45,29 +45,29 @@ static void fill_tiles(cc_lens *l, const double *points) {
 
 static int make_level(cc_lens *l, int32_t k, int32_t nx, int32_t ny) {
     l->cells_x[k] = nx, l->cells_y[k] = ny;
-    l->cell[k] = malloc((size_t)nx * (size_t)ny * sizeof(rect));
+    l->cell[k] = malloc((size_t)nx * (size_t)ny * sizeof(short_rect));
     if (!l->cell[k]) return 0;
     l->levels = k + 1;
     for (size_t i = 0; i < (size_t)nx * (size_t)ny; i++) l->cell[k][i] = NOWHERE;
     return 1;
 }
 
-/* Cells of about 2 x 2 pixels: the rectangle of the pixels whose points lie inside; empty for many. */
+/* Cells of about a pixel: the rectangle of the pixels whose points lie inside; empty for many. */
 static int fill_cells(cc_lens *l) {
     if (!(l->all.x0 <= l->all.x1)) return make_level(l, 0, 1, 1);
     l->origin_x = squash(l->all.x0), l->origin_y = squash(l->all.y0);
     double range_x = squash(l->all.x1) - l->origin_x, range_y = squash(l->all.y1) - l->origin_y;
-    int32_t nx = l->width / 2 + 1, ny = l->height / 2 + 1;
-    l->scale_x = range_x > 0 ? (nx - 1) / range_x : 0, l->scale_y = range_y > 0 ? (ny - 1) / range_y : 0;
+    int32_t nx = l->width, ny = l->height;
+    l->scale_x = range_x > 0 ? nx / range_x : 0, l->scale_y = range_y > 0 ? ny / range_y : 0;
     if (!make_level(l, 0, nx + 1, ny + 1)) return 0;
     for (int32_t t = 0; t < l->tiles_x * l->tiles_y; t++)
         for (int k = 0; k < TILE_AREA; k++) {
             size_t at = (size_t)t * TILE_AREA + (size_t)k;
             if (isnan(l->x[at])) continue;
-            int32_t px = t % l->tiles_x * TILE + k % TILE, py = t / l->tiles_x * TILE + k / TILE;
+            uint16_t px = (uint16_t)(t % l->tiles_x * TILE + k % TILE), py = (uint16_t)(t / l->tiles_x * TILE + k / TILE);
             int32_t cx = (int32_t)((squash(l->x[at]) - l->origin_x) * l->scale_x);
             int32_t cy = (int32_t)((squash(l->y[at]) - l->origin_y) * l->scale_y);
-            grow_rect(&l->cell[0][(size_t)cy * (size_t)(nx + 1) + (size_t)cx], &(rect){px, px, py, py});
+            grow_rect(&l->cell[0][(size_t)cy * (size_t)(nx + 1) + (size_t)cx], &(short_rect){px, px, py, py});
         }
     return 1;
 }
@@ -112,13 +112,13 @@ static int32_t clamped(double v, int32_t most) { return v > 0 ? (v < most ? (int
 
 rect lens_samples(const cc_lens *l, box b) {
     int32_t nx = l->cells_x[0], ny = l->cells_y[0];
-    if (!(b.x1 >= 0 && b.x0 < nx && b.y1 >= 0 && b.y0 < ny)) return NOWHERE;
+    if (!(b.x1 >= 0 && b.x0 < nx && b.y1 >= 0 && b.y0 < ny)) return (rect){1, 0, 1, 0};
     int32_t i0 = clamped(b.x0, nx - 1), i1 = clamped(b.x1, nx - 1);
     int32_t j0 = clamped(b.y0, ny - 1), j1 = clamped(b.y1, ny - 1), level = 0;
     while (((i1 >> level) - (i0 >> level)) > 2 || ((j1 >> level) - (j0 >> level)) > 2) level++;
-    rect found = NOWHERE;
+    short_rect found = NOWHERE;
     for (int32_t j = j0 >> level; j <= j1 >> level; j++)
         for (int32_t i = i0 >> level; i <= i1 >> level; i++)
             grow_rect(&found, &l->cell[level][(size_t)j * (size_t)l->cells_x[level] + (size_t)i]);
-    return found;
+    return (rect){found.x0, found.x1, found.y0, found.y1};
 }

@@ -219,25 +219,51 @@ static inline double fewest(const triangle *t, int k, const box *b) {
     return t->a[k] * (t->a[k] > 0 ? b->x0 : b->x1) + (t->b[k] * (t->b[k] > 0 ? b->y0 : b->y1) + t->c[k]);
 }
 
-/* One row of eight samples: keep the triangle where it is nearest. With `whole`, all lie inside it. */
-static inline void draw_row(const triangle *t, const double *restrict x, const double *restrict y, int y_step, int whole,
-                            float *restrict z, int32_t *restrict id) {
-    const float near = t->nearest, far = t->farthest;
+/* Keep 1/z = w of face `id` in the sample if it is nearer than what is there; w < 0 never is. */
+static inline void keep(float w, int32_t face, float *z, int32_t *id) {
+    int wins = (w > *z) | ((w == *z) & (face < *id));
+    *z = wins ? w : *z;
+    *id = wins ? face : *id;
+}
+
+/* Samples of the plane itself: rows `top` to `end` of the tile at (left, above); with `whole`, all lie inside. */
+static inline void draw_pixels(const triangle *t, int32_t left, int32_t above, int top, int end, int whole,
+                               float *restrict z, int32_t *restrict id) {
+    double ax[4][TILE];
+    const double near = t->nearest, far = t->farthest;
     const int32_t face = t->id;
-    for (int i = 0; i < TILE; i++) {
-        double yy = y[i * y_step];
-        float w = (float)(t->a[3] * x[i] + (t->b[3] * yy + t->c[3]));
-        w = w < near ? w : near;
-        w = w > far ? w : far;
-        int wins = (w > z[i]) | ((w == z[i]) & (face < id[i]));
-        if (!whole) {
-            wins &= t->a[0] * x[i] + (t->b[0] * yy + t->c[0]) >= t->least[0];
-            wins &= t->a[1] * x[i] + (t->b[1] * yy + t->c[1]) >= t->least[1];
-            wins &= t->a[2] * x[i] + (t->b[2] * yy + t->c[2]) >= t->least[2];
-        } else
-            wins &= x[i] == x[i]; /* NaN: this sample sees nothing */
-        z[i] = wins ? w : z[i];
-        id[i] = wins ? face : id[i];
+    for (int j = 0; j < 4; j++)
+        for (int i = 0; i < TILE; i++) ax[j][i] = t->a[j] * (double)(left + i);
+    for (int k = top; k <= end; k++) {
+        const double y = above + k, e0 = t->b[0] * y + t->c[0], e1 = t->b[1] * y + t->c[1];
+        const double e2 = t->b[2] * y + t->c[2], ew = t->b[3] * y + t->c[3];
+        for (int i = 0; i < TILE; i++) {
+            double w = ax[3][i] + ew;
+            w = w < near ? w : near;
+            w = w > far ? w : far;
+            int inside = whole || ((ax[0][i] + e0 >= t->least[0]) & (ax[1][i] + e1 >= t->least[1]) &
+                                   (ax[2][i] + e2 >= t->least[2]));
+            keep((float)(inside ? w : -1.0), face, &z[k * TILE + i], &id[k * TILE + i]);
+        }
+    }
+}
+
+/* Samples at the points of a lens' table; NaN fails every comparison. */
+static inline void draw_points(const triangle *t, const double *restrict x, const double *restrict y, int top, int end,
+                               int whole, float *restrict z, int32_t *restrict id) {
+    const double near = t->nearest, far = t->farthest;
+    const int32_t face = t->id;
+    for (int k = top; k <= end; k++) {
+        for (int i = k * TILE; i < k * TILE + TILE; i++) {
+            double w = t->a[3] * x[i] + (t->b[3] * y[i] + t->c[3]);
+            w = w < near ? w : near;
+            w = w > far ? w : far;
+            int inside = whole ? x[i] == x[i]
+                               : (t->a[0] * x[i] + (t->b[0] * y[i] + t->c[0]) >= t->least[0]) &
+                                     (t->a[1] * x[i] + (t->b[1] * y[i] + t->c[1]) >= t->least[1]) &
+                                     (t->a[2] * x[i] + (t->b[2] * y[i] + t->c[2]) >= t->least[2]);
+            keep((float)(inside ? w : -1.0), face, &z[i], &id[i]);
+        }
     }
 }
 
@@ -253,7 +279,7 @@ static void measure_tile(cc_worker *w, size_t tile) {
     w->changes[tile] = 0;
 }
 
-static inline void draw_tile(const band *b, const triangle *t, const rect *r, int32_t tx, int32_t ty) {
+static inline void draw_tile(const band *b, const triangle *t, const rect *r, int32_t tx, int32_t ty, int small) {
     const cc_frame *f = b->frame;
     cc_worker *w = b->worker;
     const cc_lens *lens = f->view->lens;
@@ -261,32 +287,33 @@ static inline void draw_tile(const band *b, const triangle *t, const rect *r, in
     size_t of_lens = (size_t)ty * (size_t)f->tiles_x + (size_t)tx;
     if (t->nearest < w->farthest[tile]) return;
     box area = lens ? lens->tile[of_lens] : (box){tx * TILE, tx * TILE + 7, ty * TILE, ty * TILE + 7};
+    int whole = 0;
+    if (!small) { /* worth more than drawing the few rows of a small triangle */
     if ((most(t, 0, &area) < 0) | (most(t, 1, &area) < 0) | (most(t, 2, &area) < 0)) return;
     if ((float)most(t, 3, &area) < w->farthest[tile] && t->farthest < w->farthest[tile]) return;
-    int whole = (fewest(t, 0, &area) > DBL_MIN) & (fewest(t, 1, &area) > DBL_MIN) & (fewest(t, 2, &area) > DBL_MIN);
+    whole = (fewest(t, 0, &area) > DBL_MIN) & (fewest(t, 1, &area) > DBL_MIN) & (fewest(t, 2, &area) > DBL_MIN);
+    }
     float *z = w->inverse_z + tile * TILE_AREA;
     int32_t *id = w->id + tile * TILE_AREA;
     int top = whole ? 0 : imax(r->y0 - ty * TILE, 0), end = whole ? TILE - 1 : imin(r->y1 - ty * TILE, TILE - 1);
     if (lens) {
         const double *x = lens->x + of_lens * TILE_AREA, *y = lens->y + of_lens * TILE_AREA;
-        if (whole)
-            for (int k = 0; k < TILE; k++) draw_row(t, x + k * TILE, y + k * TILE, 1, 1, z + k * TILE, id + k * TILE);
-        else
-            for (int k = top; k <= end; k++) draw_row(t, x + k * TILE, y + k * TILE, 1, 0, z + k * TILE, id + k * TILE);
+        if (whole) draw_points(t, x, y, top, end, 1, z, id);
+        else draw_points(t, x, y, top, end, 0, z, id);
     } else {
-        const double *x = f->columns + tx * TILE;
-        for (int k = top; k <= end; k++) {
-            double y = ty * TILE + k;
-            if (whole) draw_row(t, x, &y, 0, 1, z + k * TILE, id + k * TILE);
-            else draw_row(t, x, &y, 0, 0, z + k * TILE, id + k * TILE);
-        }
+        if (whole) draw_pixels(t, tx * TILE, ty * TILE, top, end, 1, z, id);
+        else draw_pixels(t, tx * TILE, ty * TILE, top, end, 0, z, id);
     }
-    if (whole || ++w->changes[tile] >= 8) measure_tile(w, tile);
+    if (whole || ++w->changes[tile] >= 2) measure_tile(w, tile);
 }
 
 static void draw_triangle(const band *b, const triangle *t, const rect *r) {
+    if (r->y1 - r->y0 < 4 && r->x0 / TILE == r->x1 / TILE && r->y0 / TILE == r->y1 / TILE) {
+        draw_tile(b, t, r, r->x0 / TILE, r->y0 / TILE, 1);
+        return;
+    }
     for (int32_t ty = r->y0 / TILE; ty <= r->y1 / TILE; ty++)
-        for (int32_t tx = r->x0 / TILE; tx <= r->x1 / TILE; tx++) draw_tile(b, t, r, tx, ty);
+        for (int32_t tx = r->x0 / TILE; tx <= r->x1 / TILE; tx++) draw_tile(b, t, r, tx, ty, 0);
 }
 
 /* Whether a triangle of this nearness could be seen in some tile of the rectangle. */
@@ -300,35 +327,65 @@ static int may_be_seen(const band *b, const rect *r, float nearest) {
     return 0;
 }
 
+/* The triangles of a cluster, side by side: bounds of their samples and of 1/z. */
+typedef struct {
+    _Alignas(64) double gx0[CLUSTER], gx1[CLUSTER], gy0[CLUSTER], gy1[CLUSTER];
+    _Alignas(64) int32_t x0[CLUSTER], x1[CLUSTER], y0[CLUSTER], y1[CLUSTER];
+    _Alignas(64) double front[CLUSTER]; /* smallest z: not positive where a corner lies behind the camera */
+    _Alignas(64) float nearest[CLUSTER], farthest[CLUSTER];
+} bounds;
+
+static void bound(const cc_frame *f, const cluster *c, const corners *v, bounds *out) {
+    const uint8_t *restrict c0 = f->scene->corner[0] + c->first_face, *restrict c1 = f->scene->corner[1] + c->first_face;
+    const uint8_t *restrict c2 = f->scene->corner[2] + c->first_face;
+    const double width = f->width, height = f->height, slack = 1e-5; /* px: far above rounding */
+    int n = c->n_faces;
+    for (int k = 0; k < n; k++) {
+        int p = c0[k], q = c1[k], r = c2[k];
+        double near = upper3(v->w[p], v->w[q], v->w[r]), far = lower3(v->w[p], v->w[q], v->w[r]);
+        out->gx0[k] = lower3(v->gx[p], v->gx[q], v->gx[r]), out->gx1[k] = upper3(v->gx[p], v->gx[q], v->gx[r]);
+        out->gy0[k] = lower3(v->gy[p], v->gy[q], v->gy[r]), out->gy1[k] = upper3(v->gy[p], v->gy[q], v->gy[r]);
+        out->front[k] = lower3(v->z[p], v->z[q], v->z[r]);
+        out->nearest[k] = (float)lower(near, FLT_MAX), out->farthest[k] = (float)lower(far, FLT_MAX);
+    }
+    if (f->view->lens) return;
+    for (int k = 0; k < n; k++) { /* ceil and floor of numbers made at least 0 and -1: both vectorise everywhere */
+        double x0 = lower(upper(out->gx0[k] - slack, 0), width), y0 = lower(upper(out->gy0[k] - slack, 0), height);
+        double x1 = lower(upper(out->gx1[k] + slack, -1) + 1, width), y1 = lower(upper(out->gy1[k] + slack, -1) + 1, height);
+        int32_t left = (int32_t)x0, top = (int32_t)y0;
+        out->x0[k] = left + (x0 > left), out->y0[k] = top + (y0 > top);
+        out->x1[k] = (int32_t)x1 - 1, out->y1[k] = (int32_t)y1 - 1;
+    }
+}
+
+/* Which samples triangle k of a cluster may cover; empty where it is beyond a side of the picture. */
+static inline rect reach(const cc_frame *f, const cluster *c, const corners *v, bounds *of, int k) {
+    if (!(of->front[k] > 0)) { /* reaches behind the camera: anywhere, in front of its farthest corner */
+        const uint8_t i[3] = {f->scene->corner[0][c->first_face + k], f->scene->corner[1][c->first_face + k],
+                              f->scene->corner[2][c->first_face + k]};
+        if (beyond_a_side(&f->limits, v->x, v->y, v->z, i, 3)) return (rect){1, 0, 1, 0};
+        of->nearest[k] = FLT_MAX;
+        of->farthest[k] = (float)lower(1 / upper3(v->z[i[0]], v->z[i[1]], v->z[i[2]]), FLT_MAX);
+        return (rect){0, f->width - 1, 0, f->height - 1};
+    }
+    if (!f->view->lens) return (rect){of->x0[k], of->x1[k], of->y0[k], of->y1[k]};
+    return samples_of(f, (box){of->gx0[k], of->gx1[k], of->gy0[k], of->gy1[k]});
+}
+
 static void draw_cluster(const band *b, const candidate *which) {
     const cc_frame *f = b->frame;
     const cluster *c = &f->scene->clusters[which->index];
-    const uint8_t(*corner)[3] = (const uint8_t(*)[3])f->scene->corner + c->first_face;
-    const int32_t *id = f->scene->id + c->first_face;
     corners v;
+    bounds of;
     transform(f, c, &v);
+    bound(f, c, &v, &of);
     for (int k = 0; k < c->n_faces; k++) {
-        const uint8_t *i = corner[k];
-        triangle t;
-        rect r;
-        if (lower3(v.z[i[0]], v.z[i[1]], v.z[i[2]]) > 0) {
-            double near = upper3(v.w[i[0]], v.w[i[1]], v.w[i[2]]);
-            r = samples_of(f, (box){lower3(v.gx[i[0]], v.gx[i[1]], v.gx[i[2]]), upper3(v.gx[i[0]], v.gx[i[1]], v.gx[i[2]]),
-                                    lower3(v.gy[i[0]], v.gy[i[1]], v.gy[i[2]]), upper3(v.gy[i[0]], v.gy[i[1]], v.gy[i[2]])});
-            t.nearest = near < FLT_MAX ? (float)near : FLT_MAX;
-            double far = lower3(v.w[i[0]], v.w[i[1]], v.w[i[2]]);
-            t.farthest = far < FLT_MAX ? (float)far : FLT_MAX;
-        } else {
-            if (beyond_a_side(&f->limits, v.x, v.y, v.z, i, 3)) continue;
-            r = (rect){0, f->width - 1, 0, f->height - 1};
-            double z = upper3(v.z[i[0]], v.z[i[1]], v.z[i[2]]);
-            t.nearest = FLT_MAX;
-            t.farthest = 1 / z < FLT_MAX ? (float)(1 / z) : FLT_MAX;
-        }
+        rect r = reach(f, c, &v, &of, k);
         r.y0 = imax(r.y0, b->y0), r.y1 = imin(r.y1, b->y1);
-        if (r.x0 > r.x1 || r.y0 > r.y1) continue;
-        if (!may_be_seen(b, &r, t.nearest)) continue;
-        t.id = id[k];
+        if (r.x0 > r.x1 || r.y0 > r.y1 || !may_be_seen(b, &r, of.nearest[k])) continue;
+        size_t at = c->first_face + (size_t)k;
+        const uint8_t i[3] = {f->scene->corner[0][at], f->scene->corner[1][at], f->scene->corner[2][at]};
+        triangle t = {.nearest = of.nearest[k], .farthest = of.farthest[k], .id = f->scene->id[at]};
         if (set_up(&v, i, &t)) draw_triangle(b, &t, &r);
     }
 }
@@ -338,81 +395,123 @@ static void draw_cluster(const band *b, const candidate *which) {
 /* What the shading of one output needs, in float: the direction of plane points and the light, in the world. */
 typedef struct { float d[9], fill[3], ambient, head, strength; } light;
 
-static inline void shade_sample(const cc_scene *s, const light *l, int32_t face, float x, float y, float rgb[3]) {
-    const float *n = s->normal[face], *color = s->color[s->part[face]];
-    float d0 = l->d[0] * x + (l->d[1] * y + l->d[2]), d1 = l->d[3] * x + (l->d[4] * y + l->d[5]);
-    float d2 = l->d[6] * x + (l->d[7] * y + l->d[8]);
-    float along = n[0] * d0 + n[1] * d1 + n[2] * d2, length = sqrtf(d0 * d0 + d1 * d1 + d2 * d2);
-    float fill = n[0] * l->fill[0] + n[1] * l->fill[1] + n[2] * l->fill[2];
-    fill = along > 0 ? -fill : fill; /* the side that faces the camera */
-    float value = l->ambient + l->head * (fabsf(along) / length) + l->strength * (fill > 0 ? fill : 0);
-    for (int k = 0; k < 3; k++) {
-        float v = color[k] * value;
-        rgb[k] = v < 1 ? v : 1;
-    }
+/* Eight samples of a row: what was met there, and from where. */
+typedef struct {
+    _Alignas(32) int32_t id[TILE];
+    _Alignas(32) float d[3][TILE]; /* directions in the world, not of unit length */
+    _Alignas(32) float n[3][TILE]; /* normals, as in the scene */
+    _Alignas(32) float color[3][TILE]; /* of the parts; the background's where nothing was met */
+    _Alignas(32) float along[TILE]; /* n . d: positive where the back is seen */
+} eight;
+
+static inline const float *normal_of(const cc_frame *f, int32_t id) { return f->scene->normal[id < 0 ? 0 : id]; }
+static inline const float *color_of(const cc_frame *f, int32_t id) {
+    return id < 0 ? f->view->background : f->scene->color[f->scene->part[id]];
 }
 
-static void plane_points(const cc_frame *f, int32_t tx, int32_t y, float px[TILE], float py[TILE]) {
+static inline void look_up(const cc_frame *f, const light *l, int32_t tx, int32_t y, const int32_t *id, eight *e) {
     const cc_lens *lens = f->view->lens;
-    size_t at = ((size_t)(y / TILE) * (size_t)f->tiles_x + (size_t)tx) * TILE_AREA + (size_t)(y % TILE) * TILE;
-    for (int i = 0; i < TILE; i++) {
-        px[i] = lens ? (float)lens->x[at + i] : (float)(tx * TILE + i);
-        py[i] = lens ? (float)lens->y[at + i] : (float)y;
-    }
-}
-
-/* Unit normal in the camera frame, turned towards the camera. */
-static inline void facing_normal(const cc_frame *f, const light *l, int32_t face, float x, float y, float out[3]) {
-    const float *n = f->scene->normal[face];
-    const double *R = f->view->rotation;
-    float d0 = l->d[0] * x + (l->d[1] * y + l->d[2]), d1 = l->d[3] * x + (l->d[4] * y + l->d[5]);
-    float d2 = l->d[6] * x + (l->d[7] * y + l->d[8]);
-    float side = n[0] * d0 + n[1] * d1 + n[2] * d2 > 0 ? -1.0f : 1.0f;
-    for (int k = 0; k < 3; k++)
-        out[k] = side * ((float)R[3 * k] * n[0] + (float)R[3 * k + 1] * n[1] + (float)R[3 * k + 2] * n[2]);
-}
-
-static void write_tile_row(const cc_frame *f, const light *l, int32_t tx, int32_t y, const float *w, const int32_t *id) {
-    const cc_view *v = f->view;
-    int n = imin(TILE, f->width - tx * TILE);
-    size_t at = (size_t)y * (size_t)f->width + (size_t)tx * TILE;
-    if (v->depth)
-        for (int i = 0; i < n; i++) v->depth[at + i] = id[i] < 0 ? INFINITY : 1.0f / w[i];
-    if (v->face) memcpy(v->face + at, id, (size_t)n * sizeof *id);
-    if (v->part)
-        for (int i = 0; i < n; i++) v->part[at + i] = id[i] < 0 ? -1 : f->scene->part[id[i]];
-    if (v->coverage)
-        for (int i = 0; i < n; i++) v->coverage[at + i] = id[i] < 0 ? 0.0f : 1.0f;
-    if (!v->image && !v->normal) return;
+    const size_t at = ((size_t)(y / TILE) * (size_t)f->tiles_x + (size_t)tx) * TILE_AREA + (size_t)(y % TILE) * TILE;
     float px[TILE], py[TILE];
-    plane_points(f, tx, y, px, py);
-    if (v->image)
-        for (int i = 0; i < n; i++) {
-            float *rgb = v->image + 3 * (at + i);
-            if (id[i] < 0) rgb[0] = v->background[0], rgb[1] = v->background[1], rgb[2] = v->background[2];
-            else shade_sample(f->scene, l, id[i], px[i], py[i], rgb);
+    for (int i = 0; i < TILE; i++) {
+        px[i] = lens ? (float)lens->x[at + (size_t)i] : (float)(tx * TILE + i);
+        py[i] = lens ? (float)lens->y[at + (size_t)i] : (float)y;
+    }
+    int same = 1;
+    for (int i = 0; i < TILE; i++) same &= id[i] == id[0], e->id[i] = id[i];
+    if (same) { /* the common case, and a fast one */
+        const float *n = normal_of(f, id[0]), *color = color_of(f, id[0]);
+        for (int k = 0; k < 3; k++)
+            for (int i = 0; i < TILE; i++) e->n[k][i] = n[k], e->color[k][i] = color[k];
+    } else
+        for (int i = 0; i < TILE; i++) {
+            const float *n = normal_of(f, id[i]), *color = color_of(f, id[i]);
+            for (int k = 0; k < 3; k++) e->n[k][i] = n[k], e->color[k][i] = color[k];
         }
-    if (v->normal)
-        for (int i = 0; i < n; i++) {
-            float *out = v->normal + 3 * (at + i);
-            if (id[i] < 0) out[0] = out[1] = out[2] = 0;
-            else facing_normal(f, l, id[i], px[i], py[i], out);
+    for (int k = 0; k < 3; k++)
+        for (int i = 0; i < TILE; i++) e->d[k][i] = l->d[3 * k] * px[i] + (l->d[3 * k + 1] * py[i] + l->d[3 * k + 2]);
+    for (int i = 0; i < TILE; i++)
+        e->along[i] = e->n[0][i] * e->d[0][i] + e->n[1][i] * e->d[1][i] + e->n[2][i] * e->d[2][i];
+}
+
+/* Matt, two-sided: ambient, a light at the camera, a distant one. */
+static inline void shade(const light *l, const eight *e, float rgb[TILE][3]) {
+    float value[TILE];
+    for (int i = 0; i < TILE; i++) {
+        float length = sqrtf(e->d[0][i] * e->d[0][i] + e->d[1][i] * e->d[1][i] + e->d[2][i] * e->d[2][i]);
+        float fill = e->n[0][i] * l->fill[0] + e->n[1][i] * l->fill[1] + e->n[2][i] * l->fill[2];
+        fill = e->along[i] > 0 ? -fill : fill; /* the side that faces the camera */
+        value[i] = l->ambient + l->head * (fabsf(e->along[i]) / length) + l->strength * (fill > 0 ? fill : 0);
+    }
+    for (int i = 0; i < TILE; i++) value[i] = e->id[i] < 0 ? 1.0f : value[i];
+    for (int i = 0; i < TILE; i++)
+        for (int k = 0; k < 3; k++) {
+            float c = e->color[k][i] * value[i];
+            rgb[i][k] = c < 1 ? c : 1;
         }
+}
+
+/* Unit normals in the camera frame, turned towards the camera. */
+static void face_camera(const cc_frame *f, const eight *e, float out[TILE][3]) {
+    const double *R = f->view->rotation;
+    for (int i = 0; i < TILE; i++)
+        for (int k = 0; k < 3; k++) {
+            double c = R[3 * k] * e->n[0][i] + R[3 * k + 1] * e->n[1][i] + R[3 * k + 2] * e->n[2][i];
+            out[i][k] = e->id[i] < 0 ? 0.0f : (float)(e->along[i] > 0 ? -c : c);
+        }
+}
+
+/* Copy the first n of eight items; a constant size is a few instructions, a variable one a call. */
+static inline void put(void *to, const void *from, size_t n, size_t size) {
+    if (n == TILE) memcpy(to, from, TILE * size);
+    else memcpy(to, from, n * size);
+}
+
+static void write_eight(const cc_frame *f, const light *l, int32_t tx, int32_t y, const float *w, const int32_t *id) {
+    const cc_view *v = f->view;
+    const size_t n = (size_t)imin(TILE, f->width - tx * TILE), at = (size_t)y * (size_t)f->width + (size_t)tx * TILE;
+    float number[TILE], triple[TILE][3];
+    int32_t part[TILE];
+    eight e;
+    if (v->depth) {
+        for (int i = 0; i < TILE; i++) {
+            float z = 1.0f / w[i];
+            number[i] = id[i] < 0 ? INFINITY : z;
+        }
+        put(v->depth + at, number, n, sizeof *number);
+    }
+    if (v->face) put(v->face + at, id, n, sizeof *id);
+    if (v->part) {
+        for (int i = 0; i < TILE; i++) part[i] = id[i] < 0 ? -1 : f->scene->part[id[i]];
+        put(v->part + at, part, n, sizeof *part);
+    }
+    if (v->coverage) {
+        for (int i = 0; i < TILE; i++) number[i] = (float)(id[i] >= 0);
+        put(v->coverage + at, number, n, sizeof *number);
+    }
+    if (!v->image && !v->normal) return;
+    look_up(f, l, tx, y, id, &e);
+    if (v->image) {
+        shade(l, &e, triple);
+        put(v->image + 3 * at, triple, n, sizeof *triple);
+    }
+    if (v->normal) {
+        face_camera(f, &e, triple);
+        put(v->normal + 3 * at, triple, n, sizeof *triple);
+    }
 }
 
 /* Add a row of samples to the sums (r, g, b, covered) of an output row. */
-static void add_row(const cc_frame *f, const light *l, int32_t y, const float *unused, const int32_t *ids, float *sums) {
-    const cc_view *v = f->view;
-    (void)unused;
+static void add_row(const cc_frame *f, const light *l, int32_t y, const int32_t *ids, float *sums) {
+    float rgb[TILE][3];
+    eight e;
     for (int32_t tx = 0; tx < f->tiles_x; tx++) {
-        const int32_t *id = ids + (size_t)tx * TILE_AREA;
-        float px[TILE], py[TILE], rgb[3];
-        plane_points(f, tx, y, px, py);
+        look_up(f, l, tx, y, ids + (size_t)tx * TILE_AREA, &e);
+        shade(l, &e, rgb);
         for (int i = 0; i < imin(TILE, f->width - tx * TILE); i++) {
-            float *sum = sums + 4 * (size_t)((tx * TILE + i) / v->samples);
-            if (id[i] >= 0) shade_sample(f->scene, l, id[i], px[i], py[i], rgb);
-            for (int k = 0; k < 3; k++) sum[k] += id[i] < 0 ? v->background[k] : rgb[k];
-            sum[3] += id[i] < 0 ? 0.0f : 1.0f;
+            float *sum = sums + 4 * (size_t)((tx * TILE + i) / f->view->samples);
+            for (int k = 0; k < 3; k++) sum[k] += rgb[i][k];
+            sum[3] += e.id[i] < 0 ? 0.0f : 1.0f;
         }
     }
 }
@@ -436,11 +535,11 @@ static void write_band(const band *b) {
         const int32_t *id = b->worker->id + at;
         if (n == 1) {
             for (int32_t tx = 0; tx < f->tiles_x; tx++)
-                write_tile_row(f, &l, tx, y, w + (size_t)tx * TILE_AREA, id + (size_t)tx * TILE_AREA);
+                write_eight(f, &l, tx, y, w + (size_t)tx * TILE_AREA, id + (size_t)tx * TILE_AREA);
             continue;
         }
         if (y % n == 0) memset(sums, 0, (size_t)v->width * 4 * sizeof *sums);
-        add_row(f, &l, y, w, id, sums);
+        add_row(f, &l, y, id, sums);
         if (y % n < n - 1) continue;
         size_t row = (size_t)(y / n) * (size_t)v->width;
         float scale = 1.0f / (float)(n * n);

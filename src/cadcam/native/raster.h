@@ -57,7 +57,7 @@ CC_API cc_frame *cc_frame_new(const cc_scene *scene, const cc_view *view);
 CC_API int32_t cc_frame_work(cc_frame *frame, cc_worker *worker);
 CC_API void cc_frame_free(cc_frame *frame);
 
-/* The instruction set in use ("x86-64-v4", "x86-64-v3", "baseline"), and its choice by number: -1 = best available. */
+/* The instruction set in use ("x86-64-v3" or "baseline"), and its choice by number: -1 = best available. */
 CC_API const char *cc_variant(void);
 CC_API int32_t cc_choose_variant(int32_t level);
 

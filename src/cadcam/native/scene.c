@@ -116,7 +116,7 @@ static void add_cluster(cc_scene *s, const double *v, const int32_t *faces, cons
                     if (p[a] > c->high[a]) c->high[a] = p[a];
                 }
             }
-            s->corner[first_face + i][k] = (uint8_t)j;
+            s->corner[k][first_face + i] = (uint8_t)j;
         }
     }
     for (; used % 8; used++) {
@@ -147,12 +147,13 @@ CC_API cc_scene *cc_scene_new(const double *vertices, const int32_t *faces, int6
     s->n_faces = n_faces;
     s->clusters = malloc((clusters + 1) * sizeof *s->clusters);
     s->x = malloc(room * sizeof(double)), s->y = malloc(room * sizeof(double)), s->z = malloc(room * sizeof(double));
-    s->corner = malloc((n + 1) * sizeof *s->corner);
+    for (int k = 0; k < 3; k++) s->corner[k] = malloc(n + 1);
     s->id = malloc((n + 1) * sizeof *s->id);
     s->normal = malloc((n + 1) * sizeof *s->normal);
     s->part = malloc((n + 1) * sizeof *s->part);
     s->color = malloc(((size_t)n_parts + 1) * sizeof *s->color);
-    if (!s->clusters || !s->x || !s->y || !s->z || !s->corner || !s->id || !s->normal || !s->part || !s->color) {
+    if (!s->clusters || !s->x || !s->y || !s->z || !s->corner[0] || !s->corner[1] || !s->corner[2] ||
+        !s->id || !s->normal || !s->part || !s->color) {
         free(sorted);
         cc_scene_free(s);
         return NULL;
@@ -174,7 +175,8 @@ CC_API cc_scene *cc_scene_new(const double *vertices, const int32_t *faces, int6
 
 CC_API void cc_scene_free(cc_scene *s) {
     if (!s) return;
-    free(s->clusters), free(s->x), free(s->y), free(s->z), free(s->corner), free(s->id);
+    free(s->clusters), free(s->x), free(s->y), free(s->z), free(s->id);
+    for (int k = 0; k < 3; k++) free(s->corner[k]);
     free(s->normal), free(s->part), free(s->color), free(s);
 }
 
@@ -212,12 +214,8 @@ int worker_reserve(cc_worker *w, size_t tiles, size_t row_floats) {
 static int best_level(void) {
 #if defined(__x86_64__)
     __builtin_cpu_init();
-    int v3 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi2") &&
-             __builtin_cpu_supports("bmi");
-    int v4 = v3 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
-             __builtin_cpu_supports("avx512cd") && __builtin_cpu_supports("avx512dq") &&
-             __builtin_cpu_supports("avx512vl");
-    return v4 ? 2 : v3 ? 1 : 0;
+    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi") &&
+           __builtin_cpu_supports("bmi2");
 #else
     return 0;
 #endif
@@ -237,7 +235,7 @@ static int variant(void) {
 }
 
 CC_API const char *cc_variant(void) {
-    static const char *names[] = {"baseline", "x86-64-v3", "x86-64-v4"};
+    static const char *names[] = {"baseline", "x86-64-v3"};
     return names[variant()];
 }
 
@@ -259,8 +257,7 @@ CC_API cc_frame *cc_frame_new(const cc_scene *scene, const cc_view *view) {
         for (int32_t i = 0; i < f->tiles_x * TILE; i++) f->columns[i] = i;
         int ready;
 #if defined(__x86_64__)
-        if (variant() == 2) ready = frame_prepare_v4(f);
-        else if (variant() == 1) ready = frame_prepare_v3(f);
+        if (variant() == 1) ready = frame_prepare_v3(f);
         else
 #endif
             ready = frame_prepare_baseline(f);
@@ -272,7 +269,6 @@ CC_API cc_frame *cc_frame_new(const cc_scene *scene, const cc_view *view) {
 
 CC_API int32_t cc_frame_work(cc_frame *f, cc_worker *worker) {
 #if defined(__x86_64__)
-    if (variant() == 2) return frame_work_v4(f, worker);
     if (variant() == 1) return frame_work_v3(f, worker);
 #endif
     return frame_work_baseline(f, worker);
