@@ -83,7 +83,7 @@ def load(path: str | PathLike[str], *, unit: str | None = None, chordal_toleranc
     """Return the mesh of a CAD file in mm: welded, without empty or repeated faces, wound outwards, parts named.
 
     Formats by suffix: STL, OBJ, PLY, OFF (no unit: `unit` decides, mm if not given), GLB/glTF (metres by the
-    specification; `unit` overrides it, as many writers ignore it), 3MF, STEP (the file names its unit; another `unit` is
+    specification; `unit` overrides it, as many writers ignore it), 3MF, STEP (the file names its unit; another is
     refused), IGES. STEP and IGES need the extra "step"; `chordal_tolerance_mm` bounds the distance of their triangles
     from the true surface (default: 5e-5 of the size). Raises `UnreadableFile`, `DegenerateGeometry` when no face has an
     area, `UnknownName` for a unit, `BadValue` for a unit against the file's own, `MissingExtra`.

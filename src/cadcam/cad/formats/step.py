@@ -43,7 +43,7 @@ def read_step(path: Path, data: bytes, *, chordal_tolerance_mm: float | None = N
         raise UnreadableFile(path, f"ends at byte {len(data)} before END-ISO-10303-21: truncated", _AGAIN)
     unit = declared_unit(data)
     tolerance = _tolerance(data, MM[unit], chordal_tolerance_mm)
-    return _model(path, _converted(path, "step", tolerance / MM[unit]), unit)
+    return _model(path, _converted(path, "step", tolerance), unit)
 
 
 def read_iges(path: Path, data: bytes, *, chordal_tolerance_mm: float | None = None) -> Model:
@@ -93,7 +93,10 @@ def _tolerance(data: bytes, mm: float, wanted: float | None) -> float:
 
 
 def _converted(path: Path, kind: str, tolerance: float) -> bytes:
-    """Return the GLB that Open CASCADE makes of the file; `tolerance` in the file's unit."""
+    """Return the GLB that Open CASCADE makes of the file.
+
+    `tolerance` is in mm whatever the unit of the file: the reader turns the model into mm before it is meshed.
+    """
     if find_spec("cascadio") is None:
         raise MissingExtra(f"reading {path.name}", "step")
     with tempfile.TemporaryDirectory(prefix="cadcam-") as folder:
