@@ -34,7 +34,13 @@ class Deep(NamedTuple):
 
 def deep_size(data: bytes) -> tuple[int, int] | None:
     """Return (width, height) of a file this module must decode, or None where Pillow keeps the full depth."""
-    if data.startswith(_PNG) and len(data) > 25 and data[24] == 16 and data[25] in _PNG_CHANNELS:
+    if (
+        data.startswith(_PNG)
+        and data[12:16] == b"IHDR"
+        and len(data) > 25
+        and data[24] == 16
+        and data[25] in _PNG_CHANNELS
+    ):
         width, height = struct.unpack_from(">II", data, 16)
         return width, height
     if header := _pnm_header(data):
@@ -230,7 +236,8 @@ def _read_tiff(data: bytes) -> Deep:
     bits, kind, predictor = tags[258][0], (tags.get(339) or (1,))[0], (tags.get(317) or (1,))[0]
     channels, photometric = tags[277][0], (tags.get(262) or (2,))[0]
     layout = (len(set(tags[258])), (tags.get(284) or (1,))[0], predictor)
-    if (bits, kind) not in ((16, 1), (32, 3)) or photometric not in (1, 2) or layout not in ((1, 1, 1), (1, 1, 2)):
+    known = (bits, kind) in ((16, 1), (32, 3)) and (photometric, channels) in ((1, 2), (2, 3), (2, 4))
+    if not known or layout not in ((1, 1, 1), (1, 1, 2)):
         raise ValueError(
             f"this kind of TIFF is not supported ({channels} samples of {bits} bits, format {kind}, colour "
             f"{photometric}, planes {layout[1]}, predictor {predictor})"
