@@ -37,7 +37,7 @@ class Frustum:
         return cls(near, np.maximum(u.min(axis=0), -limit), np.minimum(u.max(axis=0), limit), radius)
 
     def clip(self, a: Array, b: Array) -> tuple[Array, Array, Mask]:
-        """Return t0, t1 (N,) of the part a + t (b - a) inside, and whether there is one; a, b (N, 3) in camera frame."""
+        """Return t0, t1 (N,) of the part a + t (b - a) inside, and whether there is one; a, b (N, 3) mm."""
         t0, t1 = np.zeros(len(a)), np.ones(len(a))
         for fa, fb in zip(self._inside(a), self._inside(b), strict=True):
             with np.errstate(divide="ignore", invalid="ignore"):

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.topology import EdgeTable
+from cadcam.render.cores import blocks, on_all_cores
 from cadcam.render.embree import Caster
 
 Longs = npt.NDArray[np.int64]
@@ -35,12 +36,12 @@ class Occluders:
 
     def hidden(self, points: Array, eye: Array, tolerance: Array) -> Mask:
         """Return which points (N, 3) mm are hidden from the eye (3,), with a tolerance (N,) in mm for each."""
-        sight = eye - points
-        length = np.linalg.norm(sight, axis=1)
-        ends = points + sight
-        return self._first_blocking(points, sight / length[:, None], length, tolerance, ends)
+        return np.concatenate(on_all_cores(lambda b: self._hidden(points[b], eye, tolerance[b]), blocks(len(points))))
 
-    def _first_blocking(self, points: Array, along: Array, length: Array, tolerance: Array, ends: Array) -> Mask:
+    def _hidden(self, points: Array, eye: Array, tolerance: Array) -> Mask:
+        sight = eye - points
+        length = np.sqrt(np.einsum("ij,ij->i", sight, sight))
+        along = sight / length[:, None]
         hidden = np.zeros(len(points), bool)
         start, skip, live = tolerance.copy(), tolerance.copy(), np.arange(len(points))
         for _ in range(_ROUNDS):
@@ -82,7 +83,11 @@ class Occluders:
         return inside
 
     def piercings(self, starts: Array, ends: Array, tolerance: float) -> tuple[Longs, Array]:
-        """Return (segment, t) where faces cut through segments (N, 3), not where they only touch their ends."""
+        """Return (segment, t), in order of segments (N, 3), where faces cut through them and do not just touch them."""
+        found = on_all_cores(lambda b: self._piercings(starts[b], ends[b], tolerance, b.start), blocks(len(starts)))
+        return np.concatenate([f[0] for f in found]), np.concatenate([f[1] for f in found])
+
+    def _piercings(self, starts: Array, ends: Array, tolerance: float, base: int) -> tuple[Longs, Array]:
         sight = ends - starts
         length = np.linalg.norm(sight, axis=1)
         live = np.flatnonzero(length > 2 * tolerance)
@@ -107,7 +112,7 @@ class Occluders:
         index = np.concatenate([np.zeros(0, np.int64), *(f[0] for f in found)])
         t = np.concatenate([np.zeros(0), *(f[1] for f in found)])
         order = np.argsort(index, kind="stable")
-        return index[order], t[order]
+        return index[order] + base, t[order]
 
 
 def solid_parts(mesh: Mesh, table: EdgeTable) -> Mask:

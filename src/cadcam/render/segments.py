@@ -18,8 +18,10 @@ _FLAT = 1e-5  # rad: between faces this close to coplanar there is no contour
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Segments:
-    """S segments as arrays: `away` says whether a segment's own faces turn away; `edge` (in the edge table) and
-    `feature` (in the scene) are -1 where there is none.
+    """S segments as arrays.
+
+    `edge` (number in the edge table) and `feature` (in the scene) are -1 where there is none; `away` says whether a
+    segment's own faces turn away and hide it.
     """
 
     vertices: Ids

@@ -38,8 +38,8 @@ class Topology:
 class Turn:
     """How the edges stand to an eye: masks over the edges of the topology.
 
-    `silhouette`: joins two faces on the same side of it in the picture. `away`: hidden by its own solid, its faces being
-    turned away. `borders`: what lies behind it may be hidden on one side only.
+    `silhouette`: joins two faces on the same side of it in the picture. `away`: hidden by its own solid, its faces
+    being turned away. `borders`: what lies behind it may be hidden on one side only.
     """
 
     def __init__(self, topology: Topology, occluders: Occluders, eye: Array) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Ids, Mask
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal
 from cadcam.render.clip import FlatSegments
@@ -43,8 +43,8 @@ class Tracer:
         return Polylines(
             q=self._pixels(line, s),
             p=self._space(line, s),
-            segment=self._leading(run, runs.line, joined, step),
-            start=np.append((np.cumsum(points) - points)[begins], len(run)),
+            segment=self._leading(run, runs.line, joined),
+            start=np.append((np.cumsum(points) - points)[begins], len(run)).astype(np.int32),
             kind=self.segments.kind[runs.line[begins]],
             part=self.segments.part[runs.line[begins]],
             chain=self.segments.chain[runs.line[begins]],
@@ -59,13 +59,13 @@ class Tracer:
         joined &= (runs.s0[1:] == 0) & (self.lines.t0[after] == 0)
         return np.append(False, joined)[: len(runs.line)]
 
-    def _leading(self, run: Longs, line: Longs, joined: Mask, step: Array) -> Longs:
+    def _leading(self, run: Longs, line: Longs, joined: Mask) -> Ids:
         """Return the feature segment that leads away from each point."""
         own = self.segments.feature[line]
         at_end = np.append(run[1:] != run[:-1], True)
         goes_on = np.append(joined[1:], False)
         following = np.append(own[1:], -1)
-        return np.where(at_end & goes_on[run], following[run], own[run])
+        return np.where(at_end & goes_on[run], following[run], own[run]).astype(np.int32)
 
     def _pieces(self, runs: Stretches) -> Longs:
         """Return how many chords each run needs: the error of a chord falls with the square of their number."""

@@ -19,10 +19,10 @@ Longs = npt.NDArray[np.int64]
 class LineOptions:
     """What the wireframe holds.
 
-    `contours`: silhouettes of curved surfaces too. `hidden`: hidden lines too, as their own set. `margin_px`: lines reach
-    this far beyond the picture. `chord_px`: largest distance of a line from the curve that the lens makes of it.
-    `near_mm`: what is closer to the focal plane is cut off (default 1e-5 of the scene's diagonal). `coincident_mm`: a face
-    whose plane misses a point by less does not hide it (default 1e-6 of the diagonal).
+    `contours`: silhouettes of curved surfaces too. `hidden`: hidden lines too, as their own set. `margin_px`: lines
+    reach this far beyond the picture. `chord_px`: largest distance of a line from the curve that the lens makes of it.
+    `near_mm`: what is closer to the focal plane is cut off (default 1e-5 of the scene's diagonal). `coincident_mm`: a
+    face whose plane misses a point by less does not hide it (default 1e-6 of the diagonal).
     """
 
     contours: bool = True
@@ -46,10 +46,10 @@ PLAIN_LINES = LineOptions()
 class Polylines:
     """M polylines, each point in the picture and in space.
 
-    `q` (N, 2) distorted px and `p` (N, 3) mm in the world frame: q is the exact image of p. `segment` (N,) is the scene's
-    feature segment that leads away from a point (at a last point, that led to it), -1 on contours. Polyline m holds points
-    start[m] to start[m + 1] - 1; `kind` (EdgeKind), `part` and `chain` (M,) are its own; chains of contours are numbered
-    after the scene's and differ from view to view.
+    `q` (N, 2) distorted px and `p` (N, 3) mm in the world frame: q is the exact image of p. `segment` (N,) is the
+    scene's feature segment that leads away from a point (at a last point, that led to it), -1 on contours. Polyline m
+    holds points start[m] to start[m + 1] - 1; `kind` (EdgeKind), `part` and `chain` (M,) are its own; chains of
+    contours are numbered after the scene's and differ from view to view.
     """
 
     q: Array
@@ -84,14 +84,20 @@ class Polylines:
         """Return the length (M,) of each polyline in px."""
         line, steps = self.line_of_point, np.linalg.norm(np.diff(self.q, axis=0), axis=1)
         same = line[1:] == line[:-1]
-        return np.bincount(line[1:][same], steps[same], minlength=len(self))
+        return np.asarray(np.bincount(line[1:][same], steps[same], minlength=len(self)), np.float64)
 
     def select(self, lines: Mask) -> Polylines:
         """Return the chosen polylines (mask over M)."""
         points = lines[self.line_of_point]
         start = np.concatenate([[0], np.cumsum(np.diff(self.start)[lines])])
         return Polylines(
-            self.q[points], self.p[points], self.segment[points], start, self.kind[lines], self.part[lines], self.chain[lines]
+            self.q[points],
+            self.p[points],
+            self.segment[points],
+            start,
+            self.kind[lines],
+            self.part[lines],
+            self.chain[lines],
         )
 
     def points_along(self, step_px: float) -> tuple[Array, Array, Longs]:
