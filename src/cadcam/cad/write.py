@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import struct
-import tempfile
 from collections.abc import Callable, Iterator
 from os import PathLike
 from pathlib import Path
@@ -22,28 +21,23 @@ from cadcam.errors import UnknownName, UnwritableFile
 def write(mesh: Mesh, path: str | PathLike[str]) -> None:
     """Write the mesh to `path` in the format of its suffix; what was there stays until the new file is complete.
 
-    STL (binary) and PLY (binary) hold one nameless part; OBJ keeps parts as groups; GLB, in metres, keeps names, colours
-    and, where the mesh has them, surfaces and their normals. STL, PLY and OBJ are in mm. Raises `UnknownName` for
-    another suffix and `UnwritableFile`.
+    STL (binary) and PLY (binary) hold one nameless part; OBJ keeps parts as groups; GLB, in metres, keeps names,
+    colours and, where the mesh has them, surfaces and their normals. STL, PLY and OBJ are in mm. Raises
+    `UnknownName` for another suffix and `UnwritableFile`.
     """
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in _WRITERS:
         raise UnknownName("format to write", suffix, _WRITERS)
     data = _WRITERS[suffix](compacted(mesh))
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
-        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as file:
-            file.write(data)
-        Path(file.name).chmod(0o666 & ~_umask())
-        os.replace(file.name, path)  # noqa: PTH105
+        partial.write_bytes(data)
+        partial.replace(path)
     except OSError as error:
         raise UnwritableFile(path, error.strerror or str(error)) from None
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def _stl(mesh: Mesh) -> bytes:
