@@ -1,7 +1,7 @@
 """Samples of more than 8 bits in several channels: PNG, TIFF and PPM files that Pillow would reduce to 8 bits.
 
 PNG is decoded by libspng (pyspng), TIFF by tifffile, with its codecs (the extra `codecs`) where a file is compressed
-with more than deflate. The functions raise `ValueError` with the reason in words; `cadcam.image.picture` names the file.
+with more than deflate. The functions raise `ValueError` with the reason in words; `picture` names the file.
 """
 
 from __future__ import annotations
