@@ -44,7 +44,7 @@ PART_COLORS: tuple[Color, ...] = (
     (0.70, 0.95, 0.10),
 )
 BLACK: Color = (0.0, 0.0, 0.0)
-WHITE: Color = (1.0, 1.0, 1.0)
+_PARTS = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,16 +147,23 @@ def edge_distances(
     step_px: float = 1.0,
     within: float = np.pi / 9,
 ) -> Array:
-    """Return the distance (n,) in px from points along the visible lines to the photo's nearest sub-pixel edge.
+    """Return the distance (n,) in px of the visible lines from the photo's nearest sub-pixel edge, every `step_px`.
 
-    Points lie `step_px` apart inside the picture; only edges within `within` rad of a line's direction count, inf where
-    the photo has none. `edges` default to `canny` of the photo.
+    Only edges within `within` rad of a line's direction count; inf where the photo has none. Image edges are points
+    about 1 px apart: of each step the nearest of `_PARTS` places counts, so that the distance is across the line and
+    not along it. Only places inside the picture are asked. `edges` default to `canny` of the photo.
     """
     gray = to_gray(fitting(photo, wireframe.camera))
     edges = canny(gray) if edges is None else edges
-    q, normal, _ = wireframe.visible.points_along(step_px)
+    q, normal, line = wireframe.visible.points_along(step_px / _PARTS)
     inside = wireframe.camera.sees(q)
-    return distance_to_edges(edges, q[inside], normal=normal[inside], within=within)
+    q, normal, line = q[inside], normal[inside], line[inside]
+    if not len(q):
+        return np.zeros(0)
+    distance = distance_to_edges(edges, q, normal=normal, within=within)
+    first = np.flatnonzero(np.diff(line, prepend=-1))
+    rank = np.arange(len(line)) - np.repeat(first, np.diff(first, append=len(line)))
+    return np.asarray(np.minimum.reduceat(distance, np.flatnonzero(rank % _PARTS == 0)))
 
 
 def fitting(photo: npt.ArrayLike, camera: Camera) -> Picture:
