@@ -46,7 +46,7 @@ def dlt_states(model: CameraModel, fixed: Mapping[str, float]) -> Array:
         values = dict(zip(NAMES, pinhole.vector, strict=True)) | dict(fixed)
         pose = pinhole.camera_from_world
         states.append(model.states(pose.origin, pose.rotation, np.array([values[n] for n in INTERNALS])))
-    return np.array(states).reshape(len(states), -1)
+    return np.array(states)
 
 
 def seen_from_the_front(observations: Observations) -> bool:

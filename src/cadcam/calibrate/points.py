@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Literal, get_args
 
 import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.calibrate.linear import dlt_estimate, dlt_states, seen_from_the_front
-from cadcam.calibrate.refuse import refuse_mirrored, refuse_undetermined
+from cadcam.calibrate.refuse import mirrored_internals, refuse_as_good_as_flat, refuse_mirrored
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import EXTERNALS, INTERNALS, NAMES
 from cadcam.camera.lens import Ideal, Lens
 from cadcam.camera.observations import Observations
 from cadcam.camera.sensitivity import internals_of, rotation_by_angles
-from cadcam.errors import BadValue, TooFewPoints, UnknownName
+from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints, UnknownName
 from cadcam.fit.camera_model import CameraModel
 from cadcam.fit.layout import distinct, flatness, refuse_flat
-from cadcam.fit.least_squares import Solution, cofactor
+from cadcam.fit.least_squares import Solution, Stalled, cofactor
 from cadcam.fit.search import Effort, minima, polished
 
 Method = Literal["reprojection", "dlt", "dlt-c23"]
@@ -65,13 +66,14 @@ def calibrate(
             raise BadValue("method", repr(method), "'reprojection' where anything is fixed or a lens is asked for")
         return dlt_estimate(observations, size, "normalised" if method == "dlt" else "c23")
     model = CameraModel(observations.p_world, observations.q, free, lens)
-    found = _search(model, size, fixed)
+    try:
+        found = _search(model, size, fixed)
+    except Stalled as error:
+        _refuse_mirrored(model, size, fixed, observations, error.sum_of_squares)
+        raise DegenerateGeometry(_no_best_camera(observations, free, error)) from error
+    _refuse_mirrored(model, size, fixed, observations, found[0].sum_of_squares)
     estimate = _estimate(model, found, observations, size, "reprojection least squares, global search")
-    if not seen_from_the_front(observations):
-        refuse_mirrored(
-            estimate, lambda mirrored, values: _search(mirrored, size, values)[0].sum_of_squares, model, fixed
-        )
-    refuse_undetermined(estimate)
+    refuse_as_good_as_flat(estimate)
     return estimate
 
 
@@ -92,13 +94,23 @@ def locate_camera(observations: Observations, camera: Camera) -> CameraEstimate:
     method = "pose by reprojection least squares, global search"
     estimate = _estimate(model, found, observations, camera.size, method, camera)
     fixed = dict(zip(INTERNALS, internals, strict=True))
-    refuse_mirrored(
-        estimate,
-        lambda mirrored, values: minima(mirrored, _internals(values, camera.size))[0].sum_of_squares,
-        model,
-        fixed,
-    )
+    _refuse_mirrored(model, camera.size, fixed, observations, estimate.sum_of_squares)
     return estimate
+
+
+def _refuse_mirrored(
+    model: CameraModel, size: tuple[int, int], fixed: Mapping[str, float], observations: Observations, best: float
+) -> None:
+    if any(name in fixed for name in EXTERNALS):
+        return
+
+    def lowest(q: Array) -> float:
+        if seen_from_the_front(observations):
+            return np.inf
+        values = mirrored_internals(fixed, size[0])
+        return _search(replace(model, q=q), size, values)[0].sum_of_squares
+
+    refuse_mirrored(observations, size[0], model.free, best, lowest)
 
 
 def _search(model: CameraModel, size: tuple[int, int], fixed: Mapping[str, float]) -> list[Solution[Array]]:
@@ -156,6 +168,17 @@ def _local_cofactor(model: CameraModel, solution: Solution[Array]) -> Array:
     if model.steps_angles:
         place[3:6] = rotation_by_angles(solution.state[3:12].reshape(3, 3)) @ place[3:6]
     return np.asarray(place @ cofactor(solution.jacobian, model.free) @ place.T)
+
+
+def _no_best_camera(observations: Observations, free: tuple[str, ...], error: Stalled) -> str:
+    return (
+        "no camera fits best: the residual keeps falling towards a limit that is no camera (infinitely far away, or "
+        "with "
+        f"parallel image axes). {len(observations)} points, {flatness(observations.p_world):.2g} as thick as long, "
+        f"do not "
+        f"determine {len(free)} parameters; fix some (skew is 0 and aspect known for most cameras), or add points at "
+        f"other depths ({error})"
+    )
 
 
 def _free_names(fixed: Mapping[str, float], lens: Lens, free_lens: tuple[str, ...]) -> tuple[str, ...]:

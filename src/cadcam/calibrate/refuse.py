@@ -1,66 +1,81 @@
-"""Results that must not leave: points that fit only a mirrored camera, parameters that the points do not determine."""
+"""Results that must not leave: points that fit only a mirrored camera, nearly flat points."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 
 import numpy as np
 
+from cadcam.arrays import Array
 from cadcam.camera.estimate import CameraEstimate
-from cadcam.camera.extended_pinhole import EXTERNALS
+from cadcam.camera.observations import Observations
 from cadcam.errors import DegenerateGeometry, MirroredPoints, NotConverged
-from cadcam.fit.camera_model import CameraModel
+from cadcam.fit.layout import flatness
 
-_NEGLIGIBLE_PX = 1e-3  # residuals below this are as good as none
+_UNSUSPICIOUS_PX = 0.5  # rms of a coordinate that nobody doubts, where no sigma is stated
+_UNSUSPICIOUS_SIGMAS = 3.0
 _TIMES_LIKELIER = 1e3
-
-LowestSum = Callable[[CameraModel, Mapping[str, float]], float]
+_NEARLY_FLAT = 0.05
 
 
 def refuse_mirrored(
-    estimate: CameraEstimate, lowest_sum: LowestSum, model: CameraModel, fixed: Mapping[str, float]
+    observations: Observations,
+    width: int,
+    free: tuple[str, ...],
+    sum_of_squares: float,
+    mirrored_sum: Callable[[Array], float],
 ) -> None:
-    """Raise `MirroredPoints` if the points seen in a mirror are a thousand times likelier.
+    """Raise `MirroredPoints` if the points seen in a mirror fit, and are a thousand times likelier.
 
-    `lowest_sum` solves the mirrored problem. With dof degrees of freedom and unknown noise the likelihood goes with
-    (sum of squares)^(-dof/2). A flat target cannot show it: its mirror image is the target seen from behind.
+    sum_of_squares: the best of real cameras, px^2; mirrored_sum: gives the best for given pixels. With dof degrees of
+    freedom and unknown noise the likelihood goes with (sum of squares)^(-dof/2). A flat target cannot show it: its
+    mirror image is the target seen from behind.
     """
-    if estimate.dof <= 0 or any(name in fixed for name in EXTERNALS):
+    n, sigma = len(observations), observations.sigma_px
+    doubt = _UNSUSPICIOUS_PX if sigma is None else _UNSUSPICIOUS_SIGMAS * sigma
+    dof = 2 * n - len(free)
+    if dof <= 0 or sum_of_squares <= 2 * n * doubt**2:
         return
-    width = estimate.camera.width
-    negligible = model.q.size * _NEGLIGIBLE_PX**2
-    if estimate.sum_of_squares <= negligible:
+    try:
+        mirrored = mirrored_sum(mirror(observations.q, width))
+    except NotConverged:
         return
-    seen = np.column_stack([width - 1 - model.q[:, 0], model.q[:, 1]])
+    if (mirrored / sum_of_squares) ** (dof / 2) * _TIMES_LIKELIER < 1:
+        raise MirroredPoints(
+            f"the points fit a mirrored camera (residual {np.sqrt(mirrored / n):.3g} px) better than any real one "
+            f"({np.sqrt(sum_of_squares / n):.3g} px): the world frame is left-handed or the image is mirrored "
+            "(columns for U and V exchanged, or rows counted upwards)"
+        )
+
+
+def mirror(q: Array, width: int) -> Array:
+    """Return the pixels (N, 2) as a mirror shows them, columns counted from the right."""
+    return np.column_stack([width - 1 - q[:, 0], q[:, 1]])
+
+
+def mirrored_internals(fixed: Mapping[str, float], width: int) -> dict[str, float]:
+    """Return the fixed values that describe the same camera in the mirror."""
     values = dict(fixed)
     if "V0" in values:
         values["V0"] = width - 1 - values["V0"]
     if "skew" in values:
         values["skew"] = -values["skew"]
-    try:
-        mirrored = lowest_sum(replace(model, q=seen), values)
-    except NotConverged:
-        return
-    ratio = (mirrored + negligible) / (estimate.sum_of_squares + negligible)
-    if ratio ** (estimate.dof / 2) * _TIMES_LIKELIER < 1:
-        n = len(model.q)
-        raise MirroredPoints(
-            f"the points fit a mirrored camera (residual {np.sqrt(mirrored / n):.3g} px) better than any real one "
-            f"({estimate.thesis_residual:.3g} px): the world frame is left-handed or the image is mirrored (columns "
-            f"for U and V "
-            "exchanged, or rows counted upwards)"
-        )
+    return values
 
 
-def refuse_undetermined(estimate: CameraEstimate) -> None:
-    """Raise `DegenerateGeometry` if the focal length is more uncertain than it is long: no perspective is seen."""
+def refuse_as_good_as_flat(estimate: CameraEstimate) -> None:
+    """Raise `DegenerateGeometry` for points so nearly on a plane that the focal length drowns in the noise.
+
+    Points in space are let through however uncertain they leave it: the estimate's sigmas say so.
+    """
     if "focal" not in estimate.free or not np.isfinite(estimate.noise_px):
         return
+    thickness = flatness(estimate.observations.p_world)
     focal, sigma = estimate.value("focal"), estimate.sigma("focal")
-    if sigma > focal:
+    if thickness < _NEARLY_FLAT and sigma > focal:
         raise DegenerateGeometry(
-            f"the points do not determine the focal length: {focal:.4g} +- {sigma:.2g} px at {estimate.noise_px:.2g} "
-            f"px of "
-            "noise; fix it, or add points at other depths"
+            f"the world points are as good as coplanar (thickness by length {thickness:.2g}): they give a focal length "
+            f"of {focal:.4g} +- {sigma:.2g} px at {estimate.noise_px:.2g} px of noise; fix the internals to get a "
+            f"pose, "
+            "or add points at other heights"
         )

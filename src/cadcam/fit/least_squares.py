@@ -54,11 +54,22 @@ class Solution(Generic[State]):
     iterations: int
 
 
+class Stalled(NotConverged):
+    """The iterations ran out on a slope: often towards a limit that is no state at all. Carries where it stood."""
+
+    def __init__(self, iterations: int, sum_of_squares: float, promised: float) -> None:
+        super().__init__(
+            f"least squares stopped after {iterations} iterations at a sum of squares of {sum_of_squares:.6g}; "
+            f"a full step still promised {promised:.3g} less"
+        )
+        self.sum_of_squares = sum_of_squares
+
+
 def minimise(problem: Problem[State], start: State, options: Options | None = None) -> Solution[State]:
     """Return the local minimum reached from `start`.
 
     Converges quadratically for small residuals; the last steps are undamped and end where rounding does. Raises
-    `NotConverged` if the start is forbidden or the iterations run out.
+    `NotConverged` if the start is forbidden, `Stalled` if the iterations run out.
     """
     options = Options() if options is None else options
     state, now = start, _linearise(problem, start, np.zeros(0))
@@ -79,10 +90,7 @@ def minimise(problem: Problem[State], start: State, options: Options | None = No
             return _polish(problem, state, now, iteration)
         else:
             damping, growth = max(damping, 1e-9) * growth, 2 * growth
-    raise NotConverged(
-        f"least squares stopped after {options.max_iterations} iterations at a sum of squares of {now.cost:.6g}; "
-        f"a full step still promised {now.promise(0.0):.3g} less"
-    )
+    raise Stalled(options.max_iterations, now.cost, now.promise(0.0))
 
 
 def cofactor(jacobian: Array, names: Sequence[str], *, rank_tolerance: float = 1e-10) -> Array:
