@@ -55,6 +55,8 @@ def parameter_table(estimate: CameraEstimate) -> Table:
         unit, meaning = MEANING.get(name, ("", "lens"))
         scale = np.degrees(1.0) if name in ANGLES else 1.0
         free = name in estimate.free
+        if name not in NAMES and not free and not value:
+            continue  # a lens term that is not used
         shown, sigma = with_sigma(scale * value, scale * estimate.sigma(name) if free else 0.0)
         rows.append((name, shown, f"+- {sigma}" if free else "fixed", unit, meaning))
     return Table(
