@@ -22,7 +22,7 @@ BENCH_POINTS.setflags(write=False)
 # Radii in mm. The marks are a third of those at the yard, which are 120 mm across (section 6.3.3): a dot, white, ring,
 # and a narrow white margin.
 DOT, RING_IN, RING_OUT, DISC = 6.0, 12.0, 20.0, 21.5
-THICK, INLAY, ARM = 3.0, 1.0, 6.0
+THICK, ARM = 3.0, 6.0
 BLACK, WHITE, GREY, STEEL = (0.05, 0.05, 0.05), (0.95, 0.95, 0.95), (0.45, 0.5, 0.55), (0.6, 0.62, 0.65)
 RAILS = {"left": -90.0, "right": 380.0}
 ARMS_LEFT = (0, 1, 2, 3, 4)  # near targets held from the left: no arm then crosses the view of a far target
@@ -31,8 +31,8 @@ ARMS_LEFT = (0, 1, 2, 3, 4)  # near targets held from the left: no arm then cros
 def calibration_bench(*, targets: str = "both", sides: int = 48) -> Mesh:
     """Return the bench in mm, in the frame of Table 2.3, its targets facing +z with their centres at `BENCH_POINTS`.
 
-    Each target is a disc of 3 mm whose front is parted into "target N dot" and "target N ring" (black) and "target N
-    disc" (white, with the body), N from 1 in the order of the table. `targets` is "near" (z = -1040), "far" (z = -1410)
+    Each target is a closed disc of 3 mm whose flat front is parted into "target N dot" and "target N ring" (black) and
+    "target N disc" (white, with the back), N from 1 in the order of the table. `targets` is "near" (z = -1040), "far" (z = -1410)
     or "both": the dissertation moved one board between two pictures, here both stand at once as in its Fig 3-3. From
     its camera only target 11 is then hidden, behind target 3 (their images are 4 pixels apart in Table 2.3). `sides` is
     the number of sides of each circle. Raises `UnknownName`.
@@ -49,27 +49,18 @@ def calibration_bench(*, targets: str = "both", sides: int = 48) -> Mesh:
 
 
 def _target(k: int, sides: int) -> list[Mesh]:
-    """Return dot, ring and disc of a target: the dot and the ring are 1 mm inlays, flush with the front."""
+    """Return dot, ring and disc of a target; dot and ring are sheets in its front, rim to rim with the disc."""
+    dot, ring_in, ring_out, rim = (circle((0, 0), radius, sides) for radius in (DOT, RING_IN, RING_OUT, DISC))
+    white = [level(filled(ring_in, [dot]), 0, 0), level(filled(rim, [ring_out]), 0, 0)]
+    back = level(filled(rim), -THICK, 1, down=True)
+    wall = between(_at(rim, -THICK), _at(rim, 0.0), 2)
     name = f"target {k + 1}"
-    loops = [circle((0, 0), radius, sides) for radius in (DOT, RING_IN, RING_OUT, DISC)]
-    dot = extruded([filled(loops[0])], -INLAY, 0, name=f"{name} dot", color=BLACK)
-    ring = extruded([filled(loops[2], [loops[1]])], -INLAY, 0, name=f"{name} ring", color=BLACK)
-    return [moved(part, BENCH_POINTS[k]) for part in (dot, ring, _body(loops, f"{name} disc"))]
-
-
-def _body(loops: list[Array], name: str) -> Mesh:
-    """Return the white disc with the beds of the inlays."""
-    dot, ring_in, ring_out, disc = loops
-    flats = [filled(dot), filled(ring_in, [dot]), filled(ring_out, [ring_in]), filled(disc, [ring_out])]
-    fronts = [level(flat, z, k) for k, (flat, z) in enumerate(zip(flats, (-INLAY, 0.0, -INLAY, 0.0), strict=True))]
-    backs = [level(flat, -THICK, 4, down=True) for flat in flats]
-    walls = [
-        between(_at(low, z0), _at(low, z1), 5 + k)
-        for k, (low, z0, z1) in enumerate(
-            ((dot, 0.0, -INLAY), (ring_in, -INLAY, 0.0), (ring_out, 0.0, -INLAY), (disc, -THICK, 0.0))
-        )
+    parts = [
+        joined([level(filled(dot), 0, 0)], name=f"{name} dot", color=BLACK),
+        joined([level(filled(ring_out, [ring_in]), 0, 0)], name=f"{name} ring", color=BLACK),
+        joined([*white, back, wall], name=f"{name} disc", color=WHITE),
     ]
-    return joined([*fronts, *backs, *walls], name=name, color=WHITE)
+    return [moved(part, BENCH_POINTS[k]) for part in parts]
 
 
 def _at(loop: Array, z: float) -> Array:

@@ -77,10 +77,10 @@ def ship_block(*, triangles: int = 10_000, size: tuple[float, float, float] = (4
 
     It stands on its tank top, as built: floors across, two girders along, the shell over the starboard half only, so
     that one sees inside. Every plate is a closed solid of 10 to 14 mm; longitudinals (angle bars) run through slots
-    with rounded corners and touch one side of them; floors have scallops in their corners and lightening holes, brackets and
-    flat bars stiffen them, a pipe with a bend and bolted flanges runs through the port side. More triangles come from
-    more floors and longitudinals and rounder cut-outs, scallops, profiles and pipe. Raises `BadValue` outside 5 000 to
-    2 000 000 triangles or below 2 x 2 x 1.2 m.
+    with rounded corners and touch one side of them; floors have scallops in their corners and lightening holes;
+    brackets and flat bars stiffen them; a pipe with a bend and bolted flanges runs through the port side. More triangles come
+    from more floors and longitudinals and rounder cut-outs, scallops, profiles and pipe. Raises `BadValue` outside
+    5 000 to 2 000 000 triangles or below 2 x 2 x 1.2 m.
     """
     if not LEAST <= triangles <= MOST:
         raise BadValue("triangles", triangles, f"{LEAST} to {MOST}")
