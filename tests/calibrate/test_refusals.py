@@ -7,6 +7,7 @@ import pytest
 
 from cadcam.calibrate.points import METHODS, calibrate, locate_camera
 from cadcam.camera.camera import Camera
+from cadcam.camera.extended_pinhole import NAMES
 from cadcam.camera.lens import BrownConrady, Fisheye, OddRadial
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, DegenerateGeometry, MirroredPoints, TooFewPoints, UnknownName
@@ -85,7 +86,7 @@ def test_points_as_good_as_coplanar_are_refused_by_what_they_leave_open(cloud, r
 
 @pytest.mark.parametrize("solve", [lambda o: calibrate(o, SIZE), lambda o: locate_camera(o, CAMERA)])
 def test_collinear_points_are_refused(solve):
-    line = np.outer(np.arange(8.0), [10, 20, -30]) + [100, 150, -1150]
+    line = np.outer(np.arange(8.0), [10, 20, -30]) + np.array([100, 150, -1150])
     with pytest.raises(DegenerateGeometry, match=r"on a line \(rms extents"):
         solve(seen(line))
 
@@ -178,7 +179,5 @@ def test_bad_arguments_are_named(cloud, options, error, words):
 
 
 def test_fixing_everything_leaves_nothing_to_do(cloud):
-    from cadcam.camera.extended_pinhole import NAMES
-
     with pytest.raises(BadValue, match="free parameters"):
         calibrate(seen(cloud), SIZE, fixed=dict.fromkeys(NAMES, 1.0))
