@@ -9,7 +9,7 @@ from cadcam.cli.arguments import Verbs, add_json, add_points_options, read_point
 from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, view_as_json
 from cadcam.cli.models import add_model_options, load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
-from cadcam.cli.wires import add_line_options, lines_as_json, naming, scene_of, style_of, wireframe_of
+from cadcam.cli.wires import add_line_options, lines_as_json, lines_in_words, naming, scene_of, style_of, wireframe_of
 from cadcam.errors import BadValue, SizeMismatch
 
 if TYPE_CHECKING:
@@ -186,9 +186,7 @@ def _print(said: dict[str, Any], estimate: CameraEstimate | None) -> None:
 
     if estimate is not None:
         print_tables(estimate_tables(estimate))
-    total = sum(said["visible_length_px"].values())
-    kinds = ", ".join(f"{name} {length:.0f}" for name, length in said["visible_length_px"].items())
-    print(f"{said['visible_lines']} visible lines, {total:.0f} px ({kinds})")
+    print(lines_in_words(said))
     if "edge_distance_px" in said:
         d = said["edge_distance_px"]
         median = "none near" if d["median"] is None else f"{d['median']:.2f} px"

@@ -10,8 +10,10 @@ from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, v
 from cadcam.cli.models import add_model_options, load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, say, working
 from cadcam.cli.wires import (
+    INK,
     add_line_options,
     lines_as_json,
+    lines_in_words,
     naming,
     scene_of,
     scene_without_edges,
@@ -60,7 +62,7 @@ def add_to(verbs: Verbs) -> None:
     add_camera_options(parser, required=False)
     parser.add_argument("--view", choices=_VIEWS, help="without a camera: the side to look from (default: iso)")
     parser.add_argument("--size", type=size, metavar="WxH", help="without a camera: picture size (default 1280x960)")
-    add_line_options(parser)
+    add_line_options(parser, color_by="one")
     add_json(parser)
 
 
@@ -75,8 +77,7 @@ def run(arguments: argparse.Namespace) -> None:
         document = {"output": arguments.output, "channel": arguments.channel, **result}
         print_json(document | {"model": model_as_json(report, mesh), "camera": view_as_json(camera, pose)})
     else:
-        for key, value in result.items():
-            print(f"{key}: {value}")
+        print(_in_words(arguments.channel, result))
         say(f"wrote {arguments.output} ({camera.width} x {camera.height} px)")
 
 
@@ -115,9 +116,22 @@ def _write_wireframe(arguments: argparse.Namespace, mesh: Mesh, camera: Camera, 
     from cadcam.render.overlay import overlay, write_overlay_svg
 
     wireframe = wireframe_of(arguments, scene_of(arguments, mesh), camera, pose)
+    style = style_of(arguments, color=INK)
     if arguments.output.lower().endswith(".svg"):
-        write_overlay_svg(arguments.output, wireframe, style=style_of(arguments), title=arguments.model)
+        write_overlay_svg(arguments.output, wireframe, style=style, title=arguments.model)
     else:
         paper = np.ones((camera.height, camera.width), np.float32)
-        write_picture(arguments.output, overlay(paper, wireframe, style=style_of(arguments)))
+        write_picture(arguments.output, overlay(paper, wireframe, style=style))
     return lines_as_json(wireframe)
+
+
+def _in_words(channel: str, result: dict[str, Any]) -> str:
+    if channel == "wireframe":
+        return lines_in_words(result)
+    words = [f"the model covers {result['seen_pixels']} px"]
+    if "depth_mm" in result:
+        words.append("depth {:.3f} to {:.3f} mm".format(*result["depth_mm"]))
+    if "depth_mm_per_step" in result:
+        words.append(f"{result['depth_mm_per_step']:g} mm a step, 0 for the background")
+    parts = [f"  {at['number']:4d}  {at['pixels']:8d} px  {name}" for name, at in result.get("seen_parts", {}).items()]
+    return "\n".join([", ".join(words), *parts])

@@ -18,13 +18,19 @@ if TYPE_CHECKING:
     from cadcam.render.view import Scene
     from cadcam.render.wireframe import Wireframe
 
+LINE = (0.0, 0.85, 0.35)  # on photos
+INK = (0.05, 0.08, 0.12)  # on paper
 
-def add_line_options(parser: argparse.ArgumentParser) -> None:
-    """Add what decides the lines and their looks."""
+
+def add_line_options(parser: argparse.ArgumentParser, *, color_by: str = "kind") -> None:
+    """Add what decides the lines and their looks; `color_by` is the default."""
     group = parser.add_argument_group("lines")
     group.add_argument("--hidden", action="store_true", help="hidden lines too, dashed")
     group.add_argument(
-        "--color-by", choices=("kind", "part", "one"), default="kind", help="colours: by kind of edge, by part, or one"
+        "--color-by",
+        choices=("kind", "part", "one"),
+        default=color_by,
+        help=f"colours: by kind of edge, by part, or one for all (default {color_by})",
     )
     group.add_argument("--width", type=float, default=1.5, metavar="PX", help="line width (default 1.5)")
     group.add_argument(
@@ -65,11 +71,13 @@ def wireframe_of(arguments: argparse.Namespace, scene: Scene, camera: Camera, po
         return visible_wireframe(scene, camera, pose, options=LineOptions(hidden=arguments.hidden))
 
 
-def style_of(arguments: argparse.Namespace) -> LineStyle:
-    """Return how the lines are drawn."""
+def style_of(arguments: argparse.Namespace, *, color: tuple[float, float, float] = LINE) -> LineStyle:
+    """Return how the lines are drawn; `color` where all have one."""
     from cadcam.render.overlay import LineStyle
 
-    return LineStyle(color_by=arguments.color_by, width=arguments.width, hidden_width=arguments.width * 2 / 3)
+    return LineStyle(
+        color_by=arguments.color_by, color=color, width=arguments.width, hidden_width=arguments.width * 2 / 3
+    )
 
 
 def lines_as_json(wireframe: Wireframe) -> dict[str, Any]:
@@ -83,6 +91,14 @@ def lines_as_json(wireframe: Wireframe) -> dict[str, Any]:
         "hidden_lines": len(wireframe.hidden),
         "visible_length_px": {name: total for name, total in by_kind.items() if total},
     }
+
+
+def lines_in_words(said: dict[str, Any]) -> str:
+    """Return what `lines_as_json` says as a sentence."""
+    total = sum(said["visible_length_px"].values())
+    kinds = ", ".join(f"{name} {length:.0f}" for name, length in said["visible_length_px"].items())
+    hidden = f", {said['hidden_lines']} hidden ones" if said["hidden_lines"] else ""
+    return f"{said['visible_lines']} visible lines{hidden}, {total:.0f} px ({kinds})"
 
 
 @contextmanager

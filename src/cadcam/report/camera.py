@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -53,7 +54,7 @@ def parameter_table(estimate: CameraEstimate) -> Table:
     rows = []
     for name, value in zip(estimate.parameters, estimate.values.tolist(), strict=True):
         unit, meaning = MEANING.get(name, ("", "lens"))
-        scale = np.degrees(1.0) if name in ANGLES else 1.0
+        scale = _scale(name)
         free = name in estimate.free
         if name not in NAMES and not free and not value:
             continue  # a lens term that is not used
@@ -73,7 +74,7 @@ def pinhole_table(pinhole: ExtendedPinhole) -> Table:
     rows = []
     for name, value in zip(NAMES, pinhole.vector.tolist(), strict=True):
         unit, meaning = MEANING[name]
-        rows.append((name, plain(float(np.degrees(value)) if name in ANGLES else value), unit, meaning))
+        rows.append((name, plain(_scale(name) * value), unit, meaning))
     return Table(
         "Eleven parameters", ("parameter", "value", "unit", "meaning"), tuple(rows), ("parameter", "unit", "meaning")
     )
@@ -147,7 +148,7 @@ def alternative_table(estimate: CameraEstimate, other: CameraEstimate) -> Table:
     """Return both poses that a flat target allows, side by side."""
     rows = []
     for name, one, two in zip(NAMES[:6], estimate.values.tolist(), other.values.tolist(), strict=False):
-        scale = float(np.degrees(1.0)) if name in ANGLES else 1.0
+        scale = _scale(name)
         rows.append((name, plain(scale * one), plain(scale * two), MEANING[name][0]))
     rows.append(("residual", f"{estimate.thesis_residual:.3g}", f"{other.thesis_residual:.3g}", "px"))
     return Table(
@@ -198,3 +199,52 @@ def opengl_as_json(camera: Camera, camera_from_world: Rigid, *, near: float, far
         "clip_from_eye": opengl.projection_matrix(camera, near=near, far=far).tolist(),
         "eye_from_world": opengl.model_view_matrix(camera_from_world).tolist(),
     }
+
+
+def compared(
+    title: str,
+    estimate: CameraEstimate,
+    others: Mapping[str, CameraEstimate | Mapping[str, str]],
+    *,
+    notes: tuple[str, ...] = (),
+) -> Table:
+    """Return an estimate's parameters with sigmas beside other estimates and printed values, one column each."""
+    rows = []
+    for name, value in zip(estimate.parameters[: len(NAMES)], estimate.values.tolist(), strict=False):
+        scale = _scale(name)
+        shown, sigma = with_sigma(scale * value, scale * estimate.sigma(name))
+        decimals = len(shown.partition(".")[2])
+        cells = [
+            f"{scale * other.value(name):.{decimals}f}" if isinstance(other, CameraEstimate) else other.get(name, "")
+            for other in others.values()
+        ]
+        rows.append((name, shown, f"+- {sigma}", *cells, MEANING[name][0]))
+    residuals = [
+        f"{other.thesis_residual:.3f}" if isinstance(other, CameraEstimate) else other.get("residual", "")
+        for other in others.values()
+    ]
+    rows.append(("residual", f"{estimate.thesis_residual:.3f}", "", *residuals, "px"))
+    columns = ("parameter", "least squares", "sigma", *others, "unit")
+    return Table(title, columns, tuple(rows), ("parameter", "sigma", "unit"), notes)
+
+
+def against_truth(
+    title: str, estimate: CameraEstimate, truth: Mapping[str, float], *, notes: tuple[str, ...] = ()
+) -> Table:
+    """Return the free parameters with sigmas beside the true ones, and the errors in sigmas."""
+    rows = []
+    for name in estimate.free:
+        scale, value, sigma = _scale(name), estimate.value(name), estimate.sigma(name)
+        shown, spread = with_sigma(scale * value, scale * sigma)
+        decimals = len(shown.partition(".")[2])
+        error = f"{(value - truth[name]) / sigma:+.1f}"
+        true = f"{scale * truth[name]:.{decimals}f}"
+        rows.append((name, shown, f"+- {spread}", true, error, MEANING.get(name, ("",))[0]))
+    notes = (f"residual {estimate.thesis_residual:.3g} px a point, {estimate.dof} degrees of freedom", *notes)
+    columns = ("parameter", "estimate", "sigma", "truth", "error/sigma", "unit")
+    return Table(title, columns, tuple(rows), ("parameter", "sigma", "unit"), notes)
+
+
+def _scale(name: str) -> float:
+    """Return what turns a parameter into its shown unit."""
+    return float(np.degrees(1.0)) if name in ANGLES else 1.0
