@@ -222,7 +222,7 @@ class BrownConrady(PlanarLens):
         return out
 
     def _undistort(self, m: Array) -> Array:
-        """The inverse of the radial curve; where there is more, Newton in the plane from there."""
+        """Return u through the inverse radial curve; where there is more than that, Newton in the plane from there."""
         rho = np.linalg.norm(m, axis=-1)
 
         def curve(r: Array) -> tuple[Array, Array]:
