@@ -2,15 +2,16 @@
 
     python benchmarks/pose_global.py [scenes per row] [random starts]
 
-Each row draws scenes of one kind, solves them through the public functions, and descends from random starts as an independent
-search. "lost" counts scenes where a random start ended lower than the library; "hit" is the share of random starts
-that found the library's optimum (how wide its basin is); "two" the scenes with a second minimum reported.
+Each row draws scenes of one kind, solves them through the public functions, and descends from random starts as an
+independent search. "lost" counts scenes where a random start ended lower than the library; "hit" is the share of
+random starts that found the library's optimum (how wide its basin is); "two" the scenes with a second minimum reported.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -88,9 +89,9 @@ def scene(kind: Kind, rng: np.random.Generator) -> Observations:
             R = so3.exp(np.radians(kind.tilt_deg) * axis) @ so3.exp([0, 0, rng.uniform(0, 2 * np.pi)])
         distance = 150 / opening * rng.uniform(kind.near, kind.far)
         aside = rng.uniform(-0.3, 0.3, 2) * distance * opening
-        q = kind.camera.project(Rigid(R, [*aside, distance]) @ p)
+        q = kind.camera.project(Rigid(R, np.array([*aside, distance])) @ p)
         if np.isfinite(q).all() and kind.camera.sees(q).all():
-            return Observations(p + [1000, 2000, 500], q + rng.normal(size=q.shape) * kind.noise_px)
+            return Observations(p + np.array([1000, 2000, 500]), q + rng.normal(size=q.shape) * kind.noise_px)
 
 
 def random_starts(model: CameraModel, internals: Array, rng: np.random.Generator) -> Array:
@@ -124,10 +125,29 @@ Search = Callable[[Kind, Observations, int, np.random.Generator], Array]
 Solve = Callable[[Kind, Observations], CameraEstimate]
 
 
-def study(kind: Kind, scenes: int, starts: int, solve: Solve, search: Search, seed: int) -> str:
+@dataclass(frozen=True)
+class Row:
+    """What became of the scenes of one kind."""
+
+    name: str
+    lost: int
+    refused: Counter[str]
+    two: int
+    hits: tuple[float, ...]
+    seconds: float
+
+    def __str__(self) -> str:
+        hit = f"{100 * np.mean(self.hits):5.1f} {100 * np.min(self.hits):5.1f}" if self.hits else "    -     -"
+        why = ", ".join(f"{n} {name}" for name, n in self.refused.items())
+        refused = self.refused.total()
+        return f"{self.name:38s} {self.lost:5d} {refused:8d} {self.two:5d}   {hit}   {1e3 * self.seconds:6.0f}  {why}"
+
+
+def study(kind: Kind, scenes: int, starts: int, solve: Solve, search: Search, seed: int) -> Row:
     """Return one row of the table."""
     rng = np.random.default_rng(seed)
-    lost = two = refused = 0
+    lost = two = 0
+    refused: Counter[str] = Counter()
     hits, times = [], []
     for _ in range(scenes):
         seen = scene(kind, rng)
@@ -135,8 +155,7 @@ def study(kind: Kind, scenes: int, starts: int, solve: Solve, search: Search, se
         try:
             estimate = solve(kind, seen)
         except CadcamError as error:
-            refused += 1
-            reasons[type(error).__name__] = reasons.get(type(error).__name__, 0) + 1
+            refused[type(error).__name__] += 1
             continue
         finally:
             times.append(time.perf_counter() - begin)
@@ -145,25 +164,26 @@ def study(kind: Kind, scenes: int, starts: int, solve: Solve, search: Search, se
         tolerance = 1e-6 * ours + 1e-9
         lost += bool(theirs.min() < ours - tolerance)
         two += estimate.alternative is not None
-        hits.append(np.mean(theirs < ours + 1e-4 * ours + 1e-9))
-    hit = f"{100 * np.mean(hits):5.1f} {100 * np.min(hits):5.1f}" if hits else "    -     -"
-    return f"{kind.name:38s} {lost:5d} {refused:8d} {two:5d}   {hit}   {1e3 * np.median(times):6.0f}"
+        hits.append(float(np.mean(theirs < ours + 1e-4 * ours + 1e-9)))
+    return Row(kind.name, lost, refused, two, tuple(hits), float(np.median(times)))
 
 
-reasons: dict[str, int] = {}
+def solve_pose(kind: Kind, seen: Observations) -> CameraEstimate:
+    return locate_camera(seen, kind.camera)
+
+
+def solve_calibration(kind: Kind, seen: Observations) -> CameraEstimate:
+    return calibrate(seen, SIZE)
 
 
 def main(scenes: int = 50, starts: int = 200) -> None:
     head = f"{'':38s} {'lost':>5s} {'refused':>8s} {'two':>5s}   {'hit %':>5s} {'least':>5s}   {'ms':>6s}"
     print(f"pose, internals known; {scenes} scenes a row, {starts} random starts each\n{head}")
     for seed, kind in enumerate(kinds()):
-        row = study(kind, scenes, starts, lambda k, o: locate_camera(o, k.camera), random_pose_search, seed)
-        print(row, flush=True)
+        print(study(kind, scenes, starts, solve_pose, random_pose_search, seed), flush=True)
     print(f"\ncalibration, all eleven free\n{head}")
     for seed, kind in enumerate(calibration_kinds()):
-        row = study(kind, scenes, starts, lambda k, o: calibrate(o, SIZE), random_calibration_search, seed)
-        print(row, flush=True)
-    print("refused:", reasons)
+        print(study(kind, scenes, starts, solve_calibration, random_calibration_search, seed), flush=True)
 
 
 if __name__ == "__main__":

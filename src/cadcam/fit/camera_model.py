@@ -55,7 +55,8 @@ class CameraModel:
             J = J.copy()
             J[..., 3:6] = J[..., 3:6] @ self._rotation_by_angles(state)[..., None, :, :]
         J = J[..., self._columns]
-        return (q - self.q).reshape(*state.shape[:-1], -1), J.reshape(*state.shape[:-1], -1, len(self.free))
+        shape = (*state.shape[:-1], self.q.size)
+        return (q - self.q).reshape(shape), J.reshape(*shape, len(self.free))
 
     def retract(self, state: Array, step: Array) -> Array:
         """Return the state moved by `step` (..., n) in the order of `free`."""
@@ -95,8 +96,7 @@ class CameraModel:
 
     def costs(self, states: Array) -> Array:
         """Return the sums of squares (...,) px^2; inf where a point is not imaged."""
-        r = (self._projected(states)[0] - self.q).reshape(*states.shape[:-1], -1)
-        total = np.sum(r * r, axis=-1)
+        total = np.sum((self._projected(states)[0] - self.q) ** 2, axis=(-2, -1))
         return np.where(np.isfinite(total), total, np.inf)
 
     def with_points(self, index: Indices) -> CameraModel:
