@@ -23,6 +23,7 @@ import cadcam
 from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
+from cadcam.camera.extended_pinhole import NAMES, ExtendedPinhole
 from cadcam.camera.lens import LENSES, Ideal, Lens
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, UnknownName
@@ -94,13 +95,22 @@ def parameters_as_json(estimate: CameraEstimate) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for name, value in zip(estimate.parameters, estimate.values.tolist(), strict=True):
         sigma = estimate.sigma(name)
-        unit = UNITS.get(name)
-        out[f"{name}_{unit}" if unit else name] = {
+        out[_key(name)] = {
             "value": value,
             "sigma": sigma if np.isfinite(sigma) else None,
             "free": name in estimate.free,
         }
     return out
+
+
+def pinhole_as_json(camera: Camera, camera_from_world: Rigid) -> dict[str, float]:
+    """Return the eleven parameters {"X_mm": ..., "a_rad": ..., ...} of a camera and its pose."""
+    values = ExtendedPinhole.from_camera(camera, camera_from_world).vector.tolist()
+    return {_key(name): value for name, value in zip(NAMES, values, strict=True)}
+
+
+def _key(name: str) -> str:
+    return f"{name}_{UNITS[name]}" if name in UNITS else name
 
 
 def _camera_json(camera: Camera, camera_from_world: Rigid | None) -> dict[str, Any]:
