@@ -6,22 +6,82 @@ Names are imported on first use, so that `import cadcam` costs next to nothing.
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project holds the two together
+    from cadcam.cad.edges import EdgeKind as EdgeKind
+    from cadcam.cad.edges import feature_edges as feature_edges
+    from cadcam.cad.load import load as load
+    from cadcam.cad.load import load_with_report as load_with_report
+    from cadcam.cad.mesh import Mesh as Mesh
+    from cadcam.calibrate.points import calibrate as _calibrate
+    from cadcam.calibrate.points import locate_camera as locate_camera
+    from cadcam.camera.camera import Camera as Camera
+    from cadcam.camera.estimate import CameraEstimate as CameraEstimate
+    from cadcam.camera.extended_pinhole import ExtendedPinhole as ExtendedPinhole
+    from cadcam.camera.lens import BrownConrady as BrownConrady
+    from cadcam.camera.lens import Division as Division
+    from cadcam.camera.lens import Fisheye as Fisheye
+    from cadcam.camera.lens import OddRadial as OddRadial
+    from cadcam.camera.observations import Observations as Observations
+    from cadcam.errors import CadcamError as CadcamError
+    from cadcam.files.camera import CameraFile as CameraFile
+    from cadcam.files.camera import read_camera as read_camera
+    from cadcam.files.camera import write_camera as write_camera
+    from cadcam.files.matrix import read_matrix as read_matrix
+    from cadcam.files.matrix import read_pose as read_pose
+    from cadcam.files.points import read_points as read_points
+    from cadcam.files.points import write_points as write_points
+    from cadcam.geometry.rigid import Rigid as Rigid
+    from cadcam.image.picture import read_picture as read_picture
+    from cadcam.image.picture import write_picture as write_picture
+    from cadcam.render import open_renderer as open_renderer
+    from cadcam.render.view import Scene as Scene
+    from cadcam.render.visible import visible_wireframe as visible_wireframe
+
+    calibrate_camera = _calibrate  # `cadcam.calibrate` is the package
 
 __version__ = "0.1.0"
 
 _HOME = {
+    "BrownConrady": "cadcam.camera.lens",
     "CadcamError": "cadcam.errors",
-    "Rigid": "cadcam.geometry.rigid",
     "Camera": "cadcam.camera.camera",
+    "CameraEstimate": "cadcam.camera.estimate",
+    "CameraFile": "cadcam.files.camera",
+    "Division": "cadcam.camera.lens",
+    "EdgeKind": "cadcam.cad.edges",
+    "ExtendedPinhole": "cadcam.camera.extended_pinhole",
+    "Fisheye": "cadcam.camera.lens",
+    "Mesh": "cadcam.cad.mesh",
+    "Observations": "cadcam.camera.observations",
+    "OddRadial": "cadcam.camera.lens",
+    "Rigid": "cadcam.geometry.rigid",
+    "Scene": "cadcam.render.view",
+    "calibrate_camera": "cadcam.calibrate.points:calibrate",
+    "feature_edges": "cadcam.cad.edges",
+    "load": "cadcam.cad.load",
+    "load_with_report": "cadcam.cad.load",
+    "locate_camera": "cadcam.calibrate.points",
+    "open_renderer": "cadcam.render",
+    "read_camera": "cadcam.files.camera",
+    "read_matrix": "cadcam.files.matrix",
+    "read_picture": "cadcam.image.picture",
+    "read_points": "cadcam.files.points",
+    "read_pose": "cadcam.files.matrix",
+    "visible_wireframe": "cadcam.render.visible",
+    "write_camera": "cadcam.files.camera",
+    "write_picture": "cadcam.image.picture",
+    "write_points": "cadcam.files.points",
 }
 __all__ = ["__version__", *_HOME]
 
 
 def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        return getattr(import_module(_HOME[name]), name)
-    raise AttributeError(f"module 'cadcam' has no attribute {name!r}")
+    if name not in _HOME:
+        raise AttributeError(f"module 'cadcam' has no attribute {name!r}")
+    module, _, original = _HOME[name].partition(":")
+    return getattr(import_module(module), original or name)
 
 
 def __dir__() -> list[str]:

@@ -1,14 +1,156 @@
-"""Where bodies touch: contact lines, and seams that are no lines at all."""
+"""Where bodies touch: contact lines, and seams that are no lines at all.
+
+A body is a connected set of faces of one part. An edge is looked at in three places: what other body lies there, and
+does the surface beyond the edge simply go on in the plane of one of its faces? Two places make a contact; a seam that
+vanishes must go on at all three, so an edge that is only partly covered stays whole.
+"""
 
 from __future__ import annotations
 
-from cadcam.arrays import Ids
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Ids, Mask
+from cadcam.cad.edge_kind import EdgeKind
 from cadcam.cad.mesh import Mesh
-from cadcam.cad.topology import EdgeTable
+from cadcam.cad.nearby import TriangleTree
+from cadcam.cad.topology import EdgeTable, Longs, weld
+
+TOLERANCE_SHARE, TOLERANCE_MOST_MM = 1e-5, 0.5
+FLUSH_DEG = 2.0  # two faces this parallel continue one another
+STEP = 4.0  # how far beyond the edge to look, in tolerances
+PLACES = np.array([0.1, 0.5, 0.9])  # along an edge
+COLOR_STEP = 0.02  # parts whose colours differ by more show their seam
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Touch:
+    """For some edges: whether anything lies along them, continues their surface, or meets it at an angle."""
+
+    any: Mask
+    flush: Mask
+    folded: Mask
+    other: Mask  # whether something of another part lies there
 
 
 def resolve_contacts(
     mesh: Mesh, table: EdgeTable, kind: Ids, *, crease_angle: float, tolerance: float | None, keep_flush: bool
 ) -> Ids:
-    """Return the kinds (E,) with contacts marked and seams inside flat areas taken out."""
-    return kind
+    """Return the kinds (E,) with contacts marked, and seams inside flat areas taken out.
+
+    A boundary that ends on another face of its own part is a T-junction: it stays, as a crease, where the two bend by
+    more than `crease_angle` (rad). Of edges of two bodies that coincide, one stays.
+    """
+    body = bodies(mesh, table)
+    chosen = np.flatnonzero(kind >= 0)
+    if not len(chosen) or (body.max(initial=0) == 0 and not (kind == EdgeKind.BOUNDARY).any()):
+        return kind
+    if tolerance is None:
+        tolerance = min(TOLERANCE_SHARE * float(np.linalg.norm(mesh.size_mm)), TOLERANCE_MOST_MM)
+    result = kind.copy()
+    tree = TriangleTree(mesh, body)
+    solid = chosen[kind[chosen] != EdgeKind.BOUNDARY]
+    touch = _touch(mesh, table, tree, solid, body[table.faces[solid, 0]], tolerance, crease_angle)
+    result[solid[touch.any]] = EdgeKind.CONTACT
+    if not keep_flush:
+        result[solid[touch.flush]] = -1
+    free = chosen[kind[chosen] == EdgeKind.BOUNDARY]
+    alone = TriangleTree(mesh, np.arange(mesh.n_faces))  # a boundary may end on its own body
+    touch = _touch(mesh, table, alone, free, table.faces[free, 0].astype(np.int64), tolerance, crease_angle)
+    result[free[touch.any & touch.other]] = EdgeKind.CONTACT
+    result[free[touch.any & ~touch.other]] = np.where(touch.folded[touch.any & ~touch.other], EdgeKind.CREASE, -1)
+    if not keep_flush:
+        result[free[touch.flush]] = -1
+    return _without_twins(mesh, table, result, touched=result != kind)
+
+
+def bodies(mesh: Mesh, table: EdgeTable) -> Longs:
+    """Return the number (F,) of the connected body of each face."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    edge = table.corner_edge.ravel()
+    valid = edge >= 0
+    face = np.repeat(np.arange(mesh.n_faces), 3)[valid]
+    first = table.faces[edge[valid], 0]
+    graph = coo_array((np.ones(len(face), np.int8), (face, first)), shape=(mesh.n_faces, mesh.n_faces))
+    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+
+
+def _touch(
+    mesh: Mesh, table: EdgeTable, tree: TriangleTree, edges: Longs, own: Longs, tolerance: float, crease_angle: float
+) -> _Touch:
+    """Return what lies along each of the edges, apart from the body `own` of each."""
+    n = len(edges)
+    home = table.faces[edges, 0]
+    normals = mesh.face_normals
+    touched, folded, other = (np.zeros((n, len(PLACES)), bool) for _ in range(3))
+    at, face = tree.touching(_places(mesh, table, edges).reshape(-1, 3), tolerance, apart_from=np.repeat(own, 3))
+    edge, place = at // len(PLACES), at % len(PLACES)
+    touched[edge, place] = True
+    other[edge, place] |= mesh.part[face] != mesh.part[home[edge]]
+    bend = np.abs(np.einsum("ij,ij->i", normals[face], normals[home[edge]])) < np.cos(crease_angle)
+    folded[edge[bend], place[bend]] = True
+    enough = touched.sum(axis=1) >= 2
+    flush = np.zeros(n, bool)
+    hit = np.flatnonzero(touched.all(axis=1))
+    for side in (0, 1):
+        flush[hit] |= _goes_on(mesh, table, tree, edges[hit], side, own[hit], tolerance, normals)
+    return _Touch(enough, flush, folded.sum(axis=1) >= 2, other.sum(axis=1) >= 2)
+
+
+def _places(mesh: Mesh, table: EdgeTable, edges: Longs) -> Array:
+    """Return the points (E, 3, 3) at which the edges are looked at."""
+    a, b = (mesh.vertices[table.vertices[edges, k]] for k in (0, 1))
+    return np.asarray(a[:, None] + PLACES[:, None] * (b - a)[:, None])
+
+
+def _goes_on(
+    mesh: Mesh,
+    table: EdgeTable,
+    tree: TriangleTree,
+    edges: Longs,
+    side: int,
+    own: Longs,
+    tolerance: float,
+    normals: Array,
+) -> Mask:
+    """Return for which edges faces beyond the edge continue the face on the given side flat, in the same colour."""
+    face = table.faces[edges, side]
+    there = face >= 0
+    a, b = (mesh.vertices[table.vertices[edges, k]] for k in (0, 1))
+    outward = np.cross(b - a, normals[face])
+    length = np.linalg.norm(outward, axis=1, keepdims=True)
+    outward /= np.where(length > 0, length, 1)
+    inward = mesh.vertices[mesh.faces[face]].mean(axis=1) - a
+    outward *= -np.sign(np.einsum("ij,ij->i", outward, inward))[:, None]
+    beyond = _places(mesh, table, edges) + STEP * tolerance * outward[:, None]
+    at, found = tree.touching(beyond.reshape(-1, 3), tolerance, apart_from=np.repeat(own, len(PLACES)))
+    edge, place = at // len(PLACES), at % len(PLACES)
+    agree = np.einsum("ij,ij->i", normals[found], normals[face[edge]])
+    agree = np.where(table.count[edges[edge]] == 1, np.abs(agree), agree)
+    same = (agree > np.cos(np.radians(FLUSH_DEG))) & there[edge] & ~_colors_differ(mesh, face[edge], found)
+    result = np.zeros((len(edges), len(PLACES)), bool)
+    result[edge[same], place[same]] = True
+    return np.asarray(result.all(axis=1))
+
+
+def _colors_differ(mesh: Mesh, one: npt.NDArray[np.integer], other: npt.NDArray[np.integer]) -> Mask:
+    step = np.abs(mesh.part_colors[mesh.part[one]] - mesh.part_colors[mesh.part[other]])
+    return np.asarray((step > COLOR_STEP).any(axis=1))  # NaN, an unknown colour, differs from nothing
+
+
+def _without_twins(mesh: Mesh, table: EdgeTable, kind: Ids, *, touched: Mask) -> Ids:
+    """Return the kinds with all but the first of coinciding edges taken out, among those that touch something."""
+    edges = np.flatnonzero(touched & (kind >= 0))
+    if not len(edges):
+        return kind
+    ends = table.vertices[edges]
+    vertices, inverse = np.unique(ends, return_inverse=True)
+    point = np.sort(weld(mesh.vertices[vertices], np.zeros(len(vertices), np.int64))[inverse.reshape(-1, 2)], axis=1)
+    _, first = np.unique(point, axis=0, return_index=True)
+    result = kind.copy()
+    result[np.delete(edges, first)] = -1
+    return result

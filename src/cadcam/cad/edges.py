@@ -6,13 +6,13 @@ Contours of curved surfaces depend on the view; the renderer finds those and mar
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 
 from cadcam.arrays import Array, Ids, Mask, frozen
 from cadcam.cad.chains import chained
 from cadcam.cad.contact import resolve_contacts
+from cadcam.cad.edge_kind import EdgeKind
 from cadcam.cad.facets import facet_edges, seam_angle
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.topology import EdgeTable, corner_points, edge_table
@@ -22,16 +22,6 @@ __all__ = ["EdgeKind", "EdgeTable", "FeatureEdges", "edge_table", "feature_edges
 
 # Two true surfaces whose normals agree this well along their common edge run into each other smoothly.
 SMOOTH_SEAM_DEG = 1.0
-
-
-class EdgeKind(IntEnum):
-    """What makes an edge a line: a fold, an end, two parts meeting, a B-rep edge, or (per view) a silhouette."""
-
-    CREASE = 0
-    BOUNDARY = 1
-    CONTACT = 2
-    BREP = 3
-    CONTOUR = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)

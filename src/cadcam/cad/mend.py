@@ -8,7 +8,8 @@ import numpy as np
 
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.cad.mesh import Mesh, compacted
-from cadcam.cad.topology import HalfEdges, Longs, part_vertices, weld, weld_tolerance
+from cadcam.cad.needles import height_ratio, without_needles
+from cadcam.cad.topology import HalfEdges, Longs, part_vertices, weld
 from cadcam.errors import DegenerateGeometry
 
 
@@ -27,7 +28,7 @@ class Repairs:
         """Return one sentence for each thing done or found."""
         said = [
             (self.welded_vertices, "vertices welded"),
-            (self.degenerate_faces, "faces without area removed"),
+            (self.degenerate_faces, "faces without area mended"),
             (self.duplicate_faces, "repeated faces removed"),
             (self.turned_faces, "faces turned to point outwards"),
             (self.open_edges, "open edges (sheets or gaps)"),
@@ -39,12 +40,12 @@ class Repairs:
 def mend(mesh: Mesh) -> tuple[Mesh, Repairs]:
     """Return the mesh welded, cleaned and wound outwards, and what that took.
 
-    Vertices of one part are welded by position. Faces with a corner welded away, or lower than a tenth of the weld
-    tolerance, go; so do repeats of a face within its part, whichever way they are wound. Each component of faces joined
-    by two-faced edges is wound one way; closed ones outwards by their signed volume (a cavity keeps its sense against
-    the body around it), components that only close together with those of other parts likewise. Open sheets keep the
-    sense of the majority of their faces, and one-sided (Möbius) components are left alone. Raises `DegenerateGeometry`
-    when no face is left.
+    Vertices of one part are welded by position. Faces with a corner welded away go, and so do repeats of a face within
+    its part, whichever way they are wound; faces too low to have a normal give way to their neighbour. Each component
+    of faces joined by two-faced edges is wound one way; closed ones outwards by their signed volume (a cavity keeps its
+    sense against the body around it), components that only close together with those of other parts likewise. Open
+    sheets keep the sense of the majority of their faces, and one-sided (Möbius) components are left alone. Raises
+    `DegenerateGeometry` when no face is left.
     """
     vertex, part, corner = part_vertices(mesh)
     points = mesh.vertices[vertex]
@@ -59,15 +60,16 @@ def mend(mesh: Mesh) -> tuple[Mesh, Repairs]:
         vertices=points,
         faces=corners[kept].astype(np.int32),
     )
+    if not welded.n_faces:
+        raise DegenerateGeometry(f"all {mesh.n_faces} faces have zero area")
     turned = _turned(welded)
     sound = _faces_turned(welded, turned)
-    flat = _needles(sound, points, part)
-    if flat.all():
-        raise DegenerateGeometry(f"all {mesh.n_faces} faces have zero area")
+    n_flat = int((height_ratio(sound) <= 1).sum())
+    sound = without_needles(sound)
     half = HalfEdges.of(sound.faces.astype(np.int64))
-    return _facing_normals(sound.select(~flat) if flat.any() else compacted(sound)), Repairs(
+    return _facing_normals(compacted(sound)), Repairs(
         welded_vertices=len(points) - int(np.unique(first).size),
-        degenerate_faces=n_collapsed + int(flat.sum()),
+        degenerate_faces=n_collapsed + n_flat,
         duplicate_faces=n_repeats,
         turned_faces=int(turned.sum()),
         open_edges=int((half.count == 1).sum()),
@@ -91,14 +93,6 @@ def _repeats(corners: Longs) -> Mask:
     result = np.zeros(len(corners), bool)
     result[order[1:]] = (keys[1:] == keys[:-1]).all(axis=1)
     return result
-
-
-def _needles(mesh: Mesh, points: Array, part: Longs) -> Mask:
-    """Return which faces are lower than a tenth of the weld tolerance of their part: their normal is noise."""
-    sides = np.stack([mesh.vertices[mesh.faces[:, k - 1]] - mesh.vertices[mesh.faces[:, k]] for k in range(3)])
-    longest = np.linalg.norm(sides, axis=2).max(axis=0, initial=0)
-    limit = 0.1 * weld_tolerance(points, part)[mesh.part] if len(points) else np.zeros(0)
-    return np.asarray(2 * mesh.face_areas <= limit * longest)
 
 
 def _faces_turned(mesh: Mesh, turned: Mask) -> Mesh:

@@ -88,8 +88,12 @@ class PlanarLens(Lens):
         """Return m of u, without any check of validity."""
 
     @abstractmethod
-    def _distort_with_jacobians(self, u: Array) -> tuple[Array, Array, Array]:
-        """Return m, dm/du (..., 2, 2), dm/dcoefficients (..., 2, n), without any check of validity."""
+    def _plane_jacobian(self, u: Array) -> Array:
+        """Return dm/du (..., 2, 2), without any check of validity."""
+
+    @abstractmethod
+    def _coefficient_jacobian(self, u: Array) -> Array:
+        """Return dm/dcoefficients (..., 2, n), without any check of validity."""
 
     @abstractmethod
     def _undistort(self, m: Array) -> Array:
@@ -109,9 +113,8 @@ class PlanarLens(Lens):
         """Return m, dm/dp, dm/dcoefficients; NaN as `project`."""
         u, du_dp = _perspective_with_jacobian(p)
         with np.errstate(all="ignore"):
-            m, dm_du, dm_dc = self._distort_with_jacobians(u)
+            m, dm_dp, dm_dc = self._distort(u), self._plane_jacobian(u) @ du_dp, self._coefficient_jacobian(u)
         bad = ~self._inside(u)
-        m, dm_dp, dm_dc = np.array(m), dm_du @ du_dp, np.array(dm_dc)
         m[bad], dm_dp[bad], dm_dc[bad] = np.nan, np.nan, np.nan
         return m, dm_dp, dm_dc
 
@@ -165,9 +168,11 @@ class BrownConrady(PlanarLens):
     @cached_property
     def valid_radius(self) -> float:
         """Return where the mapping first folds: the Jacobian's determinant vanishes in some direction."""
-        if not any((self.p1, self.p2, self.s1, self.s2, self.s3, self.s4)):
-            return self._radial_limit
-        return radial.fold_limit(lambda u: self._distort_with_jacobians(u)[1], self._radial_limit)
+        return radial.fold_limit(self._plane_jacobian, self._radial_limit) if self._decentred else self._radial_limit
+
+    @property
+    def _decentred(self) -> bool:
+        return any((self.p1, self.p2, self.s1, self.s2, self.s3, self.s4))
 
     def _gain(self, r2: Array) -> tuple[Array, Array, Array]:
         """Numerator, denominator of g, and dg/dr2."""
@@ -186,7 +191,7 @@ class BrownConrady(PlanarLens):
         my = y * g + self.p1 * (r2 + 2 * y * y) + 2 * self.p2 * x * y + r2 * (self.s3 + self.s4 * r2)
         return np.stack([mx, my], axis=-1)
 
-    def _distort_with_jacobians(self, u: Array) -> tuple[Array, Array, Array]:
+    def _plane_jacobian(self, u: Array) -> Array:
         x, y = u[..., 0], u[..., 1]
         r2 = x * x + y * y
         n, d, dg = self._gain(r2)
@@ -199,10 +204,12 @@ class BrownConrady(PlanarLens):
         prism_x, prism_y = self.s1 + 2 * self.s2 * r2, self.s3 + 2 * self.s4 * r2
         J[..., 0, :] += 2 * u * prism_x[..., None]
         J[..., 1, :] += 2 * u * prism_y[..., None]
-        return self._distort(u), J, self._coefficient_jacobian(u, r2, n, d)
+        return J
 
-    def _coefficient_jacobian(self, u: Array, r2: Array, n: Array, d: Array) -> Array:
+    def _coefficient_jacobian(self, u: Array) -> Array:
         x, y = u[..., 0], u[..., 1]
+        r2 = x * x + y * y
+        n, d, _ = self._gain(r2)
         out = np.zeros((*u.shape, 12))
         for column, power in ((0, 1), (1, 2), (4, 3)):  # k1 k2 k3
             out[..., column] = u * (r2**power / d)[..., None]
@@ -215,16 +222,16 @@ class BrownConrady(PlanarLens):
         return out
 
     def _undistort(self, m: Array) -> Array:
-        """Newton in the plane from the inverse of the radial curve alone, kept inside the radial limit."""
+        """Return u through the inverse radial curve; where there is more than that, Newton in the plane from there."""
         rho = np.linalg.norm(m, axis=-1)
 
         def curve(r: Array) -> tuple[Array, Array]:
             n, d, dg = self._gain(r * r)
             return r * n / d, n / d + 2 * r * r * dg
 
-        r = radial.inverse(curve, rho, self._radial_limit, clamp=True)
-        start = m * np.where(rho > 0, r / np.where(rho > 0, rho, 1.0), 1.0)[..., None]
-        return radial.newton_plane(self._distort_with_jacobians, m, start)
+        r = radial.inverse(curve, rho, self._radial_limit, clamp=self._decentred)
+        u = m * np.where(rho > 0, r / np.where(rho > 0, rho, 1.0), 1.0)[..., None]
+        return radial.newton_plane(self._distort, self._plane_jacobian, m, u) if self._decentred else u
 
 
 @dataclass(frozen=True)
@@ -260,11 +267,12 @@ class OddRadial(PlanarLens):
     def _distort(self, u: Array) -> Array:
         return u * self._gain(np.sum(u * u, axis=-1))[0][..., None]
 
-    def _distort_with_jacobians(self, u: Array) -> tuple[Array, Array, Array]:
-        r2 = np.sum(u * u, axis=-1)
-        g, dg = self._gain(r2)
-        J = radial.radial_jacobian(u, g, dg)
-        return u * g[..., None], J, np.stack([u * (r2**k)[..., None] for k in range(4)], axis=-1)
+    def _plane_jacobian(self, u: Array) -> Array:
+        return radial.radial_jacobian(u, *self._gain(np.sum(u * u, axis=-1)))
+
+    def _coefficient_jacobian(self, u: Array) -> Array:
+        r2 = np.sum(u * u, axis=-1, keepdims=True)
+        return np.stack([u * r2**k for k in range(4)], axis=-1)
 
     def _undistort(self, m: Array) -> Array:
         rho = np.linalg.norm(m, axis=-1)
@@ -296,16 +304,19 @@ class Division(PlanarLens):
     def _distort(self, u: Array) -> Array:
         return u * (2 / (1 + self._root(u)))[..., None]
 
-    def _distort_with_jacobians(self, u: Array) -> tuple[Array, Array, Array]:
-        r2 = np.sum(u * u, axis=-1)
-        s = self._root(u)
+    def _gain(self, u: Array) -> tuple[Array, Array, Array]:
+        """|u|^2, the gain g = 2/(1 + s) with s = sqrt(1 - 4 k |u|^2), and dg/d(k |u|^2) = g^2/s."""
+        s, r2 = self._root(u), np.sum(u * u, axis=-1)
         g = 2 / (1 + s)
-        slope = g * g / s  # dg/d(k r2): g = 2/(1 + s), ds/d(k r2) = -2/s
-        return (
-            u * g[..., None],
-            radial.radial_jacobian(u, g, slope * self.k),
-            (u * (slope * r2)[..., None])[..., None],
-        )
+        return r2, g, g * g / s
+
+    def _plane_jacobian(self, u: Array) -> Array:
+        _, g, slope = self._gain(u)
+        return radial.radial_jacobian(u, g, slope * self.k)
+
+    def _coefficient_jacobian(self, u: Array) -> Array:
+        r2, _, slope = self._gain(u)
+        return np.asarray((u * (slope * r2)[..., None])[..., None])
 
     def _undistort(self, m: Array) -> Array:
         d = 1 + self.k * np.sum(m * m, axis=-1)

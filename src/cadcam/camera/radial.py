@@ -99,26 +99,27 @@ def _upper_bracket(curve: Callable[[Array], tuple[Array, Array]], rho: Array, li
     return high
 
 
-def newton_plane(distort: Callable[[Array], tuple[Array, Array, Array]], m: Array, start: Array) -> Array:
+def newton_plane(
+    distort: Callable[[Array], Array], jacobian: Callable[[Array], Array], m: Array, start: Array
+) -> Array:
     """Return u with distort(u) = m by Newton's method in the plane from `start`; NaN where it does not get there."""
     u = np.array(start)
     scale = 1 + np.abs(m).max(axis=-1)
     for _ in range(30):
-        value, J, _ = distort(u)
-        error = value - m
-        det = J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0]
-        step = np.stack(
-            [
-                (J[..., 1, 1] * error[..., 0] - J[..., 0, 1] * error[..., 1]) / det,
-                (J[..., 0, 0] * error[..., 1] - J[..., 1, 0] * error[..., 0]) / det,
-            ],
-            axis=-1,
-        )
+        step = _solved(jacobian(u), distort(u) - m)
         u = u - step
         if np.all((np.abs(step).max(axis=-1) <= 4e-16 * scale) | np.isnan(step).any(axis=-1)):
             break
-    residual = np.abs(distort(u)[0] - m).max(axis=-1)
+    residual = np.abs(distort(u) - m).max(axis=-1)
     return np.where((residual <= 1e-13 * scale)[..., None], u, np.nan)
+
+
+def _solved(J: Array, b: Array) -> Array:
+    """Return J^-1 b for 2x2 matrices, by Cramer's rule."""
+    det = J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0]
+    x = J[..., 1, 1] * b[..., 0] - J[..., 0, 1] * b[..., 1]
+    y = J[..., 0, 0] * b[..., 1] - J[..., 1, 0] * b[..., 0]
+    return np.stack([x, y], axis=-1) / det[..., None]
 
 
 def radial_jacobian(u: Array, gain: Array, slope: Array) -> Array:

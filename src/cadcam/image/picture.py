@@ -15,7 +15,7 @@ import warnings
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -90,16 +90,22 @@ def read_picture_with_info(
         raise BadValue("full_scale", full_scale, "a positive number: the stored value that means white")
     data = _file_bytes(path)
     try:
-        samples, bits, white, orientation, turn = _decoded(path, data, max_pixels)
+        stored = _decoded(path, data, max_pixels)
     except UnreadableFile:
         raise
     except MemoryError:
         raise UnreadableFile(path, "does not fit into memory", "crop it or reduce its size") from None
     except _PARSING as error:
         raise UnreadableFile(path, *_explained(error)) from error
-    picture = _upright(_composited(_scaled(path, samples, full_scale or white)), turn)
-    digest = hashlib.sha256(data).hexdigest()
-    return picture, PictureInfo(os.fspath(path), digest, (picture.shape[1], picture.shape[0]), bits, orientation)
+    picture = _upright(_composited(_scaled(path, stored.samples, full_scale or stored.white)), stored.turn)
+    info = PictureInfo(
+        os.fspath(path),
+        hashlib.sha256(data).hexdigest(),
+        (picture.shape[1], picture.shape[0]),
+        stored.bits,
+        stored.orientation,
+    )
+    return picture, info
 
 
 def write_picture(path: str | os.PathLike[str], picture: npt.ArrayLike, *, bits: int = 8, quality: int = 95) -> None:
@@ -191,28 +197,46 @@ def _file_bytes(path: str | os.PathLike[str]) -> bytes:
     return data
 
 
-def _decoded(
-    path: str | os.PathLike[str], data: bytes, max_pixels: int
-) -> tuple[npt.NDArray[Any], int, float | None, int, int]:
-    """Return samples (H, W) or (H, W, C), bits a sample, value of white, EXIF orientation, and what is left of it."""
+class _Stored(NamedTuple):
+    """What a file holds: samples (H, W) or (H, W, C), bits of each, value of white, orientation, turn yet to do."""
+
+    samples: npt.NDArray[Any]
+    bits: int
+    white: float | None
+    orientation: int
+    turn: int
+
+
+def _decoded(path: str | os.PathLike[str], data: bytes, max_pixels: int) -> _Stored:
+    from PIL import Image
+
     with _pillow_limit, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # all that Pillow warns of is either harmless or checked here
-        if size := deep_size(data):
-            _check_size(path, size, max_pixels)
-            deep = read_deep(data)
-            bits = 8 * deep.samples.dtype.itemsize
-            return deep.samples, bits, deep.white, _valid(deep.orientation), _valid(deep.orientation)
-        from PIL import Image
-
         limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
         try:
-            with Image.open(io.BytesIO(data)) as image:
-                _check_size(path, image.size, max_pixels)
-                orientation = _orientation(image)
-                stored = _pillow_samples(image)
-                return *stored, orientation, _orientation(image)  # Pillow turns TIFF files itself, at loading
+            return _decoded_deep(path, data, max_pixels) or _decoded_by_pillow(path, data, max_pixels)
         finally:
             Image.MAX_IMAGE_PIXELS = limit
+
+
+def _decoded_deep(path: str | os.PathLike[str], data: bytes, max_pixels: int) -> _Stored | None:
+    size = deep_size(data)
+    if size is None:
+        return None
+    _check_size(path, size, max_pixels)
+    deep = read_deep(data)
+    turn = _valid(deep.orientation)
+    return _Stored(deep.samples, 8 * deep.samples.dtype.itemsize, deep.white, turn, turn)
+
+
+def _decoded_by_pillow(path: str | os.PathLike[str], data: bytes, max_pixels: int) -> _Stored:
+    from PIL import Image
+
+    with Image.open(io.BytesIO(data)) as image:
+        _check_size(path, image.size, max_pixels)
+        orientation = _orientation(image)
+        samples, bits, white = _pillow_samples(image)
+        return _Stored(samples, bits, white, orientation, _orientation(image))  # Pillow turns TIFF at loading
 
 
 def _check_size(path: str | os.PathLike[str], size: tuple[int, int], max_pixels: int) -> None:

@@ -6,20 +6,15 @@ to the model: positions are then good to about 1e-7 of its diagonal. Whatever ne
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 
 from cadcam.arrays import Array, Ids
 from cadcam.cad.mesh import Mesh
 from cadcam.errors import DegenerateGeometry
 
-_BLOCK = 65536  # rays handed over at once: their float32 copies stay in the cache
-
 
 class Caster:
-    """First hits of rays with a mesh, on all cores (Embree runs outside the interpreter's lock)."""
+    """First hits of rays with a mesh."""
 
     def __init__(self, mesh: Mesh) -> None:
         from embreex.mesh_construction import TriangleMesh
@@ -33,19 +28,14 @@ class Caster:
         self._scene = EmbreeScene(robust=True)  # watertight along shared edges
         vertices = (mesh.vertices - self.center).astype(np.float32)
         TriangleMesh(self._scene, vertices, np.ascontiguousarray(mesh.faces, np.int32))
-        self._pool = ThreadPoolExecutor(max_workers=os.cpu_count() or 1)
-        self._first_hit(np.full((1, 3), 2 * self.radius + 1), np.ones((1, 3)), np.ones(1))  # builds the tree
+        self.first_hit(np.full((1, 3), 2 * self.radius + 1), np.ones((1, 3)), np.ones(1))  # builds the tree
 
     def first_hit(self, origins: Array, directions: Array, reach: Array) -> Ids:
         """Return the face (N,) met first by rays from `origins` (N, 3) mm along unit `directions`, within `reach` mm.
 
         -1 where none is met, also for rays with NaN. Good to about 1e-7 of the model's diagonal, across and along.
+        Threads may call it at the same time.
         """
-        blocks = [slice(i, i + _BLOCK) for i in range(0, len(origins), _BLOCK)]
-        hits = self._pool.map(lambda b: self._first_hit(origins[b], directions[b], reach[b]), blocks)
-        return np.concatenate([np.zeros(0, np.int32), *hits])
-
-    def _first_hit(self, origins: Array, directions: Array, reach: Array) -> Ids:
         near = np.ascontiguousarray(origins - self.center, np.float32)
         return np.asarray(
             self._scene.run(near, np.ascontiguousarray(directions, np.float32), reach.astype(np.float32)), np.int32

@@ -8,7 +8,6 @@ of the border can fall on either side.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,11 +16,12 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Ids, Picture
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
+from cadcam.render.cores import blocks, on_all_cores
 from cadcam.render.embree import Caster
 from cadcam.render.shade import shade
 from cadcam.render.view import PLAIN, Channel, Look, Scene, View
 
-_BAND = 1 << 20  # rays at a time: about 150 MB of temporaries, whatever the picture's size
+_BAND = 1 << 17  # rays at a time: about 20 MB of temporaries a core, whatever the picture's size
 _CACHED = 1 << 14  # pixels unprojected at a time
 _KEPT = 1 << 23  # rays of a camera are kept up to this many (200 MB)
 
@@ -55,13 +55,15 @@ class RayRenderer:
         layers = _blank(camera, channels, look)
         depths = (camera_from_world @ self._scene.mesh.vertices)[:, 2][self._scene.mesh.faces]
         span = np.stack([depths.min(axis=1), depths.max(axis=1)], axis=1)
-        rows = max(1, _BAND // camera.width)
-        for top, bottom in pairwise([*range(0, camera.height, rows), camera.height]):
-            band = slice(top, bottom)
+        self._keep_rays(camera)
+
+        def fill(band: slice) -> None:
             hits = _Hits(self, self._directions(camera, band), camera_from_world, span)
             _store(layers, band, hits, look, centred=look.supersampling == 1)
             if look.supersampling > 1 and "image" in layers:
                 self._supersample(layers, band, camera, camera_from_world, span, look)
+
+        on_all_cores(fill, blocks(camera.height, max(1, _BAND // camera.width)))
         return View(camera, camera_from_world, layers)
 
     def render_batch(
@@ -105,14 +107,18 @@ class RayRenderer:
         per_y = np.gradient(rays, axis=0) if len(rays) > 1 else np.zeros_like(rays)
         return rays[inner], per_x[inner], per_y[inner]
 
-    def _directions(self, camera: Camera, band: slice) -> Array:
-        """Return the rays of a band of pixel rows; those of the last camera are kept, for batches of poses."""
-        if camera.width * camera.height > _KEPT:
-            return _unproject(camera, band)
+    def _keep_rays(self, camera: Camera) -> None:
+        """Keep the rays of the last camera, for batches of poses; too many of them are made anew band by band."""
         key = (camera.size, camera.K.tobytes(), camera.lens)
         if key not in self._rays:
-            self._rays = {key: _unproject(camera, slice(0, camera.height))}
-        return self._rays[key][band]
+            few = camera.width * camera.height <= _KEPT
+            self._rays = {key: _unproject(camera, slice(0, camera.height))} if few else {}
+
+    def _directions(self, camera: Camera, band: slice) -> Array:
+        """Return the rays of a band of pixel rows."""
+        for rays in self._rays.values():
+            return rays[band]
+        return _unproject(camera, band)
 
 
 class _Hits:

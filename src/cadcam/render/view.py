@@ -17,6 +17,7 @@ from cadcam.cad.mesh import Mesh
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry.rigid import Rigid
+from cadcam.image.picture import to_gray
 
 # Muted and told apart by people with any colour vision: hues of Okabe and Ito (2008), lightened for shading.
 PALETTE = np.array(
@@ -122,8 +123,8 @@ class View:
 
     @property
     def gray(self) -> Picture:
-        """Luminance (H, W) float32 of the image, weights of ITU-R BT.601."""
-        return np.asarray(self.image @ np.array([0.299, 0.587, 0.114], np.float32))
+        """Luma (H, W) float32 of the image."""
+        return to_gray(self.image)
 
     @property
     def depth(self) -> Picture:

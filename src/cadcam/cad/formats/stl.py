@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from cadcam.cad.formats.model import Model, assembled
 from cadcam.errors import UnreadableFile
@@ -41,7 +42,8 @@ def _binary(path: Path, data: bytes) -> Model:
     corners = np.frombuffer(data, _RECORD, offset=_HEADER)["corners"].reshape(-1, 3)
 
     def place(vertex: int) -> str:
-        return f"triangle {vertex // 3}, corner {vertex % 3} (byte {_HEADER + 50 * (vertex // 3) + 12 * (vertex % 3) + 12})"
+        triangle, corner = divmod(vertex, 3)
+        return f"triangle {triangle}, corner {corner} (byte {_HEADER + 50 * triangle + 12 * corner + 12})"
 
     return Model(assembled(path, corners, np.arange(len(corners)).reshape(-1, 3), vertex_place=place))
 
@@ -56,7 +58,8 @@ def _ascii(path: Path, data: bytes) -> Model:
     ends = len(re.findall(rb"^\s*endsolid\b", text, re.MULTILINE))
     if ends < len(names):
         raise UnreadableFile(path, f"ends at byte {len(data)} before 'endsolid': truncated", _AGAIN)
-    vertices, counts = [], []
+    vertices: list[npt.NDArray[np.float64]] = []
+    counts: list[int] = []
     for begin, end in zip(begins, [*begins[1:], len(text)], strict=True):
         words = text[begin:end].split(b"vertex")[1:]
         numbers = _numbers(path, data, words, begin)
@@ -70,9 +73,7 @@ def _ascii(path: Path, data: bytes) -> Model:
     return Model(mesh)
 
 
-def _numbers(
-    path: Path, data: bytes, words: list[bytes], begin: int
-) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+def _numbers(path: Path, data: bytes, words: list[bytes], begin: int) -> npt.NDArray[np.float64]:
     """Return the three numbers (N, 3) that follow each word 'vertex'."""
     triples = [word.split(None, 3)[:3] for word in words]
     try:
@@ -81,9 +82,9 @@ def _numbers(
             return array
     except ValueError:
         pass
-    at = begin
+    at, text = begin, data.lower()
     for word, triple in zip(words, triples, strict=True):
-        at = data.lower().index(b"vertex", at) + 6
+        at = text.index(b"vertex", at) + 6
         if not _three_finite(triple):
             line = data.count(b"\n", 0, at) + 1
             found = b" ".join(word.split(b"\n")[0].split()).decode("utf-8", "replace")

@@ -1,0 +1,297 @@
+"""glTF 2.0, as .gltf or .glb: a tree of named nodes, in metres by the specification."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array
+from cadcam.cad.formats.model import Model, assembled
+from cadcam.cad.mesh import Mesh
+from cadcam.errors import UnreadableFile
+
+_AGAIN = "export it again"
+_TYPE = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+SURFACES = "cadcam:surfaces"
+
+
+def read_gltf(path: Path, data: bytes) -> Model:
+    """Return the triangles of the default scene; every node with a mesh is a part, points and lines are passed over.
+
+    The colour of a part is the base colour of its material, turned from linear light to sRGB, where it has just one.
+    Files that this package wrote with surfaces say so, and give them back.
+    """
+    scene = Scene(path, data)
+    brep = (scene.json["asset"].get("extras") or {}).get(SURFACES) == "primitives"
+    return Model(collected(path, list(scene.shapes()), brep=brep), unit="m")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Primitive:
+    """Triangles of one material, in the frame of their node."""
+
+    points: Array
+    faces: npt.NDArray[np.int64]
+    normals: Array | None
+    color: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shape:
+    """A node with a mesh: the names from the root down, world_from_node (4, 4), and its triangle primitives."""
+
+    names: tuple[str, ...]
+    world: Array
+    mesh_name: str
+    primitives: list[Primitive]
+
+
+def collected(path: Path, shapes: list[Shape], *, brep: bool) -> Mesh:
+    """Return one mesh of all shapes, in the world frame and the unit of the file.
+
+    With `brep`, each primitive is one surface of a solid: it gets its own surface number and its normals are kept.
+    """
+    points, faces, part, surface, normals, names, colors = [], [], [], [], [], [], []
+    at, n_surfaces = 0, 0
+    for number, shape in enumerate(shapes):
+        turn, shift = shape.world[:3, :3], shape.world[:3, 3]
+        mirrored = np.linalg.det(turn) < 0
+        for primitive in shape.primitives:
+            triangles = primitive.faces[:, ::-1] if mirrored else primitive.faces
+            points.append(primitive.points @ turn.T + shift)
+            faces.append(triangles + at)
+            part.append(np.full(len(triangles), number))
+            surface.append(np.full(len(triangles), n_surfaces if brep else -1))
+            if primitive.normals is not None and len(primitive.normals) == len(primitive.points):
+                normals.append(_corner_normals(primitive.normals, triangles, turn))
+            n_surfaces += 1
+            at += len(primitive.points)
+        names.append(_label(shape, path.stem))
+        used = np.array([primitive.color for primitive in shape.primitives])
+        colors.append(used[0] if len(used) and (used == used[0]).all() else np.full(3, np.nan))
+    return assembled(
+        path,
+        np.concatenate([np.zeros((0, 3)), *points]),
+        np.concatenate([np.zeros((0, 3), np.int64), *faces]),
+        part=np.concatenate([np.zeros(0, np.int64), *part]),
+        names=names,
+        colors=np.array(colors).reshape(-1, 3),
+        surface=np.concatenate([np.zeros(0, np.int64), *surface]),
+        corner_normals=np.concatenate(normals) if brep and len(normals) == n_surfaces > 0 else None,
+    )
+
+
+def _label(shape: Shape, fallback: str) -> str:
+    """Return the name of the node, or of the nearest one above it that a person gave a name."""
+    for name in (shape.names[-1], shape.mesh_name, *reversed(shape.names)):
+        if name and not name.startswith("=>[") and name not in ("SOLID", "COMPOUND", "SHELL", "COMPSOLID", "FACE"):
+            return name
+    return fallback
+
+
+def _corner_normals(normals: Array, triangles: npt.NDArray[np.int64], turn: Array) -> Array:
+    turned = normals @ np.linalg.inv(turn)
+    length = np.linalg.norm(turned, axis=1, keepdims=True)
+    return np.asarray((turned / np.where(length > 0, length, 1))[triangles])
+
+
+class Scene:
+    """The JSON of a file and the bytes that it describes; every reference is checked before it is followed."""
+
+    def __init__(self, path: Path, data: bytes) -> None:
+        self.path = path
+        self.binary: bytes | None = None
+        text = self._chunks(data) if data[:4] == b"glTF" else data
+        try:
+            self.json: dict[str, Any] = json.loads(text)
+            version = str(self.json["asset"]["version"])
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
+            raise UnreadableFile(path, f"holds no valid glTF JSON ({error})", _AGAIN) from None
+        if not version.startswith("2"):
+            raise UnreadableFile(path, f"is glTF {version}", "only glTF 2 is read")
+        needed = set(self.json.get("extensionsRequired", ())) & {
+            "KHR_draco_mesh_compression",
+            "EXT_meshopt_compression",
+        }
+        if needed:
+            raise UnreadableFile(path, f"is compressed with {needed.pop()}", "export it without mesh compression")
+        self.buffers: dict[int, bytes] = {}
+
+    def _chunks(self, data: bytes) -> bytes:
+        """Return the JSON chunk of a GLB; keep its binary chunk."""
+        if len(data) < 20:
+            raise UnreadableFile(self.path, f"is only {len(data)} bytes long: truncated", _AGAIN)
+        version, length = struct.unpack_from("<II", data, 4)
+        if version != 2:
+            raise UnreadableFile(self.path, f"is GLB version {version}", "only version 2 is read")
+        if length > len(data):
+            raise UnreadableFile(
+                self.path, f"its header (byte 8) claims {length} bytes but the file has {len(data)}: truncated", _AGAIN
+            )
+        text, at = b"", 12
+        while at + 8 <= length:
+            size, kind = struct.unpack_from("<I4s", data, at)
+            if at + 8 + size > length:
+                raise UnreadableFile(self.path, f"the chunk at byte {at} claims {size} bytes: truncated", _AGAIN)
+            chunk = data[at + 8 : at + 8 + size]
+            if kind == b"JSON":
+                text = chunk
+            elif kind == b"BIN\0" and self.binary is None:
+                self.binary = chunk
+            at += 8 + size
+        return text
+
+    def shapes(self) -> Iterator[Shape]:
+        """Yield every node that carries triangles, with its place in the world."""
+        try:
+            nodes = self.json.get("nodes", [])
+            scenes = self.json.get("scenes", [])
+            if scenes:
+                roots = scenes[self.json.get("scene", 0)].get("nodes", [])
+            else:
+                below = {child for node in nodes for child in node.get("children", [])}
+                roots = [i for i in range(len(nodes)) if i not in below]
+            stack: list[tuple[int, Array, tuple[str, ...]]] = [(root, np.eye(4), ()) for root in reversed(roots)]
+            visited: set[int] = set()
+            while stack:
+                number, world, names = stack.pop()
+                if number in visited:
+                    raise UnreadableFile(self.path, f"node {number} stands twice in the tree", _AGAIN)
+                visited.add(number)
+                node = nodes[number]
+                world = world @ _placement(node)
+                here = (*names, str(node.get("name", "")))
+                stack.extend((child, world, here) for child in reversed(node.get("children", [])))
+                if "mesh" in node:
+                    mesh = self.json["meshes"][node["mesh"]]
+                    primitives = [p for raw in mesh["primitives"] if (p := self._primitive(raw)) is not None]
+                    if primitives:
+                        yield Shape(here, world, str(mesh.get("name", "")), primitives)
+        except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+            raise UnreadableFile(
+                self.path, f"its JSON is inconsistent ({type(error).__name__}: {error})", _AGAIN
+            ) from None
+
+    def _primitive(self, raw: dict[str, Any]) -> Primitive | None:
+        mode = raw.get("mode", _TRIANGLES)
+        if mode not in (_TRIANGLES, _STRIP, _FAN):
+            return None
+        points = self._accessor(raw["attributes"]["POSITION"]).astype(np.float64)
+        index = self._accessor(raw["indices"]).ravel().astype(np.int64) if "indices" in raw else np.arange(len(points))
+        if index.size and int(index.max()) >= len(points):
+            at = int(np.argmax(index >= len(points)))
+            raise UnreadableFile(
+                self.path,
+                f"accessor {raw['indices']}, entry {at} refers to vertex {int(index[at])} of {len(points)}",
+                _AGAIN,
+            )
+        normals = raw["attributes"].get("NORMAL")
+        return Primitive(
+            points,
+            _triangles(index, mode),
+            None if normals is None else self._accessor(normals).astype(np.float64),
+            self._color(raw.get("material")),
+        )
+
+    def _color(self, material: int | None) -> Array:
+        if material is None:
+            return np.full(3, np.nan)
+        surface = self.json["materials"][material].get("pbrMetallicRoughness", {})
+        if "baseColorFactor" not in surface:
+            return np.full(3, np.nan)
+        linear = np.clip(np.array(surface["baseColorFactor"][:3], float), 0, 1)
+        curved = 1.055 * linear ** (1 / 2.4) - 0.055
+        return np.asarray(np.where(linear <= 0.0031308, 12.92 * linear, curved))  # IEC 61966-2-1
+
+    def _accessor(self, number: int) -> npt.NDArray[Any]:
+        accessor = self.json["accessors"][number]
+        if "sparse" in accessor:
+            raise UnreadableFile(self.path, f"accessor {number} is sparse", "export it without sparse accessors")
+        kind, width = np.dtype(_TYPE[accessor["componentType"]]), _WIDTH[accessor["type"]]
+        count = int(accessor["count"])
+        if "bufferView" not in accessor:
+            return np.zeros((count, width), kind)
+        view = self.json["bufferViews"][accessor["bufferView"]]
+        data = self._buffer(view["buffer"])
+        stride = int(view.get("byteStride", kind.itemsize * width))
+        begin = int(view.get("byteOffset", 0)) + int(accessor.get("byteOffset", 0))
+        need = begin + (stride * (count - 1) + kind.itemsize * width if count else 0)
+        if min(count, begin) < 0 or stride < kind.itemsize * width or need > len(data):
+            raise UnreadableFile(
+                self.path,
+                f"accessor {number} claims {count} entries up to byte {need} of a buffer of {len(data)}: truncated",
+                _AGAIN,
+            )
+        rows = np.ndarray((count, width), kind, data, begin, (stride, kind.itemsize))
+        if accessor.get("normalized") and kind.kind in "iu":
+            return np.maximum(rows / np.iinfo(kind).max, -1.0)
+        return rows
+
+    def _buffer(self, number: int) -> bytes:
+        if number not in self.buffers:
+            uri = self.json["buffers"][number].get("uri")
+            if uri is None:
+                if self.binary is None:
+                    raise UnreadableFile(self.path, "has no binary chunk: truncated", _AGAIN)
+                self.buffers[number] = self.binary
+            else:
+                self.buffers[number] = self._fetched(uri)
+        return self.buffers[number]
+
+    def _fetched(self, uri: str) -> bytes:
+        if uri.startswith("data:"):
+            try:
+                return base64.b64decode(uri.partition(",")[2], validate=True)
+            except binascii.Error:
+                raise UnreadableFile(self.path, "holds a damaged base64 buffer", _AGAIN) from None
+        name = unquote(uri)
+        target = self.path.parent / name
+        if "://" in uri or Path(name).is_absolute() or ".." in Path(name).parts:
+            raise UnreadableFile(self.path, f"refers to {uri!r}, outside its own folder", "export it as one .glb file")
+        try:
+            return target.read_bytes()
+        except OSError as error:
+            raise UnreadableFile(target, f"cannot be read ({error.strerror})", f"{self.path.name} needs it") from None
+
+
+def _placement(node: dict[str, Any]) -> Array:
+    """Return parent_from_node (4, 4)."""
+    if "matrix" in node:
+        return np.array(node["matrix"], float).reshape(4, 4).T
+    place = np.eye(4)
+    x, y, z, w = (float(q) for q in node.get("rotation", (0, 0, 0, 1)))
+    n = x * x + y * y + z * z + w * w
+    s = 2 / n if n > 0 else 0.0
+    turn = np.eye(3) - s * np.array(
+        [
+            [y * y + z * z, z * w - x * y, -x * z - y * w],
+            [-x * y - z * w, x * x + z * z, x * w - y * z],
+            [y * w - x * z, -x * w - y * z, x * x + y * y],
+        ]
+    )
+    place[:3, :3] = turn * np.array(node.get("scale", (1, 1, 1)), float)
+    place[:3, 3] = node.get("translation", (0, 0, 0))
+    return place
+
+
+def _triangles(index: npt.NDArray[np.int64], mode: int) -> npt.NDArray[np.int64]:
+    if mode == _TRIANGLES:
+        return index[: len(index) // 3 * 3].reshape(-1, 3)
+    n = max(len(index) - 2, 0)
+    k = np.arange(n)
+    if mode == _FAN:
+        return np.column_stack([np.full(n, index[0] if n else 0), index[1 : 1 + n], index[2 : 2 + n]])
+    odd = k % 2
+    return np.column_stack([index[k], index[k + 1 + odd], index[k + 2 - odd]])

@@ -1,0 +1,185 @@
+"""Wavefront OBJ: polygons, no unit; objects and groups, or failing those materials, become parts."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.cad.formats.model import Model, assembled, check_indices
+from cadcam.cad.formats.polygons import triangulated
+from cadcam.errors import UnreadableFile
+
+Longs = npt.NDArray[np.int64]
+_REMEDY = "check the line, or export the model again"
+
+
+@dataclass(slots=True)
+class _Lines:
+    """The lines that matter: vertices and faces with their line numbers, and what each face belongs to."""
+
+    vertices: list[bytes] = field(default_factory=list)
+    vertex_line: list[int] = field(default_factory=list)
+    faces: list[bytes] = field(default_factory=list)
+    face_line: list[int] = field(default_factory=list)
+    vertices_before: list[int] = field(default_factory=list)
+    owner: list[int] = field(default_factory=list)
+    labels: dict[tuple[str, str, str], int] = field(default_factory=dict)
+    libraries: list[str] = field(default_factory=list)
+
+
+def read_obj(path: Path, data: bytes) -> Model:
+    """Return the faces of an OBJ file; normals, texture coordinates, lines and free-form curves are passed over.
+
+    A part is named after its object or group ("object/group" where both differ), or its material in a file that has
+    neither; its colour is the diffuse colour of its material, if the material library lies beside the file.
+    """
+    lines = _sorted_out(data)
+    if not lines.vertices and b"\0" in data[:4096]:
+        raise UnreadableFile(path, "is a binary file, not OBJ text", "check the suffix")
+    vertices = _vertices(path, lines)
+    counts, corners = _corners(path, lines)
+    before = np.repeat(np.array(lines.vertices_before, np.int64), counts)
+    _no_zero(path, lines, counts, corners)
+    corners = np.where(corners < 0, corners + before, corners - 1)
+    line_of_corner = np.repeat(np.array(lines.face_line), counts)
+    check_indices(path, corners, len(vertices), lambda at: f"line {line_of_corner[at]}: the face")
+    faces, polygon = triangulated(vertices, counts, corners)
+    part, names, colors = _parts(path, lines)
+    mesh = assembled(
+        path,
+        vertices,
+        faces,
+        part=part[polygon],
+        names=names,
+        colors=colors,
+        vertex_place=lambda at: f"line {lines.vertex_line[at]}: vertex {at + 1}",
+    )
+    return Model(mesh)
+
+
+def _sorted_out(data: bytes) -> _Lines:
+    found = _Lines()
+    label = ["", "", ""]
+    owner = -1
+    for number, raw in enumerate(data.replace(b"\\\r\n", b"  ").replace(b"\\\n", b" ").splitlines(), 1):
+        line = raw.lstrip()
+        key = line[:2]
+        if key in (b"v ", b"v\t"):
+            found.vertices.append(line[2:])
+            found.vertex_line.append(number)
+        elif key in (b"f ", b"f\t"):
+            if owner < 0:
+                owner = found.labels.setdefault((label[0], label[1], label[2]), len(found.labels))
+            found.faces.append(line[2:])
+            found.face_line.append(number)
+            found.vertices_before.append(len(found.vertices))
+            found.owner.append(owner)
+        elif key in (b"vn", b"vt", b"#", b"# "):
+            continue
+        else:
+            owner = _relabelled(line.strip(), label, found, owner)
+    return found
+
+
+def _relabelled(line: bytes, label: list[str], found: _Lines, owner: int) -> int:
+    """Take note of a line that names something; return -1 where the faces that follow belong elsewhere."""
+    word, _, rest = line.partition(b" ")
+    value = rest.decode("utf-8", "replace").strip()
+    if word == b"mtllib":
+        found.libraries.append(value)
+    for k, name in enumerate((b"o", b"g", b"usemtl")):
+        if word == name:
+            label[k] = value
+            return -1
+    return owner
+
+
+def _vertices(path: Path, lines: _Lines) -> npt.NDArray[np.float64]:
+    """Return positions (V, 3); further numbers on a line (weight, colour) are passed over."""
+    try:
+        words = b" ".join(lines.vertices).split()
+        if len(words) == 3 * len(lines.vertices):
+            return np.array(words, dtype=float).reshape(-1, 3)
+        return np.array([line.split(None, 3)[:3] for line in lines.vertices], dtype=float).reshape(-1, 3)
+    except ValueError:
+        pass
+    for line, number in zip(lines.vertices, lines.vertex_line, strict=True):
+        try:
+            if len([float(word) for word in line.split()[:3]]) == 3:
+                continue
+        except ValueError:
+            pass
+        text = line.decode("utf-8", "replace").strip()
+        raise UnreadableFile(path, f"line {number}: vertex {text!r} is not three numbers", _REMEDY)
+    raise UnreadableFile(path, "holds vertices that are not three numbers", _REMEDY)
+
+
+def _corners(path: Path, lines: _Lines) -> tuple[Longs, Longs]:
+    """Return corners per face (N,) and the vertex numbers as written, one face after the other."""
+    plain = re.sub(rb"/[^\s;]*", b"", b" ; ".join(lines.faces)).split(b";")
+    words = [line.split() for line in plain] if lines.faces else []
+    counts = np.array([len(line) for line in words], np.int64)
+    if len(counts) and counts.min() < 3:
+        at = int(np.argmin(counts))
+        raise UnreadableFile(path, f"line {lines.face_line[at]}: a face with {counts[at]} corners", _REMEDY)
+    try:
+        return counts, np.array([word for line in words for word in line], dtype="S").astype(np.int64)
+    except (ValueError, OverflowError):
+        pass
+    for line, number, text in zip(words, lines.face_line, lines.faces, strict=True):
+        if not all(re.fullmatch(rb"-?\d{1,18}", word) for word in line):
+            shown = text.decode("utf-8", "replace").strip()
+            raise UnreadableFile(path, f"line {number}: face {shown!r} is not a list of vertex numbers", _REMEDY)
+    raise UnreadableFile(path, "holds faces that are not lists of vertex numbers", _REMEDY)
+
+
+def _no_zero(path: Path, lines: _Lines, counts: Longs, corners: Longs) -> None:
+    if (corners == 0).any():
+        at = int(np.searchsorted(np.cumsum(counts), np.argmax(corners == 0), side="right"))
+        raise UnreadableFile(path, f"line {lines.face_line[at]}: vertex number 0", "OBJ counts vertices from 1")
+
+
+def _parts(path: Path, lines: _Lines) -> tuple[Longs, list[str], npt.NDArray[np.float32]]:
+    """Return the part of each face, the names of the parts and their colours."""
+    named = any(key[0] or key[1] for key in lines.labels)
+    names: dict[str, int] = {}
+    materials: list[set[str]] = []
+    part_of_label = []
+    for obj, group, material in lines.labels:
+        name = "/".join(dict.fromkeys(w for w in (obj, group) if w)) if named else material
+        number = names.setdefault(name, len(names))
+        if number == len(materials):
+            materials.append(set())
+        materials[number].add(material)
+        part_of_label.append(number)
+    known = _diffuse(path, lines.libraries)
+    nothing = (np.nan, np.nan, np.nan)
+    colors = [known.get(min(used), nothing) if len(used) == 1 else nothing for used in materials]
+    owner = np.array(part_of_label or [0], np.int64)[np.array(lines.owner, np.int64)]
+    return owner, list(names), np.array(colors, np.float32).reshape(-1, 3)
+
+
+def _diffuse(path: Path, libraries: list[str]) -> dict[str, tuple[float, float, float]]:
+    """Return the diffuse colour of each material in those libraries that can be read."""
+    colors: dict[str, tuple[float, float, float]] = {}
+    for library in libraries:
+        try:
+            text = (path.parent / library).read_text("utf-8", "replace")
+        except OSError:
+            continue  # a colour is not worth refusing a model for
+        material = ""
+        for line in text.splitlines():
+            words = line.split()
+            if words[:1] == ["newmtl"]:
+                material = line.split(None, 1)[1].strip() if len(words) > 1 else ""
+            elif words[:1] == ["Kd"] and len(words) >= 4:
+                try:
+                    r, g, b = (min(max(float(word), 0.0), 1.0) for word in words[1:4])
+                except ValueError:
+                    continue
+                colors[material] = (r, g, b)
+    return colors

@@ -1,0 +1,269 @@
+"""PLY: polygons, ASCII or binary of either byte order, no unit, one part."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.cad.formats.model import Model, assembled, check_indices
+from cadcam.cad.formats.polygons import triangulated
+from cadcam.errors import UnreadableFile
+
+Longs = npt.NDArray[np.int64]
+_AGAIN = "export it again"
+_TYPES = {
+    **dict.fromkeys(("char", "int8"), "i1"),
+    **dict.fromkeys(("uchar", "uint8"), "u1"),
+    **dict.fromkeys(("short", "int16"), "i2"),
+    **dict.fromkeys(("ushort", "uint16"), "u2"),
+    **dict.fromkeys(("int", "int32"), "i4"),
+    **dict.fromkeys(("uint", "uint32"), "u4"),
+    **dict.fromkeys(("float", "float32"), "f4"),
+    **dict.fromkeys(("double", "float64"), "f8"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Property:
+    name: str
+    type: str
+    count: str = ""  # type of the length in front of a list
+
+
+@dataclass(frozen=True, slots=True)
+class _Element:
+    name: str
+    size: int
+    properties: tuple[_Property, ...]
+
+    @property
+    def least(self) -> int:
+        """The least number of bytes (binary) that one entry takes."""
+        return sum(int((p.count or p.type)[1]) for p in self.properties)
+
+
+def read_ply(path: Path, data: bytes) -> Model:
+    """Return the polygons of a PLY file; everything but positions and face indices is passed over."""
+    order, elements, body = _header(path, data)
+    reader = _Ascii(path, data, body) if order == "ascii" else _Binary(path, data, body, order)
+    vertices = np.zeros((0, 3))
+    counts, corners = np.zeros(0, np.int64), np.zeros(0, np.int64)
+    for element in elements:
+        columns, lists = reader.read(element)
+        if element.name == "vertex":
+            missing = [axis for axis in "xyz" if axis not in columns]
+            if missing:
+                raise UnreadableFile(path, f"its vertices have no property {missing[0]!r}", _AGAIN)
+            vertices = np.column_stack([columns[axis] for axis in "xyz"])
+        elif element.name == "face":
+            key = next((k for k in ("vertex_indices", "vertex_index") if k in lists), None)
+            if key is None:
+                raise UnreadableFile(path, "its faces have no list 'vertex_indices'", _AGAIN)
+            counts, corners = lists[key]
+        elif element.name == "tristrips":
+            raise UnreadableFile(path, "holds triangle strips", "export single triangles")
+    owner = np.repeat(np.arange(len(counts)), counts)
+    check_indices(path, corners, len(vertices), lambda at: f"face {owner[at]}")
+    faces, _ = triangulated(vertices, counts, corners)
+    return Model(assembled(path, vertices, faces))
+
+
+def _header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
+    """Return the byte order ("ascii", "<", ">"), the elements, and where the body begins."""
+    end = data.find(b"end_header")
+    if data[:3] != b"ply" or end < 0:
+        raise UnreadableFile(path, "has no complete PLY header", _AGAIN)
+    body = data.find(b"\n", end) + 1
+    order, elements = "", []
+    for number, line in enumerate(data[:end].decode("latin-1").splitlines(), 1):
+        words = line.split()
+        try:
+            match words:
+                case ["format", kind, *_]:
+                    order = {"ascii": "ascii", "binary_little_endian": "<", "binary_big_endian": ">"}[kind]
+                case ["element", name, size]:
+                    elements.append(_Element(name, int(size), ()))
+                case ["property", "list", count, kind, name]:
+                    elements[-1] = _with(elements[-1], _Property(name, _TYPES[kind], _TYPES[count]))
+                case ["property", kind, name]:
+                    elements[-1] = _with(elements[-1], _Property(name, _TYPES[kind]))
+        except (KeyError, ValueError, IndexError):
+            raise UnreadableFile(path, f"line {number}: cannot make sense of {line!r}", _AGAIN) from None
+    if not order or body == 0:
+        raise UnreadableFile(path, "its header names no format", _AGAIN)
+    return order, elements, body
+
+
+def _with(element: _Element, added: _Property) -> _Element:
+    return _Element(element.name, element.size, (*element.properties, added))
+
+
+Columns = dict[str, npt.NDArray[np.float64]]
+Lists = dict[str, tuple[Longs, Longs]]
+
+
+class _Binary:
+    def __init__(self, path: Path, data: bytes, at: int, order: str) -> None:
+        self.path, self.data, self.at, self.order = path, data, at, order
+
+    def read(self, element: _Element) -> tuple[Columns, Lists]:
+        """Return the scalar columns and the lists (lengths, values) of the next element."""
+        self._room(element, element.size * element.least)
+        lists = [p for p in element.properties if p.count]
+        if not lists:
+            return self._table(element, {}), {}
+        fast = self._even(element, lists)
+        return fast if fast is not None else self._one_by_one(element)
+
+    def _room(self, element: _Element, need: int) -> None:
+        if element.size < 0 or self.at + need > len(self.data):
+            raise UnreadableFile(
+                self.path,
+                f"claims {element.size} entries of {element.name!r}, which take at least {need} bytes from byte "
+                f"{self.at} on, but is {len(self.data)} bytes long: truncated",
+                _AGAIN,
+            )
+
+    def _table(self, element: _Element, lengths: dict[str, int]) -> Columns:
+        """Return the columns of entries whose lists all have the given lengths."""
+        fields: list[tuple[str, str, tuple[int, ...]]] = []
+        for p in element.properties:
+            if p.count:
+                fields.append((f"count of {p.name}", self.order + p.count, ()))
+            fields.append((p.name, self.order + p.type, (lengths[p.name],) if p.count else ()))
+        kind = np.dtype(fields)
+        need = kind.itemsize * element.size
+        self._room(element, need)
+        table = np.frombuffer(self.data, kind, element.size, self.at)
+        self.at += need
+        return {name: table[name] for name, _, _ in fields}
+
+    def _even(self, element: _Element, lists: list[_Property]) -> tuple[Columns, Lists] | None:
+        """Return the element if all its entries have lists as long as the first (all triangles), else None."""
+        begin = self.at
+        lengths = self._first_lengths(element)
+        least = sum(
+            int((p.type)[1]) * lengths.get(p.name, 1) + int(p.count[1] if p.count else 0) for p in element.properties
+        )
+        if begin + least * element.size > len(self.data):
+            return None
+        columns = self._table(element, lengths)
+        if any((columns[f"count of {p.name}"] != lengths[p.name]).any() for p in lists):
+            self.at = begin
+            return None
+        found: Lists = {
+            p.name: (np.full(element.size, lengths[p.name], np.int64), columns[p.name].ravel().astype(np.int64))
+            for p in lists
+        }
+        return columns, found
+
+    def _first_lengths(self, element: _Element) -> dict[str, int]:
+        at, lengths = self.at, {}
+        for p in element.properties:
+            if p.count and element.size:
+                length, at = self._number(p.count, at)
+                lengths[p.name] = max(length, 0)
+                at += int(p.type[1]) * lengths[p.name]
+            else:
+                at += int(p.type[1])
+                lengths[p.name] = 0 if p.count else 1
+        return lengths
+
+    def _number(self, kind: str, at: int) -> tuple[int, int]:
+        size = int(kind[1])
+        if at + size > len(self.data):
+            raise UnreadableFile(self.path, f"ends at byte {len(self.data)} amid its faces: truncated", _AGAIN)
+        raw = self.data[at : at + size]
+        value = int.from_bytes(raw, "little" if self.order == "<" else "big", signed=kind[0] == "i")
+        return value, at + size
+
+    def _one_by_one(self, element: _Element) -> tuple[Columns, Lists]:
+        """Return the lists of an element whose entries differ in length; its scalars are passed over."""
+        counts: dict[str, list[int]] = {p.name: [] for p in element.properties if p.count}
+        values: dict[str, list[bytes]] = {name: [] for name in counts}
+        for _ in range(element.size):
+            for p in element.properties:
+                size, n = int(p.type[1]), 1
+                if p.count:
+                    n, self.at = self._number(p.count, self.at)
+                    counts[p.name].append(n)
+                    values[p.name].append(self.data[self.at : self.at + n * size])
+                self.at += n * size
+                if n < 0 or self.at > len(self.data):
+                    raise UnreadableFile(self.path, f"ends at byte {len(self.data)} amid its faces: truncated", _AGAIN)
+        lists: Lists = {}
+        for p in element.properties:
+            if p.count:
+                flat = np.frombuffer(b"".join(values[p.name]), self.order + p.type).astype(np.int64)
+                lists[p.name] = (np.array(counts[p.name], np.int64), flat)
+        return {}, lists
+
+
+class _Ascii:
+    def __init__(self, path: Path, data: bytes, at: int) -> None:
+        self.path = path
+        self.line = data[:at].count(b"\n") + 1
+        self.lines = [line.split() for line in data[at:].splitlines()]
+        self.at = 0
+
+    def read(self, element: _Element) -> tuple[Columns, Lists]:
+        """Return the scalar columns and the lists (lengths, values) of the next element, one line an entry."""
+        rows: list[list[bytes]] = []
+        first = self.at
+        while len(rows) < element.size and self.at < len(self.lines):
+            if self.lines[self.at]:
+                rows.append(self.lines[self.at])
+            self.at += 1
+        if len(rows) < element.size:
+            raise UnreadableFile(
+                self.path, f"claims {element.size} entries of {element.name!r} but has {len(rows)}: truncated", _AGAIN
+            )
+        if any(p.count for p in element.properties):
+            return {}, self._lists(element, rows, first)
+        n = len(element.properties)
+        try:
+            table = np.array([row[:n] for row in rows], dtype=float).reshape(-1, n)
+        except ValueError:
+            self._complain(rows, first, n)
+            raise
+        return {p.name: table[:, k] for k, p in enumerate(element.properties)}, {}
+
+    def _complain(self, rows: list[list[bytes]], first: int, n: int) -> None:
+        for k, row in enumerate(rows):
+            try:
+                if len([float(word) for word in row[:n]]) == n:
+                    continue
+            except ValueError:
+                pass
+            shown = b" ".join(row).decode("utf-8", "replace")
+            raise UnreadableFile(
+                self.path, f"line {self.line + first + k}: {shown!r} is not {n} numbers", "check the line"
+            )
+
+    def _lists(self, element: _Element, rows: list[list[bytes]], first: int) -> Lists:
+        counts: dict[str, list[int]] = {p.name: [] for p in element.properties if p.count}
+        values: dict[str, list[int]] = {name: [] for name in counts}
+        for k, row in enumerate(rows):
+            at = 0
+            try:
+                for p in element.properties:
+                    n = int(row[at]) if p.count else 1
+                    at += 1
+                    if p.count:
+                        words = row[at : at + n]
+                        if len(words) != n:
+                            raise ValueError
+                        counts[p.name].append(n)
+                        values[p.name].extend(int(float(word)) for word in words)
+                        at += n
+            except (ValueError, IndexError, OverflowError):
+                shown = b" ".join(row).decode("utf-8", "replace")
+                raise UnreadableFile(
+                    self.path,
+                    f"line {self.line + first + k}: {shown!r} is not a list of vertex numbers",
+                    "check the line",
+                ) from None
+        return {name: (np.array(counts[name], np.int64), np.array(values[name], np.int64)) for name in counts}

@@ -1,0 +1,168 @@
+"""3MF: a zip of XML that names its own unit; every object placed by the build is a part."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from io import BytesIO
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.cad.formats.model import Model, assembled, check_indices
+from cadcam.errors import UnreadableFile
+
+_AGAIN = "export it again"
+_UNIT = {
+    "micron": "um",
+    "millimeter": "mm",
+    "centimeter": "cm",
+    "inch": "in",
+    "foot": "ft",
+    "meter": "m",
+}
+_LARGEST = 4 << 30  # bytes of XML: more is a decompression bomb, not a model
+
+
+def read_3mf(path: Path, data: bytes) -> Model:
+    """Return the objects that the build of the package places, in the unit that the package names."""
+    package = _Package(path, data)
+    root = package.model(package.start)
+    unit = root.get("unit", "millimeter")
+    if unit not in _UNIT:
+        raise UnreadableFile(path, f"names the unit {unit!r}", f"3MF knows {', '.join(_UNIT)}")
+    items = [
+        (package.start_of(item.attrib, package.start), item.get("objectid", ""), _matrix(path, item.get("transform")))
+        for item in root.iterfind("./{*}build/{*}item")
+    ]
+    found = _Found()
+    for model, number, place in items:
+        package.place(found, model, number, place, "", 0)
+    points = np.concatenate([np.zeros((0, 3)), *found.points])
+    faces = np.concatenate([np.zeros((0, 3), np.int64), *found.faces])
+    part = np.repeat(np.arange(len(found.faces)), [len(f) for f in found.faces])
+    colors = np.array(found.colors, float).reshape(-1, 3)
+    return Model(assembled(path, points, faces, part=part, names=found.names, colors=colors), _UNIT[unit], True)
+
+
+class _Found:
+    def __init__(self) -> None:
+        self.points: list[Array] = []
+        self.faces: list[np.ndarray[tuple[int, ...], np.dtype[np.int64]]] = []
+        self.names: list[str] = []
+        self.colors: list[tuple[float, float, float]] = []
+        self.n_points = 0
+
+
+class _Package:
+    """The models of a 3MF package, parsed when first asked for."""
+
+    def __init__(self, path: Path, data: bytes) -> None:
+        self.path = path
+        try:
+            self.zip = zipfile.ZipFile(BytesIO(data))
+        except (zipfile.BadZipFile, OSError, ValueError) as error:
+            raise UnreadableFile(path, f"is not a complete zip archive ({error}): truncated", _AGAIN) from None
+        self.models: dict[str, ElementTree.Element] = {}
+        names = [n for n in self.zip.namelist() if n.lower().endswith(".model")]
+        if not names:
+            raise UnreadableFile(path, "holds no 3D model", _AGAIN)
+        self.start = self._start(names)
+
+    def _start(self, names: list[str]) -> str:
+        """Return the model that the package's relations name first, else the usual one."""
+        try:
+            for relation in ElementTree.fromstring(self.zip.read("_rels/.rels")):
+                if relation.get("Type", "").endswith("/3dmodel"):
+                    target = relation.get("Target", "").lstrip("/")
+                    if target in names:
+                        return target
+        except (KeyError, ElementTree.ParseError, zipfile.BadZipFile, zlib.error, EOFError):
+            pass  # the relations are a convenience; the model itself decides
+        return next((n for n in names if n.lower() == "3d/3dmodel.model"), names[0])
+
+    def start_of(self, attributes: dict[str, str], current: str) -> str:
+        """Return the model that an item or component refers to (production extension), else the current one."""
+        target = next((v for k, v in attributes.items() if k.endswith("}path")), "")
+        return target.lstrip("/") or current
+
+    def model(self, name: str) -> ElementTree.Element:
+        """Return the XML of a model."""
+        if name not in self.models:
+            try:
+                if self.zip.getinfo(name).file_size > _LARGEST:
+                    raise UnreadableFile(self.path, f"{name} unpacks to more than {_LARGEST >> 30} GiB", _AGAIN)
+                self.models[name] = ElementTree.fromstring(self.zip.read(name))
+            except KeyError:
+                raise UnreadableFile(self.path, f"refers to {name!r}, which it does not hold", _AGAIN) from None
+            except (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, NotImplementedError) as error:
+                raise UnreadableFile(self.path, f"{name} cannot be unpacked ({error})", _AGAIN) from None
+            except ElementTree.ParseError as error:
+                raise UnreadableFile(self.path, f"{name} is not valid XML ({error})", _AGAIN) from None
+        return self.models[name]
+
+    def place(self, found: _Found, model: str, number: str, place: Array, above: str, depth: int) -> None:
+        """Add the object and, where it is an assembly, its components."""
+        if depth > 50:
+            raise UnreadableFile(self.path, f"object {number} contains itself", _AGAIN)
+        root = self.model(model)
+        item = next((o for o in root.iterfind("./{*}resources/{*}object") if o.get("id") == number), None)
+        if item is None:
+            raise UnreadableFile(self.path, f"the build refers to object {number!r}, which is not there", _AGAIN)
+        name = item.get("name") or above or f"object {number}"
+        for component in item.iterfind("./{*}components/{*}component"):
+            inner = place @ _matrix(self.path, component.get("transform"))
+            target = self.start_of(component.attrib, model)
+            self.place(found, target, component.get("objectid", ""), inner, name, depth + 1)
+        mesh = item.find("./{*}mesh")
+        if mesh is not None:
+            self._add(found, mesh, place, name, _color(root, item))
+
+    def _add(
+        self, found: _Found, mesh: ElementTree.Element, place: Array, name: str, color: tuple[float, float, float]
+    ) -> None:
+        try:
+            points = np.array([[v.get(k) for k in "xyz"] for v in mesh.iterfind("./{*}vertices/{*}vertex")], float)
+            faces = np.array(
+                [[t.get(k) for k in ("v1", "v2", "v3")] for t in mesh.iterfind("./{*}triangles/{*}triangle")]
+            ).astype(np.int64)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise UnreadableFile(self.path, f"object {name!r} holds a number it should not ({error})", _AGAIN) from None
+        if not len(faces):
+            return
+        points, faces = points.reshape(-1, 3), faces.reshape(-1, 3)
+        check_indices(self.path, faces, len(points), lambda at: f"object {name!r}, triangle {at}")
+        if np.linalg.det(place[:3, :3]) < 0:
+            faces = faces[:, ::-1]
+        found.points.append(points @ place[:3, :3].T + place[:3, 3])
+        found.faces.append(faces + found.n_points)
+        found.names.append(name)
+        found.colors.append(color)
+        found.n_points += len(points)
+
+
+def _matrix(path: Path, text: str | None) -> Array:
+    """Return the 4x4 of a 3MF transform: twelve numbers, rows of a matrix that acts on row vectors."""
+    place = np.eye(4)
+    if text:
+        try:
+            place[:3] = np.array(text.split(), float).reshape(4, 3).T
+        except ValueError:
+            raise UnreadableFile(path, f"the transform {text[:60]!r} is not twelve numbers", _AGAIN) from None
+    return place
+
+
+def _color(root: ElementTree.Element, item: ElementTree.Element) -> tuple[float, float, float]:
+    """Return the display colour of the object's base material, NaN where it has none."""
+    group = item.get("pid")
+    for materials in root.iterfind("./{*}resources/{*}basematerials"):
+        if group is not None and materials.get("id") == group:
+            try:
+                text = materials[int(item.get("pindex", "0"))].get("displaycolor", "")
+                r, g, b = (int(text[k : k + 2], 16) / 255 for k in (1, 3, 5))
+            except (IndexError, ValueError):
+                break
+            return r, g, b
+    return np.nan, np.nan, np.nan

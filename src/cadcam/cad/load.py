@@ -1,0 +1,187 @@
+"""Load a CAD file of any known format: a `Mesh` in mm, mended, with a report of what was understood."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from difflib import get_close_matches
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from cadcam.cad.formats.gltf import read_gltf
+from cadcam.cad.formats.model import Model
+from cadcam.cad.formats.obj import read_obj
+from cadcam.cad.formats.off import read_off
+from cadcam.cad.formats.ply import read_ply
+from cadcam.cad.formats.step import read_iges, read_step
+from cadcam.cad.formats.stl import read_stl
+from cadcam.cad.formats.threemf import read_3mf
+from cadcam.cad.mend import Repairs, mend
+from cadcam.cad.mesh import Mesh
+from cadcam.cad.units import MM, unit_name
+from cadcam.errors import BadValue, DegenerateGeometry, UnreadableFile
+
+_READERS: dict[str, Callable[[Path, bytes], Model]] = {
+    ".stl": read_stl,
+    ".obj": read_obj,
+    ".ply": read_ply,
+    ".off": read_off,
+    ".glb": read_gltf,
+    ".gltf": read_gltf,
+    ".3mf": read_3mf,
+}
+_BREP_READERS = {".step": read_step, ".stp": read_step, ".iges": read_iges, ".igs": read_iges}
+SUFFIXES = tuple(sorted({*_READERS, *_BREP_READERS}))
+
+_SMALL_MM, _LARGE_MM = 1.0, 100_000.0  # beyond these a mistaken unit is likelier than such a part
+_ABSURD_MM = 1e12
+
+
+@dataclass(frozen=True, slots=True)
+class LoadReport:
+    """What a file was understood to hold.
+
+    `unit` is the unit of length its numbers were read in and `unit_source` why ("argument", "file", "format" or
+    "assumed"); `size_mm` the extent along x, y, z; `sha256` of the bytes read; `repairs` what mending took; `warnings`
+    sentences for the user.
+    """
+
+    path: str
+    sha256: str
+    unit: str
+    unit_source: str
+    size_mm: tuple[float, float, float]
+    n_parts: int
+    n_faces: int
+    n_vertices: int
+    repairs: Repairs
+    warnings: tuple[str, ...]
+
+    def lines(self) -> list[str]:
+        """Return the report as lines of text, the size first."""
+        name = Path(self.path).name
+        return [
+            f"{name}: size {_size(self.size_mm)} (unit {self.unit}: {_SOURCE[self.unit_source]})",
+            f"{name}: {self.n_parts} part{'s' * (self.n_parts != 1)}, {self.n_faces} triangles",
+            *(f"{name}: {line}" for line in self.repairs.lines()),
+            *(f"{name}: warning: {line}" for line in self.warnings),
+        ]
+
+
+_SOURCE = {
+    "argument": "as given",
+    "file": "named in the file",
+    "format": "by the rule of the format",
+    "assumed": "assumed, the format has none",
+}
+
+
+def load(path: str | PathLike[str], *, unit: str | None = None, chordal_tolerance_mm: float | None = None) -> Mesh:
+    """Return the mesh of a CAD file in mm: welded, without empty or repeated faces, wound outwards, parts named.
+
+    Formats by suffix: STL, OBJ, PLY, OFF (no unit: `unit` decides, mm if not given), GLB/glTF (metres by the
+    specification; `unit` overrides it, as many writers ignore it), 3MF, STEP (the file names its unit; another is
+    refused), IGES. STEP and IGES need the extra "step"; `chordal_tolerance_mm` bounds the distance of their triangles
+    from the true surface (default: 5e-5 of the size). Raises `UnreadableFile`, `DegenerateGeometry` when no face has an
+    area, `UnknownName` for a unit, `BadValue` for a unit against the file's own, `MissingExtra`.
+    """
+    return load_with_report(path, unit=unit, chordal_tolerance_mm=chordal_tolerance_mm)[0]
+
+
+def load_with_report(
+    path: str | PathLike[str], *, unit: str | None = None, chordal_tolerance_mm: float | None = None
+) -> tuple[Mesh, LoadReport]:
+    """Return what `load` returns, and the report of it."""
+    wanted = None if unit is None else unit_name(unit)
+    path = Path(path)
+    data = _bytes(path)
+    suffix = path.suffix.lower()
+    if suffix in _BREP_READERS:
+        model = _BREP_READERS[suffix](path, data, chordal_tolerance_mm=chordal_tolerance_mm)
+    else:
+        model = _READERS[suffix](path, data)
+    name, source = _unit(path, model, wanted)
+    mesh, repairs = _mended(path, model.mesh.scaled(MM[name]))
+    report = LoadReport(
+        path=str(path),
+        sha256=hashlib.sha256(data).hexdigest(),
+        unit=name,
+        unit_source=source,
+        size_mm=(float(mesh.size_mm[0]), float(mesh.size_mm[1]), float(mesh.size_mm[2])),
+        n_parts=len(mesh.part_names),
+        n_faces=mesh.n_faces,
+        n_vertices=len(mesh.vertices),
+        repairs=repairs,
+        warnings=(*model.notes, *_doubts(mesh, model, name, source)),
+    )
+    return mesh, report
+
+
+def describe(mesh: Mesh) -> str:
+    """Return one line: size in mm, number of parts and triangles."""
+    n = len(mesh.part_names)
+    return f"size {_size(mesh.size_mm)}, {n} part{'s' * (n != 1)}, {mesh.n_faces} triangles"
+
+
+def _size(size: np.typing.ArrayLike) -> str:
+    return " x ".join(f"{x:.1f}" if x >= 10 else f"{x:.4g}" for x in np.asarray(size, float)) + " mm"
+
+
+def _bytes(path: Path) -> bytes:
+    """Return the content of a file that can be a CAD file by its name."""
+    if path.is_dir():
+        raise UnreadableFile(path, "is a folder", "name a file in it")
+    if not path.exists():
+        near = (
+            get_close_matches(path.name, [p.name for p in path.parent.iterdir()], n=1) if path.parent.is_dir() else []
+        )
+        raise UnreadableFile(path, "does not exist", f"did you mean {near[0]!r}?" if near else "check the name")
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        near = get_close_matches(suffix, SUFFIXES, n=1, cutoff=0.5) if suffix else []
+        hint = f"did you mean {near[0]}? " if near else ""
+        what = f"has the suffix {suffix!r}, which no CAD reader knows" if suffix else "has no suffix to tell its format"
+        raise UnreadableFile(path, what, f"{hint}known: {', '.join(SUFFIXES)}")
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise UnreadableFile(path, f"cannot be read ({error.strerror})", "check its permissions") from None
+    if not data.strip(b" \t\r\n\0"):
+        raise UnreadableFile(path, f"is empty ({len(data)} bytes)", "export the model again")
+    return data
+
+
+def _unit(path: Path, model: Model, wanted: str | None) -> tuple[str, str]:
+    """Return the unit of the model's numbers and where it comes from."""
+    if model.unit is not None and model.declared:
+        if wanted is not None and wanted != model.unit:
+            raise BadValue(f"unit for {path.name}", wanted, f"{model.unit}, which the file names itself; leave it out")
+        return model.unit, "file"
+    if wanted is not None:
+        return wanted, "argument"
+    return (model.unit, "format") if model.unit is not None else ("mm", "assumed")
+
+
+def _mended(path: Path, mesh: Mesh) -> tuple[Mesh, Repairs]:
+    largest = float(np.abs(mesh.vertices).max())
+    if largest > _ABSURD_MM:
+        raise UnreadableFile(path, f"has a coordinate of {largest:.3g} mm", "check the unit and the file")
+    try:
+        return mend(mesh)
+    except DegenerateGeometry as error:
+        raise DegenerateGeometry(f"{path}: {error}; export a model with surfaces") from None
+
+
+def _doubts(mesh: Mesh, model: Model, unit: str, source: str) -> list[str]:
+    """Return what the user should look at twice."""
+    doubts = []
+    largest = float(mesh.size_mm.max())
+    if not _SMALL_MM <= largest <= _LARGE_MM:
+        other = "--unit m" if largest < _SMALL_MM else "--unit mm"
+        doubts.append(f"the model is {largest:.4g} mm large: is the unit right? pass {other} if not")
+    if source == "argument" and model.unit is not None and model.unit != unit:
+        doubts.append(f"the format is in {model.unit} by its rule; read in {unit} as asked")
+    return doubts

@@ -1,0 +1,120 @@
+"""Which triangles lie at a point: a tree of boxes over the triangles, searched for many points at once."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Mask
+from cadcam.cad.mesh import Mesh
+
+Longs = npt.NDArray[np.int64]
+_LEAF = 4
+_BLOCK = 40_000  # points searched together: bounds the memory of the search
+
+
+class TriangleTree:
+    """Boxes over runs of triangles that are neighbours in space and, as far as possible, of one body."""
+
+    def __init__(self, mesh: Mesh, body: Longs) -> None:
+        self.corners = mesh.vertices[mesh.faces]
+        low, high = self.corners.min(axis=1), self.corners.max(axis=1)
+        self.body = body
+        self.order = np.lexsort((_morton((low + high) / 2), body))
+        depth = max(int(np.ceil(np.log2(max(len(low) / _LEAF, 1)))), 0)
+        n = _LEAF << depth
+        self.levels = _levels(_padded(low[self.order], n, np.inf), _padded(high[self.order], n, -np.inf))
+        self.owners = _owners(_padded(body[self.order], n, -1), len(self.levels))
+
+    def touching(self, points: Array, tolerance: float, *, apart_from: Longs) -> tuple[Longs, Longs]:
+        """Return pairs (point, face): faces within `tolerance` of each point (N, 3), of another body than its own."""
+        found = [
+            self._block(points[at : at + _BLOCK], tolerance, apart_from[at : at + _BLOCK], at)
+            for at in range(0, len(points), _BLOCK)
+        ]
+        pairs = np.concatenate([np.zeros((0, 2), np.int64), *found])
+        return pairs[:, 0], pairs[:, 1]
+
+    def _block(self, points: Array, tolerance: float, own: Longs, offset: int) -> Longs:
+        point, node = np.arange(len(points)), np.zeros(len(points), np.int64)
+        for depth, (low, high) in enumerate(self.levels):
+            if depth:
+                point, node = np.repeat(point, 2), (2 * node[:, None] + np.arange(2)).ravel()
+            at = points[point]
+            near = (at >= low[node] - tolerance).all(axis=1) & (at <= high[node] + tolerance).all(axis=1)
+            near &= self.owners[depth][node] != own[point]
+            point, node = point[near], node[near]
+        point = np.repeat(point, _LEAF)
+        slot = (_LEAF * node[:, None] + np.arange(_LEAF)).ravel()
+        real = slot < len(self.order)
+        point, face = point[real], self.order[slot[real]]
+        other = self.body[face] != own[point]
+        point, face = point[other], face[other]
+        close = _near(points[point], self.corners[face], tolerance)
+        return np.column_stack([point[close] + offset, face[close]])
+
+
+def _padded(values: npt.NDArray[np.generic], n: int, fill: float) -> npt.NDArray[np.generic]:
+    extra = np.full((n - len(values), *values.shape[1:]), fill, values.dtype)
+    return np.concatenate([values, extra])
+
+
+def _levels(low: npt.NDArray[np.generic], high: npt.NDArray[np.generic]) -> list[tuple[Array, Array]]:
+    """Return the boxes of each level, the root first; the last level holds leaves."""
+    lowest: Array = np.asarray(low, float).reshape(-1, _LEAF, 3).min(axis=1)
+    highest: Array = np.asarray(high, float).reshape(-1, _LEAF, 3).max(axis=1)
+    levels = [(lowest, highest)]
+    while len(lowest) > 1:
+        lowest, highest = lowest.reshape(-1, 2, 3).min(axis=1), highest.reshape(-1, 2, 3).max(axis=1)
+        levels.insert(0, (lowest, highest))
+    return levels
+
+
+def _owners(body: npt.NDArray[np.generic], depth: int) -> list[Longs]:
+    """Return for each box of each level the one body it holds, -2 where it holds several."""
+    body = np.asarray(body, np.int64).reshape(-1, _LEAF)
+    low, high = body.min(axis=1), body.max(axis=1)
+    levels = [np.where(low == high, low, -2)]
+    for _ in range(depth - 1):
+        pairs = levels[0].reshape(-1, 2)
+        levels.insert(0, np.where(pairs[:, 0] == pairs[:, 1], pairs[:, 0], -2))
+    return levels
+
+
+def _morton(points: Array) -> npt.NDArray[np.uint64]:
+    """Return places on a space-filling curve: 21 bits of each coordinate, interleaved."""
+    low = points.min(axis=0, initial=np.inf)
+    span = max(float((points.max(axis=0, initial=-np.inf) - low).max(initial=0)), 1e-300)
+    cells = np.clip((points - low) / span * 2097151, 0, 2097151).astype(np.uint64)
+    key = np.zeros(len(points), np.uint64)
+    for axis in range(3):
+        x = cells[:, axis]
+        for shift, mask in (
+            (32, 0x1F00000000FFFF),
+            (16, 0x1F0000FF0000FF),
+            (8, 0x100F00F00F00F00F),
+            (4, 0x10C30C30C30C30C3),
+            (2, 0x1249249249249249),
+        ):
+            x = (x | (x << np.uint64(shift))) & np.uint64(mask)
+        key |= x << np.uint64(axis)
+    return key
+
+
+def _near(points: Array, corners: Array, tolerance: float) -> Mask:
+    """Return which points (N, 3) lie within `tolerance` of their triangle (N, 3, 3)."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    normal = np.cross(b - a, c - a)
+    length = np.linalg.norm(normal, axis=1)
+    unit = normal / np.where(length > 0, length, 1)[:, None]
+    height = np.abs(np.einsum("ij,ij->i", points - a, unit))
+    inside = length > 0
+    squared = np.full(len(points), np.inf)
+    for p, q in ((a, b), (b, c), (c, a)):
+        side = q - p
+        inside &= np.einsum("ij,ij->i", np.cross(side, points - p), normal) >= 0
+        span = np.einsum("ij,ij->i", side, side)
+        t = np.clip(np.einsum("ij,ij->i", points - p, side) / np.where(span > 0, span, 1), 0, 1)
+        gap = points - (p + t[:, None] * side)
+        squared = np.minimum(squared, np.einsum("ij,ij->i", gap, gap))
+    return np.asarray((inside & (height <= tolerance)) | (squared <= tolerance**2))

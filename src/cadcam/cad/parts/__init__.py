@@ -1,0 +1,7 @@
+"""Parametric sample parts: what examples, tests and benchmarks measure on, without any file."""
+
+from cadcam.cad.parts.bench import BENCH_POINTS, calibration_bench
+from cadcam.cad.parts.bracket import machined_bracket
+from cadcam.cad.parts.shipblock import ship_block
+
+__all__ = ["BENCH_POINTS", "calibration_bench", "machined_bracket", "ship_block"]

@@ -1,0 +1,154 @@
+"""Write a mesh as STL, OBJ, PLY or GLB: the whole file or none, and the same bytes every time."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+from collections.abc import Callable, Iterator
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.cad.formats.gltf import SURFACES
+from cadcam.cad.mesh import Mesh, compacted
+from cadcam.errors import UnknownName, UnwritableFile
+
+
+def write(mesh: Mesh, path: str | PathLike[str]) -> None:
+    """Write the mesh to `path` in the format of its suffix; what was there stays until the new file is complete.
+
+    STL (binary) and PLY (binary) hold one nameless part; OBJ keeps parts as groups; GLB, in metres, keeps names,
+    colours and, where the mesh has them, surfaces and their normals. STL, PLY and OBJ are in mm. Raises
+    `UnknownName` for another suffix and `UnwritableFile`.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in _WRITERS:
+        raise UnknownName("format to write", suffix, _WRITERS)
+    data = _WRITERS[suffix](compacted(mesh))
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        partial.write_bytes(data)
+        partial.replace(path)
+    except OSError as error:
+        raise UnwritableFile(path, error.strerror or str(error)) from None
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _stl(mesh: Mesh) -> bytes:
+    record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    table = np.zeros(mesh.n_faces, record)
+    table["normal"], table["corners"] = mesh.face_normals, mesh.vertices[mesh.faces]
+    return b"cadcam, millimetres".ljust(80, b"\0") + struct.pack("<I", mesh.n_faces) + table.tobytes()
+
+
+def _ply(mesh: Mesh) -> bytes:
+    header = (
+        "ply\nformat binary_little_endian 1.0\ncomment cadcam, millimetres\n"
+        f"element vertex {len(mesh.vertices)}\nproperty double x\nproperty double y\nproperty double z\n"
+        f"element face {mesh.n_faces}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    table = np.zeros(mesh.n_faces, np.dtype([("count", "u1"), ("corners", "<i4", 3)]))
+    table["count"], table["corners"] = 3, mesh.faces
+    return header.encode() + mesh.vertices.astype("<f8").tobytes() + table.tobytes()
+
+
+def _obj(mesh: Mesh) -> bytes:
+    lines = ["# cadcam, millimetres"]
+    lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in (mesh.vertices + 0.0).tolist()]
+    for number, name in enumerate(mesh.part_names):
+        lines.append(f"g {name}")
+        lines += [f"f {a} {b} {c}" for a, b, c in (mesh.faces[mesh.part == number] + 1).tolist()]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _glb(mesh: Mesh) -> bytes:
+    """Return one node for each part; with surfaces known throughout, one primitive for each surface."""
+    keep = bool((mesh.surface >= 0).all())
+    buffer = _Buffer()
+    nodes, meshes, materials = [], [], []
+    for number, name in enumerate(mesh.part_names):
+        color = mesh.part_colors[number].astype(float)
+        if np.isfinite(color).all():
+            linear = np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4)
+            factor = [round(x, 6) for x in [*linear.tolist(), 1.0]]
+            materials.append({"pbrMetallicRoughness": {"baseColorFactor": factor, "metallicFactor": 0.0}})
+        material = {"material": len(materials) - 1} if np.isfinite(color).all() else {}
+        primitives = [{**buffer.primitive(mesh, faces), **material} for faces in _groups(mesh, number, keep)]
+        meshes.append({"name": name, "primitives": primitives})
+        nodes.append({"name": name, "mesh": number})
+    asset: dict[str, Any] = {"version": "2.0", "generator": "cadcam"}
+    if keep:
+        asset["extras"] = {SURFACES: "primitives"}
+    content: dict[str, Any] = {
+        "asset": asset,
+        "scene": 0,
+        "scenes": [{"nodes": list(range(len(nodes)))}],
+        "nodes": nodes,
+        "meshes": meshes,
+        "accessors": buffer.accessors,
+        "bufferViews": buffer.views,
+        "buffers": [{"byteLength": len(buffer.data)}],
+    }
+    if materials:
+        content["materials"] = materials
+    text = json.dumps(content, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(buffer.data), b"BIN\0")
+    chunks += bytes(buffer.data)
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+def _groups(mesh: Mesh, part: int, by_surface: bool) -> Iterator[npt.NDArray[np.int64]]:
+    faces = np.flatnonzero(mesh.part == part)
+    if not by_surface:
+        yield faces
+        return
+    order = faces[np.argsort(mesh.surface[faces], kind="stable")]
+    yield from np.split(order, np.flatnonzero(np.diff(mesh.surface[order])) + 1)
+
+
+class _Buffer:
+    """The binary chunk of a GLB while it grows."""
+
+    def __init__(self) -> None:
+        self.data = bytearray()
+        self.views: list[dict[str, int]] = []
+        self.accessors: list[dict[str, Any]] = []
+
+    def primitive(self, mesh: Mesh, faces: npt.NDArray[np.int64]) -> dict[str, Any]:
+        """Add some faces; vertices with several normals are repeated."""
+        corners = mesh.faces[faces].ravel()
+        if mesh.corner_normals is None:
+            vertices, index = np.unique(corners, return_inverse=True)
+            attributes = {}
+        else:
+            normals = mesh.corner_normals[faces].reshape(-1, 3)
+            rows = np.column_stack([corners.astype(np.float64), normals])
+            _, first, index = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+            vertices = corners[first]
+            attributes = {"NORMAL": self._add(normals[first].astype("<f4"), "VEC3", 5126)}
+        points = (mesh.vertices[vertices] / 1e3).astype("<f4")
+        attributes["POSITION"] = self._add(points, "VEC3", 5126)
+        span = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
+        self.accessors[attributes["POSITION"]].update(span)
+        small = len(vertices) < 65536
+        index = index.ravel().astype("<u2" if small else "<u4")
+        return {"attributes": attributes, "indices": self._add(index, "SCALAR", 5123 if small else 5125)}
+
+    def _add(self, values: npt.NDArray[Any], kind: str, component: int) -> int:
+        self.data += bytes(-len(self.data) % 4)
+        raw = values.tobytes()
+        self.views.append({"buffer": 0, "byteOffset": len(self.data), "byteLength": len(raw)})
+        self.data += raw + bytes(-len(raw) % 4)
+        view = {"bufferView": len(self.views) - 1, "componentType": component, "count": len(values), "type": kind}
+        self.accessors.append(view)
+        return len(self.accessors) - 1
+
+
+_WRITERS: dict[str, Callable[[Mesh], bytes]] = {".stl": _stl, ".ply": _ply, ".obj": _obj, ".glb": _glb}

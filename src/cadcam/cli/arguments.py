@@ -1,0 +1,79 @@
+"""What the verbs' command lines share."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from typing import TYPE_CHECKING, TypeAlias
+
+from cadcam.errors import BadValue
+
+if TYPE_CHECKING:
+    from cadcam.camera.observations import Observations
+
+Verbs: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
+
+
+def verb(
+    verbs: Verbs, name: str, run: Callable[[argparse.Namespace], None], *, short: str, description: str, examples: str
+) -> argparse.ArgumentParser:
+    """Return a new verb's parser: `short` stands in the list of verbs, `examples` below its own help."""
+    parser = verbs.add_parser(
+        name,
+        help=short,
+        description=description,
+        epilog=f"examples:\n{examples}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.set_defaults(run=run)
+    return parser
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Add --json."""
+    parser.add_argument("--json", action="store_true", help="print one JSON document in place of tables")
+
+
+def add_points_options(parser: argparse.ArgumentParser) -> None:
+    """Add what says how a points file is to be read."""
+    group = parser.add_argument_group("points file")
+    group.add_argument(
+        "--points-unit", metavar="U", help="unit of X Y Z where the header names none: mm (default), m ..."
+    )
+    group.add_argument("--columns", type=names, metavar="A,B", help="the two image columns, where there are several")
+    group.add_argument("--header", type=names, metavar="A,B,...", help="column names of a file without a header line")
+    group.add_argument("--sigma", type=float, metavar="PX", help="noise of one pixel coordinate, if it is known")
+
+
+def read_points_as_asked(arguments: argparse.Namespace, path: str) -> Observations:
+    """Return the observations in a points file, read by the options of `add_points_options`."""
+    from cadcam.files.points import read_points
+
+    return read_points(
+        path,
+        unit=arguments.points_unit,
+        columns=arguments.columns,
+        header=arguments.header,
+        sigma_px=arguments.sigma,
+    )
+
+
+def size(text: str) -> tuple[int, int]:
+    """Return (width, height) of a text such as 768x576."""
+    width, cross, height = text.lower().partition("x")
+    if cross and width.strip().isdigit() and height.strip().isdigit() and int(width) and int(height):
+        return int(width), int(height)
+    raise argparse.ArgumentTypeError(f"{text!r} is not a picture size; give WIDTHxHEIGHT in px, such as 768x576")
+
+
+def names(text: str) -> tuple[str, ...]:
+    """Return the names in a text separated by commas."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def number(what: str, text: str) -> float:
+    """Return the number in a text; `BadValue` naming `what`."""
+    try:
+        return float(text)
+    except ValueError:
+        raise BadValue(what, repr(text), "a number") from None

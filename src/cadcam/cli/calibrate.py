@@ -1,0 +1,145 @@
+"""`cadcam calibrate`: points file -> camera file; with known internals, the pose alone."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import TYPE_CHECKING
+
+from cadcam.cli.arguments import Verbs, add_json, add_points_options, number, read_points_as_asked, size, verb
+from cadcam.cli.output import check_target, print_json, print_tables, say, working
+from cadcam.errors import BadValue, UnknownName
+
+if TYPE_CHECKING:
+    from cadcam.camera.estimate import CameraEstimate
+    from cadcam.camera.lens import Lens
+    from cadcam.camera.observations import Observations
+
+_EXAMPLES = """\
+  cadcam calibrate points.csv --photo photo.png -o camera.json
+  cadcam calibrate points.csv --size 768x576 --fix skew=0 --fix aspect=1 --lens brown-conrady:k1 -o camera.json
+  cadcam calibrate points.csv --internals camera.json -o posed.json        only where that camera stands now
+  cadcam calibrate table_2_7.csv --columns U2,V2 --size 768x576            a file with two image points a line
+
+points file (CSV, tabs or blanks; # comments):
+  name,X,Y,Z,x_px,y_px          X Y Z in mm (or X_m, X_in ..., or --points-unit); x_px the column, y_px the row,
+  A1,0,80,-1040,159.0,187.1     (0, 0) the centre of the top-left pixel; U,V instead: U the row, V the column
+"""
+_DESCRIPTION = """\
+Estimate a camera from world points and the pixels where they were seen: the eleven parameters of the extended pinhole
+(position, three angles, focal length, aspect, skew, principal point), lens coefficients if asked for, and the standard
+deviation of each. No starting values are needed; the global minimum of the reprojection error is found. A full
+calibration takes six or more points that are not all in one plane; a pose with known internals takes four."""
+
+
+def add_to(verbs: Verbs) -> None:
+    """Add the verb."""
+    parser = verb(
+        verbs, "calibrate", run, short="points file -> camera file", description=_DESCRIPTION, examples=_EXAMPLES
+    )
+    parser.add_argument("points", help="points file")
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument("--size", type=size, metavar="WxH", help="picture size in px")
+    source.add_argument("--photo", metavar="FILE", help="take the size from this picture (as displayed: EXIF applied)")
+    source.add_argument("--internals", metavar="FILE", help="camera file whose K and lens are kept: pose only")
+    parser.add_argument("-o", "--output", metavar="FILE", help="camera file to write (.json)")
+    parser.add_argument(
+        "--fix",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="hold a parameter: X Y Z mm, a b c skew degrees, aspect, focal U0 V0 px; may be repeated",
+    )
+    parser.add_argument(
+        "--lens",
+        metavar="MODEL:TERMS",
+        help="lens with coefficients to estimate (k1) or to hold (k1=-0.2): brown-conrady:k1,k2 division:k fisheye:k1 "
+        "odd-radial:a3,a5 (default: ideal, no distortion)",
+    )
+    parser.add_argument(
+        "--method",
+        default="reprojection",
+        choices=("reprojection", "dlt", "dlt-c23"),
+        help="least squares (default), or the direct linear transform alone: normalised, or with C23 = 1",
+    )
+    add_points_options(parser)
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Calibrate, print, write."""
+    from cadcam.files.camera import camera_as_json, write_camera
+    from cadcam.report.camera import estimate_tables
+
+    if arguments.output:
+        check_target(arguments.output, (".json",))
+    observations = read_points_as_asked(arguments, arguments.points)
+    with working(f"estimating a camera from {len(observations)} points"):
+        estimate = _estimate(arguments, observations)
+    if arguments.output:
+        write_camera(arguments.output, estimate)
+    if arguments.json:
+        print_json(camera_as_json(estimate))
+    else:
+        print_tables(estimate_tables(estimate))
+    if arguments.output:
+        say(f"wrote {arguments.output}")
+
+
+def _estimate(arguments: argparse.Namespace, observations: Observations) -> CameraEstimate:
+    from cadcam.calibrate.points import calibrate, locate_camera
+    from cadcam.files.camera import read_camera
+    from cadcam.image.picture import read_picture_with_info
+
+    if arguments.internals:
+        if arguments.fix or arguments.lens or arguments.method != "reprojection":
+            raise BadValue("--fix, --lens or --method", "given beside --internals", "none: all internals are kept")
+        return locate_camera(observations, read_camera(arguments.internals).camera)
+    lens, free_lens = _lens(arguments.lens)
+    return calibrate(
+        observations,
+        arguments.size or read_picture_with_info(arguments.photo)[1].size,
+        fixed=_fixed(arguments.fix),
+        lens=lens,
+        free_lens=free_lens,
+        method=arguments.method,
+    )
+
+
+def _fixed(texts: list[str]) -> dict[str, float]:
+    """Return the values of NAME=VALUE texts, degrees made radians."""
+    from cadcam.report.camera import ANGLES
+
+    fixed: dict[str, float] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals or name in fixed:
+            raise BadValue("--fix", repr(text), "NAME=VALUE such as skew=0, each name once")
+        degrees = number(f"--fix {name}", value)
+        fixed[name] = math.radians(degrees) if name in ANGLES else degrees
+    return fixed
+
+
+def _lens(text: str | None) -> tuple[Lens | None, tuple[str, ...]]:
+    """Return the lens of MODEL:TERMS and the names of its free coefficients."""
+    from cadcam.camera.lens import LENSES
+
+    if text is None:
+        return None, ()
+    model, _, terms = text.partition(":")
+    if model not in LENSES:
+        raise UnknownName("lens model", model, LENSES)
+    known = LENSES[model]().parameters
+    held: dict[str, float] = {}
+    free: list[str] = []
+    for term in (t.strip() for t in terms.split(",") if t.strip()):
+        name, equals, value = term.partition("=")
+        if name not in known:
+            raise UnknownName(f"coefficient of the {model} lens", name, known)
+        if equals:
+            held[name] = number(f"--lens {name}", value)
+        else:
+            free.append(name)
+    if known and not (held or free):
+        raise BadValue("--lens", repr(text), f"coefficients behind a colon, such as {model}:{next(iter(known))}")
+    return LENSES[model](**held), tuple(free)

@@ -1,0 +1,45 @@
+"""Cameras on the command line: internals from a camera file, the pose from it, a pose file or points."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from cadcam.errors import BadValue
+
+if TYPE_CHECKING:
+    from cadcam.camera.camera import Camera
+    from cadcam.geometry.rigid import Rigid
+
+POSE_HELP = """\
+pose file: a first line '# camera_from_world, mm' (or world_from_camera; or m, in ...), then a 3x4 or 4x4 matrix.
+"""
+
+
+def camera_and_pose(camera_file: str, pose_file: str | None) -> tuple[Camera, Rigid]:
+    """Return the camera of a file, and its pose unless a pose file says another."""
+    from cadcam.files.camera import read_camera
+    from cadcam.files.matrix import read_pose
+
+    known = read_camera(camera_file)
+    pose = read_pose(pose_file) if pose_file else known.camera_from_world
+    if pose is None:
+        raise BadValue(
+            f"the pose in {camera_file}",
+            "missing",
+            "a camera file with camera_from_world, --pose FILE, or --points FILE",
+        )
+    return known.camera, pose
+
+
+def add_camera_options(parser: argparse.ArgumentParser, *, required: bool) -> None:
+    """Add the camera file and the pose file."""
+    parser.add_argument("--camera", metavar="FILE", required=required, help="camera file (.json), best with its pose")
+    parser.add_argument("--pose", metavar="FILE", help="where the camera stands, if not as its file says (see below)")
+
+
+def view_as_json(camera: Camera, camera_from_world: Rigid) -> dict[str, Any]:
+    """Return camera and pose as a camera file holds them."""
+    from cadcam.files.camera import camera_as_json
+
+    return camera_as_json(camera, camera_from_world=camera_from_world)

@@ -1,0 +1,68 @@
+"""The command line. One file a verb; what a verb needs is imported when it runs, so that help costs next to nothing.
+
+Exit codes: 0 done; 1 a bug of ours, with a traceback; 2 something the caller can put right, said in one message;
+130 interrupted. Results go to stdout, messages and progress to stderr.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+
+from cadcam import __version__
+from cadcam.cli import calibrate, decompose, demo, overlay, render
+from cadcam.errors import CadcamError
+
+VERBS = (calibrate, overlay, render, decompose, demo)
+
+_DESCRIPTION = (
+    "From points on a photo to the CAD wireframe on it: calibrate a camera, render CAD as it sees it, overlay."
+)
+_EPILOG = """\
+the usual way:
+  cadcam calibrate points.csv --photo photo.png -o camera.json
+  cadcam overlay photo.png part.step --camera camera.json -o overlay.png
+
+conventions: lengths in mm; pixels (x, y) = (column, row) with (0, 0) the centre of the top-left pixel;
+camera axes x right, y down, z forward. Every verb explains itself: cadcam VERB --help
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of all verbs."""
+    top = argparse.ArgumentParser(
+        prog="cadcam", description=_DESCRIPTION, epilog=_EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    top.add_argument("--version", action="version", version=f"cadcam {__version__}")
+    verbs = top.add_subparsers(dest="verb", metavar="VERB", required=True, title="verbs")
+    for verb in VERBS:
+        verb.add_to(verbs)
+    return top
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code."""
+    arguments = parser().parse_args(argv)
+    try:
+        arguments.run(arguments)
+        sys.stdout.flush()
+    except CadcamError as error:
+        print(f"cadcam {arguments.verb}: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(f"cadcam {arguments.verb}: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # the reader of a pipe had enough: cadcam ... | head
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception:
+        traceback.print_exc()
+        print(
+            f"cadcam {arguments.verb}: this is a bug in cadcam {__version__}; please report it with the lines above",
+            file=sys.stderr,
+        )
+        return 1
+    return 0

@@ -1,0 +1,49 @@
+"""CAD models on the command line: loaded once, what was understood said on stderr."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from cadcam.cli.output import say, working
+
+if TYPE_CHECKING:
+    from cadcam.cad.load import LoadReport
+    from cadcam.cad.mesh import Mesh
+
+
+def add_model_options(parser: argparse.ArgumentParser) -> None:
+    """Add the model and how it is to be read."""
+    parser.add_argument("model", help="CAD file: STL, OBJ, PLY, OFF, GLB/glTF, 3MF; STEP and IGES with cadcam[step]")
+    parser.add_argument(
+        "--unit", metavar="U", help="the model's unit where its file names none: um, mm (default), cm, m, in, ft"
+    )
+    parser.add_argument(
+        "--tolerance", type=float, metavar="MM", help="STEP, IGES: largest distance of triangles from the true surface"
+    )
+
+
+def load_as_asked(arguments: argparse.Namespace) -> tuple[Mesh, LoadReport]:
+    """Return the mesh in mm and the report of loading it, which is also printed to stderr unless JSON was asked for."""
+    with working(f"loading {arguments.model}"):
+        from cadcam.cad.load import load_with_report
+
+        mesh, report = load_with_report(arguments.model, unit=arguments.unit, chordal_tolerance_mm=arguments.tolerance)
+    if not arguments.json:
+        for line in report.lines():
+            say(line)
+    return mesh, report
+
+
+def model_as_json(report: LoadReport, mesh: Mesh) -> dict[str, Any]:
+    """Return what was understood of the model's file."""
+    return {
+        "file": report.path,
+        "sha256": report.sha256,
+        "size_mm": list(report.size_mm),
+        "unit": report.unit,
+        "unit_source": report.unit_source,
+        "triangles": report.n_faces,
+        "parts": list(mesh.part_names),
+        "warnings": list(report.warnings),
+    }

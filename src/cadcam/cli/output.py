@@ -1,0 +1,62 @@
+"""Where results go: checked before the work starts, written whole at its end."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cadcam.errors import UnknownName, UnwritableFile
+
+if TYPE_CHECKING:
+    from cadcam.report.table import Table
+
+
+def check_target(path: str, suffixes: Sequence[str]) -> None:
+    """Refuse an output that could not be written later: before minutes of work, and without leaving anything behind."""
+    target = Path(path)
+    if target.suffix.lower() not in suffixes:
+        raise UnknownName(f"suffix of output {path!r}:", target.suffix, suffixes)
+    if target.is_dir():
+        raise UnwritableFile(path, "is a folder", "name a file in it")
+    if not target.parent.is_dir():
+        raise UnwritableFile(
+            path, f"there is no folder {str(target.parent)!r}", f"make it first: mkdir -p {target.parent}"
+        )
+    for place in (target, target.parent):
+        if place.exists() and not os.access(place, os.W_OK):
+            raise UnwritableFile(path, f"{place} is read-only", "choose another place, or change its permissions")
+
+
+def print_json(document: dict[str, Any]) -> None:
+    """Print one JSON document to stdout."""
+    from cadcam.files.jsontext import as_json
+
+    sys.stdout.write(as_json(document).decode())
+
+
+def print_tables(tables: Iterable[Table]) -> None:
+    """Print tables to stdout."""
+    from cadcam.report.table import show
+
+    show(tables, sys.stdout)
+
+
+def say(text: str) -> None:
+    """Print a message to stderr, out of the way of results."""
+    print(text, file=sys.stderr)
+
+
+@contextmanager
+def working(text: str) -> Iterator[None]:
+    """Show on a terminal what is going on while it lasts; say nothing anywhere else."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+
+    with Console(file=sys.stderr).status(text):
+        yield

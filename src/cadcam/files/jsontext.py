@@ -1,0 +1,145 @@
+"""JSON with a place: every error names the file and the key where it stands."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.errors import CadcamError, UnknownName, UnreadableFile
+from cadcam.files.text import TextFile
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A value inside a JSON file, and the way to it."""
+
+    path: str
+    keys: tuple[str, ...]
+    value: Any
+
+    @property
+    def object(self) -> dict[str, Any]:
+        """Return the value as a JSON object; an error otherwise."""
+        if not isinstance(self.value, dict):
+            raise self.error(f"is {_short(self.value)}", "an object {...} is expected")
+        return self.value
+
+    def error(self, reason: str, remedy: str = "") -> UnreadableFile:
+        """Return the error that names this place."""
+        where = f"{'.'.join(self.keys)} " if self.keys else ""
+        return UnreadableFile(self.path, where + reason, remedy)
+
+    def at(self, key: str) -> Place:
+        """Return the place behind a key; an error if there is none."""
+        if key not in self.object:
+            raise self.error(f"has no {key!r}", f"keys are {', '.join(self.object) or 'none'}")
+        return Place(self.path, (*self.keys, key), self.object[key])
+
+    def only(self, *known: str) -> None:
+        """Refuse keys other than these, suggesting the nearest."""
+        for key in self.object:
+            if key not in known:
+                raise self.error(f"has an {UnknownName('key', key, known)}")
+
+    def number(self) -> float:
+        """Return a finite number."""
+        return float(self.array(()))
+
+    def text(self) -> str:
+        """Return a string."""
+        if not isinstance(self.value, str):
+            raise self.error(f"is {_short(self.value)}", "a text is expected")
+        return self.value
+
+    def texts(self) -> tuple[str, ...]:
+        """Return a list of strings."""
+        if not isinstance(self.value, list) or not all(isinstance(v, str) for v in self.value):
+            raise self.error(f"is {_short(self.value)}", "a list of texts is expected")
+        return tuple(self.value)
+
+    def array(self, shape: tuple[int | None, ...]) -> Array:
+        """Return an array of finite numbers of this shape; None is any length."""
+        expected = f"numbers of shape {shape}" if shape else "a number"
+        if _has_other_than_numbers(self.value):
+            raise self.error(f"is {_short(self.value)}", f"{expected} is expected" if not shape else expected)
+        try:
+            array = np.array(self.value, dtype=np.float64)
+        except (ValueError, TypeError, OverflowError):
+            raise self.error(f"is {_short(self.value)}", f"expected {expected}") from None
+        if array.size == 0 and None in shape:
+            array = array.reshape([0 if n is None else n for n in shape])
+        fits = array.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True))
+        if not fits:
+            raise self.error(f"has shape {array.shape}", f"expected {expected}")
+        if not np.isfinite(array).all():
+            raise self.error("is not finite", "leave out what is not known")
+        return array
+
+    def build(self, make: Callable[[], T]) -> T:
+        """Return what `make` returns; its `CadcamError` becomes one that names this place."""
+        try:
+            return make()
+        except UnreadableFile:
+            raise
+        except CadcamError as error:
+            raise self.error(f"is refused: {error}" if self.keys else str(error)) from error
+
+
+def parsed(file: TextFile) -> Place:
+    """Return the JSON object in a file; `UnreadableFile` with line and column where it is none."""
+    try:
+        value = json.loads(file.text, object_pairs_hook=_once)
+    except json.JSONDecodeError as error:
+        raise UnreadableFile(
+            file.path, f"is not JSON: {error.msg} at line {error.lineno}, column {error.colno}", "is it cut off?"
+        ) from None
+    except (_Twice, RecursionError) as error:
+        raise UnreadableFile(file.path, str(error)) from None
+    place = Place(file.path, (), value)
+    _ = place.object
+    return place
+
+
+def as_json(value: Any) -> bytes:
+    """Return indented JSON with rows of numbers on one line; floats keep every bit, NaN and infinity are refused."""
+    return (_written(value, "") + "\n").encode()
+
+
+class _Twice(ValueError):
+    pass
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    out = dict(pairs)
+    if len(out) < len(pairs):
+        keys = [k for k, _ in pairs]
+        raise _Twice(f"has the key {next(k for k in keys if keys.count(k) > 1)!r} twice")
+    return out
+
+
+def _written(value: Any, indent: str) -> str:
+    deeper = indent + "  "
+    if isinstance(value, dict) and value:
+        items = [f"{deeper}{json.dumps(k)}: {_written(v, deeper)}" for k, v in value.items()]
+        return "{\n" + ",\n".join(items) + f"\n{indent}}}"
+    if isinstance(value, list) and any(isinstance(v, (list, dict)) for v in value):
+        return "[\n" + ",\n".join(deeper + _written(v, deeper) for v in value) + f"\n{indent}]"
+    return json.dumps(value, allow_nan=False, ensure_ascii=False)
+
+
+def _has_other_than_numbers(value: Any) -> bool:
+    if isinstance(value, list):
+        return any(_has_other_than_numbers(v) for v in value)
+    return isinstance(value, bool) or not isinstance(value, (int, float))
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,120 @@
+"""Matrices of numbers in text files, and poses: which frame to which, in which unit, is said or it is refused."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from typing import Any
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.cad.units import MM, unit_name
+from cadcam.errors import CadcamError, UnknownName, UnreadableFile
+from cadcam.files.jsontext import Place, parsed
+from cadcam.files.text import TextFile, comments_of, number_in, read_text
+from cadcam.geometry.rigid import Rigid
+
+_DIRECTIONS = ("camera_from_world", "world_from_camera")
+_SAID = re.compile(rf"({'|'.join(_DIRECTIONS)})[\s,:]+(?:in\s+)?([A-Za-z]+)\.?")
+_REMEDY = "add a first line such as '# camera_from_world, mm' (or world_from_camera; or m, cm, in ...)"
+
+
+def read_matrix(path: str | os.PathLike[str], *, rows: int, columns: int) -> Array:
+    """Return the (rows, columns) numbers of a text file, one row a line, or a JSON list of rows; # starts a comment.
+
+    Raises `UnreadableFile` naming line, column and value.
+    """
+    return _matrix(read_text(path), ((rows, columns),))
+
+
+def read_pose(path: str | os.PathLike[str]) -> Rigid:
+    """Return camera_from_world (mm) of a pose file.
+
+    Text: a comment line that says direction and unit, then 3 or 4 rows of 4 numbers:
+        # camera_from_world, mm
+        1 0 0 0
+        0 1 0 0
+        0 0 1 500
+    JSON: {"camera_from_world": {"rotation": [[...], ...], "translation_mm": [...]}}, as in a camera file; the name may
+    be world_from_camera and the unit any of translation_m, translation_in ... A camera file with a pose serves, too.
+    """
+    file = read_text(path)
+    if file.text.lstrip().startswith("{"):
+        return _pose_in_json(file)
+    direction, mm = _stated(file)
+    matrix = _matrix(file, ((3, 4), (4, 4))).copy()
+    matrix[:3, 3] *= mm
+    try:
+        pose = Rigid.from_matrix(matrix)
+    except CadcamError as error:
+        raise UnreadableFile(path, f"is not a pose: {error}") from error
+    return pose if direction == "camera_from_world" else pose.inv
+
+
+def pose_at(place: Place) -> Rigid:
+    """Return the motion b_from_a in a JSON object {"rotation": 3x3, "translation_mm": 3} (or translation_m ...)."""
+    place.only("rotation", *(f"translation_{u}" for u in MM))
+    keys = [u for u in MM if f"translation_{u}" in place.object]
+    if len(keys) != 1:
+        raise place.error("needs one translation with its unit", 'such as "translation_mm": [0, 0, 500]')
+    rotation = place.at("rotation").array((3, 3))
+    translation = place.at(f"translation_{keys[0]}").array((3,)) * MM[keys[0]]
+    return place.build(lambda: Rigid(rotation, translation))
+
+
+def pose_as_json(b_from_a: Rigid) -> dict[str, Any]:
+    """Return the JSON object that `pose_at` reads."""
+    return {"rotation": b_from_a.rotation.tolist(), "translation_mm": b_from_a.translation.tolist()}
+
+
+def _pose_in_json(file: TextFile) -> Rigid:
+    place = parsed(file)
+    said = [d for d in _DIRECTIONS if d in place.object]
+    if len(said) != 1:
+        raise place.error("needs one pose", 'such as "camera_from_world": {"rotation": ..., "translation_mm": ...}')
+    pose = pose_at(place.at(said[0]))
+    return pose if said[0] == "camera_from_world" else pose.inv
+
+
+def _stated(file: TextFile) -> tuple[str, float]:
+    """Return direction and millimetres per unit as a comment line says them."""
+    found = [m for line in comments_of(file) if (m := _SAID.fullmatch(line))]
+    if len(found) != 1:
+        raise UnreadableFile(file.path, "does not say which pose it is, and in which unit", _REMEDY)
+    try:
+        return found[0][1], MM[unit_name(found[0][2])]
+    except UnknownName as error:
+        raise UnreadableFile(file.path, f"names an {error}", _REMEDY) from None
+
+
+def _matrix(file: TextFile, shapes: tuple[tuple[int, int], ...]) -> Array:
+    rows = _json_rows(file) if file.text.lstrip().startswith("[") else _text_rows(file)
+    shape = (len(rows), len(rows[0]) if rows else 0)
+    if shape not in shapes or any(len(row) != shape[1] for row in rows):
+        wanted = " or ".join(f"{r}x{c}" for r, c in shapes)
+        lengths = ", ".join(str(len(row)) for row in rows[:6])
+        raise UnreadableFile(
+            file.path, f"has {len(rows)} rows of {lengths or 'no'} numbers", f"give a {wanted} matrix, one row a line"
+        )
+    return np.array(rows)
+
+
+def _text_rows(file: TextFile) -> list[list[float]]:
+    rows = []
+    for number, line in enumerate(file.text.splitlines(), start=1):
+        cells = [c for c in re.split(r"[\s,;\[\]]+", line.split("#")[0]) if c]
+        if cells:
+            rows.append([number_in(file, number, f"number {i}", c) for i, c in enumerate(cells, start=1)])
+    return rows
+
+
+def _json_rows(file: TextFile) -> list[list[float]]:
+    try:
+        rows = json.loads(file.text)
+    except ValueError:
+        return _text_rows(file)  # rows in brackets as numpy prints them
+    if isinstance(rows, list) and all(isinstance(row, list) for row in rows):
+        return [[number_in(file, i, f"number {j}", str(c)) for j, c in enumerate(r, 1)] for i, r in enumerate(rows, 1)]
+    raise UnreadableFile(file.path, "is a list but not one of rows", "write [[1, 2, 3, 4], [...], ...]")

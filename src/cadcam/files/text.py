@@ -1,0 +1,98 @@
+"""Text files as bytes, hash and lines of cells; every error names the file, and the line where there is one."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+
+from cadcam.errors import UnreadableFile
+
+MAX_BYTES = 64_000_000  # a points file of a million lines; anything longer is a wrong file
+_DELIMITERS = ("\t", ";", ",")
+
+
+@dataclass(frozen=True, slots=True)
+class TextFile:
+    """A text file as it was on disk: path as given, content, hash of its bytes."""
+
+    path: str
+    text: str
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One line that holds something: its number in the file, counted from 1, and its cells, stripped."""
+
+    number: int
+    cells: tuple[str, ...]
+
+
+def read_text(path: str | os.PathLike[str], *, max_bytes: int = MAX_BYTES) -> TextFile:
+    """Return the UTF-8 text of a file; `UnreadableFile` with the reason if it is missing, empty, huge or not text."""
+    try:
+        size = Path(path).stat().st_size
+        if size > max_bytes:
+            raise UnreadableFile(path, f"is {size} bytes long, more than {max_bytes}", "is it the right file?")
+        data = Path(path).read_bytes()
+    except FileNotFoundError:
+        raise UnreadableFile(path, "no such file", "check the path") from None
+    except IsADirectoryError:
+        raise UnreadableFile(path, "is a folder", "name a file in it") from None
+    except (OSError, ValueError) as error:
+        raise UnreadableFile(path, getattr(error, "strerror", None) or str(error)) from error
+    try:
+        text = data.decode("utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise UnreadableFile(
+            path, f"is not text: byte {error.start} is {data[error.start]:#04x}", "save it as UTF-8"
+        ) from None
+    if "\0" in text:
+        raise UnreadableFile(path, "is not text: it contains zero bytes", "save it as UTF-8")
+    if not text.strip():
+        raise UnreadableFile(path, "is empty", "copy it again from its source")
+    return TextFile(os.fspath(path), text, sha256(data).hexdigest())
+
+
+def lines_of_cells(file: TextFile) -> Iterator[Line]:
+    """Yield every line that is not blank or a comment (#), cut into cells.
+
+    The first such line decides what separates cells: a tab, a semicolon, a comma, else any blanks.
+    """
+    delimiter = None
+    first = True
+    for number, raw in enumerate(file.text.splitlines(), start=1):
+        text = raw.strip(" \r\n")
+        if not text.strip() or text.lstrip().startswith("#"):
+            continue
+        if first:
+            delimiter, first = next((d for d in _DELIMITERS if d in text), None), False
+        if delimiter is None:
+            yield Line(number, tuple(text.split()))
+        else:
+            cells = next(csv.reader([text], delimiter=delimiter, skipinitialspace=True))
+            yield Line(number, tuple(c.strip() for c in cells))
+
+
+def comments_of(file: TextFile) -> list[str]:
+    """Return the comment lines without their #, stripped."""
+    return [line.lstrip().lstrip("#").strip() for line in file.text.splitlines() if line.lstrip().startswith("#")]
+
+
+def number_in(file: TextFile, line: int, what: str, cell: str) -> float:
+    """Return the finite number in a cell; `UnreadableFile` naming file, line, `what` and the cell otherwise."""
+    place = f"line {line}, {what}"
+    if not cell:
+        raise UnreadableFile(file.path, f"{place} is empty", "give a number, or remove the line")
+    try:
+        value = float(cell)
+    except ValueError:
+        remedy = "write a decimal point, not a comma" if "," in cell else "give a number, or remove the line"
+        raise UnreadableFile(file.path, f"{place} is {cell[:40]!r}, not a number", remedy) from None
+    if not abs(value) < float("inf"):
+        raise UnreadableFile(file.path, f"{place} is {cell!r}", "give a finite number, or remove the line")
+    return value

@@ -1,0 +1,145 @@
+"""The reprojection problem: states of a camera seeing fixed points, any of its parameters free.
+
+A state is one flat array: F (3), R (9, rows of our camera axes), aspect focal skew U0 V0 (5), lens coefficients (n).
+Leading axes are a batch, so a hundred starts descend at the cost of a few.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.camera.camera import Camera
+from cadcam.camera.extended_pinhole import NAMES, OURS_FROM_THESIS, ExtendedPinhole
+from cadcam.camera.lens import Lens
+from cadcam.camera.sensitivity import internals_of, project_local, rotation_by_angles
+from cadcam.fit.layout import Indices
+from cadcam.geometry import rotation as so3
+from cadcam.geometry.rigid import Rigid
+
+_F, _R, _INTERNALS, _LENS = slice(0, 3), slice(3, 12), slice(12, 17), slice(17, None)
+_ANGLES = ("a", "b", "c")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraModel:
+    """Points p_world (N, 3) mm seen at q (N, 2) px; `free` names what may move; the lens' class and fixed coefficients.
+
+    With all angles free a step turns the camera by a rotation vector; with some fixed it moves the others themselves.
+    """
+
+    p_world: Array
+    q: Array
+    free: tuple[str, ...]
+    lens: Lens
+    _columns: Array = field(init=False)
+    _angles: tuple[int, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        names = (*NAMES, *self.lens.parameters)
+        object.__setattr__(self, "_columns", np.array([names.index(n) for n in self.free], dtype=int))
+        angles = tuple(i for i, n in enumerate(_ANGLES) if n in self.free)
+        object.__setattr__(self, "_angles", angles if 0 < len(angles) < 3 else ())
+
+    @property
+    def steps_angles(self) -> bool:
+        """Return whether a step moves single angles a, b, c rather than turning by a rotation vector."""
+        return bool(self._angles)
+
+    def residuals_and_jacobian(self, state: Array) -> tuple[Array, Array]:
+        """Return projected minus measured (..., 2N) px and its Jacobian by `free` (..., 2N, n)."""
+        q, J = self._projected(state)
+        if self._angles:
+            J = J.copy()
+            J[..., 3:6] = J[..., 3:6] @ self._rotation_by_angles(state)[..., None, :, :]
+        J = J[..., self._columns]
+        shape = (*state.shape[:-1], self.q.size)
+        return (q - self.q).reshape(shape), J.reshape(*shape, len(self.free))
+
+    def retract(self, state: Array, step: Array) -> Array:
+        """Return the state moved by `step` (..., n) in the order of `free`."""
+        full = np.zeros((*state.shape[:-1], state.shape[-1] - 6))
+        full[..., self._columns] = step
+        out = np.concatenate(
+            [state[..., :3] + full[..., :3], state[..., 3:12], state[..., 12:] + full[..., 6:]], axis=-1
+        )
+        R = state[..., _R].reshape(*state.shape[:-1], 3, 3)
+        out[..., _R] = self._turned(R, full[..., 3:6]).reshape(*state.shape[:-1], 9)
+        bad = (out[..., 12] <= 0) | (out[..., 13] <= 0) | (np.abs(out[..., 14]) >= np.pi / 2)
+        out[bad] = np.nan  # no such camera: the residuals then forbid the state
+        return out
+
+    def state_of(self, camera: Camera, camera_from_world: Rigid) -> Array:
+        """Return the state of one camera; its lens must be of this model's class."""
+        R = camera_from_world.rotation.ravel()
+        lens = list(camera.lens.parameters.values())
+        return np.concatenate([camera_from_world.origin, R, internals_of(camera.K), lens])
+
+    def states(self, F: Array, R: Array, internals: Array) -> Array:
+        """Return the states (..., k) of focal centres (..., 3), rotations (..., 3, 3), internals (..., 5), own lens."""
+        lens = np.array(list(self.lens.parameters.values()))
+        shape = R.shape[:-2]
+        parts = [F, R.reshape(*shape, 9), np.broadcast_to(internals, (*shape, 5))]
+        return np.concatenate([*parts, np.broadcast_to(lens, (*shape, lens.size))], axis=-1)
+
+    def pose(self, state: Array) -> Rigid:
+        """Return camera_from_world of one state."""
+        R = so3.nearest(state[_R].reshape(3, 3))
+        return Rigid(R, -R @ state[_F])
+
+    def camera(self, state: Array, size: tuple[int, int]) -> Camera:
+        """Return the camera of one state."""
+        pinhole = ExtendedPinhole(0, 0, 0, 0, 0, 0, *(float(x) for x in state[_INTERNALS]))
+        return pinhole.camera(size, self._lens(state))
+
+    def costs(self, states: Array) -> Array:
+        """Return the sums of squares (...,) px^2; inf where a point is not imaged."""
+        total = np.sum((self._projected(states)[0] - self.q) ** 2, axis=(-2, -1))
+        return np.where(np.isfinite(total), total, np.inf)
+
+    def with_points(self, index: Indices) -> CameraModel:
+        """Return the same model of some of the points."""
+        return replace(self, p_world=self.p_world[index], q=self.q[index])
+
+    def _lens(self, state: Array) -> Lens:
+        return type(self.lens)(*(float(x) for x in state[_LENS])) if self._free_lens else self.lens
+
+    @property
+    def _free_lens(self) -> bool:
+        return bool(self._columns.size and self._columns.max() >= len(NAMES))
+
+    def _projected(self, state: Array) -> tuple[Array, Array]:
+        if state.ndim > 1 and self._free_lens:  # each state has a lens of its own
+            each = [self._projected(s) for s in state]
+            return np.stack([q for q, _ in each]), np.stack([J for _, J in each])
+        R = state[..., _R].reshape(*state.shape[:-1], 3, 3)
+        if state.ndim == 1 and not np.isfinite(state).all():
+            n = len(NAMES) + len(self.lens.parameters)
+            return np.full(self.q.shape, np.nan), np.full((*self.q.shape, n), np.nan)
+        return project_local(state[..., _F], R, state[..., _INTERNALS], self._lens(state), self.p_world)
+
+    def _turned(self, R: Array, turn: Array) -> Array:
+        if not self._angles:
+            return np.asarray(R @ so3.exp(turn))
+        return rotations_of(angles(R) + turn)
+
+    def _rotation_by_angles(self, state: Array) -> Array:
+        if state.ndim > 1:
+            return np.stack([self._rotation_by_angles(s) for s in state])
+        return rotation_by_angles(state[_R].reshape(3, 3))
+
+
+def angles(R: Array) -> Array:
+    """Return the thesis' (a, b, c) (..., 3) rad of our rotations (..., 3, 3), b in [-pi/2, pi/2]."""
+    Q = OURS_FROM_THESIS.T @ R
+    b = np.arctan2(Q[..., 2, 0], np.hypot(Q[..., 0, 0], Q[..., 1, 0]))
+    return np.stack([np.arctan2(-Q[..., 2, 1], Q[..., 2, 2]), b, np.arctan2(-Q[..., 1, 0], Q[..., 0, 0])], axis=-1)
+
+
+def rotations_of(abc: Array) -> Array:
+    """Return our rotations (..., 3, 3) of the thesis' angles (..., 3): exp(-c e_z) exp(-b e_y) exp(-a e_x)."""
+    e = -np.eye(3)
+    x, y, z = (so3.exp(abc[..., i : i + 1] * e[i]) for i in range(3))
+    return np.asarray(OURS_FROM_THESIS @ z @ y @ x)

@@ -1,0 +1,143 @@
+"""Which points of a mesh an eye sees: Embree proposes, float64 decides."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Ids, Mask
+from cadcam.cad.mesh import Mesh
+from cadcam.cad.topology import EdgeTable
+from cadcam.render.cores import blocks, on_all_cores
+from cadcam.render.embree import Caster
+
+Longs = npt.NDArray[np.int64]
+_ROUNDS = 48  # rejected hits a ray survives: each skips at least twice as far as the last
+_SURE = 100.0  # a face whose plane misses the point by this many tolerances is taken on Embree's word
+
+
+class Occluders:
+    """The faces of a mesh as obstacles.
+
+    A face hides a point from an eye if it meets the open segment between them while the point lies more than the
+    tolerance off the face's plane. Faces that hold the point (those of its own edge, a plate on which the point's part
+    stands, a coplanar overlap) therefore never hide it, at any angle of view; neither does a face without area.
+    """
+
+    def __init__(self, mesh: Mesh, caster: Caster) -> None:
+        self._caster = caster
+        self._mesh = mesh
+        self.normals = mesh.face_normals
+        self._corners = mesh.vertices[mesh.faces]
+
+    def height(self, faces: Ids | Longs, points: Array) -> Array:
+        """Return the signed distance (N,) in mm of points (N, 3) from the planes of faces (N,), positive outside."""
+        return np.asarray(np.einsum("ij,ij->i", self.normals[faces], points - self._corners[faces, 0]))
+
+    def hidden(self, points: Array, eye: Array, tolerance: Array) -> Mask:
+        """Return which points (N, 3) mm are hidden from the eye (3,), with a tolerance (N,) in mm for each."""
+        return np.concatenate(on_all_cores(lambda b: self._hidden(points[b], eye, tolerance[b]), blocks(len(points))))
+
+    def _hidden(self, points: Array, eye: Array, tolerance: Array) -> Mask:
+        sight = eye - points
+        length = np.sqrt(np.einsum("ij,ij->i", sight, sight))
+        along = sight / length[:, None]
+        hidden = np.zeros(len(points), bool)
+        start, skip, live = tolerance.copy(), tolerance.copy(), np.arange(len(points))
+        for _ in range(_ROUNDS):
+            p, d = points[live], along[live]
+            faces = self._caster.first_hit(p + start[live][:, None] * d, d, length[live] - start[live])
+            met = faces >= 0
+            live, faces = live[met], faces[met]
+            if not len(live):
+                break
+            at = self._distance(faces, points[live], along[live])
+            blocks = self._blocks(faces, points[live], along[live], length[live], tolerance[live], at)
+            hidden[live[blocks]] = True
+            live, at = live[~blocks], at[~blocks]
+            start[live] = np.maximum(start[live], np.clip(np.nan_to_num(at), 0, length[live])) + skip[live]
+            skip[live] *= 2
+            live = live[start[live] < length[live]]
+        return hidden
+
+    def _distance(self, faces: Ids, points: Array, along: Array) -> Array:
+        """Return how far along the line each face's plane is met, mm."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(-self.height(faces, points) / np.einsum("ij,ij->i", self.normals[faces], along))
+
+    def _blocks(self, faces: Ids, points: Array, along: Array, length: Array, tolerance: Array, at: Array) -> Mask:
+        off = np.abs(self.height(faces, points))
+        blocks = (off > tolerance) & (at > 0) & (at < length)
+        near = np.flatnonzero(blocks & (off < _SURE * tolerance))
+        blocks[near] = self._inside(faces[near], points[near] + at[near, None] * along[near])
+        return blocks
+
+    def _inside(self, faces: Ids, points: Array) -> Mask:
+        """Return which points of the faces' planes lie in the closed triangles."""
+        corners, normals = self._corners[faces], self.normals[faces]
+        inside = np.ones(len(faces), bool)
+        for k in range(3):
+            side = corners[:, (k + 1) % 3] - corners[:, k]
+            turn = np.cross(side, points - corners[:, k])
+            inside &= np.einsum("ij,ij->i", turn, normals) >= -1e-9 * np.einsum("ij,ij->i", side, side)
+        return inside
+
+    def piercings(self, starts: Array, ends: Array, tolerance: float) -> tuple[Longs, Array]:
+        """Return (segment, t), in order of segments (N, 3), where faces cut through them and do not just touch them."""
+        found = on_all_cores(lambda b: self._piercings(starts[b], ends[b], tolerance, b.start), blocks(len(starts)))
+        return np.concatenate([f[0] for f in found]), np.concatenate([f[1] for f in found])
+
+    def _piercings(self, starts: Array, ends: Array, tolerance: float, base: int) -> tuple[Longs, Array]:
+        sight = ends - starts
+        length = np.linalg.norm(sight, axis=1)
+        live = np.flatnonzero(length > 2 * tolerance)
+        along = sight / np.maximum(length, 1e-300)[:, None]
+        start, skip = np.full(len(starts), tolerance), np.full(len(starts), tolerance)
+        found: list[tuple[Longs, Array]] = []
+        for _ in range(_ROUNDS):
+            p, d = starts[live], along[live]
+            reach = length[live] - start[live] - tolerance
+            faces = self._caster.first_hit(p + start[live][:, None] * d, d, np.maximum(reach, 0.0))
+            met = (faces >= 0) & (reach > 0)
+            live, faces = live[met], faces[met]
+            if not len(live):
+                break
+            before, after = self.height(faces, starts[live]), self.height(faces, ends[live])
+            cuts = (before * after < 0) & (np.minimum(np.abs(before), np.abs(after)) > tolerance)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                t = np.clip(np.nan_to_num(before / (before - after)), 0, 1)
+            found.append((live[cuts], t[cuts]))
+            skip[live] = np.where(cuts, tolerance, 2 * skip[live])
+            start[live] = np.maximum(start[live], t * length[live]) + skip[live]
+        index = np.concatenate([np.zeros(0, np.int64), *(f[0] for f in found)])
+        t = np.concatenate([np.zeros(0), *(f[1] for f in found)])
+        order = np.argsort(index, kind="stable")
+        return index[order] + base, t[order]
+
+
+def solid_parts(mesh: Mesh, table: EdgeTable) -> Mask:
+    """Return which parts (P,) are watertight: every edge joins exactly two faces."""
+    bad = table.count != 2
+    solid = np.bincount(mesh.part, minlength=len(mesh.part_names)) > 0
+    solid[mesh.part[table.faces[bad, 0]]] = False
+    return solid
+
+
+def parts_around(mesh: Mesh, solid: Mask, eye: Array) -> Mask:
+    """Return which of the solid parts (P,) hold the eye inside their material: the winding number is not 0.
+
+    Solid angles after van Oosterom and Strackee, "The solid angle of a plane triangle" (1983).
+    """
+    around = np.zeros(len(solid), bool)
+    low, high = np.full((len(solid), 3), np.inf), np.full((len(solid), 3), -np.inf)
+    corners = mesh.vertices[mesh.faces]
+    np.minimum.at(low, mesh.part, corners.min(axis=1))
+    np.maximum.at(high, mesh.part, corners.max(axis=1))
+    for part in np.flatnonzero(solid & (low <= eye).all(axis=1) & (eye <= high).all(axis=1)):
+        a, b, c = np.moveaxis(corners[mesh.part == part] - eye, 1, 0)
+        la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
+        triple = np.einsum("ij,ij->i", a, np.cross(b, c))
+        dots = [np.einsum("ij,ij->i", x, y) * z for x, y, z in ((a, b, lc), (b, c, la), (c, a, lb))]
+        winding = 2 * np.arctan2(triple, la * lb * lc + dots[0] + dots[1] + dots[2]).sum() / (4 * np.pi)
+        around[part] = abs(winding) > 0.5
+    return around

@@ -1,0 +1,134 @@
+"""The lines of a view as data: what to draw, polylines that keep their 3D edge, the wireframe."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Ids, Mask, frozen
+from cadcam.camera.camera import Camera
+from cadcam.errors import BadValue
+from cadcam.geometry.rigid import Rigid
+
+Longs = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class LineOptions:
+    """What the wireframe holds.
+
+    `contours`: silhouettes of curved surfaces too. `hidden`: hidden lines too, as their own set. `margin_px`: lines
+    reach this far beyond the picture. `chord_px`: largest distance of a line from the curve that the lens makes of it.
+    `near_mm`: what is closer to the focal plane is cut off (default 1e-5 of the scene's diagonal). `coincident_mm`: a
+    face whose plane misses a point by less does not hide it (default 1e-6 of the diagonal).
+    """
+
+    contours: bool = True
+    hidden: bool = False
+    margin_px: float = 8.0
+    chord_px: float = 0.02
+    near_mm: float | None = None
+    coincident_mm: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.chord_px > 0:
+            raise BadValue("chord_px", self.chord_px, "a positive number of px")
+        if not self.margin_px >= 0:
+            raise BadValue("margin_px", self.margin_px, "a number of px, at least 0")
+
+
+PLAIN_LINES = LineOptions()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Polylines:
+    """M polylines, each point in the picture and in space.
+
+    `q` (N, 2) distorted px and `p` (N, 3) mm in the world frame: q is the exact image of p. `segment` (N,) is the
+    scene's feature segment that leads away from a point (at a last point, that led to it), -1 on contours. Polyline m
+    holds points start[m] to start[m + 1] - 1; `kind` (EdgeKind), `part` and `chain` (M,) are its own; chains of
+    contours are numbered after the scene's and differ from view to view.
+    """
+
+    q: Array
+    p: Array
+    segment: Ids
+    start: Ids
+    kind: Ids
+    part: Ids
+    chain: Ids
+
+    def __post_init__(self) -> None:
+        for name, shape in (("q", (None, 2)), ("p", (None, 3))):
+            object.__setattr__(self, name, frozen(getattr(self, name), f"polyline {name}", shape))
+        for name in ("segment", "start", "kind", "part", "chain"):
+            object.__setattr__(self, name, frozen(getattr(self, name), f"polyline {name}", (None,), np.int32))
+
+    def __len__(self) -> int:
+        return len(self.kind)
+
+    @property
+    def lines(self) -> list[Array]:
+        """Return the pixels (n, 2) of each polyline."""
+        return [self.q[i:j] for i, j in zip(self.start[:-1], self.start[1:], strict=True)]
+
+    @property
+    def line_of_point(self) -> Longs:
+        """Return the polyline (N,) that each point belongs to."""
+        return np.repeat(np.arange(len(self)), np.diff(self.start))
+
+    @property
+    def length_px(self) -> Array:
+        """Return the length (M,) of each polyline in px."""
+        line, steps = self.line_of_point, np.linalg.norm(np.diff(self.q, axis=0), axis=1)
+        same = line[1:] == line[:-1]
+        return np.asarray(np.bincount(line[1:][same], steps[same], minlength=len(self)), np.float64)
+
+    def select(self, lines: Mask) -> Polylines:
+        """Return the chosen polylines (mask over M)."""
+        points = lines[self.line_of_point]
+        start = np.concatenate([[0], np.cumsum(np.diff(self.start)[lines])])
+        return Polylines(
+            self.q[points],
+            self.p[points],
+            self.segment[points],
+            start,
+            self.kind[lines],
+            self.part[lines],
+            self.chain[lines],
+        )
+
+    def points_along(self, step_px: float) -> tuple[Array, Array, Longs]:
+        """Return points spaced about `step_px`: q (n, 2) px, unit normals (n, 2) and the polyline (n,) of each."""
+        line = self.line_of_point
+        first = np.flatnonzero(line[1:] == line[:-1])
+        d = self.q[first + 1] - self.q[first]
+        length = np.hypot(d[:, 0], d[:, 1])
+        n = np.maximum(np.ceil(length / step_px), 1).astype(np.int64)
+        index = np.repeat(np.arange(len(first)), n)
+        fraction = (np.arange(len(index)) - np.repeat(np.cumsum(n) - n, n) + 0.5) / n[index]
+        q = self.q[first[index]] + fraction[:, None] * d[index]
+        normal = np.stack([-d[:, 1], d[:, 0]], axis=1) / np.maximum(length, 1e-300)[:, None]
+        return q, normal[index], line[first[index]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wireframe:
+    """The lines of a scene as `camera` sees them from `camera_from_world`; `hidden` is empty unless asked for."""
+
+    camera: Camera
+    camera_from_world: Rigid
+    visible: Polylines
+    hidden: Polylines
+
+    @property
+    def empty(self) -> bool:
+        """Return whether no visible line runs through the picture."""
+        return not self.camera.sees(self.visible.q).any() and not _crosses_picture(self)
+
+
+def _crosses_picture(wireframe: Wireframe) -> bool:
+    q, _, _ = wireframe.visible.points_along(4.0)
+    return bool(wireframe.camera.sees(q).any())

@@ -1,0 +1,90 @@
+"""A table of text, shown with colour and rules on a terminal and as aligned plain text everywhere else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TextIO
+
+import numpy as np
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A title, column heads and rows of text; columns named in `left` are aligned to the left, all others right."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    left: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def lines(self) -> list[str]:
+        """Return the table as aligned plain text."""
+        headed = any(self.columns)
+        rows = [self.columns, *self.rows] if headed else list(self.rows)
+        widths = [max((len(row[i]) for row in rows), default=0) for i in range(len(self.columns))]
+        body = ["  " + "  ".join(self._cell(i, row[i], widths[i]) for i in range(len(widths))).rstrip() for row in rows]
+        if headed:
+            rule = ("-" * w if head else " " * w for head, w in zip(self.columns, widths, strict=True))
+            body.insert(1, ("  " + "  ".join(rule)).rstrip())
+        return [self.title, *body, *(f"  {note}" for note in self.notes)]
+
+    def _cell(self, column: int, text: str, width: int) -> str:
+        return text.ljust(width) if self.columns[column] in self.left else text.rjust(width)
+
+
+def show(tables: Iterable[Table], file: TextIO) -> None:
+    """Print the tables to a file: with rich where it is a terminal, else as plain text."""
+    if file.isatty():
+        _show_rich(tables, file)
+        return
+    for table in tables:
+        print(*table.lines(), sep="\n", end="\n\n", file=file)
+
+
+def _show_rich(tables: Iterable[Table], file: TextIO) -> None:
+    from rich import box
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table as RichTable
+
+    console = Console(file=file, highlight=False)
+    for table in tables:
+        rich = RichTable(box=box.SIMPLE_HEAD, show_header=any(table.columns), pad_edge=False)
+        for column in table.columns:
+            rich.add_column(escape(column), justify="left" if column in table.left else "right", overflow="fold")
+        for row in table.rows:
+            rich.add_row(*(escape(cell) for cell in row))
+        console.print(f"[bold]{escape(table.title)}[/bold]")
+        console.print(rich)
+        for note in table.notes:
+            console.print(f"  {escape(note)}")
+
+
+def plain(value: float, digits: int = 6) -> str:
+    """Return a number with about `digits` significant digits, without an exponent where that stays readable."""
+    if not np.isfinite(value):
+        return str(value)
+    if value == 0:
+        return "0"
+    size = int(np.floor(np.log10(abs(value))))
+    if -5 <= size < 15:
+        return f"{value:.{max(0, digits - 1 - size)}f}"
+    return f"{value:.{digits - 1}e}"
+
+
+def with_sigma(value: float, sigma: float) -> tuple[str, str]:
+    """Return value and standard deviation to two digits of the latter (one place of the value each)."""
+    if not (np.isfinite(sigma) and sigma > 0):
+        return plain(value), "" if sigma == 0 else "unknown"
+    size = int(np.floor(np.log10(sigma)))
+    decimals = max(0, 1 - size)
+    if decimals > 12:
+        return f"{value:.12g}", f"{sigma:.1e}"
+    return f"{value:.{decimals}f}", f"{sigma:.{decimals}f}"
+
+
+def matrix_rows(matrix: Sequence[Sequence[float]] | np.typing.NDArray[np.float64]) -> tuple[tuple[str, ...], ...]:
+    """Return the cells of a matrix."""
+    return tuple(tuple(plain(float(v)) if abs(v) > 1e-12 else "0" for v in row) for row in np.asarray(matrix))

@@ -1,0 +1,32 @@
+"""The job's folder, and a way to run a command line as a user does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from cadcam.cli.main import main
+
+from .job import Ran, make_job
+
+
+@pytest.fixture
+def cadcam(capsys: pytest.CaptureFixture[str]) -> Callable[..., Ran]:
+    """Return a function that runs a command line in this process."""
+
+    def run(*words: str | Path) -> Ran:
+        capsys.readouterr()
+        code = main([str(word) for word in words])
+        said = capsys.readouterr()
+        return Ran(code, said.out, said.err)
+
+    return run
+
+
+@pytest.fixture
+def job(tmp_path: Path) -> Path:
+    """Return a folder with the job's files."""
+    make_job(tmp_path)
+    return tmp_path

@@ -1,0 +1,220 @@
+"""Bad input is one clear error that names file, value and remedy; exit 2, no traceback, nothing left behind."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cadcam.files.camera import write_camera
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.picture import write_picture
+
+from .job import CAMERA, POSE, Ran
+
+Cadcam = Callable[..., Ran]
+OVERLAY = ("overlay", "photo.png", "block.obj", "--camera", "camera.json", "-o", "out.png")
+RENDER = ("render", "block.obj", "--camera", "camera.json", "-o", "out.png")
+CALIBRATE = ("calibrate", "points.csv", "--size", "320x240", "-o", "out.json")
+
+
+def spoil(path: Path, data: bytes | str) -> None:
+    path.write_bytes(data.encode() if isinstance(data, str) else data)
+
+
+def huge_png() -> bytes:
+    """Return a PNG that claims 100000 x 100000 px and holds next to nothing."""
+
+    def chunk(name: bytes, body: bytes) -> bytes:
+        return struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+
+    head = struct.pack(">IIBBBBB", 100_000, 100_000, 8, 0, 0, 0, 0)
+    data = zlib.compress(bytes(10))
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", data) + chunk(b"IEND", b"")
+
+
+def posed(path: Path, pose: Rigid) -> None:
+    write_camera(path, CAMERA, camera_from_world=pose)
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def replaced(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+
+
+def first_number(job: Path) -> str:
+    return (job / "points.csv").read_text().splitlines()[1].split(",")[4]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A command, how its input is spoilt first, and what the error must say."""
+
+    name: str
+    command: tuple[str, ...]
+    spoil: Callable[[Path], object]
+    says: tuple[str, ...]
+
+
+CASES = [
+    Case(
+        "photo missing", OVERLAY, lambda j: (j / "photo.png").unlink(), ("photo.png", "no such file", "check the path")
+    ),
+    Case("photo empty", OVERLAY, lambda j: spoil(j / "photo.png", b""), ("photo.png", "is empty")),
+    Case("photo truncated", OVERLAY, lambda j: cut(j / "photo.png"), ("photo.png", "cut off")),
+    Case(
+        "photo is text", OVERLAY, lambda j: spoil(j / "photo.png", "hello"), ("photo.png", "not a picture", "use PNG")
+    ),
+    Case(
+        "photo huge",
+        OVERLAY,
+        lambda j: spoil(j / "photo.png", huge_png()),
+        ("photo.png", "100000 x 100000 px", "limit"),
+    ),
+    Case(
+        "photo of another size",
+        OVERLAY,
+        lambda j: write_picture(j / "photo.png", np.zeros((100, 200))),
+        ("photo.png is 200 x 100 px but the camera is 320 x 240 px", "camera.resize"),
+    ),
+    Case(
+        "photo turned",
+        OVERLAY,
+        lambda j: write_picture(j / "photo.png", np.zeros((320, 240))),
+        ("photo.png is 240 x 320 px", "turned by 90 degrees"),
+    ),
+    Case(
+        "model missing",
+        OVERLAY,
+        lambda j: (j / "block.obj").rename(j / "blok.obj"),
+        ("block.obj", "did you mean 'blok.obj'"),
+    ),
+    Case("model empty", RENDER, lambda j: spoil(j / "block.obj", ""), ("block.obj", "is empty")),
+    Case("model is noise", RENDER, lambda j: spoil(j / "block.obj", "v 0 0 zero\n"), ("block.obj", "zero")),
+    Case(
+        "model without faces",
+        RENDER,
+        lambda j: spoil(j / "block.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n"),
+        ("block.obj", "face"),
+    ),
+    Case(
+        "model without area",
+        RENDER,
+        lambda j: spoil(j / "block.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"),
+        ("block.obj", "area"),
+    ),
+    Case(
+        "model of an unknown suffix",
+        ("render", "block.xyz", "-o", "out.png"),
+        lambda j: spoil(j / "block.xyz", "x"),
+        ("block.xyz", "'.xyz'", ".step"),
+    ),
+    Case("model of an unknown unit", (*RENDER, "--unit", "parsec"), lambda j: None, ("unknown unit 'parsec'", "mm")),
+    Case(
+        "model behind the camera",
+        RENDER,
+        lambda j: posed(j / "camera.json", Rigid(np.diag([1.0, -1, -1]), [0, 0, -500])),
+        ("block.obj", "behind the camera", "inverted"),
+    ),
+    Case(
+        "model beside the picture",
+        OVERLAY,
+        lambda j: posed(j / "camera.json", Rigid(POSE.rotation, POSE.translation + np.array([2000, 0, 0]))),
+        ("block.obj", "nothing of the model is in the 320 x 240 px picture", "check the pose"),
+    ),
+    Case(
+        "points with text",
+        CALIBRATE,
+        lambda j: replaced(j / "points.csv", first_number(j), "abc"),
+        ("points.csv: line 2, column x_px is 'abc'", "give a number"),
+    ),
+    Case(
+        "points with NaN",
+        CALIBRATE,
+        lambda j: replaced(j / "points.csv", first_number(j), "NaN"),
+        ("points.csv: line 2, column x_px is 'NaN'", "finite"),
+    ),
+    Case(
+        "points of an unknown unit",
+        CALIBRATE,
+        lambda j: replaced(j / "points.csv", "X_mm", "X_pc"),
+        ("points.csv", "unknown unit 'pc'"),
+    ),
+    Case("points empty", CALIBRATE, lambda j: spoil(j / "points.csv", ""), ("points.csv", "is empty")),
+    Case(
+        "too few points",
+        CALIBRATE,
+        lambda j: spoil(j / "points.csv", "\n".join((j / "points.csv").read_text().splitlines()[:5])),
+        ("4 given",),
+    ),
+    Case("camera file cut", RENDER, lambda j: cut(j / "camera.json"), ("camera.json", "not JSON", "line")),
+    Case(
+        "camera file with a typo",
+        RENDER,
+        lambda j: replaced(j / "camera.json", "size_px", "size"),
+        ("camera.json", "'size'", "did you mean 'size_px'"),
+    ),
+    Case("no output folder", (*RENDER[:-1], "no/out.png"), lambda j: None, ("no/out.png", "mkdir -p no")),
+    Case(
+        "output is a folder", (*RENDER[:-1], "out.png"), lambda j: (j / "out.png").mkdir(), ("out.png", "is a folder")
+    ),
+]
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda c: c.name)
+def test_one_error_names_file_value_and_remedy_and_nothing_is_left_behind(
+    cadcam: Cadcam, job: Path, case: Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(job)
+    case.spoil(job)
+    before = sorted(job.rglob("*"))
+    ran = cadcam(*case.command)
+    assert ran.code == 2
+    assert ran.out == ""
+    said = [line for line in ran.err.splitlines() if line.startswith("cadcam ")]
+    assert len(said) == 1
+    for text in case.says:
+        assert text in said[0]
+    assert "Traceback" not in ran.err
+    assert sorted(job.rglob("*")) == before
+
+
+@pytest.mark.parametrize("command", [OVERLAY, RENDER, CALIBRATE], ids=lambda c: c[0])
+def test_a_read_only_folder_is_an_error_before_the_work(
+    cadcam: Cadcam, job: Path, command: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(job)
+    monkeypatch.setattr("os.access", lambda *_: False)  # whoever runs the tests may write everywhere
+    monkeypatch.setattr("cadcam.cli.models.load_as_asked", None)
+    ran = cadcam(*command)
+    assert ran.code == 2
+    assert "read-only" in ran.err
+
+
+@pytest.mark.parametrize("command", [OVERLAY, RENDER, CALIBRATE], ids=lambda c: c[0])
+def test_a_disk_that_fills_up_leaves_the_old_file(
+    cadcam: Cadcam, job: Path, command: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(job)
+    (job / command[-1]).write_text("old")
+    before = sorted(job.rglob("*"))
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", full)
+    ran = cadcam(*command)
+    assert ran.code == 2
+    assert "No space left on device" in ran.err
+    assert (job / command[-1]).read_text() == "old"
+    assert sorted(job.rglob("*")) == before

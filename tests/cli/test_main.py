@@ -1,0 +1,96 @@
+"""The command line as a whole: quick help, exit codes, examples that parse."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shlex
+import subprocess
+import sys
+
+import pytest
+
+import cadcam
+from cadcam.cli import main as cli
+from cadcam.errors import BadValue
+
+HEAVY = ("numpy", "scipy", "trimesh", "PIL", "embreex", "rich", "lxml", "networkx", "cascadio")
+VERBS = tuple(verb.__name__.rpartition(".")[2] for verb in cli.VERBS)
+
+
+def loaded_after(code: str) -> set[str]:
+    """Return which heavy packages a fresh interpreter has imported after `code`."""
+    tail = f"import sys; print('loaded:', *[m for m in {HEAVY!r} if m in sys.modules])"
+    result = subprocess.run([sys.executable, "-c", f"{code}\n{tail}"], capture_output=True, text=True, check=True)
+    return set(result.stdout.split("loaded:")[1].split())
+
+
+def help_of(verb: str) -> str:
+    return f"from cadcam.cli.main import main\ntry: main([{verb!r}, '--help'])\nexcept SystemExit: pass"
+
+
+def test_importing_cadcam_imports_nothing_heavy() -> None:
+    assert loaded_after("import cadcam") == set()
+
+
+def test_help_of_any_verb_imports_nothing_heavy() -> None:
+    assert loaded_after("\n".join(help_of(verb) for verb in VERBS)) == set()
+
+
+def test_the_check_for_heavy_imports_can_fail() -> None:
+    assert "numpy" in loaded_after("import cadcam; cadcam.Camera")
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_example_in_a_help_text_is_accepted(verb: str) -> None:
+    parser = cli.parser()
+    action = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
+    lines = (action.choices[verb].epilog or "").splitlines() + (parser.epilog or "").splitlines()
+    commands = [re.split(r"\s{3,}", line.strip())[0] for line in lines if line.strip().startswith(f"cadcam {verb}")]
+    assert len(commands) >= 2
+    for command in commands:
+        assert parser.parse_args(shlex.split(command)[1:]).verb == verb
+
+
+def test_version_is_the_packages(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        cli.main(["--version"])
+    assert stopped.value.code == 0
+    assert capsys.readouterr().out == f"cadcam {cadcam.__version__}\n"
+
+
+@pytest.mark.parametrize("words", [[], ["kalibrate"], ["calibrate"], ["calibrate", "p.csv", "--size", "768"]])
+def test_a_wrong_command_line_is_exit_2(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        cli.main(words)
+    assert stopped.value.code == 2
+    assert "usage: cadcam" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("raised", "code", "traced"),
+    [(BadValue("size", 0, "more"), 2, False), (KeyboardInterrupt(), 130, False), (ZeroDivisionError("oops"), 1, True)],
+)
+def test_exit_codes_tell_what_happened(
+    raised: BaseException,
+    code: int,
+    traced: bool,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def fail(_: argparse.Namespace) -> None:
+        raise raised
+
+    monkeypatch.setattr("cadcam.cli.decompose.run", fail)
+    assert cli.main(["decompose", "x.json"]) == code
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "cadcam decompose: " in said.err
+    assert ("Traceback" in said.err) == traced
+
+
+def test_a_reader_that_stops_early_is_no_error() -> None:
+    command = f"{shlex.quote(sys.executable)} -m cadcam --help | head -n 1; exit ${{PIPESTATUS[0]}}"
+    result = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
+    assert result.returncode == 0
+    assert result.stderr == ""

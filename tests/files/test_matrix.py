@@ -1,0 +1,85 @@
+"""A pose says its direction and unit; a matrix its shape."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cadcam.errors import UnreadableFile
+from cadcam.files.matrix import pose_as_json, read_matrix, read_pose
+from cadcam.geometry.rigid import Rigid
+
+POSE = Rigid.look_at([100, 200, -900], [0, 0, 0])
+
+
+def saved(folder: Path, text: str) -> Path:
+    path = folder / "pose.txt"
+    path.write_text(text)
+    return path
+
+
+def rows(matrix: np.ndarray) -> str:
+    return "\n".join(" ".join(repr(float(v)) for v in row) for row in matrix)
+
+
+@pytest.mark.parametrize("height", [3, 4])
+def test_direction_and_unit_are_obeyed(tmp_path: Path, height: int) -> None:
+    in_m = POSE.inv.matrix.copy()
+    in_m[:3, 3] /= 1000
+    pose = read_pose(saved(tmp_path, f"# world_from_camera in m\n{rows(in_m[:height])}\n"))
+    np.testing.assert_allclose(pose.matrix, POSE.matrix, rtol=0, atol=1e-12 * 1000)
+
+
+@pytest.mark.parametrize(
+    ("head", "message"),
+    [
+        ("", "does not say which"),
+        ("# camera_from_world", "does not say which"),
+        ("# mm", "does not say which"),
+        ("# camera_from_world, mn", "unknown unit 'mn'"),
+        ("# camera_from_world mm or m", "does not say which"),
+        ("# camera_from_world, mm\n# world_from_camera, mm", "does not say which"),
+    ],
+)
+def test_a_pose_without_direction_or_unit_is_refused(tmp_path: Path, head: str, message: str) -> None:
+    with pytest.raises(UnreadableFile, match=rf"{message}.*add a first line such as"):
+        read_pose(saved(tmp_path, f"{head}\n{rows(POSE.matrix)}\n"))
+
+
+def test_a_pose_in_json_is_that_of_a_camera_file(tmp_path: Path) -> None:
+    document = {"camera_from_world": pose_as_json(POSE)}
+    np.testing.assert_array_equal(read_pose(saved(tmp_path, json.dumps(document))).matrix, POSE.matrix)
+    document = {"world_from_camera": {"rotation": np.eye(3).tolist(), "translation_m": [0, 0, 1]}}
+    np.testing.assert_array_equal(read_pose(saved(tmp_path, json.dumps(document))).translation, [0, 0, -1000])
+    with pytest.raises(UnreadableFile, match="needs one pose"):
+        read_pose(saved(tmp_path, "{}"))
+
+
+def test_a_mirrored_pose_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UnreadableFile, match=r"is not a pose.*mirrored"):
+        read_pose(saved(tmp_path, f"# camera_from_world mm\n{rows(np.diag([1.0, 1, -1, 1]))}"))
+
+
+@pytest.mark.parametrize(
+    "text", ["1 2\n3 4\n", "# c\n1, 2\n3, 4 # d", "[[1, 2], [3, 4]]", "[[1. 2.]\n [3. 4.]]", "1;2\r\n3;4"]
+)
+def test_a_matrix_is_read_in_every_usual_spelling(tmp_path: Path, text: str) -> None:
+    np.testing.assert_array_equal(read_matrix(saved(tmp_path, text), rows=2, columns=2), [[1, 2], [3, 4]])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("1 2\n3 x\n", "line 2, number 2 is 'x'"),
+        ("1 2\n3 nan\n", "line 2, number 2 is 'nan'"),
+        ("1 2\n3\n", "has 2 rows of 2, 1 numbers; give a 2x2 matrix"),
+        ("1 2 3\n", "has 1 rows of 3 numbers"),
+        ("[1, 2]", "not one of rows"),
+    ],
+)
+def test_a_wrong_matrix_is_refused_with_its_place(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(UnreadableFile, match=message):
+        read_matrix(saved(tmp_path, text), rows=2, columns=2)
