@@ -53,22 +53,28 @@ class NativeHook(BuildHookInterface):  # type: ignore[type-arg]
     PLUGIN_NAME = "custom"
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Build the library beside its sources and tag the wheel; without a compiler, say so and leave both."""
-        folder = Path(self.root) / SOURCES
-        library = folder / f"_raster{SUFFIX}"
-        library.unlink(missing_ok=True)
+        """Build the library and tag the wheel; without a compiler, say so and leave both."""
         wish = os.environ.get("CADCAM_NATIVE", "")
         compiler = None if wish == "off" else system_compiler() or zig_compiler()
+        sources = Path(self.root) / SOURCES
+        self._scratch = tempfile.TemporaryDirectory()  # the tree stays as it is, except for an editable installation
+        library = (sources if version == "editable" else Path(self._scratch.name)) / f"_raster{SUFFIX}"
+        library.unlink(missing_ok=True)
         if compiler is None:
             reason = "CADCAM_NATIVE=off" if wish == "off" else "no C compiler works and ziglang is not installed"
             if wish == "require":
                 raise SystemExit(f"cadcam: the rasteriser's core cannot be built: {reason}")
             self.app.display_warning(f"cadcam: built without the rasteriser's core ({reason}); the ray renderer works")
             return
-        compile_core(compiler, folder, library)
-        build_data["artifacts"].append(f"/{SOURCES.as_posix()}/{library.name}")
+        compile_core(compiler, sources, library)
+        if version != "editable":
+            build_data["force_include"][str(library)] = f"cadcam/native/{library.name}"
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{platform_tag(compiler)}"
+
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
+        """Clear away what was compiled."""
+        self._scratch.cleanup()
 
 
 def compile_core(compiler: list[str], folder: Path, library: Path) -> None:

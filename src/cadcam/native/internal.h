@@ -8,6 +8,13 @@
 
 #include "raster.h"
 
+/* On x86-64 the hot file is compiled twice; a build with one compilation (for sanitizers) says CC_BASELINE_ONLY. */
+#if defined(__x86_64__) && !defined(CC_BASELINE_ONLY)
+#define CC_HAS_V3 1
+#else
+#define CC_HAS_V3 0
+#endif
+
 enum {
     TILE = 8,        /* tiles are TILE x TILE samples: one row is one 512-bit vector of doubles */
     TILE_AREA = 64,
@@ -88,7 +95,7 @@ struct cc_worker {
 
 int frame_prepare_baseline(cc_frame *frame);
 int frame_work_baseline(cc_frame *frame, cc_worker *worker);
-#if defined(__x86_64__)
+#if CC_HAS_V3
 int frame_prepare_v3(cc_frame *frame);
 int frame_work_v3(cc_frame *frame, cc_worker *worker);
 #endif

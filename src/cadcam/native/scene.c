@@ -212,7 +212,7 @@ int worker_reserve(cc_worker *w, size_t tiles, size_t row_floats) {
 /* ---- instruction sets: the hot file is compiled once for each */
 
 static int best_level(void) {
-#if defined(__x86_64__)
+#if CC_HAS_V3
     __builtin_cpu_init();
     return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi") &&
            __builtin_cpu_supports("bmi2");
@@ -256,7 +256,7 @@ CC_API cc_frame *cc_frame_new(const cc_scene *scene, const cc_view *view) {
     if (f->columns && f->candidates) {
         for (int32_t i = 0; i < f->tiles_x * TILE; i++) f->columns[i] = i;
         int ready;
-#if defined(__x86_64__)
+#if CC_HAS_V3
         if (variant() == 1) ready = frame_prepare_v3(f);
         else
 #endif
@@ -268,7 +268,7 @@ CC_API cc_frame *cc_frame_new(const cc_scene *scene, const cc_view *view) {
 }
 
 CC_API int32_t cc_frame_work(cc_frame *f, cc_worker *worker) {
-#if defined(__x86_64__)
+#if CC_HAS_V3
     if (variant() == 1) return frame_work_v3(f, worker);
 #endif
     return frame_work_baseline(f, worker);
