@@ -49,7 +49,7 @@ typedef struct { double x0, x1, y0, y1; } box;   /* of the sampling plane */
 struct cc_lens {
     int32_t width, height, tiles_x, tiles_y;
     double *x, *y;    /* plane points tile by tile, 64 each; NaN where nothing is seen and beyond the border */
-    box *tile;        /* bounds of each tile's points; empty (inf, -inf) where it has none */
+    box *block[16];   /* bounds of the points of each tile, of 2 x 2 tiles, 4 x 4 ...; (inf, -inf) where there are none */
     uint8_t *partial; /* whether a tile has points without a direction */
     box all;          /* bounds of all points */
     /* Which samples may lie in a part of the plane: a pyramid over a grid of cells in squashed coordinates. */

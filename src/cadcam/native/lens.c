@@ -26,7 +26,7 @@ static void fill_tiles(cc_lens *l, const double *points) {
     l->all = NOTHING;
     for (int32_t t = 0; t < l->tiles_x * l->tiles_y; t++) {
         int32_t left = t % l->tiles_x * TILE, top = t / l->tiles_x * TILE;
-        box *b = &l->tile[t];
+        box *b = &l->block[0][t];
         *b = NOTHING;
         l->partial[t] = 0;
         for (int k = 0; k < TILE_AREA; k++) {
@@ -41,6 +41,25 @@ static void fill_tiles(cc_lens *l, const double *points) {
         }
         if (b->x0 <= b->x1) grow_box(&l->all, b->x0, b->y0), grow_box(&l->all, b->x1, b->y1);
     }
+}
+
+/* Bounds of 2 x 2 blocks of the level below, up to one block. */
+static int fill_blocks(cc_lens *l) {
+    int32_t wide = l->tiles_x, high = l->tiles_y;
+    for (int k = 1; wide > 1 || high > 1; k++) {
+        int32_t nx = (wide + 1) / 2, ny = (high + 1) / 2;
+        l->block[k] = malloc((size_t)nx * (size_t)ny * sizeof(box));
+        if (!l->block[k]) return 0;
+        for (size_t i = 0; i < (size_t)nx * (size_t)ny; i++) l->block[k][i] = NOTHING;
+        for (int32_t j = 0; j < high; j++)
+            for (int32_t i = 0; i < wide; i++) {
+                const box *below = &l->block[k - 1][(size_t)j * (size_t)wide + (size_t)i];
+                box *b = &l->block[k][(size_t)(j / 2) * (size_t)nx + (size_t)(i / 2)];
+                if (below->x0 <= below->x1) grow_box(b, below->x0, below->y0), grow_box(b, below->x1, below->y1);
+            }
+        wide = nx, high = ny;
+    }
+    return 1;
 }
 
 static int make_level(cc_lens *l, int32_t k, int32_t nx, int32_t ny) {
@@ -92,11 +111,11 @@ CC_API cc_lens *cc_lens_new(const double *points, int32_t width, int32_t height)
     size_t tiles = (size_t)l->tiles_x * (size_t)l->tiles_y;
     l->x = aligned_block(tiles * TILE_AREA * sizeof(double));
     l->y = aligned_block(tiles * TILE_AREA * sizeof(double));
-    l->tile = malloc(tiles * sizeof *l->tile);
+    l->block[0] = malloc(tiles * sizeof(box));
     l->partial = malloc(tiles);
-    if (l->x && l->y && l->tile && l->partial) {
+    if (l->x && l->y && l->block[0] && l->partial) {
         fill_tiles(l, points);
-        if (fill_cells(l) && fill_pyramid(l)) return l;
+        if (fill_blocks(l) && fill_cells(l) && fill_pyramid(l)) return l;
     }
     cc_lens_free(l);
     return NULL;
@@ -105,7 +124,9 @@ CC_API cc_lens *cc_lens_new(const double *points, int32_t width, int32_t height)
 CC_API void cc_lens_free(cc_lens *l) {
     if (!l) return;
     for (int32_t k = 0; k < l->levels; k++) free(l->cell[k]);
-    aligned_release(l->x), aligned_release(l->y), free(l->tile), free(l->partial), free(l);
+    aligned_release(l->x), aligned_release(l->y), free(l->partial);
+    for (int k = 0; k < 16; k++) free(l->block[k]);
+    free(l);
 }
 
 static int32_t clamped(double v, int32_t most) { return v > 0 ? (v < most ? (int32_t)v : most) : 0; }

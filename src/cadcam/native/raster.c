@@ -279,23 +279,43 @@ static void measure_tile(cc_worker *w, size_t tile) {
     w->changes[tile] = 0;
 }
 
+/* Where in the plane the samples of a block of 2^level x 2^level tiles lie that are in the triangle's rectangle. */
+static inline box area_of(const cc_frame *f, const rect *r, int level, int32_t bx, int32_t by) {
+    if (f->view->lens) {
+        int32_t wide = (f->tiles_x + (1 << level) - 1) >> level;
+        return f->view->lens->block[level][(size_t)by * (size_t)wide + (size_t)bx];
+    }
+    int32_t size = TILE << level;
+    return (box){imax(bx * size, r->x0), imin(bx * size + size - 1, r->x1), imax(by * size, r->y0),
+                 imin(by * size + size - 1, r->y1)};
+}
+
+static inline int misses(const triangle *t, const box *area) {
+    return (most(t, 0, area) < 0) | (most(t, 1, area) < 0) | (most(t, 2, area) < 0);
+}
+
+static inline int contains(const triangle *t, const box *area) {
+    return (fewest(t, 0, area) > DBL_MIN) & (fewest(t, 1, area) > DBL_MIN) & (fewest(t, 2, area) > DBL_MIN);
+}
+
+/* Draw into one tile; `small` triangles, of few rows in one tile, are not worth the tests. */
 static inline void draw_tile(const band *b, const triangle *t, const rect *r, int32_t tx, int32_t ty, int small) {
     const cc_frame *f = b->frame;
     cc_worker *w = b->worker;
     const cc_lens *lens = f->view->lens;
     size_t tile = (size_t)(ty - b->first_tiles) * (size_t)f->tiles_x + (size_t)tx;
     size_t of_lens = (size_t)ty * (size_t)f->tiles_x + (size_t)tx;
+    int whole = 0, top = imax(r->y0 - ty * TILE, 0), end = imin(r->y1 - ty * TILE, TILE - 1);
     if (t->nearest < w->farthest[tile]) return;
-    box area = lens ? lens->tile[of_lens] : (box){tx * TILE, tx * TILE + 7, ty * TILE, ty * TILE + 7};
-    int whole = 0;
-    if (!small) { /* worth more than drawing the few rows of a small triangle */
-    if ((most(t, 0, &area) < 0) | (most(t, 1, &area) < 0) | (most(t, 2, &area) < 0)) return;
-    if ((float)most(t, 3, &area) < w->farthest[tile] && t->farthest < w->farthest[tile]) return;
-    whole = (fewest(t, 0, &area) > DBL_MIN) & (fewest(t, 1, &area) > DBL_MIN) & (fewest(t, 2, &area) > DBL_MIN);
+    if (!small) {
+        box area = area_of(f, r, 0, tx, ty);
+        if (misses(t, &area)) return;
+        if ((float)most(t, 3, &area) < w->farthest[tile] && t->farthest < w->farthest[tile]) return;
+        int fits = r->x0 <= tx * TILE && r->x1 >= tx * TILE + TILE - 1 && end - top == TILE - 1;
+        whole = fits && contains(t, &area);
     }
     float *z = w->inverse_z + tile * TILE_AREA;
     int32_t *id = w->id + tile * TILE_AREA;
-    int top = whole ? 0 : imax(r->y0 - ty * TILE, 0), end = whole ? TILE - 1 : imin(r->y1 - ty * TILE, TILE - 1);
     if (lens) {
         const double *x = lens->x + of_lens * TILE_AREA, *y = lens->y + of_lens * TILE_AREA;
         if (whole) draw_points(t, x, y, top, end, 1, z, id);
@@ -307,13 +327,31 @@ static inline void draw_tile(const band *b, const triangle *t, const rect *r, in
     if (whole || ++w->changes[tile] >= 2) measure_tile(w, tile);
 }
 
-static void draw_triangle(const band *b, const triangle *t, const rect *r) {
-    if (r->y1 - r->y0 < 4 && r->x0 / TILE == r->x1 / TILE && r->y0 / TILE == r->y1 / TILE) {
-        draw_tile(b, t, r, r->x0 / TILE, r->y0 / TILE, 1);
+/* Descend into the blocks that the triangle meets: a sliver costs its length, not the area of its box. */
+static void draw_block(const band *b, const triangle *t, const rect *r, int level, int32_t bx, int32_t by) {
+    if (level == 0) {
+        draw_tile(b, t, r, bx, by, 0);
         return;
     }
-    for (int32_t ty = r->y0 / TILE; ty <= r->y1 / TILE; ty++)
-        for (int32_t tx = r->x0 / TILE; tx <= r->x1 / TILE; tx++) draw_tile(b, t, r, tx, ty, 0);
+    box area = area_of(b->frame, r, level, bx, by);
+    if (misses(t, &area)) return;
+    int shift = level - 1 + 3; /* samples to blocks of the level below; TILE = 1 << 3 */
+    int32_t x0 = imax(2 * bx, r->x0 >> shift), x1 = imin(2 * bx + 1, r->x1 >> shift);
+    int32_t y0 = imax(2 * by, r->y0 >> shift), y1 = imin(2 * by + 1, r->y1 >> shift);
+    for (int32_t y = y0; y <= y1; y++)
+        for (int32_t x = x0; x <= x1; x++) draw_block(b, t, r, level - 1, x, y);
+}
+
+static void draw_triangle(const band *b, const triangle *t, const rect *r) {
+    int32_t x0 = r->x0 / TILE, x1 = r->x1 / TILE, y0 = r->y0 / TILE, y1 = r->y1 / TILE;
+    if (x0 == x1 && y0 == y1) {
+        draw_tile(b, t, r, x0, y0, r->y1 - r->y0 < 4);
+        return;
+    }
+    int level = 0;
+    while ((x1 >> level) - (x0 >> level) > 1 || (y1 >> level) - (y0 >> level) > 1) level++;
+    for (int32_t y = y0 >> level; y <= y1 >> level; y++)
+        for (int32_t x = x0 >> level; x <= x1 >> level; x++) draw_block(b, t, r, level, x, y);
 }
 
 /* Whether a triangle of this nearness could be seen in some tile of the rectangle. */
