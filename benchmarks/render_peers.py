@@ -45,9 +45,8 @@ class Raster:
         self._renderer: RasterRenderer | RayRenderer = RasterRenderer(Scene.of(mesh, edges=NO_EDGES), threads=threads)
 
     def frame(self, camera: Camera, pose: Rigid, *, color: bool) -> Frame:
-        view = self._renderer.render(
-            camera, pose, channels=Channel.IMAGE | Channel.DEPTH if color else Channel.DEPTH
-        )
+        """Render one frame."""
+        view = self._renderer.render(camera, pose, channels=Channel.IMAGE | Channel.DEPTH if color else Channel.DEPTH)
         return (view.image if color else None), view.depth
 
 
@@ -93,6 +92,7 @@ class TrimeshEmbree(Rays):
         self._cast = RayMeshIntersector(self._mesh)
 
     def frame(self, camera: Camera, pose: Rigid, *, color: bool) -> Frame:
+        """Render one frame."""
         rays = self.directions(camera).reshape(-1, 3)
         world = rays @ pose.rotation.astype(np.float32)
         origins = np.broadcast_to(pose.origin, world.shape)
@@ -121,6 +121,7 @@ class Open3D(Rays):
         )
 
     def frame(self, camera: Camera, pose: Rigid, *, color: bool) -> Frame:
+        """Render one frame."""
         rays = self.directions(camera)
         world = rays @ pose.rotation.astype(np.float32)
         six = np.concatenate([np.broadcast_to(pose.origin.astype(np.float32), world.shape), world], axis=-1)
@@ -133,11 +134,12 @@ class Mitsuba(Rays):
     """Mitsuba 3's ray intersection, compiled by LLVM."""
 
     def __init__(self, mesh: Mesh) -> None:
+        import drjit
         import mitsuba as mi
 
         super().__init__()
         mi.set_variant("llvm_ad_rgb")
-        self._mi = mi
+        self._mi, self._dr = mi, drjit
         shape = mi.Mesh("block", vertex_count=len(mesh.vertices), face_count=mesh.n_faces)
         parameters = mi.traverse(shape)
         parameters["vertex_positions"] = mesh.vertices.astype(np.float32).ravel()
@@ -146,10 +148,13 @@ class Mitsuba(Rays):
         self._scene = mi.load_dict({"type": "scene", "shape": shape})
 
     def frame(self, camera: Camera, pose: Rigid, *, color: bool) -> Frame:
+        """Render one frame."""
         mi = self._mi
         rays = self.directions(camera)
         world = rays @ pose.rotation.astype(np.float32)
-        ray = mi.Ray3f(mi.Point3f(*pose.origin.tolist()), mi.Vector3f(np.ascontiguousarray(world.reshape(-1, 3).T)))
+        # opaque: as a literal the position would be compiled into a kernel of its own at every frame
+        origin = mi.Point3f(*(self._dr.opaque(mi.Float, x) for x in pose.origin.tolist()))
+        ray = mi.Ray3f(origin, mi.Vector3f(np.ascontiguousarray(world.reshape(-1, 3).T)))
         if not color:
             return None, np.array(self._scene.ray_intersect_preliminary(ray).t).reshape(rays.shape[:2]) * rays[..., 2]
         hit = self._scene.ray_intersect(ray, mi.RayFlags.Minimal, True)
@@ -178,7 +183,7 @@ class ModernGL:
         self._gl.enable(moderngl.DEPTH_TEST)
         vertices = self._gl.buffer(mesh.vertices.astype("f4").tobytes())
         faces = self._gl.buffer(mesh.faces.astype("i4").tobytes())
-        self._draw = {}
+        self._draw: dict[bool, tuple[Any, Any]] = {}
         for color, fragment in ((True, self.COLOR), (False, self.DEPTH)):
             program = self._gl.program(vertex_shader=self.VERTEX, fragment_shader=fragment)
             self._draw[color] = program, self._gl.vertex_array(program, [(vertices, "3f", "p")], faces)
@@ -191,6 +196,7 @@ class ModernGL:
         return self._targets[size, color]
 
     def frame(self, camera: Camera, pose: Rigid, *, color: bool) -> Frame:
+        """Render one frame."""
         target = self._target(camera.size, color)
         target.use()
         self._gl.clear()
@@ -236,6 +242,7 @@ class Vtk:
         self._window.AddRenderer(self._renderer)
 
     def frame(self, camera: Camera, pose: Rigid, *, color: bool) -> Frame:
+        """Render one frame."""
         if tuple(self._window.GetSize()) != camera.size:
             self._window.SetSize(*camera.size)
         eye = self._renderer.GetActiveCamera()
@@ -252,7 +259,7 @@ class Vtk:
         if not color:
             return None, depth
         pixels = self._vtk.vtkUnsignedCharArray()
-        self._window.GetPixelData(0, 0, w - 1, h - 1, 0, pixels)
+        self._window.GetPixelData(0, 0, w - 1, h - 1, 0, pixels, 0)
         return self._numpy(pixels).reshape(h, w, 3)[::-1], depth
 
 
@@ -276,6 +283,7 @@ class Pyrender:
         self._window: Any = None
 
     def frame(self, camera: Camera, pose: Rigid, *, color: bool) -> Frame:
+        """Render one frame."""
         if self._window is None or (self._window.viewport_width, self._window.viewport_height) != camera.size:
             self._window = self._pyrender.OffscreenRenderer(*camera.size)
         if self._eye is not None:
