@@ -6,7 +6,9 @@ rays of the camera, cached as long as the camera stays the same; others draw wit
 
 from __future__ import annotations
 
+import importlib
 import math
+import os
 from typing import Any, Protocol
 
 import numpy as np
@@ -24,6 +26,11 @@ from cadcam.render.view import Channel, Scene
 Frame = tuple[npt.NDArray[Any] | None, npt.NDArray[Any]]
 NO_EDGES = FeatureEdges(*(np.zeros((0, 2), np.int32),) * 2, *(np.zeros(0, np.int32),) * 3)
 NEAR, FAR = 100.0, 20_000.0  # mm; enough for the block
+
+
+def module(name: str) -> Any:
+    """Return a module that need not be installed, and whose types are its own affair."""
+    return importlib.import_module(name)
 
 
 class Peer(Protocol):
@@ -83,13 +90,10 @@ class TrimeshEmbree(Rays):
     """trimesh's ray interface over embreex."""
 
     def __init__(self, mesh: Mesh) -> None:
-        import trimesh
-        from trimesh.ray.ray_pyembree import RayMeshIntersector
-
         super().__init__()
-        self._mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+        self._mesh = module("trimesh").Trimesh(mesh.vertices, mesh.faces, process=False)
         self._normals = np.asarray(self._mesh.face_normals, np.float32)
-        self._cast = RayMeshIntersector(self._mesh)
+        self._cast = module("trimesh.ray.ray_pyembree").RayMeshIntersector(self._mesh)
 
     def frame(self, camera: Camera, pose: Rigid, *, color: bool) -> Frame:
         """Render one frame."""
@@ -99,11 +103,11 @@ class TrimeshEmbree(Rays):
         face, ray, where = self._cast.intersects_id(origins, world, multiple_hits=False, return_locations=True)
         depth = np.full(len(rays), np.inf, np.float32)
         depth[ray] = (where @ pose.rotation.T + pose.translation)[:, 2]
-        image = None
+        image: npt.NDArray[Any] | None = None
         if color:
             image = np.full((len(rays), 3), 255, np.uint8)
             image[ray] = self.shaded(self._normals[face], world[ray])
-            image = image.reshape(camera.height, camera.width, 3)
+            image.shape = (camera.height, camera.width, 3)
         return image, depth.reshape(camera.height, camera.width)
 
 
@@ -111,10 +115,8 @@ class Open3D(Rays):
     """Open3D's RaycastingScene (Embree)."""
 
     def __init__(self, mesh: Mesh) -> None:
-        import open3d
-
         super().__init__()
-        self._o3d = open3d
+        self._o3d = open3d = module("open3d")
         self._scene = open3d.t.geometry.RaycastingScene()
         self._scene.add_triangles(
             open3d.core.Tensor(mesh.vertices.astype(np.float32)), open3d.core.Tensor(mesh.faces.astype(np.uint32))
@@ -134,12 +136,9 @@ class Mitsuba(Rays):
     """Mitsuba 3's ray intersection, compiled by LLVM."""
 
     def __init__(self, mesh: Mesh) -> None:
-        import drjit
-        import mitsuba as mi
-
         super().__init__()
+        self._mi, self._dr = mi, _ = module("mitsuba"), module("drjit")
         mi.set_variant("llvm_ad_rgb")
-        self._mi, self._dr = mi, drjit
         shape = mi.Mesh("block", vertex_count=len(mesh.vertices), face_count=mesh.n_faces)
         parameters = mi.traverse(shape)
         parameters["vertex_positions"] = mesh.vertices.astype(np.float32).ravel()
@@ -177,8 +176,7 @@ class ModernGL:
     DEPTH = "#version 330\nin vec3 c; out float z; void main() { z = c.z; }"
 
     def __init__(self, mesh: Mesh) -> None:
-        import moderngl
-
+        moderngl = module("moderngl")
         self._gl = moderngl.create_standalone_context(backend="egl")
         self._gl.enable(moderngl.DEPTH_TEST)
         vertices = self._gl.buffer(mesh.vertices.astype("f4").tobytes())
@@ -218,15 +216,13 @@ class Vtk:
     exact_lens = False
 
     def __init__(self, mesh: Mesh) -> None:
-        import vtk
-        from vtk.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
-
-        self._vtk, self._numpy = vtk, vtk_to_numpy
+        vtk, support = module("vtk"), module("vtk.util.numpy_support")
+        self._vtk, self._numpy = vtk, support.vtk_to_numpy
         points = vtk.vtkPoints()
-        points.SetData(numpy_to_vtk(mesh.vertices.astype(np.float32), deep=True))
+        points.SetData(support.numpy_to_vtk(mesh.vertices.astype(np.float32), deep=True))
         cells = vtk.vtkCellArray()
         rows = np.column_stack([np.full(mesh.n_faces, 3), mesh.faces]).astype(np.int64)
-        cells.SetCells(mesh.n_faces, numpy_to_vtkIdTypeArray(rows.ravel(), deep=True))
+        cells.SetCells(mesh.n_faces, support.numpy_to_vtkIdTypeArray(rows.ravel(), deep=True))
         data = vtk.vtkPolyData()
         data.SetPoints(points)
         data.SetPolys(cells)
@@ -269,14 +265,9 @@ class Pyrender:
     exact_lens = False
 
     def __init__(self, mesh: Mesh) -> None:
-        import os
-
         os.environ["PYOPENGL_PLATFORM"] = "egl"
-        import pyrender
-        import trimesh
-
-        self._pyrender = pyrender
-        body = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+        self._pyrender = pyrender = module("pyrender")
+        body = module("trimesh").Trimesh(mesh.vertices, mesh.faces, process=False)
         self._scene = pyrender.Scene(ambient_light=[0.3] * 3)
         self._scene.add(pyrender.Mesh.from_trimesh(body, smooth=False))
         self._eye: Any = None
