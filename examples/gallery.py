@@ -1,39 +1,29 @@
-"""Make the pictures of renders/ and the data of examples/data: all from what the package itself brings along.
+"""Make the pictures of renders/ and the data of examples/data from a folder that `cadcam demo` has filled.
 
-Run it as `python examples/gallery.py [FOLDER]`; without a folder it writes into the project's own.
+Run it as `cadcam demo DEMO && python examples/gallery.py DEMO [ROOT]`; without ROOT it writes into the project's own
+folders. The line drawings are of the parametric sample parts.
 """
 
 from __future__ import annotations
 
-import contextlib
-import io
 import sys
-import tempfile
 from pathlib import Path
 
 import cadcam
 from cadcam.cad.parts import machined_bracket, ship_block
-from cadcam.cli.main import main as run
-from cadcam.files.points import read_points, write_points
 
 ROOT = Path(__file__).resolve().parents[1]
 INK = cadcam.LineStyle(color_by="one", color=(0.05, 0.08, 0.12))
 
 
-def main(root: Path) -> None:
-    """Run the demo, keep its inputs for the examples and its pictures for the README; add line drawings."""
+def main(demo: Path, root: Path) -> None:
+    """Keep the demo's inputs for the examples and its pictures for the README; add line drawings."""
     data, renders = root / "examples" / "data", root / "renders"
-    with tempfile.TemporaryDirectory() as folder:
-        demo = Path(folder)
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            if run(["demo", folder]) != 0:
-                raise SystemExit("the demo failed")
-        for name in ("bench", "block"):
-            points = read_points(demo / ("bench_points.csv" if name == "bench" else "points.csv"))
-            write_points(data / f"{name}_points.csv", points)
-        cadcam.write_picture(data / "block_photo.jpg", cadcam.read_picture(demo / "photo.png"), quality=88)
-        for name in ("bench", "overlay", "sum", "canny"):
-            cadcam.write_picture(renders / f"{name}.jpg", cadcam.read_picture(demo / f"{name}.png"), quality=82)
+    for source, name in (("bench_points.csv", "bench_points.csv"), ("points.csv", "block_points.csv")):
+        cadcam.write_points(data / name, cadcam.read_points(demo / source))
+    cadcam.write_picture(data / "block_photo.jpg", cadcam.read_picture(demo / "photo.png"), quality=88)
+    for name in ("bench", "overlay", "sum", "canny"):
+        cadcam.write_picture(renders / f"{name}.jpg", cadcam.read_picture(demo / f"{name}.png"), quality=82)
     drawing(renders / "bracket.png", machined_bracket(), hidden=True)
     drawing(renders / "shipblock.png", ship_block(), hidden=False)
     for path in sorted([*data.iterdir(), *renders.iterdir()]):
@@ -51,4 +41,6 @@ def drawing(path: Path, mesh: cadcam.Mesh, *, hidden: bool) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT)
+    if len(sys.argv) < 2:
+        raise SystemExit(__doc__)
+    main(Path(sys.argv[1]), Path(sys.argv[2]) if len(sys.argv) > 2 else ROOT)
