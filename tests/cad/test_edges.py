@@ -189,6 +189,15 @@ def test_an_edge_that_is_partly_covered_stays_whole() -> None:
     assert length(edges, mesh) == pytest.approx(640 + 4 * (10 + 50 + 50) - 2 * 10)
 
 
+def test_an_edge_that_is_flush_along_a_part_of_it_only_stays_a_contact() -> None:
+    plate = box((0, 0, 0), (100, 50, 10), "plate")
+    mesh = both(plate, box((0, 0, 10), (60, 50, 20), "flush"), box((60, -10, 10), (100, 50, 20), "overhanging"))
+    edges = feature_edges(mesh)
+    ends = mesh.vertices[edges.vertices]
+    along = (ends[:, :, 1] == 0).all(axis=1) & (ends[:, :, 2] == 10).all(axis=1)
+    assert (np.abs(np.diff(ends[along][:, :, 0], axis=1)) == 100).any()
+
+
 def test_parts_apart_do_not_touch() -> None:
     mesh = both(box((0, 0, 0), (100, 50, 10), "a"), box((100.5, 0, 0), (200, 50, 10), "b"))
     edges = feature_edges(mesh)

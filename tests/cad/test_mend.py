@@ -150,3 +150,10 @@ def test_a_sheet_given_from_both_sides_stays_a_sheet() -> None:
     assert mended.n_faces == 2
     assert repairs.open_edges == 4
     assert (mended.face_normals[:, 2] > 0).all()
+
+
+@pytest.mark.parametrize(("gap_mm", "vertices"), [(0.6e-3, 4), (3e-3, 6)])
+def test_points_are_one_within_a_millionth_of_the_part(gap_mm: float, vertices: int) -> None:
+    one, other = sheet(0, 500, 0, 866), sheet(500 + gap_mm, 1000, 0, 866)  # a diagonal of 1.3 m: welded at 1.3 µm
+    mended, _ = mend(one_part(both(one, other)))
+    assert len(mended.vertices) == vertices + 2
