@@ -60,6 +60,7 @@ def _show_rich(tables: Iterable[Table], file: TextIO) -> None:
         console.print(rich)
         for note in table.notes:
             console.print(f"  {escape(note)}")
+        console.print()
 
 
 def plain(value: float, digits: int = 6) -> str:
