@@ -25,6 +25,11 @@ PLACES = np.array([0.1, 0.5, 0.9])  # along an edge
 COLOR_STEP = 0.02  # parts whose colours differ by more show their seam
 
 
+def contact_tolerance(mesh: Mesh) -> float:
+    """Return the distance in mm within which parts of the mesh touch, unless a caller says otherwise."""
+    return min(TOLERANCE_SHARE * float(np.linalg.norm(mesh.size_mm)), TOLERANCE_MOST_MM)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Touch:
     """For some edges: whether anything lies along them, continues their surface, or meets it at an angle."""
@@ -48,7 +53,7 @@ def resolve_contacts(
     if not len(chosen) or (body.max(initial=0) == 0 and not (kind == EdgeKind.BOUNDARY).any()):
         return kind
     if tolerance is None:
-        tolerance = min(TOLERANCE_SHARE * float(np.linalg.norm(mesh.size_mm)), TOLERANCE_MOST_MM)
+        tolerance = contact_tolerance(mesh)
     result = kind.copy()
     solid = chosen[kind[chosen] != EdgeKind.BOUNDARY]
     if len(solid) and body.max() > 0:
