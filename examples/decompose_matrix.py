@@ -11,7 +11,6 @@ import sys
 import numpy as np
 
 import cadcam
-from cadcam.camera.extended_pinhole import uv_from_pixel_matrix
 from cadcam.report.camera import camera_table, opengl_tables, pinhole_table, pose_table
 from cadcam.report.table import show
 
@@ -27,12 +26,12 @@ def a_matrix() -> np.ndarray:
 
 def main(P: np.ndarray) -> None:
     """Print the decomposition of P, and that -3 P has the same one."""
-    pinhole = cadcam.ExtendedPinhole.from_matrix(uv_from_pixel_matrix(P))
+    pinhole = cadcam.ExtendedPinhole.from_matrix(cadcam.uv_from_pixel_matrix(P))
     camera, pose = pinhole.camera(SIZE), pinhole.camera_from_world
     tables = [pinhole_table(pinhole), camera_table(camera), pose_table(pose)]
     show([*tables, *opengl_tables(camera, pose, near=100, far=5000)], sys.stdout)
 
-    scaled = cadcam.ExtendedPinhole.from_matrix(uv_from_pixel_matrix(-3 * P))
+    scaled = cadcam.ExtendedPinhole.from_matrix(cadcam.uv_from_pixel_matrix(-3 * P))
     largest = np.abs(scaled.vector - pinhole.vector).max()
     print(f"-3 P has the same parameters: largest difference {largest:.1g}")
 

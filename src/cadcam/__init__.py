@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.camera.camera import Camera as Camera
     from cadcam.camera.estimate import CameraEstimate as CameraEstimate
     from cadcam.camera.extended_pinhole import ExtendedPinhole as ExtendedPinhole
+    from cadcam.camera.extended_pinhole import uv_from_pixel_matrix as uv_from_pixel_matrix
     from cadcam.camera.lens import BrownConrady as BrownConrady
     from cadcam.camera.lens import Division as Division
     from cadcam.camera.lens import Fisheye as Fisheye
@@ -96,6 +97,7 @@ _HOME = {
     "read_pose": "cadcam.files.matrix",
     "side_by_side": "cadcam.render.overlay",
     "standard_view": "cadcam.render.standard_view",
+    "uv_from_pixel_matrix": "cadcam.camera.extended_pinhole",
     "visible_wireframe": "cadcam.render.visible",
     "write_camera": "cadcam.files.camera",
     "write_overlay_svg": "cadcam.render.overlay",
