@@ -33,6 +33,7 @@ WEB_HEIGHT, FLANGE_WIDTH = 200.0, 90.0
 SLOT_HEIGHT, SLOT_WIDTH, SLOT_RADIUS = 240.0, 120.0, 30.0
 SCALLOP = 60.0
 PIPE_OUT, PIPE_IN, PIPE_HOLE, BEND = 110.0, 102.0, 140.0, 330.0
+FLANGE_GAP = 1.5  # a slip-on flange clears the pipe, however coarse the two are
 PLATE: Color = (0.55, 0.32, 0.26)
 PROFILE: Color = (0.62, 0.40, 0.32)
 PIPE: Color = (0.45, 0.50, 0.55)
@@ -296,7 +297,8 @@ def _spine(plan: _Plan, y: float, z: float, bends: int) -> Array:
 def _flange(q: int) -> Mesh:
     """Return a ring with eight bolts about the z axis, from z = 0 up."""
     bolts = [(140 * np.cos(t), 140 * np.sin(t)) for t in np.pi * (np.arange(8) + 0.5) / 4]
-    holes = [circle((0, 0), PIPE_OUT, 4 * q), *(circle(bolt, 11, max(q, 12)) for bolt in bolts)]
+    bore = (PIPE_OUT + FLANGE_GAP) / np.cos(np.pi / (4 * q))
+    holes = [circle((0, 0), bore, 4 * q), *(circle(bolt, 11, max(q, 12)) for bolt in bolts)]
     ring = extruded([filled(circle((0, 0), 170, 4 * q), holes)], 0, 20, name="ring", color=PIPE)
     solids = [ring]
     for bolt in bolts:
