@@ -19,9 +19,11 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.camera.camera import Camera as Camera
     from cadcam.camera.estimate import CameraEstimate as CameraEstimate
     from cadcam.camera.extended_pinhole import ExtendedPinhole as ExtendedPinhole
+    from cadcam.camera.extended_pinhole import uv_from_pixel_matrix as uv_from_pixel_matrix
     from cadcam.camera.lens import BrownConrady as BrownConrady
     from cadcam.camera.lens import Division as Division
     from cadcam.camera.lens import Fisheye as Fisheye
+    from cadcam.camera.lens import Ideal as Ideal
     from cadcam.camera.lens import OddRadial as OddRadial
     from cadcam.camera.observations import Observations as Observations
     from cadcam.errors import CadcamError as CadcamError
@@ -36,8 +38,21 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.image.picture import read_picture as read_picture
     from cadcam.image.picture import write_picture as write_picture
     from cadcam.render import open_renderer as open_renderer
+    from cadcam.render.overlay import LineStyle as LineStyle
+    from cadcam.render.overlay import added as added
+    from cadcam.render.overlay import blended as blended
+    from cadcam.render.overlay import edge_distances as edge_distances
+    from cadcam.render.overlay import over_edges as over_edges
+    from cadcam.render.overlay import overlay as overlay
+    from cadcam.render.overlay import side_by_side as side_by_side
+    from cadcam.render.overlay import write_overlay_svg as write_overlay_svg
+    from cadcam.render.standard_view import standard_view as standard_view
+    from cadcam.render.view import Channel as Channel
+    from cadcam.render.view import Look as Look
     from cadcam.render.view import Scene as Scene
     from cadcam.render.visible import visible_wireframe as visible_wireframe
+    from cadcam.render.wireframe import LineOptions as LineOptions
+    from cadcam.render.wireframe import Wireframe as Wireframe
 
     calibrate_camera = _calibrate  # `cadcam.calibrate` is the package
 
@@ -49,28 +64,43 @@ _HOME = {
     "Camera": "cadcam.camera.camera",
     "CameraEstimate": "cadcam.camera.estimate",
     "CameraFile": "cadcam.files.camera",
+    "Channel": "cadcam.render.view",
     "Division": "cadcam.camera.lens",
     "EdgeKind": "cadcam.cad.edges",
     "ExtendedPinhole": "cadcam.camera.extended_pinhole",
     "Fisheye": "cadcam.camera.lens",
+    "Ideal": "cadcam.camera.lens",
+    "LineOptions": "cadcam.render.wireframe",
+    "LineStyle": "cadcam.render.overlay",
+    "Look": "cadcam.render.view",
     "Mesh": "cadcam.cad.mesh",
     "Observations": "cadcam.camera.observations",
     "OddRadial": "cadcam.camera.lens",
     "Rigid": "cadcam.geometry.rigid",
     "Scene": "cadcam.render.view",
+    "Wireframe": "cadcam.render.wireframe",
+    "added": "cadcam.render.overlay",
+    "blended": "cadcam.render.overlay",
     "calibrate_camera": "cadcam.calibrate.points:calibrate",
+    "edge_distances": "cadcam.render.overlay",
     "feature_edges": "cadcam.cad.edges",
     "load": "cadcam.cad.load",
     "load_with_report": "cadcam.cad.load",
     "locate_camera": "cadcam.calibrate.points",
     "open_renderer": "cadcam.render",
+    "over_edges": "cadcam.render.overlay",
+    "overlay": "cadcam.render.overlay",
     "read_camera": "cadcam.files.camera",
     "read_matrix": "cadcam.files.matrix",
     "read_picture": "cadcam.image.picture",
     "read_points": "cadcam.files.points",
     "read_pose": "cadcam.files.matrix",
+    "side_by_side": "cadcam.render.overlay",
+    "standard_view": "cadcam.render.standard_view",
+    "uv_from_pixel_matrix": "cadcam.camera.extended_pinhole",
     "visible_wireframe": "cadcam.render.visible",
     "write_camera": "cadcam.files.camera",
+    "write_overlay_svg": "cadcam.render.overlay",
     "write_picture": "cadcam.image.picture",
     "write_points": "cadcam.files.points",
 }

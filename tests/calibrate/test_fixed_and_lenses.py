@@ -82,6 +82,40 @@ def test_fixed_angles_give_the_optimum_of_the_free_ones(cloud, rng):
             assert np.sum(r**2) > fixed.sum_of_squares, name
 
 
+@pytest.mark.parametrize("names", [("c",), ("a", "b"), ("X", "b")], ids="-".join)
+def test_the_covariance_with_fixed_angles_inverts_the_fisher_information_of_the_rest(cloud, rng, names):
+    """Differences of projections by the free parameters themselves: J^T J times the covariance is sigma^2."""
+    o = seen(cloud, noise=0.5, rng=rng, sigma_px=0.5)
+    estimate = calibrate(o, SIZE, fixed={n: VALUES[n] for n in names})
+    columns = []
+    for name in estimate.free:
+        h = 1e-5 * {"a": 0.01, "b": 0.01, "c": 0.01, "aspect": 0.01, "skew": 0.01}.get(name, 1.0)
+        q = []
+        for sign in (1, -1):
+            moved = dict(zip(NAMES, estimate.values, strict=True))
+            moved[name] += sign * h
+            e = ExtendedPinhole(**moved)
+            q.append(e.camera(SIZE).project(e.camera_from_world @ o.p_world).ravel())
+        columns.append((q[0] - q[1]) / (2 * h))
+    J = np.stack(columns, axis=1)
+    index = [NAMES.index(n) for n in estimate.free]
+    covariance = estimate.covariance[np.ix_(index, index)]
+    sd = np.sqrt(np.diag(covariance))
+    unit = (J.T @ J / 0.5**2) @ covariance * sd[:, None] / sd[None, :]
+    assert unit == pytest.approx(np.eye(len(index)), abs=1e-4)
+
+
+def test_a_cut_out_picture_far_from_the_principal_point_is_calibrated(rng):
+    """Principal point 5000 px to the right: focal lengths tried at the picture's centre lead nowhere, the DLT does."""
+    camera = Camera.from_focal(SIZE, 1500.0, cx=5000.0, cy=-3000.0)
+    for _ in range(6):
+        q = rng.uniform(0, 1, (10, 2)) * SIZE
+        rays = camera.unproject(q)
+        p = POSE.inv @ (rays / rays[:, 2:] * rng.uniform(800, 1200, (10, 1)))
+        estimate = calibrate(Observations(p, q + 0.1 * rng.normal(size=q.shape)), SIZE)
+        assert estimate.thesis_residual < 0.25
+
+
 def test_fixing_all_internals_is_locating_the_camera(cloud, rng):
     o = seen(cloud, noise=0.5, rng=rng)
     a = calibrate(o, SIZE, fixed={n: VALUES[n] for n in INTERNALS})

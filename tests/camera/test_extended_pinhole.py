@@ -35,24 +35,24 @@ def relative(found: ExtendedPinhole, true: ExtendedPinhole) -> float:
 
 
 def test_decompose_undoes_compose_for_both_signs_of_det_m(rng: np.random.Generator) -> None:
-    """Within 1e-12 relative, times the matrix's condition beyond 100: F = -M^-1 T cannot be better."""
+    """Within 1e-12 relative, 16 times the largest error of 5000 such cameras; skew up to 20 deg."""
     signs = set()
     for true in random_pinholes(rng, 2000):
         C = true.matrix
         signs.add(float(np.sign(np.linalg.det(C[:, :3]))))
-        M = C[:, :3] / np.linalg.norm(C[:, :3], axis=1, keepdims=True)
-        condition = max(1.0, np.linalg.cond(M) / 100)
-        assert relative(ExtendedPinhole.from_matrix(C), true) < 1e-12 * condition
+        assert relative(ExtendedPinhole.from_matrix(C), true) < 1e-12
     assert signs == {-1.0, 1.0}
 
 
 def test_recompose_undoes_decompose(rng: np.random.Generator) -> None:
+    """Within 1e-12 of the largest entry of each row, in the scale of K; C = K/K23 adds the rounding of K23."""
     for true in random_pinholes(rng, 500):
-        C = true.matrix
+        K = true.unnormalised_matrix
+        again = ExtendedPinhole.from_matrix(-3.0 * K).unnormalised_matrix
+        assert (np.abs(again - K) / np.abs(K).max(axis=1, keepdims=True)).max() < 1e-12
+        C, K23 = true.matrix, abs(K[2, 3]) / np.abs(K[2]).max()
         again = ExtendedPinhole.from_matrix(C).matrix
-        row = np.linalg.norm(C[2])
-        assert np.abs(again - C)[2].max() < 1e-12 * max(row, 1) * max(1, np.linalg.cond(C[:, :3]) * 1e-3)
-        assert np.allclose(again, C, rtol=1e-9, atol=1e-12 * np.abs(C).max())
+        assert (np.abs(again - C) / np.abs(C).max(axis=1, keepdims=True)).max() < 1e-12 * max(1.0, 0.1 / K23)
 
 
 def test_camera_and_pose_carry_the_same_eleven_numbers(rng: np.random.Generator) -> None:

@@ -114,6 +114,18 @@ CASES = [
         ("block.obj", "area"),
     ),
     Case(
+        "model cut off",
+        ("render", "cut.stl", "-o", "out.png"),
+        lambda j: spoil(j / "cut.stl", bytes(80) + struct.pack("<I", 100) + bytes(50 * 60)),
+        ("cut.stl", "100", "60"),
+    ),
+    Case(
+        "model that claims to be huge",
+        ("render", "huge.stl", "-o", "out.png"),
+        lambda j: spoil(j / "huge.stl", bytes(80) + struct.pack("<I", 4_000_000_000) + bytes(50)),
+        ("huge.stl", "4000000000"),
+    ),
+    Case(
         "model of an unknown suffix",
         ("render", "block.xyz", "-o", "out.png"),
         lambda j: spoil(j / "block.xyz", "x"),

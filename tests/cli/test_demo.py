@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +77,16 @@ def test_its_commands_give_the_same_files_again(demo: Path, capsys: pytest.Captu
         assert main(shlex.split(shlex.join(command))[1:]) == 0
         assert output.read_bytes() == before
     capsys.readouterr()
+
+
+def test_the_gallery_is_made_from_it(demo: Path, tmp_path: Path) -> None:
+    script = Path(__file__).resolve().parents[2] / "examples" / "gallery.py"
+    command = [sys.executable, "-W", "error", script, demo, tmp_path]
+    ran = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr
+    made = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()}
+    assert {line.partition(":")[0] for line in ran.stdout.splitlines()} == made
+    assert (tmp_path / "examples/data/block_points.csv").read_bytes() == (demo / "points.csv").read_bytes()
 
 
 def test_the_table_shipped_is_the_dissertations(shared: object) -> None:

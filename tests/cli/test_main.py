@@ -14,7 +14,7 @@ import cadcam
 from cadcam.cli import main as cli
 from cadcam.errors import BadValue
 
-HEAVY = ("numpy", "scipy", "trimesh", "PIL", "embreex", "rich", "lxml", "networkx", "cascadio")
+HEAVY = ("numpy", "scipy", "PIL", "embreex", "rich", "cascadio")
 VERBS = tuple(verb.__name__.rpartition(".")[2] for verb in cli.VERBS)
 
 

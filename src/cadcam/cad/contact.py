@@ -1,8 +1,8 @@
 """Where bodies touch: contact lines, and seams that are no lines at all.
 
 A body is a connected set of faces of one part. An edge is looked at in three places: what other body lies there, and
-does the surface beyond the edge simply go on in the plane of one of its faces? Two places make a contact; a seam that
-vanishes must go on at all three, so an edge that is only partly covered stays whole.
+does the surface beyond the edge simply go on in the plane of one of its faces? The middle and one more place make a
+contact; a seam that vanishes must go on at all three, so an edge that is only partly covered stays whole.
 """
 
 from __future__ import annotations
@@ -23,6 +23,11 @@ FLUSH_DEG = 2.0  # two faces this parallel continue one another
 STEP = 4.0  # how far beyond the edge to look, in tolerances
 PLACES = np.array([0.1, 0.5, 0.9])  # along an edge
 COLOR_STEP = 0.02  # parts whose colours differ by more show their seam
+
+
+def contact_tolerance(mesh: Mesh) -> float:
+    """Return the distance in mm within which parts of the mesh touch, unless a caller says otherwise."""
+    return min(TOLERANCE_SHARE * float(np.linalg.norm(mesh.size_mm)), TOLERANCE_MOST_MM)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,21 +53,24 @@ def resolve_contacts(
     if not len(chosen) or (body.max(initial=0) == 0 and not (kind == EdgeKind.BOUNDARY).any()):
         return kind
     if tolerance is None:
-        tolerance = min(TOLERANCE_SHARE * float(np.linalg.norm(mesh.size_mm)), TOLERANCE_MOST_MM)
+        tolerance = contact_tolerance(mesh)
     result = kind.copy()
-    tree = TriangleTree(mesh, body)
     solid = chosen[kind[chosen] != EdgeKind.BOUNDARY]
-    touch = _touch(mesh, table, tree, solid, body[table.faces[solid, 0]], tolerance, crease_angle)
-    result[solid[touch.any]] = EdgeKind.CONTACT
-    if not keep_flush:
-        result[solid[touch.flush]] = -1
+    if len(solid) and body.max() > 0:
+        tree = TriangleTree(mesh, body)
+        touch = _touch(mesh, table, tree, solid, body[table.faces[solid, 0]], tolerance, crease_angle)
+        result[solid[touch.any]] = EdgeKind.CONTACT
+        if not keep_flush:
+            result[solid[touch.flush]] = -1
     free = chosen[kind[chosen] == EdgeKind.BOUNDARY]
-    alone = TriangleTree(mesh, np.arange(mesh.n_faces))  # a boundary may end on its own body
-    touch = _touch(mesh, table, alone, free, table.faces[free, 0].astype(np.int64), tolerance, crease_angle)
-    result[free[touch.any & touch.other]] = EdgeKind.CONTACT
-    result[free[touch.any & ~touch.other]] = np.where(touch.folded[touch.any & ~touch.other], EdgeKind.CREASE, -1)
-    if not keep_flush:
-        result[free[touch.flush]] = -1
+    if len(free):
+        tree = TriangleTree(mesh, np.arange(mesh.n_faces))  # a boundary may end on its own body
+        touch = _touch(mesh, table, tree, free, table.faces[free, 0].astype(np.int64), tolerance, crease_angle)
+        result[free[touch.any & touch.other]] = EdgeKind.CONTACT
+        inner = touch.any & ~touch.other
+        result[free[inner]] = np.where(touch.folded[inner], EdgeKind.CREASE, -1)
+        if not keep_flush:
+            result[free[touch.flush]] = -1
     return _without_twins(mesh, table, result, touched=result != kind)
 
 
@@ -87,8 +95,10 @@ def _touch(
     home = table.faces[edges, 0]
     normals = mesh.face_normals
     touched, folded, other = (np.zeros((n, len(PLACES)), bool) for _ in range(3))
-    at, face = tree.touching(_places(mesh, table, edges).reshape(-1, 3), tolerance, apart_from=np.repeat(own, 3))
-    edge, place = at // len(PLACES), at % len(PLACES)
+    points = _places(mesh, table, edges)
+    middle = np.unique(tree.touching(points[:, 1], tolerance, apart_from=own)[0])  # most edges touch nothing: ask once
+    at, face = tree.touching(points[middle].reshape(-1, 3), tolerance, apart_from=np.repeat(own[middle], len(PLACES)))
+    edge, place = middle[at // len(PLACES)], at % len(PLACES)
     touched[edge, place] = True
     other[edge, place] |= mesh.part[face] != mesh.part[home[edge]]
     bend = np.abs(np.einsum("ij,ij->i", normals[face], normals[home[edge]])) < np.cos(crease_angle)

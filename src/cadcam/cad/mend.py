@@ -9,6 +9,7 @@ import numpy as np
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.cad.mesh import Mesh, compacted
 from cadcam.cad.needles import height_ratio, without_needles
+from cadcam.cad.repeats import repeats
 from cadcam.cad.topology import HalfEdges, Longs, part_vertices, weld
 from cadcam.errors import DegenerateGeometry
 
@@ -41,11 +42,11 @@ def mend(mesh: Mesh) -> tuple[Mesh, Repairs]:
     """Return the mesh welded, cleaned and wound outwards, and what that took.
 
     Vertices of one part are welded by position. Faces with a corner welded away go, and so do repeats of a face within
-    its part, whichever way they are wound; faces too low to have a normal give way to their neighbour. Each component
-    of faces joined by two-faced edges is wound one way; closed ones outwards by their signed volume (a cavity keeps its
-    sense against the body around it), components that only close together with those of other parts likewise. Open
-    sheets keep the sense of the majority of their faces, and one-sided (Möbius) components are left alone. Raises
-    `DegenerateGeometry` when no face is left.
+    its part, and the double walls between bodies of one part that touch face to face; faces too low to have a normal
+    give way to their neighbour. Each component of faces joined by two-faced edges is wound one way; closed ones
+    outwards by their signed volume (a cavity keeps its sense against the body around it), components that only close
+    together with those of other parts likewise. Open sheets keep the sense of the majority of their faces, and
+    one-sided (Möbius) components are left alone. Raises `DegenerateGeometry` when no face is left.
     """
     vertex, part, corner = part_vertices(mesh)
     points = mesh.vertices[vertex]
@@ -53,7 +54,7 @@ def mend(mesh: Mesh) -> tuple[Mesh, Repairs]:
     corners = first[corner]
     kept = _distinct_corners(corners)
     n_collapsed = int((~kept).sum())
-    kept[kept] = ~_repeats(corners[kept])
+    kept[kept] = ~repeats(corners[kept])
     n_repeats = mesh.n_faces - int(kept.sum()) - n_collapsed
     welded = replace(
         mesh.select(kept) if not kept.all() else mesh,
@@ -61,7 +62,7 @@ def mend(mesh: Mesh) -> tuple[Mesh, Repairs]:
         faces=corners[kept].astype(np.int32),
     )
     if not welded.n_faces:
-        raise DegenerateGeometry(f"all {mesh.n_faces} faces have zero area")
+        raise DegenerateGeometry("every face has zero area")
     turned = _turned(welded)
     sound = _faces_turned(welded, turned)
     n_flat = int((height_ratio(sound) <= 1).sum())
@@ -80,19 +81,6 @@ def mend(mesh: Mesh) -> tuple[Mesh, Repairs]:
 def _distinct_corners(corners: Longs) -> Mask:
     a, b, c = corners.T
     return np.asarray((a != b) & (b != c) & (c != a))
-
-
-def _repeats(corners: Longs) -> Mask:
-    """Return which faces have the same three corners as an earlier one."""
-    if not len(corners):
-        return np.zeros(0, bool)
-    low, high = corners.min(axis=1), corners.max(axis=1)
-    middle = corners.sum(axis=1) - low - high
-    order = np.lexsort((high, middle, low))
-    keys = np.column_stack([low, middle, high])[order]
-    result = np.zeros(len(corners), bool)
-    result[order[1:]] = (keys[1:] == keys[:-1]).all(axis=1)
-    return result
 
 
 def _faces_turned(mesh: Mesh, turned: Mask) -> Mesh:

@@ -11,6 +11,7 @@ from cadcam.cad.mesh import Mesh
 Longs = npt.NDArray[np.int64]
 _LEAF = 4
 _BLOCK = 40_000  # points searched together: bounds the memory of the search
+_CROWD = 16  # points that are first looked at as one box
 
 
 class TriangleTree:
@@ -28,30 +29,54 @@ class TriangleTree:
 
     def touching(self, points: Array, tolerance: float, *, apart_from: Longs) -> tuple[Longs, Longs]:
         """Return pairs (point, face): faces within `tolerance` of each point (N, 3), of another body than its own."""
-        found = [
-            self._block(points[at : at + _BLOCK], tolerance, apart_from[at : at + _BLOCK], at)
-            for at in range(0, len(points), _BLOCK)
-        ]
-        pairs = np.concatenate([np.zeros((0, 2), np.int64), *found])
+        likely = np.flatnonzero(self._in_a_likely_place(points, tolerance, apart_from))
+        found = [np.zeros((0, 2), np.int64)]
+        for at in range(0, len(likely), _BLOCK):
+            block = likely[at : at + _BLOCK]
+            point, face = self._block(points[block], tolerance, apart_from[block])
+            found.append(np.column_stack([block[point], face]))
+        pairs = np.concatenate(found)
         return pairs[:, 0], pairs[:, 1]
 
-    def _block(self, points: Array, tolerance: float, own: Longs, offset: int) -> Longs:
-        point, node = np.arange(len(points)), np.zeros(len(points), np.int64)
-        for depth, (low, high) in enumerate(self.levels):
+    def _in_a_likely_place(self, points: Array, tolerance: float, own: Longs) -> Mask:
+        """Return which points (N,) stand in a small crowd whose box meets a leaf of another body: most stand alone."""
+        likely = np.zeros(len(points), bool)
+        if not len(points):
+            return likely
+        order = np.lexsort((_morton(points), own))
+        start = np.union1d(np.arange(0, len(points), _CROWD), np.flatnonzero(np.diff(own[order])) + 1)
+        low = np.minimum.reduceat(points[order], start) - tolerance
+        high = np.maximum.reduceat(points[order], start) + tolerance
+        near = np.zeros(len(start), bool)
+        for at in range(0, len(start), _BLOCK):
+            block = slice(at, at + _BLOCK)
+            near[at + self._descended(low[block], high[block], own[order[start[block]]])[0]] = True
+        likely[order] = np.repeat(near, np.diff(start, append=len(points)))
+        return likely
+
+    def _descended(self, low: Array, high: Array, own: Longs) -> tuple[Longs, Longs]:
+        """Return pairs (query, leaf) where a box meets a leaf that holds a triangle of another body than its own."""
+        query, node = np.arange(len(low)), np.zeros(len(low), np.int64)
+        for depth, (node_low, node_high) in enumerate(self.levels):
             if depth:
-                point, node = np.repeat(point, 2), (2 * node[:, None] + np.arange(2)).ravel()
-            at = points[point]
-            near = (at >= low[node] - tolerance).all(axis=1) & (at <= high[node] + tolerance).all(axis=1)
-            near &= self.owners[depth][node] != own[point]
-            point, node = point[near], node[near]
+                query, node = np.repeat(query, 2), (2 * node[:, None] + np.arange(2)).ravel()
+            meets = self.owners[depth][node] != own[query]
+            for axis in range(3):
+                query, node = query[meets], node[meets]
+                meets = (low[query, axis] <= node_high[node, axis]) & (high[query, axis] >= node_low[node, axis])
+            query, node = query[meets], node[meets]
+        return query, node
+
+    def _block(self, points: Array, tolerance: float, own: Longs) -> tuple[Longs, Longs]:
+        point, leaf = self._descended(points - tolerance, points + tolerance, own)
         point = np.repeat(point, _LEAF)
-        slot = (_LEAF * node[:, None] + np.arange(_LEAF)).ravel()
+        slot = (_LEAF * leaf[:, None] + np.arange(_LEAF)).ravel()
         real = slot < len(self.order)
         point, face = point[real], self.order[slot[real]]
         other = self.body[face] != own[point]
         point, face = point[other], face[other]
         close = _near(points[point], self.corners[face], tolerance)
-        return np.column_stack([point[close] + offset, face[close]])
+        return point[close], face[close]
 
 
 def _padded(values: npt.NDArray[np.generic], n: int, fill: float) -> npt.NDArray[np.generic]:

@@ -14,7 +14,6 @@ from cadcam.errors import DegenerateGeometry
 
 # A face lower than this share of the weld tolerance has a normal made of rounding errors.
 LOW = 0.1
-ROUNDS = 20
 
 
 def height_ratio(mesh: Mesh) -> Array:
@@ -35,17 +34,19 @@ def without_needles(mesh: Mesh) -> Mesh:
     the part and surface of the neighbour. The mesh must be wound consistently. Raises `DegenerateGeometry` when nothing
     is left.
     """
-    for _ in range(ROUNDS):
+    before = mesh.n_faces + 1
+    while True:
         low = height_ratio(mesh) <= 1
-        if not low.any():
+        left = int(low.sum())
+        if not left:
             return mesh
         if low.all():
-            raise DegenerateGeometry(f"all {mesh.n_faces} faces have zero area")
+            raise DegenerateGeometry("every face has zero area")
         needle, side, other = _pairs(mesh, low)
-        if not len(needle):
-            break
+        if not len(needle) or left >= before:
+            return mesh.select(~low)
+        before = left
         mesh = _split(mesh, needle, side, other)
-    return mesh.select(height_ratio(mesh) > 1)
 
 
 def _pairs(mesh: Mesh, low: Mask) -> tuple[Longs, Longs, Longs]:

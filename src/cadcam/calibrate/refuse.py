@@ -15,7 +15,8 @@ from cadcam.fit.layout import flatness
 _UNSUSPICIOUS_PX = 0.5  # rms of a coordinate that nobody doubts, where no sigma is stated
 _UNSUSPICIOUS_SIGMAS = 3.0
 _TIMES_LIKELIER = 1e3
-_NEARLY_FLAT = 0.05
+_NEARLY_FLAT = 0.02  # thickness by length
+_USELESS = 1 / 3  # sigma of the focal length by itself
 
 
 def refuse_mirrored(
@@ -72,7 +73,7 @@ def refuse_as_good_as_flat(estimate: CameraEstimate) -> None:
         return
     thickness = flatness(estimate.observations.p_world)
     focal, sigma = estimate.value("focal"), estimate.sigma("focal")
-    if thickness < _NEARLY_FLAT and sigma > focal:
+    if thickness < _NEARLY_FLAT and sigma > _USELESS * focal:
         raise DegenerateGeometry(
             f"the world points are as good as coplanar (thickness by length {thickness:.2g}): they give a focal length "
             f"of {focal:.4g} +- {sigma:.2g} px at {estimate.noise_px:.2g} px of noise; fix the internals to get a "

@@ -100,7 +100,7 @@ class PlanarLens(Lens):
         """Return u of m, NaN where there is none."""
 
     def _inside(self, u: Array) -> Mask:
-        return np.asarray(np.sum(u * u, axis=-1) < self.valid_radius**2)
+        return np.asarray(u[..., 0] ** 2 + u[..., 1] ** 2 < self.valid_radius**2)
 
     def project(self, p: Floats) -> Array:
         """Return m; NaN for z <= 0 or outside the valid radius."""
@@ -223,7 +223,7 @@ class BrownConrady(PlanarLens):
 
     def _undistort(self, m: Array) -> Array:
         """Return u through the inverse radial curve; where there is more than that, Newton in the plane from there."""
-        rho = np.linalg.norm(m, axis=-1)
+        rho = np.hypot(m[..., 0], m[..., 1])
 
         def curve(r: Array) -> tuple[Array, Array]:
             n, d, dg = self._gain(r * r)
@@ -275,7 +275,7 @@ class OddRadial(PlanarLens):
         return np.stack([u * r2**k for k in range(4)], axis=-1)
 
     def _undistort(self, m: Array) -> Array:
-        rho = np.linalg.norm(m, axis=-1)
+        rho = np.hypot(m[..., 0], m[..., 1])
 
         def curve(r: Array) -> tuple[Array, Array]:
             g, dg = self._gain(r * r)
@@ -393,7 +393,7 @@ class Fisheye(Lens):
     def unproject(self, m: Floats) -> Array:
         """Return unit directions; NaN beyond the largest imaged angle."""
         m = np.asarray(m, dtype=np.float64)
-        rho = np.linalg.norm(m, axis=-1)
+        rho = np.hypot(m[..., 0], m[..., 1])
         t = radial.inverse(self._curve, rho, self.max_angle)
         ring = np.where(rho > 0, np.sin(t) / np.where(rho > 0, rho, 1.0), 1.0)
         return np.concatenate([m * ring[..., None], np.cos(t)[..., None]], axis=-1)
@@ -420,5 +420,5 @@ def _perspective_with_jacobian(p: Floats) -> tuple[Array, Array]:
 
 
 def _direction(u: Array) -> Array:
-    z = 1 / np.sqrt(1 + np.sum(u * u, axis=-1, keepdims=True))
+    z = 1 / np.sqrt(1 + u[..., :1] ** 2 + u[..., 1:] ** 2)
     return np.concatenate([u * z, z], axis=-1)

@@ -11,6 +11,7 @@ from numpy.polynomial import Polynomial
 from cadcam.arrays import Array, Mask
 
 _ITERATIONS = 60  # bisection alone halves the bracket this often: below one ulp
+_DONE = 8 * np.finfo(np.float64).eps  # a step this small is rounding, which may go to and fro for ever
 
 
 def polynomial_limit(odd: Sequence[float]) -> float:
@@ -80,7 +81,7 @@ def inverse(curve: Callable[[Array], tuple[Array, Array]], rho: Array, limit: fl
             low, high = np.where(value <= rho, r, low), np.where(value > rho, r, high)
             newton = r - (value - rho) / slope
             r_next = np.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
-            if np.all((np.abs(r_next - r) <= 4e-16 * np.abs(r)) | ~reachable | np.isnan(rho)):
+            if np.all((np.abs(r_next - r) <= _DONE * np.abs(r)) | ~reachable | np.isnan(rho)):
                 r = r_next
                 break
             r = r_next
@@ -104,14 +105,20 @@ def newton_plane(
 ) -> Array:
     """Return u with distort(u) = m by Newton's method in the plane from `start`; NaN where it does not get there."""
     u = np.array(start)
-    scale = 1 + np.abs(m).max(axis=-1)
+    scale = 1 + _larger(m)
     for _ in range(30):
         step = _solved(jacobian(u), distort(u) - m)
         u = u - step
-        if np.all((np.abs(step).max(axis=-1) <= 4e-16 * scale) | np.isnan(step).any(axis=-1)):
+        size = _larger(step)
+        if np.all((size <= _DONE * scale) | np.isnan(size)):
             break
-    residual = np.abs(distort(u) - m).max(axis=-1)
+    residual = _larger(distort(u) - m)
     return np.where((residual <= 1e-13 * scale)[..., None], u, np.nan)
+
+
+def _larger(v: Array) -> Array:
+    """Return max(|x|, |y|); numpy's own reduction over an axis of two is ten times slower."""
+    return np.asarray(np.maximum(np.abs(v[..., 0]), np.abs(v[..., 1])))
 
 
 def _solved(J: Array, b: Array) -> Array:

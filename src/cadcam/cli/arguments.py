@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -14,6 +15,13 @@ if TYPE_CHECKING:
 Verbs: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
+class Help(argparse.RawDescriptionHelpFormatter):
+    """Help texts as they are written, with room for the options' names."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, max_help_position=30, width=min(shutil.get_terminal_size().columns, 120) - 2)
+
+
 def verb(
     verbs: Verbs, name: str, run: Callable[[argparse.Namespace], None], *, short: str, description: str, examples: str
 ) -> argparse.ArgumentParser:
@@ -23,7 +31,7 @@ def verb(
         help=short,
         description=description,
         epilog=f"examples:\n{examples}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=Help,
     )
     parser.set_defaults(run=run)
     return parser

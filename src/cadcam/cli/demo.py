@@ -146,7 +146,7 @@ def _estimate(path: Path) -> CameraEstimate:
 
 
 def _draw_bench(path: Path, estimate: CameraEstimate) -> None:
-    """Draw the bench at twice the size of its photo, the targets where they were measured and are projected."""
+    """Draw the bench half as large again as its photo, the targets where they were measured and are projected."""
     from cadcam.cad.parts import calibration_bench
     from cadcam.cli.wires import scene_without_edges
     from cadcam.image.draw import draw_points
@@ -155,14 +155,14 @@ def _draw_bench(path: Path, estimate: CameraEstimate) -> None:
     from cadcam.render.view import Channel, Look
 
     width, height = estimate.camera.size
-    camera, pose = estimate.camera.resize((2 * width, 2 * height)), estimate.camera_from_world
+    camera, pose = estimate.camera.resize((3 * width // 2, 3 * height // 2)), estimate.camera_from_world
     look = Look(supersampling=2, background=(0.86, 0.87, 0.88))
     renderer = open_renderer(scene_without_edges(calibration_bench()))
     picture = renderer.render(camera, pose, channels=Channel.IMAGE, look=look).image
     projected = camera.project(pose @ estimate.observations.p_world)
     measured = camera.pixel_of(estimate.camera.normalised(estimate.observations.q))
-    picture = draw_points(picture, projected, color=(0.1, 0.7, 1.0), mark="circle", size=13)
-    write_picture(path, draw_points(picture, measured, color=(1.0, 0.45, 0.0), mark="cross", size=13))
+    picture = draw_points(picture, projected, color=(0.1, 0.7, 1.0), mark="circle", size=12, width=1.3)
+    write_picture(path, draw_points(picture, measured, color=(1.0, 0.45, 0.0), mark="cross", size=12, width=1.3))
 
 
 def _bench_table(folder: Path, estimate: CameraEstimate) -> Table:

@@ -59,7 +59,7 @@ PRINTED = {
 
 # The camera of the made photo: unequal focal lengths, skewed axes, an off-centre principal point, barrel distortion.
 TRUE_CAMERA = Camera(
-    (1024, 768), np.array([[971.0, 4.0, 524.0], [0.0, 962.0, 369.5], [0.0, 0.0, 1.0]]), BrownConrady(k1=-0.16)
+    (800, 600), np.array([[759.0, 3.1, 409.5], [0.0, 752.0, 288.5], [0.0, 0.0, 1.0]]), BrownConrady(k1=-0.16)
 )
 TRUE_POSE = Rigid.look_at([6300, -3300, 3500], [1950, 1250, 760])
 PICK_SIGMA_PX = 0.3
@@ -93,7 +93,7 @@ def picked_points(block: Mesh, wireframe: Wireframe, count: int, rng: np.random.
         chosen.append(int(np.argmax(np.linalg.norm(ends[:, None] - ends[chosen], axis=-1).min(axis=1))))
     q = seen[chosen] + rng.normal(scale=PICK_SIGMA_PX, size=(count, 2))
     names = tuple(f"corner {i + 1}" for i in range(count))
-    return Observations(np.round(ends[chosen], 6), np.round(q, 2), names)
+    return Observations(np.round(ends[chosen], 3), np.round(q, 2), names)
 
 
 def _visible_corners(block: Mesh, wireframe: Wireframe) -> tuple[Array, Array]:

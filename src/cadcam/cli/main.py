@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 from cadcam import __version__
 from cadcam.cli import calibrate, decompose, demo, overlay, render
+from cadcam.cli.arguments import Help
 from cadcam.errors import CadcamError
 
 VERBS = (calibrate, overlay, render, decompose, demo)
@@ -33,11 +34,9 @@ camera axes x right, y down, z forward. Every verb explains itself: cadcam VERB 
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of all verbs."""
-    top = argparse.ArgumentParser(
-        prog="cadcam", description=_DESCRIPTION, epilog=_EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    top = argparse.ArgumentParser(prog="cadcam", description=_DESCRIPTION, epilog=_EPILOG, formatter_class=Help)
     top.add_argument("--version", action="version", version=f"cadcam {__version__}")
-    verbs = top.add_subparsers(dest="verb", metavar="VERB", required=True, title="verbs")
+    verbs = top.add_subparsers(dest="verb", metavar="VERB [options]", required=True, title="verbs")
     for verb in VERBS:
         verb.add_to(verbs)
     return top

@@ -49,10 +49,10 @@ def read_text(path: str | os.PathLike[str], *, max_bytes: int = MAX_BYTES) -> Te
         text = data.decode("utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     except UnicodeDecodeError as error:
         raise UnreadableFile(
-            path, f"is not text: byte {error.start} is {data[error.start]:#04x}", "save it as UTF-8"
+            path, f"is not text: byte {error.start} is {data[error.start]:#04x}", "give a text file in UTF-8"
         ) from None
     if "\0" in text:
-        raise UnreadableFile(path, "is not text: it contains zero bytes", "save it as UTF-8")
+        raise UnreadableFile(path, "is not text: it contains zero bytes", "give a text file in UTF-8")
     if not text.strip():
         raise UnreadableFile(path, "is empty", "copy it again from its source")
     return TextFile(os.fspath(path), text, sha256(data).hexdigest())

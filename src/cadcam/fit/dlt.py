@@ -41,7 +41,7 @@ def _normalised(p_world: Array, q: Array) -> Array:
     A = np.concatenate(
         [np.column_stack([one, zero, -u[:, :1] * one]), np.column_stack([zero, one, -u[:, 1:] * one])], axis=0
     )
-    _, s, Vt = np.linalg.svd(A, full_matrices=True)
+    _, s, Vt = np.linalg.svd(A, full_matrices=False)  # twelve rows at least: Vt is whole
     _refuse_blind(s)
     return np.asarray(np.linalg.inv(T) @ Vt[-1].reshape(3, 4) @ S)
 

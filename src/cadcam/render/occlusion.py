@@ -123,21 +123,24 @@ def solid_parts(mesh: Mesh, table: EdgeTable) -> Mask:
     return solid
 
 
-def parts_around(mesh: Mesh, solid: Mask, eye: Array) -> Mask:
-    """Return which of the solid parts (P,) hold the eye inside their material: the winding number is not 0.
-
-    Solid angles after van Oosterom and Strackee, "The solid angle of a plane triangle" (1983).
-    """
-    around = np.zeros(len(solid), bool)
-    low, high = np.full((len(solid), 3), np.inf), np.full((len(solid), 3), -np.inf)
+def part_boxes(mesh: Mesh) -> tuple[Array, Array]:
+    """Return the lowest and highest corner (P, 3) of each part; inf and -inf for a part without faces."""
+    n = len(mesh.part_names)
+    low, high = np.full((n, 3), np.inf), np.full((n, 3), -np.inf)
     corners = mesh.vertices[mesh.faces]
     np.minimum.at(low, mesh.part, corners.min(axis=1))
     np.maximum.at(high, mesh.part, corners.max(axis=1))
-    for part in np.flatnonzero(solid & (low <= eye).all(axis=1) & (eye <= high).all(axis=1)):
-        a, b, c = np.moveaxis(corners[mesh.part == part] - eye, 1, 0)
-        la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
-        triple = np.einsum("ij,ij->i", a, np.cross(b, c))
-        dots = [np.einsum("ij,ij->i", x, y) * z for x, y, z in ((a, b, lc), (b, c, la), (c, a, lb))]
-        winding = 2 * np.arctan2(triple, la * lb * lc + dots[0] + dots[1] + dots[2]).sum() / (4 * np.pi)
-        around[part] = abs(winding) > 0.5
-    return around
+    return low, high
+
+
+def holds(corners: Array, eye: Array) -> bool:
+    """Return whether the closed surface of triangles (F, 3, 3) holds the eye: its winding number is not 0.
+
+    Solid angles after van Oosterom and Strackee, "The solid angle of a plane triangle" (1983).
+    """
+    a, b, c = np.moveaxis(corners - eye, 1, 0)
+    la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
+    triple = np.einsum("ij,ij->i", a, np.cross(b, c))
+    dots = [np.einsum("ij,ij->i", x, y) * z for x, y, z in ((a, b, lc), (b, c, la), (c, a, lb))]
+    winding = 2 * np.arctan2(triple, la * lb * lc + dots[0] + dots[1] + dots[2]).sum() / (4 * np.pi)
+    return bool(abs(winding) > 0.5)

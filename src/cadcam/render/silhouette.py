@@ -8,7 +8,7 @@ from cadcam.arrays import Array, Ids, Mask
 from cadcam.cad.edges import edge_table
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.topology import EdgeTable
-from cadcam.render.occlusion import Occluders, parts_around, solid_parts
+from cadcam.render.occlusion import Occluders, holds, part_boxes, solid_parts
 
 _EDGE_ON = 1e-12  # of the distance: a face whose plane the eye is this close to is seen edge-on
 
@@ -22,7 +22,17 @@ class Topology:
         self.pair = np.maximum(self.table.faces, 0)  # (E, 2): at a boundary the second is any face
         self.solid = solid_parts(mesh, self.table)
         self.two = self.table.count == 2
+        self.owner = mesh.part[self.table.faces[:, 0]]
+        self._boxes = part_boxes(mesh)
         self.flipped = _flipped(mesh, self.table)
+
+    def shut(self, eye: Array) -> Mask:
+        """Return the parts (P,) that are watertight and do not hold the eye in their material."""
+        low, high = self._boxes
+        shut = self.solid.copy()
+        for part in np.flatnonzero(shut & (low <= eye).all(axis=1) & (eye <= high).all(axis=1)):
+            shut[part] = not holds(self.mesh.vertices[self.mesh.faces[self.mesh.part == part]], eye)
+        return shut
 
     def number_of(self, vertices: Ids) -> Ids:
         """Return the edge (S,) that runs between two vertices (S, 2), either way round; -1 where there is none."""
@@ -48,11 +58,9 @@ class Turn:
         front = height > 0
         one, other = front[pair[:, 0]], front[pair[:, 1]]
         self.silhouette: Mask = topology.two & (one != (other ^ topology.flipped))
-        around = parts_around(topology.mesh, topology.solid, eye)
-        shut = (topology.solid & ~around)[topology.mesh.part[table.faces[:, 0]]]
+        shut = topology.shut(eye)[topology.owner]
         self.away: Mask = topology.two & shut & ~np.where(table.convex, one | other, one & other)
-        far = np.linalg.norm(topology.mesh.vertices[topology.mesh.faces[:, 0]] - eye, axis=1)
-        edge_on = np.abs(height) <= _EDGE_ON * far
+        edge_on = np.abs(height) <= _EDGE_ON * np.abs(topology.mesh.bounds - eye).max()
         self.borders: Mask = (self.silhouette & ~self.away) | ~topology.two
         if edge_on.any():
             self.borders |= edge_on[pair].any(axis=1)

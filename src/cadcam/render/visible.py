@@ -24,6 +24,7 @@ from __future__ import annotations
 import numpy as np
 
 from cadcam.arrays import Array, Ids, Mask
+from cadcam.cad.contact import contact_tolerance
 from cadcam.cad.edges import EdgeKind
 from cadcam.cad.topology import corner_points
 from cadcam.camera.camera import Camera
@@ -40,7 +41,6 @@ from cadcam.render.view import Scene, nothing_in_view
 from cadcam.render.wireframe import PLAIN_LINES, LineOptions, Wireframe
 
 COINCIDENT_SHARE = 1e-6  # of the scene's diagonal
-CONTACT_SHARE = 1e-5  # of the scene's diagonal, for edges that are contacts
 
 
 def visible_wireframe(
@@ -132,7 +132,7 @@ class LineDrawer:
     def _tolerance(self, kind: Ids, options: LineOptions) -> Array:
         """Return for each segment by how much (mm) a face's plane may miss it and still not hide it."""
         plain = COINCIDENT_SHARE * self._diagonal if options.coincident_mm is None else options.coincident_mm
-        contact = max(plain, min(CONTACT_SHARE * self._diagonal, 0.5))
+        contact = max(plain, contact_tolerance(self.scene.mesh))
         return np.where(kind == EdgeKind.CONTACT, contact, plain)
 
 

@@ -60,6 +60,7 @@ def _show_rich(tables: Iterable[Table], file: TextIO) -> None:
         console.print(rich)
         for note in table.notes:
             console.print(f"  {escape(note)}")
+        console.print()
 
 
 def plain(value: float, digits: int = 6) -> str:
@@ -75,9 +76,11 @@ def plain(value: float, digits: int = 6) -> str:
 
 
 def with_sigma(value: float, sigma: float) -> tuple[str, str]:
-    """Return value and standard deviation to two digits of the latter (one place of the value each)."""
-    if not (np.isfinite(sigma) and sigma > 0):
-        return plain(value), "" if sigma == 0 else "unknown"
+    """Return value and standard deviation to two digits of the latter; a value with sigma 0 as it was given."""
+    if sigma == 0:
+        return f"{value:.10g}", ""
+    if not np.isfinite(sigma):
+        return plain(value), "unknown"
     size = int(np.floor(np.log10(sigma)))
     decimals = max(0, 1 - size)
     if decimals > 12:

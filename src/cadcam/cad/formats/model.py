@@ -88,3 +88,12 @@ def check_indices(path: Path, faces: npt.NDArray[np.integer], n_vertices: int, p
             f"{place(at[0])} refers to vertex {int(faces[at])}, counted from 0, but the file has {n_vertices} vertices",
             "export it again",
         )
+
+
+def refuse_binary(path: Path, data: bytes, form: str) -> None:
+    """Raise `UnreadableFile` if what should be text holds a zero byte, as every other kind of file soon does."""
+    at = data.find(b"\0")
+    if at >= 0:
+        raise UnreadableFile(
+            path, f"has a zero byte at byte {at}: not {form} text", "check the suffix, or export it again"
+        )

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.cad.formats.model import Model, assembled, check_indices
+from cadcam.cad.formats.model import Model, assembled, check_indices, refuse_binary
 from cadcam.cad.formats.polygons import triangulated
 from cadcam.errors import UnreadableFile
 
@@ -37,9 +37,8 @@ def read_obj(path: Path, data: bytes) -> Model:
     A part is named after its object or group ("object/group" where both differ), or its material in a file that has
     neither; its colour is the diffuse colour of its material, if the material library lies beside the file.
     """
+    refuse_binary(path, data, "OBJ")
     lines = _sorted_out(data)
-    if not lines.vertices and b"\0" in data[:4096]:
-        raise UnreadableFile(path, "is a binary file, not OBJ text", "check the suffix")
     vertices = _vertices(path, lines)
     counts, corners = _corners(path, lines)
     before = np.repeat(np.array(lines.vertices_before, np.int64), counts)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cadcam.cad.formats.model import Model, assembled, check_indices
+from cadcam.cad.formats.model import Model, assembled, check_indices, refuse_binary
 from cadcam.cad.formats.polygons import triangulated
 from cadcam.errors import UnreadableFile
 
@@ -15,6 +15,7 @@ _REMEDY = "check the line, or export the model again"
 
 def read_off(path: Path, data: bytes) -> Model:
     """Return the polygons of an ASCII OFF file; colours, normals and texture coordinates are passed over."""
+    refuse_binary(path, data, "OFF")
     lines = [
         (number, text.split())
         for number, line in enumerate(data.splitlines(), 1)

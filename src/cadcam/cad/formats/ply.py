@@ -224,14 +224,16 @@ class _Ascii:
         if any(p.count for p in element.properties):
             return {}, self._lists(element, rows, first)
         n = len(element.properties)
+        if not n:
+            return {}, {}
         try:
             table = np.array([row[:n] for row in rows], dtype=float).reshape(-1, n)
         except ValueError:
-            self._complain(rows, first, n)
-            raise
+            raise self._complaint(rows, first, n) from None
         return {p.name: table[:, k] for k, p in enumerate(element.properties)}, {}
 
-    def _complain(self, rows: list[list[bytes]], first: int, n: int) -> None:
+    def _complaint(self, rows: list[list[bytes]], first: int, n: int) -> UnreadableFile:
+        """Return the error that names the first row which is not n numbers."""
         for k, row in enumerate(rows):
             try:
                 if len([float(word) for word in row[:n]]) == n:
@@ -239,9 +241,9 @@ class _Ascii:
             except ValueError:
                 pass
             shown = b" ".join(row).decode("utf-8", "replace")
-            raise UnreadableFile(
-                self.path, f"line {self.line + first + k}: {shown!r} is not {n} numbers", "check the line"
-            )
+            line = self.line + first + k
+            return UnreadableFile(self.path, f"line {line}: {shown!r} is not {n} numbers", "check the line")
+        return UnreadableFile(self.path, f"its entries are not {n} numbers each", _AGAIN)
 
     def _lists(self, element: _Element, rows: list[list[bytes]], first: int) -> Lists:
         counts: dict[str, list[int]] = {p.name: [] for p in element.properties if p.count}

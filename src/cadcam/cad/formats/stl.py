@@ -20,7 +20,7 @@ def read_stl(path: Path, data: bytes) -> Model:
     """Return the triangles of an ASCII or binary STL; the two are told apart by the length, not the first word."""
     if len(data) >= _HEADER and len(data) == _HEADER + _RECORD.itemsize * _claimed(data):
         return _binary(path, data)
-    if re.match(rb"\s*solid\b", data[:512]) and re.search(rb"facet|endsolid", data[:4096]):
+    if re.match(rb"\s*solid\b", data[:512].lower()) and re.search(rb"facet|endsolid", data[:4096].lower()):
         return _ascii(path, data)
     if len(data) < _HEADER:
         raise UnreadableFile(path, f"is only {len(data)} bytes long, too short for an STL file", _AGAIN)
@@ -83,11 +83,11 @@ def _numbers(path: Path, data: bytes, words: list[bytes], begin: int) -> npt.NDA
     except ValueError:
         pass
     at, text = begin, data.lower()
-    for word, triple in zip(words, triples, strict=True):
+    for triple in triples:
         at = text.index(b"vertex", at) + 6
         if not _three_finite(triple):
             line = data.count(b"\n", 0, at) + 1
-            found = b" ".join(word.split(b"\n")[0].split()).decode("utf-8", "replace")
+            found = b" ".join(data[at:].split(b"\n", 1)[0].split()).decode("utf-8", "replace")
             raise UnreadableFile(path, f"line {line}: vertex {found!r} is not three finite numbers", _AGAIN)
     raise UnreadableFile(path, "holds corners that are not three numbers", _AGAIN)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import zipfile
 import zlib
 from io import BytesIO
@@ -23,6 +24,8 @@ _UNIT = {
     "foot": "ft",
     "meter": "m",
 }
+# what zipfile raises on damaged archives, by experience
+_BROKEN = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, RuntimeError, ValueError)
 _LARGEST = 4 << 30  # bytes of XML: more is a decompression bomb, not a model
 
 
@@ -63,7 +66,7 @@ class _Package:
         self.path = path
         try:
             self.zip = zipfile.ZipFile(BytesIO(data))
-        except (zipfile.BadZipFile, OSError, ValueError) as error:
+        except _BROKEN as error:
             raise UnreadableFile(path, f"is not a complete zip archive ({error}): truncated", _AGAIN) from None
         self.models: dict[str, ElementTree.Element] = {}
         names = [n for n in self.zip.namelist() if n.lower().endswith(".model")]
@@ -79,7 +82,7 @@ class _Package:
                     target = relation.get("Target", "").lstrip("/")
                     if target in names:
                         return target
-        except (KeyError, ElementTree.ParseError, zipfile.BadZipFile, zlib.error, EOFError):
+        except (KeyError, ElementTree.ParseError, *_BROKEN):
             pass  # the relations are a convenience; the model itself decides
         return next((n for n in names if n.lower() == "3d/3dmodel.model"), names[0])
 
@@ -97,7 +100,7 @@ class _Package:
                 self.models[name] = ElementTree.fromstring(self.zip.read(name))
             except KeyError:
                 raise UnreadableFile(self.path, f"refers to {name!r}, which it does not hold", _AGAIN) from None
-            except (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, NotImplementedError) as error:
+            except _BROKEN as error:
                 raise UnreadableFile(self.path, f"{name} cannot be unpacked ({error})", _AGAIN) from None
             except ElementTree.ParseError as error:
                 raise UnreadableFile(self.path, f"{name} is not valid XML ({error})", _AGAIN) from None

@@ -32,10 +32,10 @@ def calibration_bench(*, targets: str = "both", sides: int = 48) -> Mesh:
     """Return the bench in mm, in the frame of Table 2.3, its targets facing +z with their centres at `BENCH_POINTS`.
 
     Each target is a closed disc of 3 mm whose flat front is parted into "target N dot" and "target N ring" (black) and
-    "target N disc" (white, with the back), N from 1 in the order of the table. `targets` is "near" (z = -1040), "far" (z = -1410)
-    or "both": the dissertation moved one board between two pictures, here both stand at once as in its Fig 3-3. From
-    its camera only target 11 is then hidden, behind target 3 (their images are 4 pixels apart in Table 2.3). `sides` is
-    the number of sides of each circle. Raises `UnknownName`.
+    "target N disc" (white, with the back), N from 1 in the order of the table. `targets` is "near" (z = -1040),
+    "far" (z = -1410) or "both": the dissertation moved one board between two pictures, here both stand at once as in
+    its Fig 3-3. From its camera only target 11 is then hidden, behind target 3 (their images are 4 pixels apart in
+    Table 2.3). `sides` is the number of sides of each circle. Raises `UnknownName`.
     """
     chosen = {"near": range(8), "far": range(8, 16), "both": range(16)}
     if targets not in chosen:

@@ -24,7 +24,7 @@ def machined_bracket(*, sides: int = 48) -> Mesh:
     """Return a watertight bracket of 129 x 80 x 60 mm (120 and a boss of 9), one part, every smooth surface numbered.
 
     Base plate with four through holes and rounded corners; wall with rounded shoulders and a bored boss; a fillet in
-    the inner corner and one (a torus) around the boss. Planes, cylinders and the torus meet where a B-rep has its edges.
+    the inner corner and one (a torus) around the boss. Planes, cylinders and the torus meet where a B-rep has edges.
     `sides` is the number of sides of a full circle, a multiple of 4. Raises `BadValue`.
     """
     if sides < 12 or sides % 4:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -32,10 +33,15 @@ WEB_HEIGHT, FLANGE_WIDTH = 200.0, 90.0
 SLOT_HEIGHT, SLOT_WIDTH, SLOT_RADIUS = 240.0, 120.0, 30.0
 SCALLOP = 60.0
 PIPE_OUT, PIPE_IN, PIPE_HOLE, BEND = 110.0, 102.0, 140.0, 330.0
+FLANGE_GAP = 1.5  # a slip-on flange clears the pipe, however coarse the two are
 PLATE: Color = (0.55, 0.32, 0.26)
 PROFILE: Color = (0.62, 0.40, 0.32)
 PIPE: Color = (0.45, 0.50, 0.55)
 LEAST, MOST = 5_000, 2_000_000
+STEEL_SHARE = 0.65
+_CHOICES = ((30_000, (3, 2)), (300_000, (5, 3)), (600_000, (7, 4)), (MOST + 1, (14, 4)))  # floors, columns of a panel
+NARROWEST = 320.0  # between longitudinals: room for the hole of the pipe
+SHORTEST = 1.0  # mm, about: sides of arcs are not made shorter
 Cell = tuple[Array, Longs]
 
 
@@ -49,6 +55,10 @@ class _Plan:
     floors: int
     columns: int
     q: int  # sides to a quarter circle
+
+    def arc_sides(self, radius: float) -> int:
+        """Return the number of sides to a quarter circle of this radius."""
+        return max(min(self.q, int(radius * np.pi / 2 / SHORTEST)), 3)
 
     @property
     def stations(self) -> Array:
@@ -78,9 +88,9 @@ def ship_block(*, triangles: int = 10_000, size: tuple[float, float, float] = (4
     It stands on its tank top, as built: floors across, two girders along, the shell over the starboard half only, so
     that one sees inside. Every plate is a closed solid of 10 to 14 mm; longitudinals (angle bars) run through slots
     with rounded corners and touch one side of them; floors have scallops in their corners and lightening holes;
-    brackets and flat bars stiffen them; a pipe with a bend and bolted flanges runs through the port side. More triangles come
-    from more floors and longitudinals and rounder cut-outs, scallops, profiles and pipe. Raises `BadValue` outside
-    5 000 to 2 000 000 triangles or below 2 x 2 x 1.2 m.
+    brackets and flat bars stiffen them; a pipe with a bend and bolted flanges runs through the port side. More
+    triangles come from more floors and longitudinals and rounder cut-outs, scallops, profiles and pipe. Raises
+    `BadValue` outside 5 000 to 2 000 000 triangles or below 2 x 2 x 1.2 m.
     """
     if not LEAST <= triangles <= MOST:
         raise BadValue("triangles", triangles, f"{LEAST} to {MOST}")
@@ -92,14 +102,25 @@ def ship_block(*, triangles: int = 10_000, size: tuple[float, float, float] = (4
 
 
 def _plan(triangles: int, size: tuple[float, float, float]) -> _Plan:
-    """Choose the plan whose steel takes about three quarters of the triangles; their number is linear in q."""
-    floors, columns = (3, 2) if triangles < 30_000 else (5, 3) if triangles < 300_000 else (7, 4)
+    """Choose the plan whose steel takes about three quarters of the triangles."""
+    floors, columns = next(choice for most, choice in _CHOICES if triangles < most)
+    columns = min(columns, int((size[1] - GIRDER) / 2 / NARROWEST))
 
     def plan(q: int) -> _Plan:
         return _Plan(float(size[0]), float(size[1]), float(size[2]), floors, columns, q)
 
-    few, more = (sum(part.n_faces for part in _steel(plan(q))) for q in (3, 4))
-    return plan(max(int(3 + (0.78 * triangles - few) / (more - few)), 3))
+    def count(q: int) -> int:
+        return sum(part.n_faces for part in _steel(plan(q)))
+
+    wanted = STEEL_SHARE * triangles
+    low, high = 3, 4
+    at_low, at_high = count(low), count(high)
+    for _ in range(4):  # the count grows with q, ever more slowly as small radii stop growing finer
+        guess = max(int(low + (wanted - at_low) * (high - low) / max(at_high - at_low, 1)), 3)
+        if guess in (low, high):
+            break
+        low, at_low, high, at_high = high, at_high, guess, count(guess)
+    return plan(high if abs(at_high - wanted) < abs(at_low - wanted) else low)
 
 
 def _steel(plan: _Plan) -> list[Mesh]:
@@ -147,43 +168,46 @@ def _floor(plan: _Plan, width: float, *, upper_slots: bool, pipe: bool) -> Mesh:
     pitch = width / plan.columns
     cells: list[Cell] = []
     for j in range(plan.columns):
-        u0, u1 = j * pitch, (j + 1) * pitch
+        u0 = j * pitch
         ends = (j == 0, j == plan.columns - 1)
-        cells.append(_end_cell(plan, u0, u1, ends, slot=True))
-        cells.append(_middle_cell(plan, u0, u1, round_hole=pipe and j == 0))
-        points, faces = _end_cell(plan, u0, u1, ends, slot=upper_slots)
-        cells.append((points * (1, -1) + (0, plan.depth), faces[:, ::-1]))
+        lower, middle = _end_cell(plan, pitch, ends, True), _middle_cell(plan, pitch, pipe and j == 0)
+        upper = _end_cell(plan, pitch, ends, upper_slots)
+        cells.append((lower[0] + (u0, 0), lower[1]))
+        cells.append((middle[0] + (u0, 0), middle[1]))
+        cells.append((upper[0] * (1, -1) + (u0, plan.depth), upper[1][:, ::-1]))
     return turned(extruded(cells, 0, FLOOR, name="floor", color=PLATE), "yz")
 
 
-def _end_cell(plan: _Plan, u0: float, u1: float, ends: tuple[bool, bool], *, slot: bool) -> Cell:
+@lru_cache(maxsize=64)
+def _end_cell(plan: _Plan, pitch: float, ends: tuple[bool, bool], slot: bool) -> Cell:
     """Return the strip of one column at the lower end of a floor: slot in its middle, scallops at the panel's ends."""
-    line: list[Array] = [arc((u0, 0), SCALLOP, 90, 0, plan.q) if ends[0] else np.array([[u0, 0.0]])]
+    line: list[Array] = [arc((0, 0), SCALLOP, 90, 0, plan.arc_sides(SCALLOP)) if ends[0] else np.array([[0.0, 0.0]])]
     if slot:
-        left = (u0 + u1) / 2 - BAR / 2
+        left = pitch / 2 - BAR / 2
         right, top, r = left + SLOT_WIDTH, SLOT_HEIGHT, SLOT_RADIUS
-        line += [np.array([[left, 0.0]]), arc((left + r, top - r), r, 180, 90, plan.q)]
-        line += [arc((right - r, top - r), r, 90, 0, plan.q), np.array([[right, 0.0]])]
-    line.append(arc((u1, 0), SCALLOP, 180, 90, plan.q) if ends[1] else np.array([[u1, 0.0]]))
-    return filled(np.concatenate([*line, [[u1, plan.row], [u0, plan.row]]]))
+        line += [np.array([[left, 0.0]]), arc((left + r, top - r), r, 180, 90, plan.arc_sides(r))]
+        line += [arc((right - r, top - r), r, 90, 0, plan.arc_sides(r)), np.array([[right, 0.0]])]
+    line.append(arc((pitch, 0), SCALLOP, 180, 90, plan.arc_sides(SCALLOP)) if ends[1] else np.array([[pitch, 0.0]]))
+    return filled(np.concatenate([*line, [[pitch, plan.row], [0.0, plan.row]]]))
 
 
-def _middle_cell(plan: _Plan, u0: float, u1: float, *, round_hole: bool) -> Cell:
+@lru_cache(maxsize=64)
+def _middle_cell(plan: _Plan, pitch: float, round_hole: bool) -> Cell:
     """Return the middle of one column of a floor: a lightening hole, or the hole for the pipe."""
     low, high = plan.row, plan.depth - plan.row
-    centre = ((u0 + u1) / 2, (low + high) / 2)
+    centre = (pitch / 2, (low + high) / 2)
     if round_hole:
-        hole = circle(centre, PIPE_HOLE, 4 * plan.q)
+        hole = circle(centre, PIPE_HOLE, 4 * plan.arc_sides(PIPE_HOLE))
     else:
-        half = 0.27 * (u1 - u0), 0.33 * (high - low)
-        hole = _oval(centre, half, plan.q)
-    return filled([(u0, low), (u1, low), (u1, high), (u0, high)], [hole])
+        half = 0.27 * pitch, 0.33 * (high - low)
+        hole = _oval(plan, centre, half)
+    return filled([(0, low), (pitch, low), (pitch, high), (0, high)], [hole])
 
 
-def _oval(centre: tuple[float, float], half: tuple[float, float], q: int) -> Array:
+def _oval(plan: _Plan, centre: tuple[float, float], half: tuple[float, float]) -> Array:
     radius = 0.9 * min(half)
     (x, y), (a, b) = centre, half
-    return rounded((x - a, y - b), (x + a, y + b), radius, q)
+    return rounded((x - a, y - b), (x + a, y + b), radius, plan.arc_sides(radius))
 
 
 def _girder(plan: _Plan) -> Mesh:
@@ -193,7 +217,7 @@ def _girder(plan: _Plan) -> Mesh:
     for x0, x1 in pairwise(lines):
         centre = ((x0 + x1) / 2, plan.depth / 2)
         half = 0.28 * min(x1 - x0, 1200.0), 0.2 * plan.depth
-        cells.append(filled([(x0, 0), (x1, 0), (x1, plan.depth), (x0, plan.depth)], [_oval(centre, half, plan.q)]))
+        cells.append(filled([(x0, 0), (x1, 0), (x1, plan.depth), (x0, plan.depth)], [_oval(plan, centre, half)]))
     return turned(extruded(cells, 0, GIRDER, name="girder", color=PLATE), "xz")
 
 
@@ -204,8 +228,8 @@ def _longitudinal(plan: _Plan, *, hanging: bool = False) -> Mesh:
     outline = np.concatenate(
         [
             [[-w, 0], [w, 0]],
-            arc((w + r, h - t - r), r, 180, 90, plan.q),
-            arc((b - w - toe, h - t + toe), toe, -90, 0, plan.q),
+            arc((w + r, h - t - r), r, 180, 90, plan.arc_sides(r)),
+            arc((b - w - toe, h - t + toe), toe, -90, 0, plan.arc_sides(toe)),
             [[b - w, h], [-w, h]],
         ]
     )
@@ -224,10 +248,15 @@ def _flat_bar(plan: _Plan) -> Mesh:
 def _bracket(plan: _Plan) -> Mesh:
     """Return a knee between floor and tank top, reaching to -x and up; a scallop at its heel, rounded in its hollow."""
     leg, rise, nose, r = 250.0, 300.0, 20.0, 40.0
-    hollow = arc((-leg, rise), 1.0, -90, 0, 2 * plan.q) - (-leg, rise)
+    hollow = arc((-leg, rise), 1.0, -90, 0, 2 * plan.arc_sides(leg)) - (-leg, rise)
     curve = np.array([-leg, rise]) + hollow * (leg - nose, rise - nose)
     outline = np.concatenate(
-        [arc((0, 0), r, 180, 90, plan.q), [[0, rise], [-nose, rise]], curve[::-1][1:-1], [[-leg, nose], [-leg, 0]]]
+        [
+            arc((0, 0), r, 180, 90, plan.arc_sides(r)),
+            [[0, rise], [-nose, rise]],
+            curve[::-1][1:-1],
+            [[-leg, nose], [-leg, 0]],
+        ]
     )
     return turned(prism(outline, 0, BAR, name="bracket", color=PROFILE), "xz")
 
@@ -237,7 +266,7 @@ def _piping(plan: _Plan, triangles: int) -> list[Mesh]:
     start, end = plan.panels[0]
     y = start + (end - start) / plan.columns / 2
     z = TANK_TOP + plan.depth / 2
-    flange = _flange(plan.q)
+    flange = _flange(plan.arc_sides(PIPE_OUT))
     left = max(triangles - 2 * flange.n_faces, 0)
     n = 12
     while _pipe_faces(n + 2) <= left:
@@ -268,7 +297,8 @@ def _spine(plan: _Plan, y: float, z: float, bends: int) -> Array:
 def _flange(q: int) -> Mesh:
     """Return a ring with eight bolts about the z axis, from z = 0 up."""
     bolts = [(140 * np.cos(t), 140 * np.sin(t)) for t in np.pi * (np.arange(8) + 0.5) / 4]
-    holes = [circle((0, 0), PIPE_OUT, 4 * q), *(circle(bolt, 11, max(q, 12)) for bolt in bolts)]
+    bore = (PIPE_OUT + FLANGE_GAP) / np.cos(np.pi / (4 * q))
+    holes = [circle((0, 0), bore, 4 * q), *(circle(bolt, 11, max(q, 12)) for bolt in bolts)]
     ring = extruded([filled(circle((0, 0), 170, 4 * q), holes)], 0, 20, name="ring", color=PIPE)
     solids = [ring]
     for bolt in bolts:

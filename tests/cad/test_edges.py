@@ -1,0 +1,226 @@
+"""Feature edges: what is drawn of solids whose edges are known beforehand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cadcam.cad.edges import EdgeKind, FeatureEdges, edge_table, feature_edges
+from cadcam.cad.mesh import Mesh
+from cadcam.errors import BadValue
+
+from .solids import both, box, one_part, prism, sheet, soup
+
+
+def length(edges: FeatureEdges, mesh: Mesh, *kinds: EdgeKind) -> float:
+    chosen = edges.of_kind(*kinds) if kinds else edges
+    return float(chosen.lengths(mesh).sum())
+
+
+def test_every_edge_of_a_box_is_found_once_with_its_angle_and_sense() -> None:
+    table = edge_table(box((0, 0, 0), (1, 2, 3)))
+    assert len(table.count) == 18
+    assert (table.count == 2).all()
+    right = np.isclose(table.angle, np.pi / 2)
+    assert right.sum() == 12
+    assert table.convex[right].all()
+    assert np.allclose(table.angle[~right], 0)
+
+
+def test_the_inner_edge_of_an_l_is_concave() -> None:
+    outline = np.array([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)], float)
+    n = len(outline)
+    k, after = np.arange(n), (np.arange(n) + 1) % n
+    walls = np.concatenate([np.column_stack([k, after, after + n]), np.column_stack([k, after + n, k + n])])
+    points = np.concatenate([np.column_stack([outline, np.full(n, z)]) for z in (0.0, 1.0)])
+    table = edge_table(Mesh.single(points, walls))
+    concave = (table.count == 2) & (table.angle > 1) & ~table.convex
+    assert concave.sum() == 1
+    assert np.allclose(points[table.vertices[concave][0], :2], (1, 1))
+
+
+@pytest.mark.parametrize("make", [box, lambda a, b: soup(box(a, b))], ids=["shared", "soup"])
+def test_a_box_is_drawn_with_its_twelve_edges(make) -> None:  # type: ignore[no-untyped-def]
+    mesh = make((0, 0, 0), (10, 20, 30))
+    edges = feature_edges(mesh)
+    assert len(edges) == 12
+    assert (edges.kind == EdgeKind.CREASE).all()
+    assert length(edges, mesh) == pytest.approx(4 * 60)
+    assert len(edges.polylines(mesh)) == 12
+
+
+@pytest.mark.parametrize(("n", "generators"), [(6, 6), (8, 8), (9, 0), (12, 0), (40, 0)])
+def test_a_coarse_cylinder_is_round_and_a_prism_is_not(n: int, generators: int) -> None:
+    mesh = prism(n)
+    edges = feature_edges(mesh)
+    along = np.abs(np.diff(mesh.vertices[edges.vertices][:, :, 2], axis=1)).ravel() > 1
+    assert along.sum() == generators
+    assert len(edges) == 2 * n + generators
+
+
+def test_a_chamfer_of_thirty_five_degrees_keeps_its_edges() -> None:
+    t = np.radians([0, 35, 70])
+    outline = np.array([(0, 0), (5, 0)])
+    for angle in t:
+        outline = np.vstack([outline, outline[-1] + 5 * np.array([-np.sin(angle), np.cos(angle)])])
+    outline = np.vstack([outline, (-20, outline[-1, 1]), (-20, 0)])
+    n = len(outline)
+    k, after = np.arange(n), (np.arange(n) + 1) % n
+    walls = np.concatenate([np.column_stack([k, after, after + n]), np.column_stack([k, after + n, k + n])])
+    mesh = Mesh.single(np.concatenate([np.column_stack([outline, np.full(n, z)]) for z in (0.0, 9.0)]), walls)
+    bends = edge_table(mesh)
+    soft = (bends.angle > np.radians(30)) & (bends.angle < np.radians(41))
+    assert soft.sum() >= 2
+    assert len(feature_edges(mesh).of_kind(EdgeKind.CREASE)) == (bends.angle > np.radians(30)).sum()
+
+
+def test_no_edge_is_drawn_inside_a_surface_however_coarse() -> None:
+    mesh = prism(5, surfaces=True)  # 72 degrees from facet to facet
+    edges = feature_edges(mesh)
+    assert (edges.kind == EdgeKind.BREP).all()
+    assert len(edges) == 10
+    assert (mesh.surface[edges.faces[:, 0]] != mesh.surface[edges.faces[:, 1]]).all()
+
+
+def rounded_slab(n: int, *, normals: bool) -> Mesh:
+    """Return a sheet bent by a quarter circle between two planes: surfaces 0, 1 (round), 2."""
+    t = np.radians(np.linspace(0, 90, n + 1))
+    line = [(-20.0, 0.0), *zip(10 * np.sin(t), 10 * np.cos(t) - 10, strict=True), (10.0, -30.0)]
+    m = len(line)
+    points = np.array([(x, y, z) for y in (0.0, 50.0) for x, z in line])
+    k = np.arange(m - 1)
+    faces = np.concatenate([np.column_stack([k, k + 1, k + 1 + m]), np.column_stack([k, k + 1 + m, k + m])])
+    surface = np.tile([0, *[1] * n, 2], 2)
+    mesh = Mesh.single(points, faces, surface=surface)
+    if not normals:
+        return mesh
+    true = np.array([(0, 0, 1.0), *((np.sin(a), 0, np.cos(a)) for a in t), (1.0, 0, 0)])
+    corner = np.tile(true, (2, 1))[faces]
+    corner[surface == 0], corner[surface == 2] = (0, 0, 1), (1, 0, 0)
+    return Mesh(mesh.vertices, mesh.faces, mesh.part, mesh.surface, ("a",), mesh.part_colors, corner)
+
+
+@pytest.mark.parametrize("normals", [True, False])
+@pytest.mark.parametrize("n", [3, 8])
+def test_tangent_seams_are_left_out_unless_asked_for(n: int, normals: bool) -> None:
+    mesh = rounded_slab(n, normals=normals)
+    assert len(feature_edges(mesh).of_kind(EdgeKind.BREP)) == 0
+    seams = feature_edges(mesh, smooth_seams=True).of_kind(EdgeKind.BREP)
+    assert len(seams) == 2
+    assert length(seams, mesh) == pytest.approx(100)
+
+
+def test_the_rim_of_a_cylinder_is_one_closed_polyline() -> None:
+    mesh = prism(36, surfaces=True)
+    lines = feature_edges(mesh).polylines(mesh)
+    assert [len(line) for line in lines] == [37, 37]
+    assert all((line[0] == line[-1]).all() for line in lines)
+
+
+def test_chains_run_head_to_tail_and_end_at_corners() -> None:
+    mesh = sheet(0, 3, 0, 2)
+    edges = feature_edges(mesh)
+    assert (edges.kind == EdgeKind.BOUNDARY).all()
+    assert len(edges.polylines(mesh)) == 4
+    mesh = prism(20, surfaces=True)
+    edges = feature_edges(mesh)
+    inside = np.flatnonzero(np.diff(edges.chain) == 0)
+    assert (edges.vertices[inside, 1] == edges.vertices[inside + 1, 0]).all()
+    assert (np.diff(edges.chain) >= 0).all()
+
+
+def test_an_edge_of_three_faces_is_a_crease() -> None:
+    points = [(0, 0, 0), (0, 0, 1), (1, 0, 0), (-1, 1, 0), (-1, -1, 0)]
+    mesh = Mesh.single(points, [(0, 1, 2), (0, 1, 3), (0, 1, 4)])
+    edges = feature_edges(mesh)
+    assert (edges.kind == EdgeKind.CREASE).sum() == 1
+    assert (edges.kind == EdgeKind.BOUNDARY).sum() == 6
+
+
+def test_a_smooth_sphere_has_no_feature_edge() -> None:
+    n = 24
+    lat, lon = np.meshgrid(np.linspace(0, np.pi, n + 1), 2 * np.pi * np.arange(2 * n) / (2 * n), indexing="ij")
+    points = np.stack([np.sin(lat) * np.cos(lon), np.sin(lat) * np.sin(lon), np.cos(lat)], axis=-1).reshape(-1, 3)
+    i, k = (a.ravel() for a in np.meshgrid(np.arange(n), np.arange(2 * n), indexing="ij"))
+    after = (k + 1) % (2 * n)
+    a, b, c, d = i * 2 * n + k, i * 2 * n + after, (i + 1) * 2 * n + after, (i + 1) * 2 * n + k
+    from cadcam.cad.mend import mend
+
+    mesh, _ = mend(Mesh.single(points, np.concatenate([np.column_stack([a, d, c]), np.column_stack([a, c, b])])))
+    assert len(feature_edges(mesh)) == 0
+
+
+def test_an_angle_beyond_its_range_is_refused() -> None:
+    with pytest.raises(BadValue, match="crease_angle_deg"):
+        feature_edges(box((0, 0, 0), (1, 1, 1)), crease_angle_deg=180)
+
+
+# Contacts. A plate of 100 x 50 x 10 has edges of 640 mm in all.
+
+
+def test_flush_plates_are_drawn_as_one() -> None:
+    plates = both(box((0, 0, 0), (100, 50, 10), "a"), box((100, 0, 0), (200, 50, 10), "b"))
+    edges = feature_edges(plates)
+    assert length(edges, plates) == pytest.approx(4 * (200 + 50 + 10))
+    kept = feature_edges(plates, flush_seams=True)
+    assert length(kept, plates, EdgeKind.CONTACT) == pytest.approx(2 * (50 + 10))
+
+
+def test_flush_plates_of_two_colours_keep_their_seam() -> None:
+    plates = both(box((0, 0, 0), (100, 50, 10), "a"), box((100, 0, 0), (200, 50, 10), "b"))
+    colors = np.array([(1, 0, 0), (0, 0, 1)], np.float32)
+    painted = Mesh(plates.vertices, plates.faces, plates.part, plates.surface, plates.part_names, colors)
+    assert length(feature_edges(painted), painted, EdgeKind.CONTACT) == pytest.approx(2 * (50 + 10))
+
+
+@pytest.mark.parametrize("merged", [False, True], ids=["two parts", "one part"])
+def test_a_stiffener_on_a_plate_meets_it_in_contact_lines(merged: bool) -> None:
+    pair = both(box((0, 0, 0), (100, 50, 10), "plate"), box((40, 10, 10), (50, 40, 60), "stiffener"))
+    mesh = one_part(pair) if merged else pair
+    edges = feature_edges(mesh)
+    assert length(edges, mesh, EdgeKind.CONTACT) == pytest.approx(2 * (10 + 30))
+    assert length(edges, mesh) == pytest.approx(640 + 4 * (10 + 30 + 50))
+
+
+def test_an_edge_that_is_partly_covered_stays_whole() -> None:
+    mesh = both(box((0, 0, 0), (100, 50, 10), "plate"), box((40, 0, 10), (50, 50, 60), "web"))
+    edges = feature_edges(mesh)
+    # of the web's foot, the two ends lie flush in the sides of the plate; the plate keeps its long upper edges
+    assert length(edges, mesh) == pytest.approx(640 + 4 * (10 + 50 + 50) - 2 * 10)
+
+
+def test_an_edge_that_is_flush_along_a_part_of_it_only_stays_a_contact() -> None:
+    plate = box((0, 0, 0), (100, 50, 10), "plate")
+    mesh = both(plate, box((0, 0, 10), (60, 50, 20), "flush"), box((60, -10, 10), (100, 50, 20), "overhanging"))
+    edges = feature_edges(mesh)
+    ends = mesh.vertices[edges.vertices]
+    along = (ends[:, :, 1] == 0).all(axis=1) & (ends[:, :, 2] == 10).all(axis=1)
+    assert (np.abs(np.diff(ends[along][:, :, 0], axis=1)) == 100).any()
+
+
+def test_parts_apart_do_not_touch() -> None:
+    mesh = both(box((0, 0, 0), (100, 50, 10), "a"), box((100.5, 0, 0), (200, 50, 10), "b"))
+    edges = feature_edges(mesh)
+    assert (edges.kind == EdgeKind.CREASE).all()
+    near = feature_edges(mesh, contact_tolerance_mm=0.6)
+    assert (near.kind == EdgeKind.CONTACT).any() or length(near, mesh) < length(edges, mesh)
+
+
+@pytest.mark.parametrize("merged", [False, True], ids=["parts", "one part"])
+def test_a_t_junction_in_a_flat_area_is_no_edge(merged: bool) -> None:
+    mesh = both(sheet(0, 100, 0, 100, name="a"), sheet(100, 200, 0, 50, name="b"), sheet(100, 200, 50, 100, name="c"))
+    mesh = one_part(mesh) if merged else mesh
+    assert length(feature_edges(mesh), mesh) == pytest.approx(600)
+
+
+def test_a_sheet_that_stands_on_another_of_its_part_meets_it_in_a_crease() -> None:
+    web = [(50, 20, 0), (50, 80, 0), (50, 80, 40), (50, 20, 40)]
+    mesh = one_part(both(sheet(0, 100, 0, 100), Mesh.single(web, [(0, 1, 2), (0, 2, 3)])))
+    edges = feature_edges(mesh)
+    assert length(edges, mesh, EdgeKind.CREASE) == pytest.approx(60)
+    assert length(edges, mesh, EdgeKind.BOUNDARY) == pytest.approx(400 + 60 + 2 * 40)
+
+
+def test_contacts_can_be_switched_off() -> None:
+    plates = both(box((0, 0, 0), (100, 50, 10), "a"), box((100, 0, 0), (200, 50, 10), "b"))
+    assert length(feature_edges(plates, contacts=False), plates) == pytest.approx(2 * 640)

@@ -1,0 +1,49 @@
+"""Every example runs as its docstring says, in an empty folder, and says what it promises."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES = ROOT / "examples"
+
+# script -> arguments, files it leaves, what it says
+RUNS: dict[str, tuple[list[str], list[str], str]] = {
+    "calibrate_from_points.py": ([], ["camera.json"], "focal"),
+    "decompose_matrix.py": ([], [], "-3 P has the same parameters"),
+    "overlay_on_photo.py": ([], ["overlay.png"], "median distance"),
+    "pose_of_a_flat_target.py": ([], [], "Two poses explain these points"),
+    "render_bench.py": ([], ["bench.png", "depth.npy"], "15 of 16 targets are in view"),
+    "sample_parts.py": (["models"], ["models/bench.glb", "models/bracket.stl"], "shipblock_10k.obj"),
+}
+ELSEWHERE = {"gallery.py": "tests/cli/test_demo.py"}  # it needs a demo's folder, which that test has
+
+
+@pytest.mark.parametrize("script", sorted(RUNS))
+def test_the_example_runs_in_an_empty_folder(tmp_path: Path, script: str) -> None:
+    arguments, files, says = RUNS[script]
+    ran = subprocess.run(
+        [sys.executable, "-W", "error", EXAMPLES / script, *arguments],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert says in ran.stdout
+    for name in files:
+        assert (tmp_path / name).stat().st_size > 0
+
+
+def test_every_example_is_run() -> None:
+    assert {path.name for path in EXAMPLES.glob("*.py")} == set(RUNS) | set(ELSEWHERE)
+    for script, test in ELSEWHERE.items():
+        assert f'"{script}"' in (ROOT / test).read_text()
+
+
+def test_the_gallery_stays_small() -> None:
+    assert sum(path.stat().st_size for path in (ROOT / "renders").iterdir()) < 1_000_000

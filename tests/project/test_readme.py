@@ -1,0 +1,48 @@
+"""The README's Python snippets run as printed, on the files that the demo leaves; its commands are those of CI."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+README = (ROOT / "README.md").read_text()
+SNIPPETS = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("readme") / "demo"
+    subprocess.run([sys.executable, "-m", "cadcam", "demo", str(folder)], check=True, capture_output=True)
+    return folder
+
+
+def test_there_is_a_snippet_for_each_job() -> None:
+    assert len(SNIPPETS) == 4
+
+
+@pytest.mark.parametrize("snippet", SNIPPETS, ids=range(len(SNIPPETS)))
+def test_snippet_runs_as_printed(snippet: str, demo: Path) -> None:
+    result = subprocess.run(
+        [sys.executable, "-W", "error", "-c", snippet], cwd=demo, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    assert result.stderr == ""
+
+
+def test_ci_finds_both_commands() -> None:
+    script = (ROOT / ".ci" / "run").read_text()
+    for marker in re.findall(r"readme_command '([^']+)'", script):
+        assert re.search(rf"<!-- {marker} -->\n```sh\n.+\n```", README)
+    assert len(re.findall(r"readme_command '", script)) == 2
+
+
+def test_every_verb_stands_in_the_readme() -> None:
+    from cadcam.cli.main import VERBS
+
+    names = {verb.__name__.rsplit(".", 1)[-1] for verb in VERBS}
+    assert {f"`cadcam {name}`" for name in names} <= set(re.findall(r"`cadcam \w+`", README))
