@@ -4,6 +4,9 @@
 #include <string.h>
 
 #include "internal.h"
+#if CC_HAS_V3
+#include <cpuid.h>
+#endif
 
 void *aligned_block(size_t bytes) {
     /* over-allocate and keep malloc's pointer in front: aligned_alloc is missing on Windows */
@@ -211,15 +214,19 @@ int worker_reserve(cc_worker *w, size_t tiles, size_t row_floats) {
 
 /* ---- instruction sets: the hot file is compiled once for each */
 
-static int best_level(void) {
 #if CC_HAS_V3
-    __builtin_cpu_init();
-    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi") &&
-           __builtin_cpu_supports("bmi2");
-#else
-    return 0;
-#endif
+/* By cpuid itself: the compilers' __builtin_cpu_supports answers no under zig. */
+static int best_level(void) {
+    unsigned a, b, c, d, low, high;
+    const unsigned fma_xsave_avx = 1u << 12 | 1u << 27 | 1u << 28, bmi1_avx2_bmi2 = 1u << 3 | 1u << 5 | 1u << 8;
+    if (!__get_cpuid(1, &a, &b, &c, &d) || (c & fma_xsave_avx) != fma_xsave_avx) return 0;
+    __asm__ volatile("xgetbv" : "=a"(low), "=d"(high) : "c"(0)); /* does the system keep the wide registers? */
+    if ((low & 6) != 6 || !__get_cpuid_count(7, 0, &a, &b, &c, &d)) return 0;
+    return (b & bmi1_avx2_bmi2) == bmi1_avx2_bmi2;
 }
+#else
+static int best_level(void) { return 0; }
+#endif
 
 static atomic_int chosen = -1;
 
