@@ -34,10 +34,16 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.files.matrix import read_pose as read_pose
     from cadcam.files.points import read_points as read_points
     from cadcam.files.points import write_points as write_points
+    from cadcam.files.poses import read_poses as read_poses
+    from cadcam.files.poses import write_poses as write_poses
     from cadcam.geometry.rigid import Rigid as Rigid
+    from cadcam.image.exr import write_exr as write_exr
     from cadcam.image.picture import read_picture as read_picture
     from cadcam.image.picture import write_picture as write_picture
     from cadcam.render import open_renderer as open_renderer
+    from cadcam.render.cutout import Cutout as Cutout
+    from cadcam.render.looks import named_look as named_look
+    from cadcam.render.looks import repainted as repainted
     from cadcam.render.overlay import LineStyle as LineStyle
     from cadcam.render.overlay import added as added
     from cadcam.render.overlay import blended as blended
@@ -65,6 +71,7 @@ _HOME = {
     "CameraEstimate": "cadcam.camera.estimate",
     "CameraFile": "cadcam.files.camera",
     "Channel": "cadcam.render.view",
+    "Cutout": "cadcam.render.cutout",
     "Division": "cadcam.camera.lens",
     "EdgeKind": "cadcam.cad.edges",
     "ExtendedPinhole": "cadcam.camera.extended_pinhole",
@@ -87,6 +94,7 @@ _HOME = {
     "load": "cadcam.cad.load",
     "load_with_report": "cadcam.cad.load",
     "locate_camera": "cadcam.calibrate.points",
+    "named_look": "cadcam.render.looks",
     "open_renderer": "cadcam.render",
     "over_edges": "cadcam.render.overlay",
     "overlay": "cadcam.render.overlay",
@@ -95,14 +103,18 @@ _HOME = {
     "read_picture": "cadcam.image.picture",
     "read_points": "cadcam.files.points",
     "read_pose": "cadcam.files.matrix",
+    "read_poses": "cadcam.files.poses",
+    "repainted": "cadcam.render.looks",
     "side_by_side": "cadcam.render.overlay",
     "standard_view": "cadcam.render.standard_view",
     "uv_from_pixel_matrix": "cadcam.camera.extended_pinhole",
     "visible_wireframe": "cadcam.render.visible",
     "write_camera": "cadcam.files.camera",
+    "write_exr": "cadcam.image.exr",
     "write_overlay_svg": "cadcam.render.overlay",
     "write_picture": "cadcam.image.picture",
     "write_points": "cadcam.files.points",
+    "write_poses": "cadcam.files.poses",
 }
 __all__ = ["__version__", *_HOME]
 

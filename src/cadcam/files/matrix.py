@@ -42,8 +42,8 @@ def read_pose(path: str | os.PathLike[str]) -> Rigid:
     """
     file = read_text(path)
     if file.text.lstrip().startswith("{"):
-        return _pose_in_json(file)
-    direction, mm = _stated(file)
+        return pose_in(parsed(file))
+    direction, mm = stated(file)
     matrix = _matrix(file, ((3, 4), (4, 4))).copy()
     matrix[:3, 3] *= mm
     try:
@@ -69,8 +69,8 @@ def pose_as_json(b_from_a: Rigid) -> dict[str, Any]:
     return {"rotation": b_from_a.rotation.tolist(), "translation_mm": b_from_a.translation.tolist()}
 
 
-def _pose_in_json(file: TextFile) -> Rigid:
-    place = parsed(file)
+def pose_in(place: Place) -> Rigid:
+    """Return camera_from_world (mm) of a JSON object with the key camera_from_world or world_from_camera."""
     said = [d for d in _DIRECTIONS if d in place.object]
     if len(said) != 1:
         raise place.error("needs one pose", 'such as "camera_from_world": {"rotation": ..., "translation_mm": ...}')
@@ -78,8 +78,8 @@ def _pose_in_json(file: TextFile) -> Rigid:
     return pose if said[0] == "camera_from_world" else pose.inv
 
 
-def _stated(file: TextFile) -> tuple[str, float]:
-    """Return direction and millimetres per unit as a comment line says them."""
+def stated(file: TextFile) -> tuple[str, float]:
+    """Return direction and millimetres per unit as a comment line says them; `UnreadableFile` where none does."""
     found = [m for line in comments_of(file) if (m := _SAID.fullmatch(line))]
     if len(found) != 1:
         raise UnreadableFile(file.path, "does not say which pose it is, and in which unit", _REMEDY)

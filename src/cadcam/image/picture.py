@@ -108,23 +108,35 @@ def read_picture_with_info(
     return picture, info
 
 
-def write_picture(path: str | os.PathLike[str], picture: npt.ArrayLike, *, bits: int = 8, quality: int = 95) -> None:
+def write_picture(
+    path: str | os.PathLike[str],
+    picture: npt.ArrayLike,
+    *,
+    alpha: npt.ArrayLike | None = None,
+    bits: int = 8,
+    quality: int = 95,
+) -> None:
     """Write a picture as PNG or JPEG by its suffix, whole or not at all; missing folders are made.
 
-    Values are clipped to [0, 1] and rounded. `bits=16` is for grey PNG; `quality` for JPEG. Raises `UnknownName`
-    for another suffix, `BadValue` for NaN or a wrong shape, `UnwritableFile` where the system refuses.
+    Values are clipped to [0, 1] and rounded. `alpha` (H, W) makes a PNG transparent: 0 is clear, 1 opaque, and the
+    picture's colours are not multiplied by it. `bits=16` is for grey PNG; `quality` for JPEG. Raises `UnknownName` for
+    another suffix, `BadValue` for NaN or a wrong shape, `UnwritableFile` where the system refuses.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in _SUFFIXES:
         raise UnknownName("picture suffix", suffix, _SUFFIXES)
-    write_whole(path, encoded(picture, _SUFFIXES[suffix], bits=bits, quality=quality))
+    write_whole(path, encoded(picture, _SUFFIXES[suffix], alpha=alpha, bits=bits, quality=quality))
 
 
-def encoded(picture: npt.ArrayLike, form: str, *, bits: int = 8, quality: int = 95) -> bytes:
-    """Return the bytes of a "PNG" or "JPEG" file of the picture."""
+def encoded(
+    picture: npt.ArrayLike, form: str, *, alpha: npt.ArrayLike | None = None, bits: int = 8, quality: int = 95
+) -> bytes:
+    """Return the bytes of a "PNG" or "JPEG" file of the picture; see `write_picture`."""
     from PIL import Image
 
     values = checked(picture)
+    if alpha is not None:
+        values = _with_alpha(values, alpha, form)
     if bits not in (8, 16) or (bits == 16 and (values.ndim == 3 or form != "PNG")):
         raise BadValue("bits", bits, "8, or 16 for a grey PNG")
     white, dtype = (255.0, np.uint8) if bits == 8 else (65535.0, np.uint16)
@@ -181,6 +193,16 @@ def equalized(gray: npt.ArrayLike) -> Picture:
         return values.copy()
     ranks: Picture = ((below - lowest) / (values.size - lowest)).astype(np.float32)
     return ranks[level]
+
+
+def _with_alpha(picture: Picture, alpha: npt.ArrayLike, form: str) -> Picture:
+    """Return red, green, blue and alpha (H, W, 4)."""
+    clear = checked(alpha)
+    if form != "PNG":
+        raise BadValue("alpha", f"given for a {form}", "none: only a PNG can be transparent")
+    if clear.shape != picture.shape[:2]:
+        raise BadValue("alpha", f"of shape {clear.shape}", f"shape {picture.shape[:2]}, that of the picture")
+    return np.concatenate([to_rgb(picture), clear[..., None]], axis=2)
 
 
 def _file_bytes(path: str | os.PathLike[str]) -> bytes:

@@ -28,8 +28,8 @@ typedef struct {
     double plane[12]; /* 3x4, row by row: world -> homogeneous sampling plane */
     double ray[9];    /* 3x3, row by row: plane point (x, y, 1) -> direction in the world */
     double rotation[9]; /* 3x3, row by row: world -> camera, for the normals */
-    double fill_from[3]; /* unit vector in the world towards the distant light */
-    float ambient, head, fill;
+    double fill_from[3], back_from[3]; /* unit vectors in the world towards the distant lights */
+    float ambient, head, fill, back;
     float background[3];
     int32_t width, height;  /* of the output, px */
     int32_t samples;        /* n: image and coverage average n x n samples; plane and lens are those of n times the size */

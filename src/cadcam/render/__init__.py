@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from cadcam.errors import MissingCore, UnknownName
+from cadcam.errors import BadValue, MissingCore, UnknownName
 
 if TYPE_CHECKING:
     from cadcam.render.view import Renderer, Scene
@@ -12,21 +12,32 @@ if TYPE_CHECKING:
 RENDERERS = ("raster", "ray")
 
 
-def open_renderer(scene: Scene, name: str = "auto") -> Renderer:
+def auto_choice() -> tuple[str, str]:
+    """Return the renderer that "auto" means on this machine, and why."""
+    from cadcam.native.core import variant
+
+    try:
+        return "raster", f"the compiled core is there ({variant()})"
+    except MissingCore as error:
+        return "ray", f"the compiled core is not: {error.why}"
+
+
+def open_renderer(scene: Scene, name: str = "auto", *, threads: int | None = None) -> Renderer:
     """Return a renderer of the scene: "raster" (the embedded rasteriser), "ray" (Embree), or "auto".
 
-    Both draw through the exact lens. "auto" is "raster", or "ray" where the compiled core is not installed.
+    Both draw through the exact lens. "auto" is "raster", or "ray" where the compiled core is not installed. `threads`
+    is the number the rasteriser takes, by default one a core; rays always take all cores.
     """
     if name not in ("auto", *RENDERERS):
         raise UnknownName("renderer", name, ("auto", *RENDERERS))
-    if name != "ray":
+    if threads is not None and threads < 1:
+        raise BadValue("threads", threads, "a whole number of at least 1")
+    if name == "auto":
+        name, _ = auto_choice()
+    if name == "raster":
         from cadcam.render.raster import RasterRenderer
 
-        try:
-            return RasterRenderer(scene)
-        except MissingCore:
-            if name == "raster":
-                raise
+        return RasterRenderer(scene, threads=threads)
     from cadcam.render.ray import RayRenderer
 
     return RayRenderer(scene)

@@ -103,12 +103,12 @@ def blended(photo: npt.ArrayLike, view: View, *, opacity: float = 0.5) -> Pictur
         raise BadValue("opacity", opacity, "0 (nothing) to 1 (opaque)")
     picture = to_rgb(fitting(photo, view.camera))
     share = (opacity * view.coverage)[..., None]
-    return np.asarray(picture * (1 - share) + np.float32(opacity) * _model(view), np.float32)
+    return np.asarray(picture * (1 - share) + np.float32(opacity) * model_alone(view), np.float32)
 
 
 def added(photo: npt.ArrayLike, view: View) -> Picture:
     """Return photo and shaded model (on black) added and histogram-equalised, (H, W): the thesis' Fig. 3-4."""
-    return equalized((to_gray(fitting(photo, view.camera)) + to_gray(_model(view))) / 2)
+    return equalized((to_gray(fitting(photo, view.camera)) + to_gray(model_alone(view))) / 2)
 
 
 def over_edges(
@@ -181,6 +181,16 @@ def fitting(photo: npt.ArrayLike, camera: Camera) -> Picture:
     return picture
 
 
+def model_alone(view: View) -> Picture:
+    """Return what the model itself gave to each pixel (H, W, 3): the image on black.
+
+    The background's colour is that of a pixel without the model; where there is none it is taken for black.
+    """
+    empty = np.argwhere(view.coverage == 0)
+    background = view.image[tuple(empty[0])] if len(empty) else np.zeros(3, np.float32)
+    return np.asarray(view.image - (1 - view.coverage)[..., None] * background, np.float32)
+
+
 def _layers(wireframe: Wireframe, style: LineStyle) -> Iterator[SvgLayer]:
     """Yield the lines by colour, hidden ones first."""
     for name, color, lines in _by_color(wireframe.hidden, style):
@@ -204,10 +214,3 @@ def _by_color(polylines: Polylines, style: LineStyle) -> Iterator[tuple[str, Col
             yield kind.name.lower(), style.kinds.get(kind, style.color), chosen
         else:
             yield f"parts-{key}", PART_COLORS[key], chosen
-
-
-def _model(view: View) -> Picture:
-    """Return what the model itself gave to each pixel (H, W, 3): the image on black."""
-    empty = np.argwhere(view.coverage == 0)
-    background = view.image[tuple(empty[0])] if len(empty) else np.zeros(3, np.float32)
-    return np.asarray(view.image - (1 - view.coverage)[..., None] * background, np.float32)

@@ -24,6 +24,7 @@ from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.native.core import LONGEST, Frame, NativeLens, NativeScene, Request, Workers
 from cadcam.render.memory import Buffers, check_memory
+from cadcam.render.shade import unit
 from cadcam.render.view import PLAIN, Channel, Look, Scene, View
 
 _CACHED = 1 << 14  # pixels unprojected at a time
@@ -143,9 +144,9 @@ class RasterRenderer:
         request.plane[:] = (K @ np.column_stack([R, t])).ravel().tolist()
         request.ray[:] = (R.T @ np.linalg.inv(K)).ravel().tolist()
         request.rotation[:] = R.ravel().tolist()
-        fill = np.array(look.fill_from) / np.linalg.norm(look.fill_from)
-        request.fill_from[:] = (R.T @ fill).tolist()
-        request.ambient, request.head, request.fill = look.ambient, look.head, look.fill
+        request.ambient, request.head, request.fill, request.back = look.ambient, look.head, look.fill, look.back
+        request.fill_from[:] = (R.T @ unit(look.fill_from)).tolist()
+        request.back_from[:] = (R.T @ unit(look.back_from)).tolist()
         request.background[:] = list(look.background)
         if not plain:
             request.lens = self._lens(camera, n).address

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cadcam.arrays import Picture
+from cadcam.arrays import Array, Picture
 from cadcam.render.view import Look
 
 
@@ -13,7 +13,13 @@ def shade(normals: Picture, towards_camera: Picture, colors: Picture, look: Look
 
     `towards_camera` (N, 3) are unit vectors from the points to the camera; `colors` (N, 3) the parts' own.
     """
-    fill = np.array(look.fill_from, np.float32) / np.float32(np.linalg.norm(look.fill_from))
     head = np.einsum("ij,ij->i", normals, towards_camera)
-    light = look.ambient + look.head * np.clip(head, 0, 1) + look.fill * np.clip(normals @ fill, 0, 1)
+    light = look.ambient + look.head * np.clip(head, 0, 1)
+    for strength, towards in ((look.fill, look.fill_from), (look.back, look.back_from)):
+        light += strength * np.clip(normals @ unit(towards).astype(np.float32), 0, 1)
     return np.asarray(np.clip(colors * light[:, None], 0, 1), np.float32)
+
+
+def unit(direction: tuple[float, float, float]) -> Array:
+    """Return a direction as a unit vector (3,)."""
+    return np.array(direction) / np.linalg.norm(direction)

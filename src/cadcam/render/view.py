@@ -73,23 +73,31 @@ class Scene:
 class Look:
     """How the shaded image looks; ids, depth and normals do not depend on it.
 
-    Surfaces are matt and two-sided. `head` is the strength of a light at the camera, `fill` that of a distant light
-    from `fill_from` (camera frame: x right, y down, z forward), `ambient` what remains without either. `background` RGB
-    in [0, 1]. `supersampling` n takes n x n rays a pixel for the image and its coverage; all else stays at the centres.
+    Surfaces are matt and two-sided, without cast shadows. Three lights, each of its strength: `head` at the camera,
+    `fill` and `back` distant ones from `fill_from` and `back_from` (camera frame: x right, y down, z forward; by default
+    from above on the left, and from behind on the right, where it sets off surfaces that turn away). `ambient` is what
+    remains without them. `background` RGB in [0, 1]. `supersampling` n takes n x n rays a pixel for the image and its
+    coverage; all else stays at the centres. Named looks: `cadcam.render.looks`.
     """
 
     head: float = 0.55
     fill: float = 0.30
+    back: float = 0.20
     ambient: float = 0.20
     fill_from: tuple[float, float, float] = (-0.5, -0.8, -0.3)
+    back_from: tuple[float, float, float] = (0.9, 0.2, 0.4)
     background: tuple[float, float, float] = (1.0, 1.0, 1.0)
     supersampling: int = 1
 
     def __post_init__(self) -> None:
         if not 1 <= self.supersampling <= 16:
             raise BadValue("supersampling", self.supersampling, "a whole number from 1 to 16")
-        if min(self.head, self.fill, self.ambient) < 0:
-            raise BadValue("(head, fill, ambient)", (self.head, self.fill, self.ambient), "numbers of at least 0")
+        strengths = (self.head, self.fill, self.back, self.ambient)
+        if not all(0 <= s < float("inf") for s in strengths):
+            raise BadValue("(head, fill, back, ambient)", strengths, "numbers of at least 0")
+        for what, direction in (("fill_from", self.fill_from), ("back_from", self.back_from)):
+            if not 0 < sum(x * x for x in direction) < float("inf"):
+                raise BadValue(what, direction, "a direction (x, y, z), not zero")
 
 
 PLAIN = Look()

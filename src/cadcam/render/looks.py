@@ -1,0 +1,45 @@
+"""Looks by name, and parts in colours of one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from types import MappingProxyType
+
+from cadcam.errors import UnknownName
+from cadcam.render.view import PLAIN, Look, Scene
+
+Color = tuple[float, float, float]
+
+LOOKS: Mapping[str, Look] = MappingProxyType(
+    {
+        "default": PLAIN,
+        # Even: the brightness of a face says only how far it is turned from the camera, and no face goes dark.
+        "inspection": Look(head=0.40, fill=0.0, back=0.0, ambient=0.60),
+        # Each part in exactly its own colour: for masks and labels.
+        "flat": Look(head=0.0, fill=0.0, back=0.0, ambient=1.0),
+    }
+)
+
+
+def named_look(name: str) -> Look:
+    """Return the look of a name in `LOOKS`: "default" (three lights), "inspection" or "flat"; or `UnknownName`."""
+    if name not in LOOKS:
+        raise UnknownName("look", name, LOOKS)
+    return LOOKS[name]
+
+
+def repainted(scene: Scene, chosen: Iterable[tuple[str, Color]]) -> Scene:
+    """Return the scene with other colours for some parts: (name, RGB in [0, 1]) pairs, later ones over earlier ones.
+
+    A name may be a pattern in the manner of file names (`bolt*`, `rib_[0-9]`); one that fits no part is `UnknownName`.
+    """
+    colors = scene.colors.copy()
+    names = scene.mesh.part_names
+    for pattern, color in chosen:
+        fitting = [i for i, name in enumerate(names) if name == pattern or fnmatchcase(name, pattern)]
+        if not fitting:
+            raise UnknownName("part", pattern, names)
+        colors[fitting] = color
+    return replace(scene, colors=colors)
