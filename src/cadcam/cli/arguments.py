@@ -74,6 +74,23 @@ def size(text: str) -> tuple[int, int]:
     raise argparse.ArgumentTypeError(f"{text!r} is not a picture size; give WIDTHxHEIGHT in px, such as 768x576")
 
 
+def color(text: str) -> tuple[float, float, float]:
+    """Return RGB in [0, 1] of a text such as #ff8800 (the # may be left out), white or black."""
+    digits = {"white": "ffffff", "black": "000000"}.get(text.lower(), text.removeprefix("#"))
+    if len(digits) != 6 or not set(digits.lower()) <= set("0123456789abcdef"):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a colour; give red, green and blue as '#rrggbb'")
+    red, green, blue = (int(digits[i : i + 2], 16) / 255 for i in (0, 2, 4))
+    return red, green, blue
+
+
+def named_color(text: str) -> tuple[str, tuple[float, float, float]]:
+    """Return (name, RGB) of a text such as bolt*=#ff8800."""
+    name, equals, value = text.rpartition("=")
+    if not equals or not name:
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=#rrggbb, such as 'bolt*=#ff8800'")
+    return name, color(value)
+
+
 def names(text: str) -> tuple[str, ...]:
     """Return the names in a text separated by commas."""
     return tuple(name.strip() for name in text.split(",") if name.strip())

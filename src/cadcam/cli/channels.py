@@ -1,94 +1,189 @@
-"""The channels of a view as files: arrays as they are (.npy), or as pictures."""
+"""What `render` can write: the channels of a view, each as a file in the form its suffix says, and the wireframe."""
 
 from __future__ import annotations
 
+import argparse
 import io
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from cadcam.cli.looks import Dress, look_of
+from cadcam.cli.wires import INK, lines_as_json, style_of
+from cadcam.errors import BadValue, UnknownName
+from cadcam.image.exr import write_exr
 from cadcam.image.picture import write_picture
 from cadcam.image.whole import write_whole
-from cadcam.render.view import Channel, Look, Renderer, nothing_in_view
+from cadcam.render import open_renderer
+from cadcam.render.overlay import overlay, write_overlay_svg
+from cadcam.render.view import PLAIN, Channel, Look, Scene, View
+from cadcam.render.visible import LineDrawer
+from cadcam.render.wireframe import LineOptions, Wireframe
 
 if TYPE_CHECKING:
     from cadcam.camera.camera import Camera
     from cadcam.geometry.rigid import Rigid
-    from cadcam.render.view import View
+
+Said: TypeAlias = dict[str, Any]  # what the caller should know of a file, as JSON
 
 _DEPTH_STEPS_MM = (0.01, 0.1, 1.0, 10.0, 100.0)
+_DEEPEST = 65535
 _WHITE = (1.0, 1.0, 1.0)
 
 
-def write_shaded(path: str, renderer: Renderer, camera: Camera, pose: Rigid) -> dict[str, Any]:
-    """Write the shaded picture, anti-aliased."""
-    view = renderer.render(camera, pose, channels=Channel.IMAGE, look=Look(supersampling=3))
-    _refuse_empty(view, renderer)
-    write_picture(path, view.image)
-    return {"seen_pixels": int(np.count_nonzero(view.coverage))}
+class Output(Protocol):
+    """A channel of one scene: frames of it, and how they become files. `write` may run in several threads."""
+
+    def frames(self, camera: Camera, poses: Iterable[Rigid]) -> Iterator[Any]:
+        """Yield a frame a pose, in order."""
+        ...
+
+    def empty(self, frame: Any) -> bool:
+        """Whether the frame shows nothing of the model."""
+        ...
+
+    def write(self, path: str, frame: Any) -> Said:
+        """Write the file, whole; return what the caller should know of it."""
+        ...
 
 
-def write_depth(path: str, renderer: Renderer, camera: Camera, pose: Rigid) -> dict[str, Any]:
-    """Write the z-depth: float32 mm (.npy), or 16-bit steps of a stated size (.png)."""
-    view = renderer.render(camera, pose, channels=Channel.DEPTH)
-    _refuse_empty(view, renderer)
+class Views:
+    """Channels that a renderer makes; `save` writes one of them."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        arguments: argparse.Namespace,
+        channels: Channel,
+        save: Callable[[str, View], Said],
+        look: Look = PLAIN,
+    ) -> None:
+        self._renderer = open_renderer(scene, arguments.renderer, threads=arguments.threads)
+        self._channels, self._look, self.write = channels, look, save
+
+    def frames(self, camera: Camera, poses: Iterable[Rigid]) -> Iterator[View]:
+        """Yield the views: a single one on all cores, several of them with a core each."""
+        several = tuple(poses)
+        if len(several) == 1:
+            yield self._renderer.render(camera, several[0], channels=self._channels, look=self._look)
+        else:
+            yield from self._renderer.render_batch(camera, several, channels=self._channels, look=self._look)
+
+    def empty(self, frame: View) -> bool:
+        """Whether no pixel sees the model."""
+        return not frame.mask.any()
+
+
+class Lines:
+    """The wireframe: on paper, or as SVG."""
+
+    def __init__(self, scene: Scene, arguments: argparse.Namespace) -> None:
+        self._drawer = LineDrawer(scene)
+        self._options = LineOptions(hidden=arguments.hidden)
+        self._style, self._title = style_of(arguments, color=INK), arguments.model
+
+    def frames(self, camera: Camera, poses: Iterable[Rigid]) -> Iterator[Wireframe]:
+        """Yield the wireframes."""
+        for pose in poses:
+            yield self._drawer.draw(camera, pose, options=self._options)
+
+    def empty(self, frame: Wireframe) -> bool:
+        """Whether no line is in the picture."""
+        return frame.empty
+
+    def write(self, path: str, frame: Wireframe) -> Said:
+        """Write the lines."""
+        if path.lower().endswith(".svg"):
+            write_overlay_svg(path, frame, style=self._style, title=self._title)
+        else:
+            paper = np.ones((frame.camera.height, frame.camera.width), np.float32)
+            write_picture(path, overlay(paper, frame, style=self._style))
+        return lines_as_json(frame)
+
+
+def output_of(arguments: argparse.Namespace, scene: Scene, poses: Iterable[Rigid]) -> Output:
+    """Return the channel asked for."""
+    views = partial(Views, scene, arguments)
+    match arguments.channel:
+        case "shaded":
+            return views(Channel.IMAGE, Dress(arguments, scene).write, look_of(arguments))
+        case "wireframe":
+            return Lines(scene, arguments)
+        case "depth":
+            return views(Channel.DEPTH, partial(write_depth, step=_step_for(scene, poses)))
+        case "normals":
+            return views(Channel.NORMAL, write_normals)
+        case "parts":
+            return views(Channel.PART, partial(write_parts, scene=scene))
+        case "faces":
+            _check_numbers(arguments.output, scene.mesh.n_faces)
+            return views(Channel.FACE, write_faces)
+    raise UnknownName("channel", arguments.channel, ("shaded", "wireframe", "depth", "normals", "parts", "faces"))
+
+
+def write_depth(path: str, view: View, *, step: float) -> Said:
+    """Write the z-depth: float32 mm (.npy, .exr), or 16-bit steps of `step` mm (.png)."""
     seen = view.depth[view.mask]
-    said: dict[str, Any] = {"seen_pixels": int(view.mask.sum()), "depth_mm": [float(seen.min()), float(seen.max())]}
+    said: Said = {"seen_pixels": int(view.mask.sum())}
+    if len(seen):
+        said["depth_mm"] = [float(seen.min()), float(seen.max())]
     if path.lower().endswith(".npy"):
         _write_npy(path, view.depth)
-        return said
-    step = next((s for s in _DEPTH_STEPS_MM if seen.max() / s <= 65535), _DEPTH_STEPS_MM[-1])
-    stored = np.where(view.mask, np.clip(view.depth / step, 1, 65535), 0) / 65535
-    write_picture(path, stored.astype(np.float32), bits=16)
-    return said | {"depth_mm_per_step": step}
+    elif path.lower().endswith(".exr"):
+        write_exr(path, {"Z": view.depth})
+    else:
+        steps = np.where(view.mask, np.clip(view.depth / step, 1, _DEEPEST), 0)
+        write_picture(path, (steps / _DEEPEST).astype(np.float32), bits=16)
+        said["depth_mm_per_step"] = step
+    return said
 
 
-def write_normals(path: str, renderer: Renderer, camera: Camera, pose: Rigid) -> dict[str, Any]:
-    """Write the unit normals in the camera frame: float32 (.npy), or colours (n + 1)/2 (.png)."""
-    view = renderer.render(camera, pose, channels=Channel.NORMAL)
-    _refuse_empty(view, renderer)
+def write_normals(path: str, view: View) -> Said:
+    """Write the unit normals in the camera frame: float32 (.npy, .exr), or colours (n + 1)/2 (.png)."""
     if path.lower().endswith(".npy"):
         _write_npy(path, view.normal)
+    elif path.lower().endswith(".exr"):
+        write_exr(path, {axis: view.normal[..., k] for k, axis in enumerate("XYZ")})
     else:
         write_picture(path, np.where(view.mask[..., None], (view.normal + 1) / 2, np.float32(1)))
     return {"seen_pixels": int(view.mask.sum())}
 
 
-def write_parts(path: str, renderer: Renderer, camera: Camera, pose: Rigid) -> dict[str, Any]:
+def write_parts(path: str, view: View, *, scene: Scene) -> Said:
     """Write the part numbers: int32, -1 for the background (.npy), or each part in its colour (.png)."""
-    view = renderer.render(camera, pose, channels=Channel.PART)
-    _refuse_empty(view, renderer)
-    names = renderer.scene.mesh.part_names
+    names = scene.mesh.part_names
     if path.lower().endswith(".npy"):
         _write_npy(path, view.part)
     else:
-        write_picture(path, np.concatenate([renderer.scene.colors, np.array([_WHITE], np.float32)])[view.part])
+        write_picture(path, np.concatenate([scene.colors, np.array([_WHITE], np.float32)])[view.part])
     numbers, counts = np.unique(view.part[view.mask], return_counts=True)
     seen = {names[i]: {"number": int(i), "pixels": int(n)} for i, n in zip(numbers, counts, strict=True)}
     return {"seen_pixels": int(view.mask.sum()), "seen_parts": seen}
 
 
-def write_faces(path: str, renderer: Renderer, camera: Camera, pose: Rigid) -> dict[str, Any]:
-    """Write the face numbers: int32, -1 for the background (.npy)."""
-    view = renderer.render(camera, pose, channels=Channel.FACE)
-    _refuse_empty(view, renderer)
-    _write_npy(path, view.face)
+def write_faces(path: str, view: View) -> Said:
+    """Write the face numbers: int32, -1 for the background (.npy), or 16 bits of number + 1 (.png)."""
+    if path.lower().endswith(".npy"):
+        _write_npy(path, view.face)
+    else:
+        write_picture(path, ((view.face + 1) / _DEEPEST).astype(np.float32), bits=16)
     return {"seen_pixels": int(view.mask.sum())}
 
 
-WRITERS = {
-    "shaded": write_shaded,
-    "depth": write_depth,
-    "normals": write_normals,
-    "parts": write_parts,
-    "faces": write_faces,
-}
+def _check_numbers(path: str, faces: int) -> None:
+    if faces > _DEEPEST and not path.lower().endswith(".npy"):
+        raise BadValue("the number of faces", faces, f"at most {_DEEPEST}, which 16 bits hold, or an output .npy")
 
 
-def _refuse_empty(view: View, renderer: Renderer) -> None:
-    if not view.mask.any():
-        raise nothing_in_view(renderer.scene.mesh, view.camera, view.camera_from_world)
+def _step_for(scene: Scene, poses: Iterable[Rigid]) -> float:
+    """Return the smallest mm of a step in which 16 bits hold the model's depth from all poses: one for a whole set."""
+    low, high = scene.mesh.bounds
+    box = np.array([[(low, high)[i][0], (low, high)[j][1], (low, high)[k][2]] for i, j, k in np.ndindex(2, 2, 2)])
+    farthest = max(float((pose @ box)[:, 2].max()) for pose in poses)
+    return next((s for s in _DEPTH_STEPS_MM if farthest / s <= _DEEPEST), _DEPTH_STEPS_MM[-1])
 
 
 def _write_npy(path: str, array: npt.NDArray[Any]) -> None:

@@ -3,56 +3,60 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import Verbs, add_json, size, verb
 from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, view_as_json
+from cadcam.cli.looks import add_look_options, check_look_options
 from cadcam.cli.models import add_model_options, load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, say, working
-from cadcam.cli.wires import (
-    INK,
-    add_line_options,
-    lines_as_json,
-    lines_in_words,
-    naming,
-    scene_of,
-    scene_without_edges,
-    style_of,
-    wireframe_of,
-)
+from cadcam.cli.wires import add_line_options, lines_in_words, naming, scene_of, scene_without_edges
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
     from cadcam.cad.mesh import Mesh
     from cadcam.camera.camera import Camera
     from cadcam.geometry.rigid import Rigid
+    from cadcam.render.view import Scene
 
 _SUFFIXES = {
     "shaded": (".png", ".jpg", ".jpeg"),
     "wireframe": (".png", ".svg", ".jpg", ".jpeg"),
-    "depth": (".npy", ".png"),
-    "normals": (".npy", ".png"),
+    "depth": (".npy", ".exr", ".png"),
+    "normals": (".npy", ".exr", ".png"),
     "parts": (".npy", ".png"),
-    "faces": (".npy",),
+    "faces": (".npy", ".png"),
 }
 _VIEWS = ("iso", "front", "back", "left", "right", "top", "bottom")
 _EXAMPLES = f"""\
   cadcam render part.step -o part.png                                     a view chosen so that the part fills it
   cadcam render part.stl --unit in --view top --channel wireframe --hidden -o top.svg
+  cadcam render part.step --look inspection --edges --part-color 'bolt*=#ff8800' --transparent -o part.png
+  cadcam render part.step --camera camera.json --background photo.png -o in_place.png
   cadcam render part.step --camera camera.json --channel depth -o depth.npy
   cadcam render part.step --camera internals.json --pose pose.txt -o as_seen.png
+  cadcam render part.step --camera internals.json --poses poses.csv -o 'views/{{name}}.png'
 
-{POSE_HELP}"""
+{POSE_HELP}
+poses file: a first line '# camera_from_world, mm' (or world_from_camera; or m, in ...), a line of column names, then a
+pose a line; or JSON {{"poses": [{{"name": ..., "camera_from_world": ...}}, ...]}}; or a folder of pose files.
+  name, r11, r12, r13, r21, r22, r23, r31, r32, r33, tx, ty, tz
+  left,   1,   0,   0,   0,   1,   0,   0,   0,   1, -20, 0, 500
+The output is then a pattern with {{name}} or {{index}} ({{index:04d}}), in quotes. Pictures that are there already are kept, so
+that an interrupted run goes on where it was; --overwrite makes them anew.
+"""
 _DESCRIPTION = """\
 Render a CAD model through the exact camera: skew, aspect and lens distortion included, at every pixel centre.
-Channels: shaded (RGB); wireframe (visible edges); depth (z-depth: .npy float32 mm with inf for the background, or
-16-bit .png with 0 for the background and the mm of a step printed); normals (camera frame; .npy, or .png with (n+1)/2);
-parts and faces (.npy int32, -1 for the background; parts as .png in colours)."""
+Channels: shaded (RGB); wireframe (visible edges); depth (z-depth: .npy or .exr float32 mm with inf for the background,
+or 16-bit .png with 0 for the background and the mm of a step printed); normals (camera frame; .npy, .exr with X, Y, Z,
+or .png with (n+1)/2); parts and faces (.npy int32, -1 for the background; parts as .png in colours, faces as 16-bit
+.png of number + 1)."""
 
 
 def add_to(verbs: Verbs) -> None:
     """Add the verb."""
-    short = "CAD model -> picture, as a camera sees it"
+    short = "CAD model -> pictures, as a camera sees it"
     parser = verb(verbs, "render", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
     add_model_options(parser)
     parser.add_argument("-o", "--output", metavar="FILE", required=True, help="file to write; the suffix says how")
@@ -60,25 +64,51 @@ def add_to(verbs: Verbs) -> None:
         "--channel", choices=tuple(_SUFFIXES), default="shaded", help="what to render (default: shaded)"
     )
     add_camera_options(parser, required=False)
+    parser.add_argument(
+        "--poses", metavar="FILE", help="many poses: a poses file or a folder of pose files (see below)"
+    )
+    parser.add_argument("--overwrite", action="store_true", help="with --poses: make pictures anew that are there")
     parser.add_argument("--view", choices=_VIEWS, help="without a camera: the side to look from (default: iso)")
     parser.add_argument("--size", type=size, metavar="WxH", help="without a camera: picture size (default 1280x960)")
+    parser.add_argument(
+        "--renderer", choices=("auto", "raster", "ray"), default="auto", help="see `cadcam doctor` (default: auto)"
+    )
+    parser.add_argument("--threads", type=int, metavar="N", help="threads of the raster renderer (default: one a core)")
+    add_look_options(parser)
     add_line_options(parser, color_by="one")
     add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Render, write, report."""
+    check_look_options(arguments)
+    if arguments.poses is not None:
+        from cadcam.cli.batch import run_batch
+
+        run_batch(arguments, _SUFFIXES[arguments.channel])
+        return
+    if arguments.overwrite:
+        raise BadValue("--overwrite", "given without --poses", "neither: a single picture is always made anew")
     check_target(arguments.output, _SUFFIXES[arguments.channel])
     given = _given_camera(arguments)
     mesh, report = load_as_asked(arguments)
     camera, pose = given or _chosen_camera(arguments, mesh)
-    result = _written(arguments, mesh, camera, pose)
+    result = _written(arguments, scene_as_asked(arguments, mesh), camera, pose)
     if arguments.json:
         document = {"output": arguments.output, "channel": arguments.channel, **result}
         print_json(document | {"model": model_as_json(report, mesh), "camera": view_as_json(camera, pose)})
     else:
-        print(_in_words(arguments.channel, result))
+        print(in_words(arguments.channel, result))
         say(f"wrote {arguments.output} ({camera.width} x {camera.height} px)")
+
+
+def scene_as_asked(arguments: argparse.Namespace, mesh: Mesh) -> Scene:
+    """Return the scene in the colours asked for, with its edges where they are drawn: looking for them takes time."""
+    from cadcam.render.looks import repainted
+
+    drawn = arguments.channel == "wireframe" or arguments.edges
+    scene = scene_of(arguments, mesh) if drawn else scene_without_edges(mesh)
+    return repainted(scene, arguments.part_color or ())
 
 
 def _given_camera(arguments: argparse.Namespace) -> tuple[Camera, Rigid] | None:
@@ -97,37 +127,23 @@ def _chosen_camera(arguments: argparse.Namespace, mesh: Mesh) -> tuple[Camera, R
     return standard_view(mesh, arguments.view or "iso", size=arguments.size or (1280, 960))
 
 
-def _written(arguments: argparse.Namespace, mesh: Mesh, camera: Camera, pose: Rigid) -> dict[str, Any]:
+def _written(arguments: argparse.Namespace, scene: Scene, camera: Camera, pose: Rigid) -> dict[str, Any]:
     """Write the channel asked for; return what the caller should know of it."""
-    if arguments.channel == "wireframe":
-        return _write_wireframe(arguments, mesh, camera, pose)
-    from cadcam.cli.channels import WRITERS
-    from cadcam.render import open_renderer
+    from cadcam.cli.channels import output_of
+    from cadcam.render.view import nothing_in_view
 
     with working("rendering"), naming(arguments.model):
-        renderer = open_renderer(scene_without_edges(mesh))
-        return WRITERS[arguments.channel](arguments.output, renderer, camera, pose)
+        output = output_of(arguments, scene, [pose])
+        frame = next(output.frames(camera, [pose]))
+        if output.empty(frame):
+            raise nothing_in_view(scene.mesh, camera, pose)
+        return output.write(arguments.output, frame)
 
 
-def _write_wireframe(arguments: argparse.Namespace, mesh: Mesh, camera: Camera, pose: Rigid) -> dict[str, Any]:
-    import numpy as np
-
-    from cadcam.image.picture import write_picture
-    from cadcam.render.overlay import overlay, write_overlay_svg
-
-    wireframe = wireframe_of(arguments, scene_of(arguments, mesh), camera, pose)
-    style = style_of(arguments, color=INK)
-    if arguments.output.lower().endswith(".svg"):
-        write_overlay_svg(arguments.output, wireframe, style=style, title=arguments.model)
-    else:
-        paper = np.ones((camera.height, camera.width), np.float32)
-        write_picture(arguments.output, overlay(paper, wireframe, style=style))
-    return lines_as_json(wireframe)
-
-
-def _in_words(channel: str, result: dict[str, Any]) -> str:
+def in_words(channel: str, result: Mapping[str, Any]) -> str:
+    """Return what is known of a file as a sentence."""
     if channel == "wireframe":
-        return lines_in_words(result)
+        return lines_in_words(dict(result))
     words = [f"the model covers {result['seen_pixels']} px"]
     if "depth_mm" in result:
         words.append("depth {:.3f} to {:.3f} mm".format(*result["depth_mm"]))

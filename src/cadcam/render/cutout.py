@@ -54,7 +54,7 @@ class Cutout:
 
     @property
     def straight(self) -> Picture:
-        """The model's own colour (H, W, 3), not multiplied by alpha: what a PNG stores beside it; 0 where alpha is 0."""
+        """The model's own colour (H, W, 3), not multiplied by alpha, as a PNG stores it; 0 where alpha is 0."""
         alpha = self.alpha[..., None]
         return np.asarray(np.divide(self.color, alpha, out=np.zeros_like(self.color), where=alpha > 0), np.float32)
 

@@ -22,4 +22,4 @@ def shade(normals: Picture, towards_camera: Picture, colors: Picture, look: Look
 
 def unit(direction: tuple[float, float, float]) -> Array:
     """Return a direction as a unit vector (3,)."""
-    return np.array(direction) / np.linalg.norm(direction)
+    return np.asarray(np.array(direction) / np.linalg.norm(direction))

@@ -74,10 +74,10 @@ class Look:
     """How the shaded image looks; ids, depth and normals do not depend on it.
 
     Surfaces are matt and two-sided, without cast shadows. Three lights, each of its strength: `head` at the camera,
-    `fill` and `back` distant ones from `fill_from` and `back_from` (camera frame: x right, y down, z forward; by default
-    from above on the left, and from behind on the right, where it sets off surfaces that turn away). `ambient` is what
-    remains without them. `background` RGB in [0, 1]. `supersampling` n takes n x n rays a pixel for the image and its
-    coverage; all else stays at the centres. Named looks: `cadcam.render.looks`.
+    `fill` and `back` distant ones from `fill_from` and `back_from` (camera frame: x right, y down, z forward; by
+    default from above on the left, and from behind on the right, where it sets off surfaces that turn away).
+    `ambient` is what remains without them. `background` RGB in [0, 1]. `supersampling` n takes n x n rays a pixel for
+    the image and its coverage; all else stays at the centres. Named looks: `cadcam.render.looks`.
     """
 
     head: float = 0.55

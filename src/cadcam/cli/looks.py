@@ -1,0 +1,130 @@
+"""The shaded picture's looks on the command line: light, colours of parts, edge lines, background."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cadcam.cli.arguments import color, named_color
+from cadcam.errors import BadValue
+
+if TYPE_CHECKING:
+    from cadcam.arrays import Picture
+    from cadcam.render.overlay import LineStyle
+    from cadcam.render.view import Look, Scene, View
+    from cadcam.render.visible import LineDrawer
+
+Color = tuple[float, float, float]
+
+_LOOKS = ("default", "inspection", "flat")
+_SAMPLES = 3  # a pixel and axis: outlines without stairs
+
+
+def add_look_options(parser: argparse.ArgumentParser) -> None:
+    """Add what decides how the shaded picture looks."""
+    group = parser.add_argument_group("looks of the shaded picture")
+    group.add_argument(
+        "--look",
+        choices=_LOOKS,
+        help="light: default (three lights), inspection (even, no face dark), flat (each part in its colour)",
+    )
+    group.add_argument(
+        "--part-color",
+        type=named_color,
+        action="append",
+        metavar="NAME=#rrggbb",
+        help="colour of a part, or of parts by a pattern such as 'bolt*'; may be repeated, the last one wins",
+    )
+    group.add_argument("--edges", action="store_true", help="soft edge lines on it; see lines below")
+    group.add_argument(
+        "--background",
+        metavar="COLOUR|PHOTO",
+        help="'#rrggbb', white (default), black, or a photo of the camera's size",
+    )
+    group.add_argument("--transparent", action="store_true", help="no background at all: .png with alpha")
+
+
+def check_look_options(arguments: argparse.Namespace) -> None:
+    """Refuse options that would be ignored, before the work starts."""
+    given = {
+        "--look": arguments.look is not None,
+        "--edges": arguments.edges,
+        "--background": arguments.background is not None,
+        "--transparent": arguments.transparent,
+    }
+    asked = [name for name, is_given in given.items() if is_given]
+    if arguments.channel != "shaded" and asked:
+        raise BadValue(asked[0], f"given with --channel {arguments.channel}", "--channel shaded, or leave it out")
+    if arguments.channel not in ("shaded", "parts") and arguments.part_color:
+        raise BadValue("--part-color", f"given with --channel {arguments.channel}", "--channel shaded or parts")
+    if arguments.transparent and arguments.background is not None:
+        raise BadValue("--background", "given beside --transparent", "one of them")
+    if arguments.transparent and not arguments.output.lower().endswith(".png"):
+        raise BadValue("--transparent", f"given for {arguments.output}", "an output .png: no other format has alpha")
+
+
+def look_of(arguments: argparse.Namespace) -> Look:
+    """Return the look to render with: on black, because `Dress` puts the background behind it."""
+    from cadcam.render.looks import named_look
+
+    look = named_look(arguments.look or "default")
+    return replace(look, supersampling=_SAMPLES, background=(0.0, 0.0, 0.0))
+
+
+class Dress:
+    """What is put around and on the shaded model, and how it becomes a file."""
+
+    def __init__(self, arguments: argparse.Namespace, scene: Scene) -> None:
+        self._arguments = arguments
+        self._background = None if arguments.transparent else background(arguments.background or "white")
+        self._drawer = _drawer(scene) if arguments.edges else None
+
+    def write(self, path: str, view: View) -> dict[str, Any]:
+        """Write the picture; return how many pixels saw the model."""
+        import numpy as np
+
+        from cadcam.image.picture import write_picture
+        from cadcam.render.cutout import Cutout
+        from cadcam.render.wireframe import LineOptions
+
+        model = Cutout.of(view)
+        if self._drawer is not None:
+            options = LineOptions(hidden=self._arguments.hidden)
+            wireframe = self._drawer.draw(view.camera, view.camera_from_world, options=options)
+            model = model.with_lines(wireframe, style=_soft(self._arguments))
+        if self._background is None:
+            write_picture(path, model.straight, alpha=model.alpha)
+        elif isinstance(self._background, tuple):
+            write_picture(path, model.over(self._background))
+        else:
+            write_picture(path, model.over_photo(self._background))
+        return {"seen_pixels": int(np.count_nonzero(view.coverage))}
+
+
+def background(text: str) -> Color | Picture:
+    """Return the colour that a text says, or the photo in the file of this name."""
+    try:
+        return color(text)
+    except argparse.ArgumentTypeError as error:
+        if text.startswith("#") or not (Path(text).suffix or Path(text).exists()):
+            raise BadValue("--background", repr(text), "a colour such as '#20262e', or a photo") from error
+    from cadcam.image.picture import read_picture
+
+    return read_picture(text)
+
+
+def _drawer(scene: Scene) -> LineDrawer:
+    from cadcam.render.visible import LineDrawer
+
+    return LineDrawer(scene)
+
+
+def _soft(arguments: argparse.Namespace) -> LineStyle:
+    """Return the style of edge lines on a shaded picture: as asked for, but not wholly opaque."""
+    from cadcam.cli.wires import INK, style_of
+    from cadcam.render.cutout import SOFT
+
+    style = style_of(arguments, color=INK)
+    return replace(style, opacity=SOFT.opacity, hidden_opacity=SOFT.hidden_opacity)
