@@ -87,7 +87,7 @@ def test_the_wireframe_is_drawn(cadcam: Cadcam, job: Path, suffix: str) -> None:
     ("options", "message"),
     [
         (("-o", "a.gif"), "unknown suffix of output 'a.gif'"),
-        (("-o", "a.png", "--channel", "faces"), "known: .npy"),
+        (("-o", "a.jpg", "--channel", "faces"), "known: .npy, .png"),
         (("-o", "a.png", "--camera", "camera.json", "--view", "top"), "the camera decides"),
         (("-o", "a.png", "--pose", "camera.json"), "a pose does not say the focal length"),
         (("-o", "a.png", "--camera", "alone.json"), "the pose in alone.json is missing"),

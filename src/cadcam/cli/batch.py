@@ -40,7 +40,9 @@ def run_batch(arguments: argparse.Namespace, suffixes: Sequence[str]) -> None:
     camera = read_camera(arguments.camera).camera
     shots = shots_of(arguments.output, read_poses(arguments.poses))
     _check_targets(shots, suffixes)
-    todo = [shot for shot in shots if arguments.overwrite or not Path(shot.path).exists()]
+    kept = [] if arguments.overwrite else [shot.path for shot in shots if Path(shot.path).exists()]
+    there = set(kept)
+    todo = [shot for shot in shots if shot.path not in there]
     mesh, report = load_as_asked(arguments)
     scene = scene_as_asked(arguments, mesh)
     from cadcam.cli.channels import output_of
@@ -52,7 +54,6 @@ def run_batch(arguments: argparse.Namespace, suffixes: Sequence[str]) -> None:
             for one in written(output, camera, todo, threads=arguments.threads or os.cpu_count() or 1):
                 said.append(one)
                 step()
-    kept = [shot.path for shot in shots if shot not in todo]
     if arguments.json:
         document = {"channel": arguments.channel, "written": said, "kept": kept}
         print_json(document | {"model": model_as_json(report, mesh), "camera": camera_as_json(camera)})

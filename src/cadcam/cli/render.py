@@ -43,8 +43,8 @@ poses file: a first line '# camera_from_world, mm' (or world_from_camera; or m, 
 pose a line; or JSON {{"poses": [{{"name": ..., "camera_from_world": ...}}, ...]}}; or a folder of pose files.
   name, r11, r12, r13, r21, r22, r23, r31, r32, r33, tx, ty, tz
   left,   1,   0,   0,   0,   1,   0,   0,   0,   1, -20, 0, 500
-The output is then a pattern with {{name}} or {{index}} ({{index:04d}}), in quotes. Pictures that are there already are kept, so
-that an interrupted run goes on where it was; --overwrite makes them anew.
+The output is then a pattern with {{name}} or {{index}} ({{index:04d}}), in quotes. Pictures that are there already are
+kept, so that an interrupted run goes on where it was; --overwrite makes them anew.
 """
 _DESCRIPTION = """\
 Render a CAD model through the exact camera: skew, aspect and lens distortion included, at every pixel centre.
