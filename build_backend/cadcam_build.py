@@ -23,6 +23,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import hatchling.build
 from hatchling.build import *  # noqa: F403  the hooks of PEP 517 and 660 that are not replaced below
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
@@ -45,7 +46,9 @@ def get_requires_for_build_wheel(config_settings: dict[str, Any] | None = None) 
     return [ZIG] if index_may_answer() else []
 
 
-get_requires_for_build_editable = get_requires_for_build_wheel
+def get_requires_for_build_editable(config_settings: dict[str, Any] | None = None) -> list[str]:
+    """Return what an editable installation needs: hatchling's own wish (`editables`), and a compiler as above."""
+    return [*hatchling.build.get_requires_for_build_editable(config_settings), *get_requires_for_build_wheel()]
 
 
 class NativeHook(BuildHookInterface):  # type: ignore[type-arg]

@@ -359,3 +359,24 @@ def test_real_photos_are_read_as_their_own_size(shared):
         assert picture.max() <= 1
         assert info.size == picture.shape[1::-1]
         assert size is None or info.size == size
+
+
+def test_alpha_is_stored_beside_colours_that_it_does_not_change(tmp_path):
+    rng = np.random.default_rng(11)
+    rgb, alpha = rng.integers(0, 256, (5, 7, 3)), rng.integers(0, 256, (5, 7))
+    write_picture(tmp_path / "a.png", rgb / 255, alpha=alpha / 255)
+    with Image.open(tmp_path / "a.png") as stored:
+        assert stored.mode == "RGBA"
+        assert np.array_equal(np.asarray(stored), np.dstack([rgb, alpha]))
+    over_white = rgb / 255 * (alpha / 255)[..., None] + (1 - alpha / 255)[..., None]
+    assert np.abs(read_picture(tmp_path / "a.png") - over_white).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("name", "alpha", "message"),
+    [("a.jpg", np.ones((5, 7)), "only a PNG"), ("a.png", np.ones((7, 5)), "that of the picture")],
+)
+def test_alpha_that_cannot_be_stored_is_refused(tmp_path, name, alpha, message):
+    with pytest.raises(BadValue, match=message):
+        write_picture(tmp_path / name, np.ones((5, 7)), alpha=alpha)
+    assert not list(tmp_path.iterdir())
