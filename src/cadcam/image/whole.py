@@ -16,9 +16,9 @@ def write_whole(path: str | os.PathLike[str], data: bytes) -> None:
     `UnwritableFile` with the system's reason.
     """
     target = Path(path)
-    if target.is_dir():
-        raise UnwritableFile(path, "is a folder", "name a file in it")
     try:
+        if target.is_dir():
+            raise UnwritableFile(path, "is a folder", "name a file in it")
         target.parent.mkdir(parents=True, exist_ok=True)
         _replace(target, data)
     except OSError as error:
