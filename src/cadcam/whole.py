@@ -1,4 +1,4 @@
-"""Files written whole or not at all: no reader ever meets half a picture."""
+"""Files written whole or not at all: no reader ever meets half a picture, mesh or camera."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _replace(target: Path, data: bytes) -> None:
 
 
 def _mode(target: Path) -> int:
-    """Return the old file's permissions or the user's default: mkstemp's 0600 would hide pictures from others."""
+    """Return the old file's permissions or the user's default: mkstemp's 0600 would hide files from others."""
     if target.exists():
         return target.stat().st_mode & 0o7777
     mask = os.umask(0)
