@@ -368,6 +368,11 @@ def test_equalized_grey_values_are_their_ranks_and_keep_their_order(rng):
     assert equalized(np.full((3, 3), 0.25)).max() == 0.25
 
 
+def test_equalizing_keeps_black_black_however_much_of_it_there_is():
+    """A half-black picture of three levels: the ranks are counted above the lowest one."""
+    np.testing.assert_allclose(equalized([[0.1, 0.1, 0.1, 0.1, 0.5, 0.5, 0.9, 0.9]]), [[0, 0, 0, 0, 0.5, 0.5, 1, 1]])
+
+
 def test_real_photos_are_read_as_their_own_size(shared):
     for path, size in [(shared("data/dbat_camcal"), None), (shared("data/visp_mbt_cube"), None)]:
         photo = next(p for p in sorted(path.rglob("*")) if p.suffix.lower() in (".jpg", ".png", ".pgm"))
