@@ -29,14 +29,14 @@ class Repairs:
     def lines(self) -> list[str]:
         """Return one sentence for each thing done or found."""
         said = [
-            (self.welded_vertices, "vertices welded"),
-            (self.degenerate_faces, "faces without area mended"),
-            (self.duplicate_faces, "repeated faces removed"),
-            (self.turned_faces, "faces turned to point outwards"),
-            (self.open_edges, "open edges (sheets or gaps)"),
-            (self.non_manifold_edges, "edges shared by three or more faces"),
+            (self.welded_vertices, "vertex welded", "vertices welded"),
+            (self.degenerate_faces, "face without area mended", "faces without area mended"),
+            (self.duplicate_faces, "repeated face removed", "repeated faces removed"),
+            (self.turned_faces, "face turned to point outwards", "faces turned to point outwards"),
+            (self.open_edges, "open edge (a sheet or a gap)", "open edges (sheets or gaps)"),
+            (self.non_manifold_edges, "edge shared by three or more faces", "edges shared by three or more faces"),
         ]
-        return [f"{count} {what}" for count, what in said if count]
+        return [f"{count} {one if count == 1 else many}" for count, one, many in said if count]
 
 
 def mend(mesh: Mesh) -> tuple[Mesh, Repairs]:
