@@ -85,11 +85,11 @@ class NothingInView(CadcamError):
 
 
 class MissingExtra(CadcamError):
-    """A feature needs an optional package that is not installed."""
+    """A feature needs an optional package that is not installed: that of an extra, or by itself."""
 
-    def __init__(self, feature: str, extra: str) -> None:
-        super().__init__(f'{feature} needs an optional package: pip install "cadcam[{extra}]"')
-        self.feature, self.extra = feature, extra
+    def __init__(self, feature: str, extra: str, package: str) -> None:
+        super().__init__(f'{feature} needs an optional package: pip install "cadcam[{extra}]", or {package} by itself')
+        self.feature, self.extra, self.package = feature, extra, package
 
 
 class MissingCore(CadcamError):

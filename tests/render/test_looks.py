@@ -44,7 +44,7 @@ def tilted(degrees: float) -> Scene:
 @pytest.mark.parametrize("name", LOOKS)
 @pytest.mark.parametrize("camera", [CAMERA, BENT], ids=["plain", "distorted"])
 def test_both_renderers_cast_every_light_alike(name: str, camera: Camera) -> None:
-    """Float32 shading: a few steps of 6e-8 a light. A light turned, doubled or left out by one of them is above 1e-2."""
+    """Float32 shading: a few steps of 6e-8 a light. A light turned or left out by one of them is above 1e-2."""
     try:
         core.library()
     except MissingCore as error:

@@ -299,6 +299,16 @@ def test_contours_on_the_inner_side_of_a_ring_are_hidden_and_on_the_outer_drawn(
         assert np.array_equal(seen, np.full(500, drawn))
 
 
+@pytest.mark.parametrize("margin", [0.0, 40.0])
+def test_lines_reach_all_four_borders_of_the_picture_and_its_margin(margin: float) -> None:
+    camera = Camera.from_focal((960, 720), 900.0, fy=880.0, cx=450.0, cy=375.0)
+    cross = merge([box([-900, -5, 0], [900, 5, 10], "across"), box([-5, -900, 20], [5, 900, 30], "along")])
+    pose = Rigid.look_at([15.0, -20.0, 1000.0], [0.0, 0.0, 0.0], up=[0.1, 1.0, 0.0])
+    q = LineDrawer(Scene.of(cross)).draw(camera, pose, options=LineOptions(margin_px=margin)).visible.q
+    assert q.min(axis=0) == pytest.approx([-0.5 - margin, -0.5 - margin], abs=1e-9)
+    assert q.max(axis=0) == pytest.approx([959.5 + margin, 719.5 + margin], abs=1e-9)
+
+
 def test_lines_are_cut_at_the_focal_plane_and_at_the_lens_limit() -> None:
     """A 40 m floor from above its middle: half of it lies behind, and k1 = -0.3 ends at tan(angle) = 1.05."""
     camera = Camera.from_focal((960, 720), 500.0, lens=BrownConrady(k1=-0.3))

@@ -16,12 +16,12 @@ from cadcam.cli.wires import INK, lines_as_json, style_of
 from cadcam.errors import BadValue, UnknownName
 from cadcam.image.exr import write_exr
 from cadcam.image.picture import write_picture
-from cadcam.image.whole import write_whole
 from cadcam.render import open_renderer
 from cadcam.render.overlay import overlay, write_overlay_svg
 from cadcam.render.view import PLAIN, Channel, Look, Scene, View
 from cadcam.render.visible import LineDrawer
 from cadcam.render.wireframe import LineOptions, Wireframe
+from cadcam.whole import write_whole
 
 if TYPE_CHECKING:
     from cadcam.camera.camera import Camera

@@ -15,7 +15,7 @@ from cadcam.files.jsontext import Place, parsed
 from cadcam.files.matrix import pose_in, read_pose, stated
 from cadcam.files.text import Line, TextFile, lines_of_cells, number_in, read_text
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.whole import write_whole
+from cadcam.whole import write_whole
 
 _ROTATION = tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))
 _NUMBERS = (*_ROTATION, "tx", "ty", "tz")

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.errors import BadValue
-from cadcam.image.whole import write_whole
+from cadcam.whole import write_whole
 
 _MAGIC, _VERSION, _ZIPS, _FLOAT = 20000630, 2, 2, 2
 
