@@ -34,7 +34,7 @@ def drawing(path: Path, mesh: cadcam.Mesh, *, hidden: bool) -> None:
     """Draw the visible lines over a pale shaded picture, as a technical illustration."""
     camera, pose = cadcam.standard_view(mesh, "iso", size=(1000, 700))
     scene = cadcam.Scene.of(mesh)
-    look = cadcam.Look(head=0.25, fill=0.35, ambient=0.75, supersampling=2)
+    look = cadcam.Look(head=0.25, fill=0.35, back=0.0, ambient=0.75, supersampling=2)
     view = cadcam.open_renderer(scene).render(camera, pose, channels=cadcam.Channel.IMAGE, look=look)
     wires = cadcam.visible_wireframe(scene, camera, pose, options=cadcam.LineOptions(hidden=hidden))
     cadcam.write_picture(path, cadcam.overlay(view.image, wires, style=INK))

@@ -10,8 +10,10 @@ import pytest
 from PIL import Image
 
 from cadcam.cad.load import load
+from cadcam.cli.looks import NAMES
 from cadcam.image.picture import read_picture
 from cadcam.render import open_renderer
+from cadcam.render.looks import LOOKS
 from cadcam.render.view import Channel, Look, Scene, View
 
 from .job import CAMERA, POSE, SIZE, Ran
@@ -68,6 +70,10 @@ def test_edges_darken_the_picture_and_a_look_changes_the_light(cadcam: Cadcam, j
 def test_a_part_has_the_colour_asked_for(cadcam: Cadcam, job: Path) -> None:
     picture = shot(cadcam, job, "--look", "flat", "--part-color", "*=#ff8000")
     assert (picture[seen(job).coverage == 1] == [255, 128, 0]).all()
+
+
+def test_every_look_can_be_asked_for() -> None:
+    assert set(NAMES) == set(LOOKS)
 
 
 def test_face_numbers_as_a_picture_are_one_more(cadcam: Cadcam, job: Path) -> None:

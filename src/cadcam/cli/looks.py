@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 Color = tuple[float, float, float]
 
-_LOOKS = ("default", "inspection", "flat")
+NAMES = ("default", "inspection", "flat")
 _SAMPLES = 3  # a pixel and axis: outlines without stairs
 
 
@@ -27,7 +27,7 @@ def add_look_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("looks of the shaded picture")
     group.add_argument(
         "--look",
-        choices=_LOOKS,
+        choices=NAMES,
         help="light: default (three lights), inspection (even, no face dark), flat (each part in its colour)",
     )
     group.add_argument(

@@ -13,6 +13,7 @@ from cadcam.cli.models import add_model_options, load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, say, working
 from cadcam.cli.wires import add_line_options, lines_in_words, naming, scene_of, scene_without_edges
 from cadcam.errors import BadValue
+from cadcam.render import RENDERERS
 
 if TYPE_CHECKING:
     from cadcam.cad.mesh import Mesh
@@ -71,7 +72,7 @@ def add_to(verbs: Verbs) -> None:
     parser.add_argument("--view", choices=_VIEWS, help="without a camera: the side to look from (default: iso)")
     parser.add_argument("--size", type=size, metavar="WxH", help="without a camera: picture size (default 1280x960)")
     parser.add_argument(
-        "--renderer", choices=("auto", "raster", "ray"), default="auto", help="see `cadcam doctor` (default: auto)"
+        "--renderer", choices=("auto", *RENDERERS), default="auto", help="see `cadcam doctor` (default: auto)"
     )
     parser.add_argument("--threads", type=int, metavar="N", help="threads of the raster renderer (default: one a core)")
     add_look_options(parser)
