@@ -431,7 +431,7 @@ static void draw_cluster(const band *b, const candidate *which) {
 /* ---- outputs -------------------------------------------------------------------------------------------------- */
 
 /* What the shading of one output needs, in float: the direction of plane points and the light, in the world. */
-typedef struct { float d[9], ambient, head, strength[2], from[2][3]; } light;
+typedef struct { float d[9], fill[3], back[3], ambient, head; } light; /* fill, back: times their strength */
 
 /* Eight samples of a row: what was met there, and from where. */
 typedef struct {
@@ -477,14 +477,12 @@ static inline void shade(const light *l, const eight *e, float rgb[TILE][3]) {
     float value[TILE];
     for (int i = 0; i < TILE; i++) {
         float length = sqrtf(e->d[0][i] * e->d[0][i] + e->d[1][i] * e->d[1][i] + e->d[2][i] * e->d[2][i]);
-        value[i] = l->ambient + l->head * (fabsf(e->along[i]) / length);
+        float fill = e->n[0][i] * l->fill[0] + e->n[1][i] * l->fill[1] + e->n[2][i] * l->fill[2];
+        float back = e->n[0][i] * l->back[0] + e->n[1][i] * l->back[1] + e->n[2][i] * l->back[2];
+        fill = e->along[i] > 0 ? -fill : fill; /* the side that faces the camera */
+        back = e->along[i] > 0 ? -back : back;
+        value[i] = l->ambient + l->head * (fabsf(e->along[i]) / length) + (fill > 0 ? fill : 0) + (back > 0 ? back : 0);
     }
-    for (int k = 0; k < 2; k++)
-        for (int i = 0; i < TILE; i++) {
-            float facing = e->n[0][i] * l->from[k][0] + e->n[1][i] * l->from[k][1] + e->n[2][i] * l->from[k][2];
-            facing = e->along[i] > 0 ? -facing : facing; /* the side that faces the camera */
-            value[i] += l->strength[k] * (facing > 0 ? facing : 0);
-        }
     for (int i = 0; i < TILE; i++) value[i] = e->id[i] < 0 ? 1.0f : value[i];
     for (int i = 0; i < TILE; i++)
         for (int k = 0; k < 3; k++) {
@@ -559,9 +557,9 @@ static void add_row(const cc_frame *f, const light *l, int32_t y, const int32_t 
 }
 
 static light light_of(const cc_view *v) {
-    light l = {.ambient = v->ambient, .head = v->head, .strength = {v->fill, v->back}};
+    light l = {.ambient = v->ambient, .head = v->head};
     for (int k = 0; k < 9; k++) l.d[k] = (float)v->ray[k];
-    for (int k = 0; k < 3; k++) l.from[0][k] = (float)v->fill_from[k], l.from[1][k] = (float)v->back_from[k];
+    for (int k = 0; k < 3; k++) l.fill[k] = v->fill * (float)v->fill_from[k], l.back[k] = v->back * (float)v->back_from[k];
     return l;
 }
 
