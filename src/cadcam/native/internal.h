@@ -8,7 +8,7 @@
 
 #include "raster.h"
 
-/* On x86-64 the hot file is compiled twice; a build with one compilation (for sanitizers) says CC_BASELINE_ONLY. */
+/* On x86-64 the hot files (hot.h) are compiled twice; a build with one compilation (for sanitizers) says CC_BASELINE_ONLY. */
 #if defined(__x86_64__) && !defined(CC_BASELINE_ONLY)
 #define CC_HAS_V3 1
 #else

@@ -6,7 +6,7 @@
  * triangle's normal there. Nothing is divided by z, so triangles that reach behind the camera need no clipping.
  * q is a pixel, or the undistorted point that a pixel of a distorting camera looks at: the same code draws both.
  *
- * Coverage. All of it is in double. A cross product changes its sign exactly when its factors change places, and
+ * Coverage is defined in double (tile.c decides most of it in float, where that is sure to agree). A cross product changes its sign exactly when its factors change places, and
  * A x + (B y + C) exactly when A, B, C do (no fused multiply-adds: -ffp-contract=off): two triangles that share an edge
  * never both take, nor both miss, a point of it. Points with e = 0 belong to the triangle on the right of the edge, or
  * below it (the top-left rule).

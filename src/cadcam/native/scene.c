@@ -212,7 +212,7 @@ int worker_reserve(cc_worker *w, size_t tiles, size_t row_floats) {
     return 1;
 }
 
-/* ---- instruction sets: the hot file is compiled once for each */
+/* ---- instruction sets: the hot files are compiled once for each */
 
 #if CC_HAS_V3
 /* By cpuid itself: the compilers' __builtin_cpu_supports answers no under zig. */
