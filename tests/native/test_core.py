@@ -83,7 +83,7 @@ def fuzz(tmp_path: Path, scenes: int) -> None:
     if compiler is None:
         pytest.skip("no C compiler")
     program = tmp_path / "fuzz"
-    files = [SOURCES / "scene.c", SOURCES / "lens.c", SOURCES / "raster.c", FUZZ]
+    files = [*sorted(SOURCES.glob("*.c")), FUZZ]
     flags = ["-std=c11", "-g", "-O1", "-ffp-contract=off", "-fsanitize=address,undefined,float-cast-overflow"]
     flags += ["-fno-sanitize-recover=all", "-DCC_VARIANT=_baseline", "-DCC_BASELINE_ONLY", f"-I{SOURCES}"]
     made = subprocess.run(

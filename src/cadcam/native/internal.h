@@ -8,7 +8,7 @@
 
 #include "raster.h"
 
-/* On x86-64 the hot file is compiled twice; a build with one compilation (for sanitizers) says CC_BASELINE_ONLY. */
+/* On x86-64 the hot files (hot.h) are compiled twice; a build with one compilation (for sanitizers) says CC_BASELINE_ONLY. */
 #if defined(__x86_64__) && !defined(CC_BASELINE_ONLY)
 #define CC_HAS_V3 1
 #else
@@ -49,6 +49,8 @@ typedef struct { double x0, x1, y0, y1; } box;   /* of the sampling plane */
 struct cc_lens {
     int32_t width, height, tiles_x, tiles_y;
     double *x, *y;    /* plane points tile by tile, 64 each; NaN where nothing is seen and beyond the border */
+    float *n, *m;     /* the same about the centre of the tile's bounds, in units of their half size: -1 to 1 */
+    double *side[4];  /* x0, x1, y0, y1 of the bounds of each tile, once more: 8 tiles are a vector */
     box *block[16];   /* bounds of the points of each tile, of 2 x 2 tiles, 4 x 4 ...; (inf, -inf) where there are none */
     uint8_t *partial; /* whether a tile has points without a direction */
     box all;          /* bounds of all points */
@@ -76,10 +78,10 @@ struct cc_frame {
     const cc_view *view;
     int32_t width, height, tiles_x, tiles_y; /* of the samples */
     box limits;                              /* of the plane points of all samples, slightly widened */
+    double far_x, far_y;                     /* bounds of |x| and |y| there */
     candidate *candidates;                   /* nearest first */
     int64_t n_candidates;
     int32_t band_rows;                       /* rows of tiles in a band */
-    double *columns;                         /* 0, 1, 2 ...: x of the samples, without a lens */
     atomic_int next_band;
 };
 

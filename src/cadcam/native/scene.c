@@ -212,7 +212,7 @@ int worker_reserve(cc_worker *w, size_t tiles, size_t row_floats) {
     return 1;
 }
 
-/* ---- instruction sets: the hot file is compiled once for each */
+/* ---- instruction sets: the hot files are compiled once for each */
 
 #if CC_HAS_V3
 /* By cpuid itself: the compilers' __builtin_cpu_supports answers no under zig. */
@@ -258,10 +258,8 @@ CC_API cc_frame *cc_frame_new(const cc_scene *scene, const cc_view *view) {
     int32_t bands = view->bands < 1 ? 1 : view->bands;
     int32_t rows = (f->tiles_y + bands - 1) / bands;
     f->band_rows = (rows + unit - 1) / unit * unit;
-    f->columns = aligned_block((size_t)f->tiles_x * TILE * sizeof(double));
     f->candidates = malloc(((size_t)scene->n_clusters + 1) * sizeof *f->candidates);
-    if (f->columns && f->candidates) {
-        for (int32_t i = 0; i < f->tiles_x * TILE; i++) f->columns[i] = i;
+    if (f->candidates) {
         int ready;
 #if CC_HAS_V3
         if (variant() == 1) ready = frame_prepare_v3(f);
@@ -283,5 +281,5 @@ CC_API int32_t cc_frame_work(cc_frame *f, cc_worker *worker) {
 
 CC_API void cc_frame_free(cc_frame *f) {
     if (!f) return;
-    aligned_release(f->columns), free(f->candidates), free(f);
+    free(f->candidates), free(f);
 }

@@ -1,0 +1,78 @@
+/* Which clusters a picture may show, nearest first. */
+#include "hot.h"
+
+/* A float that is at least (at most) v, for bounds of 1/z. */
+static inline float float_above(double v) { return v < FLT_MAX / 2 ? (float)(v * (1 + 1e-6)) : FLT_MAX; }
+
+static int locate_cluster(const cc_frame *f, const cluster *c, candidate *out, double *nearest_z) {
+    static const uint8_t all[8] = {0, 1, 2, 3, 4, 5, 6, 7};
+    const double *M = f->view->plane;
+    const cc_lens *lens = f->view->lens;
+    double x[8], y[8], z[8];
+    box b = {INFINITY, -INFINITY, INFINITY, -INFINITY};
+    double z0 = INFINITY, z1 = -INFINITY;
+    for (int k = 0; k < 8; k++) {
+        double X = k & 1 ? c->high[0] : c->low[0], Y = k & 2 ? c->high[1] : c->low[1], Z = k & 4 ? c->high[2] : c->low[2];
+        x[k] = M[0] * X + M[1] * Y + M[2] * Z + M[3];
+        y[k] = M[4] * X + M[5] * Y + M[6] * Z + M[7];
+        z[k] = M[8] * X + M[9] * Y + M[10] * Z + M[11];
+    }
+    for (int k = 0; k < 8; k++) z0 = lower(z0, z[k]), z1 = upper(z1, z[k]);
+    double size = upper(fabs(z0), fabs(z1));
+    *nearest_z = z0 = z0 - 1e-9 * size; /* the box' corners are rounded: stay on the safe side */
+    if (z1 + 1e-9 * size <= 0 || beyond_a_side(&f->limits, x, y, z, all, 8)) return 0;
+    if (!(z0 > 1e-6 * size)) { /* reaches (nearly) behind the camera */
+        out->where = (rect){0, f->width - 1, 0, f->height - 1};
+        out->nearest = INFINITY;
+        return 1;
+    }
+    for (int k = 0; k < 8; k++) {
+        double gx = grid_x(lens, x[k] / z[k]), gy = grid_y(lens, y[k] / z[k]);
+        b.x0 = lower(b.x0, gx), b.x1 = upper(b.x1, gx), b.y0 = lower(b.y0, gy), b.y1 = upper(b.y1, gy);
+    }
+    out->where = samples_of(f, (box){b.x0 - 1e-3, b.x1 + 1e-3, b.y0 - 1e-3, b.y1 + 1e-3});
+    out->nearest = float_above(1 / z0);
+    return out->where.x0 <= out->where.x1 && out->where.y0 <= out->where.y1;
+}
+
+/* Nearest first, roughly: a counting sort over 4096 steps of depth, enough for hidden clusters to come last. */
+static int sort_by_depth(cc_frame *f, double *depth) {
+    enum { STEPS = 4096 };
+    uint32_t at[STEPS + 1] = {0};
+    size_t n = (size_t)f->n_candidates;
+    candidate *sorted = malloc((n + 1) * sizeof *sorted);
+    if (!sorted) return 0;
+    double low = INFINITY, high = -INFINITY;
+    for (size_t i = 0; i < n; i++) depth[i] = upper(depth[i], 0), low = lower(low, depth[i]), high = upper(high, depth[i]);
+    double scale = high > low ? (STEPS - 1) / (high - low) : 0;
+    if (!(scale < INFINITY)) scale = 0;
+    for (size_t i = 0; i < n; i++) at[(uint32_t)((depth[i] - low) * scale) + 1]++;
+    for (int k = 0; k < STEPS; k++) at[k + 1] += at[k];
+    for (size_t i = 0; i < n; i++) sorted[at[(uint32_t)((depth[i] - low) * scale)]++] = f->candidates[i];
+    free(f->candidates);
+    f->candidates = sorted;
+    return 1;
+}
+
+int VARIANT(frame_prepare)(cc_frame *f) {
+    const cc_scene *s = f->scene;
+    if (f->view->lens) {
+        box a = f->view->lens->all;
+        double mx = 1e-6 * (fabs(a.x0) + fabs(a.x1)), my = 1e-6 * (fabs(a.y0) + fabs(a.y1));
+        f->limits = (box){a.x0 - mx, a.x1 + mx, a.y0 - my, a.y1 + my};
+        if (!(a.x0 <= a.x1)) return 1; /* no pixel sees anything */
+    } else
+        f->limits = (box){-0.5, f->width - 0.5, -0.5, f->height - 0.5};
+    f->far_x = 1.01 * upper(fabs(f->limits.x0), fabs(f->limits.x1));
+    f->far_y = 1.01 * upper(fabs(f->limits.y0), fabs(f->limits.y1));
+    double *depth = malloc(((size_t)s->n_clusters + 1) * sizeof *depth);
+    if (!depth) return 0;
+    for (int64_t i = 0; i < s->n_clusters; i++) {
+        candidate *c = &f->candidates[f->n_candidates];
+        c->index = (uint32_t)i;
+        if (locate_cluster(f, &s->clusters[i], c, &depth[f->n_candidates])) f->n_candidates++;
+    }
+    int sorted = sort_by_depth(f, depth);
+    free(depth);
+    return sorted;
+}

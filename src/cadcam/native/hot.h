@@ -1,0 +1,75 @@
+/* What the hot files share: cull.c, raster.c, tile.c and shade.c, each compiled once for each instruction set.
+ * CC_VARIANT is the suffix of their functions. */
+#ifndef CADCAM_HOT_H
+#define CADCAM_HOT_H
+
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "internal.h"
+
+#define JOIN2(a, b) a##b
+#define JOIN(a, b) JOIN2(a, b)
+#define VARIANT(name) JOIN(name, CC_VARIANT)
+
+static inline double lower(double a, double b) { return a < b ? a : b; }
+static inline double upper(double a, double b) { return a > b ? a : b; }
+static inline double lower3(double a, double b, double c) { return lower(lower(a, b), c); }
+static inline double upper3(double a, double b, double c) { return upper(upper(a, b), c); }
+static inline int32_t imin(int32_t a, int32_t b) { return a < b ? a : b; }
+static inline int32_t imax(int32_t a, int32_t b) { return a > b ? a : b; }
+
+/* The part of the picture that a worker draws at a time. */
+typedef struct {
+    const cc_frame *frame;
+    cc_worker *worker;
+    int32_t y0, y1;      /* samples, both included */
+    int32_t first_tiles; /* row of tiles at the top */
+} band;
+
+/* A triangle ready to draw: three edges (inside: a x + (b y + c) >= least) and, last, the plane of 1/z. */
+typedef struct {
+    double a[4], b[4], c[4];
+    double least[3];
+    double size[4]; /* at least |a x| + |b y| + |c| at every sample of the picture */
+    float nearest, farthest; /* bounds of 1/z: those of its corners */
+    int32_t id;
+} triangle;
+
+/* Samples whose centre lies in the box [x0, x1] x [y0, y1] of the plane (pixels) or of the lens' cells. */
+static inline rect samples_of(const cc_frame *f, box b) {
+    if (f->view->lens) {
+        const double slack = 1e-6;
+        return lens_samples(f->view->lens, (box){b.x0 - slack, b.x1 + slack, b.y0 - slack, b.y1 + slack});
+    }
+    const double slack = 1e-5; /* px: far above rounding */
+    double x0 = ceil(upper(b.x0 - slack, 0)), x1 = floor(lower(b.x1 + slack, f->width - 1));
+    double y0 = ceil(upper(b.y0 - slack, 0)), y1 = floor(lower(b.y1 + slack, f->height - 1));
+    if (!(x0 <= x1 && y0 <= y1)) return (rect){1, 0, 1, 0};
+    return (rect){(int32_t)x0, (int32_t)x1, (int32_t)y0, (int32_t)y1};
+}
+
+/* Whether n points all lie beyond one side of the picture (homogeneous, so true of points behind the camera too). */
+static inline int beyond_a_side(const box *l, const double *x, const double *y, const double *z, const uint8_t *i, int n) {
+    int left = 1, right = 1, above = 1, below = 1, behind = 1;
+    for (int k = 0; k < n; k++) {
+        double px = x[i[k]], py = y[i[k]], pz = z[i[k]];
+        left &= px < l->x0 * pz, right &= px > l->x1 * pz;
+        above &= py < l->y0 * pz, below &= py > l->y1 * pz;
+        behind &= pz <= 0;
+    }
+    return left | right | above | below | behind;
+}
+
+/* Coordinates in which boxes are taken: pixels, or cells of the lens' table. */
+static inline double grid_y(const cc_lens *l, double v) { return l ? (squash(v) - l->origin_y) * l->scale_y : v; }
+static inline double grid_x(const cc_lens *l, double u) { return l ? (squash(u) - l->origin_x) * l->scale_x : u; }
+
+/* tile.c: draw a triangle into the tiles of its rectangle. */
+void VARIANT(draw_triangle)(const band *b, const triangle *t, const rect *r);
+/* shade.c: write the outputs of a band that has been drawn. */
+void VARIANT(write_band)(const band *b);
+
+#endif
