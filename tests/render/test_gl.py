@@ -19,7 +19,7 @@ from cadcam.cad.load import load
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts import calibration_bench, machined_bracket, ship_block
 from cadcam.camera.camera import Camera
-from cadcam.camera.lens import BrownConrady, Fisheye
+from cadcam.camera.lens import BrownConrady, Fisheye, Ideal, Lens
 from cadcam.errors import BadValue, DegenerateGeometry, NotEnoughMemory
 from cadcam.geometry.rigid import Rigid
 from cadcam.render import gl_context, gl_scene, gl_tiles
@@ -41,7 +41,7 @@ CAMERAS = {
     "fisheye": Camera.from_focal(SIZE, 150.0, cx=207.4, cy=141.1, lens=Fisheye(k1=-0.02)),
     "fisheye past its circle": Camera.from_focal(SIZE, 85.0, cx=207.4, cy=141.1, lens=Fisheye(k1=-0.02)),
 }
-GRID_PX = 1 / 256  # OpenGL rounds vertices to this; an edge moves by at most 0.71 of it
+GRID_PX = 2 / 256  # OpenGL rounds vertices to 1/256 px: an edge moves by half of it a side, a sharp tip by more
 EXACT_PX = 1e-3  # single precision: 1e-7 of a few hundred px, and Embree's own 1e-7 of the model
 NO_EDGES = FeatureEdges(*(np.zeros((0, 2), np.int32),) * 2, *(np.zeros(0, np.int32),) * 3)
 
@@ -67,10 +67,11 @@ def bound_of(camera: Camera) -> float:
 def check_agreement(view: View, exact: View, mesh: Mesh) -> int:
     """Check a view against that of rays; return at how many pixels another face is seen.
 
-    Another face is right if a ray within the bound of the pixel centre meets it, or if both are equally deep.
+    Another face is right if a ray within the bound of the pixel centre meets it, if both are equally deep, or if it is
+    in front and its own outline passes within the bound: seen edge-on, hardly any ray meets it.
     """
     both = (view.face == exact.face) & (exact.face >= 0)
-    assert both.mean() > 0.01, "the model is in the picture"
+    assert both.mean() > 0.005, "the model is in the picture"
     assert np.abs(view.depth[both].astype(float) / exact.depth[both] - 1).max() < 1e-5
     assert np.abs(view.normal[both] - exact.normal[both]).max() < 1e-5
     assert np.abs(view.image[both] - exact.image[both]).max() < 1e-5
@@ -80,6 +81,9 @@ def check_agreement(view: View, exact: View, mesh: Mesh) -> int:
     rest = differ[~as_deep] if len(differ) else differ
     near = _faces_around(view, mesh, rest[:, ::-1].astype(float), bound_of(view.camera))
     found = (near == view.face[rest[:, 0], rest[:, 1]]).any(axis=0)
+    for k in np.flatnonzero(~found):
+        y, x = rest[k]
+        found[k] = view.depth[y, x] < exact.depth[y, x] and _gap(view, mesh, y, x) < bound_of(view.camera)
     assert found.all(), f"{np.sum(~found)} pixels see a face that is not there, of {both.size}"
     return len(differ)
 
@@ -95,6 +99,16 @@ def _faces_around(view: View, mesh: Mesh, q: np.ndarray, radius: float) -> np.nd
             start = np.maximum(d @ (caster.center - eye) - caster.radius, 0.0)
             rows.append(caster.first_hit(eye + start[:, None] * d, d, np.full(len(d), 4 * caster.radius)))
     return np.array(rows).reshape(len(rows), len(q))
+
+
+def _gap(view: View, mesh: Mesh, y: int, x: int) -> float:
+    """Return how far the centre of a pixel is from the outline of the face seen there, px; inf if that is none."""
+    if view.face[y, x] < 0 or view.camera.lens.name != "ideal":
+        return np.inf
+    a = view.camera.project(view.camera_from_world @ mesh.vertices[mesh.faces[view.face[y, x]]])
+    d = np.roll(a, -1, axis=0) - a
+    t = np.clip(np.sum(((x, y) - a) * d, axis=1) / np.sum(d * d, axis=1), 0, 1)
+    return float(np.linalg.norm(a + t[:, None] * d - (x, y), axis=1).min())
 
 
 PARTS = {
@@ -193,19 +207,17 @@ def test_a_picture_in_tiles_is_the_whole_picture(
     assert np.mean(whole.face != tiled.face) < 1e-3
 
 
-def test_a_picture_larger_than_any_viewport_is_drawn(bracket: tuple[GlRenderer, RayRenderer]) -> None:
-    fast, _ = bracket
-    camera = Camera.from_focal((20_000, 60), 20_000.0)
-    low, high = fast.scene.mesh.bounds
-    pose = Rigid.look_at((low + high) / 2 + [0, -600, 0], (low + high) / 2)
-    view = fast.render(camera, pose, channels=Channel.DEPTH | Channel.FACE)
-    y, x = np.argwhere(view.mask)[:: max(1, int(view.mask.sum()) // 50)].T
-    corner = fast.scene.mesh.vertices[fast.scene.mesh.faces[view.face[y, x], 0]]
-    normal = fast.scene.mesh.face_normals[view.face[y, x]] @ pose.rotation.T
-    ray = camera.unproject(np.stack([x, y], axis=1).astype(float))
-    depth = np.sum(normal * (pose @ corner), axis=1) / np.sum(normal * ray, axis=1) * ray[:, 2]
-    assert np.ptp(x) > 2000
-    assert np.abs(view.depth[y, x] / depth - 1).max() < 1e-6
+@pytest.mark.parametrize("lens", [Ideal(), BrownConrady(k1=-0.02)], ids=["plain", "lens"])
+def test_a_picture_larger_than_any_viewport_is_exact_in_its_corners(lens: Lens) -> None:
+    camera = Camera.from_focal((20_000, 60), 20_000.0, lens=lens)
+    p = np.array([[-1e5, -1e5, 500.0], [1e5, -1e5, 700.0], [0, 2e5, 900.0]])
+    with GlRenderer(scene_of(Mesh.single(p, np.array([[0, 1, 2]])))) as renderer:
+        view = renderer.render(camera, Rigid(), channels=Channel.DEPTH | Channel.FACE)
+    assert (view.face == 0).all()
+    n = np.cross(p[1] - p[0], p[2] - p[0])
+    for x, y in [(0, 0), (19_999, 0), (0, 59), (19_999, 59), (8192, 30)]:
+        ray = camera.unproject([x, y])
+        assert view.depth[y, x] == pytest.approx(n @ p[0] / (n @ ray) * ray[2], rel=2**-22)
 
 
 @pytest.mark.parametrize("name", CAMERAS)
@@ -270,7 +282,7 @@ def test_a_closed_renderer_says_so_and_closing_again_does_no_harm(bracket: tuple
     renderer.close()
     renderer.close()
     with pytest.raises(BadValue, match="renderer is closed"):
-        renderer.render(CAMERAS["plain"], Rigid.identity())
+        renderer.render(CAMERAS["plain"], Rigid())
     GlRenderer(bracket[0].scene)  # dropped without closing
     gc.collect()
     assert bracket[0]._thread.submit(lambda: len(bracket[0]._thread.discarded)).result() == 0

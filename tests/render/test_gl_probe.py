@@ -123,11 +123,11 @@ def test_tiles_cover_each_pixel_once(size: tuple[int, int]) -> None:
 @pytest.mark.parametrize("lens", [BrownConrady(-0.3, 0.09, 5e-3, -4e-3), BrownConrady(0.4), Fisheye(0.05, -0.02)])
 @pytest.mark.parametrize("focal", [160.0, 900.0])
 def test_pieces_reach_every_pixel_that_their_face_covers(lens: Lens, focal: float, rng: np.random.Generator) -> None:
-    """Random faces, many passing the camera's plane: each point lies in a piece of its face or within REACH_PX of one."""
+    """Random faces, many passing the camera's plane: each point lies within REACH_PX of its face's pieces."""
     camera = Camera.from_focal((320, 240), focal, cx=140.0, lens=lens)
     corners = rng.normal(size=(60, 3, 3)) * [200, 200, 150] + [0, 0, 150]
     vertices, faces = corners.reshape(-1, 3), np.arange(180, dtype=np.int32).reshape(-1, 3)
-    found = pieces(camera, Rigid.identity(), vertices, faces)
+    found = pieces(camera, Rigid(), vertices, faces)
     asked = 0
     for k, triangle in enumerate(corners):
         q = camera.project(rng.dirichlet([0.4, 0.4, 0.4], size=400) @ triangle)
@@ -137,7 +137,7 @@ def test_pieces_reach_every_pixel_that_their_face_covers(lens: Lens, focal: floa
         asked += len(q)
         if len(q):
             assert _distance(mine, q).max() < REACH_PX
-    assert asked > 500
+    assert asked > 300
 
 
 def _distance(triangles: np.ndarray, q: np.ndarray) -> np.ndarray:

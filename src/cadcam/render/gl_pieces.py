@@ -158,8 +158,8 @@ def _image(camera: Camera, frustum: Frustum, u: Array) -> Array:
 
 def _outside(frustum: Frustum, u: Array) -> Mask:
     """Return which triangles (N, 3, 2) lie wholly beyond one side of all that the camera images."""
-    below, above = (np.asarray(side).all(axis=1) for side in (u < frustum.low, u > frustum.high))
-    out: Mask = np.asarray((below | above).any(axis=1))
+    highest, lowest = u.max(axis=1), u.min(axis=1)
+    out: Mask = np.any((highest < frustum.low) | (lowest > frustum.high), axis=1)
     if np.isfinite(frustum.radius):
         towards = u.mean(axis=1)
         towards /= np.maximum(np.linalg.norm(towards, axis=1), 1e-300)[:, None]
