@@ -89,8 +89,8 @@ class MissingOpenGL(CadcamError):
 
     def __init__(self, why: str) -> None:
         super().__init__(
-            f"the renderer 'gl' is not available: {why}; use the renderer 'auto', or install a graphics driver with EGL "
-            "(Debian and Ubuntu: apt install libegl1 libgl1), or name the libraries in CADCAM_LIBEGL and CADCAM_LIBGL"
+            f"the renderer 'gl' is not available: {why}; use the renderer 'auto', or install a graphics driver with "
+            "EGL (Debian and Ubuntu: apt install libegl1 libgl1), or name the libraries in CADCAM_LIBEGL and CADCAM_LIBGL"
         )
         self.why = why
 
