@@ -90,17 +90,29 @@ class MissingOpenGL(CadcamError):
     def __init__(self, why: str) -> None:
         super().__init__(
             f"the renderer 'gl' is not available: {why}; use the renderer 'auto', or install a graphics driver with "
-            "EGL (Debian and Ubuntu: apt install libegl1 libgl1), or name the libraries in CADCAM_LIBEGL and CADCAM_LIBGL"
+            "EGL (Debian and Ubuntu: apt install libegl1 libgl1), or name its libraries in CADCAM_LIBEGL and "
+            "CADCAM_LIBGL"
         )
         self.why = why
 
 
 class MissingExtra(CadcamError):
-    """A feature needs an optional package that is not installed."""
+    """A feature needs an optional package that is not installed: that of an extra, or by itself."""
 
-    def __init__(self, feature: str, extra: str) -> None:
-        super().__init__(f'{feature} needs an optional package: pip install "cadcam[{extra}]"')
-        self.feature, self.extra = feature, extra
+    def __init__(self, feature: str, extra: str, package: str) -> None:
+        super().__init__(f'{feature} needs an optional package: pip install "cadcam[{extra}]", or {package} by itself')
+        self.feature, self.extra, self.package = feature, extra, package
+
+
+class MissingCore(CadcamError):
+    """The compiled core that the raster renderer needs is not there."""
+
+    def __init__(self, why: str) -> None:
+        super().__init__(
+            f"the raster renderer is not available: {why}; use the renderer 'ray', or reinstall cadcam where a C "
+            "compiler (CC, cc, gcc, clang) or a network to fetch one (the ziglang wheel) is at hand"
+        )
+        self.why = why
 
 
 class NotEnoughMemory(CadcamError):

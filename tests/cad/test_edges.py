@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -155,6 +157,27 @@ def test_an_angle_beyond_its_range_is_refused() -> None:
         feature_edges(box((0, 0, 0), (1, 1, 1)), crease_angle_deg=180)
 
 
+@pytest.mark.parametrize("normals", [False, True])
+@pytest.mark.parametrize(("degrees", "seam"), [(0.5, 0.0), (2.0, 50.0)])
+def test_two_surfaces_that_meet_at_more_than_a_degree_show_their_edge(
+    degrees: float, seam: float, normals: bool
+) -> None:
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    points = [
+        (0, 0, 0),
+        (100, 0, 0),
+        (100, 50, 0),
+        (0, 50, 0),
+        (100 + 100 * c, 0, 100 * s),
+        (100 + 100 * c, 50, 100 * s),
+    ]
+    faces = [(0, 1, 2), (0, 2, 3), (1, 4, 5), (1, 5, 2)]
+    mesh = Mesh.single(np.array(points, float), faces, surface=np.array([0, 0, 1, 1]))
+    if normals:
+        mesh = replace(mesh, corner_normals=np.repeat(mesh.face_normals[:, None], 3, axis=1))
+    assert length(feature_edges(mesh), mesh, EdgeKind.BREP) == pytest.approx(seam)
+
+
 # Contacts. A plate of 100 x 50 x 10 has edges of 640 mm in all.
 
 
@@ -224,3 +247,28 @@ def test_a_sheet_that_stands_on_another_of_its_part_meets_it_in_a_crease() -> No
 def test_contacts_can_be_switched_off() -> None:
     plates = both(box((0, 0, 0), (100, 50, 10), "a"), box((100, 0, 0), (200, 50, 10), "b"))
     assert length(feature_edges(plates, contacts=False), plates) == pytest.approx(2 * 640)
+
+
+@pytest.mark.parametrize(("scale", "tolerance"), [(1.0, 1e-5 * np.hypot(100, 50)), (1000.0, 0.5)])
+@pytest.mark.parametrize(("share", "touching"), [(0.5, True), (2.0, False)])
+def test_parts_touch_within_a_hundred_thousandth_of_the_model_and_half_a_millimetre(
+    scale: float, tolerance: float, share: float, touching: bool
+) -> None:
+    """Two thin plates over one another, with a gap of half the tolerance and of twice as much."""
+    gap, thick = share * tolerance, 0.05 * scale
+    mesh = both(
+        box((0, 0, -thick), (100 * scale, 50 * scale, 0), "plate"),
+        box((40 * scale, 10 * scale, gap), (50 * scale, 40 * scale, gap + thick), "doubler"),
+    )
+    edges = feature_edges(mesh)
+    assert length(edges, mesh, EdgeKind.CONTACT) == pytest.approx(2 * (10 + 30) * scale if touching else 0)
+
+
+@pytest.mark.parametrize(("degrees", "seam"), [(1.0, 0.0), (4.0, 50.0)])
+def test_plates_that_meet_at_more_than_two_degrees_show_their_seam(degrees: float, seam: float) -> None:
+    rise = 100 * np.tan(np.radians(degrees))
+    flat, bent = sheet(0, 100, 0, 50, name="flat"), sheet(100, 200, 0, 50, name="bent")
+    vertices = bent.vertices.copy()
+    vertices[vertices[:, 0] == 200, 2] = rise
+    mesh = both(flat, replace(bent, vertices=vertices))
+    assert length(feature_edges(mesh), mesh, EdgeKind.CONTACT) == pytest.approx(seam)

@@ -157,3 +157,12 @@ def test_points_are_one_within_a_millionth_of_the_part(gap_mm: float, vertices: 
     one, other = sheet(0, 500, 0, 866), sheet(500 + gap_mm, 1000, 0, 866)  # a diagonal of 1.3 m: welded at 1.3 µm
     mended, _ = mend(one_part(both(one, other)))
     assert len(mended.vertices) == vertices + 2
+
+
+@pytest.mark.parametrize(("apart", "vertices"), [(1, 4), (6, 6)])
+def test_far_from_the_origin_points_are_one_within_the_rounding_of_single_precision(apart: int, vertices: int) -> None:
+    """A 1 m part at ship coordinates, 100 m out: its numbers come in steps of 7.6 µm, its own millionth is 1.4 µm."""
+    step = float(np.spacing(np.float32(1e5)))
+    one, other = sheet(1e5, 1e5 + 500, 0, 866), sheet(1e5 + 500 + apart * step, 1e5 + 1000, 0, 866)
+    mended, _ = mend(one_part(both(one, other)))
+    assert len(mended.vertices) == vertices + 2

@@ -180,6 +180,8 @@ CASES = [
     Case(
         "output is a folder", (*RENDER[:-1], "out.png"), lambda j: (j / "out.png").mkdir(), ("out.png", "is a folder")
     ),
+    Case("output name too long", (*RENDER[:-1], 300 * "x" + ".png"), lambda j: None, ("xxx.png", "too long")),
+    Case("model name too long", ("render", 300 * "x" + ".stl", *RENDER[2:]), lambda j: None, ("xxx.stl", "too long")),
 ]
 
 

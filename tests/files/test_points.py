@@ -105,6 +105,7 @@ def test_a_file_without_header_takes_the_names_given(tmp_path: Path) -> None:
         (b"\x89PNG\r\n\x1a\n\x00\x00", "is not text"),
         (b"X\x00Y", "zero bytes"),
         ("X;Y;Z;x_px;y_px\n1,5;2;3;4;5\n", "write a decimal point, not a comma"),
+        ("X,Y,Z,x_px,y_px\n1,5,2,3,4,5\n", "line 2 has 6 cells, the header 5 .* with a point, not a comma"),
     ],
 )
 def test_a_fault_is_named_with_file_line_column_value_and_remedy(tmp_path: Path, text: str | bytes, place: str) -> None:

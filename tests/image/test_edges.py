@@ -89,6 +89,17 @@ def test_a_weak_stretch_stays_only_on_a_curve_that_is_strong_somewhere():
     assert (canny(gray, low=0.03, high=0.03).q[:, 0] > 30).any()
 
 
+@pytest.mark.parametrize(("share", "kept"), [(0.5, True), (0.35, False)])
+def test_by_default_a_curve_goes_on_down_to_two_fifths_of_what_starts_it(share, kept):
+    start = 8 / 255 / math.sqrt(2 * math.pi * (1 + 0.7**2))  # the default in a picture without noise
+    contrast = start * math.sqrt(2 * math.pi)  # of a step that sharp; half a pixel beside it the slope is 0.88 of that
+    gray = np.zeros((60, 60))
+    gray[:30, 15:25] = 1.3 * contrast
+    gray[30:, 15:25] = share * contrast
+    edges = canny(gray)
+    assert (np.abs(edges.q - [14.5, 45]).max(axis=1) < 10).any() == kept
+
+
 def test_flat_and_noisy_pictures_have_almost_no_edges_by_default(rng):
     assert len(canny(np.full((50, 60), 0.5))) == 0
     for noise in (0.001, 0.01, 0.1):

@@ -335,6 +335,22 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.png", "c.png"]
 
 
+def test_a_written_file_has_the_permissions_that_new_files_get_and_keeps_those_it_had(tmp_path):
+    """Not those of a temporary file, which only its owner may read."""
+    (tmp_path / "plain").touch()
+    picture = tmp_path / "a.png"
+    write_picture(picture, np.zeros((2, 2)))
+    assert picture.stat().st_mode == (tmp_path / "plain").stat().st_mode
+    picture.chmod(0o640)
+    write_picture(picture, np.ones((2, 2)))
+    assert picture.stat().st_mode & 0o777 == 0o640
+
+
+def test_a_name_too_long_for_the_system_is_refused(tmp_path):
+    with pytest.raises(UnwritableFile, match="too long"):
+        write_picture(tmp_path / (300 * "x" + ".png"), np.zeros((2, 2)))
+
+
 def test_grey_and_colour_convert_by_bt709_luma():
     np.testing.assert_allclose(to_gray([[[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]]])[0], [0.2126, 0.7152, 0.0722, 1])
     np.testing.assert_array_equal(to_rgb([[0.25]]), [[[0.25] * 3]])
@@ -350,6 +366,11 @@ def test_equalized_grey_values_are_their_ranks_and_keep_their_order(rng):
     np.testing.assert_allclose(np.sort(flat.ravel()), np.linspace(0, 1, gray.size), atol=0.01)
     assert abs(flat.mean() - 0.5) < 0.01
     assert equalized(np.full((3, 3), 0.25)).max() == 0.25
+
+
+def test_equalizing_keeps_black_black_however_much_of_it_there_is():
+    """A half-black picture of three levels: the ranks are counted above the lowest one."""
+    np.testing.assert_allclose(equalized([[0.1, 0.1, 0.1, 0.1, 0.5, 0.5, 0.9, 0.9]]), [[0, 0, 0, 0, 0.5, 0.5, 1, 1]])
 
 
 def test_real_photos_are_read_as_their_own_size(shared):

@@ -101,6 +101,7 @@ def test_canny_edges_are_white_under_the_wireframe() -> None:
     assert (picture[10:110, 19:21].max(axis=1) == 1.0).all()
     x, y = np.rint(CAMERA.project(POSE @ np.array([-80.0, 0.0, 0.0]))).astype(int)
     assert picture[y, x, 0] > picture[y, x, 1] + 0.3
+    assert over_edges(GRAY, card_wireframe())[y, x].max() < 0.2  # black lines as in the thesis, unless asked
 
 
 def test_side_by_side_keeps_both_pictures_apart() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -221,10 +222,27 @@ def test_coincident_faces_do_not_hide_lines_lying_in_them() -> None:
     assert length_of(wireframe.visible, 1, 10) == pytest.approx(600, abs=1e-9)
 
 
-def test_a_pipe_through_a_plate_without_a_hole_is_hidden_from_where_it_enters() -> None:
-    scene = Scene.of(merge([box([0, 0, 0], [400, 10, 300]), box([190, -200, 140], [210, 200, 160], "rod")]))
-    drawer = LineDrawer(Scene.of(scene.mesh, edges=feature_edges(scene.mesh, contacts=False)))
-    wireframe = drawer.draw(camera_of(), Rigid.look_at([700, -900, 500], [200, 0, 150]))
+@pytest.mark.parametrize(("depth", "seen"), [(0.1, True), (10.0, False)])
+def test_a_line_counts_as_lying_in_a_face_within_a_millionth_of_the_diagonal(depth: float, seen: bool) -> None:
+    """A doubler sunk into its plate by a tenth of the tolerance is drawn, by ten times the tolerance it is hidden."""
+    top = 10 - depth * 1e-6 * float(np.linalg.norm([400, 300, 10]))
+    mesh = merge([box([0, 0, 0], [400, 300, 10]), box([100, 100, 2], [300, 200, top], "sunk")])
+    drawer = LineDrawer(Scene.of(mesh, edges=feature_edges(mesh, contacts=False)))
+    wireframe = drawer.draw(camera_of(), Rigid.look_at([150, -600, 900], [200, 150, 0]))
+    assert length_of(wireframe.visible, 1, top) == pytest.approx(600 if seen else 0, abs=1e-9)
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_pipe_through_a_plate_without_a_hole_is_hidden_from_where_it_enters(backwards: bool) -> None:
+    """Nearer to its one end than to the other: a place counted from the wrong end would show."""
+    mesh = merge([box([0, 0, 0], [400, 10, 300]), box([190, -200, 140], [210, 400, 160], "rod")])
+    edges = feature_edges(mesh, contacts=False)
+    if backwards:
+        edges = edges.select(np.arange(len(edges))[::-1])
+        edges = replace(edges, vertices=edges.vertices[:, ::-1])
+    wireframe = LineDrawer(Scene.of(mesh, edges=edges)).draw(
+        camera_of(), Rigid.look_at([700, -900, 500], [200, 0, 150])
+    )
     rod = wireframe.visible.p[wireframe.visible.part[wireframe.visible.line_of_point] == 1]
     assert rod[:, 1].max() == pytest.approx(0, abs=1e-9)
 
@@ -279,6 +297,16 @@ def test_contours_on_the_inner_side_of_a_ring_are_hidden_and_on_the_outer_drawn(
         p, _ = drawn_at_random(lines, 500, rng)
         seen = reference().seen(scene.mesh.vertices, scene.mesh.faces, p, eye, np.full(500, 1e-9))
         assert np.array_equal(seen, np.full(500, drawn))
+
+
+@pytest.mark.parametrize("margin", [0.0, 40.0])
+def test_lines_reach_all_four_borders_of_the_picture_and_its_margin(margin: float) -> None:
+    camera = Camera.from_focal((960, 720), 900.0, fy=880.0, cx=450.0, cy=375.0)
+    cross = merge([box([-900, -5, 0], [900, 5, 10], "across"), box([-5, -900, 20], [5, 900, 30], "along")])
+    pose = Rigid.look_at([15.0, -20.0, 1000.0], [0.0, 0.0, 0.0], up=[0.1, 1.0, 0.0])
+    q = LineDrawer(Scene.of(cross)).draw(camera, pose, options=LineOptions(margin_px=margin)).visible.q
+    assert q.min(axis=0) == pytest.approx([-0.5 - margin, -0.5 - margin], abs=1e-9)
+    assert q.max(axis=0) == pytest.approx([959.5 + margin, 719.5 + margin], abs=1e-9)
 
 
 def test_lines_are_cut_at_the_focal_plane_and_at_the_lens_limit() -> None:

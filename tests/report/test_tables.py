@@ -97,6 +97,35 @@ def test_stated_noise_is_named_beside_what_the_residuals_say(estimate: CameraEst
     assert any("stated noise of 0.3 px" in n and "the residuals say" in n for n in parameter_table(stated).notes)
 
 
+def test_few_degrees_of_freedom_are_said_to_know_little_of_the_noise(estimate: CameraEstimate) -> None:
+    """Checked by drawing: of residuals with 2 degrees of freedom 5 % tell less than 1/4.42 of the noise."""
+    observed = estimate.observations
+    few = replace(estimate, observations=Observations(observed.p_world[:4], observed.q[:4]))
+    assert few.dof == 2
+    (warning,) = [note for note in parameter_table(few).notes if note.startswith("warning")]
+    assert "2 degrees of freedom" in warning
+    assert "4.4 times" in warning
+    drawn = np.sqrt(np.sum(np.random.default_rng(3).normal(size=(100_000, 2)) ** 2, axis=1) / 2)
+    assert np.mean(1 / drawn > 4.4) == pytest.approx(0.05, abs=0.003)  # 4 sigma of the share
+    stated = replace(few, observations=replace(few.observations, sigma_px=0.3))
+    assert not any(note.startswith("warning") for table in (stated, estimate) for note in parameter_table(table).notes)
+
+
+def test_the_size_of_the_points_is_said_and_doubted_where_it_cannot_be_mm(estimate: CameraEstimate) -> None:
+    observed = estimate.observations
+    size = " x ".join(f"{v:.4g}" for v in np.ptp(observed.p_world, axis=0))
+    assert f"the points span {size} mm in X, Y, Z" in parameter_table(estimate).notes
+    tiny = replace(estimate, observations=replace(observed, p_world=observed.p_world / 1000))
+    assert any("is their unit right" in note for note in parameter_table(tiny).notes)
+
+
+def test_pixels_outside_the_picture_are_counted(estimate: CameraEstimate) -> None:
+    q = np.array(estimate.observations.q)
+    q[:2] = [[768.0, 5.0], [5.0, -0.6]]
+    strayed = replace(estimate, observations=replace(estimate.observations, q=q))
+    assert any("2 of 9 pixels lie outside the picture of 768 x 576 px" in n for n in parameter_table(strayed).notes)
+
+
 def test_only_strong_correlations_are_named_strongest_first(estimate: CameraEstimate) -> None:
     C = estimate.correlation
     strong = strong_correlations(estimate, beyond=0.2)

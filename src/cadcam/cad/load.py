@@ -132,26 +132,33 @@ def _size(size: np.typing.ArrayLike) -> str:
 
 def _bytes(path: Path) -> bytes:
     """Return the content of a file that can be a CAD file by its name."""
-    if path.is_dir():
-        raise UnreadableFile(path, "is a folder", "name a file in it")
-    if not path.exists():
-        near = (
-            get_close_matches(path.name, [p.name for p in path.parent.iterdir()], n=1) if path.parent.is_dir() else []
-        )
-        raise UnreadableFile(path, "does not exist", f"did you mean {near[0]!r}?" if near else "check the name")
-    suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        near = get_close_matches(suffix, SUFFIXES, n=1, cutoff=0.5) if suffix else []
-        hint = f"did you mean {near[0]}? " if near else ""
-        what = f"has the suffix {suffix!r}, which no CAD reader knows" if suffix else "has no suffix to tell its format"
-        raise UnreadableFile(path, what, f"{hint}known: {', '.join(SUFFIXES)}")
     try:
+        _refuse_missing(path)
+        _refuse_unknown(path)
         data = path.read_bytes()
     except OSError as error:
-        raise UnreadableFile(path, f"cannot be read ({error.strerror})", "check its permissions") from None
+        raise UnreadableFile(path, f"cannot be read ({error.strerror})", "check its name and permissions") from None
     if not data.strip(b" \t\r\n\0"):
         raise UnreadableFile(path, f"is empty ({len(data)} bytes)", "export the model again")
     return data
+
+
+def _refuse_missing(path: Path) -> None:
+    if path.is_dir():
+        raise UnreadableFile(path, "is a folder", "name a file in it")
+    if not path.exists():
+        others = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
+        near = get_close_matches(path.name, others, n=1)
+        raise UnreadableFile(path, "does not exist", f"did you mean {near[0]!r}?" if near else "check the name")
+
+
+def _refuse_unknown(path: Path) -> None:
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        near = get_close_matches(suffix, SUFFIXES, n=1, cutoff=0.7) if suffix else []
+        hint = f"did you mean {near[0]}? " if near else ""
+        what = f"has the suffix {suffix!r}, which no CAD reader knows" if suffix else "has no suffix to tell its format"
+        raise UnreadableFile(path, what, f"{hint}known: {', '.join(SUFFIXES)}")
 
 
 def _unit(path: Path, model: Model, wanted: str | None) -> tuple[str, str]:

@@ -11,6 +11,7 @@ from cadcam.cad.mesh import Mesh, compacted
 from cadcam.cad.needles import height_ratio, without_needles
 from cadcam.cad.repeats import repeats
 from cadcam.cad.topology import HalfEdges, Longs, part_vertices, weld
+from cadcam.cad.winding import winding_number
 from cadcam.errors import DegenerateGeometry
 
 
@@ -28,14 +29,14 @@ class Repairs:
     def lines(self) -> list[str]:
         """Return one sentence for each thing done or found."""
         said = [
-            (self.welded_vertices, "vertices welded"),
-            (self.degenerate_faces, "faces without area mended"),
-            (self.duplicate_faces, "repeated faces removed"),
-            (self.turned_faces, "faces turned to point outwards"),
-            (self.open_edges, "open edges (sheets or gaps)"),
-            (self.non_manifold_edges, "edges shared by three or more faces"),
+            (self.welded_vertices, "vertex welded", "vertices welded"),
+            (self.degenerate_faces, "face without area mended", "faces without area mended"),
+            (self.duplicate_faces, "repeated face removed", "repeated faces removed"),
+            (self.turned_faces, "face turned to point outwards", "faces turned to point outwards"),
+            (self.open_edges, "open edge (a sheet or a gap)", "open edges (sheets or gaps)"),
+            (self.non_manifold_edges, "edge shared by three or more faces", "edges shared by three or more faces"),
         ]
-        return [f"{count} {what}" for count, what in said if count]
+        return [f"{count} {one if count == 1 else many}" for count, one, many in said if count]
 
 
 def mend(mesh: Mesh) -> tuple[Mesh, Repairs]:
@@ -196,20 +197,7 @@ def _inverted(vertices: Array, corners: Longs, component: Longs, closed: Mask, p
             closed & ~flat & (home == home[inner]) & (low < low[inner]).all(axis=1) & (high > high[inner]).all(axis=1)
         )
         for outer in order[around[order]]:
-            if _inside(vertices[sample[inner]], *(vertices[corners[component == outer, k]] for k in range(3))):
+            if abs(winding_number(vertices[corners[component == outer]], vertices[sample[inner]])) > 0.5:
                 result[inner] = result[outer]
                 break
     return result
-
-
-def _inside(point: Array, a: Array, b: Array, c: Array) -> bool:
-    """Return whether the closed surface of triangles a, b, c (N, 3) winds round the point.
-
-    The sum of the signed solid angles is 4 pi inside and 0 outside (Van Oosterom and Strackee, 1983).
-    """
-    a, b, c = a - point, b - point, c - point
-    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-    top = np.einsum("ij,ij->i", a, np.cross(b, c))
-    ab, bc, ca = (np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a)))
-    angle = 2 * np.arctan2(top, la * lb * lc + ab * lc + bc * la + ca * lb).sum()
-    return bool(abs(angle) > 2 * np.pi)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import struct
 from collections.abc import Callable, Iterator
 from os import PathLike
@@ -15,29 +14,21 @@ import numpy.typing as npt
 
 from cadcam.cad.formats.gltf import SURFACES
 from cadcam.cad.mesh import Mesh, compacted
-from cadcam.errors import UnknownName, UnwritableFile
+from cadcam.errors import UnknownName
+from cadcam.whole import write_whole
 
 
 def write(mesh: Mesh, path: str | PathLike[str]) -> None:
-    """Write the mesh to `path` in the format of its suffix; what was there stays until the new file is complete.
+    """Write the mesh to `path` in the format of its suffix; whole or not at all; missing folders are made.
 
     STL (binary) and PLY (binary) hold one nameless part; OBJ keeps parts as groups; GLB, in metres, keeps names,
     colours and, where the mesh has them, surfaces and their normals. STL, PLY and OBJ are in mm. Raises
     `UnknownName` for another suffix and `UnwritableFile`.
     """
-    path = Path(path)
-    suffix = path.suffix.lower()
+    suffix = Path(path).suffix.lower()
     if suffix not in _WRITERS:
         raise UnknownName("format to write", suffix, _WRITERS)
-    data = _WRITERS[suffix](compacted(mesh))
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        partial.write_bytes(data)
-        partial.replace(path)
-    except OSError as error:
-        raise UnwritableFile(path, error.strerror or str(error)) from None
-    finally:
-        partial.unlink(missing_ok=True)
+    write_whole(path, _WRITERS[suffix](compacted(mesh)))
 
 
 def _stl(mesh: Mesh) -> bytes:

@@ -43,13 +43,11 @@ def calibrate(
 ) -> CameraEstimate:
     """Return the camera of `size` (width, height) px that sees the points where they were seen, and its pose.
 
-    Minimises the sum of squared pixel residuals over every parameter that is not fixed, globally: no guess is asked
-    for.
+    Minimises the sum of squared pixel residuals over every parameter that is not fixed, globally and without a guess.
     fixed: values for any of X Y Z (mm) a b c (rad) aspect focal (px) skew (rad) U0 V0 (px). lens: its model and
     coefficients, default ideal; free_lens names the coefficients to estimate, from the given ones as a start.
     method "dlt" and "dlt-c23" give the direct linear transform alone, in its normalised or the thesis' form (EQ
-    2.62-2.65),
-    with its own covariance: biased, and kept for comparison.
+    2.62-2.65), with its own covariance: biased, and kept for comparison.
 
     Raises `TooFewPoints`; `DegenerateGeometry` for points on a line, points on a plane with more than 8 unknowns, or
     parameters that the points do not determine (named); `MirroredPoints`; `BadValue` and `UnknownName` for bad
@@ -173,11 +171,9 @@ def _local_cofactor(model: CameraModel, solution: Solution[Array]) -> Array:
 def _no_best_camera(observations: Observations, free: tuple[str, ...], error: Stalled) -> str:
     return (
         "no camera fits best: the residual keeps falling towards a limit that is no camera (infinitely far away, or "
-        "with "
-        f"parallel image axes). {len(observations)} points, {flatness(observations.p_world):.2g} as thick as long, "
-        f"do not "
-        f"determine {len(free)} parameters; fix some (skew is 0 and aspect known for most cameras), or add points at "
-        f"other depths ({error})"
+        f"with parallel image axes). {len(observations)} points, {flatness(observations.p_world):.2g} as thick as "
+        f"long, do not determine {len(free)} parameters; fix some (skew is 0 and aspect known for most cameras), or "
+        f"add points at other depths ({error})"
     )
 
 

@@ -77,6 +77,5 @@ def refuse_as_good_as_flat(estimate: CameraEstimate) -> None:
         raise DegenerateGeometry(
             f"the world points are as good as coplanar (thickness by length {thickness:.2g}): they give a focal length "
             f"of {focal:.4g} +- {sigma:.2g} px at {estimate.noise_px:.2g} px of noise; fix the internals to get a "
-            f"pose, "
-            "or add points at other heights"
+            "pose, or add points at other heights"
         )

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.image.picture import write_picture
-from cadcam.image.whole import write_whole
 from cadcam.render.view import Channel, Look, Renderer, nothing_in_view
+from cadcam.whole import write_whole
 
 if TYPE_CHECKING:
     from cadcam.camera.camera import Camera

@@ -20,7 +20,11 @@ def check_target(path: str, suffixes: Sequence[str]) -> None:
     target = Path(path)
     if target.suffix.lower() not in suffixes:
         raise UnknownName(f"suffix of output {path!r}:", target.suffix, suffixes)
-    if target.is_dir():
+    try:
+        folder = target.is_dir()
+    except OSError as error:  # a name too long for the system
+        raise UnwritableFile(path, error.strerror or str(error), "choose another name") from None
+    if folder:
         raise UnwritableFile(path, "is a folder", "name a file in it")
     if not target.parent.is_dir():
         raise UnwritableFile(

@@ -31,7 +31,7 @@ from cadcam.files.jsontext import Place, as_json, parsed
 from cadcam.files.matrix import pose_as_json, pose_at
 from cadcam.files.text import read_text
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.whole import write_whole
+from cadcam.whole import write_whole
 
 FORMAT, VERSION = "cadcam camera", 1
 UNITS = {"X": "mm", "Y": "mm", "Z": "mm", "a": "rad", "b": "rad", "c": "rad", "focal": "px", "skew": "rad"}

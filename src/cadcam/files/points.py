@@ -28,7 +28,7 @@ from cadcam.cad.units import MM, unit_name
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
 from cadcam.files.text import Line, TextFile, lines_of_cells, number_in, read_text
-from cadcam.image.whole import write_whole
+from cadcam.whole import write_whole
 
 _WORLD = re.compile(r"([XYZxyz])(?:[_ ]?[\[(]?([A-Za-z]+)[\])]?)?")
 _NAME_COLUMNS = ("name", "id", "point", "label")
@@ -209,7 +209,8 @@ def _numbers(file: TextFile, layout: _Layout, line: Line) -> list[float]:
     """Return X, Y, Z in the file's unit and x, y in px."""
     if len(line.cells) != len(layout.header):
         counts = f"line {line.number} has {len(line.cells)} cells, the header {len(layout.header)}"
-        raise UnreadableFile(file.path, f"{counts} ({', '.join(layout.header)})", "give one cell for each column")
+        remedy = "give one cell for each column; decimals are written with a point, not a comma"
+        raise UnreadableFile(file.path, f"{counts} ({', '.join(layout.header)})", remedy)
     where = (*layout.world, *layout.pixel)
     return [number_in(file, line.number, f"column {layout.header[i]}", line.cells[i]) for i in where]
 

@@ -106,8 +106,8 @@ def cofactor(jacobian: Array, names: Sequence[str], *, rank_tolerance: float = 1
         direction = Vt[-1] / scale
         raise DegenerateGeometry(
             f"the observations do not determine {_combination(Vt[-1], direction, names)} "
-            f"(singular value ratio {s[-1] / s[0]:.2g}); fix one of these parameters, or add points that tell them "
-            f"apart"
+            f"(singular value ratio {s[-1] / s[0]:.2g}); fix one of these parameters, or add points that tell "
+            "them apart"
         )
     W = Vt.T / s
     return np.asarray((W @ W.T) / np.outer(scale, scale))

@@ -119,7 +119,9 @@ def _read_tiff(data: bytes) -> Deep:
         samples = np.asarray(page.asarray())
     except Exception as error:
         if "imagecodecs" in str(error):
-            raise MissingExtra(f"a {page.compression.name}-compressed TIFF of 16-bit colour", "codecs") from None
+            raise MissingExtra(
+                f"a {page.compression.name}-compressed TIFF of 16-bit colour", "codecs", "imagecodecs"
+            ) from None
         raise ValueError(f"cut off or damaged: {error}") from None
     if page.planarconfig == 2 and samples.ndim == 3:  # one plane a channel
         samples = np.moveaxis(samples, 0, -1)

@@ -71,7 +71,7 @@ def canny(
     `sigma` (px) is the Gaussian's width. A curve is kept where it is stronger than `low` throughout and `high`
     somewhere, both in grey value per pixel after smoothing. By default `high` is five times the gradient's Rayleigh
     scale (its median / sqrt(2 ln 2); in a picture mostly free of edges, that of its noise or texture), at least that
-    of a step of 6/255; `low` is 0.4 of `high`. Raises `BadValue`.
+    of a step of 8/255; `low` is 0.4 of `high`. Raises `BadValue`.
     """
     values = checked(gray)
     if values.ndim != 2:

@@ -23,7 +23,7 @@ import numpy.typing as npt
 from cadcam.arrays import Picture
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
 from cadcam.image.deep import deep_size, read_deep
-from cadcam.image.whole import write_whole
+from cadcam.whole import write_whole
 
 if TYPE_CHECKING:
     from PIL import Image

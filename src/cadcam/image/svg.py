@@ -18,7 +18,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, frozen
 from cadcam.errors import BadValue
 from cadcam.image.picture import checked, encoded
-from cadcam.image.whole import write_whole
+from cadcam.whole import write_whole
 
 _CORNER = 0.5  # from a pixel's centre to SVG's origin at its corner
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # XML 1.0, production 2

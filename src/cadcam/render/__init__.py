@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from cadcam.errors import MissingExtra, MissingOpenGL, NotEnoughMemory, UnknownName
+from cadcam.errors import MissingCore, MissingExtra, MissingOpenGL, NotEnoughMemory, UnknownName
 
 if TYPE_CHECKING:
     from cadcam.render.view import Renderer, Scene
 
-RENDERERS = ("gl", "ray")
+RENDERERS = ("raster", "gl", "ray")
 
 
 def open_renderer(scene: Scene, name: str = "auto") -> Renderer:
-    """Return a renderer of the scene: "gl" (OpenGL), "ray" (Embree), or "auto"; all draw through the exact lens.
+    """Return a renderer of the scene: "raster" (the embedded rasteriser), "gl" (OpenGL), "ray" (Embree), or "auto".
 
-    "auto" is "gl" where a GPU answers, else "ray": OpenGL without a GPU is slower. Raises `MissingExtra` or
-    `MissingOpenGL` if "gl" is asked for by name and not there.
+    All draw through the exact lens. "auto" is "gl" where a GPU answers, else "raster", or "ray" where the compiled core
+    is not installed; OpenGL in software is never preferred. Raises `MissingCore`, `MissingExtra` or `MissingOpenGL` if
+    what is asked for by name is not there.
     """
     if name not in ("auto", *RENDERERS):
         raise UnknownName("renderer", name, ("auto", *RENDERERS))
@@ -27,6 +28,14 @@ def open_renderer(scene: Scene, name: str = "auto") -> Renderer:
             return GlRenderer(scene)
         except (MissingExtra, MissingOpenGL, NotEnoughMemory):
             if name == "gl":
+                raise
+    if name != "ray":
+        from cadcam.render.raster import RasterRenderer
+
+        try:
+            return RasterRenderer(scene)
+        except MissingCore:
+            if name == "raster":
                 raise
     from cadcam.render.ray import RayRenderer
 

@@ -24,7 +24,8 @@ from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.render.gl_context import GlInfo, open_gl
-from cadcam.render.gl_scene import GpuScene
+from cadcam.render.gl_scene import WORDS, GpuScene
+from cadcam.render.memory import Buffers, check_memory
 from cadcam.render.view import PLAIN, Channel, Look, Scene, View
 
 _OF_CHANNEL = {
@@ -53,6 +54,7 @@ class GlRenderer:
             raise DegenerateGeometry("a mesh without faces cannot be rendered")
         self._scene = scene
         self._thread = open_gl(device)
+        self._buffers = Buffers()
         self._gpu = self._thread.submit(lambda: GpuScene(self._thread, scene)).result()
         self._end = weakref.finalize(self, self._thread.discarded.append, self._gpu)
 
@@ -88,8 +90,10 @@ class GlRenderer:
         """Return the view; see `Renderer.render`."""
         if not self._end.alive:
             raise BadValue("renderer", "closed", "one that is still open")
-        layers = _blank(camera, channels, look)
-        self._thread.submit(lambda: self._gpu.fill(layers, camera, camera_from_world, look)).result()
+        layers = self._layers(camera, channels)
+        if not self._thread.submit(lambda: self._gpu.fill(layers, camera, camera_from_world, look)).result():
+            for name, layer in layers.items():
+                layer[...] = look.background if name == "image" else _BACKGROUND[name]
         return View(camera, camera_from_world, layers)
 
     def render_batch(
@@ -104,12 +108,15 @@ class GlRenderer:
         for pose in poses:
             yield self.render(camera, pose, channels=channels, look=look)
 
-
-def _blank(camera: Camera, channels: Channel, look: Look) -> dict[str, npt.NDArray[Any]]:
-    """Return the layers of an empty view."""
-    layers: dict[str, npt.NDArray[Any]] = {}
-    for name in (name for channel, names in _OF_CHANNEL.items() if channel in channels for name in names):
-        shape = (camera.height, camera.width) + ((3,) if name in ("image", "normal") else ())
-        kind = np.int32 if name in ("part", "face") else np.float32
-        layers[name] = np.full(shape, look.background if name == "image" else _BACKGROUND[name], kind)
-    return layers
+    def _layers(self, camera: Camera, channels: Channel) -> dict[str, npt.NDArray[Any]]:
+        """Return arrays for what is asked for, with arbitrary numbers in them."""
+        names = [name for channel, names in _OF_CHANNEL.items() if channel in channels for name in names]
+        need = 4 * camera.width * camera.height * sum(WORDS[name] for name in names)
+        check_memory(need, f"a view of {camera.width} x {camera.height} px")
+        shape = (camera.height, camera.width)
+        return {
+            name: self._buffers.take(
+                (*shape, 3) if WORDS[name] == 3 else shape, np.int32 if name in ("part", "face") else np.float32
+            )
+            for name in names
+        }

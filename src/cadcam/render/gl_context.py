@@ -137,7 +137,7 @@ class GlThread:
 def open_gl(device: int | str | None = None) -> GlThread:
     """Return the context of this process on a device, made on first use. Raises `MissingExtra`, `MissingOpenGL`."""
     if find_spec("moderngl") is None:
-        raise MissingExtra("the renderer 'gl'", "gl")
+        raise MissingExtra("the renderer 'gl'", "gl", "moderngl")
     info = probe(device)
     if not info.available:
         raise MissingOpenGL(info.reason)

@@ -57,11 +57,14 @@ class GpuScene:
         """Give everything back; may be called again."""
         self._owned.close()
 
-    def fill(self, layers: Layers, camera: Camera, pose: Rigid, look: Look) -> None:
-        """Draw a view into blank layers; those of the image with all the samples that the look asks for."""
+    def fill(self, layers: Layers, camera: Camera, pose: Rigid, look: Look) -> bool:
+        """Draw a view into layers, those of the image with all samples that the look asks for.
+
+        Returns False, and leaves them as they are, if all of the scene is behind the camera.
+        """
         low, high = _depth_range(self._scene, pose)
         if high <= 0:
-            return
+            return False
         fine = {k: v for k, v in layers.items() if look.supersampling > 1 and k in ("image", "coverage")}
         plain = {k: v for k, v in layers.items() if k not in fine}
         mesh = self._scene.mesh
@@ -74,6 +77,7 @@ class GpuScene:
                 self._pose.write(_pose_block(tile.camera(camera, n), pose, high))
                 self._see(camera, tile, n, (max(low, 0.0), high), bent)
                 self._resolve(tile, n, chosen, look)
+        return True
 
     def _see(self, camera: Camera, tile: Tile, n: int, depths: tuple[float, float], bent: Pieces | None) -> None:
         """Find which face each sample of a tile sees."""

@@ -131,16 +131,3 @@ def part_boxes(mesh: Mesh) -> tuple[Array, Array]:
     np.minimum.at(low, mesh.part, corners.min(axis=1))
     np.maximum.at(high, mesh.part, corners.max(axis=1))
     return low, high
-
-
-def holds(corners: Array, eye: Array) -> bool:
-    """Return whether the closed surface of triangles (F, 3, 3) holds the eye: its winding number is not 0.
-
-    Solid angles after van Oosterom and Strackee, "The solid angle of a plane triangle" (1983).
-    """
-    a, b, c = np.moveaxis(corners - eye, 1, 0)
-    la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
-    triple = np.einsum("ij,ij->i", a, np.cross(b, c))
-    dots = [np.einsum("ij,ij->i", x, y) * z for x, y, z in ((a, b, lc), (b, c, la), (c, a, lb))]
-    winding = 2 * np.arctan2(triple, la * lb * lc + dots[0] + dots[1] + dots[2]).sum() / (4 * np.pi)
-    return bool(abs(winding) > 0.5)

@@ -8,7 +8,8 @@ from cadcam.arrays import Array, Ids, Mask
 from cadcam.cad.edges import edge_table
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.topology import EdgeTable
-from cadcam.render.occlusion import Occluders, holds, part_boxes, solid_parts
+from cadcam.cad.winding import winding_number
+from cadcam.render.occlusion import Occluders, part_boxes, solid_parts
 
 _EDGE_ON = 1e-12  # of the distance: a face whose plane the eye is this close to is seen edge-on
 
@@ -31,7 +32,8 @@ class Topology:
         low, high = self._boxes
         shut = self.solid.copy()
         for part in np.flatnonzero(shut & (low <= eye).all(axis=1) & (eye <= high).all(axis=1)):
-            shut[part] = not holds(self.mesh.vertices[self.mesh.faces[self.mesh.part == part]], eye)
+            corners = self.mesh.vertices[self.mesh.faces[self.mesh.part == part]]
+            shut[part] = abs(winding_number(corners, eye)) < 0.5
         return shut
 
     def number_of(self, vertices: Ids) -> Ids:

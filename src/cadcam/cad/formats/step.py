@@ -98,7 +98,7 @@ def _converted(path: Path, kind: str, tolerance: float) -> bytes:
     `tolerance` is in mm whatever the unit of the file: the reader turns the model into mm before it is meshed.
     """
     if find_spec("cascadio") is None:
-        raise MissingExtra(f"reading {path.name}", "step")
+        raise MissingExtra(f"reading {path.name}", "step", "cascadio")
     with tempfile.TemporaryDirectory(prefix="cadcam-") as folder:
         target = Path(folder) / "converted.glb"
         command = [sys.executable, "-P", "-c", _CONVERT, str(path), str(target), kind, repr(tolerance), repr(ANGLE)]

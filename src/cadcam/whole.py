@@ -1,4 +1,4 @@
-"""Files written whole or not at all: no reader ever meets half a picture."""
+"""Files written whole or not at all: no reader ever meets half a picture, mesh or camera."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ def write_whole(path: str | os.PathLike[str], data: bytes) -> None:
     `UnwritableFile` with the system's reason.
     """
     target = Path(path)
-    if target.is_dir():
-        raise UnwritableFile(path, "is a folder", "name a file in it")
     try:
+        if target.is_dir():
+            raise UnwritableFile(path, "is a folder", "name a file in it")
         target.parent.mkdir(parents=True, exist_ok=True)
         _replace(target, data)
     except OSError as error:
@@ -38,7 +38,7 @@ def _replace(target: Path, data: bytes) -> None:
 
 
 def _mode(target: Path) -> int:
-    """Return the old file's permissions or the user's default: mkstemp's 0600 would hide pictures from others."""
+    """Return the old file's permissions or the user's default: mkstemp's 0600 would hide files from others."""
     if target.exists():
         return target.stat().st_mode & 0o7777
     mask = os.umask(0)

@@ -1,0 +1,158 @@
+"""The build backend: hatchling, and before it a C compiler for the rasteriser's core.
+
+The core is plain C without Python headers: one shared library serves every Python of a platform, so the wheel's tag is
+py3-none-<platform>. Compilers are tried in this order: $CC, cc, gcc, clang, and where none works the `ziglang` wheel,
+which is asked for only then. Where there is neither (no compiler, no network) the package is built without the core:
+it works, and its raster renderer says why it does not.
+
+CADCAM_NATIVE=off leaves the core out; CADCAM_NATIVE=require makes its absence an error (for those who publish wheels).
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import platform
+import shlex
+import shutil
+import socket
+import subprocess
+import sys
+import sysconfig
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from hatchling.build import *  # noqa: F403  the hooks of PEP 517 and 660 that are not replaced below
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+SOURCES = Path("src/cadcam/native")
+SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+ZIG = "ziglang>=0.12"
+FLAGS = ["-std=c11", "-O3", "-fPIC", "-fvisibility=hidden"]
+FLAGS += ["-ffp-contract=off"]  # without fused multiply-adds a shared edge is the exact negative of its neighbour's
+FLAGS += ["-fno-math-errno", "-fno-trapping-math"]  # these change no number; loops vectorise
+# The hot file, once for each instruction set; the choice is made at run time (best_level in scene.c).
+VARIANTS = {"_baseline": [], "_v3": ["-mavx2", "-mfma", "-mbmi", "-mbmi2"]}
+X86_64 = platform.machine().lower() in ("x86_64", "amd64")
+PROBE = "#include <math.h>\n#include <stdint.h>\n#include <stdlib.h>\ndouble probe(double x) { return sqrt(x); }\n"
+
+
+def get_requires_for_build_wheel(config_settings: dict[str, Any] | None = None) -> list[str]:
+    """Return ["ziglang"] where no compiler works and a package index may answer."""
+    if os.environ.get("CADCAM_NATIVE") == "off" or system_compiler():
+        return []
+    return [ZIG] if index_may_answer() else []
+
+
+get_requires_for_build_editable = get_requires_for_build_wheel
+
+
+class NativeHook(BuildHookInterface):  # type: ignore[type-arg]
+    """Compiles the core before hatchling collects the wheel's files."""
+
+    PLUGIN_NAME = "custom"
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Build the library and tag the wheel; without a compiler, say so and leave both."""
+        wish = os.environ.get("CADCAM_NATIVE", "")
+        compiler = None if wish == "off" else system_compiler() or zig_compiler()
+        sources = Path(self.root) / SOURCES
+        self._scratch = tempfile.TemporaryDirectory()  # the tree stays as it is, except for an editable installation
+        library = (sources if version == "editable" else Path(self._scratch.name)) / f"_raster{SUFFIX}"
+        library.unlink(missing_ok=True)
+        if compiler is None:
+            reason = "CADCAM_NATIVE=off" if wish == "off" else "no C compiler works and ziglang is not installed"
+            if wish == "require":
+                raise SystemExit(f"cadcam: the rasteriser's core cannot be built: {reason}")
+            self.app.display_warning(f"cadcam: built without the rasteriser's core ({reason}); the ray renderer works")
+            return
+        compile_core(compiler, sources, library)
+        if version != "editable":
+            build_data["force_include"][str(library)] = f"cadcam/native/{library.name}"
+        build_data["pure_python"] = False
+        build_data["tag"] = f"py3-none-{platform_tag(compiler)}"
+
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
+        """Clear away what was compiled."""
+        self._scratch.cleanup()
+
+
+def compile_core(compiler: list[str], folder: Path, library: Path) -> None:
+    """Compile every file, the hot one for each instruction set, and link them."""
+    variants = VARIANTS if X86_64 else {"_baseline": []}
+    jobs = [("scene.c", "", []), ("lens.c", "", [])]
+    jobs += [("raster.c", suffix, [f"-DCC_VARIANT={suffix}", *flags]) for suffix, flags in variants.items()]
+    with tempfile.TemporaryDirectory() as scratch:
+        objects = []
+        for source, suffix, flags in jobs:
+            objects.append(str(Path(scratch) / f"{source}{suffix}.o"))
+            run([*compiler, *FLAGS, *flags, "-c", str(folder / source), "-o", objects[-1]])
+        made = Path(scratch) / library.name
+        run([*compiler, "-shared", "-o", str(made), *objects, *([] if sys.platform == "win32" else ["-lm"])])
+        shutil.copyfile(made, library)
+
+
+def run(command: list[str]) -> None:
+    """Run a compiler; its own words are the error."""
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    if result.returncode:
+        raise SystemExit(f"cadcam: {shlex.join(command)} failed:\n{result.stderr or result.stdout}")
+
+
+def system_compiler() -> list[str] | None:
+    """Return the first compiler that makes a shared library here; one without C headers does not count."""
+    for candidate in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
+        command = shlex.split(candidate)
+        if command and shutil.which(command[0]) and works(command):
+            return command
+    return None
+
+
+def works(command: list[str]) -> bool:
+    """Return whether a compiler turns a few lines into a shared library."""
+    with tempfile.TemporaryDirectory() as scratch:
+        source = Path(scratch) / "probe.c"
+        source.write_text(PROBE)
+        out = Path(scratch) / f"probe{SUFFIX}"
+        try:
+            done = subprocess.run(
+                [*command, "-shared", *FLAGS, str(source), "-o", str(out)], capture_output=True, check=False
+            )
+        except OSError:
+            return False
+        return done.returncode == 0 and out.exists()
+
+
+def zig_compiler() -> list[str] | None:
+    """Return zig's C compiler aimed at an old C library, None where the wheel is not installed."""
+    if importlib.util.find_spec("ziglang") is None:
+        return None
+    command = [sys.executable, "-m", "ziglang", "cc"]
+    if sys.platform == "linux":
+        glibc = platform.libc_ver()[0] == "glibc"
+        command += ["-target", f"{platform.machine()}-linux-" + ("gnu.2.17" if glibc else "musl")]
+    return command
+
+
+def platform_tag(compiler: list[str]) -> str:
+    """Return the platform part of the wheel's tag."""
+    if sys.platform == "linux" and "gnu.2.17" in compiler[-1]:
+        return f"manylinux_2_17_{platform.machine()}"
+    if sys.platform == "darwin":
+        return f"macosx_{platform.mac_ver()[0].split('.')[0]}_0_{platform.machine()}"
+    return sysconfig.get_platform().replace("-", "_").replace(".", "_")
+
+
+def index_may_answer() -> bool:
+    """Return whether ziglang can probably be had: asking in vain would make the whole installation fail."""
+    if os.environ.get("PIP_NO_INDEX") and not os.environ.get("PIP_FIND_LINKS"):
+        return False
+    told = ("PIP_INDEX_URL", "PIP_EXTRA_INDEX_URL", "PIP_FIND_LINKS", "UV_INDEX_URL", "UV_DEFAULT_INDEX", "HTTPS_PROXY")
+    if any(os.environ.get(name) or os.environ.get(name.lower()) for name in told):
+        return True
+    try:
+        socket.create_connection(("pypi.org", 443), timeout=4).close()
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,1 @@
+"""The C core and the one module that loads it."""

@@ -1,0 +1,172 @@
+"""The only module that meets the C core: loads it with ctypes, checks what goes in, owns what comes out.
+
+The interface is src/cadcam/native/raster.h. ctypes releases the interpreter's lock during calls, so Python's threads
+are the core's threads: each takes bands of the picture until none is left.
+"""
+
+from __future__ import annotations
+
+import ctypes as c
+import sys
+import threading
+import weakref
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Ids, Picture
+from cadcam.errors import BadValue, MissingCore, NotEnoughMemory
+
+_SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+LIBRARY = Path(__file__).with_name("_raster" + _SUFFIX)
+LONGEST = 65535  # px along a side, samples counted: the lens table stores them in 16 bits
+
+
+class Request(c.Structure):
+    """One picture asked for: cc_view in raster.h, field by field."""
+
+    _fields_ = (
+        ("plane", c.c_double * 12),
+        ("ray", c.c_double * 9),
+        ("rotation", c.c_double * 9),
+        ("fill_from", c.c_double * 3),
+        ("ambient", c.c_float),
+        ("head", c.c_float),
+        ("fill", c.c_float),
+        ("background", c.c_float * 3),
+        ("width", c.c_int32),
+        ("height", c.c_int32),
+        ("samples", c.c_int32),
+        ("bands", c.c_int32),
+        ("lens", c.c_void_p),
+        *((name, c.c_void_p) for name in ("image", "coverage", "depth", "normal", "part", "face")),
+    )
+
+
+@cache
+def library() -> c.CDLL:
+    """Return the loaded core; raises `MissingCore` saying why there is none."""
+    if not LIBRARY.exists():
+        raise MissingCore("it was not built when cadcam was installed (no C compiler was found)")
+    try:
+        core = c.CDLL(str(LIBRARY))
+    except OSError as error:
+        raise MissingCore(f"{LIBRARY.name} cannot be loaded: {error}") from error
+    pointer, i64, i32 = c.c_void_p, c.c_int64, c.c_int32
+    signatures: dict[str, tuple[object, list[object]]] = {
+        "cc_scene_new": (pointer, [pointer, pointer, i64, pointer, pointer, i64]),
+        "cc_scene_free": (None, [pointer]),
+        "cc_lens_new": (pointer, [pointer, i32, i32]),
+        "cc_lens_free": (None, [pointer]),
+        "cc_worker_new": (pointer, []),
+        "cc_worker_free": (None, [pointer]),
+        "cc_frame_new": (pointer, [pointer, c.POINTER(Request)]),
+        "cc_frame_work": (i32, [pointer, pointer]),
+        "cc_frame_free": (None, [pointer]),
+        "cc_variant": (c.c_char_p, []),
+        "cc_choose_variant": (i32, [i32]),
+    }
+    for name, (result, arguments) in signatures.items():
+        function = getattr(core, name)
+        function.restype, function.argtypes = result, arguments
+    return core
+
+
+def variant() -> str:
+    """Return the instruction set in use: "x86-64-v3" or "baseline"."""
+    return str(library().cc_variant().decode())
+
+
+def choose_variant(level: int) -> str:
+    """Use instruction set 0 (baseline) or 1 (x86-64-v3), or the best with -1; return the one now in use."""
+    library().cc_choose_variant(level)
+    return variant()
+
+
+class Handle:
+    """An object of the core, freed when the last reference to it goes."""
+
+    def __init__(self, made: int | None, free: str, what: str) -> None:
+        if not made:
+            raise NotEnoughMemory(f"there is not enough memory for {what}")
+        self.address = made
+        weakref.finalize(self, getattr(library(), free), made)
+
+
+class NativeScene(Handle):
+    """Triangles in the core, copied and grouped into clusters of neighbours.
+
+    vertices (V, 3) mm float64, faces (F, 3) int32, part (F,) int32, colors (P, 3) float32.
+    """
+
+    def __init__(self, vertices: Array, faces: Ids, part: Ids, colors: Picture) -> None:
+        vertices, faces = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int32)
+        part, colors = np.ascontiguousarray(part, np.int32), np.ascontiguousarray(colors, np.float32)
+        if not np.isfinite(vertices).all():
+            at = int(np.argwhere(~np.isfinite(vertices))[0, 0])
+            raise BadValue(f"vertex {at}", vertices[at].tolist(), "finite coordinates")
+        _check_indices("face's vertex", faces, len(vertices))
+        _check_indices("face's part", part, len(colors))
+        if faces.shape != (len(part), 3):
+            raise BadValue("faces", f"of shape {faces.shape}", f"shape ({len(part)}, 3), one row a part number")
+        made = library().cc_scene_new(
+            vertices.ctypes.data, faces.ctypes.data, len(faces), part.ctypes.data, colors.ctypes.data, len(colors)
+        )
+        super().__init__(made, "cc_scene_free", f"a scene of {len(faces)} triangles")
+
+
+class NativeLens(Handle):
+    """Where in the undistorted plane (x/z, y/z) each pixel's centre looks: (H, W, 2) float64, NaN where nowhere."""
+
+    def __init__(self, points: Array) -> None:
+        points = np.ascontiguousarray(points, np.float64)
+        height, width = points.shape[:2]
+        self.size = (width, height)
+        made = library().cc_lens_new(points.ctypes.data, width, height)
+        super().__init__(made, "cc_lens_free", f"a lens table of {width} x {height} px")
+
+
+class Worker(Handle):
+    """The scratch memory of one thread."""
+
+    def __init__(self) -> None:
+        super().__init__(library().cc_worker_new(), "cc_worker_free", "a thread's scratch")
+
+
+class Frame(Handle):
+    """One picture under way; `work` may be called from several threads, each with its own worker."""
+
+    def __init__(self, scene: NativeScene, request: Request) -> None:
+        self._kept = (scene, request)  # the core points into them
+        made = library().cc_frame_new(scene.address, c.byref(request))
+        super().__init__(made, "cc_frame_free", f"a picture of {request.width} x {request.height} px")
+
+    def work(self, worker: Worker) -> None:
+        """Render bands until none is left."""
+        if library().cc_frame_work(self.address, worker.address):
+            raise NotEnoughMemory("there is not enough memory for a band of the picture; use a smaller picture")
+
+
+class Workers:
+    """Workers handed out to whichever threads ask: as many are made as work at the same time."""
+
+    def __init__(self) -> None:
+        self._idle: list[Worker] = []
+        self._lock = threading.Lock()
+
+    def run(self, frame: Frame) -> None:
+        """Work on a frame with an idle worker."""
+        with self._lock:
+            worker = self._idle.pop() if self._idle else Worker()
+        try:
+            frame.work(worker)
+        finally:
+            with self._lock:
+                self._idle.append(worker)
+
+
+def _check_indices(what: str, indices: npt.NDArray[np.int32], below: int) -> None:
+    if indices.size and (int(indices.min()) < 0 or int(indices.max()) >= below):
+        raise BadValue(what, f"from {indices.min()} to {indices.max()}", f"numbers from 0 to {below - 1}")

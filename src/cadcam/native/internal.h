@@ -1,0 +1,107 @@
+/* What the C files share. */
+#ifndef CADCAM_INTERNAL_H
+#define CADCAM_INTERNAL_H
+
+#include <stdatomic.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "raster.h"
+
+/* On x86-64 the hot file is compiled twice; a build with one compilation (for sanitizers) says CC_BASELINE_ONLY. */
+#if defined(__x86_64__) && !defined(CC_BASELINE_ONLY)
+#define CC_HAS_V3 1
+#else
+#define CC_HAS_V3 0
+#endif
+
+enum {
+    TILE = 8,        /* tiles are TILE x TILE samples: one row is one 512-bit vector of doubles */
+    TILE_AREA = 64,
+    CLUSTER = 64,    /* triangles of a cluster, at most */
+    CORNERS = 192,   /* vertices of a cluster, at most: an index fits a byte */
+};
+
+/* Neighbouring triangles with the box around them: culled, transformed and drawn together. */
+typedef struct {
+    double low[3], high[3];
+    uint32_t first_vertex; /* into scene->x, y, z; a multiple of 8 */
+    uint32_t first_face;   /* into scene->corner and scene->id */
+    uint16_t n_vertices;   /* rounded up to a multiple of 8; the rest repeats the last */
+    uint16_t n_faces;
+} cluster;
+
+struct cc_scene {
+    cluster *clusters;
+    int64_t n_clusters, n_faces;
+    double *x, *y, *z;       /* vertices, cluster by cluster */
+    uint8_t *corner[3];      /* triangles: indices into the vertices of their cluster */
+    int32_t *id;             /* triangles: the caller's face number */
+    float (*normal)[3];      /* by face number: unit normal in the world, 0 without area */
+    int32_t *part;           /* by face number */
+    float (*color)[3];       /* by part */
+};
+
+typedef struct { int32_t x0, x1, y0, y1; } rect; /* samples, both ends included; empty if x0 > x1 or y0 > y1 */
+typedef struct { uint16_t x0, x1, y0, y1; } short_rect;
+typedef struct { double x0, x1, y0, y1; } box;   /* of the sampling plane */
+
+struct cc_lens {
+    int32_t width, height, tiles_x, tiles_y;
+    double *x, *y;    /* plane points tile by tile, 64 each; NaN where nothing is seen and beyond the border */
+    box *block[16];   /* bounds of the points of each tile, of 2 x 2 tiles, 4 x 4 ...; (inf, -inf) where there are none */
+    uint8_t *partial; /* whether a tile has points without a direction */
+    box all;          /* bounds of all points */
+    /* Which samples may lie in a part of the plane: a pyramid over a grid of cells in squashed coordinates. */
+    double scale_x, scale_y, origin_x, origin_y;
+    int32_t levels, cells_x[32], cells_y[32];
+    short_rect *cell[32];
+};
+
+/* Squash the plane to (-1, 1) along each axis, monotonically, so that a grid of equal cells serves 180 degrees. */
+static inline double squash(double u) { return u / (1.0 + (u < 0 ? -u : u)); }
+
+/* The samples whose plane points may lie in a box given in cells. */
+rect lens_samples(const cc_lens *lens, box cells);
+
+/* A cluster that may be seen. */
+typedef struct {
+    uint32_t index;
+    float nearest; /* bound of 1/z; inf where it reaches behind the camera */
+    rect where;
+} candidate;
+
+struct cc_frame {
+    const cc_scene *scene;
+    const cc_view *view;
+    int32_t width, height, tiles_x, tiles_y; /* of the samples */
+    box limits;                              /* of the plane points of all samples, slightly widened */
+    candidate *candidates;                   /* nearest first */
+    int64_t n_candidates;
+    int32_t band_rows;                       /* rows of tiles in a band */
+    double *columns;                         /* 0, 1, 2 ...: x of the samples, without a lens */
+    atomic_int next_band;
+};
+
+struct cc_worker {
+    size_t capacity; /* tiles */
+    float *inverse_z;  /* tile by tile, 64 each; 0 = background */
+    int32_t *id;       /* alike; -1 = background */
+    float *farthest;   /* by tile: lower bound of its 1/z; what is farther is hidden */
+    uint8_t *changes;  /* by tile: writes since `farthest` was computed */
+    float *row;        /* one output row of sums, for supersampling */
+    size_t row_capacity;
+};
+
+int frame_prepare_baseline(cc_frame *frame);
+int frame_work_baseline(cc_frame *frame, cc_worker *worker);
+#if CC_HAS_V3
+int frame_prepare_v3(cc_frame *frame);
+int frame_work_v3(cc_frame *frame, cc_worker *worker);
+#endif
+
+void *aligned_block(size_t bytes); /* 64-byte aligned, not cleared; NULL where memory is short */
+void aligned_release(void *block);
+int worker_reserve(cc_worker *worker, size_t tiles, size_t row_floats);
+
+#endif

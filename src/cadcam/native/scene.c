@@ -1,0 +1,287 @@
+/* Scenes (clusters of neighbouring triangles), workers, frames, and the choice of instruction set. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "internal.h"
+#if CC_HAS_V3
+#include <cpuid.h>
+#endif
+
+void *aligned_block(size_t bytes) {
+    /* over-allocate and keep malloc's pointer in front: aligned_alloc is missing on Windows */
+    if (bytes > SIZE_MAX - 128) return NULL;
+    char *raw = malloc(bytes + 128);
+    if (!raw) return NULL;
+    char *block = (char *)(((uintptr_t)raw + 127) & ~(uintptr_t)63);
+    memcpy(block - sizeof(char *), &raw, sizeof raw);
+    return block;
+}
+
+void aligned_release(void *block) {
+    char *raw;
+    if (!block) return;
+    memcpy(&raw, (char *)block - sizeof(char *), sizeof raw);
+    free(raw);
+}
+
+/* ---- clusters: triangles sorted by size class, then along a space-filling curve, cut every CLUSTER */
+
+typedef struct { uint64_t key; uint32_t face; } keyed;
+
+static uint64_t spread(uint64_t v) { /* bits of a 20-bit number to every third place */
+    v = (v | v << 32) & 0x1F00000000FFFFull;
+    v = (v | v << 16) & 0x1F0000FF0000FFull;
+    v = (v | v << 8) & 0x100F00F00F00F00Full;
+    v = (v | v << 4) & 0x10C30C30C30C30C3ull;
+    return (v | v << 2) & 0x1249249249249249ull;
+}
+
+static double largest3(double a, double b, double c) {
+    double m = a > b ? a : b;
+    return m > c ? m : c;
+}
+
+/* Large triangles go to clusters of their own, or they would blow up the boxes of small ones. */
+static uint64_t size_class(double extent, double whole) {
+    uint64_t k = 0;
+    for (double limit = whole / 8; k < 7 && extent < limit; limit /= 4) k++;
+    return k;
+}
+
+static uint64_t key_of(const double *v, const int32_t *f, const double low[3], double whole) {
+    const double *a = v + 3 * (size_t)f[0], *b = v + 3 * (size_t)f[1], *c = v + 3 * (size_t)f[2];
+    uint64_t key = 0;
+    double extent = 0;
+    for (int k = 0; k < 3; k++) {
+        double least = -largest3(-a[k], -b[k], -c[k]), most = largest3(a[k], b[k], c[k]);
+        double t = whole > 0 ? ((least * 0.5 + most * 0.5) - low[k]) / whole : 0;
+        if (most - least > extent) extent = most - least;
+        key |= spread(t > 0 ? (uint64_t)((t < 1 ? t : 1) * 1048575.0) : 0) << k;
+    }
+    return key | size_class(extent, whole) << 60;
+}
+
+static void radix_sort(keyed *a, keyed *b, size_t n) { /* by key, stable; the result is in a */
+    for (int shift = 0; shift < 64; shift += 16) {
+        static const size_t buckets = 65536;
+        size_t *at = calloc(buckets + 1, sizeof *at);
+        if (!at) return; /* unsorted clusters are slower, not wrong */
+        for (size_t i = 0; i < n; i++) at[((a[i].key >> shift) & 0xFFFF) + 1]++;
+        for (size_t i = 0; i < buckets; i++) at[i + 1] += at[i];
+        for (size_t i = 0; i < n; i++) b[at[(a[i].key >> shift) & 0xFFFF]++] = a[i];
+        free(at);
+        memcpy(a, b, n * sizeof *a);
+    }
+}
+
+static keyed *sorted_faces(const double *v, const int32_t *faces, size_t n) {
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    for (size_t i = 0; i < 3 * n; i++)
+        for (int k = 0; k < 3; k++) {
+            double t = v[3 * (size_t)faces[i] + k];
+            if (t < low[k]) low[k] = t;
+            if (t > high[k]) high[k] = t;
+        }
+    double whole = largest3(high[0] - low[0], high[1] - low[1], high[2] - low[2]);
+    keyed *a = malloc((n + 1) * sizeof *a), *b = malloc((n + 1) * sizeof *b);
+    if (a && b) {
+        for (size_t i = 0; i < n; i++) a[i] = (keyed){key_of(v, faces + 3 * i, low, whole), (uint32_t)i};
+        radix_sort(a, b, n);
+    } else {
+        free(a);
+        a = NULL;
+    }
+    free(b);
+    return a;
+}
+
+/* Append one cluster of n sorted triangles; vertices that they share are stored once. */
+static void add_cluster(cc_scene *s, const double *v, const int32_t *faces, const keyed *sorted, size_t n,
+                        size_t *n_vertices, size_t first_face) {
+    cluster *c = &s->clusters[s->n_clusters++];
+    size_t base = *n_vertices, used = 0;
+    *c = (cluster){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}, (uint32_t)base,
+                   (uint32_t)first_face, 0, (uint16_t)n};
+    int32_t seen[CORNERS];
+    for (size_t i = 0; i < n; i++) {
+        const int32_t *f = faces + 3 * (size_t)sorted[i].face;
+        s->id[first_face + i] = (int32_t)sorted[i].face;
+        for (int k = 0; k < 3; k++) {
+            size_t j = 0;
+            while (j < used && seen[j] != f[k]) j++;
+            if (j == used) {
+                const double *p = v + 3 * (size_t)f[k];
+                seen[used++] = f[k];
+                s->x[base + j] = p[0], s->y[base + j] = p[1], s->z[base + j] = p[2];
+                for (int a = 0; a < 3; a++) {
+                    if (p[a] < c->low[a]) c->low[a] = p[a];
+                    if (p[a] > c->high[a]) c->high[a] = p[a];
+                }
+            }
+            s->corner[k][first_face + i] = (uint8_t)j;
+        }
+    }
+    for (; used % 8; used++) {
+        s->x[base + used] = s->x[base + used - 1];
+        s->y[base + used] = s->y[base + used - 1];
+        s->z[base + used] = s->z[base + used - 1];
+    }
+    c->n_vertices = (uint16_t)used;
+    *n_vertices = base + used;
+}
+
+static void unit_normal(const double *v, const int32_t *f, float out[3]) {
+    const double *a = v + 3 * (size_t)f[0], *b = v + 3 * (size_t)f[1], *c = v + 3 * (size_t)f[2];
+    double p[3], q[3], n[3];
+    for (int k = 0; k < 3; k++) p[k] = b[k] - a[k], q[k] = c[k] - a[k];
+    for (int k = 0; k < 3; k++) n[k] = p[(k + 1) % 3] * q[(k + 2) % 3] - p[(k + 2) % 3] * q[(k + 1) % 3];
+    double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    for (int k = 0; k < 3; k++) out[k] = length > 0 ? (float)(n[k] / length) : 0.0f;
+}
+
+CC_API cc_scene *cc_scene_new(const double *vertices, const int32_t *faces, int64_t n_faces, const int32_t *part,
+                              const float *colors, int64_t n_parts) {
+    size_t n = (size_t)n_faces, clusters = (n + CLUSTER - 1) / CLUSTER;
+    cc_scene *s = calloc(1, sizeof *s);
+    keyed *sorted = s ? sorted_faces(vertices, faces, n) : NULL;
+    if (!sorted) return free(s), NULL;
+    size_t room = 3 * n + 8 * clusters + 8; /* given back below */
+    s->n_faces = n_faces;
+    s->clusters = malloc((clusters + 1) * sizeof *s->clusters);
+    s->x = malloc(room * sizeof(double)), s->y = malloc(room * sizeof(double)), s->z = malloc(room * sizeof(double));
+    for (int k = 0; k < 3; k++) s->corner[k] = malloc(n + 1);
+    s->id = malloc((n + 1) * sizeof *s->id);
+    s->normal = malloc((n + 1) * sizeof *s->normal);
+    s->part = malloc((n + 1) * sizeof *s->part);
+    s->color = malloc(((size_t)n_parts + 1) * sizeof *s->color);
+    if (!s->clusters || !s->x || !s->y || !s->z || !s->corner[0] || !s->corner[1] || !s->corner[2] ||
+        !s->id || !s->normal || !s->part || !s->color) {
+        free(sorted);
+        cc_scene_free(s);
+        return NULL;
+    }
+    size_t used = 0;
+    for (size_t i = 0; i < n; i += CLUSTER)
+        add_cluster(s, vertices, faces, sorted + i, n - i < CLUSTER ? n - i : CLUSTER, &used, i);
+    free(sorted);
+    double **axis[3] = {&s->x, &s->y, &s->z};
+    for (int k = 0; k < 3; k++) {
+        double *shrunk = realloc(*axis[k], (used + 8) * sizeof(double));
+        if (shrunk) *axis[k] = shrunk;
+    }
+    for (size_t i = 0; i < n; i++) unit_normal(vertices, faces + 3 * i, s->normal[i]);
+    memcpy(s->part, part, n * sizeof *part);
+    memcpy(s->color, colors, (size_t)n_parts * sizeof *s->color);
+    return s;
+}
+
+CC_API void cc_scene_free(cc_scene *s) {
+    if (!s) return;
+    free(s->clusters), free(s->x), free(s->y), free(s->z), free(s->id);
+    for (int k = 0; k < 3; k++) free(s->corner[k]);
+    free(s->normal), free(s->part), free(s->color), free(s);
+}
+
+/* ---- workers */
+
+CC_API cc_worker *cc_worker_new(void) { return calloc(1, sizeof(cc_worker)); }
+
+static void release(cc_worker *w) {
+    aligned_release(w->inverse_z), aligned_release(w->id), free(w->farthest), free(w->changes), free(w->row);
+    *w = (cc_worker){0};
+}
+
+CC_API void cc_worker_free(cc_worker *w) {
+    if (!w) return;
+    release(w);
+    free(w);
+}
+
+int worker_reserve(cc_worker *w, size_t tiles, size_t row_floats) {
+    if (tiles <= w->capacity && row_floats <= w->row_capacity) return 1;
+    release(w);
+    w->inverse_z = aligned_block(tiles * TILE_AREA * sizeof(float));
+    w->id = aligned_block(tiles * TILE_AREA * sizeof(int32_t));
+    w->farthest = malloc(tiles * sizeof *w->farthest + 64);
+    w->changes = malloc(tiles + 64);
+    w->row = malloc(row_floats * sizeof *w->row + 64);
+    if (!w->inverse_z || !w->id || !w->farthest || !w->changes || !w->row) return release(w), 0;
+    w->capacity = tiles;
+    w->row_capacity = row_floats;
+    return 1;
+}
+
+/* ---- instruction sets: the hot file is compiled once for each */
+
+#if CC_HAS_V3
+/* By cpuid itself: the compilers' __builtin_cpu_supports answers no under zig. */
+static int best_level(void) {
+    unsigned a, b, c, d, low, high;
+    const unsigned fma_xsave_avx = 1u << 12 | 1u << 27 | 1u << 28, bmi1_avx2_bmi2 = 1u << 3 | 1u << 5 | 1u << 8;
+    if (!__get_cpuid(1, &a, &b, &c, &d) || (c & fma_xsave_avx) != fma_xsave_avx) return 0;
+    __asm__ volatile("xgetbv" : "=a"(low), "=d"(high) : "c"(0)); /* does the system keep the wide registers? */
+    if ((low & 6) != 6 || !__get_cpuid_count(7, 0, &a, &b, &c, &d)) return 0;
+    return (b & bmi1_avx2_bmi2) == bmi1_avx2_bmi2;
+}
+#else
+static int best_level(void) { return 0; }
+#endif
+
+static atomic_int chosen = -1;
+
+CC_API int32_t cc_choose_variant(int32_t level) {
+    int best = best_level();
+    atomic_store(&chosen, level < 0 || level > best ? best : level);
+    return atomic_load(&chosen);
+}
+
+static int variant(void) {
+    int level = atomic_load(&chosen);
+    return level < 0 ? cc_choose_variant(-1) : level;
+}
+
+CC_API const char *cc_variant(void) {
+    static const char *names[] = {"baseline", "x86-64-v3"};
+    return names[variant()];
+}
+
+/* ---- frames */
+
+CC_API cc_frame *cc_frame_new(const cc_scene *scene, const cc_view *view) {
+    cc_frame *f = calloc(1, sizeof *f);
+    if (!f) return NULL;
+    f->scene = scene, f->view = view;
+    f->width = view->width * view->samples, f->height = view->height * view->samples;
+    f->tiles_x = (f->width + TILE - 1) / TILE, f->tiles_y = (f->height + TILE - 1) / TILE;
+    int32_t unit = view->samples; /* a band holds whole output rows and whole tiles */
+    int32_t bands = view->bands < 1 ? 1 : view->bands;
+    int32_t rows = (f->tiles_y + bands - 1) / bands;
+    f->band_rows = (rows + unit - 1) / unit * unit;
+    f->columns = aligned_block((size_t)f->tiles_x * TILE * sizeof(double));
+    f->candidates = malloc(((size_t)scene->n_clusters + 1) * sizeof *f->candidates);
+    if (f->columns && f->candidates) {
+        for (int32_t i = 0; i < f->tiles_x * TILE; i++) f->columns[i] = i;
+        int ready;
+#if CC_HAS_V3
+        if (variant() == 1) ready = frame_prepare_v3(f);
+        else
+#endif
+            ready = frame_prepare_baseline(f);
+        if (ready) return f;
+    }
+    cc_frame_free(f);
+    return NULL;
+}
+
+CC_API int32_t cc_frame_work(cc_frame *f, cc_worker *worker) {
+#if CC_HAS_V3
+    if (variant() == 1) return frame_work_v3(f, worker);
+#endif
+    return frame_work_baseline(f, worker);
+}
+
+CC_API void cc_frame_free(cc_frame *f) {
+    if (!f) return;
+    aligned_release(f->columns), free(f->candidates), free(f);
+}

@@ -1,0 +1,76 @@
+"""How much memory there is, said before it is used; and buffers of pictures used again once nobody looks at them."""
+
+from __future__ import annotations
+
+import os
+import weakref
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.errors import NotEnoughMemory
+
+
+def available_bytes() -> int | None:
+    """Return how much memory can be had without swapping, None where the system does not say."""
+    known = [n for n in (_meminfo(), _cgroup()) if n is not None]
+    if known:
+        return min(known)
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return None
+
+
+def check_memory(need: int, what: str) -> None:
+    """Raise `NotEnoughMemory` if `what` needs more bytes than there are."""
+    have = available_bytes()
+    if have is not None and need > have:
+        raise NotEnoughMemory(
+            f"{what} needs {need / 2**30:.1f} GiB of memory and {have / 2**30:.1f} GiB are free; "
+            "ask for fewer channels, less supersampling or a smaller picture (Camera.resize, Camera.crop)"
+        )
+
+
+class Buffers:
+    """Arrays for pictures, handed out again once every view of them is gone: fresh memory costs more than rendering."""
+
+    def __init__(self, keep: int = 12) -> None:
+        self._keep = keep
+        self._free: list[npt.NDArray[np.uint8]] = []
+
+    def take(self, shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[np.generic]:
+        """Return an array of this shape and type with arbitrary numbers in it."""
+        size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+        store = next((b for b in self._free if b.nbytes == size), None)
+        if store is None:
+            store = np.zeros(size, np.uint8)
+        else:
+            self._free = [b for b in self._free if b is not store]
+        # over a memoryview, numpy keeps *this* array as the base of every view and slice: it dies with the last
+        owner = np.frombuffer(store.data, dtype)
+        weakref.finalize(owner, self._give_back, store)
+        return owner.reshape(shape)
+
+    def _give_back(self, store: npt.NDArray[np.uint8]) -> None:
+        self._free = [*self._free, store][-self._keep :]
+
+
+def _meminfo() -> int | None:
+    try:
+        for line in Path("/proc/meminfo").read_text().splitlines():
+            if line.startswith("MemAvailable:"):
+                return int(line.split()[1]) * 1024
+    except (OSError, ValueError, IndexError):
+        pass
+    return None
+
+
+def _cgroup() -> int | None:
+    root = Path("/sys/fs/cgroup")
+    try:
+        limit = (root / "memory.max").read_text().strip()
+        return None if limit == "max" else int(limit) - int((root / "memory.current").read_text())
+    except (OSError, ValueError):
+        return None

@@ -1,0 +1,201 @@
+"""The embedded rasteriser: every channel at the exact pixel centres, through the exact lens, on all cores.
+
+The core (`cadcam.native`) draws in the plane of the pixels, or, for a distorting camera, in the undistorted plane at
+the point that each pixel looks at: no vertex is ever distorted. Coverage is decided in double precision; depth is that
+of the face's plane, rounded to float twice (1.2e-7 relative). Faces that coincide in depth to float precision go to the
+lower face number where they tie.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array
+from cadcam.camera.camera import Camera
+from cadcam.camera.lens import Ideal
+from cadcam.errors import BadValue, DegenerateGeometry
+from cadcam.geometry.rigid import Rigid
+from cadcam.native.core import LONGEST, Frame, NativeLens, NativeScene, Request, Workers
+from cadcam.render.memory import Buffers, check_memory
+from cadcam.render.view import PLAIN, Channel, Look, Scene, View
+
+_CACHED = 1 << 14  # pixels unprojected at a time
+_BYTES_A_PIXEL = {"image": 12, "coverage": 4, "depth": 4, "normal": 12, "part": 4, "face": 4}
+_LENS_BYTES = 48  # a pixel of the lens table: the points, their copy in tiles, the way back
+_OF_CHANNEL = {
+    Channel.IMAGE: ("image", "coverage"),
+    Channel.DEPTH: ("depth",),
+    Channel.NORMAL: ("normal",),
+    Channel.PART: ("part",),
+    Channel.FACE: ("face",),
+}
+
+
+class RasterRenderer:
+    """Renders a scene with the embedded rasteriser; obeys the `Renderer` protocol.
+
+    `threads` is the number of threads, by default one a core. Pictures do not depend on it. Raises `MissingCore` where
+    the compiled core is not installed.
+    """
+
+    name = "raster"
+
+    def __init__(self, scene: Scene, *, threads: int | None = None) -> None:
+        if threads is not None and threads < 1:
+            raise BadValue("threads", threads, "a whole number of at least 1")
+        mesh = scene.mesh
+        if not mesh.n_faces:
+            raise DegenerateGeometry("a mesh without faces cannot be rendered")
+        self._scene = scene
+        self._native = NativeScene(mesh.vertices, mesh.faces, mesh.part, scene.colors)
+        self._threads = threads or os.cpu_count() or 1
+        self._pool = ThreadPoolExecutor(max_workers=self._threads)
+        self._workers = Workers()
+        self._buffers = Buffers()
+        self._lenses: dict[tuple[Any, ...], NativeLens] = {}
+
+    @property
+    def scene(self) -> Scene:
+        """The scene it was made from."""
+        return self._scene
+
+    def render(
+        self,
+        camera: Camera,
+        camera_from_world: Rigid,
+        *,
+        channels: Channel = Channel.ALL,
+        look: Look = PLAIN,
+    ) -> View:
+        """Return the view; see `Renderer.render`."""
+        self._prepare(camera, channels, look, 1)
+        return self._view(camera, camera_from_world, channels, look, threads=self._threads)
+
+    def render_batch(
+        self,
+        camera: Camera,
+        poses: Iterable[Rigid],
+        *,
+        channels: Channel = Channel.ALL,
+        look: Look = PLAIN,
+    ) -> Iterator[View]:
+        """Yield a view for each camera_from_world; a thread a picture, a few pictures ahead."""
+        self._prepare(camera, channels, look, self._threads + 1)
+        under_way: deque[Future[View]] = deque()
+        for pose in poses:
+            under_way.append(self._pool.submit(self._view, camera, pose, channels, look, threads=1))
+            if len(under_way) > self._threads:
+                yield under_way.popleft().result()
+        while under_way:
+            yield under_way.popleft().result()
+
+    def _prepare(self, camera: Camera, channels: Channel, look: Look, pictures: int) -> None:
+        """Check sizes and memory, then make the lens' tables, before any thread starts."""
+        n = look.supersampling if Channel.IMAGE in channels else 1
+        if max(camera.size) * n > LONGEST:
+            raise BadValue("picture size times supersampling", f"{camera.size} x {n}", f"at most {LONGEST} px a side")
+        pixels = camera.width * camera.height
+        table = 0 if isinstance(camera.lens, Ideal) else _LENS_BYTES * (1 + n * n * (n > 1))
+        layers = sum(_BYTES_A_PIXEL[name] for name in _names(channels))
+        what = f"a view of {camera.width} x {camera.height} px" + (f" with {n} x {n} samples a pixel" if n > 1 else "")
+        check_memory(pixels * (layers * pictures + table), what)
+        if table:
+            self._lens(camera, 1)
+            if n > 1:
+                self._lens(camera, n)
+
+    def _view(self, camera: Camera, pose: Rigid, channels: Channel, look: Look, *, threads: int) -> View:
+        layers = {
+            name: self._buffers.take((camera.height, camera.width, *tail), dtype)
+            for name, tail, dtype in _layers(channels)
+        }
+        fine = ("image", "coverage") if look.supersampling > 1 else ()
+        finely = {name: layer for name, layer in layers.items() if name in fine}
+        plainly = {name: layer for name, layer in layers.items() if name not in fine}
+        for chosen, n in ((plainly, 1), (finely, look.supersampling)):
+            if chosen:
+                self._draw(self._request(camera, pose, look, n, chosen, threads), threads)
+        return View(camera, pose, layers)
+
+    def _draw(self, request: Request, threads: int) -> None:
+        frame = Frame(self._native, request)
+        helpers = [self._pool.submit(self._workers.run, frame) for _ in range(threads - 1)]
+        self._workers.run(frame)
+        for helper in helpers:
+            helper.result()
+
+    def _request(
+        self, camera: Camera, pose: Rigid, look: Look, n: int, layers: dict[str, npt.NDArray[Any]], threads: int
+    ) -> Request:
+        fine = camera.resize((camera.width * n, camera.height * n)) if n > 1 else camera
+        R, t = pose.rotation, pose.translation
+        plain = isinstance(camera.lens, Ideal)
+        K = fine.K if plain else np.eye(3)
+        request = Request(width=camera.width, height=camera.height, samples=n)
+        request.bands = 1 if threads == 1 else 2 * threads
+        request.plane[:] = (K @ np.column_stack([R, t])).ravel().tolist()
+        request.ray[:] = (R.T @ np.linalg.inv(K)).ravel().tolist()
+        request.rotation[:] = R.ravel().tolist()
+        fill = np.array(look.fill_from) / np.linalg.norm(look.fill_from)
+        request.fill_from[:] = (R.T @ fill).tolist()
+        request.ambient, request.head, request.fill = look.ambient, look.head, look.fill
+        request.background[:] = list(look.background)
+        if not plain:
+            request.lens = self._lens(camera, n).address
+        for name, layer in layers.items():
+            setattr(request, name, layer.ctypes.data)
+        return request
+
+    def _lens(self, camera: Camera, n: int) -> NativeLens:
+        """Return the table of a camera for n x n samples a pixel; those of the last camera are kept."""
+        of_camera = (camera.size, camera.K.tobytes(), camera.lens)
+        key = (*of_camera, n)
+        if key not in self._lenses:
+            self._lenses = {k: v for k, v in self._lenses.items() if k[:-1] == of_camera}
+            points = plane_points(camera)
+            self._lenses[key] = NativeLens(points if n == 1 else subdivided(points, n))
+        return self._lenses[key]
+
+
+def plane_points(camera: Camera) -> Array:
+    """Return the point (x/z, y/z) of the undistorted plane (H, W, 2) that each pixel centre looks at; NaN if none."""
+    points = np.full((camera.height, camera.width, 2), np.nan)
+    x = np.arange(camera.width, dtype=np.float64)
+    rows = max(1, _CACHED // camera.width)  # few at a time, to stay in the cache
+    for top in range(0, camera.height, rows):
+        y = np.arange(top, min(top + rows, camera.height), dtype=np.float64)
+        ray = camera.unproject(np.stack(np.meshgrid(x, y), axis=-1))
+        points[top : top + rows] = ray[..., :2] / np.where(ray[..., 2:] > 0, ray[..., 2:], np.nan)
+    return points
+
+
+def subdivided(points: Array, n: int) -> Array:
+    """Return plane points (nH, nW, 2) of n x n samples a pixel, extrapolated linearly from the centres' (H, W, 2).
+
+    Off by an eighth of the lens' second difference: below 2e-3 px for a strong lens on 320 px, less on more pixels.
+    """
+    height, width = points.shape[:2]
+    per_x = np.gradient(points, axis=1) if width > 1 else np.zeros_like(points)
+    per_y = np.gradient(points, axis=0) if height > 1 else np.zeros_like(points)
+    out = np.zeros((n * height, n * width, 2))
+    for j, i in np.ndindex(n, n):
+        out[j::n, i::n] = points + ((i + 0.5) / n - 0.5) * per_x + ((j + 0.5) / n - 0.5) * per_y
+    return out
+
+
+def _layers(channels: Channel) -> list[tuple[str, tuple[int, ...], type[np.generic]]]:
+    return [
+        (name, (3,) if name in ("image", "normal") else (), np.int32 if name in ("part", "face") else np.float32)
+        for name in _names(channels)
+    ]
+
+
+def _names(channels: Channel) -> list[str]:
+    return [name for channel, names in _OF_CHANNEL.items() if channel in channels for name in names]

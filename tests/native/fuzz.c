@@ -1,0 +1,130 @@
+/* Random and vicious scenes through the core, for a build with sanitizers: fuzz NUMBER.
+ *
+ * Coordinates of every magnitude, shared, repeated and collinear corners, cameras inside the model, lenses with holes,
+ * pictures down to one pixel, every channel present or not. Beyond what the sanitizers see, each picture is drawn twice,
+ * with one band and with several: both must be equal, and every id in range. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "raster.h"
+
+static uint64_t state = 88172645463325252ull;
+static uint64_t next(void) { /* xorshift64, Marsaglia 2003 */
+    state ^= state << 13, state ^= state >> 7, state ^= state << 17;
+    return state;
+}
+static int upto(int n) { return (int)(next() % (uint64_t)(n + 1)); }
+static double unit(void) { return (double)(next() >> 11) / 9007199254740992.0; }
+static double around(void) { return 2 * unit() - 1; }
+static double wild(void) {
+    static const double odd[] = {0, 1, -1, 1e-300, 1e300, -1e300, 1e-12, 64, 1e150};
+    return upto(9) ? around() * pow(10, upto(3)) : odd[upto(8)];
+}
+
+static void rotation(double R[9]) { /* from a random quaternion */
+    double q[4], s = 0;
+    for (int k = 0; k < 4; k++) q[k] = around(), s += q[k] * q[k];
+    for (int k = 0; k < 4; k++) q[k] /= sqrt(s);
+    double w = q[0], x = q[1], y = q[2], z = q[3];
+    double r[9] = {1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+                   2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+                   2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)};
+    memcpy(R, r, sizeof r);
+}
+
+typedef struct { float *image, *coverage, *depth, *normal; int32_t *part, *face; } picture;
+
+static picture layers(size_t pixels) { /* exactly as large as they must be */
+    return (picture){malloc(pixels * 12), malloc(pixels * 4), malloc(pixels * 4),
+                     malloc(pixels * 12), malloc(pixels * 4), malloc(pixels * 4)};
+}
+static void release(picture *p) {
+    free(p->image), free(p->coverage), free(p->depth), free(p->normal), free(p->part), free(p->face);
+}
+
+static void draw(const cc_scene *scene, cc_view *v, picture *p, int mask, int bands, cc_worker *worker) {
+    v->bands = bands;
+    v->image = mask & 1 ? p->image : NULL, v->coverage = mask & 2 ? p->coverage : NULL;
+    if (v->samples == 1) {
+        v->depth = mask & 4 ? p->depth : NULL, v->normal = mask & 8 ? p->normal : NULL;
+        v->part = mask & 16 ? p->part : NULL, v->face = mask & 32 ? p->face : NULL;
+    }
+    cc_frame *frame = cc_frame_new(scene, v);
+    if (!frame || cc_frame_work(frame, worker)) exit(fprintf(stderr, "out of memory\n"));
+    cc_frame_free(frame);
+}
+
+static void differ(const char *what) { exit(fprintf(stderr, "%s differs between one band and several\n", what)); }
+
+static void one(int number) {
+    int n_vertices = 1 + upto(60), n_faces = 1 + upto(number % 10 ? 40 : 400), n_parts = 1 + upto(2);
+    int width = 1 + upto(40), height = 1 + upto(40), samples = upto(2) ? 1 : 2 + upto(2), vicious = upto(2) == 0;
+    double *vertices = malloc((size_t)n_vertices * 24);
+    int32_t *faces = malloc((size_t)n_faces * 12), *part = malloc((size_t)n_faces * 4);
+    float *colors = malloc((size_t)n_parts * 12);
+    for (int i = 0; i < 3 * n_vertices; i++) vertices[i] = vicious ? wild() : around() * 10;
+    for (int i = 0; i < 3 * n_faces; i++) faces[i] = upto(n_vertices - 1);
+    for (int i = 0; i < n_faces; i++) part[i] = upto(n_parts - 1);
+    for (int i = 0; i < 3 * n_parts; i++) colors[i] = (float)unit();
+
+    cc_view v = {.width = width, .height = height, .samples = samples, .ambient = 0.2f, .head = 0.5f, .fill = 0.3f};
+    double f = (1 + unit() * 100) * samples, cx = unit() * width * samples, cy = unit() * height * samples, R[9], t[3];
+    rotation(R);
+    for (int k = 0; k < 3; k++) t[k] = around() * (upto(1) ? 0 : 20);
+    int W = width * samples, H = height * samples, lens = upto(1);
+    double fx = lens ? 1 : f, px = lens ? 0 : cx, py = lens ? 0 : cy, skew = lens ? 0 : around();
+    for (int k = 0; k < 4; k++) {
+        double r0 = k < 3 ? R[k] : t[0], r1 = k < 3 ? R[3 + k] : t[1], r2 = k < 3 ? R[6 + k] : t[2];
+        v.plane[k] = fx * r0 + skew * r1 + px * r2, v.plane[4 + k] = fx * r1 + py * r2, v.plane[8 + k] = r2;
+    }
+    for (int i = 0; i < 3; i++) {
+        v.ray[3 * i] = R[i] / fx, v.ray[3 * i + 1] = R[3 + i] / fx;
+        v.ray[3 * i + 2] = R[6 + i] - R[i] * px / fx - R[3 + i] * py / fx;
+        v.fill_from[i] = R[i], v.background[i] = 1;
+    }
+    memcpy(v.rotation, R, sizeof R);
+    cc_lens *table = NULL;
+    if (lens) {
+        double *points = malloc((size_t)W * (size_t)H * 16), bend = around() * 2;
+        int hole = upto(3) == 0, blind = upto(30) == 0;
+        for (int y = 0; y < H; y++)
+            for (int x = 0; x < W; x++) {
+                double u = (x - cx) / f, w = (y - cy) / f, g = 1 + bend * (u * u + w * w);
+                int nowhere = blind || (hole && upto(4) == 0);
+                points[2 * (y * W + x)] = nowhere ? NAN : u * g * (upto(500) ? 1 : 1e300);
+                points[2 * (y * W + x) + 1] = w * g;
+            }
+        table = cc_lens_new(points, W, H);
+        free(points);
+        v.lens = table;
+    }
+    cc_scene *scene = cc_scene_new(vertices, faces, n_faces, part, colors, n_parts);
+    cc_worker *worker = cc_worker_new();
+    size_t pixels = (size_t)width * (size_t)height;
+    picture a = layers(pixels), b = layers(pixels);
+    draw(scene, &v, &a, 63, 1, worker);
+    draw(scene, &v, &b, 63, 1 + upto(7), worker);
+    if (samples == 1) {
+        if (memcmp(a.face, b.face, pixels * 4)) differ("face");
+        if (memcmp(a.depth, b.depth, pixels * 4)) differ("depth");
+        if (memcmp(a.part, b.part, pixels * 4)) differ("part");
+        for (size_t i = 0; i < pixels; i++) {
+            if (a.face[i] < -1 || a.face[i] >= n_faces) exit(fprintf(stderr, "face %d out of range\n", a.face[i]));
+            if ((a.face[i] < 0) != (a.depth[i] == INFINITY) && a.face[i] < 0) exit(fprintf(stderr, "depth without face\n"));
+        }
+    }
+    if (memcmp(a.coverage, b.coverage, pixels * 4)) differ("coverage");
+    draw(scene, &v, &b, upto(63), 1, worker);
+    release(&a), release(&b);
+    cc_worker_free(worker), cc_scene_free(scene), cc_lens_free(table);
+    free(vertices), free(faces), free(part), free(colors);
+}
+
+int main(int argc, char **argv) {
+    int n = argc > 1 ? atoi(argv[1]) : 100;
+    for (int i = 0; i < n; i++) one(i);
+    printf("%d scenes drawn with %s\n", n, cc_variant());
+    return 0;
+}

@@ -1,0 +1,106 @@
+"""The C core behind its one Python module: instruction sets agree, bad input stops before it, sanitizers are silent."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cadcam.cad.parts import machined_bracket
+from cadcam.camera.camera import Camera
+from cadcam.camera.lens import Division
+from cadcam.errors import BadValue, MissingCore
+from cadcam.geometry.rigid import Rigid
+from cadcam.native import core
+from cadcam.render.raster import RasterRenderer
+from cadcam.render.view import Scene
+
+try:
+    core.library()
+except MissingCore as error:
+    pytest.skip(str(error), allow_module_level=True)
+
+SOURCES = Path(core.__file__).parent
+FUZZ = Path(__file__).with_name("fuzz.c")
+
+
+def test_instruction_sets_give_the_same_bits() -> None:
+    best = core.choose_variant(-1)
+    if best == "baseline":
+        pytest.skip("this processor has the baseline only")
+    renderer = RasterRenderer(Scene.of(machined_bracket()))
+    pose = Rigid.look_at([400, 300, 350], [60, 40, 30])
+    cameras = [
+        Camera.from_focal((203, 151), 220.0, skew=3.0),
+        Camera.from_focal((203, 151), 150.0, lens=Division(-0.2)),
+    ]
+    try:
+        for camera in cameras:
+            core.choose_variant(-1)
+            fast = renderer.render(camera, pose)
+            assert core.choose_variant(0) == "baseline"
+            slow = renderer.render(camera, pose)
+            for name in fast.layers:
+                assert np.array_equal(fast.layers[name], slow.layers[name]), name
+    finally:
+        core.choose_variant(-1)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "part", "words"),
+    [
+        ([[0, 0, 0], [1, 0, 0], [0, np.nan, 0]], [[0, 1, 2]], [0], "vertex 2 is .*nan.*expected finite"),
+        ([[0, 0, 0], [1, 0, 0], [0, np.inf, 0]], [[0, 1, 2]], [0], "vertex 2 is .*inf.*expected finite"),
+        ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 3]], [0], "face's vertex is from 0 to 3"),
+        ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], [1], "face's part is from 1 to 1"),
+        ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], [0, 0], "faces is of shape"),
+    ],
+)
+def test_bad_scenes_stop_before_the_core(vertices: list, faces: list, part: list, words: str) -> None:
+    with pytest.raises(BadValue, match=words):
+        core.NativeScene(np.array(vertices), np.array(faces), np.array(part), np.ones((1, 3), np.float32))
+
+
+def test_a_missing_core_says_why_and_what_to_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    core.library.cache_clear()
+    broken = tmp_path / "broken.so"
+    broken.write_bytes(b"not a library")
+    try:
+        for path, words in ((tmp_path / "none.so", "not built"), (broken, "cannot be loaded")):
+            monkeypatch.setattr(core, "LIBRARY", path)
+            with pytest.raises(MissingCore, match=f"{words}.*renderer 'ray'"):
+                core.library()
+    finally:
+        core.library.cache_clear()
+
+
+def fuzz(tmp_path: Path, scenes: int) -> None:
+    """Build the core with AddressSanitizer and UBSan, and draw random and vicious scenes with it."""
+    compiler = next((c for c in ("cc", "gcc", "clang") if shutil.which(c)), None)
+    if compiler is None:
+        pytest.skip("no C compiler")
+    program = tmp_path / "fuzz"
+    files = [SOURCES / "scene.c", SOURCES / "lens.c", SOURCES / "raster.c", FUZZ]
+    flags = ["-std=c11", "-g", "-O1", "-ffp-contract=off", "-fsanitize=address,undefined,float-cast-overflow"]
+    flags += ["-fno-sanitize-recover=all", "-DCC_VARIANT=_baseline", "-DCC_BASELINE_ONLY", f"-I{SOURCES}"]
+    made = subprocess.run(
+        [compiler, *flags, *map(str, files), "-lm", "-o", str(program)], capture_output=True, text=True, check=False
+    )
+    if made.returncode and "sanitize" in made.stderr:
+        pytest.skip("the compiler has no sanitizers")
+    assert made.returncode == 0, made.stderr
+    done = subprocess.run([str(program), str(scenes)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-4000:]
+    assert done.stdout.startswith(f"{scenes} scenes")
+
+
+def test_sanitizers_are_silent_over_a_few_vicious_scenes(tmp_path: Path) -> None:
+    fuzz(tmp_path, 200)
+
+
+@pytest.mark.slow
+def test_sanitizers_are_silent_over_ten_thousand_vicious_scenes(tmp_path: Path) -> None:
+    fuzz(tmp_path, 10_000)

@@ -1,0 +1,286 @@
+"""The rasteriser: coverage at every pixel centre, depth, agreement with rays, threads, batches, bad input."""
+
+from __future__ import annotations
+
+import gc
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cadcam.cad.edges import FeatureEdges
+from cadcam.cad.mesh import Mesh
+from cadcam.cad.parts import machined_bracket, ship_block
+from cadcam.camera.camera import Camera
+from cadcam.camera.lens import BrownConrady, Division, Fisheye
+from cadcam.errors import BadValue, DegenerateGeometry, MissingCore, NotEnoughMemory
+from cadcam.geometry.rigid import Rigid
+from cadcam.native import core
+from cadcam.render import memory
+from cadcam.render.raster import RasterRenderer, plane_points, subdivided
+from cadcam.render.ray import RayRenderer
+from cadcam.render.view import Channel, Look, Scene
+
+from .coverage import brute_force
+
+try:
+    core.library()
+except MissingCore as error:
+    pytest.skip(str(error), allow_module_level=True)
+
+SMALL = (83, 61)
+CAMERAS = {
+    "plain": Camera.from_focal(SMALL, 90.0),
+    "skewed, off centre": Camera.from_focal(SMALL, 95.0, fy=80.0, cx=31.7, cy=60.2, skew=7.5),
+    "long focal length": Camera.from_focal(SMALL, 9000.0, fy=9100.0, cx=11.0, cy=90.0, skew=40.0),
+    "Brown-Conrady": Camera.from_focal(SMALL, 70.0, skew=1.0, lens=BrownConrady(-0.28, 0.06, 1e-3, -2e-3)),
+    "division": Camera.from_focal(SMALL, 60.0, cx=40.2, lens=Division(-0.35)),
+    "fisheye past its circle": Camera.from_focal(SMALL, 26.0, cx=55.3, cy=35.1, lens=Fisheye(0.01, -0.003)),
+}
+NO_EDGES = FeatureEdges(*(np.zeros((0, 2), np.int32),) * 2, *(np.zeros(0, np.int32),) * 3)
+HERE = Rigid()
+FLOAT = 2.0**-23  # one step of float32, relative
+
+
+def scene_of(mesh: Mesh) -> Scene:
+    return Scene.of(mesh, edges=NO_EDGES)
+
+
+def raster(vertices: np.ndarray, faces: np.ndarray, *, threads: int = 2) -> RasterRenderer:
+    return RasterRenderer(scene_of(Mesh.single(vertices, faces)), threads=threads)
+
+
+def some_pose(rng: np.random.Generator) -> Rigid:
+    return Rigid.exp(np.concatenate([rng.normal(size=3) * 5, rng.normal(size=3)]))
+
+
+def soup(rng: np.random.Generator, kind: str, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles in the camera frame, scaled so that any focal length sees many of them."""
+    n = 60
+    wide = np.array([60.0 / camera.fx, 60.0 / camera.fy, 0.0]) * 100
+    centre = rng.uniform(-1, 1, (n, 1, 3)) * wide + np.array([0, 0, 100.0])
+    spread = {"large": 1.0, "small": 0.05, "slivers": 1.0, "through the camera": 4.0}[kind]
+    p = centre + rng.uniform(-1, 1, (n, 3, 3)) * (wide * spread + np.array([0, 0, 30.0 * spread]))
+    if kind == "slivers":
+        along = rng.uniform(-1, 2, (n, 1))
+        p[:, 2] = p[:, 0] + along * (p[:, 1] - p[:, 0]) + rng.normal(size=(n, 3)) * wide * 10.0 ** -rng.uniform(2, 6)
+    return p.reshape(-1, 3), np.arange(3 * n).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("kind", ["large", "small", "slivers", "through the camera"])
+@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
+def test_every_pixel_centre_sees_what_brute_force_sees(camera: Camera, kind: str, rng: np.random.Generator) -> None:
+    for _ in range(2):
+        p, faces = soup(rng, kind, camera)
+        pose = some_pose(rng)
+        p = pose.inv @ p
+        view = raster(p, faces).render(camera, pose)
+        face, near, second = brute_force(p, faces, camera, pose)
+        assert np.array_equal(view.face >= 0, face >= 0), "coverage: no tolerance"
+        apart = near - second > 4 * FLOAT * near  # faces closer than float32 tells may change places
+        assert np.array_equal(view.face[apart], face[apart])
+        seen = face >= 0
+        # 1/z and z are each rounded once; a sliver's own plane is known to (rounding / its width)
+        limit = 4 * FLOAT if kind != "slivers" else 1e-5
+        assert np.abs(view.depth[seen] * near[seen].astype(float) - 1).max(initial=0) < limit
+        assert np.isinf(view.depth[~seen]).all()
+
+
+@pytest.mark.parametrize("camera", [CAMERAS["plain"], CAMERAS["fisheye past its circle"]], ids=["plain", "fisheye"])
+def test_a_tiled_plane_is_covered_once_everywhere(camera: Camera, rng: np.random.Generator) -> None:
+    n = 9
+    x, y = np.meshgrid(np.linspace(-3000, 3000, n + 1), np.linspace(-2500, 2500, n + 1))
+    p = np.stack([x, y, 100 + 20 * np.sin(x) * np.cos(y)], axis=-1).reshape(-1, 3)
+    p[:, :2] += rng.normal(size=(len(p), 2)) * 30
+    i = np.arange(n * n) + np.arange(n * n) // n
+    faces = np.concatenate([np.stack([i, i + 1, i + n + 2], 1), np.stack([i, i + n + 2, i + n + 1], 1)])
+    hits = np.zeros((camera.height, camera.width), int)
+    for f in faces:
+        hits += raster(p, f[None], threads=1).render(camera, HERE, channels=Channel.FACE).face >= 0
+    sees = np.isfinite(plane_points(camera)).all(axis=-1)
+    inner = np.abs(np.nan_to_num(plane_points(camera))).max(axis=-1) < 15
+    assert (hits[sees & inner] == 1).all()
+    assert not hits[~sees].any()
+
+
+def test_pixel_centres_on_an_edge_belong_to_the_left_and_top_edges() -> None:
+    camera = Camera.from_focal((64, 64), 64.0, cx=0.0, cy=0.0)
+    p = np.array([[8, 8, 64], [24, 8, 64], [24, 40, 64], [8, 40, 64]], float)  # corners on pixel centres, exactly
+    expected = np.zeros((64, 64), bool)
+    expected[8:40, 8:24] = True
+    for faces in ([[0, 1, 2], [0, 2, 3]], [[0, 2, 1], [0, 2, 3]], [[1, 2, 3], [0, 1, 3]]):
+        assert np.array_equal(raster(p, np.array(faces)).render(camera, HERE).mask, expected)
+        each = [raster(p, np.array([f])).render(camera, HERE).mask for f in faces]
+        assert not (each[0] & each[1]).any()
+
+
+@pytest.fixture(scope="module")
+def block() -> Mesh:
+    return ship_block(triangles=8_000)
+
+
+BLOCK_CAMERAS = {
+    "plain": Camera.from_focal((320, 240), 300.0),
+    "skewed": Camera.from_focal((320, 240), 300.0, fy=260.0, cx=120.3, cy=140.9, skew=25.0),
+    "Brown-Conrady": Camera.from_focal((320, 240), 250.0, lens=BrownConrady(-0.25, 0.05, 1e-3, -1e-3)),
+    "fisheye": Camera.from_focal((320, 240), 100.0, lens=Fisheye(0.03, -0.008)),
+}
+
+
+def views_of(mesh: Mesh) -> list[Rigid]:
+    low, high = mesh.bounds
+    middle, size = (low + high) / 2, high - low
+    return [
+        Rigid.look_at(middle + size * [1.1, 0.9, 1.3], middle),
+        Rigid.look_at(middle + size * [0.2, 0.1, 0.05], middle - size * [0.3, 0.4, 0.1]),
+    ]
+
+
+@pytest.mark.parametrize("camera", BLOCK_CAMERAS.values(), ids=BLOCK_CAMERAS.keys())
+@pytest.mark.parametrize("part", ["block", "bracket"])
+def test_rays_see_the_same_faces_except_beside_an_edge(camera: Camera, part: str, block: Mesh) -> None:
+    mesh = block if part == "block" else machined_bracket()
+    scene = scene_of(mesh)
+    fast, exact = RasterRenderer(scene), RayRenderer(scene)
+    for pose in views_of(mesh):
+        a, b = fast.render(camera, pose), exact.render(camera, pose)
+        differ = a.face != b.face
+        assert differ.mean() < 1e-3
+        near_edge = _changes(b.face)
+        same_depth = np.isclose(a.depth, b.depth, rtol=1e-5, atol=0)
+        assert (near_edge | same_depth)[differ].all(), "another face only beside an edge, or where two coincide"
+        both = ~differ & (b.face >= 0)
+        assert np.abs(a.depth[both] / b.depth[both] - 1).max() < 1e-5
+        assert np.abs(a.normal[both] - b.normal[both]).max() < 1e-5
+        assert np.abs(a.image[both] - b.image[both]).max() < 1e-4
+        assert np.array_equal(a.part[both], b.part[both])
+
+
+def _changes(ids: np.ndarray) -> np.ndarray:
+    """Pixels with another id among their eight neighbours."""
+    padded = np.pad(ids, 1, mode="edge")
+    h, w = ids.shape
+    return np.logical_or.reduce([padded[j : j + h, i : i + w] != ids for j in range(3) for i in range(3)])
+
+
+def test_an_antialiased_image_is_that_of_rays_and_leaves_ids_and_depth_alone(block: Mesh) -> None:
+    camera, pose, fine = BLOCK_CAMERAS["Brown-Conrady"], views_of(block)[0], Look(supersampling=3)
+    scene = scene_of(block)
+    plain = RasterRenderer(scene).render(camera, pose)
+    smooth = RasterRenderer(scene).render(camera, pose, look=fine)
+    rays = RayRenderer(scene).render(camera, pose, look=fine)
+    for name in ("face", "part", "depth", "normal"):
+        assert np.array_equal(getattr(plain, name), getattr(smooth, name))
+    assert np.mean(np.abs(smooth.coverage - rays.coverage) > 1e-6) < 1e-3
+    assert np.abs(smooth.image - rays.image).mean() < 1e-4
+    assert 0 < np.mean((smooth.coverage > 0) & (smooth.coverage < 1)) < 0.1
+
+
+def test_coverage_of_a_half_covered_pixel_is_a_half() -> None:
+    camera = Camera.from_focal((32, 32), 32.0, cx=0.0, cy=0.0)
+    p = np.array([[-99, -99, 32], [10, -99, 32], [10, 99, 32], [-99, 99, 32]], float)  # the edge at x = 10.0
+    view = raster(p, np.array([[0, 1, 2], [0, 2, 3]])).render(camera, HERE, look=Look(supersampling=4))
+    assert (view.coverage[:, :10] == 1).all()
+    assert (view.coverage[:, 10] == 0.5).all()
+    assert (view.coverage[:, 11:] == 0).all()
+
+
+@pytest.mark.parametrize("camera", BLOCK_CAMERAS.values(), ids=BLOCK_CAMERAS.keys())
+def test_pictures_do_not_depend_on_threads_nor_on_batches(camera: Camera, block: Mesh) -> None:
+    scene, poses = scene_of(block), views_of(block) * 2
+    one, three = RasterRenderer(scene, threads=1), RasterRenderer(scene, threads=3)
+    batch = list(three.render_batch(camera, poses, look=Look(supersampling=2)))
+    assert len(batch) == len(poses)
+    for pose, view in zip(poses, batch, strict=True):
+        for single in (one, three):
+            other = single.render(camera, pose, look=Look(supersampling=2))
+            for name in view.layers:
+                assert np.array_equal(view.layers[name], other.layers[name]), name
+    assert list(one.render_batch(camera, [])) == []
+
+
+def test_a_view_keeps_its_numbers_while_others_are_rendered(block: Mesh) -> None:
+    """Buffers are used again; not while any slice of them is alive."""
+    renderer, camera = RasterRenderer(scene_of(block)), BLOCK_CAMERAS["plain"]
+    first, second = views_of(block)
+    piece = renderer.render(camera, first).depth[40:90, 30:]
+    copy = piece.copy()
+    for _ in range(5):
+        gc.collect()
+        renderer.render(camera, second)
+    assert np.array_equal(piece, copy)
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs /proc")
+def test_memory_stays_flat_over_hundreds_of_frames(block: Mesh) -> None:
+    def resident() -> int:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+    renderer, pose = RasterRenderer(scene_of(block)), views_of(block)[0]
+    cameras = [BLOCK_CAMERAS["plain"], BLOCK_CAMERAS["Brown-Conrady"]]
+    for k in range(20):
+        renderer.render(cameras[k % 2], pose)
+    before = resident()
+    for k in range(300):
+        renderer.render(cameras[k // 100 % 2], pose)
+    assert resident() < 1.01 * before + 2**20
+
+
+def test_a_picture_of_fifty_megapixels_is_exact_in_its_corners() -> None:
+    camera = Camera.from_focal((8200, 6200), 8000.0)
+    p = np.array([[-1e5, -1e5, 500.0], [1e5, -1e5, 700.0], [0, 2e5, 900.0]])
+    view = raster(p, np.array([[0, 1, 2]])).render(camera, HERE, channels=Channel.DEPTH)
+    n = np.cross(p[1] - p[0], p[2] - p[0])
+    for x, y in [(0, 0), (8199, 0), (0, 6199), (8199, 6199), (4100, 3100)]:
+        ray = camera.unproject([x, y])
+        assert view.depth[y, x] == pytest.approx(n @ p[0] / (n @ ray) * ray[2], rel=4 * FLOAT)
+
+
+@pytest.mark.parametrize("shift", [0.0, 1e7])
+@pytest.mark.parametrize("size", [1e-6, 1e12])
+def test_tiny_and_huge_scenes_look_alike(size: float, shift: float, rng: np.random.Generator) -> None:
+    """Scaling all lengths, and moving the world's origin away, changes at most what rounding of the input changes."""
+    camera = CAMERAS["skewed, off centre"]
+    p, faces = soup(rng, "large", camera)
+    plain = raster(p, faces).render(camera, HERE)
+    moved = raster(p * size + shift * size, faces).render(camera, Rigid(translation=np.full(3, -shift * size)))
+    assert np.mean(moved.face != plain.face) < (1e-3 if shift else 1e-9)
+    same = (moved.face == plain.face) & (plain.face >= 0)
+    assert np.abs(moved.depth[same] / size / plain.depth[same] - 1).max() < 1e-6
+
+
+def test_a_plate_seen_exactly_edge_on_shows_nothing() -> None:
+    p = np.array([[0, -50, 100.0], [0, 50, 100.0], [0, 0, 300.0]])
+    assert not raster(p, np.array([[0, 1, 2]])).render(CAMERAS["plain"], HERE).mask.any()
+
+
+def test_a_model_behind_the_camera_gives_an_empty_view() -> None:
+    p = np.array([[-50, -50, -100.0], [50, -50, -100.0], [0, 50, -100.0]])
+    view = raster(p, np.array([[0, 1, 2]])).render(CAMERAS["plain"], HERE)
+    assert not view.mask.any()
+    assert (view.image == 1).all()
+    assert not view.normal.any()
+
+
+def test_samples_beside_the_centre_follow_the_lens() -> None:
+    """Linear extrapolation from the centres is within 2e-3 px of a strong lens on 320 px, and less on more."""
+    camera = BLOCK_CAMERAS["Brown-Conrady"]
+    n = 3
+    fine = camera.resize((camera.width * n, camera.height * n))
+    error = (subdivided(plane_points(camera), n) - plane_points(fine)) * camera.fx
+    assert np.abs(error[n:-n, n:-n]).max() < 2e-3
+
+
+def test_an_empty_mesh_and_impossible_arguments_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(DegenerateGeometry, match="without faces"):
+        raster(np.zeros((0, 3)), np.zeros((0, 3), int))
+    triangle = np.eye(3) + np.array([0, 0, 5])
+    with pytest.raises(BadValue, match="threads is 0"):
+        raster(triangle, np.array([[0, 1, 2]]), threads=0)
+    renderer = raster(triangle, np.array([[0, 1, 2]]))
+    with pytest.raises(BadValue, match="at most 65535 px"):
+        renderer.render(Camera.from_focal((10_000, 10), 50.0), HERE, look=Look(supersampling=8))
+    monkeypatch.setattr(memory, "available_bytes", lambda: 2**20)
+    with pytest.raises(NotEnoughMemory, match=r"800 x 600 px needs 0\.0 GiB .* smaller picture"):
+        renderer.render(Camera.from_focal((800, 600), 50.0), HERE)
