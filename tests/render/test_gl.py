@@ -150,6 +150,23 @@ def test_rays_see_the_same_faces_of_step_files(name: str, shared: Callable[[str]
             check_agreement(fast.render(camera, pose), exact.render(camera, pose), mesh)
 
 
+@pytest.mark.parametrize("lens", [BrownConrady(), BrownConrady(k1=-0.2), Fisheye()], ids=["none", "barrel", "fisheye"])
+def test_pixel_centres_on_a_common_edge_belong_to_one_of_its_faces(lens: Lens, rng: np.random.Generator) -> None:
+    """A plane tiled with triangles of either winding; without distortion many edges pass exactly through centres."""
+    camera = Camera.from_focal((64, 64), 64.0, cx=0.0, cy=0.0, lens=lens)
+    lines = np.array([-2000.0, 8, 16, 32, 2000])
+    x, y = np.meshgrid(lines, lines)
+    p = np.stack([x, y, np.full_like(x, 64.0)], axis=-1).reshape(-1, 3)
+    i = np.array([5 * j + k for j in range(4) for k in range(4)])
+    faces = np.concatenate([np.stack([i, i + 1, i + 6], 1), np.stack([i, i + 6, i + 5], 1)])
+    hits = np.zeros((64, 64), int)
+    for face in faces:
+        with GlRenderer(scene_of(Mesh.single(p, face[None, :: rng.choice([1, -1])]))) as renderer:
+            hits += renderer.render(camera, Rigid(), channels=Channel.FACE).face == 0
+    sees = np.isfinite(camera.unproject(camera.pixel_grid())).all(axis=-1)  # the barrel folds before the last corner
+    assert np.array_equal(hits, sees)
+
+
 @pytest.mark.parametrize("name", ["skewed", "Brown-Conrady"])
 def test_a_planted_half_pixel_is_found(
     name: str, bracket: tuple[GlRenderer, RayRenderer], monkeypatch: pytest.MonkeyPatch
