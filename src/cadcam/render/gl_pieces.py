@@ -1,8 +1,9 @@
-"""A mesh as a distorting lens images it, roughly: triangles of pixels that the exact image keeps within `REACH_PX` of.
+"""A mesh as a distorting lens images it, roughly: triangles of pixels, and how far the exact image may be from them.
 
-Edges are straight in the plane u = (x, y)/z. There they are halved until the lens bends no piece by more than `BEND_PX`
-from its chord, and only then are vertices distorted. Lens and camera are `Camera`'s own, in float64. Whoever draws the
-triangles `REACH_PX` wider than they are has every pixel that the mesh covers, and tests those exactly.
+Edges are straight in the plane u = (x, y)/z. There they are halved until the lens bends no piece by more than half of
+that from its chord, and only then are vertices distorted. Lens and camera are `Camera`'s own, in float64. Whoever draws
+the triangles `REACH_PX` wider than they are, pieces `PIECE_REACH_PX`, has every pixel that the mesh covers, and tests
+those exactly.
 """
 
 from __future__ import annotations
@@ -18,10 +19,8 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.render.clip import WIDEST, Frustum
 from cadcam.render.cores import blocks, on_all_cores
 
-BEND_PX = 0.5  # largest distance of an edge from its chord, measured in its middle
-LONGEST_PX = 64.0  # no piece is longer: an edge bent like an S is straight in its middle
-RIM_PX = 1.5  # no piece is longer where a lens ends at its valid radius: there its image has a kink
-REACH_PX = 1.0
+REACH_PX = 1.0  # of faces drawn as they are, of which there may be millions
+PIECE_REACH_PX = 8.0  # of pieces, which come from large faces: fewer of them are worth a wider margin
 _STRAIGHT_PX = 4.0  # shorter edges are not asked whether they bend
 _FARTHEST = 1e6  # |u| beyond this is less than 0.2 seconds of arc from the focal plane
 _NEAR_SHARE = 1e-6  # of the farthest vertex' depth
@@ -30,6 +29,19 @@ _ROUNDS = 96  # an edge of 1e9 px is 25 halvings a side
 _FACES = 1 << 15
 
 Longs = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class _Limits:
+    """What an edge may be that is not halved, px: bent from its chord, long, long where a lens ends in a kink."""
+
+    bend: float
+    longest: float
+    at_rim: float
+
+
+_WHOLE = _Limits(REACH_PX / 2, 64.0, 1.5)
+_PIECE = _Limits(PIECE_REACH_PX / 2, 512.0, PIECE_REACH_PX)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,10 +106,10 @@ def _frustum(camera: Camera, near: float) -> Frustum:
 def _straight(camera: Camera, frustum: Frustum, p: Array, q: Array) -> Mask:
     """Return which triangles p (N, 3, 3) in the camera frame have only edges that need not be halved."""
     fine: Mask = np.asarray(np.isfinite(q).all(axis=(1, 2)) & (p[..., 2] > frustum.near).all(axis=1))
-    fine &= ~(_length(q) > LONGEST_PX).any(axis=1)
+    fine &= ~(_length(q) > _WHOLE.longest).any(axis=1)
     asked = np.flatnonzero(fine)
     u = p[asked][..., :2] / p[asked][..., 2:]
-    fine[asked] = ~_to_halve(camera, frustum, u, q[asked]).any(axis=1)
+    fine[asked] = ~_to_halve(camera, frustum, u, q[asked], _WHOLE).any(axis=1)
     return fine
 
 
@@ -110,7 +122,7 @@ def _halved(camera: Camera, frustum: Frustum, u: Array, owner: Longs) -> tuple[A
         if not len(u):
             break
         q = _image(camera, frustum, u)
-        halve = _to_halve(camera, frustum, u, q)
+        halve = _to_halve(camera, frustum, u, q, _PIECE)
         done = ~halve.any(axis=1)
         kept.append((q[done], owner[done]))
         u, owner = _halves(u[~done], np.where(halve[~done], _length(q[~done]), -1.0)), np.tile(owner[~done], 2)
@@ -118,18 +130,20 @@ def _halved(camera: Camera, frustum: Frustum, u: Array, owner: Longs) -> tuple[A
     return np.concatenate([q for q, _ in kept])[order], np.concatenate([o for _, o in kept])[order]
 
 
-def _to_halve(camera: Camera, frustum: Frustum, u: Array, q: Array) -> Mask:
+def _to_halve(camera: Camera, frustum: Frustum, u: Array, q: Array, limits: _Limits) -> Mask:
     """Return which edges (N, 3), k from corner k to the next, are too long or bent; symmetric in their ends."""
     length = _length(q)
-    following = np.roll(u, -1, axis=1)
     beyond = np.sum(u * u, axis=-1) >= frustum.radius**2
     at_rim = beyond | np.roll(beyond, -1, axis=1)
-    halve: Mask = (length > LONGEST_PX) | (at_rim & (length > RIM_PX))
+    halve: Mask = (length > limits.longest) | (at_rim & (length > limits.at_rim))
     index = np.nonzero(~halve & ~at_rim & (length > _STRAIGHT_PX))
-    middle = _image(camera, frustum, _middle(u[index], following[index]))
-    a, b = q[index], np.roll(q, -1, axis=1)[index]
-    across = (middle - a)[:, 0] * (b - a)[:, 1] - (middle - a)[:, 1] * (b - a)[:, 0]
-    halve[index] = np.abs(across) > BEND_PX * length[index]
+    a, b = u[index], np.roll(u, -1, axis=1)[index]
+    qa, chord = q[index], (np.roll(q, -1, axis=1) - q)[index]
+    middle = _middle(a, b)
+    for at in (middle, _middle(a, middle), _middle(middle, b)):  # an edge bent like an S is straight in its middle
+        off = _image(camera, frustum, at) - qa
+        across = off[:, 0] * chord[:, 1] - off[:, 1] * chord[:, 0]
+        halve[index] |= np.abs(across) > limits.bend * length[index]
     return halve
 
 

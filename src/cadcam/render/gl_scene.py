@@ -16,7 +16,7 @@ from cadcam.errors import NotEnoughMemory
 from cadcam.geometry.rigid import Rigid
 from cadcam.render import gl_shaders as glsl
 from cadcam.render.gl_context import GlThread
-from cadcam.render.gl_pieces import REACH_PX, Pieces, pieces
+from cadcam.render.gl_pieces import PIECE_REACH_PX, REACH_PX, Pieces, pieces
 from cadcam.render.gl_target import Tables, Target
 from cadcam.render.gl_tiles import Tile, tiles
 from cadcam.render.view import Look, Scene
@@ -94,11 +94,11 @@ class GpuScene:
             self._all.render()
         else:
             self._tables.get(camera, tile, n).use(0)
-            see["half_size"], see["width"] = (fine.width / 2, fine.height / 2), REACH_PX * n
-            self._draw_bent(bent, tile)
+            see["half_size"] = fine.width / 2, fine.height / 2
+            self._draw_bent(bent, tile, n)
         self._programs["resolve"]["distorted"] = bent is not None
 
-    def _draw_bent(self, bent: Pieces, tile: Tile) -> None:
+    def _draw_bent(self, bent: Pieces, tile: Tile, n: int) -> None:
         """Draw the faces that the lens leaves nearly straight, then the pieces of all others."""
         self._positions.write(_clip_positions(bent.q, tile))
         self._edges.orphan(36 * len(self._faces))
@@ -109,12 +109,12 @@ class GpuScene:
         with ExitStack() as passing:
             index = self._buffer(passing, kept)
             index.bind_to_storage_buffer(5)
-            self._programs["see_bent"]["pieces"] = False
+            self._programs["see_bent"]["pieces"], self._programs["see_bent"]["width"] = False, REACH_PX * n
             self._vertex_array(passing, "see_bent", self._positions, index).render()
             if len(bent.face):
                 corners = self._buffer(passing, _clip_positions(bent.corners.reshape(-1, 2), tile))
                 self._buffer(passing, bent.face).bind_to_storage_buffer(5)
-                self._programs["see_bent"]["pieces"] = True
+                self._programs["see_bent"]["pieces"], self._programs["see_bent"]["width"] = True, PIECE_REACH_PX * n
                 self._vertex_array(passing, "see_bent", corners, None).render()
 
     def _resolve(self, tile: Tile, n: int, layers: Layers, look: Look) -> None:
