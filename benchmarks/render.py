@@ -34,7 +34,7 @@ from render_peers import Peer, Raster, peer
 
 SECONDS, MOST_FRAMES = 2.0, 25
 LENSES: dict[str, Lens | None] = {"": None, "lens ": BrownConrady(-0.2, 0.05, 1e-3, -5e-4)}
-OURS = ("raster", "raster, one thread", "ray")
+OURS = ("raster", "raster, one thread", "ray", "gl")
 NAMES = (*OURS, "moderngl", "Open3D", "Mitsuba", "trimesh + embreex", "VTK", "pyrender")
 
 

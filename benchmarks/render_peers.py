@@ -19,9 +19,10 @@ from cadcam.cad.edges import FeatureEdges
 from cadcam.cad.mesh import Mesh
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
+from cadcam.render import open_renderer
 from cadcam.render.raster import RasterRenderer
 from cadcam.render.ray import RayRenderer
-from cadcam.render.view import Channel, Scene
+from cadcam.render.view import Channel, Renderer, Scene
 
 Frame = tuple[npt.NDArray[Any] | None, npt.NDArray[Any]]
 NO_EDGES = FeatureEdges(*(np.zeros((0, 2), np.int32),) * 2, *(np.zeros(0, np.int32),) * 3)
@@ -49,7 +50,7 @@ class Raster:
     exact_lens = True
 
     def __init__(self, mesh: Mesh, *, threads: int | None = None) -> None:
-        self._renderer: RasterRenderer | RayRenderer = RasterRenderer(Scene.of(mesh, edges=NO_EDGES), threads=threads)
+        self._renderer: Renderer = RasterRenderer(Scene.of(mesh, edges=NO_EDGES), threads=threads)
 
     def frame(self, camera: Camera, pose: Rigid, *, color: bool) -> Frame:
         """Render one frame."""
@@ -62,6 +63,13 @@ class Ray(Raster):
 
     def __init__(self, mesh: Mesh) -> None:
         self._renderer = RayRenderer(Scene.of(mesh, edges=NO_EDGES))
+
+
+class Gl(Raster):
+    """Ours, by OpenGL."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self._renderer = open_renderer(Scene.of(mesh, edges=NO_EDGES), "gl")
 
 
 class Rays:
@@ -314,6 +322,7 @@ def peer(name: str, mesh: Mesh) -> Peer:
     makers: dict[str, Any] = {
         "raster": Raster,
         "ray": Ray,
+        "gl": Gl,
         "moderngl": ModernGL,
         "Open3D": Open3D,
         "Mitsuba": Mitsuba,

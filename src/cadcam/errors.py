@@ -84,6 +84,18 @@ class NothingInView(CadcamError):
     """The model lies wholly behind the camera or outside its picture."""
 
 
+class MissingOpenGL(CadcamError):
+    """OpenGL does not answer: no EGL library, no device, too old, or a driver that fails."""
+
+    def __init__(self, why: str) -> None:
+        super().__init__(
+            f"the renderer 'gl' is not available: {why}; use the renderer 'auto', or install a graphics driver with "
+            "EGL (Debian and Ubuntu: apt install libegl1 libgl1), or name its libraries in CADCAM_LIBEGL and "
+            "CADCAM_LIBGL"
+        )
+        self.why = why
+
+
 class MissingExtra(CadcamError):
     """A feature needs an optional package that is not installed: that of an extra, or by itself."""
 

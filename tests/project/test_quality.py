@@ -39,6 +39,7 @@ def test_tool_is_content(command: tuple[str, ...]) -> None:
         ("cad/mesh.py", "from cadcam.image.picture import read_picture", "imports only go down"),
         ("render/view.py", "import cascadio", "CAD kernels stay in cad"),
         ("calibrate/points.py", "import embreex", "Embree stays in render"),
+        ("camera/opengl.py", "import moderngl", "OpenGL stays in render"),
         ("render/view.py", "import ctypes", "the C core stays behind one module"),
         ("files/points.py", "from PIL import Image", "image codecs stay in image"),
     ],

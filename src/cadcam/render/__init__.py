@@ -9,7 +9,7 @@ from cadcam.errors import BadValue, MissingCore, UnknownName
 if TYPE_CHECKING:
     from cadcam.render.view import Renderer, Scene
 
-RENDERERS = ("raster", "ray")
+RENDERERS = ("raster", "gl", "ray")
 
 
 def auto_choice() -> tuple[str, str]:
@@ -23,10 +23,11 @@ def auto_choice() -> tuple[str, str]:
 
 
 def open_renderer(scene: Scene, name: str = "auto", *, threads: int | None = None) -> Renderer:
-    """Return a renderer of the scene: "raster" (the embedded rasteriser), "ray" (Embree), or "auto".
+    """Return a renderer of the scene: "raster" (the embedded rasteriser), "gl" (OpenGL), "ray" (Embree), or "auto".
 
-    Both draw through the exact lens. "auto" is "raster", or "ray" where the compiled core is not installed. `threads`
-    is the number the rasteriser takes, by default one a core; rays always take all cores.
+    All draw through the exact lens. "auto" is "raster", or "ray" where the compiled core is not installed; OpenGL has
+    to be asked for, until it is measured on GPUs. `threads` is the number the rasteriser takes, by default one a core.
+    Raises `MissingCore`, `MissingExtra` or `MissingOpenGL` if what is asked for by name is not there.
     """
     if name not in ("auto", *RENDERERS):
         raise UnknownName("renderer", name, ("auto", *RENDERERS))
@@ -34,6 +35,10 @@ def open_renderer(scene: Scene, name: str = "auto", *, threads: int | None = Non
         raise BadValue("threads", threads, "a whole number of at least 1")
     if name == "auto":
         name, _ = auto_choice()
+    if name == "gl":
+        from cadcam.render.gl import GlRenderer
+
+        return GlRenderer(scene)
     if name == "raster":
         from cadcam.render.raster import RasterRenderer
 

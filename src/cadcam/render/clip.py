@@ -12,7 +12,7 @@ import numpy as np
 from cadcam.arrays import Array, Mask
 from cadcam.camera.camera import Camera
 
-_WIDEST = 200.0  # |u| beyond this is less than 0.3 deg from the focal plane
+WIDEST = 200.0  # |u| beyond this is less than 0.3 deg from the focal plane
 _BORDER_STEP = 8.0  # px between the border points that bound the picture in u
 
 
@@ -30,7 +30,7 @@ class Frustum:
         """Return the smallest one around the picture widened by `margin_px` on every side."""
         radius = camera.lens.valid_radius * (1 - 1e-9)
         u = _border_directions(camera, margin_px)
-        limit = min(radius, _WIDEST)
+        limit = min(radius, WIDEST)
         if not np.isfinite(u).all():  # the border leaves the lens' range: everything within it may be in the picture
             return cls(near, np.full(2, -limit), np.full(2, limit), radius)
         u = u[:, :2] / np.maximum(u[:, 2:], 1e-9)

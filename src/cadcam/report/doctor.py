@@ -94,6 +94,17 @@ def _required(name: str, gives: str) -> Callable[[str], Finding]:
     return partial(_package, name=name, module=name, gives=gives, remedy=f"pip install {name}")
 
 
+def _opengl(topic: str) -> Finding:
+    """Return what OpenGL on EGL says of itself, asked in a process of its own."""
+    from cadcam.render.gl_context import probe
+
+    info = probe()
+    if not info.available:
+        return Finding(topic, False, info.reason)
+    kind = "software" if info.software else "GPU"
+    return Finding(topic, True, f"{info.renderer}, {info.version} ({kind}); the renderer gl, on request")
+
+
 def _auto(topic: str) -> Finding:
     from cadcam.render import auto_choice
 
@@ -112,5 +123,7 @@ CHECKS: dict[str, Callable[[str], Finding]] = {
     "ray caster": _required("embreex", "the ray renderer and hidden lines"),
     "extra step": _extra("step", "cascadio", "cascadio", "STEP and IGES files"),
     "extra codecs": _extra("codecs", "imagecodecs", "imagecodecs", "LZW, JPEG ... inside TIFF"),
+    "extra gl": _extra("gl", "moderngl", "moderngl", "the OpenGL renderer"),
+    "OpenGL": _opengl,
     'renderer "auto"': _auto,
 }

@@ -1,0 +1,122 @@
+"""OpenGL 4.3 without a window: the GPU finds which face each pixel centre sees, double precision all else.
+
+A camera without distortion is drawn through `camera.opengl.projection_matrix`, so skew, aspect and principal point are
+exact; outlines then are those of OpenGL's own rasteriser, on its grid of 1/256 px. For any other camera the triangles
+are drawn roughly and a little too wide (`gl_pieces`), and each pixel centre is tested at its undistorted direction
+against the edges: no vertex of an outline is ever distorted, and outlines are exact to the rounding of single
+precision, about 1e-7 of the focal length. Whichever face is found, its depth, normal and shading are computed in double
+precision at the exact direction of the pixel centre. Where two faces are closer in depth than 1e-7 of the scene's depth
+range, or of the depth itself, either may be seen.
+
+Colours are those of the parts, as for all renderers: a `Mesh` carries neither vertex colours nor textures.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.camera.camera import Camera
+from cadcam.errors import BadValue, DegenerateGeometry
+from cadcam.geometry.rigid import Rigid
+from cadcam.render.gl_context import GlInfo, open_gl
+from cadcam.render.gl_scene import WORDS, GpuScene
+from cadcam.render.memory import Buffers, check_memory
+from cadcam.render.view import PLAIN, Channel, Look, Scene, View
+
+_OF_CHANNEL = {
+    Channel.IMAGE: ("image", "coverage"),
+    Channel.DEPTH: ("depth",),
+    Channel.NORMAL: ("normal",),
+    Channel.PART: ("part",),
+    Channel.FACE: ("face",),
+}
+_BACKGROUND = {"coverage": 0.0, "depth": np.inf, "normal": 0.0, "part": -1, "face": -1}
+
+
+class GlRenderer:
+    """Renders a scene with OpenGL on EGL; obeys the `Renderer` protocol, and may be called from any thread.
+
+    `device` is an index or a part of a name (see `gl_context.probe`). All renderers of a process share one context a
+    device. `close`, a `with` block, or the renderer's end give its memory on the GPU back. Raises `MissingExtra`
+    without moderngl, `MissingOpenGL` where EGL does not answer, `NotEnoughMemory` for a mesh beyond the GPU's largest
+    buffer.
+    """
+
+    name = "gl"
+
+    def __init__(self, scene: Scene, *, device: int | str | None = None) -> None:
+        if not scene.mesh.n_faces:
+            raise DegenerateGeometry("a mesh without faces cannot be rendered")
+        self._scene = scene
+        self._thread = open_gl(device)
+        self._buffers = Buffers()
+        self._gpu = self._thread.submit(lambda: GpuScene(self._thread, scene)).result()
+        self._end = weakref.finalize(self, self._thread.discarded.append, self._gpu)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene it was made from."""
+        return self._scene
+
+    @property
+    def info(self) -> GlInfo:
+        """The device it draws on."""
+        return self._thread.info
+
+    def close(self) -> None:
+        """Give back what it holds on the GPU, now; it cannot render afterwards. May be called again."""
+        self._end()
+        self._thread.submit(lambda: None).result()
+
+    def __enter__(self) -> GlRenderer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def render(
+        self,
+        camera: Camera,
+        camera_from_world: Rigid,
+        *,
+        channels: Channel = Channel.ALL,
+        look: Look = PLAIN,
+    ) -> View:
+        """Return the view; see `Renderer.render`."""
+        if not self._end.alive:
+            raise BadValue("renderer", "closed", "one that is still open")
+        layers = self._layers(camera, channels)
+        if not self._thread.submit(lambda: self._gpu.fill(layers, camera, camera_from_world, look)).result():
+            for name, layer in layers.items():
+                layer[...] = look.background if name == "image" else _BACKGROUND[name]
+        return View(camera, camera_from_world, layers)
+
+    def render_batch(
+        self,
+        camera: Camera,
+        poses: Iterable[Rigid],
+        *,
+        channels: Channel = Channel.ALL,
+        look: Look = PLAIN,
+    ) -> Iterator[View]:
+        """Yield a view for each camera_from_world; see `Renderer.render_batch`."""
+        for pose in poses:
+            yield self.render(camera, pose, channels=channels, look=look)
+
+    def _layers(self, camera: Camera, channels: Channel) -> dict[str, npt.NDArray[Any]]:
+        """Return arrays for what is asked for, with arbitrary numbers in them."""
+        names = [name for channel, names in _OF_CHANNEL.items() if channel in channels for name in names]
+        need = 4 * camera.width * camera.height * sum(WORDS[name] for name in names)
+        check_memory(need, f"a view of {camera.width} x {camera.height} px")
+        shape = (camera.height, camera.width)
+        return {
+            name: self._buffers.take(
+                (*shape, 3) if WORDS[name] == 3 else shape, np.int32 if name in ("part", "face") else np.float32
+            )
+            for name in names
+        }

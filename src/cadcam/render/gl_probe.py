@@ -1,0 +1,49 @@
+"""Which OpenGL devices answer on EGL; run as a script in a process of its own, because a broken driver may end it.
+
+Prints one JSON object a device and imports nothing of cadcam: it must also run where only this file can be found.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import Any
+
+VERSION = 430  # storage buffers, compute shaders and double precision
+LIBEGL = ("libEGL.so.1",)
+LIBGL = ("libGL.so.1", "libOpenGL.so.0")
+MOST_DEVICES = 16
+
+
+def open_context(device: int, libegl: str | None, libgl: str | None) -> Any:
+    """Return a moderngl context without a window on the EGL device of this index; raises whatever goes wrong."""
+    import moderngl
+
+    names = [(egl, gl) for egl in ([libegl] if libegl else LIBEGL) for gl in ([libgl] if libgl else LIBGL)]
+    for k, (egl, gl) in enumerate(names):
+        try:
+            named: dict[str, Any] = {"backend": "egl", "device_index": device, "libegl": egl, "libgl": gl}
+            return moderngl.create_context(standalone=True, require=VERSION, **named)
+        except Exception as error:
+            if k == len(names) - 1 or "not loaded" not in str(error):
+                raise
+    raise AssertionError("unreachable")
+
+
+def main(libegl: str, libgl: str) -> None:
+    """Print what each device says of itself, then why the next one could not be opened."""
+    for device in range(MOST_DEVICES):
+        try:
+            context = open_context(device, libegl or None, libgl or None)
+            said = {key: str(context.info[f"GL_{key.upper()}"]) for key in ("renderer", "vendor", "version")}
+            context.release()
+        except Exception as error:
+            print(json.dumps({"device": device, "reason": " ".join(str(error).split()) or type(error).__name__}))
+            if "found" in str(error) or "not loaded" in str(error):
+                return
+        else:
+            print(json.dumps({"device": device, **said}), flush=True)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:3])

@@ -1,0 +1,275 @@
+"""The GLSL of the gl renderer. Everything that decides a number handed out is computed in double precision.
+
+Per view, in order: TRANSFORM (vertices to clip space) for cameras without distortion, EDGES (which rays meet each face)
+for all others; PLANES (1/z of each face as a linear function of the undistorted plane); VERTEX, WIDEN and FRAGMENT
+(which face each pixel centre sees); RESOLVE (everything else from that face's number).
+"""
+
+HEAD = """#version 430 core
+layout(std430, binding = 0) readonly buffer Vertices { double vertex[]; };
+layout(std430, binding = 1) readonly buffer Faces { int corner[]; };
+layout(std430, binding = 2) readonly buffer Pose {
+    double rotation[9];      // camera_from_world
+    double translation[3];
+    double clip[16];         // clip_from_world
+    double plane_of[6];      // undistorted plane from pixel: the two upper rows of inv(K)
+};
+dvec3 world(int i) { return dvec3(vertex[3 * i], vertex[3 * i + 1], vertex[3 * i + 2]); }
+dvec3 row(int k) { return dvec3(rotation[3 * k], rotation[3 * k + 1], rotation[3 * k + 2]); }
+dvec3 turned(dvec3 v) { return dvec3(dot(row(0), v), dot(row(1), v), dot(row(2), v)); }
+dvec3 moved(dvec3 v) { return turned(v) + dvec3(translation[0], translation[1], translation[2]); }
+double depth_of(dvec3 v) { return dot(row(2), v) + translation[2]; }
+"""
+
+GROUPS = """
+layout(local_size_x = 64) in;
+int item() { return int(gl_GlobalInvocationID.x + gl_GlobalInvocationID.y * gl_NumWorkGroups.x * 64u); }
+"""
+
+TRANSFORM = (
+    HEAD
+    + GROUPS
+    + """
+layout(std430, binding = 3) writeonly buffer Positions { vec4 position[]; };
+uniform int count;
+void main() {
+    int i = item();
+    if (i >= count) return;
+    dvec3 v = world(i);
+    dvec4 p;
+    for (int k = 0; k < 4; ++k)
+        p[k] = dot(dvec3(clip[4 * k], clip[4 * k + 1], clip[4 * k + 2]), v) + clip[4 * k + 3];
+    position[i] = vec4(p);
+}
+"""
+)
+
+# A face seen edge-on has no stable plane: its 1/z stays between those of its corners.
+PLANES = (
+    HEAD
+    + GROUPS
+    + """
+layout(std430, binding = 3) writeonly buffer Planes { float plane[]; };
+uniform int count;
+void main() {
+    int f = item();
+    if (f >= count) return;
+    dvec3 p = world(corner[3 * f]), q = world(corner[3 * f + 1]), r = world(corner[3 * f + 2]);
+    dvec3 n = turned(cross(q - p, r - p));
+    double d = dot(n, moved(p));
+    double z0 = depth_of(p), z1 = depth_of(q), z2 = depth_of(r);
+    double low = min(z0, min(z1, z2)), high = max(z0, max(z1, z2));
+    vec2 span = vec2(high > 0.0 ? 1.0 / high : 0.0, low > 0.0 ? 1.0 / low : 3.0e38);
+    vec3 abc = d != 0.0 ? vec3(n / d) : vec3(0.0, 0.0, span.x);
+    if (high <= 0.0 || any(isnan(abc)) || any(isinf(abc))) { abc = vec3(0.0, 0.0, span.x); }
+    plane[5 * f] = abc.x; plane[5 * f + 1] = abc.y; plane[5 * f + 2] = abc.z;
+    plane[5 * f + 3] = span.x; plane[5 * f + 4] = high > 0.0 ? span.y : 0.0;
+}
+"""
+)
+
+VERTEX = """#version 430 core
+in vec4 position;
+void main() { gl_Position = position; }
+"""
+
+# A ray meets a triangle if it is on the inner side of the planes through the eye and each edge. For either face at an
+# edge that plane is computed from the same ends in the same order, so a ray meets one of the two: exactly one, since
+# a ray in the plane itself belongs to the side from which its first coefficient is positive.
+EDGES = (
+    HEAD
+    + GROUPS
+    + """
+layout(std430, binding = 3) writeonly buffer Edges { float edge[]; };
+uniform int count;
+bool before(dvec3 a, dvec3 b) {
+    return a.x != b.x ? a.x < b.x : a.y != b.y ? a.y < b.y : a.z < b.z;
+}
+dvec3 through(dvec3 a, dvec3 b) {
+    dvec3 n = before(a, b) ? cross(moved(a), moved(b)) : -cross(moved(b), moved(a));
+    double whole = dot(n, n);
+    return whole > 0.0 ? n / sqrt(whole) : dvec3(0.0);
+}
+void main() {
+    int f = item();
+    if (f >= count) return;
+    dvec3 p = world(corner[3 * f]), q = world(corner[3 * f + 1]), r = world(corner[3 * f + 2]);
+    double volume = dot(turned(cross(q - p, r - p)), moved(p));
+    double side = volume > 0.0 ? 1.0 : volume < 0.0 ? -1.0 : 0.0;
+    dvec3 n[3] = dvec3[3](side * through(p, q), side * through(q, r), side * through(r, p));
+    for (int k = 0; k < 9; ++k) edge[9 * f + k] = float(n[k / 3][k % 3]);
+}
+"""
+)
+
+# Draws a triangle of pixels with all that is within `width` px of it: each edge moved outwards, each corner cut twice
+# along tangents of the circle around it. What is too much the fragment stage leaves out.
+WIDEN = """#version 430 core
+layout(triangles) in;
+layout(triangle_strip, max_vertices = 6) out;
+uniform vec2 half_size;      // of the tile, px
+uniform float width;
+vec2 at(int k) { return gl_in[k].gl_Position.xy * half_size; }
+void put(vec2 p) {
+    gl_PrimitiveID = gl_PrimitiveIDIn;
+    gl_Position = vec4(p / half_size, 0.0, 1.0);
+    EmitVertex();
+}
+void main() {
+    vec2 p[3] = vec2[3](at(0), at(1), at(2));
+    vec2 low = min(p[0], min(p[1], p[2])) - width, high = max(p[0], max(p[1], p[2])) + width;
+    if (p[0] == p[1] && p[1] == p[2]) return;
+    if (any(greaterThan(low, half_size)) || any(lessThan(high, -half_size))) return;
+    vec2 d[3];
+    float shortest = 1.0e30;
+    if (determinant(mat2(p[1] - p[0], p[2] - p[0])) < 0.0) { vec2 swap = p[1]; p[1] = p[2]; p[2] = swap; }
+    for (int k = 0; k < 3; ++k) {
+        d[k] = p[(k + 1) % 3] - p[k];
+        shortest = min(shortest, length(d[k]));
+        d[k] = normalize(d[k]);
+    }
+    if (!(shortest > 0.01)) {
+        put(low); put(vec2(high.x, low.y)); put(vec2(low.x, high.y)); put(high);
+        EndPrimitive();
+        return;
+    }
+    vec2 rim[6];
+    for (int k = 0; k < 3; ++k) {
+        vec2 a = d[(k + 2) % 3], b = d[k];
+        float c = sqrt(max(0.0, 0.5 + 0.5 * dot(a, b)));      // cosine of half the turn
+        float t = sqrt((1.0 - c) / (1.0 + c));                // tangent of a quarter of it
+        rim[2 * k] = p[k] + width * (vec2(a.y, -a.x) + t * a);
+        rim[2 * k + 1] = p[k] + width * (vec2(b.y, -b.x) - t * b);
+    }
+    put(rim[0]); put(rim[1]); put(rim[5]); put(rim[2]); put(rim[4]); put(rim[3]);
+    EndPrimitive();
+}
+"""
+
+# u of a pixel without a direction is marked by a huge number; window row 0 is the picture's last.
+_FRAGMENT = """
+layout(std430, binding = 3) readonly buffer Planes { float plane[]; };
+uniform int height;
+uniform vec2 depth_range;   // nearest, 1 / (farthest - nearest)
+out int face;
+void show(int f, vec2 u) {
+    int k = 5 * f;
+    float w = clamp(plane[k] * u.x + plane[k + 1] * u.y + plane[k + 2], plane[k + 3], plane[k + 4]);
+    if (!(w > 0.0)) discard;
+    gl_FragDepth = clamp((1.0 / w - depth_range.x) * depth_range.y, 0.0, 0.999999);
+    face = f;
+}
+ivec2 here() { return ivec2(int(gl_FragCoord.x), height - 1 - int(gl_FragCoord.y)); }
+"""
+
+FRAGMENT = (
+    "#version 430 core"
+    + _FRAGMENT
+    + """
+uniform vec3 plane_x, plane_y;
+void main() {
+    vec3 pixel = vec3(vec2(here()), 1.0);
+    show(gl_PrimitiveID, vec2(dot(plane_x, pixel), dot(plane_y, pixel)));
+}
+"""
+)
+
+BENT_FRAGMENT = (
+    "#version 430 core"
+    + _FRAGMENT
+    + """
+layout(std430, binding = 4) readonly buffer Edges { float edge[]; };
+layout(std430, binding = 5) readonly buffer Pieces { int piece_of[]; };
+uniform bool pieces;
+uniform sampler2D table;
+bool within(int k, vec2 u) {
+    vec3 n = vec3(edge[k], edge[k + 1], edge[k + 2]);
+    float e = n.x * u.x + n.y * u.y + n.z;
+    return e > 0.0 || (e == 0.0 && (n.x != 0.0 ? n.x : n.y != 0.0 ? n.y : n.z) > 0.0);
+}
+void main() {
+    vec2 u = texelFetch(table, here(), 0).xy;
+    int f = pieces ? piece_of[gl_PrimitiveID] : gl_PrimitiveID;
+    if (!(u.x < 1.0e30) || !within(9 * f, u) || !within(9 * f + 3, u) || !within(9 * f + 6, u)) discard;
+    show(f, u);
+}
+"""
+)
+
+RESOLVE = (
+    HEAD
+    + GROUPS
+    + """
+layout(std430, binding = 3) readonly buffer Parts { int part_of[]; };
+layout(std430, binding = 4) readonly buffer Colors { float color[]; };
+layout(std430, binding = 5) writeonly buffer Layers { uint layer[]; };
+uniform ivec2 size;         // of the layers
+uniform int samples;        // a side of a pixel
+uniform bool distorted;
+uniform int at_image, at_coverage, at_depth, at_normal, at_part, at_face;   // words; -1 = not asked for
+uniform vec4 light;         // ambient, head, fill, back
+uniform vec3 fill_from, back_from;
+uniform vec3 background;
+uniform isampler2D ids;
+uniform sampler2D depths;
+uniform sampler2D table;
+
+const uint BACKGROUND_DEPTH = 0x7f800000u;
+int face;
+double depth;
+vec3 normal, ray;
+
+bool met(ivec2 at) {
+    ivec2 texel = ivec2(at.x, size.y * samples - 1 - at.y);
+    if (texelFetch(depths, texel, 0).r >= 1.0) return false;
+    face = texelFetch(ids, texel, 0).r;
+    dvec3 u = dvec3(plane_of[0] * at.x + plane_of[1] * at.y + plane_of[2], plane_of[4] * at.y + plane_of[5], 1.0);
+    if (distorted) {
+        vec4 halves = texelFetch(table, at, 0);   // high and low halves
+        u = dvec3(double(halves.x) + double(halves.z), double(halves.y) + double(halves.w), 1.0);
+    }
+    dvec3 p = world(corner[3 * face]), q = world(corner[3 * face + 1]), r = world(corner[3 * face + 2]);
+    dvec3 n = turned(cross(q - p, r - p));
+    double whole = dot(n, n);
+    n = whole > 0.0 ? n / sqrt(whole) : dvec3(0.0);
+    double facing = dot(n, u), z0 = depth_of(p), z1 = depth_of(q), z2 = depth_of(r);
+    double low = min(z0, min(z1, z2)), high = max(z0, max(z1, z2));
+    depth = facing != 0.0 ? clamp(dot(n, moved(p)) / facing, low, high) : low;
+    normal = vec3(facing > 0.0 ? -n : n);
+    ray = vec3(u / sqrt(dot(u, u)));
+    return true;
+}
+
+vec3 shaded() {
+    int k = 3 * part_of[face];
+    float head = clamp(dot(normal, -ray), 0.0, 1.0);
+    float fill = clamp(dot(normal, fill_from), 0.0, 1.0), back = clamp(dot(normal, back_from), 0.0, 1.0);
+    float bright = light.x + light.y * head + light.z * fill + light.w * back;
+    return clamp(vec3(color[k], color[k + 1], color[k + 2]) * bright, 0.0, 1.0);
+}
+
+void store(int word, vec3 v) {
+    for (int k = 0; k < 3; ++k) layer[word + k] = floatBitsToUint(v[k]);
+}
+
+void main() {
+    int i = item();
+    if (i >= size.x * size.y) return;
+    ivec2 at = ivec2(i % size.x, i / size.x);
+    vec3 sum = vec3(0.0);
+    int seen = 0;
+    for (int y = 0; y < samples; ++y)
+        for (int x = 0; x < samples; ++x) {
+            bool hit = met(at * samples + ivec2(x, y));
+            seen += int(hit);
+            if (at_image >= 0) sum += hit ? shaded() : background;
+        }
+    if (at_image >= 0) store(at_image + 3 * i, sum / float(samples * samples));
+    if (at_coverage >= 0) layer[at_coverage + i] = floatBitsToUint(float(seen) / float(samples * samples));
+    if (at_depth >= 0) layer[at_depth + i] = seen > 0 ? floatBitsToUint(float(depth)) : BACKGROUND_DEPTH;
+    if (at_normal >= 0) store(at_normal + 3 * i, seen > 0 ? normal : vec3(0.0));
+    if (at_part >= 0) layer[at_part + i] = uint(seen > 0 ? part_of[face] : -1);
+    if (at_face >= 0) layer[at_face + i] = uint(seen > 0 ? face : -1);
+}
+"""
+)

@@ -1,0 +1,142 @@
+"""What answers on EGL is found out without harm, and its absence costs a line."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cadcam.cad.edges import FeatureEdges
+from cadcam.cad.mesh import Mesh
+from cadcam.camera.camera import Camera
+from cadcam.camera.lens import BrownConrady, Fisheye, Lens
+from cadcam.errors import MissingExtra, MissingOpenGL
+from cadcam.geometry.rigid import Rigid
+from cadcam.render import gl_context, open_renderer
+from cadcam.render.gl_context import GlInfo, probe
+from cadcam.render.gl_pieces import PIECE_REACH_PX, REACH_PX, pieces
+from cadcam.render.gl_tiles import tiles
+from cadcam.render.view import Scene
+
+TRIANGLE = Mesh.single(np.array([[0, 0, 100.0], [50, 0, 100], [0, 50, 100]]), np.array([[0, 1, 2]]))
+NO_EDGES = FeatureEdges(*(np.zeros((0, 2), np.int32),) * 2, *(np.zeros(0, np.int32),) * 3)
+SCENE = Scene.of(TRIANGLE, edges=NO_EDGES)
+GPU = GlInfo(True, "NVIDIA H100", "NVIDIA Corporation", "4.6.0", False, 1)
+SOFTWARE = GlInfo(True, "llvmpipe (LLVM 15)", "Mesa", "4.5", True, 0)
+
+
+@pytest.fixture(autouse=True)
+def _no_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("CADCAM_GL_DEVICE", "CADCAM_LIBEGL", "CADCAM_LIBGL"):
+        monkeypatch.delenv(name, raising=False)
+
+
+def answer_with(monkeypatch: pytest.MonkeyPatch, *found: GlInfo) -> None:
+    monkeypatch.setattr(gl_context, "devices", lambda: found)
+
+
+def script(monkeypatch: pytest.MonkeyPatch, folder: Path, text: str) -> tuple[GlInfo, ...]:
+    """Have the child process run `text` instead of asking EGL."""
+    pytest.importorskip("moderngl", reason="needs the extra gl")
+    file = folder / "probe.py"
+    file.write_text(text)
+    monkeypatch.setattr(gl_context.gl_probe, "__file__", str(file))
+    return gl_context._devices.__wrapped__("", "")
+
+
+def test_a_broken_egl_name_costs_one_clear_line(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("moderngl", reason="needs the extra gl")
+    monkeypatch.setenv("CADCAM_LIBEGL", "libNoSuchEGL.so")
+    with pytest.raises(MissingOpenGL, match=r"libNoSuchEGL\.so not loaded; use the renderer 'auto'") as caught:
+        open_renderer(SCENE, "gl")
+    assert "\n" not in str(caught.value)
+    assert open_renderer(SCENE).name != "gl"
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_driver_that_crashes_or_hangs_or_talks_takes_nobody_with_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    crash = "import os, signal\nprint('libEGL warning: x')\nos.kill(os.getpid(), signal.SIGSEGV)"
+    (info,) = script(monkeypatch, tmp_path, crash)
+    assert (info.available, info.reason) == (False, "the OpenGL driver ended its process with signal 11")
+    monkeypatch.setattr(gl_context, "_PATIENCE", 0.2)
+    (info,) = script(monkeypatch, tmp_path, "import time; time.sleep(60)")
+    assert not info.available
+    assert "did not answer" in info.reason
+    monkeypatch.setattr(gl_context, "_PATIENCE", 30.0)
+    good = '{"device": 0, "renderer": "llvmpipe (LLVM 15)", "vendor": "Mesa", "version": "4.5"}'
+    (info,) = script(monkeypatch, tmp_path, f"print('{good}')")
+    assert info == SOFTWARE
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_gpu_is_chosen_before_software_and_any_device_by_number_or_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    answer_with(monkeypatch, SOFTWARE, GPU)
+    assert probe() == GPU
+    assert probe(0) == probe("llvmpipe") == SOFTWARE
+    assert probe("nvidia") == probe("1") == GPU
+    monkeypatch.setenv("CADCAM_GL_DEVICE", "llvm")
+    assert probe() == SOFTWARE
+    assert probe(7).reason.startswith("unknown OpenGL device '7'")
+    answer_with(monkeypatch, SOFTWARE, replace(GPU, available=False, reason="no permission"))
+    monkeypatch.delenv("CADCAM_GL_DEVICE")
+    assert probe() == SOFTWARE
+
+
+def test_auto_leaves_opengl_to_those_who_ask(monkeypatch: pytest.MonkeyPatch) -> None:
+    answer_with(monkeypatch, GPU)
+    assert open_renderer(SCENE).name != "gl"
+
+
+def test_without_its_package_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gl_context, "find_spec", lambda name: None)
+    with pytest.raises(MissingExtra, match=r'pip install "cadcam\[gl\]"'):
+        open_renderer(SCENE, "gl")
+    assert open_renderer(SCENE).name != "gl"
+    assert "cadcam[gl]" in gl_context._devices.__wrapped__("", "")[0].reason
+
+
+@pytest.mark.parametrize("size", [(1, 1), (7, 5), (640, 480), (20_000, 3), (3, 20_000)])
+def test_tiles_cover_each_pixel_once(size: tuple[int, int]) -> None:
+    count = np.zeros(size[::-1], int)
+    for tile in tiles(size, side=100, pixels=900):
+        assert max(tile.width, tile.height) <= 100
+        assert tile.width * tile.height <= 900
+        count[tile.rows, tile.columns] += 1
+    assert (count == 1).all()
+
+
+@pytest.mark.parametrize("lens", [BrownConrady(-0.3, 0.09, 5e-3, -4e-3), BrownConrady(0.4), Fisheye(0.05, -0.02)])
+@pytest.mark.parametrize("focal", [160.0, 900.0])
+def test_pieces_reach_every_pixel_that_their_face_covers(lens: Lens, focal: float, rng: np.random.Generator) -> None:
+    """Random faces, many passing the camera's plane: each point lies within reach of what is drawn for its face."""
+    camera = Camera.from_focal((320, 240), focal, cx=140.0, lens=lens)
+    corners = rng.normal(size=(60, 3, 3)) * [200, 200, 150] + [0, 0, 150]
+    vertices, faces = corners.reshape(-1, 3), np.arange(180, dtype=np.int32).reshape(-1, 3)
+    found = pieces(camera, Rigid(), vertices, faces)
+    asked = 0
+    for k, triangle in enumerate(corners):
+        q = camera.project(rng.dirichlet([0.4, 0.4, 0.4], size=400) @ triangle)
+        q = q[camera.sees(q)]
+        mine = found.q[faces[k]][None] if found.whole[k] else found.corners[found.face == k]
+        assert len(mine) or not len(q)
+        asked += len(q)
+        if len(q):
+            assert _distance(mine, q).max() < (REACH_PX if found.whole[k] else PIECE_REACH_PX)
+    assert asked > 300
+
+
+def _distance(triangles: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Return how far points q (N, 2) lie outside the nearest of some triangles (M, 3, 2)."""
+    a, b = triangles[:, None], np.roll(triangles, -1, axis=1)[:, None]
+    p, d = q[None, :, None], b - a
+    t = np.clip(np.sum((p - a) * d, axis=-1) / np.maximum(np.sum(d * d, axis=-1), 1e-300), 0, 1)
+    distance = np.linalg.norm(a + t[..., None] * d - p, axis=-1).min(axis=2)
+    side = d[..., 0] * (p - a)[..., 1] - d[..., 1] * (p - a)[..., 0]
+    inside = (side >= 0).all(axis=2) | (side <= 0).all(axis=2)
+    return np.asarray(np.where(inside, 0.0, distance).min(axis=0))
