@@ -42,7 +42,7 @@ def test_the_inner_edge_of_an_l_is_concave() -> None:
 
 
 @pytest.mark.parametrize("make", [box, lambda a, b: soup(box(a, b))], ids=["shared", "soup"])
-def test_a_box_is_drawn_with_its_twelve_edges(make) -> None:  # type: ignore[no-untyped-def]
+def test_a_box_is_drawn_with_its_twelve_edges(make) -> None:
     mesh = make((0, 0, 0), (10, 20, 30))
     edges = feature_edges(mesh)
     assert len(edges) == 12

@@ -264,7 +264,7 @@ def test_a_unit_against_the_files_own_is_refused(tmp_path: Path) -> None:
         load(tmp_path / "m.3mf", unit="mm")
 
 
-def test_writing_leaves_the_old_file_until_the_new_one_is_whole(tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+def test_writing_leaves_the_old_file_until_the_new_one_is_whole(tmp_path: Path, monkeypatch) -> None:
     target = tmp_path / "box.stl"
     target.write_bytes(b"old")
 

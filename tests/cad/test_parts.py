@@ -41,7 +41,7 @@ def blocked(mesh: Mesh, start: np.ndarray, end: np.ndarray) -> bool:
     return bool((hit & np.isfinite(safe)).any())
 
 
-def test_the_bench_points_are_those_of_table_2_3(shared) -> None:  # type: ignore[no-untyped-def]
+def test_the_bench_points_are_those_of_table_2_3(shared) -> None:
     assert (table_2_3(shared("thesis/tables/table_2_3.csv")) == BENCH_POINTS).all()
 
 

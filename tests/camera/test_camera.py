@@ -46,7 +46,7 @@ def test_what_is_not_a_camera_is_refused() -> None:
     K = np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]])
     for size in ((0, 480), (640.5, 480), (640,), "640x480", (np.inf, 3)):
         with pytest.raises(BadValue, match="picture size"):
-            Camera(size, K)  # type: ignore[arg-type]
+            Camera(size, K)
     with pytest.raises(BadValue, match="focal"):
         Camera((640, 480), K * [[-1], [1], [1]])
     with pytest.raises(BadValue, match="upper triangle"):

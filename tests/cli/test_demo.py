@@ -93,7 +93,7 @@ def test_the_table_shipped_is_the_dissertations(shared: object) -> None:
     from cadcam.cad.parts import BENCH_POINTS
     from cadcam.files.points import read_points
 
-    table = read_points(shared("thesis/tables/table_2_3.csv"))  # type: ignore[operator]
+    table = read_points(shared("thesis/tables/table_2_3.csv"))
     np.testing.assert_array_equal(table.UV, BENCH_UV)
     np.testing.assert_array_equal(table.p_world, BENCH_POINTS)
 

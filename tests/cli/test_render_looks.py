@@ -24,7 +24,7 @@ HALF = 0.5 / 255 + 1e-6  # what rounding to 8 bits may change
 
 def seen(job: Path, **look: object) -> View:
     scene = Scene.of(load(job / "block.obj"))
-    fine = Look(supersampling=3, **look)  # type: ignore[arg-type]
+    fine = Look(supersampling=3, **look)
     return open_renderer(scene).render(CAMERA, POSE, channels=Channel.IMAGE | Channel.FACE, look=fine)
 
 

@@ -129,7 +129,7 @@ def test_the_svg_holds_the_lines_half_a_pixel_from_the_corner_and_the_photo(tmp_
     write_overlay_svg(tmp_path / "card.svg", wireframe, photo=GRAY)
     text = (tmp_path / "card.svg").read_text()
     assert "data:image/jpeg;base64," in text
-    x, y = (float(v) for v in re.search(r'<path d="M([\d.]+) ([\d.]+)L', text).groups())  # type: ignore[union-attr]
+    x, y = (float(v) for v in re.search(r'<path d="M([\d.]+) ([\d.]+)L', text).groups())
     assert np.hypot(*(wireframe.visible.q - [x - 0.5, y - 0.5]).T).min() < 1e-3
 
 
