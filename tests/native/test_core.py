@@ -77,8 +77,10 @@ def test_a_missing_core_says_why_and_what_to_do(monkeypatch: pytest.MonkeyPatch,
         core.library.cache_clear()
 
 
-def fuzz(tmp_path: Path, scenes: int) -> None:
+def fuzz(tmp_path: Path, scenes: int, vectors: str) -> None:
     """Build the core with AddressSanitizer and UBSan, and draw random and vicious scenes with it."""
+    if vectors == "avx2" and core.choose_variant(-1) == "baseline":
+        pytest.skip("this processor has the baseline only")
     compiler = next((c for c in ("cc", "gcc", "clang") if shutil.which(c)), None)
     if compiler is None:
         pytest.skip("no C compiler")
@@ -86,6 +88,7 @@ def fuzz(tmp_path: Path, scenes: int) -> None:
     files = [*sorted(SOURCES.glob("*.c")), FUZZ]
     flags = ["-std=c11", "-g", "-O1", "-ffp-contract=off", "-fsanitize=address,undefined,float-cast-overflow"]
     flags += ["-fno-sanitize-recover=all", "-DCC_VARIANT=_baseline", "-DCC_BASELINE_ONLY", f"-I{SOURCES}"]
+    flags += ["-mavx2", "-mfma"] if vectors == "avx2" else []
     made = subprocess.run(
         [compiler, *flags, *map(str, files), "-lm", "-o", str(program)], capture_output=True, text=True, check=False
     )
@@ -97,10 +100,12 @@ def fuzz(tmp_path: Path, scenes: int) -> None:
     assert done.stdout.startswith(f"{scenes} scenes")
 
 
-def test_sanitizers_are_silent_over_a_few_vicious_scenes(tmp_path: Path) -> None:
-    fuzz(tmp_path, 200)
+@pytest.mark.parametrize("vectors", ["avx2", "baseline"])
+def test_sanitizers_are_silent_over_a_few_vicious_scenes(tmp_path: Path, vectors: str) -> None:
+    fuzz(tmp_path, 200, vectors)
 
 
 @pytest.mark.slow
-def test_sanitizers_are_silent_over_ten_thousand_vicious_scenes(tmp_path: Path) -> None:
-    fuzz(tmp_path, 10_000)
+@pytest.mark.parametrize("vectors", ["avx2", "baseline"])
+def test_sanitizers_are_silent_over_ten_thousand_vicious_scenes(tmp_path: Path, vectors: str) -> None:
+    fuzz(tmp_path, 10_000, vectors)

@@ -1,5 +1,5 @@
-/* What the hot files share: cull.c, raster.c, tile.c and shade.c, each compiled once for each instruction set.
- * CC_VARIANT is the suffix of their functions. */
+/* What the hot files share: cull.c, raster.c, tile.c, tile_plain.c and shade.c, each compiled once for each instruction
+ * set. CC_VARIANT is the suffix of their functions. */
 #ifndef CADCAM_HOT_H
 #define CADCAM_HOT_H
 
@@ -67,7 +67,27 @@ static inline int beyond_a_side(const box *l, const double *x, const double *y, 
 static inline double grid_y(const cc_lens *l, double v) { return l ? (squash(v) - l->origin_y) * l->scale_y : v; }
 static inline double grid_x(const cc_lens *l, double u) { return l ? (squash(u) - l->origin_x) * l->scale_x : u; }
 
-/* tile.c: draw a triangle into the tiles of its rectangle. */
+/* The largest value over a box of linear function k of a triangle. */
+static inline double most(const triangle *t, int k, const box *b) {
+    return t->a[k] * (t->a[k] > 0 ? b->x1 : b->x0) + (t->b[k] * (t->b[k] > 0 ? b->y1 : b->y0) + t->c[k]);
+}
+
+/* Where in the plane the samples of a block of 2^level x 2^level tiles lie that are in the triangle's rectangle. */
+static inline box area_of(const cc_frame *f, const rect *r, int level, int32_t bx, int32_t by) {
+    if (f->view->lens) {
+        int32_t wide = (f->tiles_x + (1 << level) - 1) >> level;
+        return f->view->lens->block[level][(size_t)by * (size_t)wide + (size_t)bx];
+    }
+    int32_t size = TILE << level;
+    return (box){imax(bx * size, r->x0), imin(bx * size + size - 1, r->x1), imax(by * size, r->y0),
+                 imin(by * size + size - 1, r->y1)};
+}
+
+static inline int misses(const triangle *t, const box *area) {
+    return (most(t, 0, area) < 0) | (most(t, 1, area) < 0) | (most(t, 2, area) < 0);
+}
+
+/* tile.c or tile_plain.c: draw a triangle into the tiles of its rectangle. */
 void VARIANT(draw_triangle)(const band *b, const triangle *t, const rect *r);
 /* shade.c: write the outputs of a band that has been drawn. */
 void VARIANT(write_band)(const band *b);

@@ -6,10 +6,10 @@
  * triangle's normal there. Nothing is divided by z, so triangles that reach behind the camera need no clipping.
  * q is a pixel, or the undistorted point that a pixel of a distorting camera looks at: the same code draws both.
  *
- * Coverage is defined in double (tile.c decides most of it in float, where that is sure to agree). A cross product changes its sign exactly when its factors change places, and
- * A x + (B y + C) exactly when A, B, C do (no fused multiply-adds: -ffp-contract=off): two triangles that share an edge
- * never both take, nor both miss, a point of it. Points with e = 0 belong to the triangle on the right of the edge, or
- * below it (the top-left rule).
+ * Coverage is defined in double (tile.c decides most of it in float, where that is sure to agree). A cross product
+ * changes its sign exactly when its factors change places, and A x + (B y + C) exactly when A, B, C do (no fused
+ * multiply-adds: -ffp-contract=off): two triangles that share an edge never both take, nor both miss, a point of it.
+ * Points with e = 0 belong to the triangle on the right of the edge, or below it (the top-left rule).
  *
  * Depth. 1/z is evaluated in double, rounded to float, and kept within that of the corners. The nearest wins, and among
  * equals the lowest face number: the picture does not depend on the order of drawing, nor on the number of threads.

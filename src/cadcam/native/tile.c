@@ -1,6 +1,6 @@
 /* From a triangle to the samples it covers: blocks of 8 x 8 tiles, tiles, rows of 8 samples.
  *
- * Vectors are those of GCC and clang (vector_size), 8 lanes: the compiler cuts them to what the machine has.
+ * Vectors are those of GCC and clang (vector_size) as AVX has them; with less, gcc takes them apart number by number.
  *
  * Edges in float. Whether a sample lies inside is *defined* by P = a x + (b y + c) >= least in double. Within a tile of
  * centre (xc, yc) and half size (hx, hy), with n = (x - xc) / hx and m = (y - yc) / hy in [-1, 1], the exact value is
@@ -12,13 +12,8 @@
  * |a| hx + |b| hy, so that this is below 2^-20 in units of F. So |F| > DOUBT = 2^-18 has the sign of P, which is then
  * far from 0 and `least`; where the first term was cut, |F| >= 3. Tiles with samples in doubt are drawn again by P. */
 #include "hot.h"
-#ifdef __AVX__
+#ifdef __AVX__ /* elsewhere tile_plain.c draws, with the same results */
 #include <immintrin.h>
-#endif
-
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC diagnostic ignored "-Wpsabi" /* everything that passes vectors is inlined */
-#endif
 
 typedef double d4 __attribute__((vector_size(32), may_alias, aligned(8)));
 typedef int64_t l4 __attribute__((vector_size(32), may_alias, aligned(8)));
@@ -32,11 +27,11 @@ typedef int32_t i4 __attribute__((vector_size(16), may_alias, aligned(4)));
 
 enum { BLOCK = 3 }; /* level of the smallest block: 8 x 8 tiles, one vector of tiles a row */
 
-static const float STEPS[TILE] = {-0.875f, -0.625f, -0.375f, -0.125f, 0.125f, 0.375f, 0.625f, 0.875f}; /* n, m of pixels */
+/* n and m of pixels */
+static const float STEPS[TILE] = {-0.875f, -0.625f, -0.375f, -0.125f, 0.125f, 0.375f, 0.625f, 0.875f};
 static const double TILES[4] = {0, 8, 16, 24};
 static const double COUNT[TILE] = {0, 1, 2, 3, 4, 5, 6, 7};
 
-#ifdef __AVX__ /* the same in one instruction */
 INLINE f8 choose(i8 mask, f8 yes, f8 no) { return (f8)_mm256_blendv_ps((__m256)no, (__m256)yes, (__m256)mask); }
 INLINE f8 least_of(f8 a, f8 b) { return (f8)_mm256_min_ps((__m256)a, (__m256)b); }
 INLINE f8 most_of(f8 a, f8 b) { return (f8)_mm256_max_ps((__m256)a, (__m256)b); }
@@ -45,26 +40,6 @@ INLINE f8 floats(d4 a, d4 b) { return (f8)_mm256_set_m128(_mm256_cvtpd_ps((__m25
 INLINE int any(i8 mask) { return !_mm256_testz_si256((__m256i)mask, (__m256i)mask); }
 INLINE unsigned signs_d(l4 v) { return (unsigned)_mm256_movemask_pd((__m256d)v); }
 INLINE unsigned signs_f(i4 v) { return (unsigned)_mm_movemask_ps((__m128)v); }
-#else
-INLINE f8 choose(i8 mask, f8 yes, f8 no) { return (f8)((mask & (i8)yes) | (~mask & (i8)no)); }
-INLINE f8 least_of(f8 a, f8 b) { return choose(a < b, a, b); }
-INLINE f8 most_of(f8 a, f8 b) { return choose(a > b, a, b); }
-INLINE int any(i8 mask) {
-    uint64_t m[4];
-    memcpy(m, &mask, sizeof m);
-    return (m[0] | m[1] | m[2] | m[3]) != 0;
-}
-INLINE d4 choose_d(l4 mask, d4 yes, d4 no) { return (d4)((mask & (l4)yes) | (~mask & (l4)no)); }
-INLINE f8 floats(d4 a, d4 b) {
-    return (f8){(float)a[0], (float)a[1], (float)a[2], (float)a[3], (float)b[0], (float)b[1], (float)b[2], (float)b[3]};
-}
-INLINE unsigned signs_d(l4 v) { return (v[0] < 0) | (v[1] < 0) << 1 | (v[2] < 0) << 2 | (v[3] < 0) << 3; }
-INLINE unsigned signs_f(i4 v) { return (v[0] < 0) | (v[1] < 0) << 1 | (v[2] < 0) << 2 | (v[3] < 0) << 3; }
-#endif
-/* The largest value over a box of linear function k of a triangle. */
-static inline double most(const triangle *t, int k, const box *b) {
-    return t->a[k] * (t->a[k] > 0 ? b->x1 : b->x0) + (t->b[k] * (t->b[k] > 0 ? b->y1 : b->y0) + t->c[k]);
-}
 
 /* A tile being drawn: where its samples lie in the plane and about its centre, and what they hold. */
 typedef struct {
@@ -214,7 +189,8 @@ static void draw_tile(const band *b, const triangle *t, const rect *r, int32_t t
     size_t wide = (size_t)b->frame->tiles_x, here = (size_t)(ty - b->first_tiles) * wide + (size_t)tx;
     size_t of_lens = (size_t)ty * wide + (size_t)tx;
     tile at = {.left = tx * TILE, .above = ty * TILE, .top = imax(r->y0 - ty * TILE, 0),
-               .end = imin(r->y1 - ty * TILE, TILE - 1), .z = w->inverse_z + here * TILE_AREA, .id = w->id + here * TILE_AREA};
+               .end = imin(r->y1 - ty * TILE, TILE - 1),
+               .z = w->inverse_z + here * TILE_AREA, .id = w->id + here * TILE_AREA};
     box area = {at.left - 0.5, at.left + TILE - 0.5, at.above - 0.5, at.above + TILE - 0.5};
     if (lens) area = lens->block[0][of_lens];
     edges e;
@@ -268,24 +244,9 @@ static void draw_strip(const band *b, const triangle *t, const rect *r, int32_t 
     }
 }
 
-/* Where in the plane the samples of a block of 2^level x 2^level tiles lie that are in the triangle's rectangle. */
-static inline box area_of(const cc_frame *f, const rect *r, int level, int32_t bx, int32_t by) {
-    if (f->view->lens) {
-        int32_t wide = (f->tiles_x + (1 << level) - 1) >> level;
-        return f->view->lens->block[level][(size_t)by * (size_t)wide + (size_t)bx];
-    }
-    int32_t size = TILE << level;
-    return (box){imax(bx * size, r->x0), imin(bx * size + size - 1, r->x1), imax(by * size, r->y0),
-                 imin(by * size + size - 1, r->y1)};
-}
-
-static inline int misses(const triangle *t, const box *area) {
-    return (most(t, 0, area) < 0) | (most(t, 1, area) < 0) | (most(t, 2, area) < 0);
-}
-
 /* Descend into the blocks that the triangle meets: a sliver costs its length, not the area of its box. */
 static void draw_block(const band *b, const triangle *t, const rect *r, int level, int32_t bx, int32_t by) {
-    int shift = (level == BLOCK ? 0 : level - 1) + 3; /* samples to tiles, or to blocks of the level below; TILE = 1 << 3 */
+    int shift = (level == BLOCK ? 0 : level - 1) + 3; /* samples to what is below; TILE = 1 << 3 */
     int count = level == BLOCK ? 1 << BLOCK : 2;
     int32_t x0 = imax(count * bx, r->x0 >> shift), x1 = imin(count * bx + count - 1, r->x1 >> shift);
     int32_t y0 = imax(count * by, r->y0 >> shift), y1 = imin(count * by + count - 1, r->y1 >> shift);
@@ -311,3 +272,4 @@ void VARIANT(draw_triangle)(const band *b, const triangle *t, const rect *r) {
     for (int32_t y = y0 >> level; y <= y1 >> level; y++)
         for (int32_t x = x0 >> level; x <= x1 >> level; x++) draw_block(b, t, r, level, x, y);
 }
+#endif
