@@ -52,7 +52,7 @@ def get_requires_for_build_editable(config_settings: dict[str, Any] | None = Non
     return [*hatchling.build.get_requires_for_build_editable(config_settings), *get_requires_for_build_wheel()]
 
 
-class NativeHook(BuildHookInterface):  # type: ignore[type-arg]
+class NativeHook(BuildHookInterface):  # type: ignore[type-arg]  # its parameter is hatchling's own configuration
     """Compiles the core before hatchling collects the wheel's files."""
 
     PLUGIN_NAME = "custom"

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _EXAMPLES = """\
   cadcam demo                      into the folder cadcam-demo
-  cadcam demo /tmp/tour --json
+  cadcam demo tour --json
 """
 _DESCRIPTION = """\
 Run the whole chain on built-in data and leave inputs, results and pictures in a folder:

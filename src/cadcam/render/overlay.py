@@ -79,8 +79,9 @@ def overlay(photo: npt.ArrayLike, wireframe: Wireframe, *, style: LineStyle = PL
     """
     picture = to_rgb(fitting(photo, wireframe.camera))
     for layer in _layers(wireframe, style):
-        look = {"color": layer.color, "width": layer.width, "opacity": layer.opacity, "dash": layer.dash}
-        picture = draw_polylines(picture, layer.polylines, **look)  # type: ignore[arg-type]
+        picture = draw_polylines(
+            picture, layer.polylines, color=layer.color, width=layer.width, opacity=layer.opacity, dash=layer.dash
+        )
     return picture
 
 
