@@ -2,7 +2,6 @@
 
     python benchmarks/render.py                        # all, about ten minutes
     python benchmarks/render.py --triangles 10000 --sizes 768x576 --only raster ray "trimesh + embreex"
-    python benchmarks/render.py --growth               # raster alone: time against triangles, pixels and threads
 
 Each renderer runs in a process of its own (VTK ends the process where libGL is missing) and hands colour and z-depth,
 or z-depth alone, to numpy, from a camera that moves at every frame. Figures are medians in ms, wall clock / CPU over
@@ -28,14 +27,12 @@ from cadcam.cad.parts import ship_block
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Lens
 from cadcam.geometry.rigid import Rigid
-from cadcam.render.raster import RasterRenderer
-from cadcam.render.view import Channel, Scene
-from render_peers import Peer, Raster, peer
+from render_peers import Peer, peer
 
 SECONDS, MOST_FRAMES = 2.0, 25
 LENSES: dict[str, Lens | None] = {"": None, "lens ": BrownConrady(-0.2, 0.05, 1e-3, -5e-4)}
 OURS = ("raster", "raster, one thread", "ray", "gl")
-NAMES = (*OURS, "moderngl", "Open3D", "Mitsuba", "trimesh + embreex", "VTK", "pyrender")
+NAMES = (*OURS, "moderngl", "Open3D", "Mitsuba", "trimesh + embreex", "VTK", "pyvista", "pyrender")
 
 
 def camera_of(size: str, lens: Lens | None) -> Camera:
@@ -116,40 +113,16 @@ def _ratios(ours: list[float], others: list[dict[str, Any]], column: str) -> str
     return "/".join(f"{min(v) / mine:.1f}x" for v, mine in zip(zip(*rows, strict=True), ours, strict=False)) or "-"
 
 
-def growth() -> str:
-    """Return raster's time against triangles, pixels and threads, and batches of small pictures."""
-    lines = ["\n| triangles | size | 1 thread, ms | 2 threads, ms |", "|---:|---|---:|---:|"]
-    sizes = ["364x273", "768x576", "1920x1080", "3840x2160", "8192x6144"]
-    cases = [(n, "768x576") for n in (5_000, 20_000, 100_000, 500_000, 2_000_000)] + [(100_000, s) for s in sizes]
-    for triangles, size in cases:
-        mesh = ship_block(triangles=triangles)
-        times = [median_frame(Raster(mesh, threads=n), camera_of(size, None), color=True) for n in (1, 2)]
-        lines.append(f"| {mesh.n_faces} | {size} | {times[0][0]:.1f} | {times[1][0]:.1f} |")
-    renderer = RasterRenderer(Scene.of(ship_block(triangles=10_000)))
-    camera, poses = camera_of("320x240", None), [pose_of(k) for k in range(400)]
-    start = time.perf_counter()
-    for _ in renderer.render_batch(camera, poses, channels=Channel.DEPTH):
-        pass
-    rate = len(poses) / (time.perf_counter() - start)
-    return (
-        "\n".join(lines) + f"\n\nBatch of 400 poses, 10 000 triangles, depth at 320x240: {rate:.0f} pictures a second."
-    )
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--triangles", type=int, nargs="+", default=[10_000, 100_000, 1_000_000])
     parser.add_argument("--sizes", nargs="+", default=["768x576", "1920x1080"])
     parser.add_argument("--only", nargs="+", choices=NAMES, default=list(NAMES))
-    parser.add_argument("--growth", action="store_true")
     parser.add_argument("--json", type=Path, help="write the figures here too")
     parser.add_argument("--measure", choices=NAMES, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.measure:
         print(json.dumps(measure(arguments.measure, arguments.triangles[0], arguments.sizes)))
-        return
-    if arguments.growth:
-        print(growth())
         return
     everything: dict[int, dict[str, Any]] = {}
     for triangles in arguments.triangles:

@@ -255,6 +255,7 @@ class Vtk:
         eye.SetViewUp(*-pose.rotation[1])
         eye.SetViewAngle(2 * math.degrees(math.atan(camera.height / 2 / camera.fy)))
         eye.SetClippingRange(NEAR, FAR)
+        eye.SetWindowCenter(*window_center(camera))
         self._window.Render()
         w, h = camera.size
         values = self._vtk.vtkFloatArray()
@@ -265,6 +266,34 @@ class Vtk:
         pixels = self._vtk.vtkUnsignedCharArray()
         self._window.GetPixelData(0, 0, w - 1, h - 1, 0, pixels, 0)
         return self._numpy(pixels).reshape(h, w, 3)[::-1], depth
+
+
+class Pyvista:
+    """pyvista's Plotter, off screen, without anti-aliasing."""
+
+    exact_lens = False
+
+    def __init__(self, mesh: Mesh) -> None:
+        self._pyvista = pyvista = module("pyvista")
+        rows = np.column_stack([np.full(mesh.n_faces, 3), mesh.faces])
+        self._body = pyvista.PolyData(mesh.vertices.astype(np.float32), rows)
+        self._plotter: Any = None
+
+    def frame(self, camera: Camera, pose: Rigid, *, color: bool) -> Frame:
+        """Render one frame."""
+        if self._plotter is None or tuple(self._plotter.window_size) != camera.size:
+            self._plotter = self._pyvista.Plotter(off_screen=True, window_size=list(camera.size))
+            self._plotter.disable_anti_aliasing()
+            self._plotter.add_mesh(self._body, smooth_shading=False)
+        eye = self._plotter.camera
+        eye.position, eye.focal_point = pose.origin, pose.origin + 1000 * pose.rotation[2]
+        eye.up, eye.clipping_range = -pose.rotation[1], (NEAR, FAR)
+        eye.view_angle = 2 * math.degrees(math.atan(camera.height / 2 / camera.fy))
+        eye.SetWindowCenter(*window_center(camera))
+        self._plotter.render()
+        if not color:
+            return None, -self._plotter.get_image_depth()
+        return self._plotter.screenshot(return_img=True), -self._plotter.get_image_depth()
 
 
 class Pyrender:
@@ -310,6 +339,12 @@ def projection(camera: Camera) -> Array:
     )
 
 
+def window_center(camera: Camera) -> tuple[float, float]:
+    """Return VTK's shift of the picture for the principal point; it has no skew and one focal length."""
+    cx, cy = camera.principal_point
+    return 1 - 2 * (cx + 0.5) / camera.width, 2 * (cy + 0.5) / camera.height - 1
+
+
 def from_buffer(d: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Return z in mm of a depth buffer's values in [0, 1]."""
     return np.asarray(FAR * NEAR / (FAR - d * (FAR - NEAR)))
@@ -328,6 +363,7 @@ def peer(name: str, mesh: Mesh) -> Peer:
         "Mitsuba": Mitsuba,
         "trimesh + embreex": TrimeshEmbree,
         "VTK": Vtk,
+        "pyvista": Pyvista,
         "pyrender": Pyrender,
     }
     made: Peer = makers[name](mesh)
