@@ -100,7 +100,7 @@ static void one(int number) {
         free(points);
         v.lens = table;
     }
-    cc_scene *scene = cc_scene_new(vertices, faces, n_faces, part, colors, n_parts);
+    cc_scene *scene = cc_scene_new(vertices, faces, n_faces, part, part, colors, n_parts);
     cc_worker *worker = cc_worker_new();
     size_t pixels = (size_t)width * (size_t)height;
     picture a = layers(pixels), b = layers(pixels);

@@ -50,18 +50,20 @@ def test_instruction_sets_give_the_same_bits() -> None:
 
 
 @pytest.mark.parametrize(
-    ("vertices", "faces", "part", "words"),
+    ("vertices", "faces", "paint", "words"),
     [
         ([[0, 0, 0], [1, 0, 0], [0, np.nan, 0]], [[0, 1, 2]], [0], "vertex 2 is .*nan.*expected finite"),
         ([[0, 0, 0], [1, 0, 0], [0, np.inf, 0]], [[0, 1, 2]], [0], "vertex 2 is .*inf.*expected finite"),
         ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 3]], [0], "face's vertex is from 0 to 3"),
-        ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], [1], "face's part is from 1 to 1"),
+        ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], [1], "face's colour is from 1 to 1"),
         ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], [0, 0], "faces is of shape"),
     ],
 )
-def test_bad_scenes_stop_before_the_core(vertices: list, faces: list, part: list, words: str) -> None:
+def test_bad_scenes_stop_before_the_core(vertices: list, faces: list, paint: list, words: str) -> None:
     with pytest.raises(BadValue, match=words):
-        core.NativeScene(np.array(vertices), np.array(faces), np.array(part), np.ones((1, 3), np.float32))
+        core.NativeScene(
+            np.array(vertices), np.array(faces), np.array([0]), np.array(paint), np.ones((1, 3), np.float32)
+        )
 
 
 def test_a_missing_core_says_why_and_what_to_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -12,9 +12,10 @@ from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts import machined_bracket
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady
-from cadcam.errors import BadValue, MissingCore, SizeMismatch, UnknownName
+from cadcam.errors import BadValue, MissingCore, MissingExtra, MissingOpenGL, SizeMismatch, UnknownName
 from cadcam.geometry.rigid import Rigid
 from cadcam.native import core
+from cadcam.render import RENDERERS, open_renderer
 from cadcam.render.cutout import Cutout
 from cadcam.render.looks import LOOKS, named_look, repainted
 from cadcam.render.raster import RasterRenderer
@@ -107,6 +108,26 @@ def test_parts_are_repainted_by_name_and_pattern_the_last_one_winning() -> None:
     scene = repainted(Scene.of(mesh), [("bolt*", red), ("bolt 2", blue), ("rib[1]", blue)])
     assert scene.colors.tolist() == [[*red], [*blue], [0.25] * 3, [*blue]]
     assert np.all(Scene.of(mesh).colors == 0.25)
+
+
+@pytest.mark.parametrize("name", RENDERERS)
+def test_faces_show_their_own_colour_and_a_repainted_part_only_its_own(name: str) -> None:
+    mesh = BRACKET.mesh
+    red = np.arange(mesh.n_faces)[:, None] % 2 == 0
+    scene = Scene.of(replace(mesh, face_colors=np.where(red, np.float32([1, 0, 0]), np.float32(np.nan))))
+    shown = []
+    for painted in (scene, repainted(scene, [("*", (0.0, 0.5, 0.0))])):
+        try:
+            shown.append(open_renderer(painted, name).render(CAMERA, POSE, look=named_look("flat")))
+        except (MissingCore, MissingExtra, MissingOpenGL) as error:
+            pytest.skip(str(error))
+    view, over = shown
+    own = red[view.face, 0] & view.mask
+    assert own.any()
+    assert np.array_equal(view.image[own], np.broadcast_to(np.float32([1, 0, 0]), (own.sum(), 3)))
+    plain = view.mask & ~own
+    assert np.allclose(view.image[plain], BRACKET.colors[view.part[plain]], rtol=0, atol=1e-6)
+    assert np.allclose(over.image[view.mask], (0, 0.5, 0), rtol=0, atol=1e-6)
 
 
 def test_laying_the_cutout_over_its_own_background_gives_the_image_back() -> None:

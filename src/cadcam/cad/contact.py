@@ -148,7 +148,8 @@ def _goes_on(
 
 
 def _colors_differ(mesh: Mesh, one: npt.NDArray[np.integer], other: npt.NDArray[np.integer]) -> Mask:
-    step = np.abs(mesh.part_colors[mesh.part[one]] - mesh.part_colors[mesh.part[other]])
+    colors = mesh.colors_of_faces
+    step = np.abs(colors[one] - colors[other])
     return np.asarray((step > COLOR_STEP).any(axis=1))  # NaN, an unknown colour, differs from nothing
 
 

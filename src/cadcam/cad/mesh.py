@@ -23,8 +23,9 @@ class Mesh:
     `vertices` (V, 3) mm; `faces` (F, 3) rows of vertex indices; `part` (F,) index into `part_names`; `surface` (F,)
     number of the smooth (B-rep) surface that a face approximates, -1 where the file has none; `part_colors` (P, 3) RGB
     in [0, 1], NaN where the file has none; `corner_normals` (F, 3, 3) unit normals of the true surface at the three
-    corners of each face, or None where the file has none. Raises `BadValue` on indices out of range and numbers that
-    are not finite.
+    corners of each face, or None where the file has none; `face_colors` (F, 3) RGB of faces that differ from their
+    part, NaN for those that do not, or None where all are alike. Raises `BadValue` on indices out of range and numbers
+    that are not finite.
     """
 
     vertices: Array
@@ -34,6 +35,7 @@ class Mesh:
     part_names: tuple[str, ...]
     part_colors: npt.NDArray[np.float32]
     corner_normals: npt.NDArray[np.float32] | None = None
+    face_colors: npt.NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         vertices = frozen(self.vertices, "mesh vertices", (None, 3))
@@ -53,7 +55,13 @@ class Mesh:
             normals = frozen(normals, "mesh corner_normals", (None, 3, 3), np.float32)
             if len(normals) != n:
                 raise BadValue("mesh corner_normals", f"{len(normals)} long", f"one for each of the {n} faces")
-        for field, value in zip(self.__slots__, (vertices, faces, part, surface, names, colors, normals), strict=True):
+        paint = self.face_colors
+        if paint is not None:
+            paint = frozen(paint, "mesh face_colors", (None, 3), np.float32, finite=False)
+            if len(paint) != n:
+                raise BadValue("mesh face_colors", f"{len(paint)} long", f"one for each of the {n} faces")
+        values = (vertices, faces, part, surface, names, colors, normals, paint)
+        for field, value in zip(self.__slots__, values, strict=True):
             object.__setattr__(self, field, value)
 
     @classmethod
@@ -108,6 +116,14 @@ class Mesh:
         """Areas (F,) in mm². Computed at every call."""
         return np.asarray(np.linalg.norm(_cross(self), axis=1) / 2)
 
+    @property
+    def colors_of_faces(self) -> npt.NDArray[np.float32]:
+        """RGB (F, 3) in [0, 1] of each face, its own or its part's; NaN where neither is known."""
+        of_parts = self.part_colors[self.part]
+        if self.face_colors is None:
+            return of_parts
+        return np.where(np.isnan(self.face_colors), of_parts, self.face_colors)
+
     def transformed(self, b_from_a: Rigid) -> Mesh:
         """Return the mesh, given in frame a, in frame b."""
         normals = self.corner_normals
@@ -144,6 +160,7 @@ class Mesh:
                 part=self.part[faces],
                 surface=self.surface[faces],
                 corner_normals=None if self.corner_normals is None else self.corner_normals[faces],
+                face_colors=None if self.face_colors is None else self.face_colors[faces],
             )
         )
 
@@ -168,6 +185,10 @@ def merge(meshes: Sequence[Mesh]) -> Mesh:
     normals: npt.NDArray[Any] | None = None
     if all(m.corner_normals is not None for m in meshes):
         normals = np.concatenate([m.corner_normals for m in meshes if m.corner_normals is not None])
+    paint: npt.NDArray[Any] | None = None
+    if any(m.face_colors is not None for m in meshes):
+        none = np.full((1, 3), np.nan, np.float32)
+        paint = np.concatenate([none.repeat(m.n_faces, 0) if m.face_colors is None else m.face_colors for m in meshes])
     return Mesh(
         vertices=np.concatenate([m.vertices for m in meshes]),
         faces=np.concatenate([m.faces + np.int64(at_vertex[i]) for i, m in enumerate(meshes)]),
@@ -176,6 +197,7 @@ def merge(meshes: Sequence[Mesh]) -> Mesh:
         part_names=unique_names([name for m in meshes for name in m.part_names]),
         part_colors=np.concatenate([m.part_colors for m in meshes]),
         corner_normals=normals,
+        face_colors=paint,
     )
 
 

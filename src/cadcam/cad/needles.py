@@ -83,7 +83,11 @@ def _split(mesh: Mesh, needle: Longs, side: Longs, other: Longs) -> Mesh:
     normals = mesh.corner_normals
     if normals is not None:
         normals = _split_normals(mesh, normals.copy(), needle, neighbour, k, middle, start, end)
-    return replace(mesh, faces=faces, part=part, surface=surface, corner_normals=normals)
+    paint = mesh.face_colors
+    if paint is not None:
+        paint = paint.copy()
+        paint[needle] = paint[neighbour]
+    return replace(mesh, faces=faces, part=part, surface=surface, corner_normals=normals, face_colors=paint)
 
 
 def _split_normals(

@@ -59,18 +59,14 @@ def _obj(mesh: Mesh) -> bytes:
 
 
 def _glb(mesh: Mesh) -> bytes:
-    """Return one node for each part; with surfaces known throughout, one primitive for each surface."""
+    """Return one node for each part; a primitive for each colour, and for each surface if all are known."""
     keep = bool((mesh.surface >= 0).all())
-    buffer = _Buffer()
-    nodes, meshes, materials = [], [], []
+    buffer, materials = _Buffer(), _Materials()
+    nodes, meshes = [], []
+    colors = mesh.colors_of_faces
     for number, name in enumerate(mesh.part_names):
-        color = mesh.part_colors[number].astype(float)
-        if np.isfinite(color).all():
-            linear = np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4)
-            factor = [round(x, 6) for x in [*linear.tolist(), 1.0]]
-            materials.append({"pbrMetallicRoughness": {"baseColorFactor": factor, "metallicFactor": 0.0}})
-        material = {"material": len(materials) - 1} if np.isfinite(color).all() else {}
-        primitives = [{**buffer.primitive(mesh, faces), **material} for faces in _groups(mesh, number, keep)]
+        groups = _groups(mesh, np.flatnonzero(mesh.part == number), colors, by_surface=keep)
+        primitives = [{**buffer.primitive(mesh, faces), **materials.of(colors[faces[0]])} for faces in groups]
         meshes.append({"name": name, "primitives": primitives})
         nodes.append({"name": name, "mesh": number})
     asset: dict[str, Any] = {"version": "2.0", "generator": "cadcam"}
@@ -86,8 +82,8 @@ def _glb(mesh: Mesh) -> bytes:
         "bufferViews": buffer.views,
         "buffers": [{"byteLength": len(buffer.data)}],
     }
-    if materials:
-        content["materials"] = materials
+    if materials.all:
+        content["materials"] = materials.all
     text = json.dumps(content, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(buffer.data), b"BIN\0")
@@ -95,13 +91,34 @@ def _glb(mesh: Mesh) -> bytes:
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
-def _groups(mesh: Mesh, part: int, by_surface: bool) -> Iterator[npt.NDArray[np.int64]]:
-    faces = np.flatnonzero(mesh.part == part)
-    if not by_surface:
-        yield faces
-        return
-    order = faces[np.argsort(mesh.surface[faces], kind="stable")]
-    yield from np.split(order, np.flatnonzero(np.diff(mesh.surface[order])) + 1)
+def _groups(
+    mesh: Mesh, faces: npt.NDArray[np.int64], colors: npt.NDArray[np.float32], *, by_surface: bool
+) -> Iterator[npt.NDArray[np.int64]]:
+    """Yield the faces by surface and colour."""
+    surface = mesh.surface[faces] if by_surface else np.zeros(len(faces))
+    key = np.column_stack([surface, np.nan_to_num(colors[faces], nan=-1)])
+    order = np.lexsort(key.T[::-1])
+    yield from np.split(faces[order], np.flatnonzero(np.diff(key[order], axis=0).any(axis=1)) + 1)
+
+
+class _Materials:
+    """The materials of a GLB while it grows."""
+
+    def __init__(self) -> None:
+        self.all: list[dict[str, Any]] = []
+        self._number: dict[bytes, int] = {}
+
+    def of(self, color: npt.NDArray[np.float32]) -> dict[str, int]:
+        """Return what a primitive of an sRGB colour says; nothing where the colour is not known."""
+        if np.isnan(color).any():
+            return {}
+        if color.tobytes() not in self._number:
+            srgb = color.astype(float)
+            linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+            factor = [round(x, 6) for x in [*linear.tolist(), 1.0]]
+            self._number[color.tobytes()] = len(self.all)
+            self.all.append({"pbrMetallicRoughness": {"baseColorFactor": factor, "metallicFactor": 0.0}})
+        return {"material": self._number[color.tobytes()]}
 
 
 class _Buffer:

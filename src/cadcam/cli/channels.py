@@ -158,7 +158,8 @@ def write_parts(path: str, view: View, *, scene: Scene) -> Said:
     if path.lower().endswith(".npy"):
         _write_npy(path, view.part)
     else:
-        write_picture(path, np.concatenate([scene.colors, np.array([_WHITE], np.float32)])[view.part])
+        colors = np.concatenate([scene.colors[: len(names)], np.array([_WHITE], np.float32)])
+        write_picture(path, colors[view.part])
     numbers, counts = np.unique(view.part[view.mask], return_counts=True)
     seen = {names[i]: {"number": int(i), "pixels": int(n)} for i, n in zip(numbers, counts, strict=True)}
     return {"seen_pixels": int(view.mask.sum()), "seen_parts": seen}

@@ -58,7 +58,7 @@ def library() -> c.CDLL:
         raise MissingCore(f"{LIBRARY.name} cannot be loaded: {error}") from error
     pointer, i64, i32 = c.c_void_p, c.c_int64, c.c_int32
     signatures: dict[str, tuple[object, list[object]]] = {
-        "cc_scene_new": (pointer, [pointer, pointer, i64, pointer, pointer, i64]),
+        "cc_scene_new": (pointer, [pointer, pointer, i64, pointer, pointer, pointer, i64]),
         "cc_scene_free": (None, [pointer]),
         "cc_lens_new": (pointer, [pointer, i32, i32]),
         "cc_lens_free": (None, [pointer]),
@@ -100,22 +100,22 @@ class Handle:
 class NativeScene(Handle):
     """Triangles in the core, copied and grouped into clusters of neighbours.
 
-    vertices (V, 3) mm float64, faces (F, 3) int32, part (F,) int32, colors (P, 3) float32.
+    vertices (V, 3) mm float64, faces (F, 3) int32, part (F,) int32, paint (F,) int32 into colors (C, 3) float32.
     """
 
-    def __init__(self, vertices: Array, faces: Ids, part: Ids, colors: Picture) -> None:
+    def __init__(self, vertices: Array, faces: Ids, part: Ids, paint: Ids, colors: Picture) -> None:
         vertices, faces = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int32)
-        part, colors = np.ascontiguousarray(part, np.int32), np.ascontiguousarray(colors, np.float32)
+        part, paint = np.ascontiguousarray(part, np.int32), np.ascontiguousarray(paint, np.int32)
+        colors = np.ascontiguousarray(colors, np.float32)
         if not np.isfinite(vertices).all():
             at = int(np.argwhere(~np.isfinite(vertices))[0, 0])
             raise BadValue(f"vertex {at}", vertices[at].tolist(), "finite coordinates")
         _check_indices("face's vertex", faces, len(vertices))
-        _check_indices("face's part", part, len(colors))
-        if faces.shape != (len(part), 3):
-            raise BadValue("faces", f"of shape {faces.shape}", f"shape ({len(part)}, 3), one row a part number")
-        made = library().cc_scene_new(
-            vertices.ctypes.data, faces.ctypes.data, len(faces), part.ctypes.data, colors.ctypes.data, len(colors)
-        )
+        _check_indices("face's colour", paint, len(colors))
+        if not faces.shape == (len(part), 3) == (len(paint), 3):
+            raise BadValue("faces", f"of shape {faces.shape}", f"shape ({len(part)}, 3), one row a part and a colour")
+        of_faces = (array.ctypes.data for array in (part, paint, colors))
+        made = library().cc_scene_new(vertices.ctypes.data, faces.ctypes.data, len(faces), *of_faces, len(colors))
         super().__init__(made, "cc_scene_free", f"a scene of {len(faces)} triangles")
 
 

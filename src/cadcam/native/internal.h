@@ -38,8 +38,8 @@ struct cc_scene {
     uint8_t *corner[3];      /* triangles: indices into the vertices of their cluster */
     int32_t *id;             /* triangles: the caller's face number */
     float (*normal)[3];      /* by face number: unit normal in the world, 0 without area */
-    int32_t *part;           /* by face number */
-    float (*color)[3];       /* by part */
+    int32_t *part, *paint;   /* by face number */
+    float (*color)[3];       /* by paint */
 };
 
 typedef struct { int32_t x0, x1, y0, y1; } rect; /* samples, both ends included; empty if x0 > x1 or y0 > y1 */

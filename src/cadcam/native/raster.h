@@ -39,9 +39,10 @@ typedef struct {
     int32_t *part, *face;                     /* (H,W), each or NULL; depth, normal and ids only if samples == 1 */
 } cc_view;
 
-/* NULL where memory is short. Every index must be in range and every coordinate finite: the caller checks. */
+/* `paint` numbers the colour of each face. NULL where memory is short. Every index must be in range and every coordinate
+ * finite: the caller checks. */
 CC_API cc_scene *cc_scene_new(const double *vertices, const int32_t *faces, int64_t n_faces, const int32_t *part,
-                              const float *colors, int64_t n_parts);
+                              const int32_t *paint, const float *colors, int64_t n_colors);
 CC_API void cc_scene_free(cc_scene *scene);
 
 /* `points` (H, W, 2): the plane point of each pixel's centre, NaN where it sees nothing. NULL where memory is short. */

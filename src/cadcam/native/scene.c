@@ -141,7 +141,7 @@ static void unit_normal(const double *v, const int32_t *f, float out[3]) {
 }
 
 CC_API cc_scene *cc_scene_new(const double *vertices, const int32_t *faces, int64_t n_faces, const int32_t *part,
-                              const float *colors, int64_t n_parts) {
+                              const int32_t *paint, const float *colors, int64_t n_colors) {
     size_t n = (size_t)n_faces, clusters = (n + CLUSTER - 1) / CLUSTER;
     cc_scene *s = calloc(1, sizeof *s);
     keyed *sorted = s ? sorted_faces(vertices, faces, n) : NULL;
@@ -154,9 +154,10 @@ CC_API cc_scene *cc_scene_new(const double *vertices, const int32_t *faces, int6
     s->id = malloc((n + 1) * sizeof *s->id);
     s->normal = malloc((n + 1) * sizeof *s->normal);
     s->part = malloc((n + 1) * sizeof *s->part);
-    s->color = malloc(((size_t)n_parts + 1) * sizeof *s->color);
+    s->paint = malloc((n + 1) * sizeof *s->paint);
+    s->color = malloc(((size_t)n_colors + 1) * sizeof *s->color);
     if (!s->clusters || !s->x || !s->y || !s->z || !s->corner[0] || !s->corner[1] || !s->corner[2] ||
-        !s->id || !s->normal || !s->part || !s->color) {
+        !s->id || !s->normal || !s->part || !s->paint || !s->color) {
         free(sorted);
         cc_scene_free(s);
         return NULL;
@@ -172,7 +173,8 @@ CC_API cc_scene *cc_scene_new(const double *vertices, const int32_t *faces, int6
     }
     for (size_t i = 0; i < n; i++) unit_normal(vertices, faces + 3 * i, s->normal[i]);
     memcpy(s->part, part, n * sizeof *part);
-    memcpy(s->color, colors, (size_t)n_parts * sizeof *s->color);
+    memcpy(s->paint, paint, n * sizeof *paint);
+    memcpy(s->color, colors, (size_t)n_colors * sizeof *s->color);
     return s;
 }
 
@@ -180,7 +182,7 @@ CC_API void cc_scene_free(cc_scene *s) {
     if (!s) return;
     free(s->clusters), free(s->x), free(s->y), free(s->z), free(s->id);
     for (int k = 0; k < 3; k++) free(s->corner[k]);
-    free(s->normal), free(s->part), free(s->color), free(s);
+    free(s->normal), free(s->part), free(s->paint), free(s->color), free(s);
 }
 
 /* ---- workers */

@@ -15,7 +15,7 @@ typedef struct {
 
 static inline const float *normal_of(const cc_frame *f, int32_t id) { return f->scene->normal[id < 0 ? 0 : id]; }
 static inline const float *color_of(const cc_frame *f, int32_t id) {
-    return id < 0 ? f->view->background : f->scene->color[f->scene->part[id]];
+    return id < 0 ? f->view->background : f->scene->color[f->scene->paint[id]];
 }
 
 static inline void look_up(const cc_frame *f, const light *l, int32_t tx, int32_t y, const int32_t *id, eight *e) {

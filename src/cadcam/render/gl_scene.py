@@ -42,7 +42,7 @@ class GpuScene:
         self._owned = ExitStack()
         self._vertices = self._buffer(self._owned, np.ascontiguousarray(mesh.vertices, np.float64))
         self._corners = self._buffer(self._owned, self._faces)
-        self._parts = self._buffer(self._owned, np.ascontiguousarray(mesh.part, np.int32))
+        self._kinds = self._buffer(self._owned, np.column_stack([mesh.part, scene.paint]).astype(np.int32))
         self._colors = self._buffer(self._owned, np.ascontiguousarray(scene.colors, np.float32))
         self._pose = self._buffer(self._owned, np.zeros(34))
         self._positions = self._buffer(self._owned, np.zeros((len(mesh.vertices), 4), np.float32))
@@ -130,7 +130,7 @@ class GpuScene:
             resolve[f"at_{name}"] = start.get(name, -1)
         out = self._target.output(4 * pixels * sum(WORDS[name] for name in layers))
         self._target.use()
-        self._run("resolve", pixels, self._parts, self._colors, out)
+        self._run("resolve", pixels, self._kinds, self._colors, out)
         for name, layer in layers.items():
             _fetch(out, 4 * start[name], layer, tile)
 

@@ -200,7 +200,7 @@ RESOLVE = (
     HEAD
     + GROUPS
     + """
-layout(std430, binding = 3) readonly buffer Parts { int part_of[]; };
+layout(std430, binding = 3) readonly buffer Kinds { ivec2 kind[]; };   // of faces: part, colour
 layout(std430, binding = 4) readonly buffer Colors { float color[]; };
 layout(std430, binding = 5) writeonly buffer Layers { uint layer[]; };
 uniform ivec2 size;         // of the layers
@@ -241,7 +241,7 @@ bool met(ivec2 at) {
 }
 
 vec3 shaded() {
-    int k = 3 * part_of[face];
+    int k = 3 * kind[face].y;
     float head = clamp(dot(normal, -ray), 0.0, 1.0);
     float fill = clamp(dot(normal, fill_from), 0.0, 1.0), back = clamp(dot(normal, back_from), 0.0, 1.0);
     float bright = light.x + light.y * head + light.z * fill + light.w * back;
@@ -268,7 +268,7 @@ void main() {
     if (at_coverage >= 0) layer[at_coverage + i] = floatBitsToUint(float(seen) / float(samples * samples));
     if (at_depth >= 0) layer[at_depth + i] = seen > 0 ? floatBitsToUint(float(depth)) : BACKGROUND_DEPTH;
     if (at_normal >= 0) store(at_normal + 3 * i, seen > 0 ? normal : vec3(0.0));
-    if (at_part >= 0) layer[at_part + i] = uint(seen > 0 ? part_of[face] : -1);
+    if (at_part >= 0) layer[at_part + i] = uint(seen > 0 ? kind[face].x : -1);
     if (at_face >= 0) layer[at_face + i] = uint(seen > 0 ? face : -1);
 }
 """

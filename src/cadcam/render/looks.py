@@ -7,6 +7,8 @@ from dataclasses import replace
 from fnmatch import fnmatchcase
 from types import MappingProxyType
 
+import numpy as np
+
 from cadcam.errors import UnknownName
 from cadcam.render.view import PLAIN, Look, Scene
 
@@ -35,11 +37,13 @@ def repainted(scene: Scene, chosen: Iterable[tuple[str, Color]]) -> Scene:
 
     A name may be a pattern in the manner of file names (`bolt*`, `rib_[0-9]`); one that fits no part is `UnknownName`.
     """
-    colors = scene.colors.copy()
+    colors, paint = scene.colors.copy(), scene.paint.copy()
     names = scene.mesh.part_names
     for pattern, color in chosen:
         fitting = [i for i, name in enumerate(names) if name == pattern or fnmatchcase(name, pattern)]
         if not fitting:
             raise UnknownName("part", pattern, names)
         colors[fitting] = color
-    return replace(scene, colors=colors)
+        painted = np.isin(scene.mesh.part, fitting)
+        paint[painted] = scene.mesh.part[painted]
+    return replace(scene, colors=colors, paint=paint)

@@ -55,7 +55,7 @@ class RasterRenderer:
         if not mesh.n_faces:
             raise DegenerateGeometry("a mesh without faces cannot be rendered")
         self._scene = scene
-        self._native = NativeScene(mesh.vertices, mesh.faces, mesh.part, scene.colors)
+        self._native = NativeScene(mesh.vertices, mesh.faces, mesh.part, scene.paint, scene.colors)
         self._threads = threads or os.cpu_count() or 1
         self._pool = ThreadPoolExecutor(max_workers=self._threads)
         self._workers = Workers()

@@ -127,7 +127,7 @@ class _Hits:
     def __init__(self, renderer: RayRenderer, rays: Array, camera_from_world: Rigid, span: Array) -> None:
         scene, caster = renderer.scene, renderer._caster
         self.shape = rays.shape[:2]
-        self._colors = scene.colors
+        self._scene = scene
         R, eye = camera_from_world.rotation, camera_from_world.origin
         flat = rays.reshape(-1, 3)
         to_center = caster.center - eye
@@ -153,7 +153,9 @@ class _Hits:
 
     def colors(self, look: Look) -> Picture:
         """Return the shaded RGB of the pixels met."""
-        return shade(self.normal, (-self.ray).astype(np.float32), self._colors[self.part], look)
+        return shade(
+            self.normal, (-self.ray).astype(np.float32), self._scene.colors[self._scene.paint[self.face]], look
+        )
 
 
 def _blank(camera: Camera, channels: Channel, look: Look) -> dict[str, npt.NDArray[Any]]:

@@ -48,25 +48,41 @@ class Channel(Flag):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """A mesh in the world frame (mm), its feature edges and an RGB colour in [0, 1] for each part, (P, 3)."""
+    """A mesh in the world frame (mm), its feature edges and its paint.
+
+    `colors` (C, 3) RGB in [0, 1]: one for each part, then any more; `paint` (F,) which of them each face has, by
+    default that of its part.
+    """
 
     mesh: Mesh
     edges: FeatureEdges
     colors: Picture
+    paint: Ids = field(default_factory=lambda: np.zeros(0, np.int32))
 
     def __post_init__(self) -> None:
-        colors = frozen(self.colors, "part colours", (None, 3), np.float32)
-        if len(colors) != len(self.mesh.part_names):
-            raise BadValue("part colours", f"{len(colors)} long", f"one for each of {len(self.mesh.part_names)} parts")
+        colors, parts = frozen(self.colors, "part colours", (None, 3), np.float32), len(self.mesh.part_names)
+        paint = frozen(self.paint if len(self.paint) else self.mesh.part, "paint", (self.mesh.n_faces,), np.int32)
+        if len(colors) < parts or (not len(self.paint) and len(colors) > parts):
+            raise BadValue("part colours", f"{len(colors)} long", f"one for each of {parts} parts")
+        if len(paint) and not 0 <= int(paint.min()) <= int(paint.max()) < len(colors):
+            raise BadValue("paint", f"from {paint.min()} to {paint.max()}", f"numbers from 0 to {len(colors) - 1}")
         object.__setattr__(self, "colors", colors)
+        object.__setattr__(self, "paint", paint)
 
     @classmethod
     def of(cls, mesh: Mesh, *, edges: FeatureEdges | None = None, colors: npt.ArrayLike | None = None) -> Scene:
         """Return the scene of a mesh; edges default to `feature_edges(mesh)`, colours to the file's or a palette."""
-        if colors is None:
-            palette = PALETTE[np.arange(len(mesh.part_names)) % len(PALETTE)]
-            colors = np.where(np.isnan(mesh.part_colors), palette, mesh.part_colors)
-        return cls(mesh, feature_edges(mesh) if edges is None else edges, np.asarray(colors, np.float32))
+        edges = feature_edges(mesh) if edges is None else edges
+        if colors is not None:
+            return cls(mesh, edges, np.asarray(colors, np.float32))
+        palette = PALETTE[np.arange(len(mesh.part_names)) % len(PALETTE)]
+        of_parts = np.where(np.isnan(mesh.part_colors), palette, mesh.part_colors)
+        if mesh.face_colors is None:
+            return cls(mesh, edges, of_parts)
+        own = np.isfinite(mesh.face_colors).all(axis=1)
+        paint = mesh.part.copy()
+        paint[own] = len(of_parts) + np.arange(own.sum())
+        return cls(mesh, edges, np.concatenate([of_parts, mesh.face_colors[own]]), paint)
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,8 @@ SURFACES = "cadcam:surfaces"
 def read_gltf(path: Path, data: bytes) -> Model:
     """Return the triangles of the default scene; every node with a mesh is a part, points and lines are passed over.
 
-    The colour of a part is the base colour of its material, turned from linear light to sRGB, where it has just one.
+    The colour of a face is the base colour of its material times the mean of its vertices' colours, turned from linear
+    light to sRGB; textures are passed over.
     Files that this package wrote with surfaces say so, and give them back.
     """
     scene = Scene(path, data)
@@ -45,7 +46,7 @@ class Primitive:
     points: Array
     faces: npt.NDArray[np.int64]
     normals: Array | None
-    color: Array
+    colors: Array  # of the faces: sRGB, NaN where there is none
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,20 +75,19 @@ def collected(path: Path, shapes: list[Shape], *, brep: bool) -> Mesh:
             faces.append(triangles + at)
             part.append(np.full(len(triangles), number))
             surface.append(np.full(len(triangles), n_surfaces if brep else -1))
+            colors.append(primitive.colors)
             if primitive.normals is not None and len(primitive.normals) == len(primitive.points):
                 normals.append(_corner_normals(primitive.normals, triangles, turn))
             n_surfaces += 1
             at += len(primitive.points)
         names.append(_label(shape, path.stem))
-        used = np.array([primitive.color for primitive in shape.primitives])
-        colors.append(used[0] if len(used) and (used == used[0]).all() else np.full(3, np.nan))
     return assembled(
         path,
         np.concatenate([np.zeros((0, 3)), *points]),
         np.concatenate([np.zeros((0, 3), np.int64), *faces]),
         part=np.concatenate([np.zeros(0, np.int64), *part]),
         names=names,
-        colors=np.array(colors).reshape(-1, 3),
+        face_colors=np.concatenate([np.zeros((0, 3)), *colors]),
         surface=np.concatenate([np.zeros(0, np.int64), *surface]),
         corner_normals=np.concatenate(normals) if brep and len(normals) == n_surfaces > 0 else None,
     )
@@ -198,20 +198,29 @@ class Scene:
                 _AGAIN,
             )
         normals = raw["attributes"].get("NORMAL")
+        triangles = _triangles(index, mode)
         return Primitive(
             points,
-            _triangles(index, mode),
+            triangles,
             None if normals is None else self._accessor(normals).astype(np.float64),
-            self._color(raw.get("material")),
+            self._colors(raw, triangles, len(points)),
         )
 
-    def _color(self, material: int | None) -> Array:
-        if material is None:
-            return np.full(3, np.nan)
-        surface = self.json["materials"][material].get("pbrMetallicRoughness", {})
-        if "baseColorFactor" not in surface:
-            return np.full(3, np.nan)
-        linear = np.clip(np.array(surface["baseColorFactor"][:3], float), 0, 1)
+    def _colors(self, raw: dict[str, Any], triangles: npt.NDArray[np.int64], n_points: int) -> Array:
+        """Return the sRGB of each triangle of a primitive, NaN where neither material nor vertices have a colour."""
+        material = raw.get("material")
+        surface = {} if material is None else self.json["materials"][material].get("pbrMetallicRoughness", {})
+        factor, number = surface.get("baseColorFactor"), raw["attributes"].get("COLOR_0")
+        if factor is None and number is None:
+            return np.full((len(triangles), 3), np.nan)
+        linear = np.ones((len(triangles), 3)) * np.array([1, 1, 1] if factor is None else factor[:3], float)
+        if number is not None:
+            of_vertices = self._accessor(number).astype(np.float64)[:, :3]
+            if len(of_vertices) != n_points:
+                what = f"accessor {number} has {len(of_vertices)} colours for {n_points} vertices"
+                raise UnreadableFile(self.path, what, _AGAIN)
+            linear *= of_vertices[triangles].mean(axis=1)
+        linear = np.clip(linear, 0, 1)
         curved = 1.055 * linear ** (1 / 2.4) - 0.055
         return np.asarray(np.where(linear <= 0.0031308, 12.92 * linear, curved))  # IEC 61966-2-1
 

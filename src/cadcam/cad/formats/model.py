@@ -39,12 +39,14 @@ def assembled(
     colors: npt.NDArray[np.floating] | None = None,
     surface: npt.NDArray[np.integer] | None = None,
     corner_normals: npt.NDArray[np.floating] | None = None,
+    face_colors: npt.NDArray[np.floating] | None = None,
     vertex_place: Place = "vertex {}".format,
     face_place: Place = "face {}".format,
 ) -> Mesh:
     """Return the mesh of a file, or raise `UnreadableFile` with the place of the first thing wrong with it.
 
-    Parts that own no face are left out; without `names` there is one part, named like the file.
+    Parts that own no face are left out; without `names` there is one part, named like the file. A part whose faces all
+    have one colour of their own takes that colour.
     """
     if not len(faces):
         what = f"{len(vertices)} vertices but no faces" if len(vertices) else "no geometry"
@@ -56,8 +58,9 @@ def assembled(
     present = np.flatnonzero(np.bincount(part, minlength=len(names)))
     number = np.full(len(names), -1, np.int32)
     number[present] = np.arange(len(present))
-    if colors is None:
-        colors = np.full((len(names), 3), np.nan, np.float32)
+    colors = np.full((len(names), 3), np.nan) if colors is None else np.array(colors, np.float64)
+    if face_colors is not None:
+        face_colors = _lifted(np.asarray(face_colors, np.float32), part, colors)
     return Mesh(
         vertices=np.asarray(vertices, np.float64),
         faces=np.asarray(faces),
@@ -66,7 +69,23 @@ def assembled(
         part_names=unique_names([names[i] or path.stem for i in present]),
         part_colors=np.asarray(colors, np.float32)[present],
         corner_normals=None if corner_normals is None else np.asarray(corner_normals, np.float32),
+        face_colors=face_colors,
     )
+
+
+def _lifted(
+    of_faces: npt.NDArray[np.float32], part: npt.NDArray[np.integer], of_parts: npt.NDArray[np.floating]
+) -> npt.NDArray[np.float32] | None:
+    """Move the colour that all faces of a part share to the part, in place; return what is left, None if nothing."""
+    low = np.full((len(of_parts), 3), np.inf, np.float32)
+    high = -low
+    known = np.nan_to_num(of_faces, nan=-1)  # below every colour
+    np.minimum.at(low, part, known)
+    np.maximum.at(high, part, known)
+    even = ((low == high) & (low >= 0)).all(axis=1)
+    of_parts[even] = low[even]
+    left = np.where(even[part][:, None], np.float32(np.nan), of_faces)
+    return None if np.isnan(left).all() else left
 
 
 def check_finite(path: Path, vertices: npt.NDArray[np.floating], place: Place) -> None:

@@ -35,7 +35,8 @@ def read_obj(path: Path, data: bytes) -> Model:
     """Return the faces of an OBJ file; normals, texture coordinates, lines and free-form curves are passed over.
 
     A part is named after its object or group ("object/group" where both differ), or its material in a file that has
-    neither; its colour is the diffuse colour of its material, if the material library lies beside the file.
+    neither. The colour of a face is the diffuse colour of its material, if the material library lies beside the file,
+    else the mean of its vertices' colours (three numbers behind their positions).
     """
     refuse_binary(path, data, "OBJ")
     lines = _sorted_out(data)
@@ -47,14 +48,18 @@ def read_obj(path: Path, data: bytes) -> Model:
     line_of_corner = np.repeat(np.array(lines.face_line), counts)
     check_indices(path, corners, len(vertices), lambda at: f"line {line_of_corner[at]}: the face")
     faces, polygon = triangulated(vertices, counts, corners)
-    part, names, colors = _parts(path, lines)
+    part, names = _parts(lines)
+    colors = _colors(path, lines)[polygon]
+    if painted := _vertex_colors(lines):
+        mean = np.array(painted).reshape(-1, 3)[faces].mean(axis=1)
+        colors = np.where(np.isnan(colors), mean, colors)
     mesh = assembled(
         path,
         vertices,
         faces,
         part=part[polygon],
         names=names,
-        colors=colors,
+        face_colors=colors,
         vertex_place=lambda at: f"line {lines.vertex_line[at]}: vertex {at + 1}",
     )
     return Model(mesh)
@@ -142,24 +147,35 @@ def _no_zero(path: Path, lines: _Lines, counts: Longs, corners: Longs) -> None:
         raise UnreadableFile(path, f"line {lines.face_line[at]}: vertex number 0", "OBJ counts vertices from 1")
 
 
-def _parts(path: Path, lines: _Lines) -> tuple[Longs, list[str], npt.NDArray[np.float32]]:
-    """Return the part of each face, the names of the parts and their colours."""
+def _parts(lines: _Lines) -> tuple[Longs, list[str]]:
+    """Return the part of each face and the names of the parts."""
     named = any(key[0] or key[1] for key in lines.labels)
     names: dict[str, int] = {}
-    materials: list[set[str]] = []
     part_of_label = []
     for obj, group, material in lines.labels:
         name = "/".join(dict.fromkeys(w for w in (obj, group) if w)) if named else material
-        number = names.setdefault(name, len(names))
-        if number == len(materials):
-            materials.append(set())
-        materials[number].add(material)
-        part_of_label.append(number)
+        part_of_label.append(names.setdefault(name, len(names)))
+    owner = np.array(part_of_label or [0], np.int64)[np.array(lines.owner, np.int64)]
+    return owner, list(names)
+
+
+def _colors(path: Path, lines: _Lines) -> npt.NDArray[np.float64]:
+    """Return the diffuse colour of each face's material (N, 3), NaN where it is not known."""
     known = _diffuse(path, lines.libraries)
     nothing = (np.nan, np.nan, np.nan)
-    colors = [known.get(min(used), nothing) if len(used) == 1 else nothing for used in materials]
-    owner = np.array(part_of_label or [0], np.int64)[np.array(lines.owner, np.int64)]
-    return owner, list(names), np.array(colors, np.float32).reshape(-1, 3)
+    of_label = [known.get(material, nothing) for _, _, material in lines.labels] or [nothing]
+    return np.array(of_label)[np.array(lines.owner, np.int64)]
+
+
+def _vertex_colors(lines: _Lines) -> list[list[float]]:
+    """Return the colours in [0, 1] behind all positions; nothing unless every vertex has three numbers more."""
+    if not lines.vertices or len(lines.vertices[0].split()) != 6:
+        return []
+    try:
+        colors = [[float(word) for word in line.split()[3:]] for line in lines.vertices]
+    except ValueError:
+        return []
+    return colors if all(len(c) == 3 and min(c) >= 0 and max(c) <= 1 for c in colors) else []
 
 
 def _diffuse(path: Path, libraries: list[str]) -> dict[str, tuple[float, float, float]]:

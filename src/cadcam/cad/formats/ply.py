@@ -46,11 +46,12 @@ class _Element:
 
 
 def read_ply(path: Path, data: bytes) -> Model:
-    """Return the polygons of a PLY file; everything but positions and face indices is passed over."""
+    """Return the polygons of a PLY file, with the colours of its faces or the mean of their vertices'; no textures."""
     order, elements, body = _header(path, data)
     reader = _Ascii(path, data, body) if order == "ascii" else _Binary(path, data, body, order)
     vertices = np.zeros((0, 3))
     counts, corners = np.zeros(0, np.int64), np.zeros(0, np.int64)
+    of_vertices = of_faces = None
     for element in elements:
         columns, lists = reader.read(element)
         if element.name == "vertex":
@@ -58,17 +59,35 @@ def read_ply(path: Path, data: bytes) -> Model:
             if missing:
                 raise UnreadableFile(path, f"its vertices have no property {missing[0]!r}", _AGAIN)
             vertices = np.column_stack([columns[axis] for axis in "xyz"])
+            of_vertices = _colors(element, columns)
         elif element.name == "face":
             key = next((k for k in ("vertex_indices", "vertex_index") if k in lists), None)
             if key is None:
                 raise UnreadableFile(path, "its faces have no list 'vertex_indices'", _AGAIN)
             counts, corners = lists[key]
+            of_faces = _colors(element, columns)
         elif element.name == "tristrips":
             raise UnreadableFile(path, "holds triangle strips", "export single triangles")
     owner = np.repeat(np.arange(len(counts)), counts)
     check_indices(path, corners, len(vertices), lambda at: f"face {owner[at]}")
-    faces, _ = triangulated(vertices, counts, corners)
-    return Model(assembled(path, vertices, faces))
+    faces, polygon = triangulated(vertices, counts, corners)
+    colors = None
+    if of_faces is not None:
+        colors = of_faces[polygon]
+    elif of_vertices is not None:
+        colors = of_vertices[faces].mean(axis=1)
+    return Model(assembled(path, vertices, faces, face_colors=colors))
+
+
+def _colors(element: _Element, columns: Columns) -> npt.NDArray[np.float64] | None:
+    """Return the RGB in [0, 1] of an element's entries, None where it has none."""
+    names = ("red", "green", "blue")
+    if any(name not in columns for name in names):
+        return None
+    type_of = {p.name: p.type for p in element.properties}
+    whole = {name: np.iinfo(type_of[name]).max if type_of[name][0] in "iu" else 1.0 for name in names}
+    rows = np.column_stack([np.asarray(columns[name], float) / whole[name] for name in names])
+    return np.where(np.isfinite(rows), np.clip(rows, 0, 1), np.nan)
 
 
 def _header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
@@ -181,7 +200,8 @@ class _Binary:
         return value, at + size
 
     def _one_by_one(self, element: _Element) -> tuple[Columns, Lists]:
-        """Return the lists of an element whose entries differ in length; its scalars are passed over."""
+        """Return the columns and lists of an element whose entries differ in length."""
+        scalars: dict[str, list[bytes]] = {p.name: [] for p in element.properties if not p.count}
         counts: dict[str, list[int]] = {p.name: [] for p in element.properties if p.count}
         values: dict[str, list[bytes]] = {name: [] for name in counts}
         for _ in range(element.size):
@@ -191,6 +211,8 @@ class _Binary:
                     n, self.at = self._number(p.count, self.at)
                     counts[p.name].append(n)
                     values[p.name].append(self.data[self.at : self.at + n * size])
+                else:
+                    scalars[p.name].append(self.data[self.at : self.at + size])
                 self.at += n * size
                 if n < 0 or self.at > len(self.data):
                     raise UnreadableFile(self.path, f"ends at byte {len(self.data)} amid its faces: truncated", _AGAIN)
@@ -199,7 +221,8 @@ class _Binary:
             if p.count:
                 flat = np.frombuffer(b"".join(values[p.name]), self.order + p.type).astype(np.int64)
                 lists[p.name] = (np.array(counts[p.name], np.int64), flat)
-        return {}, lists
+        types = {p.name: self.order + p.type for p in element.properties}
+        return {name: np.frombuffer(b"".join(raw), types[name]) for name, raw in scalars.items()}, lists
 
 
 class _Ascii:
@@ -222,7 +245,7 @@ class _Ascii:
                 self.path, f"claims {element.size} entries of {element.name!r} but has {len(rows)}: truncated", _AGAIN
             )
         if any(p.count for p in element.properties):
-            return {}, self._lists(element, rows, first)
+            return self._lists(element, rows, first)
         n = len(element.properties)
         if not n:
             return {}, {}
@@ -245,7 +268,8 @@ class _Ascii:
             return UnreadableFile(self.path, f"line {line}: {shown!r} is not {n} numbers", "check the line")
         return UnreadableFile(self.path, f"its entries are not {n} numbers each", _AGAIN)
 
-    def _lists(self, element: _Element, rows: list[list[bytes]], first: int) -> Lists:
+    def _lists(self, element: _Element, rows: list[list[bytes]], first: int) -> tuple[Columns, Lists]:
+        scalars: dict[str, list[float]] = {p.name: [] for p in element.properties if not p.count}
         counts: dict[str, list[int]] = {p.name: [] for p in element.properties if p.count}
         values: dict[str, list[int]] = {name: [] for name in counts}
         for k, row in enumerate(rows):
@@ -253,6 +277,8 @@ class _Ascii:
             try:
                 for p in element.properties:
                     n = int(row[at]) if p.count else 1
+                    if not p.count:
+                        scalars[p.name].append(float(row[at]))
                     at += 1
                     if p.count:
                         words = row[at : at + n]
@@ -268,4 +294,5 @@ class _Ascii:
                     f"line {self.line + first + k}: {shown!r} is not a list of vertex numbers",
                     "check the line",
                 ) from None
-        return {name: (np.array(counts[name], np.int64), np.array(values[name], np.int64)) for name in counts}
+        lists = {name: (np.array(counts[name], np.int64), np.array(values[name], np.int64)) for name in counts}
+        return {name: np.array(column) for name, column in scalars.items()}, lists

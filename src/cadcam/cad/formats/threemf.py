@@ -46,8 +46,8 @@ def read_3mf(path: Path, data: bytes) -> Model:
     points = np.concatenate([np.zeros((0, 3)), *found.points])
     faces = np.concatenate([np.zeros((0, 3), np.int64), *found.faces])
     part = np.repeat(np.arange(len(found.faces)), [len(f) for f in found.faces])
-    colors = np.array(found.colors, float).reshape(-1, 3)
-    return Model(assembled(path, points, faces, part=part, names=found.names, colors=colors), _UNIT[unit], True)
+    colors = np.concatenate([np.zeros((0, 3)), *found.colors])
+    return Model(assembled(path, points, faces, part=part, names=found.names, face_colors=colors), _UNIT[unit], True)
 
 
 class _Found:
@@ -55,7 +55,7 @@ class _Found:
         self.points: list[Array] = []
         self.faces: list[np.ndarray[tuple[int, ...], np.dtype[np.int64]]] = []
         self.names: list[str] = []
-        self.colors: list[tuple[float, float, float]] = []
+        self.colors: list[Array] = []
         self.n_points = 0
 
 
@@ -121,11 +121,9 @@ class _Package:
             self.place(found, target, component.get("objectid", ""), inner, name, depth + 1)
         mesh = item.find("./{*}mesh")
         if mesh is not None:
-            self._add(found, mesh, place, name, _color(root, item))
+            self._add(found, mesh, place, name, _face_colors(root, item, mesh))
 
-    def _add(
-        self, found: _Found, mesh: ElementTree.Element, place: Array, name: str, color: tuple[float, float, float]
-    ) -> None:
+    def _add(self, found: _Found, mesh: ElementTree.Element, place: Array, name: str, colors: Array) -> None:
         try:
             points = np.array([[v.get(k) for k in "xyz"] for v in mesh.iterfind("./{*}vertices/{*}vertex")], float)
             faces = np.array(
@@ -142,7 +140,7 @@ class _Package:
         found.points.append(points @ place[:3, :3].T + place[:3, 3])
         found.faces.append(faces + found.n_points)
         found.names.append(name)
-        found.colors.append(color)
+        found.colors.append(colors)
         found.n_points += len(points)
 
 
@@ -157,15 +155,37 @@ def _matrix(path: Path, text: str | None) -> Array:
     return place
 
 
-def _color(root: ElementTree.Element, item: ElementTree.Element) -> tuple[float, float, float]:
-    """Return the display colour of the object's base material, NaN where it has none."""
-    group = item.get("pid")
-    for materials in root.iterfind("./{*}resources/{*}basematerials"):
-        if group is not None and materials.get("id") == group:
-            try:
-                text = materials[int(item.get("pindex", "0"))].get("displaycolor", "")
-                r, g, b = (int(text[k : k + 2], 16) / 255 for k in (1, 3, 5))
-            except (IndexError, ValueError):
-                break
-            return r, g, b
-    return np.nan, np.nan, np.nan
+def _face_colors(root: ElementTree.Element, item: ElementTree.Element, mesh: ElementTree.Element) -> Array:
+    """Return the RGB of each triangle: the mean of its corners' colours, its own or its object's; NaN without any."""
+    groups = _color_groups(root)
+    home = (item.get("pid", ""), item.get("pindex", "0"))
+    rows = []
+    for triangle in mesh.iterfind("./{*}triangles/{*}triangle"):
+        group, first = triangle.get("pid", home[0]), triangle.get("p1")
+        if first is None:  # without an index of its own it has its object's colour
+            rows.append(_of_group(groups, *home))
+        else:
+            corners = (first, triangle.get("p2", first), triangle.get("p3", first))
+            rows.append(np.mean([_of_group(groups, group, index) for index in corners], axis=0))
+    return np.array(rows).reshape(-1, 3)
+
+
+def _of_group(groups: dict[str, list[Array]], group: str, index: str) -> Array:
+    colors = groups.get(group, [])
+    return colors[int(index)] if index.isdecimal() and int(index) < len(colors) else np.full(3, np.nan)
+
+
+def _color_groups(root: ElementTree.Element) -> dict[str, list[Array]]:
+    """Return the colours of base materials and colour groups (materials extension) by the group's number."""
+    groups = {}
+    for kind, attribute in (("basematerials", "displaycolor"), ("colorgroup", "color")):
+        for group in root.iterfind(f"./{{*}}resources/{{*}}{kind}"):
+            groups[group.get("id", "")] = [_rgb(entry.get(attribute, "")) for entry in group]
+    return groups
+
+
+def _rgb(text: str) -> Array:
+    try:
+        return np.array([int(text[k : k + 2], 16) / 255 for k in (1, 3, 5)])
+    except ValueError:
+        return np.full(3, np.nan)
