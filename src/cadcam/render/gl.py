@@ -8,7 +8,7 @@ precision, about 1e-7 of the focal length. Whichever face is found, its depth, n
 precision at the exact direction of the pixel centre. Where two faces are closer in depth than 1e-7 of the scene's depth
 range, or of the depth itself, either may be seen.
 
-Colours are those of the parts, as for all renderers: a `Mesh` carries neither vertex colours nor textures.
+Colours are those of the faces, as for all renderers; a `Mesh` carries no textures.
 """
 
 from __future__ import annotations
