@@ -20,6 +20,8 @@ enum {
     TILE_AREA = 64,
     CLUSTER = 64,    /* triangles of a cluster, at most */
     CORNERS = 192,   /* vertices of a cluster, at most: an index fits a byte */
+    PATCH = 32,      /* samples along the smallest patch of a lens */
+    PATCH_LEVELS = 16,
 };
 
 /* Neighbouring triangles with the box around them: culled, transformed and drawn together. */
@@ -46,6 +48,16 @@ typedef struct { int32_t x0, x1, y0, y1; } rect; /* samples, both ends included;
 typedef struct { uint16_t x0, x1, y0, y1; } short_rect;
 typedef struct { double x0, x1, y0, y1; } box;   /* of the sampling plane */
 
+/* A square part of the picture in which the lens is affine to within a bound: sample (x + i, y + j) looks at
+ * (u + ux i + uy j, v + vx i + vy j) of the plane, off by at most (off_u, off_v); what looks at (u + p, v + q) is sample
+ * (x + xu p + xv q, y + yu p + yv q), off by at most (off_x, off_y). patch.c. */
+typedef struct {
+    double x, y, u, v;
+    double ux, uy, vx, vy, off_u, off_v;
+    double xu, xv, yu, yv, off_x, off_y;
+    int32_t seen; /* whether any of its samples sees anything */
+} patch;
+
 struct cc_lens {
     int32_t width, height, tiles_x, tiles_y;
     double *x, *y;    /* plane points tile by tile, 64 each; NaN where nothing is seen and beyond the border */
@@ -58,6 +70,7 @@ struct cc_lens {
     double scale_x, scale_y, origin_x, origin_y;
     int32_t levels, cells_x[32], cells_y[32];
     short_rect *cell[32];
+    patch *patches[PATCH_LEVELS]; /* of PATCH << level samples a side; from level 1 on each half over the one before */
 };
 
 /* Squash the plane to (-1, 1) along each axis, monotonically, so that a grid of equal cells serves 180 degrees. */
@@ -65,6 +78,13 @@ static inline double squash(double u) { return u / (1.0 + (u < 0 ? -u : u)); }
 
 /* The samples whose plane points may lie in a box given in cells. */
 rect lens_samples(const cc_lens *lens, box cells);
+
+int fill_patches(cc_lens *lens, const double *points); /* 0 where memory is short */
+void free_patches(cc_lens *lens);
+/* The smallest patch that holds a rectangle. */
+const patch *patch_of(const cc_lens *lens, const rect *r);
+/* That of a block of 8 x 8 tiles. */
+const patch *chunk_patch(const cc_lens *lens, int32_t bx, int32_t by);
 
 /* A cluster that may be seen. */
 typedef struct {

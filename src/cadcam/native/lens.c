@@ -59,7 +59,7 @@ static void fill_tiles(cc_lens *l, const double *points) {
 /* Bounds of 2 x 2 blocks of the level below, up to one block. */
 static int fill_blocks(cc_lens *l) {
     int32_t wide = l->tiles_x, high = l->tiles_y;
-    for (int k = 1; wide > 1 || high > 1; k++) {
+    for (int k = 1; k <= 3 || wide > 1 || high > 1; k++) { /* 3: strip.c asks for it */
         int32_t nx = (wide + 1) / 2, ny = (high + 1) / 2;
         l->block[k] = malloc((size_t)nx * (size_t)ny * sizeof(box));
         if (!l->block[k]) return 0;
@@ -132,7 +132,7 @@ CC_API cc_lens *cc_lens_new(const double *points, int32_t width, int32_t height)
     l->partial = malloc(tiles);
     if (made && l->x && l->y && l->block[0] && l->partial) {
         fill_tiles(l, points);
-        if (fill_blocks(l) && fill_cells(l) && fill_pyramid(l)) return l;
+        if (fill_blocks(l) && fill_cells(l) && fill_pyramid(l) && fill_patches(l, points)) return l;
     }
     cc_lens_free(l);
     return NULL;
@@ -144,6 +144,7 @@ CC_API void cc_lens_free(cc_lens *l) {
     aligned_release(l->x), aligned_release(l->y), aligned_release(l->n), aligned_release(l->m), free(l->partial);
     for (int k = 0; k < 4; k++) free(l->side[k]);
     for (int k = 0; k < 16; k++) free(l->block[k]);
+    free_patches(l);
     free(l);
 }
 

@@ -18,7 +18,7 @@
  * widened: it can cost time, never a sample. */
 #include "hot.h"
 
-/* A cluster's vertices in the sampling plane: homogeneous, in grid coordinates (NaN or worse behind the camera), 1/z. */
+/* A cluster's vertices in the sampling plane: homogeneous, in samples (about, with a lens; anything behind the camera), 1/z. */
 typedef struct {
     _Alignas(64) double x[CORNERS];
     _Alignas(64) double y[CORNERS];
@@ -26,9 +26,10 @@ typedef struct {
     _Alignas(64) double gx[CORNERS];
     _Alignas(64) double gy[CORNERS];
     _Alignas(64) double w[CORNERS];
+    _Alignas(64) double front[CORNERS]; /* not positive behind the camera, and where gx, gy are not to be trusted */
 } corners;
 
-static void transform(const cc_frame *f, const cluster *c, corners *out) {
+static void transform(const cc_frame *f, const cluster *c, const patch *near, corners *out) {
     const double *restrict X = f->scene->x + c->first_vertex, *restrict Y = f->scene->y + c->first_vertex;
     const double *restrict Z = f->scene->z + c->first_vertex;
     const double *M = f->view->plane;
@@ -42,9 +43,17 @@ static void transform(const cc_frame *f, const cluster *c, corners *out) {
         double w = 1.0 / out->z[i];
         out->w[i] = w, out->gx[i] = out->x[i] * w, out->gy[i] = out->y[i] * w;
     }
-    const cc_lens *lens = f->view->lens;
-    if (lens)
-        for (int i = 0; i < n; i++) out->gx[i] = grid_x(lens, out->gx[i]), out->gy[i] = grid_y(lens, out->gy[i]);
+    if (!near) {
+        memcpy(out->front, out->z, (size_t)n * sizeof(double));
+        return;
+    }
+    for (int i = 0; i < n; i++) { /* as the patch has it, rounded by less than 1e-6 px within 1e6 px of its middle */
+        const double p = out->gx[i] - near->u, q = out->gy[i] - near->v;
+        const double xp = near->xu * p, xq = near->xv * q, yp = near->yu * p, yq = near->yv * q;
+        const double far = fabs(xp) + fabs(xq) + fabs(yp) + fabs(yq);
+        out->gx[i] = near->x + (xp + xq), out->gy[i] = near->y + (yp + yq);
+        out->front[i] = far < 1e6 ? out->z[i] : -1;
+    }
 }
 
 static inline void cross(const double p[3], const double q[3], double out[3]) {
@@ -93,23 +102,23 @@ typedef struct {
     _Alignas(64) float nearest[CLUSTER], farthest[CLUSTER];
 } bounds;
 
-static void bound(const cc_frame *f, const cluster *c, const corners *v, bounds *out) {
+static void bound(const cc_frame *f, const cluster *c, const patch *near, const corners *v, bounds *out) {
     const uint8_t *restrict c0 = f->scene->corner[0] + c->first_face, *restrict c1 = f->scene->corner[1] + c->first_face;
     const uint8_t *restrict c2 = f->scene->corner[2] + c->first_face;
-    const double width = f->width, height = f->height, slack = 1e-5; /* px: far above rounding */
+    const double width = f->width, height = f->height;
+    const double slack_x = 1e-5 + (near ? near->off_x : 0), slack_y = 1e-5 + (near ? near->off_y : 0); /* far above rounding */
     int n = c->n_faces;
     for (int k = 0; k < n; k++) {
         int p = c0[k], q = c1[k], r = c2[k];
         double near = upper3(v->w[p], v->w[q], v->w[r]), far = lower3(v->w[p], v->w[q], v->w[r]);
         out->gx0[k] = lower3(v->gx[p], v->gx[q], v->gx[r]), out->gx1[k] = upper3(v->gx[p], v->gx[q], v->gx[r]);
         out->gy0[k] = lower3(v->gy[p], v->gy[q], v->gy[r]), out->gy1[k] = upper3(v->gy[p], v->gy[q], v->gy[r]);
-        out->front[k] = lower3(v->z[p], v->z[q], v->z[r]);
+        out->front[k] = lower3(v->front[p], v->front[q], v->front[r]);
         out->nearest[k] = (float)lower(near, FLT_MAX), out->farthest[k] = (float)lower(far, FLT_MAX);
     }
-    if (f->view->lens) return;
     for (int k = 0; k < n; k++) { /* ceil and floor of numbers made at least 0 and -1: both vectorise everywhere */
-        double x0 = lower(upper(out->gx0[k] - slack, 0), width), y0 = lower(upper(out->gy0[k] - slack, 0), height);
-        double x1 = lower(upper(out->gx1[k] + slack, -1) + 1, width), y1 = lower(upper(out->gy1[k] + slack, -1) + 1, height);
+        double x0 = lower(upper(out->gx0[k] - slack_x, 0), width), y0 = lower(upper(out->gy0[k] - slack_y, 0), height);
+        double x1 = lower(upper(out->gx1[k] + slack_x, -1) + 1, width), y1 = lower(upper(out->gy1[k] + slack_y, -1) + 1, height);
         int32_t left = (int32_t)x0, top = (int32_t)y0;
         out->x0[k] = left + (x0 > left), out->y0[k] = top + (y0 > top);
         out->x1[k] = (int32_t)x1 - 1, out->y1[k] = (int32_t)y1 - 1;
@@ -126,8 +135,7 @@ static inline rect reach(const cc_frame *f, const cluster *c, const corners *v, 
         of->farthest[k] = (float)lower(1 / upper3(v->z[i[0]], v->z[i[1]], v->z[i[2]]), FLT_MAX);
         return (rect){0, f->width - 1, 0, f->height - 1};
     }
-    if (!f->view->lens) return (rect){of->x0[k], of->x1[k], of->y0[k], of->y1[k]};
-    return samples_of(f, (box){of->gx0[k], of->gx1[k], of->gy0[k], of->gy1[k]});
+    return (rect){of->x0[k], of->x1[k], of->y0[k], of->y1[k]};
 }
 
 static void draw_cluster(const band *b, const candidate *which) {
@@ -135,11 +143,13 @@ static void draw_cluster(const band *b, const candidate *which) {
     const cluster *c = &f->scene->clusters[which->index];
     corners v;
     bounds of;
-    transform(f, c, &v);
-    bound(f, c, &v, &of);
+    const patch *near = f->view->lens ? patch_of(f->view->lens, &which->where) : NULL;
+    transform(f, c, near, &v);
+    bound(f, c, near, &v, &of);
     for (int k = 0; k < c->n_faces; k++) {
         rect r = reach(f, c, &v, &of, k);
-        r.y0 = imax(r.y0, b->y0), r.y1 = imin(r.y1, b->y1);
+        r.x0 = imax(r.x0, which->where.x0), r.x1 = imin(r.x1, which->where.x1);
+        r.y0 = imax(r.y0, imax(which->where.y0, b->y0)), r.y1 = imin(r.y1, imin(which->where.y1, b->y1));
         if (r.x0 > r.x1 || r.y0 > r.y1 || !may_be_seen(b, &r, of.nearest[k])) continue;
         size_t at = c->first_face + (size_t)k;
         const uint8_t i[3] = {f->scene->corner[0][at], f->scene->corner[1][at], f->scene->corner[2][at]};
