@@ -48,20 +48,22 @@ typedef struct { int32_t x0, x1, y0, y1; } rect; /* samples, both ends included;
 typedef struct { uint16_t x0, x1, y0, y1; } short_rect;
 typedef struct { double x0, x1, y0, y1; } box;   /* of the sampling plane */
 
-/* A square part of the picture in which the lens is affine to within a bound: sample (x + i, y + j) looks at
- * (u + ux i + uy j, v + vx i + vy j) of the plane, off by at most (off_u, off_v); what looks at (u + p, v + q) is sample
- * (x + xu p + xv q, y + yu p + yv q), off by at most (off_x, off_y). patch.c. */
+/* A lens that is affine to within a bound: the sample (i, j) from some middle looks at (u + ux i + uy j, v + vx i + vy j)
+ * of the plane, off by at most (off_u, off_v). */
+typedef struct { double u, v, ux, uy, vx, vy, off_u, off_v; } affine;
+
+/* A square part of the picture about (x, y) with its affine map, and the way back: what looks at (u + p, v + q) is the
+ * sample (x + xu p + xv q, y + yu p + yv q), off by at most (off_x, off_y). patch.c. */
 typedef struct {
-    double x, y, u, v;
-    double ux, uy, vx, vy, off_u, off_v;
-    double xu, xv, yu, yv, off_x, off_y;
+    affine map;
+    double x, y, xu, xv, yu, yv, off_x, off_y;
     int32_t seen; /* whether any of its samples sees anything */
 } patch;
 
 struct cc_lens {
     int32_t width, height, tiles_x, tiles_y;
     double *x, *y;    /* plane points tile by tile, 64 each; NaN where nothing is seen and beyond the border */
-    float *n, *m;     /* the same about the centre of the tile's bounds, in units of their half size: -1 to 1 */
+    affine *tile;     /* about the middle of each tile */
     double *side[4];  /* x0, x1, y0, y1 of the bounds of each tile, once more: 8 tiles are a vector */
     box *block[16];   /* bounds of the points of each tile, of 2 x 2 tiles, 4 x 4 ...; (inf, -inf) where there are none */
     uint8_t *partial; /* whether a tile has points without a direction */
@@ -83,8 +85,8 @@ int fill_patches(cc_lens *lens, const double *points); /* 0 where memory is shor
 void free_patches(cc_lens *lens);
 /* The smallest patch that holds a rectangle. */
 const patch *patch_of(const cc_lens *lens, const rect *r);
-/* That of a block of 8 x 8 tiles. */
-const patch *chunk_patch(const cc_lens *lens, int32_t bx, int32_t by);
+/* That of a block of 2^level x 2^level tiles, level >= 3. */
+const patch *block_patch(const cc_lens *lens, int level, int32_t bx, int32_t by);
 
 /* A cluster that may be seen. */
 typedef struct {

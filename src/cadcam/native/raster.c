@@ -48,7 +48,7 @@ static void transform(const cc_frame *f, const cluster *c, const patch *near, co
         return;
     }
     for (int i = 0; i < n; i++) { /* as the patch has it, rounded by less than 1e-6 px within 1e6 px of its middle */
-        const double p = out->gx[i] - near->u, q = out->gy[i] - near->v;
+        const double p = out->gx[i] - near->map.u, q = out->gy[i] - near->map.v;
         const double xp = near->xu * p, xq = near->xv * q, yp = near->yu * p, yq = near->yv * q;
         const double far = fabs(xp) + fabs(xq) + fabs(yp) + fabs(yq);
         out->gx[i] = near->x + (xp + xq), out->gy[i] = near->y + (yp + yq);

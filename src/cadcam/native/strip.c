@@ -54,14 +54,14 @@ static crossings straight(const triangle *t, rect *r) {
 }
 
 /* In a patch of a distorting camera's picture, moved outwards. */
-static crossings bent(const triangle *t, const patch *p) {
-    const d4 a = *(const d4 *)t->a, b = *(const d4 *)t->b, none = {0};
+static crossings bent(const triangle *t, const patch *near) {
+    const affine *p = &near->map;
+    const d4 a = *(const d4 *)t->a, b = *(const d4 *)t->b;
     const d4 along = a * p->ux + b * p->vx, down = a * p->uy + b * p->vy;
-    const d4 size_a = most_d(a, -a), size_b = most_d(b, -b), turn = most_d(along, -along) + most_d(down, -down);
-    const d4 out = size_a * p->off_u + size_b * p->off_v + turn * 0x1p-30;
+    const d4 out = size_d(a) * p->off_u + size_d(b) * p->off_v + (size_d(along) + size_d(down)) * 0x1p-30;
     double ax[4], by[4], c[4];
-    *(d4 *)ax = along + none, *(d4 *)by = down + none;
-    *(d4 *)c = a * p->u + (b * p->v + *(const d4 *)t->c) + out - (along * p->x + down * p->y);
+    *(d4 *)ax = along, *(d4 *)by = down;
+    *(d4 *)c = a * p->u + (b * p->v + *(const d4 *)t->c) + out - (along * near->x + down * near->y);
     return crossings_of(t, ax, by, c);
 }
 
@@ -156,7 +156,8 @@ static void draw_strip(const band *b, const triangle *t, const crossings *e, con
             const int32_t x = tx + __builtin_ctz(show);
             const unsigned rows = signs((left <= x * TILE + (TILE - 1)) & (right >= x * TILE));
             if (!rows) continue;
-            if (bent || e->unsure) VARIANT(draw_points)(b, t, rows, x, ty);
+            if (e->unsure) VARIANT(draw_by_definition)(b, t, rows, x, ty);
+            else if (bent) VARIANT(draw_points)(b, t, x, ty);
             else VARIANT(draw_pixels)(b, t, &s, rows, x, ty);
         }
     }
@@ -175,7 +176,7 @@ static void draw_block(const band *b, const triangle *t, const rect *r, int leve
     const box area = area_of(b->frame, r, level, bx, by);
     if (misses(t, &area)) return;
     if (level == CHUNK) {
-        const crossings e = bent(t, chunk_patch(lens, bx, by));
+        const crossings e = bent(t, block_patch(lens, CHUNK, bx, by));
         draw_strips(b, t, &e, &here, 1);
         return;
     }

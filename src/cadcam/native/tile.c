@@ -1,36 +1,33 @@
 /* From a triangle and a tile to samples: rows of 8.
  *
- * Edges in float, with a lens. Whether a sample lies inside is *defined* by P = a x + (b y + c) >= least in double. Within a tile of
- * centre (xc, yc) and half size (hx, hy), with n = (x - xc) / hx and m = (y - yc) / hy in [-1, 1], the exact value is
- *     E = s (a x + b y + c) = s E(xc, yc) + s a hx n + s b hy m,    s = 1 / (|a| hx + |b| hy)
- * and F is that sum in float, its first term kept within +-4. With u = 2^-24: the coefficients of n and m add up to at
- * most 1 in size and each product is off by at most 3 u of it (coefficient, n or m, product), their sum by u, the first
- * term by 4 u and the total by 5 u: 13 u < 2^-20. The double values E(xc, yc) and P are each off by at most
- * 4 (2^-53) size, where size >= |a x| + |b y| + |c| everywhere; a tile is drawn in float only if 2^-29 size is at most
- * |a| hx + |b| hy, so that this is below 2^-20 in units of F. So |F| > DOUBT = 2^-18 has the sign of P, which is then
- * far from 0 and `least`; where the first term was cut, |F| >= 3. Tiles with samples in doubt are drawn again by P. */
+ * With a lens. Whether a sample lies inside is *defined* by P = a x + (b y + c) >= least in double at its plane point.
+ * About the middle of a tile that point is affine in column i and row j to within (off_u, off_v) (patch.c), so that
+ *     |P - (A i + B j + C)| <= slack = |a| off_u + |b| off_v + 2^-48 size,   size >= |a x| + |b y| + |c| everywhere:
+ * A = a ux + b vx and its like are off by a few 2^-53 size, and so is P. A is kept at least 2^-20 |B| in size, which
+ * moves the sum by less than 2^-18 |B| within the tile. Then P > 0 where i is further inside than X = -(B j + C) / A by
+ * more than slack / |A|, and P < 0 where it is further outside. X is computed in float, from parts that are rounded to
+ * 2^-24 of themselves, hence to 2^-22 of their sizes' sum; it is cut to 2^26, beyond any tile. Rows where a sample
+ * lies closer than all this to an end of their span are drawn by P. */
 #include "hot.h"
 #ifdef __AVX__ /* elsewhere tile_plain.c draws, with the same results */
 #include "vectors.h"
 
-#define DOUBT 0x1p-18f
-
-/* A tile being drawn: where its samples lie in the plane and about its centre, and what they hold. */
+/* A tile being drawn: where its samples lie in the plane, and what they hold. */
 typedef struct {
     const double *x, *y; /* with a lens: plane points, 64 each */
-    const float *n, *m;  /* with a lens: the same about the centre, 64 each */
     double left, above;  /* without: the first sample */
     float *z;
     int32_t *id;
 } tile;
 
-INLINE tile tile_at(const band *b, int32_t tx, int32_t ty, size_t here) {
+INLINE tile tile_at(const band *b, int32_t tx, int32_t ty) {
     const cc_lens *lens = b->frame->view->lens;
+    const size_t wide = (size_t)b->frame->tiles_x, here = (size_t)(ty - b->first_tiles) * wide + (size_t)tx;
     tile t = {.left = tx * TILE, .above = ty * TILE, .z = b->worker->inverse_z + here * TILE_AREA,
               .id = b->worker->id + here * TILE_AREA};
     if (!lens) return t;
-    const size_t at = ((size_t)ty * (size_t)b->frame->tiles_x + (size_t)tx) * TILE_AREA;
-    t.x = lens->x + at, t.y = lens->y + at, t.n = lens->n + at, t.m = lens->m + at;
+    const size_t at = ((size_t)ty * wide + (size_t)tx) * TILE_AREA;
+    t.x = lens->x + at, t.y = lens->y + at;
     return t;
 }
 
@@ -42,16 +39,6 @@ typedef struct {
     double a, b, c;
 } paint;
 
-/* Keep 1/z in the samples of the mask where it is nearer than what is there. */
-INLINE void keep(const paint *p, f8 w, i8 mask, float *z, int32_t *id) {
-    f8 here = *(const f8 *)z;
-    i8 who = *(const i8 *)id;
-    w = most_of(least_of(w, p->near), p->far);
-    mask &= (w > here) | ((w == here) & (p->face < who));
-    *(f8 *)z = choose(mask, w, here);
-    *(f8 *)id = choose(mask, (f8)p->face, (f8)who);
-}
-
 INLINE paint paint_of(const triangle *t, const tile *at) {
     const d4 first = at->left + *(const d4 *)COUNT, second = at->left + *(const d4 *)(COUNT + 4);
     return (paint){t->nearest - (f8){0}, t->farthest - (f8){0}, t->id + (i8){0},
@@ -59,8 +46,8 @@ INLINE paint paint_of(const triangle *t, const tile *at) {
 }
 
 /* 1/z in row r of a tile, evaluated in double. */
-INLINE f8 inverse_z(const paint *p, const tile *at, int r, int lens) {
-    if (lens) {
+INLINE f8 inverse_z(const paint *p, const tile *at, int r) {
+    if (at->x) {
         const double *x = at->x + r * TILE, *y = at->y + r * TILE;
         return floats(p->a * *(const d4 *)x + (p->b * *(const d4 *)y + p->c),
                       p->a * *(const d4 *)(x + 4) + (p->b * *(const d4 *)(y + 4) + p->c));
@@ -69,109 +56,109 @@ INLINE f8 inverse_z(const paint *p, const tile *at, int r, int lens) {
     return floats(p->across[0] + row, p->across[1] + row);
 }
 
-/* Samples one by one, as the definition of P says. */
-static __attribute__((noinline)) void draw_by_definition(const triangle *t, const tile *at, unsigned rows) {
-    const paint p = paint_of(t, at);
-    const int lens = at->x != NULL;
-    for (; rows; rows &= rows - 1) {
-        const int r = __builtin_ctz(rows);
-        int32_t inside[TILE];
-        for (int i = 0; i < TILE; i++) {
-            double x = lens ? at->x[r * TILE + i] : at->left + i, y = lens ? at->y[r * TILE + i] : at->above + r;
-            inside[i] = -1;
-            for (int k = 0; k < 3; k++) inside[i] &= -(t->a[k] * x + (t->b[k] * y + t->c[k]) >= t->least[k]);
-        }
-        keep(&p, inverse_z(&p, at, r, lens), *(const i8 *)inside, at->z + r * TILE, at->id + r * TILE);
+/* Draw the samples of the mask in row r where the triangle is nearer than what is there. */
+INLINE void draw_row(const paint *p, const tile *at, int r, i8 mask) {
+    float *z = at->z + r * TILE;
+    int32_t *id = at->id + r * TILE;
+    const f8 here = *(const f8 *)z, w = most_of(least_of(inverse_z(p, at, r), p->near), p->far);
+    const i8 who = *(const i8 *)id;
+    mask &= (w > here) | ((w == here) & (p->face < who));
+    *(f8 *)z = choose(mask, w, here);
+    *(f8 *)id = choose(mask, (f8)p->face, (f8)who);
+}
+
+/* Those of a row that lie inside as the definition of P says; NaN, where nothing is seen, fails it. */
+INLINE i8 inside_row(const triangle *t, const tile *at, int r) {
+    l4 inside[2];
+    for (int h = 0; h < 2; h++) {
+        d4 x = at->left + *(const d4 *)(COUNT + 4 * h), y = at->above + r + (d4){0};
+        if (at->x) x = *(const d4 *)(at->x + r * TILE + 4 * h), y = *(const d4 *)(at->y + r * TILE + 4 * h);
+        inside[h] = ~(l4){0};
+        for (int k = 0; k < 3; k++) inside[h] &= t->a[k] * x + (t->b[k] * y + t->c[k]) >= t->least[k];
     }
+    return narrow(inside[0], inside[1]);
 }
 
-/* The edges of a triangle about the centre of a tile: F = c + (a n + b m); the fourth is not used. */
-typedef struct { f4 a, b, c; } edges;
-enum { OUTSIDE, PARTLY, WHOLLY, UNSURE };
-
-INLINE int about_tile(const triangle *t, const box *tile, edges *e) {
-    const double hx = 0.5 * (tile->x1 - tile->x0), hy = 0.5 * (tile->y1 - tile->y0);
-    const d4 a = *(const d4 *)t->a, b = *(const d4 *)t->b, c = *(const d4 *)t->c, none = {0};
-    const d4 ax = a * hx, by = b * hy;
-    const d4 reach = most_d(ax, -ax) + most_d(by, -by), s = 1.0 / reach;
-    d4 middle = (a * (0.5 * (tile->x0 + tile->x1)) + (b * (0.5 * (tile->y0 + tile->y1)) + c)) * s;
-    middle = most_d(least_d(middle, none + 4.0), none - 4.0);
-    const l4 sure = (*(const d4 *)t->size * 0x1p-29 <= reach) & (reach >= 1e-250) & (reach <= 1e250);
-    if ((signs_d(sure) & 7) != 7) return UNSURE;
-    e->a = __builtin_convertvector(ax * s, f4), e->b = __builtin_convertvector(by * s, f4);
-    e->c = __builtin_convertvector(middle, f4);
-    if (signs_d(middle < -1.001) & 7) return OUTSIDE;
-    return (signs_d(middle > 1.001) & 7) == 7 ? WHOLLY : PARTLY;
-}
-
-/* Which samples of some rows lie inside; which rows have any; whether one is in doubt. */
-INLINE int test_rows(const tile *at, const edges *e, unsigned rows, i8 inside[TILE], unsigned *met) {
-    const float a0 = e->a[0], a1 = e->a[1], a2 = e->a[2], b0 = e->b[0], b1 = e->b[1], b2 = e->b[2];
-    const float c0 = e->c[0], c1 = e->c[1], c2 = e->c[2];
-    i8 doubt = {0};
-    *met = 0;
-    for (; rows; rows &= rows - 1) {
-        const int r = __builtin_ctz(rows);
-        const f8 n = *(const f8 *)(at->n + r * TILE), m = *(const f8 *)(at->m + r * TILE);
-        const f8 F0 = c0 + (a0 * n + b0 * m), F1 = c1 + (a1 * n + b1 * m), F2 = c2 + (a2 * n + b2 * m);
-        const f8 least = least_of(least_of(F0, F1), F2);
-        inside[r] = least > DOUBT;
-        doubt |= (least >= -DOUBT) & ~inside[r];
-        *met |= (unsigned)any(inside[r]) << r;
-    }
-    return any(doubt);
-}
-
-static void measure_tile(cc_worker *w, size_t tile) {
-    const f8 *row = (const f8 *)(w->inverse_z + tile * TILE_AREA);
+/* The tile has changed: how far is what it shows? Not asked at every change. */
+INLINE void measure_tile(const band *b, const tile *at, int whole) {
+    const size_t here = (size_t)(at->z - b->worker->inverse_z) / TILE_AREA;
+    if (!whole && ++b->worker->changes[here] < 2) return;
+    const f8 *row = (const f8 *)at->z;
     f8 least = row[0];
-    float lane[TILE];
     for (int r = 1; r < TILE; r++) least = least_of(row[r], least);
-    memcpy(lane, &least, sizeof lane);
-    for (int k = TILE / 2; k > 0; k /= 2)
-        for (int i = 0; i < k; i++) lane[i] = lane[i + k] < lane[i] ? lane[i + k] : lane[i];
-    w->farthest[tile] = lane[0];
-    w->changes[tile] = 0;
+    b->worker->farthest[here] = least_lane(least);
+    b->worker->changes[here] = 0;
 }
 
-/* Draw into some rows of a tile of a distorting camera, or one of a triangle whose spans are unsure. */
-void VARIANT(draw_points)(const band *b, const triangle *t, unsigned rows, int32_t tx, int32_t ty) {
-    const cc_lens *lens = b->frame->view->lens;
-    const size_t wide = (size_t)b->frame->tiles_x, here = (size_t)(ty - b->first_tiles) * wide + (size_t)tx;
-    const tile at = tile_at(b, tx, ty, here);
-    edges e;
-    i8 inside[TILE];
-    unsigned met = rows;
-    int how = lens ? about_tile(t, &lens->block[0][(size_t)ty * wide + (size_t)tx], &e) : UNSURE;
-    if (how == OUTSIDE) return;
-    if (how == PARTLY && test_rows(&at, &e, rows, inside, &met)) how = UNSURE;
-    if (how == UNSURE) draw_by_definition(t, &at, rows);
-    else if (met) {
-        const paint p = paint_of(t, &at);
-        for (unsigned left = met; left; left &= left - 1) {
-            const int r = __builtin_ctz(left);
-            if (how == WHOLLY) inside[r] = *(const f8 *)(at.n + r * TILE) == *(const f8 *)(at.n + r * TILE); /* not NaN */
-            keep(&p, inverse_z(&p, &at, r, 1), inside[r], at.z + r * TILE, at.id + r * TILE);
-        }
-    } else
-        return;
-    if (how == WHOLLY || ++b->worker->changes[here] >= 2) measure_tile(b->worker, here);
-}
+INLINE i8 between(const spans *s, int r, i8 column) { return (column >= s->left[r]) & (column <= s->right[r]); }
 
-/* Draw the spans of some rows into a tile. */
 void VARIANT(draw_pixels)(const band *b, const triangle *t, const spans *s, unsigned rows, int32_t tx, int32_t ty) {
-    const size_t here = (size_t)(ty - b->first_tiles) * (size_t)b->frame->tiles_x + (size_t)tx;
-    const tile at = tile_at(b, tx, ty, here);
+    const tile at = tile_at(b, tx, ty);
     const paint p = paint_of(t, &at);
     const i8 column = tx * TILE + *(const i8 *)LANE;
     i8 all = ~(i8){0};
     for (unsigned left = rows; left; left &= left - 1) {
         const int r = __builtin_ctz(left);
-        const i8 inside = (column >= s->left[r]) & (column <= s->right[r]);
+        const i8 inside = between(s, r, column);
         all &= inside;
-        keep(&p, inverse_z(&p, &at, r, 0), inside, at.z + r * TILE, at.id + r * TILE);
+        draw_row(&p, &at, r, inside);
     }
-    const int whole = rows == 0xFF && signs(all) == 0xFF;
-    if (whole || ++b->worker->changes[here] >= 2) measure_tile(b->worker, here);
+    measure_tile(b, &at, rows == 0xFF && signs(all) == 0xFF);
+}
+
+void VARIANT(draw_by_definition)(const band *b, const triangle *t, unsigned rows, int32_t tx, int32_t ty) {
+    const tile at = tile_at(b, tx, ty);
+    const paint p = paint_of(t, &at);
+    for (; rows; rows &= rows - 1) draw_row(&p, &at, __builtin_ctz(rows), inside_row(t, &at, __builtin_ctz(rows)));
+    measure_tile(b, &at, 0);
+}
+
+/* The spans of a triangle in a tile of an affine lens, in columns of the tile: in which rows there are any for sure, and
+ * in which a sample is in doubt. */
+INLINE void cross_tile(const triangle *t, const affine *map, spans *s, unsigned *met, unsigned *doubt) {
+    const d4 a = *(const d4 *)t->a, b = *(const d4 *)t->b, none = {0};
+    d4 A = a * map->ux + b * map->vx, least = size_d(a * map->uy + b * map->vy);
+    const d4 B = a * map->uy + b * map->vy, C = a * map->u + (b * map->v + *(const d4 *)t->c);
+    const d4 slack = size_d(a) * map->off_u + size_d(b) * map->off_v + *(const d4 *)t->size * 0x1p-48 + least * 0x1p-18;
+    least = most_d(least * 0x1p-20, none + 1e-300);
+    A = choose_d(A < none, least_d(A, -least), most_d(A, least));
+    const d4 m = 1.0 / A, start = most_d(least_d(-C * m, none + 0x1p26), none - 0x1p26), slope = -B * m;
+    const f4 middle = narrow_d(start + 3.5), turn = narrow_d(slope);
+    const f4 off = narrow_d(size_d(slack * m) + (size_d(start) + size_d(slope) * 4.0 + 4.0) * 0x1p-22);
+    const unsigned rights = signs_d((l4)A);
+    const f8 row = __builtin_convertvector(*(const i8 *)LANE, f8) - 3.5f;
+    f8 first = -0.5f - (f8){0}, first_sure = first, last = TILE - 0.5f + (f8){0}, last_sure = last;
+    for (int k = 0; k < 3; k++) {
+        const f8 X = middle[k] + turn[k] * row, low = X - off[k], high = X + off[k];
+        if (rights >> k & 1) last = least_of(last, high), last_sure = least_of(last_sure, low);
+        else first = most_of(first, low), first_sure = most_of(first_sure, high);
+    }
+    first = up(least_of(first, TILE + (f8){0})), first_sure = up(least_of(first_sure, TILE + (f8){0}));
+    last = down(most_of(last, -1.0f - (f8){0})), last_sure = down(most_of(last_sure, -1.0f - (f8){0}));
+    const i8 unsure = ((first != first_sure) | (last != last_sure)) & (first <= last);
+    *doubt = signs(unsure), *met = signs((first <= last) & ~unsure);
+    *(i8 *)s->left = __builtin_convertvector(first, i8), *(i8 *)s->right = __builtin_convertvector(last, i8);
+}
+
+void VARIANT(draw_points)(const band *b, const triangle *t, int32_t tx, int32_t ty) {
+    const cc_lens *lens = b->frame->view->lens;
+    const size_t of_lens = (size_t)ty * (size_t)b->frame->tiles_x + (size_t)tx;
+    unsigned met = 0, doubt = 0xFF;
+    spans s;
+    if (!lens->partial[of_lens]) cross_tile(t, &lens->tile[of_lens], &s, &met, &doubt);
+    if (!(met | doubt)) return;
+    const tile at = tile_at(b, tx, ty);
+    const paint p = paint_of(t, &at);
+    const i8 column = *(const i8 *)LANE;
+    i8 all = ~(i8){0};
+    for (unsigned left = met; left; left &= left - 1) {
+        const int r = __builtin_ctz(left);
+        const i8 inside = between(&s, r, column);
+        all &= inside;
+        draw_row(&p, &at, r, inside);
+    }
+    for (unsigned left = doubt; left; left &= left - 1)
+        draw_row(&p, &at, __builtin_ctz(left), inside_row(t, &at, __builtin_ctz(left)));
+    measure_tile(b, &at, met == 0xFF && signs(all) == 0xFF);
 }
 #endif
