@@ -29,6 +29,15 @@ typedef struct {
     _Alignas(64) double front[CORNERS]; /* not positive behind the camera, and where gx, gy are not to be trusted */
 } corners;
 
+/* Which sample looks at a plane point, as a patch has it: rounded by less than 1e-6 px where it is sure. */
+typedef struct { double x, y; int sure; } place;
+
+static inline place seen_at(const patch *near, double u, double v) {
+    const double p = u - near->map.u, q = v - near->map.v;
+    const double xp = near->xu * p, xq = near->xv * q, yp = near->yu * p, yq = near->yv * q;
+    return (place){near->x + (xp + xq), near->y + (yp + yq), fabs(xp) + fabs(xq) + fabs(yp) + fabs(yq) < 1e6};
+}
+
 static void transform(const cc_frame *f, const cluster *c, const patch *near, corners *out) {
     const double *restrict X = f->scene->x + c->first_vertex, *restrict Y = f->scene->y + c->first_vertex;
     const double *restrict Z = f->scene->z + c->first_vertex;
@@ -47,12 +56,10 @@ static void transform(const cc_frame *f, const cluster *c, const patch *near, co
         memcpy(out->front, out->z, (size_t)n * sizeof(double));
         return;
     }
-    for (int i = 0; i < n; i++) { /* as the patch has it, rounded by less than 1e-6 px within 1e6 px of its middle */
-        const double p = out->gx[i] - near->map.u, q = out->gy[i] - near->map.v;
-        const double xp = near->xu * p, xq = near->xv * q, yp = near->yu * p, yq = near->yv * q;
-        const double far = fabs(xp) + fabs(xq) + fabs(yp) + fabs(yq);
-        out->gx[i] = near->x + (xp + xq), out->gy[i] = near->y + (yp + yq);
-        out->front[i] = far < 1e6 ? out->z[i] : -1;
+    for (int i = 0; i < n; i++) {
+        const place at = seen_at(near, out->gx[i], out->gy[i]);
+        out->gx[i] = at.x, out->gy[i] = at.y;
+        out->front[i] = at.sure ? out->z[i] : -1;
     }
 }
 
@@ -125,11 +132,28 @@ static void bound(const cc_frame *f, const cluster *c, const patch *near, const 
     }
 }
 
+static inline rect common(rect a, rect b) {
+    return (rect){imax(a.x0, b.x0), imin(a.x1, b.x1), imax(a.y0, b.y0), imin(a.y1, b.y1)};
+}
+
+/* The part of a rectangle that a triangle may cover as a smaller patch has it. */
+static rect tightened(const patch *near, const corners *v, const uint8_t i[3], rect r) {
+    double x0 = INFINITY, x1 = -INFINITY, y0 = INFINITY, y1 = -INFINITY;
+    for (int k = 0; k < 3; k++) {
+        const place at = seen_at(near, v->x[i[k]] * v->w[i[k]], v->y[i[k]] * v->w[i[k]]);
+        if (!at.sure) return r;
+        x0 = lower(x0, at.x), x1 = upper(x1, at.x), y0 = lower(y0, at.y), y1 = upper(y1, at.y);
+    }
+    const double slack_x = near->off_x + 1e-5, slack_y = near->off_y + 1e-5;
+    x0 = ceil(upper(x0 - slack_x, r.x0)), x1 = floor(lower(x1 + slack_x, r.x1));
+    y0 = ceil(upper(y0 - slack_y, r.y0)), y1 = floor(lower(y1 + slack_y, r.y1));
+    if (!(x0 <= x1 && y0 <= y1)) return (rect){1, 0, 1, 0};
+    return (rect){(int32_t)x0, (int32_t)x1, (int32_t)y0, (int32_t)y1};
+}
+
 /* Which samples triangle k of a cluster may cover; empty where it is beyond a side of the picture. */
-static inline rect reach(const cc_frame *f, const cluster *c, const corners *v, bounds *of, int k) {
+static inline rect reach(const cc_frame *f, const corners *v, bounds *of, const uint8_t i[3], int k) {
     if (!(of->front[k] > 0)) { /* reaches behind the camera: anywhere, in front of its farthest corner */
-        const uint8_t i[3] = {f->scene->corner[0][c->first_face + k], f->scene->corner[1][c->first_face + k],
-                              f->scene->corner[2][c->first_face + k]};
         if (beyond_a_side(&f->limits, v->x, v->y, v->z, i, 3)) return (rect){1, 0, 1, 0};
         of->nearest[k] = FLT_MAX;
         of->farthest[k] = (float)lower(1 / upper3(v->z[i[0]], v->z[i[1]], v->z[i[2]]), FLT_MAX);
@@ -138,25 +162,27 @@ static inline rect reach(const cc_frame *f, const cluster *c, const corners *v, 
     return (rect){of->x0[k], of->x1[k], of->y0[k], of->y1[k]};
 }
 
-static void draw_cluster(const band *b, const candidate *which) {
+static void draw_cluster(const band *b, const candidate *which, rect part) {
     const cc_frame *f = b->frame;
+    const cc_lens *lens = f->view->lens;
     const cluster *c = &f->scene->clusters[which->index];
+    const patch *near = lens ? patch_of(lens, &which->where) : NULL;
     corners v;
     bounds of;
-    const patch *near = f->view->lens ? patch_of(f->view->lens, &which->where) : NULL;
     transform(f, c, near, &v);
     bound(f, c, near, &v, &of);
     for (int k = 0; k < c->n_faces; k++) {
-        rect r = reach(f, c, &v, &of, k);
-        r.x0 = imax(r.x0, which->where.x0), r.x1 = imin(r.x1, which->where.x1);
-        r.y0 = imax(r.y0, imax(which->where.y0, b->y0)), r.y1 = imin(r.y1, imin(which->where.y1, b->y1));
-        if (r.x0 > r.x1 || r.y0 > r.y1 || !may_be_seen(b, &r, of.nearest[k])) continue;
         size_t at = c->first_face + (size_t)k;
         const uint8_t i[3] = {f->scene->corner[0][at], f->scene->corner[1][at], f->scene->corner[2][at]};
+        rect r = common(reach(f, &v, &of, i, k), part);
+        if (near && near->off_x + near->off_y > 0.5 && of.front[k] > 0 && r.x0 <= r.x1 && r.y0 <= r.y1)
+            r = tightened(patch_of(lens, &r), &v, i, r);
+        if (r.x0 > r.x1 || r.y0 > r.y1 || !may_be_seen(b, &r, of.nearest[k])) continue;
         triangle t = {.nearest = of.nearest[k], .farthest = of.farthest[k], .id = f->scene->id[at]};
         if (set_up(f, &v, i, &t)) VARIANT(draw_triangle)(b, &t, &r);
     }
 }
+
 /* ---- bands ---------------------------------------------------------------------------------------------------- */
 
 static void clear_band(const band *b, size_t tiles) {
@@ -187,7 +213,7 @@ int VARIANT(frame_work)(cc_frame *f, cc_worker *worker) {
         for (int64_t i = 0; i < f->n_candidates; i++) {
             const candidate *c = &f->candidates[i];
             rect r = {c->where.x0, c->where.x1, imax(c->where.y0, b.y0), imin(c->where.y1, b.y1)};
-            if (r.y0 <= r.y1 && may_be_seen(&b, &r, c->nearest)) draw_cluster(&b, c);
+            if (r.y0 <= r.y1 && may_be_seen(&b, &r, c->nearest)) draw_cluster(&b, c, r);
         }
         VARIANT(write_band)(&b);
     }

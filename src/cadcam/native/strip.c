@@ -192,6 +192,11 @@ void VARIANT(draw_triangle)(const band *b, const triangle *t, const rect *r) {
         return;
     }
     int level = CHUNK;
+    if (s.x1 - s.x0 < PATCH && s.y1 - s.y0 < PATCH) {
+        const crossings e = bent(t, patch_of(b->frame->view->lens, &s));
+        draw_strips(b, t, &e, &s, 1);
+        return;
+    }
     while ((s.x1 >> (level + 3)) - (s.x0 >> (level + 3)) > 1 || (s.y1 >> (level + 3)) - (s.y0 >> (level + 3)) > 1) level++;
     for (int32_t y = s.y0 >> (level + 3); y <= s.y1 >> (level + 3); y++)
         for (int32_t x = s.x0 >> (level + 3); x <= s.x1 >> (level + 3); x++) draw_block(b, t, r, level, x, y);
