@@ -33,15 +33,19 @@ typedef struct {
     uint16_t n_faces;
 } cluster;
 
+typedef struct {
+    float normal[3]; /* of unit length in the world, 0 without area */
+    int32_t part;
+} surface;
+
 struct cc_scene {
     cluster *clusters;
     int64_t n_clusters, n_faces;
     double *x, *y, *z;       /* vertices, cluster by cluster */
     uint8_t *corner[3];      /* triangles: indices into the vertices of their cluster */
     int32_t *id;             /* triangles: the caller's face number */
-    float (*normal)[3];      /* by face number: unit normal in the world, 0 without area */
-    int32_t *part;           /* by face number */
-    float (*color)[3];       /* by part */
+    surface *surfaces;       /* by face number */
+    float (*color)[4];       /* by part */
 };
 
 typedef struct { int32_t x0, x1, y0, y1; } rect; /* samples, both ends included; empty if x0 > x1 or y0 > y1 */

@@ -10,7 +10,7 @@
  * bound (patch.c). Edges moved outwards by that bound are lines of the picture, and the spans between them hold every
  * sample of the triangle; tile.c then decides sample by sample. */
 #include "hot.h"
-#ifdef __AVX__ /* elsewhere tile_plain.c draws, with the same results */
+#ifdef __AVX2__ /* elsewhere tile_plain.c draws, with the same results */
 #include "vectors.h"
 
 #define MARGIN 0x1p-32

@@ -9,7 +9,7 @@
  * 2^-24 of themselves, hence to 2^-22 of their sizes' sum; it is cut to 2^26, beyond any tile. Rows where a sample
  * lies closer than all this to an end of their span are drawn by P. */
 #include "hot.h"
-#ifdef __AVX__ /* elsewhere tile_plain.c draws, with the same results */
+#ifdef __AVX2__ /* elsewhere tile_plain.c draws, with the same results */
 #include "vectors.h"
 
 /* A tile being drawn: where its samples lie in the plane, and what they hold. */
