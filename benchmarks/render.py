@@ -3,10 +3,11 @@
     python benchmarks/render.py                        # all, about ten minutes
     python benchmarks/render.py --triangles 10000 --sizes 768x576 --only raster ray "trimesh + embreex"
 
-Each renderer runs in a process of its own (VTK ends the process where libGL is missing) and hands colour and z-depth,
-or z-depth alone, to numpy, from a camera that moves at every frame. Figures are medians in ms, wall clock / CPU over
-all threads; the columns marked "lens" render through a Brown-Conrady lens, with renderers that do so exactly. The last
-row is the best other renderer over raster, by wall clock and by CPU: on a busy machine only the second means much.
+Each renderer runs in a process of its own (VTK ends the process where libGL is missing) and hands 8-bit colour and
+z-depth in mm, or z-depth alone, to numpy, from a camera that moves at every frame. Figures are medians in ms, wall
+clock / CPU over all threads; the columns marked "lens" render through a Brown-Conrady lens, with renderers that do so
+exactly. The last row is the best other renderer over raster, by wall clock and by CPU: on a busy machine only the
+second means much.
 """
 
 from __future__ import annotations

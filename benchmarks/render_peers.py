@@ -1,7 +1,7 @@
 """The renderers that benchmarks/render.py compares, each as its own documentation would have one use it for speed.
 
-All return (colour (H, W, 3 or 4) or None, z-depth (H, W) in mm), shaded flat by face normals. Ray casters get the exact
-rays of the camera, cached as long as the camera stays the same; others draw without distortion.
+All return (8-bit colour (H, W, 3) or None, z-depth (H, W) in mm), shaded flat by face normals. Ray casters get the
+exact rays of the camera, cached as long as the camera stays the same; others draw without distortion.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ class Raster:
 
     def frame(self, camera: Camera, pose: Rigid, *, color: bool) -> Frame:
         """Render one frame."""
-        view = self._renderer.render(camera, pose, channels=Channel.IMAGE | Channel.DEPTH if color else Channel.DEPTH)
-        return (view.image if color else None), view.depth
+        view = self._renderer.render(camera, pose, channels=Channel.RGB | Channel.DEPTH if color else Channel.DEPTH)
+        return (view.rgb if color else None), view.depth
 
 
 class Ray(Raster):

@@ -34,19 +34,22 @@ static void rotation(double R[9]) { /* from a random quaternion */
     memcpy(R, r, sizeof r);
 }
 
-typedef struct { float *image, *coverage, *depth, *normal; int32_t *part, *face; } picture;
+typedef struct { float *image, *coverage, *depth, *normal; int32_t *part, *face; uint8_t *rgb; } picture;
 
 static picture layers(size_t pixels) { /* exactly as large as they must be */
     return (picture){malloc(pixels * 12), malloc(pixels * 4), malloc(pixels * 4),
-                     malloc(pixels * 12), malloc(pixels * 4), malloc(pixels * 4)};
+                     malloc(pixels * 12), malloc(pixels * 4), malloc(pixels * 4),
+                     malloc(pixels * 3)};
 }
 static void release(picture *p) {
     free(p->image), free(p->coverage), free(p->depth), free(p->normal), free(p->part), free(p->face);
+    free(p->rgb);
 }
 
 static void draw(const cc_scene *scene, cc_view *v, picture *p, int mask, int bands, cc_worker *worker) {
     v->bands = bands;
     v->image = mask & 1 ? p->image : NULL, v->coverage = mask & 2 ? p->coverage : NULL;
+    v->rgb = mask & 64 ? p->rgb : NULL;
     if (v->samples == 1) {
         v->depth = mask & 4 ? p->depth : NULL, v->normal = mask & 8 ? p->normal : NULL;
         v->part = mask & 16 ? p->part : NULL, v->face = mask & 32 ? p->face : NULL;
@@ -104,8 +107,8 @@ static void one(int number) {
     cc_worker *worker = cc_worker_new();
     size_t pixels = (size_t)width * (size_t)height;
     picture a = layers(pixels), b = layers(pixels);
-    draw(scene, &v, &a, 63, 1, worker);
-    draw(scene, &v, &b, 63, 1 + upto(7), worker);
+    draw(scene, &v, &a, 127, 1, worker);
+    draw(scene, &v, &b, 127, 1 + upto(7), worker);
     if (samples == 1) {
         if (memcmp(a.face, b.face, pixels * 4)) differ("face");
         if (memcmp(a.depth, b.depth, pixels * 4)) differ("depth");
@@ -115,8 +118,11 @@ static void one(int number) {
             if ((a.face[i] < 0) != (a.depth[i] == INFINITY) && a.face[i] < 0) exit(fprintf(stderr, "depth without face\n"));
         }
     }
+    if (memcmp(a.rgb, b.rgb, pixels * 3)) differ("rgb");
+    for (size_t i = 0; i < 3 * pixels; i++)
+        if (a.rgb[i] != (uint8_t)(a.image[i] * 255.0f + 0.5f)) exit(fprintf(stderr, "rgb is not the image, rounded\n"));
     if (memcmp(a.coverage, b.coverage, pixels * 4)) differ("coverage");
-    draw(scene, &v, &b, upto(63), 1, worker);
+    draw(scene, &v, &b, upto(127), 1, worker);
     release(&a), release(&b);
     cc_worker_free(worker), cc_scene_free(scene), cc_lens_free(table);
     free(vertices), free(faces), free(part), free(colors);

@@ -183,6 +183,22 @@ def _changes(ids: np.ndarray) -> np.ndarray:
     return np.logical_or.reduce([padded[j : j + h, i : i + w] != ids for j in range(3) for i in range(3)])
 
 
+@pytest.mark.parametrize("samples", [1, 2])
+@pytest.mark.parametrize("width", [320, 317])
+@pytest.mark.parametrize("maker", [RasterRenderer, RayRenderer])
+def test_rgb_is_the_image_rounded_to_bytes(maker: type, width: int, samples: int, block: Mesh) -> None:
+    renderer, pose, look = maker(scene_of(block)), views_of(block)[0], Look(supersampling=samples)
+    camera = Camera.from_focal((width, 240), 300.0)
+    both = renderer.render(camera, pose, channels=Channel.IMAGE | Channel.RGB, look=look)
+    assert both.rgb.dtype == np.uint8
+    assert np.array_equal(both.rgb, np.floor(both.image * np.float32(255) + np.float32(0.5)))
+    alone = renderer.render(camera, pose, channels=Channel.RGB, look=look)
+    assert np.array_equal(alone.rgb, both.rgb)
+    assert set(alone.layers) == {"rgb"}
+    with pytest.raises(BadValue, match=r"Channel\.RGB among"):
+        _ = renderer.render(camera, pose, channels=Channel.DEPTH).rgb
+
+
 def test_an_antialiased_image_is_that_of_rays_and_leaves_ids_and_depth_alone(block: Mesh) -> None:
     camera, pose, fine = BLOCK_CAMERAS["Brown-Conrady"], views_of(block)[0], Look(supersampling=3)
     scene = scene_of(block)

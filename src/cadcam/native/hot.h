@@ -1,4 +1,4 @@
-/* What the hot files share: cull.c, raster.c, tile.c, tile_plain.c and shade.c, each compiled once for each instruction
+/* What the hot files share: cull.c, raster.c, strip.c, tile.c, tile_plain.c and shade.c, each compiled once for each instruction
  * set. CC_VARIANT is the suffix of their functions. */
 #ifndef CADCAM_HOT_H
 #define CADCAM_HOT_H
@@ -87,8 +87,18 @@ static inline int misses(const triangle *t, const box *area) {
     return (most(t, 0, area) < 0) | (most(t, 1, area) < 0) | (most(t, 2, area) < 0);
 }
 
-/* tile.c or tile_plain.c: draw a triangle into the tiles of its rectangle. */
+/* In each of the rows of a strip, the first and the last sample inside a triangle; left > right where there is none. */
+typedef struct {
+    _Alignas(32) int32_t left[TILE];
+    _Alignas(32) int32_t right[TILE];
+} spans;
+
+/* strip.c or tile_plain.c: draw a triangle into the tiles of its rectangle. */
 void VARIANT(draw_triangle)(const band *b, const triangle *t, const rect *r);
+/* tile.c: draw into a tile, or its rows that have their bit set, spans found; samples of a lens; one by one. */
+void VARIANT(draw_pixels)(const band *b, const triangle *t, const spans *s, unsigned rows, int32_t tx, int32_t ty);
+void VARIANT(draw_points)(const band *b, const triangle *t, int32_t tx, int32_t ty);
+void VARIANT(draw_by_definition)(const band *b, const triangle *t, unsigned rows, int32_t tx, int32_t ty);
 /* shade.c: write the outputs of a band that has been drawn. */
 void VARIANT(write_band)(const band *b);
 

@@ -20,6 +20,8 @@ enum {
     TILE_AREA = 64,
     CLUSTER = 64,    /* triangles of a cluster, at most */
     CORNERS = 192,   /* vertices of a cluster, at most: an index fits a byte */
+    PATCH = 32,      /* samples along the smallest patch of a lens */
+    PATCH_LEVELS = 16,
 };
 
 /* Neighbouring triangles with the box around them: culled, transformed and drawn together. */
@@ -31,25 +33,42 @@ typedef struct {
     uint16_t n_faces;
 } cluster;
 
+typedef struct {
+    float normal[3]; /* of unit length in the world, 0 without area */
+    int32_t paint; /* its colour */
+} surface;
+
 struct cc_scene {
     cluster *clusters;
     int64_t n_clusters, n_faces;
     double *x, *y, *z;       /* vertices, cluster by cluster */
     uint8_t *corner[3];      /* triangles: indices into the vertices of their cluster */
     int32_t *id;             /* triangles: the caller's face number */
-    float (*normal)[3];      /* by face number: unit normal in the world, 0 without area */
-    int32_t *part, *paint;   /* by face number */
-    float (*color)[3];       /* by paint */
+    surface *surfaces;       /* by face number */
+    int32_t *part;           /* by face number */
+    float (*color)[4];       /* by paint */
 };
 
 typedef struct { int32_t x0, x1, y0, y1; } rect; /* samples, both ends included; empty if x0 > x1 or y0 > y1 */
 typedef struct { uint16_t x0, x1, y0, y1; } short_rect;
 typedef struct { double x0, x1, y0, y1; } box;   /* of the sampling plane */
 
+/* A lens that is affine to within a bound: the sample (i, j) from some middle looks at (u + ux i + uy j, v + vx i + vy j)
+ * of the plane, off by at most (off_u, off_v). */
+typedef struct { double u, v, ux, uy, vx, vy, off_u, off_v; } affine;
+
+/* A square part of the picture about (x, y) with its affine map, and the way back: what looks at (u + p, v + q) is the
+ * sample (x + xu p + xv q, y + yu p + yv q), off by at most (off_x, off_y). patch.c. */
+typedef struct {
+    affine map;
+    double x, y, xu, xv, yu, yv, off_x, off_y;
+    int32_t seen; /* whether any of its samples sees anything */
+} patch;
+
 struct cc_lens {
     int32_t width, height, tiles_x, tiles_y;
     double *x, *y;    /* plane points tile by tile, 64 each; NaN where nothing is seen and beyond the border */
-    float *n, *m;     /* the same about the centre of the tile's bounds, in units of their half size: -1 to 1 */
+    affine *tile;     /* about the middle of each tile */
     double *side[4];  /* x0, x1, y0, y1 of the bounds of each tile, once more: 8 tiles are a vector */
     box *block[16];   /* bounds of the points of each tile, of 2 x 2 tiles, 4 x 4 ...; (inf, -inf) where there are none */
     uint8_t *partial; /* whether a tile has points without a direction */
@@ -58,6 +77,7 @@ struct cc_lens {
     double scale_x, scale_y, origin_x, origin_y;
     int32_t levels, cells_x[32], cells_y[32];
     short_rect *cell[32];
+    patch *patches[PATCH_LEVELS]; /* of PATCH << level samples a side; from level 1 on each half over the one before */
 };
 
 /* Squash the plane to (-1, 1) along each axis, monotonically, so that a grid of equal cells serves 180 degrees. */
@@ -65,6 +85,13 @@ static inline double squash(double u) { return u / (1.0 + (u < 0 ? -u : u)); }
 
 /* The samples whose plane points may lie in a box given in cells. */
 rect lens_samples(const cc_lens *lens, box cells);
+
+int fill_patches(cc_lens *lens, const double *points); /* 0 where memory is short */
+void free_patches(cc_lens *lens);
+/* The smallest patch that holds a rectangle. */
+const patch *patch_of(const cc_lens *lens, const rect *r);
+/* That of a block of 2^level x 2^level tiles, level >= 3. */
+const patch *block_patch(const cc_lens *lens, int level, int32_t bx, int32_t by);
 
 /* A cluster that may be seen. */
 typedef struct {

@@ -21,18 +21,6 @@ static void grow_box(box *b, double x, double y) {
     if (y > b->y1) b->y1 = y;
 }
 
-/* The points of a tile about the centre of its bounds: the same operations as where tile.c draws. */
-static void centre_tile(cc_lens *l, int32_t t) {
-    const box b = l->block[0][t];
-    double xc = 0.5 * (b.x0 + b.x1), yc = 0.5 * (b.y0 + b.y1), hx = 0.5 * (b.x1 - b.x0), hy = 0.5 * (b.y1 - b.y0);
-    for (size_t k = (size_t)t * TILE_AREA; k < ((size_t)t + 1) * TILE_AREA; k++) {
-        int seen = !isnan(l->x[k]);
-        l->n[k] = !seen ? NAN : hx > 0 ? (float)((l->x[k] - xc) / hx) : 0;
-        l->m[k] = !seen ? NAN : hy > 0 ? (float)((l->y[k] - yc) / hy) : 0;
-    }
-    l->side[0][t] = b.x0, l->side[1][t] = b.x1, l->side[2][t] = b.y0, l->side[3][t] = b.y1;
-}
-
 /* Points tile by tile, with the bounds of each tile. */
 static void fill_tiles(cc_lens *l, const double *points) {
     l->all = NOTHING;
@@ -51,7 +39,7 @@ static void fill_tiles(cc_lens *l, const double *points) {
             if (seen) grow_box(b, p[0], p[1]);
             else l->partial[t] = 1;
         }
-        centre_tile(l, t);
+        l->side[0][t] = b->x0, l->side[1][t] = b->x1, l->side[2][t] = b->y0, l->side[3][t] = b->y1;
         if (b->x0 <= b->x1) grow_box(&l->all, b->x0, b->y0), grow_box(&l->all, b->x1, b->y1);
     }
 }
@@ -59,7 +47,7 @@ static void fill_tiles(cc_lens *l, const double *points) {
 /* Bounds of 2 x 2 blocks of the level below, up to one block. */
 static int fill_blocks(cc_lens *l) {
     int32_t wide = l->tiles_x, high = l->tiles_y;
-    for (int k = 1; wide > 1 || high > 1; k++) {
+    for (int k = 1; k <= 3 || wide > 1 || high > 1; k++) { /* 3: strip.c asks for it */
         int32_t nx = (wide + 1) / 2, ny = (high + 1) / 2;
         l->block[k] = malloc((size_t)nx * (size_t)ny * sizeof(box));
         if (!l->block[k]) return 0;
@@ -124,15 +112,14 @@ CC_API cc_lens *cc_lens_new(const double *points, int32_t width, int32_t height)
     size_t tiles = (size_t)l->tiles_x * (size_t)l->tiles_y;
     l->x = aligned_block(tiles * TILE_AREA * sizeof(double));
     l->y = aligned_block(tiles * TILE_AREA * sizeof(double));
-    l->n = aligned_block(tiles * TILE_AREA * sizeof(float));
-    l->m = aligned_block(tiles * TILE_AREA * sizeof(float));
-    int made = l->n && l->m;
+    l->tile = aligned_block(tiles * sizeof *l->tile);
+    int made = l->tile != NULL;
     for (int k = 0; k < 4; k++) made &= (l->side[k] = calloc(tiles + 8, sizeof(double))) != NULL;
     l->block[0] = malloc(tiles * sizeof(box));
     l->partial = malloc(tiles);
     if (made && l->x && l->y && l->block[0] && l->partial) {
         fill_tiles(l, points);
-        if (fill_blocks(l) && fill_cells(l) && fill_pyramid(l)) return l;
+        if (fill_blocks(l) && fill_cells(l) && fill_pyramid(l) && fill_patches(l, points)) return l;
     }
     cc_lens_free(l);
     return NULL;
@@ -141,9 +128,10 @@ CC_API cc_lens *cc_lens_new(const double *points, int32_t width, int32_t height)
 CC_API void cc_lens_free(cc_lens *l) {
     if (!l) return;
     for (int32_t k = 0; k < l->levels; k++) free(l->cell[k]);
-    aligned_release(l->x), aligned_release(l->y), aligned_release(l->n), aligned_release(l->m), free(l->partial);
+    aligned_release(l->x), aligned_release(l->y), aligned_release(l->tile), free(l->partial);
     for (int k = 0; k < 4; k++) free(l->side[k]);
     for (int k = 0; k < 16; k++) free(l->block[k]);
+    free_patches(l);
     free(l);
 }
 

@@ -18,7 +18,7 @@
  * widened: it can cost time, never a sample. */
 #include "hot.h"
 
-/* A cluster's vertices in the sampling plane: homogeneous, in grid coordinates (NaN or worse behind the camera), 1/z. */
+/* A cluster's vertices in the sampling plane: homogeneous, in samples (about, with a lens; anything behind the camera), 1/z. */
 typedef struct {
     _Alignas(64) double x[CORNERS];
     _Alignas(64) double y[CORNERS];
@@ -26,9 +26,19 @@ typedef struct {
     _Alignas(64) double gx[CORNERS];
     _Alignas(64) double gy[CORNERS];
     _Alignas(64) double w[CORNERS];
+    _Alignas(64) double front[CORNERS]; /* not positive behind the camera, and where gx, gy are not to be trusted */
 } corners;
 
-static void transform(const cc_frame *f, const cluster *c, corners *out) {
+/* Which sample looks at a plane point, as a patch has it: rounded by less than 1e-6 px where it is sure. */
+typedef struct { double x, y; int sure; } place;
+
+static inline place seen_at(const patch *near, double u, double v) {
+    const double p = u - near->map.u, q = v - near->map.v;
+    const double xp = near->xu * p, xq = near->xv * q, yp = near->yu * p, yq = near->yv * q;
+    return (place){near->x + (xp + xq), near->y + (yp + yq), fabs(xp) + fabs(xq) + fabs(yp) + fabs(yq) < 1e6};
+}
+
+static void transform(const cc_frame *f, const cluster *c, const patch *near, corners *out) {
     const double *restrict X = f->scene->x + c->first_vertex, *restrict Y = f->scene->y + c->first_vertex;
     const double *restrict Z = f->scene->z + c->first_vertex;
     const double *M = f->view->plane;
@@ -42,9 +52,15 @@ static void transform(const cc_frame *f, const cluster *c, corners *out) {
         double w = 1.0 / out->z[i];
         out->w[i] = w, out->gx[i] = out->x[i] * w, out->gy[i] = out->y[i] * w;
     }
-    const cc_lens *lens = f->view->lens;
-    if (lens)
-        for (int i = 0; i < n; i++) out->gx[i] = grid_x(lens, out->gx[i]), out->gy[i] = grid_y(lens, out->gy[i]);
+    if (!near) {
+        memcpy(out->front, out->z, (size_t)n * sizeof(double));
+        return;
+    }
+    for (int i = 0; i < n; i++) {
+        const place at = seen_at(near, out->gx[i], out->gy[i]);
+        out->gx[i] = at.x, out->gy[i] = at.y;
+        out->front[i] = at.sure ? out->z[i] : -1;
+    }
 }
 
 static inline void cross(const double p[3], const double q[3], double out[3]) {
@@ -93,60 +109,80 @@ typedef struct {
     _Alignas(64) float nearest[CLUSTER], farthest[CLUSTER];
 } bounds;
 
-static void bound(const cc_frame *f, const cluster *c, const corners *v, bounds *out) {
+static void bound(const cc_frame *f, const cluster *c, const patch *near, const corners *v, bounds *out) {
     const uint8_t *restrict c0 = f->scene->corner[0] + c->first_face, *restrict c1 = f->scene->corner[1] + c->first_face;
     const uint8_t *restrict c2 = f->scene->corner[2] + c->first_face;
-    const double width = f->width, height = f->height, slack = 1e-5; /* px: far above rounding */
+    const double width = f->width, height = f->height;
+    const double slack_x = 1e-5 + (near ? near->off_x : 0), slack_y = 1e-5 + (near ? near->off_y : 0); /* far above rounding */
     int n = c->n_faces;
     for (int k = 0; k < n; k++) {
         int p = c0[k], q = c1[k], r = c2[k];
         double near = upper3(v->w[p], v->w[q], v->w[r]), far = lower3(v->w[p], v->w[q], v->w[r]);
         out->gx0[k] = lower3(v->gx[p], v->gx[q], v->gx[r]), out->gx1[k] = upper3(v->gx[p], v->gx[q], v->gx[r]);
         out->gy0[k] = lower3(v->gy[p], v->gy[q], v->gy[r]), out->gy1[k] = upper3(v->gy[p], v->gy[q], v->gy[r]);
-        out->front[k] = lower3(v->z[p], v->z[q], v->z[r]);
+        out->front[k] = lower3(v->front[p], v->front[q], v->front[r]);
         out->nearest[k] = (float)lower(near, FLT_MAX), out->farthest[k] = (float)lower(far, FLT_MAX);
     }
-    if (f->view->lens) return;
     for (int k = 0; k < n; k++) { /* ceil and floor of numbers made at least 0 and -1: both vectorise everywhere */
-        double x0 = lower(upper(out->gx0[k] - slack, 0), width), y0 = lower(upper(out->gy0[k] - slack, 0), height);
-        double x1 = lower(upper(out->gx1[k] + slack, -1) + 1, width), y1 = lower(upper(out->gy1[k] + slack, -1) + 1, height);
+        double x0 = lower(upper(out->gx0[k] - slack_x, 0), width), y0 = lower(upper(out->gy0[k] - slack_y, 0), height);
+        double x1 = lower(upper(out->gx1[k] + slack_x, -1) + 1, width), y1 = lower(upper(out->gy1[k] + slack_y, -1) + 1, height);
         int32_t left = (int32_t)x0, top = (int32_t)y0;
         out->x0[k] = left + (x0 > left), out->y0[k] = top + (y0 > top);
         out->x1[k] = (int32_t)x1 - 1, out->y1[k] = (int32_t)y1 - 1;
     }
 }
 
+static inline rect common(rect a, rect b) {
+    return (rect){imax(a.x0, b.x0), imin(a.x1, b.x1), imax(a.y0, b.y0), imin(a.y1, b.y1)};
+}
+
+/* The part of a rectangle that a triangle may cover as a smaller patch has it. */
+static rect tightened(const patch *near, const corners *v, const uint8_t i[3], rect r) {
+    double x0 = INFINITY, x1 = -INFINITY, y0 = INFINITY, y1 = -INFINITY;
+    for (int k = 0; k < 3; k++) {
+        const place at = seen_at(near, v->x[i[k]] * v->w[i[k]], v->y[i[k]] * v->w[i[k]]);
+        if (!at.sure) return r;
+        x0 = lower(x0, at.x), x1 = upper(x1, at.x), y0 = lower(y0, at.y), y1 = upper(y1, at.y);
+    }
+    const double slack_x = near->off_x + 1e-5, slack_y = near->off_y + 1e-5;
+    x0 = ceil(upper(x0 - slack_x, r.x0)), x1 = floor(lower(x1 + slack_x, r.x1));
+    y0 = ceil(upper(y0 - slack_y, r.y0)), y1 = floor(lower(y1 + slack_y, r.y1));
+    if (!(x0 <= x1 && y0 <= y1)) return (rect){1, 0, 1, 0};
+    return (rect){(int32_t)x0, (int32_t)x1, (int32_t)y0, (int32_t)y1};
+}
+
 /* Which samples triangle k of a cluster may cover; empty where it is beyond a side of the picture. */
-static inline rect reach(const cc_frame *f, const cluster *c, const corners *v, bounds *of, int k) {
+static inline rect reach(const cc_frame *f, const corners *v, bounds *of, const uint8_t i[3], int k) {
     if (!(of->front[k] > 0)) { /* reaches behind the camera: anywhere, in front of its farthest corner */
-        const uint8_t i[3] = {f->scene->corner[0][c->first_face + k], f->scene->corner[1][c->first_face + k],
-                              f->scene->corner[2][c->first_face + k]};
         if (beyond_a_side(&f->limits, v->x, v->y, v->z, i, 3)) return (rect){1, 0, 1, 0};
         of->nearest[k] = FLT_MAX;
         of->farthest[k] = (float)lower(1 / upper3(v->z[i[0]], v->z[i[1]], v->z[i[2]]), FLT_MAX);
         return (rect){0, f->width - 1, 0, f->height - 1};
     }
-    if (!f->view->lens) return (rect){of->x0[k], of->x1[k], of->y0[k], of->y1[k]};
-    return samples_of(f, (box){of->gx0[k], of->gx1[k], of->gy0[k], of->gy1[k]});
+    return (rect){of->x0[k], of->x1[k], of->y0[k], of->y1[k]};
 }
 
-static void draw_cluster(const band *b, const candidate *which) {
+static void draw_cluster(const band *b, const candidate *which, rect part) {
     const cc_frame *f = b->frame;
+    const cc_lens *lens = f->view->lens;
     const cluster *c = &f->scene->clusters[which->index];
+    const patch *near = lens ? patch_of(lens, &which->where) : NULL;
     corners v;
     bounds of;
-    transform(f, c, &v);
-    bound(f, c, &v, &of);
+    transform(f, c, near, &v);
+    bound(f, c, near, &v, &of);
     for (int k = 0; k < c->n_faces; k++) {
-        rect r = reach(f, c, &v, &of, k);
-        r.y0 = imax(r.y0, b->y0), r.y1 = imin(r.y1, b->y1);
-        if (r.x0 > r.x1 || r.y0 > r.y1 || !may_be_seen(b, &r, of.nearest[k])) continue;
         size_t at = c->first_face + (size_t)k;
         const uint8_t i[3] = {f->scene->corner[0][at], f->scene->corner[1][at], f->scene->corner[2][at]};
+        rect r = common(reach(f, &v, &of, i, k), part);
+        if (near && near->off_x + near->off_y > 0.5 && of.front[k] > 0 && r.x0 <= r.x1 && r.y0 <= r.y1)
+            r = tightened(patch_of(lens, &r), &v, i, r);
+        if (r.x0 > r.x1 || r.y0 > r.y1 || !may_be_seen(b, &r, of.nearest[k])) continue;
         triangle t = {.nearest = of.nearest[k], .farthest = of.farthest[k], .id = f->scene->id[at]};
         if (set_up(f, &v, i, &t)) VARIANT(draw_triangle)(b, &t, &r);
     }
 }
+
 /* ---- bands ---------------------------------------------------------------------------------------------------- */
 
 static void clear_band(const band *b, size_t tiles) {
@@ -177,7 +213,7 @@ int VARIANT(frame_work)(cc_frame *f, cc_worker *worker) {
         for (int64_t i = 0; i < f->n_candidates; i++) {
             const candidate *c = &f->candidates[i];
             rect r = {c->where.x0, c->where.x1, imax(c->where.y0, b.y0), imin(c->where.y1, b.y1)};
-            if (r.y0 <= r.y1 && may_be_seen(&b, &r, c->nearest)) draw_cluster(&b, c);
+            if (r.y0 <= r.y1 && may_be_seen(&b, &r, c->nearest)) draw_cluster(&b, c, r);
         }
         VARIANT(write_band)(&b);
     }

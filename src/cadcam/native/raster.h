@@ -37,6 +37,7 @@ typedef struct {
     const cc_lens *lens;    /* NULL: no distortion */
     float *image, *coverage, *depth, *normal; /* (H,W,3) (H,W) (H,W) (H,W,3), each or NULL */
     int32_t *part, *face;                     /* (H,W), each or NULL; depth, normal and ids only if samples == 1 */
+    uint8_t *rgb;                             /* (H,W,3), or NULL: the image in steps of 1/255, rounded */
 } cc_view;
 
 /* `paint` numbers the colour of each face. NULL where memory is short. Every index must be in range and every coordinate

@@ -152,12 +152,11 @@ CC_API cc_scene *cc_scene_new(const double *vertices, const int32_t *faces, int6
     s->x = malloc(room * sizeof(double)), s->y = malloc(room * sizeof(double)), s->z = malloc(room * sizeof(double));
     for (int k = 0; k < 3; k++) s->corner[k] = malloc(n + 1);
     s->id = malloc((n + 1) * sizeof *s->id);
-    s->normal = malloc((n + 1) * sizeof *s->normal);
+    s->surfaces = malloc((n + 1) * sizeof *s->surfaces);
     s->part = malloc((n + 1) * sizeof *s->part);
-    s->paint = malloc((n + 1) * sizeof *s->paint);
     s->color = malloc(((size_t)n_colors + 1) * sizeof *s->color);
     if (!s->clusters || !s->x || !s->y || !s->z || !s->corner[0] || !s->corner[1] || !s->corner[2] ||
-        !s->id || !s->normal || !s->part || !s->paint || !s->color) {
+        !s->id || !s->surfaces || !s->part || !s->color) {
         free(sorted);
         cc_scene_free(s);
         return NULL;
@@ -171,10 +170,12 @@ CC_API cc_scene *cc_scene_new(const double *vertices, const int32_t *faces, int6
         double *shrunk = realloc(*axis[k], (used + 8) * sizeof(double));
         if (shrunk) *axis[k] = shrunk;
     }
-    for (size_t i = 0; i < n; i++) unit_normal(vertices, faces + 3 * i, s->normal[i]);
+    for (size_t i = 0; i < n; i++) unit_normal(vertices, faces + 3 * i, s->surfaces[i].normal), s->surfaces[i].paint = paint[i];
     memcpy(s->part, part, n * sizeof *part);
-    memcpy(s->paint, paint, n * sizeof *paint);
-    memcpy(s->color, colors, (size_t)n_colors * sizeof *s->color);
+    for (size_t i = 0; i < (size_t)n_colors; i++) {
+        memcpy(s->color[i], colors + 3 * i, 3 * sizeof *colors);
+        s->color[i][3] = 0;
+    }
     return s;
 }
 
@@ -182,7 +183,7 @@ CC_API void cc_scene_free(cc_scene *s) {
     if (!s) return;
     free(s->clusters), free(s->x), free(s->y), free(s->z), free(s->id);
     for (int k = 0; k < 3; k++) free(s->corner[k]);
-    free(s->normal), free(s->part), free(s->paint), free(s->color), free(s);
+    free(s->surfaces), free(s->part), free(s->color), free(s);
 }
 
 /* ---- workers */

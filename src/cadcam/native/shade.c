@@ -1,163 +1,192 @@
 /* From the face and 1/z of each sample to the outputs: shading is deferred, so hidden samples cost none. */
 #include "hot.h"
+#include "vectors.h"
 
 /* What the shading of one output needs, in float: the direction of plane points and the light, in the world. */
-typedef struct { float d[9], fill[3], back[3], ambient, head; } light; /* fill, back: times their strength */
+typedef struct { float d[9], rotation[9], fill[3], back[3], ambient, head; } light; /* fill, back: times their strength */
 
-/* Eight samples of a row: what was met there, and from where. */
-typedef struct {
-    _Alignas(32) int32_t id[TILE];
-    _Alignas(32) float d[3][TILE]; /* directions in the world, not of unit length */
-    _Alignas(32) float n[3][TILE]; /* normals, as in the scene */
-    _Alignas(32) float color[3][TILE]; /* of the parts; the background's where nothing was met */
-    _Alignas(32) float along[TILE]; /* n . d: positive where the back is seen */
-} eight;
+typedef struct { f8 x, y, z; } triple;
 
-static inline const float *normal_of(const cc_frame *f, int32_t id) { return f->scene->normal[id < 0 ? 0 : id]; }
-static inline const float *color_of(const cc_frame *f, int32_t id) {
-    return id < 0 ? f->view->background : f->scene->color[f->scene->paint[id]];
+/* The surfaces met by eight samples of a row: unit normals in the world and colours, the background's where there is none. */
+typedef struct { triple normal, color; } met;
+
+INLINE f8 eight(float v) { return v - (f8){0}; }
+INLINE triple same(const float v[3]) { return (triple){eight(v[0]), eight(v[1]), eight(v[2])}; }
+INLINE f8 dot(triple a, const float b[3]) { return a.x * b[0] + a.y * b[1] + a.z * b[2]; }
+INLINE i8 nothing(const int32_t *id) { return *(const i8 *)id < 0; }
+
+INLINE met met_by_all(const cc_frame *f, int32_t id) {
+    const surface *s = &f->scene->surfaces[id < 0 ? 0 : id];
+    return (met){same(s->normal), same(id < 0 ? f->view->background : f->scene->color[s->paint])};
 }
 
-static inline void look_up(const cc_frame *f, const light *l, int32_t tx, int32_t y, const int32_t *id, eight *e) {
-    const cc_lens *lens = f->view->lens;
-    const size_t at = ((size_t)(y / TILE) * (size_t)f->tiles_x + (size_t)tx) * TILE_AREA + (size_t)(y % TILE) * TILE;
-    float px[TILE], py[TILE];
+static met met_by_each(const cc_frame *f, const int32_t id[TILE]) {
+    const float *record[TILE], *colors[TILE];
+    f8 n[4], c[4];
     for (int i = 0; i < TILE; i++) {
-        px[i] = lens ? (float)lens->x[at + (size_t)i] : (float)(tx * TILE + i);
-        py[i] = lens ? (float)lens->y[at + (size_t)i] : (float)y;
+        const surface *s = &f->scene->surfaces[id[i] < 0 ? 0 : id[i]];
+        record[i] = s->normal; /* the colour's number comes fourth, and is not used here */
+        colors[i] = f->scene->color[s->paint];
     }
-    int same = 1;
-    for (int i = 0; i < TILE; i++) same &= id[i] == id[0], e->id[i] = id[i];
-    if (same) { /* the common case, and a fast one */
-        const float *n = normal_of(f, id[0]), *color = color_of(f, id[0]);
-        for (int k = 0; k < 3; k++)
-            for (int i = 0; i < TILE; i++) e->n[k][i] = n[k], e->color[k][i] = color[k];
-    } else
-        for (int i = 0; i < TILE; i++) {
-            const float *n = normal_of(f, id[i]), *color = color_of(f, id[i]);
-            for (int k = 0; k < 3; k++) e->n[k][i] = n[k], e->color[k][i] = color[k];
-        }
-    for (int k = 0; k < 3; k++)
-        for (int i = 0; i < TILE; i++) e->d[k][i] = l->d[3 * k] * px[i] + (l->d[3 * k + 1] * py[i] + l->d[3 * k + 2]);
-    for (int i = 0; i < TILE; i++)
-        e->along[i] = e->n[0][i] * e->d[0][i] + e->n[1][i] * e->d[1][i] + e->n[2][i] * e->d[2][i];
+    transposed(record, n), transposed(colors, c);
+    const float *behind = f->view->background;
+    const i8 none = nothing(id);
+    return (met){{n[0], n[1], n[2]},
+                 {choose(none, eight(behind[0]), c[0]), choose(none, eight(behind[1]), c[1]), choose(none, eight(behind[2]), c[2])}};
 }
+
+INLINE met met_by(const cc_frame *f, const int32_t id[TILE]) {
+    const i8 other = *(const i8 *)id != id[0];
+    return signs(other) ? met_by_each(f, id) : met_by_all(f, id[0]);
+}
+
+/* Directions in the world, not of unit length, in which eight samples of row y look. */
+INLINE triple directions(const cc_frame *f, const light *l, int32_t tx, int32_t y) {
+    const cc_lens *lens = f->view->lens;
+    f8 px = __builtin_convertvector(tx * TILE + *(const i8 *)LANE, f8), py = eight((float)y);
+    if (lens) {
+        const size_t tile = (size_t)(y / TILE) * (size_t)f->tiles_x + (size_t)tx, at = tile * TILE_AREA + (size_t)(y % TILE) * TILE;
+        px = floats(*(const d4 *)(lens->x + at), *(const d4 *)(lens->x + at + 4));
+        py = floats(*(const d4 *)(lens->y + at), *(const d4 *)(lens->y + at + 4));
+    }
+    const float *d = l->d;
+    return (triple){d[0] * px + (d[1] * py + d[2]), d[3] * px + (d[4] * py + d[5]), d[6] * px + (d[7] * py + d[8])};
+}
+
+/* n . d: positive where the back of a face is seen. */
+INLINE f8 along(triple n, triple d) { return n.x * d.x + n.y * d.y + n.z * d.z; }
 
 /* Matt, two-sided: ambient, a light at the camera, two distant ones. */
-static inline void shade(const light *l, const eight *e, float rgb[TILE][3]) {
-    float value[TILE];
-    for (int i = 0; i < TILE; i++) {
-        float length = sqrtf(e->d[0][i] * e->d[0][i] + e->d[1][i] * e->d[1][i] + e->d[2][i] * e->d[2][i]);
-        float fill = e->n[0][i] * l->fill[0] + e->n[1][i] * l->fill[1] + e->n[2][i] * l->fill[2];
-        float back = e->n[0][i] * l->back[0] + e->n[1][i] * l->back[1] + e->n[2][i] * l->back[2];
-        fill = e->along[i] > 0 ? -fill : fill; /* the side that faces the camera */
-        back = e->along[i] > 0 ? -back : back;
-        value[i] = l->ambient + l->head * (fabsf(e->along[i]) / length) + (fill > 0 ? fill : 0) + (back > 0 ? back : 0);
-    }
-    for (int i = 0; i < TILE; i++) value[i] = e->id[i] < 0 ? 1.0f : value[i];
-    for (int i = 0; i < TILE; i++)
-        for (int k = 0; k < 3; k++) {
-            float c = e->color[k][i] * value[i];
-            rgb[i][k] = c < 1 ? c : 1;
-        }
+INLINE triple shaded(const light *l, const met *m, triple d, i8 none) {
+    const f8 cosine = along(m->normal, d), zero = {0}, one = eight(1);
+    const i8 turned = (i8)cosine & INT32_MIN; /* flips signs: the side that faces the camera has n . d < 0 */
+    const f8 fill = (f8)((i8)dot(m->normal, l->fill) ^ turned ^ INT32_MIN), back = (f8)((i8)dot(m->normal, l->back) ^ turned ^ INT32_MIN);
+    const f8 ahead = size_of(cosine) / root(along(d, d));
+    f8 value = l->ambient + l->head * ahead + most_of(fill, zero) + most_of(back, zero);
+    value = choose(none, one, value);
+    return (triple){least_of(m->color.x * value, one), least_of(m->color.y * value, one), least_of(m->color.z * value, one)};
 }
 
 /* Unit normals in the camera frame, turned towards the camera. */
-static void face_camera(const cc_frame *f, const eight *e, float out[TILE][3]) {
-    const double *R = f->view->rotation;
-    for (int i = 0; i < TILE; i++)
-        for (int k = 0; k < 3; k++) {
-            double c = R[3 * k] * e->n[0][i] + R[3 * k + 1] * e->n[1][i] + R[3 * k + 2] * e->n[2][i];
-            out[i][k] = e->id[i] < 0 ? 0.0f : (float)(e->along[i] > 0 ? -c : c);
-        }
+INLINE triple facing(const light *l, const met *m, triple d, i8 none) {
+    const float *R = l->rotation;
+    const i8 turned = (along(m->normal, d) > 0) & INT32_MIN;
+    const f8 x = dot(m->normal, R), y = dot(m->normal, R + 3), z = dot(m->normal, R + 6);
+    return (triple){(f8)(((i8)x ^ turned) & ~none), (f8)(((i8)y ^ turned) & ~none), (f8)(((i8)z ^ turned) & ~none)};
 }
 
 /* Copy the first n of eight items; a constant size is a few instructions, a variable one a call. */
-static inline void put(void *to, const void *from, size_t n, size_t size) {
+INLINE void put(void *to, const void *from, size_t n, size_t size) {
     if (n == TILE) memcpy(to, from, TILE * size);
     else memcpy(to, from, n * size);
 }
 
-static void write_eight(const cc_frame *f, const light *l, int32_t tx, int32_t y, const float *w, const int32_t *id) {
+INLINE void put_triples(float *to, triple v, size_t n) {
+    f8 out[3];
+    interleaved(v.x, v.y, v.z, out);
+    put(to, out, n, 3 * sizeof(float));
+}
+
+INLINE i8 byte(f8 v) { return __builtin_convertvector(v * 255.0f + 0.5f, i8); }
+
+INLINE void put_bytes(uint8_t *to, triple v, size_t n) {
+    uint8_t out[28];
+    three_bytes(byte(v.x) | byte(v.y) << 8 | byte(v.z) << 16, out);
+    put(to, out, n, 3);
+}
+
+static void put_parts(const cc_frame *f, const int32_t *id, size_t at, size_t n) {
+    for (size_t i = 0; i < n; i++) f->view->part[at + i] = id[i] < 0 ? -1 : f->scene->part[id[i]];
+}
+
+/* Row y of a tile whose samples all see face `all`, or each its own if all == INT32_MIN. */
+INLINE void write_row(const cc_frame *f, const light *l, int32_t tx, int32_t y, const float *w, const int32_t *id,
+                      const met *uniform) {
     const cc_view *v = f->view;
     const size_t n = (size_t)imin(TILE, f->width - tx * TILE), at = (size_t)y * (size_t)f->width + (size_t)tx * TILE;
-    float number[TILE], triple[TILE][3];
-    int32_t part[TILE];
-    eight e;
+    const i8 none = nothing(id);
     if (v->depth) {
-        for (int i = 0; i < TILE; i++) {
-            float z = 1.0f / w[i];
-            number[i] = id[i] < 0 ? INFINITY : z;
-        }
-        put(v->depth + at, number, n, sizeof *number);
+        const f8 z = choose(none, eight(INFINITY), 1.0f / *(const f8 *)w);
+        put(v->depth + at, &z, n, sizeof(float));
     }
     if (v->face) put(v->face + at, id, n, sizeof *id);
-    if (v->part) {
-        for (int i = 0; i < TILE; i++) part[i] = id[i] < 0 ? -1 : f->scene->part[id[i]];
-        put(v->part + at, part, n, sizeof *part);
-    }
+    if (v->part) put_parts(f, id, at, n);
     if (v->coverage) {
-        for (int i = 0; i < TILE; i++) number[i] = (float)(id[i] >= 0);
-        put(v->coverage + at, number, n, sizeof *number);
+        const f8 seen = choose(none, eight(0), eight(1));
+        put(v->coverage + at, &seen, n, sizeof(float));
     }
-    if (!v->image && !v->normal) return;
-    look_up(f, l, tx, y, id, &e);
-    if (v->image) {
-        shade(l, &e, triple);
-        put(v->image + 3 * at, triple, n, sizeof *triple);
+    if (!v->image && !v->rgb && !v->normal) return;
+    const met m = uniform ? *uniform : met_by(f, id);
+    const triple d = directions(f, l, tx, y);
+    if (v->image || v->rgb) {
+        const triple color = shaded(l, &m, d, none);
+        if (v->image) put_triples(v->image + 3 * at, color, n);
+        if (v->rgb) put_bytes(v->rgb + 3 * at, color, n);
     }
-    if (v->normal) {
-        face_camera(f, &e, triple);
-        put(v->normal + 3 * at, triple, n, sizeof *triple);
+    if (v->normal) put_triples(v->normal + 3 * at, facing(l, &m, d, none), n);
+}
+
+static void write_tile(const cc_frame *f, const light *l, int32_t tx, int32_t y0, int32_t rows, const float *w, const int32_t *id) {
+    i8 other = {0};
+    for (int k = 0; k < TILE_AREA; k += TILE) other |= *(const i8 *)(id + k) != id[0];
+    if (signs(other)) {
+        for (int32_t r = 0; r < rows; r++) write_row(f, l, tx, y0 + r, w + r * TILE, id + r * TILE, NULL);
+        return;
     }
+    const met m = met_by_all(f, id[0]);
+    for (int32_t r = 0; r < rows; r++) write_row(f, l, tx, y0 + r, w + r * TILE, id + r * TILE, &m);
 }
 
 /* Add a row of samples to the sums (r, g, b, covered) of an output row. */
 static void add_row(const cc_frame *f, const light *l, int32_t y, const int32_t *ids, float *sums) {
-    float rgb[TILE][3];
-    eight e;
     for (int32_t tx = 0; tx < f->tiles_x; tx++) {
-        look_up(f, l, tx, y, ids + (size_t)tx * TILE_AREA, &e);
-        shade(l, &e, rgb);
+        const int32_t *id = ids + (size_t)tx * TILE_AREA;
+        const met m = met_by(f, id);
+        const triple rgb = shaded(l, &m, directions(f, l, tx, y), nothing(id));
         for (int i = 0; i < imin(TILE, f->width - tx * TILE); i++) {
             float *sum = sums + 4 * (size_t)((tx * TILE + i) / f->view->samples);
-            for (int k = 0; k < 3; k++) sum[k] += rgb[i][k];
-            sum[3] += e.id[i] < 0 ? 0.0f : 1.0f;
+            sum[0] += rgb.x[i], sum[1] += rgb.y[i], sum[2] += rgb.z[i];
+            sum[3] += id[i] < 0 ? 0.0f : 1.0f;
         }
+    }
+}
+
+static void write_sums(const cc_view *v, int32_t row, const float *sums) {
+    const float scale = 1.0f / (float)(v->samples * v->samples);
+    for (int32_t x = 0; x < v->width; x++) {
+        const size_t at = (size_t)row * (size_t)v->width + (size_t)x;
+        for (int k = 0; k < 3; k++) {
+            const float c = sums[4 * (size_t)x + (size_t)k] * scale;
+            if (v->image) v->image[3 * at + (size_t)k] = c;
+            if (v->rgb) v->rgb[3 * at + (size_t)k] = (uint8_t)(c * 255.0f + 0.5f);
+        }
+        if (v->coverage) v->coverage[at] = sums[4 * (size_t)x + 3] * scale;
     }
 }
 
 static light light_of(const cc_view *v) {
     light l = {.ambient = v->ambient, .head = v->head};
-    for (int k = 0; k < 9; k++) l.d[k] = (float)v->ray[k];
+    for (int k = 0; k < 9; k++) l.d[k] = (float)v->ray[k], l.rotation[k] = (float)v->rotation[k];
     for (int k = 0; k < 3; k++) l.fill[k] = v->fill * (float)v->fill_from[k], l.back[k] = v->back * (float)v->back_from[k];
     return l;
 }
 
 void VARIANT(write_band)(const band *b) {
     const cc_frame *f = b->frame;
-    const cc_view *v = f->view;
-    light l = light_of(v);
+    const light l = light_of(f->view);
     float *sums = b->worker->row;
-    int n = v->samples;
+    const int n = f->view->samples;
+    const size_t row = (size_t)f->tiles_x * TILE_AREA;
+    if (n == 1) {
+        for (int32_t y = b->y0; y <= b->y1; y += TILE)
+            for (size_t tx = 0, at = (size_t)(y / TILE - b->first_tiles) * row; at < row * (size_t)(y / TILE - b->first_tiles + 1);
+                 tx++, at += TILE_AREA)
+                write_tile(f, &l, (int32_t)tx, y, imin(TILE, b->y1 - y + 1), b->worker->inverse_z + at, b->worker->id + at);
+        return;
+    }
     for (int32_t y = b->y0; y <= b->y1; y++) {
-        size_t at = (size_t)(y / TILE - b->first_tiles) * (size_t)f->tiles_x * TILE_AREA + (size_t)(y % TILE) * TILE;
-        const float *w = b->worker->inverse_z + at;
-        const int32_t *id = b->worker->id + at;
-        if (n == 1) {
-            for (int32_t tx = 0; tx < f->tiles_x; tx++)
-                write_eight(f, &l, tx, y, w + (size_t)tx * TILE_AREA, id + (size_t)tx * TILE_AREA);
-            continue;
-        }
-        if (y % n == 0) memset(sums, 0, (size_t)v->width * 4 * sizeof *sums);
-        add_row(f, &l, y, id, sums);
-        if (y % n < n - 1) continue;
-        size_t row = (size_t)(y / n) * (size_t)v->width;
-        float scale = 1.0f / (float)(n * n);
-        for (int32_t x = 0; x < v->width; x++) {
-            if (v->image)
-                for (int k = 0; k < 3; k++) v->image[3 * (row + (size_t)x) + k] = sums[4 * (size_t)x + k] * scale;
-            if (v->coverage) v->coverage[row + (size_t)x] = sums[4 * (size_t)x + 3] * scale;
-        }
+        if (y % n == 0) memset(sums, 0, (size_t)f->view->width * 4 * sizeof *sums);
+        add_row(f, &l, y, b->worker->id + (size_t)(y / TILE - b->first_tiles) * row + (size_t)(y % TILE) * TILE, sums);
+        if (y % n == n - 1) write_sums(f->view, y / n, sums);
     }
 }

@@ -1,7 +1,7 @@
-/* From a triangle to the samples it covers, where there is no AVX: all in double, as coverage is defined (raster.c), in
+/* From a triangle to the samples it covers, where there is no AVX2: all in double, as coverage is defined (raster.c), in
  * loops that compilers turn into whatever vectors there are. Results are those of tile.c, bit by bit. */
 #include "hot.h"
-#ifndef __AVX__
+#ifndef __AVX2__
 
 /* The smallest value over a box of linear function k of a triangle. */
 static inline double fewest(const triangle *t, int k, const box *b) {

@@ -26,7 +26,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.render.gl_context import GlInfo, open_gl
 from cadcam.render.gl_scene import WORDS, GpuScene
 from cadcam.render.memory import Buffers, check_memory
-from cadcam.render.view import PLAIN, Channel, Look, Scene, View
+from cadcam.render.view import PLAIN, Channel, Look, Scene, View, with_image, with_rgb
 
 _OF_CHANNEL = {
     Channel.IMAGE: ("image", "coverage"),
@@ -90,11 +90,11 @@ class GlRenderer:
         """Return the view; see `Renderer.render`."""
         if not self._end.alive:
             raise BadValue("renderer", "closed", "one that is still open")
-        layers = self._layers(camera, channels)
+        layers = self._layers(camera, with_image(channels))
         if not self._thread.submit(lambda: self._gpu.fill(layers, camera, camera_from_world, look)).result():
             for name, layer in layers.items():
                 layer[...] = look.background if name == "image" else _BACKGROUND[name]
-        return View(camera, camera_from_world, layers)
+        return View(camera, camera_from_world, with_rgb(layers, channels))
 
     def render_batch(
         self,

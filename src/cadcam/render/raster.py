@@ -28,7 +28,8 @@ from cadcam.render.shade import unit
 from cadcam.render.view import PLAIN, Channel, Look, Scene, View
 
 _CACHED = 1 << 14  # pixels unprojected at a time
-_BYTES_A_PIXEL = {"image": 12, "coverage": 4, "depth": 4, "normal": 12, "part": 4, "face": 4}
+_BAND = 1 << 17  # samples drawn at a time, of 8 bytes: they stay in the second-level cache
+_BYTES_A_PIXEL = {"image": 12, "coverage": 4, "depth": 4, "normal": 12, "part": 4, "face": 4, "rgb": 3}
 _LENS_BYTES = 56  # a pixel of the lens table: the points, their copies in tiles, the way back
 _OF_CHANNEL = {
     Channel.IMAGE: ("image", "coverage"),
@@ -36,7 +37,9 @@ _OF_CHANNEL = {
     Channel.NORMAL: ("normal",),
     Channel.PART: ("part",),
     Channel.FACE: ("face",),
+    Channel.RGB: ("rgb",),
 }
+_SHADED = Channel.IMAGE | Channel.RGB
 
 
 class RasterRenderer:
@@ -99,7 +102,7 @@ class RasterRenderer:
 
     def _prepare(self, camera: Camera, channels: Channel, look: Look, pictures: int) -> None:
         """Check sizes and memory, then make the lens' tables, before any thread starts."""
-        n = look.supersampling if Channel.IMAGE in channels else 1
+        n = look.supersampling if channels & _SHADED else 1
         if max(camera.size) * n > LONGEST:
             raise BadValue("picture size times supersampling", f"{camera.size} x {n}", f"at most {LONGEST} px a side")
         pixels = camera.width * camera.height
@@ -117,7 +120,7 @@ class RasterRenderer:
             name: self._buffers.take((camera.height, camera.width, *tail), dtype)
             for name, tail, dtype in _layers(channels)
         }
-        fine = ("image", "coverage") if look.supersampling > 1 else ()
+        fine = ("image", "coverage", "rgb") if look.supersampling > 1 else ()
         finely = {name: layer for name, layer in layers.items() if name in fine}
         plainly = {name: layer for name, layer in layers.items() if name not in fine}
         for chosen, n in ((plainly, 1), (finely, look.supersampling)):
@@ -140,7 +143,7 @@ class RasterRenderer:
         plain = isinstance(camera.lens, Ideal)
         K = fine.K if plain else np.eye(3)
         request = Request(width=camera.width, height=camera.height, samples=n)
-        request.bands = 1 if threads == 1 else 2 * threads
+        request.bands = max(fine.width * fine.height // _BAND, 1 if threads == 1 else 2 * threads)
         request.plane[:] = (K @ np.column_stack([R, t])).ravel().tolist()
         request.ray[:] = (R.T @ np.linalg.inv(K)).ravel().tolist()
         request.rotation[:] = R.ravel().tolist()
@@ -192,10 +195,9 @@ def subdivided(points: Array, n: int) -> Array:
 
 
 def _layers(channels: Channel) -> list[tuple[str, tuple[int, ...], type[np.generic]]]:
-    return [
-        (name, (3,) if name in ("image", "normal") else (), np.int32 if name in ("part", "face") else np.float32)
-        for name in _names(channels)
-    ]
+    types: dict[str, type[np.generic]] = {"part": np.int32, "face": np.int32, "rgb": np.uint8}
+    tails: dict[str, tuple[int, ...]] = {"image": (3,), "normal": (3,), "rgb": (3,)}
+    return [(name, tails.get(name, ()), types.get(name, np.float32)) for name in _names(channels)]
 
 
 def _names(channels: Channel) -> list[str]:

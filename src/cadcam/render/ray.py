@@ -19,7 +19,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.render.cores import blocks, on_all_cores
 from cadcam.render.embree import Caster
 from cadcam.render.shade import shade
-from cadcam.render.view import PLAIN, Channel, Look, Scene, View
+from cadcam.render.view import PLAIN, Channel, Look, Scene, View, with_image, with_rgb
 
 _BAND = 1 << 17  # rays at a time: about 20 MB of temporaries a core, whatever the picture's size
 _CACHED = 1 << 14  # pixels unprojected at a time
@@ -52,7 +52,7 @@ class RayRenderer:
         look: Look = PLAIN,
     ) -> View:
         """Return the view; see `Renderer.render`."""
-        layers = _blank(camera, channels, look)
+        layers = _blank(camera, with_image(channels), look)
         depths = (camera_from_world @ self._scene.mesh.vertices)[:, 2][self._scene.mesh.faces]
         span = np.stack([depths.min(axis=1), depths.max(axis=1)], axis=1)
         self._keep_rays(camera)
@@ -64,7 +64,7 @@ class RayRenderer:
                 self._supersample(layers, band, camera, camera_from_world, span, look)
 
         on_all_cores(fill, blocks(camera.height, max(1, _BAND // camera.width)))
-        return View(camera, camera_from_world, layers)
+        return View(camera, camera_from_world, with_rgb(layers, channels))
 
     def render_batch(
         self,

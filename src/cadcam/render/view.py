@@ -36,13 +36,14 @@ PALETTE = np.array(
 
 
 class Channel(Flag):
-    """What a view can hold; combine with `|`."""
+    """What a view can hold; combine with `|`. RGB is the image once more, in bytes, and no part of ALL."""
 
     IMAGE = auto()
     DEPTH = auto()
     NORMAL = auto()
     PART = auto()
     FACE = auto()
+    RGB = auto()
     ALL = IMAGE | DEPTH | NORMAL | PART | FACE
 
 
@@ -146,6 +147,11 @@ class View:
         return self._layer("coverage")
 
     @property
+    def rgb(self) -> npt.NDArray[np.uint8]:
+        """Shaded RGB (H, W, 3) uint8, the image rounded to steps of 1/255: for files, screens and OpenCV."""
+        return self._layer("rgb")
+
+    @property
     def gray(self) -> Picture:
         """Luma (H, W) float32 of the image."""
         return to_gray(self.image)
@@ -220,6 +226,19 @@ class Renderer(Protocol):
     ) -> Iterator[View]:
         """Yield a view for each camera_from_world, in order, empty ones included."""
         ...
+
+
+def with_image(channels: Channel) -> Channel:
+    """Return what a renderer draws that makes the bytes of RGB from an image: IMAGE for RGB."""
+    return (channels & ~Channel.RGB) | Channel.IMAGE if Channel.RGB in channels else channels
+
+
+def with_rgb(layers: Mapping[str, npt.NDArray[Any]], channels: Channel) -> dict[str, npt.NDArray[Any]]:
+    """Return the layers of `with_image(channels)` as those of `channels`."""
+    if Channel.RGB not in channels:
+        return dict(layers)
+    kept = {name: a for name, a in layers.items() if Channel.IMAGE in channels or name not in ("image", "coverage")}
+    return kept | {"rgb": (layers["image"] * np.float32(255) + np.float32(0.5)).astype(np.uint8)}
 
 
 def nothing_in_view(mesh: Mesh, camera: Camera, camera_from_world: Rigid) -> NothingInView:
