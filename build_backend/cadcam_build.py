@@ -26,6 +26,7 @@ from typing import Any
 import hatchling.build
 from hatchling.build import *  # noqa: F403  the hooks of PEP 517 and 660 that are not replaced below
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+from hatchling.builders.wheel import WheelBuilder
 
 SOURCES = Path("src/cadcam/native")
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
@@ -52,34 +53,51 @@ def get_requires_for_build_editable(config_settings: dict[str, Any] | None = Non
     return [*hatchling.build.get_requires_for_build_editable(config_settings), *get_requires_for_build_wheel()]
 
 
+def prepare_metadata_for_build_wheel(metadata_directory: str, config_settings: dict[str, Any] | None = None) -> str:
+    """Write the metadata alone. Under pip hatchling leaves this out, and the core would be compiled twice."""
+    builder = WheelBuilder(str(Path.cwd()))
+    folder = Path(metadata_directory) / f"{builder.artifact_project_id}.dist-info"
+    folder.mkdir(exist_ok=True)
+    text = builder.config.core_metadata_constructor(builder.metadata)
+    (folder / "METADATA").write_text(text, encoding="utf-8")
+    return folder.name
+
+
+prepare_metadata_for_build_editable = prepare_metadata_for_build_wheel
+
+
 class NativeHook(BuildHookInterface):  # type: ignore[type-arg]  # its parameter is hatchling's own configuration
     """Compiles the core before hatchling collects the wheel's files."""
 
     PLUGIN_NAME = "custom"
+    _scratch: tempfile.TemporaryDirectory[str] | None = None
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Build the library and tag the wheel; without a compiler, say so and leave both."""
         wish = os.environ.get("CADCAM_NATIVE", "")
         compiler = None if wish == "off" else system_compiler() or zig_compiler()
-        sources = Path(self.root) / SOURCES
-        self._scratch = tempfile.TemporaryDirectory()  # the tree stays as it is, except for an editable installation
-        library = (sources if version == "editable" else Path(self._scratch.name)) / f"_raster{SUFFIX}"
-        library.unlink(missing_ok=True)
+        folder = Path(self.root) / SOURCES
+        library = folder / f"_raster{SUFFIX}"
+        if version == "editable":
+            library.unlink(missing_ok=True)
         if compiler is None:
-            reason = "CADCAM_NATIVE=off" if wish == "off" else "no C compiler works and ziglang is not installed"
+            reason = "CADCAM_NATIVE=off" if wish == "off" else "no C compiler works here, nor does the ziglang wheel"
             if wish == "require":
                 raise SystemExit(f"cadcam: the rasteriser's core cannot be built: {reason}")
             self.app.display_warning(f"cadcam: built without the rasteriser's core ({reason}); the ray renderer works")
             return
-        compile_core(compiler, sources, library)
-        if version != "editable":
+        if version != "editable":  # the tree stays as it is
+            self._scratch = tempfile.TemporaryDirectory()
+            library = Path(self._scratch.name) / library.name
             build_data["force_include"][str(library)] = f"cadcam/native/{library.name}"
+        compile_core(compiler, folder, library)
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{platform_tag(compiler)}"
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
         """Clear away what was compiled."""
-        self._scratch.cleanup()
+        if self._scratch is not None:
+            self._scratch.cleanup()
 
 
 def compile_core(compiler: list[str], folder: Path, library: Path) -> None:
@@ -129,14 +147,14 @@ def works(command: list[str]) -> bool:
 
 
 def zig_compiler() -> list[str] | None:
-    """Return zig's C compiler aimed at an old C library, None where the wheel is not installed."""
+    """Return zig's C compiler aimed at an old C library, None where the wheel is not installed or does not work."""
     if importlib.util.find_spec("ziglang") is None:
         return None
     command = [sys.executable, "-m", "ziglang", "cc"]
     if sys.platform == "linux":
         glibc = platform.libc_ver()[0] == "glibc"
         command += ["-target", f"{platform.machine()}-linux-" + ("gnu.2.17" if glibc else "musl")]
-    return command
+    return command if works(command) else None  # it needs /proc, which a bare chroot may lack
 
 
 def platform_tag(compiler: list[str]) -> str:
@@ -150,9 +168,12 @@ def platform_tag(compiler: list[str]) -> str:
 
 def index_may_answer() -> bool:
     """Return whether ziglang can probably be had: asking in vain would make the whole installation fail."""
-    if os.environ.get("PIP_NO_INDEX") and not os.environ.get("PIP_FIND_LINKS"):
+    links = [Path(link.removeprefix("file://")) for link in os.environ.get("PIP_FIND_LINKS", "").split()]
+    if any(wheel for link in links if link.is_dir() for wheel in link.glob("ziglang-*.whl")):
+        return True
+    if os.environ.get("PIP_NO_INDEX"):
         return False
-    told = ("PIP_INDEX_URL", "PIP_EXTRA_INDEX_URL", "PIP_FIND_LINKS", "UV_INDEX_URL", "UV_DEFAULT_INDEX", "HTTPS_PROXY")
+    told = ("PIP_INDEX_URL", "PIP_EXTRA_INDEX_URL", "UV_INDEX_URL", "UV_DEFAULT_INDEX", "HTTPS_PROXY")
     if any(os.environ.get(name) or os.environ.get(name.lower()) for name in told):
         return True
     try:

@@ -1,4 +1,4 @@
-"""OpenGL agrees with rays, falls back in one line, and gives back what it took.
+"""OpenGL: edges shared by two faces, smooth images, tiles, batches, threads, closing, refusals.
 
 On a machine without a GPU this runs on Mesa's software renderer (Debian: libegl1, libgl1); without EGL it is skipped.
 """
@@ -6,27 +6,24 @@ On a machine without a GPU this runs on Mesa's software renderer (Debian: libegl
 from __future__ import annotations
 
 import gc
-import os
 import threading
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cadcam.cad.edges import FeatureEdges
-from cadcam.cad.load import load
 from cadcam.cad.mesh import Mesh
-from cadcam.cad.parts import calibration_bench, machined_bracket, ship_block
+from cadcam.cad.parts import machined_bracket, ship_block
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Fisheye, Ideal, Lens
 from cadcam.errors import BadValue, DegenerateGeometry, NotEnoughMemory
 from cadcam.geometry.rigid import Rigid
-from cadcam.render import gl_context, gl_scene, gl_tiles
-from cadcam.render.embree import Caster
+from cadcam.render import gl_context, gl_scene
 from cadcam.render.gl import GlRenderer
 from cadcam.render.ray import RayRenderer
-from cadcam.render.view import Channel, Look, Scene, View
+from cadcam.render.view import Channel, Look, Scene
+
+from .agreement import Truth, bound_of, check
 
 needs_gl = pytest.mark.skipif(
     not gl_context.probe().available, reason=f"OpenGL on EGL does not answer: {gl_context.probe().reason}"
@@ -41,8 +38,6 @@ CAMERAS = {
     "fisheye": Camera.from_focal(SIZE, 150.0, cx=207.4, cy=141.1, lens=Fisheye(k1=-0.02)),
     "fisheye past its circle": Camera.from_focal(SIZE, 85.0, cx=207.4, cy=141.1, lens=Fisheye(k1=-0.02)),
 }
-GRID_PX = 2 / 256  # OpenGL rounds vertices to 1/256 px: an edge moves by half of it a side, a sharp tip by more
-EXACT_PX = 1e-3  # single precision: 1e-7 of a few hundred px, and Embree's own 1e-7 of the model
 NO_EDGES = FeatureEdges(*(np.zeros((0, 2), np.int32),) * 2, *(np.zeros(0, np.int32),) * 3)
 
 
@@ -60,94 +55,10 @@ def views_of(mesh: Mesh) -> list[Rigid]:
     ]
 
 
-def bound_of(camera: Camera) -> float:
-    return GRID_PX if camera.lens.name == "ideal" else EXACT_PX
-
-
-def check_agreement(view: View, exact: View, mesh: Mesh) -> int:
-    """Check a view against that of rays; return at how many pixels another face is seen.
-
-    Another face is right if a ray within the bound of the pixel centre meets it, if both are equally deep, or if it is
-    in front and its own outline passes within the bound: seen edge-on, hardly any ray meets it.
-    """
-    both = (view.face == exact.face) & (exact.face >= 0)
-    assert both.mean() > 0.005, "the model is in the picture"
-    assert np.abs(view.depth[both].astype(float) / exact.depth[both] - 1).max() < 1e-5
-    assert np.abs(view.normal[both] - exact.normal[both]).max() < 1e-5
-    assert np.abs(view.image[both] - exact.image[both]).max() < 1e-5
-    assert np.array_equal(view.part[both], exact.part[both])
-    differ = np.argwhere(view.face != exact.face)
-    as_deep = np.array([np.isclose(view.depth[y, x], exact.depth[y, x], rtol=1e-6, atol=0) for y, x in differ], bool)
-    rest = differ[~as_deep] if len(differ) else differ
-    near = _faces_around(view, mesh, rest[:, ::-1].astype(float), bound_of(view.camera))
-    found = (near == view.face[rest[:, 0], rest[:, 1]]).any(axis=0)
-    for k in np.flatnonzero(~found):
-        y, x = rest[k]
-        found[k] = view.depth[y, x] < exact.depth[y, x] and _gap(view, mesh, y, x) < bound_of(view.camera)
-    assert found.all(), f"{np.sum(~found)} pixels see a face that is not there, of {both.size}"
-    return len(differ)
-
-
-def _faces_around(view: View, mesh: Mesh, q: np.ndarray, radius: float) -> np.ndarray:
-    """Return the faces (rays, N) that rays within `radius` px of q (N, 2) meet."""
-    caster, eye = Caster(mesh), view.camera_from_world.origin
-    angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-    rows = []
-    for share in (0.25, 0.5, 0.75, 1.0):
-        for step in share * radius * np.stack([np.cos(angle), np.sin(angle)], axis=1):
-            d = view.camera.unproject(q + step) @ view.camera_from_world.rotation
-            start = np.maximum(d @ (caster.center - eye) - caster.radius, 0.0)
-            rows.append(caster.first_hit(eye + start[:, None] * d, d, np.full(len(d), 4 * caster.radius)))
-    return np.array(rows).reshape(len(rows), len(q))
-
-
-def _gap(view: View, mesh: Mesh, y: int, x: int) -> float:
-    """Return how far the centre of a pixel is from the outline of the face seen there, px; inf if that is none."""
-    if view.face[y, x] < 0 or view.camera.lens.name != "ideal":
-        return np.inf
-    a = view.camera.project(view.camera_from_world @ mesh.vertices[mesh.faces[view.face[y, x]]])
-    d = np.roll(a, -1, axis=0) - a
-    t = np.clip(np.sum(((x, y) - a) * d, axis=1) / np.sum(d * d, axis=1), 0, 1)
-    return float(np.linalg.norm(a + t[:, None] * d - (x, y), axis=1).min())
-
-
-PARTS = {
-    "bracket": machined_bracket,
-    "bench": calibration_bench,
-    "block": lambda: ship_block(triangles=8_000),
-}
-
-
-@pytest.fixture(scope="module", params=PARTS)
-def part(request: pytest.FixtureRequest) -> tuple[GlRenderer, RayRenderer]:
-    scene = scene_of(PARTS[request.param]())
-    return GlRenderer(scene), RayRenderer(scene)
-
-
 @pytest.fixture(scope="module")
 def bracket() -> tuple[GlRenderer, RayRenderer]:
     scene = scene_of(machined_bracket())
     return GlRenderer(scene), RayRenderer(scene)
-
-
-@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
-def test_rays_see_the_same_faces_of_sample_parts(part: tuple[GlRenderer, RayRenderer], camera: Camera) -> None:
-    fast, exact = part
-    for pose in views_of(fast.scene.mesh):
-        differ = check_agreement(fast.render(camera, pose), exact.render(camera, pose), fast.scene.mesh)
-        assert differ < (1e-3 if camera.lens.name == "ideal" else 1e-4) * camera.width * camera.height
-
-
-@pytest.mark.parametrize("name", ["nist_ctc_01_asme1_ap242", "nist_ctc_02_asme1_ap242", "nist_ctc_05_asme1_ap242"])
-def test_rays_see_the_same_faces_of_step_files(name: str, shared: Callable[[str], Path]) -> None:
-    pytest.importorskip("cascadio", reason="STEP needs cascadio")
-    mesh = load(shared(f"data/cad_nist_ctc/{name}.stp"))
-    scene = scene_of(mesh)
-    with GlRenderer(scene) as fast:
-        exact = RayRenderer(scene)
-        for camera in CAMERAS.values():
-            pose = views_of(mesh)[0]
-            check_agreement(fast.render(camera, pose), exact.render(camera, pose), mesh)
 
 
 @pytest.mark.parametrize("lens", [BrownConrady(), BrownConrady(k1=-0.2), Fisheye()], ids=["none", "barrel", "fisheye"])
@@ -165,29 +76,6 @@ def test_pixel_centres_on_a_common_edge_belong_to_one_of_its_faces(lens: Lens, r
             hits += renderer.render(camera, Rigid(), channels=Channel.FACE).face == 0
     sees = np.isfinite(camera.unproject(camera.pixel_grid())).all(axis=-1)  # the barrel folds before the last corner
     assert np.array_equal(hits, sees)
-
-
-@pytest.mark.parametrize("name", ["skewed", "Brown-Conrady"])
-def test_a_planted_half_pixel_is_found(
-    name: str, bracket: tuple[GlRenderer, RayRenderer], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    fast, exact = bracket
-    camera, pose, honest = CAMERAS[name], views_of(fast.scene.mesh)[0], gl_scene.projection_matrix
-
-    def half_off(c: Camera, *, near: float, far: float) -> np.ndarray:
-        matrix = honest(c, near=near, far=far)
-        matrix[0, 2] += 1 / c.width
-        return matrix
-
-    monkeypatch.setattr(gl_scene, "projection_matrix", half_off)
-    table = gl_tiles.plane_table
-    monkeypatch.setattr("cadcam.render.gl_target.plane_table", lambda c: table(c.crop(0, 1, c.size)))
-    fast._gpu._tables.release()
-    with pytest.raises(AssertionError, match=r"not there|assert"):
-        check_agreement(fast.render(camera, pose), exact.render(camera, pose), fast.scene.mesh)
-    monkeypatch.undo()
-    fast._gpu._tables.release()
-    check_agreement(fast.render(camera, pose), exact.render(camera, pose), fast.scene.mesh)
 
 
 @pytest.mark.parametrize("name", ["skewed", "Brown-Conrady", "fisheye"])
@@ -209,7 +97,7 @@ def test_smooth_images_are_those_of_rays_and_leave_ids_and_depth_alone(
 def test_a_picture_in_tiles_is_the_whole_picture(
     name: str, bracket: tuple[GlRenderer, RayRenderer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fast, exact = bracket
+    fast, _ = bracket
     camera, pose, look = CAMERAS[name], views_of(fast.scene.mesh)[0], Look(supersampling=2)
     whole = fast.render(camera, pose, look=look)
     monkeypatch.setattr(gl_scene, "TILE_SIDE", 150)
@@ -217,7 +105,8 @@ def test_a_picture_in_tiles_is_the_whole_picture(
     tiled = fast.render(camera, pose, look=look)
     plain = fast.render(camera, pose)
     fast._gpu._tables.release()
-    check_agreement(plain, exact.render(camera, pose), fast.scene.mesh)
+    truth = Truth.of(fast.scene, camera, pose)
+    check(plain, truth, bound_of("gl", truth))
     if name == "Brown-Conrady":  # no grid of OpenGL's in it: equal, not only close
         for layer in whole.layers:
             assert np.array_equal(whole.layers[layer], tiled.layers[layer]), layer
@@ -312,34 +201,3 @@ def test_meshes_that_cannot_be_drawn_are_refused(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setitem(thread.context.info, "GL_MAX_SHADER_STORAGE_BLOCK_SIZE", 1 << 16)
     with pytest.raises(NotEnoughMemory, match="use the renderer 'auto'"):
         GlRenderer(scene_of(ship_block(triangles=8_000)))
-
-
-def _resident() -> int:
-    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-
-
-def _growth(frames: int, block: Mesh) -> float:
-    """Return by what share memory grew over so many small frames of two cameras, and renderers made and dropped."""
-    cameras = [c.resize((64, 48)) for c in (CAMERAS["plain"], CAMERAS["Brown-Conrady"])]
-    scene, pose = scene_of(block), views_of(block)[0]
-    renderer, before = GlRenderer(scene), 0
-    for k in range(frames + 60):
-        if k == 60:
-            gc.collect()
-            before = _resident()
-        if k % 20 == 0:
-            renderer = GlRenderer(scene)
-        renderer.render(cameras[k // 2 % 2], pose, look=Look(supersampling=1 + k % 2))
-    gc.collect()
-    return _resident() / before - 1
-
-
-@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs /proc")
-def test_memory_stays_flat_over_hundreds_of_frames() -> None:
-    assert _growth(300, machined_bracket()) < 0.01 + 2**20 / _resident()
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs /proc")
-def test_memory_stays_flat_over_ten_thousand_frames() -> None:
-    assert _growth(10_000, machined_bracket()) < 0.01

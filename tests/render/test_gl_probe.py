@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -72,6 +74,34 @@ def test_a_driver_that_crashes_or_hangs_or_talks_takes_nobody_with_it(
     good = '{"device": 0, "renderer": "llvmpipe (LLVM 15)", "vendor": "Mesa", "version": "4.5"}'
     (info,) = script(monkeypatch, tmp_path, f"print('{good}')")
     assert info == SOFTWARE
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("void __attribute__((constructor)) start(void) { abort(); }", "ended its process with signal 6"),
+        ("void __attribute__((constructor)) start(void) { exit(3); }", "ended its process with exit status 3"),
+        ("int eglGetError(void) { return 0; }", "not found"),
+    ],
+)
+def test_an_egl_that_is_there_but_broken_costs_a_line_and_not_the_process(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str], source: str, words: str
+) -> None:
+    pytest.importorskip("moderngl", reason="needs the extra gl")
+    compiler = next((c for c in ("cc", "gcc", "clang") if shutil.which(c)), None)
+    if compiler is None:
+        pytest.skip("no C compiler")
+    (tmp_path / "egl.c").write_text(f"#include <stdlib.h>\n{source}\n")
+    library = tmp_path / "libEGL.so"
+    subprocess.run([compiler, "-shared", "-fPIC", str(tmp_path / "egl.c"), "-o", str(library)], check=True)
+    monkeypatch.setenv("CADCAM_LIBEGL", str(library))
+    with pytest.raises(MissingOpenGL, match=f"{words}; use the renderer 'auto'") as caught:
+        open_renderer(SCENE, "gl")
+    assert "\n" not in str(caught.value)
+    renderer = open_renderer(SCENE)
+    assert renderer.name != "gl"
+    assert renderer.render(Camera.from_focal((40, 30), 40.0), Rigid()).mask.any()
     assert capfd.readouterr() == ("", "")
 
 

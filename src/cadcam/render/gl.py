@@ -24,17 +24,10 @@ from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.render.gl_context import GlInfo, open_gl
-from cadcam.render.gl_scene import WORDS, GpuScene
+from cadcam.render.gl_scene import GpuScene
 from cadcam.render.memory import Buffers, check_memory
-from cadcam.render.view import PLAIN, Channel, Look, Scene, View, with_image, with_rgb
+from cadcam.render.view import PLAIN, Channel, Look, Scene, View, layers_of, with_image, with_rgb
 
-_OF_CHANNEL = {
-    Channel.IMAGE: ("image", "coverage"),
-    Channel.DEPTH: ("depth",),
-    Channel.NORMAL: ("normal",),
-    Channel.PART: ("part",),
-    Channel.FACE: ("face",),
-}
 _BACKGROUND = {"coverage": 0.0, "depth": np.inf, "normal": 0.0, "part": -1, "face": -1}
 
 
@@ -110,13 +103,12 @@ class GlRenderer:
 
     def _layers(self, camera: Camera, channels: Channel) -> dict[str, npt.NDArray[Any]]:
         """Return arrays for what is asked for, with arbitrary numbers in them."""
-        names = [name for channel, names in _OF_CHANNEL.items() if channel in channels for name in names]
-        need = 4 * camera.width * camera.height * sum(WORDS[name] for name in names)
+        numbers, shape = layers_of(channels), (camera.height, camera.width)
+        need = 4 * camera.width * camera.height * sum(numbers.values())
         check_memory(need, f"a view of {camera.width} x {camera.height} px")
-        shape = (camera.height, camera.width)
         return {
             name: self._buffers.take(
-                (*shape, 3) if WORDS[name] == 3 else shape, np.int32 if name in ("part", "face") else np.float32
+                (*shape, n) if n > 1 else shape, np.int32 if name in ("part", "face") else np.float32
             )
-            for name in names
+            for name, n in numbers.items()
         }

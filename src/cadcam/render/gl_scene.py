@@ -20,11 +20,11 @@ from cadcam.render.gl_pieces import PIECE_REACH_PX, REACH_PX, Pieces, pieces
 from cadcam.render.gl_target import Tables, Target
 from cadcam.render.gl_tiles import Tile, tiles
 from cadcam.render.shade import unit
-from cadcam.render.view import Look, Scene
+from cadcam.render.view import Channel, Look, Scene, layers_of
 
 Layers = dict[str, npt.NDArray[Any]]
 
-WORDS = {"image": 3, "coverage": 1, "depth": 1, "normal": 3, "part": 1, "face": 1}  # of 4 bytes a pixel
+WORDS = layers_of(Channel.ALL)  # of 4 bytes a pixel
 TILE_SIDE, TILE_PIXELS = 8192, 3_200_000  # at 10 words a pixel within the 128 MiB that OpenGL promises for a buffer
 _NEAR_SHARE = 1e-6  # of the farthest depth: what is nearer is cut off
 _ITEMS, _ROW = 64, 1 << 15  # shader invocations in a group, groups along x before the next row of them

@@ -18,12 +18,14 @@ from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.render.cores import blocks, on_all_cores
 from cadcam.render.embree import Caster
+from cadcam.render.memory import check_memory
 from cadcam.render.shade import shade
-from cadcam.render.view import PLAIN, Channel, Look, Scene, View, with_image, with_rgb
+from cadcam.render.view import PLAIN, Channel, Look, Scene, View, layers_of, with_image, with_rgb
 
 _BAND = 1 << 17  # rays at a time: about 20 MB of temporaries a core, whatever the picture's size
 _CACHED = 1 << 14  # pixels unprojected at a time
 _KEPT = 1 << 23  # rays of a camera are kept up to this many (200 MB)
+_RAY_BYTES = 24
 
 
 class RayRenderer:
@@ -52,6 +54,10 @@ class RayRenderer:
         look: Look = PLAIN,
     ) -> View:
         """Return the view; see `Renderer.render`."""
+        pixels, n = camera.width * camera.height, sum(layers_of(with_image(channels)).values())
+        check_memory(
+            pixels * (4 * n + _RAY_BYTES * (pixels <= _KEPT)), f"a view of {camera.width} x {camera.height} px"
+        )
         layers = _blank(camera, with_image(channels), look)
         depths = (camera_from_world @ self._scene.mesh.vertices)[:, 2][self._scene.mesh.faces]
         span = np.stack([depths.min(axis=1), depths.max(axis=1)], axis=1)

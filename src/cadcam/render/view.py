@@ -47,6 +47,20 @@ class Channel(Flag):
     ALL = IMAGE | DEPTH | NORMAL | PART | FACE
 
 
+_LAYERS: Mapping[Channel, Mapping[str, int]] = {
+    Channel.IMAGE: {"image": 3, "coverage": 1},
+    Channel.DEPTH: {"depth": 1},
+    Channel.NORMAL: {"normal": 3},
+    Channel.PART: {"part": 1},
+    Channel.FACE: {"face": 1},
+}
+
+
+def layers_of(channels: Channel) -> dict[str, int]:
+    """Return the layers that make up some channels: how many numbers of 4 bytes a pixel has in each."""
+    return {name: n for channel, layers in _LAYERS.items() if channel in channels for name, n in layers.items()}
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
     """A mesh in the world frame (mm), its feature edges and its paint.

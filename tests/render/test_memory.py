@@ -1,0 +1,90 @@
+"""Memory stays flat however many frames are rendered, and too large a picture is refused before it is allocated."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cadcam.cad.mesh import Mesh
+from cadcam.camera.camera import Camera
+from cadcam.camera.lens import BrownConrady, Ideal, Lens
+from cadcam.errors import MissingCore, MissingExtra, MissingOpenGL, NotEnoughMemory
+from cadcam.geometry.rigid import Rigid
+from cadcam.render import RENDERERS, memory, open_renderer
+from cadcam.render.view import Channel, Renderer, Scene
+
+FRAMES = Path(__file__).with_name("frames.py")
+needs_proc = pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs /proc")
+
+
+SCENE = Scene.of(Mesh.single(np.eye(3) + np.array([0, 0, 5]), [[0, 1, 2]]))
+
+
+def opened(name: str) -> Renderer:
+    try:
+        return open_renderer(SCENE, name)
+    except (MissingCore, MissingExtra, MissingOpenGL) as error:
+        pytest.skip(str(error))
+
+
+def growth(name: str, frames: int) -> float:
+    """Return by what share the memory in use grew, from the first quarter of the frames to the last (medians).
+
+    With one arena for all threads: how many glibc's allocator keeps is chance, and a few percent.
+    """
+    opened(name)
+    done = subprocess.run(
+        [sys.executable, str(FRAMES), name, str(frames)],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "MALLOC_ARENA_MAX": "1"},
+    )
+    frame, used = np.array([line.split() for line in done.stdout.splitlines()], float).T
+    assert frame[-1] == frames
+    used /= 2**20
+    print(
+        f"{name}: {used[0]:.1f} MiB, after {frames} more frames {used[-1]:.1f}, all {used.min():.1f}-{used.max():.1f}"
+    )
+    quarter = len(used) // 4
+    return float(np.median(used[-quarter:]) / np.median(used[:quarter]) - 1)
+
+
+@needs_proc
+@pytest.mark.parametrize("name", ["raster", "gl"])
+def test_memory_stays_flat_over_hundreds_of_frames(name: str) -> None:
+    assert growth(name, 240) < 0.01
+
+
+@needs_proc
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RENDERERS)
+def test_memory_stays_flat_over_ten_thousand_frames(name: str) -> None:
+    assert growth(name, 10_000) < 0.01
+
+
+@pytest.mark.parametrize("name", RENDERERS)
+@pytest.mark.parametrize("lens", [Ideal(), BrownConrady(-0.1)], ids=["plain", "lens"])
+def test_a_picture_beyond_memory_is_refused_before_it_is_allocated(
+    name: str, lens: Lens, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    renderer, camera = opened(name), Camera.from_focal((8000, 6000), 5000.0, lens=lens)
+    monkeypatch.setattr(memory, "available_bytes", lambda: 100 * 2**20)
+    tracemalloc.start()
+    try:
+        for render in (
+            lambda: renderer.render(camera, Rigid(), channels=Channel.DEPTH),
+            lambda: next(iter(renderer.render_batch(camera, [Rigid()]))),
+        ):
+            with pytest.raises(NotEnoughMemory, match=r"8000 x 6000 px .*needs .* GiB .* 0\.1 GiB are free; .*smaller"):
+                render()
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 2**20
