@@ -12,7 +12,7 @@ from cadcam.camera.difference import largest_difference
 from cadcam.camera.equivalent import equivalents
 from cadcam.camera.lens import LENSES, Ideal, Lens
 from cadcam.errors import CadcamError, NotConverged
-from cadcam.files.foreign.model import Format, Holds, Loss, NamedCamera
+from cadcam.files.foreign.model import Holder, Holds, Loss, NamedCamera
 from cadcam.fit.lens import Refit, refitted
 
 
@@ -29,7 +29,7 @@ class RefusedLoss(CadcamError):
         self.losses = tuple(losses)
 
 
-def prepared(named: NamedCamera, form: Format, *, fit: bool) -> tuple[NamedCamera, list[Loss]]:
+def prepared(named: NamedCamera, form: Holder, *, fit: bool) -> tuple[NamedCamera, list[Loss]]:
     """Return the camera as the format can hold it, and what that changed; the losses are not judged here."""
     camera, losses = _with_lens(named.camera, form.holds, fit=fit)
     for what, step, said in _STEPS:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from typing import Literal, Protocol, TypeAlias
 
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
@@ -97,6 +97,24 @@ class Target:
     name: str
     mm: float = 1.0
     pixel_mm: float | None = None
+
+
+class Holder(Protocol):
+    """What `losses.prepared` asks of a target: its name for people, what it holds, and losses of its own."""
+
+    @property
+    def title(self) -> str:
+        """Return its name for people."""
+        ...
+
+    @property
+    def holds(self) -> Holds:
+        """Return what it has a place for."""
+        ...
+
+    def extra_losses(self, named: NamedCamera, /) -> Sequence[Loss]:
+        """Return what else is lost of a camera that fits."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
