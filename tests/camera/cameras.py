@@ -3,7 +3,17 @@
 from __future__ import annotations
 
 from cadcam.camera.camera import Camera
-from cadcam.camera.lens import BrownConrady, Division, Fisheye, OddRadial
+from cadcam.camera.lens import (
+    BrownConrady,
+    Division,
+    DoubleSphere,
+    ExtendedUnified,
+    FieldOfView,
+    Fisheye,
+    InverseBrownConrady,
+    OddRadial,
+    TiltedBrownConrady,
+)
 
 CAMERAS: dict[str, Camera] = {
     "ideal, square, centred": Camera.from_focal((640, 480), 600.0),
@@ -35,4 +45,18 @@ CAMERAS: dict[str, Camera] = {
     "division, pincushion": Camera.from_focal((1280, 1024), 1700.0, lens=Division(0.2)),
     "fisheye, 150 deg": Camera.from_focal((1280, 960), 400.0, lens=Fisheye(0.03, -0.008, 0.001, -0.0002), skew=1.0),
     "fisheye that folds": Camera.from_focal((1280, 960), 380.0, lens=Fisheye(-0.15)),
+    "Scheimpflug, 6 and 9 deg": Camera.from_focal(
+        (1280, 960),
+        1900.0,
+        lens=TiltedBrownConrady(-0.2, 0.05, 5e-4, -3e-4, 0.0, 0.0, 0.0, 0.0, 2e-4, 0.0, -1e-4, 0.0, 0.1, -0.16),
+    ),
+    "Scheimpflug, tilt alone": Camera.from_focal((800, 600), 900.0, lens=TiltedBrownConrady(tau_x=0.2)),
+    "photogrammetric, barrel": Camera.from_focal(
+        (2272, 1704), 2336.0, cx=1132.9, cy=819.0, lens=InverseBrownConrady(0.24, -0.1, 2e-4, 5e-4, 0.02)
+    ),
+    "photogrammetric, pincushion": Camera.from_focal((1280, 960), 1400.0, lens=InverseBrownConrady(-0.3)),
+    "field of view": Camera.from_focal((640, 480), 360.0, lens=FieldOfView(0.93)),
+    "extended unified": Camera.from_focal((1280, 960), 420.0, lens=ExtendedUnified(0.6, 1.1)),
+    "double sphere": Camera.from_focal((512, 512), 150.0, lens=DoubleSphere(-0.2, 0.57)),
+    "double sphere that ends early": Camera.from_focal((512, 512), 200.0, lens=DoubleSphere(-0.9, 0.7)),
 }

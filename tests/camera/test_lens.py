@@ -55,6 +55,18 @@ def test_jacobian_with_respect_to_the_point(camera: Camera, rng: np.random.Gener
 
 
 @every_camera
+def test_the_axis_is_nothing_special(camera: Camera) -> None:
+    """The lenses divide by the distance off the axis: value and slope there are those of its neighbourhood."""
+    axis, h = np.array([0.0, 0.0, 250.0]), 1e-3
+    q, J = camera.project_with_jacobian(axis)
+    for k, e in enumerate(np.eye(3)):
+        difference = (camera.project(axis + h * e) - camera.project(axis - h * e)) / (2 * h)
+        assert np.abs(difference - J[:, k]).max() < 1e-7 * np.abs(J).max()
+    assert np.abs(camera.project(axis * [1, 1, 7]) - q).max() < 1e-12 * max(camera.size)
+    assert np.abs(np.cross(camera.unproject(q), axis / 250)).max() < 4 * EPS
+
+
+@every_camera
 def test_jacobian_with_respect_to_the_coefficients(camera: Camera, rng: np.random.Generator) -> None:
     p, lens, h = points_within(camera, rng, share=0.7), camera.lens, 1e-6
     m, _, C = lens.project_with_jacobians(p)

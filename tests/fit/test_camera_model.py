@@ -7,7 +7,19 @@ import pytest
 
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import EXTERNALS, NAMES, ExtendedPinhole, angles_of, rotation_of
-from cadcam.camera.lens import LENSES, BrownConrady, Division, Fisheye, Ideal, OddRadial
+from cadcam.camera.lens import (
+    LENSES,
+    BrownConrady,
+    Division,
+    DoubleSphere,
+    ExtendedUnified,
+    FieldOfView,
+    Fisheye,
+    Ideal,
+    InverseBrownConrady,
+    OddRadial,
+    TiltedBrownConrady,
+)
 from cadcam.camera.sensitivity import internals_of
 from cadcam.fit.camera_model import CameraModel, angles, rotations_of
 from cadcam.geometry.rigid import Rigid
@@ -20,6 +32,11 @@ SAMPLES = [
     OddRadial(0.01, -0.1, 0.02, 0.003),
     Division(-0.15),
     Fisheye(-0.03, 0.01, 0.002, -0.001),
+    TiltedBrownConrady(-0.2, 0.05, 0.002, -0.001, tau_x=0.05, tau_y=-0.1),
+    InverseBrownConrady(0.2, -0.05, 0.002, -0.001, 0.01),
+    FieldOfView(0.8),
+    ExtendedUnified(0.5, 1.2),
+    DoubleSphere(-0.2, 0.6),
 ]
 
 

@@ -11,7 +11,7 @@ from cadcam.cad.edges import FeatureEdges
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts import ship_block
 from cadcam.camera.camera import Camera
-from cadcam.camera.lens import BrownConrady, Division, Fisheye
+from cadcam.camera.lens import BrownConrady, Division, DoubleSphere, Fisheye, InverseBrownConrady, TiltedBrownConrady
 from cadcam.errors import BadValue, DegenerateGeometry, MissingCore, NotEnoughMemory
 from cadcam.geometry.rigid import Rigid
 from cadcam.native import core
@@ -35,6 +35,9 @@ CAMERAS = {
     "Brown-Conrady": Camera.from_focal(SMALL, 70.0, skew=1.0, lens=BrownConrady(-0.28, 0.06, 1e-3, -2e-3)),
     "division": Camera.from_focal(SMALL, 60.0, cx=40.2, lens=Division(-0.35)),
     "fisheye past its circle": Camera.from_focal(SMALL, 26.0, cx=55.3, cy=35.1, lens=Fisheye(0.01, -0.003)),
+    "Scheimpflug": Camera.from_focal(SMALL, 70.0, lens=TiltedBrownConrady(-0.2, tau_x=0.2, tau_y=-0.15)),
+    "photogrammetric": Camera.from_focal(SMALL, 70.0, lens=InverseBrownConrady(0.25, -0.05, 1e-3, -2e-3)),
+    "double sphere": Camera.from_focal(SMALL, 22.0, cx=30.1, lens=DoubleSphere(-0.2, 0.6)),
 }
 NO_EDGES = FeatureEdges(*(np.zeros((0, 2), np.int32),) * 2, *(np.zeros(0, np.int32),) * 3)
 HERE = Rigid()

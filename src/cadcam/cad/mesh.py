@@ -85,6 +85,16 @@ class Mesh:
             part_colors=np.full((1, 3), np.nan, np.float32) if color is None else np.asarray(color, np.float32)[None],
         )
 
+    @classmethod
+    def from_object(cls, thing: Any, *, unit: str | None = None, name: str = "part") -> Mesh:
+        """Return a mesh of trimesh, pyvista or Open3D in mm, mended; `unit` is that of its numbers.
+
+        The unit is needed unless the object states one. Raises `BadValue`; see `cadcam.cad.objects.mesh_of`.
+        """
+        from cadcam.cad.objects import mesh_of  # it mends, and mending needs this class
+
+        return mesh_of(thing, unit=unit, name=name)
+
     @property
     def n_faces(self) -> int:
         """Number of triangles."""

@@ -29,7 +29,7 @@ from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, UnknownName
 from cadcam.files.jsontext import Place, as_json, parsed
 from cadcam.files.matrix import pose_as_json, pose_at
-from cadcam.files.text import read_text
+from cadcam.files.text import TextFile, read_text
 from cadcam.geometry.rigid import Rigid
 from cadcam.whole import write_whole
 
@@ -55,9 +55,14 @@ def read_camera(path: str | os.PathLike[str]) -> CameraFile:
 
     Raises `UnreadableFile` naming the key: unknown keys, models and versions are refused with the nearest known one.
     """
-    place = parsed(read_text(path, max_bytes=256_000_000))
+    return camera_file_of(read_text(path, max_bytes=256_000_000))
+
+
+def camera_file_of(file: TextFile) -> CameraFile:
+    """Return what the text of a camera file holds, as `read_camera`."""
+    place = parsed(file)
+    _check_version(place)  # first: a newer version may well have other keys
     place.only(*_KEYS)
-    _check_version(place)
     camera = _camera_at(place)
     posed = "camera_from_world" in place.object
     pose = pose_at(place.at("camera_from_world")) if posed else None

@@ -100,7 +100,7 @@ def parsed(file: TextFile) -> Place:
         raise UnreadableFile(
             file.path, f"is not JSON: {error.msg} at line {error.lineno}, column {error.colno}", "is it cut off?"
         ) from None
-    except (_Twice, RecursionError) as error:
+    except (_Twice, RecursionError, ValueError) as error:  # ValueError: a number of more than 4300 digits
         raise UnreadableFile(file.path, str(error)) from None
     place = Place(file.path, (), value)
     _ = place.object

@@ -34,17 +34,26 @@ class Line:
 
 def read_text(path: str | os.PathLike[str], *, max_bytes: int = MAX_BYTES) -> TextFile:
     """Return the UTF-8 text of a file; `UnreadableFile` with the reason if it is missing, empty, huge or not text."""
+    return text_of(path, read_bytes(path, max_bytes=max_bytes))
+
+
+def read_bytes(path: str | os.PathLike[str], *, max_bytes: int = MAX_BYTES) -> bytes:
+    """Return the content of a file; `UnreadableFile` with the reason if it is missing or huge."""
     try:
         size = Path(path).stat().st_size
         if size > max_bytes:
             raise UnreadableFile(path, f"is {size} bytes long, more than {max_bytes}", "is it the right file?")
-        data = Path(path).read_bytes()
+        return Path(path).read_bytes()
     except FileNotFoundError:
         raise UnreadableFile(path, "no such file", "check the path") from None
     except IsADirectoryError:
         raise UnreadableFile(path, "is a folder", "name a file in it") from None
     except (OSError, ValueError) as error:
         raise UnreadableFile(path, getattr(error, "strerror", None) or str(error)) from error
+
+
+def text_of(path: str | os.PathLike[str], data: bytes) -> TextFile:
+    """Return the content of a file as UTF-8 text; `UnreadableFile` with the reason if it is empty or not text."""
     try:
         text = data.decode("utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     except UnicodeDecodeError as error:

@@ -1,0 +1,102 @@
+"""Meshes of other packages (trimesh, pyvista, Open3D) as ours, by what they look like: none of them is imported."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.cad.mend import mend
+from cadcam.cad.mesh import Mesh, merge
+from cadcam.cad.units import MM, unit_name
+from cadcam.errors import BadValue
+
+_KNOWN = "a mesh of trimesh (Trimesh, Scene), pyvista (PolyData or what has extract_surface) or Open3D (TriangleMesh)"
+
+
+def mesh_of(thing: Any, *, unit: str | None = None, name: str = "part") -> Mesh:
+    """Return the mesh in mm, mended as a loaded one is; a trimesh Scene gives a part for each of its objects.
+
+    unit: that of the object's numbers (mm, m, in ...); needed unless the object states its own (trimesh' `units`).
+    Raises `BadValue` where the unit is missing or contradicts, or the object is no mesh that is known.
+    """
+    found = _parts(thing, name)
+    factor = MM[_unit(thing, unit)]
+    meshes = [Mesh.single(np.asarray(v, np.float64) * factor, f, name=part, color=c) for part, v, f, c in found]
+    if not any(mesh.n_faces for mesh in meshes):
+        raise BadValue("mesh", f"a {_type(thing)} without triangles", "a surface, not points or lines")
+    return mend(merge([mesh for mesh in meshes if mesh.n_faces]))[0]
+
+
+_Part = tuple[str, npt.ArrayLike, npt.NDArray[np.integer], npt.ArrayLike | None]  # name, vertices, faces, colour
+
+
+def _unit(thing: Any, said: str | None) -> str:
+    stated = getattr(thing, "units", None)
+    own = unit_name(stated) if isinstance(stated, str) else None
+    if said is None and own is None:
+        raise BadValue(f"unit of a {_type(thing)}", "not said", 'unit="mm" (or m, in ...): the object has none')
+    if said is not None and own is not None and unit_name(said) != own:
+        raise BadValue("unit", said, f"{own}, which the object states itself; leave it out")
+    return own if said is None and own is not None else unit_name(said or "")
+
+
+def _parts(thing: Any, name: str) -> list[_Part]:
+    if hasattr(thing, "geometry") and hasattr(thing, "graph"):
+        return _scene(thing)
+    if hasattr(thing, "vertices") and hasattr(thing, "faces"):
+        return [(name, thing.vertices, _whole(thing.faces), _main_color(thing))]
+    if hasattr(thing, "vertices") and hasattr(thing, "triangles"):
+        return [(name, np.asarray(thing.vertices), _whole(thing.triangles), None)]
+    if hasattr(thing, "vertex") and hasattr(thing, "triangle"):  # Open3D's tensor mesh
+        return [(name, thing.vertex["positions"].numpy(), _whole(thing.triangle["indices"].numpy()), None)]
+    if hasattr(thing, "extract_surface") and hasattr(thing, "points"):
+        return [(name, *_polydata(thing), None)]
+    raise BadValue("mesh", f"a {_type(thing)}", _KNOWN)
+
+
+def _scene(scene: Any) -> list[_Part]:
+    """Return the objects of a trimesh Scene where its graph places them; paths and points have no faces."""
+    out: list[_Part] = []
+    for node in scene.graph.nodes_geometry:
+        matrix, key = scene.graph[node]
+        mesh = scene.geometry[key]
+        if hasattr(mesh, "faces"):
+            vertices = np.asarray(mesh.vertices) @ np.asarray(matrix)[:3, :3].T + np.asarray(matrix)[:3, 3]
+            out.append((str(node), vertices, _whole(mesh.faces), _main_color(mesh)))
+    if not out:
+        raise BadValue("scene", "without a mesh", _KNOWN)
+    return out
+
+
+def _polydata(thing: Any) -> tuple[npt.ArrayLike, npt.NDArray[np.integer]]:
+    """Return points and triangles of a pyvista data set: its faces are a flat list (n, i, j, k, n, ...)."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)  # pyvista announces another default: any surface will do
+        surface = thing if hasattr(thing, "faces") else thing.extract_surface()
+    surface = surface.triangulate() if not getattr(surface, "is_all_triangles", False) else surface
+    flat = np.asarray(surface.faces)
+    if flat.size % 4 or (flat.size and not (flat.reshape(-1, 4)[:, 0] == 3).all()):
+        raise BadValue("faces", "not all triangles", "a surface that triangulate() can handle")
+    return np.asarray(surface.points), flat.reshape(-1, 4)[:, 1:]
+
+
+def _main_color(mesh: Any) -> npt.ArrayLike | None:
+    """Return a trimesh' main colour, RGB in [0, 1], if it was given one."""
+    visual = getattr(mesh, "visual", None)
+    if visual is None or not getattr(visual, "defined", False) or not hasattr(visual, "main_color"):
+        return None
+    return np.asarray(visual.main_color, np.float64)[:3] / 255
+
+
+def _whole(values: Any) -> npt.NDArray[np.integer]:
+    array = np.asarray(values)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise BadValue("faces", f"of shape {array.shape}", "triangles, shape (N, 3)")
+    return array
+
+
+def _type(thing: Any) -> str:
+    return f"{type(thing).__module__.split('.')[0]} {type(thing).__name__}"

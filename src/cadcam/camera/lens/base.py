@@ -1,0 +1,116 @@
+"""What every lens is: the protocol, and what the lenses of a plane share."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, fields
+from typing import ClassVar
+
+import numpy as np
+
+from cadcam.arrays import Array, Floats, Mask
+from cadcam.errors import BadValue
+
+
+@dataclass(frozen=True)
+class Lens(ABC):
+    """The protocol and what all lenses share; the dataclass fields are the coefficients, in order."""
+
+    name: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        for name, value in self.parameters.items():
+            if not np.isfinite(value):
+                raise BadValue(f"lens coefficient {name}", value, "a finite number")
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Return the coefficients by name, in the order of the Jacobian's columns."""
+        return {f.name: float(getattr(self, f.name)) for f in fields(self)}
+
+    @property
+    @abstractmethod
+    def valid_radius(self) -> float:
+        """Return the largest tan(angle off the axis) that the lens images; inf where it has no limit below 90 deg."""
+
+    @abstractmethod
+    def project(self, p: Floats) -> Array:
+        """Return m (..., 2) of points p (..., 3) in the camera frame; NaN for z <= 0 or outside the valid radius."""
+
+    @abstractmethod
+    def project_with_jacobians(self, p: Floats) -> tuple[Array, Array, Array]:
+        """Return m (..., 2), dm/dp (..., 2, 3) and dm/dcoefficients (..., 2, n)."""
+
+    @abstractmethod
+    def unproject(self, m: Floats) -> Array:
+        """Return unit directions (..., 3) of m (..., 2); NaN where no direction within the valid radius has this m."""
+
+
+class PlanarLens(Lens):
+    """A lens whose distortion acts on the plane u = (x, y)/z; subclasses give `_distort` and the radial curve."""
+
+    @abstractmethod
+    def _distort(self, u: Array) -> Array:
+        """Return m of u, without any check of validity."""
+
+    @abstractmethod
+    def _plane_jacobian(self, u: Array) -> Array:
+        """Return dm/du (..., 2, 2), without any check of validity."""
+
+    @abstractmethod
+    def _coefficient_jacobian(self, u: Array) -> Array:
+        """Return dm/dcoefficients (..., 2, n), without any check of validity."""
+
+    @abstractmethod
+    def _undistort(self, m: Array) -> Array:
+        """Return u of m, NaN where there is none."""
+
+    def _inside(self, u: Array) -> Mask:
+        return np.asarray(u[..., 0] ** 2 + u[..., 1] ** 2 < self.valid_radius**2)
+
+    def project(self, p: Floats) -> Array:
+        """Return m; NaN for z <= 0 or outside the valid radius."""
+        u = perspective(p)
+        inside = self._inside(u)
+        with np.errstate(all="ignore"):
+            return np.where(inside[..., None], self._distort(u), np.nan)
+
+    def project_with_jacobians(self, p: Floats) -> tuple[Array, Array, Array]:
+        """Return m, dm/dp, dm/dcoefficients; NaN as `project`."""
+        u, du_dp = perspective_with_jacobian(p)
+        with np.errstate(all="ignore"):
+            m, dm_dp, dm_dc = self._distort(u), self._plane_jacobian(u) @ du_dp, self._coefficient_jacobian(u)
+        bad = ~self._inside(u)
+        m[bad], dm_dp[bad], dm_dc[bad] = np.nan, np.nan, np.nan
+        return m, dm_dp, dm_dc
+
+    def unproject(self, m: Floats) -> Array:
+        """Return unit directions; NaN where no direction within the valid radius has this m."""
+        with np.errstate(all="ignore"):
+            u = self._undistort(np.asarray(m, dtype=np.float64))
+            u = np.where(self._inside(u)[..., None], u, np.nan)
+        return direction(u)
+
+
+def perspective(p: Floats) -> Array:
+    """Return u = (x, y)/z (..., 2) of p (..., 3); NaN for z <= 0."""
+    p = np.asarray(p, dtype=np.float64)
+    z = p[..., 2:]
+    return np.asarray(p[..., :2] / np.where(z > 0, z, np.nan))
+
+
+def perspective_with_jacobian(p: Floats) -> tuple[Array, Array]:
+    """Return u = (x, y)/z and du/dp (..., 2, 3); NaN for z <= 0."""
+    p = np.asarray(p, dtype=np.float64)
+    u = perspective(p)
+    z = np.where(p[..., 2] > 0, p[..., 2], np.nan)
+    J = np.zeros((*u.shape, 3))
+    J[..., 0, 0] = J[..., 1, 1] = 1 / z
+    J[..., 2] = -u / z[..., None]
+    return u, J
+
+
+def direction(u: Array) -> Array:
+    """Return the unit vector (..., 3) along (ux, uy, 1)."""
+    z = 1 / np.sqrt(1 + u[..., :1] ** 2 + u[..., 1:] ** 2)
+    return np.concatenate([u * z, z], axis=-1)

@@ -1,0 +1,216 @@
+"""Brown-Conrady lenses in OpenCV's terms, without and with a tilted sensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from cadcam.arrays import Array, Floats
+from cadcam.camera import radial
+from cadcam.camera.lens.base import PlanarLens
+from cadcam.errors import BadValue
+
+
+@dataclass(frozen=True)
+class BrownConrady(PlanarLens):
+    """Radial, tangential, rational and thin-prism distortion in OpenCV's order k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4.
+
+    With r2 = ux^2 + uy^2 and g = (1 + k1 r2 + k2 r2^2 + k3 r2^3) / (1 + k4 r2 + k5 r2^2 + k6 r2^3):
+    mx = ux g + 2 p1 ux uy + p2 (r2 + 2 ux^2) + s1 r2 + s2 r2^2,
+    my = uy g + p1 (r2 + 2 uy^2) + 2 p2 ux uy + s3 r2 + s4 r2^2.
+    Sources: Brown, "Close-range camera calibration" (1971); the coefficient order is that of OpenCV's calib3d.
+    """
+
+    k1: float = 0.0
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    k3: float = 0.0
+    k4: float = 0.0
+    k5: float = 0.0
+    k6: float = 0.0
+    s1: float = 0.0
+    s2: float = 0.0
+    s3: float = 0.0
+    s4: float = 0.0
+
+    name: ClassVar[str] = "brown-conrady"
+
+    @classmethod
+    def from_opencv(cls, coefficients: Floats) -> BrownConrady:
+        """Return the lens of OpenCV's distortion vector of 4, 5, 8 or 12 numbers, or 14 when its tilt is zero."""
+        c = np.asarray(coefficients, dtype=np.float64).ravel()
+        if c.size == 14 and not c[12:].any():
+            c = c[:12]
+        if c.size not in (0, 4, 5, 8, 12):
+            raise BadValue("number of distortion coefficients", c.size, "0, 4, 5, 8 or 12 (14 with zero tilt)")
+        return cls(*(float(x) for x in c))
+
+    @cached_property
+    def _radial_limit(self) -> float:
+        return radial.rational_limit((self.k1, self.k2, self.k3), (self.k4, self.k5, self.k6))
+
+    @cached_property
+    def valid_radius(self) -> float:
+        """Return where the mapping first folds: the Jacobian's determinant vanishes in some direction."""
+        return radial.fold_limit(self._plane_jacobian, self._radial_limit) if self._decentred else self._radial_limit
+
+    @property
+    def _decentred(self) -> bool:
+        return any((self.p1, self.p2, self.s1, self.s2, self.s3, self.s4))
+
+    def _gain(self, r2: Array) -> tuple[Array, Array, Array]:
+        """Numerator, denominator of g, and dg/dr2."""
+        n = 1 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
+        d = 1 + r2 * (self.k4 + r2 * (self.k5 + r2 * self.k6))
+        dn = self.k1 + r2 * (2 * self.k2 + r2 * 3 * self.k3)
+        dd = self.k4 + r2 * (2 * self.k5 + r2 * 3 * self.k6)
+        return n, d, (dn * d - n * dd) / (d * d)
+
+    def _distort(self, u: Array) -> Array:
+        x, y = u[..., 0], u[..., 1]
+        r2 = x * x + y * y
+        n, d, _ = self._gain(r2)
+        g = n / d
+        mx = x * g + 2 * self.p1 * x * y + self.p2 * (r2 + 2 * x * x) + r2 * (self.s1 + self.s2 * r2)
+        my = y * g + self.p1 * (r2 + 2 * y * y) + 2 * self.p2 * x * y + r2 * (self.s3 + self.s4 * r2)
+        return np.stack([mx, my], axis=-1)
+
+    def _plane_jacobian(self, u: Array) -> Array:
+        x, y = u[..., 0], u[..., 1]
+        r2 = x * x + y * y
+        n, d, dg = self._gain(r2)
+        g = n / d
+        J = np.zeros((*u.shape, 2))
+        J[..., 0, 0] = g + 2 * x * x * dg + 2 * self.p1 * y + 6 * self.p2 * x
+        J[..., 0, 1] = 2 * x * y * dg + 2 * self.p1 * x + 2 * self.p2 * y
+        J[..., 1, 0] = J[..., 0, 1]
+        J[..., 1, 1] = g + 2 * y * y * dg + 6 * self.p1 * y + 2 * self.p2 * x
+        prism_x, prism_y = self.s1 + 2 * self.s2 * r2, self.s3 + 2 * self.s4 * r2
+        J[..., 0, :] += 2 * u * prism_x[..., None]
+        J[..., 1, :] += 2 * u * prism_y[..., None]
+        return J
+
+    def _coefficient_jacobian(self, u: Array) -> Array:
+        x, y = u[..., 0], u[..., 1]
+        r2 = x * x + y * y
+        n, d, _ = self._gain(r2)
+        out = np.zeros((*u.shape, 12))
+        for column, power in ((0, 1), (1, 2), (4, 3)):  # k1 k2 k3
+            out[..., column] = u * (r2**power / d)[..., None]
+        for column, power in ((5, 1), (6, 2), (7, 3)):  # k4 k5 k6
+            out[..., column] = -u * (n * r2**power / (d * d))[..., None]
+        out[..., 0, 2], out[..., 1, 2] = 2 * x * y, r2 + 2 * y * y
+        out[..., 0, 3], out[..., 1, 3] = r2 + 2 * x * x, 2 * x * y
+        out[..., 0, 8], out[..., 0, 9] = r2, r2 * r2
+        out[..., 1, 10], out[..., 1, 11] = r2, r2 * r2
+        return out
+
+    def _undistort(self, m: Array) -> Array:
+        """Return u through the inverse radial curve; where there is more than that, Newton in the plane from there."""
+        rho = np.hypot(m[..., 0], m[..., 1])
+
+        def curve(r: Array) -> tuple[Array, Array]:
+            n, d, dg = self._gain(r * r)
+            return r * n / d, n / d + 2 * r * r * dg
+
+        r = radial.inverse(curve, rho, self._radial_limit, clamp=self._decentred)
+        u = m * np.where(rho > 0, r / np.where(rho > 0, rho, 1.0), 1.0)[..., None]
+        return radial.newton_plane(self._distort, self._plane_jacobian, m, u) if self._decentred else u
+
+
+@dataclass(frozen=True)
+class TiltedBrownConrady(BrownConrady):
+    """Brown-Conrady behind a tilted sensor (Scheimpflug): OpenCV's 14 coefficients, tau_x and tau_y in rad at the end.
+
+    The point m of `BrownConrady` moves to the sensor turned by R = Ry(tau_y)^T Rx(tau_x)^T along its ray, m' ~ H (m, 1)
+    with H = [[R22, 0, -R02], [0, R22, -R12], [0, 0, 1]] R. Source: Louhichi et al., "Self-calibration of Scheimpflug
+    cameras" (2007), in the signs of OpenCV's calib3d.
+    """
+
+    tau_x: float = 0.0
+    tau_y: float = 0.0
+
+    name: ClassVar[str] = "tilted-brown-conrady"
+
+    def __post_init__(self) -> None:
+        self._untilted.__post_init__()
+        if not max(abs(self.tau_x), abs(self.tau_y)) < np.pi / 2:
+            raise BadValue("tilt (tau_x, tau_y)", (self.tau_x, self.tau_y), "less than pi/2 each, rad")
+
+    @classmethod
+    def from_opencv(cls, coefficients: Floats) -> TiltedBrownConrady:
+        """Return the lens of OpenCV's distortion vector of 14 numbers."""
+        c = np.asarray(coefficients, dtype=np.float64).ravel()
+        if c.size != 14:
+            raise BadValue("number of distortion coefficients", c.size, "14: a tilted lens")
+        return cls(*(float(x) for x in c))
+
+    @cached_property
+    def valid_radius(self) -> float:
+        """Return where the mapping first folds, or a ray runs along the sensor."""
+        return radial.fold_limit(self._plane_jacobian, self._radial_limit)
+
+    @cached_property
+    def _untilted(self) -> BrownConrady:
+        return BrownConrady(*list(self.parameters.values())[:12])
+
+    @cached_property
+    def _tilt(self) -> tuple[Array, Array, Array]:
+        """Return H and its derivatives by tau_x and tau_y."""
+        (sx, sy), (cx, cy) = np.sin([self.tau_x, self.tau_y]), np.cos([self.tau_x, self.tau_y])
+        Rx, dRx = _about_x(1.0, cx, sx), _about_x(0.0, -sx, cx)
+        Ry, dRy = _about_y(1.0, cy, sy), _about_y(0.0, -sy, cy)
+        R = Ry @ Rx
+        by_x, by_y = (_along_ray(dR, 0.0) @ R + _along_ray(R, 1.0) @ dR for dR in (Ry @ dRx, dRy @ Rx))
+        return _along_ray(R, 1.0) @ R, by_x, by_y
+
+    def _distort(self, u: Array) -> Array:
+        return _moved(self._tilt[0], self._untilted._distort(u))[0]
+
+    def _plane_jacobian(self, u: Array) -> Array:
+        _, T = _moved(self._tilt[0], self._untilted._distort(u))
+        return T @ self._untilted._plane_jacobian(u)
+
+    def _coefficient_jacobian(self, u: Array) -> Array:
+        H, *dH = self._tilt
+        m = self._untilted._distort(u)
+        moved, T = _moved(H, m)
+        w = _homogeneous(H, m)[..., 2:]
+        changes = (_homogeneous(d, m) for d in dH)
+        by_tilt = [(change[..., :2] - moved * change[..., 2:]) / w for change in changes]
+        return np.concatenate([T @ self._untilted._coefficient_jacobian(u), np.stack(by_tilt, axis=-1)], axis=-1)
+
+    def _undistort(self, m: Array) -> Array:
+        straight = _homogeneous(np.asarray(np.linalg.inv(self._tilt[0])), m)
+        w = straight[..., 2:]
+        return self._untilted._undistort(straight[..., :2] / np.where(w > 0, w, np.nan))
+
+
+def _about_x(one: float, c: float, s: float) -> Array:
+    return np.array([[one, 0, 0], [0, c, s], [0, -s, c]])
+
+
+def _about_y(one: float, c: float, s: float) -> Array:
+    return np.array([[c, 0, -s], [0, one, 0], [s, 0, c]])
+
+
+def _along_ray(R: Array, one: float) -> Array:
+    """Return what brings a point turned by R back along its ray to the turned plane (linear in R, but for `one`)."""
+    return np.array([[R[2, 2], 0, -R[0, 2]], [0, R[2, 2], -R[1, 2]], [0, 0, one]])
+
+
+def _homogeneous(H: Array, m: Array) -> Array:
+    """Return H (m, 1) (..., 3)."""
+    return np.asarray(m @ H[:, :2].T + H[:, 2])
+
+
+def _moved(H: Array, m: Array) -> tuple[Array, Array]:
+    """Return the point (..., 2) that the homography H moves m to, and its Jacobian (..., 2, 2)."""
+    x = _homogeneous(H, m)
+    moved = x[..., :2] / x[..., 2:]
+    J = (H[:2, :2] - moved[..., :, None] * H[2, :2]) / x[..., 2:, None]
+    return moved, np.asarray(J)

@@ -1,0 +1,36 @@
+"""The lens that does nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from cadcam.arrays import Array, Floats
+from cadcam.camera.lens.base import Lens, direction, perspective, perspective_with_jacobian
+
+
+@dataclass(frozen=True)
+class Ideal(Lens):
+    """The pinhole without distortion: m = (x, y)/z."""
+
+    name: ClassVar[str] = "ideal"
+
+    @property
+    def valid_radius(self) -> float:
+        """Return inf: every point in front is imaged."""
+        return np.inf
+
+    def project(self, p: Floats) -> Array:
+        """Return (x, y)/z; NaN for z <= 0."""
+        return perspective(p)
+
+    def project_with_jacobians(self, p: Floats) -> tuple[Array, Array, Array]:
+        """Return m, dm/dp and an empty coefficient Jacobian."""
+        u, du_dp = perspective_with_jacobian(p)
+        return u, du_dp, np.zeros((*u.shape, 0))
+
+    def unproject(self, m: Floats) -> Array:
+        """Return the unit direction of (mx, my, 1)."""
+        return direction(np.asarray(m, dtype=np.float64))

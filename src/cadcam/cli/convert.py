@@ -1,0 +1,173 @@
+"""`cadcam convert`: a camera file of one program -> that of another, and what is lost on the way."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from cadcam.cli.arguments import Verbs, add_json, names, size, verb
+from cadcam.cli.output import print_json, print_tables, say
+
+if TYPE_CHECKING:
+    from cadcam.files.foreign.model import Foreign, NamedCamera
+    from cadcam.files.foreign.registry import Written
+    from cadcam.report.table import Table
+
+_EXAMPLES = """\
+  cadcam convert intrinsics.yml -                                 what is in it, and which format it is
+  cadcam convert intrinsics.yml camera.json                       OpenCV (found by the content) to ours
+  cadcam convert camera.json cameras.yaml --to ros                .yaml is many things: say which
+  cadcam convert camera.json sparse/0 --to colmap --unit m        a folder; lengths in m
+  cadcam convert camera.json cam.dat --to halcon --fit            the nearest HALCON lens, its error in px told
+  cadcam convert skewed.json camera.yml --to opencv --allow-loss skew
+  cadcam convert sparse/0 view7.json --camera IMG_0007.jpg --unit m
+
+formats: cadcam opencv ros colmap colmap-bin kalibr mrcal bop nerfstudio metashape halcon visp blender gltf usd
+Each is read by its content. By the suffix of OUT alone are written: .json cadcam, .cameramodel mrcal, .dat .cal halcon,
+.py blender, .gltf gltf, .usda usd. What each can hold: docs/camera-formats.md
+"""
+_DESCRIPTION = """\
+Read a camera with its pose from one program's file and write it for another: every half pixel, axis, unit and lens
+term by the rules of both. What the new format cannot hold is said on stderr. If that moves pixels (lens, skew, aspect,
+principal-point), nothing is written and the exit code is 2, unless --allow-loss accepts it by name or --fit replaces
+the lens. The result is read back before it is written."""
+
+
+def add_to(verbs: Verbs) -> None:
+    """Add the verb."""
+    parser = verb(
+        verbs,
+        "convert",
+        run,
+        short="camera files of OpenCV, ROS, COLMAP, HALCON ... to and from each other",
+        description=_DESCRIPTION,
+        examples=_EXAMPLES,
+    )
+    parser.add_argument("input", metavar="IN", help="camera file, or the folder of a format that is one")
+    parser.add_argument(
+        "output", metavar="OUT", help="file or folder to write; - writes nothing and tells what IN holds"
+    )
+    parser.add_argument("--from", dest="source_format", metavar="FORMAT", help="IN's format, if its content misleads")
+    parser.add_argument("--to", dest="target_format", metavar="FORMAT", help="OUT's format, if its suffix does not say")
+    parser.add_argument("--camera", metavar="NAME", help="only this camera of IN, by its name or number from 0")
+    parser.add_argument("--size", type=size, metavar="WxH", help="picture size in px, where IN has none")
+    parser.add_argument(
+        "--unit", metavar="U", help="unit of length of formats that have none of their own: mm (default), m, in ..."
+    )
+    parser.add_argument(
+        "--pixel-um",
+        type=float,
+        metavar="UM",
+        help="pixel pitch in um, for formats with a sensor (HALCON, Blender, USD)",
+    )
+    parser.add_argument(
+        "--allow-loss",
+        type=names,
+        default=(),
+        metavar="NAMES",
+        help="accept these losses: lens, skew, aspect, principal-point (with commas), or all",
+    )
+    parser.add_argument("--fit", action="store_true", help="replace a lens without a place by the nearest with one")
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Read, tell, write."""
+    from cadcam.files.foreign.registry import read_cameras
+
+    _check_losses(arguments.allow_loss)
+    found = read_cameras(
+        arguments.input,
+        format_name=arguments.source_format,
+        size=arguments.size,
+        unit=_unit_of_input(arguments),
+    ).named(arguments.camera)
+    for note in found.notes:
+        say(f"{arguments.input}: {note}")
+    written = None if arguments.output == "-" else _write(arguments, found)
+    if arguments.json:
+        print_json(_document(found, written))
+    elif written is None:
+        print_tables([_table(found)])
+
+
+def _check_losses(allowed: tuple[str, ...]) -> None:
+    from cadcam.errors import UnknownName
+    from cadcam.files.foreign.model import PIXEL_LOSSES
+
+    for name in allowed:
+        if name not in (*PIXEL_LOSSES, "all"):
+            raise UnknownName("loss", name, (*PIXEL_LOSSES, "all"))
+
+
+def _unit_of_input(arguments: argparse.Namespace) -> str | None:
+    """Return --unit unless IN's format has a unit of its own: then it is meant for OUT."""
+    from cadcam.files.foreign.registry import format_named, format_of
+    from cadcam.files.foreign.source import Source
+
+    if arguments.unit is None:
+        return None
+    named = arguments.source_format
+    form = format_named(named) if named else format_of(Source(arguments.input))
+    return arguments.unit if form.unit is None else None
+
+
+def _write(arguments: argparse.Namespace, found: Foreign) -> Written:
+    from cadcam.files.foreign.registry import format_for, format_named, write_cameras
+
+    form = format_named(arguments.target_format) if arguments.target_format else format_for(arguments.output)
+    written = write_cameras(
+        arguments.output,
+        found,
+        format_name=form.name,
+        unit=arguments.unit if form.unit is None else None,
+        pixel_mm=None if arguments.pixel_um is None else arguments.pixel_um / 1000,
+        allow_loss=arguments.allow_loss,
+        fit=arguments.fit,
+    )
+    for line in (*written.notes, *(f"lost: {loss}" for loss in written.losses)):
+        say(f"{arguments.output}: {line}")
+    rounding = f"read back, no pixel is off by more than {written.read_back_px:.1g} px"
+    say(f"wrote {', '.join(written.paths)} ({form.title}; {rounding})")
+    return written
+
+
+def _table(found: Foreign) -> Table:
+    from cadcam.files.foreign.registry import format_named
+    from cadcam.report.table import Table
+
+    rows = tuple(_row(named) for named in found.cameras)
+    columns = ("camera", "size px", "fx px", "fy px", "cx px", "cy px", "skew px", "lens", "stands at mm")
+    title = f"{format_named(found.format).title}: {len(rows)} camera{'s' * (len(rows) != 1)}"
+    return Table(title, columns, rows, left=("camera", "lens"))
+
+
+def _row(named: NamedCamera) -> tuple[str, ...]:
+    c = named.camera
+    terms = " ".join(f"{name} {value:.4g}" for name, value in c.lens.parameters.items() if value)
+    pose = named.camera_from_world
+    place = "" if pose is None else ", ".join(f"{x:.1f}" for x in pose.origin)
+    numbers = (f"{x:.3f}" for x in (c.fx, c.fy, *c.principal_point, c.skew))
+    return (named.name, f"{c.width} x {c.height}", *numbers, f"{c.lens.name} {terms}".strip(), place)
+
+
+def _document(found: Foreign, written: Written | None) -> dict[str, Any]:
+    from cadcam.files.camera import camera_as_json
+
+    cameras = [
+        {"name": named.name, **camera_as_json(named.camera, camera_from_world=named.camera_from_world)}
+        for named in found.cameras
+    ]
+    document: dict[str, Any] = {"format": found.format, "notes": list(found.notes), "cameras": cameras}
+    if written is not None:
+        document["written"] = {
+            "format": written.format,
+            "files": list(written.paths),
+            "losses": [{"what": loss.what, "text": loss.text, "px": _finite(loss.px)} for loss in written.losses],
+            "read_back_px": written.read_back_px,
+        }
+    return document
+
+
+def _finite(value: float) -> float | None:
+    return value if abs(value) < float("inf") else None

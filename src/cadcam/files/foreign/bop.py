@@ -1,0 +1,98 @@
+"""BOP data sets: camera.json beside scene_camera.json in a folder.
+
+Pixels and axes as here where a data set says nothing else (rendered training pictures may have cx = W/2); millimetres.
+camera.json has fx, fy, cx, cy and the size; scene_camera.json, a camera an image, the whole 3x3 cam_K and the pose
+cam_R_w2c, cam_t_w2c. Source: bop_toolkit `docs/bop_datasets_format.md`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from cadcam.camera.camera import Camera
+from cadcam.errors import BadValue
+from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, Target
+from cadcam.files.foreign.opencv import whole
+from cadcam.files.foreign.pose import numbers, rigid
+from cadcam.files.foreign.source import Source
+from cadcam.files.jsontext import Place, as_json, parsed
+from cadcam.geometry.rigid import Rigid
+
+_ONE, _SCENE = "camera.json", "scene_camera.json"
+
+
+def recognises(source: Source) -> bool:
+    """Return whether this is one of the two files, or a folder with one."""
+    if source.is_folder:
+        return source.has(_SCENE) or (source.has(_ONE) and '"depth_scale"' in source.head(_ONE))
+    head = source.head()
+    return '"cam_K"' in head or ('"depth_scale"' in head and '"fx"' in head)
+
+
+def read(source: Source) -> Foreign:
+    """Return the cameras of scene_camera.json if it is there, else that of camera.json."""
+    if source.is_folder:
+        one = parsed(source.text(_ONE)) if source.has(_ONE) else None
+        scene = parsed(source.text(_SCENE)) if source.has(_SCENE) else None
+    else:
+        root = parsed(source.text())
+        one, scene = (root, None) if "fx" in root.object else (None, root)
+        if scene is not None and source.has(_ONE):
+            one = parsed(source.text(_ONE))
+    size = (whole(one.at("width")), whole(one.at("height"))) if one is not None else None
+    if scene is None:
+        if one is None:
+            raise Place(source.path, (), {}).error("holds neither camera.json nor scene_camera.json")
+        fx, fy, cx, cy = (one.at(name).number() for name in ("fx", "fy", "cx", "cy"))
+        K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+        return Foreign("bop", (NamedCamera("camera", Camera((whole(one.at("width")), whole(one.at("height"))), K)),))
+    shape = size or source.needed_size("scene_camera.json without camera.json beside it")
+    names = [name for name, value in scene.object.items() if isinstance(value, dict)]
+    if not names:
+        raise scene.error("holds no camera", "is it the right file?")
+    return Foreign("bop", tuple(_of_image(name, scene.at(name), shape) for name in names))
+
+
+def write(cameras: Sequence[NamedCamera], target: Target) -> Files:
+    """Write both files; images are numbered 0, 1 ... as BOP wants them."""
+    first = cameras[0].camera
+    for named in cameras:
+        if named.camera.size != first.size:
+            raise BadValue("size of camera " + named.name, named.camera.size, f"{first.size}: BOP has one for all")
+    one = {"cx": first.K[0, 2], "cy": first.K[1, 2], "depth_scale": 1.0, "fx": first.fx, "fy": first.fy}
+    one = {name: float(value) for name, value in one.items()} | {"height": first.height, "width": first.width}
+    scene: dict[str, Any] = {}
+    for i, named in enumerate(cameras):
+        entry: dict[str, Any] = {"cam_K": numbers(named.camera.K), "depth_scale": 1.0}
+        if named.camera_from_world is not None:
+            entry["cam_R_w2c"] = numbers(named.camera_from_world.rotation)
+            entry["cam_t_w2c"] = numbers(named.camera_from_world.translation)
+        scene[str(i)] = entry
+    return {_ONE: as_json(one), _SCENE: as_json(scene)}
+
+
+def _of_image(name: str, place: Place, size: tuple[int, int]) -> NamedCamera:
+    K = place.at("cam_K").array((9,)).reshape(3, 3)
+    camera = place.build(lambda: Camera(size, K))
+    return NamedCamera(name, camera, _pose(place) if "cam_R_w2c" in place.object else None)
+
+
+def _pose(place: Place) -> Rigid:
+    rotation = place.at("cam_R_w2c").array((9,)).reshape(3, 3)
+    return rigid(rotation, place.at("cam_t_w2c").array((3,)), place.error)
+
+
+FORMAT = Format(
+    name="bop",
+    title="BOP data set",
+    suffixes=(),
+    holds=Holds({"ideal": ()}, skew="yes", pose="yes", several=True),
+    recognises=recognises,
+    read=read,
+    write=write,
+    unit="mm",
+    folder=True,
+)

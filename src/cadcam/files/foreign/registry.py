@@ -1,0 +1,244 @@
+"""All formats: which one a file is, reading any, writing any with a report of what is lost."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from cadcam.cad.units import MM, unit_name
+from cadcam.camera.camera import Camera
+from cadcam.camera.difference import largest_difference
+from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
+from cadcam.files.foreign.losses import prepared, refuse
+from cadcam.files.foreign.model import Files, Foreign, Format, Loss, NamedCamera, Target
+from cadcam.files.foreign.source import Source
+from cadcam.geometry.rigid import Rigid
+from cadcam.whole import write_whole
+
+# name: module and the format in it; in the order in which they are asked whether a file is theirs
+_HOME = {
+    "cadcam": ("own", "FORMAT"),
+    "metashape": ("metashape", "FORMAT"),
+    "visp": ("visp", "FORMAT"),
+    "ros": ("ros", "FORMAT"),
+    "kalibr": ("kalibr", "FORMAT"),
+    "opencv": ("opencv", "FORMAT"),
+    "mrcal": ("mrcal", "FORMAT"),
+    "halcon": ("halcon", "FORMAT"),
+    "blender": ("blender", "FORMAT"),
+    "nerfstudio": ("nerfstudio", "FORMAT"),
+    "bop": ("bop", "FORMAT"),
+    "gltf": ("gltf", "FORMAT"),
+    "usd": ("usd", "FORMAT"),
+    "colmap": ("colmap", "TEXT"),
+    "colmap-bin": ("colmap", "BINARY"),
+}
+NAMES = tuple(_HOME)
+_SUFFIX = {
+    ".json": "cadcam",
+    ".cameramodel": "mrcal",
+    ".dat": "halcon",
+    ".cal": "halcon",
+    ".py": "blender",
+    ".gltf": "gltf",
+    ".usda": "usd",
+}
+
+_WRONG_PX = 1e-6  # far above rounding, far below anything seen: more is a bug of ours, and nothing is written
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Written:
+    """What was written: the files, what the format could not hold, and how far it is off when read back, px.
+
+    read_back_px compares with the camera that was to be written after its losses: rounding, or it is a bug.
+    """
+
+    format: str
+    paths: tuple[str, ...]
+    losses: tuple[Loss, ...]
+    notes: tuple[str, ...]
+    read_back_px: float
+
+
+def format_named(name: str) -> Format:
+    """Return a format by its name; raises `UnknownName`."""
+    if name not in _HOME:
+        raise UnknownName("camera format", name, NAMES)
+    module, attribute = _HOME[name]
+    found: Format = getattr(import_module(f"cadcam.files.foreign.{module}"), attribute)
+    return found
+
+
+def format_of(source: Source) -> Format:
+    """Return the format that a file's content shows; `UnreadableFile` if none does."""
+    if not source.is_folder and not source.data():
+        raise UnreadableFile(source.path, "is empty", "copy it again from its source")
+    for name in NAMES:
+        form = format_named(name)
+        if _guarded(source.path, lambda f=form: f.recognises(source)):  # type: ignore[misc]
+            return form
+    what = (
+        "a folder without a camera file that is known"
+        if source.is_folder
+        else "no camera file that is known by its content"
+    )
+    raise UnreadableFile(source.path, f"is {what}", f"name its format: --from {', '.join(NAMES)}")
+
+
+def format_for(path: str | os.PathLike[str]) -> Format:
+    """Return the format that a new file's suffix alone decides; `BadValue` where several share it."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in _SUFFIX:
+        raise BadValue("format of " + repr(os.fspath(path)), "not said", f"--to {', '.join(NAMES)}")
+    return format_named(_SUFFIX[suffix])
+
+
+def read_cameras(
+    path: str | os.PathLike[str],
+    *,
+    format_name: str | None = None,
+    size: tuple[int, int] | None = None,
+    unit: str | None = None,
+) -> Foreign:
+    """Return the cameras of a file or folder of any known format, in our conventions.
+
+    format_name: one of `NAMES`, else the content decides. size: the picture's, for formats that have none. unit: of the
+    file's lengths where its format has none; mm if not said, and a note says so. Raises `UnreadableFile`.
+    """
+    mm = MM[unit_name(unit)] if unit is not None else 1.0
+    source = Source(os.fspath(path), size=size, mm=mm)
+    _refuse_missing(source)
+    form = format_of(source) if format_name is None else format_named(format_name)
+    if unit is not None and form.unit is not None and unit_name(unit) != form.unit:
+        raise BadValue("unit", unit, f"none: {form.title} is in {form.unit} by its rules")
+    found = _read(form, source)
+    if size is not None and any(named.camera.size != tuple(size) for named in found.cameras):
+        raise BadValue("size", size, f"none, or that in the file: {found.cameras[0].camera.size}")
+    posed = any(named.camera_from_world is not None for named in found.cameras)
+    if form.unit is None and unit is None and posed:
+        note = f"lengths are taken as mm: {form.title} has no unit of its own (say it with --unit)"
+        return replace(found, notes=(*found.notes, note))
+    return found
+
+
+def write_cameras(
+    path: str | os.PathLike[str],
+    cameras: Camera | NamedCamera | Foreign,
+    *,
+    format_name: str | None = None,
+    camera_from_world: Rigid | None = None,
+    unit: str | None = None,
+    pixel_mm: float | None = None,
+    allow_loss: Collection[str] = (),
+    fit: bool = False,
+) -> Written:
+    """Write a camera, or all that was read from a file, in the format named, else the one that the suffix decides.
+
+    Nothing is dropped silently: `Written.losses` lists it, and what moves pixels (lens, skew, aspect, principal-point)
+    is refused with `RefusedLoss` unless it is named in allow_loss ("all": any). fit: a lens without a place gives way
+    to the nearest that has one, its largest error in px told. unit: of the lengths written, where the format has none
+    of its own (mm). pixel_mm: the pixel pitch, where the format wants a sensor in mm. The files are read back before
+    they are written to disk.
+    """
+    form = format_for(path) if format_name is None else format_named(format_name)
+    target = Target(os.fspath(path), _mm_written(form, unit), pixel_mm)
+    named = _as_named(cameras, camera_from_world)
+    chosen, notes = _chosen(named, form)
+    with np.errstate(all="ignore"):
+        pairs = [prepared(one, form, fit=fit) for one in chosen]
+    losses = list(dict.fromkeys(loss for _, found in pairs for loss in found))
+    losses += _pose_losses(chosen, form)
+    refuse(losses, allow_loss, form.title, can_fit=not fit)
+    ready = [one for one, _ in pairs]
+    files = form.write(ready, target)
+    px = _read_back(form, files, target, ready)
+    if not px < _WRONG_PX:
+        raise RuntimeError(f"{form.title} of {ready[0].camera} reads back {px:.3g} px off")
+    paths = tuple(_path_of(target.name, form, name) for name in files)
+    for name, out in zip(files, paths, strict=True):
+        write_whole(out, files[name])
+    return Written(form.name, paths, tuple(losses), tuple(notes), px)
+
+
+def _mm_written(form: Format, unit: str | None) -> float:
+    if unit is not None and form.unit is not None and unit_name(unit) != form.unit:
+        raise BadValue("unit", unit, f"none: {form.title} is in {form.unit} by its rules")
+    return MM[unit_name(unit)] if unit is not None else 1.0
+
+
+def _as_named(cameras: Camera | NamedCamera | Foreign, pose: Rigid | None) -> list[NamedCamera]:
+    if isinstance(cameras, Camera):
+        return [NamedCamera("camera", cameras, pose)]
+    if pose is not None:
+        raise BadValue("camera_from_world", "given beside named cameras", "none: they have their own")
+    return [cameras] if isinstance(cameras, NamedCamera) else list(cameras.cameras)
+
+
+def _chosen(named: list[NamedCamera], form: Format) -> tuple[list[NamedCamera], list[str]]:
+    """Return what a format for one camera can take of several: the camera itself where all are the same."""
+    if not named:
+        raise BadValue("cameras", "none", "at least one")
+    if form.holds.several or len(named) == 1:
+        return named, []
+    if form.holds.pose == "no" and all(one.camera is named[0].camera for one in named):
+        return [NamedCamera("camera", named[0].camera)], [
+            f"the one camera of {len(named)} poses is written, without them"
+        ]
+    names = ", ".join(one.name for one in named[:8]) + (", ..." if len(named) > 8 else "")
+    raise BadValue(f"number of cameras for {form.title}", len(named), f"one: choose it with --camera NAME ({names})")
+
+
+def _pose_losses(named: list[NamedCamera], form: Format) -> list[Loss]:
+    first = named[0].camera_from_world
+    if form.holds.pose != "relative" or first is None or np.array_equal(first.matrix, np.eye(4)):
+        return []
+    return [Loss("pose", "only where the cameras stand among each other is kept: the world becomes the first camera")]
+
+
+def _path_of(path: str, form: Format, name: str) -> str:
+    if form.folder:
+        return os.fspath(Path(path) / name)
+    return os.fspath(Path(path).parent / name) if name else path
+
+
+def _read_back(form: Format, files: Files, target: Target, ready: list[NamedCamera]) -> float:
+    """Return how far the written cameras are from the ones meant, px."""
+    source = Source(target.name, size=ready[0].camera.size, mm=target.mm, memory=files)
+    found = _read(form, source)
+    pairs = zip(ready, found.cameras, strict=False)
+    return max(largest_difference(meant.camera, back.camera) for meant, back in pairs)
+
+
+def _read(form: Format, source: Source) -> Foreign:
+    return _guarded(source.path, lambda: form.read(source))
+
+
+def _guarded(path: str, job: Callable[[], T]) -> T:
+    """Run a reader: what its values cannot be becomes an error that names the file."""
+    try:
+        with np.errstate(all="ignore"):
+            return job()
+    except UnreadableFile:
+        raise
+    except CadcamError as error:
+        raise UnreadableFile(path, f"is refused: {error}") from error
+    except (OverflowError, RecursionError) as error:
+        raise UnreadableFile(path, f"holds an impossible value ({error})", "is it the right file?") from None
+
+
+def _refuse_missing(source: Source) -> None:
+    try:
+        missing = not Path(source.path).exists()
+    except (OSError, ValueError) as error:
+        raise UnreadableFile(source.path, getattr(error, "strerror", None) or str(error)) from None
+    if missing:
+        raise UnreadableFile(source.path, "no such file", "check the path")
