@@ -66,7 +66,7 @@ class KnownMotion:
     def known_to(self, sigma_mm: float, sigma_rad: float, *, about: Floats) -> KnownMotion:
         """Return the motion with independent errors of position and rotation, each axis, about a point of the camera.
 
-        about (3,) is in its old place, usually the focal centre: there sigma_mm is the error of the camera's own position.
+        about (3,) is in its old place, usually the focal centre: there sigma_mm is the error of its own position.
         """
         for name, value in (("sigma_mm", sigma_mm), ("sigma_rad", sigma_rad)):
             if not (np.isfinite(value) and value >= 0):
