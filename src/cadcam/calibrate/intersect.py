@@ -35,7 +35,10 @@ Refuse = Callable[[Mask, Reason], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
-    """The plane that the points lie on, and the error of its height as a source."""
+    """The plane that the points lie on, and the error of its height as a source.
+
+    A height that is exact leaves a point two directions; one that is not is one more equation, weighed with the pixels.
+    """
 
     plane: Plane
     sigma_mm: float
@@ -46,6 +49,11 @@ class Surface:
             raise BadValue("plane_sigma_mm", self.sigma_mm, "a number of mm from 0 on")
         source = ErrorSource("height of the plane", np.array([[self.sigma_mm**2]]), self.plane)
         object.__setattr__(self, "source", source)
+
+    @property
+    def basis(self) -> Array:
+        """Return the directions (3, 2), or (3, 3) if the height is not exact, in which points may move."""
+        return np.eye(3) if self.sigma_mm > 0 else self.plane.basis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,8 +67,13 @@ class Group:
 
     @property
     def sources(self) -> list[ErrorSource]:
-        """Return the error sources of the viewpoints, each once."""
-        return distinct([source for view in self.viewpoints for source, _ in view.errors])
+        """Return the error sources of the viewpoints and of the plane, each once."""
+        height = [] if self.surface is None or self.surface.sigma_mm == 0 else [self.surface.source]
+        return distinct([source for view in self.viewpoints for source, _ in view.errors] + height)
+
+    @property
+    def _height_row(self) -> bool:
+        return self.surface is not None and self.surface.sigma_mm > 0
 
     @property
     def rays(self) -> Ray:
@@ -87,7 +100,7 @@ class Group:
 
     def seen(self, p: Array) -> Seen:
         """Return what the viewpoints see of points (n, 3) near the measured ones."""
-        n, rows, sources = len(p), 2 * len(self.viewpoints), self.sources
+        n, rows, sources = len(p), len(self.noise), self.sources
         r, J = np.zeros((n, rows)), np.zeros((n, rows, 3))
         by_source = [np.zeros((n, rows, len(s.covariance))) for s in sources]
         for i, (view, q) in enumerate(zip(self.viewpoints, self.q, strict=True)):
@@ -96,6 +109,9 @@ class Group:
             r[:, at] = q - seen
             for (source, _), D in zip(view.errors, effects, strict=True):
                 by_source[position(sources, source)][:, at] += D
+        if self.surface is not None and self._height_row:
+            r[:, -1], J[:, -1] = -self.surface.plane.distance(p), self.surface.plane.normal
+            by_source[position(sources, self.surface.source)][:, -1] = -1.0
         S = np.broadcast_to(np.diag(self.noise), (n, rows, rows)).copy()
         for source, D in zip(sources, by_source, strict=True):
             S += D @ source.covariance @ np.swapaxes(D, -1, -2)
@@ -103,13 +119,17 @@ class Group:
 
     @property
     def noise(self) -> Array:
-        """Return the variances (2 V,) px^2 of the pixel coordinates by themselves."""
-        return np.repeat([view.sigma_px**2 for view in self.viewpoints], 2)
+        """Return the variances (rows,) of the equations by themselves: px^2, and none for the height of a plane."""
+        pixels = np.repeat([view.sigma_px**2 for view in self.viewpoints], 2)
+        return np.append(pixels, 0.0) if self._height_row else pixels
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """At points (n, 3): residuals r (n, 2V) px, J (n, 2V, 3), by source (n, 2V, k), covariance S (n, 2V, 2V)."""
+    """At points (n, 3): residuals r (n, m), J (n, m, 3), by source (n, m, k), covariance S (n, m, m).
+
+    m = 2 V pixel coordinates, and the height (mm) over the plane where that is not exact.
+    """
 
     r: Array
     J: Array
@@ -129,7 +149,7 @@ class Seen:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """Measured points of a group: points p (n, 3), gain G (n, 3, 2V), misfit (n,), and what is seen there."""
+    """Measured points of a group: points p (n, 3), gain G (n, 3, m), misfit (n,), and what is seen there."""
 
     p: Array
     gain: Array
@@ -199,12 +219,6 @@ def widest(group: Group, found: Found) -> tuple[Array, Array, Array]:
     return gap, sigma, angle
 
 
-def by_height(found: Found, plane: Plane) -> Array:
-    """Return how points (n, 3, 1) of the plane move when it rises by 1 mm: with it, and back along their rays."""
-    normal = plane.normal[:, None]
-    return np.asarray(normal - found.gain @ (found.seen.J @ normal))
-
-
 def distinct(sources: list[ErrorSource]) -> list[ErrorSource]:
     """Return the sources, those of one owner once."""
     return [s for i, s in enumerate(sources) if position(sources, s) == i]
@@ -244,7 +258,7 @@ def _shortened(group: Group, p: Array, step: Array, cost: Array, L: Array) -> Ar
 
 def _basis(group: Group) -> Array:
     """Return the directions (3, 3), or (3, 2) on a plane, in which the points may move."""
-    return np.eye(3) if group.surface is None else group.surface.plane.basis
+    return np.eye(3) if group.surface is None else group.surface.basis
 
 
 def _gain_of_rays(group: Group, seen: Seen) -> Array:

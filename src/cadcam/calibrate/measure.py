@@ -19,7 +19,6 @@ from cadcam.calibrate.intersect import (
     Group,
     Reason,
     Surface,
-    by_height,
     distinct,
     position,
     solve,
@@ -181,8 +180,6 @@ class _Part:
 def _part(group: Group, found: Found) -> _Part:
     G, n = found.gain, len(group.rows)
     effects = [(s, -G @ D) for s, D in zip(group.sources, found.seen.by_source, strict=True)]
-    if group.surface is not None:
-        effects.append((group.surface.source, by_height(found, group.surface.plane)))
     gap, gap_sigma, angle = widest(group, found)
     return _Part(
         rows=np.asarray(group.rows),
