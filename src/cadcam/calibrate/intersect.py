@@ -112,10 +112,17 @@ class Group:
         if self.surface is not None and self._height_row:
             r[:, -1], J[:, -1] = -self.surface.plane.distance(p), self.surface.plane.normal
             by_source[position(sources, self.surface.source)][:, -1] = -1.0
-        S = np.broadcast_to(np.diag(self.noise), (n, rows, rows)).copy()
-        for source, D in zip(sources, by_source, strict=True):
-            S += D @ source.covariance @ np.swapaxes(D, -1, -2)
-        return Seen(r, J, by_source, S)
+        own = np.broadcast_to(np.diag(np.sqrt(self.noise)), (n, rows, rows))
+        roots = [D @ source.root for source, D in zip(sources, by_source, strict=True)]
+        return Seen(r, J, by_source, np.concatenate([own, *roots], axis=-1))
+
+    def residuals(self, p: Array) -> Array:
+        """Return the residuals of `seen` (n, m) alone."""
+        views = zip(self.viewpoints, self.q, strict=True)
+        parts = [q - view.camera.project(view.camera_from_world @ p) for view, q in views]
+        if self.surface is not None and self._height_row:
+            parts.append(-self.surface.plane.distance(p)[:, None])
+        return np.concatenate(parts, axis=-1)
 
     @property
     def noise(self) -> Array:
@@ -126,7 +133,7 @@ class Group:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """At points (n, 3): residuals r (n, m), J (n, m, 3), by source (n, m, k), covariance S (n, m, m).
+    """At points (n, 3): residuals r (n, m), J (n, m, 3), by source (n, m, k), root B (n, m, ...) of S = B B^T.
 
     m = 2 V pixel coordinates, and the height (mm) over the plane where that is not exact.
     """
@@ -134,11 +141,14 @@ class Seen:
     r: Array
     J: Array
     by_source: list[Array]
-    S: Array
+    root: Array
 
     def whitened(self) -> tuple[Array, Array, Array]:
-        """Return r and J in units of their standard deviation, and the Cholesky factor that made them so."""
-        L = np.linalg.cholesky(self.S)
+        """Return r and J in units of their standard deviation, and the triangle L with L L^T = S that made them so.
+
+        L comes from the root itself: S would lose the pixels' noise beside a camera that the point is very close to.
+        """
+        L = np.swapaxes(np.linalg.qr(np.swapaxes(self.root, -1, -2), mode="r"), -1, -2)
         r, J = np.linalg.solve(L, self.r[..., None])[..., 0], np.linalg.solve(L, self.J)
         return np.asarray(r), np.asarray(J), np.asarray(L)
 
@@ -212,9 +222,9 @@ def widest(group: Group, found: Found) -> tuple[Array, Array, Array]:
             link = link / np.linalg.norm(link, axis=-1, keepdims=True)
         rows = [2 * i, 2 * i + 1, 2 * j, 2 * j + 1]
         part = (link[:, None, :] @ np.concatenate([found.seen.back(i), -found.seen.back(j)], axis=-1))[:, 0]
-        variance = np.einsum("ni,nij,nj->n", part, found.seen.S[:, rows][:, :, rows], part)
+        spread = np.linalg.norm((part[:, None, :] @ found.seen.root[:, rows])[:, 0], axis=-1)
         wider = ~(near.gap <= gap)
-        gap, sigma = np.where(wider, near.gap, gap), np.where(wider, np.sqrt(variance), sigma)
+        gap, sigma = np.where(wider, near.gap, gap), np.where(wider, spread, sigma)
         angle = np.fmax(angle, np.minimum(near.angle, np.pi - near.angle))
     return gap, sigma, angle
 
@@ -248,7 +258,7 @@ def _shortened(group: Group, p: Array, step: Array, cost: Array, L: Array) -> Ar
     """Return the steps (n, 3), each quartered until the misfit does not rise and all cameras see the point."""
     share = np.ones((len(p), 1))
     for _ in range(12):
-        r = np.linalg.solve(L, group.seen(p + share * step).r[..., None])[..., 0]
+        r = np.linalg.solve(L, group.residuals(p + share * step)[..., None])[..., 0]
         worse = ~(np.sum(r**2, axis=-1) <= cost * (1 + 1e-9) + 1e-18)
         if not worse.any():
             break
@@ -269,8 +279,7 @@ def _gain_of_rays(group: Group, seen: Seen) -> Array:
 
 def _refuse_useless(group: Group, found: Found, refuse: Refuse) -> None:
     """Refuse points whose distance is as good as unknown: first-order sigmas would be fiction."""
-    covariance = found.gain @ found.seen.S @ np.swapaxes(found.gain, -1, -2)
-    sigma = np.sqrt(np.linalg.eigvalsh(covariance)[:, -1])
+    sigma = np.linalg.norm(found.gain @ found.seen.root, ord=2, axis=(-2, -1))
     reach = np.linalg.norm(found.p - np.array([v.camera_from_world.origin for v in group.viewpoints])[:, None], axis=-1)
     near = reach.min(axis=0)
     angle = np.degrees(widest(group, found)[2])

@@ -38,6 +38,14 @@ class ErrorSource:
             raise BadValue(f"covariance of {self.name}", f"of shape {covariance.shape}", "a square matrix")
         object.__setattr__(self, "covariance", covariance)
 
+    @property
+    def root(self) -> Array:
+        """Return B (k, k) with B B^T the covariance, which may be singular and of mixed units."""
+        sd = np.sqrt(np.diag(self.covariance))
+        scale = np.where(sd > 0, sd, 1.0)
+        w, V = np.linalg.eigh(self.covariance / np.outer(scale, scale))
+        return np.asarray(scale[:, None] * V * np.sqrt(np.maximum(w, 0.0)))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownMotion:
@@ -210,7 +218,7 @@ class Viewpoint:
         """Return the covariance (N, 6, 6) of origin (mm) and unit direction (rad) of the rays of pixels q (N, 2).
 
         Pixels' noise and every error source count; the covariance of the point at distance t is that of origin + t
-        direction. It is singular along the ray.
+        direction. The direction errs only across the ray.
         """
         q = np.atleast_2d(np.asarray(q, dtype=np.float64))
         rays = self.rays(q)
