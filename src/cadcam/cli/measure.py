@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
 _EXAMPLES = """\
   cadcam measure pixels.csv --camera left=left.json --camera right=right.json -o points.csv
-  cadcam measure pixels.csv --camera left.json --camera right.json --distance A,B    names of the files are the views'
+  cadcam measure pixels.csv --camera left.json --camera right.json --distance A,B     views named as their files
   cadcam measure pixels.csv --camera home=cam.json --moved away=home:motion.txt --motion-sigma 0.1,0.01
   cadcam measure pixels.csv --camera home=cam.json --placed away=home:posed.json     where points located it since
-  cadcam measure pixels.csv --camera cam.json --plane 0,0,1,-1250 --plane-sigma 0.5  one camera, points on a plane
+  cadcam measure pixels.csv --camera cam.json --plane 0,0,1,-1250 --plane-sigma 0.5   one camera, points on a plane
 
 pixels file (CSV, tabs or blanks; # comments), a line for each point that a view saw:
   name,view,x_px,y_px          x_px the column, y_px the row, (0, 0) the centre of the top-left pixel;
@@ -86,7 +86,11 @@ def add_to(verbs: Verbs) -> None:
         metavar="PX",
         help="noise of one pixel coordinate (default: that of each camera's calibration)",
     )
-    parser.add_argument("--plane", metavar="NX,NY,NZ,D", help="the points lie on the plane NX X + NY Y + NZ Z = D, mm")
+    parser.add_argument(
+        "--plane",
+        metavar="NX,NY,NZ,D",
+        help="the points lie on the plane NX X + NY Y + NZ Z = D, mm (--plane=-1,0,0,5 with a minus first)",
+    )
     parser.add_argument(
         "--plane-sigma", type=float, default=0.0, metavar="MM", help="how well the plane's height is known"
     )
