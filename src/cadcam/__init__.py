@@ -14,6 +14,9 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.cad.load import load as load
     from cadcam.cad.load import load_with_report as load_with_report
     from cadcam.cad.mesh import Mesh as Mesh
+    from cadcam.calibrate.flat import calibrate_line as calibrate_line
+    from cadcam.calibrate.flat import calibrate_plane as calibrate_plane
+    from cadcam.calibrate.measure import measure_points as measure_points
     from cadcam.calibrate.points import calibrate as _calibrate
     from cadcam.calibrate.points import locate_camera as locate_camera
     from cadcam.camera.camera import Camera as Camera
@@ -25,17 +28,28 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.camera.lens import Fisheye as Fisheye
     from cadcam.camera.lens import Ideal as Ideal
     from cadcam.camera.lens import OddRadial as OddRadial
+    from cadcam.camera.line_camera import LineCamera as LineCamera
+    from cadcam.camera.line_camera import LineObservations as LineObservations
+    from cadcam.camera.measurement import Measurement as Measurement
     from cadcam.camera.observations import Observations as Observations
+    from cadcam.camera.plane_camera import PlaneCamera as PlaneCamera
+    from cadcam.camera.viewpoint import KnownMotion as KnownMotion
+    from cadcam.camera.viewpoint import Viewpoint as Viewpoint
     from cadcam.errors import CadcamError as CadcamError
     from cadcam.files.camera import CameraFile as CameraFile
     from cadcam.files.camera import read_camera as read_camera
     from cadcam.files.camera import write_camera as write_camera
     from cadcam.files.matrix import read_matrix as read_matrix
+    from cadcam.files.matrix import read_motion as read_motion
     from cadcam.files.matrix import read_pose as read_pose
+    from cadcam.files.pixels import read_pixels as read_pixels
+    from cadcam.files.pixels import write_measurement as write_measurement
     from cadcam.files.points import read_points as read_points
     from cadcam.files.points import write_points as write_points
     from cadcam.files.poses import read_poses as read_poses
     from cadcam.files.poses import write_poses as write_poses
+    from cadcam.geometry.plane import Plane as Plane
+    from cadcam.geometry.ray import Ray as Ray
     from cadcam.geometry.rigid import Rigid as Rigid
     from cadcam.image.exr import write_exr as write_exr
     from cadcam.image.picture import read_picture as read_picture
@@ -77,30 +91,43 @@ _HOME = {
     "ExtendedPinhole": "cadcam.camera.extended_pinhole",
     "Fisheye": "cadcam.camera.lens",
     "Ideal": "cadcam.camera.lens",
+    "KnownMotion": "cadcam.camera.viewpoint",
+    "LineCamera": "cadcam.camera.line_camera",
+    "LineObservations": "cadcam.camera.line_camera",
     "LineOptions": "cadcam.render.wireframe",
     "LineStyle": "cadcam.render.overlay",
     "Look": "cadcam.render.view",
+    "Measurement": "cadcam.camera.measurement",
     "Mesh": "cadcam.cad.mesh",
     "Observations": "cadcam.camera.observations",
     "OddRadial": "cadcam.camera.lens",
+    "Plane": "cadcam.geometry.plane",
+    "PlaneCamera": "cadcam.camera.plane_camera",
+    "Ray": "cadcam.geometry.ray",
     "Rigid": "cadcam.geometry.rigid",
     "Scene": "cadcam.render.view",
+    "Viewpoint": "cadcam.camera.viewpoint",
     "Wireframe": "cadcam.render.wireframe",
     "added": "cadcam.render.overlay",
     "blended": "cadcam.render.overlay",
     "calibrate_camera": "cadcam.calibrate.points:calibrate",
+    "calibrate_line": "cadcam.calibrate.flat",
+    "calibrate_plane": "cadcam.calibrate.flat",
     "edge_distances": "cadcam.render.overlay",
     "feature_edges": "cadcam.cad.edges",
     "load": "cadcam.cad.load",
     "load_with_report": "cadcam.cad.load",
     "locate_camera": "cadcam.calibrate.points",
+    "measure_points": "cadcam.calibrate.measure",
     "named_look": "cadcam.render.looks",
     "open_renderer": "cadcam.render",
     "over_edges": "cadcam.render.overlay",
     "overlay": "cadcam.render.overlay",
     "read_camera": "cadcam.files.camera",
     "read_matrix": "cadcam.files.matrix",
+    "read_motion": "cadcam.files.matrix",
     "read_picture": "cadcam.image.picture",
+    "read_pixels": "cadcam.files.pixels",
     "read_points": "cadcam.files.points",
     "read_pose": "cadcam.files.matrix",
     "read_poses": "cadcam.files.poses",
@@ -112,6 +139,7 @@ _HOME = {
     "write_camera": "cadcam.files.camera",
     "write_exr": "cadcam.image.exr",
     "write_overlay_svg": "cadcam.render.overlay",
+    "write_measurement": "cadcam.files.pixels",
     "write_picture": "cadcam.image.picture",
     "write_points": "cadcam.files.points",
     "write_poses": "cadcam.files.poses",

@@ -70,6 +70,10 @@ class NotConverged(CadcamError):
     """An iteration stopped before its minimum; the message says where it stood."""
 
 
+class InconsistentViews(CadcamError):
+    """What several cameras saw does not fit together, and fits well once one input is read another way: named."""
+
+
 class SizeMismatch(CadcamError):
     """A picture's size is not the camera's."""
 

@@ -17,6 +17,7 @@ RUNS: dict[str, tuple[list[str], list[str], str]] = {
     "decompose_matrix.py": ([], [], "-3 P has the same parameters"),
     "overlay_on_photo.py": ([], ["overlay.png"], "median distance"),
     "pose_of_a_flat_target.py": ([], [], "Two poses explain these points"),
+    "measure_with_a_moved_camera.py": ([], ["measured.csv"], "motion to away"),
     "render_bench.py": ([], ["bench.png", "depth.npy"], "15 of 16 targets are in view"),
     "sample_parts.py": (["models"], ["models/bench.glb", "models/bracket.stl"], "shipblock_10k.obj"),
 }

@@ -9,6 +9,7 @@ import numpy as np
 from cadcam.arrays import Array, Floats, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import NAMES, ExtendedPinhole
+from cadcam.camera.fitted import scaled
 from cadcam.camera.observations import Observations
 from cadcam.camera.sensitivity import project_with_sensitivity, rotation_by_angles, twist_by_local
 from cadcam.errors import BadValue, UnknownName
@@ -120,7 +121,7 @@ class CameraEstimate:
         T = np.eye(len(self.parameters))
         T[_ANGLES, _ANGLES] = np.linalg.pinv(rotation_by_angles(self.camera_from_world.rotation))
         free = np.isin(self.parameters, self.free)
-        return _scaled(T @ self.cofactor @ T.T * np.outer(free, free), self.noise_px)
+        return scaled(T @ self.cofactor @ T.T * np.outer(free, free), self.noise_px)
 
     def sigma(self, name: str) -> float:
         """Return the standard deviation of one parameter (mm, rad, px); 0 for a fixed one."""
@@ -141,14 +142,14 @@ class CameraEstimate:
     def pose_covariance(self) -> Array:
         """Return the covariance (6, 6) of xi in `camera_from_world @ Rigid.exp(xi)`: (mm, rad) in the world frame."""
         B = twist_by_local(self.camera_from_world.origin)
-        return _scaled(B @ self.cofactor[:6, :6] @ B.T, self.noise_px)
+        return scaled(B @ self.cofactor[:6, :6] @ B.T, self.noise_px)
 
     def projection_covariance(self, p_world: Floats) -> Array:
         """Return the covariance (..., 2, 2) px^2 of where world points (..., 3) are seen, due to the camera's error."""
         points = np.asarray(p_world, dtype=np.float64)
         _, J = project_with_sensitivity(self.camera, self.camera_from_world, points.reshape(-1, 3))
         cofactor = J @ self.cofactor @ np.swapaxes(J, -1, -2)
-        return _scaled(cofactor, self.noise_px).reshape(*points.shape[:-1], 2, 2)
+        return scaled(cofactor, self.noise_px).reshape(*points.shape[:-1], 2, 2)
 
     def _index(self, name: str) -> int:
         if name not in self.parameters:
@@ -160,10 +161,3 @@ class CameraEstimate:
             f"CameraEstimate({len(self.observations)} points, {len(self.free)} free, "
             f"residual {self.thesis_residual:.4g} px, {self.camera})"
         )
-
-
-def _scaled(cofactor: Array, noise: float) -> Array:
-    if np.isfinite(noise):
-        return np.asarray(noise**2 * cofactor)
-    diagonal = np.eye(cofactor.shape[-1], dtype=bool)
-    return np.where(diagonal & (cofactor > 0), np.inf, 0.0)

@@ -17,8 +17,7 @@ from cadcam.files.text import TextFile, comments_of, number_in, read_text
 from cadcam.geometry.rigid import Rigid
 
 _DIRECTIONS = ("camera_from_world", "world_from_camera")
-_SAID = re.compile(rf"({'|'.join(_DIRECTIONS)})[\s,:]+(?:in\s+)?([A-Za-z]+)\.?")
-_REMEDY = "add a first line such as '# camera_from_world, mm' (or world_from_camera; or m, cm, in ...)"
+_MOTIONS = ("new_from_old", "old_from_new")
 
 
 def read_matrix(path: str | os.PathLike[str], *, rows: int, columns: int) -> Array:
@@ -40,17 +39,30 @@ def read_pose(path: str | os.PathLike[str]) -> Rigid:
     JSON: {"camera_from_world": {"rotation": [[...], ...], "translation_mm": [...]}}, as in a camera file; the name may
     be world_from_camera and the unit any of translation_m, translation_in ... A camera file with a pose serves, too.
     """
+    return _rigid(path, _DIRECTIONS)
+
+
+def read_motion(path: str | os.PathLike[str]) -> Rigid:
+    """Return new_from_old (mm) of a motion file: where the motion takes what moves, p_new = new_from_old @ p_old.
+
+    As a pose file, with '# new_from_old, mm' (or old_from_new) on its first line, or the same as a key in JSON.
+    """
+    return _rigid(path, _MOTIONS)
+
+
+def _rigid(path: str | os.PathLike[str], directions: tuple[str, str]) -> Rigid:
+    """Return the first of two directions, said by the file to be this one or the other."""
     file = read_text(path)
     if file.text.lstrip().startswith("{"):
-        return pose_in(parsed(file))
-    direction, mm = stated(file)
+        return pose_in(parsed(file), directions)
+    direction, mm = stated(file, directions)
     matrix = _matrix(file, ((3, 4), (4, 4))).copy()
     matrix[:3, 3] *= mm
     try:
         pose = Rigid.from_matrix(matrix)
     except CadcamError as error:
         raise UnreadableFile(path, f"is not a pose: {error}") from error
-    return pose if direction == "camera_from_world" else pose.inv
+    return pose if direction == directions[0] else pose.inv
 
 
 def pose_at(place: Place) -> Rigid:
@@ -69,24 +81,26 @@ def pose_as_json(b_from_a: Rigid) -> dict[str, Any]:
     return {"rotation": b_from_a.rotation.tolist(), "translation_mm": b_from_a.translation.tolist()}
 
 
-def pose_in(place: Place) -> Rigid:
-    """Return camera_from_world (mm) of a JSON object with the key camera_from_world or world_from_camera."""
-    said = [d for d in _DIRECTIONS if d in place.object]
+def pose_in(place: Place, directions: tuple[str, str] = _DIRECTIONS) -> Rigid:
+    """Return the first of two directions (mm) in a JSON object with either as key; default camera_from_world."""
+    said = [d for d in directions if d in place.object]
     if len(said) != 1:
-        raise place.error("needs one pose", 'such as "camera_from_world": {"rotation": ..., "translation_mm": ...}')
+        raise place.error("needs one pose", f'such as "{directions[0]}": {{"rotation": ..., "translation_mm": ...}}')
     pose = pose_at(place.at(said[0]))
-    return pose if said[0] == "camera_from_world" else pose.inv
+    return pose if said[0] == directions[0] else pose.inv
 
 
-def stated(file: TextFile) -> tuple[str, float]:
+def stated(file: TextFile, directions: tuple[str, str] = _DIRECTIONS) -> tuple[str, float]:
     """Return direction and millimetres per unit as a comment line says them; `UnreadableFile` where none does."""
-    found = [m for line in comments_of(file) if (m := _SAID.fullmatch(line))]
+    said = re.compile(rf"({'|'.join(directions)})[\s,:]+(?:in\s+)?([A-Za-z]+)\.?")
+    remedy = f"add a first line such as '# {directions[0]}, mm' (or {directions[1]}; or m, cm, in ...)"
+    found = [m for line in comments_of(file) if (m := said.fullmatch(line))]
     if len(found) != 1:
-        raise UnreadableFile(file.path, "does not say which pose it is, and in which unit", _REMEDY)
+        raise UnreadableFile(file.path, "does not say which pose it is, and in which unit", remedy)
     try:
         return found[0][1], MM[unit_name(found[0][2])]
     except UnknownName as error:
-        raise UnreadableFile(file.path, f"names an {error}", _REMEDY) from None
+        raise UnreadableFile(file.path, f"names an {error}", remedy) from None
 
 
 def _matrix(file: TextFile, shapes: tuple[tuple[int, int], ...]) -> Array:

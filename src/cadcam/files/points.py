@@ -63,7 +63,7 @@ def read_points(
     file = read_text(path)
     lines = list(lines_of_cells(file))
     if header is None:
-        header, lines = _header_line(file, lines), lines[1:]
+        header, lines = header_line(file, lines), lines[1:]
     layout = _layout(file, tuple(header), unit, columns)
     if not lines:
         raise UnreadableFile(path, "has a header but no points", "add one line for each point")
@@ -90,7 +90,8 @@ def write_points(path: str | os.PathLike[str], observations: Observations) -> No
     write_whole(path, out.getvalue().encode())
 
 
-def _header_line(file: TextFile, lines: list[Line]) -> tuple[str, ...]:
+def header_line(file: TextFile, lines: list[Line]) -> tuple[str, ...]:
+    """Return the column names on the first line that holds something; an error where it holds numbers."""
     if not lines:
         raise UnreadableFile(file.path, "holds only comments", "add a header such as X,Y,Z,x_px,y_px and the points")
     first = lines[0]
@@ -107,7 +108,7 @@ def _layout(file: TextFile, header: tuple[str, ...], unit: str | None, columns: 
     twice = next((h for i, h in enumerate(header) if h and h in header[:i]), None)
     if twice is not None:
         raise UnreadableFile(file.path, f"column {twice!r} stands twice in the header", "give each its own name")
-    pixel = _pixel_columns(file, header, columns)
+    pixel = pixel_columns(file, header, columns)
     world, mm = _world_columns(file, header, unit, taken=pixel)
     lower = [h.lower() for h in header]
     name = next((lower.index(n) for n in _NAME_COLUMNS if n in lower), -1)
@@ -150,7 +151,7 @@ def _one_unit(file: TextFile, named: set[str], given: str | None) -> str:
     return next(iter(said), "mm")
 
 
-def _pixel_columns(file: TextFile, header: tuple[str, ...], columns: Sequence[str] | None) -> tuple[int, int]:
+def pixel_columns(file: TextFile, header: tuple[str, ...], columns: Sequence[str] | None) -> tuple[int, int]:
     """Return the indices of the pixel's column x and row y."""
     pairs = _pixel_pairs(header)
     listed = f"(columns: {', '.join(header)})"

@@ -32,7 +32,10 @@ def flatness(p_world: Array) -> float:
 
 
 def refuse_flat(p_world: Array, *, unknowns: int) -> None:
-    """Raise `DegenerateGeometry` for points on a line, and for points on a plane if it cannot tell `unknowns` apart."""
+    """Raise `DegenerateGeometry` for points on a line, and for points on a plane if it cannot tell `unknowns` apart.
+
+    Points (N, 2) of a plane are only checked for a line.
+    """
     e = extents(p_world)
     if e[1] <= COLLINEAR * e[0]:
         raise DegenerateGeometry(
@@ -40,7 +43,7 @@ def refuse_flat(p_world: Array, *, unknowns: int) -> None:
             f"the "
             "camera may turn about it; add points beside it"
         )
-    if e[2] <= COPLANAR * e[0] and unknowns > _PLANE_KNOWS:
+    if p_world.shape[1] == 3 and e[2] <= COPLANAR * e[0] and unknowns > _PLANE_KNOWS:
         raise DegenerateGeometry(
             f"the world points lie on a plane (rms extents {_text(e)} mm, thickness by length "
             f"{_ratio(e[2], e[0]):.2g}, {COPLANAR:g} needed): it determines at most {_PLANE_KNOWS} of the {unknowns} "

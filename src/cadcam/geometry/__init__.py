@@ -1,1 +1,1 @@
-"""Rotations and rigid motions: no camera, no picture, no file."""
+"""Rotations, rigid motions, rays and planes: no camera, no picture, no file."""

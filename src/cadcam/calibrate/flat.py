@@ -1,0 +1,108 @@
+"""Cameras of the lower dimensions from points: a plane's 3x3 matrix (2D to 2D), a line camera's five (2D to 1D).
+
+Both start from the normalised direct linear transform and end at the least sum of squared image residuals, to which
+their covariance belongs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.camera.line_camera import LINE_NAMES, LineCamera, LineEstimate, LineObservations
+from cadcam.camera.observations import Observations
+from cadcam.camera.plane_camera import PlaneCamera, PlaneEstimate
+from cadcam.errors import DegenerateGeometry
+from cadcam.fit.dlt import dlt
+from cadcam.fit.least_squares import cofactor, minimise
+
+_ONE_HEIGHT = 1e-6  # spread of Z by the plane's size: 1 um over a metre
+
+
+def calibrate_plane(observations: Observations) -> PlaneEstimate:
+    """Return how a camera sees the plane Z = constant of the world, from four points on, with covariance.
+
+    Raises `TooFewPoints`; `DegenerateGeometry` for points at different heights, or with all but one of them on a line.
+    """
+    p, q = observations.p_world[:, :2], observations.q
+    spread, size = float(np.ptp(observations.p_world[:, 2])), float(np.ptp(p, axis=0).max())
+    if spread > _ONE_HEIGHT * size:
+        raise DegenerateGeometry(
+            f"the points' Z differ by {spread:.4g} mm over {size:.4g} mm of the plane: a 3x3 matrix holds for one "
+            "height; give points of one Z, or calibrate a camera in space"
+        )
+    seed = PlaneCamera(dlt(p, q)).facing(p)
+    problem = _PlaneProblem(p, q)
+    found = minimise(problem, seed.matrix / np.linalg.norm(seed.matrix))
+    basis = problem.basis(found.state)
+    names = tuple(f"direction {i} of the matrix" for i in range(1, 9))
+    return PlaneEstimate(
+        PlaneCamera(found.state),
+        observations,
+        float(observations.p_world[:, 2].mean()),
+        basis @ cofactor(found.jacobian, names) @ basis.T,
+        "plane to picture, reprojection least squares",
+    )
+
+
+def calibrate_line(observations: LineObservations) -> LineEstimate:
+    """Return the line camera that sees points of its plane where they were seen, from five points on, with covariance.
+
+    Raises `TooFewPoints`; `DegenerateGeometry` for points on a line, or on a conic through the focal centre.
+    """
+    p, U = observations.p_world, observations.U
+    seed = LineCamera.from_matrix(dlt(p, U[:, None])).facing(p)
+    found = minimise(_LineProblem(p, U), seed.vector)
+    return LineEstimate(
+        LineCamera.from_vector(found.state).facing(p),
+        observations,
+        cofactor(found.jacobian, LINE_NAMES),
+        "line camera, reprojection least squares",
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _PlaneProblem:
+    """States are matrices of norm 1 in a frame of plane and picture where both are about one large."""
+
+    p: Array
+    q: Array
+
+    def residuals_and_jacobian(self, state: Array) -> tuple[Array, Array]:
+        q, _, by_entry = PlaneCamera(state).project_with_jacobians(self.p)
+        return (q - self.q).ravel(), by_entry.reshape(-1, 9) @ self.basis(state)
+
+    def retract(self, state: Array, step: Array) -> Array:
+        moved = state + (self.basis(state) @ step).reshape(3, 3)
+        return np.asarray(moved / np.linalg.norm(moved))
+
+    def basis(self, state: Array) -> Array:
+        """Return (9, 8): steps of the entries that change the image, each of about the same size there."""
+        to_plane, to_picture = _about_one(self.p), _about_one(self.q)
+        similar = to_picture @ state @ np.linalg.inv(to_plane)
+        tangent = np.linalg.svd(similar.reshape(1, 9))[2][1:].T * np.linalg.norm(similar)
+        return np.asarray(np.kron(np.linalg.inv(to_picture), to_plane.T) @ tangent)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _LineProblem:
+    p: Array
+    U: Array
+
+    def residuals_and_jacobian(self, state: Array) -> tuple[Array, Array]:
+        if not np.isfinite(state).all() or state[3] == 0:
+            return np.full(len(self.U), np.nan), np.full((len(self.U), 5), np.nan)
+        U, _, J = LineCamera.from_vector(state).project_with_jacobians(self.p)
+        return U - self.U, J
+
+    def retract(self, state: Array, step: Array) -> Array:
+        return state + step
+
+
+def _about_one(x: Array) -> Array:
+    """Return the homogeneous matrix (3, 3) that moves the centroid of x (N, 2) to 0 and its rms extent to 1."""
+    centre = x.mean(axis=0)
+    scale = np.sqrt(len(x)) / np.linalg.norm(x - centre)
+    return np.array([[scale, 0.0, -scale * centre[0]], [0.0, scale, -scale * centre[1]], [0.0, 0.0, 1.0]])

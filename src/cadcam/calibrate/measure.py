@@ -1,0 +1,205 @@
+"""Points in space from the pixels where calibrated cameras saw them, with all their uncertainty (thesis, section 2.3).
+
+Fixed cameras, a camera that moves by a known motion, points on known planes: `cadcam.camera.viewpoint` says where the
+cameras stand and what is uncertain about them, `cadcam.calibrate.intersect` holds the formulas.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Literal, get_args
+
+import numpy as np
+
+from cadcam.arrays import Array, Floats, Mask, frozen
+from cadcam.calibrate.intersect import (
+    Found,
+    Group,
+    Reason,
+    Surface,
+    distinct,
+    position,
+    solve,
+    startless,
+    widest,
+)
+from cadcam.calibrate.suspects import refuse_if_explained
+from cadcam.camera.measurement import Measurement
+from cadcam.camera.viewpoint import ErrorSource, Viewpoint
+from cadcam.errors import BadValue, DegenerateGeometry, UnknownName
+from cadcam.geometry.plane import Plane
+
+Method = Literal["reprojection", "rays"]
+METHODS: tuple[Method, ...] = get_args(Method)
+_WORDS = {"reprojection": "least weighted reprojection error", "rays": "nearest point to all rays"}
+
+
+def measure_points(
+    viewpoints: Sequence[Viewpoint],
+    q: Floats,
+    *,
+    names: Sequence[str] = (),
+    plane: Plane | None = None,
+    plane_sigma_mm: float = 0.0,
+    method: Method = "reprojection",
+) -> Measurement:
+    """Return the points seen at pixels q (V, N, 2) from V viewpoints, NaN where a point was not seen; mm.
+
+    From two viewpoints on, or from one for points on a known plane (plane_sigma_mm: how well its height is known).
+    "reprojection": the points whose images are nearest to the measured pixels, each pixel weighted by its noise and by
+    what calibration and motion are known to; "rays": the points nearest to all rays, for two rays the middle of their
+    shortest connection (EQ 2.165). A point that cannot be measured is refused by itself, with its reason: seen too
+    seldom, behind a camera, rays so nearly parallel that its distance is unknown.
+
+    Raises `BadValue`; `DegenerateGeometry` if no point can be measured; `InconsistentViews` if the rays miss each other
+    and one swapped, mirrored, inverted or wrongly scaled input explains it.
+    """
+    job = _job(viewpoints, q, tuple(names), plane, plane_sigma_mm, method)
+    measured = job.run()
+    refuse_if_explained(measured, job.viewpoints, job.q, plane, job.again)
+    if not len(measured):
+        name, reason = next(iter(measured.refused.items()))
+        raise DegenerateGeometry(f"none of {len(job.names)} points can be measured; point {name!r}: {reason}")
+    return measured
+
+
+def _job(
+    viewpoints: Sequence[Viewpoint],
+    q: Floats,
+    names: tuple[str, ...],
+    plane: Plane | None,
+    plane_sigma_mm: float,
+    method: Method,
+) -> _Job:
+    if method not in METHODS:
+        raise UnknownName("measuring method", method, METHODS)
+    if method == "rays" and plane is not None:
+        raise BadValue("method", "'rays' for points on a plane", "'reprojection'")
+    pixels = frozen(q, "pixels (viewpoints, points, 2)", (None, None, 2), finite=False)
+    names = names or tuple(str(i + 1) for i in range(pixels.shape[1]))
+    if (len(viewpoints), len(names)) != pixels.shape[:2]:
+        raise BadValue("pixels", f"of shape {pixels.shape}", f"({len(viewpoints)} viewpoints, {len(names)} points, 2)")
+    for what, given in (("viewpoint names", [v.name for v in viewpoints]), ("point names", names)):
+        if len(set(given)) != len(given) or not given:
+            raise BadValue(what, ", ".join(given) or "none", "at least one, each name once")
+    return _Job(tuple(viewpoints), pixels, names, None if plane is None else Surface(plane, plane_sigma_mm), method)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Job:
+    viewpoints: tuple[Viewpoint, ...]
+    q: Array
+    names: tuple[str, ...]
+    surface: Surface | None
+    method: Method
+
+    def again(self, viewpoints: Sequence[Viewpoint], q: Array, plane: Plane | None) -> Measurement:
+        """Return what the same pixels would mean if something were other than it was given."""
+        surface = None if plane is None or self.surface is None else Surface(plane, self.surface.sigma_mm)
+        return _Job(tuple(viewpoints), q, self.names, surface, self.method).run()
+
+    def run(self) -> Measurement:
+        refused: dict[int, str] = {}
+        solved = []
+        for group in self._groups(refused):
+            note = partial(_note, refused, group)
+            usable = group.only(~startless(group, note))
+            if len(usable.rows):
+                found = solve(usable, by_rays=self.method == "rays", refuse=partial(_note, refused, usable))
+                solved.append((usable, found))
+        return self._assembled([_part(group, found) for group, found in solved], refused)
+
+    def _groups(self, refused: dict[int, str]) -> Iterator[Group]:
+        """Yield the points by who saw them; those seen by too few, or where a lens images nothing, are refused."""
+        seen = np.asarray(np.isfinite(self.q).all(axis=-1))
+        for view, q, here in zip(self.viewpoints, self.q, seen, strict=True):
+            for i in np.flatnonzero(here & ~np.isfinite(view.camera.unproject(q)).all(axis=-1)):
+                refused[int(i)] = f"the lens of {view.name!r} images nothing at pixel {q[i].tolist()} (column, row)"
+        good = np.array([i not in refused for i in range(len(self.names))])
+        for pattern in np.unique(seen.T, axis=0):
+            rows, who = np.flatnonzero((pattern == seen.T).all(axis=1) & good), np.flatnonzero(pattern)
+            if len(who) < (2 if self.surface is None else 1):
+                only = (
+                    f"seen by {self.viewpoints[who[0]].name!r} only: one ray needs a plane" if len(who) else "not seen"
+                )
+                refused.update((int(i), only) for i in rows)
+            elif len(rows):
+                yield Group(tuple(self.viewpoints[v] for v in who), rows, self.q[who][:, rows], self.surface)
+
+    def _assembled(self, parts: list[_Part], refused: dict[int, str]) -> Measurement:
+        sources = distinct([source for part in parts for source, _ in part.effects])
+        rows = _joined([part.rows for part in parts], int)
+        keep = np.array([i for i in np.argsort(rows) if int(rows[i]) not in refused], dtype=int)
+        seen_by = [part.seen_by for part in parts for _ in part.rows]
+
+        def all_of(name: str, *shape: int) -> Array:
+            values = [getattr(part, name) for part in parts]
+            return np.asarray(_joined(values, float).reshape(-1, *shape)[keep])
+
+        return Measurement(
+            names=tuple(self.names[i] for i in rows[keep]),
+            points=all_of("points", 3),
+            from_pixels=all_of("from_pixels", 3, 3),
+            effects=tuple((s, _joined([p.effect(s) for p in parts], float)[keep]) for s in sources),
+            seen_by=tuple(seen_by[i] for i in keep),
+            chi2=all_of("chi2"),
+            dof=all_of("dof").astype(np.int32),
+            gap=all_of("gap"),
+            gap_sigma=all_of("gap_sigma"),
+            angle=all_of("angle"),
+            refused={self.names[i]: reason for i, reason in sorted(refused.items())},
+            method=_WORDS[self.method],
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """One group's share of a `Measurement`."""
+
+    rows: Array
+    seen_by: tuple[str, ...]
+    points: Array
+    from_pixels: Array
+    effects: list[tuple[ErrorSource, Array]]
+    chi2: Array
+    dof: Array
+    gap: Array
+    gap_sigma: Array
+    angle: Array
+
+    def effect(self, source: ErrorSource) -> Array:
+        """Return how these points move with a source's numbers, (n, 3, k); zero where it has no part in them."""
+        own = [s for s, _ in self.effects]
+        if any(s.owner is source.owner for s in own):
+            return self.effects[position(own, source)][1]
+        return np.zeros((len(self.rows), 3, len(source.covariance)))
+
+
+def _part(group: Group, found: Found) -> _Part:
+    G, n = found.gain, len(group.rows)
+    effects = [(s, -G @ D) for s, D in zip(group.sources, found.seen.by_source, strict=True)]
+    gap, gap_sigma, angle = widest(group, found)
+    return _Part(
+        rows=np.asarray(group.rows),
+        seen_by=tuple(view.name for view in group.viewpoints),
+        points=found.p,
+        from_pixels=(G * group.noise) @ np.swapaxes(G, -1, -2),
+        effects=effects,
+        chi2=found.chi2,
+        dof=np.full(n, 2 * len(group.viewpoints) - (3 if group.surface is None else 2)),
+        gap=gap,
+        gap_sigma=gap_sigma,
+        angle=angle,
+    )
+
+
+def _joined(parts: list[Array], kind: type) -> Array:
+    return np.concatenate(parts).astype(kind) if parts else np.zeros(0, dtype=kind)
+
+
+def _note(refused: dict[int, str], group: Group, which: Mask, reason: Reason) -> None:
+    """Remember why points of a group are refused; the first reason stays."""
+    for i in np.flatnonzero(which):
+        refused.setdefault(int(group.rows[i]), reason(int(i)))

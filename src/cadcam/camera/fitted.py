@@ -1,0 +1,64 @@
+"""What every fit to pixels says of itself: residuals, degrees of freedom, noise."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+
+from cadcam.arrays import Array
+
+
+class Fitted(ABC):
+    """A result of least squares on image coordinates; subclasses give residuals, unknowns and stated noise."""
+
+    __slots__ = ()
+
+    @property
+    @abstractmethod
+    def residuals(self) -> Array:
+        """Return measured minus projected image coordinates (N, e), px."""
+
+    @property
+    @abstractmethod
+    def unknowns(self) -> int:
+        """Return how many parameters were estimated."""
+
+    @property
+    @abstractmethod
+    def stated_px(self) -> float | None:
+        """Return the noise of one image coordinate as stated with the observations, px."""
+
+    @property
+    def sum_of_squares(self) -> float:
+        """Return the sum of squared residuals, px^2."""
+        return float(np.sum(self.residuals**2))
+
+    @property
+    def thesis_residual(self) -> float:
+        """Return the thesis' residual, the root of the sum of squares by the number of points, px."""
+        return float(np.sqrt(self.sum_of_squares / len(self.residuals)))
+
+    @property
+    def dof(self) -> int:
+        """Return the degrees of freedom: image coordinates minus unknowns."""
+        return self.residuals.size - self.unknowns
+
+    @property
+    def sigma0(self) -> float | None:
+        """Return the noise of one image coordinate by the residuals, px; None without degrees of freedom."""
+        return float(np.sqrt(self.sum_of_squares / self.dof)) if self.dof > 0 else None
+
+    @property
+    def noise_px(self) -> float:
+        """Return the noise behind every covariance: as stated, else sigma0, else inf."""
+        noise = self.sigma0 if self.stated_px is None else self.stated_px
+        return np.inf if noise is None else noise
+
+
+def scaled(cofactor: Array, noise: float) -> Array:
+    """Return noise^2 times a cofactor matrix; with unknown (infinite) noise inf on its diagonal and zero beside it."""
+    if np.isfinite(noise):
+        return np.asarray(noise**2 * cofactor)
+    diagonal = np.eye(cofactor.shape[-1], dtype=bool)
+    return np.where(diagonal & (cofactor > 0), np.inf, 0.0)

@@ -1,0 +1,253 @@
+"""A camera where it stood when it took a picture, and all that is not known exactly about it.
+
+A viewpoint is fixed (where the camera was calibrated), moved from there by a known motion, placed by a known pose, or
+located from points of its own. What is uncertain comes as `ErrorSource`s: the numbers of one calibration or motion.
+Viewpoints share a source when they come from the same calibration or motion, and so do the errors of all that is
+measured with them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cadcam.arrays import Array, Floats, frozen
+from cadcam.camera.camera import Camera
+from cadcam.camera.estimate import CameraEstimate
+from cadcam.camera.sensitivity import project_with_sensitivity
+from cadcam.errors import BadValue
+from cadcam.geometry.ray import Ray
+from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rotation import hat
+
+_POSE, _EXTERNAL = slice(0, 6), 6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ErrorSource:
+    """Numbers that are not known exactly and their covariance (k, k); the same `owner` is the same source."""
+
+    name: str
+    covariance: Array
+    owner: object = field(repr=False)
+
+    def __post_init__(self) -> None:
+        covariance = frozen(self.covariance, f"covariance of {self.name}", (None, None))
+        if covariance.shape[0] != covariance.shape[1]:
+            raise BadValue(f"covariance of {self.name}", f"of shape {covariance.shape}", "a square matrix")
+        object.__setattr__(self, "covariance", covariance)
+
+    @property
+    def root(self) -> Array:
+        """Return B (k, k) with B B^T the covariance, which may be singular and of mixed units."""
+        sd = np.sqrt(np.diag(self.covariance))
+        scale = np.where(sd > 0, sd, 1.0)
+        w, V = np.linalg.eigh(self.covariance / np.outer(scale, scale))
+        return np.asarray(scale[:, None] * V * np.sqrt(np.maximum(w, 0.0)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownMotion:
+    """How a camera was moved: new_from_old takes whatever is fixed to the camera from its old place to its new one.
+
+    Both in world coordinates, mm: p_new = new_from_old @ p_old. A robot's flange at base_from_flange gives it as
+    base_from_flange(new) @ base_from_flange(old).inv, where the world is the robot's base. covariance (6, 6): of xi in
+    new_from_old @ Rigid.exp(xi), in mm and rad; default exact.
+    """
+
+    new_from_old: Rigid
+    covariance: Array = field(default_factory=lambda: np.zeros((6, 6)))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "covariance", frozen(self.covariance, "covariance of the motion", (6, 6)))
+
+    @classmethod
+    def of_centre(cls, centre: Floats, rotation: Floats, translation: Floats) -> KnownMotion:
+        """Return the motion that turns a camera about its focal centre (3,) and shifts it: x = R V t + (F + T).
+
+        That is EQ 2.169, with T = F2 - F1 (printed with the other sign in EQ 2.171).
+        """
+        F, R = frozen(centre, "focal centre", (3,)), frozen(rotation, "rotation", (3, 3))
+        return cls(Rigid(R, F + frozen(translation, "translation", (3,)) - R @ F))
+
+    def known_to(self, sigma_mm: float, sigma_rad: float, *, about: Floats) -> KnownMotion:
+        """Return the motion with independent errors of position and rotation, each axis, about a point of the camera.
+
+        about (3,) is in its old place, usually the focal centre: there sigma_mm is the error of its own position.
+        """
+        for name, value in (("sigma_mm", sigma_mm), ("sigma_rad", sigma_rad)):
+            if not (np.isfinite(value) and value >= 0):
+                raise BadValue(f"{name} of the motion", value, "a number from 0 on")
+        to_point = Rigid(translation=-frozen(about, "about", (3,)))
+        Ad = to_point.inv.adjoint()
+        local = np.diag([sigma_mm**2] * 3 + [sigma_rad**2] * 3)
+        return KnownMotion(self.new_from_old, Ad @ local @ Ad.T)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Viewpoint:
+    """A camera at a place: camera_from_world in mm, the noise of its pixels, and what is uncertain about it.
+
+    sigma_px: noise of one pixel coordinate of what is measured here. errors: for each source the matrix (n, k) that
+    turns its numbers into the local coordinates of `cadcam.camera.sensitivity` of this viewpoint. motion: how the
+    camera was moved here, if it was.
+    """
+
+    name: str
+    camera: Camera
+    camera_from_world: Rigid
+    sigma_px: float
+    errors: tuple[tuple[ErrorSource, Array], ...] = ()
+    motion: Rigid | None = None
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.sigma_px) and self.sigma_px > 0):
+            raise BadValue(
+                f"pixel noise of viewpoint {self.name!r}",
+                self.sigma_px,
+                "a positive number of px: state sigma_px, for the calibration does not tell it",
+            )
+        n = 11 + len(self.camera.lens.parameters)
+        errors = tuple(
+            (s, frozen(D, f"effect of {s.name}", (n, len(s.covariance)))) for s, D in self.errors if s.covariance.any()
+        )
+        object.__setattr__(self, "errors", errors)
+
+    @classmethod
+    def exact(cls, name: str, camera: Camera, camera_from_world: Rigid, *, sigma_px: float) -> Viewpoint:
+        """Return a viewpoint of a camera without known uncertainty: only the pixels' noise will count."""
+        return cls(name, camera, camera_from_world, sigma_px)
+
+    @classmethod
+    def fixed(cls, name: str, estimate: CameraEstimate, *, sigma_px: float | None = None) -> Viewpoint:
+        """Return the viewpoint of a camera where it was calibrated (section 2.3.1).
+
+        sigma_px defaults to the noise behind the calibration's covariance.
+        """
+        noise = estimate.noise_px if sigma_px is None else sigma_px
+        pose = estimate.camera_from_world
+        return cls(name, estimate.camera, pose, noise, (_calibration(name, estimate, np.eye(len(estimate.cofactor))),))
+
+    @classmethod
+    def moved(
+        cls, name: str, estimate: CameraEstimate, motion: KnownMotion, *, sigma_px: float | None = None
+    ) -> Viewpoint:
+        """Return the viewpoint of a calibrated camera moved away from its calibration (section 2.3.2, EQ 2.170)."""
+        noise = estimate.noise_px if sigma_px is None else sigma_px
+        R, F = motion.new_from_old.rotation, estimate.camera_from_world.origin
+        of_home = np.eye(len(estimate.cofactor))
+        of_home[:3, :3] = of_home[3:6, 3:6] = R
+        of_motion = np.zeros((len(of_home), 6))
+        of_motion[:3, :3], of_motion[:3, 3:], of_motion[3:6, 3:] = R, -R @ hat(F), -R
+        return cls(
+            name,
+            estimate.camera,
+            estimate.camera_from_world @ motion.new_from_old.inv,
+            noise,
+            (
+                _calibration(name, estimate, of_home),
+                (ErrorSource(f"motion to {name}", motion.covariance, motion), of_motion),
+            ),
+            motion.new_from_old,
+        )
+
+    @classmethod
+    def placed(
+        cls,
+        name: str,
+        estimate: CameraEstimate,
+        camera_from_world: Rigid,
+        *,
+        pose_covariance: Floats | None = None,
+        sigma_px: float | None = None,
+    ) -> Viewpoint:
+        """Return the viewpoint of a calibrated camera at a pose known from elsewhere, its calibrated one forgotten.
+
+        pose_covariance (6, 6): of xi in camera_from_world @ Rigid.exp(xi), mm and rad; default exact.
+        """
+        noise = estimate.noise_px if sigma_px is None else sigma_px
+        internals = np.eye(len(estimate.cofactor))
+        internals[_POSE] = 0.0
+        covariance = np.zeros((6, 6)) if pose_covariance is None else np.asarray(pose_covariance, dtype=np.float64)
+        by_pose = np.zeros((len(internals), 6))
+        by_pose[:3, :3], by_pose[:3, 3:], by_pose[3:6, 3:] = -np.eye(3), hat(camera_from_world.origin), np.eye(3)
+        pose = (ErrorSource(f"pose of {name}", covariance, camera_from_world), by_pose)
+        return cls(name, estimate.camera, camera_from_world, noise, (_calibration(name, estimate, internals), pose))
+
+    @classmethod
+    def located(
+        cls, name: str, estimate: CameraEstimate, pose: CameraEstimate, *, sigma_px: float | None = None
+    ) -> Viewpoint:
+        """Return the viewpoint of a calibrated camera at a pose found from points with its internals kept.
+
+        The internals' errors count twice, in the rays and in the pose that was found with them; they partly cancel.
+        """
+        if pose.camera is not estimate.camera and not _same(pose.camera, estimate.camera):
+            raise BadValue("the located camera", repr(pose.camera), f"the calibrated one, {estimate.camera!r}")
+        noise = estimate.noise_px if sigma_px is None else sigma_px
+        _, J = project_with_sensitivity(pose.camera, pose.camera_from_world, pose.observations.p_world)
+        J = J.reshape(-1, J.shape[-1])
+        with_internals = np.eye(J.shape[1])
+        with_internals[_POSE] = 0.0
+        with_internals[_POSE, _EXTERNAL:] = -np.linalg.lstsq(J[:, _POSE], J[:, _EXTERNAL:], rcond=None)[0]
+        alone = np.eye(J.shape[1])
+        found = (ErrorSource(f"points that located {name}", _covariance_of(name, pose), pose), alone)
+        errors = (_calibration(name, estimate, with_internals), found)
+        return cls(name, estimate.camera, pose.camera_from_world, noise, errors)
+
+    def rays(self, q: Floats) -> Ray:
+        """Return the rays (..., 3) in the world along which pixels q (..., 2) are seen; `BadValue` if there is none."""
+        q = np.asarray(q, dtype=np.float64)
+        direction = self.camera.unproject(q)
+        blind = ~np.isfinite(direction).all(axis=-1)
+        if np.any(blind):
+            raise BadValue(
+                f"pixel (column, row) seen by {self.name!r}",
+                q[blind][0].tolist(),
+                f"finite numbers that the lens can have imaged ({self.camera.lens})",
+            )
+        return Ray(self.camera_from_world.origin, direction @ self.camera_from_world.rotation)
+
+    def project(self, p_world: Array) -> tuple[Array, Array, tuple[Array, ...]]:
+        """Return q (N, 2) px, dq/dp (N, 2, 3) px/mm and dq/d(each error source) (N, 2, k) of world points (N, 3)."""
+        q, J = project_with_sensitivity(self.camera, self.camera_from_world, p_world)
+        return q, -J[..., :3], tuple(J @ D for _, D in self.errors)
+
+    def ray_covariance(self, q: Floats) -> Array:
+        """Return the covariance (N, 6, 6) of origin (mm) and unit direction (rad) of the rays of pixels q (N, 2).
+
+        Pixels' noise and every error source count; the covariance of the point at distance t is that of origin + t
+        direction. The direction errs only across the ray.
+        """
+        q = np.atleast_2d(np.asarray(q, dtype=np.float64))
+        rays = self.rays(q)
+        _, J = project_with_sensitivity(self.camera, self.camera_from_world, rays.at(np.ones(len(q))))
+        back = np.linalg.pinv(-J[..., :3])  # pixels to the turn of the direction, across the ray
+        by_local = np.zeros((len(q), 6, J.shape[-1]))
+        by_local[:, :3, :3] = np.eye(3)
+        by_local[:, 3:, 3:] = -back @ J[..., 3:]
+        total = np.zeros((len(q), 6, 6))
+        total[:, 3:, 3:] = self.sigma_px**2 * back @ np.swapaxes(back, -1, -2)
+        for source, D in self.errors:
+            E = by_local @ D
+            total += E @ source.covariance @ np.swapaxes(E, -1, -2)
+        return total
+
+
+def _calibration(name: str, estimate: CameraEstimate, effect: Array) -> tuple[ErrorSource, Array]:
+    return ErrorSource("calibration", _covariance_of(name, estimate), estimate), effect
+
+
+def _covariance_of(name: str, estimate: CameraEstimate) -> Array:
+    if not np.isfinite(estimate.noise_px):
+        raise BadValue(
+            f"calibration noise of viewpoint {name!r}",
+            "unknown (as many equations as unknowns, no sigma_px stated)",
+            "a calibration with its noise: more points, or sigma_px with them",
+        )
+    return np.asarray(estimate.noise_px**2 * estimate.cofactor)
+
+
+def _same(one: Camera, other: Camera) -> bool:
+    return one.size == other.size and one.lens == other.lens and bool(np.allclose(one.K, other.K, rtol=1e-9, atol=1e-9))

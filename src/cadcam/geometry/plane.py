@@ -1,0 +1,76 @@
+"""Planes in space: distances, feet, and where rays meet them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadcam.arrays import Array, Floats, frozen
+from cadcam.errors import BadValue, DegenerateGeometry
+from cadcam.geometry.ray import Ray
+
+_COLLINEAR = 1e-9  # width by length below which points give no plane
+_GRAZING = 1e-12  # sine of the angle between ray and plane below which they do not meet
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plane:
+    """The points p with normal . p = offset: unit normals (..., 3), offsets (...) in mm along them."""
+
+    normal: Array
+    offset: Array
+
+    def __post_init__(self) -> None:
+        normal = frozen(self.normal, "plane normal", (3,), batched=True)
+        offset = frozen(self.offset, "plane offset", (), batched=True)
+        length = np.linalg.norm(normal, axis=-1)
+        if not np.all(length > 0):
+            raise BadValue("plane normal", "zero", "a vector of any length above 0")
+        object.__setattr__(self, "normal", frozen(normal / length[..., None], "plane normal", (3,), batched=True))
+        object.__setattr__(self, "offset", frozen(offset / length, "plane offset", (), batched=True))
+
+    @classmethod
+    def through(cls, point: Floats, normal: Floats) -> Plane:
+        """Return the plane through a point (..., 3) mm, perpendicular to a normal (..., 3) of any length."""
+        normal = frozen(normal, "plane normal", (3,), batched=True)
+        return cls(normal, np.sum(normal * np.asarray(point, dtype=np.float64), axis=-1))
+
+    @classmethod
+    def from_points(cls, points: Floats) -> Plane:
+        """Return the plane nearest to points (N, 3) mm by least squares of their distances.
+
+        The normal's largest coordinate is positive. Raises `DegenerateGeometry` for fewer than three points or points
+        on a line.
+        """
+        p = frozen(points, "points of a plane", (None, 3))
+        centre = p.mean(axis=0) if len(p) else np.zeros(3)
+        _, s, Vt = np.linalg.svd(p - centre, full_matrices=True)
+        if len(p) < 3 or s[1] <= _COLLINEAR * s[0]:
+            raise DegenerateGeometry(f"{len(p)} points on a line or at one place give no plane; add a point beside it")
+        normal = Vt[2] * np.sign(Vt[2, np.argmax(np.abs(Vt[2]))])
+        return cls.through(centre, normal)
+
+    def distance(self, p: Floats) -> Array:
+        """Return the distances (...) mm of points (..., 3), positive on the normal's side."""
+        return np.asarray(np.sum(np.asarray(p, dtype=np.float64) * self.normal, axis=-1) - self.offset)
+
+    def foot(self, p: Floats) -> Array:
+        """Return the points (..., 3) of the planes nearest to p (..., 3), mm."""
+        p = np.asarray(p, dtype=np.float64)
+        return np.asarray(p - self.distance(p)[..., None] * self.normal)
+
+    def meet(self, rays: Ray) -> Array:
+        """Return where rays in space meet the planes, (..., 3) mm; NaN where parallel or behind the rays."""
+        towards = np.sum(rays.direction * self.normal, axis=-1)
+        with np.errstate(all="ignore"):
+            t = -self.distance(rays.origin) / np.where(np.abs(towards) > _GRAZING, towards, np.nan)
+        return rays.at(np.where(t >= 0, t, np.nan))
+
+    @property
+    def basis(self) -> Array:
+        """Return two unit vectors (..., 3, 2) that span the plane."""
+        axis = np.eye(3)[np.argmin(np.abs(self.normal), axis=-1)]
+        first = np.cross(self.normal, axis)
+        first = first / np.linalg.norm(first, axis=-1, keepdims=True)
+        return np.stack([first, np.cross(self.normal, first)], axis=-1)
