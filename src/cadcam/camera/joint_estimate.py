@@ -72,7 +72,9 @@ class JointEstimate:
         """Return all shared values by name: internals (px, rad), lens coefficients, bend (mm)."""
         pinhole = ExtendedPinhole.from_camera(self.camera, self.poses[0])
         internals = dict(zip(INTERNALS, pinhole.vector[len(EXTERNALS) :].tolist(), strict=True))
-        return internals | self.camera.lens.parameters | dict(zip(("bend_x", "bend_y"), self.bend.tolist(), strict=True))
+        return (
+            internals | self.camera.lens.parameters | dict(zip(("bend_x", "bend_y"), self.bend.tolist(), strict=True))
+        )
 
     def value(self, name: str) -> float:
         """Return one shared parameter."""

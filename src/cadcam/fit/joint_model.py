@@ -1,7 +1,7 @@
 """Views of fields of points by one camera: shared internals, a pose of its own for every view.
 
-The state holds the poses in the camera frame, p_camera = R p + t, and a step turns and moves a view there: t <- exp(w) t
-+ v, R <- exp(w) R. Points are fixed, or bent with a board, or free within a covariance of their own.
+The state holds the poses in the camera frame, p_camera = R p + t, and a step turns and moves a view there:
+t <- exp(w) t + v, R <- exp(w) R. Points are fixed, or bent with a board, or free within a covariance of their own.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ OWN = ("tx", "ty", "tz", "rx", "ry", "rz")  # of a view's pose, in the camera fr
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointState:
-    """internals (5,) aspect focal skew U0 V0; lens (n,); bend (2,) mm; shift (P, 3) mm of free points; R (k, 3, 3), t."""
+    """internals (5,) aspect focal skew U0 V0; lens (n,); bend (2,), shift (P, 3) of free points mm; R (k, 3, 3), t."""
 
     internals: Array
     lens: Array
@@ -38,7 +38,7 @@ class JointState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Control:
-    """Free points: which (P,) of them each observation (k, N) saw, and L^-1 (P, 3, 3) of their covariances L L^T, 1/mm."""
+    """Free points: index (k, N) of the one that was seen; whitener (P, 3, 3), L^-1 of covariances L L^T, 1/mm."""
 
     index: Indices
     whitener: Array

@@ -13,8 +13,9 @@ from cadcam.geometry import rotation as so3
 
 
 def plane_frames(p: Array, measured: Mask) -> tuple[Array, Array, Array]:
-    """Return origin (k, 3) and axes (k, 3, 3), columns e1 e2 e3, of the plane nearest to each view's points, and
-    how thick (k,) the points are by their length.
+    """Return origin (k, 3), axes (k, 3, 3) in columns, of the planes nearest to the views' points; thickness by length.
+
+    The last (k,) is 0 for points on a plane.
     """
     w = measured / measured.sum(axis=1, keepdims=True)
     origin = np.einsum("kn,kni->ki", w, p)
@@ -84,16 +85,17 @@ def internals_of_homographies(H: Array, size: tuple[int, int], *, skew: bool) ->
 
 
 def focal_of_homographies(H: Array, size: tuple[int, int], aspect: float, centre: Array) -> float | None:
-    """Return the focal length of a camera with a known aspect and principal point (cx, cy), or None."""
-    A = np.array([[1 / aspect, 0, -centre[0] / aspect], [0, 1, -centre[1]], [0, 0, 1.0]])
+    """Return the focal length of a camera with a known aspect and principal point (cx, cy), px, or None."""
+    unit = max(size)
+    A = np.array([[1 / aspect, 0, -centre[0] / aspect], [0, 1, -centre[1]], [0, 0, unit]]) / unit
     G = A @ H
-    G = G / np.linalg.norm(G[:, 2, :2], axis=-1)[:, None, None] if len(G) == 0 else G
+    G = G / np.linalg.norm(G, axis=(-2, -1), keepdims=True)
     h1, h2 = G[..., 0], G[..., 1]
     # (h1 . h2)_xy / f^2 + h1_z h2_z = 0 and (|h1|^2 - |h2|^2)_xy / f^2 + h1_z^2 - h2_z^2 = 0
     a = np.concatenate([np.sum(h1[:, :2] * h2[:, :2], axis=1), np.sum(h1[:, :2] ** 2 - h2[:, :2] ** 2, axis=1)])
     b = np.concatenate([h1[:, 2] * h2[:, 2], h1[:, 2] ** 2 - h2[:, 2] ** 2])
     over_f2 = -(a @ b) / (a @ a) if a @ a > 0 else -1.0
-    return float(1 / np.sqrt(over_f2)) if over_f2 > 0 else None
+    return float(unit / np.sqrt(over_f2)) if over_f2 > 0 else None
 
 
 def _v(H: Array, i: int, j: int) -> Array:

@@ -42,12 +42,14 @@ Model = TypeVar("Model", bound=Linearised)
 class Options:
     """When to stop.
 
-    floor: residual changes below this (in the residuals' unit) are rounding, whatever the sum of squares is.
+    floor: residual changes below this (in the residuals' unit) are rounding, whatever the sum of squares is. enough:
+    a step that promises less than this share of the cost is not taken any more, 0 to go on down to rounding.
     """
 
     max_iterations: int = 200
     floor: float = 1e-11
     damping: float = 1e-4
+    enough: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,8 +91,8 @@ def levenberg_marquardt(
     damping, growth = options.damping, 2.0
     for iteration in range(options.max_iterations):
         promised = now.promise(0.0)
-        if promised <= 1e-13 * now.cost or np.sqrt(promised) <= options.floor:
-            return _polish(linearise, retract, state, now, iteration)
+        if promised <= max(1e-13, options.enough) * now.cost or np.sqrt(promised) <= options.floor:
+            return _polish(linearise, retract, state, now, iteration, options)
         candidate = retract(state, now.step(damping))
         then = linearise(candidate, now)
         gain = (now.cost - then.cost) / now.promise(damping) if np.isfinite(then.cost) else -np.inf
@@ -98,7 +100,7 @@ def levenberg_marquardt(
             state, now, growth = candidate, then, 2.0
             damping *= max(1 / 3, 1 - (2 * gain - 1) ** 3)
         elif damping > 1e12:  # no direction goes down any more: rounding rules
-            return _polish(linearise, retract, state, now, iteration)
+            return _polish(linearise, retract, state, now, iteration, options)
         else:
             damping, growth = max(damping, 1e-9) * growth, 2 * growth
     raise Stalled(options.max_iterations, now.cost, now.promise(0.0))
@@ -110,9 +112,12 @@ def _polish(
     state: State,
     now: Model,
     iteration: int,
+    options: Options,
 ) -> Minimum[State, Model]:
     """Full steps as long as each promises less than half of what the one before did: below what the cost can show."""
     for _ in range(20):
+        if now.promise(0.0) <= options.enough * now.cost:
+            break
         candidate = retract(state, now.step(0.0))
         then = linearise(candidate, None)
         if not (np.isfinite(then.cost) and then.cost <= now.cost * (1 + 1e-12)):
