@@ -21,14 +21,15 @@ from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints, UnknownName
 from cadcam.fit.block_least_squares import BlockSolution, minimise_blocks
 from cadcam.fit.joint_model import BEND, OWN, Control, JointModel, JointState
-from cadcam.fit.layout import COLLINEAR, distinct, extents
+from cadcam.fit.joint_start import plane_frames
+from cadcam.fit.layout import COLLINEAR, distinct
 from cadcam.fit.levenberg_marquardt import Options
 from cadcam.fit.robust import Loss
 from cadcam.fit.square_root import Cofactors, factorise
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
-_FINE = Options(enough=1e-19)  # of the cost: a step of 1e-8 sigma or so
+_FINE = Options(enough=1e-19, damping=1e-7)  # of the cost: a step of 1e-8 sigma or so
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,6 +109,7 @@ def fit_jointly(
     free = _free_names(fixed, lens, tuple(free_lens), bend)
     _refuse_few(views, free)
     model, origin = _model(views, free, lens, bend=bend)
+    _refuse_lines(model, views)
     model = _with_knowledge(model, views, priors or {}, control_sigma)
     state = joint_start.start(model, views, size, fixed)
     solution = minimise_blocks(model, state, loss=loss, options=_FINE)
@@ -141,7 +143,7 @@ def estimate_of(fit: JointFit) -> JointEstimate:
     points = model.points(state) + fit.origin
     return JointEstimate(
         camera=_camera(model, state, fit.size),
-        poses=tuple(Rigid(r, t - r @ fit.origin) for r, t in zip(R, state.t, strict=True)),
+        poses=Rigid(R, state.t - R @ fit.origin),
         views=fit.views,
         points=tuple(p[:c] for p, c in zip(points, counts, strict=True)),
         free=model.free,
@@ -260,15 +262,17 @@ def _refuse_few(views: Sequence[Observations], free: tuple[str, ...]) -> None:
     if not views:
         raise TooFewPoints("a joint calibration (views)", 0, 1)
     for j, view in enumerate(views):
-        have = distinct(view.p_world)
-        if have < 4:
-            raise TooFewPoints(f"the pose of view {_label(view, j)} (different points)", have, 4)
-        e = extents(view.p_world)
-        if e[1] <= COLLINEAR * e[0]:
-            raise DegenerateGeometry(
-                f"the points of view {_label(view, j)} lie on a line: the camera may turn about it; add points beside "
-                "it or leave the view out"
-            )
+        if distinct(view.p_world[:32]) < 4 and distinct(view.p_world) < 4:
+            raise TooFewPoints(f"the pose of view {_label(view, j)} (different points)", distinct(view.p_world), 4)
     rows, need = 2 * sum(len(v) for v in views), len(free) + 6 * len(views)
     if rows < need:
         raise TooFewPoints(f"{len(free)} shared parameters and {len(views)} poses", rows // 2, -(-need // 2))
+
+
+def _refuse_lines(model: JointModel, views: Sequence[Observations]) -> None:
+    extents = plane_frames(model.p, model.measured)[2]
+    for j in np.flatnonzero(extents[:, 1] <= COLLINEAR * extents[:, 0])[:1]:
+        raise DegenerateGeometry(
+            f"the points of view {_label(views[j], j)} lie on a line: the camera may turn about it; add points beside "
+            "it or leave the view out"
+        )

@@ -27,7 +27,7 @@ from cadcam.fit.levenberg_marquardt import Options
 
 _FLAT = 0.05  # thickness by length below which a field is taken as flat for a start
 _FOCALS = (0.4, 0.8, 1.6, 4.0)  # by the longer side of the picture, where the views say nothing
-_SOME = 10  # views that the stages use
+_SOME = 8  # views that the stages use
 _DEEP = 3  # deep views calibrated alone
 _ROUGH = Options(max_iterations=30, enough=1e-2)
 _ASTRAY = 4.0  # times the median view's residual: perhaps the other pose of a flat field
@@ -76,7 +76,7 @@ def _internals(
     usual = {"aspect": 1.0, "skew": 0.0, "U0": (size[1] - 1) / 2, "V0": (size[0] - 1) / 2}
     if "focal" in fixed:
         return [np.array([{**usual, **fixed}[n] for n in INTERNALS])]
-    *_, thick = seeds.plane_frames(model.p, model.measured)
+    thick = _thickness(seeds.plane_frames(model.p, model.measured)[2])
     rows = _of_flat(model, np.flatnonzero(thick < _FLAT), size, {**usual, **fixed})
     deep = np.flatnonzero(thick >= _FLAT)
     if deep.size:
@@ -92,7 +92,7 @@ def _of_flat(model: JointModel, index: Indices, size: tuple[int, int], known: Ma
     few = model.with_views(some)
     H = _homographies(few)[0]
     rows = []
-    for skew in (True, False):
+    for skew in (True, False) if "skew" in model.free else (False,):
         K = seeds.internals_of_homographies(H, size, skew=skew) if len(H) >= (3 if skew else 2) else None
         if K is not None:
             values = dict(zip(INTERNALS, internals_of(K), strict=True))
@@ -138,18 +138,23 @@ def _posed(model: JointModel, internals: Array) -> JointState:
 
 
 def _homographies(model: JointModel) -> tuple[Array, Array, Array, Array]:
-    origin, axes, thick = seeds.plane_frames(model.p, model.measured)
+    origin, axes, extents = seeds.plane_frames(model.p, model.measured)
     flat = ((model.p - origin[:, None]) @ axes)[..., :2]
-    return seeds.homographies(flat, model.q, model.measured), origin, axes, thick
+    return seeds.homographies(flat, model.q, model.measured), origin, axes, _thickness(extents)
+
+
+def _thickness(extents: Array) -> Array:
+    """Return thickness by length (k,): 0 for points on a plane."""
+    return np.asarray(extents[:, 2] / np.maximum(extents[:, 0], 1e-300))
 
 
 def _staged(model: JointModel, candidates: list[JointState]) -> JointState:
     """Return the best state of the model's views, the free parameters let go one group after the other."""
-    stages = _stages(model)
-    first, second, *rest = [stages[0], *stages] if len(stages) == 1 else stages
-    rough = [found for c in candidates for found in [_descend(model.with_free(first), c)] if found is not None]
-    rough = sorted(rough, key=lambda s: _cost(model, s))[:2]
-    finer = [_descend(model.with_free(second), s) or s for s in rough]
+    first, *rest = _stages(model)
+    if len(candidates) == len(_FOCALS):  # mere guesses: the focal length alone first
+        held = [_descend(model.with_free([n for n in first if n == "focal"]), c) for c in candidates]
+        candidates = [s for s in held if s is not None]
+    finer = [s for s in (_descend(model.with_free(first), c) for c in candidates) if s is not None]
     if not finer:
         raise NotConverged(
             "no pose found from which every point of every view is imaged; do points and pixels belong together?"
@@ -161,9 +166,9 @@ def _staged(model: JointModel, candidates: list[JointState]) -> JointState:
 
 
 def _stages(model: JointModel) -> list[tuple[str, ...]]:
-    """Growing tuples of free parameters: focal; the usual internals; skew; k1-like; all coefficients; bend."""
+    """Growing tuples of free parameters: the usual internals; skew; the first coefficient; four; all; bend."""
     lens = [n for n in model.free if n not in INTERNALS and n not in BEND]
-    groups = [["focal"], ["aspect", "U0", "V0"], ["skew"], lens[:1], lens[1:4], lens[4:], list(BEND)]
+    groups = [["focal", "aspect", "U0", "V0"], ["skew"], lens[:1], lens[1:4], lens[4:], list(BEND)]
     stages: list[tuple[str, ...]] = []
     wanted: set[str] = set()
     for group in groups:

@@ -23,8 +23,9 @@ class JointEstimate:
     """A camera that several views share, and where it stood in each.
 
     views: what was measured. points: where each view's points are, mm; other than measured only where a board was bent
-    or control points were free. poses: camera_from_world of each view. free: the shared parameters estimated, of
-    aspect, focal (px), skew (rad), U0, V0 (px), lens coefficients, bend_x, bend_y (mm); bend has the latter's values.
+    or control points were free. poses: camera_from_world of all views, a batch. free: the shared parameters that were
+    estimated, of aspect, focal (px), skew (rad), U0, V0 (px), lens coefficients, bend_x, bend_y (mm); bend (2,): the
+    latter's values.
 
     covariance (n, n): of `free` in the classical way, each pixel an independent measurement. by_view: the same from
     the scatter between views (`cadcam.fit.square_root.Cofactors.jackknifed`), which holds if the errors within a view
@@ -35,7 +36,7 @@ class JointEstimate:
     """
 
     camera: Camera
-    poses: tuple[Rigid, ...]
+    poses: Rigid
     views: tuple[Observations, ...]
     points: tuple[Array, ...]
     free: tuple[str, ...]
@@ -56,8 +57,9 @@ class JointEstimate:
         object.__setattr__(self, "pose_covariance", frozen(self.pose_covariance, "pose covariance", (k, 6, 6)))
         object.__setattr__(self, "cross", frozen(self.cross, "cross covariance", (k, n, 6)))
         object.__setattr__(self, "points", tuple(frozen(p, "points", (None, 3)) for p in self.points))
-        if not k == len(self.poses) == len(self.points) == len(self.weights):
-            raise BadValue("numbers of views, poses, points, weights", (k, len(self.poses)), "one number for all")
+        numbers = (k, len(self.poses.translation), len(self.points), len(self.weights))
+        if len(set(numbers)) > 1:
+            raise BadValue("numbers of views, poses, points, weights", numbers, "one number for all")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -70,11 +72,15 @@ class JointEstimate:
     @property
     def parameters(self) -> dict[str, float]:
         """Return all shared values by name: internals (px, rad), lens coefficients, bend (mm)."""
-        pinhole = ExtendedPinhole.from_camera(self.camera, self.poses[0])
+        pinhole = ExtendedPinhole.from_camera(self.camera, self.pose(0))
         internals = dict(zip(INTERNALS, pinhole.vector[len(EXTERNALS) :].tolist(), strict=True))
         return (
             internals | self.camera.lens.parameters | dict(zip(("bend_x", "bend_y"), self.bend.tolist(), strict=True))
         )
+
+    def pose(self, j: int) -> Rigid:
+        """Return camera_from_world of one view."""
+        return Rigid(self.poses.rotation[j], self.poses.translation[j])
 
     def value(self, name: str) -> float:
         """Return one shared parameter."""
@@ -103,8 +109,8 @@ class JointEstimate:
     @property
     def residuals(self) -> tuple[Array, ...]:
         """Return measured minus projected pixels (N, 2) of each view."""
-        pairs = zip(self.views, self.poses, self.points, strict=True)
-        return tuple(v.q - self.camera.project(T @ p) for v, T, p in pairs)
+        pairs = enumerate(zip(self.views, self.points, strict=True))
+        return tuple(v.q - self.camera.project(self.pose(j) @ p) for j, (v, p) in pairs)
 
     @property
     def view_residuals(self) -> Array:
@@ -162,7 +168,7 @@ class JointEstimate:
         C[:6, place] = self.cross[j][pick].T
         return CameraEstimate(
             camera=camera,
-            camera_from_world=self.poses[j],
+            camera_from_world=self.pose(j),
             observations=replace(self.views[j], p_world=self.points[j], sigma_px=self.noise_px),
             free=(*EXTERNALS, *(n for n in names if n in shared)),
             cofactor=C / self.noise_px**2,

@@ -10,6 +10,8 @@ They have no gimbal lock and do not care how far the world's origin is away.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from cadcam.arrays import Array, component_major
@@ -54,10 +56,13 @@ def project_local(F: Array, R: Array, internals: Array, lens: Lens, p_world: Arr
     return q, J
 
 
-def project_in_camera(internals: Array, lens: Lens, p: Array) -> tuple[Array, Array, Array]:
+def project_in_camera(
+    internals: Array, lens: Lens, p: Array, columns: Sequence[int] | None = None
+) -> tuple[Array, Array, Array]:
     """Return q (..., N, 2), dq/dp (..., N, 2, 3) and dq/d(internals, lens) (..., N, 2, 5 + lens terms).
 
-    p (..., N, 3): points in the camera frame; internals (..., 5). Fast where a coordinate of all points is a run.
+    p (..., N, 3): points in the camera frame; internals (..., 5). columns: those of the last Jacobian that are wanted,
+    in that order; None: all. Fast where a coordinate of all points is a run of memory (`component_major`).
     """
     m, dm_dp, dm_dc = lens.project_with_jacobians(p)
     aspect, focal, skew, U0, V0 = (internals[..., None, i] for i in range(5))
@@ -66,15 +71,21 @@ def project_in_camera(internals: Array, lens: Lens, p: Array) -> tuple[Array, Ar
     along = c * m[..., 0] + s * m[..., 1]
     q = component_major(m.shape[:-1], 2)
     q[..., 0], q[..., 1] = scale * along + V0, focal * m[..., 1] + U0
-    dq_dp = _in_pixels(dm_dp, scale * c, scale * s, focal)
-    by = np.swapaxes(component_major(m.shape[:-1], 5 + dm_dc.shape[-1], 2), -1, -2)
-    by[..., 0, 0], by[..., 0, 1], by[..., 1, 1] = focal * along, aspect * along, m[..., 1]
-    by[..., 0, 2] = scale * (c * m[..., 1] - s * m[..., 0])
-    by[..., 1, 3] = by[..., 0, 4] = 1.0
-    for i in range(dm_dc.shape[-1]):
-        by[..., 0, 5 + i] = scale * c * dm_dc[..., 0, i] + scale * s * dm_dc[..., 1, i]
-        by[..., 1, 5 + i] = focal * dm_dc[..., 1, i]
-    return q, dq_dp, by
+    wanted = range(5 + dm_dc.shape[-1]) if columns is None else columns
+    by = np.swapaxes(component_major(m.shape[:-1], len(wanted), 2), -1, -2)
+    for i, column in enumerate(wanted):
+        if column == 0:
+            by[..., 0, i] = focal * along
+        elif column == 1:
+            by[..., 0, i], by[..., 1, i] = aspect * along, m[..., 1]
+        elif column == 2:
+            by[..., 0, i] = scale * (c * m[..., 1] - s * m[..., 0])
+        elif column in (3, 4):
+            by[..., 4 - column, i] = 1.0
+        else:
+            by[..., 0, i] = scale * c * dm_dc[..., 0, column - 5] + scale * s * dm_dc[..., 1, column - 5]
+            by[..., 1, i] = focal * dm_dc[..., 1, column - 5]
+    return q, _in_pixels(dm_dp, scale * c, scale * s, focal), by
 
 
 def _in_pixels(dm: Array, xx: Array, xy: Array, yy: Array) -> Array:

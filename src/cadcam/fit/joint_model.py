@@ -85,8 +85,7 @@ class JointModel:
             return Blocks(np.full((k, 2 * N), np.nan), np.zeros((k, 2 * N, 0)), np.zeros((k, 2 * N, 0)))
         q, dq_dp, dq_di, in_camera = self._projected(state)
         over = 1 / self.noise[:, None, None]
-        if not self._all:
-            over = over * self.measured[..., None]
+        over = np.broadcast_to(over, (k, N, 1)) if self._all else over * self.measured[..., None]
         pairs = np.arange(2 * N).reshape(2, N).T
         measured = None if self._all else np.concatenate([self.measured, self.measured], axis=1)
         alone_r, alone = self._alone(state)
@@ -154,7 +153,8 @@ class JointModel:
         """Pixels, their Jacobians by the point in the camera frame and by internals and lens, and those points."""
         p = np.swapaxes(self.points(state), -1, -2)
         in_camera = np.moveaxis(state.R @ p + state.t[..., None], -1, -2)
-        return *project_in_camera(state.internals, self.lens_of(state), in_camera), in_camera
+        q, dq_dp, dq_di = project_in_camera(state.internals, self.lens_of(state), in_camera, self._columns.tolist())
+        return q, dq_dp, dq_di, in_camera
 
     def _by_own(self, dq_dp: Array, p: Array, over: Array) -> Array:
         out = np.swapaxes(component_major(self.measured.shape, 6, 2), -1, -2)
@@ -165,9 +165,11 @@ class JointModel:
         return out
 
     def _by_shared(self, state: JointState, dq_dp: Array, dq_di: Array, over: Array) -> Array:
+        dq_di *= over[..., None]
+        if len(self.shared) == len(self._columns):
+            return dq_di
         out = np.swapaxes(component_major(self.measured.shape, len(self.shared), 2), -1, -2)
-        for i, column in enumerate(self._columns):
-            out[..., i] = dq_di[..., column] * over
+        out[..., : len(self._columns)] = dq_di
         for name in (n for n in self.free if n in BEND):
             assert self.bump is not None
             along_z = np.einsum("knij,kj->kni", dq_dp, state.R[:, :, 2])

@@ -13,9 +13,9 @@ from cadcam.geometry import rotation as so3
 
 
 def plane_frames(p: Array, measured: Mask) -> tuple[Array, Array, Array]:
-    """Return origin (k, 3), axes (k, 3, 3) in columns, of the planes nearest to the views' points; thickness by length.
+    """Return origin (k, 3) and axes (k, 3, 3) in columns of the planes nearest to the views' points, and rms extents.
 
-    The last (k,) is 0 for points on a plane.
+    The extents (k, 3), in the points' unit, are along the axes: length, width, thickness.
     """
     w = measured / measured.sum(axis=1, keepdims=True)
     origin = np.einsum("kn,kni->ki", w, p)
@@ -23,8 +23,7 @@ def plane_frames(p: Array, measured: Mask) -> tuple[Array, Array, Array]:
     values, axes = np.linalg.eigh(np.einsum("kn,kni,knj->kij", w, centred, centred))
     axes = axes[..., ::-1]
     axes = axes * np.where(np.linalg.det(axes) < 0, np.array([1.0, 1.0, -1.0])[:, None], 1.0).T[:, None, :]
-    thick = np.sqrt(np.maximum(values[:, 0], 0) / np.maximum(values[:, 2], 1e-300))
-    return origin, axes, thick
+    return origin, axes, np.sqrt(np.maximum(values[:, ::-1], 0))
 
 
 def homographies(p: Array, q: Array, measured: Mask) -> Array:
