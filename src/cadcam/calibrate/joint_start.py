@@ -50,6 +50,16 @@ def start(
     return whole
 
 
+def guessed(model: JointModel, camera: Camera, fixed: Mapping[str, float]) -> JointState:
+    """Return the state of a guessed camera, fixed values put in place, its lens taken over if it is of the model's."""
+    values = dict(zip(INTERNALS, internals_of(camera.K), strict=True)) | dict(fixed)
+    state = _posed(model, np.array([values[n] for n in INTERNALS]))
+    if type(camera.lens) is not type(model.lens):
+        return state
+    free = {n: v for n, v in camera.lens.parameters.items() if n in model.free}
+    return replace(state, lens=np.array(list({**model.lens.parameters, **free}.values())))
+
+
 def set_right(model: JointModel, state: JointState, views: Sequence[Observations], camera: Camera) -> JointState | None:
     """Return the state with the poses of views that fit badly sought globally, or None where none gets better."""
     distance = np.sqrt(np.nanmean(np.sum(model.residuals(state) ** 2, axis=-1), axis=1))
