@@ -28,7 +28,8 @@ from cadcam.fit.square_root import Cofactors, factorise
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
-_FINE = Options(enough=1e-19, damping=1e-7)  # of the cost: a step of 1e-8 sigma or so
+_FINE = Options(damping=1e-7, settled=1e-12, enough=1e-19)  # of the cost: the last step is 1e-8 sigma or so
+_USELESS = 1 / 3  # sigma of the focal length by itself
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,7 +133,9 @@ def fit_of(
 ) -> JointFit:
     """Return a minimum with its cofactors; `DegenerateGeometry` names what the views do not determine."""
     known = factorise(solution.weighted, model.shared, OWN, [_label(v, j) for j, v in enumerate(views)])
-    return JointFit(model, solution, known, views, size, origin)
+    fit = JointFit(model, solution, known, views, size, origin)
+    _refuse_useless(fit)
+    return fit
 
 
 def estimate_of(fit: JointFit) -> JointEstimate:
@@ -296,4 +299,17 @@ def _refuse_lines(model: JointModel, views: Sequence[Observations]) -> None:
         raise DegenerateGeometry(
             f"the points of view {_label(views[j], j)} lie on a line: the camera may turn about it; add points beside "
             "it or leave the view out"
+        )
+
+
+def _refuse_useless(fit: JointFit) -> None:
+    """Raise `DegenerateGeometry` where the focal length drowns in the noise: boards all parallel to the picture."""
+    if "focal" not in fit.model.free or not np.isfinite(fit.variance):
+        return
+    i = fit.model.free.index("focal")
+    focal, sigma = fit.solution.state.internals[1], float(np.sqrt(fit.variance * fit.known.shared[i, i]))
+    if sigma > _USELESS * focal:
+        raise DegenerateGeometry(
+            f"the views do not determine the focal length: {focal:.4g} +- {sigma:.2g} px; flat fields must be seen "
+            "tilted, in different directions: add such views, add points at other heights, or fix focal"
         )

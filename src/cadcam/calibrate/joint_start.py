@@ -29,7 +29,7 @@ _FLAT = 0.05  # thickness by length below which a field is taken as flat for a s
 _FOCALS = (0.4, 0.8, 1.6, 4.0)  # by the longer side of the picture, where the views say nothing
 _SOME = 8  # views that the stages use
 _DEEP = 3  # deep views calibrated alone
-_ROUGH = Options(max_iterations=30, enough=1e-2)
+_ROUGH = Options(max_iterations=30, settled=1e-2, enough=1.0)
 _ASTRAY = 4.0  # times the median view's residual: perhaps the other pose of a flat field
 
 
