@@ -187,7 +187,7 @@ class JointModel:
 
     def _alone(self, state: JointState) -> tuple[Array, Array]:
         """Rows of priors and of the free points' own covariances."""
-        n, values = len(self.shared), self._values(state)
+        n, values = len(self.shared), self.values(state)
         A = np.zeros((len(self.priors), n))
         r = np.zeros(len(self.priors))
         for row, (name, value, sigma) in enumerate(self.priors):
@@ -198,7 +198,8 @@ class JointModel:
         points = np.concatenate([np.zeros((W.size, len(self.free))), np.diag(W)], axis=1)
         return np.concatenate([r, W * state.shift.ravel()]), np.concatenate([A, points])
 
-    def _values(self, state: JointState) -> dict[str, float]:
+    def values(self, state: JointState) -> dict[str, float]:
+        """Return all shared values by name: internals, lens coefficients, bend."""
         names = (*INTERNALS, *self.lens.parameters, *BEND)
         values = np.concatenate([state.internals, state.lens, state.bend])
         return dict(zip(names, values.tolist(), strict=True))
