@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, Mask
+from cadcam.arrays import Array, Floats, Mask, component_major
 from cadcam.errors import BadValue
 
 
@@ -77,11 +77,13 @@ class PlanarLens(Lens):
 
     def project_with_jacobians(self, p: Floats) -> tuple[Array, Array, Array]:
         """Return m, dm/dp, dm/dcoefficients; NaN as `project`."""
-        u, du_dp = perspective_with_jacobian(p)
+        u, over_z = perspective_and_scale(p)
         with np.errstate(all="ignore"):
-            m, dm_dp, dm_dc = self._distort(u), self._plane_jacobian(u) @ du_dp, self._coefficient_jacobian(u)
+            m, dm_dc = self._distort(u), self._coefficient_jacobian(u)
+            dm_dp = by_point(self._plane_jacobian(u), u, over_z)
         bad = ~self._inside(u)
-        m[bad], dm_dp[bad], dm_dc[bad] = np.nan, np.nan, np.nan
+        if bad.any():
+            m[bad], dm_dp[bad], dm_dc[bad] = np.nan, np.nan, np.nan
         return m, dm_dp, dm_dc
 
     def unproject(self, m: Floats) -> Array:
@@ -99,15 +101,21 @@ def perspective(p: Floats) -> Array:
     return np.asarray(p[..., :2] / np.where(z > 0, z, np.nan))
 
 
-def perspective_with_jacobian(p: Floats) -> tuple[Array, Array]:
-    """Return u = (x, y)/z and du/dp (..., 2, 3); NaN for z <= 0."""
+def perspective_and_scale(p: Floats) -> tuple[Array, Array]:
+    """Return u = (x, y)/z (..., 2) and 1/z (...,), NaN for z <= 0."""
     p = np.asarray(p, dtype=np.float64)
-    u = perspective(p)
     z = np.where(p[..., 2] > 0, p[..., 2], np.nan)
-    J = np.zeros((*u.shape, 3))
-    J[..., 0, 0] = J[..., 1, 1] = 1 / z
-    J[..., 2] = -u / z[..., None]
-    return u, J
+    return np.asarray(p[..., :2] / z[..., None]), 1 / z
+
+
+def by_point(dm_du: Array, u: Array, over_z: Array) -> Array:
+    """Return dm/dp (..., 2, 3) of dm/du (..., 2, 2): du/dp = [[1, 0, -ux], [0, 1, -uy]]/z."""
+    out = component_major(u.shape[:-1], 2, 3)
+    for row in (0, 1):
+        out[..., row, 0] = dm_du[..., row, 0] * over_z
+        out[..., row, 1] = dm_du[..., row, 1] * over_z
+        out[..., row, 2] = -(out[..., row, 0] * u[..., 0] + out[..., row, 1] * u[..., 1])
+    return out
 
 
 def direction(u: Array) -> Array:

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats
+from cadcam.arrays import Array, Floats, Mask, component_major
 from cadcam.camera import radial
 from cadcam.camera.lens.base import PlanarLens
 from cadcam.errors import BadValue
@@ -59,6 +59,29 @@ class BrownConrady(PlanarLens):
         return radial.fold_limit(self._plane_jacobian, self._radial_limit) if self._decentred else self._radial_limit
 
     @property
+    def _prisms(self) -> bool:
+        return any((self.s1, self.s2, self.s3, self.s4))
+
+    def _inside(self, u: Array) -> Mask:
+        r2 = u[..., 0] ** 2 + u[..., 1] ** 2
+        if self._upright_to(float(np.sqrt(np.fmax.reduce(r2, axis=None, initial=0.0)))):
+            return ~np.isnan(r2)
+        return np.asarray(r2 < self.valid_radius**2)
+
+    def _upright_to(self, radius: float) -> bool:
+        """Return whether the mapping surely does not fold up to a radius: a quick bound, often enough.
+
+        dm/du is symmetric, with eigenvalues g and g + 2 r^2 g', plus what decentring and prisms add: in norm at most
+        6 r |(p1, p2)| + 2 r |(s1 + 2 s2 r^2, s3 + 2 s4 r^2)|. While the former outweigh the latter it keeps its sense.
+        """
+        if self.k4 or self.k5 or self.k6 or not radius < np.inf:
+            return False
+        r2 = radius * radius
+        least = 1 + r2 * (3 * min(self.k1, 0) + r2 * (5 * min(self.k2, 0) + r2 * 7 * min(self.k3, 0)))
+        prism = np.hypot(abs(self.s1) + 2 * abs(self.s2) * r2, abs(self.s3) + 2 * abs(self.s4) * r2)
+        return bool(least > radius * (6 * np.hypot(self.p1, self.p2) + 2 * prism))
+
+    @property
     def _decentred(self) -> bool:
         return any((self.p1, self.p2, self.s1, self.s2, self.s3, self.s4))
 
@@ -77,32 +100,37 @@ class BrownConrady(PlanarLens):
         g = n / d
         mx = x * g + 2 * self.p1 * x * y + self.p2 * (r2 + 2 * x * x) + r2 * (self.s1 + self.s2 * r2)
         my = y * g + self.p1 * (r2 + 2 * y * y) + 2 * self.p2 * x * y + r2 * (self.s3 + self.s4 * r2)
-        return np.stack([mx, my], axis=-1)
+        m = component_major(u.shape[:-1], 2)
+        m[..., 0], m[..., 1] = mx, my
+        return m
 
     def _plane_jacobian(self, u: Array) -> Array:
         x, y = u[..., 0], u[..., 1]
         r2 = x * x + y * y
         n, d, dg = self._gain(r2)
         g = n / d
-        J = np.zeros((*u.shape, 2))
+        J = component_major(u.shape[:-1], 2, 2)
         J[..., 0, 0] = g + 2 * x * x * dg + 2 * self.p1 * y + 6 * self.p2 * x
         J[..., 0, 1] = 2 * x * y * dg + 2 * self.p1 * x + 2 * self.p2 * y
         J[..., 1, 0] = J[..., 0, 1]
         J[..., 1, 1] = g + 2 * y * y * dg + 6 * self.p1 * y + 2 * self.p2 * x
-        prism_x, prism_y = self.s1 + 2 * self.s2 * r2, self.s3 + 2 * self.s4 * r2
-        J[..., 0, :] += 2 * u * prism_x[..., None]
-        J[..., 1, :] += 2 * u * prism_y[..., None]
+        if self._prisms:
+            prism_x, prism_y = self.s1 + 2 * self.s2 * r2, self.s3 + 2 * self.s4 * r2
+            J[..., 0, :] += 2 * u * prism_x[..., None]
+            J[..., 1, :] += 2 * u * prism_y[..., None]
         return J
 
     def _coefficient_jacobian(self, u: Array) -> Array:
         x, y = u[..., 0], u[..., 1]
         r2 = x * x + y * y
         n, d, _ = self._gain(r2)
-        out = np.zeros((*u.shape, 12))
-        for column, power in ((0, 1), (1, 2), (4, 3)):  # k1 k2 k3
-            out[..., column] = u * (r2**power / d)[..., None]
-        for column, power in ((5, 1), (6, 2), (7, 3)):  # k4 k5 k6
-            out[..., column] = -u * (n * r2**power / (d * d))[..., None]
+        out = component_major(u.shape[:-1], 12, 2)
+        out = np.swapaxes(out, -1, -2)
+        power, falling = r2 / d, -n / d
+        for over, under in ((0, 5), (1, 6), (4, 7)):  # k1 k4, k2 k5, k3 k6
+            out[..., over] = u * power[..., None]
+            out[..., under] = out[..., over] * falling[..., None]
+            power = power * r2
         out[..., 0, 2], out[..., 1, 2] = 2 * x * y, r2 + 2 * y * y
         out[..., 0, 3], out[..., 1, 3] = r2 + 2 * x * x, 2 * x * y
         out[..., 0, 8], out[..., 0, 9] = r2, r2 * r2
@@ -153,6 +181,10 @@ class TiltedBrownConrady(BrownConrady):
     def valid_radius(self) -> float:
         """Return where the mapping first folds, or a ray runs along the sensor."""
         return radial.fold_limit(self._plane_jacobian, self._radial_limit)
+
+    def _upright_to(self, radius: float) -> bool:
+        """Return False: the bound of the untilted lens does not hold here."""
+        return False
 
     @cached_property
     def _untilted(self) -> BrownConrady:

@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats
-from cadcam.camera.lens.base import Lens, direction, perspective, perspective_with_jacobian
+from cadcam.arrays import Array, Floats, component_major
+from cadcam.camera.lens.base import Lens, by_point, direction, perspective, perspective_and_scale
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,10 @@ class Ideal(Lens):
 
     def project_with_jacobians(self, p: Floats) -> tuple[Array, Array, Array]:
         """Return m, dm/dp and an empty coefficient Jacobian."""
-        u, du_dp = perspective_with_jacobian(p)
-        return u, du_dp, np.zeros((*u.shape, 0))
+        u, over_z = perspective_and_scale(p)
+        identity = component_major(u.shape[:-1], 2, 2)
+        identity[..., 0, 0] = identity[..., 1, 1] = 1.0
+        return u, by_point(identity, u, over_z), np.zeros((*u.shape, 0))
 
     def unproject(self, m: Floats) -> Array:
         """Return the unit direction of (mx, my, 1)."""
