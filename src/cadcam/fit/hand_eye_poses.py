@@ -108,6 +108,19 @@ def adjust(
     return PosesFit(X, Z, e, D, W, s, np.zeros((2, 2)) if found is None else found[1])
 
 
+def evaluated(poses: HandEyePoses, flange_from_held: Rigid, base_from_fixed: Rigid, like: PosesFit) -> PosesFit:
+    """Return offsets, Jacobian and weights at other motions, with the robot's noise of another fit."""
+    e, D, M = poses.linearised(flange_from_held, base_from_fixed)
+    W = np.linalg.inv(M + np.einsum("k,kij->ij", like.variances, PATTERNS))
+    return PosesFit(flange_from_held, base_from_fixed, e, D, W, like.variances, like.variances_covariance)
+
+
+def smoothed(fit: PosesFit) -> Array:
+    """Return the part (n, 6) of the offsets that is the robot's, the rest being the camera's, by their covariances."""
+    robot = np.einsum("k,kij->ij", fit.variances, PATTERNS)
+    return np.einsum("ij,njk,nk->ni", robot, fit.weights, fit.offsets)
+
+
 def adjust_robustly(poses: HandEyePoses, flange_from_held: Rigid, base_from_fixed: Rigid, noise: Array) -> PosesFit:
     """Return an adjustment that gross errors in less than half of the poses do not move: Cauchy's loss.
 
