@@ -15,15 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadcam.arrays import Array, Mask
-from cadcam.calibrate.handeye_checks import (
-    WORDS,
-    consistent_choice,
-    refuse_degenerate,
-    refuse_gross_errors,
-    refuse_strangers,
-    refuse_wrong_direction,
-    screw_noise,
-)
+from cadcam.calibrate.handeye_checks import WORDS, consistent_choice, refuse_inconsistent
 from cadcam.calibrate.handeye_estimate import MOUNTINGS, HandEyeEstimate, Mounting, RobotNoise
 from cadcam.calibrate.handeye_held_out import held_out, scale_of_target
 from cadcam.camera.camera import Camera
@@ -83,7 +75,7 @@ def calibrate_hand_eye(
     which = consistent_choice(base_from_flange, _directed(both, held), both.sum_of_squares, dof)
     seen = replace(seen, camera_from_target=both.chosen(which), second=which > 0)
     poses = _poses(base_from_flange, seen, held)
-    start = _checked_start(poses, mounting, labels)
+    start = refuse_inconsistent(poses, mounting, labels)
     fit = adjust(poses, start, hand_eye.fixed_in_base(base_from_flange, start, poses.held_from_fixed))
     return _from_pixels(_adjusted(poses, fit, seen, _prior(camera), held), mounting, labels)
 
@@ -105,7 +97,7 @@ def calibrate_hand_eye_from_poses(
     n, held = len(labels), mounting == "eye-in-hand"
     S = np.broadcast_to(np.zeros((6, 6)) if covariance is None else covariance, (n, 6, 6))
     poses = _as_held(base_from_flange, camera_from_target, S, held)
-    start = _checked_start(poses, mounting, labels)
+    start = refuse_inconsistent(poses, mounting, labels)
     fit = adjust(poses, start, hand_eye.fixed_in_base(base_from_flange, start, poses.held_from_fixed))
     scale, scale_sigma = scale_of_target(poses, fit)
     return HandEyeEstimate(
@@ -188,17 +180,6 @@ def _as_held(base_from_flange: Rigid, camera_from_target: Rigid, covariance: Arr
         return HandEyePoses(base_from_flange, camera_from_target, covariance)
     Ad = camera_from_target.adjoint()
     return HandEyePoses(base_from_flange, camera_from_target.inv, Ad @ covariance @ np.swapaxes(Ad, 1, 2))
-
-
-def _checked_start(poses: HandEyePoses, mounting: Mounting, names: Sequence[str]) -> Rigid:
-    """Return flange_from_held in closed form, once nothing speaks against the poses."""
-    refuse_strangers(poses, names)
-    noise = screw_noise(poses)
-    refuse_degenerate(poses, mounting, noise)
-    refuse_wrong_direction(poses, mounting)
-    start = hand_eye.park_martin(*hand_eye.motions(poses.base_from_flange, poses.held_from_fixed))
-    refuse_gross_errors(poses, names, WORDS[mounting], start, noise)
-    return start
 
 
 def _prior(camera: Camera | CameraEstimate) -> InternalsPrior:

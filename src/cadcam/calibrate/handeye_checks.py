@@ -24,9 +24,11 @@ from cadcam.geometry.rigid import Rigid
 _STRANGERS = np.radians(3.0)  # median difference of rotation angles above which two lists do not belong together
 _ANSWERS = 0.005  # weakest response of motions that determine everything: 0.3 deg between the axes
 _ANSWERS_NOISE = 5.0  # and in terms of the noise of a pair
+_ANSWERS_MOST = 0.1  # motions this strong are no cause for refusal, however large the noise
 _BETTER = 4.0  # times that another reading of the poses must fit better to be named
 _UNITS = {1000.0: "m against mm", 100.0: "m against cm", 10.0: "cm against mm", 25.4: "inches against mm"}
 _UNIT_TOLERANCE = 0.15
+_SIGMA_OF_MEDIAN = 1.4826 / np.sqrt(2)  # of one pose, from the median difference of a pair
 _GROSS = 12.0  # robust sigmas beyond which a pose is a mistake and no noise
 
 
@@ -47,16 +49,25 @@ WORDS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Noise:
-    """What the screws say about the noise of one pose: of its rotation (rad), of its position (mm), by medians."""
+    """How precisely one pose is known, robot and camera together: rotation (rad), position (mm), by medians."""
 
     rotation: float
-    translation: float
+    translation: float = 0.0
 
 
-def screw_noise(poses: HandEyePoses) -> Noise:
-    """Return the noise of a pose by how much angles and slides of the motions differ: median, so outliers matter little."""
-    angle, slide = _screw_differences(poses)
-    return Noise(1.4826 * float(np.median(angle)) / np.sqrt(2), 1.4826 * float(np.median(slide)) / np.sqrt(2))
+def refuse_inconsistent(poses: HandEyePoses, mounting: str, names: Sequence[str]) -> Rigid:
+    """Return flange_from_held in closed form; raise if robot and camera contradict each other or cannot tell.
+
+    `InconsistentPoses`: order, direction, unit, single poses. `DegenerateGeometry`: what the motions leave open.
+    """
+    refuse_strangers(poses, names)
+    turning = Noise(_SIGMA_OF_MEDIAN * float(np.median(_angle_differences(poses))))
+    refuse_degenerate(poses, mounting, turning)
+    noise = Noise(turning.rotation, refuse_wrong_direction(poses, mounting))
+    refuse_degenerate(poses, mounting, noise)
+    start = hand_eye.park_martin(*motions(poses.base_from_flange, poses.held_from_fixed))
+    refuse_gross_errors(poses, names, WORDS[mounting], start, noise)
+    return start
 
 
 def refuse_strangers(poses: HandEyePoses, names: Sequence[str]) -> None:
@@ -98,7 +109,8 @@ def refuse_degenerate(poses: HandEyePoses, mounting: str, noise: Noise) -> None:
     A, _ = motions(poses.base_from_flange, poses.held_from_fixed)
     length = max(float(np.median(np.linalg.norm(poses.held_from_fixed.translation, axis=1))), 1e-6)
     answer = response(A, length)
-    floor = max(_ANSWERS, _ANSWERS_NOISE * 2 * float(np.hypot(noise.rotation, noise.translation / length)))
+    heard = _ANSWERS_NOISE * 2 * float(np.hypot(noise.rotation, noise.translation / length))
+    floor = float(np.clip(heard, _ANSWERS, _ANSWERS_MOST))
     blind = answer.strength < floor
     if not blind.any():
         return
@@ -115,15 +127,24 @@ def refuse_degenerate(poses: HandEyePoses, mounting: str, noise: Noise) -> None:
     )
 
 
-def refuse_wrong_direction(poses: HandEyePoses, mounting: str) -> None:
-    """Raise `InconsistentPoses` if inverted robot poses, or another unit, explain what was seen and these do not."""
+def refuse_wrong_direction(poses: HandEyePoses, mounting: str) -> float:
+    """Raise `InconsistentPoses` if inverted robot poses, or another unit, explain what was seen and these do not.
+
+    Else return the noise of one position, mm.
+    """
     given, inverted = _reading(poses), _reading(_inverted(poses))
     words = WORDS[mounting]
+    contradict = f"the robot's poses contradict an {mounting} camera: the best placement leaves {given.text}"
+    turned = given.rotation > max(np.radians(1.0), _BETTER * inverted.rotation)
+    if turned and given.translation < _BETTER * inverted.translation:
+        raise InconsistentPoses(
+            f"{contradict}; inverted, their rotations would fit ({np.degrees(inverted.rotation):.2g} deg) but not their "
+            "positions. Is w the first or the last number of the quaternions, or are the matrices transposed?"
+        )
     if given.misfit > _BETTER * inverted.misfit:
         raise InconsistentPoses(
-            f"the robot's poses contradict an {mounting} camera: the best placement leaves {given.text}; inverted they "
-            f"leave {inverted.text}. Either they are flange_from_base and not base_from_flange (invert them), or the "
-            f"mounting is {words.other_mounting}{_unit_too(inverted.scale)}"
+            f"{contradict}; inverted they leave {inverted.text}. Either they are flange_from_base and not "
+            f"base_from_flange (invert them), or the mounting is {words.other_mounting}{_unit_too(inverted.scale)}"
         )
     unit = _unit(given.scale)
     if unit:
@@ -132,6 +153,7 @@ def refuse_wrong_direction(poses: HandEyePoses, mounting: str) -> None:
             f"the target's coordinates ({unit}). Give both in mm: state the unit of the robot's poses, or that of the "
             f"target's points (with one unit they fit to {given.text})"
         )
+    return _SIGMA_OF_MEDIAN * given.translation
 
 
 def refuse_gross_errors(poses: HandEyePoses, names: Sequence[str], words: Words, start: Rigid, noise: Noise) -> None:
@@ -200,19 +222,9 @@ def _angle(R: Array, S: Array) -> Array:
     return np.asarray(np.arccos(np.clip((trace - 1) / 2, -1, 1)))
 
 
-def _screw_differences(poses: HandEyePoses) -> tuple[Array, Array]:
-    """Differences of the motions' angles (rad) and of their slides times 2 sin(angle/2) (mm).
-
-    The slide alone is worthless for small angles; with this factor it is four times the scalar part of the dual
-    quaternion's dual part, as precise as the position itself.
-    """
-    A, B = motions(poses.base_from_flange, poses.held_from_fixed)
-    (a, d), (b, f) = angles_and_slides(A), angles_and_slides(B)
-    return np.abs(a - b), np.abs(2 * np.sin(a / 2) * d - 2 * np.sin(b / 2) * f)
-
-
 def _angle_differences(poses: HandEyePoses) -> Array:
-    return _screw_differences(poses)[0]
+    A, B = motions(poses.base_from_flange, poses.held_from_fixed)
+    return np.abs(angles_and_slides(A)[0] - angles_and_slides(B)[0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -270,9 +282,11 @@ def _turned_on_the_spot(poses: HandEyePoses, fit: PosesFit, words: Words, i: int
     seen = taken(poses.held_from_fixed, np.array([i]))
     if words.held == "target":
         should, seen = should.inv, seen.inv
-    turn = float(_angle(should.rotation, seen.rotation)[0])
-    shift = float(np.linalg.norm(should.translation - seen.translation))
-    return turn > np.radians(1) and shift < 0.3 * turn * float(np.linalg.norm(seen.translation))
+    between = should.inv @ seen
+    (turn,), (slide,) = angles_and_slides(between)
+    point, _ = line_of(between.log()[0])
+    distance = float(np.linalg.norm(seen.translation))
+    return bool(np.radians(1) < turn < np.radians(100) and abs(slide) < 0.01 * distance > 0.03 * np.linalg.norm(point))
 
 
 def _free(slides: Array, turns: Array, held: str) -> str:

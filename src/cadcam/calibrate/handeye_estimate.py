@@ -25,7 +25,7 @@ class HeldOut:
 
     px: rms distance between predicted and measured pixels (nan where no pixels were given); mm: rms distance of the
     target's points (or of its origin) between where they should be and where this picture alone puts them; rotation:
-    of the target, rad. chance: that a pose without a mistake is this far off, by chi-square of 6 degrees of freedom.
+    of the target, rad. chance: that a pose without a mistake is this far off, by the noise of the others (F distribution).
     """
 
     px: Array

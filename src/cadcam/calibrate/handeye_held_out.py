@@ -7,7 +7,7 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.calibrate.handeye_estimate import HeldOut
 from cadcam.camera.camera import Camera
-from cadcam.fit.hand_eye_poses import HandEyePoses, PosesFit
+from cadcam.fit.hand_eye_poses import PATTERNS, HandEyePoses, PosesFit
 from cadcam.fit.many_poses import Views
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
@@ -66,7 +66,8 @@ def _without_each(fit: PosesFit) -> tuple[Array, Array]:
     C = np.linalg.inv(rest) * np.outer(scale, scale)
     shift = np.einsum("npq,nqi,ni->np", C, DW, e)
     left = e + np.einsum("nip,np->ni", D, shift)
-    V = np.linalg.inv(W) + D @ C @ np.swapaxes(D, 1, 2)
+    less = (_variances_without_each(fit) - fit.variances) @ PATTERNS.reshape(2, 36)
+    V = np.linalg.inv(W) + less.reshape(-1, 6, 6) + D @ C @ np.swapaxes(D, 1, 2)
     distance2 = np.einsum("ni,nij,nj->n", left, np.linalg.inv(V), left)
     shift[~known], distance2[~known] = np.nan, np.nan
     return np.nan_to_num(shift), np.where(known, distance2, 0.0)
@@ -85,7 +86,24 @@ def _distances(should: Rigid, seen: Rigid, views: Views | None, camera: Camera |
     return np.sqrt(off.sum(axis=1) / count), np.sqrt(square.sum(axis=1) / count)
 
 
-def _chance(distance2: Array) -> Array:
-    from scipy.special import chdtrc
+def _variances_without_each(fit: PosesFit) -> Array:
+    """Return the robot's variances (n, 2) as the other poses have them, one step of Fisher scoring away.
 
-    return np.asarray(chdtrc(6, distance2))
+    Else a single mistake would raise the noise that it is judged by.
+    """
+    D, W, E = fit.jacobian, fit.weights, PATTERNS
+    z = np.einsum("nij,nj->ni", W, fit.offsets)
+    WD = W @ D
+    known = np.einsum("kij,nij->nk", E, W) - np.einsum("kij,nip,pq,njq->nk", E, WD, np.linalg.inv(fit.information), WD)
+    gradient = 0.5 * (np.einsum("ni,kij,nj->nk", z, E, z) - known)
+    each = 0.5 * np.einsum("kij,njl,mlo,noi->nkm", E, W, E, W)
+    moved = np.linalg.solve(each.sum(axis=0) - each, -gradient[..., None])[..., 0]
+    return np.clip(fit.variances + moved, 0.05 * fit.variances, 2 * fit.variances)
+
+
+def _chance(distance2: Array) -> Array:
+    """Return the tail of the F distribution: 6 by the degrees of freedom that the noise was estimated from."""
+    from scipy.special import fdtrc
+
+    freedom = 6 * (len(distance2) - 1) - 12
+    return np.asarray(fdtrc(6, freedom, distance2 / 6)) if freedom > 0 else np.ones(len(distance2))
