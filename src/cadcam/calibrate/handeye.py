@@ -70,7 +70,9 @@ def calibrate_hand_eye(
     direction, unit, single poses: named), `DegenerateGeometry` where the motions leave a direction open (named).
     """
     labels = _checked(base_from_flange, len(observations), mounting, names)
-    seen, both, dof = _seen(tuple(observations), camera.camera if isinstance(camera, CameraEstimate) else camera, labels)
+    seen, both, dof = _seen(
+        tuple(observations), camera.camera if isinstance(camera, CameraEstimate) else camera, labels
+    )
     held = mounting == "eye-in-hand"
     which = consistent_choice(base_from_flange, _directed(both, held), both.sum_of_squares, dof)
     seen = replace(seen, camera_from_target=both.chosen(which), second=which > 0)
@@ -107,13 +109,19 @@ def calibrate_hand_eye_from_poses(
         camera_from_target=camera_from_target,
         flange_from_held=fit.flange_from_held,
         base_from_fixed=fit.base_from_fixed,
-        covariance=np.linalg.inv(fit.information),
+        covariance=np.asarray(np.linalg.inv(fit.information)),
         robot_noise=_robot_noise(fit),
         offsets=smoothed(fit),
         held_out=held_out(poses, fit, held=held),
         scale=scale,
         scale_sigma=scale_sigma,
     )
+
+
+def target_poses(observations: Sequence[Observations], camera: Camera, *, names: Sequence[str] = ()) -> Rigid:
+    """Return camera_from_target (n) of one target in n pictures, each by itself and without a guess."""
+    labels = tuple(names) or tuple(str(i + 1) for i in range(len(observations)))
+    return _seen(tuple(observations), camera, labels)[0].camera_from_target
 
 
 def _checked(base_from_flange: Rigid, pictures: int, mounting: str, names: Sequence[str]) -> tuple[str, ...]:
@@ -172,7 +180,7 @@ def _poses(base_from_flange: Rigid, seen: _Seen, held: bool) -> HandEyePoses:
     _, J = pose_jacobian(seen.camera, C.rotation, C.translation, seen.views.p)
     J = (np.nan_to_num(J) * seen.views.seen[..., None, None]).reshape(len(seen.views), -1, 6)
     N = np.swapaxes(J, 1, 2) @ J / seen.noise_px**2
-    return _as_held(base_from_flange, C, np.linalg.inv(N), held)
+    return _as_held(base_from_flange, C, np.asarray(np.linalg.inv(N)), held)
 
 
 def _as_held(base_from_flange: Rigid, camera_from_target: Rigid, covariance: Array, held: bool) -> HandEyePoses:
@@ -221,7 +229,9 @@ def _adjusted(poses: HandEyePoses, fit: PosesFit, seen: _Seen, prior: InternalsP
     state = HandEyeState(fit.flange_from_held, fit.base_from_fixed, still, _internals(seen.camera))
     for _ in range(_ROUNDS if prior.columns.size else 1):
         sigmas = np.sqrt(fit.variances)
-        problem = HandEyePixels(seen.views, poses.base_from_flange, held, seen.camera.lens, prior, seen.noise_px, sigmas)
+        problem = HandEyePixels(
+            seen.views, poses.base_from_flange, held, seen.camera.lens, prior, seen.noise_px, sigmas
+        )
         solution = minimise_blocks(problem, state)
         state = solution.state
         if prior.columns.size:
@@ -245,7 +255,7 @@ def _seen_again(seen: _Seen, camera: Camera) -> _Seen:
 
 
 def _with_internals(problem: HandEyePixels, state: HandEyeState, poses: HandEyePoses, fit: PosesFit) -> PosesFit:
-    """Return the fit at a state with the robot's noise estimated anew, the internals uncertain by what is known of them.
+    """Return the fit at a state with the robot's noise estimated anew, the internals known as well as they are.
 
     Else an error of the focal length, which moves all pictures alike, would be taken for noise of the robot.
     """

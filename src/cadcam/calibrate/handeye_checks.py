@@ -1,4 +1,4 @@
-"""Before a hand-eye calibration: do the robot's poses and the camera's belong together, and can they tell?
+"""Before a hand-eye calibration: whether robot and camera poses belong together, and whether they can tell.
 
 Each check states its evidence in numbers and what to do. Order: rotation angles between poses (they agree whatever the
 direction, the unit and the place of the camera are), which directions the motions leave free, direction, unit, single
@@ -17,6 +17,7 @@ from cadcam.errors import DegenerateGeometry, InconsistentPoses
 from cadcam.fit import hand_eye
 from cadcam.fit.hand_eye import motions, taken
 from cadcam.fit.hand_eye_poses import HandEyePoses, PosesFit, adjust_robustly
+from cadcam.fit.layout import Indices
 from cadcam.fit.screw import angles_and_slides, line_of, response, slides_and_turns
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
@@ -77,7 +78,7 @@ def refuse_strangers(poses: HandEyePoses, names: Sequence[str]) -> None:
     if median <= _STRANGERS:
         return
     n = len(names)
-    orders: dict[str, Callable[[Array], Array]] = {"in reversed order": lambda i: i[::-1]}
+    orders: dict[str, Callable[[Indices], Indices]] = {"in reversed order": lambda i: i[::-1]}
     for k in range(1, min(n - 3, 10)):
         orders[f"moved down by {k} line{'s' * (k > 1)}"] = lambda i, k=k: i - k  # type: ignore[misc]
         orders[f"moved up by {k} line{'s' * (k > 1)}"] = lambda i, k=k: i + k  # type: ignore[misc]
@@ -132,14 +133,14 @@ def refuse_wrong_direction(poses: HandEyePoses, mounting: str) -> float:
 
     Else return the noise of one position, mm.
     """
-    given, inverted = _reading(poses), _reading(_inverted(poses))
+    given, inverted = reading(poses), reading(_inverted(poses))
     words = WORDS[mounting]
     contradict = f"the robot's poses contradict an {mounting} camera: the best placement leaves {given.text}"
     turned = given.rotation > max(np.radians(1.0), _BETTER * inverted.rotation)
     if turned and given.translation < _BETTER * inverted.translation:
         raise InconsistentPoses(
-            f"{contradict}; inverted, their rotations would fit ({np.degrees(inverted.rotation):.2g} deg) but not their "
-            "positions. Is w the first or the last number of the quaternions, or are the matrices transposed?"
+            f"{contradict}; inverted, their rotations would fit ({np.degrees(inverted.rotation):.2g} deg) but not "
+            "their positions. Is w the first or the last number of the quaternions, or are the matrices transposed?"
         )
     if given.misfit > _BETTER * inverted.misfit:
         raise InconsistentPoses(
@@ -153,7 +154,7 @@ def refuse_wrong_direction(poses: HandEyePoses, mounting: str) -> float:
             f"the target's coordinates ({unit}). Give both in mm: state the unit of the robot's poses, or that of the "
             f"target's points (with one unit they fit to {given.text})"
         )
-    return _SIGMA_OF_MEDIAN * given.translation
+    return float(_SIGMA_OF_MEDIAN * given.translation)
 
 
 def refuse_gross_errors(poses: HandEyePoses, names: Sequence[str], words: Words, start: Rigid, noise: Noise) -> None:
@@ -171,10 +172,10 @@ def refuse_gross_errors(poses: HandEyePoses, names: Sequence[str], words: Words,
         for i in bad[:8]
     ]
     shift, turn = (np.sqrt(fit.variances) * [1.0, np.degrees(1)]).tolist()
-    flips = [i for i in bad if _turned_on_the_spot(poses, fit, words, int(i))]
+    flips = [i for i in bad.tolist() if _turned_on_the_spot(poses, fit, words, i)]
     flip = (
-        f"; for {', '.join(repr(names[i]) for i in flips[:8])} the target is where it should be and only turned, as when "
-        "a flat target's second pose was taken for the first"
+        f"; for {', '.join(repr(names[i]) for i in flips[:8])} the target is where it should be and only turned, as "
+        "when a flat target's second pose was taken for the first"
         if flips
         else ""
     )
@@ -186,7 +187,7 @@ def refuse_gross_errors(poses: HandEyePoses, names: Sequence[str], words: Words,
 
 
 def consistent_choice(base_from_flange: Rigid, candidates: Rigid, costs: Array, dof: Array) -> Array:
-    """Return which (n,) of two camera poses (n, 2) fits the robot: 0, or 1 where a flat target's second pose does better.
+    """Return which (n,) of two camera poses (n, 2) fits the robot: 0, or 1 where a flat target's second does better.
 
     candidates: poses (n, 2) of either direction. costs (n, 2): sums of squares of pixels; a second pose that fits its
     picture worse than chi-square with `dof` (n,) allows is not considered.
@@ -228,7 +229,7 @@ def _angle_differences(poses: HandEyePoses) -> Array:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Reading:
+class Reading:
     """How well one reading of the poses fits: medians over motions of the rotation (rad) and translation (mm) left."""
 
     rotation: float
@@ -237,14 +238,16 @@ class _Reading:
 
     @property
     def misfit(self) -> float:
+        """Return one number to compare readings by."""
         return (self.rotation + 1e-5) * (self.translation + 1e-3)
 
     @property
     def text(self) -> str:
+        """Return both medians in words."""
         return f"{np.degrees(self.rotation):.2g} deg and {self.translation:.2g} mm (medians)"
 
 
-def _reading(poses: HandEyePoses) -> _Reading:
+def reading(poses: HandEyePoses) -> Reading:
     """Fit rotation, translation and a scale of the camera's lengths to all motions."""
     A, B = motions(poses.base_from_flange, poses.held_from_fixed)
     a, b = so3.log(A.rotation), so3.log(B.rotation)
@@ -255,7 +258,7 @@ def _reading(poses: HandEyePoses) -> _Reading:
     M[:, 3] /= (column := max(float(np.linalg.norm(M[:, 3])), 1e-300))
     x, *_ = np.linalg.lstsq(M, -A.translation.ravel(), rcond=1e-12)
     miss = np.linalg.norm((M @ x + A.translation.ravel()).reshape(-1, 3), axis=1)
-    return _Reading(float(np.median(left)), float(np.median(miss)), float(x[3] / column))
+    return Reading(float(np.median(left)), float(np.median(miss)), float(x[3] / column))
 
 
 def _inverted(poses: HandEyePoses) -> HandEyePoses:
@@ -294,7 +297,9 @@ def _free(slides: Array, turns: Array, held: str) -> str:
     if len(slides) == 3:
         parts.append(f"the {held}'s whole position (x, y and z)")
     elif len(slides) == 2:
-        parts.append(f"the {held}'s position in the plane of {_vector(slides[0])} and {_vector(slides[1])} of the flange")
+        parts.append(
+            f"the {held}'s position in the plane of {_vector(slides[0])} and {_vector(slides[1])} of the flange"
+        )
     elif len(slides) == 1:
         parts.append(f"the {held}'s position along {_vector(slides[0])} of the flange")
     if len(turns) == 3:
@@ -311,7 +316,8 @@ def _free_in_base(poses: HandEyePoses, slides: Array, mounting: str) -> str:
     """Say where an eye-to-hand camera slides in the base: along with what the flange holds."""
     if mounting != "eye-to-hand" or len(slides) != 1:
         return ""
-    return f" (and with it the camera's position along {_vector(_signed(poses.base_from_flange.rotation[0] @ slides[0]))} of the base)"
+    in_base = _signed(poses.base_from_flange.rotation[0] @ slides[0])
+    return f" (and with it the camera's position along {_vector(in_base)} of the base)"
 
 
 def _axes(A: Rigid) -> str:

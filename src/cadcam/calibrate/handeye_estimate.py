@@ -25,7 +25,7 @@ class HeldOut:
 
     px: rms distance between predicted and measured pixels (nan where no pixels were given); mm: rms distance of the
     target's points (or of its origin) between where they should be and where this picture alone puts them; rotation:
-    of the target, rad. chance: that a pose without a mistake is this far off, by the noise of the others (F distribution).
+    of the target, rad. chance: that a pose without a mistake is this far off by the noise of the others (F test).
     """
 
     px: Array
@@ -40,7 +40,7 @@ class HeldOut:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotNoise:
-    """Standard deviations of one coordinate of the flange's position (mm) and orientation (rad), each with its own sigma.
+    """Standard deviations of one coordinate of the flange's position (mm) and orientation (rad), with their own sigmas.
 
     This is what the robot's poses and the pictures disagree by: repeatability, kinematic errors, a shaking mount. A
     noise that is not there comes out as practically zero, with a sigma that bounds it.

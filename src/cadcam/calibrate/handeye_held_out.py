@@ -1,4 +1,4 @@
-"""What a hand-eye calibration is worth on a pose that it has not seen, and whether the target has the size it is said."""
+"""What a hand-eye calibration is worth on a pose it has not seen, and whether the target is as large as stated."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def scale_of_target(poses: HandEyePoses, fit: PosesFit) -> tuple[float, float]:
 
 
 def _without_each(fit: PosesFit) -> tuple[Array, Array]:
-    """Return how the twelve parameters move (n, 12) when each pose is left out, and its squared distance from the rest."""
+    """Return the moves (n, 12) of the parameters when each pose is left out, and its squared distance from the rest."""
     D, W, e = fit.jacobian, fit.weights, fit.offsets
     H = fit.information
     scale = 1 / np.sqrt(np.diag(H))

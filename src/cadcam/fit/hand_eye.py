@@ -1,7 +1,7 @@
 """Closed forms of the hand-eye equations A X = X B (motions between poses) and R X = Z S (poses), without a guess.
 
-Throughout, `base_from_flange` (n) are a robot's poses, `flange_from_held` = X is where something held by the flange sits
-on it, and `held_from_fixed` (n) is how that thing and one that stands still see each other:
+Throughout, `base_from_flange` (n) are a robot's poses, `flange_from_held` = X is where something held by the flange
+sits on it, and `held_from_fixed` (n) is how that thing and one that stands still see each other:
 
     base_from_flange[i] @ flange_from_held @ held_from_fixed[i] = base_from_fixed = Z      for every i.
 
@@ -18,6 +18,7 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.errors import DegenerateGeometry, TooFewPoints
+from cadcam.fit.layout import Indices
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
@@ -28,7 +29,7 @@ _RANK = 1e-9
 _HALF_TURNS = np.stack([np.eye(3), np.diag([1.0, -1, -1]), np.diag([-1.0, 1, -1]), np.diag([-1.0, -1, 1])])
 
 
-def pairs(n: int) -> tuple[Array, Array]:
+def pairs(n: int) -> tuple[Indices, Indices]:
     """Return the indices (i, j), i < j, of all pairs of n poses, or of a regular part of them if they are very many."""
     i, j = np.triu_indices(n, 1)
     step = -(-len(i) // _PAIRS)
@@ -43,7 +44,7 @@ def motions(base_from_flange: Rigid, held_from_fixed: Rigid) -> tuple[Rigid, Rig
     return A, B
 
 
-def taken(poses: Rigid, index: Array) -> Rigid:
+def taken(poses: Rigid, index: Indices) -> Rigid:
     """Return some poses of a batch."""
     return Rigid(poses.rotation[index], poses.translation[index])
 
@@ -52,9 +53,9 @@ def tsai_lenz(A: Rigid, B: Rigid, *, weights: Array | None = None) -> Rigid:
     """Return X of A X = X B: the rotation from the motions' axes, then the translation (EQ 3.199, then EQ 3.196).
 
     With p = 2 sin(angle/2) axis, p_A = R p_B and the Gibbs vector g of R: (p_A + p_B) x g = p_B - p_A, linear in g
-    (Tsai and Lenz, IEEE T-RA 1989). A Gibbs vector is infinite for half a turn: B is turned beforehand by each half turn
-    about an axis and the smallest g is taken, which removes the singularity. Raises `DegenerateGeometry` where all axes
-    are parallel.
+    (Tsai and Lenz, IEEE T-RA 1989). A Gibbs vector is infinite for half a turn: B is turned beforehand by each half
+    turn about an axis and the smallest g is taken, which removes the singularity. Raises `DegenerateGeometry` where all
+    axes are parallel.
     """
     w = _weights(A, weights)
     p_A, p_B = _modified_rodrigues(A), _modified_rodrigues(B)
@@ -88,7 +89,7 @@ def park_martin(A: Rigid, B: Rigid, *, weights: Array | None = None) -> Rigid:
 
 
 def procrustes(a: Array, b: Array, weights: Array) -> Array:
-    """Return the rotation R with a = R b in least squares for vectors (m, 3); `DegenerateGeometry` if they are parallel."""
+    """Return the rotation R with a = R b in least squares for vectors (m, 3); parallel ones are refused."""
     M = np.einsum("k,ki,kj->ij", weights, a, b)
     U, s, Vt = np.linalg.svd(M)
     if not s[1] > _RANK * s[0]:
@@ -166,7 +167,7 @@ def _weights(A: Rigid, weights: Array | None) -> Array:
 def _modified_rodrigues(T: Rigid) -> Array:
     w = so3.log(T.rotation)
     angle = np.linalg.norm(w, axis=1, keepdims=True)
-    return w * np.sinc(angle / (2 * np.pi))  # 2 sin(angle/2) axis
+    return np.asarray(w * np.sinc(angle / (2 * np.pi)))  # 2 sin(angle/2) axis
 
 
 def _translation(A: Rigid, B: Rigid, R: Array, w: Array) -> Array:
@@ -192,9 +193,9 @@ def _quaternion_product(p: Array, q: Array) -> Array:
 
 
 def _unit_combination(v: Array, w: Array) -> tuple[Array, Array]:
-    """Return (q, q') = l v + m w with |q| = 1 and q.q' = 0; of the two solutions the one of larger |q| before scaling."""
+    """Return (q, q') = l v + m w with |q| = 1 and q.q' = 0; of two solutions that of the larger |q| before scaling."""
     a, b, c = v[:4] @ v[4:], v[:4] @ w[4:] + w[:4] @ v[4:], w[:4] @ w[4:]
-    root = np.sqrt(max(b * b - 4 * a * c, 0.0))
+    root = float(np.sqrt(np.maximum(b * b - 4 * a * c, 0.0)))
     half = -0.5 * (b + (root if b >= 0 else -root))  # roots (l : m) without cancellation
     candidates = [np.array([half, a]), np.array([c, half])]
     best = max(candidates, key=lambda k: _share(k, v, w))

@@ -14,6 +14,7 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.camera.lens import Lens
 from cadcam.camera.sensitivity import project_local
+from cadcam.fit.layout import Indices
 from cadcam.fit.many_poses import Views
 from cadcam.fit.schur import Blocks, Step
 from cadcam.geometry import rotation as so3
@@ -40,7 +41,7 @@ class InternalsPrior:
     covariance. No columns: the internals are fixed.
     """
 
-    columns: Array
+    columns: Indices
     mean: Array
     root: Array
 
@@ -74,9 +75,7 @@ class HandEyePixels:
 
     def camera_from_target(self, state: HandEyeState) -> Rigid:
         """Return where the target stands before the camera in every view."""
-        fixed_from_held = (
-            state.base_from_fixed.inv @ self.base_from_flange @ state.offset @ state.flange_from_held
-        )
+        fixed_from_held = state.base_from_fixed.inv @ self.base_from_flange @ state.offset @ state.flange_from_held
         return fixed_from_held.inv if self.camera_held else fixed_from_held
 
     def residuals(self, state: HandEyeState) -> Array:
@@ -132,7 +131,7 @@ class HandEyePixels:
         pose, inner = J[..., :6], J[..., 6 + self.prior.columns]
         follows = -np.linalg.solve(np.swapaxes(pose, 1, 2) @ pose, np.swapaxes(pose, 1, 2) @ inner)
         left = inner + pose @ follows
-        return follows, self.prior.root.T @ self.prior.root + np.einsum("nmi,nmj->ij", left, left)
+        return np.asarray(follows), self.prior.root.T @ self.prior.root + np.einsum("nmi,nmj->ij", left, left)
 
     def _projected(self, state: HandEyeState, C: Rigid) -> tuple[Array, Array]:
         """Pixels (n, N, 2) and their Jacobian (n, N, 2, 6 + 5 + lens) by the pose's twist and the internals."""

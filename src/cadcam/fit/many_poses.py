@@ -13,7 +13,7 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
-from cadcam.fit.layout import COPLANAR, extents, triples
+from cadcam.fit.layout import COPLANAR, Indices, extents, triples
 from cadcam.fit.p3p import p3p
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
@@ -24,7 +24,7 @@ _APART = 0.01  # rad between two minima that count as two
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Views:
-    """Points p (n, N, 3) mm and pixels q (n, N, 2) of n views, padded to the longest; seen (n, N) is 1 or, padded, 0."""
+    """Points p (n, N, 3) mm and pixels q (n, N, 2) of n views, padded to the longest; seen (n, N): 1, padded 0."""
 
     p: Array
     q: Array
@@ -62,7 +62,7 @@ class TwoPoses:
 
 
 def poses_of_views(camera: Camera, views: Views) -> TwoPoses:
-    """Return camera_from_target of every view: three-point poses on spread triples, the best refined, each one's flip."""
+    """Return camera_from_target of every view: three-point poses on spread triples and their flips, refined."""
     starts = [_starts(camera, p[s > 0], q[s > 0]) for p, q, s in zip(views.p, views.q, views.seen, strict=True)]
     owner = np.repeat(np.arange(len(views)), [len(R) for R, _ in starts])
     R, t = np.concatenate([R for R, _ in starts]), np.concatenate([t for _, t in starts])
@@ -115,7 +115,7 @@ def _flipped(p: Array, R: Array, t: Array) -> tuple[Array, Array]:
     return turned, c - turned @ centre
 
 
-def _descended(camera: Camera, views: Views, owner: Array, R: Array, t: Array) -> tuple[Array, Array, Array]:
+def _descended(camera: Camera, views: Views, owner: Indices, R: Array, t: Array) -> tuple[Array, Array, Array]:
     """Levenberg-Marquardt on each pose by itself, all as one batch."""
     p, target, seen = views.p[owner], views.q[owner], views.seen[owner]
     damping = np.full(len(R), 1e-4)

@@ -72,7 +72,7 @@ def slides_and_turns(twists: Array, length: float) -> tuple[Array, Array]:
 
 
 def line_of(twist: Array) -> tuple[Array, Array]:
-    """Return the point (3,) mm nearest to the origin and the unit direction (3,) of the axis that a twist turns about."""
+    """Return the point (3,) mm nearest to the origin and the unit direction (3,) of the axis a twist turns about."""
     v, w = twist[:3], twist[3:]
     size = float(np.linalg.norm(w))
     return np.cross(w, v) / size**2, w / size

@@ -1,7 +1,7 @@
-"""How much noise each of several sources brings, estimated together with the parameters: restricted maximum likelihood.
+"""How much noise each of several sources brings, estimated with the parameters: restricted maximum likelihood.
 
-n independent observations y_i (d) = D_i b + noise of covariance V_i = M_i + sum_k s_k E_k: M_i is known, E_k the pattern
-of source k and s_k >= 0 its variance, to be found. Maximises the likelihood of what the fit of b leaves over, so that
+n independent observations y_i (d) = D_i b + noise of covariance V_i = M_i + sum_k s_k E_k: M_i is known, E_k the
+pattern of source k and s_k >= 0 its variance, to be found. Maximises the likelihood of what the fit of b leaves over, so that
 the variances are not too small for the parameters fitted (Patterson and Thompson, Biometrika 1971), by Fisher scoring.
 """
 
@@ -45,7 +45,8 @@ def variance_components(
         if change < 1e-6:
             break
     V = M + np.einsum("k,kij->ij", s, patterns)
-    return Components(s, np.linalg.inv(_score(y, D, M, patterns, s, prior)[1]), np.linalg.inv(V))
+    spread = np.linalg.inv(_score(y, D, M, patterns, s, prior)[1])
+    return Components(s, np.asarray(spread), np.asarray(np.linalg.inv(V)))
 
 
 def _moved(
