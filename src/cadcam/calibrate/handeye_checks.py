@@ -140,7 +140,8 @@ def refuse_wrong_direction(poses: HandEyePoses, mounting: str) -> float:
     if turned and given.translation < _BETTER * inverted.translation:
         raise InconsistentPoses(
             f"{contradict}; inverted, their rotations would fit ({np.degrees(inverted.rotation):.2g} deg) but not "
-            "their positions. Is w the first or the last number of the quaternions, or are the matrices transposed?"
+            "their positions. Is the convention right: w first or last in the quaternions, angles in the other "
+            "order (KUKA's A B C against Fanuc's W P R), matrices transposed?"
         )
     if given.misfit > _BETTER * inverted.misfit:
         raise InconsistentPoses(

@@ -13,13 +13,15 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
-from cadcam.fit.layout import COPLANAR, Indices, extents, triples
+from cadcam.fit.layout import COPLANAR, Indices, extents, spread_subset, triples
 from cadcam.fit.p3p import p3p
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
-_TRIPLES, _KEPT, _ITERATIONS = 6, 3, 25
-_APART = 0.01  # rad between two minima that count as two
+_TRIPLES, _KEPT, _ITERATIONS = 6, 3, 30
+_SCREEN = 12  # points until the minima are known
+_SETTLED = 1e-10  # share of the cost
+_APART = 0.01  # Frobenius distance of two minima that count as two: 0.4 deg
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +41,14 @@ class Views:
         q = np.stack([q[i] for (_, q), i in zip(points, index, strict=True)])
         seen = np.stack([np.arange(longest) < len(p) for p, _ in points]).astype(np.float64)
         return cls(p, q, seen)
+
+    def thinned(self, count: int) -> Views:
+        """Return the same views with at most `count` points each, far from each other."""
+        if self.p.shape[1] <= count:
+            return self
+        index = np.stack([_spread(p, s, count) for p, s in zip(self.p, self.seen, strict=True)])
+        rows = np.arange(len(self))[:, None]
+        return Views(self.p[rows, index], self.q[rows, index], self.seen[rows, index])
 
     def __len__(self) -> int:
         return len(self.p)
@@ -66,14 +76,16 @@ def poses_of_views(camera: Camera, views: Views) -> TwoPoses:
     starts = [_starts(camera, p[s > 0], q[s > 0]) for p, q, s in zip(views.p, views.q, views.seen, strict=True)]
     owner = np.repeat(np.arange(len(views)), [len(R) for R, _ in starts])
     R, t = np.concatenate([R for R, _ in starts]), np.concatenate([t for _, t in starts])
-    R, t, cost = _descended(camera, views, owner, R, t)
-    out = TwoPoses(
-        np.tile(np.eye(3), (len(views), 2, 1, 1)), np.zeros((len(views), 2, 3)), np.full((len(views), 2), np.inf)
-    )
-    for view in range(len(views)):
-        mine = np.flatnonzero(owner == view)
-        _fill(out, view, R[mine], t[mine], cost[mine])
-    return out
+    R, t, cost = _descended(camera, views.thinned(_SCREEN), owner, R, t, _ITERATIONS)
+    first, second = _two_lowest(owner, len(views), R, cost)
+    lost = first < 0
+    pick = np.stack([np.where(lost, 0, first), np.where(second < 0, np.where(lost, 0, first), second)], axis=1).ravel()
+    every = np.repeat(np.arange(len(views)), 2)
+    R, t, cost = _descended(camera, views, every, R[pick], t[pick], _ITERATIONS)
+    cost = cost.reshape(-1, 2)
+    cost[second < 0, 1] = np.inf
+    cost[lost] = np.inf
+    return _ordered(R.reshape(-1, 2, 3, 3), t.reshape(-1, 2, 3), cost)
 
 
 def pose_jacobian(camera: Camera, R: Array, t: Array, p: Array) -> tuple[Array, Array]:
@@ -101,6 +113,13 @@ def _starts(camera: Camera, p: Array, q: Array) -> tuple[Array, Array]:
     return R, t
 
 
+def _spread(p: Array, seen: Array, count: int) -> Indices:
+    """Return `count` indices of spread points; views of fewer points give padding in place of the rest."""
+    chosen = np.flatnonzero(seen > 0)[spread_subset(p[seen > 0], count)]
+    padding = np.flatnonzero(seen == 0)[: count - len(chosen)]
+    return np.concatenate([chosen, padding])
+
+
 def _flipped(p: Array, R: Array, t: Array) -> tuple[Array, Array]:
     """Return the poses in which a flat target, seen from afar, looks the same: its depth profile reversed.
 
@@ -115,47 +134,60 @@ def _flipped(p: Array, R: Array, t: Array) -> tuple[Array, Array]:
     return turned, c - turned @ centre
 
 
-def _descended(camera: Camera, views: Views, owner: Indices, R: Array, t: Array) -> tuple[Array, Array, Array]:
-    """Levenberg-Marquardt on each pose by itself, all as one batch."""
-    p, target, seen = views.p[owner], views.q[owner], views.seen[owner]
-    damping = np.full(len(R), 1e-4)
-    cost, A, g = _normal_equations(camera, R, t, p, target, seen)
-    for _ in range(_ITERATIONS):
-        d = np.sqrt(np.einsum("nii->ni", A)) + 1e-300
-        S = A / (d[:, :, None] * d[:, None, :]) + damping[:, None, None] * np.eye(6)
-        step = -np.linalg.solve(S, (g / d)[..., None])[..., 0] / d
-        R_new, t_new = R @ so3.exp(step[:, 3:]), t + (R @ step[:, :3, None])[..., 0]
-        cost_new, A_new, g_new = _normal_equations(camera, R_new, t_new, p, target, seen)
-        better = cost_new < cost
-        gained = np.where(better & np.isfinite(cost), cost - cost_new, 0.0)
-        for old, new in ((R, R_new), (t, t_new), (cost, cost_new), (A, A_new), (g, g_new)):
-            old[better] = new[better]
-        damping = np.where(better, damping / 10, damping * 10)
-        if not (gained > 1e-9 * cost).any():
+def _descended(
+    camera: Camera, views: Views, owner: Indices, R: Array, t: Array, iterations: int
+) -> tuple[Array, Array, Array]:
+    """Levenberg-Marquardt on each pose by itself, all that still move as one batch."""
+    R, t, damping = R.copy(), t.copy(), np.full(len(R), 1e-4)
+    cost, A, g = _normal_equations(camera, R, t, views, owner)
+    moving = np.flatnonzero(np.isfinite(cost))
+    for _ in range(iterations):
+        if not moving.size:
             break
+        d = np.sqrt(np.einsum("nii->ni", A[moving])) + 1e-300
+        S = A[moving] / (d[:, :, None] * d[:, None, :]) + damping[moving, None, None] * np.eye(6)
+        step = -np.linalg.solve(S, (g[moving] / d)[..., None])[..., 0] / d
+        R_new, t_new = R[moving] @ so3.exp(step[:, 3:]), t[moving] + (R[moving] @ step[:, :3, None])[..., 0]
+        cost_new, A_new, g_new = _normal_equations(camera, R_new, t_new, views, owner[moving])
+        better = cost_new < cost[moving]
+        settled = better & (cost[moving] - cost_new <= _SETTLED * cost[moving])
+        up = moving[better]
+        for old, new in ((R, R_new), (t, t_new), (cost, cost_new), (A, A_new), (g, g_new)):
+            old[up] = new[better]
+        damping[moving] *= np.where(better, 0.1, 10.0)
+        moving = moving[~settled & (damping[moving] < 1e6)]
     return so3.nearest(R), t, cost
 
 
-def _normal_equations(
-    camera: Camera, R: Array, t: Array, p: Array, target: Array, seen: Array
-) -> tuple[Array, Array, Array]:
-    q, J = pose_jacobian(camera, R, t, p)
-    r = (q - target) * seen[..., None]
+def _normal_equations(camera: Camera, R: Array, t: Array, views: Views, owner: Indices) -> tuple[Array, Array, Array]:
+    seen = views.seen[owner]
+    q, J = pose_jacobian(camera, R, t, views.p[owner])
+    r = (q - views.q[owner]) * seen[..., None]
     cost = np.sum(r * r, axis=(1, 2))
     J = np.nan_to_num(J * seen[..., None, None]).reshape(len(R), -1, 6)
     g = (np.swapaxes(J, 1, 2) @ np.nan_to_num(r).reshape(len(R), -1, 1))[..., 0]
     return np.where(np.isfinite(cost), cost, np.inf), np.swapaxes(J, 1, 2) @ J, g
 
 
-def _fill(out: TwoPoses, view: int, R: Array, t: Array, cost: Array) -> None:
-    """Put the lowest minimum of one view and the lowest that is another one into their places."""
-    order = [i for i in np.argsort(cost, kind="stable") if np.isfinite(cost[i])]
-    if not order:
-        return
-    first = order[0]
-    apart = [i for i in order if np.linalg.norm(so3.log(R[first].T @ R[i])) > _APART]
-    for place, i in enumerate([first, *apart[:1]]):
-        out.rotation[view, place], out.translation[view, place] = R[i], t[i]
-        out.sum_of_squares[view, place] = cost[i]
-    if not apart:
-        out.rotation[view, 1], out.translation[view, 1] = R[first], t[first]
+def _two_lowest(owner: Indices, n: int, R: Array, cost: Array) -> tuple[Indices, Indices]:
+    """Return for each view the lowest minimum and the lowest that is another one, -1 where there is none."""
+    first, second = np.full(n, -1), np.full(n, -1)
+    for i in np.argsort(cost, kind="stable")[: np.count_nonzero(np.isfinite(cost))]:
+        view = owner[i]
+        if first[view] < 0:
+            first[view] = i
+        elif second[view] < 0 and np.linalg.norm(R[first[view]] - R[i]) > _APART:
+            second[view] = i
+    return first, second
+
+
+def _ordered(R: Array, t: Array, cost: Array) -> TwoPoses:
+    """Return both poses of every view, the lower first, two that became one counted once."""
+    same = np.linalg.norm(R[:, 0] - R[:, 1], axis=(1, 2)) <= _APART
+    cost[same, 1] = np.inf
+    order = np.argsort(cost, axis=1, kind="stable")
+    rows = np.arange(len(R))[:, None]
+    R, t, cost = R[rows, order], t[rows, order], cost[rows, order]
+    alone = ~np.isfinite(cost[:, 1])
+    R[alone, 1], t[alone, 1] = R[alone, 0], t[alone, 0]
+    return TwoPoses(R, t, cost)

@@ -1,8 +1,9 @@
 """How much noise each of several sources brings, estimated with the parameters: restricted maximum likelihood.
 
 n independent observations y_i (d) = D_i b + noise of covariance V_i = M_i + sum_k s_k E_k: M_i is known, E_k the
-pattern of source k and s_k >= 0 its variance, to be found. Maximises the likelihood of what the fit of b leaves over, so that
-the variances are not too small for the parameters fitted (Patterson and Thompson, Biometrika 1971), by Fisher scoring.
+pattern of source k and s_k >= 0 its variance, to be found. Maximises the likelihood of what the fit of b leaves over,
+so that the variances are not too small for the parameters fitted (Patterson and Thompson, Biometrika 1971), by Fisher
+scoring.
 """
 
 from __future__ import annotations
@@ -83,12 +84,12 @@ def _score(y: Array, D: Array, M: Array, patterns: Array, s: Array, prior: Array
     W, C, z = _solved(y, D, M, patterns, s, prior)
     WE = W[:, None] @ patterns  # (n, k, d, d)
     WD = W @ D
-    K = np.einsum("nip,kij,njq->kpq", WD, patterns, WD)
-    CK = C @ K
-    trace = np.einsum("nkii->k", WE) - np.einsum("kpp->k", CK)
-    gradient = 0.5 * (np.einsum("ni,kij,nj->k", z, patterns, z) - trace)
     EWD = patterns @ WD[:, None]  # (n, k, d, p)
-    mixed = np.einsum("nkip,nij,nljq->klpq", EWD, W, EWD)
-    information = np.einsum("nkij,nlji->kl", WE, WE) - 2 * np.einsum("pq,klqp->kl", C, mixed)
+    CK = C @ np.tensordot(EWD, WD, axes=((0, 2), (0, 1)))  # (k, p, p)
+    trace = np.einsum("nkii->k", WE) - np.einsum("kpp->k", CK)
+    Ez = (patterns @ z[:, None, :, None])[..., 0]
+    gradient = 0.5 * (np.tensordot(Ez, z, axes=((0, 2), (0, 1))) - trace)
+    mixed = np.tensordot(EWD, W[:, None] @ EWD, axes=((0, 2), (0, 2)))  # (k, p, k, p)
+    information = np.einsum("nkij,nlji->kl", WE, WE) - 2 * np.einsum("pq,kplq->kl", C, mixed)
     information += np.einsum("kpq,lqp->kl", CK, CK)
     return gradient, 0.5 * information
