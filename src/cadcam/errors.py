@@ -66,6 +66,10 @@ class MirroredPoints(DegenerateGeometry):
     """The points only fit a camera that sees them from behind: a left-handed frame or swapped image axes."""
 
 
+class InconsistentPoses(CadcamError):
+    """A robot's poses and what its camera saw cannot both be right: order, direction, unit or single poses."""
+
+
 class NotConverged(CadcamError):
     """An iteration stopped before its minimum; the message says where it stood."""
 

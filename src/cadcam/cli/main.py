@@ -13,11 +13,11 @@ import traceback
 from collections.abc import Sequence
 
 from cadcam import __version__
-from cadcam.cli import calibrate, compare, convert, decompose, demo, doctor, measure, overlay, render
+from cadcam.cli import calibrate, compare, convert, decompose, demo, doctor, handeye, measure, overlay, render
 from cadcam.cli.arguments import Help
 from cadcam.errors import CadcamError
 
-VERBS = (calibrate, measure, overlay, render, decompose, convert, compare, demo, doctor)
+VERBS = (calibrate, handeye, measure, overlay, render, decompose, convert, compare, demo, doctor)
 
 _DESCRIPTION = (
     "From points on a photo to the CAD wireframe on it: calibrate a camera, render CAD as it sees it, overlay."

@@ -1,0 +1,337 @@
+"""Robot poses as controllers write them: each maker's convention by name, read as base_from_flange in mm.
+
+A file says nowhere whether its six numbers are KUKA's angles or a rotation vector, so the caller names the convention
+(`CONVENTIONS`); `cadcam.calibrate.handeye_conventions` tests which of them a camera's motion allows. Layouts:
+
+text     one pose a line, cells separated by commas, semicolons, tabs or blanks, # comments; with or without a line of
+         column names (the convention's, any case, a unit such as X_mm allowed) and with or without a name in front
+JSON     [[numbers], ...], [4x4 rows, ...], {"poses": [...]}, {"name": [numbers], ...} or a list of
+         {"name": ..., "pose": ...}
+YAML     one pose: the matrix "rows, cols, data" that OpenCV and ViSP write
+folder   one such file a pose, its stem the name, in the order of the names with numbers counted as numbers
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.cad.units import MM, unit_name
+from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
+from cadcam.files.text import Line, TextFile, lines_of_cells, number_in, read_text
+from cadcam.geometry import rotation as so3
+from cadcam.geometry.rigid import Rigid
+
+_SUFFIXES = (".txt", ".csv", ".json", ".yaml", ".yml")
+_NAME_COLUMNS = ("name", "id", "pose", "image", "label")
+
+
+@dataclass(frozen=True, slots=True)
+class Convention:
+    """Columns of a pose, position first; its unit of length ("" where the caller must say it); words; the rotation."""
+
+    columns: tuple[str, ...]
+    unit: str
+    meaning: str
+    rotation: Callable[[Array], Array]
+
+    def poses(self, numbers: Array, *, unit: str | None = None) -> Rigid:
+        """Return base_from_flange (n) in mm of numbers (n, columns). Raises `BadValue` for no or another unit."""
+        if not (unit or self.unit):
+            raise BadValue("unit of the robot's positions", "not stated", "mm, m ...: this convention does not say")
+        mm = MM[unit_name(unit or self.unit)]
+        if len(self.columns) == len(_MATRIX):
+            rows = numbers.reshape(-1, 3, 4)
+            return Rigid(self.rotation(rows[..., :3]), rows[..., 3] * mm)
+        return Rigid(self.rotation(numbers[:, 3:]), numbers[:, :3] * mm)
+
+
+def _about(axis: int, angle: Array) -> Array:
+    return so3.exp(angle[..., None] * np.eye(3)[axis])
+
+
+def _turned(axes: str, order: tuple[int, int, int] = (0, 1, 2)) -> Callable[[Array], Array]:
+    """Return the rotation R = R_axes[0] R_axes[1] R_axes[2] of three angles in degrees, cells taken in `order`."""
+
+    def rotation(angles: Array) -> Array:
+        first, second, third = (
+            _about("xyz".index(axis), np.radians(angles[:, i])) for axis, i in zip(axes, order, strict=True)
+        )
+        return np.asarray(first @ second @ third)
+
+    return rotation
+
+
+def _w_last(q: Array) -> Array:
+    return so3.from_quaternion(q[:, [3, 0, 1, 2]])
+
+
+def _rows(R: Array) -> Array:
+    """Return rotations that were written with few digits as exact ones; what is no rotation is refused."""
+    exact = so3.nearest(R)
+    worst = np.abs(exact - R).max(axis=(1, 2))
+    if worst.max(initial=0.0) > _ROUNDED or (np.linalg.det(R) <= 0).any():
+        i = int(np.argmax(worst))
+        raise BadValue(f"rotation matrix of pose {i + 1}", f"off a rotation by {worst[i]:.2g}", "an orthonormal matrix")
+    return exact
+
+
+_ROUNDED = 2e-3  # matrices typed with three digits pass
+_MATRIX = ("r11", "r12", "r13", "tx", "r21", "r22", "r23", "ty", "r31", "r32", "r33", "tz")
+_QUATERNION = ("x", "y", "z", "qx", "qy", "qz", "qw")
+
+CONVENTIONS: dict[str, Convention] = {
+    "kuka": Convention(
+        ("x", "y", "z", "a", "b", "c"),
+        "mm",
+        "A about Z, B about Y', C about X'', deg: R = Rz(A) Ry(B) Rx(C)",
+        _turned("zyx"),
+    ),
+    "fanuc": Convention(
+        ("x", "y", "z", "w", "p", "r"),
+        "mm",
+        "W, P, R about the fixed X, Y, Z, deg: R = Rz(R) Ry(P) Rx(W)",
+        _turned("zyx", (2, 1, 0)),
+    ),
+    "yaskawa": Convention(
+        ("x", "y", "z", "rx", "ry", "rz"),
+        "mm",
+        "Rx, Ry, Rz about the fixed X, Y, Z, deg: R = Rz Ry Rx",
+        _turned("zyx", (2, 1, 0)),
+    ),
+    "staubli": Convention(
+        ("x", "y", "z", "rx", "ry", "rz"), "mm", "Rx, then Ry', then Rz'', deg: R = Rx Ry Rz", _turned("xyz")
+    ),
+    "kawasaki": Convention(
+        ("x", "y", "z", "o", "a", "t"),
+        "mm",
+        "O about Z, A about Y', T about Z'', deg: R = Rz(O) Ry(A) Rz(T)",
+        _turned("zyz"),
+    ),
+    "abb": Convention(
+        ("x", "y", "z", "q1", "q2", "q3", "q4"), "mm", "quaternion q1 (w) q2 q3 q4 (x y z)", so3.from_quaternion
+    ),
+    "ur": Convention(("x", "y", "z", "rx", "ry", "rz"), "m", "rotation vector, rad; position in m", so3.exp),
+    "rotation-vector": Convention(("x", "y", "z", "rx", "ry", "rz"), "", "rotation vector, rad; unit stated", so3.exp),
+    "quaternion-wxyz": Convention(
+        ("x", "y", "z", "qw", "qx", "qy", "qz"), "", "quaternion, w first; unit stated", so3.from_quaternion
+    ),
+    "quaternion-xyzw": Convention(_QUATERNION, "", "quaternion, w last; unit stated", _w_last),
+    "ros": Convention(_QUATERNION, "m", "geometry_msgs/Pose: quaternion, w last; position in m", _w_last),
+    "matrix": Convention(_MATRIX, "", "rows of the 3x4 or 4x4 matrix; unit stated", _rows),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotNumbers:
+    """Poses as they stand in a file: names ("" where none), numbers (n, k), column names in lower case if any."""
+
+    path: str
+    names: tuple[str, ...]
+    numbers: Array
+    columns: tuple[str, ...] = ()
+    unit: str = ""
+
+    @property
+    def possible(self) -> tuple[str, ...]:
+        """Return the names of the conventions with this many numbers a pose and, if named, these columns."""
+        fit = [n for n, c in CONVENTIONS.items() if len(c.columns) == self.numbers.shape[1]]
+        return tuple(n for n in fit if not self.columns or set(CONVENTIONS[n].columns) == set(self.columns))
+
+    def some(self, rows: Sequence[int]) -> RobotNumbers:
+        """Return some of the poses."""
+        return RobotNumbers(
+            self.path, tuple(self.names[i] for i in rows), self.numbers[list(rows)], self.columns, self.unit
+        )
+
+    def poses(self, convention: str, *, unit: str | None = None) -> Rigid:
+        """Return base_from_flange (n), mm, of a convention; `UnreadableFile` where the file cannot be of it."""
+        if convention not in CONVENTIONS:
+            raise UnknownName("robot pose convention", convention, CONVENTIONS)
+        rule, numbers = CONVENTIONS[convention], self.numbers
+        if self.columns and set(rule.columns) == set(self.columns):
+            numbers = numbers[:, [self.columns.index(c) for c in rule.columns]]
+        elif self.columns or numbers.shape[1] != len(rule.columns):
+            has = f"columns {', '.join(self.columns)}" if self.columns else f"{numbers.shape[1]} numbers a pose"
+            other = f"; {', '.join(self.possible)} would fit" if self.possible else ""
+            raise UnreadableFile(
+                self.path, f"has {has}", f"{convention} is {' '.join(rule.columns)} ({rule.meaning}){other}"
+            )
+        if unit and self.unit and unit_name(unit) != self.unit:
+            raise UnreadableFile(self.path, f"says its positions are in {self.unit}", f"not in {unit}")
+        try:
+            return rule.poses(numbers, unit=unit or self.unit or None)
+        except CadcamError as error:
+            raise UnreadableFile(self.path, f"does not hold {convention} poses: {error}") from error
+
+
+def read_robot_poses(
+    path: str | os.PathLike[str], *, convention: str, unit: str | None = None, inverted: bool = False
+) -> dict[str, Rigid]:
+    """Return base_from_flange (mm) by name of a file or folder (layouts: see this module), in its order.
+
+    convention: one of `CONVENTIONS`; unit: of the positions, where the convention or the header does not say it, or to
+    overrule the convention. inverted: the file holds flange_from_base. Poses without a name are called "1", "2", ...
+    Raises `UnreadableFile` naming file, line and value.
+    """
+    found = read_robot_numbers(path)
+    poses = found.poses(convention, unit=unit)
+    poses = poses.inv if inverted else poses
+    names = [name or str(i + 1) for i, name in enumerate(found.names)]
+    twice = next((n for i, n in enumerate(names) if n in names[:i]), None)
+    if twice is not None:
+        raise UnreadableFile(path, f"names two poses {twice!r}", "give each a name of its own")
+    return {n: Rigid(R, t) for n, R, t in zip(names, poses.rotation, poses.translation, strict=True)}
+
+
+def read_robot_numbers(path: str | os.PathLike[str]) -> RobotNumbers:
+    """Return the poses of a file or folder as numbers, before any convention."""
+    if Path(path).is_dir():
+        return _folder(Path(path))
+    file = read_text(path)
+    start = file.text.lstrip()[:1]
+    if Path(path).suffix.lower() in (".yaml", ".yml"):
+        return _from_yaml(file)
+    return _from_json(file) if start in ("{", "[") else _from_text(file)
+
+
+def _folder(folder: Path) -> RobotNumbers:
+    files = sorted((f for f in folder.iterdir() if f.suffix.lower() in _SUFFIXES and f.is_file()), key=_natural)
+    if not files:
+        raise UnreadableFile(folder, f"holds no pose file ({', '.join(_SUFFIXES)})", "name the right folder")
+    each = [read_robot_numbers(f) for f in files]
+    for file, one in zip(files, each, strict=True):
+        if one.numbers.shape != (1, each[0].numbers.shape[1]):
+            n, k = one.numbers.shape
+            raise UnreadableFile(
+                file, f"holds {n} poses of {k} numbers", f"one of {each[0].numbers.shape[1]} as in {files[0].name}"
+            )
+    return RobotNumbers(str(folder), tuple(f.stem for f in files), np.concatenate([e.numbers for e in each]))
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Sort key that counts numbers in names as numbers: pose_2 before pose_10."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.stem)]
+
+
+def _from_text(file: TextFile) -> RobotNumbers:
+    lines = list(lines_of_cells(file))
+    if not lines:
+        raise UnreadableFile(file.path, "holds only comments", "give one pose a line")
+    columns, unit = _header(lines[0])
+    lines = lines[1:] if columns else lines
+    if not lines:
+        raise UnreadableFile(file.path, "has column names but no poses", "give one pose a line")
+    named = [i for i, c in enumerate(columns) if c in _NAME_COLUMNS] if columns else _name_in_front(lines[0])
+    wanted = len(columns) or len(lines[0].cells)
+    names, numbers = [], []
+    for line in lines:
+        if len(line.cells) != wanted:
+            raise UnreadableFile(
+                file.path, f"line {line.number} has {len(line.cells)} cells", f"there are {wanted} in the first line"
+            )
+        names.append(line.cells[named[0]] if named else "")
+        cells = [(i, c) for i, c in enumerate(line.cells) if i not in named]
+        numbers.append([number_in(file, line.number, columns[i] if columns else f"cell {i + 1}", c) for i, c in cells])
+    kept = tuple(c for i, c in enumerate(columns) if i not in named)
+    values = np.array(numbers)
+    if values.shape[1] == 16 and not kept:
+        values = _without_last_row(file.path, values.reshape(-1, 4, 4))
+    return RobotNumbers(file.path, tuple(names), values, kept, unit)
+
+
+def _header(line: Line) -> tuple[tuple[str, ...], str]:
+    """Return the column names in lower case and the unit that x, y, z carry; empty for a line of numbers."""
+    if sum(_is_number(c) for c in line.cells) > len(line.cells) // 2:
+        return (), ""
+    columns, units = [], set()
+    for cell in line.cells:
+        match = re.fullmatch(r"([xyz])[_ ]?[\[(]?([a-z]+)?[\])]?", cell.lower())
+        if match and match[2]:
+            units.add(unit_name(match[2]))
+        columns.append(match[1] if match else re.sub(r"[_ ]?[\[(]?(deg|rad)[\])]?$", "", cell.lower()))
+    return tuple(columns), units.pop() if len(units) == 1 else ""
+
+
+def _name_in_front(line: Line) -> list[int]:
+    """Return [0] where the first cell is a name; a number is one only if it cannot belong to the pose."""
+    return [0] if not _is_number(line.cells[0]) or len(line.cells) in (8, 13, 17) else []
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _from_json(file: TextFile) -> RobotNumbers:
+    try:
+        value = json.loads(file.text)
+    except (ValueError, RecursionError) as error:
+        raise UnreadableFile(file.path, f"is not JSON: {error}", "is it cut off?") from None
+    value = value["poses"] if isinstance(value, dict) and "poses" in value else value
+    if isinstance(value, dict):
+        items = [(str(name), pose) for name, pose in value.items()]
+    elif isinstance(value, list):
+        items = [_named(v) for v in value]
+    else:
+        items = []
+    if not items:
+        raise UnreadableFile(file.path, "holds no poses", 'write [[x, y, z, ...], ...] or {"name": [x, y, z, ...]}')
+    numbers = [_numbers(file.path, name or str(i + 1), pose) for i, (name, pose) in enumerate(items)]
+    if len({len(n) for n in numbers}) > 1:
+        raise UnreadableFile(file.path, f"has poses of {sorted({len(n) for n in numbers})} numbers", "give all alike")
+    return RobotNumbers(file.path, tuple(name for name, _ in items), np.array(numbers))
+
+
+def _named(value: Any) -> tuple[str, Any]:
+    return (str(value.get("name", "")), value.get("pose")) if isinstance(value, dict) else ("", value)
+
+
+def _numbers(path: str, name: str, pose: Any) -> list[float]:
+    try:
+        array = np.array(pose, dtype=np.float64)
+    except (TypeError, ValueError):
+        array = np.zeros(0)
+    if not array.size or not np.isfinite(array).all() or isinstance(pose, bool):
+        raise UnreadableFile(path, f"pose {name!r} is {str(pose)[:60]!r}", "give finite numbers, or 3 or 4 rows of 4")
+    if array.size == 16:
+        array = _without_last_row(path, array.reshape(1, 4, 4))
+    return [float(v) for v in array.ravel()]
+
+
+def _without_last_row(path: str, matrices: Array) -> Array:
+    if np.abs(matrices[:, 3] - [0, 0, 0, 1]).max() > 1e-9:
+        i = int(np.argmax(np.abs(matrices[:, 3] - [0, 0, 0, 1]).max(axis=1)))
+        raise UnreadableFile(
+            path, f"the last row of matrix {i + 1} is {matrices[i, 3].tolist()}", "0 0 0 1, matrices are given in rows"
+        )
+    return np.asarray(matrices[:, :3].reshape(-1, 12))
+
+
+def _from_yaml(file: TextFile) -> RobotNumbers:
+    """Read rows, cols, data; the rest of YAML is not a pose."""
+    found = re.search(r"\bdata:(.*)", file.text, flags=re.DOTALL)
+    shape = [re.search(rf"\b{key}:\s*(\d+)", file.text) for key in ("rows", "cols")]
+    if found is None or None in shape:
+        raise UnreadableFile(file.path, "is not a YAML matrix", 'it has "rows:", "cols:" and "data:" with the numbers')
+    cells = [c for c in re.split(r"[\s,\[\]]+|(?:^|\s)-\s", found[1]) if c and c != "-"]
+    line = file.text[: found.start()].count("\n") + 1
+    numbers: Sequence[float] = [number_in(file, line, f"number {i} of data", c) for i, c in enumerate(cells, 1)]
+    rows, cols = (int(m[1]) for m in shape if m)
+    if len(numbers) != rows * cols:
+        raise UnreadableFile(file.path, f"has {len(numbers)} numbers in data", f"rows x cols is {rows * cols}")
+    values = np.array(numbers).reshape(1, -1)
+    return RobotNumbers(
+        file.path, ("",), _without_last_row(file.path, values.reshape(1, 4, 4)) if values.size == 16 else values
+    )

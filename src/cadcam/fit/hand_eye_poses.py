@@ -1,0 +1,165 @@
+"""The simultaneous hand-eye adjustment on poses: every pose weighted by its own covariance, robot noise estimated.
+
+The robot stood where it said, but for an offset e of the flange, in flange axes: base_from_flange @ offset(e), where
+offset(t, r) turns by r about the flange's origin and moves it by t. Then, in the names of `cadcam.fit.hand_eye`,
+
+    offset(e_i) = inv(base_from_flange[i]) @ base_from_fixed @ inv(held_from_fixed[i]) @ inv(flange_from_held),
+
+and the adjustment finds flange_from_held and base_from_fixed, and how large the offsets are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.errors import DegenerateGeometry
+from cadcam.fit.hand_eye import taken
+from cadcam.fit.layout import Indices
+from cadcam.fit.variance_components import variance_components
+from cadcam.geometry import rotation as so3
+from cadcam.geometry.rigid import Rigid
+
+PATTERNS = np.stack([np.diag([1.0, 1, 1, 0, 0, 0]), np.diag([0.0, 0, 0, 1, 1, 1])])  # translation, rotation
+_STEP = np.tile(np.repeat([1.0, 1e-3], 3), 2)  # mm and rad that count as one
+SMALLEST = np.array([1e-4, 1e-7])  # mm, rad: noise below this is none
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandEyePoses:
+    """A robot's n poses and how the held and the fixed thing saw each other, and how well (covariance (n, 6, 6)).
+
+    Covariance of held_from_fixed @ exp(xi), mm and rad; zeros for poses without noise.
+    """
+
+    base_from_flange: Rigid
+    held_from_fixed: Rigid
+    covariance: Array
+
+    def offsets(self, flange_from_held: Rigid, base_from_fixed: Rigid) -> Array:
+        """Return the offsets e (n, 6) of the flange that explain the poses exactly: translation mm, rotation rad."""
+        T = self._offset_motions(flange_from_held, base_from_fixed)
+        return np.concatenate([T.translation, so3.log(T.rotation)], axis=1)
+
+    def linearised(self, flange_from_held: Rigid, base_from_fixed: Rigid) -> tuple[Array, Array, Array]:
+        """Return offsets e (n, 6), de/d(xi of flange_from_held, of base_from_fixed) (n, 6, 12), cov of e (n, 6, 6)."""
+        T = self._offset_motions(flange_from_held, base_from_fixed)
+        r = so3.log(T.rotation)
+        chart = np.zeros((len(r), 6, 6))
+        chart[:, :3, :3], chart[:, 3:, 3:] = T.rotation, so3.inverse_left_jacobian(-r)
+        through = chart @ (flange_from_held @ self.held_from_fixed).adjoint()
+        D = np.concatenate([-chart @ flange_from_held.adjoint(), through], axis=-1)
+        return np.concatenate([T.translation, r], axis=1), D, through @ self.covariance @ np.swapaxes(through, 1, 2)
+
+    def some(self, index: Indices) -> HandEyePoses:
+        """Return some of the poses."""
+        return HandEyePoses(
+            taken(self.base_from_flange, index), taken(self.held_from_fixed, index), self.covariance[index]
+        )
+
+    def _offset_motions(self, flange_from_held: Rigid, base_from_fixed: Rigid) -> Rigid:
+        return self.base_from_flange.inv @ (base_from_fixed @ (flange_from_held @ self.held_from_fixed).inv)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PosesFit:
+    """The adjusted poses, the offsets e (n, 6), their Jacobian D (n, 6, 12) and weights W (n, 6, 6) by all noise.
+
+    variances (2,): of one coordinate of the robot's translation (mm^2) and rotation (rad^2); their covariance (2, 2).
+    """
+
+    flange_from_held: Rigid
+    base_from_fixed: Rigid
+    offsets: Array
+    jacobian: Array
+    weights: Array
+    variances: Array
+    variances_covariance: Array
+
+    @property
+    def information(self) -> Array:
+        """Return the inverse covariance (12, 12) of (flange_from_held, base_from_fixed)."""
+        return np.asarray(np.einsum("nip,nij,njq->pq", self.jacobian, self.weights, self.jacobian))
+
+    @property
+    def squared_distances(self) -> Array:
+        """Return each offset's squared size by its noise, (n,): about 6 where all is well."""
+        return np.asarray(np.einsum("ni,nij,nj->n", self.offsets, self.weights, self.offsets))
+
+
+def adjust(
+    poses: HandEyePoses, flange_from_held: Rigid, base_from_fixed: Rigid, *, variances: Array | None = None
+) -> PosesFit:
+    """Return the least-squares adjustment from a start near it; the robot's noise is estimated unless it is given."""
+    X, Z = flange_from_held, base_from_fixed
+    e, D, M = poses.linearised(X, Z)
+    s, spread = (_median_variances(e), np.zeros((2, 2))) if variances is None else (variances, np.zeros((2, 2)))
+    smallest = np.inf
+    for _ in range(30):
+        if variances is None:
+            s, spread = _noise(e, D, M, s)
+        W = np.linalg.inv(M + np.einsum("k,kij->ij", s, PATTERNS))
+        step = _step(e, D, W)
+        size = float(np.max(np.abs(step) / _STEP))
+        if size < 1e-9 or (size < 1e-5 and size >= smallest):
+            break
+        smallest = min(size, smallest)
+        X, Z = X @ Rigid.exp(step[:6]), Z @ Rigid.exp(step[6:])
+        e, D, M = poses.linearised(X, Z)
+    return PosesFit(X, Z, e, D, np.asarray(W), s, spread)
+
+
+def evaluated(poses: HandEyePoses, flange_from_held: Rigid, base_from_fixed: Rigid, like: PosesFit) -> PosesFit:
+    """Return offsets, Jacobian and weights at other motions, with the robot's noise of another fit."""
+    e, D, M = poses.linearised(flange_from_held, base_from_fixed)
+    W = np.linalg.inv(M + np.einsum("k,kij->ij", like.variances, PATTERNS))
+    return PosesFit(flange_from_held, base_from_fixed, e, D, W, like.variances, like.variances_covariance)
+
+
+def smoothed(fit: PosesFit) -> Array:
+    """Return the part (n, 6) of the offsets that is the robot's, the rest being the camera's, by their covariances."""
+    robot = np.einsum("k,kij->ij", fit.variances, PATTERNS)
+    return np.asarray(np.einsum("ij,njk,nk->ni", robot, fit.weights, fit.offsets))
+
+
+def adjust_robustly(poses: HandEyePoses, flange_from_held: Rigid, base_from_fixed: Rigid, noise: Array) -> PosesFit:
+    """Return an adjustment that gross errors in less than half of the poses do not move: Cauchy's loss.
+
+    noise (2,): sigmas of translation (mm) and rotation (rad) to begin with, then taken from the medians of the offsets.
+    """
+    X, Z, s = flange_from_held, base_from_fixed, noise**2
+    for _ in range(40):
+        e, D, M = poses.linearised(X, Z)
+        W = np.linalg.inv(M + np.einsum("k,kij->ij", s, PATTERNS))
+        d2 = np.einsum("ni,nij,nj->n", e, W, e)
+        tamed = W / (1 + d2 / 6)[:, None, None]
+        step = _step(e, D, tamed)
+        X, Z = X @ Rigid.exp(step[:6]), Z @ Rigid.exp(step[6:])
+        s = np.maximum(_median_variances(e), SMALLEST**2)
+        if float(np.max(np.abs(step) / _STEP)) < 1e-3:
+            break
+    return PosesFit(X, Z, e, D, W, s, np.zeros((2, 2)))
+
+
+def _noise(e: Array, D: Array, M: Array, start: Array) -> tuple[Array, Array]:
+    found = variance_components(e, D, M, PATTERNS, np.maximum(start, SMALLEST**2))
+    return np.maximum(found.variances, 1e-2 * SMALLEST**2), found.covariance
+
+
+def _median_variances(e: Array) -> Array:
+    """Variances of one coordinate of translation and rotation by the median length: chi-square of 3 has 2.366."""
+    lengths = np.stack([np.sum(e[:, :3] ** 2, axis=1), np.sum(e[:, 3:] ** 2, axis=1)])
+    return np.asarray(np.median(lengths, axis=1) / 2.366)
+
+
+def _step(e: Array, D: Array, W: Array) -> Array:
+    N = np.einsum("nip,nij,njq->pq", D, W, D)
+    scale = 1 / np.sqrt(np.diag(N))
+    try:
+        return np.asarray(
+            -scale * np.linalg.solve(N * np.outer(scale, scale), scale * np.einsum("nip,nij,nj->p", D, W, e))
+        )
+    except np.linalg.LinAlgError:
+        raise DegenerateGeometry("the robot's motions do not determine where the held thing sits") from None

@@ -1,0 +1,232 @@
+"""A hand-eye calibration as tables and as a JSON document: mm and degrees, sigmas, suspicious poses marked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+import cadcam
+from cadcam.arrays import Array
+from cadcam.calibrate.handeye_conventions import ConventionFit
+from cadcam.calibrate.handeye_estimate import HandEyeEstimate
+from cadcam.files.matrix import pose_as_json
+from cadcam.geometry import rotation as so3
+from cadcam.geometry.rigid import Rigid
+from cadcam.report.table import Table, matrix_rows, with_sigma
+
+FORMAT, VERSION = "cadcam hand-eye", 1
+_SCALE_SIGMAS, _SCALE_SHARE = 4.0, 0.005  # a target's size off by more of both is told
+_NAMES = {
+    "eye-in-hand": ("flange_from_camera", "base_from_target"),
+    "eye-to-hand": ("base_from_camera", "flange_from_target"),
+}
+
+
+def hand_eye_tables(estimate: HandEyeEstimate) -> list[Table]:
+    """Return all that a hand-eye calibration says: both motions with sigmas, noise and held-out error, every pose."""
+    camera, target = _NAMES[estimate.mounting]
+    return [
+        _motion_table(camera, _camera_pose(estimate), estimate.covariance_of_camera, "camera", quality_notes(estimate)),
+        Table(f"{camera} (last column mm)", ("",) * 4, matrix_rows(_camera_pose(estimate).matrix[:3])),
+        _motion_table(target, _target_pose(estimate), estimate.covariance_of_target, "target", ()),
+        pose_table(estimate),
+    ]
+
+
+def quality_notes(estimate: HandEyeEstimate) -> tuple[str, ...]:
+    """Return noise of robot and pixels, held-out error and doubts, a sentence each."""
+    noise, held = estimate.robot_noise, estimate.held_out
+    pixels = (
+        (
+            f"pixel noise {estimate.noise_px:.3g} px a coordinate; left over with every pose free within the robot's "
+            f"noise: {_rms(estimate.residuals_px):.3g} px",
+        )
+        if estimate.noise_px is not None
+        else ()
+    )
+    px = "" if estimate.noise_px is None else f"{_rms(held.px):.3g} px, "
+    return (
+        f"robot's noise: position {_noise(noise.translation, noise.translation_sigma)} mm, orientation "
+        f"{_noise(float(np.degrees(noise.rotation)), float(np.degrees(noise.rotation_sigma)))} deg a coordinate",
+        *pixels,
+        f"held out, each pose predicted by the others: {px}{_rms(held.mm):.3g} mm, "
+        f"{np.degrees(_rms(held.rotation)):.2g} deg (rms)",
+        *_doubts(estimate),
+    )
+
+
+def pose_table(estimate: HandEyeEstimate) -> Table:
+    """Return one row a pose: the flange's offset, what the picture leaves, what the others predict, a mark."""
+    held, pixels = estimate.held_out, estimate.noise_px is not None
+    rows = []
+    for i, name in enumerate(estimate.names):
+        shift, turn = np.linalg.norm(estimate.offsets[i, :3]), np.degrees(np.linalg.norm(estimate.offsets[i, 3:]))
+        in_pixels = (f"{estimate.residuals_px[i]:.2f}", f"{held.px[i]:.2f}") if pixels else ()
+        mark = "suspicious" if estimate.suspicious[i] else ""
+        second = "second pose" if pixels and estimate.second_pose[i] else ""
+        numbers = (f"{held.mm[i]:.3f}", f"{np.degrees(held.rotation[i]):.3f}", f"{held.chance[i]:.2g}")
+        rows.append(
+            (name, f"{shift:.3f}", f"{turn:.4f}", *in_pixels, *numbers, ", ".join(t for t in (mark, second) if t))
+        )
+    columns = ("left px", "held-out px") if pixels else ()
+    return Table(
+        "Poses: how far the flange seems off its stated pose, and how the other poses predict this one",
+        ("pose", "off mm", "off deg", *columns, "held-out mm", "held-out deg", "chance", ""),
+        tuple(rows),
+        ("pose", ""),
+        ("chance: that a pose without a mistake is this far off; below 0.01 over all poses it is marked",),
+    )
+
+
+def convention_table(fits: Sequence[ConventionFit]) -> Table:
+    """Return how every reading of a robot's numbers agrees with the camera's motion."""
+    rows = tuple(
+        (
+            f.convention,
+            "flange_from_base" if f.inverted else "base_from_flange",
+            f"{np.degrees(f.rotation):.3g}",
+            f"{f.translation:.3g}",
+            f"{f.scale:.4g}",
+            "fits" if f.fits else "",
+        )
+        for f in fits
+    )
+    return Table(
+        "Readings of the robot's numbers, against what the camera saw (medians over all motions)",
+        ("convention", "poses are", "rotation off deg", "position off mm", "scale", ""),
+        rows,
+        ("convention", "poses are", ""),
+        ("scale: the robot's lengths by the camera's; 1 where both are in mm, 0.001 for a robot in m read as mm",),
+    )
+
+
+def hand_eye_as_json(estimate: HandEyeEstimate) -> dict[str, Any]:
+    """Return the JSON document of a calibration; poses are read back by `cadcam.files.matrix.pose_at`."""
+    camera, target = _NAMES[estimate.mounting]
+    noise = estimate.robot_noise
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "written_by": f"cadcam {cadcam.__version__}",
+        "mounting": estimate.mounting,
+        camera: pose_as_json(_camera_pose(estimate)),
+        f"{camera}_sigma": _sigmas(estimate.covariance_of_camera),
+        target: pose_as_json(_target_pose(estimate)),
+        f"{target}_sigma": _sigmas(estimate.covariance_of_target),
+        "covariance_of": [camera, target] if estimate.mounting == "eye-in-hand" else [target, camera],
+        "covariance_mm_rad": estimate.covariance.tolist(),
+        "robot_noise": {
+            "translation_mm": noise.translation,
+            "translation_sigma_mm": noise.translation_sigma,
+            "rotation_rad": noise.rotation,
+            "rotation_sigma_rad": noise.rotation_sigma,
+        },
+        "noise_px": estimate.noise_px,
+        "held_out_rms": {
+            "px": None if estimate.noise_px is None else _rms(estimate.held_out.px),
+            "mm": _rms(estimate.held_out.mm),
+            "rotation_rad": _rms(estimate.held_out.rotation),
+        },
+        "scale": {"value": estimate.scale, "sigma": _finite(estimate.scale_sigma)},
+        "poses": [_pose_json(estimate, i) for i in range(len(estimate.names))],
+    }
+
+
+def _pose_json(estimate: HandEyeEstimate, i: int) -> dict[str, Any]:
+    held, pixels = estimate.held_out, estimate.noise_px is not None
+    stated = Rigid(estimate.base_from_flange.rotation[i], estimate.base_from_flange.translation[i])
+    out: dict[str, Any] = {
+        "name": estimate.names[i],
+        "base_from_flange": pose_as_json(stated),
+        "offset_mm_rad": estimate.offsets[i].tolist(),
+        "held_out_mm": float(held.mm[i]),
+        "held_out_rotation_rad": float(held.rotation[i]),
+        "chance": float(held.chance[i]),
+        "suspicious": bool(estimate.suspicious[i]),
+    }
+    if pixels:
+        seen = estimate.observations[i]
+        out |= {
+            "residual_px": float(estimate.residuals_px[i]),
+            "held_out_px": _finite(float(held.px[i])),
+            "second_pose": bool(estimate.second_pose[i]),
+            "source": seen.source,
+            "sha256": seen.sha256,
+            "p_target_mm": seen.p_world.tolist(),
+            "q_px": seen.q.tolist(),
+        }
+    return out
+
+
+def _motion_table(name: str, pose: Rigid, covariance: Array, axes: str, notes: tuple[str, ...]) -> Table:
+    """Return position in the outer frame and rotation vector with sigmas, both sigmas in the outer frame's axes."""
+    R = pose.rotation
+    place = np.sqrt(np.diag(R @ covariance[:3, :3] @ R.T))
+    turn = np.degrees(np.sqrt(np.diag(R @ covariance[3:, 3:] @ R.T)))
+    w = np.degrees(so3.log(R))
+    outer = name.partition("_from_")[0]
+    rows = [(axis, *_shown(v, s), "mm") for axis, v, s in zip("xyz", pose.translation.tolist(), place, strict=True)]
+    rows += [(f"r{a}", *_shown(v, s), "deg") for a, v, s in zip("xyz", w.tolist(), turn, strict=True)]
+    own = f"where the {axes} is in the {outer}'s axes, and its rotation vector (sigmas about the {outer}'s axes)"
+    return Table(name, ("", "value", "sigma", "unit"), tuple(rows), ("", "sigma", "unit"), (own, *notes))
+
+
+def _shown(value: float, sigma: float) -> tuple[str, str]:
+    shown, spread = with_sigma(value, float(sigma))
+    return shown, f"+- {spread}"
+
+
+def _noise(sigma: float, own: float) -> str:
+    """Return a noise with its sigma, or the bound where it drowns."""
+    return f"{sigma:.2g} +- {own:.1g}" if sigma > own else f"not seen (below {2 * max(own, sigma):.1g})"
+
+
+def _doubts(estimate: HandEyeEstimate) -> list[str]:
+    doubts = []
+    off, sigma = estimate.scale - 1, estimate.scale_sigma
+    if abs(off) > max(_SCALE_SIGMAS * sigma, _SCALE_SHARE):
+        doubts.append(
+            f"warning: by the robot's lengths the target is {estimate.scale:.3f} +- {sigma:.3f} times as large as "
+            "stated: check its size (the length of a square), the robot's unit and tool, the camera's focal length; "
+            "else the camera's place is wrong by as much"
+        )
+    names = [repr(n) for n, s in zip(estimate.names, estimate.suspicious, strict=True) if s]
+    if names:
+        doubts.append(f"warning: pose {', '.join(names)} contradicts the others; look at it, or leave it out")
+    if estimate.second_pose.any():
+        seconds = [repr(n) for n, s in zip(estimate.names, estimate.second_pose, strict=True) if s]
+        doubts.append(
+            f"in {', '.join(seconds)} the flat target's second pose was taken: the picture allows both, the robot one"
+        )
+    n = len(estimate.names)
+    if n < _FEW:
+        doubts.append(
+            f"warning: the robot's noise comes from {n} poses, and every sigma with it; 10 or more are better"
+        )
+    return doubts
+
+
+_FEW = 6
+
+
+def _camera_pose(estimate: HandEyeEstimate) -> Rigid:
+    return estimate.flange_from_held if estimate.mounting == "eye-in-hand" else estimate.base_from_fixed
+
+
+def _target_pose(estimate: HandEyeEstimate) -> Rigid:
+    return estimate.base_from_fixed if estimate.mounting == "eye-in-hand" else estimate.flange_from_held
+
+
+def _sigmas(covariance: Array) -> dict[str, list[float]]:
+    sigma = np.sqrt(np.diag(covariance))
+    return {"translation_mm": sigma[:3].tolist(), "rotation_rad": sigma[3:].tolist()}
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
