@@ -28,6 +28,7 @@ class CameraModel:
     """Points p_world (N, 3) mm seen at q (N, 2) px; `free` names what may move; the lens' class and fixed coefficients.
 
     With all angles free a step turns the camera by a rotation vector; with some fixed it moves the others themselves.
+    columns (n,): where the free ones stand among all parameters.
     p_world (B, N, 3) and q (B, N, 2) give each of B states observations of its own.
     """
 
@@ -35,12 +36,12 @@ class CameraModel:
     q: Array
     free: tuple[str, ...]
     lens: Lens
-    _columns: Array = field(init=False)
+    columns: Indices = field(init=False)
     _angles: tuple[int, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         names = (*NAMES, *self.lens.parameters)
-        object.__setattr__(self, "_columns", np.array([names.index(n) for n in self.free], dtype=int))
+        object.__setattr__(self, "columns", np.array([names.index(n) for n in self.free], dtype=int))
         angles = tuple(i for i, n in enumerate(_ANGLES) if n in self.free)
         object.__setattr__(self, "_angles", angles if 0 < len(angles) < 3 else ())
 
@@ -55,14 +56,22 @@ class CameraModel:
         if self._angles:
             J = J.copy()
             J[..., 3:6] = J[..., 3:6] @ self._rotation_by_angles(state)[..., None, :, :]
-        J = J[..., self._columns]
+        J = J[..., self.columns]
         shape = (*state.shape[:-1], 2 * self.q.shape[-2])
         return (q - self.q).reshape(shape), J.reshape(*shape, len(self.free))
+
+    def jacobian_by_parameters(self, state: Array) -> Array:
+        """Return dq/dparameters (2N, n) of one state in the order of `free`, turns by the thesis' a b c."""
+        _, J = self.residuals_and_jacobian(state)
+        turn = [i for i, name in enumerate(self.free) if name in _ANGLES]
+        if len(turn) == 3:
+            J[:, turn] = J[:, turn] @ self._rotation_by_angles(state)
+        return J
 
     def retract(self, state: Array, step: Array) -> Array:
         """Return the state moved by `step` (..., n) in the order of `free`."""
         full = np.zeros((*state.shape[:-1], state.shape[-1] - 6))
-        full[..., self._columns] = step
+        full[..., self.columns] = step
         out = np.concatenate(
             [state[..., :3] + full[..., :3], state[..., 3:12], state[..., 12:] + full[..., 6:]], axis=-1
         )
@@ -93,9 +102,16 @@ class CameraModel:
         pinhole = ExtendedPinhole(0, 0, 0, 0, 0, 0, *(float(x) for x in state[_INTERNALS]))
         return pinhole.camera(size, self._lens(state))
 
+    def pixels(self, states: Array) -> Array:
+        """Return where each state sees the points (..., N, 2) px; NaN where it does not."""
+        if self._free_lens:
+            return self._projected(states)[0]
+        R = states[..., _R].reshape(*states.shape[:-1], 3, 3)
+        return project_batch(states[..., _F], R, states[..., _INTERNALS], self.lens, self.p_world)
+
     def costs(self, states: Array) -> Array:
         """Return the sums of squares (...,) px^2; inf where a point is not imaged."""
-        total = np.sum((self._pixels(states) - self.q) ** 2, axis=(-2, -1))
+        total = np.sum((self.pixels(states) - self.q) ** 2, axis=(-2, -1))
         return np.where(np.isfinite(total), total, np.inf)
 
     def with_points(self, index: Indices) -> CameraModel:
@@ -123,13 +139,7 @@ class CameraModel:
 
     @property
     def _free_lens(self) -> bool:
-        return bool(self._columns.size and self._columns.max() >= len(NAMES))
-
-    def _pixels(self, states: Array) -> Array:
-        if self._free_lens:
-            return self._projected(states)[0]
-        R = states[..., _R].reshape(*states.shape[:-1], 3, 3)
-        return project_batch(states[..., _F], R, states[..., _INTERNALS], self.lens, self.p_world)
+        return bool(self.columns.size and self.columns.max() >= len(NAMES))
 
     def _projected(self, state: Array) -> tuple[Array, Array]:
         if state.ndim > 1 and self._free_lens:  # each state has a lens of its own

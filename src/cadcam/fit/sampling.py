@@ -158,7 +158,7 @@ def _autocovariance(draws: Array) -> Array:
     """Return the autocovariance (C, M, n) of each chain by the fast Fourier transform."""
     M = draws.shape[1]
     spectrum = np.fft.rfft(draws - draws.mean(axis=1, keepdims=True), n=2 * M, axis=1)
-    return np.fft.irfft(np.abs(spectrum) ** 2, n=2 * M, axis=1)[:, :M] / (M - 1)
+    return np.asarray(np.fft.irfft(np.abs(spectrum) ** 2, n=2 * M, axis=1)[:, :M] / (M - 1))
 
 
 def _integrated(correlation: Array) -> float:
