@@ -16,7 +16,7 @@ from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.camera_model import CameraModel
 from cadcam.fit.sampling import Progress
 
-_TRIES = 200  # sets of poses drawn for one set of visible ones
+_TRIES = 100  # sets of poses drawn for one set of visible ones
 
 
 @dataclass(frozen=True, slots=True, eq=False)

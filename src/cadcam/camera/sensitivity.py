@@ -41,15 +41,14 @@ def internals_of(K: Array) -> Array:
 def project_local(F: Array, R: Array, internals: Array, lens: Lens, p_world: Array) -> tuple[Array, Array]:
     """Return q (..., N, 2) and its Jacobian (..., N, 2, 11 + lens terms) for a batch of cameras sharing one lens.
 
-    F (..., 3) mm, R (..., 3, 3) rows = our camera axes, internals (..., 5); p_world (N, 3), or (..., N, 3) where each
-    camera has points of its own.
+    F (..., 3) mm, R (..., 3, 3) rows = our camera axes, internals (..., 5), p_world (N, 3).
     """
     from_F = p_world - F[..., None, :]
     m, dm_dp, dm_dc = lens.project_with_jacobians(from_F @ np.swapaxes(R, -1, -2))
-    aspect, focal, skew, _, _ = (internals[..., None, i] for i in range(5))
+    aspect, focal, skew, U0, V0 = (internals[..., None, i] for i in range(5))
     c, s = np.cos(skew), np.sin(skew)
     along = c * m[..., 0] + s * m[..., 1]
-    q = _pixels(m, internals)
+    q = np.stack([focal * aspect * along + V0, focal * m[..., 1] + U0], axis=-1)
 
     A = np.zeros((*q.shape[:-1], 2, 2))  # dq/dm
     A[..., 0, 0], A[..., 0, 1], A[..., 1, 1] = focal * aspect * c, focal * aspect * s, focal
@@ -62,17 +61,6 @@ def project_local(F: Array, R: Array, internals: Array, lens: Lens, p_world: Arr
     J[..., 1, 9] = J[..., 0, 10] = 1.0
     J[..., 11:] = A @ dm_dc
     return q, J
-
-
-def project_batch(F: Array, R: Array, internals: Array, lens: Lens, p_world: Array) -> Array:
-    """Return the pixels alone of `project_local`."""
-    return _pixels(lens.project((p_world - F[..., None, :]) @ np.swapaxes(R, -1, -2)), internals)
-
-
-def _pixels(m: Array, internals: Array) -> Array:
-    aspect, focal, skew, U0, V0 = (internals[..., None, i] for i in range(5))
-    along = np.cos(skew) * m[..., 0] + np.sin(skew) * m[..., 1]
-    return np.stack([focal * aspect * along + V0, focal * m[..., 1] + U0], axis=-1)
 
 
 def rotation_by_angles(R: Array) -> Array:
@@ -93,3 +81,11 @@ def twist_by_local(F: Array) -> Array:
     out = np.eye(6)
     out[:3, :3], out[:3, 3:] = -np.eye(3), hat(F)
     return out
+
+
+def project_batch(F: Array, R: Array, internals: Array, lens: Lens, p_world: Array) -> Array:
+    """Return the pixels q (..., N, 2) of `project_local` without their Jacobian."""
+    m = lens.project((p_world - F[..., None, :]) @ np.swapaxes(R, -1, -2))
+    aspect, focal, skew, U0, V0 = (internals[..., None, i] for i in range(5))
+    along = np.cos(skew) * m[..., 0] + np.sin(skew) * m[..., 1]
+    return np.stack([focal * aspect * along + V0, focal * m[..., 1] + U0], axis=-1)

@@ -23,7 +23,7 @@ _EXAMPLES = """\
   cadcam variability points.csv --size 768x576                             both methods beside first order
   cadcam variability points.csv --photo photo.png --plots figures          ... with distributions, correlations, a map
   cadcam variability points.csv --size 768x576 --fix skew=0 --fix aspect=1 what knowing two parameters gains
-  cadcam variability points.csv --size 768x576 --sigma-mm 0.2 --steps 0    world points known to 0.2 mm a coordinate
+  cadcam variability points.csv --size 768x576 --sigma-mm 0.2              world points known to 0.2 mm a coordinate
   cadcam variability points.csv --size 768x576 --plane 0,0,1,0 --plots f   the map on the plane Z = 0
   cadcam variability table_2_7.csv --columns U1,V1 --size 768x576 --method dlt-c23 --sigma 0.5122
                                                                            the dissertation's Tables 2.14 and 2.15
@@ -40,6 +40,9 @@ First order: the derivative of the estimate by the pixels, at once. Method A, Mo
 points) are perturbed and the camera is estimated again, thousands of times. Method B, Markov chain: cameras are drawn
 by their likelihood given the pixels as measured. Where the noise is small the three agree; where they do not, the
 table says so. The noise is that of the residuals unless --sigma states it. --seed makes a study again."""
+
+
+_STEPS = 1_000_000  # as many as the thesis took
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +73,10 @@ def add_to(verbs: Verbs) -> None:
         "--draws", type=int, default=2000, metavar="N", help="synthetic sets of Method A (default 2000; 0: none)"
     )
     group.add_argument(
-        "--steps", type=int, default=1_000_000, metavar="N", help="Markov steps of Method B (default 1000000; 0: none)"
+        "--steps",
+        type=int,
+        metavar="N",
+        help="Markov steps of Method B (default 1000000, with free lens terms 200000, with --sigma-mm 0: none)",
     )
     group.add_argument(
         "--sigma-mm", type=float, default=0.0, metavar="MM", help="noise of a world coordinate too (Method A)"
@@ -142,7 +148,7 @@ def _studied(arguments: argparse.Namespace, estimate: CameraEstimate) -> _Studie
         first,
         first_order(estimate),
         _monte_carlo(arguments, estimate) if arguments.draws else None,
-        _markov(arguments, estimate) if arguments.steps else None,
+        _markov(arguments, estimate, steps) if (steps := _steps(arguments, estimate)) else None,
         _alternating(arguments, estimate) if arguments.alternate else None,
         map_,
     )
@@ -162,10 +168,19 @@ def _monte_carlo(arguments: argparse.Namespace, estimate: CameraEstimate) -> Var
         )
 
 
-def _markov(arguments: argparse.Namespace, estimate: CameraEstimate) -> Variability:
+def _steps(arguments: argparse.Namespace, estimate: CameraEstimate) -> int:
+    """Return the Markov steps to take; a lens of its own for every state makes them slow."""
+    from cadcam.camera.extended_pinhole import NAMES
+
+    if arguments.steps is not None or arguments.sigma_mm:
+        return arguments.steps or 0
+    return _STEPS if set(estimate.free) <= set(NAMES) else _STEPS // 5
+
+
+def _markov(arguments: argparse.Namespace, estimate: CameraEstimate, steps: int) -> Variability:
     from cadcam.calibrate.variability import markov_chain, walk_of
 
-    walk = walk_of(arguments.steps)
+    walk = walk_of(steps)
     with progress("Method B", walk.steps // walk.thin) as step:
         return markov_chain(estimate, rng=_rng(arguments, 1), walk=walk, progress=step)
 

@@ -104,10 +104,12 @@ class CameraModel:
 
     def pixels(self, states: Array) -> Array:
         """Return where each state sees the points (..., N, 2) px; NaN where it does not."""
-        if self._free_lens:
-            return self._projected(states)[0]
+        if states.ndim > 1 and self._free_lens:  # each state has a lens of its own
+            return np.stack([self.of_states(np.array(i)).pixels(s) for i, s in enumerate(states)])
+        if states.ndim == 1 and not np.isfinite(states).all():
+            return np.full(self.q.shape, np.nan)
         R = states[..., _R].reshape(*states.shape[:-1], 3, 3)
-        return project_batch(states[..., _F], R, states[..., _INTERNALS], self.lens, self.p_world)
+        return project_batch(states[..., _F], R, states[..., _INTERNALS], self._lens(states), self.p_world)
 
     def costs(self, states: Array) -> Array:
         """Return the sums of squares (...,) px^2; inf where a point is not imaged."""
