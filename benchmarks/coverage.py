@@ -29,7 +29,9 @@ SIZE = (768, 576)
 SIGMA = 0.5
 LEVEL = 0.95
 PINHOLE = ExtendedPinhole(0, 0, 0, 0, 0, 0, 1.007, 805.9, np.radians(0.01), 319.7, 354.7)
-POSE = ExtendedPinhole(7.7, 416.3, -210.4, *np.radians([-9.04, -9.44, -2.36]), 1, 1, 0, 0, 0).camera_from_world
+POSE = ExtendedPinhole.from_vector(
+    [7.7, 416.3, -210.4, *np.radians([-9.04, -9.44, -2.36]), 1.0, 1.0, 0.0, 0.0, 0.0]
+).camera_from_world
 BENCH = np.array(
     [[x, y, z] for z in (-1040.0, -1410.0)
      for x, y in ((0, 80), (10, 220), (10, 400), (100, 140), (110, 300), (220, 230), (250, 80), (290, 400))]
@@ -133,7 +135,7 @@ def _places(scene: Scene, pose: Rigid) -> Array:
     q = np.array([[(w - 1) / 2, (h - 1) / 2], [0, 0], [w - 1, 0], [0, h - 1], [w - 1, h - 1]])
     rays = scene.camera.unproject(q)
     depth = (pose @ scene.points)[:, 2].mean()
-    return pose.inv @ (rays * depth / rays[:, 2:])
+    return np.asarray(pose.inv @ (rays * depth / rays[:, 2:]))
 
 
 def main() -> None:

@@ -5,12 +5,15 @@ A standard deviation of M draws is known to 1/sqrt(2 M), a mean to 1/sqrt(M) of 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from cadcam.calibrate.alternating import alternating_externals
 from cadcam.calibrate.points import calibrate, locate_camera
 from cadcam.calibrate.projection_map import projection_map
+from cadcam.calibrate.repeated import response, seen_exactly
 from cadcam.calibrate.variability import FirstOrder, first_order, markov_chain, monte_carlo, walk_of
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import EXTERNALS, NAMES, ExtendedPinhole
@@ -119,14 +122,31 @@ def test_a_lens_coefficient_is_a_parameter_like_others():
 
 
 def test_angles_near_half_a_turn_do_not_tear():
-    """The same bench with the world turned so that c is 180 deg: some draws cross it."""
-    turn = Rigid.exp([0, 0, 0, 0, 0, np.pi - 0.0411])
-    pose = Rigid.exp([0, 0, 0, 0, 0, 0]) @ PINHOLE.camera_from_world
-    p = turn @ BENCH
-    turned = calibrate(Observations(p, PINHOLE.camera(SIZE).project(pose @ BENCH), sigma_px=0.5), SIZE)
-    assert min(abs(turned.value(n)) for n in "ac") < np.pi
-    study = monte_carlo(turned, rng=generator(), draws=500)
-    assert study.sigma[3:6] == pytest.approx(first_order(turned).sigma[3:6], rel=0.15)
+    """The same view in a world turned so that c is 180 deg: half of the draws cross it."""
+    turned = replace(PINHOLE, c=np.pi)
+    p = turned.camera_from_world.inv @ (PINHOLE.camera_from_world @ BENCH)
+    seen = calibrate(Observations(p, bench().q, sigma_px=0.5), SIZE)
+    assert abs(seen.value("c")) == pytest.approx(np.pi, abs=1e-6)
+    study, first = monte_carlo(seen, rng=generator(), draws=500), first_order(seen)
+    assert study.sigma[3:6] == pytest.approx(first.sigma[3:6], rel=0.15)
+    assert np.ptp(study.values[:, 5]) < 0.1
+    assert (np.abs(study.values[:, 5]) > np.pi).mean() == pytest.approx(0.5, abs=0.1)
+
+
+@pytest.mark.parametrize("method", ["reprojection", "dlt"])
+def test_the_response_is_how_an_estimate_moves(estimate, method):
+    """Pixels and world points, all of them moved at random by little, and estimated again; relative 1e-3."""
+    exact = calibrate(Observations(BENCH, seen_exactly(estimate)), SIZE, method=method)
+    by_q, by_p = response(estimate, method)
+    for seed in range(3):
+        dq, dp = generator(seed).normal(size=(16, 2)) * 1e-3, generator(seed + 9).normal(size=(16, 3)) * 1e-3
+        for moved, predicted in (
+            (Observations(BENCH, seen_exactly(estimate) + dq), by_q @ dq.ravel()),
+            (Observations(BENCH + dp, seen_exactly(estimate)), by_p @ dp.ravel()),
+        ):
+            change = calibrate(moved, SIZE, method=method).values - exact.values
+            sigma = first_order(estimate).sigma
+            assert np.abs((change - predicted) / sigma).max() < 1e-3 * np.abs(predicted / sigma).max()
 
 
 def test_equal_seeds_give_equal_studies_and_more_draws_begin_with_the_same(estimate):

@@ -71,10 +71,10 @@ def alternating_externals(
     truth = free_of(model, every)
     spread = np.concatenate([np.full(3, spread_mm), np.full(3, np.radians(spread_deg))])
     values, drawn = [], []
-    for count, generator in blocks(draws, rng):
-        states = _poses(estimate, model, every, spread, visible, count, generator)
+    for count in blocks(draws):
+        states = _poses(estimate, model, every, spread, visible, count, rng)
         q = _imaged(estimate, model, states)
-        q = q + noise * generator.standard_normal(q.shape)
+        q = q + noise * rng.standard_normal(q.shape)
         p = np.broadcast_to(model.p_world, (count, *model.p_world.shape))
         found, good = estimates(replace(model, p_world=p, q=q), states, method, noise_px=noise)
         stood = free_of(model, model.parameters(states))[good]

@@ -23,7 +23,7 @@ from cadcam.fit.least_squares import cofactor
 from cadcam.fit.sampling import LogDensity, Progress, Walk, metropolis, refuse_unmixed
 from cadcam.fit.search import polished
 
-BLOCK = 256  # draws made together, from a generator of their own: more draws leave the first ones as they were
+BLOCK = 256  # draws made together; their noise is drawn whole, so that more draws begin with the same ones
 CHAINS = 64
 _THIN = 10
 _SPREAD = 2.0  # sigmas by which the chains' starts lie apart: wider than what is sampled, so that R-hat can tell
@@ -163,9 +163,9 @@ def monte_carlo(
     model, state = model_of(estimate)
     exact, q_exact = free_of(model, model.parameters(state)), seen_exactly(estimate)
     found = []
-    for count, generator in blocks(draws, rng):
-        q = q_exact + noise * generator.standard_normal((BLOCK, *q_exact.shape))[:count]
-        p = model.p_world + sigma_mm * generator.standard_normal((BLOCK, *model.p_world.shape))[:count]
+    for count in blocks(draws):
+        q = q_exact + noise * rng.standard_normal((BLOCK, *q_exact.shape))[:count]
+        p = model.p_world + sigma_mm * rng.standard_normal((BLOCK, *model.p_world.shape))[:count]
         some = replace(model, p_world=p, q=q)
         values, good = estimates(some, np.repeat(state[None], count, axis=0), method, noise_px=noise)
         found.append(unwrapped(values[good], model.free, exact))
@@ -224,12 +224,12 @@ def noise_of(estimate: CameraEstimate, sigma_px: float | None, sigma_mm: float =
     return float(noise)
 
 
-def blocks(draws: int, rng: np.random.Generator) -> Iterator[tuple[int, np.random.Generator]]:
-    """Yield the size of each block of draws with its generator; `BadValue` for too few draws."""
+def blocks(draws: int) -> Iterator[int]:
+    """Yield how many draws each block has; `BadValue` for too few draws."""
     if draws < 2:
         raise BadValue("number of draws", draws, "2 at least; 2000 know a sigma to 1.6 %")
-    for i, generator in enumerate(rng.spawn(-(-draws // BLOCK))):
-        yield min(BLOCK, draws - i * BLOCK), generator
+    for begin in range(0, draws, BLOCK):
+        yield min(BLOCK, draws - begin)
 
 
 def independent(

@@ -48,10 +48,10 @@ def monte_carlo_table(v: Variability, first: FirstOrder, *, method: str) -> Tabl
 
 def markov_table(v: Variability, first: FirstOrder) -> Table:
     """Return Method B: the optimum, mean, sigma, extremes, the first-order sigma, R-hat and effective size."""
-    worst = int(np.argmax(v.r_hat))
     notes = (
         f"{v.draws.shape[0]} Metropolis chains, noise {v.sigma_px:.4g} px a pixel coordinate",
-        f"{100 * v.acceptance:.0f} % of steps accepted; effective sample size {v.effective.min():.0f} or more; R-hat {v.r_hat[worst]:.4f} or less",
+        f"effective sample size {v.effective.min():.0f} or more, R-hat {v.r_hat.max():.4f} or less, "
+        f"{100 * v.acceptance:.0f} % of steps accepted",
         *_mixing(v),
         *_surprises(v, first),
     )
