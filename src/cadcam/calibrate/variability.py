@@ -26,6 +26,7 @@ from cadcam.fit.search import polished
 BLOCK = 256  # draws made together; their noise is drawn whole, so that more draws begin with the same ones
 CHAINS = 64
 _THIN = 10
+_LONG = 2500  # steps of a chain: some fifty times what it takes to forget
 _SPREAD = 2.0  # sigmas by which the chains' starts lie apart: wider than what is sampled, so that R-hat can tell
 
 
@@ -204,6 +205,11 @@ def markov_chain(
     r_hat, effective = refuse_unmixed(kept.draws, model.free)
     draws = unwrapped(kept.draws, model.free, exact)
     return Variability(model.free, exact, draws, noise, 0.0, 0, r_hat, effective, kept.acceptance)
+
+
+def chains_for(steps: int) -> int:
+    """Return among how many chains to share steps: each long enough to forget where it began."""
+    return min(CHAINS, max(4, steps // _LONG))
 
 
 def walk_of(steps: int, chains: int = CHAINS) -> Walk:

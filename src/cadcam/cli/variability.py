@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _EXAMPLES = """\
   cadcam variability points.csv --size 768x576                             both methods beside first order
   cadcam variability points.csv --photo photo.png --plots figures          ... with distributions, correlations, a map
-  cadcam variability points.csv --size 768x576 --fix skew=0 --fix aspect=1 what knowing two parameters gains
+  cadcam variability points.csv --size 768x576 --fix skew=0 --fix aspect=1   what knowing two parameters gains
   cadcam variability points.csv --size 768x576 --sigma-mm 0.2              world points known to 0.2 mm a coordinate
   cadcam variability points.csv --size 768x576 --plane 0,0,1,0 --plots f   the map on the plane Z = 0
   cadcam variability table_2_7.csv --columns U1,V1 --size 768x576 --method dlt-c23 --sigma 0.5122
@@ -128,6 +128,8 @@ def _check(arguments: argparse.Namespace) -> None:
         raise BadValue("--sigma-mm", f"{arguments.sigma_mm:g} with Method B", "--steps 0: B has noise of pixels only")
     if arguments.unseen and not arguments.alternate:
         raise BadValue("--unseen", "given without --alternate", "both, or neither")
+    if arguments.alternate:
+        _numbers("--alternate", arguments.alternate, 2)
     if arguments.plots:
         from cadcam.report.figures import figure
 
@@ -145,12 +147,12 @@ def _studied(arguments: argparse.Namespace, estimate: CameraEstimate) -> _Studie
     plane = _numbers("--plane", arguments.plane, 4) if arguments.plane else None
     map_ = projection_map(estimate, depth_mm=arguments.depth, plane=plane)
     return _Studies(
-        first,
-        first_order(estimate),
-        _monte_carlo(arguments, estimate) if arguments.draws else None,
-        _markov(arguments, estimate, steps) if (steps := _steps(arguments, estimate)) else None,
-        _alternating(arguments, estimate) if arguments.alternate else None,
-        map_,
+        first=first,
+        first_markov=first_order(estimate),
+        map=map_,
+        alternating=_alternating(arguments, estimate) if arguments.alternate else None,
+        monte_carlo=_monte_carlo(arguments, estimate) if arguments.draws else None,
+        markov=_markov(arguments, estimate, steps) if (steps := _steps(arguments, estimate)) else None,
     )
 
 
@@ -178,11 +180,12 @@ def _steps(arguments: argparse.Namespace, estimate: CameraEstimate) -> int:
 
 
 def _markov(arguments: argparse.Namespace, estimate: CameraEstimate, steps: int) -> Variability:
-    from cadcam.calibrate.variability import markov_chain, walk_of
+    from cadcam.calibrate.variability import chains_for, markov_chain, walk_of
 
-    walk = walk_of(steps)
+    chains = chains_for(steps)
+    walk = walk_of(steps, chains)
     with progress("Method B", walk.steps // walk.thin) as step:
-        return markov_chain(estimate, rng=_rng(arguments, 1), walk=walk, progress=step)
+        return markov_chain(estimate, rng=_rng(arguments, 1), walk=walk, chains=chains, progress=step)
 
 
 def _alternating(arguments: argparse.Namespace, estimate: CameraEstimate) -> Alternating:
