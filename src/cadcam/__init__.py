@@ -17,8 +17,13 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.calibrate.flat import calibrate_line as calibrate_line
     from cadcam.calibrate.flat import calibrate_plane as calibrate_plane
     from cadcam.calibrate.measure import measure_points as measure_points
+    from cadcam.calibrate.alternating import alternating_externals as alternating_externals
     from cadcam.calibrate.points import calibrate as _calibrate
     from cadcam.calibrate.points import locate_camera as locate_camera
+    from cadcam.calibrate.projection_map import projection_map as projection_map
+    from cadcam.calibrate.variability import first_order as first_order
+    from cadcam.calibrate.variability import markov_chain as markov_chain
+    from cadcam.calibrate.variability import monte_carlo as monte_carlo
     from cadcam.camera.camera import Camera as Camera
     from cadcam.camera.estimate import CameraEstimate as CameraEstimate
     from cadcam.camera.extended_pinhole import ExtendedPinhole as ExtendedPinhole
@@ -109,20 +114,25 @@ _HOME = {
     "Viewpoint": "cadcam.camera.viewpoint",
     "Wireframe": "cadcam.render.wireframe",
     "added": "cadcam.render.overlay",
+    "alternating_externals": "cadcam.calibrate.alternating",
     "blended": "cadcam.render.overlay",
     "calibrate_camera": "cadcam.calibrate.points:calibrate",
     "calibrate_line": "cadcam.calibrate.flat",
     "calibrate_plane": "cadcam.calibrate.flat",
     "edge_distances": "cadcam.render.overlay",
     "feature_edges": "cadcam.cad.edges",
+    "first_order": "cadcam.calibrate.variability",
     "load": "cadcam.cad.load",
     "load_with_report": "cadcam.cad.load",
     "locate_camera": "cadcam.calibrate.points",
     "measure_points": "cadcam.calibrate.measure",
+    "markov_chain": "cadcam.calibrate.variability",
+    "monte_carlo": "cadcam.calibrate.variability",
     "named_look": "cadcam.render.looks",
     "open_renderer": "cadcam.render",
     "over_edges": "cadcam.render.overlay",
     "overlay": "cadcam.render.overlay",
+    "projection_map": "cadcam.calibrate.projection_map",
     "read_camera": "cadcam.files.camera",
     "read_matrix": "cadcam.files.matrix",
     "read_motion": "cadcam.files.matrix",

@@ -23,7 +23,7 @@ def dlt_estimate(observations: Observations, size: tuple[int, int], form: Form) 
     of least squares. Raises `MirroredPoints` if the points lie behind the camera that the matrix describes.
     """
     p, q = observations.p_world, observations.q
-    pinhole = _decomposed(p, q, form)
+    pinhole = decomposed(p, q, form)
     _refuse_behind(pinhole, observations)
     return CameraEstimate(
         camera=pinhole.camera(size),
@@ -40,7 +40,7 @@ def dlt_states(model: CameraModel, fixed: Mapping[str, float]) -> Array:
     states = []
     for form in FORMS:
         try:
-            pinhole = _decomposed(model.p_world, model.q, form)
+            pinhole = decomposed(model.p_world, model.q, form)
         except (DegenerateGeometry, TooFewPoints, BadValue):
             continue
         values = dict(zip(NAMES, pinhole.vector, strict=True)) | dict(fixed)
@@ -53,27 +53,41 @@ def seen_from_the_front(observations: Observations) -> bool:
     """Return whether a linear transform, which knows mirrored cameras too, fits an unmirrored one to the points."""
     for form in FORMS:
         try:
-            _refuse_behind(_decomposed(observations.p_world, observations.q, form), observations)
+            _refuse_behind(decomposed(observations.p_world, observations.q, form), observations)
         except (DegenerateGeometry, TooFewPoints, BadValue):
             continue
         return True
     return False
 
 
-def _decomposed(p: Array, q: Array, form: Form) -> ExtendedPinhole:
+def decomposed(p: Array, q: Array, form: Form) -> ExtendedPinhole:
+    """Return the eleven parameters of the direct linear transform, wherever the points lie about that camera."""
     return ExtendedPinhole.from_matrix(uv_from_pixel_matrix(dlt(p, q, form=form)))
 
 
+def derivatives(p: Array, q: Array, form: Form) -> tuple[Array, Array]:
+    """Return d(local coordinates)/dq (11, 2N) and /dp_world (11, 3N) of the direct linear transform.
+
+    By central differences: it is smooth on the scale of a pixel, and of a thousandth of the points' extent.
+    """
+    pixel = 1e-4 * max(1.0, float(np.ptp(q)) / 500)
+    mm = 1e-6 * float(np.ptp(p))
+    by_q = [_difference((p, q - d), (p, q + d), form) / (2 * pixel) for d in _units(q.shape, pixel)]
+    by_p = [_difference((p - d, q), (p + d, q), form) / (2 * mm) for d in _units(p.shape, mm)]
+    return np.stack(by_q, axis=1), np.stack(by_p, axis=1)
+
+
 def _cofactor(p: Array, q: Array, form: Form) -> Array:
-    step = 1e-4 * max(1.0, float(np.ptp(q)) / 500)  # px: the transform is smooth on the scale of a pixel
-    columns = []
-    for i in range(q.size):
-        shift = np.zeros(q.size)
-        shift[i] = step
-        plus, minus = (_decomposed(p, q + sign * shift.reshape(q.shape), form) for sign in (1, -1))
-        columns.append(_local_difference(plus, minus) / (2 * step))
-    D = np.stack(columns, axis=1)
+    D, _ = derivatives(p, q, form)
     return np.asarray(D @ D.T)
+
+
+def _units(shape: tuple[int, ...], step: float) -> Array:
+    return (step * np.eye(int(np.prod(shape)))).reshape(-1, *shape)
+
+
+def _difference(one: tuple[Array, Array], other: tuple[Array, Array], form: Form) -> Array:
+    return _local_difference(decomposed(*other, form), decomposed(*one, form))
 
 
 def _local_difference(plus: ExtendedPinhole, minus: ExtendedPinhole) -> Array:

@@ -115,3 +115,11 @@ def twist_by_local(F: Array) -> Array:
     out = np.eye(6)
     out[:3, :3], out[:3, 3:] = -np.eye(3), hat(F)
     return out
+
+
+def project_batch(F: Array, R: Array, internals: Array, lens: Lens, p_world: Array) -> Array:
+    """Return the pixels q (..., N, 2) of `project_local` without their Jacobian."""
+    m = lens.project((p_world - F[..., None, :]) @ np.swapaxes(R, -1, -2))
+    aspect, focal, skew, U0, V0 = (internals[..., None, i] for i in range(5))
+    along = np.cos(skew) * m[..., 0] + np.sin(skew) * m[..., 1]
+    return np.stack([focal * aspect * along + V0, focal * m[..., 1] + U0], axis=-1)

@@ -37,12 +37,19 @@ def add_to(verbs: Verbs) -> None:
     parser = verb(
         verbs, "calibrate", run, short="points file -> camera file", description=_DESCRIPTION, examples=_EXAMPLES
     )
+    add_estimate_options(parser)
+    parser.add_argument("-o", "--output", metavar="FILE", help="camera file to write (.json)")
+    add_points_options(parser)
+    add_json(parser)
+
+
+def add_estimate_options(parser: argparse.ArgumentParser) -> None:
+    """Add the points and what is to be estimated from them."""
     parser.add_argument("points", help="points file")
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("--size", type=size, metavar="WxH", help="picture size in px")
     source.add_argument("--photo", metavar="FILE", help="take the size from this picture (as displayed: EXIF applied)")
     source.add_argument("--internals", metavar="FILE", help="camera file whose K and lens are kept: pose only")
-    parser.add_argument("-o", "--output", metavar="FILE", help="camera file to write (.json)")
     parser.add_argument(
         "--fix",
         action="append",
@@ -62,8 +69,6 @@ def add_to(verbs: Verbs) -> None:
         choices=("reprojection", "dlt", "dlt-c23"),
         help="least squares (default), or the direct linear transform alone: normalised, or with C23 = 1",
     )
-    add_points_options(parser)
-    add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -75,7 +80,7 @@ def run(arguments: argparse.Namespace) -> None:
         check_target(arguments.output, (".json",))
     observations = read_points_as_asked(arguments, arguments.points)
     with working(f"estimating a camera from {len(observations)} points"):
-        estimate = _estimate(arguments, observations)
+        estimate = estimate_as_asked(arguments, observations)
     if arguments.output:
         write_camera(arguments.output, estimate)
     if arguments.json:
@@ -86,7 +91,8 @@ def run(arguments: argparse.Namespace) -> None:
         say(f"wrote {arguments.output}")
 
 
-def _estimate(arguments: argparse.Namespace, observations: Observations) -> CameraEstimate:
+def estimate_as_asked(arguments: argparse.Namespace, observations: Observations) -> CameraEstimate:
+    """Return the estimate by the options of `add_estimate_options`."""
     from cadcam.calibrate.points import calibrate, locate_camera
     from cadcam.files.camera import read_camera
     from cadcam.image.picture import read_picture_with_info

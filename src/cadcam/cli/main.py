@@ -13,11 +13,23 @@ import traceback
 from collections.abc import Sequence
 
 from cadcam import __version__
-from cadcam.cli import calibrate, compare, convert, decompose, demo, doctor, handeye, measure, overlay, render
+from cadcam.cli import (
+    calibrate,
+    compare,
+    convert,
+    decompose,
+    demo,
+    doctor,
+    handeye,
+    measure,
+    overlay,
+    render,
+    variability,
+)
 from cadcam.cli.arguments import Help
 from cadcam.errors import CadcamError
 
-VERBS = (calibrate, handeye, measure, overlay, render, decompose, convert, compare, demo, doctor)
+VERBS = (calibrate, variability, handeye, measure, overlay, render, decompose, convert, compare, demo, doctor)
 
 _DESCRIPTION = (
     "From points on a photo to the CAD wireframe on it: calibrate a camera, render CAD as it sees it, overlay."

@@ -14,7 +14,7 @@ from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import NAMES, OURS_FROM_THESIS, ExtendedPinhole
 from cadcam.camera.lens import Lens
-from cadcam.camera.sensitivity import internals_of, project_local, rotation_by_angles
+from cadcam.camera.sensitivity import internals_of, project_batch, project_local, rotation_by_angles
 from cadcam.fit.layout import Indices
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
@@ -28,18 +28,20 @@ class CameraModel:
     """Points p_world (N, 3) mm seen at q (N, 2) px; `free` names what may move; the lens' class and fixed coefficients.
 
     With all angles free a step turns the camera by a rotation vector; with some fixed it moves the others themselves.
+    columns (n,): where the free ones stand among all parameters.
+    p_world (B, N, 3) and q (B, N, 2) give each of B states observations of its own.
     """
 
     p_world: Array
     q: Array
     free: tuple[str, ...]
     lens: Lens
-    _columns: Array = field(init=False)
+    columns: Indices = field(init=False)
     _angles: tuple[int, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         names = (*NAMES, *self.lens.parameters)
-        object.__setattr__(self, "_columns", np.array([names.index(n) for n in self.free], dtype=int))
+        object.__setattr__(self, "columns", np.array([names.index(n) for n in self.free], dtype=int))
         angles = tuple(i for i, n in enumerate(_ANGLES) if n in self.free)
         object.__setattr__(self, "_angles", angles if 0 < len(angles) < 3 else ())
 
@@ -54,22 +56,28 @@ class CameraModel:
         if self._angles:
             J = J.copy()
             J[..., 3:6] = J[..., 3:6] @ self._rotation_by_angles(state)[..., None, :, :]
-        J = J[..., self._columns]
-        shape = (*state.shape[:-1], self.q.size)
+        J = J[..., self.columns]
+        shape = (*state.shape[:-1], 2 * self.q.shape[-2])
         return (q - self.q).reshape(shape), J.reshape(*shape, len(self.free))
+
+    def jacobian_by_parameters(self, state: Array) -> Array:
+        """Return dq/dparameters (2N, n) of one state in the order of `free`, turns by the thesis' a b c."""
+        _, J = self.residuals_and_jacobian(state)
+        turn = [i for i, name in enumerate(self.free) if name in _ANGLES]
+        if len(turn) == 3:
+            J[:, turn] = J[:, turn] @ self._rotation_by_angles(state)
+        return J
 
     def retract(self, state: Array, step: Array) -> Array:
         """Return the state moved by `step` (..., n) in the order of `free`."""
         full = np.zeros((*state.shape[:-1], state.shape[-1] - 6))
-        full[..., self._columns] = step
+        full[..., self.columns] = step
         out = np.concatenate(
             [state[..., :3] + full[..., :3], state[..., 3:12], state[..., 12:] + full[..., 6:]], axis=-1
         )
         R = state[..., _R].reshape(*state.shape[:-1], 3, 3)
         out[..., _R] = self._turned(R, full[..., 3:6]).reshape(*state.shape[:-1], 9)
-        bad = (out[..., 12] <= 0) | (out[..., 13] <= 0) | (np.abs(out[..., 14]) >= np.pi / 2)
-        out[bad] = np.nan  # no such camera: the residuals then forbid the state
-        return out
+        return _possible(out)
 
     def state_of(self, camera: Camera, camera_from_world: Rigid) -> Array:
         """Return the state of one camera; its lens must be of this model's class."""
@@ -94,25 +102,50 @@ class CameraModel:
         pinhole = ExtendedPinhole(0, 0, 0, 0, 0, 0, *(float(x) for x in state[_INTERNALS]))
         return pinhole.camera(size, self._lens(state))
 
+    def pixels(self, states: Array) -> Array:
+        """Return where each state sees the points (..., N, 2) px; NaN where it does not."""
+        if states.ndim > 1 and self._free_lens:  # each state has a lens of its own
+            return np.stack([self.of_states(np.array(i)).pixels(s) for i, s in enumerate(states)])
+        if states.ndim == 1 and not np.isfinite(states).all():
+            return np.full(self.q.shape, np.nan)
+        R = states[..., _R].reshape(*states.shape[:-1], 3, 3)
+        return project_batch(states[..., _F], R, states[..., _INTERNALS], self._lens(states), self.p_world)
+
     def costs(self, states: Array) -> Array:
         """Return the sums of squares (...,) px^2; inf where a point is not imaged."""
-        total = np.sum((self._projected(states)[0] - self.q) ** 2, axis=(-2, -1))
+        total = np.sum((self.pixels(states) - self.q) ** 2, axis=(-2, -1))
         return np.where(np.isfinite(total), total, np.inf)
 
     def with_points(self, index: Indices) -> CameraModel:
         """Return the same model of some of the points."""
         return replace(self, p_world=self.p_world[index], q=self.q[index])
 
+    def of_states(self, index: Indices) -> CameraModel:
+        """Return the model of some of the states: itself, unless each has observations of its own."""
+        if self.q.ndim == 2:
+            return self
+        return replace(self, p_world=self.p_world[index], q=self.q[index])
+
+    def parameters(self, states: Array) -> Array:
+        """Return X Y Z a b c aspect focal skew U0 V0 and the lens coefficients (..., n) of states, mm, rad, px."""
+        R = states[..., _R].reshape(*states.shape[:-1], 3, 3)
+        return np.concatenate([states[..., _F], angles(R), states[..., 12:]], axis=-1)
+
+    def from_parameters(self, values: Array) -> Array:
+        """Return the states of parameters (..., n), the reverse of `parameters`; NaN where there is no such camera."""
+        R = rotations_of(values[..., 3:6]).reshape(*values.shape[:-1], 9)
+        return _possible(np.concatenate([values[..., :3], R, values[..., 6:]], axis=-1))
+
     def _lens(self, state: Array) -> Lens:
         return type(self.lens)(*(float(x) for x in state[_LENS])) if self._free_lens else self.lens
 
     @property
     def _free_lens(self) -> bool:
-        return bool(self._columns.size and self._columns.max() >= len(NAMES))
+        return bool(self.columns.size and self.columns.max() >= len(NAMES))
 
     def _projected(self, state: Array) -> tuple[Array, Array]:
         if state.ndim > 1 and self._free_lens:  # each state has a lens of its own
-            each = [self._projected(s) for s in state]
+            each = [self.of_states(np.array(i))._projected(s) for i, s in enumerate(state)]
             return np.stack([q for q, _ in each]), np.stack([J for _, J in each])
         R = state[..., _R].reshape(*state.shape[:-1], 3, 3)
         if state.ndim == 1 and not np.isfinite(state).all():
@@ -129,6 +162,13 @@ class CameraModel:
         if state.ndim > 1:
             return np.stack([self._rotation_by_angles(s) for s in state])
         return rotation_by_angles(state[_R].reshape(3, 3))
+
+
+def _possible(states: Array) -> Array:
+    """Put NaN where there is no such camera: the residuals then forbid the state."""
+    bad = (states[..., 12] <= 0) | (states[..., 13] <= 0) | (np.abs(states[..., 14]) >= np.pi / 2)
+    states[bad] = np.nan
+    return states
 
 
 def angles(R: Array) -> Array:

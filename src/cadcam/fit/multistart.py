@@ -26,7 +26,7 @@ def descend(model: CameraModel, states: Array, iterations: int = 20) -> tuple[Ar
             break
         step, promised = _steps(r[moving], J[moving], damping[moving])
         candidates = model.retract(states[moving], step)
-        r_new, J_new = model.residuals_and_jacobian(candidates)
+        r_new, J_new = model.of_states(moving).residuals_and_jacobian(candidates)
         cost_new = _cost(r_new)
         gain = np.clip((cost[moving] - cost_new) / promised, 0, 1)
         better = cost_new < cost[moving]
