@@ -14,10 +14,10 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.cad.load import load as load
     from cadcam.cad.load import load_with_report as load_with_report
     from cadcam.cad.mesh import Mesh as Mesh
+    from cadcam.calibrate.alternating import alternating_externals as alternating_externals
     from cadcam.calibrate.flat import calibrate_line as calibrate_line
     from cadcam.calibrate.flat import calibrate_plane as calibrate_plane
     from cadcam.calibrate.measure import measure_points as measure_points
-    from cadcam.calibrate.alternating import alternating_externals as alternating_externals
     from cadcam.calibrate.points import calibrate as _calibrate
     from cadcam.calibrate.points import locate_camera as locate_camera
     from cadcam.calibrate.projection_map import projection_map as projection_map
