@@ -102,6 +102,37 @@ def test_the_effect_of_a_calibration_is_the_derivative_by_its_numbers(estimates:
         assert moved / step == pytest.approx(E[:, :, column], rel=2e-3, abs=2e-3 * np.abs(E[:, :, column]).max())
 
 
+@pytest.mark.parametrize("kind", ["moved", "placed", "located"])
+def test_the_effect_of_a_motion_or_pose_is_the_derivative_by_its_twist(
+    estimates: list[CameraEstimate], kind: str
+) -> None:
+    """Every number of xi in T @ exp(xi) by central differences; a located camera's by its pose's own local numbers."""
+    home, other = estimates[0], estimates[1]
+    there = home.camera_from_world @ STEP.inv
+    pose = EYES[0].located(np.random.default_rng(2), home.camera, there, BENCH)
+    known = np.diag([1e-2] * 3 + [1e-8] * 3)
+
+    def views(xi: np.ndarray) -> list[Viewpoint]:
+        if kind == "moved":
+            away = Viewpoint.moved("away", home, KnownMotion(STEP @ Rigid.exp(xi), known))
+        elif kind == "placed":
+            away = Viewpoint.placed("away", home, there @ Rigid.exp(xi), pose_covariance=known)
+        else:
+            R, F = pose.camera_from_world.rotation, pose.camera_from_world.origin + xi[:3]
+            R = R @ Rigid.exp([0, 0, 0, *xi[3:]]).rotation
+            turned = dataclasses.replace(pose, camera_from_world=Rigid(R, -R @ F))
+            away = Viewpoint.located("away", home, turned)
+        return [away, Viewpoint.fixed("other", other)]
+
+    q = seen(views(np.zeros(6)), CLOUD[:4])
+    base = measure_points(views(np.zeros(6)), q)
+    E = base.effects[1][1]
+    assert E.any()
+    for i, step in enumerate([1e-3] * 3 + [1e-6] * 3):
+        plus, minus = (measure_points(views(s * step * np.eye(6)[i]), q).points for s in (1, -1))
+        assert (plus - minus) / (2 * step) == pytest.approx(E[:, :, i], abs=2e-3 * np.abs(E[:, :, i]).max())
+
+
 def test_points_measured_together_err_together(views: list[Viewpoint]) -> None:
     """A short distance is known better than independent points would have it; the joint covariance holds each alone."""
     p = POINT + np.array([[0.0, 0, 0], [5.0, 0, 0], [0, 5.0, 0]])
@@ -143,10 +174,17 @@ def test_the_weighted_optimum_is_at_least_as_sharp_as_the_rays(views: list[Viewp
     assert np.linalg.eigvalsh(rays - sharp).min() > -1e-9 * np.abs(rays).max()
 
 
-def test_the_gap_is_as_wide_as_its_sigma_says(views: list[Viewpoint]) -> None:
-    """For two rays gap^2/sigma^2 is the misfit, chi-square with one degree of freedom; to first order of the gap."""
-    q = seen(views[:2], CLOUD) + SIGMA * np.random.default_rng(4).normal(size=(2, 12, 2))
-    measured = measure_points(views[:2], q)
+@pytest.mark.parametrize("moved", [False, True])
+def test_the_gap_is_as_wide_as_its_sigma_says(
+    views: list[Viewpoint], estimates: list[CameraEstimate], moved: bool
+) -> None:
+    """For two rays gap^2/sigma^2 is the misfit, chi-square with one degree of freedom; to first order of the gap.
+
+    A moved camera's calibration opens and closes the gap with both rays at once.
+    """
+    pair = [views[0], Viewpoint.moved("away", estimates[0], KnownMotion(STEP)) if moved else views[1]]
+    q = seen(pair, CLOUD) + SIGMA * np.random.default_rng(4).normal(size=(2, 12, 2))
+    measured = measure_points(pair, q)
     assert (measured.gap / measured.gap_sigma) ** 2 == pytest.approx(measured.chi2, rel=2e-2, abs=1e-4)
 
 
