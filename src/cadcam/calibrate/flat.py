@@ -82,7 +82,7 @@ def measure_on_plane(
     if not (np.isfinite(noise) and noise > 0 and np.isfinite(estimate.noise_px)):
         raise BadValue("pixel noise", noise, "a positive number of px: state it with the calibration's points")
     p = estimate.camera.unproject(pixels)
-    kept = np.isfinite(p).all(axis=1)
+    kept = np.asarray(np.isfinite(p).all(axis=1))
     if not kept.any():
         raise DegenerateGeometry(f"none of {len(p)} pixels shows the plane: they lie beyond its vanishing line")
     _, by_point, by_entry = estimate.camera.project_with_jacobians(p[kept])
