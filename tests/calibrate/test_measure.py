@@ -232,7 +232,7 @@ def test_points_that_cannot_be_measured_are_refused_one_by_one(views: list[Viewp
     q[0, 8] = (views[0].camera.K @ (views[0].camera_from_world @ behind))[:2] / -400.0
     q[1, 8] = views[1].camera.project(views[1].camera_from_world @ behind)
     measured = measure_points(views[:2], q)
-    assert len(measured) == 9 + 0 * len(measured.refused)
+    assert len(measured) == 9
     assert "seen by 'a' only" in measured.refused["4"]
     assert measured.refused["6"] == "not seen"
     assert "behind 'a'" in measured.refused["9"]
@@ -304,6 +304,10 @@ def test_what_is_not_asked_properly_is_refused(views: list[Viewpoint], estimates
     q = seen(views[:2], CLOUD)
     with pytest.raises(BadValue, match="2 viewpoints, 12 points"):
         measure_points(views[:2], q[:1], names=[str(i) for i in range(12)])
+    half = q.copy()
+    half[1, 4, 0] = np.nan
+    with pytest.raises(BadValue, match="pixel .column, row. of point '5' from 'b'"):
+        measure_points(views[:2], half)
     with pytest.raises(BadValue, match="each name once"):
         measure_points([views[0], views[0]], q)
     with pytest.raises(UnknownName, match="measuring method"):

@@ -160,7 +160,8 @@ def _viewpoints(arguments: argparse.Namespace, pixels: Pixels) -> list[Viewpoint
         name, path = _named(text)
         if name in cameras:
             raise BadValue("--camera", f"the view {name!r} twice", "one file for each view")
-        cameras[name] = path, read_camera(path)
+        same = [file for other, file in cameras.values() if other == path]
+        cameras[name] = path, same[0] if same else read_camera(path)  # one calibration: its errors are shared
     known = {
         name: _fixed(name, path, file, arguments.sigma)
         for name, (path, file) in cameras.items()
