@@ -306,7 +306,7 @@ def test_what_is_not_asked_properly_is_refused(views: list[Viewpoint], estimates
         measure_points(views[:2], q[:1], names=[str(i) for i in range(12)])
     half = q.copy()
     half[1, 4, 0] = np.nan
-    with pytest.raises(BadValue, match="pixel .column, row. of point '5' from 'b'"):
+    with pytest.raises(BadValue, match=r"pixel \(column, row\) of point '5' from 'b'"):
         measure_points(views[:2], half)
     with pytest.raises(BadValue, match="each name once"):
         measure_points([views[0], views[0]], q)
