@@ -1,8 +1,8 @@
 """Do the covariances of measured points tell the truth? Calibrate anew, measure anew, compare with where the point is.
 
-Seventy draws in the suite: the mean of chi-square with 6 degrees of freedom is known to sqrt(12/70) = 0.41, the share of
-95 % intervals that hold to 2.6 %, both taken four times. `pytest -m slow` draws 500 calibrations by the public search
-and asks for 93-97 %.
+Seventy draws in the suite: the mean of chi-square with 6 degrees of freedom is known to sqrt(12/70) = 0.41, the share
+of 95 % intervals that hold to 2.6 %, both taken four times. `pytest -m slow` draws 500 calibrations by the public
+search and asks for 93-97 %.
 """
 
 from __future__ import annotations

@@ -26,6 +26,7 @@ from cadcam.geometry.plane import Plane
 from cadcam.geometry.ray import Ray, nearest_to_all
 
 _USELESS = 1 / 3  # standard deviation by distance beyond which first-order propagation means nothing
+_ONE_PLACE = 1e-9  # distance of viewpoints by their distance from the world's origin: rounding
 _SETTLED = 1e-10  # a step this small by the distance is the end
 _ITERATIONS = 50
 
@@ -190,9 +191,17 @@ def solve(group: Group, *, by_rays: bool, refuse: Refuse) -> Found:
 
 def startless(group: Group, refuse: Refuse) -> Mask:
     """Refuse points (n,) without a start, behind a camera or where its lens images nothing; return which."""
-    p, rays = group.start(), group.rays
+    p, rays, one = group.start(), group.rays, group.viewpoints[0].name
     bad = np.asarray(~np.isfinite(p).all(axis=1))
-    one = group.viewpoints[0].name
+    centres = np.array([view.camera_from_world.origin for view in group.viewpoints])
+    if (
+        len(centres) > 1
+        and group.surface is None
+        and np.ptp(centres, axis=0).max() <= _ONE_PLACE * (1 + np.abs(centres).max())
+    ):
+        bad[:] = True
+        names = ", ".join(repr(view.name) for view in group.viewpoints)
+        refuse(bad, lambda _: f"its viewpoints {names} stand at one place: no base to see its distance from")
     nowhere = (
         f"its ray from {one!r} does not meet the plane in front of the camera"
         if len(group.viewpoints) == 1

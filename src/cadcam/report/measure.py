@@ -32,11 +32,11 @@ def points_table(measured: Measurement) -> Table:
     rows = []
     for i, name in enumerate(measured.names):
         cells = [c for p, s in zip(measured.points[i], measured.sigma[i], strict=True) for c in with_sigma(p, s)]
-        cells[1::2] = [f"+- {c}" for c in cells[1::2]]
+        cells[1::2] = [f"+- {c}" if c else "exact" for c in cells[1::2]]
         gap, sigma, angle = measured.gap[i], measured.gap_sigma[i], measured.angle[i]
         seen = [f"{gap:.2g}", f"{gap / sigma:.1f}", f"{np.degrees(angle):.1f}"] if np.isfinite(gap) else ["", "", ""]
         chance = f"{p_value[i]:.2g}" if measured.dof[i] > 0 else ""
-        mark = "rays disagree" if p_value[i] < SUSPECT else ""
+        mark = "does not fit" if p_value[i] < SUSPECT else ""
         rows.append((name, *cells, *seen, chance, " ".join(measured.seen_by[i]), mark))
     heads = ("point", "X", "sigma X", "Y", "sigma Y", "Z", "sigma Z", "gap", "gap/sigma", "angle", "p", "views", "")
     return Table(
@@ -49,17 +49,17 @@ def points_table(measured: Measurement) -> Table:
 
 
 def _notes(measured: Measurement) -> tuple[str, ...]:
-    notes = [
-        "gap: the largest shortest distance between two rays; angle: the largest between two rays, deg; p: how likely "
-        "chance alone makes them miss like this",
-    ]
+    notes = []
+    if np.isfinite(measured.gap).any():
+        notes.append("gap: the largest shortest distance between two rays; angle: the largest between two rays, deg")
+        notes.append("p: how likely chance alone makes a point fit as badly as this")
     if total := int(measured.dof.sum()):
-        notes.append(f"misfit of all rays: chi-square {measured.chi2.sum():.3g} with {total} degrees of freedom")
+        notes.append(f"misfit of all points: chi-square {measured.chi2.sum():.3g} with {total} degrees of freedom")
     if bad := measured.inconsistent(p_below=SUSPECT):
         some = ", ".join(bad[:5]) + (" ..." if len(bad) > 5 else "")
         notes.append(
             f"warning: {len(bad)} of {len(measured)} points do not fit ({some}): a wrong pixel or name, a camera that "
-            "moved, or more noise than stated"
+            "moved, a point off its plane, or more noise than stated"
         )
     return tuple(notes)
 
