@@ -15,7 +15,7 @@ from cadcam.errors import BadValue, DegenerateGeometry, InconsistentViews, Unkno
 from cadcam.geometry.plane import Plane
 from cadcam.geometry.rigid import Rigid
 
-from .cell import BENCH, EYES, POINT, SIGMA
+from .cell import BENCH, EYES, FEW, POINT, SIGMA
 
 CLOUD = np.random.default_rng(5).uniform([-100, -80, 10], [100, 80, 140], (12, 3))
 STEP = Rigid.exp([250.0, -120.0, 60.0, 0.1, -0.15, 0.3])
@@ -157,6 +157,29 @@ def test_the_budget_adds_up(estimates: list[CameraEstimate], views: list[Viewpoi
     assert set(budget) == {"pixels", "calibration", "motion to away"}
     total = measure_points(both, seen(both, CLOUD)).sigma
     assert np.sqrt(sum(s**2 for s in budget.values())) == pytest.approx(total, rel=1e-12)
+
+
+def test_intervals_widen_where_the_noise_was_estimated(views: list[Viewpoint]) -> None:
+    """Stated: Gauss. One calibration behind all: Student with its degrees of freedom. Two: Welch and Satterthwaite."""
+    from scipy.special import stdtrit
+
+    rng = np.random.default_rng(3)
+    few = [eye.calibrated(rng, stated=False, targets=BENCH[FEW]) for eye in EYES[:2]]
+    home, other = (Viewpoint.fixed(name, e) for name, e in zip(("home", "other"), few, strict=True))
+    away = Viewpoint.moved("away", few[0], KnownMotion(STEP))
+
+    def factor(pair: list[Viewpoint]) -> np.ndarray:
+        measured = measure_points(pair, seen(pair, CLOUD))
+        length = measured.distance("1", "2")
+        return np.append((measured.half_width() / measured.sigma).ravel(), length.half_width / length.sigma)
+
+    dof = few[0].dof
+    assert dof == 16 - 11
+    assert factor(views[:2]) == pytest.approx(np.full(37, stdtrit(1e9, 0.975)), rel=1e-9)
+    assert factor([home, away]) == pytest.approx(np.full(37, stdtrit(dof, 0.975)), rel=1e-9)
+    both = factor([home, other])
+    assert np.all(both < stdtrit(dof * 1.001, 0.975))
+    assert np.all(both > stdtrit(2 * dof + 1e-6, 0.975))
 
 
 def test_a_poor_view_does_not_harm(estimates: list[CameraEstimate], views: list[Viewpoint]) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Floats, frozen
 from cadcam.camera.line_camera import LINE_NAMES, LineCamera, LineEstimate, LineObservations
-from cadcam.camera.measurement import Measurement
+from cadcam.camera.measurement import Measurement, PixelNoise
 from cadcam.camera.observations import Observations
 from cadcam.camera.plane_camera import PlaneCamera, PlaneEstimate
 from cadcam.camera.viewpoint import ErrorSource
@@ -86,14 +86,15 @@ def measure_on_plane(
     if not kept.any():
         raise DegenerateGeometry(f"none of {len(p)} pixels shows the plane: they lie beyond its vanishing line")
     _, by_point, by_entry = estimate.camera.project_with_jacobians(p[kept])
-    lift = np.eye(3)[:, :2]
+    lift, dof = np.eye(3)[:, :2], float(estimate.dof) if estimate.stated_px is None else np.inf
+    told = (None, np.inf) if sigma_px is not None else (estimate, dof)
     back = lift @ np.linalg.inv(by_point)
     nothing = np.full(int(kept.sum()), np.nan)
     return Measurement(
         names=tuple(n for n, k in zip(names, kept, strict=True) if k),
         points=np.column_stack([p[kept], np.full(len(nothing), estimate.height)]),
-        from_pixels=noise**2 * back @ np.swapaxes(back, -1, -2),
-        effects=((ErrorSource("calibration", estimate.covariance, estimate), -back @ by_entry),),
+        noise=(PixelNoise(noise**2 * back @ np.swapaxes(back, -1, -2), *told),),
+        effects=((ErrorSource("calibration", estimate.covariance, estimate, dof), -back @ by_entry),),
         seen_by=(("plane",),) * len(nothing),
         chi2=np.zeros(len(nothing)),
         dof=np.zeros(len(nothing), dtype=np.int32),

@@ -141,7 +141,9 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.json:
         document = measurement_as_json(measured, pixels=pixels, joint=arguments.joint)
         lengths = [(pair, measured.distance(*pair)) for pair in arguments.distance]
-        document["distances_mm"] = [{"of": list(p), "value": d.value, "sigma": d.sigma} for p, d in lengths]
+        document["distances_mm"] = [
+            {"of": list(pair), "value": d.value, "sigma": d.sigma, "half_width_95": d.half_width} for pair, d in lengths
+        ]
         print_json(document)
     else:
         print_tables(tables)

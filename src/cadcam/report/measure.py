@@ -73,10 +73,10 @@ def distance_table(measured: Measurement, pairs: Sequence[tuple[str, str]]) -> T
         apart = [measured.covariance[measured.names.index(n)] for n in (one, other)]
         alone = float(np.sqrt(along @ (apart[0] + apart[1]) @ along))
         shown, sigma = with_sigma(length.value, length.sigma)
-        rows.append((one, other, shown, f"+- {sigma}", f"{alone:.2g}"))
-    note = "sigma knows what the errors of both points have in common; independent points would have the last column"
-    heads = ("from", "to", "distance", "sigma", "if independent")
-    return Table("Distances, mm", heads, tuple(rows), ("from", "to", "sigma"), (note,))
+        rows.append((one, other, shown, f"+- {sigma}", f"+- {length.half_width:.2g}", f"{alone:.2g}"))
+    note = "sigma knows what the errors of both points have in common; the last column does not"
+    heads = ("from", "to", "distance", "sigma", "95 %", "if independent")
+    return Table("Distances, mm", heads, tuple(rows), ("from", "to", "sigma", "95 %"), (note,))
 
 
 def budget_table(measured: Measurement, viewpoints: Sequence[Viewpoint]) -> Table:
