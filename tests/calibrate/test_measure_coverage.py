@@ -180,7 +180,7 @@ def test_the_public_search_finds_what_the_descent_from_the_truth_finds() -> None
     for eye in EYES[1:3]:
         one, two = search(eye, np.random.default_rng(5)), eye.calibrated(np.random.default_rng(5))
         sd = np.sqrt(np.diag(two.covariance))
-        assert np.abs(one.values - two.values) == pytest.approx(np.zeros(len(sd)), abs=1e-6 * sd.max())
+        assert np.all(np.abs(one.values - two.values) <= 1e-6 * sd + 1e-12)
         assert np.diag(one.cofactor) == pytest.approx(np.diag(two.cofactor), rel=1e-6)
 
 
