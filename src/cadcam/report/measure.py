@@ -30,7 +30,7 @@ def measurement_tables(
 
 def points_table(measured: Measurement) -> Table:
     """Return X, Y, Z with their sigmas; points whose rays disagree are marked."""
-    bad = measured.inconsistent(p_below=SUSPECT)
+    bad = set(measured.inconsistent(p_below=SUSPECT))
     rows = tuple(
         (
             name,
