@@ -21,6 +21,8 @@ SIZE = (1280, 960)
 POINT = np.array([35.0, -20.0, 60.0])
 BENCH = np.array([[x, y, z] for z in (0.0, 150.0) for x in (-150.0, -50.0, 50.0, 150.0) for y in (-120.0, 0.0, 120.0)])
 
+FEW = [0, 2, 7, 9, 12, 14, 19, 23]  # eight of the bench: 5 degrees of freedom are left
+
 
 @dataclass(frozen=True)
 class Eye:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.calibrate.flat import calibrate_line, calibrate_plane
+from cadcam.calibrate.flat import calibrate_line, calibrate_plane, measure_on_plane
 from cadcam.camera.camera import Camera
 from cadcam.camera.line_camera import LineCamera, LineObservations
 from cadcam.camera.observations import Observations
 from cadcam.camera.plane_camera import PlaneCamera
-from cadcam.errors import DegenerateGeometry, TooFewPoints
+from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints
 from cadcam.geometry.rigid import Rigid
 
 SIGMA, DRAWS = 0.3, 200
@@ -68,6 +68,38 @@ def test_a_plane_far_from_the_world_s_origin_is_calibrated_as_well(rng):
     assert two.projection_covariance(p + np.array([5000.0, 22000.0])) == pytest.approx(
         one.projection_covariance(p), rel=1e-5
     )
+
+
+def test_points_measured_on_the_plane_err_as_they_say_alone_and_together(rng):
+    """Two points 30 mm apart: chi-square with 4 degrees of freedom, known to sqrt(8/200), four times."""
+    p = np.array([[40.0, 60.0], [70.0, 60.0]])
+    square, length = [], []
+    for _ in range(DRAWS):
+        q = PLANE.project(p) + SIGMA * rng.normal(size=(2, 2))
+        measured = measure_on_plane(calibrate_plane(plane_points(rng)), q, names="AB")
+        error = (measured.points[:, :2] - p).ravel()
+        flat = measured.joint_covariance()[np.ix_([0, 1, 3, 4], [0, 1, 3, 4])]
+        square.append(error @ np.linalg.solve(flat, error))
+        d = measured.distance("A", "B")
+        length.append((d.value - 30) / d.sigma)
+    assert np.mean(square) == pytest.approx(4, abs=4 * np.sqrt(8 / DRAWS))
+    assert np.std(length) == pytest.approx(1, abs=4 * 0.05)
+    assert measured.points[:, 2].tolist() == [-55, -55]
+    assert measured.sigma[:, 2].tolist() == [0, 0]
+
+
+def test_pixels_beyond_the_vanishing_line_are_refused():
+    estimate = calibrate_plane(plane_points())
+    horizon = np.cross(estimate.camera.matrix[:, 0], estimate.camera.matrix[:, 1])
+    foot = -horizon[2] * horizon[:2] / (horizon[:2] @ horizon[:2])
+    beyond = 2 * foot - PLANE.project(GRID[4])
+    measured = measure_on_plane(estimate, [PLANE.project(GRID[4]), beyond])
+    assert measured.points[0, :2] == pytest.approx(GRID[4], abs=1e-8)
+    assert "vanishing line" in measured.refused["2"]
+    with pytest.raises(DegenerateGeometry, match="vanishing"):
+        measure_on_plane(estimate, [beyond])
+    with pytest.raises(BadValue, match="number of names"):
+        measure_on_plane(estimate, [beyond], names="AB")
 
 
 def test_the_noise_is_the_residuals_where_none_is_stated(rng):

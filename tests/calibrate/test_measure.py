@@ -15,7 +15,7 @@ from cadcam.errors import BadValue, DegenerateGeometry, InconsistentViews, Unkno
 from cadcam.geometry.plane import Plane
 from cadcam.geometry.rigid import Rigid
 
-from .cell import BENCH, EYES, POINT, SIGMA
+from .cell import BENCH, EYES, FEW, POINT, SIGMA
 
 CLOUD = np.random.default_rng(5).uniform([-100, -80, 10], [100, 80, 140], (12, 3))
 STEP = Rigid.exp([250.0, -120.0, 60.0, 0.1, -0.15, 0.3])
@@ -102,6 +102,37 @@ def test_the_effect_of_a_calibration_is_the_derivative_by_its_numbers(estimates:
         assert moved / step == pytest.approx(E[:, :, column], rel=2e-3, abs=2e-3 * np.abs(E[:, :, column]).max())
 
 
+@pytest.mark.parametrize("kind", ["moved", "placed", "located"])
+def test_the_effect_of_a_motion_or_pose_is_the_derivative_by_its_twist(
+    estimates: list[CameraEstimate], kind: str
+) -> None:
+    """Every number of xi in T @ exp(xi) by central differences; a located camera's by its pose's own local numbers."""
+    home, other = estimates[0], estimates[1]
+    there = home.camera_from_world @ STEP.inv
+    pose = EYES[0].located(np.random.default_rng(2), home.camera, there, BENCH)
+    known = np.diag([1e-2] * 3 + [1e-8] * 3)
+
+    def views(xi: np.ndarray) -> list[Viewpoint]:
+        if kind == "moved":
+            away = Viewpoint.moved("away", home, KnownMotion(STEP @ Rigid.exp(xi), known))
+        elif kind == "placed":
+            away = Viewpoint.placed("away", home, there @ Rigid.exp(xi), pose_covariance=known)
+        else:
+            R, F = pose.camera_from_world.rotation, pose.camera_from_world.origin + xi[:3]
+            R = R @ Rigid.exp([0, 0, 0, *xi[3:]]).rotation
+            turned = dataclasses.replace(pose, camera_from_world=Rigid(R, -R @ F))
+            away = Viewpoint.located("away", home, turned)
+        return [away, Viewpoint.fixed("other", other)]
+
+    q = seen(views(np.zeros(6)), CLOUD[:4])
+    base = measure_points(views(np.zeros(6)), q)
+    E = base.effects[1][1]
+    assert E.any()
+    for i, step in enumerate([1e-3] * 3 + [1e-6] * 3):
+        plus, minus = (measure_points(views(s * step * np.eye(6)[i]), q).points for s in (1, -1))
+        assert (plus - minus) / (2 * step) == pytest.approx(E[:, :, i], abs=2e-3 * np.abs(E[:, :, i]).max())
+
+
 def test_points_measured_together_err_together(views: list[Viewpoint]) -> None:
     """A short distance is known better than independent points would have it; the joint covariance holds each alone."""
     p = POINT + np.array([[0.0, 0, 0], [5.0, 0, 0], [0, 5.0, 0]])
@@ -128,6 +159,29 @@ def test_the_budget_adds_up(estimates: list[CameraEstimate], views: list[Viewpoi
     assert np.sqrt(sum(s**2 for s in budget.values())) == pytest.approx(total, rel=1e-12)
 
 
+def test_intervals_widen_where_the_noise_was_estimated(views: list[Viewpoint]) -> None:
+    """Stated: Gauss. One calibration behind all: Student with its degrees of freedom. Two: Welch and Satterthwaite."""
+    from scipy.special import stdtrit
+
+    rng = np.random.default_rng(3)
+    few = [eye.calibrated(rng, stated=False, targets=BENCH[FEW]) for eye in EYES[:2]]
+    home, other = (Viewpoint.fixed(name, e) for name, e in zip(("home", "other"), few, strict=True))
+    away = Viewpoint.moved("away", few[0], KnownMotion(STEP))
+
+    def factor(pair: list[Viewpoint]) -> np.ndarray:
+        measured = measure_points(pair, seen(pair, CLOUD))
+        length = measured.distance("1", "2")
+        return np.append((measured.half_width() / measured.sigma).ravel(), length.half_width / length.sigma)
+
+    dof = few[0].dof
+    assert dof == 16 - 11
+    assert factor(views[:2]) == pytest.approx(np.full(37, stdtrit(1e9, 0.975)), rel=1e-9)
+    assert factor([home, away]) == pytest.approx(np.full(37, stdtrit(dof, 0.975)), rel=1e-9)
+    both = factor([home, other])
+    assert np.all(both < stdtrit(dof * 1.001, 0.975))
+    assert np.all(both > stdtrit(2 * dof + 1e-6, 0.975))
+
+
 def test_a_poor_view_does_not_harm(estimates: list[CameraEstimate], views: list[Viewpoint]) -> None:
     """Weighted by what the motion is known to, a third view 5 mm off its place leaves the point as good as before."""
     poor = KnownMotion(STEP).known_to(5.0, 5e-3, about=estimates[2].camera_from_world.origin)
@@ -143,10 +197,17 @@ def test_the_weighted_optimum_is_at_least_as_sharp_as_the_rays(views: list[Viewp
     assert np.linalg.eigvalsh(rays - sharp).min() > -1e-9 * np.abs(rays).max()
 
 
-def test_the_gap_is_as_wide_as_its_sigma_says(views: list[Viewpoint]) -> None:
-    """For two rays gap^2/sigma^2 is the misfit, chi-square with one degree of freedom; to first order of the gap."""
-    q = seen(views[:2], CLOUD) + SIGMA * np.random.default_rng(4).normal(size=(2, 12, 2))
-    measured = measure_points(views[:2], q)
+@pytest.mark.parametrize("moved", [False, True])
+def test_the_gap_is_as_wide_as_its_sigma_says(
+    views: list[Viewpoint], estimates: list[CameraEstimate], moved: bool
+) -> None:
+    """For two rays gap^2/sigma^2 is the misfit, chi-square with one degree of freedom; to first order of the gap.
+
+    A moved camera's calibration opens and closes the gap with both rays at once.
+    """
+    pair = [views[0], Viewpoint.moved("away", estimates[0], KnownMotion(STEP)) if moved else views[1]]
+    q = seen(pair, CLOUD) + SIGMA * np.random.default_rng(4).normal(size=(2, 12, 2))
+    measured = measure_points(pair, q)
     assert (measured.gap / measured.gap_sigma) ** 2 == pytest.approx(measured.chi2, rel=2e-2, abs=1e-4)
 
 
@@ -194,7 +255,7 @@ def test_points_that_cannot_be_measured_are_refused_one_by_one(views: list[Viewp
     q[0, 8] = (views[0].camera.K @ (views[0].camera_from_world @ behind))[:2] / -400.0
     q[1, 8] = views[1].camera.project(views[1].camera_from_world @ behind)
     measured = measure_points(views[:2], q)
-    assert len(measured) == 9 + 0 * len(measured.refused)
+    assert len(measured) == 9
     assert "seen by 'a' only" in measured.refused["4"]
     assert measured.refused["6"] == "not seen"
     assert "behind 'a'" in measured.refused["9"]
@@ -210,7 +271,7 @@ def test_rays_that_are_nearly_parallel_are_refused_with_the_angle(estimates: lis
     with pytest.raises(DegenerateGeometry, match=r"nearly parallel \(0\.0\d* deg\).*is no measurement"):
         measure_points([home, away], seen([home, away], CLOUD))
     same = Viewpoint.exact("again", home.camera, home.camera_from_world, sigma_px=0.2)
-    with pytest.raises(DegenerateGeometry, match="parallel"):
+    with pytest.raises(DegenerateGeometry, match="'home', 'again' stand at one place"):
         measure_points([home, same], seen([home, same], CLOUD))
 
 
@@ -266,6 +327,10 @@ def test_what_is_not_asked_properly_is_refused(views: list[Viewpoint], estimates
     q = seen(views[:2], CLOUD)
     with pytest.raises(BadValue, match="2 viewpoints, 12 points"):
         measure_points(views[:2], q[:1], names=[str(i) for i in range(12)])
+    half = q.copy()
+    half[1, 4, 0] = np.nan
+    with pytest.raises(BadValue, match=r"pixel \(column, row\) of point '5' from 'b'"):
+        measure_points(views[:2], half)
     with pytest.raises(BadValue, match="each name once"):
         measure_points([views[0], views[0]], q)
     with pytest.raises(UnknownName, match="measuring method"):

@@ -86,7 +86,14 @@ def test_two_cameras_measure_points_and_a_distance(cadcam: Cadcam, rig: Path) ->
 
 def test_the_tables_show_points_distances_and_causes(cadcam: Cadcam, rig: Path) -> None:
     out = cadcam(*two(rig), "--distance", "A,B").out
-    for words in ("4 points, mm", "gap/sigma", "Distances, mm", "if independent", "calibration", "all together"):
+    for words in (
+        "4 points, mm +- sigma",
+        "gap/sigma",
+        "Distances, mm",
+        "if independent",
+        "calibration",
+        "all together",
+    ):
         assert words in out
 
 
@@ -154,6 +161,19 @@ def test_points_seen_once_are_listed_and_the_others_measured(cadcam: Cadcam, rig
     assert "3 points, mm" in ran.out
     assert "seen by 'left' only" in ran.out
     assert "1 of 4 points could not be measured" in ran.err
+
+
+def test_a_wrong_pixel_is_marked_at_its_point(cadcam: Cadcam, rig: Path, tmp_path: Path) -> None:
+    line = next(t for t in (rig / "two.csv").read_text().splitlines() if t.startswith("C,right"))
+    name, view, x, y = line.split(",")
+    off = f"{name},{view},{x},{float(y) + 8}"
+    (tmp_path / "off.csv").write_text((rig / "two.csv").read_text().replace(line, off))
+    words = two(rig)
+    words[1] = f"{tmp_path}/off.csv"
+    out = cadcam(*words).out
+    marked = [t.split()[0] for t in out.splitlines() if t.endswith("does not fit")]
+    assert marked == ["C"]
+    assert "warning: 1 of 4 points do not fit (C)" in out
 
 
 WRONG = {

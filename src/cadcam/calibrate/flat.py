@@ -6,15 +6,18 @@ their covariance belongs.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Floats, frozen
 from cadcam.camera.line_camera import LINE_NAMES, LineCamera, LineEstimate, LineObservations
+from cadcam.camera.measurement import Measurement, PixelNoise
 from cadcam.camera.observations import Observations
 from cadcam.camera.plane_camera import PlaneCamera, PlaneEstimate
-from cadcam.errors import DegenerateGeometry
+from cadcam.camera.viewpoint import ErrorSource
+from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.dlt import dlt
 from cadcam.fit.least_squares import cofactor, minimise
 
@@ -60,6 +63,46 @@ def calibrate_line(observations: LineObservations) -> LineEstimate:
         observations,
         cofactor(found.jacobian, LINE_NAMES),
         "line camera, reprojection least squares",
+    )
+
+
+def measure_on_plane(
+    estimate: PlaneEstimate, q: Floats, *, names: Sequence[str] = (), sigma_px: float | None = None
+) -> Measurement:
+    """Return the points of the plane seen at pixels q (N, 2), in the world of the calibration (EQ 6.8-6.10).
+
+    sigma_px: noise of these pixels, by default that of the calibration. The matrix' error is shared by all points.
+    Points beyond the plane's vanishing line are refused one by one; raises `DegenerateGeometry` if all of them are.
+    """
+    pixels = frozen(q, "pixels", (None, 2))
+    names = tuple(names) or tuple(str(i + 1) for i in range(len(pixels)))
+    noise = estimate.noise_px if sigma_px is None else sigma_px
+    if len(names) != len(pixels):
+        raise BadValue("number of names", len(names), f"one for each of {len(pixels)} pixels")
+    if not (np.isfinite(noise) and noise > 0 and np.isfinite(estimate.noise_px)):
+        raise BadValue("pixel noise", noise, "a positive number of px: state it with the calibration's points")
+    p = estimate.camera.unproject(pixels)
+    kept = np.asarray(np.isfinite(p).all(axis=1))
+    if not kept.any():
+        raise DegenerateGeometry(f"none of {len(p)} pixels shows the plane: they lie beyond its vanishing line")
+    _, by_point, by_entry = estimate.camera.project_with_jacobians(p[kept])
+    lift, dof = np.eye(3)[:, :2], float(estimate.dof) if estimate.stated_px is None else np.inf
+    told = (None, np.inf) if sigma_px is not None else (estimate, dof)
+    back = lift @ np.linalg.inv(by_point)
+    nothing = np.full(int(kept.sum()), np.nan)
+    return Measurement(
+        names=tuple(n for n, k in zip(names, kept, strict=True) if k),
+        points=np.column_stack([p[kept], np.full(len(nothing), estimate.height)]),
+        noise=(PixelNoise(noise**2 * back @ np.swapaxes(back, -1, -2), *told),),
+        effects=((ErrorSource("calibration", estimate.covariance, estimate, dof), -back @ by_entry),),
+        seen_by=(("plane",),) * len(nothing),
+        chi2=np.zeros(len(nothing)),
+        dof=np.zeros(len(nothing), dtype=np.int32),
+        gap=nothing,
+        gap_sigma=nothing,
+        angle=nothing,
+        refused={n: "beyond the plane's vanishing line" for n, k in zip(names, kept, strict=True) if not k},
+        method="the plane's 3x3 matrix",
     )
 
 

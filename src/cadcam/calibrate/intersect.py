@@ -26,6 +26,7 @@ from cadcam.geometry.plane import Plane
 from cadcam.geometry.ray import Ray, nearest_to_all
 
 _USELESS = 1 / 3  # standard deviation by distance beyond which first-order propagation means nothing
+_ONE_PLACE = 1e-9  # distance of viewpoints by their distance from the world's origin: rounding
 _SETTLED = 1e-10  # a step this small by the distance is the end
 _ITERATIONS = 50
 
@@ -191,14 +192,8 @@ def solve(group: Group, *, by_rays: bool, refuse: Refuse) -> Found:
 def startless(group: Group, refuse: Refuse) -> Mask:
     """Refuse points (n,) without a start, behind a camera or where its lens images nothing; return which."""
     p, rays = group.start(), group.rays
-    bad = np.asarray(~np.isfinite(p).all(axis=1))
-    one = group.viewpoints[0].name
-    nowhere = (
-        f"its ray from {one!r} does not meet the plane in front of the camera"
-        if len(group.viewpoints) == 1
-        else "its rays are parallel: they meet nowhere"
-    )
-    refuse(bad, lambda _: nowhere)
+    bad, why = _nowhere(group, p)
+    refuse(bad, lambda _: why)
     p = np.where(bad[:, None], rays.at(np.ones(rays.origin.shape[:2]))[:, 0], p)
     for v, view in enumerate(group.viewpoints):
         along = np.sum((p - rays.origin[:, v]) * rays.direction[:, v], axis=-1)
@@ -209,6 +204,20 @@ def startless(group: Group, refuse: Refuse) -> Mask:
         refuse(unseen, lambda _, name=view.name: f"its rays meet where the lens of {name!r} images nothing")  # type: ignore[misc]
         bad = bad | unseen
     return bad
+
+
+def _nowhere(group: Group, p: Array) -> tuple[Mask, str]:
+    """Return which points (n,) have no start p, and why."""
+    centres = np.array([view.camera_from_world.origin for view in group.viewpoints])
+    names = ", ".join(repr(view.name) for view in group.viewpoints)
+    if len(centres) == 1:
+        why = f"its ray from {names} does not meet the plane in front of the camera"
+    elif group.surface is None and np.ptp(centres, axis=0).max() <= _ONE_PLACE * (1 + np.abs(centres).max()):
+        why = f"its viewpoints {names} stand at one place: no base to see its distance from"
+        return np.ones(len(p), dtype=bool), why
+    else:
+        why = "its rays are parallel: they meet nowhere"
+    return np.asarray(~np.isfinite(p).all(axis=1)), why
 
 
 def widest(group: Group, found: Found) -> tuple[Array, Array, Array]:

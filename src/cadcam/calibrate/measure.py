@@ -7,7 +7,7 @@ cameras stand and what is uncertain about them, `cadcam.calibrate.intersect` hol
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal, get_args
 
@@ -26,9 +26,10 @@ from cadcam.calibrate.intersect import (
     widest,
 )
 from cadcam.calibrate.suspects import refuse_if_explained
-from cadcam.camera.measurement import Measurement
+from cadcam.camera.measurement import Measurement, PixelNoise
 from cadcam.camera.viewpoint import ErrorSource, Viewpoint
 from cadcam.errors import BadValue, DegenerateGeometry, UnknownName
+from cadcam.fit.layout import Indices
 from cadcam.geometry.plane import Plane
 
 Method = Literal["reprojection", "rays"]
@@ -81,6 +82,11 @@ def _job(
     names = names or tuple(str(i + 1) for i in range(pixels.shape[1]))
     if (len(viewpoints), len(names)) != pixels.shape[:2]:
         raise BadValue("pixels", f"of shape {pixels.shape}", f"({len(viewpoints)} viewpoints, {len(names)} points, 2)")
+    half = np.isfinite(pixels).any(axis=-1) & ~np.isfinite(pixels).all(axis=-1) | np.isinf(pixels).any(axis=-1)
+    if half.any():
+        v, i = (int(k) for k in np.argwhere(half)[0])
+        where = f"pixel (column, row) of point {names[i]!r} from {viewpoints[v].name!r}"
+        raise BadValue(where, pixels[v, i].tolist(), "two finite numbers, or NaN for both where it was not seen")
     for what, given in (("viewpoint names", [v.name for v in viewpoints]), ("point names", names)):
         if len(set(given)) != len(given) or not given:
             raise BadValue(what, ", ".join(given) or "none", "at least one, each name once")
@@ -141,7 +147,7 @@ class _Job:
         return Measurement(
             names=tuple(self.names[i] for i in rows[keep]),
             points=all_of("points", 3),
-            from_pixels=all_of("from_pixels", 3, 3),
+            noise=_noise_of(parts, keep),
             effects=tuple((s, _joined([p.effect(s) for p in parts], float)[keep]) for s in sources),
             seen_by=tuple(seen_by[i] for i in keep),
             chi2=all_of("chi2"),
@@ -161,7 +167,7 @@ class _Part:
     rows: Array
     seen_by: tuple[str, ...]
     points: Array
-    from_pixels: Array
+    noise: list[PixelNoise]
     effects: list[tuple[ErrorSource, Array]]
     chi2: Array
     dof: Array
@@ -185,13 +191,37 @@ def _part(group: Group, found: Found) -> _Part:
         rows=np.asarray(group.rows),
         seen_by=tuple(view.name for view in group.viewpoints),
         points=found.p,
-        from_pixels=(G * group.noise) @ np.swapaxes(G, -1, -2),
+        noise=_pixel_noise(group, G),
         effects=effects,
         chi2=found.chi2,
         dof=np.full(n, 2 * len(group.viewpoints) - (3 if group.surface is None else 2)),
         gap=gap,
         gap_sigma=gap_sigma,
         angle=angle,
+    )
+
+
+def _pixel_noise(group: Group, G: Array) -> list[PixelNoise]:
+    """Return the points' covariances by the noise of pixels, a part for each calibration that told it."""
+    out: dict[int, PixelNoise] = {}
+    for v, view in enumerate(group.viewpoints):
+        own = G[:, :, 2 * v : 2 * v + 2]
+        more = view.sigma_px**2 * own @ np.swapaxes(own, -1, -2)
+        part = out.setdefault(id(view.noise_from), PixelNoise(np.zeros_like(more), view.noise_from, view.noise_dof))
+        out[id(view.noise_from)] = replace(part, covariance=part.covariance + more)
+    return list(out.values())
+
+
+def _noise_of(parts: list[_Part], keep: Indices) -> tuple[PixelNoise, ...]:
+    """Return the pixel noise of all points, a part for each calibration that told it."""
+    owners = {id(noise.owner): noise for part in parts for noise in part.noise}
+    nothing = [np.zeros((len(part.rows), 3, 3)) for part in parts]
+    own = [{id(noise.owner): noise.covariance for noise in part.noise} for part in parts]
+    return tuple(
+        replace(
+            noise, covariance=_joined([o.get(key, zero) for o, zero in zip(own, nothing, strict=True)], float)[keep]
+        )
+        for key, noise in owners.items()
     )
 
 

@@ -43,11 +43,11 @@ def refuse_if_explained(
     measured: Measurement, viewpoints: Sequence[Viewpoint], q: Array, plane: Plane | None, again: Again
 ) -> None:
     """Raise `InconsistentViews` if the points do not fit, or lie behind a camera, but do with one input read anew."""
-    given, fit = _misfit(measured), len(measured) / max(q.shape[1], 1)
     seen = np.isfinite(q).all(axis=-1).sum(axis=0)
     measurable = seen >= (2 if plane is None else 1)
-    evidence = int(np.sum(np.maximum(2 * seen - (3 if plane is None else 2), 0)[measurable]))
-    if evidence < _EVIDENCE or (given < _SUSPICIOUS and fit > 0.5 * measurable.mean()):
+    evidence = int(np.sum((2 * seen - (3 if plane is None else 2))[measurable]))
+    given = _misfit(measured) if 2 * len(measured) > measurable.sum() else np.inf
+    if evidence < _EVIDENCE or given < _SUSPICIOUS:
         return
     some = np.flatnonzero(measurable)[:_ENOUGH]
     few = np.full_like(q, np.nan)
@@ -62,8 +62,8 @@ def refuse_if_explained(
         misfit, words = min(found)
         had = f"miss each other by {given:.3g} sigmas" if np.isfinite(given) else "meet behind a camera or nowhere"
         raise InconsistentViews(
-            f"the rays of {evidence} equations {had} (half of the points or more), but fit within {misfit:.2g} "
-            f"sigmas if {words}: correct that input"
+            f"at half of the points or more the rays {had} ({evidence} degrees of freedom in all), but by {misfit:.2g} "
+            f"sigmas only if {words}: correct that input"
         )
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -13,31 +13,45 @@ from cadcam.camera.viewpoint import ErrorSource
 from cadcam.errors import BadValue, UnknownName
 
 PIXELS = "pixels"
+_NORMAL = 1e9  # degrees of freedom from which Student is Gauss
 
 
 @dataclass(frozen=True, slots=True)
 class Length:
-    """A distance and its standard deviation, mm."""
+    """A distance, its standard deviation and half of its 95 % interval, mm."""
 
     value: float
     sigma: float
+    half_width: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PixelNoise:
+    """The covariance (N, 3, 3) mm^2 that points owe to pixels of one origin, independent from point to point.
+
+    owner, dof: the calibration that told the noise and its degrees of freedom; None and inf where it was stated.
+    """
+
+    covariance: Array
+    owner: object = field(default=None, repr=False)
+    dof: float = np.inf
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measurement:
     """N points (N, 3) in mm, in the world of the cameras, with everything that their uncertainty consists of.
 
-    from_pixels (N, 3, 3): covariance due to the noise of each point's own pixels, independent from point to point.
-    effects: for each error source how all points move with its numbers, (N, 3, k): shared by the points, so that what
-    is measured together errs together. seen_by: the viewpoints of each point. chi2 (N,), dof (N,): the misfit of each
-    point's rays by what pixels, calibration and motion allow, and its degrees of freedom. gap, gap_sigma (N,) mm: the
-    largest shortest distance between two of its rays and its predicted standard deviation; angle (N,) rad: the largest
-    angle between two of its rays; NaN for points of one ray. refused: the points that could not be measured, and why.
+    noise: covariances due to each point's own pixels. effects: for each error source how all points move with its
+    numbers, (N, 3, k): shared by the points, so that what is measured together errs together. seen_by: the viewpoints
+    of each point. chi2 (N,), dof (N,): the misfit of each point's rays by what pixels, calibration and motion allow,
+    and its degrees of freedom. gap, gap_sigma (N,) mm: the largest shortest distance between two of its rays and its
+    predicted standard deviation; angle (N,) rad: the largest angle between two of its rays; NaN for points of one ray.
+    refused: the points that could not be measured, and why.
     """
 
     names: tuple[str, ...]
     points: Array
-    from_pixels: Array
+    noise: tuple[PixelNoise, ...]
     effects: tuple[tuple[ErrorSource, Array], ...]
     seen_by: tuple[tuple[str, ...], ...]
     chi2: Array
@@ -53,7 +67,11 @@ class Measurement:
         if len(set(self.names)) != n:
             raise BadValue("point names", self.names, "each name once")
         object.__setattr__(self, "points", frozen(self.points, "measured points", (n, 3)))
-        object.__setattr__(self, "from_pixels", frozen(self.from_pixels, "covariance from pixels", (n, 3, 3)))
+        noise = tuple(
+            replace(part, covariance=frozen(part.covariance, "covariance from pixels", (n, 3, 3)))
+            for part in self.noise
+        )
+        object.__setattr__(self, "noise", noise)
         effects = tuple((s, frozen(E, f"effect of {s.name}", (n, 3, len(s.covariance)))) for s, E in self.effects)
         object.__setattr__(self, "effects", effects)
         for name in ("chi2", "gap", "gap_sigma", "angle"):
@@ -65,9 +83,14 @@ class Measurement:
         return len(self.names)
 
     @property
+    def from_pixels(self) -> Array:
+        """Return the covariance (N, 3, 3) mm^2 due to all pixels' noise, independent from point to point."""
+        return np.asarray(sum((part.covariance for part in self.noise), np.zeros((len(self), 3, 3))))
+
+    @property
     def covariance(self) -> Array:
         """Return the covariance (N, 3, 3) mm^2 of each point by itself."""
-        total = self.from_pixels.copy()
+        total = self.from_pixels
         for source, E in self.effects:
             total += E @ source.covariance @ np.swapaxes(E, -1, -2)
         return np.asarray(total)
@@ -76,6 +99,15 @@ class Measurement:
     def sigma(self) -> Array:
         """Return the standard deviations (N, 3) mm of X, Y, Z."""
         return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)))
+
+    def half_width(self, *, coverage: float = 0.95) -> Array:
+        """Return half the widths (N, 3) mm of the intervals that hold X, Y, Z with this probability.
+
+        Student's t for noise that was estimated: effective degrees of freedom by Welch and Satterthwaite (GUM, G.4),
+        the pixels' noise and a calibration's covariance taken as one where the same residuals told both.
+        """
+        t = np.stack([self._student(range(len(self)), axis, coverage) for axis in np.eye(3)], axis=-1)
+        return np.asarray(t * self.sigma)
 
     @property
     def p_value(self) -> Array:
@@ -103,9 +135,9 @@ class Measurement:
     def joint_covariance(self, *names: str) -> Array:
         """Return the covariance (3 M, 3 M) mm^2 of M points together, in the order of the names (default: all)."""
         index = [self._index(n) for n in names] if names else list(range(len(self)))
-        total = np.zeros((3 * len(index),) * 2)
+        total, from_pixels = np.zeros((3 * len(index),) * 2), self.from_pixels
         for row, i in enumerate(index):
-            total[3 * row : 3 * row + 3, 3 * row : 3 * row + 3] = self.from_pixels[i]
+            total[3 * row : 3 * row + 3, 3 * row : 3 * row + 3] = from_pixels[i]
         for source, E in self.effects:
             stacked = E[index].reshape(3 * len(index), -1)
             total += stacked @ source.covariance @ stacked.T
@@ -118,13 +150,40 @@ class Measurement:
         if one == other or length == 0:
             raise BadValue("the distance", f"between {one!r} and {other!r} at the same place", "two different points")
         gradient = np.concatenate([-d, d]) / length
-        return Length(length, float(np.sqrt(gradient @ self.joint_covariance(one, other) @ gradient)))
+        sigma = float(np.sqrt(gradient @ self.joint_covariance(one, other) @ gradient))
+        index = [self._index(one), self._index(other)]
+        t = self._student(index, gradient.reshape(2, 3), 0.95, together=True)
+        return Length(length, sigma, float(t[0]) * sigma)
 
     def inconsistent(self, *, p_below: float = 1e-3) -> tuple[str, ...]:
         """Return the names of the points whose rays miss each other more than chance allows, the worst first."""
         p = np.nan_to_num(self.p_value, nan=1.0)
         ratio = self.chi2 / np.maximum(self.dof, 1)
         return tuple(self.names[i] for i in np.argsort(-np.nan_to_num(ratio)) if p[i] < p_below)
+
+    def _student(self, index: Sequence[int], gradient: Array, coverage: float, *, together: bool = False) -> Array:
+        """Return Student's factor for gradient . point, of each point in `index`, or of their sum if together."""
+        from scipy.special import stdtrit
+
+        rows, told = list(index), dict[int, tuple[float, Array]]()
+        g = np.broadcast_to(gradient, (len(rows), 3))
+
+        def add(owner: object, dof: float, variance: Array) -> None:
+            _, before = told.get(id(owner), (dof, np.zeros(1)))
+            told[id(owner)] = dof, before + variance
+
+        for part in self.noise:
+            each = np.einsum("ni,nij,nj->n", g, part.covariance[rows], g)
+            add(part.owner, part.dof, each.sum(keepdims=True) if together else each)
+        for source, E in self.effects:
+            along = np.einsum("ni,nik->nk", g, E[rows])
+            along = along.sum(axis=0, keepdims=True) if together else along
+            add(source.owner, source.dof, np.einsum("nk,kl,nl->n", along, source.covariance, along))
+        total = np.sum([variance for _, variance in told.values()], axis=0)
+        doubt = np.sum([variance**2 / dof for dof, variance in told.values()], axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            effective = np.where(doubt > 0, total**2 / doubt, np.inf)
+        return np.asarray(stdtrit(np.minimum(effective, _NORMAL), 0.5 + 0.5 * coverage))
 
     def _index(self, name: str) -> int:
         if name in self.refused:

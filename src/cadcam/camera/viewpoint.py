@@ -8,14 +8,14 @@ measured with them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from cadcam.arrays import Array, Floats, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
-from cadcam.camera.sensitivity import project_with_sensitivity
+from cadcam.camera.sensitivity import project_with_sensitivity, twist_by_local
 from cadcam.errors import BadValue
 from cadcam.geometry.ray import Ray
 from cadcam.geometry.rigid import Rigid
@@ -26,11 +26,15 @@ _POSE, _EXTERNAL = slice(0, 6), 6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorSource:
-    """Numbers that are not known exactly and their covariance (k, k); the same `owner` is the same source."""
+    """Numbers that are not known exactly and their covariance (k, k); the same `owner` is the same source.
+
+    dof: degrees of freedom behind the noise that scales the covariance; inf where it is known.
+    """
 
     name: str
     covariance: Array
     owner: object = field(repr=False)
+    dof: float = np.inf
 
     def __post_init__(self) -> None:
         covariance = frozen(self.covariance, f"covariance of {self.name}", (None, None))
@@ -91,7 +95,7 @@ class Viewpoint:
 
     sigma_px: noise of one pixel coordinate of what is measured here. errors: for each source the matrix (n, k) that
     turns its numbers into the local coordinates of `cadcam.camera.sensitivity` of this viewpoint. motion: how the
-    camera was moved here, if it was.
+    camera was moved here, if it was. noise_from: the calibration whose residuals sigma_px was taken from, if it was.
     """
 
     name: str
@@ -100,6 +104,7 @@ class Viewpoint:
     sigma_px: float
     errors: tuple[tuple[ErrorSource, Array], ...] = ()
     motion: Rigid | None = None
+    noise_from: CameraEstimate | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.sigma_px) and self.sigma_px > 0):
@@ -114,6 +119,11 @@ class Viewpoint:
         )
         object.__setattr__(self, "errors", errors)
 
+    @property
+    def noise_dof(self) -> float:
+        """Return the degrees of freedom behind sigma_px; inf where it was stated."""
+        return np.inf if self.noise_from is None else _dof(self.noise_from)
+
     @classmethod
     def exact(cls, name: str, camera: Camera, camera_from_world: Rigid, *, sigma_px: float) -> Viewpoint:
         """Return a viewpoint of a camera without known uncertainty: only the pixels' noise will count."""
@@ -125,32 +135,23 @@ class Viewpoint:
 
         sigma_px defaults to the noise behind the calibration's covariance.
         """
-        noise = estimate.noise_px if sigma_px is None else sigma_px
-        pose = estimate.camera_from_world
-        return cls(name, estimate.camera, pose, noise, (_calibration(name, estimate, np.eye(len(estimate.cofactor))),))
+        pose, as_it_is = estimate.camera_from_world, np.eye(len(estimate.cofactor))
+        return _of(name, estimate, pose, sigma_px, (_calibration(name, estimate, as_it_is),))
 
     @classmethod
     def moved(
         cls, name: str, estimate: CameraEstimate, motion: KnownMotion, *, sigma_px: float | None = None
     ) -> Viewpoint:
         """Return the viewpoint of a calibrated camera moved away from its calibration (section 2.3.2, EQ 2.170)."""
-        noise = estimate.noise_px if sigma_px is None else sigma_px
         R, F = motion.new_from_old.rotation, estimate.camera_from_world.origin
         of_home = np.eye(len(estimate.cofactor))
         of_home[:3, :3] = of_home[3:6, 3:6] = R
         of_motion = np.zeros((len(of_home), 6))
         of_motion[:3, :3], of_motion[:3, 3:], of_motion[3:6, 3:] = R, -R @ hat(F), -R
-        return cls(
-            name,
-            estimate.camera,
-            estimate.camera_from_world @ motion.new_from_old.inv,
-            noise,
-            (
-                _calibration(name, estimate, of_home),
-                (ErrorSource(f"motion to {name}", motion.covariance, motion), of_motion),
-            ),
-            motion.new_from_old,
-        )
+        moving = (ErrorSource(f"motion to {name}", motion.covariance, motion), of_motion)
+        pose = estimate.camera_from_world @ motion.new_from_old.inv
+        view = _of(name, estimate, pose, sigma_px, (_calibration(name, estimate, of_home), moving))
+        return replace(view, motion=motion.new_from_old)
 
     @classmethod
     def placed(
@@ -166,14 +167,14 @@ class Viewpoint:
 
         pose_covariance (6, 6): of xi in camera_from_world @ Rigid.exp(xi), mm and rad; default exact.
         """
-        noise = estimate.noise_px if sigma_px is None else sigma_px
         internals = np.eye(len(estimate.cofactor))
         internals[_POSE] = 0.0
         covariance = np.zeros((6, 6)) if pose_covariance is None else np.asarray(pose_covariance, dtype=np.float64)
         by_pose = np.zeros((len(internals), 6))
-        by_pose[:3, :3], by_pose[:3, 3:], by_pose[3:6, 3:] = -np.eye(3), hat(camera_from_world.origin), np.eye(3)
+        by_pose[_POSE] = twist_by_local(camera_from_world.origin)  # its own inverse
         pose = (ErrorSource(f"pose of {name}", covariance, camera_from_world), by_pose)
-        return cls(name, estimate.camera, camera_from_world, noise, (_calibration(name, estimate, internals), pose))
+        errors = (_calibration(name, estimate, internals), pose)
+        return _of(name, estimate, camera_from_world, sigma_px, errors)
 
     @classmethod
     def located(
@@ -185,16 +186,15 @@ class Viewpoint:
         """
         if pose.camera is not estimate.camera and not _same(pose.camera, estimate.camera):
             raise BadValue("the located camera", repr(pose.camera), f"the calibrated one, {estimate.camera!r}")
-        noise = estimate.noise_px if sigma_px is None else sigma_px
         _, J = project_with_sensitivity(pose.camera, pose.camera_from_world, pose.observations.p_world)
         J = J.reshape(-1, J.shape[-1])
         with_internals = np.eye(J.shape[1])
         with_internals[_POSE] = 0.0
         with_internals[_POSE, _EXTERNAL:] = -np.linalg.lstsq(J[:, _POSE], J[:, _EXTERNAL:], rcond=None)[0]
         alone = np.eye(J.shape[1])
-        found = (ErrorSource(f"points that located {name}", _covariance_of(name, pose), pose), alone)
+        found = (ErrorSource(f"points that located {name}", _covariance_of(name, pose), pose, _dof(pose)), alone)
         errors = (_calibration(name, estimate, with_internals), found)
-        return cls(name, estimate.camera, pose.camera_from_world, noise, errors)
+        return _of(name, estimate, pose.camera_from_world, sigma_px, errors)
 
     def rays(self, q: Floats) -> Ray:
         """Return the rays (..., 3) in the world along which pixels q (..., 2) are seen; `BadValue` if there is none."""
@@ -235,8 +235,26 @@ class Viewpoint:
         return total
 
 
+def _of(
+    name: str,
+    estimate: CameraEstimate,
+    pose: Rigid,
+    sigma_px: float | None,
+    errors: tuple[tuple[ErrorSource, Array], ...],
+) -> Viewpoint:
+    """Return a viewpoint of a calibrated camera, its pixels as noisy as stated or as the calibration says."""
+    if sigma_px is not None:
+        return Viewpoint(name, estimate.camera, pose, sigma_px, errors)
+    return Viewpoint(name, estimate.camera, pose, estimate.noise_px, errors, noise_from=estimate)
+
+
 def _calibration(name: str, estimate: CameraEstimate, effect: Array) -> tuple[ErrorSource, Array]:
-    return ErrorSource("calibration", _covariance_of(name, estimate), estimate), effect
+    return ErrorSource("calibration", _covariance_of(name, estimate), estimate, _dof(estimate)), effect
+
+
+def _dof(estimate: CameraEstimate) -> float:
+    """Return the degrees of freedom of the noise behind an estimate's covariance: inf where it was stated."""
+    return np.inf if estimate.observations.sigma_px is not None else float(estimate.dof)
 
 
 def _covariance_of(name: str, estimate: CameraEstimate) -> Array:

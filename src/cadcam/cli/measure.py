@@ -141,7 +141,9 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.json:
         document = measurement_as_json(measured, pixels=pixels, joint=arguments.joint)
         lengths = [(pair, measured.distance(*pair)) for pair in arguments.distance]
-        document["distances_mm"] = [{"of": list(p), "value": d.value, "sigma": d.sigma} for p, d in lengths]
+        document["distances_mm"] = [
+            {"of": list(pair), "value": d.value, "sigma": d.sigma, "half_width_95": d.half_width} for pair, d in lengths
+        ]
         print_json(document)
     else:
         print_tables(tables)
@@ -160,7 +162,8 @@ def _viewpoints(arguments: argparse.Namespace, pixels: Pixels) -> list[Viewpoint
         name, path = _named(text)
         if name in cameras:
             raise BadValue("--camera", f"the view {name!r} twice", "one file for each view")
-        cameras[name] = path, read_camera(path)
+        same = [file for other, file in cameras.values() if other == path]
+        cameras[name] = path, same[0] if same else read_camera(path)  # one calibration: its errors are shared
     known = {
         name: _fixed(name, path, file, arguments.sigma)
         for name, (path, file) in cameras.items()

@@ -116,11 +116,13 @@ def measurement_as_json(measured: Measurement, *, pixels: Pixels | None = None, 
     joint: with the covariance of all points together too, 9 N^2 numbers.
     """
     covariance, p_value, budget = measured.covariance, measured.p_value, measured.budget()
+    half_width = measured.half_width()
     points = [
         {
             "name": name,
             "p_world_mm": measured.points[i].tolist(),
             "sigma_mm": measured.sigma[i].tolist(),
+            "half_width_95_mm": half_width[i].tolist(),
             "covariance_mm2": covariance[i].tolist(),
             "sigma_by_cause_mm": {cause: sigma[i].tolist() for cause, sigma in budget.items()},
             "views": list(measured.seen_by[i]),

@@ -18,6 +18,8 @@ def measurement_tables(
 ) -> list[Table]:
     """Return points, distances, what the uncertainty consists of, and what was refused."""
     tables = [points_table(measured), budget_table(measured, viewpoints)]
+    if np.isfinite(measured.gap).any() or len(viewpoints) > 1:
+        tables.insert(1, rays_table(measured))
     if distances:
         tables.insert(1, distance_table(measured, distances))
     if measured.refused:
@@ -27,39 +29,51 @@ def measurement_tables(
 
 
 def points_table(measured: Measurement) -> Table:
-    """Return X, Y, Z with sigmas, the rays' gap in sigmas, their angle and who saw the point; misfits marked."""
-    p_value = measured.p_value
-    rows = []
+    """Return X, Y, Z with their sigmas; points whose rays disagree are marked."""
+    bad = set(measured.inconsistent(p_below=SUSPECT))
+    rows = tuple(
+        (
+            name,
+            *(_plus_minus(v, s) for v, s in zip(measured.points[i], measured.sigma[i], strict=True)),
+            "does not fit" if name in bad else "",
+        )
+        for i, name in enumerate(measured.names)
+    )
+    title = f"{len(measured)} points, mm +- sigma ({measured.method})"
+    return Table(title, ("point", "X", "Y", "Z", ""), rows, ("point", ""), _notes(measured))
+
+
+def rays_table(measured: Measurement) -> Table:
+    """Return how the rays of each point agree: gap in mm and in sigmas, largest angle, chance of the misfit, views."""
+    p_value, rows = measured.p_value, []
     for i, name in enumerate(measured.names):
-        cells = [c for p, s in zip(measured.points[i], measured.sigma[i], strict=True) for c in with_sigma(p, s)]
-        cells[1::2] = [f"+- {c}" for c in cells[1::2]]
         gap, sigma, angle = measured.gap[i], measured.gap_sigma[i], measured.angle[i]
         seen = [f"{gap:.2g}", f"{gap / sigma:.1f}", f"{np.degrees(angle):.1f}"] if np.isfinite(gap) else ["", "", ""]
         chance = f"{p_value[i]:.2g}" if measured.dof[i] > 0 else ""
-        mark = "rays disagree" if p_value[i] < SUSPECT else ""
-        rows.append((name, *cells, *seen, chance, " ".join(measured.seen_by[i]), mark))
-    heads = ("point", "X", "sigma X", "Y", "sigma Y", "Z", "sigma Z", "gap", "gap/sigma", "angle", "p", "views", "")
+        rows.append((name, *seen, chance, " ".join(measured.seen_by[i])))
+    notes = (
+        "gap: the largest shortest distance between two rays; angle: the largest between two rays, deg",
+        "p: how likely chance alone makes a point fit as badly as this",
+    )
     return Table(
-        f"{len(measured)} points, mm ({measured.method})",
-        heads,
-        tuple(rows),
-        ("point", "sigma X", "sigma Y", "sigma Z", "views", ""),
-        _notes(measured),
+        "Rays", ("point", "gap, mm", "gap/sigma", "angle", "p", "views"), tuple(rows), ("point", "views"), notes
     )
 
 
+def _plus_minus(value: float, sigma: float) -> str:
+    shown, spread = with_sigma(value, sigma)
+    return f"{shown} +- {spread}" if spread else f"{shown} exact"
+
+
 def _notes(measured: Measurement) -> tuple[str, ...]:
-    notes = [
-        "gap: the largest shortest distance between two rays; angle: the largest between two rays, deg; p: how likely "
-        "chance alone makes them miss like this",
-    ]
+    notes = []
     if total := int(measured.dof.sum()):
-        notes.append(f"misfit of all rays: chi-square {measured.chi2.sum():.3g} with {total} degrees of freedom")
+        notes.append(f"misfit of all points: chi-square {measured.chi2.sum():.3g} with {total} degrees of freedom")
     if bad := measured.inconsistent(p_below=SUSPECT):
         some = ", ".join(bad[:5]) + (" ..." if len(bad) > 5 else "")
         notes.append(
             f"warning: {len(bad)} of {len(measured)} points do not fit ({some}): a wrong pixel or name, a camera that "
-            "moved, or more noise than stated"
+            "moved, a point off its plane, or more noise than stated"
         )
     return tuple(notes)
 
@@ -72,11 +86,11 @@ def distance_table(measured: Measurement, pairs: Sequence[tuple[str, str]]) -> T
         along = (measured.point(other) - measured.point(one)) / length.value
         apart = [measured.covariance[measured.names.index(n)] for n in (one, other)]
         alone = float(np.sqrt(along @ (apart[0] + apart[1]) @ along))
-        shown, sigma = with_sigma(length.value, length.sigma)
-        rows.append((one, other, shown, f"+- {sigma}", f"{alone:.2g}"))
-    note = "sigma knows what the errors of both points have in common; independent points would have the last column"
-    heads = ("from", "to", "distance", "sigma", "if independent")
-    return Table("Distances, mm", heads, tuple(rows), ("from", "to", "sigma"), (note,))
+        shown = _plus_minus(length.value, length.sigma)
+        rows.append((one, other, shown, f"+- {length.half_width:.2g}", f"+- {alone:.2g}"))
+    note = "sigma knows what the errors of both points have in common; the last column does not"
+    heads = ("from", "to", "distance +- sigma", "95 %", "if independent")
+    return Table("Distances, mm", heads, tuple(rows), ("from", "to"), (note,))
 
 
 def budget_table(measured: Measurement, viewpoints: Sequence[Viewpoint]) -> Table:
