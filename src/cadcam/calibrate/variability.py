@@ -26,7 +26,7 @@ from cadcam.fit.search import polished
 BLOCK = 256  # draws made together; their noise is drawn whole, so that more draws begin with the same ones
 CHAINS = 64
 _THIN = 10
-_LONG = 2500  # steps of a chain: some fifty times what it takes to forget
+_LONG = 10_000  # steps of a chain: hundreds of times what it takes to forget, or R-hat sees its own noise
 _SPREAD = 2.0  # sigmas by which the chains' starts lie apart: wider than what is sampled, so that R-hat can tell
 
 

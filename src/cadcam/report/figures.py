@@ -50,7 +50,7 @@ def figure(width: float, height: float) -> Iterator[Figure]:
         yield Figure(figsize=(width, height))
 
 
-def write_figure(path: str | os.PathLike[str], drawn: Figure, *, dpi: int = 160) -> None:
+def write_figure(path: str | os.PathLike[str], drawn: Figure, *, dpi: int = 140) -> None:
     """Write a figure as .png, .svg or .pdf, whole or not at all."""
     kind = Path(path).suffix.lower().removeprefix(".")
     if kind not in FORMATS:

@@ -132,7 +132,9 @@ def write_map(path: str | os.PathLike[str], m: ProjectionMap) -> None:
         ax.set(xlim=(m.x[0], m.x[-1]), ylim=(m.y[-1], m.y[0]), aspect="equal", xlabel="x, px", ylabel="y, px")
         ax.set_title(f"Uncertainty of projections, points {m.surface}")
         above = "max" if finite.max() > top else "neither"
-        drawn.colorbar(picture, ax=ax, label="sigma, px (worse direction)", extend=above)
+        drawn.colorbar(
+            picture, cax=ax.inset_axes((1.03, 0, 0.04, 1)), label="sigma, px (worse direction)", extend=above
+        )
         drawn.legend(loc="outside lower center", handletextpad=0.3)
         write_figure(path, drawn)
 
