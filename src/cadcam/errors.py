@@ -95,12 +95,13 @@ class NothingInView(CadcamError):
 class MissingOpenGL(CadcamError):
     """OpenGL does not answer: no EGL library, no device, too old, or a driver that fails."""
 
+    REMEDY = (
+        "install a graphics driver with EGL (Debian and Ubuntu: apt install libegl1 libgl1), or name its libraries in "
+        "CADCAM_LIBEGL and CADCAM_LIBGL"
+    )
+
     def __init__(self, why: str) -> None:
-        super().__init__(
-            f"the renderer 'gl' is not available: {why}; use the renderer 'auto', or install a graphics driver with "
-            "EGL (Debian and Ubuntu: apt install libegl1 libgl1), or name its libraries in CADCAM_LIBEGL and "
-            "CADCAM_LIBGL"
-        )
+        super().__init__(f"the renderer 'gl' is not available: {why}; use the renderer 'auto', or {self.REMEDY}")
         self.why = why
 
 

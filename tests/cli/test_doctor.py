@@ -54,6 +54,16 @@ def test_a_missing_extra_is_named_with_what_installs_it(cadcam: Cadcam, monkeypa
     assert found["extra step"]["remedy"] == 'pip install "cadcam[step]"'
 
 
+def test_an_egl_that_does_not_answer_is_named_with_what_to_install(
+    cadcam: Cadcam, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("moderngl", reason="needs the extra gl")
+    monkeypatch.setenv("CADCAM_LIBEGL", "libNoSuchEGL.so")
+    found = findings(cadcam("doctor", "--json"))["OpenGL"]
+    assert (found["there"], found["found"]) == (False, "libNoSuchEGL.so not loaded")
+    assert "apt install libegl1" in str(found["remedy"])
+
+
 def test_half_an_installation_is_none(cadcam: Cadcam, monkeypatch: pytest.MonkeyPatch) -> None:
     class Broken(ModuleType):
         pass

@@ -16,7 +16,7 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 
 from cadcam import __version__
-from cadcam.errors import MissingCore
+from cadcam.errors import MissingCore, MissingOpenGL
 from cadcam.report.table import Table
 
 
@@ -100,7 +100,7 @@ def _opengl(topic: str) -> Finding:
 
     info = probe()
     if not info.available:
-        return Finding(topic, False, info.reason)
+        return Finding(topic, False, info.reason, MissingOpenGL.REMEDY if find_spec("moderngl") else "")
     kind = "software" if info.software else "GPU"
     return Finding(topic, True, f"{info.renderer}, {info.version} ({kind}); the renderer gl, on request")
 
