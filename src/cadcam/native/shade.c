@@ -90,16 +90,17 @@ INLINE void put_triples(float *to, triple v, size_t n) {
 INLINE i8 byte(f8 v) { return __builtin_convertvector(v * 255.0f + 0.5f, i8); }
 
 INLINE void put_bytes(uint8_t *to, triple v, size_t n) {
-    uint8_t out[28];
-    three_bytes(byte(v.x) | byte(v.y) << 8 | byte(v.z) << 16, out);
-    put(to, out, n, 3);
+    const i8 packed = byte(v.x) | byte(v.y) << 8 | byte(v.z) << 16;
+    uint8_t some[3 * TILE];
+    if (n == TILE) three_bytes(packed, to);
+    else three_bytes(packed, some), memcpy(to, some, 3 * n);
 }
 
 static void put_parts(const cc_frame *f, const int32_t *id, size_t at, size_t n) {
     for (size_t i = 0; i < n; i++) f->view->part[at + i] = id[i] < 0 ? -1 : f->scene->surfaces[id[i]].part;
 }
 
-/* Row y of a tile whose samples all see face `all`, or each its own if all == INT32_MIN. */
+/* Row y of a tile: its samples see one surface, or each its own if that is NULL. */
 INLINE void write_row(const cc_frame *f, const light *l, int32_t tx, int32_t y, const float *w, const int32_t *id,
                       const met *uniform) {
     const cc_view *v = f->view;
