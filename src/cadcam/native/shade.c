@@ -10,7 +10,6 @@ typedef struct { f8 x, y, z; } triple;
 /* The surfaces met by eight samples of a row: unit normals in the world and colours, the background's where there is none. */
 typedef struct { triple normal, color; } met;
 
-INLINE f8 eight(float v) { return v - (f8){0}; }
 INLINE triple same(const float v[3]) { return (triple){eight(v[0]), eight(v[1]), eight(v[2])}; }
 INLINE f8 dot(triple a, const float b[3]) { return a.x * b[0] + a.y * b[1] + a.z * b[2]; }
 INLINE i8 nothing(const int32_t *id) { return *(const i8 *)id < 0; }

@@ -96,6 +96,7 @@ INLINE void three_bytes(i8 v, uint8_t out[24]) {
         for (int k = 0; k < 3; k++) out[3 * i + k] = (uint8_t)(v[i] >> (8 * k));
 }
 #endif
+INLINE f8 eight(float v) { return v - (f8){0}; }
 INLINE f8 size_of(f8 v) { return (f8)((i8)v & INT32_MAX); }
 
 #ifdef __AVX2__
