@@ -74,7 +74,6 @@ typedef struct {
 struct cc_lens {
     int32_t width, height, tiles_x, tiles_y;
     double *x, *y;    /* plane points tile by tile, 64 each; NaN where nothing is seen and beyond the border */
-    affine *tile;     /* about the middle of each tile */
     double *side[4];  /* x0, x1, y0, y1 of the bounds of each tile, once more: 8 tiles are a vector */
     box *block[16];   /* bounds of the points of each tile, of 2 x 2 tiles, 4 x 4 ...; (inf, -inf) where there are none */
     uint8_t *partial; /* whether a tile has points without a direction */

@@ -164,9 +164,9 @@ static rect square(const cc_lens *l, int32_t x, int32_t y, int32_t size) {
     return (rect){x, right < l->width ? right : l->width - 1, y, bottom < l->height ? bottom : l->height - 1};
 }
 
-static patch of_square(const cc_lens *l, const double *points, int32_t x, int32_t y, int32_t size) {
+static patch of_square(const cc_lens *l, const double *points, int32_t x, int32_t y) {
     static const double none[3] = {0};
-    const rect r = square(l, x, y, size);
+    const rect r = square(l, x, y, PATCH);
     return fitted(l, points, r, 0.5 * (r.x0 + r.x1), 0.5 * (r.y0 + r.y1), none, none);
 }
 
@@ -175,11 +175,9 @@ int fill_patches(cc_lens *l, const double *points) {
     l->patches[0] = malloc((size_t)nx * (size_t)ny * sizeof(patch));
     l->bends = malloc((size_t)nx * (size_t)ny * sizeof(bend));
     if (!l->patches[0] || !l->bends) return 0;
-    for (int32_t t = 0; t < l->tiles_x * l->tiles_y; t++)
-        l->tile[t] = of_square(l, points, t % l->tiles_x * TILE, t / l->tiles_x * TILE, TILE).map;
     for (int32_t k = 0; k < nx * ny; k++) {
         const int32_t x = k % nx * PATCH, y = k / nx * PATCH;
-        l->patches[0][k] = of_square(l, points, x, y, PATCH);
+        l->patches[0][k] = of_square(l, points, x, y);
         l->bends[k] = bent(l, points, square(l, x, y, 2 * PATCH));
     }
     for (int level = 1; level == 1 || step_of(level - 1) < l->width || step_of(level - 1) < l->height; level++)

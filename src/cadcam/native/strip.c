@@ -7,15 +7,16 @@
  * one within MARGIN are settled by the definition; all others are exact as they are.
  *
  * With a lens. In a bend (patch.c), with i and j counted from its middle, at most 33 in size,
- *     |E / A - F| <= s,   F = (1 + p j) i + (c + b j + q j j) + r i i,   s = slack / |A|,
- * where E is P in exact numbers, A i + B j + C its linear part, and slack bounds the rest of the lens and all rounding
- * (tile.c). Of p and r we ask |33 p| <= 1/4 and |66 r| <= 1/4; where an edge is too flat for that its curvature goes to
+ *     |P / A - F| <= s,   F = (1 + p j) i + (c + b j + q j j) + r i i,
+ *     s |A| = slack = |a| off_u + |b| off_v + 2^-48 size + 2^-14 |B|,   size >= |a x| + |b y| + |c| everywhere,
+ * where A i + B j + C is the linear part of P: A = a ux + b vx and its like are off by a few 2^-53 size, and so is P; A is
+ * kept at least 2^-20 |B| in size, which moves the sum by less than 2^-14 |B|. Of p and r we ask |33 p| <= 1/4 and |66 r| <= 1/4; where an edge is too flat for that its curvature goes to
  * the slack. Then m = 1 + p j is in [3/4, 5/4]; with X0 = -(c + b j + q j j) / m, X1 = X0 - r cut(X0)^2 / m and
  * X = X0 - r cut(X1)^2 / m, where cut() limits to +-33,
  *     F = m (i - X) + r (i^2 - cut(X1)^2),   |r (i^2 - cut(X1)^2)| <= 66 |r| |i - cut(X1)| <= 66 |r| (|i - X| + |X1 - X|)
  * and |X1 - X| <= |r| 66 |X0 - X1| / m <= 88 |r| (33^2 |r| / m) <= 2^17 r^2. So F has the sign of i - X and is larger
- * than s where |i - X| (3/4 - 1/4) > s + 66 |r| 2^17 r^2. In float X is off by 2^-20 of the sizes that it is made of.
- * Samples within the sum of these of X are in doubt, all others are decided; tile.c decides rows with such samples. */
+ * than s where |i - X| (1 - |33 p| - |66 r|) > s + 66 |r| 2^17 r^2. In float X is off by 2^-20 of the sizes that it is made of.
+ * Samples within the sum of these of X are in doubt, all others are decided; tile.c decides rows with such samples one by one. */
 #include "hot.h"
 #ifdef __AVX2__ /* elsewhere tile_plain.c draws, with the same results */
 #include "vectors.h"
@@ -150,14 +151,12 @@ INLINE void draw_spans(const band *b, const triangle *t, const rect *r, int32_t 
             const int32_t x = tx + __builtin_ctz(show), first = x * TILE, last = first + (TILE - 1);
             const unsigned rows = signs((left <= last) & (right >= first));
             if (!rows) continue;
-            i8 doubt = {0};
+            unsigned doubt = unsure || (sure && lens->partial[of_lens + (size_t)x]) ? 0xFF : 0;
             if (sure) {
                 const i8 from = *(const i8 *)sure->left, to = *(const i8 *)sure->right;
-                doubt = ((left < from) & (from > first)) | ((right > to) & (to < last));
+                doubt |= signs(((left < from) & (from > first)) | ((right > to) & (to < last)));
             }
-            if (unsure) VARIANT(draw_by_definition)(b, t, rows, x, ty);
-            else if (sure && ((signs(doubt) & rows) || lens->partial[of_lens + (size_t)x])) VARIANT(draw_points)(b, t, x, ty);
-            else VARIANT(draw_pixels)(b, t, s, rows, x, ty);
+            VARIANT(draw_tile)(b, t, s, rows, doubt & rows, x, ty);
         }
     }
 }
@@ -192,7 +191,8 @@ INLINE bows bows_of(const triangle *t, const bend *at) {
     A = choose_d(A < none, least_d(A, -least), most_d(A, least));
     const d4 m = 1.0 / A, r = xx * m, c = most_d(least_d(C * m, none + 0x1p26), none - 0x1p26);
     const d4 rounding = (size_d(c) + size_d(B * m) * 33.0 + size_d(yy * m) * (33.0 * 33.0) + 66.0) * 0x1p-20;
-    const d4 off = size_d(slack * m) * 2.0 + size_d(r * r * r) * (132.0 * 0x1p17) + rounding;
+    const d4 steep = 1.0 / (1.0 - 33.0 * size_d(xy * m) - 66.0 * size_d(r));
+    const d4 off = (size_d(slack * m) + size_d(r * r * r) * (66.0 * 0x1p17)) * steep + rounding;
     bows e = {.rights = signs_d((l4)A)};
     *(f4 *)e.b = narrow_d(B * m), *(f4 *)e.c = narrow_d(c), *(f4 *)e.p = narrow_d(xy * m), *(f4 *)e.q = narrow_d(yy * m);
     *(f4 *)e.r = narrow_d(r), *(f4 *)e.off = narrow_d(off);
