@@ -161,10 +161,26 @@ INLINE void draw_spans(const band *b, const triangle *t, const rect *r, int32_t 
     }
 }
 
+/* Whether what is no nearer than 1/z = nearest is hidden wherever a rectangle meets a strip. */
+INLINE int strip_hidden(const band *b, float nearest, const rect *r, int32_t ty) {
+    const int32_t x1 = r->x1 / TILE;
+    const float *row = b->worker->farthest + (size_t)(ty - b->first_tiles) * (size_t)b->frame->tiles_x;
+    for (int32_t x = r->x0 / TILE; x <= x1; x += 8)
+        if (signs((*(const f8 *)(row + x) <= nearest) & (*(const i8 *)LANE <= x1 - x))) return 0;
+    return 1;
+}
+
+/* The largest 1/z of a triangle in a box. */
+INLINE float nearest_of(const triangle *t, const box *area) {
+    const float w = (float)most(t, 3, area);
+    return w < t->nearest ? (w > t->farthest ? w : t->farthest) : t->nearest; /* NaN: of its corners */
+}
+
 static void draw_straight(const band *b, const triangle *t, rect r) {
     const crossings e = straight(t, &r);
     for (int32_t ty = r.y0 / TILE; ty <= r.y1 / TILE; ty++) {
         spans s;
+        if (strip_hidden(b, t->nearest, &r, ty)) continue;
         if (cross_strip(&e, &r, ty * TILE, &s) && !e.unsure) settle(t, ty * TILE, &s);
         draw_spans(b, t, &r, ty, &s, NULL, e.unsure);
     }
@@ -225,11 +241,12 @@ INLINE void cross_bend(const bows *e, const bend *at, const rect *r, int32_t y0,
 }
 
 /* Draw the part of a triangle in a rectangle within a bend. */
-static void draw_bent(const band *b, const triangle *t, const rect *r, const bend *at) {
+static void draw_bent(const band *b, const triangle *t, const rect *r, const bend *at, float nearest) {
     const int unsure = (signs_d(*(const d4 *)t->size <= 1e250) & 7) != 7;
     const bows e = bows_of(t, at);
     for (int32_t ty = r->y0 / TILE; ty <= r->y1 / TILE; ty++) {
         spans s, sure;
+        if (strip_hidden(b, nearest, r, ty)) continue;
         cross_bend(&e, at, r, ty * TILE, &s, &sure);
         for (int k = 0; k < TILE && unsure; k++) s.left[k] = r->x0, s.right[k] = r->x1;
         draw_spans(b, t, r, ty, &s, &sure, unsure);
@@ -244,7 +261,7 @@ static void draw_block(const band *b, const triangle *t, const rect *r, int leve
     const box area = area_of(b->frame, r, level, bx, by);
     if (misses(t, &area)) return;
     if (level == CHUNK) {
-        draw_bent(b, t, &here, bend_at(b->frame->view->lens, bx << shift, by << shift));
+        draw_bent(b, t, &here, bend_at(b->frame->view->lens, bx << shift, by << shift), nearest_of(t, &area));
         return;
     }
     for (int32_t y = here.y0 >> (shift - 1); y <= here.y1 >> (shift - 1); y++)
@@ -256,7 +273,7 @@ void VARIANT(draw_triangle)(const band *b, const triangle *t, const rect *r) {
     if (!lens)
         draw_straight(b, t, *r);
     else if (r->x1 - r->x0 < PATCH && r->y1 - r->y0 < PATCH)
-        draw_bent(b, t, r, bend_at(lens, r->x0, r->y0));
+        draw_bent(b, t, r, bend_at(lens, r->x0, r->y0), t->nearest);
     else {
         int level = CHUNK;
         while ((r->x1 >> (level + 3)) - (r->x0 >> (level + 3)) > 1 || (r->y1 >> (level + 3)) - (r->y0 >> (level + 3)) > 1)
