@@ -1,8 +1,9 @@
-/* Patches: parts of a distorting camera's picture in which the lens is affine but for a little, and how little.
+/* Patches: parts of a distorting camera's picture in which the lens is affine but for a little, and how little. Bends: the
+ * same with the lens' curvature.
  *
- * The bound is measured, not assumed: that of the smallest patches is the largest difference between their affine map
- * and the table's points, that of larger ones follows from their parts, whose maps differ from theirs most at a corner.
- * Whatever the table holds, the bounds are true; where there is no affine map to speak of, they say nothing. */
+ * The bounds are measured, not assumed: those of bends and of the smallest patches are the largest differences between
+ * their map and the table's points, those of larger patches follow from their parts, whose maps differ from theirs most
+ * at a corner. Whatever the table holds, the bounds are true; where there is no such map, they say nothing. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -21,8 +22,8 @@ static void add(mean *m, double value) { m->sum += value, m->n++; }
 static double of(const mean *m) { return m->n ? m->sum / m->n : 0; }
 
 static patch nowhere(double x, double y, int32_t seen) {
-    return (patch){.map = {.off_u = ANYWHERE, .off_v = ANYWHERE}, .x = x, .y = y, .off_x = ANYWHERE, .off_y = ANYWHERE,
-                   .seen = seen};
+    const affine map = {.off_u = ANYWHERE, .off_v = ANYWHERE};
+    return (patch){.map = map, .x = x, .y = y, .off_x = ANYWHERE, .off_y = ANYWHERE, .seen = seen};
 }
 
 /* Complete a patch whose plane points lie in (u, v) + J (i, j) + (in_u, in_v): centre the bounds, turn the map round. */
@@ -51,7 +52,8 @@ static const double *point_at(const cc_lens *l, const double *points, int32_t x,
 static int is_seen(const double *p) { return isfinite(p[0]) && isfinite(p[1]); }
 
 /* What is left of the points of a rectangle after curvatures: the mean step from sample to sample, and what it leaves. */
-static patch fitted(const cc_lens *l, const double *points, rect r, double x0, double y0, const double *u2, const double *v2) {
+static patch fitted(const cc_lens *l, const double *points, rect r, double x0, double y0, const double *u2,
+                    const double *v2) {
     mean u = {0}, v = {0}, x = {0}, y = {0}, ux = {0}, uy = {0}, vx = {0}, vy = {0};
     for (int32_t j = r.y0; j <= r.y1; j++)
         for (int32_t i = r.x0; i <= r.x1; i++) {
@@ -68,7 +70,8 @@ static patch fitted(const cc_lens *l, const double *points, rect r, double x0, d
     patch p = nowhere(x0, y0, u.n > 0);
     if (!p.seen) return p;
     p.map.ux = of(&ux), p.map.uy = of(&uy), p.map.vx = of(&vx), p.map.vy = of(&vy);
-    p.map.u = of(&u) - p.map.ux * of(&x) - p.map.uy * of(&y), p.map.v = of(&v) - p.map.vx * of(&x) - p.map.vy * of(&y);
+    p.map.u = of(&u) - p.map.ux * of(&x) - p.map.uy * of(&y);
+    p.map.v = of(&v) - p.map.vx * of(&x) - p.map.vy * of(&y);
     range in_u = {INFINITY, -INFINITY}, in_v = in_u;
     for (int32_t j = r.y0; j <= r.y1; j++)
         for (int32_t i = r.x0; i <= r.x1; i++) {
@@ -87,10 +90,11 @@ static void curvature(const cc_lens *l, const double *points, rect r, int k, dou
     for (int32_t j = r.y0; j < r.y1; j++)
         for (int32_t i = r.x0; i < r.x1; i++) {
             const double *p = point_at(l, points, i, j), *below = point_at(l, points, i, j + 1);
+            const double *above = j > r.y0 ? point_at(l, points, i, j - 1) : NULL;
             if (!(isfinite(p[k]) && isfinite(p[k + 2]) && isfinite(below[k]) && isfinite(below[k + 2]))) continue;
             add(&xy, below[k + 2] - below[k] - p[k + 2] + p[k]);
             if (i > r.x0 && isfinite(p[k - 2])) add(&xx, p[k + 2] - 2 * p[k] + p[k - 2]);
-            if (j > r.y0 && isfinite(point_at(l, points, i, j - 1)[k])) add(&yy, below[k] - 2 * p[k] + point_at(l, points, i, j - 1)[k]);
+            if (above && isfinite(above[k])) add(&yy, below[k] - 2 * p[k] + above[k]);
         }
     out[0] = 0.5 * of(&xx), out[1] = of(&xy), out[2] = 0.5 * of(&yy);
 }

@@ -7,16 +7,19 @@
  * one within MARGIN are settled by the definition; all others are exact as they are.
  *
  * With a lens. In a bend (patch.c), with i and j counted from its middle, at most 33 in size,
- *     |P / A - F| <= s,   F = (1 + p j) i + (c + b j + q j j) + r i i,
- *     s |A| = slack = |a| off_u + |b| off_v + 2^-48 size + 2^-14 |B|,   size >= |a x| + |b y| + |c| everywhere,
- * where A i + B j + C is the linear part of P: A = a ux + b vx and its like are off by a few 2^-53 size, and so is P; A is
- * kept at least 2^-20 |B| in size, which moves the sum by less than 2^-14 |B|. Of p and r we ask |33 p| <= 1/4 and |66 r| <= 1/4; where an edge is too flat for that its curvature goes to
- * the slack. Then m = 1 + p j is in [3/4, 5/4]; with X0 = -(c + b j + q j j) / m, X1 = X0 - r cut(X0)^2 / m and
- * X = X0 - r cut(X1)^2 / m, where cut() limits to +-33,
- *     F = m (i - X) + r (i^2 - cut(X1)^2),   |r (i^2 - cut(X1)^2)| <= 66 |r| |i - cut(X1)| <= 66 |r| (|i - X| + |X1 - X|)
- * and |X1 - X| <= |r| 66 |X0 - X1| / m <= 88 |r| (33^2 |r| / m) <= 2^17 r^2. So F has the sign of i - X and is larger
- * than s where |i - X| (1 - |33 p| - |66 r|) > s + 66 |r| 2^17 r^2. In float X is off by 2^-20 of the sizes that it is made of.
- * Samples within the sum of these of X are in doubt, all others are decided; tile.c decides rows with such samples one by one. */
+ *     |P / A - F| <= slack / |A|,   F = (1 + p j) i + (c + b j + q j j) + r i i,
+ *     slack = |a| off_u + |b| off_v + 2^-48 size + 2^-14 |B|,   size >= |a x| + |b y| + |c| everywhere,
+ * where A i + B j + C is the linear part of P: A = a ux + b vx and its like are off by a few 2^-53 size, and so is P; A
+ * is kept at least 2^-20 |B| in size, which moves the sum by less than 2^-14 |B|. Of p and r we ask |33 p| <= 1/4 and
+ * |66 r| <= 1/4; where an edge is too flat for that, its curvature goes to the slack. Then m = 1 + p j >= 3/4, and with
+ *     X0 = -(c + b j + q j j) / m,   X1 = X0 - r cut(X0)^2 / m,   X = X0 - r cut(X1)^2 / m,
+ * where cut() limits to +-33,
+ *     F = m (i - X) + r (i^2 - cut(X1)^2),
+ *     |r (i^2 - cut(X1)^2)| <= 66 |r| |i - cut(X1)| <= 66 |r| (|i - X| + |X1 - X|),
+ *     |X1 - X| <= 66 |r| |X0 - X1| / m <= 88 |r| (4/3) 33^2 |r| < 2^17 r^2.
+ * So F has the sign of i - X and exceeds slack / |A| where |i - X| (1 - |33 p| - |66 r|) > slack / |A| + 66 |r| 2^17 r^2.
+ * X in float is off by less than 2^-19 of the sizes that it is made of. Samples within the sum of these of X are in
+ * doubt, and rows with such samples are drawn by P; all others are decided. */
 #include "hot.h"
 #ifdef __AVX2__ /* elsewhere tile_plain.c draws, with the same results */
 #include "vectors.h"
@@ -33,8 +36,13 @@ typedef struct {
     int unsure; /* numbers so large or small that only the definition is safe */
 } crossings;
 
+INLINE int extreme(const triangle *t) {
+    const d4 size = *(const d4 *)t->size;
+    return (signs_d((size >= 1e-250) & (size <= 1e250)) & 7) != 7;
+}
+
 INLINE crossings crossings_of(const triangle *t, const double a[4], const double b[4], const double c[4]) {
-    crossings e = {.unsure = (signs_d(*(const d4 *)t->size <= 1e250) & 7) != 7};
+    crossings e = {.unsure = extreme(t)};
     double m[4];
     if (e.unsure) return e;
     *(d4 *)m = -1.0 / *(const d4 *)a;
@@ -121,7 +129,8 @@ INLINE d4 largest_in(const triangle *t, const cc_lens *lens, size_t tile) {
 }
 
 /* Draw the spans of a strip. With a lens, samples outside `sure` but inside `s` are in doubt. */
-INLINE void draw_spans(const band *b, const triangle *t, const rect *r, int32_t ty, spans *s, const spans *sure, int unsure) {
+INLINE void draw_spans(const band *b, const triangle *t, const rect *r, int32_t ty, spans *s, const spans *sure,
+                       int unsure) {
     const cc_lens *lens = b->frame->view->lens;
     const int32_t y0 = ty * TILE;
     const i8 row = y0 + *(const i8 *)LANE, beyond = (row < r->y0) | (row > r->y1);
@@ -186,7 +195,7 @@ static void draw_straight(const band *b, const triangle *t, rect r) {
     }
 }
 
-/* The edges of a triangle in a bend, each divided by A: b, c, p, q, r as above, and how far around X samples are in doubt. */
+/* The edges of a triangle in a bend, each divided by A: b, c, p, q, r as above; how far from X samples are in doubt. */
 typedef struct {
     float b[4], c[4], p[4], q[4], r[4], off[4];
     unsigned rights;
@@ -196,22 +205,24 @@ INLINE bows bows_of(const triangle *t, const bend *at) {
     const affine *map = &at->map;
     const d4 a = *(const d4 *)t->a, b = *(const d4 *)t->b, none = {0};
     const d4 B = a * map->uy + b * map->vy, C = a * map->u + (b * map->v + *(const d4 *)t->c);
-    d4 A = a * map->ux + b * map->vx, slack = size_d(a) * map->off_u + size_d(b) * map->off_v + *(const d4 *)t->size * 0x1p-48;
+    d4 A = a * map->ux + b * map->vx;
+    const d4 steep = size_d(A), least = most_d(size_d(B) * 0x1p-20, none + 1e-300);
+    A = choose_d(A < none, least_d(A, -least), most_d(A, least));
+    d4 slack = size_d(a) * map->off_u + size_d(b) * map->off_v + *(const d4 *)t->size * 0x1p-48 + size_d(B) * 0x1p-14;
+
     d4 xx = a * at->u2[0] + b * at->v2[0], xy = a * at->u2[1] + b * at->v2[1], yy = a * at->u2[2] + b * at->v2[2];
-    const d4 most = size_d(A) * 0.25;
-    const l4 flat = (size_d(xy) * 33.0 > most) | (size_d(xx) * 66.0 > most);
+    const l4 flat = (size_d(xy) * 132.0 > steep) | (size_d(xx) * 264.0 > steep) | (size_d(yy) * 0x1p-20 > steep);
     slack += choose_d(flat, (size_d(xx) + size_d(xy) + size_d(yy)) * (33.0 * 33.0), none);
     xx = choose_d(flat, none, xx), xy = choose_d(flat, none, xy), yy = choose_d(flat, none, yy);
-    const d4 least = most_d(size_d(B) * 0x1p-20, none + 1e-300); /* a little less flat: within slack */
-    slack += size_d(B) * 0x1p-14;
-    A = choose_d(A < none, least_d(A, -least), most_d(A, least));
-    const d4 m = 1.0 / A, r = xx * m, c = most_d(least_d(C * m, none + 0x1p26), none - 0x1p26);
-    const d4 rounding = (size_d(c) + size_d(B * m) * 33.0 + size_d(yy * m) * (33.0 * 33.0) + 66.0) * 0x1p-20;
-    const d4 steep = 1.0 / (1.0 - 33.0 * size_d(xy * m) - 66.0 * size_d(r));
-    const d4 off = (size_d(slack * m) + size_d(r * r * r) * (66.0 * 0x1p17)) * steep + rounding;
+
+    /* cut to 2^26 and 2^33, beyond any bend: numbers that are not finite do not arise */
+    const d4 m = 1.0 / A, b1 = B * m, p = xy * m, q = yy * m, r = xx * m;
+    const d4 c = most_d(least_d(C * m, none + 0x1p26), none - 0x1p26);
+    const d4 rounding = (size_d(c) + size_d(b1) * 33.0 + size_d(q) * (33.0 * 33.0) + 66.0) * 0x1p-19;
+    const d4 wide = (size_d(slack * m) + size_d(r * r * r) * (66.0 * 0x1p17)) / (1.0 - 33.0 * size_d(p) - 66.0 * size_d(r));
     bows e = {.rights = signs_d((l4)A)};
-    *(f4 *)e.b = narrow_d(B * m), *(f4 *)e.c = narrow_d(c), *(f4 *)e.p = narrow_d(xy * m), *(f4 *)e.q = narrow_d(yy * m);
-    *(f4 *)e.r = narrow_d(r), *(f4 *)e.off = narrow_d(off);
+    *(f4 *)e.b = narrow_d(b1), *(f4 *)e.c = narrow_d(c), *(f4 *)e.p = narrow_d(p), *(f4 *)e.q = narrow_d(q);
+    *(f4 *)e.r = narrow_d(r), *(f4 *)e.off = narrow_d(least_d((wide + rounding) * (1 + 0x1p-20), none + 0x1p33));
     return e;
 }
 
@@ -224,7 +235,8 @@ INLINE void cross_bend(const bows *e, const bend *at, const rect *r, int32_t y0,
     const f8 beside = first - 1.0f, beyond = last + 1.0f;
     f8 first_sure = first, last_sure = last;
     for (int k = 0; k < 3; k++) {
-        const f8 m = 1.0f / (1.0f + e->p[k] * j), curve = e->r[k] * m, X0 = -(e->c[k] + j * (e->b[k] + e->q[k] * j)) * m;
+        const f8 m = 1.0f / (1.0f + e->p[k] * j), curve = e->r[k] * m;
+        const f8 X0 = -(e->c[k] + j * (e->b[k] + e->q[k] * j)) * m;
         f8 X = most_of(least_of(X0, limit), -limit);
         X = X0 - curve * (X * X);
         X = most_of(least_of(X, limit), -limit);
@@ -235,14 +247,15 @@ INLINE void cross_bend(const bows *e, const bend *at, const rect *r, int32_t y0,
     }
     first = up(least_of(first, beyond)), first_sure = up(least_of(first_sure, beyond));
     last = down(most_of(last, beside)), last_sure = down(most_of(last_sure, beside));
-    *(i8 *)s->left = at->x + __builtin_convertvector(first, i8), *(i8 *)s->right = at->x + __builtin_convertvector(last, i8);
+    *(i8 *)s->left = at->x + __builtin_convertvector(first, i8);
+    *(i8 *)s->right = at->x + __builtin_convertvector(last, i8);
     *(i8 *)sure->left = at->x + __builtin_convertvector(first_sure, i8);
     *(i8 *)sure->right = at->x + __builtin_convertvector(last_sure, i8);
 }
 
 /* Draw the part of a triangle in a rectangle within a bend. */
 static void draw_bent(const band *b, const triangle *t, const rect *r, const bend *at, float nearest) {
-    const int unsure = (signs_d(*(const d4 *)t->size <= 1e250) & 7) != 7;
+    const int unsure = extreme(t);
     const bows e = bows_of(t, at);
     for (int32_t ty = r->y0 / TILE; ty <= r->y1 / TILE; ty++) {
         spans s, sure;
@@ -275,11 +288,10 @@ void VARIANT(draw_triangle)(const band *b, const triangle *t, const rect *r) {
     else if (r->x1 - r->x0 < PATCH && r->y1 - r->y0 < PATCH)
         draw_bent(b, t, r, bend_at(lens, r->x0, r->y0), t->nearest);
     else {
-        int level = CHUNK;
-        while ((r->x1 >> (level + 3)) - (r->x0 >> (level + 3)) > 1 || (r->y1 >> (level + 3)) - (r->y0 >> (level + 3)) > 1)
-            level++;
-        for (int32_t y = r->y0 >> (level + 3); y <= r->y1 >> (level + 3); y++)
-            for (int32_t x = r->x0 >> (level + 3); x <= r->x1 >> (level + 3); x++) draw_block(b, t, r, level, x, y);
+        int shift = CHUNK + 3; /* samples to blocks: TILE = 1 << 3 */
+        while ((r->x1 >> shift) - (r->x0 >> shift) > 1 || (r->y1 >> shift) - (r->y0 >> shift) > 1) shift++;
+        for (int32_t y = r->y0 >> shift; y <= r->y1 >> shift; y++)
+            for (int32_t x = r->x0 >> shift; x <= r->x1 >> shift; x++) draw_block(b, t, r, shift - 3, x, y);
     }
 }
 #endif

@@ -84,7 +84,8 @@ INLINE void measure_tile(const band *b, const tile *at, int whole) {
 INLINE i8 between(const spans *s, int r, i8 column) { return (column >= s->left[r]) & (column <= s->right[r]); }
 
 /* Draw into some rows of a tile: their spans, or, in rows with samples in doubt, what the definition of P says. */
-void VARIANT(draw_tile)(const band *b, const triangle *t, const spans *s, unsigned rows, unsigned doubt, int32_t tx, int32_t ty) {
+void VARIANT(draw_tile)(const band *b, const triangle *t, const spans *s, unsigned rows, unsigned doubt, int32_t tx,
+                        int32_t ty) {
     const tile at = tile_at(b, tx, ty);
     const paint p = paint_of(t, &at);
     const i8 column = tx * TILE + *(const i8 *)LANE;
