@@ -11,6 +11,8 @@
 
 #define ANYWHERE 1e300 /* a bound that says nothing, and gives 0 times 0 */
 
+enum { EVERY = 3 }; /* the rows that maps are made from; their bounds are those of all */
+
 typedef struct { double low, high; } range;
 typedef struct { double sum; int32_t n; } mean;
 
@@ -55,7 +57,7 @@ static int is_seen(const double *p) { return isfinite(p[0]) && isfinite(p[1]); }
 static patch fitted(const cc_lens *l, const double *points, rect r, double x0, double y0, const double *u2,
                     const double *v2) {
     mean u = {0}, v = {0}, x = {0}, y = {0}, ux = {0}, uy = {0}, vx = {0}, vy = {0};
-    for (int32_t j = r.y0; j <= r.y1; j++)
+    for (int32_t j = r.y0; j <= r.y1; j += EVERY)
         for (int32_t i = r.x0; i <= r.x1; i++) {
             const double *p = point_at(l, points, i, j), dx = i - x0, dy = j - y0;
             if (!is_seen(p)) continue;
@@ -67,8 +69,7 @@ static patch fitted(const cc_lens *l, const double *points, rect r, double x0, d
             if (below != p && is_seen(below))
                 add(&uy, flat(below[0], u2, dx, dy + 1) - pu), add(&vy, flat(below[1], v2, dx, dy + 1) - pv);
         }
-    patch p = nowhere(x0, y0, u.n > 0);
-    if (!p.seen) return p;
+    patch p = nowhere(x0, y0, 0);
     p.map.ux = of(&ux), p.map.uy = of(&uy), p.map.vx = of(&vx), p.map.vy = of(&vy);
     p.map.u = of(&u) - p.map.ux * of(&x) - p.map.uy * of(&y);
     p.map.v = of(&v) - p.map.vx * of(&x) - p.map.vy * of(&y);
@@ -77,17 +78,18 @@ static patch fitted(const cc_lens *l, const double *points, rect r, double x0, d
         for (int32_t i = r.x0; i <= r.x1; i++) {
             const double *q = point_at(l, points, i, j), dx = i - x0, dy = j - y0;
             if (!is_seen(q)) continue;
+            p.seen = 1;
             const double du = flat(q[0], u2, dx, dy) - (p.map.u + p.map.ux * dx + p.map.uy * dy);
             const double dv = flat(q[1], v2, dx, dy) - (p.map.v + p.map.vx * dx + p.map.vy * dy);
             grow(&in_u, du, du), grow(&in_v, dv, dv);
         }
-    return completed(p, in_u, in_v, PATCH);
+    return p.seen ? completed(p, in_u, in_v, PATCH) : p;
 }
 
 /* The mean second differences of one coordinate, k = 0 or 1, of the points of a rectangle. */
 static void curvature(const cc_lens *l, const double *points, rect r, int k, double out[3]) {
     mean xx = {0}, xy = {0}, yy = {0};
-    for (int32_t j = r.y0; j < r.y1; j++)
+    for (int32_t j = r.y0; j < r.y1; j += EVERY)
         for (int32_t i = r.x0; i < r.x1; i++) {
             const double *p = point_at(l, points, i, j), *below = point_at(l, points, i, j + 1);
             const double *above = j > r.y0 ? point_at(l, points, i, j - 1) : NULL;
