@@ -1,5 +1,5 @@
-/* What the hot files share: cull.c, raster.c, strip.c, tile.c, tile_plain.c and shade.c, each compiled once for each instruction
- * set. CC_VARIANT is the suffix of their functions. */
+/* What the hot files share: cull.c, raster.c, strip.c, tile.c, tile_plain.c and shade.c, each compiled once for each
+ * instruction set. CC_VARIANT is the suffix of their functions. */
 #ifndef CADCAM_HOT_H
 #define CADCAM_HOT_H
 
@@ -95,10 +95,9 @@ typedef struct {
 
 /* strip.c or tile_plain.c: draw a triangle into the tiles of its rectangle. */
 void VARIANT(draw_triangle)(const band *b, const triangle *t, const rect *r);
-/* tile.c: draw into a tile, or its rows that have their bit set, spans found; samples of a lens; one by one. */
-void VARIANT(draw_pixels)(const band *b, const triangle *t, const spans *s, unsigned rows, int32_t tx, int32_t ty);
-void VARIANT(draw_points)(const band *b, const triangle *t, int32_t tx, int32_t ty);
-void VARIANT(draw_by_definition)(const band *b, const triangle *t, unsigned rows, int32_t tx, int32_t ty);
+/* tile.c: draw into the rows of a tile that have their bit set: their spans, or, in doubt, sample by sample. */
+void VARIANT(draw_tile)(const band *b, const triangle *t, const spans *s, unsigned rows, unsigned doubt, int32_t tx,
+                        int32_t ty);
 /* shade.c: write the outputs of a band that has been drawn. */
 void VARIANT(write_band)(const band *b);
 

@@ -65,10 +65,16 @@ typedef struct {
     int32_t seen; /* whether any of its samples sees anything */
 } patch;
 
+/* One of 2 PATCH samples a side with the curvature of the lens: map, and u2[0] i i + u2[1] i j + u2[2] j j on top. */
+typedef struct {
+    affine map; /* about sample (x + PATCH - 1/2, y + PATCH - 1/2) */
+    double u2[3], v2[3];
+    int32_t x, y;
+} bend;
+
 struct cc_lens {
     int32_t width, height, tiles_x, tiles_y;
     double *x, *y;    /* plane points tile by tile, 64 each; NaN where nothing is seen and beyond the border */
-    affine *tile;     /* about the middle of each tile */
     double *side[4];  /* x0, x1, y0, y1 of the bounds of each tile, once more: 8 tiles are a vector */
     box *block[16];   /* bounds of the points of each tile, of 2 x 2 tiles, 4 x 4 ...; (inf, -inf) where there are none */
     uint8_t *partial; /* whether a tile has points without a direction */
@@ -77,6 +83,7 @@ struct cc_lens {
     double scale_x, scale_y, origin_x, origin_y;
     int32_t levels, cells_x[32], cells_y[32];
     short_rect *cell[32];
+    bend *bends;                  /* as the patches of level 1 */
     patch *patches[PATCH_LEVELS]; /* of PATCH << level samples a side; from level 1 on each half over the one before */
 };
 
@@ -90,8 +97,8 @@ int fill_patches(cc_lens *lens, const double *points); /* 0 where memory is shor
 void free_patches(cc_lens *lens);
 /* The smallest patch that holds a rectangle. */
 const patch *patch_of(const cc_lens *lens, const rect *r);
-/* That of a block of 2^level x 2^level tiles, level >= 3. */
-const patch *block_patch(const cc_lens *lens, int level, int32_t bx, int32_t by);
+/* The bend whose left upper corner is sample (x, y), or the next multiple of PATCH before. */
+const bend *bend_at(const cc_lens *lens, int32_t x, int32_t y);
 
 /* A cluster that may be seen. */
 typedef struct {

@@ -112,8 +112,7 @@ CC_API cc_lens *cc_lens_new(const double *points, int32_t width, int32_t height)
     size_t tiles = (size_t)l->tiles_x * (size_t)l->tiles_y;
     l->x = aligned_block(tiles * TILE_AREA * sizeof(double));
     l->y = aligned_block(tiles * TILE_AREA * sizeof(double));
-    l->tile = aligned_block(tiles * sizeof *l->tile);
-    int made = l->tile != NULL;
+    int made = 1;
     for (int k = 0; k < 4; k++) made &= (l->side[k] = calloc(tiles + 8, sizeof(double))) != NULL;
     l->block[0] = malloc(tiles * sizeof(box));
     l->partial = malloc(tiles);
@@ -128,7 +127,7 @@ CC_API cc_lens *cc_lens_new(const double *points, int32_t width, int32_t height)
 CC_API void cc_lens_free(cc_lens *l) {
     if (!l) return;
     for (int32_t k = 0; k < l->levels; k++) free(l->cell[k]);
-    aligned_release(l->x), aligned_release(l->y), aligned_release(l->tile), free(l->partial);
+    aligned_release(l->x), aligned_release(l->y), free(l->partial);
     for (int k = 0; k < 4; k++) free(l->side[k]);
     for (int k = 0; k < 16; k++) free(l->block[k]);
     free_patches(l);

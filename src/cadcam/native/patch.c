@@ -1,14 +1,17 @@
-/* Patches: parts of a distorting camera's picture in which the lens is affine but for a little, and how little.
+/* Patches: parts of a distorting camera's picture in which the lens is affine but for a little, and how little. Bends: the
+ * same with the lens' curvature.
  *
- * The bound is measured, not assumed: that of the smallest patches is the largest difference between their affine map
- * and the table's points, that of larger ones follows from their parts, whose maps differ from theirs most at a corner.
- * Whatever the table holds, the bounds are true; where there is no affine map to speak of, they say nothing. */
+ * The bounds are measured, not assumed: those of bends and of the smallest patches are the largest differences between
+ * their map and the table's points, those of larger patches follow from their parts, whose maps differ from theirs most
+ * at a corner. Whatever the table holds, the bounds are true; where there is no such map, they say nothing. */
 #include <math.h>
 #include <stdlib.h>
 
 #include "internal.h"
 
 #define ANYWHERE 1e300 /* a bound that says nothing, and gives 0 times 0 */
+
+enum { EVERY = 3 }; /* the rows that maps are made from; their bounds are those of all */
 
 typedef struct { double low, high; } range;
 typedef struct { double sum; int32_t n; } mean;
@@ -21,8 +24,8 @@ static void add(mean *m, double value) { m->sum += value, m->n++; }
 static double of(const mean *m) { return m->n ? m->sum / m->n : 0; }
 
 static patch nowhere(double x, double y, int32_t seen) {
-    return (patch){.map = {.off_u = ANYWHERE, .off_v = ANYWHERE}, .x = x, .y = y, .off_x = ANYWHERE, .off_y = ANYWHERE,
-                   .seen = seen};
+    const affine map = {.off_u = ANYWHERE, .off_v = ANYWHERE};
+    return (patch){.map = map, .x = x, .y = y, .off_x = ANYWHERE, .off_y = ANYWHERE, .seen = seen};
 }
 
 /* Complete a patch whose plane points lie in (u, v) + J (i, j) + (in_u, in_v): centre the bounds, turn the map round. */
@@ -40,32 +43,74 @@ static patch completed(patch p, range in_u, range in_v, double half) {
     return fit ? p : nowhere(p.x, p.y, 1);
 }
 
-/* From the points of a rectangle: the mean step from sample to sample, and what it leaves. */
-static patch fitted(const double *points, int32_t width, rect r) {
+/* A value of the table less its curvature about the middle. */
+static double flat(double value, const double q[3], double i, double j) {
+    return value - (q[0] * i * i + q[1] * i * j + q[2] * j * j);
+}
+
+static const double *point_at(const cc_lens *l, const double *points, int32_t x, int32_t y) {
+    return points + 2 * ((size_t)y * (size_t)l->width + (size_t)x);
+}
+static int is_seen(const double *p) { return isfinite(p[0]) && isfinite(p[1]); }
+
+/* What is left of the points of a rectangle after curvatures: the mean step from sample to sample, and what it leaves. */
+static patch fitted(const cc_lens *l, const double *points, rect r, double x0, double y0, const double *u2,
+                    const double *v2) {
     mean u = {0}, v = {0}, x = {0}, y = {0}, ux = {0}, uy = {0}, vx = {0}, vy = {0};
-    for (int32_t j = r.y0; j <= r.y1; j++)
+    for (int32_t j = r.y0; j <= r.y1; j += EVERY)
         for (int32_t i = r.x0; i <= r.x1; i++) {
-            const double *p = points + 2 * ((size_t)j * (size_t)width + (size_t)i);
-            const double *right = p + 2 * (i < r.x1), *below = p + 2 * (size_t)width * (j < r.y1);
-            if (!(isfinite(p[0]) && isfinite(p[1]))) continue;
-            add(&u, p[0]), add(&v, p[1]), add(&x, i), add(&y, j);
-            if (i < r.x1 && isfinite(right[0]) && isfinite(right[1])) add(&ux, right[0] - p[0]), add(&vx, right[1] - p[1]);
-            if (j < r.y1 && isfinite(below[0]) && isfinite(below[1])) add(&uy, below[0] - p[0]), add(&vy, below[1] - p[1]);
+            const double *p = point_at(l, points, i, j), dx = i - x0, dy = j - y0;
+            if (!is_seen(p)) continue;
+            const double *right = i < r.x1 ? p + 2 : p, *below = j < r.y1 ? point_at(l, points, i, j + 1) : p;
+            const double pu = flat(p[0], u2, dx, dy), pv = flat(p[1], v2, dx, dy);
+            add(&u, pu), add(&v, pv), add(&x, dx), add(&y, dy);
+            if (right != p && is_seen(right))
+                add(&ux, flat(right[0], u2, dx + 1, dy) - pu), add(&vx, flat(right[1], v2, dx + 1, dy) - pv);
+            if (below != p && is_seen(below))
+                add(&uy, flat(below[0], u2, dx, dy + 1) - pu), add(&vy, flat(below[1], v2, dx, dy + 1) - pv);
         }
-    patch p = nowhere(0.5 * (r.x0 + r.x1), 0.5 * (r.y0 + r.y1), u.n > 0);
-    if (!p.seen) return p;
+    patch p = nowhere(x0, y0, 0);
     p.map.ux = of(&ux), p.map.uy = of(&uy), p.map.vx = of(&vx), p.map.vy = of(&vy);
-    p.map.u = of(&u) - p.map.ux * (of(&x) - p.x) - p.map.uy * (of(&y) - p.y);
-    p.map.v = of(&v) - p.map.vx * (of(&x) - p.x) - p.map.vy * (of(&y) - p.y);
+    p.map.u = of(&u) - p.map.ux * of(&x) - p.map.uy * of(&y);
+    p.map.v = of(&v) - p.map.vx * of(&x) - p.map.vy * of(&y);
     range in_u = {INFINITY, -INFINITY}, in_v = in_u;
     for (int32_t j = r.y0; j <= r.y1; j++)
         for (int32_t i = r.x0; i <= r.x1; i++) {
-            const double *q = points + 2 * ((size_t)j * (size_t)width + (size_t)i), dx = i - p.x, dy = j - p.y;
-            if (!(isfinite(q[0]) && isfinite(q[1]))) continue;
-            const double du = q[0] - (p.map.u + p.map.ux * dx + p.map.uy * dy), dv = q[1] - (p.map.v + p.map.vx * dx + p.map.vy * dy);
+            const double *q = point_at(l, points, i, j), dx = i - x0, dy = j - y0;
+            if (!is_seen(q)) continue;
+            p.seen = 1;
+            const double du = flat(q[0], u2, dx, dy) - (p.map.u + p.map.ux * dx + p.map.uy * dy);
+            const double dv = flat(q[1], v2, dx, dy) - (p.map.v + p.map.vx * dx + p.map.vy * dy);
             grow(&in_u, du, du), grow(&in_v, dv, dv);
         }
-    return completed(p, in_u, in_v, PATCH);
+    return p.seen ? completed(p, in_u, in_v, PATCH) : p;
+}
+
+/* The mean second differences of one coordinate, k = 0 or 1, of the points of a rectangle. */
+static void curvature(const cc_lens *l, const double *points, rect r, int k, double out[3]) {
+    mean xx = {0}, xy = {0}, yy = {0};
+    for (int32_t j = r.y0; j < r.y1; j += EVERY)
+        for (int32_t i = r.x0; i < r.x1; i++) {
+            const double *p = point_at(l, points, i, j), *below = point_at(l, points, i, j + 1);
+            const double *above = j > r.y0 ? point_at(l, points, i, j - 1) : NULL;
+            if (!(isfinite(p[k]) && isfinite(p[k + 2]) && isfinite(below[k]) && isfinite(below[k + 2]))) continue;
+            add(&xy, below[k + 2] - below[k] - p[k + 2] + p[k]);
+            if (i > r.x0 && isfinite(p[k - 2])) add(&xx, p[k + 2] - 2 * p[k] + p[k - 2]);
+            if (above && isfinite(above[k])) add(&yy, below[k] - 2 * p[k] + above[k]);
+        }
+    out[0] = 0.5 * of(&xx), out[1] = of(&xy), out[2] = 0.5 * of(&yy);
+}
+
+static bend bent(const cc_lens *l, const double *points, rect r) {
+    bend b = {.x = r.x0, .y = r.y0};
+    curvature(l, points, r, 0, b.u2), curvature(l, points, r, 1, b.v2);
+    double size = 0;
+    for (int k = 0; k < 3; k++) size += fabs(b.u2[k]) + fabs(b.v2[k]);
+    for (int k = 0; k < 3 && !(size < 1e30); k++) b.u2[k] = b.v2[k] = 0;
+    size = size < 1e30 ? size : 0;
+    b.map = fitted(l, points, r, r.x0 + PATCH - 0.5, r.y0 + PATCH - 0.5, b.u2, b.v2).map;
+    b.map.off_u += size * PATCH * PATCH * 0x1p-40, b.map.off_v += size * PATCH * PATCH * 0x1p-40;
+    return b;
 }
 
 /* From up to four parts of `half` samples to either side of their middles. */
@@ -120,26 +165,34 @@ static int fill_level(cc_lens *l, int level) {
     return 1;
 }
 
-static rect square(const cc_lens *l, int32_t i, int32_t j, int32_t size) {
-    const int32_t x = i * size, y = j * size, right = x + size - 1, bottom = y + size - 1;
+static rect square(const cc_lens *l, int32_t x, int32_t y, int32_t size) {
+    const int32_t right = x + size - 1, bottom = y + size - 1;
     return (rect){x, right < l->width ? right : l->width - 1, y, bottom < l->height ? bottom : l->height - 1};
 }
 
+static patch of_square(const cc_lens *l, const double *points, int32_t x, int32_t y) {
+    static const double none[3] = {0};
+    const rect r = square(l, x, y, PATCH);
+    return fitted(l, points, r, 0.5 * (r.x0 + r.x1), 0.5 * (r.y0 + r.y1), none, none);
+}
+
 int fill_patches(cc_lens *l, const double *points) {
-    for (int32_t t = 0; t < l->tiles_x * l->tiles_y; t++)
-        l->tile[t] = fitted(points, l->width, square(l, t % l->tiles_x, t / l->tiles_x, TILE)).map;
-    const int32_t nx = count_of(l->width, 0), ny = count_of(l->height, 0);
+    const int32_t nx = count_of(l->width, 0), ny = count_of(l->height, 0); /* of level 1 too */
     l->patches[0] = malloc((size_t)nx * (size_t)ny * sizeof(patch));
-    if (!l->patches[0]) return 0;
-    for (int32_t j = 0; j < ny; j++)
-        for (int32_t i = 0; i < nx; i++)
-            l->patches[0][(size_t)j * (size_t)nx + (size_t)i] = fitted(points, l->width, square(l, i, j, PATCH));
+    l->bends = malloc((size_t)nx * (size_t)ny * sizeof(bend));
+    if (!l->patches[0] || !l->bends) return 0;
+    for (int32_t k = 0; k < nx * ny; k++) {
+        const int32_t x = k % nx * PATCH, y = k / nx * PATCH;
+        l->patches[0][k] = of_square(l, points, x, y);
+        l->bends[k] = bent(l, points, square(l, x, y, 2 * PATCH));
+    }
     for (int level = 1; level == 1 || step_of(level - 1) < l->width || step_of(level - 1) < l->height; level++)
         if (!fill_level(l, level)) return 0;
     return 1;
 }
 
 void free_patches(cc_lens *l) {
+    free(l->bends);
     for (int k = 0; k < PATCH_LEVELS; k++) free(l->patches[k]);
 }
 
@@ -150,7 +203,6 @@ const patch *patch_of(const cc_lens *l, const rect *r) {
     return &l->patches[level][j * (size_t)count_of(l->width, level) + i];
 }
 
-const patch *block_patch(const cc_lens *l, int level, int32_t bx, int32_t by) {
-    const int k = level - 2; /* patches of level 0 are 4 x 4 tiles */
-    return &l->patches[k][(size_t)(2 * by) * (size_t)count_of(l->width, k) + (size_t)(2 * bx)];
+const bend *bend_at(const cc_lens *l, int32_t x, int32_t y) {
+    return &l->bends[(size_t)(y / PATCH) * (size_t)count_of(l->width, 1) + (size_t)(x / PATCH)];
 }

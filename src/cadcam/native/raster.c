@@ -6,7 +6,7 @@
  * triangle's normal there. Nothing is divided by z, so triangles that reach behind the camera need no clipping.
  * q is a pixel, or the undistorted point that a pixel of a distorting camera looks at: the same code draws both.
  *
- * Coverage is defined in double (tile.c decides most of it in float, where that is sure to agree). A cross product
+ * Coverage is defined in double (strip.c says how it is decided without looking at every sample). A cross product
  * changes its sign exactly when its factors change places, and A x + (B y + C) exactly when A, B, C do (no fused
  * multiply-adds: -ffp-contract=off): two triangles that share an edge never both take, nor both miss, a point of it.
  * Points with e = 0 belong to the triangle on the right of the edge, or below it (the top-left rule).
@@ -18,7 +18,7 @@
  * widened: it can cost time, never a sample. */
 #include "hot.h"
 
-/* A cluster's vertices in the sampling plane: homogeneous, in samples (about, with a lens; anything behind the camera), 1/z. */
+/* A cluster's vertices in the sampling plane: homogeneous; in samples (about, with a lens; behind the camera anything); 1/z. */
 typedef struct {
     _Alignas(64) double x[CORNERS];
     _Alignas(64) double y[CORNERS];
@@ -113,7 +113,8 @@ static void bound(const cc_frame *f, const cluster *c, const patch *near, const 
     const uint8_t *restrict c0 = f->scene->corner[0] + c->first_face, *restrict c1 = f->scene->corner[1] + c->first_face;
     const uint8_t *restrict c2 = f->scene->corner[2] + c->first_face;
     const double width = f->width, height = f->height;
-    const double slack_x = 1e-5 + (near ? near->off_x : 0), slack_y = 1e-5 + (near ? near->off_y : 0); /* far above rounding */
+    const double slack_x = 1e-5 + (near ? near->off_x : 0); /* 1e-5 px: far above rounding */
+    const double slack_y = 1e-5 + (near ? near->off_y : 0);
     int n = c->n_faces;
     for (int k = 0; k < n; k++) {
         int p = c0[k], q = c1[k], r = c2[k];

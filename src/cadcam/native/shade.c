@@ -7,10 +7,9 @@ typedef struct { float d[9], rotation[9], fill[3], back[3], ambient, head; } lig
 
 typedef struct { f8 x, y, z; } triple;
 
-/* The surfaces met by eight samples of a row: unit normals in the world and colours, the background's where there is none. */
+/* What eight samples of a row met: unit normals in the world, and colours, the background's where there is nothing. */
 typedef struct { triple normal, color; } met;
 
-INLINE f8 eight(float v) { return v - (f8){0}; }
 INLINE triple same(const float v[3]) { return (triple){eight(v[0]), eight(v[1]), eight(v[2])}; }
 INLINE f8 dot(triple a, const float b[3]) { return a.x * b[0] + a.y * b[1] + a.z * b[2]; }
 INLINE i8 nothing(const int32_t *id) { return *(const i8 *)id < 0; }
@@ -31,8 +30,8 @@ static met met_by_each(const cc_frame *f, const int32_t id[TILE]) {
     transposed(record, n), transposed(colors, c);
     const float *behind = f->view->background;
     const i8 none = nothing(id);
-    return (met){{n[0], n[1], n[2]},
-                 {choose(none, eight(behind[0]), c[0]), choose(none, eight(behind[1]), c[1]), choose(none, eight(behind[2]), c[2])}};
+    for (int k = 0; k < 3; k++) c[k] = choose(none, eight(behind[k]), c[k]);
+    return (met){{n[0], n[1], n[2]}, {c[0], c[1], c[2]}};
 }
 
 INLINE met met_by(const cc_frame *f, const int32_t id[TILE]) {
@@ -45,7 +44,8 @@ INLINE triple directions(const cc_frame *f, const light *l, int32_t tx, int32_t 
     const cc_lens *lens = f->view->lens;
     f8 px = __builtin_convertvector(tx * TILE + *(const i8 *)LANE, f8), py = eight((float)y);
     if (lens) {
-        const size_t tile = (size_t)(y / TILE) * (size_t)f->tiles_x + (size_t)tx, at = tile * TILE_AREA + (size_t)(y % TILE) * TILE;
+        const size_t tile = (size_t)(y / TILE) * (size_t)f->tiles_x + (size_t)tx;
+        const size_t at = tile * TILE_AREA + (size_t)(y % TILE) * TILE;
         px = floats(*(const d4 *)(lens->x + at), *(const d4 *)(lens->x + at + 4));
         py = floats(*(const d4 *)(lens->y + at), *(const d4 *)(lens->y + at + 4));
     }
@@ -59,12 +59,13 @@ INLINE f8 along(triple n, triple d) { return n.x * d.x + n.y * d.y + n.z * d.z; 
 /* Matt, two-sided: ambient, a light at the camera, two distant ones. */
 INLINE triple shaded(const light *l, const met *m, triple d, i8 none) {
     const f8 cosine = along(m->normal, d), zero = {0}, one = eight(1);
-    const i8 turned = (i8)cosine & INT32_MIN; /* flips signs: the side that faces the camera has n . d < 0 */
-    const f8 fill = (f8)((i8)dot(m->normal, l->fill) ^ turned ^ INT32_MIN), back = (f8)((i8)dot(m->normal, l->back) ^ turned ^ INT32_MIN);
+    const i8 flip = ~(i8)cosine & INT32_MIN; /* signs, but for n . d < 0: the side that faces the camera */
+    const f8 fill = (f8)((i8)dot(m->normal, l->fill) ^ flip), back = (f8)((i8)dot(m->normal, l->back) ^ flip);
     const f8 ahead = size_of(cosine) / root(along(d, d));
     f8 value = l->ambient + l->head * ahead + most_of(fill, zero) + most_of(back, zero);
     value = choose(none, one, value);
-    return (triple){least_of(m->color.x * value, one), least_of(m->color.y * value, one), least_of(m->color.z * value, one)};
+    const triple c = {m->color.x * value, m->color.y * value, m->color.z * value};
+    return (triple){least_of(c.x, one), least_of(c.y, one), least_of(c.z, one)};
 }
 
 /* Unit normals in the camera frame, turned towards the camera. */
@@ -90,16 +91,17 @@ INLINE void put_triples(float *to, triple v, size_t n) {
 INLINE i8 byte(f8 v) { return __builtin_convertvector(v * 255.0f + 0.5f, i8); }
 
 INLINE void put_bytes(uint8_t *to, triple v, size_t n) {
-    uint8_t out[28];
-    three_bytes(byte(v.x) | byte(v.y) << 8 | byte(v.z) << 16, out);
-    put(to, out, n, 3);
+    const i8 packed = byte(v.x) | byte(v.y) << 8 | byte(v.z) << 16;
+    uint8_t some[3 * TILE];
+    if (n == TILE) three_bytes(packed, to);
+    else three_bytes(packed, some), memcpy(to, some, 3 * n);
 }
 
 static void put_parts(const cc_frame *f, const int32_t *id, size_t at, size_t n) {
     for (size_t i = 0; i < n; i++) f->view->part[at + i] = id[i] < 0 ? -1 : f->scene->part[id[i]];
 }
 
-/* Row y of a tile whose samples all see face `all`, or each its own if all == INT32_MIN. */
+/* Row y of a tile: its samples see one surface, or each its own if that is NULL. */
 INLINE void write_row(const cc_frame *f, const light *l, int32_t tx, int32_t y, const float *w, const int32_t *id,
                       const met *uniform) {
     const cc_view *v = f->view;
@@ -126,7 +128,8 @@ INLINE void write_row(const cc_frame *f, const light *l, int32_t tx, int32_t y, 
     if (v->normal) put_triples(v->normal + 3 * at, facing(l, &m, d, none), n);
 }
 
-static void write_tile(const cc_frame *f, const light *l, int32_t tx, int32_t y0, int32_t rows, const float *w, const int32_t *id) {
+static void write_tile(const cc_frame *f, const light *l, int32_t tx, int32_t y0, int32_t rows, const float *w,
+                       const int32_t *id) {
     i8 other = {0};
     for (int k = 0; k < TILE_AREA; k += TILE) other |= *(const i8 *)(id + k) != id[0];
     if (signs(other)) {
@@ -177,16 +180,15 @@ void VARIANT(write_band)(const band *b) {
     float *sums = b->worker->row;
     const int n = f->view->samples;
     const size_t row = (size_t)f->tiles_x * TILE_AREA;
-    if (n == 1) {
-        for (int32_t y = b->y0; y <= b->y1; y += TILE)
-            for (size_t tx = 0, at = (size_t)(y / TILE - b->first_tiles) * row; at < row * (size_t)(y / TILE - b->first_tiles + 1);
-                 tx++, at += TILE_AREA)
-                write_tile(f, &l, (int32_t)tx, y, imin(TILE, b->y1 - y + 1), b->worker->inverse_z + at, b->worker->id + at);
-        return;
-    }
+    const float *w = b->worker->inverse_z;
+    const int32_t *id = b->worker->id;
+    for (int32_t y = b->y0; n == 1 && y <= b->y1; y += TILE)
+        for (int32_t tx = 0; tx < f->tiles_x; tx++, w += TILE_AREA, id += TILE_AREA)
+            write_tile(f, &l, tx, y, imin(TILE, b->y1 - y + 1), w, id);
+    if (n == 1) return;
     for (int32_t y = b->y0; y <= b->y1; y++) {
         if (y % n == 0) memset(sums, 0, (size_t)f->view->width * 4 * sizeof *sums);
-        add_row(f, &l, y, b->worker->id + (size_t)(y / TILE - b->first_tiles) * row + (size_t)(y % TILE) * TILE, sums);
+        add_row(f, &l, y, id + (size_t)(y / TILE - b->first_tiles) * row + (size_t)(y % TILE) * TILE, sums);
         if (y % n == n - 1) write_sums(f->view, y / n, sums);
     }
 }

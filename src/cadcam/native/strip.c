@@ -6,16 +6,27 @@
  * itself, so that up to |X| = 2^17 (pictures end before) only a sample within 2^-34 px of t m can be in doubt. Spans with
  * one within MARGIN are settled by the definition; all others are exact as they are.
  *
- * With a lens. In a patch of the picture the plane point of sample (x, y) is affine in x and y to within a measured
- * bound (patch.c). Edges moved outwards by that bound are lines of the picture, and the spans between them hold every
- * sample of the triangle; tile.c then decides sample by sample. */
+ * With a lens. In a bend (patch.c), with i and j counted from its middle, at most 33 in size,
+ *     |P / A - F| <= slack / |A|,   F = (1 + p j) i + (c + b j + q j j) + r i i,
+ *     slack = |a| off_u + |b| off_v + 2^-48 size + 2^-14 |B|,   size >= |a x| + |b y| + |c| everywhere,
+ * where A i + B j + C is the linear part of P: A = a ux + b vx and its like are off by a few 2^-53 size, and so is P; A
+ * is kept at least 2^-20 |B| in size, which moves the sum by less than 2^-14 |B|. Of p and r we ask |33 p| <= 1/4 and
+ * |66 r| <= 1/4; where an edge is too flat for that, its curvature goes to the slack. Then m = 1 + p j >= 3/4, and with
+ *     X0 = -(c + b j + q j j) / m,   X1 = X0 - r cut(X0)^2 / m,   X = X0 - r cut(X1)^2 / m,
+ * where cut() limits to +-33,
+ *     F = m (i - X) + r (i^2 - cut(X1)^2),
+ *     |r (i^2 - cut(X1)^2)| <= 66 |r| |i - cut(X1)| <= 66 |r| (|i - X| + |X1 - X|),
+ *     |X1 - X| <= 66 |r| |X0 - X1| / m <= 88 |r| (4/3) 33^2 |r| < 2^17 r^2.
+ * So F has the sign of i - X and exceeds slack / |A| where |i - X| (1 - |33 p| - |66 r|) > slack / |A| + 66 |r| 2^17 r^2.
+ * X in float is off by less than 2^-19 of the sizes that it is made of. Samples within the sum of these of X are in
+ * doubt, and rows with such samples are drawn by P; all others are decided. */
 #include "hot.h"
 #ifdef __AVX2__ /* elsewhere tile_plain.c draws, with the same results */
 #include "vectors.h"
 
 #define MARGIN 0x1p-32
 
-enum { CHUNK = 3 }; /* level of the blocks drawn through one patch: 8 x 8 tiles */
+enum { CHUNK = 3 }; /* level of the blocks drawn through one bend: 8 x 8 tiles */
 
 /* Where edges cross the rows of samples: at x = (b y + c) m. Those that bound from the left come first, those that bound
  * from the right last. */
@@ -25,8 +36,13 @@ typedef struct {
     int unsure; /* numbers so large or small that only the definition is safe */
 } crossings;
 
+INLINE int extreme(const triangle *t) {
+    const d4 size = *(const d4 *)t->size;
+    return (signs_d((size >= 1e-250) & (size <= 1e250)) & 7) != 7;
+}
+
 INLINE crossings crossings_of(const triangle *t, const double a[4], const double b[4], const double c[4]) {
-    crossings e = {.unsure = (signs_d(*(const d4 *)t->size <= 1e250) & 7) != 7};
+    crossings e = {.unsure = extreme(t)};
     double m[4];
     if (e.unsure) return e;
     *(d4 *)m = -1.0 / *(const d4 *)a;
@@ -51,18 +67,6 @@ static crossings straight(const triangle *t, rect *r) {
         while (r->y0 <= r->y1 && !(t->b[k] * r->y1 + t->c[k] >= t->least[k])) r->y1--;
     }
     return e;
-}
-
-/* In a patch of a distorting camera's picture, moved outwards. */
-static crossings bent(const triangle *t, const patch *near) {
-    const affine *p = &near->map;
-    const d4 a = *(const d4 *)t->a, b = *(const d4 *)t->b;
-    const d4 along = a * p->ux + b * p->vx, down = a * p->uy + b * p->vy;
-    const d4 out = size_d(a) * p->off_u + size_d(b) * p->off_v + (size_d(along) + size_d(down)) * 0x1p-30;
-    double ax[4], by[4], c[4];
-    *(d4 *)ax = along, *(d4 *)by = down;
-    *(d4 *)c = a * p->u + (b * p->v + *(const d4 *)t->c) + out - (along * near->x + down * near->y);
-    return crossings_of(t, ax, by, c);
 }
 
 /* The sample at the end of a span may be one too far: let the definition decide. */
@@ -124,28 +128,28 @@ INLINE d4 largest_in(const triangle *t, const cc_lens *lens, size_t tile) {
     return t->a[3] * *(const d4 *)x + (t->b[3] * *(const d4 *)y + t->c[3]);
 }
 
-static void draw_strip(const band *b, const triangle *t, const crossings *e, const rect *r, int32_t ty, int bent) {
+/* Draw the spans of a strip. With a lens, samples outside `sure` but inside `s` are in doubt. */
+INLINE void draw_spans(const band *b, const triangle *t, const rect *r, int32_t ty, spans *s, const spans *sure,
+                       int unsure) {
     const cc_lens *lens = b->frame->view->lens;
     const int32_t y0 = ty * TILE;
-    spans s;
-    if (cross_strip(e, r, y0, &s) && !bent && !e->unsure) settle(t, y0, &s);
     const i8 row = y0 + *(const i8 *)LANE, beyond = (row < r->y0) | (row > r->y1);
-    i8 left = *(const i8 *)s.left | (beyond & INT32_MAX), right = *(const i8 *)s.right | beyond;
+    i8 left = *(const i8 *)s->left | (beyond & INT32_MAX), right = *(const i8 *)s->right | beyond;
     const i8 none = left > right;
     if (signs(none) == 0xFF) return;
     left |= none & INT32_MAX, right |= none;
-    *(i8 *)s.left = left, *(i8 *)s.right = right;
+    *(i8 *)s->left = left, *(i8 *)s->right = right;
     int32_t x0, x1;
     least_two(left & INT32_MAX, ~right, &x0, &x1);
     x0 /= TILE, x1 = ~x1 / TILE;
 
-    const size_t wide = (size_t)b->frame->tiles_x;
+    const size_t wide = (size_t)b->frame->tiles_x, of_lens = (size_t)ty * wide;
     const float *farthest = b->worker->farthest + (size_t)(ty - b->first_tiles) * wide;
     const double at_y = t->b[3] * (t->b[3] > 0 ? imin(y0 + TILE - 1, r->y1) : imax(y0, r->y0)) + t->c[3];
     for (int32_t tx = x0; tx <= x1; tx += 4) {
         d4 largest;
-        if (bent)
-            largest = largest_in(t, lens, (size_t)ty * wide + (size_t)tx);
+        if (sure)
+            largest = largest_in(t, lens, of_lens + (size_t)tx);
         else {
             const d4 from = tx * TILE + TILE * *(const d4 *)COUNT, to = least_d(from + (TILE - 1), r->x1 - (d4){0});
             largest = t->a[3] * (t->a[3] > 0 ? to : most_d(from, r->x0 - (d4){0})) + at_y;
@@ -153,31 +157,124 @@ static void draw_strip(const band *b, const triangle *t, const crossings *e, con
         unsigned show = may_show(t, largest, *(const f4 *)(farthest + tx));
         if (x1 - tx < 3) show &= (2u << (x1 - tx)) - 1;
         for (; show; show &= show - 1) {
-            const int32_t x = tx + __builtin_ctz(show);
-            const unsigned rows = signs((left <= x * TILE + (TILE - 1)) & (right >= x * TILE));
+            const int32_t x = tx + __builtin_ctz(show), first = x * TILE, last = first + (TILE - 1);
+            const unsigned rows = signs((left <= last) & (right >= first));
             if (!rows) continue;
-            if (e->unsure) VARIANT(draw_by_definition)(b, t, rows, x, ty);
-            else if (bent) VARIANT(draw_points)(b, t, x, ty);
-            else VARIANT(draw_pixels)(b, t, &s, rows, x, ty);
+            unsigned doubt = unsure || (sure && lens->partial[of_lens + (size_t)x]) ? 0xFF : 0;
+            if (sure) {
+                const i8 from = *(const i8 *)sure->left, to = *(const i8 *)sure->right;
+                doubt |= signs(((left < from) & (from > first)) | ((right > to) & (to < last)));
+            }
+            VARIANT(draw_tile)(b, t, s, rows, doubt & rows, x, ty);
         }
     }
 }
 
-static void draw_strips(const band *b, const triangle *t, const crossings *e, const rect *r, int bent) {
-    for (int32_t ty = r->y0 / TILE; ty <= r->y1 / TILE; ty++) draw_strip(b, t, e, r, ty, bent);
+/* Whether what is no nearer than 1/z = nearest is hidden wherever a rectangle meets a strip. */
+INLINE int strip_hidden(const band *b, float nearest, const rect *r, int32_t ty) {
+    const int32_t x1 = r->x1 / TILE;
+    const float *row = b->worker->farthest + (size_t)(ty - b->first_tiles) * (size_t)b->frame->tiles_x;
+    for (int32_t x = r->x0 / TILE; x <= x1; x += 8)
+        if (signs((*(const f8 *)(row + x) <= nearest) & (*(const i8 *)LANE <= x1 - x))) return 0;
+    return 1;
+}
+
+/* The largest 1/z of a triangle in a box. */
+INLINE float nearest_of(const triangle *t, const box *area) {
+    const float w = (float)most(t, 3, area);
+    return w < t->nearest ? (w > t->farthest ? w : t->farthest) : t->nearest; /* NaN: of its corners */
+}
+
+static void draw_straight(const band *b, const triangle *t, rect r) {
+    const crossings e = straight(t, &r);
+    for (int32_t ty = r.y0 / TILE; ty <= r.y1 / TILE; ty++) {
+        spans s;
+        if (strip_hidden(b, t->nearest, &r, ty)) continue;
+        if (cross_strip(&e, &r, ty * TILE, &s) && !e.unsure) settle(t, ty * TILE, &s);
+        draw_spans(b, t, &r, ty, &s, NULL, e.unsure);
+    }
+}
+
+/* The edges of a triangle in a bend, each divided by A: b, c, p, q, r as above; how far from X samples are in doubt. */
+typedef struct {
+    float b[4], c[4], p[4], q[4], r[4], off[4];
+    unsigned rights;
+} bows;
+
+INLINE bows bows_of(const triangle *t, const bend *at) {
+    const affine *map = &at->map;
+    const d4 a = *(const d4 *)t->a, b = *(const d4 *)t->b, none = {0};
+    const d4 B = a * map->uy + b * map->vy, C = a * map->u + (b * map->v + *(const d4 *)t->c);
+    d4 A = a * map->ux + b * map->vx;
+    const d4 steep = size_d(A), least = most_d(size_d(B) * 0x1p-20, none + 1e-300);
+    A = choose_d(A < none, least_d(A, -least), most_d(A, least));
+    d4 slack = size_d(a) * map->off_u + size_d(b) * map->off_v + *(const d4 *)t->size * 0x1p-48 + size_d(B) * 0x1p-14;
+
+    d4 xx = a * at->u2[0] + b * at->v2[0], xy = a * at->u2[1] + b * at->v2[1], yy = a * at->u2[2] + b * at->v2[2];
+    const l4 flat = (size_d(xy) * 132.0 > steep) | (size_d(xx) * 264.0 > steep) | (size_d(yy) * 0x1p-20 > steep);
+    slack += choose_d(flat, (size_d(xx) + size_d(xy) + size_d(yy)) * (33.0 * 33.0), none);
+    xx = choose_d(flat, none, xx), xy = choose_d(flat, none, xy), yy = choose_d(flat, none, yy);
+
+    /* cut to 2^26 and 2^33, beyond any bend: numbers that are not finite do not arise */
+    const d4 m = 1.0 / A, b1 = B * m, p = xy * m, q = yy * m, r = xx * m;
+    const d4 c = most_d(least_d(C * m, none + 0x1p26), none - 0x1p26);
+    const d4 rounding = (size_d(c) + size_d(b1) * 33.0 + size_d(q) * (33.0 * 33.0) + 66.0) * 0x1p-19;
+    const d4 wide = (size_d(slack * m) + size_d(r * r * r) * (66.0 * 0x1p17)) / (1.0 - 33.0 * size_d(p) - 66.0 * size_d(r));
+    bows e = {.rights = signs_d((l4)A)};
+    *(f4 *)e.b = narrow_d(b1), *(f4 *)e.c = narrow_d(c), *(f4 *)e.p = narrow_d(p), *(f4 *)e.q = narrow_d(q);
+    *(f4 *)e.r = narrow_d(r), *(f4 *)e.off = narrow_d(least_d((wide + rounding) * (1 + 0x1p-20), none + 0x1p33));
+    return e;
+}
+
+/* The spans of a strip in a bend: those that hold every sample of the triangle, and those that hold no other. */
+INLINE void cross_bend(const bows *e, const bend *at, const rect *r, int32_t y0, spans *s, spans *sure) {
+    const float middle = PATCH - 0.5f;
+    const f8 limit = eight(33);
+    const f8 j = __builtin_convertvector(y0 - at->y + *(const i8 *)LANE, f8) - middle;
+    f8 first = eight((float)(r->x0 - at->x) - 0.5f), last = eight((float)(r->x1 - at->x) + 0.5f);
+    const f8 beside = first - 1.0f, beyond = last + 1.0f;
+    f8 first_sure = first, last_sure = last;
+    for (int k = 0; k < 3; k++) {
+        const f8 m = 1.0f / (1.0f + e->p[k] * j), curve = e->r[k] * m;
+        const f8 X0 = -(e->c[k] + j * (e->b[k] + e->q[k] * j)) * m;
+        f8 X = most_of(least_of(X0, limit), -limit);
+        X = X0 - curve * (X * X);
+        X = most_of(least_of(X, limit), -limit);
+        X = X0 - curve * (X * X) + middle;
+        const f8 low = X - e->off[k], high = X + e->off[k];
+        if (e->rights >> k & 1) last = least_of(last, high), last_sure = least_of(last_sure, low);
+        else first = most_of(first, low), first_sure = most_of(first_sure, high);
+    }
+    first = up(least_of(first, beyond)), first_sure = up(least_of(first_sure, beyond));
+    last = down(most_of(last, beside)), last_sure = down(most_of(last_sure, beside));
+    *(i8 *)s->left = at->x + __builtin_convertvector(first, i8);
+    *(i8 *)s->right = at->x + __builtin_convertvector(last, i8);
+    *(i8 *)sure->left = at->x + __builtin_convertvector(first_sure, i8);
+    *(i8 *)sure->right = at->x + __builtin_convertvector(last_sure, i8);
+}
+
+/* Draw the part of a triangle in a rectangle within a bend. */
+static void draw_bent(const band *b, const triangle *t, const rect *r, const bend *at, float nearest) {
+    const int unsure = extreme(t);
+    const bows e = bows_of(t, at);
+    for (int32_t ty = r->y0 / TILE; ty <= r->y1 / TILE; ty++) {
+        spans s, sure;
+        if (strip_hidden(b, nearest, r, ty)) continue;
+        cross_bend(&e, at, r, ty * TILE, &s, &sure);
+        for (int k = 0; k < TILE && unsure; k++) s.left[k] = r->x0, s.right[k] = r->x1;
+        draw_spans(b, t, r, ty, &s, &sure, unsure);
+    }
 }
 
 /* Descend into the blocks of the picture that the triangle meets, as far as the lens is nearly affine. */
 static void draw_block(const band *b, const triangle *t, const rect *r, int level, int32_t bx, int32_t by) {
-    const cc_lens *lens = b->frame->view->lens;
     const int shift = level + 3; /* TILE = 1 << 3 */
     const rect here = {imax(r->x0, bx << shift), imin(r->x1, ((bx + 1) << shift) - 1),
                        imax(r->y0, by << shift), imin(r->y1, ((by + 1) << shift) - 1)};
     const box area = area_of(b->frame, r, level, bx, by);
     if (misses(t, &area)) return;
     if (level == CHUNK) {
-        const crossings e = bent(t, block_patch(lens, CHUNK, bx, by));
-        draw_strips(b, t, &e, &here, 1);
+        draw_bent(b, t, &here, bend_at(b->frame->view->lens, bx << shift, by << shift), nearest_of(t, &area));
         return;
     }
     for (int32_t y = here.y0 >> (shift - 1); y <= here.y1 >> (shift - 1); y++)
@@ -185,20 +282,16 @@ static void draw_block(const band *b, const triangle *t, const rect *r, int leve
 }
 
 void VARIANT(draw_triangle)(const band *b, const triangle *t, const rect *r) {
-    rect s = *r;
-    if (!b->frame->view->lens) {
-        const crossings e = straight(t, &s);
-        draw_strips(b, t, &e, &s, 0);
-        return;
+    const cc_lens *lens = b->frame->view->lens;
+    if (!lens)
+        draw_straight(b, t, *r);
+    else if (r->x1 - r->x0 < PATCH && r->y1 - r->y0 < PATCH)
+        draw_bent(b, t, r, bend_at(lens, r->x0, r->y0), t->nearest);
+    else {
+        int shift = CHUNK + 3; /* samples to blocks: TILE = 1 << 3 */
+        while ((r->x1 >> shift) - (r->x0 >> shift) > 1 || (r->y1 >> shift) - (r->y0 >> shift) > 1) shift++;
+        for (int32_t y = r->y0 >> shift; y <= r->y1 >> shift; y++)
+            for (int32_t x = r->x0 >> shift; x <= r->x1 >> shift; x++) draw_block(b, t, r, shift - 3, x, y);
     }
-    int level = CHUNK;
-    if (s.x1 - s.x0 < PATCH && s.y1 - s.y0 < PATCH) {
-        const crossings e = bent(t, patch_of(b->frame->view->lens, &s));
-        draw_strips(b, t, &e, &s, 1);
-        return;
-    }
-    while ((s.x1 >> (level + 3)) - (s.x0 >> (level + 3)) > 1 || (s.y1 >> (level + 3)) - (s.y0 >> (level + 3)) > 1) level++;
-    for (int32_t y = s.y0 >> (level + 3); y <= s.y1 >> (level + 3); y++)
-        for (int32_t x = s.x0 >> (level + 3); x <= s.x1 >> (level + 3); x++) draw_block(b, t, r, level, x, y);
 }
 #endif

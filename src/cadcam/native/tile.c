@@ -1,13 +1,4 @@
-/* From a triangle and a tile to samples: rows of 8.
- *
- * With a lens. Whether a sample lies inside is *defined* by P = a x + (b y + c) >= least in double at its plane point.
- * About the middle of a tile that point is affine in column i and row j to within (off_u, off_v) (patch.c), so that
- *     |P - (A i + B j + C)| <= slack = |a| off_u + |b| off_v + 2^-48 size,   size >= |a x| + |b y| + |c| everywhere:
- * A = a ux + b vx and its like are off by a few 2^-53 size, and so is P. A is kept at least 2^-20 |B| in size, which
- * moves the sum by less than 2^-18 |B| within the tile. Then P > 0 where i is further inside than X = -(B j + C) / A by
- * more than slack / |A|, and P < 0 where it is further outside. X is computed in float, from parts that are rounded to
- * 2^-24 of themselves, hence to 2^-22 of their sizes' sum; it is cut to 2^26, beyond any tile. Rows where a sample
- * lies closer than all this to an end of their span are drawn by P. */
+/* From a triangle and a tile to samples: rows of 8. */
 #include "hot.h"
 #ifdef __AVX2__ /* elsewhere tile_plain.c draws, with the same results */
 #include "vectors.h"
@@ -92,73 +83,23 @@ INLINE void measure_tile(const band *b, const tile *at, int whole) {
 
 INLINE i8 between(const spans *s, int r, i8 column) { return (column >= s->left[r]) & (column <= s->right[r]); }
 
-void VARIANT(draw_pixels)(const band *b, const triangle *t, const spans *s, unsigned rows, int32_t tx, int32_t ty) {
+/* Draw into some rows of a tile: their spans, or, in rows with samples in doubt, what the definition of P says. */
+void VARIANT(draw_tile)(const band *b, const triangle *t, const spans *s, unsigned rows, unsigned doubt, int32_t tx,
+                        int32_t ty) {
     const tile at = tile_at(b, tx, ty);
     const paint p = paint_of(t, &at);
     const i8 column = tx * TILE + *(const i8 *)LANE;
     i8 all = ~(i8){0};
-    for (unsigned left = rows; left; left &= left - 1) {
+    for (unsigned left = rows & ~doubt; left; left &= left - 1) {
         const int r = __builtin_ctz(left);
         const i8 inside = between(s, r, column);
         all &= inside;
         draw_row(&p, &at, r, inside);
     }
-    measure_tile(b, &at, rows == 0xFF && signs(all) == 0xFF);
-}
-
-void VARIANT(draw_by_definition)(const band *b, const triangle *t, unsigned rows, int32_t tx, int32_t ty) {
-    const tile at = tile_at(b, tx, ty);
-    const paint p = paint_of(t, &at);
-    for (; rows; rows &= rows - 1) draw_row(&p, &at, __builtin_ctz(rows), inside_row(t, &at, __builtin_ctz(rows)));
-    measure_tile(b, &at, 0);
-}
-
-/* The spans of a triangle in a tile of an affine lens, in columns of the tile: in which rows there are any for sure, and
- * in which a sample is in doubt. */
-INLINE void cross_tile(const triangle *t, const affine *map, spans *s, unsigned *met, unsigned *doubt) {
-    const d4 a = *(const d4 *)t->a, b = *(const d4 *)t->b, none = {0};
-    d4 A = a * map->ux + b * map->vx, least = size_d(a * map->uy + b * map->vy);
-    const d4 B = a * map->uy + b * map->vy, C = a * map->u + (b * map->v + *(const d4 *)t->c);
-    const d4 slack = size_d(a) * map->off_u + size_d(b) * map->off_v + *(const d4 *)t->size * 0x1p-48 + least * 0x1p-18;
-    least = most_d(least * 0x1p-20, none + 1e-300);
-    A = choose_d(A < none, least_d(A, -least), most_d(A, least));
-    const d4 m = 1.0 / A, start = most_d(least_d(-C * m, none + 0x1p26), none - 0x1p26), slope = -B * m;
-    const f4 middle = narrow_d(start + 3.5), turn = narrow_d(slope);
-    const f4 off = narrow_d(size_d(slack * m) + (size_d(start) + size_d(slope) * 4.0 + 4.0) * 0x1p-22);
-    const unsigned rights = signs_d((l4)A);
-    const f8 row = __builtin_convertvector(*(const i8 *)LANE, f8) - 3.5f;
-    f8 first = -0.5f - (f8){0}, first_sure = first, last = TILE - 0.5f + (f8){0}, last_sure = last;
-    for (int k = 0; k < 3; k++) {
-        const f8 X = middle[k] + turn[k] * row, low = X - off[k], high = X + off[k];
-        if (rights >> k & 1) last = least_of(last, high), last_sure = least_of(last_sure, low);
-        else first = most_of(first, low), first_sure = most_of(first_sure, high);
-    }
-    first = up(least_of(first, TILE + (f8){0})), first_sure = up(least_of(first_sure, TILE + (f8){0}));
-    last = down(most_of(last, -1.0f - (f8){0})), last_sure = down(most_of(last_sure, -1.0f - (f8){0}));
-    const i8 unsure = ((first != first_sure) | (last != last_sure)) & (first <= last);
-    *doubt = signs(unsure), *met = signs((first <= last) & ~unsure);
-    *(i8 *)s->left = __builtin_convertvector(first, i8), *(i8 *)s->right = __builtin_convertvector(last, i8);
-}
-
-void VARIANT(draw_points)(const band *b, const triangle *t, int32_t tx, int32_t ty) {
-    const cc_lens *lens = b->frame->view->lens;
-    const size_t of_lens = (size_t)ty * (size_t)b->frame->tiles_x + (size_t)tx;
-    unsigned met = 0, doubt = 0xFF;
-    spans s;
-    if (!lens->partial[of_lens]) cross_tile(t, &lens->tile[of_lens], &s, &met, &doubt);
-    if (!(met | doubt)) return;
-    const tile at = tile_at(b, tx, ty);
-    const paint p = paint_of(t, &at);
-    const i8 column = *(const i8 *)LANE;
-    i8 all = ~(i8){0};
-    for (unsigned left = met; left; left &= left - 1) {
+    for (unsigned left = rows & doubt; left; left &= left - 1) {
         const int r = __builtin_ctz(left);
-        const i8 inside = between(&s, r, column);
-        all &= inside;
-        draw_row(&p, &at, r, inside);
+        draw_row(&p, &at, r, inside_row(t, &at, r));
     }
-    for (unsigned left = doubt; left; left &= left - 1)
-        draw_row(&p, &at, __builtin_ctz(left), inside_row(t, &at, __builtin_ctz(left)));
-    measure_tile(b, &at, met == 0xFF && signs(all) == 0xFF);
+    measure_tile(b, &at, rows == 0xFF && !doubt && signs(all) == 0xFF);
 }
 #endif

@@ -53,13 +53,16 @@ INLINE void interleaved(f8 x, f8 y, f8 z, f8 out[3]) {
     }
 }
 
-/* The low three bytes of each number, side by side: 24 bytes, and room for 28. */
-INLINE void three_bytes(i8 v, uint8_t out[28]) {
+/* The low three bytes of each number, side by side. */
+INLINE void three_bytes(i8 v, uint8_t out[24]) {
     const __m256i order = _mm256_setr_epi8(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1,
                                            0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1);
     const __m256i packed = _mm256_shuffle_epi8((__m256i)v, order);
-    _mm_storeu_si128((__m128i *)(void *)out, _mm256_castsi256_si128(packed));
-    _mm_storeu_si128((__m128i *)(void *)(out + 12), _mm256_extracti128_si256(packed, 1));
+    const __m128i low = _mm256_castsi256_si128(packed), high = _mm256_extracti128_si256(packed, 1);
+    const int32_t last = _mm_extract_epi32(high, 2);
+    _mm_storeu_si128((__m128i *)(void *)out, low); /* four bytes too many: the next store has them right */
+    _mm_storel_epi64((__m128i *)(void *)(out + 12), high);
+    __builtin_memcpy(out + 20, &last, sizeof last);
 }
 #else
 INLINE f8 choose(i8 mask, f8 yes, f8 no) { return (f8)(((i8)yes & mask) | ((i8)no & ~mask)); }
@@ -88,11 +91,12 @@ INLINE void interleaved(f8 x, f8 y, f8 z, f8 out[3]) {
     for (int i = 0; i < 8; i++) all[3 * i] = x[i], all[3 * i + 1] = y[i], all[3 * i + 2] = z[i];
     for (int k = 0; k < 3; k++) out[k] = *(const f8 *)(all + 8 * k);
 }
-INLINE void three_bytes(i8 v, uint8_t out[28]) {
+INLINE void three_bytes(i8 v, uint8_t out[24]) {
     for (int i = 0; i < 8; i++)
         for (int k = 0; k < 3; k++) out[3 * i + k] = (uint8_t)(v[i] >> (8 * k));
 }
 #endif
+INLINE f8 eight(float v) { return v - (f8){0}; }
 INLINE f8 size_of(f8 v) { return (f8)((i8)v & INT32_MAX); }
 
 #ifdef __AVX2__
