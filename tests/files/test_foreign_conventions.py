@@ -138,7 +138,9 @@ k: [500.0, 0.0, 321.0, 0.0, 505.0, 243.0, 0.0, 0.0, 1.0]
 def test_colmap_counts_pixels_from_the_corner(tmp_path: Path, rng: np.random.Generator) -> None:
     (tmp_path / "cameras.txt").write_text("# a comment\n7 OPENCV 640 480 500 505 321.5 243.5 -0.2 0.05 0.001 -0.002\n")
     q = so3.quaternion(R)
-    (tmp_path / "images.txt").write_text(f"1 {' '.join(map(repr, (*q.tolist(), *T.tolist())))} 7 a name.jpg\n10 20 -1\n")
+    (tmp_path / "images.txt").write_text(
+        f"1 {' '.join(map(repr, (*q.tolist(), *T.tolist())))} 7 a name.jpg\n10 20 -1\n"
+    )
     found = read_cameras(tmp_path, unit="m")
     assert found.format == "colmap"
     assert found.cameras[0].name == "a name.jpg"
@@ -276,9 +278,9 @@ def test_metashape_swaps_the_tangential_terms_and_counts_from_the_middle(
 
 
 def halcon_text(terms: str) -> str:
-    entry = "{}:x: {};\n  DOUBLE::;\n  \"text: with; marks\";\n"
+    entry = '{}:x: {};\n  DOUBLE::;\n  "text: with; marks";\n'
     values = {"Sx": 7.4e-6, "Sy": 7.5e-6, "Cx": 321.0, "Cy": 243.0, "ImageWidth": 640, "ImageHeight": 480}
-    return "# INTERNAL CAMERA PARAMETERS\nParGroup: Camera: Parameter;\n\"Internal camera parameters\";\n" + "".join(
+    return '# INTERNAL CAMERA PARAMETERS\nParGroup: Camera: Parameter;\n"Internal camera parameters";\n' + "".join(
         entry.format(*line) for line in [("Focus", 0.004), *(t.split("=") for t in terms.split()), *values.items()]
     )
 
@@ -324,12 +326,16 @@ def test_visp(tmp_path: Path, rng: np.random.Generator) -> None:
     p = points(rng)
     body = "<px>500</px><py>505</py><u0>321</u0><v0>243</v0>"
     head = "<root><camera><name>c</name><image_width>640</image_width><image_height>480</image_height><model>"
-    text = f"{head}<type>perspectiveProjWithDistortion</type>{body}<kud>-0.2</kud><kdu>0.21</kdu></model></camera></root>"
+    text = (
+        f"{head}<type>perspectiveProjWithDistortion</type>{body}<kud>-0.2</kud><kdu>0.21</kdu></model></camera></root>"
+    )
     x, y = brown(p, -0.2, 0, 0, 0)
     agree(only(tmp_path / "f", text), p, 500 * x + 321, 505 * y + 243, posed=False)
     assert "ViSP's own inverse with kdu is off by up to" in read_cameras(tmp_path / "f").notes[0]
     fish = text.replace("perspectiveProjWithDistortion", "ProjWithKannalaBrandtDistortion")
-    fish = fish.replace("<kud>-0.2</kud><kdu>0.21</kdu>", "<k1>0.03</k1><k2>-0.01</k2><k3>0.002</k3><k4>0.001</k4><k5>0</k5>")
+    fish = fish.replace(
+        "<kud>-0.2</kud><kdu>0.21</kdu>", "<k1>0.03</k1><k2>-0.01</k2><k3>0.002</k3><k4>0.001</k4><k5>0</k5>"
+    )
     r = np.hypot(p[:, 0], p[:, 1])
     t = np.arctan2(r, p[:, 2])
     scale = t * (1 + 0.03 * t**2 - 0.01 * t**4 + 0.002 * t**6 + 0.001 * t**8) / r

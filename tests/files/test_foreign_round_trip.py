@@ -80,7 +80,9 @@ def test_several_cameras_keep_their_order_and_places(tmp_path: Path, rng: np.ran
 
 
 @every_format
-def test_what_is_written_is_recognised_by_its_content_alone(tmp_path: Path, rng: np.random.Generator, name: str) -> None:
+def test_what_is_written_is_recognised_by_its_content_alone(
+    tmp_path: Path, rng: np.random.Generator, name: str
+) -> None:
     form = format_named(name)
     for lens in lenses_held(rng, form.holds):
         camera = random_camera(rng, lens, holds=form.holds)

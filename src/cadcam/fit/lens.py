@@ -29,10 +29,10 @@ class Refit:
 def refitted(camera: Camera, model: str, terms: Sequence[str]) -> Refit:
     """Return the camera with lens `model`, of which only `terms` are free, that images every direction most alike.
 
-    Least squares of pixel distances over 25 x 19 pixels of the picture, in fx, fy, cx, cy and the terms; skew is kept.
+    Least squares of pixel distances over 21 x 15 pixels of the picture, in fx, fy, cx, cy and the terms; skew is kept.
     Raises `NotConverged` where the model cannot image the picture at all.
     """
-    q = picture_grid(camera.size, 25, 19).reshape(-1, 2)
+    q = picture_grid(camera.size, 21, 15).reshape(-1, 2)
     directions = camera.unproject(q)
     seen = ~np.isnan(directions).any(axis=1)
     problem = _Problem(camera, LENSES[model], tuple(terms), directions[seen], q[seen])

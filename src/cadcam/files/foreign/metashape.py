@@ -122,7 +122,7 @@ def _calibrated(node: Node, size: tuple[int, int]) -> Camera:
     projection = node.maybe("projection")
     kind = node.element.get("type") or (projection.text() if projection is not None else "frame")
     if kind not in _UNKNOWN:
-        raise node.error(f"is of type {kind!r}", f"read here: {', '.join(_UNKNOWN)}")
+        raise node.error(f"is of type {kind[:40]!r}", f"read here: {', '.join(_UNKNOWN)}")
     unknown = [name for name in _UNKNOWN[kind] if node.number(name, 0.0)]
     if unknown:
         raise node.error(f"has {', '.join(unknown)}, which no lens here has", "adjust without them and export again")

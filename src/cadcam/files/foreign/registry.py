@@ -86,11 +86,7 @@ def format_of(source: Source) -> Format:
         form = format_named(name)
         if _guarded(source.path, lambda f=form: f.recognises(source)):  # type: ignore[misc]
             return form
-    what = (
-        "a folder without a camera file that is known"
-        if source.is_folder
-        else "no camera file that is known by its content"
-    )
+    what = "a folder without a known camera file" if source.is_folder else "no camera file known by its content"
     raise UnreadableFile(source.path, f"is {what}", f"name its format: --from {', '.join(NAMES)}")
 
 

@@ -30,8 +30,8 @@ _BROWN = ("plumb_bob", "rational_polynomial", "")
 def recognises(source: Source) -> bool:
     """Return whether this names a distortion model and holds a camera matrix."""
     head = source.head()
-    named = re.search(r"^\s*distortion_model\s*:", head, re.MULTILINE)
-    return bool(named) and bool(re.search(r"^\s*(camera_matrix|[kK])\s*:", head, re.MULTILINE))
+    named = re.search(r"^[ \t]*distortion_model\s*:", head, re.MULTILINE)
+    return bool(named) and bool(re.search(r"^[ \t]*(camera_matrix|[kK])\s*:", head, re.MULTILINE))
 
 
 def read(source: Source) -> Foreign:
@@ -93,7 +93,7 @@ def _lens(root: Place, model: str, c: Array) -> Lens:
         return Fisheye(*c.tolist())
     if model not in _BROWN:
         known = ", ".join(name for name in (*_BROWN, *_FISHEYE) if name)
-        raise root.error(f"has the distortion_model {model!r}", f"known: {known}")
+        raise root.error(f"has the distortion_model {model[:40]!r}", f"known: {known}")
     return root.build(lambda: lens_of(c))
 
 
