@@ -22,20 +22,30 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.camera.extended_pinhole import uv_from_pixel_matrix as uv_from_pixel_matrix
     from cadcam.camera.lens import BrownConrady as BrownConrady
     from cadcam.camera.lens import Division as Division
+    from cadcam.camera.lens import DoubleSphere as DoubleSphere
+    from cadcam.camera.lens import ExtendedUnified as ExtendedUnified
+    from cadcam.camera.lens import FieldOfView as FieldOfView
     from cadcam.camera.lens import Fisheye as Fisheye
     from cadcam.camera.lens import Ideal as Ideal
+    from cadcam.camera.lens import InverseBrownConrady as InverseBrownConrady
     from cadcam.camera.lens import OddRadial as OddRadial
+    from cadcam.camera.lens import TiltedBrownConrady as TiltedBrownConrady
     from cadcam.camera.observations import Observations as Observations
     from cadcam.errors import CadcamError as CadcamError
     from cadcam.files.camera import CameraFile as CameraFile
     from cadcam.files.camera import read_camera as read_camera
     from cadcam.files.camera import write_camera as write_camera
+    from cadcam.files.foreign.model import NamedCamera as NamedCamera
+    from cadcam.files.foreign.registry import read_cameras as read_cameras
+    from cadcam.files.foreign.registry import write_cameras as write_cameras
+    from cadcam.files.foreign.viewers import viewer_parameters as viewer_parameters
     from cadcam.files.matrix import read_matrix as read_matrix
     from cadcam.files.matrix import read_pose as read_pose
     from cadcam.files.points import read_points as read_points
     from cadcam.files.points import write_points as write_points
     from cadcam.files.poses import read_poses as read_poses
     from cadcam.files.poses import write_poses as write_poses
+    from cadcam.fit.compare import compare as _compare
     from cadcam.geometry.rigid import Rigid as Rigid
     from cadcam.image.exr import write_exr as write_exr
     from cadcam.image.picture import read_picture as read_picture
@@ -61,6 +71,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.render.wireframe import Wireframe as Wireframe
 
     calibrate_camera = _calibrate  # `cadcam.calibrate` is the package
+    compare_cameras = _compare
 
 __version__ = "0.1.0"
 
@@ -73,22 +84,29 @@ _HOME = {
     "Channel": "cadcam.render.view",
     "Cutout": "cadcam.render.cutout",
     "Division": "cadcam.camera.lens",
+    "DoubleSphere": "cadcam.camera.lens",
     "EdgeKind": "cadcam.cad.edges",
     "ExtendedPinhole": "cadcam.camera.extended_pinhole",
+    "ExtendedUnified": "cadcam.camera.lens",
+    "FieldOfView": "cadcam.camera.lens",
     "Fisheye": "cadcam.camera.lens",
     "Ideal": "cadcam.camera.lens",
+    "InverseBrownConrady": "cadcam.camera.lens",
     "LineOptions": "cadcam.render.wireframe",
     "LineStyle": "cadcam.render.overlay",
     "Look": "cadcam.render.view",
     "Mesh": "cadcam.cad.mesh",
+    "NamedCamera": "cadcam.files.foreign.model",
     "Observations": "cadcam.camera.observations",
     "OddRadial": "cadcam.camera.lens",
     "Rigid": "cadcam.geometry.rigid",
     "Scene": "cadcam.render.view",
+    "TiltedBrownConrady": "cadcam.camera.lens",
     "Wireframe": "cadcam.render.wireframe",
     "added": "cadcam.render.overlay",
     "blended": "cadcam.render.overlay",
     "calibrate_camera": "cadcam.calibrate.points:calibrate",
+    "compare_cameras": "cadcam.fit.compare:compare",
     "edge_distances": "cadcam.render.overlay",
     "feature_edges": "cadcam.cad.edges",
     "load": "cadcam.cad.load",
@@ -99,6 +117,7 @@ _HOME = {
     "over_edges": "cadcam.render.overlay",
     "overlay": "cadcam.render.overlay",
     "read_camera": "cadcam.files.camera",
+    "read_cameras": "cadcam.files.foreign.registry",
     "read_matrix": "cadcam.files.matrix",
     "read_picture": "cadcam.image.picture",
     "read_points": "cadcam.files.points",
@@ -108,8 +127,10 @@ _HOME = {
     "side_by_side": "cadcam.render.overlay",
     "standard_view": "cadcam.render.standard_view",
     "uv_from_pixel_matrix": "cadcam.camera.extended_pinhole",
+    "viewer_parameters": "cadcam.files.foreign.viewers",
     "visible_wireframe": "cadcam.render.visible",
     "write_camera": "cadcam.files.camera",
+    "write_cameras": "cadcam.files.foreign.registry",
     "write_exr": "cadcam.image.exr",
     "write_overlay_svg": "cadcam.render.overlay",
     "write_picture": "cadcam.image.picture",

@@ -97,7 +97,7 @@ def test_whatever_is_done_to_a_file_only_a_cadcam_error_comes_out(tmp_path: Path
     from cadcam.files.foreign.source import Source
 
     form, chance = format_named(name), random.Random(20261121)
-    refused = 0
+    said: list[str] = []
     for files in samples(tmp_path, form):
         for _ in range(80):
             hit = chance.choice([n for n in files if not n.startswith("points3D")])
@@ -106,10 +106,9 @@ def test_whatever_is_done_to_a_file_only_a_cadcam_error_comes_out(tmp_path: Path
                 try:
                     registry._read(choose(source), source)
                 except CadcamError as error:
-                    refused += 1
-                    assert "\n" not in str(error)
-                    assert len(str(error)) < 1200
-    assert refused > 50  # the damage is real
+                    said.append(str(error))
+    assert len(said) > 50  # the damage is real
+    assert not [text for text in said if "\n" in text or len(text) > 1200]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -152,6 +151,7 @@ def test_a_quarter_megabyte_of_nothing_is_refused_without_pondering(tmp_path: Pa
                 read_cameras(tmp_path / "x", format_name=name, size=(640, 480))
 
 
+OPENCV_HEAD = "%YAML:1.0\nimage_width: 640\nimage_height: 480\n"
 HOSTILE = {
     "entities.xml": (
         '<?xml version="1.0"?><!DOCTYPE lolz [<!ENTITY a "aaaaaaaa"><!ENTITY b "&a;&a;&a;">]>'
@@ -164,17 +164,18 @@ HOSTILE = {
     "twice.yaml": ("cam0:\n  camera_model: pinhole\n  camera_model: omni\n", "line 3 has the key 'camera_model' twice"),
     "code.cameramodel": ("{'lensmodel': 'LENSMODEL_PINHOLE', 'intrinsics': __import__('os').getpid()}", "plain values"),
     "nan.yml": (
-        "%YAML:1.0\nimage_width: 640\nimage_height: 480\ncamera_matrix: !!opencv-matrix\n  rows: 3\n  cols: 3\n  dt: d\n"
+        f"{OPENCV_HEAD}camera_matrix: !!opencv-matrix\n  rows: 3\n  cols: 3\n  dt: d\n"
         "  data: [ .Nan, 0., 3., 0., 5., 2., 0., 0., 1. ]\n",
         "camera_matrix.data is not finite",
     ),
     "sizes.yml": (
-        "%YAML:1.0\nimage_width: 640\nimage_height: 480\ncamera_matrix: !!opencv-matrix\n  rows: 3\n  cols: 3\n  dt: d\n"
+        f"{OPENCV_HEAD}camera_matrix: !!opencv-matrix\n  rows: 3\n  cols: 3\n  dt: d\n"
         "  data: [ 5., 0., 3., 0., 5., 2., 0., 0. ]\n",
         r"is 3 x 3 with 8 numbers",
     ),
     "mirrored.json": (
-        '{"fl_x": 500, "w": 640, "h": 480, "frames": [{"transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,-1,0],[0,0,0,1]]}]}',
+        '{"fl_x": 500, "w": 640, "h": 480, "frames": '
+        '[{"transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,-1,0],[0,0,0,1]]}]}',
         "mirrored",
     ),
     "tilted.dat": ("ParGroup: Camera: Parameter;\nFocus:foc: 0.01;\nTilt:tilt: 3;\n", "read here: area scan cameras"),

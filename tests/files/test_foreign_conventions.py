@@ -1,4 +1,4 @@
-"""Files written by hand, projected by the formula that the format's own documents give: an oracle apart from our writer."""
+"""Files written by hand, projected by the formula that the format's own documents give: an oracle apart from us."""
 
 from __future__ import annotations
 
@@ -258,12 +258,15 @@ def test_metashape_swaps_the_tangential_terms_and_counts_from_the_middle(
 <sensors next_id="1"><sensor id="0" label="cam" type="frame"><resolution width="640" height="480"/>
 <calibration type="frame" class="initial"><resolution width="640" height="480"/><f>1</f></calibration>
 <calibration type="frame" class="adjusted"><resolution width="640" height="480"/>
-<f>505</f><cx>1.5</cx><cy>3.25</cy><b1>-5</b1><b2>0.7</b2><k1>-0.2</k1><k2>0.05</k2><k3>0.01</k3><p1>0.001</p1><p2>-0.002</p2>
+<f>505</f><cx>1.5</cx><cy>3.25</cy><b1>-5</b1><b2>0.7</b2>
+<k1>-0.2</k1><k2>0.05</k2><k3>0.01</k3><p1>0.001</p1><p2>-0.002</p2>
 </calibration></sensor></sensors>
 <cameras next_id="2" next_group_id="1"><camera id="0" sensor_id="0" label="not aligned"/>
-<group id="0"><camera id="1" sensor_id="0" label="a"><transform>{text_of(chunk_from_camera).replace(",", "")}</transform></camera></group>
+<group id="0"><camera id="1" sensor_id="0" label="a">
+<transform>{text_of(chunk_from_camera).replace(",", "")}</transform></camera></group>
 </cameras>
-<transform><rotation>{text_of(chunk_R).replace(",", "")}</rotation><translation>5 6 7</translation><scale>2.5</scale></transform>
+<transform><rotation>{text_of(chunk_R).replace(",", "")}</rotation>
+<translation>5 6 7</translation><scale>2.5</scale></transform>
 </chunk></document>
 """
     p = points(rng)
@@ -287,7 +290,7 @@ def halcon_text(terms: str) -> str:
 
 @pytest.mark.parametrize("model", ["division", "polynomial"])
 def test_halcon_undistorts_from_the_picture(tmp_path: Path, rng: np.random.Generator, model: str) -> None:
-    """HALCON reference, calibrate_cameras: from the distorted point (u, v) of the sensor, in metres, to the ideal one."""
+    """HALCON reference, calibrate_cameras: from the distorted point of the sensor, in metres, to the ideal one."""
     K1, K2, K3, P1, P2 = 5067.98, 8.9e6, -6e10, -0.128, 0.13
     terms = "Kappa=-2253.5" if model == "division" else f"Poly1={K1} Poly2={K2} Poly3={K3} Poly4={P1} Poly5={P2}"
     (tmp_path / "cam.pose.dat").write_text(
