@@ -10,7 +10,8 @@ import pytest
 
 from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
-from cadcam.camera.lens import BrownConrady, Fisheye, TiltedBrownConrady
+from cadcam.camera.lens import BrownConrady, Fisheye, InverseBrownConrady, TiltedBrownConrady
+from cadcam.camera.opengl import model_view_matrix, projection_matrix
 from cadcam.files.foreign.registry import format_named, read_cameras, write_cameras
 
 from .foreign_cameras import lenses_held, random_camera, random_pose
@@ -75,11 +76,25 @@ def test_colmap_reads_and_projects_what_we_write(tmp_path: Path, rng: np.random.
         assert np.abs(back.camera.project(pose @ world) - camera.project(pose @ world)).max() < 1e-8
 
 
+def test_usds_own_frustum_agrees(tmp_path: Path, rng: np.random.Generator) -> None:
+    pxr: Any = pytest.importorskip("pxr.UsdGeom", reason="OpenUSD is a peer here, not a dependency")
+    from pxr import Usd
+
+    camera, pose = Camera.from_focal((640, 480), 500.0, fy=505.0, cx=330.3, cy=222.2), random_pose(rng)
+    write_cameras(tmp_path / "c.usda", camera, camera_from_world=pose)
+    stage = Usd.Stage.Open(str(tmp_path / "c.usda"))
+    frustum = pxr.Camera(stage.GetPrimAtPath("/camera")).GetCamera(0).frustum
+    ours = projection_matrix(camera, near=10.0, far=1e6)
+    theirs = np.array(frustum.ComputeProjectionMatrix()).T
+    assert np.abs(ours[:2] - theirs[:2]).max() < 1e-6  # their floats
+    view = np.array(frustum.ComputeViewMatrix()).T
+    view[:3, 3] *= 10  # the stage is in cm
+    assert np.abs(view - model_view_matrix(pose)).max() < 1e-3
+
+
 def test_the_inverse_polynomial_undoes_opencvs_undistortion_direction(rng: np.random.Generator) -> None:
     """Not the same model: HALCON's terms of one sign correspond to OpenCV's of the other, to first order only."""
     forward = Camera.from_focal((640, 480), 900.0, lens=BrownConrady(-0.01))
-    from cadcam.camera.lens import InverseBrownConrady
-
     backward = Camera.from_focal((640, 480), 900.0, lens=InverseBrownConrady(0.01))
     p = points_in_view(forward, rng)
     difference = np.abs(forward.project(p) - backward.project(p)).max()
