@@ -131,6 +131,27 @@ def test_a_future_version_of_our_file_says_so_before_anything_else(tmp_path: Pat
         read_cameras(path)
 
 
+FUTURE = {
+    "c.gltf": (
+        '{"asset": {"version": "3.0"}, "cameras": [{"type": "perspective"}]}',
+        "is glTF 3.0; version 2 is read here",
+    ),
+    "c.usda": ('#usda 2.0\ndef Camera "c" {}\n', "says '#usda 2.0'; version 1"),
+    "c.xml": (
+        '<document version="3.1"><sensors><sensor><calibration/></sensor></sensors></document>',
+        "is of version '3.1'",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FUTURE)
+def test_a_future_version_of_other_formats_is_refused(tmp_path: Path, name: str) -> None:
+    text, message = FUTURE[name]
+    (tmp_path / name).write_text(text)
+    with pytest.raises(UnreadableFile, match=re.escape(message)):
+        read_cameras(tmp_path / name)
+
+
 def test_a_huge_file_is_not_even_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(source_module, "MAX_BYTES", 1000)
     (tmp_path / "c.yml").write_bytes(b"%YAML:1.0\n" + b"#" * 2000)

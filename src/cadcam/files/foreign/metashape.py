@@ -37,6 +37,11 @@ def recognises(source: Source) -> bool:
 def read(source: Source) -> Foreign:
     """Return the cameras that are aligned, or where there are none the sensors."""
     root = parsed_xml(source.text())
+    version = root.element.get("version", "2")
+    if root.tag == "document" and version.split(".")[0] not in ("0", "1", "2"):
+        raise root.error(
+            f"is of version {version[:20]!r}", "versions 1 and 2 are read here: a newer one may mean others"
+        )
     if root.tag == "calibration":
         return Foreign("metashape", (NamedCamera("camera", _calibrated(root, _size(root))),))
     chunk = root.maybe("chunk") or root
