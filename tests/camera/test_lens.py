@@ -7,7 +7,16 @@ import pytest
 
 from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
-from cadcam.camera.lens import LENSES, BrownConrady, Division, Fisheye, OddRadial
+from cadcam.camera.lens import (
+    LENSES,
+    BrownConrady,
+    Division,
+    Fisheye,
+    Ideal,
+    OddRadial,
+    TiltedBrownConrady,
+    lens_from_opencv,
+)
 from cadcam.errors import BadValue
 
 from .cameras import CAMERAS
@@ -142,6 +151,15 @@ def test_fisheye_is_opencvs(rng: np.random.Generator) -> None:
     K, D = np.array(camera.K), np.array(list(camera.lens.parameters.values()))
     theirs = cv2.fisheye.projectPoints(p[None], np.zeros((3, 1)), np.zeros((3, 1)), K, D)[0].reshape(-1, 2)
     assert np.abs(camera.project(p) - theirs).max() < 1e-9 * 1000
+
+
+def test_opencvs_vector_gives_the_plainest_lens_that_it_is() -> None:
+    assert lens_from_opencv([]) == Ideal()
+    assert lens_from_opencv(np.zeros(5)) == Ideal()
+    assert lens_from_opencv([0.1, 0, 0, 0]) == BrownConrady(0.1)
+    assert lens_from_opencv([0.1, *[0] * 13]) == BrownConrady(0.1)
+    assert lens_from_opencv([*[0] * 12, 0.1, 0]) == TiltedBrownConrady(tau_x=0.1)
+    assert Camera.from_opencv((8, 6), np.diag([5.0, 5, 1]), [*[0] * 13, 0.2]).lens == TiltedBrownConrady(tau_y=0.2)
 
 
 def test_the_thesis_polynomial_adds_dr_along_the_radius() -> None:

@@ -15,9 +15,9 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
-from cadcam.camera.lens import BrownConrady, Fisheye, Lens
+from cadcam.camera.lens import BrownConrady, Fisheye, Lens, lens_from_opencv
 from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, Target
-from cadcam.files.foreign.opencv import coefficients, lens_of, whole
+from cadcam.files.foreign.opencv import coefficients, whole
 from cadcam.files.foreign.pose import numbers
 from cadcam.files.foreign.source import Source
 from cadcam.files.foreign.yamltext import parsed_yaml
@@ -94,7 +94,7 @@ def _lens(root: Place, model: str, c: Array) -> Lens:
     if model not in _BROWN:
         known = ", ".join(name for name in (*_BROWN, *_FISHEYE) if name)
         raise root.error(f"has the distortion_model {model[:40]!r}", f"known: {known}")
-    return root.build(lambda: lens_of(c))
+    return root.build(lambda: lens_from_opencv(c))
 
 
 def _notes(root: Place, K: Array) -> tuple[str, ...]:
