@@ -13,6 +13,7 @@ from cadcam.camera.lens import (
     Division,
     Fisheye,
     Ideal,
+    Lens,
     OddRadial,
     TiltedBrownConrady,
     lens_from_opencv,
@@ -169,6 +170,14 @@ def test_the_thesis_polynomial_adds_dr_along_the_radius() -> None:
     e = np.array([0.6, 0.8])
     p = np.concatenate([r[:, None] * e, np.ones((9, 1))], axis=1)
     assert np.allclose(OddRadial(*a).project(p), (r + dr)[:, None] * e, rtol=4 * EPS, atol=0)
+
+
+@pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES.keys())
+def test_where_an_estimate_starts_every_coefficient_is_seen(lens: type[Lens]) -> None:
+    """At its zero the field-of-view lens does not depend on w to first order: no estimate could leave it."""
+    p = np.array([[x, y, 1.0] for x in (-0.4, 0.1, 0.5) for y in (-0.3, 0.2, 0.4)])
+    C = lens(**lens.start).project_with_jacobians(p)[2]
+    assert np.all(np.abs(C).max(axis=(0, 1)) > 1e-3)
 
 
 def test_bad_coefficients_are_refused() -> None:
