@@ -14,6 +14,7 @@ from cadcam.camera.lens import BrownConrady
 from cadcam.files.camera import read_camera, write_camera
 from cadcam.files.foreign.registry import NAMES
 from cadcam.geometry.rigid import Rigid
+from cadcam.image.picture import read_picture
 
 from .job import POSE, Ran
 
@@ -158,3 +159,22 @@ def test_pixels_that_only_one_camera_sees_are_drawn_grey_and_counted(cadcam: Run
     assert ran.code == 0
     assert "pixels are not seen by both" in ran.out
     assert "not seen" in ran.out
+
+
+def test_the_verbs_take_other_programs_camera_files_as_they_are(cadcam: Run, job: Path) -> None:
+    """The job's camera as OpenCV has it renders the same picture as ours; two different cameras are refused."""
+    cadcam("convert", job / "camera.json", job / "c.yml", "--to", "opencv", "--allow-loss", "skew")
+    ours = cadcam("render", job / "block.obj", "--camera", job / "camera.json", "-o", job / "ours.png")
+    theirs = cadcam("render", job / "block.obj", "--camera", job / "c.yml", "-o", job / "theirs.png")
+    assert ours.code == theirs.code == 0, theirs.err
+    assert "lengths are taken as mm" in theirs.err
+    pictures = [read_picture(job / name) for name in ("ours.png", "theirs.png")]
+    assert np.abs(pictures[0] - pictures[1]).mean() < 1e-4  # the pose is turned by rounding: a pixel may flip
+    scene = {"fl_x": 300, "w": 64, "h": 48, "frames": []}
+    for fx in (300, 310):
+        matrix = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+        scene["frames"].append({"fl_x": fx, "transform_matrix": matrix})  # type: ignore[attr-defined]
+    (job / "two.json").write_text(json.dumps(scene))
+    two = cadcam("render", job / "block.obj", "--camera", job / "two.json", "-o", job / "x.png")
+    assert two.code == 2
+    assert "cadcam convert --camera NAME" in two.err
