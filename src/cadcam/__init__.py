@@ -30,9 +30,14 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.camera.extended_pinhole import uv_from_pixel_matrix as uv_from_pixel_matrix
     from cadcam.camera.lens import BrownConrady as BrownConrady
     from cadcam.camera.lens import Division as Division
+    from cadcam.camera.lens import DoubleSphere as DoubleSphere
+    from cadcam.camera.lens import ExtendedUnified as ExtendedUnified
+    from cadcam.camera.lens import FieldOfView as FieldOfView
     from cadcam.camera.lens import Fisheye as Fisheye
     from cadcam.camera.lens import Ideal as Ideal
+    from cadcam.camera.lens import InverseBrownConrady as InverseBrownConrady
     from cadcam.camera.lens import OddRadial as OddRadial
+    from cadcam.camera.lens import TiltedBrownConrady as TiltedBrownConrady
     from cadcam.camera.line_camera import LineCamera as LineCamera
     from cadcam.camera.line_camera import LineObservations as LineObservations
     from cadcam.camera.measurement import Measurement as Measurement
@@ -44,6 +49,10 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.files.camera import CameraFile as CameraFile
     from cadcam.files.camera import read_camera as read_camera
     from cadcam.files.camera import write_camera as write_camera
+    from cadcam.files.foreign.model import NamedCamera as NamedCamera
+    from cadcam.files.foreign.registry import read_cameras as read_cameras
+    from cadcam.files.foreign.registry import write_cameras as write_cameras
+    from cadcam.files.foreign.viewers import viewer_parameters as viewer_parameters
     from cadcam.files.matrix import read_matrix as read_matrix
     from cadcam.files.matrix import read_motion as read_motion
     from cadcam.files.matrix import read_pose as read_pose
@@ -53,6 +62,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.files.points import write_points as write_points
     from cadcam.files.poses import read_poses as read_poses
     from cadcam.files.poses import write_poses as write_poses
+    from cadcam.fit.compare import compare as _compare
     from cadcam.geometry.plane import Plane as Plane
     from cadcam.geometry.ray import Ray as Ray
     from cadcam.geometry.rigid import Rigid as Rigid
@@ -80,6 +90,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.render.wireframe import Wireframe as Wireframe
 
     calibrate_camera = _calibrate  # `cadcam.calibrate` is the package
+    compare_cameras = _compare
 
 __version__ = "0.1.0"
 
@@ -92,10 +103,14 @@ _HOME = {
     "Channel": "cadcam.render.view",
     "Cutout": "cadcam.render.cutout",
     "Division": "cadcam.camera.lens",
+    "DoubleSphere": "cadcam.camera.lens",
     "EdgeKind": "cadcam.cad.edges",
     "ExtendedPinhole": "cadcam.camera.extended_pinhole",
+    "ExtendedUnified": "cadcam.camera.lens",
+    "FieldOfView": "cadcam.camera.lens",
     "Fisheye": "cadcam.camera.lens",
     "Ideal": "cadcam.camera.lens",
+    "InverseBrownConrady": "cadcam.camera.lens",
     "KnownMotion": "cadcam.camera.viewpoint",
     "LineCamera": "cadcam.camera.line_camera",
     "LineObservations": "cadcam.camera.line_camera",
@@ -104,6 +119,7 @@ _HOME = {
     "Look": "cadcam.render.view",
     "Measurement": "cadcam.camera.measurement",
     "Mesh": "cadcam.cad.mesh",
+    "NamedCamera": "cadcam.files.foreign.model",
     "Observations": "cadcam.camera.observations",
     "OddRadial": "cadcam.camera.lens",
     "Plane": "cadcam.geometry.plane",
@@ -111,6 +127,7 @@ _HOME = {
     "Ray": "cadcam.geometry.ray",
     "Rigid": "cadcam.geometry.rigid",
     "Scene": "cadcam.render.view",
+    "TiltedBrownConrady": "cadcam.camera.lens",
     "Viewpoint": "cadcam.camera.viewpoint",
     "Wireframe": "cadcam.render.wireframe",
     "added": "cadcam.render.overlay",
@@ -119,14 +136,15 @@ _HOME = {
     "calibrate_camera": "cadcam.calibrate.points:calibrate",
     "calibrate_line": "cadcam.calibrate.flat",
     "calibrate_plane": "cadcam.calibrate.flat",
+    "compare_cameras": "cadcam.fit.compare:compare",
     "edge_distances": "cadcam.render.overlay",
     "feature_edges": "cadcam.cad.edges",
     "first_order": "cadcam.calibrate.variability",
     "load": "cadcam.cad.load",
     "load_with_report": "cadcam.cad.load",
     "locate_camera": "cadcam.calibrate.points",
-    "measure_points": "cadcam.calibrate.measure",
     "markov_chain": "cadcam.calibrate.variability",
+    "measure_points": "cadcam.calibrate.measure",
     "monte_carlo": "cadcam.calibrate.variability",
     "named_look": "cadcam.render.looks",
     "open_renderer": "cadcam.render",
@@ -134,6 +152,7 @@ _HOME = {
     "overlay": "cadcam.render.overlay",
     "projection_map": "cadcam.calibrate.projection_map",
     "read_camera": "cadcam.files.camera",
+    "read_cameras": "cadcam.files.foreign.registry",
     "read_matrix": "cadcam.files.matrix",
     "read_motion": "cadcam.files.matrix",
     "read_picture": "cadcam.image.picture",
@@ -145,11 +164,13 @@ _HOME = {
     "side_by_side": "cadcam.render.overlay",
     "standard_view": "cadcam.render.standard_view",
     "uv_from_pixel_matrix": "cadcam.camera.extended_pinhole",
+    "viewer_parameters": "cadcam.files.foreign.viewers",
     "visible_wireframe": "cadcam.render.visible",
     "write_camera": "cadcam.files.camera",
+    "write_cameras": "cadcam.files.foreign.registry",
     "write_exr": "cadcam.image.exr",
-    "write_overlay_svg": "cadcam.render.overlay",
     "write_measurement": "cadcam.files.pixels",
+    "write_overlay_svg": "cadcam.render.overlay",
     "write_picture": "cadcam.image.picture",
     "write_points": "cadcam.files.points",
     "write_poses": "cadcam.files.poses",

@@ -7,7 +7,17 @@ import pytest
 
 from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
-from cadcam.camera.lens import LENSES, BrownConrady, Division, Fisheye, OddRadial
+from cadcam.camera.lens import (
+    LENSES,
+    BrownConrady,
+    Division,
+    Fisheye,
+    Ideal,
+    Lens,
+    OddRadial,
+    TiltedBrownConrady,
+    lens_from_opencv,
+)
 from cadcam.errors import BadValue
 
 from .cameras import CAMERAS
@@ -144,6 +154,15 @@ def test_fisheye_is_opencvs(rng: np.random.Generator) -> None:
     assert np.abs(camera.project(p) - theirs).max() < 1e-9 * 1000
 
 
+def test_opencvs_vector_gives_the_plainest_lens_that_it_is() -> None:
+    assert lens_from_opencv([]) == Ideal()
+    assert lens_from_opencv(np.zeros(5)) == Ideal()
+    assert lens_from_opencv([0.1, 0, 0, 0]) == BrownConrady(0.1)
+    assert lens_from_opencv([0.1, *[0] * 13]) == BrownConrady(0.1)
+    assert lens_from_opencv([*[0] * 12, 0.1, 0]) == TiltedBrownConrady(tau_x=0.1)
+    assert Camera.from_opencv((8, 6), np.diag([5.0, 5, 1]), [*[0] * 13, 0.2]).lens == TiltedBrownConrady(tau_y=0.2)
+
+
 def test_the_thesis_polynomial_adds_dr_along_the_radius() -> None:
     a = (0.001, -0.12, 0.05, -0.02)
     r = np.linspace(0.01, 0.5, 9)
@@ -151,6 +170,14 @@ def test_the_thesis_polynomial_adds_dr_along_the_radius() -> None:
     e = np.array([0.6, 0.8])
     p = np.concatenate([r[:, None] * e, np.ones((9, 1))], axis=1)
     assert np.allclose(OddRadial(*a).project(p), (r + dr)[:, None] * e, rtol=4 * EPS, atol=0)
+
+
+@pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES.keys())
+def test_where_an_estimate_starts_every_coefficient_is_seen(lens: type[Lens]) -> None:
+    """At its zero the field-of-view lens does not depend on w to first order: no estimate could leave it."""
+    p = np.array([[x, y, 1.0] for x in (-0.4, 0.1, 0.5) for y in (-0.3, 0.2, 0.4)])
+    C = lens(**lens.start).project_with_jacobians(p)[2]
+    assert np.all(np.abs(C).max(axis=(0, 1)) > 1e-3)
 
 
 def test_bad_coefficients_are_refused() -> None:

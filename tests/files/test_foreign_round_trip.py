@@ -73,14 +73,17 @@ def test_several_cameras_keep_their_order_and_places(tmp_path: Path, rng: np.ran
     poses = [found.camera_from_world for found in back]
     for i in range(1, 4):
         a, b, c, d = poses[i], poses[0], cameras[i].camera_from_world, cameras[0].camera_from_world
-        assert a is not None and b is not None and c is not None and d is not None
+        if a is None or b is None or c is None or d is None:
+            pytest.fail("a pose is missing")
         assert np.abs((a @ b.inv).matrix - (c @ d.inv).matrix).max() < 1e-8
         if form.holds.pose == "yes":
             assert np.abs(a.matrix - c.matrix).max() < 1e-8
 
 
 @every_format
-def test_what_is_written_is_recognised_by_its_content_alone(tmp_path: Path, rng: np.random.Generator, name: str) -> None:
+def test_what_is_written_is_recognised_by_its_content_alone(
+    tmp_path: Path, rng: np.random.Generator, name: str
+) -> None:
     form = format_named(name)
     for lens in lenses_held(rng, form.holds):
         camera = random_camera(rng, lens, holds=form.holds)
@@ -168,7 +171,8 @@ def test_lengths_without_a_unit_are_said_to_be_taken_as_millimetres(tmp_path: Pa
 
 def test_a_size_that_the_file_does_not_know_is_asked_for(tmp_path: Path) -> None:
     (tmp_path / "K.yml").write_text(
-        "%YAML:1.0\nK: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 500., 0., 320., 0., 501., 240., 0., 0., 1. ]\n"
+        "%YAML:1.0\nK: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n"
+        "   data: [ 500., 0., 320., 0., 501., 240., 0., 0., 1. ]\n"
         "D: !!opencv-matrix\n   rows: 1\n   cols: 5\n   dt: d\n   data: [ 0., 0., 0., 0., 0. ]\n"
     )
     with pytest.raises(UnreadableFile, match="no picture size; say it: --size"):

@@ -74,7 +74,7 @@ def _scene(scene: Any) -> list[_Part]:
 def _polydata(thing: Any) -> tuple[npt.ArrayLike, npt.NDArray[np.integer]]:
     """Return points and triangles of a pyvista data set: its faces are a flat list (n, i, j, k, n, ...)."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)  # pyvista announces another default: any surface will do
+        warnings.simplefilter("ignore")  # pyvista announces another default: any surface will do
         surface = thing if hasattr(thing, "faces") else thing.extract_surface()
     surface = surface.triangulate() if not getattr(surface, "is_all_triangles", False) else surface
     flat = np.asarray(surface.faces)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cadcam.arrays import Array, Floats, Mask, frozen
-from cadcam.camera.lens import BrownConrady, Ideal, Lens
+from cadcam.camera.lens import Ideal, Lens, lens_from_opencv
 from cadcam.errors import BadValue
 
 
@@ -58,9 +58,8 @@ class Camera:
 
     @classmethod
     def from_opencv(cls, size: tuple[int, int], matrix: Floats, coefficients: Floats = ()) -> Camera:
-        """Return the camera of OpenCV's camera matrix and distortion vector (0, 4, 5, 8, 12 numbers)."""
-        lens: Lens = BrownConrady.from_opencv(coefficients) if np.size(coefficients) else Ideal()
-        return cls(size, frozen(matrix, "camera matrix", (3, 3)), lens)
+        """Return the camera of OpenCV's camera matrix and distortion vector (0, 4, 5, 8, 12 or 14 numbers)."""
+        return cls(size, frozen(matrix, "camera matrix", (3, 3)), lens_from_opencv(coefficients))
 
     @property
     def width(self) -> int:

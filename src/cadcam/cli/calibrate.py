@@ -148,4 +148,5 @@ def _lens(text: str | None) -> tuple[Lens | None, tuple[str, ...]]:
             free.append(name)
     if known and not (held or free):
         raise BadValue("--lens", repr(text), f"coefficients behind a colon, such as {model}:{next(iter(known))}")
-    return LENSES[model](**held), tuple(free)
+    start = {name: value for name, value in LENSES[model].start.items() if name in free}
+    return LENSES[model](**start, **held), tuple(free)

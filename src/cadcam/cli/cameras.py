@@ -5,10 +5,12 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
+from cadcam.cli.output import say
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
     from cadcam.camera.camera import Camera
+    from cadcam.files.camera import CameraFile
     from cadcam.geometry.rigid import Rigid
 
 POSE_HELP = """\
@@ -17,11 +19,10 @@ pose file: a first line '# camera_from_world, mm' (or world_from_camera; or m, i
 
 
 def camera_and_pose(camera_file: str, pose_file: str | None) -> tuple[Camera, Rigid]:
-    """Return the camera of a file, and its pose unless a pose file says another."""
-    from cadcam.files.camera import read_camera
+    """Return the camera of a file, ours or another program's, and its pose unless a pose file says another."""
     from cadcam.files.matrix import read_pose
 
-    known = read_camera(camera_file)
+    known = _foreign(camera_file) or _own(camera_file)
     pose = read_pose(pose_file) if pose_file else known.camera_from_world
     if pose is None:
         raise BadValue(
@@ -32,9 +33,42 @@ def camera_and_pose(camera_file: str, pose_file: str | None) -> tuple[Camera, Ri
     return known.camera, pose
 
 
+def _own(camera_file: str) -> CameraFile:
+    from cadcam.files.camera import read_camera
+
+    return read_camera(camera_file)
+
+
+def _foreign(camera_file: str) -> CameraFile | None:
+    """Return what another program's camera file holds; None for ours, and for what no reader knows."""
+    from cadcam.errors import UnreadableFile
+    from cadcam.files.camera import CameraFile
+    from cadcam.files.foreign.registry import format_of, read_cameras
+    from cadcam.files.foreign.source import Source
+
+    try:
+        if format_of(Source(camera_file)).name == "cadcam":
+            return None
+    except UnreadableFile:
+        return None
+    found = read_cameras(camera_file)
+    for note in found.notes:
+        say(f"{camera_file}: {note}")
+    first = found.cameras[0]
+    if any(named.camera is not first.camera for named in found.cameras):
+        raise BadValue(
+            f"number of cameras in {camera_file}",
+            len(found.cameras),
+            "one: cadcam convert --camera NAME makes a file of it",
+        )
+    return CameraFile(first.camera, first.camera_from_world if len(found.cameras) == 1 else None)
+
+
 def add_camera_options(parser: argparse.ArgumentParser, *, required: bool) -> None:
     """Add the camera file and the pose file."""
-    parser.add_argument("--camera", metavar="FILE", required=required, help="camera file (.json), best with its pose")
+    parser.add_argument(
+        "--camera", metavar="FILE", required=required, help="camera file, best with its pose; or another program's"
+    )
     parser.add_argument("--pose", metavar="FILE", help="where the camera stands, if not as its file says (see below)")
 
 

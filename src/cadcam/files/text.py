@@ -103,5 +103,5 @@ def number_in(file: TextFile, line: int, what: str, cell: str) -> float:
         remedy = "write a decimal point, not a comma" if "," in cell else "give a number, or remove the line"
         raise UnreadableFile(file.path, f"{place} is {cell[:40]!r}, not a number", remedy) from None
     if not abs(value) < float("inf"):
-        raise UnreadableFile(file.path, f"{place} is {cell!r}", "give a finite number, or remove the line")
+        raise UnreadableFile(file.path, f"{place} is {cell[:40]!r}", "give a finite number, or remove the line")
     return value

@@ -14,8 +14,6 @@ from cadcam.camera.lens import LENSES, Lens
 from cadcam.errors import BadValue
 from cadcam.fit.least_squares import minimise
 
-_START = {"w": 0.5, "alpha": 0.5, "beta": 1.0}  # where the curve depends on the coefficient to first order
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refit:
@@ -29,10 +27,10 @@ class Refit:
 def refitted(camera: Camera, model: str, terms: Sequence[str]) -> Refit:
     """Return the camera with lens `model`, of which only `terms` are free, that images every direction most alike.
 
-    Least squares of pixel distances over 25 x 19 pixels of the picture, in fx, fy, cx, cy and the terms; skew is kept.
+    Least squares of pixel distances over 21 x 15 pixels of the picture, in fx, fy, cx, cy and the terms; skew is kept.
     Raises `NotConverged` where the model cannot image the picture at all.
     """
-    q = picture_grid(camera.size, 25, 19).reshape(-1, 2)
+    q = picture_grid(camera.size, 21, 15).reshape(-1, 2)
     directions = camera.unproject(q)
     seen = ~np.isnan(directions).any(axis=1)
     problem = _Problem(camera, LENSES[model], tuple(terms), directions[seen], q[seen])
@@ -56,7 +54,8 @@ class _Problem:
 
     def start(self) -> Array:
         c = self.given
-        return np.array([c.fx, c.fy, *c.principal_point, *(_START.get(term, 0.0) for term in self.terms)])
+        first = {**self.model().parameters, **self.model.start}
+        return np.array([c.fx, c.fy, *c.principal_point, *(first[term] for term in self.terms)])
 
     def residuals_and_jacobian(self, state: Array) -> tuple[Array, Array]:
         """Return the distances (2 N,) px in x and y and their Jacobian; not finite where the state is no camera."""

@@ -22,6 +22,7 @@ _STRIP = 44  # px below it for the scale and the sentence
 _STOPS = np.array(
     [[0.267, 0.005, 0.329], [0.229, 0.322, 0.546], [0.128, 0.567, 0.551], [0.369, 0.789, 0.383], [0.993, 0.906, 0.144]]
 )
+_STROKES = ((0.0, 2.6), (1.0, 1.2))  # white on black: it shows on any of the colours
 _UNSEEN = (0.6, 0.6, 0.6)
 
 
@@ -60,10 +61,12 @@ def write_difference(path: str | os.PathLike[str], difference: Difference, size:
     line += f"arrows x {factor:.3g}"
     picture = _with_scale(heat, difference, line)
     if Path(path).suffix.lower() == ".svg":
-        layer = SvgLayer("difference", arrows, (1.0, 1.0, 1.0), width=1.2)
-        write_svg(path, (picture.shape[1], picture.shape[0]), [layer], photo=picture, title=line)
-    else:
-        write_picture(path, draw_polylines(picture, arrows, color=(1.0, 1.0, 1.0), width=1.2))
+        layers = [SvgLayer("difference", arrows, (shade,) * 3, width=width) for shade, width in _STROKES]
+        write_svg(path, (picture.shape[1], picture.shape[0]), layers, photo=picture, title=line)
+        return
+    for shade, width in _STROKES:
+        picture = draw_polylines(picture, arrows, color=(shade,) * 3, width=width)
+    write_picture(path, picture)
 
 
 def _notes(difference: Difference) -> list[str]:

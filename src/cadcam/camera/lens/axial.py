@@ -45,10 +45,8 @@ class AxialLens(Lens):
         """Return m; NaN for z <= 0 or beyond the largest imaged angle."""
         p = np.asarray(p, dtype=np.float64)
         r, t = self._angle(p)
-        on_axis = r == 0
         with np.errstate(all="ignore"):
-            rho, slope = self._curve(t)
-            g = np.where(on_axis, slope / p[..., 2], rho / np.where(on_axis, 1.0, r))
+            g = self._curve(t)[0] / np.where(r > 0, r, 1.0)  # on the axis rho = 0, whatever it is divided by
         return p[..., :2] * np.where(np.isnan(t), np.nan, g)[..., None]
 
     def project_with_jacobians(self, p: Floats) -> tuple[Array, Array, Array]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
@@ -17,6 +18,7 @@ class Lens(ABC):
     """The protocol and what all lenses share; the dataclass fields are the coefficients, in order."""
 
     name: ClassVar[str]
+    start: ClassVar[Mapping[str, float]] = {}  # where an estimate starts if zero is blind to the coefficient
 
     def __post_init__(self) -> None:
         for name, value in self.parameters.items():

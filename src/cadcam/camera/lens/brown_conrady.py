@@ -10,7 +10,8 @@ import numpy as np
 
 from cadcam.arrays import Array, Floats, Mask, component_major
 from cadcam.camera import radial
-from cadcam.camera.lens.base import PlanarLens
+from cadcam.camera.lens.base import Lens, PlanarLens
+from cadcam.camera.lens.ideal import Ideal
 from cadcam.errors import BadValue
 
 
@@ -220,6 +221,15 @@ class TiltedBrownConrady(BrownConrady):
         straight = _homogeneous(np.asarray(np.linalg.inv(self._tilt[0])), m)
         w = straight[..., 2:]
         return self._untilted._undistort(straight[..., :2] / np.where(w > 0, w, np.nan))
+
+
+def lens_from_opencv(coefficients: Floats) -> Lens:
+    """Return the lens of OpenCV's distortion vector of 0, 4, 5, 8, 12 or 14 numbers, the plainest that it is."""
+    c = np.asarray(coefficients, dtype=np.float64).ravel()
+    if c.size == 14 and c[12:].any():
+        return TiltedBrownConrady.from_opencv(c)
+    lens = BrownConrady.from_opencv(c)
+    return lens if any(lens.parameters.values()) else Ideal()
 
 
 def _about_x(one: float, c: float, s: float) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -22,11 +23,12 @@ class FieldOfView(AxialLens):
     w: float = 0.0
 
     name: ClassVar[str] = "field-of-view"
+    start: ClassVar[Mapping[str, float]] = {"w": 0.5}
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 0 <= self.w < np.pi:
-            raise BadValue("lens coefficient w", self.w, "0 to below pi, rad")
+        if not abs(self.w) < np.pi:
+            raise BadValue("lens coefficient w", self.w, "less than pi, rad; its sign means nothing")
 
     @property
     def max_angle(self) -> float:

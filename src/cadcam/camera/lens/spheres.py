@@ -5,6 +5,7 @@ Only directions in front of the camera (z > 0) are imaged, as everywhere in this
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -28,6 +29,7 @@ class ExtendedUnified(AxialLens):
     beta: float = 1.0
 
     name: ClassVar[str] = "extended-unified"
+    start: ClassVar[Mapping[str, float]] = {"alpha": 0.5}
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -65,6 +67,7 @@ class DoubleSphere(AxialLens):
     alpha: float = 0.0
 
     name: ClassVar[str] = "double-sphere"
+    start: ClassVar[Mapping[str, float]] = {"alpha": 0.5}
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -28,7 +28,7 @@ from cadcam.geometry.rigid import Rigid
 
 _MM = 1000.0
 _SENSOR_MM = 36.0  # Blender's own default: the width written where no pixel pitch is known
-_DICT = re.compile(r"^CAMERA\s*=\s*(\{.*?^\})", re.MULTILINE | re.DOTALL)
+_DICT = re.compile(r"^CAMERA\s*=\s*(?=\{)", re.MULTILINE)
 
 _SNIPPET = """\
 # Blender: run in the Scripting tab, or blender scene.blend --python THIS_FILE
@@ -63,9 +63,10 @@ def read(source: Source) -> Foreign:
     """Return the camera of the dict CAMERA in a snippet."""
     file = source.text()
     found = _DICT.search(file.text)
-    if found is None:
+    end = file.text.find("\n}", found.end()) if found else -1
+    if found is None or end < 0:
         raise UnreadableFile(file.path, "has no complete CAMERA = {...}", "is it cut off?")
-    root = Place(file.path, ("CAMERA",), literal(TextFile(file.path, found[1], file.sha256)))
+    root = Place(file.path, ("CAMERA",), literal(TextFile(file.path, file.text[found.end() : end + 2], file.sha256)))
     size = root.at("resolution")
     width, height = (whole(Place(root.path, size.keys, v)) for v in size.array((2,)).tolist())
     lens, sensor, shift_x, shift_y = (root.at(n).number() for n in ("lens", "sensor_width", "shift_x", "shift_y"))

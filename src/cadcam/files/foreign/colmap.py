@@ -167,7 +167,7 @@ def _joined(name: str, source: Source, cameras: dict[int, Camera], poses: list[_
     named = []
     for image, number, values in poses:
         if number not in cameras:
-            raise UnreadableFile(source.path, f"image {image!r} names camera {number}, which is not there")
+            raise UnreadableFile(source.path, f"image {image[:40]!r} names camera {number}, which is not there")
         pose = Rigid(so3.from_quaternion(values[:4]), values[4:] * source.mm)
         named.append(NamedCamera(image, cameras[number], pose))
     return Foreign(name, tuple(named))
@@ -208,7 +208,7 @@ def _image_lines(file: TextFile) -> Iterator[_Pose]:
 def _whole(file: TextFile, line: int, word: str) -> int:
     value = number_in(file, line, "a count", word)
     if value != int(value):
-        raise UnreadableFile(file.path, f"line {line}: {word} is no whole number")
+        raise UnreadableFile(file.path, f"line {line}: {word[:40]} is no whole number")
     return int(value)
 
 
@@ -255,10 +255,10 @@ class _Binary:
             (points,) = self.take("<Q")
             self.at += 24 * int(points)
             if self.at > len(self.data):
-                raise UnreadableFile(self.path, f"ends within the points of image {name!r}", "is it cut off?")
+                raise UnreadableFile(self.path, f"ends within the points of image {name[:40]!r}", "is it cut off?")
             values = np.array(record[1:8])
             if not np.isfinite(values).all():
-                raise UnreadableFile(self.path, f"image {name!r} has a number that is not finite")
+                raise UnreadableFile(self.path, f"image {name[:40]!r} has a number that is not finite")
             yield name, int(record[8]), values
         self.finish()
 

@@ -42,6 +42,9 @@ def recognises(source: Source) -> bool:
 def read(source: Source) -> Foreign:
     """Return a camera for each node that has one; cameras without a node have no pose."""
     root = _document(source)
+    version = root.at("asset").at("version").text()
+    if not version.startswith("2."):
+        raise root.error(f"is glTF {version[:20]}", "version 2 is read here")
     cameras = root.at("cameras")
     if not isinstance(cameras.value, list) or not cameras.value:
         raise cameras.error("is no list of cameras", "export with cameras")

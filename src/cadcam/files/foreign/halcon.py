@@ -28,7 +28,7 @@ from cadcam.geometry.rigid import Rigid
 
 _MM = 1000.0
 _PIXEL_MM = 0.005  # the pitch written where nothing is known: no pixel depends on it
-_ENTRY = re.compile(r"^\s*(\w+)\s*:\s*\w*\s*:\s*([^;]*);", re.MULTILINE)
+_ENTRY = re.compile(r"^[ \t]*(\w+)[ \t]*:[ \t]*\w*[ \t]*:\s*([^;]*);", re.MULTILINE)
 _DIVISION = ("Focus", "Kappa", "Sx", "Sy", "Cx", "Cy", "ImageWidth", "ImageHeight")
 _POLY = ("Poly1", "Poly2", "Poly3", "Poly4", "Poly5")
 _POLYNOMIAL = ("Focus", *_POLY, *_DIVISION[2:])
@@ -37,7 +37,7 @@ _POWERS = np.array([2, 4, 6, 1, 1])  # of the focal length, from Poly1..5 to k1 
 
 def recognises(source: Source) -> bool:
     """Return whether this is a HALCON parameter group of a camera."""
-    return bool(re.search(r"^\s*ParGroup\s*:\s*\w*Camera\s*:\s*Parameter", source.head(), re.MULTILINE))
+    return bool(re.search(r"^[ \t]*ParGroup\s*:\s*\w*Camera\s*:\s*Parameter", source.head(), re.MULTILINE))
 
 
 def read(source: Source) -> Foreign:
@@ -110,7 +110,7 @@ _ABOUT = {
 def _values(file: TextFile) -> dict[str, float]:
     """Return the parameters by name; the group's own line is not one."""
     out: dict[str, float] = {}
-    for entry in _ENTRY.finditer(re.sub(r"^\s*#.*$", "", file.text, flags=re.MULTILINE)):
+    for entry in _ENTRY.finditer(re.sub(r"^[ \t]*#.*$", "", file.text, flags=re.MULTILINE)):
         name, text = entry[1], entry[2].strip()
         if name in ("ParGroup", "DOUBLE", "INT"):
             continue

@@ -72,11 +72,17 @@ def _with_lens(camera: Camera, holds: Holds, *, fit: bool) -> tuple[Camera, list
             return same, []
     if not fit:
         less = replace(camera, lens=_less(camera.lens, holds))
-        left = "" if isinstance(less.lens, Ideal) else f" but for {_words(less.lens)}"
-        return less, [Loss("lens", f"{_words(camera.lens)} is dropped{left}", largest_difference(camera, less))]
+        return less, [Loss("lens", _said_of(camera.lens, less.lens), largest_difference(camera, less))]
     best = _nearest(camera, holds)
     text = f"{_words(camera.lens)} becomes {_words(best.camera.lens)}, rms {best.rms_px:.3g} px"
     return best.camera, [Loss("fitted lens", text, best.max_px)]
+
+
+def _said_of(lens: Lens, left: Lens) -> str:
+    if isinstance(left, Ideal):
+        return f"{_words(lens)} is dropped"
+    lost = [f"{name} {value:.4g}" for name, value in lens.parameters.items() if value != left.parameters[name]]
+    return f"{', '.join(lost)} of {_words(lens)} {'is' if len(lost) == 1 else 'are'} dropped"
 
 
 def _words(lens: Lens) -> str:
@@ -91,7 +97,7 @@ def _less(lens: Lens, holds: Holds) -> Lens:
     return LENSES[lens.name](**kept) if any(kept.values()) else Ideal()
 
 
-# prisms and tilts: a lens without them has none to fit, and one with them loses nothing else
+# left at zero: they are there for prisms and tilts, not to imitate other lenses with
 _NOT_FITTED = ("s1", "s2", "s3", "s4", "tau_x", "tau_y")
 
 

@@ -37,6 +37,11 @@ def recognises(source: Source) -> bool:
 def read(source: Source) -> Foreign:
     """Return the cameras that are aligned, or where there are none the sensors."""
     root = parsed_xml(source.text())
+    version = root.element.get("version", "2")
+    if root.tag == "document" and version.split(".")[0] not in ("0", "1", "2"):
+        raise root.error(
+            f"is of version {version[:20]!r}", "versions 1 and 2 are read here: a newer one may mean others"
+        )
     if root.tag == "calibration":
         return Foreign("metashape", (NamedCamera("camera", _calibrated(root, _size(root))),))
     chunk = root.maybe("chunk") or root
@@ -122,7 +127,7 @@ def _calibrated(node: Node, size: tuple[int, int]) -> Camera:
     projection = node.maybe("projection")
     kind = node.element.get("type") or (projection.text() if projection is not None else "frame")
     if kind not in _UNKNOWN:
-        raise node.error(f"is of type {kind!r}", f"read here: {', '.join(_UNKNOWN)}")
+        raise node.error(f"is of type {kind[:40]!r}", f"read here: {', '.join(_UNKNOWN)}")
     unknown = [name for name in _UNKNOWN[kind] if node.number(name, 0.0)]
     if unknown:
         raise node.error(f"has {', '.join(unknown)}, which no lens here has", "adjust without them and export again")

@@ -44,7 +44,7 @@ def read(source: Source) -> Foreign:
     model = root.at(name).text().removeprefix("LENSMODEL_")
     if model not in _TERMS:
         raise root.error(
-            f"has the lens model {model!r}", f"read here: {', '.join(_TERMS)}; mrcal-convert-lensmodel helps"
+            f"has the lens model {model[:40]!r}", f"read here: {', '.join(_TERMS)}; mrcal-convert-lensmodel helps"
         )
     values = root.at("intrinsics").array((None,))
     if values.size != 4 + _TERMS[model]:

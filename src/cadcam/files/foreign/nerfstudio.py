@@ -125,7 +125,7 @@ def _focal(place: Place, name: str, angle: str, extent: int) -> float:
 def _lens(place: Place) -> Lens:
     model = place.object.get("camera_model", "OPENCV")
     if model not in _MODEL.values():
-        raise place.error(f"has the camera_model {model!r}", f"read here: {', '.join(_MODEL.values())}")
+        raise place.error(f"has the camera_model {str(model)[:40]!r}", f"read here: {', '.join(_MODEL.values())}")
     names = _FISHEYE if model == "OPENCV_FISHEYE" else _BROWN
     terms = {name: place.at(name).number() for name in names if name in place.object}
     if model == "OPENCV_FISHEYE":

@@ -16,7 +16,7 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
-from cadcam.camera.lens import BrownConrady, Fisheye, Ideal, Lens, TiltedBrownConrady
+from cadcam.camera.lens import BrownConrady, Fisheye, Ideal, Lens, TiltedBrownConrady, lens_from_opencv
 from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, Target
 from cadcam.files.foreign.pose import numbers
 from cadcam.files.foreign.source import Source
@@ -93,13 +93,6 @@ def coefficients(lens: Lens) -> Array:
     return c if isinstance(lens, Fisheye) else next(c[:n] for n in (5, 8, 12, 14) if not c[n:].any())
 
 
-def lens_of(c: Array) -> Lens:
-    """Return the lens of OpenCV's distortion vector of 0, 4, 5, 8, 12 or 14 numbers."""
-    if not c.any():
-        return Ideal()
-    return TiltedBrownConrady.from_opencv(c) if c.size == 14 and c[12:].any() else BrownConrady.from_opencv(c)
-
-
 def _storage(source: Source) -> Place:
     head = source.head().lstrip()
     if head.startswith("<"):
@@ -157,7 +150,7 @@ def _lens(root: Place, name: str) -> Lens:
         if c.size != 4:
             raise place.error(f"has {c.size} numbers", "a fisheye has 4")
         return Fisheye(*c.tolist())
-    return place.build(lambda: lens_of(c))
+    return place.build(lambda: lens_from_opencv(c))
 
 
 def _posed(named: NamedCamera, views: Array, mm: float) -> list[NamedCamera]:

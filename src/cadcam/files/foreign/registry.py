@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -16,7 +16,7 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.difference import largest_difference
 from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
 from cadcam.files.foreign.losses import prepared, refuse
-from cadcam.files.foreign.model import Files, Foreign, Format, Loss, NamedCamera, Target
+from cadcam.files.foreign.model import Foreign, Format, Loss, NamedCamera, Target
 from cadcam.files.foreign.source import Source
 from cadcam.geometry.rigid import Rigid
 from cadcam.whole import write_whole
@@ -86,11 +86,7 @@ def format_of(source: Source) -> Format:
         form = format_named(name)
         if _guarded(source.path, lambda f=form: f.recognises(source)):  # type: ignore[misc]
             return form
-    what = (
-        "a folder without a camera file that is known"
-        if source.is_folder
-        else "no camera file that is known by its content"
-    )
+    what = "a folder without a known camera file" if source.is_folder else "no camera file known by its content"
     raise UnreadableFile(source.path, f"is {what}", f"name its format: --from {', '.join(NAMES)}")
 
 
@@ -160,9 +156,11 @@ def write_cameras(
     refuse(losses, allow_loss, form.title, can_fit=not fit)
     ready = [one for one, _ in pairs]
     files = form.write(ready, target)
-    px = _read_back(form, files, target, ready)
-    if not px < _WRONG_PX:
-        raise RuntimeError(f"{form.title} of {ready[0].camera} reads back {px:.3g} px off")
+    back = _read(form, Source(target.name, size=ready[0].camera.size, mm=target.mm, memory=files)).cameras
+    px = max(largest_difference(meant.camera, found.camera) for meant, found in zip(ready, back, strict=True))
+    if not (px < _WRONG_PX and _poses_agree(ready, back, form)):
+        raise RuntimeError(f"{form.title} of {ready[0].camera} reads back {px:.3g} px off, or elsewhere")
+    losses += _renamed(ready, back)
     paths = tuple(_path_of(target.name, form, name) for name in files)
     for name, out in zip(files, paths, strict=True):
         write_whole(out, files[name])
@@ -210,12 +208,19 @@ def _path_of(path: str, form: Format, name: str) -> str:
     return os.fspath(Path(path).parent / name) if name else path
 
 
-def _read_back(form: Format, files: Files, target: Target, ready: list[NamedCamera]) -> float:
-    """Return how far the written cameras are from the ones meant, px."""
-    source = Source(target.name, size=ready[0].camera.size, mm=target.mm, memory=files)
-    found = _read(form, source)
-    pairs = zip(ready, found.cameras, strict=False)
-    return max(largest_difference(meant.camera, back.camera) for meant, back in pairs)
+def _poses_agree(meant: Sequence[NamedCamera], found: Sequence[NamedCamera], form: Format) -> bool:
+    if form.holds.pose != "yes":
+        return True
+    pairs = [(a.camera_from_world, b.camera_from_world) for a, b in zip(meant, found, strict=True)]
+    return all(a is None or (b is not None and np.allclose(a.matrix, b.matrix, rtol=1e-9, atol=1e-6)) for a, b in pairs)
+
+
+def _renamed(meant: Sequence[NamedCamera], found: Sequence[NamedCamera]) -> list[Loss]:
+    """Return the loss of names, which only several cameras need."""
+    pairs = [f"{a.name} is now {b.name}" for a, b in zip(meant, found, strict=True) if a.name != b.name]
+    return (
+        [Loss("names", ", ".join(pairs[:6]) + (", ..." if len(pairs) > 6 else ""))] if len(meant) > 1 and pairs else []
+    )
 
 
 def _read(form: Format, source: Source) -> Foreign:

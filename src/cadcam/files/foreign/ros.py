@@ -15,9 +15,9 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
-from cadcam.camera.lens import BrownConrady, Fisheye, Lens
+from cadcam.camera.lens import BrownConrady, Fisheye, Lens, lens_from_opencv
 from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, Target
-from cadcam.files.foreign.opencv import coefficients, lens_of, whole
+from cadcam.files.foreign.opencv import coefficients, whole
 from cadcam.files.foreign.pose import numbers
 from cadcam.files.foreign.source import Source
 from cadcam.files.foreign.yamltext import parsed_yaml
@@ -30,8 +30,8 @@ _BROWN = ("plumb_bob", "rational_polynomial", "")
 def recognises(source: Source) -> bool:
     """Return whether this names a distortion model and holds a camera matrix."""
     head = source.head()
-    named = re.search(r"^\s*distortion_model\s*:", head, re.MULTILINE)
-    return bool(named) and bool(re.search(r"^\s*(camera_matrix|[kK])\s*:", head, re.MULTILINE))
+    named = re.search(r"^[ \t]*distortion_model\s*:", head, re.MULTILINE)
+    return bool(named) and bool(re.search(r"^[ \t]*(camera_matrix|[kK])\s*:", head, re.MULTILINE))
 
 
 def read(source: Source) -> Foreign:
@@ -93,8 +93,8 @@ def _lens(root: Place, model: str, c: Array) -> Lens:
         return Fisheye(*c.tolist())
     if model not in _BROWN:
         known = ", ".join(name for name in (*_BROWN, *_FISHEYE) if name)
-        raise root.error(f"has the distortion_model {model!r}", f"known: {known}")
-    return root.build(lambda: lens_of(c))
+        raise root.error(f"has the distortion_model {model[:40]!r}", f"known: {known}")
+    return root.build(lambda: lens_from_opencv(c))
 
 
 def _notes(root: Place, K: Array) -> tuple[str, ...]:

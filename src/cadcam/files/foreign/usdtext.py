@@ -12,7 +12,7 @@ from cadcam.files.text import TextFile
 
 _TOKEN = re.compile(
     r'(?P<space>\s+|\#[^\n]*|/\*.*?\*/)|(?P<string>"""(?:\\.|[^\\])*?"""|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\')'
-    r"|(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w:]))|(?P<path><[^>\n]*>|@[^@\n]*@)"
+    r"|(?P<number>[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?(?![\w:]))|(?P<path><[^>\n]*>|@[^@\n]*@)"
     r"|(?P<word>[-+]?[A-Za-z_][\w:.\-]*(?:\[\])?|\d+)|(?P<mark>[(){}\[\]=,;&])",
     re.DOTALL,
 )
@@ -35,6 +35,9 @@ def parsed_usda(file: TextFile) -> Prim:
     """Return a prim of kind "" that holds the layer's metadata and its root prims; `UnreadableFile` with the line."""
     if not file.text.lstrip().startswith("#usda"):
         raise UnreadableFile(file.path, "is no USD text", "convert it: usdcat file.usd -o file.usda")
+    if not re.match(r"\s*#usda 1\.", file.text):
+        said = file.text.split("\n", 1)[0][:40]
+        raise UnreadableFile(file.path, f"says {said!r}", "version 1 of USD's text is read here")
     return _Parser(file).layer()
 
 

@@ -25,8 +25,10 @@ _FISHEYE = "ProjWithKannalaBrandtDistortion"
 
 
 def recognises(source: Source) -> bool:
-    """Return whether one of ViSP's models is named."""
-    return any(f"<type>{model}</type>" in source.head() for model in (_PLAIN, _RADIAL, _FISHEYE))
+    """Return whether one of ViSP's models is named, or this is a tracker's configuration with its camera."""
+    head = source.head()
+    named = any(f"<type>{model}</type>" in head for model in (_PLAIN, _RADIAL, _FISHEYE))
+    return named or ("<conf>" in head and "<u0>" in head and "<px>" in head)
 
 
 def read(source: Source) -> Foreign:
@@ -35,6 +37,9 @@ def read(source: Source) -> Foreign:
     cameras, notes = [], []
     for node in root.all("camera"):
         name = node.maybe("name")
+        if root.tag == "conf":  # a tracker's: the four numbers alone
+            cameras.append(NamedCamera("camera", _camera(node, source.needed_size("a tracker's configuration"))))
+            continue
         size = (node.number("image_width"), node.number("image_height"))
         for model in node.all("model"):
             camera = _camera(model, size)
@@ -72,7 +77,7 @@ def write(cameras: Sequence[NamedCamera], target: Target) -> Files:
 
 
 def _camera(model: Node, size: tuple[float, float]) -> Camera:
-    kind = model.at("type").text()
+    kind = model.at("type").text() if model.tag == "model" else _PLAIN
     px, py, u0, v0 = (model.number(name) for name in ("px", "py", "u0", "v0"))
     lens: Lens = Ideal()
     if kind == _RADIAL and model.number("kud"):
@@ -82,7 +87,7 @@ def _camera(model: Node, size: tuple[float, float]) -> Camera:
             raise model.error("has k5, which ViSP does not use either", "set it to 0")
         lens = Fisheye(*(model.number(name, 0.0) for name in ("k1", "k2", "k3", "k4")))
     elif kind not in (_PLAIN, _RADIAL):
-        raise model.error(f"is of type {kind!r}", f"known: {_PLAIN}, {_RADIAL}, {_FISHEYE}")
+        raise model.error(f"is of type {kind[:40]!r}", f"known: {_PLAIN}, {_RADIAL}, {_FISHEYE}")
     return Camera(size, np.array([[px, 0, u0], [0, py, v0], [0, 0, 1]]), lens)  # type: ignore[arg-type]
 
 

@@ -74,7 +74,7 @@ class Node:
         try:
             value = float(self.element.get(name, ""))
         except ValueError:
-            raise self.error(f"has {name}={self.element.get(name)!r}", "a number is expected") from None
+            raise self.error(f"has {name}={str(self.element.get(name))[:40]!r}", "a number is expected") from None
         if not np.isfinite(value):
             raise self.error(f"has {name}={value}", "a finite number is expected")
         return value

@@ -13,7 +13,7 @@ from cadcam.errors import UnreadableFile
 from cadcam.files.jsontext import Place
 from cadcam.files.text import TextFile
 
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 _NOT_FINITE = {".nan": float("nan"), ".inf": float("inf"), "+.inf": float("inf"), "-.inf": float("-inf")}
 _DEEPEST = 40
 
