@@ -29,6 +29,7 @@ from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
 _FINE = Options(damping=1e-7, settled=1e-12, enough=1e-19)  # of the cost: the last step is 1e-8 sigma or so
+_VIEWS = 4  # below, their scatter says nothing
 _USELESS = 1 / 3  # sigma of the focal length by itself
 
 
@@ -253,6 +254,8 @@ def _local_from_own(R: Array) -> Array:
 
 
 def _by_view(known: Cofactors, n: int) -> Array | None:
+    if len(known.scores) < _VIEWS:
+        return None
     try:
         return known.jackknifed()[:n, :n]
     except (TooFewPoints, DegenerateGeometry):
