@@ -15,11 +15,17 @@ from pathlib import Path
 
 import numpy as np
 
+from cadcam.arrays import Array
 from cadcam.calibrate.joint import calibrate_jointly, fit_jointly
 from cadcam.calibrate.nested import nested_advice
+from cadcam.calibrate.points import calibrate
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import BrownConrady
 from cadcam.camera.observations import Observations
+from cadcam.errors import CadcamError
+from cadcam.fit.dlt import dlt
+from cadcam.fit.joint_start import homographies
+from cadcam.fit.layout import Indices
 from cadcam.report.table import with_sigma
 
 ALL = ("k1", "k2", "p1", "p2", "k3")
@@ -110,7 +116,28 @@ def dbat_camcal(folder: Path) -> list[str]:
     ]
 
 
-SETS: dict[str, Callable[[Path], list[str]]] = {"zhang_planar": zhang_planar, "dbat_camcal": dbat_camcal}
+def openptv_cavity(folder: Path) -> list[str]:
+    """Return the section: four cameras on a two-level target in water, each alone, dots matched from four clicks."""
+    rows = []
+    for camera in range(4):
+        dots = _dots(folder, camera)
+        linear, found = calibrate(dots, (1280, 1024), method="dlt"), calibrate(dots, (1280, 1024))
+        focal = " +- ".join(with_sigma(found.value("focal"), found.sigma("focal")))
+        residuals = [f"{e.thesis_residual:.4f}" for e in (linear, found)]
+        rows.append((f"camera {camera + 1}", f"{len(dots)} of 73", *residuals, focal))
+    return [
+        "## Four cameras on a two-level target of 73 dots in a water tank, each calibrated alone",
+        *_table(("", "dots found", "linear transform px", "least squares px", "focal px"), rows),
+        "Refraction makes the internals meaningless: the residuals (a point) are what counts. OpenCV cannot start on a "
+        "field that is not flat without a guess.",
+    ]
+
+
+SETS: dict[str, Callable[[Path], list[str]]] = {
+    "zhang_planar": zhang_planar,
+    "dbat_camcal": dbat_camcal,
+    "openptv_cavity": openptv_cavity,
+}
 
 
 def _sheet(folder: Path) -> list[Observations]:
@@ -128,6 +155,41 @@ def _sheet(folder: Path) -> list[Observations]:
         p = np.array([points[r[0]] for r in own])
         views.append(Observations(p, q, tuple(r[0] for r in own), sigma_px=0.162168, source=f"photo {photo}"))
     return views
+
+
+def _dots(folder: Path, camera: int) -> Observations:
+    """Return the dots that are where the four clicked ones lead to look for them, as many as agree with one camera."""
+    field = np.loadtxt(folder / "cal/target_on_a_side.txt")
+    clicked = np.loadtxt(folder / "parameters/man_ori.dat").reshape(4, 4, 2)[camera]
+    chosen = np.loadtxt(folder / "parameters/man_ori.par", dtype=int).reshape(4, 4)[camera]
+    seen = np.loadtxt(folder / f"cal/cam{camera + 1}.tif_targets", skiprows=1)[:, 1:3]
+    X = field[:, 1:]
+    corners = X[[int(np.flatnonzero(field[:, 0] == i)[0]) for i in chosen]]
+    H = homographies(corners[None, :, :2], clicked[None], np.ones((1, 4), dtype=bool))[0]
+    flat = np.column_stack([H[:, :2], np.zeros(3), H[:, 2]])
+    found = [_matched(X, seen, flat, reach, fall) for reach in (20.0, 30.0, 45.0) for fall in (2, 9)]
+    dots, nearest = max(found, key=lambda m: len(m[0]))
+    return Observations(
+        X[dots], seen[nearest], tuple(str(int(i)) for i in field[dots, 0]), source=f"camera {camera + 1}"
+    )
+
+
+def _matched(X: Array, seen: Array, P: Array, reach: float, fall: int) -> tuple[Indices, Indices]:
+    """Dots and their marks within reach of a camera matrix that is refitted to them, the reach falling to 3 px."""
+    none = np.zeros(0, dtype=int)
+    while True:
+        q = np.column_stack([X, np.ones(len(X))]) @ P.T
+        D = np.linalg.norm((q[:, :2] / q[:, 2:])[:, None] - seen, axis=2)
+        nearest = D.argmin(axis=1)
+        dots = np.flatnonzero((D.min(axis=1) < reach) & (D[:, nearest].argmin(axis=0) == np.arange(len(X))))
+        if len(dots) < 8 or reach == 3.0:
+            good = len(dots) >= 8 and np.sqrt(np.mean(D[dots, nearest[dots]] ** 2)) < 1
+            return (dots, nearest[dots]) if good else (none, none)
+        try:
+            P = dlt(X[dots], seen[nearest[dots]])
+        except CadcamError:
+            return none, none
+        reach = max(3.0, reach / fall)
 
 
 def _reported(report: str, title: str) -> tuple[float, float]:
