@@ -14,6 +14,7 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.calibrate.points import calibrate, locate_camera
 from cadcam.camera.camera import Camera
+from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import INTERNALS, ExtendedPinhole
 from cadcam.camera.lens import Lens
 from cadcam.camera.observations import Observations
@@ -44,21 +45,24 @@ def start(
     some = np.unique(np.linspace(0, len(views) - 1, min(_SOME, len(views))).round().astype(int))
     few, flat = model.with_views(some), _flattened(model)
     candidates = _internals(model, flat, views, size, fixed)
-    state = _staged(few, [_posed(few, flat.at(some), i) for i in candidates], _NEAR * max(size))
+    posed = [_posed(few, flat.at(some), i) for i in candidates]
+    if not any(np.isfinite(_cost(few, c)) for c in posed):
+        posed = [_in_sight(few, c) for c in posed]
+    state = _staged(few, posed, _NEAR * max(size))
     everywhere = _posed(model, flat, state.internals)
     whole = replace(state, R=everywhere.R, t=everywhere.t)
     whole.R[some], whole.t[some] = state.R, state.t
-    return whole
+    return _in_sight(model, whole)
 
 
 def guessed(model: JointModel, camera: Camera, fixed: Mapping[str, float]) -> JointState:
     """Return the state of a guessed camera, fixed values put in place, its lens taken over if it is of the model's."""
     values = dict(zip(INTERNALS, internals_of(camera.K), strict=True)) | dict(fixed)
     state = _posed(model, _flattened(model), np.array([values[n] for n in INTERNALS]))
-    if type(camera.lens) is not type(model.lens):
-        return state
-    free = {n: v for n, v in camera.lens.parameters.items() if n in model.free}
-    return replace(state, lens=np.array(list({**model.lens.parameters, **free}.values())))
+    if type(camera.lens) is type(model.lens):
+        free = {n: v for n, v in camera.lens.parameters.items() if n in model.free}
+        state = replace(state, lens=np.array(list({**model.lens.parameters, **free}.values())))
+    return _in_sight(model, state)
 
 
 def set_right(model: JointModel, solution: BlockSolution[JointState], camera: Camera) -> JointState | None:
@@ -66,21 +70,38 @@ def set_right(model: JointModel, solution: BlockSolution[JointState], camera: Ca
     state, squares = solution.state, solution.blocks.squared_distances().sum(axis=1)
     distance = model.noise * np.sqrt(squares / model.measured.sum(axis=1))  # the thesis' residual of each view, px
     suspects = np.flatnonzero(distance > _ASTRAY * np.median(distance))
-    if not suspects.size:
-        return None
-    R, t = state.R.copy(), state.t.copy()
-    points = model.points(state)
-    better = False
-    for j in suspects:
+    sought = _sought(model, state, camera, suspects)
+    better = [j for j in sought if sought[j].thesis_residual < 0.9 * distance[j]]
+    return _moved(state, {j: sought[j] for j in better}) if better else None
+
+
+def _in_sight(model: JointModel, state: JointState) -> JointState:
+    """Return the state with the poses of views that do not image all of their points sought globally."""
+    r = np.where(model.measured[..., None], model.residuals(state), 0.0)
+    blind = np.flatnonzero(~np.isfinite(r).all(axis=(1, 2)))
+    if not blind.size:
+        return state
+    pinhole = ExtendedPinhole(0, 0, 0, 0, 0, 0, *(float(x) for x in state.internals))
+    return _moved(state, _sought(model, state, pinhole.camera((1, 1), model.lens_of(state)), blind))
+
+
+def _sought(model: JointModel, state: JointState, camera: Camera, index: Indices) -> dict[int, CameraEstimate]:
+    """Poses of views by a global search under a camera; those that find none are left out."""
+    points, found = model.points(state), {}
+    for j in index.tolist():
         seen = model.measured[j]
         try:
-            found = locate_camera(Observations(points[j][seen], model.q[j][seen]), camera)
+            found[j] = locate_camera(Observations(points[j][seen], model.q[j][seen]), camera)
         except CadcamError:
             continue
-        if found.thesis_residual < 0.9 * distance[j]:
-            R[j], t[j] = found.camera_from_world.rotation, found.camera_from_world.translation
-            better = True
-    return replace(state, R=R, t=t) if better else None
+    return found
+
+
+def _moved(state: JointState, found: Mapping[int, CameraEstimate]) -> JointState:
+    R, t = state.R.copy(), state.t.copy()
+    for j, estimate in found.items():
+        R[j], t[j] = estimate.camera_from_world.rotation, estimate.camera_from_world.translation
+    return replace(state, R=R, t=t)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
