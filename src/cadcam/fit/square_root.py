@@ -100,7 +100,7 @@ def factorise(
     """
     k, n, own = blocks.sizes
     labels = [str(j + 1) for j in range(k)] if block_names is None else block_names
-    scale = _lengths(np.concatenate([blocks.flat_by_shared, blocks.alone]))
+    scale = _lengths(blocks.by_shared, blocks.alone)
     own_scale = np.sqrt(np.sum(blocks.by_own**2, axis=1))
     own_scale = np.where(own_scale > 0, own_scale, 1.0)
     R = _triangles(blocks, scale, own_scale)
@@ -165,6 +165,6 @@ def _refuse_blind(s: Array, Vt: Array, scale: Array, names: Sequence[str]) -> No
     )
 
 
-def _lengths(J: Array) -> Array:
-    lengths = np.sqrt(np.sum(J**2, axis=0))
-    return np.where(lengths > 0, lengths, 1.0)
+def _lengths(A: Array, alone: Array) -> Array:
+    squares = np.einsum("kmn,kmn->n", A, A) + np.sum(alone**2, axis=0)
+    return np.where(squares > 0, np.sqrt(squares), 1.0)
