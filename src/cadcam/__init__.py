@@ -17,7 +17,10 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.calibrate.alternating import alternating_externals as alternating_externals
     from cadcam.calibrate.flat import calibrate_line as calibrate_line
     from cadcam.calibrate.flat import calibrate_plane as calibrate_plane
+    from cadcam.calibrate.joint import calibrate_jointly as calibrate_jointly
+    from cadcam.calibrate.joint import fit_jointly as fit_jointly
     from cadcam.calibrate.measure import measure_points as measure_points
+    from cadcam.calibrate.nested import nested_advice as nested_advice
     from cadcam.calibrate.points import calibrate as _calibrate
     from cadcam.calibrate.points import locate_camera as locate_camera
     from cadcam.calibrate.projection_map import projection_map as projection_map
@@ -28,6 +31,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.camera.estimate import CameraEstimate as CameraEstimate
     from cadcam.camera.extended_pinhole import ExtendedPinhole as ExtendedPinhole
     from cadcam.camera.extended_pinhole import uv_from_pixel_matrix as uv_from_pixel_matrix
+    from cadcam.camera.joint_estimate import JointEstimate as JointEstimate
     from cadcam.camera.lens import BrownConrady as BrownConrady
     from cadcam.camera.lens import Division as Division
     from cadcam.camera.lens import DoubleSphere as DoubleSphere
@@ -63,6 +67,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.files.poses import read_poses as read_poses
     from cadcam.files.poses import write_poses as write_poses
     from cadcam.fit.compare import compare as _compare
+    from cadcam.fit.robust import Loss as Loss
     from cadcam.geometry.plane import Plane as Plane
     from cadcam.geometry.ray import Ray as Ray
     from cadcam.geometry.rigid import Rigid as Rigid
@@ -111,12 +116,14 @@ _HOME = {
     "Fisheye": "cadcam.camera.lens",
     "Ideal": "cadcam.camera.lens",
     "InverseBrownConrady": "cadcam.camera.lens",
+    "JointEstimate": "cadcam.camera.joint_estimate",
     "KnownMotion": "cadcam.camera.viewpoint",
     "LineCamera": "cadcam.camera.line_camera",
     "LineObservations": "cadcam.camera.line_camera",
     "LineOptions": "cadcam.render.wireframe",
     "LineStyle": "cadcam.render.overlay",
     "Look": "cadcam.render.view",
+    "Loss": "cadcam.fit.robust",
     "Measurement": "cadcam.camera.measurement",
     "Mesh": "cadcam.cad.mesh",
     "NamedCamera": "cadcam.files.foreign.model",
@@ -134,12 +141,14 @@ _HOME = {
     "alternating_externals": "cadcam.calibrate.alternating",
     "blended": "cadcam.render.overlay",
     "calibrate_camera": "cadcam.calibrate.points:calibrate",
+    "calibrate_jointly": "cadcam.calibrate.joint",
     "calibrate_line": "cadcam.calibrate.flat",
     "calibrate_plane": "cadcam.calibrate.flat",
     "compare_cameras": "cadcam.fit.compare:compare",
     "edge_distances": "cadcam.render.overlay",
     "feature_edges": "cadcam.cad.edges",
     "first_order": "cadcam.calibrate.variability",
+    "fit_jointly": "cadcam.calibrate.joint",
     "load": "cadcam.cad.load",
     "load_with_report": "cadcam.cad.load",
     "locate_camera": "cadcam.calibrate.points",
@@ -147,6 +156,7 @@ _HOME = {
     "measure_points": "cadcam.calibrate.measure",
     "monte_carlo": "cadcam.calibrate.variability",
     "named_look": "cadcam.render.looks",
+    "nested_advice": "cadcam.calibrate.nested",
     "open_renderer": "cadcam.render",
     "over_edges": "cadcam.render.overlay",
     "overlay": "cadcam.render.overlay",

@@ -103,9 +103,27 @@ def nested_advice(fit: JointFit) -> Advice:
     next ones; an ideal lens is asked about its first radial term. Models that the views do not determine are left out.
     """
     fit = _with_lens(fit)
-    error = _held_out(fit)
-    questions = [_ask(fit, names, error) for names in _groups(fit)]
+    error = _held_out(fit, 0.0)
+    questions = [ask(fit, names, held_out=error) for names in _groups(fit)]
     return Advice(tuple(q for q in questions if q is not None))
+
+
+def ask(fit: JointFit, names: tuple[str, ...], *, held_out: float = np.nan) -> Question | None:
+    """Return the comparison of the model with and without these parameters, None where the views determine no answer.
+
+    held_out: the fit's own held-out error, px; nan leaves the question of left-out views unasked.
+    """
+    included = set(names) <= set(fit.model.free)
+    if set(names) & set(fit.model.free) and not included:
+        return None
+    try:
+        if included:
+            less = _fitted(fit, [n for n in fit.model.free if n not in names], _neutral(fit, names))
+            return _compared(fit, less, names, included=True, held=(held_out, _held_out(less, held_out)))
+        more = _fitted(fit, _in_order(fit.model, [*fit.model.free, *names]), fit.solution.state)
+        return _compared(more, fit, names, included=False, held=(_held_out(more, held_out), held_out))
+    except CadcamError:
+        return None
 
 
 def _groups(fit: JointFit) -> list[tuple[str, ...]]:
@@ -120,20 +138,6 @@ def _groups(fit: JointFit) -> list[tuple[str, ...]]:
     ahead = [f for f in ladder if not set(f) & set(fit.model.free)]
     next_radial = [f for f in ahead if f != ("p1", "p2")][:1]
     return groups + next_radial + ([("p1", "p2")] if ("p1", "p2") in ahead and known else [])
-
-
-def _ask(fit: JointFit, names: tuple[str, ...], error: float) -> Question | None:
-    included = set(names) <= set(fit.model.free)
-    if set(names) & set(fit.model.free) and not included:
-        return None
-    try:
-        if included:
-            less = _fitted(fit, [n for n in fit.model.free if n not in names], _neutral(fit, names))
-            return _compared(fit, less, names, included=True, held=(error, _held_out(less)))
-        more = _fitted(fit, _in_order(fit.model, [*fit.model.free, *names]), fit.solution.state)
-        return _compared(more, fit, names, included=False, held=(_held_out(more), error))
-    except CadcamError:
-        return None
 
 
 def _compared(
@@ -217,7 +221,10 @@ def _in_order(model: JointModel, names: Sequence[str]) -> list[str]:
     return [n for n in (*INTERNALS, *model.lens.parameters, *BEND) if n in names]
 
 
-def _held_out(fit: JointFit) -> float:
+def _held_out(fit: JointFit, other: float) -> float:
+    """Return the error on left-out views; nan where there is none, or the other model has none to compare it with."""
+    if np.isnan(other):
+        return np.nan
     try:
         return held_out_error(fit)
     except TooFewPoints:

@@ -1,4 +1,4 @@
-"""`cadcam calibrate`: points file -> camera file; with known internals, the pose alone."""
+"""`cadcam calibrate`: points file -> camera file; several -> one camera from all; with known internals, the pose."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ _EXAMPLES = """\
   cadcam calibrate points.csv --photo photo.png -o camera.json
   cadcam calibrate points.csv --size 768x576 --fix skew=0 --fix aspect=1 --lens brown-conrady:k1 -o camera.json
   cadcam calibrate points.csv --internals camera.json -o posed.json        only where that camera stands now
+  cadcam calibrate left.csv front.csv right.csv --size 768x576 --fix skew=0 --lens brown-conrady:k1 -o camera.json
+                                                                           one camera from three positions
   cadcam calibrate table_2_7.csv --columns U2,V2 --size 768x576            a file with two image points a line
 
 points file (CSV, tabs or blanks; # comments):
@@ -29,7 +31,11 @@ _DESCRIPTION = """\
 Estimate a camera from world points and the pixels where they were seen: the eleven parameters of the extended pinhole
 (position, three angles, focal length, aspect, skew, principal point), lens coefficients if asked for, and the standard
 deviation of each. No starting values are needed; the global minimum of the reprojection error is found. A full
-calibration takes six or more points that are not all in one plane; a pose with known internals takes four."""
+calibration takes six or more points that are not all in one plane; a pose with known internals takes four.
+
+Several points files are several positions of one camera, or several poses of one board: internals and lens are shared,
+each has its own pose. Flat boards will do, seen tilted in different directions. The table then also says how the views
+scatter, which of them are outliers, and which parameters they show at all."""
 
 
 def add_to(verbs: Verbs) -> None:
@@ -37,19 +43,12 @@ def add_to(verbs: Verbs) -> None:
     parser = verb(
         verbs, "calibrate", run, short="points file -> camera file", description=_DESCRIPTION, examples=_EXAMPLES
     )
-    add_estimate_options(parser)
-    parser.add_argument("-o", "--output", metavar="FILE", help="camera file to write (.json)")
-    add_points_options(parser)
-    add_json(parser)
-
-
-def add_estimate_options(parser: argparse.ArgumentParser) -> None:
-    """Add the points and what is to be estimated from them."""
-    parser.add_argument("points", help="points file")
+    parser.add_argument("points", nargs="+", help="points file; several: one a position of the camera")
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("--size", type=size, metavar="WxH", help="picture size in px")
     source.add_argument("--photo", metavar="FILE", help="take the size from this picture (as displayed: EXIF applied)")
     source.add_argument("--internals", metavar="FILE", help="camera file whose K and lens are kept: pose only")
+    parser.add_argument("-o", "--output", metavar="FILE", help="camera file to write (.json)")
     parser.add_argument(
         "--fix",
         action="append",
@@ -69,18 +68,78 @@ def add_estimate_options(parser: argparse.ArgumentParser) -> None:
         choices=("reprojection", "dlt", "dlt-c23"),
         help="least squares (default), or the direct linear transform alone: normalised, or with C23 = 1",
     )
+    joint = parser.add_argument_group("several positions")
+    joint.add_argument("--poses", metavar="FILE", help="write camera_from_world of every position (.txt, .csv)")
+    joint.add_argument("--bend", action="store_true", help="the flat board is bowed: estimate by how much, in x and y")
+    joint.add_argument("--loss", choices=("huber", "cauchy", "tukey"), help="bear wrong points (default: none wrong)")
+    joint.add_argument("--no-advice", action="store_true", help="do not ask which parameters the views show")
+    add_points_options(parser)
+    add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Calibrate, print, write."""
+    if len(arguments.points) > 1:
+        _run_jointly(arguments)
+        return
+    if arguments.poses or arguments.bend or arguments.loss:
+        raise BadValue("--poses, --bend or --loss", "given for one points file", "points files of several positions")
+    _run_alone(arguments, arguments.points[0])
+
+
+def _run_jointly(arguments: argparse.Namespace) -> None:
+    from cadcam.calibrate.joint import estimate_of, fit_jointly
+    from cadcam.calibrate.nested import nested_advice
+    from cadcam.files.camera import write_camera
+    from cadcam.files.joint import joint_as_json
+    from cadcam.files.poses import write_poses
+    from cadcam.fit.robust import Loss
+    from cadcam.report.joint import joint_tables
+
+    if arguments.internals or arguments.method != "reprojection":
+        given = "--internals" if arguments.internals else "--method"
+        raise BadValue(given, "given for several points files", "one points file at a time")
+    for target, suffixes in ((arguments.output, (".json",)), (arguments.poses, (".txt", ".csv"))):
+        if target:
+            check_target(target, suffixes)
+    views = [read_points_as_asked(arguments, path) for path in arguments.points]
+    lens, free_lens = _lens(arguments.lens)
+    with working(f"estimating one camera from {len(views)} positions"):
+        fit = fit_jointly(
+            views,
+            _size(arguments),
+            fixed=_fixed(arguments.fix),
+            lens=lens,
+            free_lens=free_lens,
+            bend=arguments.bend,
+            loss=Loss(arguments.loss) if arguments.loss else None,
+        )
+        advice = None if arguments.no_advice or arguments.loss else nested_advice(fit)
+    estimate = estimate_of(fit)
+    if arguments.output:
+        write_camera(arguments.output, estimate.view(0))
+    if arguments.poses:
+        write_poses(arguments.poses, {name: estimate.pose(j) for j, name in enumerate(estimate.names)})
+    if arguments.json:
+        told = {} if advice is None else {"advice": [q.verdict for q in advice.questions]}
+        print_json(joint_as_json(estimate) | told)
+    else:
+        print_tables(joint_tables(estimate, advice))
+    if arguments.output:
+        say(f"wrote {arguments.output}: the camera with the joint covariance, posed as in {estimate.names[0]}")
+    if arguments.poses:
+        say(f"wrote {arguments.poses}: {len(views)} poses")
+
+
+def _run_alone(arguments: argparse.Namespace, path: str) -> None:
     from cadcam.files.camera import camera_as_json, write_camera
     from cadcam.report.camera import estimate_tables
 
     if arguments.output:
         check_target(arguments.output, (".json",))
-    observations = read_points_as_asked(arguments, arguments.points)
+    observations = read_points_as_asked(arguments, path)
     with working(f"estimating a camera from {len(observations)} points"):
-        estimate = estimate_as_asked(arguments, observations)
+        estimate = _estimate(arguments, observations)
     if arguments.output:
         write_camera(arguments.output, estimate)
     if arguments.json:
@@ -91,11 +150,9 @@ def run(arguments: argparse.Namespace) -> None:
         say(f"wrote {arguments.output}")
 
 
-def estimate_as_asked(arguments: argparse.Namespace, observations: Observations) -> CameraEstimate:
-    """Return the estimate by the options of `add_estimate_options`."""
+def _estimate(arguments: argparse.Namespace, observations: Observations) -> CameraEstimate:
     from cadcam.calibrate.points import calibrate, locate_camera
     from cadcam.files.camera import read_camera
-    from cadcam.image.picture import read_picture_with_info
 
     if arguments.internals:
         if arguments.fix or arguments.lens or arguments.method != "reprojection":
@@ -104,12 +161,21 @@ def estimate_as_asked(arguments: argparse.Namespace, observations: Observations)
     lens, free_lens = _lens(arguments.lens)
     return calibrate(
         observations,
-        arguments.size or read_picture_with_info(arguments.photo)[1].size,
+        _size(arguments),
         fixed=_fixed(arguments.fix),
         lens=lens,
         free_lens=free_lens,
         method=arguments.method,
     )
+
+
+def _size(arguments: argparse.Namespace) -> tuple[int, int]:
+    if arguments.size:
+        width, height = arguments.size
+        return width, height
+    from cadcam.image.picture import read_picture_with_info
+
+    return read_picture_with_info(arguments.photo)[1].size
 
 
 def _fixed(texts: list[str]) -> dict[str, float]:
@@ -148,5 +214,4 @@ def _lens(text: str | None) -> tuple[Lens | None, tuple[str, ...]]:
             free.append(name)
     if known and not (held or free):
         raise BadValue("--lens", repr(text), f"coefficients behind a colon, such as {model}:{next(iter(known))}")
-    start = {name: value for name, value in LENSES[model].start.items() if name in free}
-    return LENSES[model](**start, **held), tuple(free)
+    return LENSES[model](**held), tuple(free)

@@ -8,7 +8,7 @@ All lenses pass the same conformance tests (tests/camera/test_lens.py); a new on
 """
 
 from cadcam.camera.lens.axial import AxialLens
-from cadcam.camera.lens.base import Lens, PlanarLens, perspective
+from cadcam.camera.lens.base import Lens, PlanarLens
 from cadcam.camera.lens.brown_conrady import BrownConrady, TiltedBrownConrady, lens_from_opencv
 from cadcam.camera.lens.division import Division
 from cadcam.camera.lens.field_of_view import FieldOfView
@@ -50,5 +50,4 @@ __all__ = [
     "PlanarLens",
     "TiltedBrownConrady",
     "lens_from_opencv",
-    "perspective",
 ]

@@ -9,7 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, Mask, component_major
+from cadcam.arrays import Array, Floats, Mask
+from cadcam.camera.perspective import by_point, direction, perspective, perspective_and_scale
 from cadcam.errors import BadValue
 
 
@@ -94,33 +95,3 @@ class PlanarLens(Lens):
             u = self._undistort(np.asarray(m, dtype=np.float64))
             u = np.where(self._inside(u)[..., None], u, np.nan)
         return direction(u)
-
-
-def perspective(p: Floats) -> Array:
-    """Return u = (x, y)/z (..., 2) of p (..., 3); NaN for z <= 0."""
-    p = np.asarray(p, dtype=np.float64)
-    z = p[..., 2:]
-    return np.asarray(p[..., :2] / np.where(z > 0, z, np.nan))
-
-
-def perspective_and_scale(p: Floats) -> tuple[Array, Array]:
-    """Return u = (x, y)/z (..., 2) and 1/z (...,), NaN for z <= 0."""
-    p = np.asarray(p, dtype=np.float64)
-    z = np.where(p[..., 2] > 0, p[..., 2], np.nan)
-    return np.asarray(p[..., :2] / z[..., None]), 1 / z
-
-
-def by_point(dm_du: Array, u: Array, over_z: Array) -> Array:
-    """Return dm/dp (..., 2, 3) of dm/du (..., 2, 2): du/dp = [[1, 0, -ux], [0, 1, -uy]]/z."""
-    out = component_major(u.shape[:-1], 2, 3)
-    for row in (0, 1):
-        out[..., row, 0] = dm_du[..., row, 0] * over_z
-        out[..., row, 1] = dm_du[..., row, 1] * over_z
-        out[..., row, 2] = -(out[..., row, 0] * u[..., 0] + out[..., row, 1] * u[..., 1])
-    return out
-
-
-def direction(u: Array) -> Array:
-    """Return the unit vector (..., 3) along (ux, uy, 1)."""
-    z = 1 / np.sqrt(1 + u[..., :1] ** 2 + u[..., 1:] ** 2)
-    return np.concatenate([u * z, z], axis=-1)

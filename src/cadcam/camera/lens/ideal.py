@@ -8,7 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from cadcam.arrays import Array, Floats, component_major
-from cadcam.camera.lens.base import Lens, by_point, direction, perspective, perspective_and_scale
+from cadcam.camera.lens.base import Lens
+from cadcam.camera.perspective import by_point, direction, perspective, perspective_and_scale
 
 
 @dataclass(frozen=True)
