@@ -1,0 +1,196 @@
+"""Marks fitted to the grey values themselves: position, shape, levels and blur together, each mark with a covariance.
+
+The same damped Gauss-Newton runs over all marks of a picture at once, arrays (marks, pixels, parameters). Where the
+model is the picture's own (blurred edges, uniform noise) this is the maximum-likelihood position. Both models are
+point-symmetric about the position, so that blur of any symmetric shape, gain and offset leave it unbiased.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from cadcam.arrays import Array, Mask, Picture
+
+Model: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]  # (parameters, pixels) -> grey values, their slopes
+
+_TOGETHER = 2_000_000  # numbers of a Jacobian held at a time
+_ITERATIONS = 25
+_CLOSE = 1e-4  # px: a step below it is the last
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """B fitted marks: positions q (B, 2) px, covariance (B, 2, 2) px^2, parameters (B, n), and how well they fit.
+
+    misfit: rms of the residuals by the mark's contrast; good: whether the fit ended inside its window, with a contrast.
+    """
+
+    q: Array
+    covariance: Array
+    parameters: Array
+    misfit: Array
+    good: Mask
+
+
+def fit_corners(gray: Picture, q: Array, directions: Array, reach: Array) -> Fit:
+    """Return the crossings of two edges near q (B, 2): chessboard corners.
+
+    directions (B, 2): the angles of the two edges, rad; reach (B,): the window's radius in px, less than the distance
+    to any other edge. Model: m + g.(u, v) + c erf(d1/(sqrt2 s)) erf(d2/(sqrt2 s)) with d the distance from either edge:
+    the exact picture of a right-angled corner under a Gaussian blur s. Parameters: x y angle1 angle2 c s m gx gy.
+    """
+    values, pixels, weight = _patches(gray, q, reach)
+    start = np.zeros((len(q), 9))
+    start[:, 2:4] = directions
+    start[:, 5] = 1.0
+    n = weight.sum(axis=1)
+    start[:, 6] = (values * weight).sum(axis=1) / n
+    sign = _corner(start + np.eye(9)[4], pixels)[0] - start[:, 6:7]
+    start[:, 4] = (sign * values * weight).sum(axis=1) / np.maximum((sign**2 * weight).sum(axis=1), 1e-9)
+    return _fit(_corner, start, values, pixels, weight, q, reach, contrast=4, blur=5)
+
+
+def fit_discs(gray: Picture, q: Array, moments: Array, reach: Array) -> Fit:
+    """Return the centres of the ellipses near q (B, 2): the discs' *pictures*, not where their centres are seen.
+
+    moments (B, 2, 2): second moments of each ellipse's area, px^2; reach (B,): the window's radius. Model:
+    m + g.(u, v) + c Phi(-d/s) with d the distance from the ellipse w^T A w = 1 to first order.
+    Parameters: x y A11 A12 c s m gx gy A22.
+    """
+    values, pixels, weight = _patches(gray, q, reach)
+    A = np.linalg.inv(4 * moments)
+    start = np.zeros((len(q), 10))
+    start[:, 2], start[:, 3], start[:, 9] = A[:, 0, 0], A[:, 0, 1], A[:, 1, 1]
+    start[:, 5] = 1.0
+    inside = (np.einsum("bki,bij,bkj->bk", pixels, A, pixels) < 1) & (weight > 0)
+    outside = ~inside & (weight > 0)
+    start[:, 6] = (values * outside).sum(axis=1) / np.maximum(outside.sum(axis=1), 1)
+    start[:, 4] = (values * inside).sum(axis=1) / np.maximum(inside.sum(axis=1), 1) - start[:, 6]
+    return _fit(_disc, start, values, pixels, weight, q, reach, contrast=4, blur=5)
+
+
+def _corner(parameters: Array, pixels: Array) -> tuple[Array, Array]:
+    x, y, a1, a2, c, s, m, gx, gy = (parameters[:, None, i] for i in range(9))
+    u, v = pixels[..., 0] - x, pixels[..., 1] - y
+    J = np.zeros((*u.shape, 9))
+    (e1, d1, slope1), (e2, d2, slope2) = (_edge(u, v, a, s) for a in (a1, a2))
+    across1, across2 = c * slope1 * e2, c * slope2 * e1  # by d1, by d2
+    J[..., 0] = -(across1 * np.sin(a1) + across2 * np.sin(a2))
+    J[..., 1] = across1 * np.cos(a1) + across2 * np.cos(a2)
+    J[..., 2] = across1 * (u * np.cos(a1) + v * np.sin(a1))
+    J[..., 3] = across2 * (u * np.cos(a2) + v * np.sin(a2))
+    J[..., 4] = e1 * e2
+    J[..., 5] = -(across1 * d1 + across2 * d2) / s
+    J[..., 6], J[..., 7], J[..., 8] = 1.0, pixels[..., 0], pixels[..., 1]
+    return m + gx * pixels[..., 0] + gy * pixels[..., 1] + c * e1 * e2, J
+
+
+def _edge(u: Array, v: Array, angle: Array, s: Array) -> tuple[Array, Array, Array]:
+    """Return the blurred step across an edge, the distance d from it, and the step's slope by d."""
+    from scipy.special import erf
+
+    d = u * np.sin(angle) - v * np.cos(angle)
+    t = d / s
+    return erf(t * np.sqrt(0.5)), d, np.sqrt(2 / np.pi) * np.exp(-0.5 * t * t) / s
+
+
+def _disc(parameters: Array, pixels: Array) -> tuple[Array, Array]:
+    from scipy.special import ndtr
+
+    x, y, A11, A12, c, s, m, gx, gy, A22 = (parameters[:, None, i] for i in range(10))
+    u, v = pixels[..., 0] - x, pixels[..., 1] - y
+    a, b = A11 * u + A12 * v, A12 * u + A22 * v  # A w
+    rho = np.sqrt(np.maximum(u * a + v * b, 1e-12))
+    g = np.sqrt(np.maximum(a * a + b * b, 1e-12))
+    d = (rho - 1) * rho / g  # the implicit function over its gradient
+    t = d / s
+    slope = -c * np.exp(-0.5 * t * t) / (np.sqrt(2 * np.pi) * s)
+
+    def by(drho: Array, dg: Array) -> Array:
+        return slope * ((2 * rho - 1) * drho / g - d * dg / g)
+
+    J = np.zeros((*u.shape, 10))
+    J[..., 0] = by(-a / rho, -(a * A11 + b * A12) / g)
+    J[..., 1] = by(-b / rho, -(a * A12 + b * A22) / g)
+    J[..., 2] = by(u * u / (2 * rho), a * u / g)
+    J[..., 3] = by(u * v / rho, (a * v + b * u) / g)
+    J[..., 9] = by(v * v / (2 * rho), b * v / g)
+    cover = ndtr(-t)
+    J[..., 4], J[..., 5] = cover, -slope * t
+    J[..., 6], J[..., 7], J[..., 8] = 1.0, pixels[..., 0], pixels[..., 1]
+    return m + gx * pixels[..., 0] + gy * pixels[..., 1] + c * cover, J
+
+
+def _patches(gray: Picture, q: Array, reach: Array) -> tuple[Array, Array, Array]:
+    """Return grey values (B, P), their pixels relative to q (B, P, 2), and 1 or 0 for within reach and picture."""
+    half = int(np.ceil(reach.max(initial=1.0))) + 1
+    dx, dy = (d.ravel() for d in np.meshgrid(np.arange(-half, half + 1), np.arange(-half, half + 1)))
+    middle = np.rint(q).astype(np.int64)
+    x, y = middle[:, :1] + dx, middle[:, 1:] + dy
+    height, width = gray.shape
+    there = (x >= 0) & (y >= 0) & (x < width) & (y < height)
+    pixels = np.stack([x - q[:, :1], y - q[:, 1:]], axis=-1)
+    weight = there & (np.hypot(pixels[..., 0], pixels[..., 1]) <= reach[:, None])
+    values = gray[y.clip(0, height - 1), x.clip(0, width - 1)].astype(np.float64)
+    return values, pixels, weight.astype(np.float64)
+
+
+def _fit(
+    model: Model, start: Array, values: Array, pixels: Array, weight: Array, q: Array, reach: Array, *, contrast: int,
+    blur: int,
+) -> Fit:
+    count, n = start.shape
+    step = max(1, _TOGETHER // (n * values.shape[1]))
+    parts = [
+        _minimised(model, start[i : i + step], values[i : i + step], pixels[i : i + step], weight[i : i + step])
+        for i in range(0, count, step)
+    ]
+    parameters, covariance, cost = (np.concatenate(column) for column in zip(*parts, strict=True))
+    rms = np.sqrt(cost / np.maximum(weight.sum(axis=1), 1))
+    misfit = rms / np.maximum(np.abs(parameters[:, contrast]), 1e-9)
+    good = np.isfinite(parameters).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))
+    good &= np.hypot(parameters[:, 0], parameters[:, 1]) < 0.5 * reach
+    good &= (parameters[:, blur] < reach) & (weight.sum(axis=1) > 0.7 * np.pi * (reach - 0.5) ** 2)
+    return Fit(q + parameters[:, :2], covariance, parameters, misfit, good)
+
+
+def _minimised(
+    model: Model, start: Array, values: Array, pixels: Array, weight: Array
+) -> tuple[Array, Array, Array]:
+    """Return parameters, covariance of (x, y) and sum of squares: Levenberg-Marquardt, a damping for each mark."""
+    n = start.shape[1]
+    state, damping = start, np.full(len(start), 1e-3)
+    H, g, cost = _normal(model, state, values, pixels, weight)
+    for _ in range(_ITERATIONS):
+        D = np.einsum("bii->bi", H)
+        A = H + np.eye(n) * (damping[:, None] * D + 1e-12)[:, None, :]
+        step = -np.linalg.solve(A, g[..., None])[..., 0]
+        trial = state + step
+        trial[:, 5] = np.abs(trial[:, 5]).clip(0.2, 50.0)
+        H2, g2, cost2 = _normal(model, trial, values, pixels, weight)
+        better = cost2 <= cost
+        state = np.where(better[:, None], trial, state)
+        H, g = np.where(better[:, None, None], H2, H), np.where(better[:, None], g2, g)
+        cost = np.where(better, cost2, cost)
+        damping = np.where(better, damping / 5, damping * 8).clip(1e-9, 1e9)
+        if np.all(np.hypot(step[:, 0], step[:, 1]) < _CLOSE):
+            break
+    noise = cost / np.maximum(weight.sum(axis=1) - n, 1.0)
+    scale = 1 / np.sqrt(np.maximum(np.einsum("bii->bi", H), 1e-300))
+    cofactor = np.linalg.pinv(H * scale[:, :, None] * scale[:, None, :], rcond=1e-12, hermitian=True)
+    scale = np.minimum(scale, 1e6)  # a parameter that the pixels do not see at all
+    cofactor = cofactor * scale[:, :, None] * scale[:, None, :]
+    return state, noise[:, None, None] * cofactor[:, :2, :2], cost
+
+
+def _normal(model: Model, state: Array, values: Array, pixels: Array, weight: Array) -> tuple[Array, Array, Array]:
+    with np.errstate(all="ignore"):
+        predicted, J = model(state, pixels)
+    r = np.nan_to_num((predicted - values) * weight, nan=1e3, posinf=1e3, neginf=1e3)
+    J = np.nan_to_num(J * weight[..., None])
+    Jt = np.swapaxes(J, 1, 2)
+    return Jt @ J, (Jt @ r[..., None])[..., 0], np.sum(r * r, axis=1)
