@@ -14,7 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Picture
+from cadcam.target.grid import Grid, fitted_grid
 from cadcam.target.lattice import grown
+from cadcam.target.levels import reduced
 from cadcam.target.photometric import Fit, fit_corners
 
 _RING = 24  # samples on the ring
@@ -22,10 +24,6 @@ _MOST = 4000  # candidates
 _FAINT = 0.02  # of the strongest saddle: below it a candidate is noise
 _MIN_REACH, _MAX_REACH = 2.5, 12.0  # px of the window that is fitted
 _CLEAR = 0.42  # of the distance to the neighbours' edges
-_CONTRAST = 4  # its place among a corner's parameters
-_WEAK = 0.35  # of the median contrast: below it it is no corner of the board
-_MISFIT, _TIMES = 0.16, 3.0  # rms by contrast that is always allowed; and that by its median
-_ROUNDS = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,30 +51,13 @@ class Corners:
         return int(self.kind[mark]) if swept else -int(self.kind[mark])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CornerGrid:
-    """Corners fitted to the picture and their places on a grid: cells (N, 2), and the fit of each.
-
-    color (N,): +1 where the quadrants between steps of like sign are dark.
-    """
-
-    cells: Ids
-    fit: Fit
-
-    @property
-    def color(self) -> Ids:
-        return np.sign(self.fit.parameters[:, _CONTRAST]).astype(np.int32)
-
-
-def corner_grid(gray: Picture, *, smoothing: float, enough: int, scale: float = 1.0) -> CornerGrid | None:
+def corner_grid(gray: Picture, *, smoothing: float, enough: int, scale: float = 1.0) -> Grid | None:
     """Return the largest grid of chessboard corners in a picture, or None.
 
     Candidates are sought in the picture reduced by `scale` (at most 1) and smoothed there by `smoothing` px, grown to a
     lattice, fitted to the full picture, and completed where the lattice says that a corner should be.
     """
-    from scipy.ndimage import zoom
-
-    small = gray if scale == 1.0 else zoom(gray, scale, order=1, grid_mode=True, mode="nearest")
+    small, full = reduced(gray, scale)
     corners = corner_candidates(small, smoothing)
     if len(corners.q) < 4:
         return None
@@ -85,96 +66,21 @@ def corner_grid(gray: Picture, *, smoothing: float, enough: int, scale: float = 
     lattice = grown(corners.q, seeds, enough=enough, sizes=np.ones(len(corners.q)), kind=corners.color)
     if lattice is None:
         return None
-    ratio = np.array(gray.shape[::-1]) / np.array(small.shape[::-1])
-    q = (corners.q[lattice.marks] + 0.5) * ratio - 0.5
-    return _completed(gray, _kept(_fitted(gray, lattice.cells, q, local_steps(q, lattice.cells))))
+    return fitted_corners(gray, lattice.cells, full(corners.q[lattice.marks]))
 
 
-def _fitted(gray: Picture, cells: Ids, q: Array, steps: Array) -> CornerGrid:
-    """Return the corners near q fitted to the picture, in windows that keep clear of the neighbours' edges."""
-    clear = np.abs(np.linalg.det(steps)) / np.linalg.norm(steps, axis=1).max(axis=1)
-    reach = (_CLEAR * clear).clip(_MIN_REACH, _MAX_REACH)
-    return CornerGrid(cells, fit_corners(gray, q, np.arctan2(steps[:, 1], steps[:, 0]), reach))
+def fitted_corners(gray: Picture, cells: Ids, q: Array, *, clear_of: float = 1.0) -> Grid | None:
+    """Return the corners near q (N, 2) at `cells` (N, 2) of their grid, fitted and completed; None if there are none.
 
+    clear_of: the distance by a square's side to what else there is; the windows keep clear of it.
+    """
 
-def _kept(grid: CornerGrid) -> CornerGrid | None:
-    """Return the corners that look like ones: fitted well, about as strong as the others, of alternating kind."""
-    fit = grid.fit
-    if not fit.good.any():
-        return None
-    contrast = np.abs(fit.parameters[:, _CONTRAST])
-    misfit = min(max(_MISFIT, _TIMES * float(np.median(fit.misfit[fit.good]))), 2 * _MISFIT)
-    sigma = np.sqrt(np.einsum("nii->n", fit.covariance))
-    good = fit.good & (contrast > _WEAK * np.median(contrast[fit.good])) & (fit.misfit < misfit)
-    good &= sigma < 2 * _TIMES * np.median(sigma[fit.good])
-    sign = grid.color * (1 - 2 * (grid.cells.sum(axis=1) % 2))
-    good &= sign == (1 if sign[good].sum() >= 0 else -1)
-    good = _connected(grid.cells, good)
-    return _subset(grid, good) if good.sum() >= 4 else None
+    def fit(places: Array, steps: Array) -> Fit:
+        clear = np.abs(np.linalg.det(steps)) / np.linalg.norm(steps, axis=1).max(axis=1)
+        reach = (_CLEAR * clear_of * clear).clip(_MIN_REACH, _MAX_REACH)
+        return fit_corners(gray, places, np.arctan2(steps[:, 1], steps[:, 0]), reach)
 
-
-def _completed(gray: Picture, grid: CornerGrid | None) -> CornerGrid | None:
-    """Return the grid with the corners that its neighbours predict and the picture confirms, round by round."""
-    tried: set[tuple[int, int]] = set()
-    for _ in range(_ROUNDS):
-        if grid is None:
-            return None
-        cells, q = _wanted(grid, gray.shape, tried)
-        if not len(cells):
-            break
-        tried |= {(x, y) for x, y in cells.tolist()}
-        steps = local_steps(np.concatenate([grid.fit.q, q]), np.concatenate([grid.cells, cells]))[len(grid.cells) :]
-        new = _fitted(gray, cells, q, steps)
-        near = np.hypot(*(new.fit.q - q).T) < 0.2 * np.linalg.norm(steps, axis=1).min(axis=1)
-        more = _kept(_joined(grid, _subset(new, near)))
-        if more is None or len(more.cells) <= len(grid.cells):
-            break
-        grid = more
-    return grid
-
-
-def _wanted(grid: CornerGrid, shape: tuple[int, ...], tried: set[tuple[int, int]]) -> tuple[Ids, Array]:
-    """Return the empty cells beside the grid's and where two neighbours in line with them say that they are."""
-    at = {(x, y): i for i, (x, y) in enumerate(grid.cells.tolist())}
-    found: dict[tuple[int, int], list[Array]] = {}
-    for x, y in at:
-        for dx, dy in ((1, 0), (0, 1), (-1, 0), (0, -1)):
-            there, back, far = (x + dx, y + dy), (x - dx, y - dy), (x - 2 * dx, y - 2 * dy)
-            if there in at or there in tried or back not in at:
-                continue
-            q, one = grid.fit.q[at[x, y]], grid.fit.q[at[back]]
-            bend = q - 2 * one + grid.fit.q[at[far]] if far in at else np.zeros(2)
-            found.setdefault(there, []).append(2 * q - one + bend)
-    cells = np.array(list(found), dtype=np.int32).reshape(-1, 2)
-    q = np.array([np.mean(places, axis=0) for places in found.values()]).reshape(-1, 2)
-    inside = ((q > 2) & (q < np.array([shape[1] - 3, shape[0] - 3]))).all(axis=1)
-    return cells[inside], q[inside]
-
-
-def _joined(one: CornerGrid, other: CornerGrid) -> CornerGrid:
-    f, g = one.fit, other.fit
-    fit = Fit(*(np.concatenate([getattr(f, name), getattr(g, name)]) for name in Fit.__slots__))
-    return CornerGrid(np.concatenate([one.cells, other.cells]), fit)
-
-
-def _subset(grid: CornerGrid, which: npt.NDArray[np.bool_]) -> CornerGrid:
-    f = grid.fit
-    fit = Fit(f.q[which], f.covariance[which], f.parameters[which], f.misfit[which], f.good[which])
-    return CornerGrid(grid.cells[which], fit)
-
-
-def _connected(cells: Ids, good: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Return which of the good cells hang together with most others side by side."""
-    from scipy.ndimage import label
-
-    low = cells.min(axis=0)
-    board = np.zeros(np.ptp(cells, axis=0) + 1, dtype=bool)
-    place = tuple((cells - low).T)
-    board[place] = good
-    number = label(board)[0][place]
-    if not good.any():
-        return good
-    return np.asarray(good & (number == np.bincount(number[good]).argmax()))
+    return fitted_grid(cells, q, fit, gray.shape, alternating=True, staggered=False)
 
 
 def corner_candidates(gray: Picture, smoothing: float) -> Corners:
@@ -254,19 +160,3 @@ def _steps(corners: Corners, seed: int) -> Array | None:
             return None
         pair.append(away[along[np.argmin(distance[along])]])
     return np.array(pair)
-
-
-def local_steps(q: Array, cells: Ids) -> Array:
-    """Return the steps (N, 2, 2) px, columns along the grid's x and y, at each point: from its neighbours' places."""
-    where = {tuple(c): i for i, c in enumerate(cells.tolist())}
-    A = np.column_stack([cells, np.ones(len(cells))])
-    overall = np.linalg.lstsq(A, q, rcond=None)[0][:2].T
-    out = np.repeat(overall[None], len(q), axis=0)
-    for i, (x, y) in enumerate(cells.tolist()):
-        for axis, (dx, dy) in enumerate(((1, 0), (0, 1))):
-            after, before = where.get((x + dx, y + dy)), where.get((x - dx, y - dy))
-            if after is not None and before is not None:
-                out[i, :, axis] = (q[after] - q[before]) / 2
-            elif after is not None or before is not None:
-                out[i, :, axis] = q[after] - q[i] if after is not None else q[i] - q[before]
-    return out

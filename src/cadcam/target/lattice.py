@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids
-from cadcam.target.pattern import CircleGrid, Pattern
+from cadcam.target.pattern import Pattern
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -26,6 +26,8 @@ Kind: TypeAlias = Callable[[int, Array, float], int]  # mark, step to it, side o
 _NEAR = 0.3  # of a step: how far a mark may lie from where its neighbours say
 _SIDES: tuple[Cell, ...] = ((1, 0), (0, 1), (-1, 0), (0, -1))
 _SEEDS = 24
+_TURNS = [np.array(m).reshape(2, 2) for m in product((-1, 0, 1), repeat=4) if abs(m[0] * m[3] - m[1] * m[2]) == 1]
+_TURNS = [m for m in _TURNS if np.abs(m).sum() == 2]  # quarter turns and their mirror images
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +43,7 @@ class Lattice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
-    """A lattice laid on a board: point numbers and marks of what fits; `extent`, the (columns, rows) of the lattice.
+    """A lattice laid on a board: point numbers and marks of what fits; `extent`, the full (columns, rows) of the lattice.
 
     fixed: whether no other place on the board would have taken as many marks (turns of the board apart).
     beyond: marks of the lattice that the board has no point for.
@@ -74,7 +76,7 @@ def grown(
             continue
         tried.add(seed)
         found = _grow(tree, q, seed, steps, sizes, kind)
-        if len(found) >= 4 and (best is None or len(found) > len(best)):
+        if np.ptp(found.cells, axis=0).min() >= 1 and len(found) > (3 if best is None else len(best)):
             best = found
         if best is not None and len(best) >= enough:
             break
@@ -136,7 +138,26 @@ def _nearest(tree: cKDTree, q: Array, reach: float) -> int | None:
     return int(index) if np.isfinite(distance) else None
 
 
-def placed(cells: npt.NDArray[np.integer], q: Array, color: npt.NDArray[np.integer], pattern: Pattern) -> Placed:
+def straightened(cells: npt.NDArray[np.integer], *, staggered: bool) -> Ids:
+    """Return the cells counted along steps that make the lattice the smallest rectangle.
+
+    Any two steps that span a lattice reach all of it; foreshortened discs may have grown along a diagonal. staggered:
+    count columns and rows of a staggered grid, in half steps.
+    """
+    basis = min(_spans(staggered), key=lambda m: (int(np.prod(np.ptp(cells @ m.T, axis=0) + 1)), np.abs(m).sum()))
+    return np.asarray(cells @ basis.T, dtype=np.int32)
+
+
+def _spans(staggered: bool) -> list[npt.NDArray[np.int64]]:
+    small = [np.array(m).reshape(2, 2) for m in product((-1, 0, 1), repeat=4)]
+    unimodular = [m for m in small if abs(m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]) == 1]
+    cell = np.array([[1, 1], [1, -1]]) if staggered else np.eye(2, dtype=np.int64)
+    return [cell @ m for m in unimodular]
+
+
+def placed(
+    cells: npt.NDArray[np.integer], q: Array, color: npt.NDArray[np.integer], pattern: Pattern
+) -> Placed:
     """Return N marks at `cells` of a lattice laid on the board so that most fall on points, upright if turns are alike.
 
     color (N,): +1 where the quadrants between the lattice's steps of like sign are dark, -1 where the others are; all 0
@@ -144,29 +165,22 @@ def placed(cells: npt.NDArray[np.integer], q: Array, color: npt.NDArray[np.integ
     """
     best: Placed | None = None
     rank: tuple[int, float] = (0, 0.0)
-    for basis in _bases(pattern):
-        along = cells @ basis.T
+    places: list[tuple[int, int]] = []  # (marks on points, places with as many) for each turn
+    for turn in _TURNS:
+        along = cells @ turn.T
         right = _direction(along, q)
         if np.linalg.det(right) <= 0:
             continue
-        found = _best_shift(along, color * int(np.sign(np.prod(basis.sum(axis=1)))), pattern)
+        found, ways = _best_shift(along, color * int(np.prod(turn.sum(axis=1))), pattern)
+        places.append((len(found.points), ways))
         upright = float(right[0, 0] / np.hypot(*right[:, 0]) + 1e-6 * right[1, 1] / np.hypot(*right[:, 1]))
         if (len(found.points), upright) > rank:
             best, rank = found, (len(found.points), upright)
     if best is None:
         nothing = np.zeros(0, dtype=np.intp)
         return Placed(nothing, nothing, _extent(cells), False, len(cells))
-    return best
-
-
-def _bases(pattern: Pattern) -> list[npt.NDArray[np.int64]]:
-    """Return the matrices (2, 2) that may lead from the lattice's steps to the board's cells."""
-    small = [np.array(m).reshape(2, 2) for m in product((-1, 0, 1), repeat=4)]
-    unimodular = [m for m in small if abs(m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]) == 1]
-    if not isinstance(pattern, CircleGrid):  # corners know their edges, so steps are sides of squares
-        return [m for m in unimodular if np.abs(m).sum() == 2]
-    cell = np.array([[1, 1], [1, -1]]) if pattern.staggered else np.eye(2, dtype=np.int64)
-    return [cell @ m for m in unimodular]
+    ways = sum(n for count, n in places if count == len(best.points))
+    return replace(best, fixed=ways <= pattern.turns)
 
 
 def _direction(cells: npt.NDArray[np.int64], q: Array) -> Array:
@@ -175,8 +189,8 @@ def _direction(cells: npt.NDArray[np.int64], q: Array) -> Array:
     return np.asarray(np.linalg.lstsq(A, q, rcond=None)[0][:2].T)
 
 
-def _best_shift(cells: npt.NDArray[np.int64], own: npt.NDArray[np.integer], pattern: Pattern) -> Placed:
-    """Return where most marks fall on points of their own kind, by correlating the two sets of cells."""
+def _best_shift(cells: npt.NDArray[np.int64], own: npt.NDArray[np.integer], pattern: Pattern) -> tuple[Placed, int]:
+    """Return where most marks fall on points of their own kind, by correlating the two sets; and at how many places."""
     from scipy.signal import correlate
 
     cells = cells - cells.min(axis=0)
@@ -195,8 +209,8 @@ def _best_shift(cells: npt.NDArray[np.int64], own: npt.NDArray[np.integer], patt
     inside = ((place >= 0) & (place < number.shape)).all(axis=1)
     point = np.where(inside, number[tuple(np.where(inside[:, None], place, 0).T)], -1)
     hit = point >= 0
-    fixed = int((counts == most).sum()) == 1
-    return Placed(point[hit], np.flatnonzero(hit), _extent(cells), fixed, int((~hit).sum()))
+    ways = int((counts == most).sum())
+    return Placed(point[hit], np.flatnonzero(hit), _extent(cells), ways == 1, int((~hit).sum())), ways
 
 
 def _occupied(cells: npt.NDArray[np.int64], frame: npt.NDArray[np.int64]) -> Array:
@@ -205,6 +219,8 @@ def _occupied(cells: npt.NDArray[np.int64], frame: npt.NDArray[np.int64]) -> Arr
     return out
 
 
-def _extent(cells: npt.NDArray[np.int64]) -> tuple[int, int]:
-    columns, rows = (np.ptp(cells, axis=0) + 1).tolist()
+def _extent(cells: npt.NDArray[np.integer]) -> tuple[int, int]:
+    """Return how many columns and rows are at least half as full as the fullest: a stray mark makes no row."""
+    lines = [np.bincount(cells[:, axis] - cells[:, axis].min()) for axis in (0, 1)]
+    columns, rows = (int((line >= line.max() / 2).sum()) for line in lines)
     return columns, rows

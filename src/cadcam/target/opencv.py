@@ -6,12 +6,13 @@ OpenCV's pixel (0, 0) is the centre of the top-left pixel, as ours; corners come
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask, Picture
+from cadcam.arrays import Array, Ids, Mask, Picture
 from cadcam.errors import MissingExtra, UnknownName
 
 _OLDEST = (4, 7)  # the first with CharucoDetector and legacy boards
@@ -74,3 +75,55 @@ def as_bytes(gray: Picture) -> npt.NDArray[np.uint8]:
 def pixels(corners: Any) -> Array:
     """Return corners of any of OpenCV's shapes as (N, 2)."""
     return np.asarray(corners, dtype=np.float64).reshape(-1, 2)
+
+
+def chessboard_candidates(gray: Picture, columns: int, rows: int) -> Iterator[tuple[str, Array]]:
+    """Yield the name of each of OpenCV's chessboard finders that answers, and its corners (N, 2) row by row."""
+    cv2 = opencv("OpenCV's chessboard finders")
+    picture = as_bytes(gray)
+    thorough = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+    found, corners = cv2.findChessboardCornersSB(picture, (columns, rows), flags=thorough)
+    if found:
+        yield "cv2.findChessboardCornersSB", pixels(corners)
+    usual = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+    found, corners = cv2.findChessboardCorners(picture, (columns, rows), flags=usual)
+    if found:
+        yield "cv2.findChessboardCorners", pixels(corners)
+
+
+def circle_candidates(gray: Picture, columns: int, rows: int, *, staggered: bool) -> Iterator[tuple[str, bool, Array]]:
+    """Yield name, whether the discs are light, and centres (N, 2) of OpenCV's circle grid finder where it answers."""
+    cv2 = opencv("OpenCV's circle grid finder")
+    grid = cv2.CALIB_CB_ASYMMETRIC_GRID if staggered else cv2.CALIB_CB_SYMMETRIC_GRID
+    for light in (False, True):
+        picture = as_bytes(1 - gray if light else gray)
+        for extra, name in ((0, ""), (cv2.CALIB_CB_CLUSTERING, " with clustering")):
+            found, centres = cv2.findCirclesGrid(picture, (columns, rows), flags=grid | extra)
+            if found:
+                yield f"cv2.findCirclesGrid{name}", light, pixels(centres)
+
+
+def find_markers(gray: Picture, name: str) -> tuple[Ids, Array]:
+    """Return numbers (M,) and corners (M, 4, 2) px of a dictionary's markers in a picture.
+
+    Corners run clockwise from the marker's upper left. Each number is reported once, its largest marker.
+    """
+    cv2 = opencv("a ChArUco board")
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.adaptiveThreshWinSizeMax = 53
+    parameters.adaptiveThreshWinSizeStep = 6
+    parameters.minMarkerPerimeterRate = 0.01
+    detector = cv2.aruco.ArucoDetector(dictionary(name), parameters)
+    corners, numbers, _ = detector.detectMarkers(as_bytes(gray))
+    if numbers is None or not len(numbers):
+        return np.zeros(0, dtype=np.int32), np.zeros((0, 4, 2))
+    q = np.array([pixels(c) for c in corners])
+    number = np.asarray(numbers, dtype=np.int32).ravel()
+    order = np.argsort(-np.abs(_areas(q)), kind="stable")
+    _, first = np.unique(number[order], return_index=True)
+    return number[order][first], q[order][first]
+
+
+def _areas(q: Array) -> Array:
+    x, y = q[..., 0], q[..., 1]
+    return np.asarray(np.sum(x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1), axis=1) / 2)

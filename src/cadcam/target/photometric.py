@@ -17,6 +17,7 @@ from cadcam.arrays import Array, Mask, Picture
 
 Model: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]  # (parameters, pixels) -> grey values, their slopes
 
+CONTRAST, _BLUR = 4, 5  # their places among the parameters of either model
 _TOGETHER = 2_000_000  # numbers of a Jacobian held at a time
 _ITERATIONS = 25
 _CLOSE = 1e-4  # px: a step below it is the last
@@ -51,7 +52,7 @@ def fit_corners(gray: Picture, q: Array, directions: Array, reach: Array) -> Fit
     start[:, 6] = (values * weight).sum(axis=1) / n
     sign = _corner(start + np.eye(9)[4], pixels)[0] - start[:, 6:7]
     start[:, 4] = (sign * values * weight).sum(axis=1) / np.maximum((sign**2 * weight).sum(axis=1), 1e-9)
-    return _fit(_corner, start, values, pixels, weight, q, reach, contrast=4, blur=5)
+    return _fit(_corner, start, values, pixels, weight, q, reach)
 
 
 def fit_discs(gray: Picture, q: Array, moments: Array, reach: Array) -> Fit:
@@ -70,7 +71,7 @@ def fit_discs(gray: Picture, q: Array, moments: Array, reach: Array) -> Fit:
     outside = ~inside & (weight > 0)
     start[:, 6] = (values * outside).sum(axis=1) / np.maximum(outside.sum(axis=1), 1)
     start[:, 4] = (values * inside).sum(axis=1) / np.maximum(inside.sum(axis=1), 1) - start[:, 6]
-    return _fit(_disc, start, values, pixels, weight, q, reach, contrast=4, blur=5)
+    return _fit(_disc, start, values, pixels, weight, q, reach)
 
 
 def _corner(parameters: Array, pixels: Array) -> tuple[Array, Array]:
@@ -140,8 +141,7 @@ def _patches(gray: Picture, q: Array, reach: Array) -> tuple[Array, Array, Array
 
 
 def _fit(
-    model: Model, start: Array, values: Array, pixels: Array, weight: Array, q: Array, reach: Array, *, contrast: int,
-    blur: int,
+    model: Model, start: Array, values: Array, pixels: Array, weight: Array, q: Array, reach: Array
 ) -> Fit:
     count, n = start.shape
     step = max(1, _TOGETHER // (n * values.shape[1]))
@@ -151,10 +151,10 @@ def _fit(
     ]
     parameters, covariance, cost = (np.concatenate(column) for column in zip(*parts, strict=True))
     rms = np.sqrt(cost / np.maximum(weight.sum(axis=1), 1))
-    misfit = rms / np.maximum(np.abs(parameters[:, contrast]), 1e-9)
+    misfit = rms / np.maximum(np.abs(parameters[:, CONTRAST]), 1e-9)
     good = np.isfinite(parameters).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))
     good &= np.hypot(parameters[:, 0], parameters[:, 1]) < 0.5 * reach
-    good &= (parameters[:, blur] < reach) & (weight.sum(axis=1) > 0.7 * np.pi * (reach - 0.5) ** 2)
+    good &= (parameters[:, _BLUR] < reach) & (weight.sum(axis=1) > 0.7 * np.pi * (reach - 0.5) ** 2)
     return Fit(q + parameters[:, :2], covariance, parameters, misfit, good)
 
 
@@ -170,7 +170,7 @@ def _minimised(
         A = H + np.eye(n) * (damping[:, None] * D + 1e-12)[:, None, :]
         step = -np.linalg.solve(A, g[..., None])[..., 0]
         trial = state + step
-        trial[:, 5] = np.abs(trial[:, 5]).clip(0.2, 50.0)
+        trial[:, _BLUR] = np.abs(trial[:, _BLUR]).clip(0.2, 50.0)
         H2, g2, cost2 = _normal(model, trial, values, pixels, weight)
         better = cost2 <= cost
         state = np.where(better[:, None], trial, state)
