@@ -45,6 +45,17 @@ def frozen(
     return array
 
 
+def component_major(points: tuple[int, ...], *components: int) -> Array:
+    """Return zeros (*points, *components) laid out so that one component of all points (last of their axes) is a run.
+
+    Arithmetic on components, `J[..., 0, 1] = ...`, then goes at the speed of memory; results keep the layout.
+    """
+    if not points:
+        return np.zeros(components)
+    out = np.zeros((*points[:-1], *components, points[-1]))
+    return np.moveaxis(out, -1, len(points) - 1)
+
+
 def _text(shape: tuple[int | None, ...], batched: bool = False) -> str:
     names = ["..."] * batched + ["N" if n is None else str(n) for n in shape]
     return f"({', '.join(names)})"

@@ -16,7 +16,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, Mask
+from cadcam.arrays import Array, Floats, Mask, component_major
 from cadcam.camera import radial
 from cadcam.errors import BadValue
 
@@ -72,8 +72,10 @@ class Ideal(Lens):
 
     def project_with_jacobians(self, p: Floats) -> tuple[Array, Array, Array]:
         """Return m, dm/dp and an empty coefficient Jacobian."""
-        u, du_dp = _perspective_with_jacobian(p)
-        return u, du_dp, np.zeros((*u.shape, 0))
+        u, over_z = _perspective_and_scale(p)
+        identity = component_major(u.shape[:-1], 2, 2)
+        identity[..., 0, 0] = identity[..., 1, 1] = 1.0
+        return u, _by_point(identity, u, over_z), np.zeros((*u.shape, 0))
 
     def unproject(self, m: Floats) -> Array:
         """Return the unit direction of (mx, my, 1)."""
@@ -111,11 +113,13 @@ class PlanarLens(Lens):
 
     def project_with_jacobians(self, p: Floats) -> tuple[Array, Array, Array]:
         """Return m, dm/dp, dm/dcoefficients; NaN as `project`."""
-        u, du_dp = _perspective_with_jacobian(p)
+        u, over_z = _perspective_and_scale(p)
         with np.errstate(all="ignore"):
-            m, dm_dp, dm_dc = self._distort(u), self._plane_jacobian(u) @ du_dp, self._coefficient_jacobian(u)
+            m, dm_dc = self._distort(u), self._coefficient_jacobian(u)
+            dm_dp = _by_point(self._plane_jacobian(u), u, over_z)
         bad = ~self._inside(u)
-        m[bad], dm_dp[bad], dm_dc[bad] = np.nan, np.nan, np.nan
+        if bad.any():
+            m[bad], dm_dp[bad], dm_dc[bad] = np.nan, np.nan, np.nan
         return m, dm_dp, dm_dc
 
     def unproject(self, m: Floats) -> Array:
@@ -165,6 +169,29 @@ class BrownConrady(PlanarLens):
     def _radial_limit(self) -> float:
         return radial.rational_limit((self.k1, self.k2, self.k3), (self.k4, self.k5, self.k6))
 
+    @property
+    def _prisms(self) -> bool:
+        return any((self.s1, self.s2, self.s3, self.s4))
+
+    def _inside(self, u: Array) -> Mask:
+        r2 = u[..., 0] ** 2 + u[..., 1] ** 2
+        if self._upright_to(float(np.sqrt(np.fmax.reduce(r2, axis=None, initial=0.0)))):
+            return ~np.isnan(r2)
+        return np.asarray(r2 < self.valid_radius**2)
+
+    def _upright_to(self, radius: float) -> bool:
+        """Return whether the mapping surely does not fold up to a radius: a quick bound, often enough.
+
+        dm/du is symmetric, with eigenvalues g and g + 2 r^2 g', plus what decentring and prisms add: in norm at most
+        6 r |(p1, p2)| + 2 r |(s1 + 2 s2 r^2, s3 + 2 s4 r^2)|. While the former outweigh the latter it keeps its sense.
+        """
+        if self.k4 or self.k5 or self.k6 or not radius < np.inf:
+            return False
+        r2 = radius * radius
+        least = 1 + r2 * (3 * min(self.k1, 0) + r2 * (5 * min(self.k2, 0) + r2 * 7 * min(self.k3, 0)))
+        prism = np.hypot(abs(self.s1) + 2 * abs(self.s2) * r2, abs(self.s3) + 2 * abs(self.s4) * r2)
+        return bool(least > radius * (6 * np.hypot(self.p1, self.p2) + 2 * prism))
+
     @cached_property
     def valid_radius(self) -> float:
         """Return where the mapping first folds: the Jacobian's determinant vanishes in some direction."""
@@ -189,32 +216,37 @@ class BrownConrady(PlanarLens):
         g = n / d
         mx = x * g + 2 * self.p1 * x * y + self.p2 * (r2 + 2 * x * x) + r2 * (self.s1 + self.s2 * r2)
         my = y * g + self.p1 * (r2 + 2 * y * y) + 2 * self.p2 * x * y + r2 * (self.s3 + self.s4 * r2)
-        return np.stack([mx, my], axis=-1)
+        m = component_major(u.shape[:-1], 2)
+        m[..., 0], m[..., 1] = mx, my
+        return m
 
     def _plane_jacobian(self, u: Array) -> Array:
         x, y = u[..., 0], u[..., 1]
         r2 = x * x + y * y
         n, d, dg = self._gain(r2)
         g = n / d
-        J = np.zeros((*u.shape, 2))
+        J = component_major(u.shape[:-1], 2, 2)
         J[..., 0, 0] = g + 2 * x * x * dg + 2 * self.p1 * y + 6 * self.p2 * x
         J[..., 0, 1] = 2 * x * y * dg + 2 * self.p1 * x + 2 * self.p2 * y
         J[..., 1, 0] = J[..., 0, 1]
         J[..., 1, 1] = g + 2 * y * y * dg + 6 * self.p1 * y + 2 * self.p2 * x
-        prism_x, prism_y = self.s1 + 2 * self.s2 * r2, self.s3 + 2 * self.s4 * r2
-        J[..., 0, :] += 2 * u * prism_x[..., None]
-        J[..., 1, :] += 2 * u * prism_y[..., None]
+        if self._prisms:
+            prism_x, prism_y = self.s1 + 2 * self.s2 * r2, self.s3 + 2 * self.s4 * r2
+            J[..., 0, :] += 2 * u * prism_x[..., None]
+            J[..., 1, :] += 2 * u * prism_y[..., None]
         return J
 
     def _coefficient_jacobian(self, u: Array) -> Array:
         x, y = u[..., 0], u[..., 1]
         r2 = x * x + y * y
         n, d, _ = self._gain(r2)
-        out = np.zeros((*u.shape, 12))
-        for column, power in ((0, 1), (1, 2), (4, 3)):  # k1 k2 k3
-            out[..., column] = u * (r2**power / d)[..., None]
-        for column, power in ((5, 1), (6, 2), (7, 3)):  # k4 k5 k6
-            out[..., column] = -u * (n * r2**power / (d * d))[..., None]
+        out = component_major(u.shape[:-1], 12, 2)
+        out = np.swapaxes(out, -1, -2)
+        power, falling = r2 / d, -n / d
+        for over, under in ((0, 5), (1, 6), (4, 7)):  # k1 k4, k2 k5, k3 k6
+            out[..., over] = u * power[..., None]
+            out[..., under] = out[..., over] * falling[..., None]
+            power = power * r2
         out[..., 0, 2], out[..., 1, 2] = 2 * x * y, r2 + 2 * y * y
         out[..., 0, 3], out[..., 1, 3] = r2 + 2 * x * x, 2 * x * y
         out[..., 0, 8], out[..., 0, 9] = r2, r2 * r2
@@ -409,14 +441,21 @@ def perspective(p: Floats) -> Array:
     return np.asarray(p[..., :2] / np.where(z > 0, z, np.nan))
 
 
-def _perspective_with_jacobian(p: Floats) -> tuple[Array, Array]:
+def _perspective_and_scale(p: Floats) -> tuple[Array, Array]:
+    """Return u = (x, y)/z (..., 2) and 1/z (...,), NaN for z <= 0."""
     p = np.asarray(p, dtype=np.float64)
-    u = perspective(p)
     z = np.where(p[..., 2] > 0, p[..., 2], np.nan)
-    J = np.zeros((*u.shape, 3))
-    J[..., 0, 0] = J[..., 1, 1] = 1 / z
-    J[..., 2] = -u / z[..., None]
-    return u, J
+    return np.asarray(p[..., :2] / z[..., None]), 1 / z
+
+
+def _by_point(dm_du: Array, u: Array, over_z: Array) -> Array:
+    """Return dm/dp (..., 2, 3) of dm/du (..., 2, 2): du/dp = [[1, 0, -ux], [0, 1, -uy]]/z."""
+    out = component_major(u.shape[:-1], 2, 3)
+    for row in (0, 1):
+        out[..., row, 0] = dm_du[..., row, 0] * over_z
+        out[..., row, 1] = dm_du[..., row, 1] * over_z
+        out[..., row, 2] = -(out[..., row, 0] * u[..., 0] + out[..., row, 1] * u[..., 1])
+    return out
 
 
 def _direction(u: Array) -> Array:

@@ -10,9 +10,11 @@ They have no gimbal lock and do not care how far the world's origin is away.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, component_major
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import OURS_FROM_THESIS, angles_of
 from cadcam.camera.lens import Lens
@@ -44,23 +46,55 @@ def project_local(F: Array, R: Array, internals: Array, lens: Lens, p_world: Arr
     F (..., 3) mm, R (..., 3, 3) rows = our camera axes, internals (..., 5), p_world (N, 3).
     """
     from_F = p_world - F[..., None, :]
-    m, dm_dp, dm_dc = lens.project_with_jacobians(from_F @ np.swapaxes(R, -1, -2))
-    aspect, focal, skew, U0, V0 = (internals[..., None, i] for i in range(5))
-    c, s = np.cos(skew), np.sin(skew)
-    along = c * m[..., 0] + s * m[..., 1]
-    q = np.stack([focal * aspect * along + V0, focal * m[..., 1] + U0], axis=-1)
-
-    A = np.zeros((*q.shape[:-1], 2, 2))  # dq/dm
-    A[..., 0, 0], A[..., 0, 1], A[..., 1, 1] = focal * aspect * c, focal * aspect * s, focal
-    dq_dw = A @ (dm_dp @ R[..., None, :, :])  # by the world point
-    J = np.zeros((*q.shape, 11 + dm_dc.shape[-1]))
+    in_camera = np.moveaxis(R @ np.swapaxes(from_F, -1, -2), -1, -2)
+    q, dq_dp, dq_di = project_in_camera(internals, lens, in_camera)
+    dq_dw = dq_dp @ R[..., None, :, :]  # by the world point
+    J = np.zeros((*q.shape, 6 + dq_di.shape[-1]))
     J[..., 0:3] = -dq_dw
     J[..., 3:6] = np.cross(from_F[..., None, :], dq_dw)  # -row . hat(x) = (x cross row)
-    J[..., 0, 6], J[..., 0, 7], J[..., 1, 7] = focal * along, aspect * along, m[..., 1]
-    J[..., 0, 8] = focal * aspect * (c * m[..., 1] - s * m[..., 0])
-    J[..., 1, 9] = J[..., 0, 10] = 1.0
-    J[..., 11:] = A @ dm_dc
+    J[..., 6:] = dq_di
     return q, J
+
+
+def project_in_camera(
+    internals: Array, lens: Lens, p: Array, columns: Sequence[int] | None = None
+) -> tuple[Array, Array, Array]:
+    """Return q (..., N, 2), dq/dp (..., N, 2, 3) and dq/d(internals, lens) (..., N, 2, 5 + lens terms).
+
+    p (..., N, 3): points in the camera frame; internals (..., 5). columns: those of the last Jacobian that are wanted,
+    in that order; None: all. Fast where a coordinate of all points is a run of memory (`component_major`).
+    """
+    m, dm_dp, dm_dc = lens.project_with_jacobians(p)
+    aspect, focal, skew, U0, V0 = (internals[..., None, i] for i in range(5))
+    c, s = np.cos(skew), np.sin(skew)
+    scale = focal * aspect
+    along = c * m[..., 0] + s * m[..., 1]
+    q = component_major(m.shape[:-1], 2)
+    q[..., 0], q[..., 1] = scale * along + V0, focal * m[..., 1] + U0
+    wanted = range(5 + dm_dc.shape[-1]) if columns is None else columns
+    by = np.swapaxes(component_major(m.shape[:-1], len(wanted), 2), -1, -2)
+    for i, column in enumerate(wanted):
+        if column == 0:
+            by[..., 0, i] = focal * along
+        elif column == 1:
+            by[..., 0, i], by[..., 1, i] = aspect * along, m[..., 1]
+        elif column == 2:
+            by[..., 0, i] = scale * (c * m[..., 1] - s * m[..., 0])
+        elif column in (3, 4):
+            by[..., 4 - column, i] = 1.0
+        else:
+            by[..., 0, i] = scale * c * dm_dc[..., 0, column - 5] + scale * s * dm_dc[..., 1, column - 5]
+            by[..., 1, i] = focal * dm_dc[..., 1, column - 5]
+    return q, _in_pixels(dm_dp, scale * c, scale * s, focal), by
+
+
+def _in_pixels(dm: Array, xx: Array, xy: Array, yy: Array) -> Array:
+    """Return [[xx, xy], [0, yy]] @ dm (..., N, 2, n) in a layout of runs."""
+    out = component_major(dm.shape[:-2], 2, dm.shape[-1])
+    for i in range(dm.shape[-1]):
+        out[..., 0, i] = xx * dm[..., 0, i] + xy * dm[..., 1, i]
+        out[..., 1, i] = yy * dm[..., 1, i]
+    return out
 
 
 def rotation_by_angles(R: Array) -> Array:

@@ -1,8 +1,8 @@
-"""Nonlinear least squares on manifolds: Levenberg-Marquardt to rounding level, and what the data leave undetermined.
+"""Least squares with one dense Jacobian: minima to rounding level, and what the data leave undetermined.
 
 A problem gives its residuals with their Jacobian at a state, and moves a state by a step in the tangent space there;
-the solver never looks inside a state. Sources: Marquardt (1963); the column scaling of More, "The Levenberg-Marquardt
-algorithm: implementation and theory" (1978); the gain ratio of Madsen, Nielsen, Tingleff (2004).
+the solver never looks inside a state. Small problems only: each step takes a singular value decomposition. For views
+that share parameters see `fit.block_least_squares`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,10 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.errors import DegenerateGeometry, NotConverged
+from cadcam.errors import DegenerateGeometry
+from cadcam.fit.levenberg_marquardt import Options as Options
+from cadcam.fit.levenberg_marquardt import Stalled as Stalled
+from cadcam.fit.levenberg_marquardt import levenberg_marquardt
 
 State = TypeVar("State")
 
@@ -31,18 +34,6 @@ class Problem(Protocol[State]):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class Options:
-    """When to stop.
-
-    floor: residual changes below this (in the residuals' unit) are rounding, whatever the sum of squares is.
-    """
-
-    max_iterations: int = 200
-    floor: float = 1e-11
-    damping: float = 1e-4
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution(Generic[State]):
     """A minimum: the state, its residuals (m,) and Jacobian (m, n), sum of squares, and iterations taken."""
@@ -54,43 +45,17 @@ class Solution(Generic[State]):
     iterations: int
 
 
-class Stalled(NotConverged):
-    """The iterations ran out on a slope: often towards a limit that is no state at all. Carries where it stood."""
-
-    def __init__(self, iterations: int, sum_of_squares: float, promised: float) -> None:
-        super().__init__(
-            f"least squares stopped after {iterations} iterations at a sum of squares of {sum_of_squares:.6g}; "
-            f"a full step still promised {promised:.3g} less"
-        )
-        self.sum_of_squares = sum_of_squares
-
-
 def minimise(problem: Problem[State], start: State, options: Options | None = None) -> Solution[State]:
-    """Return the local minimum reached from `start`.
+    """Return the local minimum reached from `start` (`levenberg_marquardt`).
 
-    Converges quadratically for small residuals; the last steps are undamped and end where rounding does. Raises
-    `NotConverged` if the start is forbidden, `Stalled` if the iterations run out.
+    Raises `NotConverged` if the start is forbidden, `Stalled` if the iterations run out.
     """
-    options = Options() if options is None else options
-    state, now = start, _linearise(problem, start, np.zeros(0))
-    if not np.isfinite(now.cost):
-        raise NotConverged("least squares cannot start: a residual is not finite at the first state")
-    damping, growth = options.damping, 2.0
-    for iteration in range(options.max_iterations):
-        promised = now.promise(0.0)
-        if promised <= 1e-13 * now.cost or np.sqrt(promised) <= options.floor:
-            return _polish(problem, state, now, iteration)
-        candidate = problem.retract(state, now.step(damping))
-        then = _linearise(problem, candidate, now.scale)
-        gain = (now.cost - then.cost) / now.promise(damping) if np.isfinite(then.cost) else -np.inf
-        if gain > 0:
-            state, now, growth = candidate, then, 2.0
-            damping *= max(1 / 3, 1 - (2 * gain - 1) ** 3)
-        elif damping > 1e12:  # no direction goes down any more: rounding rules
-            return _polish(problem, state, now, iteration)
-        else:
-            damping, growth = max(damping, 1e-9) * growth, 2 * growth
-    raise Stalled(options.max_iterations, now.cost, now.promise(0.0))
+
+    def linearise(state: State, earlier: _Linearised | None) -> _Linearised:
+        return _linearise(problem, state, earlier)
+
+    found = levenberg_marquardt(linearise, problem.retract, start, options)
+    return Solution(found.state, found.model.residuals, found.model.jacobian, found.model.cost, found.iterations)
 
 
 def cofactor(jacobian: Array, names: Sequence[str], *, rank_tolerance: float = 1e-10) -> Array:
@@ -99,13 +64,13 @@ def cofactor(jacobian: Array, names: Sequence[str], *, rank_tolerance: float = 1
     Raises `DegenerateGeometry` naming the combination of parameters that the residuals do not see: a singular value of
     J (columns scaled to one) below `rank_tolerance` of the largest.
     """
-    scale = _column_norms(jacobian)
-    _, s, Vt = np.linalg.svd(jacobian / scale, full_matrices=False)
-    blind = np.flatnonzero(s <= rank_tolerance * s[0]) if s.size else np.arange(0)
-    if blind.size or len(s) < len(names):
+    scale = column_norms(jacobian)
+    enough = np.zeros((max(0, len(names) - len(jacobian)), len(names)))  # rows at least as many as columns: Vt is whole
+    _, s, Vt = np.linalg.svd(np.concatenate([jacobian / scale, enough]), full_matrices=False)
+    if (s <= rank_tolerance * s[:1]).any():
         direction = Vt[-1] / scale
         raise DegenerateGeometry(
-            f"the observations do not determine {_combination(Vt[-1], direction, names)} "
+            f"the observations do not determine {combination(Vt[-1], direction, names)} "
             f"(singular value ratio {s[-1] / s[0]:.2g}); fix one of these parameters, or add points that tell "
             "them apart"
         )
@@ -138,36 +103,24 @@ class _Linearised:
         return np.where(useful, self.s / np.where(useful, self.s**2 + damping, 1.0), 0.0)
 
 
-def _linearise(problem: Problem[State], state: State, earlier_scale: Array) -> _Linearised:
+def _linearise(problem: Problem[State], state: State, earlier: _Linearised | None) -> _Linearised:
     r, J = problem.residuals_and_jacobian(state)
     if not (np.isfinite(r).all() and np.isfinite(J).all()):
         nothing = np.zeros(J.shape[1])
         return _Linearised(r, J, nothing, np.inf, nothing, nothing, np.zeros((J.shape[1],) * 2))
-    scale = np.maximum(_column_norms(J), earlier_scale) if earlier_scale.size else _column_norms(J)
+    scale = column_norms(J) if earlier is None else np.maximum(column_norms(J), earlier.scale)
     U, s, Vt = np.linalg.svd(J / scale, full_matrices=False)
     return _Linearised(r, J, scale, float(r @ r), U.T @ r, s, Vt)
 
 
-def _polish(problem: Problem[State], state: State, now: _Linearised, iteration: int) -> Solution[State]:
-    """Full steps as long as each promises less than half of what the one before did: below what the cost can show."""
-    for _ in range(20):
-        candidate = problem.retract(state, now.step(0.0))
-        then = _linearise(problem, candidate, np.zeros(0))
-        if not (np.isfinite(then.cost) and then.cost <= now.cost * (1 + 1e-12)):
-            break
-        if not then.promise(0.0) < 0.5 * now.promise(0.0):
-            break
-        state, now = candidate, then
-    return Solution(state, now.residuals, now.jacobian, now.cost, iteration)
-
-
-def _column_norms(J: Array) -> Array:
+def column_norms(J: Array) -> Array:
+    """Return the length of every column of J (m, n); 1 for a column of zeros."""
     norms = np.linalg.norm(J, axis=0)
     return np.where(norms > 0, norms, 1.0)
 
 
-def _combination(weights: Array, direction: Array, names: Sequence[str]) -> str:
-    """Words for a direction: the parameters that carry at least a tenth of it, by weight."""
+def combination(weights: Array, direction: Array, names: Sequence[str]) -> str:
+    """Return words for a direction (n,): the parameters that carry at least a tenth of it by weight (n,)."""
     order = [i for i in np.argsort(-np.abs(weights)) if abs(weights[i]) >= 0.1 * np.abs(weights).max()]
     if len(order) == 1:
         return f"{names[order[0]]}"

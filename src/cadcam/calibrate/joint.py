@@ -1,0 +1,278 @@
+"""One camera from several positions, internals shared: the joint optimum of section 2.4.3, for any lens and field.
+
+The fields may be deep or flat (a board in many poses), the same or different ones; each view has a pose of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cadcam.arrays import Array, Floats, frozen
+from cadcam.calibrate import joint_start
+from cadcam.camera.camera import Camera
+from cadcam.camera.estimate import CameraEstimate
+from cadcam.camera.extended_pinhole import INTERNALS, ExtendedPinhole
+from cadcam.camera.joint_estimate import JointEstimate
+from cadcam.camera.lens import Ideal, Lens
+from cadcam.camera.observations import Observations
+from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints, UnknownName
+from cadcam.fit.block_least_squares import BlockSolution, minimise_blocks
+from cadcam.fit.joint_model import BEND, OWN, Control, JointModel, JointState
+from cadcam.fit.joint_start import plane_frames
+from cadcam.fit.layout import COLLINEAR, distinct
+from cadcam.fit.levenberg_marquardt import Options
+from cadcam.fit.robust import Loss
+from cadcam.fit.square_root import Cofactors, factorise
+from cadcam.geometry import rotation as so3
+from cadcam.geometry.rigid import Rigid
+
+_FINE = Options(enough=1e-19, damping=1e-7)  # of the cost: a step of 1e-8 sigma or so
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointFit:
+    """A joint calibration in the raw form that further studies start from: the model, its minimum, and the origin.
+
+    origin (3,) mm: what was taken off all points. known: the cofactors there.
+    """
+
+    model: JointModel
+    solution: BlockSolution[JointState]
+    known: Cofactors
+    views: tuple[Observations, ...]
+    size: tuple[int, int]
+    origin: Array
+
+    @property
+    def variance(self) -> float:
+        """Return what turns cofactors into covariances: 1 where the noise was stated, else by the residuals."""
+        return 1.0 if _stated(self.views) else self.solution.variance
+
+
+def calibrate_jointly(
+    views: Sequence[Observations],
+    size: tuple[int, int],
+    *,
+    fixed: Mapping[str, float] | None = None,
+    lens: Lens | None = None,
+    free_lens: Iterable[str] = (),
+    bend: bool = False,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    control_sigma: Floats | None = None,
+    loss: Loss | None = None,
+) -> JointEstimate:
+    """Return the camera of `size` (width, height) px that saw the points of all views, and where it stood in each.
+
+    Minimises the sum of squared pixel residuals (by their stated sigma_px) over shared internals and all poses, without
+    a guess. fixed: values of any of aspect, focal (px), skew (rad), U0, V0 (px); lens and free_lens as in `calibrate`.
+    bend: the field is a flat board in z = const, bowed by bend_x (1 - x'^2) + bend_y (1 - y'^2) mm along z, x' and y'
+    from -1 to 1 over the board; both are estimated. priors: {name: (value, sigma)} of free shared parameters.
+    control_sigma: the points are known to this standard deviation only (mm, one number or three) and estimated too;
+    points of equal coordinates are the same. priors and control_sigma need sigma_px. loss: a robust one, its scale in
+    units of sigma_px where that is stated.
+
+    Raises `TooFewPoints`, `DegenerateGeometry` naming what the views do not determine together, `MirroredPoints`,
+    `NotConverged`, `BadValue` and `UnknownName`.
+    """
+    return estimate_of(
+        fit_jointly(
+            views,
+            size,
+            fixed=fixed,
+            lens=lens,
+            free_lens=free_lens,
+            bend=bend,
+            priors=priors,
+            control_sigma=control_sigma,
+            loss=loss,
+        )
+    )
+
+
+def fit_jointly(
+    views: Sequence[Observations],
+    size: tuple[int, int],
+    *,
+    fixed: Mapping[str, float] | None = None,
+    lens: Lens | None = None,
+    free_lens: Iterable[str] = (),
+    bend: bool = False,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    control_sigma: Floats | None = None,
+    loss: Loss | None = None,
+) -> JointFit:
+    """Return the joint calibration of `calibrate_jointly` in its raw form."""
+    lens, fixed = lens or Ideal(), dict(fixed or {})
+    free = _free_names(fixed, lens, tuple(free_lens), bend)
+    _refuse_few(views, free)
+    model, origin = _model(views, free, lens, bend=bend)
+    _refuse_lines(model, views)
+    model = _with_knowledge(model, views, priors or {}, control_sigma)
+    state = joint_start.start(model, views, size, fixed)
+    solution = minimise_blocks(model, state, loss=loss, options=_FINE)
+    camera = _camera(model, solution.state, size)
+    mended = joint_start.set_right(model, solution.state, views, camera)
+    if mended is not None:
+        solution = minimise_blocks(model, mended, loss=loss, options=_FINE)
+    return fit_of(model, solution, tuple(views), size, origin)
+
+
+def fit_of(
+    model: JointModel,
+    solution: BlockSolution[JointState],
+    views: tuple[Observations, ...],
+    size: tuple[int, int],
+    origin: Array,
+) -> JointFit:
+    """Return a minimum with its cofactors; `DegenerateGeometry` names what the views do not determine."""
+    known = factorise(solution.weighted, model.shared, OWN, [_label(v, j) for j, v in enumerate(views)])
+    return JointFit(model, solution, known, views, size, origin)
+
+
+def estimate_of(fit: JointFit) -> JointEstimate:
+    """Return the estimate that a raw fit stands for."""
+    state, model, known, variance = fit.solution.state, fit.model, fit.known, fit.variance
+    n = len(model.free)
+    R = so3.nearest(state.R)
+    T = _local_from_own(R)
+    counts = model.measured.sum(axis=1)
+    noise = float(np.sqrt(variance)) if not _stated(fit.views) else float(np.median(model.noise))
+    points = model.points(state) + fit.origin
+    return JointEstimate(
+        camera=_camera(model, state, fit.size),
+        poses=Rigid(R, state.t - R @ fit.origin),
+        views=fit.views,
+        points=tuple(p[:c] for p, c in zip(points, counts, strict=True)),
+        free=model.free,
+        bend=state.bend,
+        covariance=variance * known.shared[:n, :n],
+        by_view=_by_view(known, n),
+        pose_covariance=T @ (variance * known.own) @ np.swapaxes(T, -1, -2),
+        cross=-variance * (known.shared[:n] @ np.swapaxes(known.lever, -1, -2)) @ np.swapaxes(T, -1, -2),
+        noise_px=noise,
+        dof=fit.solution.blocks.dof,
+        weights=tuple(w[:c] for w, c in zip(fit.solution.weights, counts, strict=True)),
+        method=f"joint reprojection least squares of {len(fit.views)} views",
+    )
+
+
+def single(view: Observations, camera: Camera) -> CameraEstimate:
+    """Return where a camera of fixed internals stood: Tables 2.21 and 2.22 of the thesis."""
+    from cadcam.calibrate.points import locate_camera
+
+    return locate_camera(view, camera)
+
+
+def _model(views: Sequence[Observations], free: tuple[str, ...], lens: Lens, *, bend: bool) -> tuple[JointModel, Array]:
+    """Arrays of all views, filled up with each view's first point; the points' mean is taken off."""
+    k, N = len(views), max(len(v) for v in views)
+    p, q, measured = np.zeros((k, N, 3)), np.zeros((k, N, 2)), np.zeros((k, N), dtype=bool)
+    for j, view in enumerate(views):
+        c = len(view)
+        p[j], q[j] = view.p_world[0], view.q[0]
+        p[j, :c], q[j, :c], measured[j, :c] = view.p_world, view.q, True
+    origin = p[measured].mean(axis=0)
+    noise = np.array([v.sigma_px or 1.0 for v in views]) if _stated(views) else np.ones(k)
+    bump = _bump(p, measured) if bend else None
+    return JointModel(p - origin, q, measured, free, lens, noise, bump), origin
+
+
+def _bump(p: Array, measured: Array) -> Array:
+    seen = p[measured]
+    if np.ptp(seen[:, 2]) > 1e-6 * np.ptp(seen):
+        raise BadValue(
+            "the board to bend", f"{np.ptp(seen[:, 2]):.3g} mm thick in z", "a flat board with all points in z = const"
+        )
+    low, high = seen[:, :2].min(axis=0), seen[:, :2].max(axis=0)
+    return np.asarray(1 - ((p[..., :2] - (low + high) / 2) / np.maximum((high - low) / 2, 1e-300)) ** 2)
+
+
+def _with_knowledge(
+    model: JointModel,
+    views: Sequence[Observations],
+    priors: Mapping[str, tuple[float, float]],
+    control_sigma: Floats | None,
+) -> JointModel:
+    if (priors or control_sigma is not None) and not _stated(views):
+        raise BadValue("sigma_px", None, "a number for every view: priors and free control points are weighed by it")
+    for name, (value, spread) in priors.items():
+        if name not in model.free:
+            raise UnknownName("free parameter to have a prior", name, model.free)
+        if not (np.isfinite(value) and np.isfinite(spread) and spread > 0):
+            raise BadValue(f"prior of {name}", (value, spread), "(value, sigma) with sigma above 0")
+    model = replace(model, priors=tuple((n, float(v), float(s)) for n, (v, s) in priors.items()))
+    if control_sigma is None:
+        return model
+    sigma: Array = np.broadcast_to(np.asarray(control_sigma, dtype=np.float64), (3,))
+    if not (np.isfinite(sigma).all() and (sigma > 0).all()):
+        raise BadValue("control_sigma", control_sigma, "one positive number, or three, mm")
+    _, index = np.unique(model.p.reshape(-1, 3), axis=0, return_inverse=True)
+    index = index.reshape(model.measured.shape)
+    whitener = np.broadcast_to(np.diag(1 / sigma), (int(index.max()) + 1, 3, 3))
+    return replace(model, control=Control(index, frozen(whitener, "whitener", (None, 3, 3))))
+
+
+def _camera(model: JointModel, state: JointState, size: tuple[int, int]) -> Camera:
+    pinhole = ExtendedPinhole(0, 0, 0, 0, 0, 0, *(float(x) for x in state.internals))
+    return pinhole.camera(size, model.lens_of(state))
+
+
+def _local_from_own(R: Array) -> Array:
+    """(k, 6, 6): the focal centre moves by -R^T v and the camera turns by R^T w in world axes."""
+    T = np.zeros((len(R), 6, 6))
+    T[:, :3, :3] = -np.swapaxes(R, -1, -2)
+    T[:, 3:, 3:] = np.swapaxes(R, -1, -2)
+    return T
+
+
+def _by_view(known: Cofactors, n: int) -> Array | None:
+    try:
+        return known.jackknifed()[:n, :n]
+    except (TooFewPoints, DegenerateGeometry):
+        return None
+
+
+def _stated(views: Sequence[Observations]) -> bool:
+    return all(v.sigma_px is not None for v in views)
+
+
+def _label(view: Observations, j: int) -> str:
+    return f"{j + 1} ({view.source})"
+
+
+def _free_names(fixed: Mapping[str, float], lens: Lens, free_lens: tuple[str, ...], bend: bool) -> tuple[str, ...]:
+    for name, value in fixed.items():
+        if name not in INTERNALS:
+            raise UnknownName("shared parameter to fix", name, INTERNALS)
+        if not np.isfinite(value) or (name in ("focal", "aspect") and value <= 0):
+            raise BadValue(f"fixed {name}", value, "a finite number, above 0 for focal and aspect")
+        if name == "skew" and abs(value) >= np.pi / 2:
+            raise BadValue(f"fixed {name}", f"{np.degrees(value):g} deg", "an angle between -90 and 90 deg")
+    for name in free_lens:
+        if name not in lens.parameters:
+            raise UnknownName(f"coefficient of the {lens.name} lens", name, lens.parameters)
+    internals = (n for n in INTERNALS if n not in fixed)
+    return (*internals, *(n for n in lens.parameters if n in free_lens), *(BEND if bend else ()))
+
+
+def _refuse_few(views: Sequence[Observations], free: tuple[str, ...]) -> None:
+    if not views:
+        raise TooFewPoints("a joint calibration (views)", 0, 1)
+    for j, view in enumerate(views):
+        if distinct(view.p_world[:32]) < 4 and distinct(view.p_world) < 4:
+            raise TooFewPoints(f"the pose of view {_label(view, j)} (different points)", distinct(view.p_world), 4)
+    rows, need = 2 * sum(len(v) for v in views), len(free) + 6 * len(views)
+    if rows < need:
+        raise TooFewPoints(f"{len(free)} shared parameters and {len(views)} poses", rows // 2, -(-need // 2))
+
+
+def _refuse_lines(model: JointModel, views: Sequence[Observations]) -> None:
+    extents = plane_frames(model.p, model.measured)[2]
+    for j in np.flatnonzero(extents[:, 1] <= COLLINEAR * extents[:, 0])[:1]:
+        raise DegenerateGeometry(
+            f"the points of view {_label(views[j], j)} lie on a line: the camera may turn about it; add points beside "
+            "it or leave the view out"
+        )

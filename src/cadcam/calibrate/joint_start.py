@@ -1,0 +1,195 @@
+"""Where a joint calibration starts, without a guess: internals from what the views say alone, then richer in stages.
+
+Flat fields give homographies, deep ones calibrations of their own. Several internals are tried on some of the views;
+each stage starts from the solved poorer one, so that a richer model never ends worse than what it contains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.calibrate.points import calibrate, locate_camera
+from cadcam.camera.camera import Camera
+from cadcam.camera.extended_pinhole import INTERNALS, ExtendedPinhole
+from cadcam.camera.lens import Lens
+from cadcam.camera.observations import Observations
+from cadcam.camera.sensitivity import internals_of
+from cadcam.errors import CadcamError, DegenerateGeometry, MirroredPoints, NotConverged
+from cadcam.fit import joint_start as seeds
+from cadcam.fit.block_least_squares import minimise_blocks
+from cadcam.fit.joint_model import BEND, JointModel, JointState
+from cadcam.fit.layout import Indices
+from cadcam.fit.levenberg_marquardt import Options
+
+_FLAT = 0.05  # thickness by length below which a field is taken as flat for a start
+_FOCALS = (0.4, 0.8, 1.6, 4.0)  # by the longer side of the picture, where the views say nothing
+_SOME = 8  # views that the stages use
+_DEEP = 3  # deep views calibrated alone
+_ROUGH = Options(max_iterations=30, enough=1e-2)
+_ASTRAY = 4.0  # times the median view's residual: perhaps the other pose of a flat field
+
+
+def start(
+    model: JointModel, views: Sequence[Observations], size: tuple[int, int], fixed: Mapping[str, float]
+) -> JointState:
+    """Return a state near the optimum of the model with all of its free parameters.
+
+    Raises what the calibration of a single view raises if no view gives a start, and `MirroredPoints`.
+    """
+    some = np.unique(np.linspace(0, len(views) - 1, min(_SOME, len(views))).round().astype(int))
+    few = model.with_views(some)
+    candidates = _internals(model, views, size, fixed)
+    state = _staged(few, [_posed(few, i) for i in candidates])
+    everywhere = _posed(model, state.internals)
+    whole = replace(state, R=everywhere.R, t=everywhere.t)
+    whole.R[some], whole.t[some] = state.R, state.t
+    return whole
+
+
+def set_right(model: JointModel, state: JointState, views: Sequence[Observations], camera: Camera) -> JointState | None:
+    """Return the state with the poses of views that fit badly sought globally, or None where none gets better."""
+    distance = np.sqrt(np.nanmean(np.sum(model.residuals(state) ** 2, axis=-1), axis=1))
+    suspects = np.flatnonzero(distance > _ASTRAY * np.median(distance))
+    R, t = state.R.copy(), state.t.copy()
+    points = model.points(state)
+    better = False
+    for j in suspects:
+        seen = model.measured[j]
+        try:
+            found = locate_camera(Observations(points[j][seen], model.q[j][seen]), camera)
+        except CadcamError:
+            continue
+        if found.thesis_residual < 0.9 * distance[j]:
+            R[j], t[j] = found.camera_from_world.rotation, found.camera_from_world.translation
+            better = True
+    return replace(state, R=R, t=t) if better else None
+
+
+def _internals(
+    model: JointModel, views: Sequence[Observations], size: tuple[int, int], fixed: Mapping[str, float]
+) -> list[Array]:
+    """Rows of internals to try, fixed ones as given."""
+    usual = {"aspect": 1.0, "skew": 0.0, "U0": (size[1] - 1) / 2, "V0": (size[0] - 1) / 2}
+    if "focal" in fixed:
+        return [np.array([{**usual, **fixed}[n] for n in INTERNALS])]
+    thick = _thickness(seeds.plane_frames(model.p, model.measured)[2])
+    rows = _of_flat(model, np.flatnonzero(thick < _FLAT), size, {**usual, **fixed})
+    deep = np.flatnonzero(thick >= _FLAT)
+    if deep.size:
+        rows += _of_deep([views[int(j)] for j in deep], size, fixed, model.lens, alone=not rows)
+    focals = [] if rows else [k * max(size) for k in _FOCALS]
+    return rows + [np.array([{**usual, "focal": f, **fixed}[n] for n in INTERNALS]) for f in focals]
+
+
+def _of_flat(model: JointModel, index: Indices, size: tuple[int, int], known: Mapping[str, float]) -> list[Array]:
+    if not index.size:
+        return []
+    some = index[np.unique(np.linspace(0, len(index) - 1, min(3 * _SOME, len(index))).round().astype(int))]
+    few = model.with_views(some)
+    H = _homographies(few)[0]
+    rows = []
+    for skew in (True, False) if "skew" in model.free else (False,):
+        K = seeds.internals_of_homographies(H, size, skew=skew) if len(H) >= (3 if skew else 2) else None
+        if K is not None:
+            values = dict(zip(INTERNALS, internals_of(K), strict=True))
+            held = {n: known[n] for n in known if n not in model.free}
+            rows.append(np.array([{**values, **held}[n] for n in INTERNALS]))
+    focal = seeds.focal_of_homographies(H, size, known["aspect"], np.array([known["V0"], known["U0"]]))
+    guesses = [k * max(size) for k in _FOCALS] if focal is None else [focal]
+    return rows + [np.array([{**known, "focal": f}[n] for n in INTERNALS]) for f in guesses]
+
+
+def _of_deep(
+    views: Sequence[Observations], size: tuple[int, int], fixed: Mapping[str, float], lens: Lens, *, alone: bool
+) -> list[Array]:
+    """Internals by calibrations of single views, and their median; an error of the last if none works and `alone`."""
+    rows: list[Array] = []
+    failure: CadcamError | None = None
+    for view in sorted(views, key=len, reverse=True)[:_DEEP]:
+        try:
+            rows.append(internals_of(calibrate(view, size, fixed=fixed, lens=lens).camera.K))
+        except MirroredPoints:
+            raise
+        except CadcamError as error:
+            failure = error
+    if not rows and alone and failure is not None and not isinstance(failure, DegenerateGeometry | NotConverged):
+        raise failure
+    return [*rows, np.median(rows, axis=0)] if len(rows) > 1 else rows
+
+
+def _posed(model: JointModel, internals: Array) -> JointState:
+    """Return the state of these internals with every view's pose from a linear transform."""
+    K = ExtendedPinhole(0, 0, 0, 0, 0, 0, *(float(x) for x in internals)).K
+    H, origin, axes, thick = _homographies(model)
+    R, t = seeds.poses_of_homographies(H, K)
+    R = R @ np.swapaxes(axes, -1, -2)
+    t = t - (R @ origin[..., None])[..., 0]
+    deep = np.flatnonzero((thick >= _FLAT) & (model.measured.sum(axis=1) >= 6))
+    if deep.size:
+        few = model.with_views(deep)
+        R[deep], t[deep] = seeds.poses_of_matrices(seeds.camera_matrices(few.p, few.q, few.measured), K)
+    P = 0 if model.control is None else len(model.control.whitener)
+    lens = np.array(list(model.lens.parameters.values()))
+    return JointState(internals.copy(), lens, np.zeros(2), np.zeros((P, 3)), R, t)
+
+
+def _homographies(model: JointModel) -> tuple[Array, Array, Array, Array]:
+    origin, axes, extents = seeds.plane_frames(model.p, model.measured)
+    flat = ((model.p - origin[:, None]) @ axes)[..., :2]
+    return seeds.homographies(flat, model.q, model.measured), origin, axes, _thickness(extents)
+
+
+def _thickness(extents: Array) -> Array:
+    """Return thickness by length (k,): 0 for points on a plane."""
+    return np.asarray(extents[:, 2] / np.maximum(extents[:, 0], 1e-300))
+
+
+def _staged(model: JointModel, candidates: list[JointState]) -> JointState:
+    """Return the best state of the model's views, the free parameters let go one group after the other."""
+    first, *rest = _stages(model)
+    if len(candidates) == len(_FOCALS):  # mere guesses: the focal length alone first
+        held = [_descend(model.with_free([n for n in first if n == "focal"]), c) for c in candidates]
+        candidates = [s for s in held if s is not None]
+    finer = [s for s in (_descend(model.with_free(first), c) for c in candidates) if s is not None]
+    if not finer:
+        raise NotConverged(
+            "no pose found from which every point of every view is imaged; do points and pixels belong together?"
+        )
+    state = min(finer, key=lambda s: _cost(model, s))
+    for free in rest:
+        state = _descend(model.with_free(free), state) or state
+    return state
+
+
+def _stages(model: JointModel) -> list[tuple[str, ...]]:
+    """Growing tuples of free parameters: the usual internals; skew; the first coefficient; four; all; bend."""
+    lens = [n for n in model.free if n not in INTERNALS and n not in BEND]
+    groups = [["focal", "aspect", "U0", "V0"], ["skew"], lens[:1], lens[1:4], lens[4:], list(BEND)]
+    stages: list[tuple[str, ...]] = []
+    wanted: set[str] = set()
+    for group in groups:
+        wanted |= set(group) & set(model.free)
+        stage = tuple(n for n in model.free if n in wanted)
+        if not stages or stage != stages[-1]:
+            stages.append(stage)
+    return stages
+
+
+def _descend(model: JointModel, state: JointState) -> JointState | None:
+    try:
+        found = minimise_blocks(replace(model, control=None, priors=()), _without_points(state), options=_ROUGH).state
+    except NotConverged:
+        return None
+    return replace(found, shift=state.shift)
+
+
+def _without_points(state: JointState) -> JointState:
+    return replace(state, shift=np.zeros((0, 3)))
+
+
+def _cost(model: JointModel, state: JointState) -> float:
+    return float(np.nansum(model.residuals(state) ** 2))

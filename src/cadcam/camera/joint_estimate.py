@@ -1,0 +1,183 @@
+"""One camera from several positions: shared internals with their covariance, and every view's pose and residuals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cadcam.arrays import Array, frozen
+from cadcam.camera.camera import Camera
+from cadcam.camera.estimate import CameraEstimate
+from cadcam.camera.extended_pinhole import EXTERNALS, INTERNALS, NAMES, ExtendedPinhole
+from cadcam.camera.observations import Observations
+from cadcam.errors import BadValue, UnknownName
+from cadcam.geometry.rigid import Rigid
+
+_SUSPECT = 2.0  # times the median view's residual
+_CHANCE = 1e-3  # of an honest view to be that bad, for all views together
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointEstimate:
+    """A camera that several views share, and where it stood in each.
+
+    views: what was measured. points: where each view's points are, mm; other than measured only where a board was bent
+    or control points were free. poses: camera_from_world of all views, a batch. free: the shared parameters that were
+    estimated, of aspect, focal (px), skew (rad), U0, V0 (px), lens coefficients, bend_x, bend_y (mm); bend (2,): the
+    latter's values.
+
+    covariance (n, n): of `free` in the classical way, each pixel an independent measurement. by_view: the same from
+    the scatter between views (`cadcam.fit.square_root.Cofactors.jackknifed`), which holds if the errors within a view
+    are alike; None for too few views. pose_covariance (k, 6, 6) and cross (k, n, 6): of each pose's local coordinates
+    (`cadcam.camera.sensitivity`), and between them and `free`; classical.
+    noise_px: the standard deviation of a pixel coordinate behind them. dof: degrees of freedom. weights: what a robust
+    loss made of each point, 1 without one.
+    """
+
+    camera: Camera
+    poses: Rigid
+    views: tuple[Observations, ...]
+    points: tuple[Array, ...]
+    free: tuple[str, ...]
+    bend: Array
+    covariance: Array
+    by_view: Array | None
+    pose_covariance: Array
+    cross: Array
+    noise_px: float
+    dof: int
+    weights: tuple[Array, ...]
+    method: str = ""
+
+    def __post_init__(self) -> None:
+        k, n = len(self.views), len(self.free)
+        object.__setattr__(self, "bend", frozen(self.bend, "bend", (2,)))
+        object.__setattr__(self, "covariance", frozen(self.covariance, "covariance", (n, n)))
+        object.__setattr__(self, "pose_covariance", frozen(self.pose_covariance, "pose covariance", (k, 6, 6)))
+        object.__setattr__(self, "cross", frozen(self.cross, "cross covariance", (k, n, 6)))
+        object.__setattr__(self, "points", tuple(frozen(p, "points", (None, 3)) for p in self.points))
+        numbers = (k, len(self.poses.translation), len(self.points), len(self.weights))
+        if len(set(numbers)) > 1:
+            raise BadValue("numbers of views, poses, points, weights", numbers, "one number for all")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the views: their sources, numbered where they are not different."""
+        sources = [v.source for v in self.views]
+        if len(set(sources)) == len(sources):
+            return tuple(sources)
+        return tuple(f"view {j + 1}" for j in range(len(sources)))
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Return all shared values by name: internals (px, rad), lens coefficients, bend (mm)."""
+        pinhole = ExtendedPinhole.from_camera(self.camera, self.pose(0))
+        internals = dict(zip(INTERNALS, pinhole.vector[len(EXTERNALS) :].tolist(), strict=True))
+        return (
+            internals | self.camera.lens.parameters | dict(zip(("bend_x", "bend_y"), self.bend.tolist(), strict=True))
+        )
+
+    def pose(self, j: int) -> Rigid:
+        """Return camera_from_world of one view."""
+        return Rigid(self.poses.rotation[j], self.poses.translation[j])
+
+    def value(self, name: str) -> float:
+        """Return one shared parameter."""
+        values = self.parameters
+        if name not in values:
+            raise UnknownName("shared parameter", name, values)
+        return values[name]
+
+    def sigma(self, name: str, *, by_view: bool = False) -> float:
+        """Return the standard deviation of a shared parameter, 0 if it was not free; by views: nan for too few."""
+        self.value(name)
+        if name not in self.free:
+            return 0.0
+        if by_view and self.by_view is None:
+            return float("nan")
+        C = self.by_view if by_view and self.by_view is not None else self.covariance
+        i = self.free.index(name)
+        return float(np.sqrt(C[i, i]))
+
+    @property
+    def correlation(self) -> Array:
+        """Return the correlation matrix of `free`, classical."""
+        sd = np.sqrt(np.diag(self.covariance))
+        return np.asarray(self.covariance / np.outer(sd, sd))
+
+    @property
+    def residuals(self) -> tuple[Array, ...]:
+        """Return measured minus projected pixels (N, 2) of each view."""
+        pairs = enumerate(zip(self.views, self.points, strict=True))
+        return tuple(v.q - self.camera.project(self.pose(j) @ p) for j, (v, p) in pairs)
+
+    @property
+    def view_residuals(self) -> Array:
+        """Return the thesis' residual sqrt(sum(dU^2 + dV^2)/N) of each view (k,), px."""
+        return np.array([np.sqrt(np.mean(np.sum(r**2, axis=1))) for r in self.residuals])
+
+    @property
+    def sum_of_squares(self) -> float:
+        """Return the sum of dU^2 + dV^2 over all points of all views, px^2."""
+        return float(sum(np.sum(r**2) for r in self.residuals))
+
+    @property
+    def residual(self) -> float:
+        """Return the thesis' residual over all points, px."""
+        return float(np.sqrt(self.sum_of_squares / sum(len(v) for v in self.views)))
+
+    @property
+    def rms_px(self) -> float:
+        """Return the root mean square of one pixel coordinate, residual/sqrt(2)."""
+        return self.residual / float(np.sqrt(2))
+
+    def outlier_views(self) -> tuple[int, ...]:
+        """Return the views that fit much worse than the others, the worst first.
+
+        Their residual is twice the median view's or more, and by chance alone one in a thousand calibrations has such.
+        """
+        from scipy.stats import f
+
+        each = self.view_residuals
+        if len(each) < 3:
+            return ()
+        typical = float(np.median(each))
+        bad = []
+        for j in np.argsort(-each):
+            own, rest = 2 * len(self.views[j]), 2 * sum(len(v) for v in self.views) - 2 * len(self.views[j])
+            chance = f.sf((each[j] / typical) ** 2, own, rest) * len(each) if typical > 0 else 1.0
+            if each[j] > _SUSPECT * typical and chance < _CHANCE:
+                bad.append(int(j))
+        return tuple(bad)
+
+    def view(self, j: int) -> CameraEstimate:
+        """Return the camera and one view's pose as an estimate of its own, with the joint covariance.
+
+        Its observations are those of the view, with the points as estimated and `noise_px` as their sigma.
+        """
+        camera = self.camera
+        names = (*NAMES, *camera.lens.parameters)
+        shared = [n for n in self.free if n in names]
+        pick = [self.free.index(n) for n in shared]
+        place = [names.index(n) for n in shared]
+        C = np.zeros((len(names), len(names)))
+        C[:6, :6] = self.pose_covariance[j]
+        C[np.ix_(place, place)] = self.covariance[np.ix_(pick, pick)]
+        C[place, :6] = self.cross[j][pick]
+        C[:6, place] = self.cross[j][pick].T
+        return CameraEstimate(
+            camera=camera,
+            camera_from_world=self.pose(j),
+            observations=replace(self.views[j], p_world=self.points[j], sigma_px=self.noise_px),
+            free=(*EXTERNALS, *(n for n in names if n in shared)),
+            cofactor=C / self.noise_px**2,
+            method=self.method,
+        )
+
+    def __repr__(self) -> str:
+        points = sum(len(v) for v in self.views)
+        return (
+            f"JointEstimate({len(self.views)} views, {points} points, {len(self.free)} shared parameters, "
+            f"residual {self.residual:.4g} px, {self.camera})"
+        )

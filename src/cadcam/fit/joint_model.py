@@ -1,0 +1,212 @@
+"""Views of fields of points by one camera: shared internals, a pose of its own for every view.
+
+The state holds the poses in the camera frame, p_camera = R p + t, and a step turns and moves a view there:
+t <- exp(w) t + v, R <- exp(w) R. Points are fixed, or bent with a board, or free within a covariance of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Mask, component_major
+from cadcam.camera.extended_pinhole import INTERNALS
+from cadcam.camera.lens import Lens
+from cadcam.camera.sensitivity import project_in_camera
+from cadcam.fit.layout import Indices
+from cadcam.fit.schur import Blocks, Step
+from cadcam.geometry import rotation as so3
+
+BEND = ("bend_x", "bend_y")
+OWN = ("tx", "ty", "tz", "rx", "ry", "rz")  # of a view's pose, in the camera frame
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointState:
+    """internals (5,) aspect focal skew U0 V0; lens (n,); bend (2,), shift (P, 3) of free points mm; R (k, 3, 3), t."""
+
+    internals: Array
+    lens: Array
+    bend: Array
+    shift: Array
+    R: Array
+    t: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Control:
+    """Free points: index (k, N) of the one that was seen; whitener (P, 3, 3), L^-1 of covariances L L^T, 1/mm."""
+
+    index: Indices
+    whitener: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointModel:
+    """k views of up to N points p (k, N, 3) mm seen at q (k, N, 2) px, where `measured` (k, N).
+
+    free: the shared parameters that may move, of aspect focal skew U0 V0, the lens' coefficients, bend_x, bend_y. The
+    state has the values of all. noise (k,): of one pixel coordinate by view, px. bump (k, N, 2): how far a point leaves
+    the board's plane, along its z, by bend_x and bend_y of 1 mm. priors: (name, value, sigma) on shared parameters.
+    """
+
+    p: Array
+    q: Array
+    measured: Mask
+    free: tuple[str, ...]
+    lens: Lens
+    noise: Array
+    bump: Array | None = None
+    control: Control | None = None
+    priors: tuple[tuple[str, float, float], ...] = ()
+    _columns: Indices = field(init=False)
+    _all: bool = field(init=False)
+
+    def __post_init__(self) -> None:
+        names = (*INTERNALS, *self.lens.parameters)
+        columns = [names.index(n) for n in self.free if n not in BEND]
+        object.__setattr__(self, "_columns", np.array(columns, dtype=int))
+        object.__setattr__(self, "_all", bool(self.measured.all()))
+
+    @property
+    def shared(self) -> tuple[str, ...]:
+        """Return the names of the shared parameters in the order of the columns, free points behind."""
+        if self.control is None:
+            return self.free
+        return (*self.free, *(f"{c} of point {i + 1}" for i in range(len(self.control.whitener)) for c in "XYZ"))
+
+    def blocks(self, state: JointState) -> Blocks:
+        """Return residuals, projected less measured, and Jacobians by unit of noise; rows: all x, then all y."""
+        k, N = self.measured.shape
+        if not self._possible(state):
+            return Blocks(np.full((k, 2 * N), np.nan), np.zeros((k, 2 * N, 0)), np.zeros((k, 2 * N, 0)))
+        q, dq_dp, dq_di, in_camera = self._projected(state)
+        over = 1 / self.noise[:, None, None]
+        over = np.broadcast_to(over, (k, N, 1)) if self._all else over * self.measured[..., None]
+        pairs = np.arange(2 * N).reshape(2, N).T
+        measured = None if self._all else np.concatenate([self.measured, self.measured], axis=1)
+        alone_r, alone = self._alone(state)
+        return Blocks(
+            _rows(((q - self.q) * over)[..., None])[..., 0],
+            _rows(self._by_shared(state, dq_dp, dq_di, over)),
+            _rows(self._by_own(dq_dp, in_camera, over)),
+            measured,
+            alone_r,
+            alone,
+            pairs,
+        )
+
+    def retract(self, state: JointState, step: Step) -> JointState:
+        """Return the state moved by `step`."""
+        moved = np.concatenate([state.internals, state.lens])
+        moved[self._columns] += step.shared[: len(self._columns)]
+        bend = state.bend.copy()
+        bend[[BEND.index(n) for n in self.free if n in BEND]] += step.shared[len(self._columns) : len(self.free)]
+        turn = so3.exp(step.own[:, 3:])
+        return JointState(
+            internals=moved[: len(INTERNALS)],
+            lens=moved[len(INTERNALS) :],
+            bend=bend,
+            shift=state.shift + step.shared[len(self.free) :].reshape(state.shift.shape),
+            R=turn @ state.R,
+            t=(turn @ state.t[..., None])[..., 0] + step.own[:, :3],
+        )
+
+    def points(self, state: JointState) -> Array:
+        """Return the points (k, N, 3) as the state bends or moves them."""
+        p = self.p
+        if self.bump is not None:
+            p = p + (self.bump @ state.bend)[..., None] * np.array([0.0, 0.0, 1.0])
+        return p if self.control is None else p + state.shift[self.control.index]
+
+    def lens_of(self, state: JointState) -> Lens:
+        """Return the lens of a state."""
+        return type(self.lens)(*(float(c) for c in state.lens))
+
+    def residuals(self, state: JointState) -> Array:
+        """Return projected less measured pixels (k, N, 2); nan where nothing was measured."""
+        q = self._projected(state)[0]
+        return np.where(self.measured[..., None], q - self.q, np.nan)
+
+    def with_views(self, index: npt.ArrayLike) -> JointModel:
+        """Return the model of some of the views, in that order; a view may come twice."""
+        i = np.asarray(index)
+        control = None if self.control is None else replace(self.control, index=self.control.index[i])
+        bump = None if self.bump is None else self.bump[i]
+        return replace(
+            self, p=self.p[i], q=self.q[i], measured=self.measured[i], noise=self.noise[i], bump=bump, control=control
+        )
+
+    def with_free(self, free: Sequence[str]) -> JointModel:
+        """Return the model with other free parameters."""
+        return replace(self, free=tuple(free))
+
+    def _possible(self, state: JointState) -> bool:
+        aspect, focal, skew = state.internals[:3]
+        finite = np.isfinite(state.internals).all() and np.isfinite(state.lens).all()
+        return bool(finite and aspect > 0 and focal > 0 and abs(skew) < np.pi / 2)
+
+    def _projected(self, state: JointState) -> tuple[Array, Array, Array, Array]:
+        """Pixels, their Jacobians by the point in the camera frame and by internals and lens, and those points."""
+        p = np.swapaxes(self.points(state), -1, -2)
+        in_camera = np.moveaxis(state.R @ p + state.t[..., None], -1, -2)
+        q, dq_dp, dq_di = project_in_camera(state.internals, self.lens_of(state), in_camera, self._columns.tolist())
+        return q, dq_dp, dq_di, in_camera
+
+    def _by_own(self, dq_dp: Array, p: Array, over: Array) -> Array:
+        out = np.swapaxes(component_major(self.measured.shape, 6, 2), -1, -2)
+        for i in range(3):
+            out[..., i] = dq_dp[..., i] * over
+            j, k = (i + 1) % 3, (i + 2) % 3
+            out[..., 3 + i] = dq_dp[..., k] * (p[..., j, None] * over) - dq_dp[..., j] * (p[..., k, None] * over)
+        return out
+
+    def _by_shared(self, state: JointState, dq_dp: Array, dq_di: Array, over: Array) -> Array:
+        dq_di *= over[..., None]
+        if len(self.shared) == len(self._columns):
+            return dq_di
+        out = np.swapaxes(component_major(self.measured.shape, len(self.shared), 2), -1, -2)
+        out[..., : len(self._columns)] = dq_di
+        for name in (n for n in self.free if n in BEND):
+            assert self.bump is not None
+            along_z = np.einsum("knij,kj->kni", dq_dp, state.R[:, :, 2])
+            out[..., self.free.index(name)] = along_z * (self.bump[..., BEND.index(name)][..., None] * over)
+        if self.control is not None:
+            self._put_points(out, (dq_dp @ state.R[:, None]) * over[..., None])
+        return out
+
+    def _put_points(self, out: Array, by_point: Array) -> None:
+        assert self.control is not None
+        view, point = np.indices(self.measured.shape)
+        for c in range(3):
+            out[view, point, :, len(self.free) + 3 * self.control.index + c] = by_point[..., c]
+
+    def _alone(self, state: JointState) -> tuple[Array, Array]:
+        """Rows of priors and of the free points' own covariances."""
+        n, values = len(self.shared), self._values(state)
+        A = np.zeros((len(self.priors), n))
+        r = np.zeros(len(self.priors))
+        for row, (name, value, sigma) in enumerate(self.priors):
+            r[row], A[row, self.free.index(name)] = (values[name] - value) / sigma, 1 / sigma
+        if self.control is None:
+            return r, A
+        W = self.control.whitener
+        P = np.zeros((3 * len(W), n))
+        for i, w in enumerate(W):
+            P[3 * i : 3 * i + 3, len(self.free) + 3 * i : len(self.free) + 3 * i + 3] = w
+        shift = (W @ state.shift[..., None]).ravel()
+        return np.concatenate([r, shift]), np.concatenate([A, P])
+
+    def _values(self, state: JointState) -> dict[str, float]:
+        names = (*INTERNALS, *self.lens.parameters, *BEND)
+        values = np.concatenate([state.internals, state.lens, state.bend])
+        return dict(zip(names, values.tolist(), strict=True))
+
+
+def _rows(J: Array) -> Array:
+    """Return (k, 2 N, n) of (k, N, 2, n): all x, then all y; no copy where a component of all points is a run."""
+    k, N, _, n = J.shape
+    return np.swapaxes(J, 1, 2).reshape(k, 2 * N, n)

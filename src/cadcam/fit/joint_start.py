@@ -1,0 +1,145 @@
+"""Starts for views that share a camera: homographies of flat fields, direct linear transforms of deep ones, batched.
+
+Only starts: noise and distortion are ignored. Sources: Zhang, "A flexible new technique for camera calibration" (2000),
+sections 2.3 and 3.1; Hartley and Zisserman, "Multiple View Geometry", algorithms 4.1, 4.2 and 8.2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cadcam.arrays import Array, Mask
+from cadcam.geometry import rotation as so3
+
+
+def plane_frames(p: Array, measured: Mask) -> tuple[Array, Array, Array]:
+    """Return origin (k, 3) and axes (k, 3, 3) in columns of the planes nearest to the views' points, and rms extents.
+
+    The extents (k, 3), in the points' unit, are along the axes: length, width, thickness.
+    """
+    w = measured / measured.sum(axis=1, keepdims=True)
+    origin = np.einsum("kn,kni->ki", w, p)
+    centred = p - origin[:, None]
+    values, axes = np.linalg.eigh(np.einsum("kn,kni,knj->kij", w, centred, centred))
+    axes = axes[..., ::-1]
+    axes = axes * np.where(np.linalg.det(axes) < 0, np.array([1.0, 1.0, -1.0])[:, None], 1.0).T[:, None, :]
+    return origin, axes, np.sqrt(np.maximum(values[:, ::-1], 0))
+
+
+def homographies(p: Array, q: Array, measured: Mask) -> Array:
+    """Return H (k, 3, 3) with (q, 1) ~ H (p, 1) for points p, q (k, N, 2), by the normalised linear transform."""
+    S, T = _normaliser(p, measured), _normaliser(q, measured)
+    one = _apply(S, p)
+    u = _apply(T, q)[..., :2]
+    zero = np.zeros_like(one)
+    rows_x = np.concatenate([one, zero, -u[..., :1] * one], axis=-1)
+    rows_y = np.concatenate([zero, one, -u[..., 1:] * one], axis=-1)
+    return np.asarray(np.linalg.inv(T) @ _null_vectors(rows_x, rows_y, measured).reshape(-1, 3, 3) @ S)
+
+
+def camera_matrices(p: Array, q: Array, measured: Mask) -> Array:
+    """Return P (k, 3, 4) with (q, 1) ~ P (p, 1) for points p (k, N, 3) and q (k, N, 2), N >= 6 not on a plane."""
+    S, T = _normaliser(p, measured), _normaliser(q, measured)
+    one = _apply(S, p)
+    u = _apply(T, q)[..., :2]
+    zero = np.zeros_like(one)
+    rows_x = np.concatenate([one, zero, -u[..., :1] * one], axis=-1)
+    rows_y = np.concatenate([zero, one, -u[..., 1:] * one], axis=-1)
+    return np.asarray(np.linalg.inv(T) @ _null_vectors(rows_x, rows_y, measured).reshape(-1, 3, 4) @ S)
+
+
+def poses_of_homographies(H: Array, K: Array) -> tuple[Array, Array]:
+    """Return R (k, 3, 3) and t (k, 3), camera_from_plane, of homographies seen through K; the plane is in front."""
+    B = np.linalg.solve(K, H)
+    B = B / np.sqrt(np.linalg.norm(B[..., 0], axis=-1) * np.linalg.norm(B[..., 1], axis=-1))[:, None, None]
+    B = B * np.where(B[:, 2, 2] < 0, -1.0, 1.0)[:, None, None]
+    r3 = np.cross(B[..., 0], B[..., 1])
+    return so3.nearest(np.stack([B[..., 0], B[..., 1], r3], axis=-1)), B[..., 2]
+
+
+def poses_of_matrices(P: Array, K: Array) -> tuple[Array, Array]:
+    """Return R (k, 3, 3), t (k, 3), camera_from_world, of camera matrices seen through K."""
+    B = np.linalg.solve(K, P)
+    B = B * (np.sign(np.linalg.det(B[..., :3])) / np.cbrt(np.abs(np.linalg.det(B[..., :3]))))[:, None, None]
+    return so3.nearest(B[..., :3]), B[..., 3]
+
+
+def internals_of_homographies(H: Array, size: tuple[int, int], *, skew: bool) -> Array | None:
+    """Return K (3, 3) from three homographies or more (two without skew); None where noise leaves no camera."""
+    T = _picture(size)
+    H = T @ H
+    H = H / np.linalg.norm(H, axis=(-2, -1), keepdims=True)
+    V = np.concatenate([_v(H, 0, 1), _v(H, 0, 0) - _v(H, 1, 1)])
+    if not skew:
+        V[:, 1] = 0
+        V = np.concatenate([V, [[0, 1, 0, 0, 0, 0]]])
+    b = np.linalg.svd(np.concatenate([V, np.zeros((6, 6))]), full_matrices=False)[2][-1]
+    B = np.array([[b[0], b[1], b[3]], [b[1], b[2], b[4]], [b[3], b[4], b[5]]])
+    try:
+        L = np.linalg.cholesky(B if B[0, 0] > 0 else -B)
+    except np.linalg.LinAlgError:
+        return None
+    K = np.linalg.inv(L.T)
+    return np.asarray(np.linalg.inv(T) @ (K / K[2, 2]))
+
+
+def focal_of_homographies(H: Array, size: tuple[int, int], aspect: float, centre: Array) -> float | None:
+    """Return the focal length of a camera with a known aspect and principal point (cx, cy), px, or None."""
+    unit = max(size)
+    A = np.array([[1 / aspect, 0, -centre[0] / aspect], [0, 1, -centre[1]], [0, 0, unit]]) / unit
+    G = A @ H
+    G = G / np.linalg.norm(G, axis=(-2, -1), keepdims=True)
+    h1, h2 = G[..., 0], G[..., 1]
+    # (h1 . h2)_xy / f^2 + h1_z h2_z = 0 and (|h1|^2 - |h2|^2)_xy / f^2 + h1_z^2 - h2_z^2 = 0
+    a = np.concatenate([np.sum(h1[:, :2] * h2[:, :2], axis=1), np.sum(h1[:, :2] ** 2 - h2[:, :2] ** 2, axis=1)])
+    b = np.concatenate([h1[:, 2] * h2[:, 2], h1[:, 2] ** 2 - h2[:, 2] ** 2])
+    over_f2 = -(a @ b) / (a @ a) if a @ a > 0 else -1.0
+    return float(unit / np.sqrt(over_f2)) if over_f2 > 0 else None
+
+
+def _v(H: Array, i: int, j: int) -> Array:
+    a, b = H[..., i], H[..., j]
+    return np.stack(
+        [
+            a[:, 0] * b[:, 0],
+            a[:, 0] * b[:, 1] + a[:, 1] * b[:, 0],
+            a[:, 1] * b[:, 1],
+            a[:, 2] * b[:, 0] + a[:, 0] * b[:, 2],
+            a[:, 2] * b[:, 1] + a[:, 1] * b[:, 2],
+            a[:, 2] * b[:, 2],
+        ],
+        axis=-1,
+    )
+
+
+def _picture(size: tuple[int, int]) -> Array:
+    s = 2.0 / max(size)
+    return np.array([[s, 0, -s * (size[0] - 1) / 2], [0, s, -s * (size[1] - 1) / 2], [0, 0, 1.0]])
+
+
+def _normaliser(x: Array, measured: Mask) -> Array:
+    """Homogeneous matrices (k, d+1, d+1) that centre x (k, N, d) and make its rms length sqrt(d)."""
+    d = x.shape[-1]
+    w = measured / measured.sum(axis=1, keepdims=True)
+    centre = np.einsum("kn,kni->ki", w, x)
+    spread = np.sqrt(np.einsum("kn,kn->k", w, np.sum((x - centre[:, None]) ** 2, axis=-1)) / d)
+    out = np.zeros((len(x), d + 1, d + 1))
+    out[:, range(d), range(d)] = (1 / np.maximum(spread, 1e-300))[:, None]
+    out[:, :d, d] = -centre / np.maximum(spread, 1e-300)[:, None]
+    out[:, d, d] = 1.0
+    return out
+
+
+def _apply(S: Array, x: Array) -> Array:
+    """Homogeneous normalised coordinates (k, N, d+1)."""
+    d = x.shape[-1]
+    out = np.ones((*x.shape[:-1], d + 1))
+    out[..., :d] = x @ np.swapaxes(S[:, :d, :d], -1, -2) + S[:, None, :d, d]
+    return out
+
+
+def _null_vectors(rows_x: Array, rows_y: Array, measured: Mask) -> Array:
+    """Vectors (k, n) of least |A h| over |h| = 1."""
+    x, y = rows_x * measured[..., None], rows_y * measured[..., None]
+    N = np.swapaxes(x, -1, -2) @ x + np.swapaxes(y, -1, -2) @ y
+    return np.asarray(np.linalg.eigh(N)[1][..., 0])

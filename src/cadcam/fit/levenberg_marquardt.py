@@ -1,0 +1,128 @@
+"""The one loop behind every fit: Levenberg-Marquardt down to rounding, on states that it never looks into.
+
+Whoever brings the linear algebra (`fit.least_squares` dense, `fit.block_least_squares` with blocks eliminated) gives a
+linearisation that knows its cost, the step for a damping, and by how much that step should lower the cost. Sources:
+Marquardt (1963); the column scaling of More, "The Levenberg-Marquardt algorithm: implementation and theory" (1978); the
+gain ratio of Madsen, Nielsen, Tingleff (2004).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Generic, Protocol, TypeVar
+
+import numpy as np
+
+from cadcam.errors import NotConverged
+
+
+class Linearised(Protocol):
+    """A least-squares problem at one state, made linear."""
+
+    @property
+    def cost(self) -> float:
+        """Return the sum of squares there (of a robust loss: its sum), inf for a forbidden state."""
+        ...
+
+    def step(self, damping: float) -> Any:
+        """Return the step of the damped linear problem, in whatever form `retract` takes."""
+        ...
+
+    def promise(self, damping: float) -> float:
+        """Return by how much the linear problem says that this step lowers the cost."""
+        ...
+
+
+State = TypeVar("State")
+Model = TypeVar("Model", bound=Linearised)
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """When to stop.
+
+    floor: residual changes below this (in the residuals' unit) are rounding, whatever the sum of squares is. enough:
+    a step that promises less than this share of the cost is not taken any more, 0 to go on down to rounding.
+    """
+
+    max_iterations: int = 200
+    floor: float = 1e-11
+    damping: float = 1e-4
+    enough: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Minimum(Generic[State, Model]):
+    """Where the loop ended: the state, the problem made linear there, and the iterations taken."""
+
+    state: State
+    model: Model
+    iterations: int
+
+
+class Stalled(NotConverged):
+    """The iterations ran out on a slope: often towards a limit that is no state at all. Carries where it stood."""
+
+    def __init__(self, iterations: int, sum_of_squares: float, promised: float) -> None:
+        super().__init__(
+            f"least squares stopped after {iterations} iterations at a sum of squares of {sum_of_squares:.6g}; "
+            f"a full step still promised {promised:.3g} less"
+        )
+        self.sum_of_squares = sum_of_squares
+
+
+def levenberg_marquardt(
+    linearise: Callable[[State, Model | None], Model],
+    retract: Callable[[State, Any], State],
+    start: State,
+    options: Options | None = None,
+) -> Minimum[State, Model]:
+    """Return the local minimum reached from `start`.
+
+    linearise(state, earlier) makes the problem linear; from `earlier`, where it is given, it takes over the column
+    scale, which only grows. Converges quadratically for small residuals; the last steps are undamped and end where
+    rounding does. Raises `NotConverged` if the start is forbidden, `Stalled` if the iterations run out.
+    """
+    options = Options() if options is None else options
+    state, now = start, linearise(start, None)
+    if not np.isfinite(now.cost):
+        raise NotConverged("least squares cannot start: a residual is not finite at the first state")
+    damping, growth = options.damping, 2.0
+    for iteration in range(options.max_iterations):
+        promised = now.promise(0.0)
+        if promised <= max(1e-13, options.enough) * now.cost or np.sqrt(promised) <= options.floor:
+            return _polish(linearise, retract, state, now, iteration, options)
+        candidate = retract(state, now.step(damping))
+        then = linearise(candidate, now)
+        gain = (now.cost - then.cost) / now.promise(damping) if np.isfinite(then.cost) else -np.inf
+        if gain > 0:
+            state, now, growth = candidate, then, 2.0
+            damping *= max(1 / 3, 1 - (2 * gain - 1) ** 3)
+        elif damping > 1e12:  # no direction goes down any more: rounding rules
+            return _polish(linearise, retract, state, now, iteration, options)
+        else:
+            damping, growth = max(damping, 1e-9) * growth, 2 * growth
+    raise Stalled(options.max_iterations, now.cost, now.promise(0.0))
+
+
+def _polish(
+    linearise: Callable[[State, Model | None], Model],
+    retract: Callable[[State, Any], State],
+    state: State,
+    now: Model,
+    iteration: int,
+    options: Options,
+) -> Minimum[State, Model]:
+    """Full steps as long as each promises less than half of what the one before did: below what the cost can show."""
+    for _ in range(20):
+        if now.promise(0.0) <= options.enough * now.cost:
+            break
+        candidate = retract(state, now.step(0.0))
+        then = linearise(candidate, None)
+        if not (np.isfinite(then.cost) and then.cost <= now.cost * (1 + 1e-12)):
+            break
+        if not then.promise(0.0) < 0.5 * now.promise(0.0):
+            break
+        state, now = candidate, then
+    return Minimum(state, now, iteration)

@@ -1,0 +1,170 @@
+"""What a block problem knows at its minimum: rank, blind directions by name, and covariances, from a square root.
+
+One QR factorisation of [own | shared | residual] a block leaves a triangle whose lower part holds what the block says
+about the shared parameters alone. Nothing is squared: singular values down to 1e-10 of the columns' length count.
+Source of the sandwich: Liang and Zeger, "Longitudinal data analysis using generalized linear models" (1986); of its
+small-sample forms: MacKinnon and White (1985), Bell and McCaffrey (2002).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.errors import DegenerateGeometry, TooFewPoints
+from cadcam.fit.least_squares import combination
+from cadcam.fit.schur import Blocks
+
+_RANK = 1e-10
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cofactors:
+    """Covariances for residuals of unit noise, and the sandwich of the blocks' scores.
+
+    shared (n, n); own (k, l, l); lever (k, l, n): an own parameter moves by -lever @ d(shared) when the shared ones do;
+    own_alone (k, l, l): its cofactor with the shared ones held. scores (k, n): the gradient of each block by the shared
+    parameters, its own parameters re-fitted; they sum to zero. information (k, n, n): what each block says about the
+    shared parameters. singular (n,): singular values of the shared part with columns of length one, largest first.
+    """
+
+    shared: Array
+    own: Array
+    own_alone: Array
+    lever: Array
+    scores: Array
+    information: Array
+    singular: Array
+
+    def cross(self, block: int) -> Array:
+        """Return the cofactor (n, l) between the shared parameters and those of one block."""
+        return np.asarray(-self.shared @ self.lever[block].T)
+
+    def between(self, one: int, other: int) -> Array:
+        """Return the cofactor (l, l) between the parameters of two different blocks."""
+        return np.asarray(self.lever[one] @ self.shared @ self.lever[other].T)
+
+    def clustered(self) -> Array:
+        """Return the covariance (n, n) of the shared parameters that holds if errors are alike within a block.
+
+        The sandwich N^-1 (sum_j c_j c_j^T) N^-1 k/(k - 1): blocks are independent, their rows need not be, and no noise
+        has to be known. With few blocks (less than about ten times the parameters) it comes out too small;
+        `jackknifed` does not. Raises `TooFewPoints` for less than two blocks.
+        """
+        k = self._blocks()
+        moves = self.scores @ self.shared
+        return np.asarray(moves.T @ moves * (k / (k - 1)))
+
+    def jackknifed(self) -> Array:
+        """Return the covariance (n, n) by leaving out one block at a time, each by one exact linear step.
+
+        (k - 1)/k sum_j d_j d_j^T with d_j = (N - N_j)^-1 c_j. Never too small on average; raises `DegenerateGeometry`
+        if the shared parameters cannot do without one of the blocks.
+        """
+        k = self._blocks()
+        d = np.sqrt(np.diagonal(self.shared))
+        left = np.linalg.inv(self.shared / np.outer(d, d)) - self.information * np.outer(d, d)
+        values = np.linalg.eigvalsh(left)[:, 0] if d.size else np.ones(k)
+        if (values <= _RANK).any():
+            raise DegenerateGeometry(
+                f"block {int(np.argmin(values)) + 1} of {k} cannot be left out: the others do not determine the shared "
+                "parameters; add views"
+            )
+        moves = np.linalg.solve(left, (self.scores * d)[..., None])[..., 0] * d
+        return np.asarray(moves.T @ moves * ((k - 1) / k))
+
+    def own_given(self, shared: Array, variance: float) -> Array:
+        """Return covariances (k, l, l) of the own parameters for a covariance (n, n) of the shared ones.
+
+        variance: of the noise, for the part that each block's own rows leave uncertain.
+        """
+        return np.asarray(variance * self.own_alone + self.lever @ shared @ np.swapaxes(self.lever, -1, -2))
+
+    def _blocks(self) -> int:
+        k = len(self.scores)
+        if k < 2:
+            raise TooFewPoints("a covariance by blocks (blocks, not points)", k, 2)
+        return k
+
+
+def factorise(
+    blocks: Blocks, shared_names: Sequence[str], own_names: Sequence[str], block_names: Sequence[str] | None = None
+) -> Cofactors:
+    """Return what (weighted) blocks at a minimum know.
+
+    Raises `DegenerateGeometry` naming the combination of parameters that the residuals do not see: of one block with
+    the shared parameters held, or of the shared parameters with every block free to follow.
+    """
+    k, n, own = blocks.sizes
+    labels = [str(j + 1) for j in range(k)] if block_names is None else block_names
+    scale = _lengths(np.concatenate([blocks.flat_by_shared, blocks.alone]))
+    own_scale = np.sqrt(np.sum(blocks.by_own**2, axis=1))
+    own_scale = np.where(own_scale > 0, own_scale, 1.0)
+    R = _triangles(blocks, scale, own_scale)
+    bb, ba, aa, ar = R[:, :own, :own], R[:, :own, own : own + n], R[:, own:-1, own:-1], R[:, own:-1, -1]
+    _refuse_blind_blocks(bb, own_scale, own_names, labels)
+    inverse = np.linalg.inv(bb) if own else bb
+    rows = np.concatenate(
+        [aa.reshape(k * n, n), blocks.alone / scale, np.zeros((n, n))]
+    )  # n rows at least: Vt is whole
+    _, s, Vt = np.linalg.svd(rows, full_matrices=False)
+    _refuse_blind(s, Vt, scale, shared_names)
+    W = (Vt.T / s) / scale[:, None]
+    lever = (inverse @ ba) / own_scale[:, :, None] * scale
+    alone = inverse / own_scale[:, :, None]
+    shared = W @ W.T
+    own_alone = alone @ np.swapaxes(alone, -1, -2)
+    return Cofactors(
+        shared=shared,
+        own=own_alone + lever @ shared @ np.swapaxes(lever, -1, -2),
+        own_alone=own_alone,
+        lever=lever,
+        scores=(np.swapaxes(aa, -1, -2) @ ar[..., None])[..., 0] * scale,
+        information=(np.swapaxes(aa, -1, -2) @ aa) * np.outer(scale, scale),
+        singular=s,
+    )
+
+
+def _triangles(blocks: Blocks, scale: Array, own_scale: Array) -> Array:
+    """Return R (k, l + n + 1, l + n + 1) of [own | shared | residual] a block, columns scaled."""
+    k, n, own = blocks.sizes
+    width = own + n + 1
+    stacked = np.zeros((k, max(blocks.r.shape[1], width), width))
+    rows = blocks.r.shape[1]
+    stacked[:, :rows, :own] = blocks.by_own / own_scale[:, None, :]
+    stacked[:, :rows, own:-1] = blocks.by_shared / scale
+    stacked[:, :rows, -1] = blocks.r
+    return np.asarray(np.linalg.qr(stacked, mode="r"))
+
+
+def _refuse_blind_blocks(bb: Array, own_scale: Array, names: Sequence[str], labels: Sequence[str]) -> None:
+    if not bb.shape[-1]:
+        return
+    _, s, Vt = np.linalg.svd(bb)
+    ratio = s[:, -1] / np.where(s[:, 0] > 0, s[:, 0], 1.0)
+    worst = int(np.argmin(ratio))
+    if ratio[worst] <= _RANK:
+        v = Vt[worst, -1]
+        raise DegenerateGeometry(
+            f"block {labels[worst]} does not determine {combination(v, v / own_scale[worst], names)} "
+            f"(singular value ratio {ratio[worst]:.2g}) even if all shared parameters are held; it has too few points, "
+            "or they lie on a line: add points to it or leave it out"
+        )
+
+
+def _refuse_blind(s: Array, Vt: Array, scale: Array, names: Sequence[str]) -> None:
+    if not len(s) or s[-1] > _RANK:
+        return
+    raise DegenerateGeometry(
+        f"the observations do not determine {combination(Vt[-1], Vt[-1] / scale, names)} (singular value {s[-1]:.2g} "
+        "of columns of length one, every block free to follow); fix one of these parameters, or add blocks that tell "
+        "them apart"
+    )
+
+
+def _lengths(J: Array) -> Array:
+    lengths = np.sqrt(np.sum(J**2, axis=0))
+    return np.where(lengths > 0, lengths, 1.0)
