@@ -1,4 +1,4 @@
-"""ChArUco boards in a picture: markers by OpenCV say where on the board one is, our own fit says where the corners are."""
+"""ChArUco boards in a picture: OpenCV's markers say where on the board one is, our own fit where the corners are."""
 
 from __future__ import annotations
 

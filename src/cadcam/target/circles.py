@@ -55,9 +55,7 @@ def disc_grid(
     return fitted_discs(gray, cells, q, share, light=light, staggered=staggered)
 
 
-def fitted_discs(
-    gray: Picture, cells: Ids, q: Array, radius: float, *, light: bool, staggered: bool
-) -> Grid | None:
+def fitted_discs(gray: Picture, cells: Ids, q: Array, radius: float, *, light: bool, staggered: bool) -> Grid | None:
     """Return the discs near q (N, 2) at `cells` of their grid, fitted and completed; radius: by a cell's side."""
     nearest = np.sqrt(2.0) if staggered else 1.0
 

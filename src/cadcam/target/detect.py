@@ -153,7 +153,8 @@ def _refuse(found: Placed, pattern: Pattern) -> None:
         raise NoBoard(str(pattern), f"only {have} of its {all_points} points are seen", seen if have > 3 else None)
     if not found.fixed:
         raise NoBoard(
-            str(pattern), f"{shows}, which may be several parts of it; show all of the board, or use a ChArUco board",
+            str(pattern),
+            f"{shows}, which may be several parts of it; show all of the board, or use a ChArUco board",
             seen,
         )
 

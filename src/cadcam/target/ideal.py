@@ -85,7 +85,7 @@ def _mixed(reflectance: Reflectance, place: Array, slope: Array) -> Mask:
     for dx in (-0.5, 0.0, 0.5):
         for dy in (-0.5, 0.0, 0.5):
             mixed |= reflectance(place + slope @ np.array([dx, dy])) != middle
-    return mixed
+    return np.asarray(mixed)
 
 
 def _averaged(reflectance: Reflectance, place: Array, slope: Array) -> Array:

@@ -43,7 +43,7 @@ class Lattice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
-    """A lattice laid on a board: point numbers and marks of what fits; `extent`, the full (columns, rows) of the lattice.
+    """A lattice laid on a board: point numbers and marks of what fits; `extent`, its full (columns, rows).
 
     fixed: whether no other place on the board would have taken as many marks (turns of the board apart).
     beyond: marks of the lattice that the board has no point for.
@@ -155,9 +155,7 @@ def _spans(staggered: bool) -> list[npt.NDArray[np.int64]]:
     return [cell @ m for m in unimodular]
 
 
-def placed(
-    cells: npt.NDArray[np.integer], q: Array, color: npt.NDArray[np.integer], pattern: Pattern
-) -> Placed:
+def placed(cells: npt.NDArray[np.integer], q: Array, color: npt.NDArray[np.integer], pattern: Pattern) -> Placed:
     """Return N marks at `cells` of a lattice laid on the board so that most fall on points, upright if turns are alike.
 
     color (N,): +1 where the quadrants between the lattice's steps of like sign are dark, -1 where the others are; all 0
@@ -196,11 +194,10 @@ def _best_shift(cells: npt.NDArray[np.int64], own: npt.NDArray[np.integer], patt
     cells = cells - cells.min(axis=0)
     target = pattern.cells
     kinds = (1 - 2 * (target.sum(axis=1) % 2)) if own.any() else np.zeros(len(target), dtype=np.int64)
-    score = sum(
-        np.rint(correlate(_occupied(target[kinds == k], target), _occupied(cells[own == k], cells)))
-        for k in np.unique(kinds)
-    )
-    counts = np.asarray(score)
+    scores = [
+        correlate(_occupied(target[kinds == k], target), _occupied(cells[own == k], cells)) for k in np.unique(kinds)
+    ]
+    counts = np.rint(np.sum(scores, axis=0))
     most = counts.max()
     shift = np.array(np.unravel_index(int(np.argmax(counts)), counts.shape)) - cells.max(axis=0)
     number = np.full(target.max(axis=0) + 1, -1, dtype=np.intp)
@@ -213,7 +210,7 @@ def _best_shift(cells: npt.NDArray[np.int64], own: npt.NDArray[np.integer], patt
     return Placed(point[hit], np.flatnonzero(hit), _extent(cells), ways == 1, int((~hit).sum())), ways
 
 
-def _occupied(cells: npt.NDArray[np.int64], frame: npt.NDArray[np.int64]) -> Array:
+def _occupied(cells: npt.NDArray[np.integer], frame: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:
     out = np.zeros(frame.max(axis=0) + 1)
     out[cells[:, 0], cells[:, 1]] = 1.0
     return out

@@ -26,8 +26,11 @@ def opencv(what: str) -> Any:
         raise MissingExtra(what, "boards", "opencv-python-headless") from None
     version = tuple(int(part) for part in cv2.__version__.split(".")[:2])
     if version < _OLDEST:
-        raise MissingExtra(f"{what} (OpenCV is {cv2.__version__} here, 4.7 is the oldest that will do)", "boards",
-                           "opencv-python-headless")
+        raise MissingExtra(
+            f"{what} (OpenCV is {cv2.__version__} here, 4.7 is the oldest that will do)",
+            "boards",
+            "opencv-python-headless",
+        )
     return cv2
 
 

@@ -179,7 +179,7 @@ class Charuco(Pattern):
     def marker_squares(self) -> Ids:
         """Return the square (column, row), counted from (0, 0), of each marker in the order of their numbers."""
         square = _grid(self.columns, self.rows)
-        return square[(square.sum(axis=1) + self._white_first) % 2 == 1]
+        return np.asarray(square[(square.sum(axis=1) + self._white_first) % 2 == 1])
 
     def black(self, p: Floats) -> Mask:
         """Return whether p lies in a black square or on a black module of a marker."""
@@ -350,7 +350,9 @@ def _turned(cell: tuple[int, ...], turn: int, high: npt.NDArray[np.int32]) -> tu
 
 def _check_counts(columns: int, rows: int, least: int) -> None:
     if min(columns, rows) < least or columns * rows > MAX_POINTS:
-        raise BadValue("board size", f"{columns} x {rows}", f"at least {least} x {least} and {MAX_POINTS} points at most")
+        raise BadValue(
+            "board size", f"{columns} x {rows}", f"{least} x {least} at least, {MAX_POINTS} points at most"
+        )
 
 
 def _check_length(what: str, value: float) -> None:

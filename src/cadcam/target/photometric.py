@@ -140,9 +140,7 @@ def _patches(gray: Picture, q: Array, reach: Array) -> tuple[Array, Array, Array
     return values, pixels, weight.astype(np.float64)
 
 
-def _fit(
-    model: Model, start: Array, values: Array, pixels: Array, weight: Array, q: Array, reach: Array
-) -> Fit:
+def _fit(model: Model, start: Array, values: Array, pixels: Array, weight: Array, q: Array, reach: Array) -> Fit:
     count, n = start.shape
     step = max(1, _TOGETHER // (n * values.shape[1]))
     parts = [
@@ -158,9 +156,7 @@ def _fit(
     return Fit(q + parameters[:, :2], covariance, parameters, misfit, good)
 
 
-def _minimised(
-    model: Model, start: Array, values: Array, pixels: Array, weight: Array
-) -> tuple[Array, Array, Array]:
+def _minimised(model: Model, start: Array, values: Array, pixels: Array, weight: Array) -> tuple[Array, Array, Array]:
     """Return parameters, covariance of (x, y) and sum of squares: Levenberg-Marquardt, a damping for each mark."""
     n = start.shape[1]
     state, damping = start, np.full(len(start), 1e-3)
