@@ -122,6 +122,7 @@ def calibrate_boards(
     another board, `TooFewPoints` for less than three views, and what `calibrate_jointly` raises.
     """
     refuse_disagreeing(pictures)
+    pictures = _without_copies(pictures)
     shown = [i for i, p in enumerate(pictures) if p.detection is not None]
     if len(shown) < _LEAST_VIEWS:
         raise TooFewPoints(f"a calibration from a flat board (views; {_losses(pictures)})", len(shown), _LEAST_VIEWS)
@@ -129,6 +130,17 @@ def calibrate_boards(
         lens, free_lens = BrownConrady(), USUAL_TERMS if free_lens is None else free_lens
     solver = _Solver({"skew": 0.0} if fixed is None else dict(fixed), lens, tuple(free_lens or ()), bend)
     return _without_outliers(pictures, shown, solver, keep_all=keep_all)
+
+
+def _without_copies(pictures: Sequence[BoardPicture]) -> list[BoardPicture]:
+    """Return the pictures, those that are another one's copy without what was found in them."""
+    first: dict[str, str] = {}
+    out = []
+    for p in pictures:
+        original = first.setdefault(p.sha256, p.name) if p.sha256 else p.name
+        copy = original != p.name
+        out.append(replace(p, detection=None, problem=f"is a copy of {original}") if copy else p)
+    return out
 
 
 def refuse_disagreeing(pictures: Sequence[BoardPicture]) -> None:
@@ -185,7 +197,7 @@ def _without_outliers(
         j = worst[0]
         each = estimate.view_residuals
         left_out[used[j]] = (
-            f"outlier: residual {each[j]:.2g} px where the median view has {np.median(each):.2g} px; its board is bent, "
+            f"outlier: residual {each[j]:.2g} px, that of the median view {np.median(each):.2g} px; its board is bent, "
             "moved while the picture was taken, or was found in the wrong place"
         )
         del used[j]
@@ -205,9 +217,7 @@ def _settled(
         return estimate
     before = [np.zeros_like(v.q) for v in views]
     for _ in range(6):
-        shifts = [
-            disc_shift(estimate.camera, estimate.pose(j), v.p_world, radius) for j, v in enumerate(views)
-        ]
+        shifts = [disc_shift(estimate.camera, estimate.pose(j), v.p_world, radius) for j, v in enumerate(views)]
         change = max(float(np.abs(a - b).max()) for a, b in zip(shifts, before, strict=True))
         if change < _SETTLED_PX:
             break

@@ -1,4 +1,4 @@
-"""`cadcam calibrate`: points file -> camera file; with known internals, the pose alone."""
+"""`cadcam calibrate`: a points file or pictures of a board -> camera file; with known internals, the pose alone."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import math
 from typing import TYPE_CHECKING
 
 from cadcam.cli.arguments import Verbs, add_json, add_points_options, number, read_points_as_asked, size, verb
+from cadcam.cli.boards import BOARD_HELP, add_board_options, run_boards
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
 from cadcam.errors import BadValue, UnknownName
 
@@ -15,30 +16,43 @@ if TYPE_CHECKING:
     from cadcam.camera.lens import Lens
     from cadcam.camera.observations import Observations
 
-_EXAMPLES = """\
+_EXAMPLES = f"""\
   cadcam calibrate points.csv --photo photo.png -o camera.json
   cadcam calibrate points.csv --size 768x576 --fix skew=0 --fix aspect=1 --lens brown-conrady:k1 -o camera.json
   cadcam calibrate points.csv --internals camera.json -o posed.json        only where that camera stands now
   cadcam calibrate table_2_7.csv --columns U2,V2 --size 768x576            a file with two image points a line
+  cadcam calibrate images/*.png --board chessboard:9x6:25mm -o camera.json        pictures of a board; no guess
+  cadcam calibrate images/ --board circles:7x6:30mm --pictures found --poses poses.csv
 
 points file (CSV, tabs or blanks; # comments):
   name,X,Y,Z,x_px,y_px          X Y Z in mm (or X_m, X_in ..., or --points-unit); x_px the column, y_px the row,
   A1,0,80,-1040,159.0,187.1     (0, 0) the centre of the top-left pixel; U,V instead: U the row, V the column
-"""
+
+{BOARD_HELP}"""
 _DESCRIPTION = """\
 Estimate a camera from world points and the pixels where they were seen: the eleven parameters of the extended pinhole
 (position, three angles, focal length, aspect, skew, principal point), lens coefficients if asked for, and the standard
 deviation of each. No starting values are needed; the global minimum of the reprojection error is found. A full
-calibration takes six or more points that are not all in one plane; a pose with known internals takes four."""
+calibration takes six or more points that are not all in one plane; a pose with known internals takes four.
+
+From pictures of a calibration board (--board), three at least: the board is found in each, all are calibrated together,
+and every picture's residual is shown. Tilt the board by 20 to 45 degrees in different directions, fill the picture, and
+reach its corners; the last table says which picture to add. The lens is Brown-Conrady with k1, k2, p1, p2 unless --lens
+says otherwise, the skew 0 unless --free-skew."""
 
 
 def add_to(verbs: Verbs) -> None:
     """Add the verb."""
     parser = verb(
-        verbs, "calibrate", run, short="points file -> camera file", description=_DESCRIPTION, examples=_EXAMPLES
+        verbs,
+        "calibrate",
+        run,
+        short="points file, or pictures of a board -> camera file",
+        description=_DESCRIPTION,
+        examples=_EXAMPLES,
     )
-    parser.add_argument("points", help="points file")
-    source = parser.add_mutually_exclusive_group(required=True)
+    parser.add_argument("points", nargs="+", help="points file; with --board: pictures, or a folder of them")
+    source = parser.add_mutually_exclusive_group()
     source.add_argument("--size", type=size, metavar="WxH", help="picture size in px")
     source.add_argument("--photo", metavar="FILE", help="take the size from this picture (as displayed: EXIF applied)")
     source.add_argument("--internals", metavar="FILE", help="camera file whose K and lens are kept: pose only")
@@ -62,18 +76,24 @@ def add_to(verbs: Verbs) -> None:
         choices=("reprojection", "dlt", "dlt-c23"),
         help="least squares (default), or the direct linear transform alone: normalised, or with C23 = 1",
     )
+    add_board_options(parser)
     add_points_options(parser)
     add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Calibrate, print, write."""
+    if arguments.board:
+        lens, free_lens = _lens(arguments.lens)
+        run_boards(arguments, _fixed(arguments.fix), lens, free_lens)
+        return
+    _check_points_call(arguments)
     from cadcam.files.camera import camera_as_json, write_camera
     from cadcam.report.camera import estimate_tables
 
     if arguments.output:
         check_target(arguments.output, (".json",))
-    observations = read_points_as_asked(arguments, arguments.points)
+    observations = read_points_as_asked(arguments, arguments.points[0])
     with working(f"estimating a camera from {len(observations)} points"):
         estimate = _estimate(arguments, observations)
     if arguments.output:
@@ -84,6 +104,15 @@ def run(arguments: argparse.Namespace) -> None:
         print_tables(estimate_tables(estimate))
     if arguments.output:
         say(f"wrote {arguments.output}")
+
+
+def _check_points_call(arguments: argparse.Namespace) -> None:
+    if len(arguments.points) > 1:
+        raise BadValue("points files", f"{len(arguments.points)}", "one; or --board BOARD for pictures of a board")
+    if not (arguments.size or arguments.photo or arguments.internals):
+        raise BadValue(
+            "the picture's size", "not given", "one of --size WxH, --photo FILE, --internals FILE; or --board"
+        )
 
 
 def _estimate(arguments: argparse.Namespace, observations: Observations) -> CameraEstimate:

@@ -13,11 +13,11 @@ import traceback
 from collections.abc import Sequence
 
 from cadcam import __version__
-from cadcam.cli import calibrate, decompose, demo, doctor, overlay, render
+from cadcam.cli import board, calibrate, decompose, demo, doctor, overlay, render
 from cadcam.cli.arguments import Help
 from cadcam.errors import CadcamError
 
-VERBS = (calibrate, overlay, render, decompose, demo, doctor)
+VERBS = (calibrate, board, overlay, render, decompose, demo, doctor)
 
 _DESCRIPTION = (
     "From points on a photo to the CAD wireframe on it: calibrate a camera, render CAD as it sees it, overlay."

@@ -14,11 +14,23 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Floats, Ids, Mask
+from cadcam.arrays import Array, Floats, Ids, Mask, frozen
 from cadcam.cad.units import MM, unit_name
 from cadcam.errors import BadValue, UnknownName
 
 MAX_POINTS = 50_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ink:
+    """Black shapes: rectangles (N, 4) = left, top, right, bottom, and discs (M, 3) = x, y, radius, mm."""
+
+    rectangles: Array
+    discs: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rectangles", frozen(self.rectangles, "rectangles", (None, 4)))
+        object.__setattr__(self, "discs", frozen(self.discs, "discs", (None, 3)))
 
 
 @dataclass(frozen=True)
@@ -76,6 +88,10 @@ class Pattern(ABC):
         return 0
 
     @abstractmethod
+    def ink(self) -> Ink:
+        """Return what is printed."""
+
+    @abstractmethod
     def __str__(self) -> str:
         """Return the text that `parse_pattern` reads."""
 
@@ -123,6 +139,12 @@ class Chessboard(Pattern):
             return False
         # the first square, black, comes to lie where square (columns, 0), (columns, rows) or (0, rows) was
         return ((0, self.columns, self.columns + self.rows, self.rows)[turn]) % 2 == 0
+
+    def ink(self) -> Ink:
+        """Return the black squares."""
+        square = _grid(self.columns + 1, self.rows + 1)
+        black = square[square.sum(axis=1) % 2 == 0] - 1
+        return Ink(np.hstack([black, black + 1]) * self.square_mm, np.zeros((0, 3)))
 
     def __str__(self) -> str:
         return f"chessboard:{self.columns}x{self.rows}:{self.square_mm:g}mm"
@@ -209,6 +231,17 @@ class Charuco(Pattern):
 
         return marker_bits(self.dictionary, len(self.marker_squares))
 
+    def ink(self) -> Ink:
+        """Return the black squares and the black modules of the markers, those side by side joined."""
+        square = _grid(self.columns, self.rows)
+        black = square[(square.sum(axis=1) + self._white_first) % 2 == 0] - 1
+        shapes = [np.hstack([black, black + 1]) * self.square_mm]
+        for (column, row), bits in zip(self.marker_squares.tolist(), self.marker_bits(), strict=True):
+            module = self.marker_mm / len(bits)
+            corner = np.array([column - 1, row - 1]) * self.square_mm + (self.square_mm - self.marker_mm) / 2
+            shapes += [np.tile(corner, 2) + module * np.array([run]) for run in _runs(bits)]
+        return Ink(np.concatenate(shapes), np.zeros((0, 3)))
+
     def __str__(self) -> str:
         text = f"charuco:{self.columns}x{self.rows}:{self.square_mm:g}mm:{self.marker_mm:g}mm:{self.dictionary}"
         return text + ":legacy" * self.legacy
@@ -278,6 +311,11 @@ class CircleGrid(Pattern):
             inked |= np.sum((place - shift - nearest * step) ** 2, axis=-1) < r * r
         return inked
 
+    def ink(self) -> Ink:
+        """Return the discs."""
+        radius = np.full((len(self.cells), 1), self.printed_diameter_mm / 2)
+        return Ink(np.zeros((0, 4)), np.hstack([self.cells * self.spacing_mm, radius]))
+
     def __str__(self) -> str:
         name = "staggered-circles" if self.staggered else "circles"
         diameter = "" if self.diameter_mm is None else f":{self.diameter_mm:g}mm"
@@ -341,6 +379,15 @@ def _grid(columns: int, rows: int) -> Ids:
     return np.column_stack([column, row]).astype(np.int32)
 
 
+def _runs(bits: Mask) -> list[tuple[int, int, int, int]]:
+    """Return the runs of black modules along the rows, (left, top, right, bottom) in modules."""
+    out = []
+    for y, row in enumerate(bits):
+        change = np.flatnonzero(np.diff(np.concatenate([[False], row, [False]]).astype(np.int8)))
+        out += [(int(a), y, int(b), y + 1) for a, b in change.reshape(-1, 2)]
+    return out
+
+
 def _turned(cell: tuple[int, ...], turn: int, high: npt.NDArray[np.int32]) -> tuple[int, int]:
     x, y = cell
     for k in range(turn):
@@ -350,9 +397,7 @@ def _turned(cell: tuple[int, ...], turn: int, high: npt.NDArray[np.int32]) -> tu
 
 def _check_counts(columns: int, rows: int, least: int) -> None:
     if min(columns, rows) < least or columns * rows > MAX_POINTS:
-        raise BadValue(
-            "board size", f"{columns} x {rows}", f"{least} x {least} at least, {MAX_POINTS} points at most"
-        )
+        raise BadValue("board size", f"{columns} x {rows}", f"{least} x {least} at least, {MAX_POINTS} points at most")
 
 
 def _check_length(what: str, value: float) -> None:

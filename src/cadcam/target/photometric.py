@@ -21,6 +21,7 @@ CONTRAST, _BLUR = 4, 5  # their places among the parameters of either model
 _TOGETHER = 2_000_000  # numbers of a Jacobian held at a time
 _ITERATIONS = 25
 _CLOSE = 1e-4  # px: a step below it is the last
+_STUCK = 1e7  # of the damping: no step goes down any more
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,21 +160,23 @@ def _fit(model: Model, start: Array, values: Array, pixels: Array, weight: Array
 def _minimised(model: Model, start: Array, values: Array, pixels: Array, weight: Array) -> tuple[Array, Array, Array]:
     """Return parameters, covariance of (x, y) and sum of squares: Levenberg-Marquardt, a damping for each mark."""
     n = start.shape[1]
-    state, damping = start, np.full(len(start), 1e-3)
+    state, damping = start.copy(), np.full(len(start), 1e-3)
     H, g, cost = _normal(model, state, values, pixels, weight)
+    going = np.arange(len(start))
     for _ in range(_ITERATIONS):
-        D = np.einsum("bii->bi", H)
-        A = H + np.eye(n) * (damping[:, None] * D + 1e-12)[:, None, :]
-        step = -np.linalg.solve(A, g[..., None])[..., 0]
-        trial = state + step
+        D = np.einsum("bii->bi", H[going])
+        A = H[going] + np.eye(n) * (damping[going, None] * D + 1e-12)[:, None, :]
+        step = -np.linalg.solve(A, g[going, :, None])[..., 0]
+        trial = state[going] + step
         trial[:, _BLUR] = np.abs(trial[:, _BLUR]).clip(0.2, 50.0)
-        H2, g2, cost2 = _normal(model, trial, values, pixels, weight)
-        better = cost2 <= cost
-        state = np.where(better[:, None], trial, state)
-        H, g = np.where(better[:, None, None], H2, H), np.where(better[:, None], g2, g)
-        cost = np.where(better, cost2, cost)
-        damping = np.where(better, damping / 5, damping * 8).clip(1e-9, 1e9)
-        if np.all(np.hypot(step[:, 0], step[:, 1]) < _CLOSE):
+        H2, g2, cost2 = _normal(model, trial, values[going], pixels[going], weight[going])
+        better = cost2 <= cost[going]
+        won = going[better]
+        state[won], H[won], g[won], cost[won] = trial[better], H2[better], g2[better], cost2[better]
+        damping[going] = np.where(better, damping[going] / 5, damping[going] * 8).clip(1e-9, 1e9)
+        settled = better & (np.hypot(step[:, 0], step[:, 1]) < _CLOSE)
+        going = going[~settled & (damping[going] < _STUCK)]
+        if not going.size:
             break
     noise = cost / np.maximum(weight.sum(axis=1) - n, 1.0)
     scale = 1 / np.sqrt(np.maximum(np.einsum("bii->bi", H), 1e-300))
@@ -186,7 +189,9 @@ def _minimised(model: Model, start: Array, values: Array, pixels: Array, weight:
 def _normal(model: Model, state: Array, values: Array, pixels: Array, weight: Array) -> tuple[Array, Array, Array]:
     with np.errstate(all="ignore"):
         predicted, J = model(state, pixels)
-    r = np.nan_to_num((predicted - values) * weight, nan=1e3, posinf=1e3, neginf=1e3)
-    J = np.nan_to_num(J * weight[..., None])
+    r = (predicted - values) * weight
+    J *= weight[..., None]
+    if not (np.isfinite(r).all() and np.isfinite(J).all()):
+        r, J = np.nan_to_num(r, nan=1e3, posinf=1e3, neginf=1e3), np.nan_to_num(J)
     Jt = np.swapaxes(J, 1, 2)
     return Jt @ J, (Jt @ r[..., None])[..., 0], np.sum(r * r, axis=1)
