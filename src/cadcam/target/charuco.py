@@ -116,7 +116,7 @@ def _area(q: Array) -> float:
 
 
 def _other_dictionaries(gray: Picture, board: Charuco) -> str:
-    seen = {name: len(find_markers(gray, name)[0]) for name in _LARGEST}
+    seen = {name: len(find_markers(gray, name, thorough=False)[0]) for name in _LARGEST}
     best = max(seen, key=lambda name: seen[name])
     said = f"no marker of dictionary {board.dictionary} is in the picture"
     return said if seen[best] < 3 else f"{said}, but {seen[best]} of {best} (or a smaller one of its kind) are"

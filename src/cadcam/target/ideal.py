@@ -41,7 +41,8 @@ def board_picture(
 
     blur_px: sigma of a Gaussian point spread; noise: sigma of a grey value, with `rng`. Values are not clipped.
     """
-    place, slope = _on_board(camera, camera_from_board)
+    corners = _hit(camera, camera_from_board, _pixel_corners(camera))
+    place = _hit(camera, camera_from_board, camera.pixel_grid())
     left, top, right, bottom = pattern.outline
     margin = pattern.cell_mm if margin_mm is None else margin_mm
     low, high = np.array([left - margin, top - margin]), np.array([right + margin, bottom + margin])
@@ -52,8 +53,8 @@ def board_picture(
         return np.where(sheet, np.where(pattern.black(p), ink, paper), background)
 
     picture = reflectance(place)
-    mixed = _mixed(reflectance, place, slope)
-    picture[mixed] = _averaged(reflectance, place[mixed], slope[mixed])
+    mixed = _mixed(reflectance, corners, picture)
+    picture[mixed] = _averaged(reflectance, place[mixed], _slope(corners)[mixed])
     if blur_px:
         from scipy.ndimage import gaussian_filter
 
@@ -63,10 +64,17 @@ def board_picture(
     return np.asarray(picture, dtype=np.float32)
 
 
-def _on_board(camera: Camera, camera_from_board: Rigid) -> tuple[Array, Array]:
-    """Return where each pixel's ray meets the board (H, W, 2) mm, NaN behind it, and the slope (H, W, 2, 2) by q."""
-    p = _hit(camera, camera_from_board, camera.pixel_grid())
-    return p, np.stack([np.gradient(p, axis=1), np.gradient(p, axis=0)], axis=-1)
+def _pixel_corners(camera: Camera) -> Array:
+    """Return the corners of all pixels (H + 1, W + 1, 2)."""
+    x, y = np.meshgrid(np.arange(camera.width + 1) - 0.5, np.arange(camera.height + 1) - 0.5)
+    return np.stack([x, y], axis=-1)
+
+
+def _slope(corners: Array) -> Array:
+    """Return how the place on the board moves with q at each pixel (H, W, 2, 2), by its corners."""
+    along = np.diff((corners[1:] + corners[:-1]) / 2, axis=1)
+    down = np.diff((corners[:, 1:] + corners[:, :-1]) / 2, axis=0)
+    return np.stack([along, down], axis=-1)
 
 
 def _hit(camera: Camera, camera_from_board: Rigid, q: Array) -> Array:
@@ -78,14 +86,15 @@ def _hit(camera: Camera, camera_from_board: Rigid, q: Array) -> Array:
         return np.where((t > 0)[..., None], origin[:2] + t[..., None] * ray[..., :2], np.nan)
 
 
-def _mixed(reflectance: Reflectance, place: Array, slope: Array) -> Mask:
-    """Return the pixels whose square does not look the same at its centre, corners and sides."""
-    middle = reflectance(place)
+def _mixed(reflectance: Reflectance, corners: Array, middle: Array) -> Mask:
+    """Return the pixels that do not look the same at their middle, their corners and halfway between those."""
+    level, upright = (corners[:, 1:] + corners[:, :-1]) / 2, (corners[1:] + corners[:-1]) / 2
+    c, h, v = reflectance(corners), reflectance(level), reflectance(upright)
+    others = (c[:-1, :-1], c[:-1, 1:], c[1:, :-1], c[1:, 1:], h[:-1], h[1:], v[:, :-1], v[:, 1:])
     mixed = np.zeros(middle.shape, dtype=bool)
-    for dx in (-0.5, 0.0, 0.5):
-        for dy in (-0.5, 0.0, 0.5):
-            mixed |= reflectance(place + slope @ np.array([dx, dy])) != middle
-    return np.asarray(mixed)
+    for other in others:
+        mixed |= other != middle
+    return mixed
 
 
 def _averaged(reflectance: Reflectance, place: Array, slope: Array) -> Array:

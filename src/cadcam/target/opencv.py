@@ -106,16 +106,17 @@ def circle_candidates(gray: Picture, columns: int, rows: int, *, staggered: bool
                 yield f"cv2.findCirclesGrid{name}", light, pixels(centres)
 
 
-def find_markers(gray: Picture, name: str) -> tuple[Ids, Array]:
+def find_markers(gray: Picture, name: str, *, thorough: bool = True) -> tuple[Ids, Array]:
     """Return numbers (M,) and corners (M, 4, 2) px of a dictionary's markers in a picture.
 
-    Corners run clockwise from the marker's upper left. Each number is reported once, its largest marker.
+    Corners run clockwise from the marker's upper left. Each number is reported once, its largest marker. thorough:
+    small and badly lit markers too.
     """
     cv2 = opencv("a ChArUco board")
     parameters = cv2.aruco.DetectorParameters()
-    parameters.adaptiveThreshWinSizeMax = 53
-    parameters.adaptiveThreshWinSizeStep = 6
-    parameters.minMarkerPerimeterRate = 0.01
+    if thorough:
+        parameters.adaptiveThreshWinSizeMax = 53
+        parameters.minMarkerPerimeterRate = 0.01
     detector = cv2.aruco.ArucoDetector(dictionary(name), parameters)
     corners, numbers, _ = detector.detectMarkers(as_bytes(gray))
     if numbers is None or not len(numbers):
