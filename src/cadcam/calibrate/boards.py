@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array
-from cadcam.calibrate.joint import calibrate_jointly
+from cadcam.calibrate.joint import JointFit, estimate_of, fit_jointly
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import BrownConrady, Lens
 from cadcam.camera.observations import Observations
@@ -56,13 +56,14 @@ class BoardPicture:
 class BoardCalibration:
     """A camera from pictures of a board, and what became of each picture.
 
-    pictures: all of them. used: the index of each of the estimate's views among them. left_out: why a picture was not
+    pictures: all of them. fit: the joint calibration in its raw form, for further studies. used: the index of each of the estimate's views among them. left_out: why a picture was not
     used, by its index. dropped: how many single points of each used view were left out, as the estimate's views.
     radius_mm: the discs' radius where the board has any: as stated, or as the pictures show it.
     """
 
     pattern: Pattern
     pictures: tuple[BoardPicture, ...]
+    fit: JointFit
     estimate: JointEstimate
     used: tuple[int, ...]
     left_out: Mapping[int, str]
@@ -173,10 +174,9 @@ class _Solver:
     free_lens: tuple[str, ...]
     bend: bool
 
-    def __call__(self, views: Sequence[Observations], size: tuple[int, int]) -> JointEstimate:
-        return calibrate_jointly(
-            views, size, fixed=self.fixed, lens=self.lens, free_lens=self.free_lens, bend=self.bend
-        )
+    def __call__(self, views: Sequence[Observations], size: tuple[int, int]) -> tuple[JointFit, JointEstimate]:
+        fit = fit_jointly(views, size, fixed=self.fixed, lens=self.lens, free_lens=self.free_lens, bend=self.bend)
+        return fit, estimate_of(fit)
 
 
 def _without_outliers(
@@ -186,11 +186,11 @@ def _without_outliers(
     used, left_out = list(shown), {i: p.problem for i, p in enumerate(pictures) if p.detection is None}
     views = {i: _observations(pictures[i]) for i in shown}
     radius = _radius([_detection(pictures[i]) for i in shown])
-    estimate = _settled([views[i] for i in used], size, solver, radius)
+    fit, estimate = _settled([views[i] for i in used], size, solver, radius)
     if not keep_all:
         for i, kept in zip(used, _kept_points(estimate), strict=True):
             views[i] = _subset(views[i], kept)
-        estimate = _settled([views[i] for i in used], size, solver, radius)
+        fit, estimate = _settled([views[i] for i in used], size, solver, radius)
     while not keep_all and (worst := estimate.outlier_views()):
         if len(left_out) - len(pictures) + len(shown) + 1 > _MAY_LEAVE * len(shown) or len(used) <= _LEAST_VIEWS:
             break
@@ -201,29 +201,29 @@ def _without_outliers(
             "moved while the picture was taken, or was found in the wrong place"
         )
         del used[j]
-        estimate = _settled([views[i] for i in used], size, solver, radius)
+        fit, estimate = _settled([views[i] for i in used], size, solver, radius)
     dropped = tuple(len(_detection(pictures[i])) - len(views[i]) for i in used)
     return BoardCalibration(
-        _detection(pictures[shown[0]]).pattern, tuple(pictures), estimate, tuple(used), left_out, dropped, radius
+        _detection(pictures[shown[0]]).pattern, tuple(pictures), fit, estimate, tuple(used), left_out, dropped, radius
     )
 
 
 def _settled(
     views: Sequence[Observations], size: tuple[int, int], solver: _Solver, radius: float | None
-) -> JointEstimate:
+) -> tuple[JointFit, JointEstimate]:
     """Return the estimate, the shift of the discs' pictures taken off with the estimate's own camera and poses."""
-    estimate = solver(views, size)
+    fit, estimate = solver(views, size)
     if radius is None:
-        return estimate
+        return fit, estimate
     before = [np.zeros_like(v.q) for v in views]
     for _ in range(6):
         shifts = [disc_shift(estimate.camera, estimate.pose(j), v.p_world, radius) for j, v in enumerate(views)]
         change = max(float(np.abs(a - b).max()) for a, b in zip(shifts, before, strict=True))
         if change < _SETTLED_PX:
             break
-        estimate = solver([replace(v, q=v.q - s) for v, s in zip(views, shifts, strict=True)], size)
+        fit, estimate = solver([replace(v, q=v.q - s) for v, s in zip(views, shifts, strict=True)], size)
         before = shifts
-    return estimate
+    return fit, estimate
 
 
 def _radius(detections: Sequence[Detection]) -> float | None:

@@ -10,10 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, frozen
+from cadcam.arrays import Array
 from cadcam.calibrate import joint_start
 from cadcam.camera.camera import Camera
-from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import INTERNALS, ExtendedPinhole
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import Ideal, Lens
@@ -22,14 +21,16 @@ from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints, UnknownNam
 from cadcam.fit.block_least_squares import BlockSolution, minimise_blocks
 from cadcam.fit.joint_model import BEND, OWN, Control, JointModel, JointState
 from cadcam.fit.joint_start import plane_frames
-from cadcam.fit.layout import COLLINEAR, distinct
+from cadcam.fit.layout import COLLINEAR, Indices, distinct
 from cadcam.fit.levenberg_marquardt import Options
 from cadcam.fit.robust import Loss
 from cadcam.fit.square_root import Cofactors, factorise
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
-_FINE = Options(enough=1e-19, damping=1e-7)  # of the cost: a step of 1e-8 sigma or so
+_FINE = Options(damping=1e-7, settled=1e-12, enough=1e-19)  # of the cost: the last step is 1e-8 sigma or so
+_VIEWS = 4  # below, their scatter says nothing
+_USELESS = 1 / 3  # sigma of the focal length by itself
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +62,8 @@ def calibrate_jointly(
     free_lens: Iterable[str] = (),
     bend: bool = False,
     priors: Mapping[str, tuple[float, float]] | None = None,
-    control_sigma: Floats | None = None,
+    control_sigma: float | Mapping[str, float] | None = None,
+    guess: Camera | None = None,
     loss: Loss | None = None,
 ) -> JointEstimate:
     """Return the camera of `size` (width, height) px that saw the points of all views, and where it stood in each.
@@ -70,9 +72,10 @@ def calibrate_jointly(
     a guess. fixed: values of any of aspect, focal (px), skew (rad), U0, V0 (px); lens and free_lens as in `calibrate`.
     bend: the field is a flat board in z = const, bowed by bend_x (1 - x'^2) + bend_y (1 - y'^2) mm along z, x' and y'
     from -1 to 1 over the board; both are estimated. priors: {name: (value, sigma)} of free shared parameters.
-    control_sigma: the points are known to this standard deviation only (mm, one number or three) and estimated too;
-    points of equal coordinates are the same. priors and control_sigma need sigma_px. loss: a robust one, its scale in
-    units of sigma_px where that is stated.
+    control_sigma: the points' coordinates are known to this standard deviation only, mm, and are estimated too: one
+    number for all, or by name (others stay fixed); points of equal names are the same. priors and control_sigma need
+    sigma_px. loss: a robust one, its scale in units of sigma_px where that is stated. guess: a camera to start from,
+    which spares the search.
 
     Raises `TooFewPoints`, `DegenerateGeometry` naming what the views do not determine together, `MirroredPoints`,
     `NotConverged`, `BadValue` and `UnknownName`.
@@ -87,6 +90,7 @@ def calibrate_jointly(
             bend=bend,
             priors=priors,
             control_sigma=control_sigma,
+            guess=guess,
             loss=loss,
         )
     )
@@ -101,7 +105,8 @@ def fit_jointly(
     free_lens: Iterable[str] = (),
     bend: bool = False,
     priors: Mapping[str, tuple[float, float]] | None = None,
-    control_sigma: Floats | None = None,
+    control_sigma: float | Mapping[str, float] | None = None,
+    guess: Camera | None = None,
     loss: Loss | None = None,
 ) -> JointFit:
     """Return the joint calibration of `calibrate_jointly` in its raw form."""
@@ -111,7 +116,7 @@ def fit_jointly(
     model, origin = _model(views, free, lens, bend=bend)
     _refuse_lines(model, views)
     model = _with_knowledge(model, views, priors or {}, control_sigma)
-    state = joint_start.start(model, views, size, fixed)
+    state = joint_start.start(model, views, size, fixed) if guess is None else joint_start.guessed(model, guess, fixed)
     solution = minimise_blocks(model, state, loss=loss, options=_FINE)
     camera = _camera(model, solution.state, size)
     mended = joint_start.set_right(model, solution.state, views, camera)
@@ -129,7 +134,9 @@ def fit_of(
 ) -> JointFit:
     """Return a minimum with its cofactors; `DegenerateGeometry` names what the views do not determine."""
     known = factorise(solution.weighted, model.shared, OWN, [_label(v, j) for j, v in enumerate(views)])
-    return JointFit(model, solution, known, views, size, origin)
+    fit = JointFit(model, solution, known, views, size, origin)
+    _refuse_useless(fit)
+    return fit
 
 
 def estimate_of(fit: JointFit) -> JointEstimate:
@@ -157,13 +164,6 @@ def estimate_of(fit: JointFit) -> JointEstimate:
         weights=tuple(w[:c] for w, c in zip(fit.solution.weights, counts, strict=True)),
         method=f"joint reprojection least squares of {len(fit.views)} views",
     )
-
-
-def single(view: Observations, camera: Camera) -> CameraEstimate:
-    """Return where a camera of fixed internals stood: Tables 2.21 and 2.22 of the thesis."""
-    from cadcam.calibrate.points import locate_camera
-
-    return locate_camera(view, camera)
 
 
 def _model(views: Sequence[Observations], free: tuple[str, ...], lens: Lens, *, bend: bool) -> tuple[JointModel, Array]:
@@ -194,7 +194,7 @@ def _with_knowledge(
     model: JointModel,
     views: Sequence[Observations],
     priors: Mapping[str, tuple[float, float]],
-    control_sigma: Floats | None,
+    control_sigma: float | Mapping[str, float] | None,
 ) -> JointModel:
     if (priors or control_sigma is not None) and not _stated(views):
         raise BadValue("sigma_px", None, "a number for every view: priors and free control points are weighed by it")
@@ -206,13 +206,38 @@ def _with_knowledge(
     model = replace(model, priors=tuple((n, float(v), float(s)) for n, (v, s) in priors.items()))
     if control_sigma is None:
         return model
-    sigma: Array = np.broadcast_to(np.asarray(control_sigma, dtype=np.float64), (3,))
-    if not (np.isfinite(sigma).all() and (sigma > 0).all()):
-        raise BadValue("control_sigma", control_sigma, "one positive number, or three, mm")
-    _, index = np.unique(model.p.reshape(-1, 3), axis=0, return_inverse=True)
-    index = index.reshape(model.measured.shape)
-    whitener = np.broadcast_to(np.diag(1 / sigma), (int(index.max()) + 1, 3, 3))
-    return replace(model, control=Control(index, frozen(whitener, "whitener", (None, 3, 3))))
+    return replace(model, control=_control(model, views, control_sigma))
+
+
+def _control(model: JointModel, views: Sequence[Observations], sigma: float | Mapping[str, float]) -> Control:
+    """Free points by name, in the order in which they are first seen."""
+    seen = dict.fromkeys(n for v in views for n in v.names)
+    by_name = dict(sigma) if isinstance(sigma, Mapping) else dict.fromkeys(seen, float(sigma))
+    for name, value in by_name.items():
+        if name not in seen:
+            raise UnknownName("control point", name, seen)
+        if not (np.isfinite(value) and value > 0):
+            raise BadValue(f"control_sigma of point {name!r}", value, "a positive number, mm")
+    place = {name: i for i, name in enumerate(n for n in seen if n in by_name)}
+    index = np.full(model.measured.shape, len(place))
+    for j, view in enumerate(views):
+        index[j, : len(view)] = [place.get(n, len(place)) for n in view.names]
+    _refuse_two_places(model, views, place, index)
+    over = 1 / np.array([by_name[n] for n in place])
+    return Control(index, np.repeat(over[:, None], 3, axis=1))
+
+
+def _refuse_two_places(
+    model: JointModel, views: Sequence[Observations], place: Mapping[str, int], index: Indices
+) -> None:
+    where = np.zeros((len(place) + 1, 3))
+    where[index] = model.p
+    for j, i in np.argwhere(np.abs(where[index] - model.p).max(axis=-1) * (index < len(place)) > 0)[:1]:
+        raise BadValue(
+            f"control point {views[j].names[i]!r} of view {_label(views[j], j)}",
+            (model.p[j, i]).tolist(),
+            "the coordinates that it has in the other views: points of one name are one point",
+        )
 
 
 def _camera(model: JointModel, state: JointState, size: tuple[int, int]) -> Camera:
@@ -229,6 +254,8 @@ def _local_from_own(R: Array) -> Array:
 
 
 def _by_view(known: Cofactors, n: int) -> Array | None:
+    if len(known.scores) < _VIEWS:
+        return None
     try:
         return known.jackknifed()[:n, :n]
     except (TooFewPoints, DegenerateGeometry):
@@ -275,4 +302,17 @@ def _refuse_lines(model: JointModel, views: Sequence[Observations]) -> None:
         raise DegenerateGeometry(
             f"the points of view {_label(views[j], j)} lie on a line: the camera may turn about it; add points beside "
             "it or leave the view out"
+        )
+
+
+def _refuse_useless(fit: JointFit) -> None:
+    """Raise `DegenerateGeometry` where the focal length drowns in the noise: boards all parallel to the picture."""
+    if "focal" not in fit.model.free or not np.isfinite(fit.variance):
+        return
+    i = fit.model.free.index("focal")
+    focal, sigma = fit.solution.state.internals[1], float(np.sqrt(fit.variance * fit.known.shared[i, i]))
+    if sigma > _USELESS * focal:
+        raise DegenerateGeometry(
+            f"the views do not determine the focal length: {focal:.4g} +- {sigma:.2g} px; flat fields must be seen "
+            "tilted, in different directions: add such views, add points at other heights, or fix focal"
         )

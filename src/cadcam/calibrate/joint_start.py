@@ -29,7 +29,7 @@ _FLAT = 0.05  # thickness by length below which a field is taken as flat for a s
 _FOCALS = (0.4, 0.8, 1.6, 4.0)  # by the longer side of the picture, where the views say nothing
 _SOME = 8  # views that the stages use
 _DEEP = 3  # deep views calibrated alone
-_ROUGH = Options(max_iterations=30, enough=1e-2)
+_ROUGH = Options(max_iterations=30, settled=1e-2, enough=1.0)
 _ASTRAY = 4.0  # times the median view's residual: perhaps the other pose of a flat field
 
 
@@ -48,6 +48,16 @@ def start(
     whole = replace(state, R=everywhere.R, t=everywhere.t)
     whole.R[some], whole.t[some] = state.R, state.t
     return whole
+
+
+def guessed(model: JointModel, camera: Camera, fixed: Mapping[str, float]) -> JointState:
+    """Return the state of a guessed camera, fixed values put in place, its lens taken over if it is of the model's."""
+    values = dict(zip(INTERNALS, internals_of(camera.K), strict=True)) | dict(fixed)
+    state = _posed(model, np.array([values[n] for n in INTERNALS]))
+    if type(camera.lens) is not type(model.lens):
+        return state
+    free = {n: v for n, v in camera.lens.parameters.items() if n in model.free}
+    return replace(state, lens=np.array(list({**model.lens.parameters, **free}.values())))
 
 
 def set_right(model: JointModel, state: JointState, views: Sequence[Observations], camera: Camera) -> JointState | None:

@@ -28,7 +28,7 @@ _INSIDE = 0.02  # of the picture's size: how far all points stay from its border
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Advice:
+class NextView:
     """A view to take: where the board should stand, and the worst sigma over the picture before and after it, px.
 
     size: the board's width by the picture's if it were seen straight on; place: its middle in the picture, by ninths
@@ -60,7 +60,7 @@ class Advice:
         return f"and tilt it {said}" if turns else "and straight, not tilted"
 
 
-def next_views(calibration: BoardCalibration, *, count: int = 3) -> list[Advice]:
+def next_views(calibration: BoardCalibration, *, count: int = 3) -> list[NextView]:
     """Return the views to take next, the most useful first, each one chosen as if those before it had been taken.
 
     Empty where no candidate shows the whole board.
@@ -73,14 +73,14 @@ def next_views(calibration: BoardCalibration, *, count: int = 3) -> list[Advice]
     information = np.linalg.inv(estimate.covariance[np.ix_(index, index)])
     tries = _candidates(estimate.camera, calibration.pattern.points)
     gains = [_gain(estimate.camera, t.camera_from_board, calibration.pattern.points, free) for t in tries]
-    out: list[Advice] = []
+    out: list[NextView] = []
     while tries and len(out) < count:
         before = _worst(J, information)
         after = np.array([_worst(J, information + g / estimate.noise_px**2) for g in gains])
         best = int(np.argmin(after))
         information = information + gains[best] / estimate.noise_px**2
         t = tries[best]
-        out.append(Advice(t.camera_from_board, t.size, t.place, t.right_deg, t.lower_deg, before, float(after[best])))
+        out.append(NextView(t.camera_from_board, t.size, t.place, t.right_deg, t.lower_deg, before, float(after[best])))
     return out
 
 
@@ -101,14 +101,14 @@ def _gain(camera: Camera, pose: Rigid, points: Array, free: list[str]) -> Array:
     return np.asarray(rest.T @ rest)
 
 
-def _candidates(camera: Camera, points: Array) -> list[Advice]:
+def _candidates(camera: Camera, points: Array) -> list[NextView]:
     """Return the poses in which the camera sees the whole board."""
     out = []
     for size, place, tilt in product(_SIZES, _PLACES, _TILTS_DEG):
         pose = _pose(camera, points, size, place, tilt)
         if pose is not None and _in_view(camera, pose, points):
             x, y = place[0] + 1, place[1] + 1
-            out.append(Advice(pose, size, (x, y), float(tilt[0]), float(tilt[1]), np.nan, np.nan))
+            out.append(NextView(pose, size, (x, y), float(tilt[0]), float(tilt[1]), np.nan, np.nan))
     return out
 
 

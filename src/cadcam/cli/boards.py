@@ -32,12 +32,10 @@ def add_board_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("pictures of a board")
     group.add_argument("--board", metavar="BOARD", help="the board in the pictures, such as chessboard:9x6:25mm")
     group.add_argument("--free-skew", action="store_true", help="estimate the skew too (held at 0 otherwise)")
-    group.add_argument("--bend", action="store_true", help="estimate how the board is bowed, mm in x and y")
     group.add_argument("--keep-all", action="store_true", help="leave out no stray points and no outlier pictures")
     group.add_argument(
         "--pictures", metavar="FOLDER", help="write each picture with the points found in it there, and coverage.png"
     )
-    group.add_argument("--poses", metavar="FILE", help="write where the camera stood at each picture (poses file)")
 
 
 def run_boards(
@@ -46,6 +44,7 @@ def run_boards(
     """Find the board in all pictures, calibrate, print, write."""
     from cadcam.calibrate.boards import calibrate_boards, find_board
     from cadcam.calibrate.coverage import coverage
+    from cadcam.calibrate.nested import nested_advice
     from cadcam.calibrate.next_view import next_views
     from cadcam.files.camera import write_camera
     from cadcam.report.boards import board_tables, boards_as_json
@@ -61,7 +60,7 @@ def run_boards(
     if arguments.pictures:
         _write_found(arguments.pictures, found)
     held = dict(fixed) if arguments.free_skew else {"skew": 0.0} | dict(fixed)
-    with working(f"calibrating from {len(files)} pictures"):
+    with working(f"estimating one camera from {len(files)} pictures"):
         calibration = calibrate_boards(
             found,
             fixed=held,
@@ -70,11 +69,13 @@ def run_boards(
             bend=arguments.bend,
             keep_all=arguments.keep_all,
         )
-        seen, advice = coverage(calibration), next_views(calibration)
+        seen, views = coverage(calibration), next_views(calibration)
+        nested = None if arguments.no_advice else nested_advice(calibration.fit)
     if arguments.json:
-        print_json(boards_as_json(calibration, seen, advice))
+        told = {} if nested is None else {"advice": [q.verdict for q in nested.questions]}
+        print_json(boards_as_json(calibration, seen, views) | told)
     else:
-        print_tables(board_tables(calibration, seen, advice))
+        print_tables(board_tables(calibration, seen, views, nested))
     if arguments.output:
         write_camera(arguments.output, calibration.estimate.view(0))
         say(f"wrote {arguments.output} (the pose in it is that of {calibration.estimate.views[0].source})")
@@ -108,6 +109,8 @@ def _check_options(arguments: argparse.Namespace) -> None:
     for name, value in (("--size", arguments.size), ("--photo", arguments.photo), ("--internals", arguments.internals)):
         if value:
             raise BadValue(name, "given beside --board", "neither: the pictures say their size, and all is estimated")
+    if arguments.loss:
+        raise BadValue("--loss", "given beside --board", "none: strays and outliers are left out by rule (--keep-all)")
     if arguments.method != "reprojection":
         raise BadValue("--method", arguments.method, "'reprojection' beside --board")
     if arguments.pictures and Path(arguments.pictures).is_file():

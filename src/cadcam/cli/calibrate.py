@@ -1,4 +1,4 @@
-"""`cadcam calibrate`: a points file or pictures of a board -> camera file; with known internals, the pose alone."""
+"""`cadcam calibrate`: points files or pictures of a board -> camera file; with known internals, the pose."""
 
 from __future__ import annotations
 
@@ -20,9 +20,11 @@ _EXAMPLES = f"""\
   cadcam calibrate points.csv --photo photo.png -o camera.json
   cadcam calibrate points.csv --size 768x576 --fix skew=0 --fix aspect=1 --lens brown-conrady:k1 -o camera.json
   cadcam calibrate points.csv --internals camera.json -o posed.json        only where that camera stands now
-  cadcam calibrate table_2_7.csv --columns U2,V2 --size 768x576            a file with two image points a line
-  cadcam calibrate images/*.png --board chessboard:9x6:25mm -o camera.json        pictures of a board; no guess
+  cadcam calibrate left.csv front.csv right.csv --size 768x576 --fix skew=0 --lens brown-conrady:k1 -o camera.json
+                                                                           one camera from three positions
+  cadcam calibrate images/*.png --board chessboard:9x6:25mm -o camera.json        pictures of a board
   cadcam calibrate images/ --board circles:7x6:30mm --pictures found --poses poses.csv
+  cadcam calibrate table_2_7.csv --columns U2,V2 --size 768x576            a file with two image points a line
 
 points file (CSV, tabs or blanks; # comments):
   name,X,Y,Z,x_px,y_px          X Y Z in mm (or X_m, X_in ..., or --points-unit); x_px the column, y_px the row,
@@ -35,10 +37,14 @@ Estimate a camera from world points and the pixels where they were seen: the ele
 deviation of each. No starting values are needed; the global minimum of the reprojection error is found. A full
 calibration takes six or more points that are not all in one plane; a pose with known internals takes four.
 
-From pictures of a calibration board (--board), three at least: the board is found in each, all are calibrated together,
-and every picture's residual is shown. Tilt the board by 20 to 45 degrees in different directions, fill the picture, and
-reach its corners; the last table says which picture to add. The lens is Brown-Conrady with k1, k2, p1, p2 unless --lens
-says otherwise, the skew 0 unless --free-skew."""
+Several points files are several positions of one camera, or several poses of one board: internals and lens are shared,
+each has its own pose. Flat boards will do, seen tilted in different directions. The table then also says how the views
+scatter, which of them are outliers, and which parameters they show at all.
+
+Pictures of a calibration board (--board), three at least: the board is found in each, and all are calibrated together.
+Tilt it by 20 to 45 degrees in different directions, fill the picture, reach its corners; the last table says which
+picture to add. The lens is Brown-Conrady with k1, k2, p1, p2 unless --lens says otherwise, the skew 0 unless
+--free-skew."""
 
 
 def add_to(verbs: Verbs) -> None:
@@ -47,11 +53,11 @@ def add_to(verbs: Verbs) -> None:
         verbs,
         "calibrate",
         run,
-        short="points file, or pictures of a board -> camera file",
+        short="points files, or pictures of a board -> camera file",
         description=_DESCRIPTION,
         examples=_EXAMPLES,
     )
-    parser.add_argument("points", nargs="+", help="points file; with --board: pictures, or a folder of them")
+    parser.add_argument("points", nargs="+", help="points file; several: one a position; with --board: pictures")
     source = parser.add_mutually_exclusive_group()
     source.add_argument("--size", type=size, metavar="WxH", help="picture size in px")
     source.add_argument("--photo", metavar="FILE", help="take the size from this picture (as displayed: EXIF applied)")
@@ -76,6 +82,11 @@ def add_to(verbs: Verbs) -> None:
         choices=("reprojection", "dlt", "dlt-c23"),
         help="least squares (default), or the direct linear transform alone: normalised, or with C23 = 1",
     )
+    joint = parser.add_argument_group("several positions, or pictures of a board")
+    joint.add_argument("--poses", metavar="FILE", help="write camera_from_world of every position (.txt, .csv)")
+    joint.add_argument("--bend", action="store_true", help="the flat board is bowed: estimate by how much, in x and y")
+    joint.add_argument("--loss", choices=("huber", "cauchy", "tukey"), help="bear wrong points (default: none wrong)")
+    joint.add_argument("--no-advice", action="store_true", help="do not ask which parameters the views show")
     add_board_options(parser)
     add_points_options(parser)
     add_json(parser)
@@ -87,13 +98,69 @@ def run(arguments: argparse.Namespace) -> None:
         lens, free_lens = _lens(arguments.lens)
         run_boards(arguments, _fixed(arguments.fix), lens, free_lens)
         return
-    _check_points_call(arguments)
+    if not (arguments.size or arguments.photo or arguments.internals):
+        raise BadValue(
+            "the picture's size", "not given", "one of --size WxH, --photo FILE, --internals FILE; or --board"
+        )
+    if len(arguments.points) > 1:
+        _run_jointly(arguments)
+        return
+    if arguments.poses or arguments.bend or arguments.loss:
+        raise BadValue("--poses, --bend or --loss", "given for one points file", "points files of several positions")
+    _run_alone(arguments, arguments.points[0])
+
+
+def _run_jointly(arguments: argparse.Namespace) -> None:
+    from cadcam.calibrate.joint import estimate_of, fit_jointly
+    from cadcam.calibrate.nested import nested_advice
+    from cadcam.files.camera import write_camera
+    from cadcam.files.joint import joint_as_json
+    from cadcam.files.poses import write_poses
+    from cadcam.fit.robust import Loss
+    from cadcam.report.joint import joint_tables
+
+    if arguments.internals or arguments.method != "reprojection":
+        given = "--internals" if arguments.internals else "--method"
+        raise BadValue(given, "given for several points files", "one points file at a time")
+    for target, suffixes in ((arguments.output, (".json",)), (arguments.poses, (".txt", ".csv"))):
+        if target:
+            check_target(target, suffixes)
+    views = [read_points_as_asked(arguments, path) for path in arguments.points]
+    lens, free_lens = _lens(arguments.lens)
+    with working(f"estimating one camera from {len(views)} positions"):
+        fit = fit_jointly(
+            views,
+            _size(arguments),
+            fixed=_fixed(arguments.fix),
+            lens=lens,
+            free_lens=free_lens,
+            bend=arguments.bend,
+            loss=Loss(arguments.loss) if arguments.loss else None,
+        )
+        advice = None if arguments.no_advice or arguments.loss else nested_advice(fit)
+    estimate = estimate_of(fit)
+    if arguments.output:
+        write_camera(arguments.output, estimate.view(0))
+    if arguments.poses:
+        write_poses(arguments.poses, {name: estimate.pose(j) for j, name in enumerate(estimate.names)})
+    if arguments.json:
+        told = {} if advice is None else {"advice": [q.verdict for q in advice.questions]}
+        print_json(joint_as_json(estimate) | told)
+    else:
+        print_tables(joint_tables(estimate, advice))
+    if arguments.output:
+        say(f"wrote {arguments.output}: the camera with the joint covariance, posed as in {estimate.names[0]}")
+    if arguments.poses:
+        say(f"wrote {arguments.poses}: {len(views)} poses")
+
+
+def _run_alone(arguments: argparse.Namespace, path: str) -> None:
     from cadcam.files.camera import camera_as_json, write_camera
     from cadcam.report.camera import estimate_tables
 
     if arguments.output:
         check_target(arguments.output, (".json",))
-    observations = read_points_as_asked(arguments, arguments.points[0])
+    observations = read_points_as_asked(arguments, path)
     with working(f"estimating a camera from {len(observations)} points"):
         estimate = _estimate(arguments, observations)
     if arguments.output:
@@ -106,19 +173,9 @@ def run(arguments: argparse.Namespace) -> None:
         say(f"wrote {arguments.output}")
 
 
-def _check_points_call(arguments: argparse.Namespace) -> None:
-    if len(arguments.points) > 1:
-        raise BadValue("points files", f"{len(arguments.points)}", "one; or --board BOARD for pictures of a board")
-    if not (arguments.size or arguments.photo or arguments.internals):
-        raise BadValue(
-            "the picture's size", "not given", "one of --size WxH, --photo FILE, --internals FILE; or --board"
-        )
-
-
 def _estimate(arguments: argparse.Namespace, observations: Observations) -> CameraEstimate:
     from cadcam.calibrate.points import calibrate, locate_camera
     from cadcam.files.camera import read_camera
-    from cadcam.image.picture import read_picture_with_info
 
     if arguments.internals:
         if arguments.fix or arguments.lens or arguments.method != "reprojection":
@@ -127,12 +184,21 @@ def _estimate(arguments: argparse.Namespace, observations: Observations) -> Came
     lens, free_lens = _lens(arguments.lens)
     return calibrate(
         observations,
-        arguments.size or read_picture_with_info(arguments.photo)[1].size,
+        _size(arguments),
         fixed=_fixed(arguments.fix),
         lens=lens,
         free_lens=free_lens,
         method=arguments.method,
     )
+
+
+def _size(arguments: argparse.Namespace) -> tuple[int, int]:
+    if arguments.size:
+        width, height = arguments.size
+        return width, height
+    from cadcam.image.picture import read_picture_with_info
+
+    return read_picture_with_info(arguments.photo)[1].size
 
 
 def _fixed(texts: list[str]) -> dict[str, float]:

@@ -38,7 +38,7 @@ class JointState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Control:
-    """Free points: index (k, N) of the one that was seen; whitener (P, 3, 3), L^-1 of covariances L L^T, 1/mm."""
+    """Free points: index (k, N) of the one that was seen, P for a fixed point; whitener (P, 3), 1/sigma in 1/mm."""
 
     index: Indices
     whitener: Array
@@ -120,7 +120,7 @@ class JointModel:
         p = self.p
         if self.bump is not None:
             p = p + (self.bump @ state.bend)[..., None] * np.array([0.0, 0.0, 1.0])
-        return p if self.control is None else p + state.shift[self.control.index]
+        return p if self.control is None else p + np.append(state.shift, np.zeros((1, 3)), axis=0)[self.control.index]
 
     def lens_of(self, state: JointState) -> Lens:
         """Return the lens of a state."""
@@ -180,27 +180,26 @@ class JointModel:
 
     def _put_points(self, out: Array, by_point: Array) -> None:
         assert self.control is not None
-        view, point = np.indices(self.measured.shape)
+        view, point = np.nonzero(self.control.index < len(self.control.whitener))
+        column = len(self.free) + 3 * self.control.index[view, point]
         for c in range(3):
-            out[view, point, :, len(self.free) + 3 * self.control.index + c] = by_point[..., c]
+            out[view, point, :, column + c] = by_point[view, point, :, c]
 
     def _alone(self, state: JointState) -> tuple[Array, Array]:
         """Rows of priors and of the free points' own covariances."""
-        n, values = len(self.shared), self._values(state)
+        n, values = len(self.shared), self.values(state)
         A = np.zeros((len(self.priors), n))
         r = np.zeros(len(self.priors))
         for row, (name, value, sigma) in enumerate(self.priors):
             r[row], A[row, self.free.index(name)] = (values[name] - value) / sigma, 1 / sigma
         if self.control is None:
             return r, A
-        W = self.control.whitener
-        P = np.zeros((3 * len(W), n))
-        for i, w in enumerate(W):
-            P[3 * i : 3 * i + 3, len(self.free) + 3 * i : len(self.free) + 3 * i + 3] = w
-        shift = (W @ state.shift[..., None]).ravel()
-        return np.concatenate([r, shift]), np.concatenate([A, P])
+        W = self.control.whitener.ravel()
+        points = np.concatenate([np.zeros((W.size, len(self.free))), np.diag(W)], axis=1)
+        return np.concatenate([r, W * state.shift.ravel()]), np.concatenate([A, points])
 
-    def _values(self, state: JointState) -> dict[str, float]:
+    def values(self, state: JointState) -> dict[str, float]:
+        """Return all shared values by name: internals, lens coefficients, bend."""
         names = (*INTERNALS, *self.lens.parameters, *BEND)
         values = np.concatenate([state.internals, state.lens, state.bend])
         return dict(zip(names, values.tolist(), strict=True))

@@ -42,13 +42,15 @@ Model = TypeVar("Model", bound=Linearised)
 class Options:
     """When to stop.
 
-    floor: residual changes below this (in the residuals' unit) are rounding, whatever the sum of squares is. enough:
-    a step that promises less than this share of the cost is not taken any more, 0 to go on down to rounding.
+    settled: a step that promises less than this share of the cost ends the damped iterations; full steps follow until
+    one promises less than `enough`, 0 for down to rounding. floor: residual changes below this (in the residuals' unit)
+    are rounding, whatever the sum of squares is.
     """
 
     max_iterations: int = 200
     floor: float = 1e-11
     damping: float = 1e-4
+    settled: float = 1e-13
     enough: float = 0.0
 
 
@@ -91,7 +93,7 @@ def levenberg_marquardt(
     damping, growth = options.damping, 2.0
     for iteration in range(options.max_iterations):
         promised = now.promise(0.0)
-        if promised <= max(1e-13, options.enough) * now.cost or np.sqrt(promised) <= options.floor:
+        if promised <= options.settled * now.cost or np.sqrt(promised) <= options.floor:
             return _polish(linearise, retract, state, now, iteration, options)
         candidate = retract(state, now.step(damping))
         then = linearise(candidate, now)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,54 +11,38 @@ import numpy as np
 
 from cadcam.calibrate.boards import BoardCalibration
 from cadcam.calibrate.coverage import Coverage
-from cadcam.calibrate.next_view import Advice
-from cadcam.files.camera import camera_as_json
+from cadcam.calibrate.nested import Advice
+from cadcam.calibrate.next_view import NextView
+from cadcam.files.joint import joint_as_json
 from cadcam.files.matrix import pose_as_json
-from cadcam.report.camera import ANGLES, MEANING, camera_table
-from cadcam.report.table import Table, with_sigma
+from cadcam.report.camera import camera_table
+from cadcam.report.joint import advice_table, parameter_table
+from cadcam.report.table import Table
 
 _MODEL = 3.0  # times the predicted noise that the residuals may be before it is said
 _GOOD_GAIN = 0.9  # of the worst sigma: advice that leaves more is not worth a picture
 
 
-def board_tables(calibration: BoardCalibration, seen: Coverage, advice: Sequence[Advice]) -> list[Table]:
-    """Return all tables of a calibration from pictures of a board."""
-    return [
-        internals_table(calibration),
+def board_tables(
+    calibration: BoardCalibration, seen: Coverage, views: Sequence[NextView], nested: Advice | None = None
+) -> list[Table]:
+    """Return all tables of a calibration from pictures of a board; `nested` says which parameters they show."""
+    tables = [
+        camera_of_board_table(calibration),
         camera_table(calibration.estimate.camera),
         pictures_table(calibration),
         coverage_table(seen),
-        advice_table(seen, advice),
     ]
+    tables += [] if nested is None else [advice_table(nested)]
+    return [*tables, next_view_table(seen, views)]
 
 
-def internals_table(calibration: BoardCalibration) -> Table:
-    """Return the shared parameters with their standard deviations, classical and by views."""
-    estimate = calibration.estimate
-    rows = []
-    for name in estimate.free:
-        unit, meaning = ("mm", "bow of the board") if name.startswith("bend") else MEANING.get(name, ("", "lens"))
-        scale = float(np.degrees(1.0)) if name in ANGLES else 1.0
-        value, sigma = with_sigma(scale * estimate.value(name), scale * estimate.sigma(name))
-        by_view = estimate.sigma(name, by_view=True)
-        other = "unknown" if np.isnan(by_view) else with_sigma(0.0, scale * by_view)[1]
-        rows.append((name, value, f"+- {sigma}", f"+- {other}", unit, meaning))
-    held = [name for name in ("skew", "aspect", "focal", "U0", "V0") if name not in estimate.free]
-    notes = (
-        f"residual {estimate.residual:.3g} px a point (RMS {estimate.rms_px:.3g} px a coordinate), "
-        f"{estimate.dof} degrees of freedom; method: {estimate.method}",
-        "sigma by views: from the scatter between the pictures; where it is much larger, errors within a picture are "
-        "alike (a bent board, a lens model that is too simple), and it is the one to believe",
-        *((f"held: {', '.join(f'{name} = {estimate.value(name):.6g}' for name in held)}",) if held else ()),
-        *_board_notes(calibration),
-    )
-    return Table(
-        f"Camera from {len(estimate.views)} of {len(calibration.pictures)} pictures of {calibration.pattern}",
-        ("parameter", "value", "sigma", "sigma by views", "unit", "meaning"),
-        tuple(rows),
-        ("parameter", "sigma", "sigma by views", "unit", "meaning"),
-        notes,
-    )
+def camera_of_board_table(calibration: BoardCalibration) -> Table:
+    """Return the shared parameters with their standard deviations, and what is to be said of the board."""
+    table = parameter_table(calibration.estimate)
+    used, all_pictures = len(calibration.used), len(calibration.pictures)
+    title = f"{table.title} in {used} of {all_pictures} pictures of {calibration.pattern}"
+    return replace(table, title=title, notes=(*table.notes, *_board_notes(calibration)))
 
 
 def _board_notes(calibration: BoardCalibration) -> list[str]:
@@ -145,9 +130,9 @@ def coverage_table(seen: Coverage) -> Table:
     )
 
 
-def advice_table(seen: Coverage, advice: Sequence[Advice]) -> Table:
+def next_view_table(seen: Coverage, views: Sequence[NextView]) -> Table:
     """Return the pictures to take next, in words."""
-    useful = [a for a in advice if a.after_px < _GOOD_GAIN * a.before_px]
+    useful = [a for a in views if a.after_px < _GOOD_GAIN * a.before_px]
     rows = tuple((str(k + 1), a.words(), f"{a.before_px:.3f} -> {a.after_px:.3f}") for k, a in enumerate(useful))
     note = (
         "worst sigma: of a direction, anywhere in the picture, as the noise found would have it; poses were tried and "
@@ -158,21 +143,10 @@ def advice_table(seen: Coverage, advice: Sequence[Advice]) -> Table:
     return Table("Take next", ("", "picture", "worst sigma px"), rows, ("picture",), (note,))
 
 
-def boards_as_json(calibration: BoardCalibration, seen: Coverage, advice: Sequence[Advice]) -> dict[str, Any]:
+def boards_as_json(calibration: BoardCalibration, seen: Coverage, views: Sequence[NextView]) -> dict[str, Any]:
     """Return the same as one JSON document."""
-    estimate = calibration.estimate
-    by_view = {name: estimate.sigma(name, by_view=True) for name in estimate.free}
-    return {
-        "camera": camera_as_json(estimate.camera),
+    return joint_as_json(calibration.estimate) | {
         "board": str(calibration.pattern),
-        "residual_px": estimate.residual,
-        "rms_px": estimate.rms_px,
-        "degrees_of_freedom": estimate.dof,
-        "free": list(estimate.free),
-        "values": [estimate.value(name) for name in estimate.free],
-        "sigma": [estimate.sigma(name) for name in estimate.free],
-        "sigma_by_view": [None if np.isnan(by_view[name]) else by_view[name] for name in estimate.free],
-        "covariance": estimate.covariance.tolist(),
         "pictures": [_picture_json(calibration, i) for i in range(len(calibration.pictures))],
         "coverage": {
             "points": seen.counts.astype(int).tolist(),
@@ -185,7 +159,7 @@ def boards_as_json(calibration: BoardCalibration, seen: Coverage, advice: Sequen
                 "worst_sigma_px": [a.before_px, a.after_px],
                 "camera_from_board": pose_as_json(a.camera_from_board),
             }
-            for a in advice
+            for a in views
         ],
     }
 

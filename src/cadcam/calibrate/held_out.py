@@ -1,0 +1,97 @@
+"""What a joint calibration is worth on views that it did not see, and how it scatters when views are drawn anew."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cadcam.arrays import Array, Mask
+from cadcam.calibrate.joint import JointFit
+from cadcam.errors import CadcamError, DegenerateGeometry, TooFewPoints
+from cadcam.fit.block_least_squares import minimise_blocks
+from cadcam.fit.joint_model import JointModel, JointState
+from cadcam.fit.layout import Indices
+
+_FOLDS = 10
+_HALF = 4  # points for a pose
+
+
+def held_out_error(fit: JointFit, *, folds: int = _FOLDS) -> float:
+    """Return the rms (px, of one coordinate) at points of views that the internals were estimated without.
+
+    The views are left out in `folds` groups in turn. Of a left-out view every other point gives the pose, and the error
+    is taken at the others; then the other way round. Unlike the residual it falls only as long as a richer model
+    describes the camera and not the views. nan where the remaining views do not determine the internals. Raises
+    `TooFewPoints` for less than two views, or without any view of eight points.
+    """
+    k = len(fit.views)
+    if k < 2:
+        raise TooFewPoints("a held-out error (views)", k, 2)
+    squares, count = 0.0, 0
+    for held in np.array_split(np.arange(k), min(folds, k)):
+        try:
+            rest = np.setdiff1d(np.arange(k), held)
+            trained = minimise_blocks(fit.model.with_views(rest), _views(fit.solution.state, rest)).state
+        except CadcamError:
+            return float("nan")
+        for side in (0, 1):
+            error = _errors(fit.model.with_views(held), _shared(trained, fit.solution.state, held), side)
+            squares, count = squares + float(np.sum(error**2)), count + error.size
+    if not count:
+        raise TooFewPoints("a held-out error (points in a view)", int(fit.model.measured.sum(axis=1).max()), 2 * _HALF)
+    return float(np.sqrt(squares / count))
+
+
+def bootstrap_by_view(fit: JointFit, rng: np.random.Generator, *, rounds: int = 200) -> Array:
+    """Return the free shared parameters (rounds, n) of calibrations from views drawn with replacement.
+
+    Their scatter is a covariance that assumes nothing but that the views are alike and independent. Draws that do not
+    determine the camera are drawn again; raises `DegenerateGeometry` if most do not.
+    """
+    rows: list[Array] = []
+    k, failed = len(fit.views), 0
+    while len(rows) < rounds:
+        drawn = rng.integers(k, size=k)
+        try:
+            found = minimise_blocks(fit.model.with_views(drawn), _views(fit.solution.state, drawn)).state
+        except CadcamError as error:
+            failed += 1
+            if failed > rounds:
+                raise DegenerateGeometry("most draws of views do not determine the camera; add views") from error
+            continue
+        rows.append(shared_values(fit.model, found))
+    return np.array(rows)
+
+
+def shared_values(model: JointModel, state: JointState) -> Array:
+    """Return the values (n,) of the model's free parameters."""
+    values = model.values(state)
+    return np.array([values[name] for name in model.free])
+
+
+def _views(state: JointState, index: Indices) -> JointState:
+    return replace(state, R=state.R[index], t=state.t[index])
+
+
+def _shared(trained: JointState, poses: JointState, index: Indices) -> JointState:
+    return replace(trained, R=poses.R[index], t=poses.t[index])
+
+
+def _errors(model: JointModel, state: JointState, side: int) -> Array:
+    """Errors (..., 2) at the points of one side, the poses fitted to the other; views of too few points left out."""
+    odd = _alternate(model.measured) == side
+    enough = (model.measured & ~odd).sum(axis=1) >= _HALF
+    if not enough.any():
+        return np.zeros((0, 2))
+    index = np.flatnonzero(enough)
+    few, at = model.with_views(index), odd[index] & model.measured[index]
+    half = replace(few, free=(), measured=few.measured & ~at, control=None, priors=())
+    flat = replace(_views(state, index), shift=np.zeros((0, 3)))
+    posed = minimise_blocks(half, flat).state
+    return np.asarray(replace(half, measured=at).residuals(posed)[at])
+
+
+def _alternate(measured: Mask) -> Indices:
+    """0, 1, 0, 1 ... along the measured points of each view."""
+    return np.asarray((np.cumsum(measured, axis=1) - 1) % 2)

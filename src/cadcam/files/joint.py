@@ -1,0 +1,77 @@
+"""A joint calibration as a JSON document, for other programs; each view alone is a camera file (`files.camera`)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+import cadcam
+from cadcam.camera.joint_estimate import JointEstimate
+from cadcam.files.camera import UNITS
+from cadcam.files.matrix import pose_as_json
+
+FORMAT, VERSION = "cadcam joint calibration", 1
+
+
+def joint_as_json(estimate: JointEstimate) -> dict[str, Any]:
+    """Return the camera, its shared parameters with both kinds of sigma and their covariance, and every view."""
+    camera = estimate.camera
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "written_by": f"cadcam {cadcam.__version__}",
+        "method": estimate.method,
+        "size_px": list(camera.size),
+        "K_px": camera.K.tolist(),
+        "lens": {"model": camera.lens.name, **camera.lens.parameters},
+        "parameters": {
+            _key(name): _parameter(estimate, name) for name in estimate.parameters if _worth(estimate, name)
+        },
+        "free": list(estimate.free),
+        "covariance": estimate.covariance.tolist(),
+        "covariance_by_view": None if estimate.by_view is None else estimate.by_view.tolist(),
+        "noise_px": _finite(estimate.noise_px),
+        "degrees_of_freedom": estimate.dof,
+        "residual_px": estimate.residual,
+        "outlier_views": [estimate.names[j] for j in estimate.outlier_views()],
+        "views": [_view(estimate, j) for j in range(len(estimate.views))],
+    }
+
+
+def _worth(estimate: JointEstimate, name: str) -> bool:
+    return name in estimate.free or bool(estimate.value(name)) or name == "skew"
+
+
+def _parameter(estimate: JointEstimate, name: str) -> dict[str, Any]:
+    return {
+        "value": estimate.value(name),
+        "sigma": _finite(estimate.sigma(name)),
+        "sigma_by_view": _finite(estimate.sigma(name, by_view=True)),
+        "free": name in estimate.free,
+    }
+
+
+def _view(estimate: JointEstimate, j: int) -> dict[str, Any]:
+    view = estimate.views[j]
+    sd = np.sqrt(np.diag(estimate.pose_covariance[j]))
+    return {
+        "name": estimate.names[j],
+        "source": view.source,
+        "sha256": view.sha256,
+        "points": len(view),
+        "residual_px": float(estimate.view_residuals[j]),
+        "camera_from_world": pose_as_json(estimate.pose(j)),
+        "position_mm": estimate.pose(j).origin.tolist(),
+        "position_sigma_mm": sd[:3].tolist(),
+        "rotation_sigma_rad": sd[3:].tolist(),
+    }
+
+
+def _key(name: str) -> str:
+    unit = UNITS.get(name, "mm" if name.startswith("bend") else "")
+    return f"{name}_{unit}" if unit else name
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
