@@ -56,9 +56,10 @@ class BoardPicture:
 class BoardCalibration:
     """A camera from pictures of a board, and what became of each picture.
 
-    pictures: all of them. fit: the joint calibration in its raw form, for further studies. used: the index of each of the estimate's views among them. left_out: why a picture was not
-    used, by its index. dropped: how many single points of each used view were left out, as the estimate's views.
-    radius_mm: the discs' radius where the board has any: as stated, or as the pictures show it.
+    pictures: all of them. fit: the joint calibration in its raw form, for further studies. used: the index of each of
+    the estimate's views among the pictures. left_out: why a picture was not used, by its index. dropped: how many
+    single points of each of the estimate's views were left out. radius_mm: the discs' radius where the board has any:
+    as stated, or as the pictures show it.
     """
 
     pattern: Pattern
@@ -79,7 +80,7 @@ class BoardCalibration:
     @property
     def tilt_deg(self) -> Array:
         """Return the angle (k,) between each view's board and the picture plane, degrees."""
-        return np.degrees(np.arccos(np.clip(np.abs(self.estimate.poses.rotation[:, 2, 2]), 0, 1)))
+        return np.asarray(np.degrees(np.arccos(np.clip(np.abs(self.estimate.poses.rotation[:, 2, 2]), 0, 1))))
 
     @property
     def distance_mm(self) -> Array:

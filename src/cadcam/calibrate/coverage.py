@@ -119,7 +119,7 @@ def sigma_of(camera: Camera, free: list[str], covariance: Array) -> Array:
     J = internal_sensitivity(camera, free)
     J = np.where(np.isfinite(J), J, 0.0)
     C = J @ covariance @ np.swapaxes(J, -1, -2)
-    return np.sqrt(np.linalg.eigvalsh(C)[..., -1].clip(0))
+    return np.asarray(np.sqrt(np.linalg.eigvalsh(C)[..., -1].clip(0)))
 
 
 def internal_sensitivity(camera: Camera, free: list[str]) -> Array:

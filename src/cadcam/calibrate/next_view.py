@@ -70,7 +70,7 @@ def next_views(calibration: BoardCalibration, *, count: int = 3) -> list[NextVie
     free = [estimate.free[i] for i in index]
     J = internal_sensitivity(estimate.camera, free)
     J = np.where(np.isfinite(J), J, 0.0)
-    information = np.linalg.inv(estimate.covariance[np.ix_(index, index)])
+    information = np.asarray(np.linalg.inv(estimate.covariance[np.ix_(index, index)]), dtype=np.float64)
     tries = _candidates(estimate.camera, calibration.pattern.points)
     gains = [_gain(estimate.camera, t.camera_from_board, calibration.pattern.points, free) for t in tries]
     out: list[NextView] = []

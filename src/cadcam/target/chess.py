@@ -107,7 +107,7 @@ def _newton(smooth: Picture, q: Array) -> Array:
     x, y = q.astype(np.int64).T
 
     def at(dx: int, dy: int) -> Array:
-        return smooth[y + dy, x + dx].astype(np.float64)
+        return np.asarray(smooth[y + dy, x + dx], dtype=np.float64)
 
     gx, gy = (at(1, 0) - at(-1, 0)) / 2, (at(0, 1) - at(0, -1)) / 2
     xx, yy = at(1, 0) - 2 * at(0, 0) + at(-1, 0), at(0, 1) - 2 * at(0, 0) + at(0, -1)

@@ -23,6 +23,8 @@ _FAINT = 0.12  # of the picture's own contrast
 _ROUND = 0.15  # by how much a blob's area may differ from that of the ellipse with its moments
 _LONG = 5.0  # the longest ellipse by its width
 _MOST = 8000
+_INTO_GAP, _TO_NEIGHBOUR = 0.7, 0.95  # of the gap between discs, that the fitted window takes in; and at most
+_LEAST_MARGIN, _MOST_MARGIN = 1.5, 6.0  # px of it
 _RINGS, _SPOKES = 4, 12  # of the quadrature over a disc: exact for polynomials of degree 7
 
 
@@ -61,11 +63,10 @@ def fitted_discs(gray: Picture, cells: Ids, q: Array, radius: float, *, light: b
 
     def fit(places: Array, steps: Array) -> Fit:
         moments = radius**2 / 4 * steps @ np.swapaxes(steps, 1, 2)
-        semi = radius * np.linalg.svd(steps, compute_uv=False)
-        if staggered:
-            steps = steps @ np.array([[1.0, 1.0], [1.0, -1.0]])
-        gap = np.linalg.norm(steps, axis=1).min(axis=1) * (1 - 2 * radius / nearest)  # between neighbours' borders
-        return fit_discs(gray, places, moments, semi[:, 0] + (0.7 * gap).clip(1.5, 6.0))
+        minor = radius * np.linalg.svd(steps, compute_uv=False)[:, 1]
+        gap = (nearest - 2 * radius) / radius  # to the neighbour's border, in radii
+        margin = np.minimum(_INTO_GAP * gap, _MOST_MARGIN / minor).clip(_LEAST_MARGIN / minor)
+        return fit_discs(gray, places, moments, 1 + np.minimum(margin, _TO_NEIGHBOUR * gap))
 
     grid = fitted_grid(cells, q, fit, gray.shape, alternating=False, staggered=staggered)
     if grid is None:
@@ -130,7 +131,7 @@ def _seeds(blobs: Blobs) -> list[tuple[int, Array]]:
 
     tree = cKDTree(blobs.q)
     count = min(9, len(blobs.q))
-    _, near = tree.query(blobs.q, count)
+    near = np.asarray(tree.query(blobs.q, count)[1])
     seeds: list[tuple[int, int, Array]] = []
     for i in range(len(blobs.q)):
         away = blobs.q[near[i, 1:]] - blobs.q[i]

@@ -48,11 +48,11 @@ def board_picture(
     low, high = np.array([left - margin, top - margin]), np.array([right + margin, bottom + margin])
 
     def reflectance(p: Array) -> Array:
-        sheet = np.isfinite(p).all(axis=-1) & (p >= low).all(axis=-1) & (p <= high).all(axis=-1)
+        sheet: Mask = np.asarray(np.isfinite(p).all(axis=-1) & (p >= low).all(axis=-1) & (p <= high).all(axis=-1))
         p = np.where(sheet[..., None], p, low - 1.0)
         return np.where(sheet, np.where(pattern.black(p), ink, paper), background)
 
-    picture = reflectance(place)
+    picture: Array = reflectance(place)
     mixed = _mixed(reflectance, corners, picture)
     picture[mixed] = _averaged(reflectance, place[mixed], _slope(corners)[mixed])
     if blur_px:

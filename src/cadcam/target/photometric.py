@@ -8,7 +8,7 @@ point-symmetric about the position, so that blur of any symmetric shape, gain an
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -45,7 +45,9 @@ def fit_corners(gray: Picture, q: Array, directions: Array, reach: Array) -> Fit
     to any other edge. Model: m + g.(u, v) + c erf(d1/(sqrt2 s)) erf(d2/(sqrt2 s)) with d the distance from either edge:
     the exact picture of a right-angled corner under a Gaussian blur s. Parameters: x y angle1 angle2 c s m gx gy.
     """
-    values, pixels, weight = _patches(gray, q, reach)
+    values, pixels, there = _patches(gray, q, reach)
+    wanted = np.hypot(pixels[..., 0], pixels[..., 1]) <= reach[:, None]
+    weight = (wanted & there).astype(np.float64)
     start = np.zeros((len(q), 9))
     start[:, 2:4] = directions
     start[:, 5] = 1.0
@@ -53,26 +55,31 @@ def fit_corners(gray: Picture, q: Array, directions: Array, reach: Array) -> Fit
     start[:, 6] = (values * weight).sum(axis=1) / n
     sign = _corner(start + np.eye(9)[4], pixels)[0] - start[:, 6:7]
     start[:, 4] = (sign * values * weight).sum(axis=1) / np.maximum((sign**2 * weight).sum(axis=1), 1e-9)
-    return _fit(_corner, start, values, pixels, weight, q, reach)
+    fit = _fit(_corner, start, values, pixels, weight, q, reach)
+    return replace(fit, good=fit.good & _whole(weight, wanted))
 
 
 def fit_discs(gray: Picture, q: Array, moments: Array, reach: Array) -> Fit:
     """Return the centres of the ellipses near q (B, 2): the discs' *pictures*, not where their centres are seen.
 
-    moments (B, 2, 2): second moments of each ellipse's area, px^2; reach (B,): the window's radius. Model:
-    m + g.(u, v) + c Phi(-d/s) with d the distance from the ellipse w^T A w = 1 to first order.
+    moments (B, 2, 2): second moments of each ellipse's area, px^2; reach (B,): the window, an ellipse as many times as
+    large. Model: m + g.(u, v) + c Phi(-d/s) with d the distance from the ellipse w^T A w = 1 to first order.
     Parameters: x y A11 A12 c s m gx gy A22.
     """
-    values, pixels, weight = _patches(gray, q, reach)
     A = np.linalg.inv(4 * moments)
+    minor, major = 2 * np.sqrt(np.linalg.eigvalsh(moments)).T
+    values, pixels, there = _patches(gray, q, reach * major)
+    rho2 = np.einsum("bki,bij,bkj->bk", pixels, A, pixels)
+    wanted = rho2 <= reach[:, None] ** 2
+    weight = (wanted & there).astype(np.float64)
     start = np.zeros((len(q), 10))
     start[:, 2], start[:, 3], start[:, 9] = A[:, 0, 0], A[:, 0, 1], A[:, 1, 1]
     start[:, 5] = 1.0
-    inside = (np.einsum("bki,bij,bkj->bk", pixels, A, pixels) < 1) & (weight > 0)
-    outside = ~inside & (weight > 0)
+    inside, outside = (rho2 < 1) & (weight > 0), (rho2 >= 1) & (weight > 0)
     start[:, 6] = (values * outside).sum(axis=1) / np.maximum(outside.sum(axis=1), 1)
     start[:, 4] = (values * inside).sum(axis=1) / np.maximum(inside.sum(axis=1), 1) - start[:, 6]
-    return _fit(_disc, start, values, pixels, weight, q, reach)
+    fit = _fit(_disc, start, values, pixels, weight, q, minor)
+    return replace(fit, good=fit.good & _whole(weight, wanted))
 
 
 def _corner(parameters: Array, pixels: Array) -> tuple[Array, Array]:
@@ -88,7 +95,7 @@ def _corner(parameters: Array, pixels: Array) -> tuple[Array, Array]:
     J[..., 4] = e1 * e2
     J[..., 5] = -(across1 * d1 + across2 * d2) / s
     J[..., 6], J[..., 7], J[..., 8] = 1.0, pixels[..., 0], pixels[..., 1]
-    return m + gx * pixels[..., 0] + gy * pixels[..., 1] + c * e1 * e2, J
+    return np.asarray(m + gx * pixels[..., 0] + gy * pixels[..., 1] + c * e1 * e2), J
 
 
 def _edge(u: Array, v: Array, angle: Array, s: Array) -> tuple[Array, Array, Array]:
@@ -113,7 +120,7 @@ def _disc(parameters: Array, pixels: Array) -> tuple[Array, Array]:
     slope = -c * np.exp(-0.5 * t * t) / (np.sqrt(2 * np.pi) * s)
 
     def by(drho: Array, dg: Array) -> Array:
-        return slope * ((2 * rho - 1) * drho / g - d * dg / g)
+        return np.asarray(slope * ((2 * rho - 1) * drho / g - d * dg / g))
 
     J = np.zeros((*u.shape, 10))
     J[..., 0] = by(-a / rho, -(a * A11 + b * A12) / g)
@@ -127,8 +134,13 @@ def _disc(parameters: Array, pixels: Array) -> tuple[Array, Array]:
     return m + gx * pixels[..., 0] + gy * pixels[..., 1] + c * cover, J
 
 
-def _patches(gray: Picture, q: Array, reach: Array) -> tuple[Array, Array, Array]:
-    """Return grey values (B, P), their pixels relative to q (B, P, 2), and 1 or 0 for within reach and picture."""
+def _whole(weight: Array, wanted: Mask) -> Mask:
+    """Return whether the windows lie nearly wholly in the picture."""
+    return np.asarray(weight.sum(axis=1) > 0.7 * wanted.sum(axis=1))
+
+
+def _patches(gray: Picture, q: Array, reach: Array) -> tuple[Array, Array, Mask]:
+    """Return grey values (B, P), their pixels relative to q (B, P, 2), and which of them the picture has."""
     half = int(np.ceil(reach.max(initial=1.0))) + 1
     dx, dy = (d.ravel() for d in np.meshgrid(np.arange(-half, half + 1), np.arange(-half, half + 1)))
     middle = np.rint(q).astype(np.int64)
@@ -136,12 +148,11 @@ def _patches(gray: Picture, q: Array, reach: Array) -> tuple[Array, Array, Array
     height, width = gray.shape
     there = (x >= 0) & (y >= 0) & (x < width) & (y < height)
     pixels = np.stack([x - q[:, :1], y - q[:, 1:]], axis=-1)
-    weight = there & (np.hypot(pixels[..., 0], pixels[..., 1]) <= reach[:, None])
     values = gray[y.clip(0, height - 1), x.clip(0, width - 1)].astype(np.float64)
-    return values, pixels, weight.astype(np.float64)
+    return values, pixels, np.asarray(there)
 
 
-def _fit(model: Model, start: Array, values: Array, pixels: Array, weight: Array, q: Array, reach: Array) -> Fit:
+def _fit(model: Model, start: Array, values: Array, pixels: Array, weight: Array, q: Array, size: Array) -> Fit:
     count, n = start.shape
     step = max(1, _TOGETHER // (n * values.shape[1]))
     parts = [
@@ -152,8 +163,8 @@ def _fit(model: Model, start: Array, values: Array, pixels: Array, weight: Array
     rms = np.sqrt(cost / np.maximum(weight.sum(axis=1), 1))
     misfit = rms / np.maximum(np.abs(parameters[:, CONTRAST]), 1e-9)
     good = np.isfinite(parameters).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))
-    good &= np.hypot(parameters[:, 0], parameters[:, 1]) < 0.5 * reach
-    good &= (parameters[:, _BLUR] < reach) & (weight.sum(axis=1) > 0.7 * np.pi * (reach - 0.5) ** 2)
+    good &= np.hypot(parameters[:, 0], parameters[:, 1]) < 0.5 * size
+    good &= parameters[:, _BLUR] < size
     return Fit(q + parameters[:, :2], covariance, parameters, misfit, good)
 
 

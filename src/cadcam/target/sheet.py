@@ -13,7 +13,14 @@ from cadcam.errors import BadValue, UnknownName
 from cadcam.target.pattern import Pattern
 from cadcam.whole import write_whole
 
-PAGES = {"a5": (148, 210), "a4": (210, 297), "a3": (297, 420), "a2": (420, 594), "a1": (594, 841), "a0": (841, 1189)}
+PAGES: dict[str, tuple[float, float]] = {
+    "a5": (148, 210),
+    "a4": (210, 297),
+    "a3": (297, 420),
+    "a2": (420, 594),
+    "a1": (594, 841),
+    "a0": (841, 1189),
+}
 PAGES |= {"letter": (215.9, 279.4), "tabloid": (279.4, 431.8)}
 _TEXT_MM = 3.0
 _LEAST_MARGIN_MM = 8.0  # room for the text, and for what printers cannot reach
