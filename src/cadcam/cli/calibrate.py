@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import math
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cadcam.cli.arguments import Verbs, add_json, add_points_options, number, read_points_as_asked, size, verb
-from cadcam.cli.boards import BOARD_HELP, add_board_options, run_boards
+from cadcam.cli.boards import BOARD_HELP, PICTURES, add_board_options, run_boards
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
 from cadcam.errors import BadValue, UnknownName
 
@@ -98,6 +99,8 @@ def run(arguments: argparse.Namespace) -> None:
         lens, free_lens = _lens(arguments.lens)
         run_boards(arguments, _fixed(arguments.fix), lens, free_lens)
         return
+    if pictures := [path for path in arguments.points if Path(path).suffix.lower() in PICTURES]:
+        raise BadValue("points file", f"the picture {pictures[0]}", "a text file; or --board BOARD for pictures of one")
     if not (arguments.size or arguments.photo or arguments.internals):
         raise BadValue(
             "the picture's size", "not given", "one of --size WxH, --photo FILE, --internals FILE; or --board"
