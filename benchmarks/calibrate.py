@@ -4,10 +4,10 @@
 
 Views of a flat board of 10 x 10 points in random poses, noise 0.2 px, nine shared internals (fx fy cx cy k1 k2 p1 p2
 k3). CPU time of one call, all threads together, median of the repeats, all taken in turn. Ours ends with the full
-covariance of internals and poses; OpenCV is timed with and without its standard deviations; pycolmap has no k3 here (its
-richer model cannot hold k4 k5 k6 at zero) and gives no covariance. Ours and OpenCV start without a guess; pycolmap, and
-ours in a row of its own, start from internals 3 % off (pycolmap also from poses 0.01 rad off, ours from none). A peer
-that is not installed is left out. "rms" is that of a pixel coordinate at the end: the same for all who arrive.
+covariance of internals and poses; OpenCV is timed with and without its standard deviations; pycolmap gives none and has
+no k3 here (its richer model cannot hold k4 k5 k6 at zero). Ours and OpenCV start without a guess; pycolmap, and ours in
+a row of its own, start from internals 3 % off (pycolmap also from poses 0.01 rad off, ours from none). A peer that is
+not installed is left out. "rms" is that of a pixel coordinate at the end: the same for all who arrive.
 """
 
 from __future__ import annotations

@@ -14,12 +14,16 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.cad.load import load as load
     from cadcam.cad.load import load_with_report as load_with_report
     from cadcam.cad.mesh import Mesh as Mesh
+    from cadcam.calibrate.joint import calibrate_jointly as calibrate_jointly
+    from cadcam.calibrate.joint import fit_jointly as fit_jointly
+    from cadcam.calibrate.nested import nested_advice as nested_advice
     from cadcam.calibrate.points import calibrate as _calibrate
     from cadcam.calibrate.points import locate_camera as locate_camera
     from cadcam.camera.camera import Camera as Camera
     from cadcam.camera.estimate import CameraEstimate as CameraEstimate
     from cadcam.camera.extended_pinhole import ExtendedPinhole as ExtendedPinhole
     from cadcam.camera.extended_pinhole import uv_from_pixel_matrix as uv_from_pixel_matrix
+    from cadcam.camera.joint_estimate import JointEstimate as JointEstimate
     from cadcam.camera.lens import BrownConrady as BrownConrady
     from cadcam.camera.lens import Division as Division
     from cadcam.camera.lens import Fisheye as Fisheye
@@ -36,6 +40,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.files.points import write_points as write_points
     from cadcam.files.poses import read_poses as read_poses
     from cadcam.files.poses import write_poses as write_poses
+    from cadcam.fit.robust import Loss as Loss
     from cadcam.geometry.rigid import Rigid as Rigid
     from cadcam.image.exr import write_exr as write_exr
     from cadcam.image.picture import read_picture as read_picture
@@ -77,9 +82,11 @@ _HOME = {
     "ExtendedPinhole": "cadcam.camera.extended_pinhole",
     "Fisheye": "cadcam.camera.lens",
     "Ideal": "cadcam.camera.lens",
+    "JointEstimate": "cadcam.camera.joint_estimate",
     "LineOptions": "cadcam.render.wireframe",
     "LineStyle": "cadcam.render.overlay",
     "Look": "cadcam.render.view",
+    "Loss": "cadcam.fit.robust",
     "Mesh": "cadcam.cad.mesh",
     "Observations": "cadcam.camera.observations",
     "OddRadial": "cadcam.camera.lens",
@@ -89,12 +96,15 @@ _HOME = {
     "added": "cadcam.render.overlay",
     "blended": "cadcam.render.overlay",
     "calibrate_camera": "cadcam.calibrate.points:calibrate",
+    "calibrate_jointly": "cadcam.calibrate.joint",
     "edge_distances": "cadcam.render.overlay",
     "feature_edges": "cadcam.cad.edges",
+    "fit_jointly": "cadcam.calibrate.joint",
     "load": "cadcam.cad.load",
     "load_with_report": "cadcam.cad.load",
     "locate_camera": "cadcam.calibrate.points",
     "named_look": "cadcam.render.looks",
+    "nested_advice": "cadcam.calibrate.nested",
     "open_renderer": "cadcam.render",
     "over_edges": "cadcam.render.overlay",
     "overlay": "cadcam.render.overlay",

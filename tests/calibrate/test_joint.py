@@ -82,6 +82,25 @@ def test_no_disturbed_start_ends_lower(rng):
         assert other.sum_of_squares >= found.sum_of_squares * (1 - 1e-9)
 
 
+def test_a_view_in_the_wrong_one_of_its_two_poses_is_set_right(rng):
+    """Small flat targets far away have two poses; a start in the wrong one is found out by its residual."""
+    world = scene(rng, SKEWED, [board()] * 5 + [board(4, 4, 8.0)] * 3, tilt=0.5)
+    views = world.seen(rng, 0.02)
+    found = calibrate_jointly(views, SIZE)
+    assert found.outlier_views() == ()
+    for j, pose in enumerate(world.poses):
+        assert np.linalg.norm(found.pose(j).rotation - pose.rotation) < 0.05
+
+
+def test_a_guess_that_puts_points_behind_the_camera_is_survived(rng):
+    """Half the distance of the nearest points: linear poses under it may fail, the search for them does not."""
+    deep = [rng.uniform(-1, 1, (30, 3)) * [150, 120, 200] for _ in range(4)]
+    world = scene(rng, SKEWED, deep)
+    views = world.seen(rng, 0.1)
+    found = calibrate_jointly(views, SIZE, guess=Camera.from_focal(SIZE, 250))
+    assert found.sum_of_squares == pytest.approx(calibrate_jointly(views, SIZE).sum_of_squares, rel=1e-9)
+
+
 NESTED = [
     ({"skew": 0, "aspect": 1}, ()),
     ({"skew": 0}, ()),

@@ -8,10 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cadcam.calibrate.joint import calibrate_jointly
 from cadcam.calibrate.points import calibrate, locate_camera
 from cadcam.camera.lens import BrownConrady
+from cadcam.camera.observations import Observations
 from cadcam.files.camera import read_camera
-from cadcam.files.points import read_points
+from cadcam.files.points import read_points, write_points
+from cadcam.files.poses import read_poses
+from cadcam.geometry import rotation as so3
+from cadcam.geometry.rigid import Rigid
 
 from .job import CAMERA, POSE, SIZE, Ran
 
@@ -111,3 +116,52 @@ def test_points_in_a_plane_are_refused_and_the_old_file_stays(cadcam: Cadcam, jo
     ran = cadcam("calibrate", job / "flat.csv", "--size", "320x240", "-o", job / "camera.json")
     assert ran.code == 2
     assert (job / "camera.json").read_bytes() == before
+
+
+@pytest.fixture
+def positions(tmp_path: Path) -> list[Path]:
+    """Points files of four views of a flat board."""
+    rng = np.random.default_rng(4)
+    x, y = np.meshgrid(np.arange(6) * 12.0, np.arange(5) * 12.0)
+    board = np.column_stack([x.ravel() - 30, y.ravel() - 24, np.zeros(30)])
+    files = []
+    for j, turn in enumerate(([0.5, 0, 0], [0, 0.5, 0.2], [-0.4, 0.3, 0], [0.2, -0.5, 0.4])):
+        q = CAMERA.project(Rigid(so3.exp(turn), [0, 0, 130]) @ board) + 0.05 * rng.normal(size=(30, 2))
+        files.append(tmp_path / f"view{j}.csv")
+        write_points(files[-1], Observations(board, q))
+    return files
+
+
+def test_several_files_are_one_camera(cadcam: Cadcam, positions: list[Path], tmp_path: Path) -> None:
+    """The library's joint answer, in tables, as JSON, as a camera file and a poses file."""
+    words = ("calibrate", *positions, "--size", "320x240", "--lens", "brown-conrady:k1")
+    views = [read_points(path) for path in positions]
+    expected = calibrate_jointly(views, SIZE, lens=BrownConrady(), free_lens=("k1",))
+    ran = cadcam(*words, "-o", tmp_path / "out.json", "--poses", tmp_path / "poses.csv", "--json")
+    assert ran.code == 0, ran.err
+    focal = ran.json["parameters"]["focal_px"]
+    assert focal["value"] == pytest.approx(expected.value("focal"), rel=1e-9)
+    assert focal["sigma"] == pytest.approx(expected.sigma("focal"), rel=1e-6)
+    assert focal["sigma_by_view"] == pytest.approx(expected.sigma("focal", by_view=True), rel=1e-6)
+    assert any(text.startswith(("keep k1", "hold k1")) for text in ran.json["advice"])
+    written = read_camera(tmp_path / "out.json").estimate
+    assert written is not None
+    assert written.sigma("focal") == pytest.approx(expected.sigma("focal"), rel=1e-9)
+    poses = read_poses(tmp_path / "poses.csv")
+    assert list(poses) == [str(path) for path in positions]
+    assert poses[str(positions[2])].origin == pytest.approx(expected.pose(2).origin, abs=1e-9)
+    ran = cadcam(*words)
+    assert ran.code == 0
+    for text in ("Camera of 4 views, 120 points", "by views", "Which parameters the views show", "recommended:"):
+        assert text in ran.out
+
+
+def test_what_goes_with_one_file_only_or_with_several_only_is_said(
+    cadcam: Cadcam, job: Path, positions: list[Path]
+) -> None:
+    ran = cadcam("calibrate", *positions, "--internals", job / "camera.json")
+    assert (ran.code, "one points file at a time" in ran.err) == (2, True)
+    ran = cadcam("calibrate", job / "points.csv", "--size", "320x240", "--bend")
+    assert (ran.code, "several positions" in ran.err) == (2, True)
+    ran = cadcam("calibrate", *positions[:1], positions[0], "--size", "320x240", "--fix", "X=3")
+    assert (ran.code, "unknown shared parameter to fix 'X'" in ran.err) == (2, True)

@@ -28,7 +28,7 @@ from cadcam.fit.square_root import Cofactors, factorise
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
-_FINE = Options(damping=1e-7, settled=1e-12, enough=1e-19)  # of the cost: the last step is 1e-8 sigma or so
+_FINE = Options(damping=0.0, settled=1e-12, enough=1e-16)  # of the cost: the last step is 1e-6 sigma or so
 _VIEWS = 4  # below, their scatter says nothing
 _USELESS = 1 / 3  # sigma of the focal length by itself
 
@@ -119,7 +119,7 @@ def fit_jointly(
     state = joint_start.start(model, views, size, fixed) if guess is None else joint_start.guessed(model, guess, fixed)
     solution = minimise_blocks(model, state, loss=loss, options=_FINE)
     camera = _camera(model, solution.state, size)
-    mended = joint_start.set_right(model, solution.state, views, camera)
+    mended = joint_start.set_right(model, solution, camera)
     if mended is not None:
         solution = minimise_blocks(model, mended, loss=loss, options=_FINE)
     return fit_of(model, solution, tuple(views), size, origin)
@@ -289,7 +289,7 @@ def _refuse_few(views: Sequence[Observations], free: tuple[str, ...]) -> None:
     if not views:
         raise TooFewPoints("a joint calibration (views)", 0, 1)
     for j, view in enumerate(views):
-        if distinct(view.p_world[:32]) < 4 and distinct(view.p_world) < 4:
+        if len({tuple(p) for p in view.p_world[:16].tolist()}) < 4 and distinct(view.p_world) < 4:
             raise TooFewPoints(f"the pose of view {_label(view, j)} (different points)", distinct(view.p_world), 4)
     rows, need = 2 * sum(len(v) for v in views), len(free) + 6 * len(views)
     if rows < need:

@@ -7,20 +7,21 @@ each stage starts from the solved poorer one, so that a richer model never ends 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.calibrate.points import calibrate, locate_camera
 from cadcam.camera.camera import Camera
+from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import INTERNALS, ExtendedPinhole
 from cadcam.camera.lens import Lens
 from cadcam.camera.observations import Observations
 from cadcam.camera.sensitivity import internals_of
 from cadcam.errors import CadcamError, DegenerateGeometry, MirroredPoints, NotConverged
 from cadcam.fit import joint_start as seeds
-from cadcam.fit.block_least_squares import minimise_blocks
+from cadcam.fit.block_least_squares import BlockSolution, minimise_blocks
 from cadcam.fit.joint_model import BEND, JointModel, JointState
 from cadcam.fit.layout import Indices
 from cadcam.fit.levenberg_marquardt import Options
@@ -30,6 +31,7 @@ _FOCALS = (0.4, 0.8, 1.6, 4.0)  # by the longer side of the picture, where the v
 _SOME = 8  # views that the stages use
 _DEEP = 3  # deep views calibrated alone
 _ROUGH = Options(max_iterations=30, settled=1e-2, enough=1.0)
+_NEAR = 0.003  # of the longer side of the picture: a start this good is near the optimum
 _ASTRAY = 4.0  # times the median view's residual: perhaps the other pose of a flat field
 
 
@@ -41,66 +43,109 @@ def start(
     Raises what the calibration of a single view raises if no view gives a start, and `MirroredPoints`.
     """
     some = np.unique(np.linspace(0, len(views) - 1, min(_SOME, len(views))).round().astype(int))
-    few = model.with_views(some)
-    candidates = _internals(model, views, size, fixed)
-    state = _staged(few, [_posed(few, i) for i in candidates])
-    everywhere = _posed(model, state.internals)
+    few, flat = model.with_views(some), _flattened(model)
+    candidates = _internals(model, flat, views, size, fixed)
+    posed = [_posed(few, flat.at(some), i) for i in candidates]
+    if not any(np.isfinite(_cost(few, c)) for c in posed):
+        posed = [_in_sight(few, c) for c in posed]
+    state = _staged(few, posed, _NEAR * max(size))
+    everywhere = _posed(model, flat, state.internals)
     whole = replace(state, R=everywhere.R, t=everywhere.t)
     whole.R[some], whole.t[some] = state.R, state.t
-    return whole
+    return _in_sight(model, whole)
 
 
 def guessed(model: JointModel, camera: Camera, fixed: Mapping[str, float]) -> JointState:
     """Return the state of a guessed camera, fixed values put in place, its lens taken over if it is of the model's."""
     values = dict(zip(INTERNALS, internals_of(camera.K), strict=True)) | dict(fixed)
-    state = _posed(model, np.array([values[n] for n in INTERNALS]))
-    if type(camera.lens) is not type(model.lens):
-        return state
-    free = {n: v for n, v in camera.lens.parameters.items() if n in model.free}
-    return replace(state, lens=np.array(list({**model.lens.parameters, **free}.values())))
+    state = _posed(model, _flattened(model), np.array([values[n] for n in INTERNALS]))
+    if type(camera.lens) is type(model.lens):
+        free = {n: v for n, v in camera.lens.parameters.items() if n in model.free}
+        state = replace(state, lens=np.array(list({**model.lens.parameters, **free}.values())))
+    return _in_sight(model, state)
 
 
-def set_right(model: JointModel, state: JointState, views: Sequence[Observations], camera: Camera) -> JointState | None:
+def set_right(model: JointModel, solution: BlockSolution[JointState], camera: Camera) -> JointState | None:
     """Return the state with the poses of views that fit badly sought globally, or None where none gets better."""
-    distance = np.sqrt(np.nanmean(np.sum(model.residuals(state) ** 2, axis=-1), axis=1))
+    state, squares = solution.state, solution.blocks.squared_distances().sum(axis=1)
+    distance = model.noise * np.sqrt(squares / model.measured.sum(axis=1))  # the thesis' residual of each view, px
     suspects = np.flatnonzero(distance > _ASTRAY * np.median(distance))
-    R, t = state.R.copy(), state.t.copy()
-    points = model.points(state)
-    better = False
-    for j in suspects:
+    sought = _sought(model, state, camera, suspects)
+    better = [j for j in sought if sought[j].thesis_residual < 0.9 * distance[j]]
+    return _moved(state, {j: sought[j] for j in better}) if better else None
+
+
+def _in_sight(model: JointModel, state: JointState) -> JointState:
+    """Return the state with the poses of views that do not image all of their points sought globally."""
+    r = np.where(model.measured[..., None], model.residuals(state), 0.0)
+    blind = np.flatnonzero(~np.isfinite(r).all(axis=(1, 2)))
+    if not blind.size:
+        return state
+    pinhole = ExtendedPinhole(0, 0, 0, 0, 0, 0, *(float(x) for x in state.internals))
+    return _moved(state, _sought(model, state, pinhole.camera((1, 1), model.lens_of(state)), blind))
+
+
+def _sought(model: JointModel, state: JointState, camera: Camera, index: Indices) -> dict[int, CameraEstimate]:
+    """Poses of views by a global search under a camera; those that find none are left out."""
+    points, found = model.points(state), {}
+    for j in index.tolist():
         seen = model.measured[j]
         try:
-            found = locate_camera(Observations(points[j][seen], model.q[j][seen]), camera)
+            found[j] = locate_camera(Observations(points[j][seen], model.q[j][seen]), camera)
         except CadcamError:
             continue
-        if found.thesis_residual < 0.9 * distance[j]:
-            R[j], t[j] = found.camera_from_world.rotation, found.camera_from_world.translation
-            better = True
-    return replace(state, R=R, t=t) if better else None
+    return found
+
+
+def _moved(state: JointState, found: Mapping[int, CameraEstimate]) -> JointState:
+    R, t = state.R.copy(), state.t.copy()
+    for j, estimate in found.items():
+        R[j], t[j] = estimate.camera_from_world.rotation, estimate.camera_from_world.translation
+    return replace(state, R=R, t=t)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Flattened:
+    """Each view's field as a plane: homographies (k, 3, 3), the plane's origin and axes, thickness by length (k,)."""
+
+    H: Array
+    origin: Array
+    axes: Array
+    thick: Array
+
+    def at(self, index: Indices) -> _Flattened:
+        return _Flattened(self.H[index], self.origin[index], self.axes[index], self.thick[index])
+
+
+def _flattened(model: JointModel) -> _Flattened:
+    origin, axes, extents = seeds.plane_frames(model.p, model.measured)
+    flat = ((model.p - origin[:, None]) @ axes)[..., :2]
+    H = seeds.homographies(flat, model.q, model.measured)
+    return _Flattened(H, origin, axes, extents[:, 2] / np.maximum(extents[:, 0], 1e-300))
 
 
 def _internals(
-    model: JointModel, views: Sequence[Observations], size: tuple[int, int], fixed: Mapping[str, float]
+    model: JointModel,
+    flat: _Flattened,
+    views: Sequence[Observations],
+    size: tuple[int, int],
+    fixed: Mapping[str, float],
 ) -> list[Array]:
     """Rows of internals to try, fixed ones as given."""
     usual = {"aspect": 1.0, "skew": 0.0, "U0": (size[1] - 1) / 2, "V0": (size[0] - 1) / 2}
     if "focal" in fixed:
         return [np.array([{**usual, **fixed}[n] for n in INTERNALS])]
-    thick = _thickness(seeds.plane_frames(model.p, model.measured)[2])
-    rows = _of_flat(model, np.flatnonzero(thick < _FLAT), size, {**usual, **fixed})
-    deep = np.flatnonzero(thick >= _FLAT)
+    rows = _of_flat(model, flat.H[flat.thick < _FLAT], size, {**usual, **fixed})
+    deep = np.flatnonzero(flat.thick >= _FLAT)
     if deep.size:
         rows += _of_deep([views[int(j)] for j in deep], size, fixed, model.lens, alone=not rows)
     focals = [] if rows else [k * max(size) for k in _FOCALS]
     return rows + [np.array([{**usual, "focal": f, **fixed}[n] for n in INTERNALS]) for f in focals]
 
 
-def _of_flat(model: JointModel, index: Indices, size: tuple[int, int], known: Mapping[str, float]) -> list[Array]:
-    if not index.size:
+def _of_flat(model: JointModel, H: Array, size: tuple[int, int], known: Mapping[str, float]) -> list[Array]:
+    if not len(H):
         return []
-    some = index[np.unique(np.linspace(0, len(index) - 1, min(3 * _SOME, len(index))).round().astype(int))]
-    few = model.with_views(some)
-    H = _homographies(few)[0]
     rows = []
     for skew in (True, False) if "skew" in model.free else (False,):
         K = seeds.internals_of_homographies(H, size, skew=skew) if len(H) >= (3 if skew else 2) else None
@@ -131,14 +176,13 @@ def _of_deep(
     return [*rows, np.median(rows, axis=0)] if len(rows) > 1 else rows
 
 
-def _posed(model: JointModel, internals: Array) -> JointState:
+def _posed(model: JointModel, flat: _Flattened, internals: Array) -> JointState:
     """Return the state of these internals with every view's pose from a linear transform."""
     K = ExtendedPinhole(0, 0, 0, 0, 0, 0, *(float(x) for x in internals)).K
-    H, origin, axes, thick = _homographies(model)
-    R, t = seeds.poses_of_homographies(H, K)
-    R = R @ np.swapaxes(axes, -1, -2)
-    t = t - (R @ origin[..., None])[..., 0]
-    deep = np.flatnonzero((thick >= _FLAT) & (model.measured.sum(axis=1) >= 6))
+    R, t = seeds.poses_of_homographies(flat.H, K)
+    R = R @ np.swapaxes(flat.axes, -1, -2)
+    t = t - (R @ flat.origin[..., None])[..., 0]
+    deep = np.flatnonzero((flat.thick >= _FLAT) & (model.measured.sum(axis=1) >= 6))
     if deep.size:
         few = model.with_views(deep)
         R[deep], t[deep] = seeds.poses_of_matrices(seeds.camera_matrices(few.p, few.q, few.measured), K)
@@ -147,20 +191,16 @@ def _posed(model: JointModel, internals: Array) -> JointState:
     return JointState(internals.copy(), lens, np.zeros(2), np.zeros((P, 3)), R, t)
 
 
-def _homographies(model: JointModel) -> tuple[Array, Array, Array, Array]:
-    origin, axes, extents = seeds.plane_frames(model.p, model.measured)
-    flat = ((model.p - origin[:, None]) @ axes)[..., :2]
-    return seeds.homographies(flat, model.q, model.measured), origin, axes, _thickness(extents)
+def _staged(model: JointModel, candidates: list[JointState], near: float) -> JointState:
+    """Return the best state of the model's views, the free parameters let go one group after the other.
 
-
-def _thickness(extents: Array) -> Array:
-    """Return thickness by length (k,): 0 for points on a plane."""
-    return np.asarray(extents[:, 2] / np.maximum(extents[:, 0], 1e-300))
-
-
-def _staged(model: JointModel, candidates: list[JointState]) -> JointState:
-    """Return the best state of the model's views, the free parameters let go one group after the other."""
+    A candidate whose residual is below `near` (px) already is taken without trying the others.
+    """
     first, *rest = _stages(model)
+    costs = [_cost(model, c) for c in candidates]
+    best = int(np.argmin(costs))
+    if costs[best] < near**2 * model.measured.sum():
+        candidates = [candidates[best]]
     if len(candidates) == len(_FOCALS):  # mere guesses: the focal length alone first
         held = [_descend(model.with_free([n for n in first if n == "focal"]), c) for c in candidates]
         candidates = [s for s in held if s is not None]
@@ -176,9 +216,9 @@ def _staged(model: JointModel, candidates: list[JointState]) -> JointState:
 
 
 def _stages(model: JointModel) -> list[tuple[str, ...]]:
-    """Growing tuples of free parameters: the usual internals; skew; the first coefficient; four; all; bend."""
+    """Growing tuples of free parameters: the usual internals; skew; the first coefficient; five; all; bend."""
     lens = [n for n in model.free if n not in INTERNALS and n not in BEND]
-    groups = [["focal", "aspect", "U0", "V0"], ["skew"], lens[:1], lens[1:4], lens[4:], list(BEND)]
+    groups = [["focal", "aspect", "U0", "V0"], ["skew"], lens[:1], lens[1:5], lens[5:], list(BEND)]
     stages: list[tuple[str, ...]] = []
     wanted: set[str] = set()
     for group in groups:
@@ -202,4 +242,5 @@ def _without_points(state: JointState) -> JointState:
 
 
 def _cost(model: JointModel, state: JointState) -> float:
-    return float(np.nansum(model.residuals(state) ** 2))
+    r = model.residuals(state)[model.measured]
+    return float(np.sum(r * r)) if np.isfinite(r).all() else np.inf

@@ -222,7 +222,7 @@ def _in_order(model: JointModel, names: Sequence[str]) -> list[str]:
 
 
 def _held_out(fit: JointFit, other: float) -> float:
-    """The error on left-out views; nan where there is none, or where the other model has none to compare it with."""
+    """Return the error on left-out views; nan where there is none, or the other model has none to compare it with."""
     if np.isnan(other):
         return np.nan
     try:

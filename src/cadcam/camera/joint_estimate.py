@@ -109,8 +109,11 @@ class JointEstimate:
     @property
     def residuals(self) -> tuple[Array, ...]:
         """Return measured minus projected pixels (N, 2) of each view."""
-        pairs = enumerate(zip(self.views, self.points, strict=True))
-        return tuple(v.q - self.camera.project(self.pose(j) @ p) for j, (v, p) in pairs)
+        counts = [len(v) for v in self.views]
+        R, t = (np.repeat(x, counts, axis=0) for x in (self.poses.rotation, self.poses.translation))
+        p = np.concatenate(self.points)
+        r = np.concatenate([v.q for v in self.views]) - self.camera.project(np.einsum("nij,nj->ni", R, p) + t)
+        return tuple(np.split(r, np.cumsum(counts)[:-1]))
 
     @property
     def view_residuals(self) -> Array:

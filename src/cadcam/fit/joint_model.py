@@ -128,7 +128,10 @@ class JointModel:
 
     def residuals(self, state: JointState) -> Array:
         """Return projected less measured pixels (k, N, 2); nan where nothing was measured."""
-        q = self._projected(state)[0]
+        aspect, focal, skew, U0, V0 = state.internals
+        m = self.lens_of(state).project(self._in_camera(state))
+        x = focal * aspect * (np.cos(skew) * m[..., 0] + np.sin(skew) * m[..., 1]) + V0
+        q = np.stack([x, focal * m[..., 1] + U0], axis=-1)
         return np.where(self.measured[..., None], q - self.q, np.nan)
 
     def with_views(self, index: npt.ArrayLike) -> JointModel:
@@ -151,10 +154,13 @@ class JointModel:
 
     def _projected(self, state: JointState) -> tuple[Array, Array, Array, Array]:
         """Pixels, their Jacobians by the point in the camera frame and by internals and lens, and those points."""
-        p = np.swapaxes(self.points(state), -1, -2)
-        in_camera = np.moveaxis(state.R @ p + state.t[..., None], -1, -2)
+        in_camera = self._in_camera(state)
         q, dq_dp, dq_di = project_in_camera(state.internals, self.lens_of(state), in_camera, self._columns.tolist())
         return q, dq_dp, dq_di, in_camera
+
+    def _in_camera(self, state: JointState) -> Array:
+        p = np.swapaxes(self.points(state), -1, -2)
+        return np.moveaxis(state.R @ p + state.t[..., None], -1, -2)
 
     def _by_own(self, dq_dp: Array, p: Array, over: Array) -> Array:
         out = np.swapaxes(component_major(self.measured.shape, 6, 2), -1, -2)

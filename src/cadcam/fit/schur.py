@@ -144,9 +144,9 @@ def normal_equations(blocks: Blocks, cost: float, earlier: NormalEquations | Non
     k, n, own = blocks.sizes
     if not np.isfinite(cost):
         return NormalEquations(blocks, np.inf, np.ones(n), np.ones((k, own)))
-    flat, B, alone = blocks.flat_by_shared, blocks.by_own, blocks.alone
-    Bt = np.swapaxes(B, -1, -2)
-    aa, bb = flat.T @ flat + alone.T @ alone, Bt @ B
+    A, B, alone = blocks.by_shared, blocks.by_own, blocks.alone
+    At, Bt = np.swapaxes(A, -1, -2), np.swapaxes(B, -1, -2)
+    aa, bb = (At @ A).sum(axis=0) + alone.T @ alone, Bt @ B
     a_scale, b_scale = _scale(aa), _scale(bb)
     if earlier is not None:
         a_scale, b_scale = np.maximum(a_scale, earlier.shared_scale), np.maximum(b_scale, earlier.own_scale)
@@ -156,9 +156,9 @@ def normal_equations(blocks: Blocks, cost: float, earlier: NormalEquations | Non
         a_scale,
         b_scale,
         aa=aa / np.outer(a_scale, a_scale),
-        ab=(Bt @ blocks.by_shared) / (b_scale[:, :, None] * a_scale),
+        ab=(Bt @ A) / (b_scale[:, :, None] * a_scale),
         bb=bb / (b_scale[:, :, None] * b_scale[:, None, :]),
-        ga=(flat.T @ blocks.r.reshape(-1) + alone.T @ blocks.alone_r) / a_scale,
+        ga=((At @ blocks.r[..., None])[..., 0].sum(axis=0) + alone.T @ blocks.alone_r) / a_scale,
         gb=(Bt @ blocks.r[..., None])[..., 0] / b_scale,
     )
 
