@@ -14,6 +14,8 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.cad.load import load as load
     from cadcam.cad.load import load_with_report as load_with_report
     from cadcam.cad.mesh import Mesh as Mesh
+    from cadcam.calibrate.boards import calibrate_boards as calibrate_boards
+    from cadcam.calibrate.boards import find_board as find_board
     from cadcam.calibrate.joint import calibrate_jointly as calibrate_jointly
     from cadcam.calibrate.joint import fit_jointly as fit_jointly
     from cadcam.calibrate.nested import nested_advice as nested_advice
@@ -64,6 +66,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.render.visible import visible_wireframe as visible_wireframe
     from cadcam.render.wireframe import LineOptions as LineOptions
     from cadcam.render.wireframe import Wireframe as Wireframe
+    from cadcam.target.pattern import parse_pattern as parse_pattern
 
     calibrate_camera = _calibrate  # `cadcam.calibrate` is the package
 
@@ -95,10 +98,12 @@ _HOME = {
     "Wireframe": "cadcam.render.wireframe",
     "added": "cadcam.render.overlay",
     "blended": "cadcam.render.overlay",
+    "calibrate_boards": "cadcam.calibrate.boards",
     "calibrate_camera": "cadcam.calibrate.points:calibrate",
     "calibrate_jointly": "cadcam.calibrate.joint",
     "edge_distances": "cadcam.render.overlay",
     "feature_edges": "cadcam.cad.edges",
+    "find_board": "cadcam.calibrate.boards",
     "fit_jointly": "cadcam.calibrate.joint",
     "load": "cadcam.cad.load",
     "load_with_report": "cadcam.cad.load",
@@ -108,6 +113,7 @@ _HOME = {
     "open_renderer": "cadcam.render",
     "over_edges": "cadcam.render.overlay",
     "overlay": "cadcam.render.overlay",
+    "parse_pattern": "cadcam.target.pattern",
     "read_camera": "cadcam.files.camera",
     "read_matrix": "cadcam.files.matrix",
     "read_picture": "cadcam.image.picture",
