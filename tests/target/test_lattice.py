@@ -74,3 +74,15 @@ def test_colours_fix_a_chessboard_s_turn_but_not_its_part() -> None:
     part = pattern.cells[:, 0] > 0
     cells = pattern.cells[part]
     assert not placed(cells, cells * 20.0, color[part], pattern).fixed
+
+
+def test_colours_go_along_with_a_quarter_turn() -> None:
+    """Counted along the board's other axes, the dark quadrants are those between steps of unlike sign."""
+    pattern = parse_pattern("chessboard:8x5:10mm")
+    color = 1 - 2 * (pattern.cells.sum(axis=1) % 2)
+    quarter = np.column_stack([pattern.cells[:, 1], -pattern.cells[:, 0]])
+    place = placed(quarter, pattern.cells * 20.0, -color, pattern)
+    assert place.fixed
+    assert np.array_equal(place.points[np.argsort(place.marks)], np.arange(40))
+    other = placed(quarter, pattern.cells * 20.0, color, pattern)
+    assert not np.array_equal(other.points[np.argsort(other.marks)], np.arange(40))
