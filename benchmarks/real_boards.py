@@ -20,6 +20,7 @@ import numpy as np
 from cadcam.arrays import Array, Picture
 from cadcam.calibrate.boards import calibrate_boards, find_board
 from cadcam.calibrate.joint import calibrate_jointly
+from cadcam.calibrate.points import locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import BrownConrady
@@ -30,6 +31,7 @@ from cadcam.image.picture import read_picture, to_gray
 from cadcam.target import opencv
 from cadcam.target.circles import disc_grid, disc_shift
 from cadcam.target.detect import detect
+from cadcam.target.grid import Grid
 from cadcam.target.ideal import board_picture
 from cadcam.target.pattern import Chessboard, CircleGrid, Pattern, parse_pattern
 
@@ -252,44 +254,75 @@ def _cv2_row(name: str, finder: Finder, files: Sequence[Path], pattern: Pattern,
 
 
 def dots(data: Path) -> None:
-    """Calibrate from a wall of dots: lattices in parts of it as grids of equal steps, beside the published camera."""
+    """Calibrate from a wall of dots at their published places, beside the published camera."""
     import h5py
 
     folder = data / "opencsp_dots"
     with h5py.File(folder / "data_measurement/camera_calibration.h5") as file:
         K, d = np.array(file["Camera/intrinsic_mat"]), np.array(file["Camera/distortion_coef"])
     with h5py.File(folder / "data_expected/fixed_pattern_dot_locations.h5") as file:
-        wall = np.array(file["DotLocationsFixedPattern/xyz_dot_loc"])
-    step = 1e3 * float(np.nanmedian(np.linalg.norm(np.diff(wall, axis=1), axis=2)))
-    spread = 1e3 * float(np.nanstd(np.linalg.norm(np.diff(wall, axis=1), axis=2)))
-    print(f"opencsp_dots: published dots {step:.2f} mm apart (scatter {spread:.2f} mm)\n")
-    views = []
+        wall = 1e3 * np.array(file["DotLocationsFixedPattern/xyz_dot_loc"])
+    published = Camera.from_opencv((2160, 1440), np.array([*K[:2], [0, 0, 1]]), d)
+    off = _off_plane(wall.reshape(-1, 3))
+    print(f"opencsp_dots: 5 pictures of a wall of 64 x 64 dots at published places, {off:.1f} mm rms off a plane\n")
+    views, errors, turns = [], [], list(_TURNS)
     for file in sorted((folder / "data_measurement/images").glob("*.JPG")):
         grid = disc_grid(to_gray(read_picture(file)), window=0.03, light=False, staggered=False, enough=4096)
         if grid is None:
             print(f"{file.name}: nothing")
             continue
-        extent = np.ptp(grid.cells, axis=0) + 1
-        sigma = np.median(np.sqrt(np.einsum("nii->n", grid.fit.covariance) / 2))
-        print(f"{file.name}: {len(grid)} dots in a lattice of {extent[0]} x {extent[1]}, fit says {sigma:.3f} px")
-        cells = grid.cells - grid.cells.min(axis=0)
-        views.append(Observations(np.column_stack([cells * step, np.zeros(len(cells))]), grid.fit.q, source=file.name))
-    estimate = calibrate_jointly(views, (2160, 1440), fixed={"skew": 0.0}, lens=BrownConrady(), free_lens=TERMS)
-    estimate = _trimmed(views, estimate)
-    _our_rows("ours, grid of equal steps", estimate)
-    _row("published (K[2,2] set to 1)", 0, 0, np.nan,
-         Camera.from_opencv((2160, 1440), np.array([*K[:2], [0, 0, 1]]), d))  # fmt: skip
+        view, error, turn = _on_wall(grid, wall, published, turns, file.name)
+        turns = [turn]  # the camera was not turned between the pictures
+        fit = np.median(np.sqrt(np.einsum("nii->n", grid.fit.covariance) / 2))
+        print(f"{file.name}: {len(grid)} dots found, {len(view)} of them published; fit says {fit:.3f} px")
+        views.append(view)
+        errors.append(error)
+    print(f"\n{'':50} {'views':>5} {'points':>6} {'rms px':>7} {'fx':>8} {'fy':>8} {'cx':>8} {'cy':>8}   lens")
+    points = sum(len(v) for v in views)
+    _our_rows("ours", calibrate_jointly(views, (2160, 1440), fixed={"skew": 0.0}, lens=BrownConrady(), free_lens=TERMS))
+    _row(
+        "published camera, poses by our dots", len(views), points, float(np.sqrt(np.mean(np.square(errors)))), published
+    )
     print()
 
 
-def _trimmed(views: list[Observations], estimate: JointEstimate) -> JointEstimate:
-    """Return the estimate without dots more than six times the median off: squares of markers among them."""
-    kept = []
-    for view, r in zip(views, estimate.residuals, strict=True):
-        distance = np.hypot(*r.T)
-        good = distance < 6 * np.median(distance)
-        kept.append(Observations(view.p_world[good], view.q[good], source=view.source))
-    return calibrate_jointly(kept, (2160, 1440), fixed={"skew": 0.0}, lens=BrownConrady(), free_lens=TERMS)
+_TURNS = [np.array(m).reshape(2, 2) for m in ((1, 0, 0, 1), (1, 0, 0, -1), (-1, 0, 0, 1), (-1, 0, 0, -1),
+                                              (0, 1, 1, 0), (0, 1, -1, 0), (0, -1, 1, 0), (0, -1, -1, 0))]  # fmt: skip
+
+
+def _off_plane(p: Array) -> float:
+    p = p[np.isfinite(p).all(axis=1)]
+    return float(np.linalg.svd(p - p.mean(axis=0), compute_uv=False)[2] / np.sqrt(len(p)))
+
+
+def _on_wall(
+    grid: Grid, wall: Array, camera: Camera, turns: Sequence[Array], name: str
+) -> tuple[Observations, float, Array]:
+    """Return a picture's dots at the places on the wall that fit best, their rms with a camera, and the turn."""
+    best: tuple[float, Array, Array] | None = None
+    for turn in turns:
+        cells = grid.cells @ turn.T
+        cells -= cells.min(axis=0)
+        room = 64 - cells.max(axis=0)
+        for shift in np.ndindex(*np.maximum(room, 0)):
+            p = wall[cells[:, 1] + shift[1], cells[:, 0] + shift[0]]
+            known = np.flatnonzero(np.isfinite(p).all(axis=1))
+            few = known[:: max(1, len(known) // 80)]
+            try:
+                rms = locate_camera(Observations(p[few], grid.fit.q[few]), camera).rms_px
+            except CadcamError:
+                continue
+            if best is None or rms < best[0]:
+                best = rms, p, turn
+    if best is None:
+        raise SystemExit(f"{name}: its dots lie nowhere on the wall")
+    _, p, turn = best
+    published = np.isfinite(p).all(axis=1)
+    p, q = p[published], grid.fit.q[published]
+    residuals = locate_camera(Observations(p, q), camera).residuals
+    good = np.hypot(*residuals.T) < 8 * np.median(np.hypot(*residuals.T))  # squares of markers are no dots
+    view = Observations(p[good], q[good], source=name)
+    return view, locate_camera(view, camera).rms_px, turn
 
 
 if __name__ == "__main__":
