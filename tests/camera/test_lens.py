@@ -151,3 +151,17 @@ def test_bad_coefficients_are_refused() -> None:
     assert BrownConrady.from_opencv([*range(12), 0, 0]).parameters == dict(
         zip(LENSES["brown-conrady"]().parameters, range(12), strict=True)
     )
+
+
+def test_the_quick_bound_never_reaches_beyond_the_fold(rng: np.random.Generator) -> None:
+    """Three hundred decentred lenses: where the bound says that nothing folds, the search finds nothing either."""
+    said = 0
+    for _ in range(300):
+        k1, k2, k3 = rng.normal(size=3) * [0.3, 0.1, 0.05]
+        p1, p2, s1, s3 = rng.normal(size=4) * 0.02
+        lens = BrownConrady(k1, k2, p1, p2, k3, s1=s1, s3=s3)
+        radius = rng.uniform(0.1, 3)
+        if lens._upright_to(radius):
+            said += 1
+            assert radius <= lens.valid_radius
+    assert said > 50

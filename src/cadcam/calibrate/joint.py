@@ -133,7 +133,7 @@ def fit_of(
     origin: Array,
 ) -> JointFit:
     """Return a minimum with its cofactors; `DegenerateGeometry` names what the views do not determine."""
-    known = factorise(solution.weighted, model.shared, OWN, [_label(v, j) for j, v in enumerate(views)])
+    known = factorise(solution.weighted, model.shared, OWN, [_label(v, j) for j, v in enumerate(views)], kind="view")
     fit = JointFit(model, solution, known, views, size, origin)
     _refuse_useless(fit)
     return fit

@@ -18,6 +18,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Floats, Mask, component_major
 from cadcam.camera import radial
+from cadcam.camera.perspective import by_point, direction, perspective, perspective_and_scale
 from cadcam.errors import BadValue
 
 
@@ -72,14 +73,14 @@ class Ideal(Lens):
 
     def project_with_jacobians(self, p: Floats) -> tuple[Array, Array, Array]:
         """Return m, dm/dp and an empty coefficient Jacobian."""
-        u, over_z = _perspective_and_scale(p)
+        u, over_z = perspective_and_scale(p)
         identity = component_major(u.shape[:-1], 2, 2)
         identity[..., 0, 0] = identity[..., 1, 1] = 1.0
-        return u, _by_point(identity, u, over_z), np.zeros((*u.shape, 0))
+        return u, by_point(identity, u, over_z), np.zeros((*u.shape, 0))
 
     def unproject(self, m: Floats) -> Array:
         """Return the unit direction of (mx, my, 1)."""
-        return _direction(np.asarray(m, dtype=np.float64))
+        return direction(np.asarray(m, dtype=np.float64))
 
 
 class PlanarLens(Lens):
@@ -113,10 +114,10 @@ class PlanarLens(Lens):
 
     def project_with_jacobians(self, p: Floats) -> tuple[Array, Array, Array]:
         """Return m, dm/dp, dm/dcoefficients; NaN as `project`."""
-        u, over_z = _perspective_and_scale(p)
+        u, over_z = perspective_and_scale(p)
         with np.errstate(all="ignore"):
             m, dm_dc = self._distort(u), self._coefficient_jacobian(u)
-            dm_dp = _by_point(self._plane_jacobian(u), u, over_z)
+            dm_dp = by_point(self._plane_jacobian(u), u, over_z)
         bad = ~self._inside(u)
         if bad.any():
             m[bad], dm_dp[bad], dm_dc[bad] = np.nan, np.nan, np.nan
@@ -127,7 +128,7 @@ class PlanarLens(Lens):
         with np.errstate(all="ignore"):
             u = self._undistort(np.asarray(m, dtype=np.float64))
             u = np.where(self._inside(u)[..., None], u, np.nan)
-        return _direction(u)
+        return direction(u)
 
 
 @dataclass(frozen=True)
@@ -432,32 +433,3 @@ class Fisheye(Lens):
 
 
 LENSES: dict[str, type[Lens]] = {lens.name: lens for lens in (Ideal, BrownConrady, OddRadial, Division, Fisheye)}
-
-
-def perspective(p: Floats) -> Array:
-    """Return u = (x, y)/z (..., 2) of p (..., 3); NaN for z <= 0."""
-    p = np.asarray(p, dtype=np.float64)
-    z = p[..., 2:]
-    return np.asarray(p[..., :2] / np.where(z > 0, z, np.nan))
-
-
-def _perspective_and_scale(p: Floats) -> tuple[Array, Array]:
-    """Return u = (x, y)/z (..., 2) and 1/z (...,), NaN for z <= 0."""
-    p = np.asarray(p, dtype=np.float64)
-    z = np.where(p[..., 2] > 0, p[..., 2], np.nan)
-    return np.asarray(p[..., :2] / z[..., None]), 1 / z
-
-
-def _by_point(dm_du: Array, u: Array, over_z: Array) -> Array:
-    """Return dm/dp (..., 2, 3) of dm/du (..., 2, 2): du/dp = [[1, 0, -ux], [0, 1, -uy]]/z."""
-    out = component_major(u.shape[:-1], 2, 3)
-    for row in (0, 1):
-        out[..., row, 0] = dm_du[..., row, 0] * over_z
-        out[..., row, 1] = dm_du[..., row, 1] * over_z
-        out[..., row, 2] = -(out[..., row, 0] * u[..., 0] + out[..., row, 1] * u[..., 1])
-    return out
-
-
-def _direction(u: Array) -> Array:
-    z = 1 / np.sqrt(1 + u[..., :1] ** 2 + u[..., 1:] ** 2)
-    return np.concatenate([u * z, z], axis=-1)

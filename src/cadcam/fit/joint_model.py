@@ -64,12 +64,14 @@ class JointModel:
     priors: tuple[tuple[str, float, float], ...] = ()
     _columns: Indices = field(init=False)
     _all: bool = field(init=False)
+    _plain: bool = field(init=False)
 
     def __post_init__(self) -> None:
         names = (*INTERNALS, *self.lens.parameters)
         columns = [names.index(n) for n in self.free if n not in BEND]
         object.__setattr__(self, "_columns", np.array(columns, dtype=int))
         object.__setattr__(self, "_all", bool(self.measured.all()))
+        object.__setattr__(self, "_plain", self._all and bool((self.noise == 1).all()))
 
     @property
     def shared(self) -> tuple[str, ...]:
@@ -84,13 +86,12 @@ class JointModel:
         if not self._possible(state):
             return Blocks(np.full((k, 2 * N), np.nan), np.zeros((k, 2 * N, 0)), np.zeros((k, 2 * N, 0)))
         q, dq_dp, dq_di, in_camera = self._projected(state)
-        over = 1 / self.noise[:, None, None]
-        over = np.broadcast_to(over, (k, N, 1)) if self._all else over * self.measured[..., None]
+        over = self.measured[..., None] / self.noise[:, None, None]
         pairs = np.arange(2 * N).reshape(2, N).T
         measured = None if self._all else np.concatenate([self.measured, self.measured], axis=1)
         alone_r, alone = self._alone(state)
         return Blocks(
-            _rows(((q - self.q) * over)[..., None])[..., 0],
+            _rows(self._weighed(q - self.q, over)[..., None])[..., 0],
             _rows(self._by_shared(state, dq_dp, dq_di, over)),
             _rows(self._by_own(dq_dp, in_camera, over)),
             measured,
@@ -114,6 +115,12 @@ class JointModel:
             R=turn @ state.R,
             t=(turn @ state.t[..., None])[..., 0] + step.own[:, :3],
         )
+
+    def _weighed(self, values: Array, over: Array) -> Array:
+        """Return values times over, in place; at once where every point was measured and noise is 1."""
+        if not self._plain:
+            values *= over
+        return values
 
     def points(self, state: JointState) -> Array:
         """Return the points (k, N, 3) as the state bends or moves them."""
@@ -165,13 +172,13 @@ class JointModel:
     def _by_own(self, dq_dp: Array, p: Array, over: Array) -> Array:
         out = np.swapaxes(component_major(self.measured.shape, 6, 2), -1, -2)
         for i in range(3):
-            out[..., i] = dq_dp[..., i] * over
+            out[..., i] = dq_dp[..., i]
             j, k = (i + 1) % 3, (i + 2) % 3
-            out[..., 3 + i] = dq_dp[..., k] * (p[..., j, None] * over) - dq_dp[..., j] * (p[..., k, None] * over)
-        return out
+            out[..., 3 + i] = dq_dp[..., k] * p[..., j, None] - dq_dp[..., j] * p[..., k, None]
+        return self._weighed(out, over[..., None])
 
     def _by_shared(self, state: JointState, dq_dp: Array, dq_di: Array, over: Array) -> Array:
-        dq_di *= over[..., None]
+        self._weighed(dq_di, over[..., None])
         if len(self.shared) == len(self._columns):
             return dq_di
         out = np.swapaxes(component_major(self.measured.shape, len(self.shared), 2), -1, -2)

@@ -64,11 +64,6 @@ class Blocks:
         return self.rows - n - k * own
 
     @property
-    def flat_by_shared(self) -> Array:
-        """Return the Jacobian (k m, n) of all blocks' rows by the shared parameters."""
-        return self.by_shared.reshape(self.r.size, self.by_shared.shape[2])
-
-    @property
     def alone(self) -> Array:
         """Return the Jacobian (p, n) of the rows on shared parameters alone."""
         return np.zeros((0, self.sizes[1])) if self.alone_by_shared is None else self.alone_by_shared

@@ -91,27 +91,31 @@ class Cofactors:
 
 
 def factorise(
-    blocks: Blocks, shared_names: Sequence[str], own_names: Sequence[str], block_names: Sequence[str] | None = None
+    blocks: Blocks,
+    shared_names: Sequence[str],
+    own_names: Sequence[str],
+    block_names: Sequence[str] | None = None,
+    *,
+    kind: str = "block",
 ) -> Cofactors:
-    """Return what (weighted) blocks at a minimum know.
+    """Return what (weighted) blocks at a minimum know; `kind` is what messages call a block.
 
     Raises `DegenerateGeometry` naming the combination of parameters that the residuals do not see: of one block with
     the shared parameters held, or of the shared parameters with every block free to follow.
     """
     k, n, own = blocks.sizes
-    labels = [str(j + 1) for j in range(k)] if block_names is None else block_names
-    scale = _lengths(np.concatenate([blocks.flat_by_shared, blocks.alone]))
+    labels = [f"{kind} {name}" for name in (range(1, k + 1) if block_names is None else block_names)]
+    scale = _lengths(blocks.by_shared, blocks.alone)
     own_scale = np.sqrt(np.sum(blocks.by_own**2, axis=1))
     own_scale = np.where(own_scale > 0, own_scale, 1.0)
     R = _triangles(blocks, scale, own_scale)
     bb, ba, aa, ar = R[:, :own, :own], R[:, :own, own : own + n], R[:, own:-1, own:-1], R[:, own:-1, -1]
     _refuse_blind_blocks(bb, own_scale, own_names, labels)
     inverse = np.linalg.inv(bb) if own else bb
-    rows = np.concatenate(
-        [aa.reshape(k * n, n), blocks.alone / scale, np.zeros((n, n))]
-    )  # n rows at least: Vt is whole
+    enough = np.zeros((n, n))  # rows at least: Vt is whole
+    rows = np.concatenate([aa.reshape(k * n, n), blocks.alone / scale, enough])
     _, s, Vt = np.linalg.svd(rows, full_matrices=False)
-    _refuse_blind(s, Vt, scale, shared_names)
+    _refuse_blind(s, Vt, scale, shared_names, kind)
     W = (Vt.T / s) / scale[:, None]
     lever = (inverse @ ba) / own_scale[:, :, None] * scale
     alone = inverse / own_scale[:, :, None]
@@ -149,22 +153,22 @@ def _refuse_blind_blocks(bb: Array, own_scale: Array, names: Sequence[str], labe
     if ratio[worst] <= _RANK:
         v = Vt[worst, -1]
         raise DegenerateGeometry(
-            f"block {labels[worst]} does not determine {combination(v, v / own_scale[worst], names)} "
+            f"{labels[worst]} does not determine {combination(v, v / own_scale[worst], names)} "
             f"(singular value ratio {ratio[worst]:.2g}) even if all shared parameters are held; it has too few points, "
             "or they lie on a line: add points to it or leave it out"
         )
 
 
-def _refuse_blind(s: Array, Vt: Array, scale: Array, names: Sequence[str]) -> None:
+def _refuse_blind(s: Array, Vt: Array, scale: Array, names: Sequence[str], kind: str) -> None:
     if not len(s) or s[-1] > _RANK:
         return
     raise DegenerateGeometry(
         f"the observations do not determine {combination(Vt[-1], Vt[-1] / scale, names)} (singular value {s[-1]:.2g} "
-        "of columns of length one, every block free to follow); fix one of these parameters, or add blocks that tell "
-        "them apart"
+        f"of columns of length one, every {kind} free to follow); fix one of these parameters, or add {kind}s that "
+        "tell them apart"
     )
 
 
-def _lengths(J: Array) -> Array:
-    lengths = np.sqrt(np.sum(J**2, axis=0))
-    return np.where(lengths > 0, lengths, 1.0)
+def _lengths(A: Array, alone: Array) -> Array:
+    squares = np.einsum("kmn,kmn->n", A, A) + np.sum(alone**2, axis=0)
+    return np.where(squares > 0, np.sqrt(squares), 1.0)

@@ -61,10 +61,10 @@ def advice_table(advice: Advice) -> Table:
     rows = []
     for q in advice.questions:
         held = [f"{e:.4g}" if np.isfinite(e) else "" for e in (q.held_out_without, q.held_out_with)]
-        by_view = "" if np.isnan(q.chance_by_view) else f"{q.chance_by_view:.2g}"
+        by_view = "" if np.isnan(q.chance_by_view) else _chance(q.chance_by_view)
         verdict = {(1, 1): "keep", (1, 0): "hold", (0, 1): "free", (0, 0): "leave"}[q.included, q.needed]
         name = " ".join(q.names)
-        rows.append((name, "free" if q.included else "held", f"{q.chance:.2g}", by_view, *held, verdict))
+        rows.append((name, "free" if q.included else "held", _chance(q.chance), by_view, *held, verdict))
     columns = ("parameter", "now", "chance", "by views", "left out: without", "with", "advice")
     notes = (
         "chance: of so much improvement if the parameter were not needed, by the F-test, which takes every pixel for",
@@ -95,6 +95,10 @@ def _notes(estimate: JointEstimate) -> tuple[str, ...]:
     if names:
         notes.append(f"warning: much worse than the other views: {names}; look at them, or leave them out")
     return tuple(notes)
+
+
+def _chance(p: float) -> str:
+    return f"{p:.2g}" if p >= 1e-12 else "< 1e-12"
 
 
 def _scatter(estimate: JointEstimate) -> float:
