@@ -15,6 +15,8 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.cad.load import load_with_report as load_with_report
     from cadcam.cad.mesh import Mesh as Mesh
     from cadcam.calibrate.alternating import alternating_externals as alternating_externals
+    from cadcam.calibrate.boards import calibrate_boards as calibrate_boards
+    from cadcam.calibrate.boards import find_board as find_board
     from cadcam.calibrate.flat import calibrate_line as calibrate_line
     from cadcam.calibrate.flat import calibrate_plane as calibrate_plane
     from cadcam.calibrate.joint import calibrate_jointly as calibrate_jointly
@@ -93,6 +95,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.render.visible import visible_wireframe as visible_wireframe
     from cadcam.render.wireframe import LineOptions as LineOptions
     from cadcam.render.wireframe import Wireframe as Wireframe
+    from cadcam.target.pattern import parse_pattern as parse_pattern
 
     calibrate_camera = _calibrate  # `cadcam.calibrate` is the package
     compare_cameras = _compare
@@ -140,6 +143,7 @@ _HOME = {
     "added": "cadcam.render.overlay",
     "alternating_externals": "cadcam.calibrate.alternating",
     "blended": "cadcam.render.overlay",
+    "calibrate_boards": "cadcam.calibrate.boards",
     "calibrate_camera": "cadcam.calibrate.points:calibrate",
     "calibrate_jointly": "cadcam.calibrate.joint",
     "calibrate_line": "cadcam.calibrate.flat",
@@ -147,6 +151,7 @@ _HOME = {
     "compare_cameras": "cadcam.fit.compare:compare",
     "edge_distances": "cadcam.render.overlay",
     "feature_edges": "cadcam.cad.edges",
+    "find_board": "cadcam.calibrate.boards",
     "first_order": "cadcam.calibrate.variability",
     "fit_jointly": "cadcam.calibrate.joint",
     "load": "cadcam.cad.load",
@@ -160,6 +165,7 @@ _HOME = {
     "open_renderer": "cadcam.render",
     "over_edges": "cadcam.render.overlay",
     "overlay": "cadcam.render.overlay",
+    "parse_pattern": "cadcam.target.pattern",
     "projection_map": "cadcam.calibrate.projection_map",
     "read_camera": "cadcam.files.camera",
     "read_cameras": "cadcam.files.foreign.registry",

@@ -93,6 +93,17 @@ class NothingInView(CadcamError):
     """The model lies wholly behind the camera or outside its picture."""
 
 
+class NoBoard(CadcamError):
+    """A picture does not show the calibration board that was asked for.
+
+    seen: (columns, rows) of the grid that it shows instead, None where it shows none.
+    """
+
+    def __init__(self, board: str, reason: str, seen: tuple[int, int] | None = None) -> None:
+        super().__init__(f"no {board} found: {reason}")
+        self.board, self.reason, self.seen = board, reason, seen
+
+
 class MissingOpenGL(CadcamError):
     """OpenGL does not answer: no EGL library, no device, too old, or a driver that fails."""
 

@@ -13,6 +13,7 @@ EXAMPLES = ROOT / "examples"
 
 # script -> arguments, files it leaves, what it says
 RUNS: dict[str, tuple[list[str], list[str], str]] = {
+    "calibrate_from_board.py": ([], [], "next: hold the board"),
     "calibrate_from_points.py": ([], ["camera.json"], "focal"),
     "decompose_matrix.py": ([], [], "-3 P has the same parameters"),
     "overlay_on_photo.py": ([], ["overlay.png"], "median distance"),

@@ -40,6 +40,7 @@ def test_tool_is_content(command: tuple[str, ...]) -> None:
         ("render/view.py", "import cascadio", "CAD kernels stay in cad"),
         ("calibrate/points.py", "import embreex", "Embree stays in render"),
         ("camera/opengl.py", "import moderngl", "OpenGL stays in render"),
+        ("image/edges.py", "import cv2", "OpenCV stays in target"),
         ("render/view.py", "import ctypes", "the C core stays behind one module"),
         ("files/points.py", "from PIL import Image", "image codecs stay in image"),
         ("calibrate/variability.py", "import matplotlib", "plotting stays in report"),

@@ -1,32 +1,37 @@
-"""`cadcam calibrate`: points file -> camera file; several -> one camera from all; with known internals, the pose."""
+"""`cadcam calibrate`: points files or pictures of a board -> camera file; with known internals, the pose."""
 
 from __future__ import annotations
 
 import argparse
-import math
-from typing import TYPE_CHECKING
+from pathlib import Path
 
-from cadcam.cli.arguments import Verbs, add_json, add_points_options, number, read_points_as_asked, size, verb
+from cadcam.cli.arguments import Verbs, add_json, add_points_options, read_points_as_asked, verb
+from cadcam.cli.boards import BOARD_HELP, PICTURES, add_board_options, run_boards
+from cadcam.cli.estimating import (
+    add_estimate_options,
+    estimate_as_asked,
+    fixed_as_asked,
+    lens_as_asked,
+    size_as_asked,
+)
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
-from cadcam.errors import BadValue, UnknownName
+from cadcam.errors import BadValue
 
-if TYPE_CHECKING:
-    from cadcam.camera.estimate import CameraEstimate
-    from cadcam.camera.lens import Lens
-    from cadcam.camera.observations import Observations
-
-_EXAMPLES = """\
+_EXAMPLES = f"""\
   cadcam calibrate points.csv --photo photo.png -o camera.json
   cadcam calibrate points.csv --size 768x576 --fix skew=0 --fix aspect=1 --lens brown-conrady:k1 -o camera.json
   cadcam calibrate points.csv --internals camera.json -o posed.json        only where that camera stands now
   cadcam calibrate left.csv front.csv right.csv --size 768x576 --fix skew=0 --lens brown-conrady:k1 -o camera.json
                                                                            one camera from three positions
+  cadcam calibrate images/*.png --board chessboard:9x6:25mm -o camera.json        pictures of a board
+  cadcam calibrate images/ --board circles:7x6:30mm --pictures found --poses poses.csv
   cadcam calibrate table_2_7.csv --columns U2,V2 --size 768x576            a file with two image points a line
 
 points file (CSV, tabs or blanks; # comments):
   name,X,Y,Z,x_px,y_px          X Y Z in mm (or X_m, X_in ..., or --points-unit); x_px the column, y_px the row,
   A1,0,80,-1040,159.0,187.1     (0, 0) the centre of the top-left pixel; U,V instead: U the row, V the column
-"""
+
+{BOARD_HELP}"""
 _DESCRIPTION = """\
 Estimate a camera from world points and the pixels where they were seen: the eleven parameters of the extended pinhole
 (position, three angles, focal length, aspect, skew, principal point), lens coefficients if asked for, and the standard
@@ -35,50 +40,49 @@ calibration takes six or more points that are not all in one plane; a pose with 
 
 Several points files are several positions of one camera, or several poses of one board: internals and lens are shared,
 each has its own pose. Flat boards will do, seen tilted in different directions. The table then also says how the views
-scatter, which of them are outliers, and which parameters they show at all."""
+scatter, which of them are outliers, and which parameters they show at all.
+
+Pictures of a calibration board (--board), three at least: the board is found in each, and all are calibrated together.
+Tilt it by 20 to 45 degrees in different directions, fill the picture, reach its corners; the last table says which
+picture to add. The lens is Brown-Conrady with k1, k2, p1, p2 unless --lens says otherwise, the skew 0 unless
+--free-skew."""
 
 
 def add_to(verbs: Verbs) -> None:
     """Add the verb."""
     parser = verb(
-        verbs, "calibrate", run, short="points file -> camera file", description=_DESCRIPTION, examples=_EXAMPLES
+        verbs,
+        "calibrate",
+        run,
+        short="points files, or pictures of a board -> camera file",
+        description=_DESCRIPTION,
+        examples=_EXAMPLES,
     )
-    parser.add_argument("points", nargs="+", help="points file; several: one a position of the camera")
-    source = parser.add_mutually_exclusive_group(required=True)
-    source.add_argument("--size", type=size, metavar="WxH", help="picture size in px")
-    source.add_argument("--photo", metavar="FILE", help="take the size from this picture (as displayed: EXIF applied)")
-    source.add_argument("--internals", metavar="FILE", help="camera file whose K and lens are kept: pose only")
+    parser.add_argument("points", nargs="+", help="points file; several: one a position; with --board: pictures")
+    add_estimate_options(parser, required=False)
     parser.add_argument("-o", "--output", metavar="FILE", help="camera file to write (.json)")
-    parser.add_argument(
-        "--fix",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="hold a parameter: X Y Z mm, a b c skew degrees, aspect, focal U0 V0 px; may be repeated",
-    )
-    parser.add_argument(
-        "--lens",
-        metavar="MODEL:TERMS",
-        help="lens with coefficients to estimate (k1) or to hold (k1=-0.2): brown-conrady:k1,k2 division:k fisheye:k1 "
-        "odd-radial:a3,a5 (default: ideal, no distortion)",
-    )
-    parser.add_argument(
-        "--method",
-        default="reprojection",
-        choices=("reprojection", "dlt", "dlt-c23"),
-        help="least squares (default), or the direct linear transform alone: normalised, or with C23 = 1",
-    )
-    joint = parser.add_argument_group("several positions")
+    joint = parser.add_argument_group("several positions, or pictures of a board")
     joint.add_argument("--poses", metavar="FILE", help="write camera_from_world of every position (.txt, .csv)")
     joint.add_argument("--bend", action="store_true", help="the flat board is bowed: estimate by how much, in x and y")
     joint.add_argument("--loss", choices=("huber", "cauchy", "tukey"), help="bear wrong points (default: none wrong)")
     joint.add_argument("--no-advice", action="store_true", help="do not ask which parameters the views show")
+    add_board_options(parser)
     add_points_options(parser)
     add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Calibrate, print, write."""
+    if arguments.board:
+        lens, free_lens = lens_as_asked(arguments)
+        run_boards(arguments, fixed_as_asked(arguments), lens, free_lens)
+        return
+    if pictures := [path for path in arguments.points if Path(path).suffix.lower() in PICTURES]:
+        raise BadValue("points file", f"the picture {pictures[0]}", "a text file; or --board BOARD for pictures of one")
+    if not (arguments.size or arguments.photo or arguments.internals):
+        raise BadValue(
+            "the picture's size", "not given", "one of --size WxH, --photo FILE, --internals FILE; or --board"
+        )
     if len(arguments.points) > 1:
         _run_jointly(arguments)
         return
@@ -103,12 +107,12 @@ def _run_jointly(arguments: argparse.Namespace) -> None:
         if target:
             check_target(target, suffixes)
     views = [read_points_as_asked(arguments, path) for path in arguments.points]
-    lens, free_lens = _lens(arguments.lens)
+    lens, free_lens = lens_as_asked(arguments)
     with working(f"estimating one camera from {len(views)} positions"):
         fit = fit_jointly(
             views,
-            _size(arguments),
-            fixed=_fixed(arguments.fix),
+            size_as_asked(arguments),
+            fixed=fixed_as_asked(arguments),
             lens=lens,
             free_lens=free_lens,
             bend=arguments.bend,
@@ -139,7 +143,7 @@ def _run_alone(arguments: argparse.Namespace, path: str) -> None:
         check_target(arguments.output, (".json",))
     observations = read_points_as_asked(arguments, path)
     with working(f"estimating a camera from {len(observations)} points"):
-        estimate = _estimate(arguments, observations)
+        estimate = estimate_as_asked(arguments, observations)
     if arguments.output:
         write_camera(arguments.output, estimate)
     if arguments.json:
@@ -148,70 +152,3 @@ def _run_alone(arguments: argparse.Namespace, path: str) -> None:
         print_tables(estimate_tables(estimate))
     if arguments.output:
         say(f"wrote {arguments.output}")
-
-
-def _estimate(arguments: argparse.Namespace, observations: Observations) -> CameraEstimate:
-    from cadcam.calibrate.points import calibrate, locate_camera
-    from cadcam.files.camera import read_camera
-
-    if arguments.internals:
-        if arguments.fix or arguments.lens or arguments.method != "reprojection":
-            raise BadValue("--fix, --lens or --method", "given beside --internals", "none: all internals are kept")
-        return locate_camera(observations, read_camera(arguments.internals).camera)
-    lens, free_lens = _lens(arguments.lens)
-    return calibrate(
-        observations,
-        _size(arguments),
-        fixed=_fixed(arguments.fix),
-        lens=lens,
-        free_lens=free_lens,
-        method=arguments.method,
-    )
-
-
-def _size(arguments: argparse.Namespace) -> tuple[int, int]:
-    if arguments.size:
-        width, height = arguments.size
-        return width, height
-    from cadcam.image.picture import read_picture_with_info
-
-    return read_picture_with_info(arguments.photo)[1].size
-
-
-def _fixed(texts: list[str]) -> dict[str, float]:
-    """Return the values of NAME=VALUE texts, degrees made radians."""
-    from cadcam.report.camera import ANGLES
-
-    fixed: dict[str, float] = {}
-    for text in texts:
-        name, equals, value = text.partition("=")
-        if not equals or name in fixed:
-            raise BadValue("--fix", repr(text), "NAME=VALUE such as skew=0, each name once")
-        degrees = number(f"--fix {name}", value)
-        fixed[name] = math.radians(degrees) if name in ANGLES else degrees
-    return fixed
-
-
-def _lens(text: str | None) -> tuple[Lens | None, tuple[str, ...]]:
-    """Return the lens of MODEL:TERMS and the names of its free coefficients."""
-    from cadcam.camera.lens import LENSES
-
-    if text is None:
-        return None, ()
-    model, _, terms = text.partition(":")
-    if model not in LENSES:
-        raise UnknownName("lens model", model, LENSES)
-    known = LENSES[model]().parameters
-    held: dict[str, float] = {}
-    free: list[str] = []
-    for term in (t.strip() for t in terms.split(",") if t.strip()):
-        name, equals, value = term.partition("=")
-        if name not in known:
-            raise UnknownName(f"coefficient of the {model} lens", name, known)
-        if equals:
-            held[name] = number(f"--lens {name}", value)
-        else:
-            free.append(name)
-    if known and not (held or free):
-        raise BadValue("--lens", repr(text), f"coefficients behind a colon, such as {model}:{next(iter(known))}")
-    return LENSES[model](**held), tuple(free)

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 from cadcam import __version__
 from cadcam.cli import (
+    board,
     calibrate,
     compare,
     convert,
@@ -29,7 +30,20 @@ from cadcam.cli import (
 from cadcam.cli.arguments import Help
 from cadcam.errors import CadcamError
 
-VERBS = (calibrate, variability, handeye, measure, overlay, render, decompose, convert, compare, demo, doctor)
+VERBS = (
+    calibrate,
+    board,
+    variability,
+    handeye,
+    measure,
+    overlay,
+    render,
+    decompose,
+    convert,
+    compare,
+    demo,
+    doctor,
+)
 
 _DESCRIPTION = (
     "From points on a photo to the CAD wireframe on it: calibrate a camera, render CAD as it sees it, overlay."

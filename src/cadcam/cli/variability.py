@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import Verbs, add_json, add_points_options, number, read_points_as_asked, verb
-from cadcam.cli.calibrate import add_estimate_options, estimate_as_asked
+from cadcam.cli.estimating import add_estimate_options, estimate_as_asked
 from cadcam.cli.output import print_json, print_tables, progress, say, working
 from cadcam.errors import BadValue, UnwritableFile
 
@@ -67,6 +67,7 @@ def add_to(verbs: Verbs) -> None:
         description=_DESCRIPTION,
         examples=_EXAMPLES,
     )
+    parser.add_argument("points", help="points file")
     add_estimate_options(parser)
     group = parser.add_argument_group("study")
     group.add_argument(

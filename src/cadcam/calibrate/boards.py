@@ -1,0 +1,269 @@
+"""A camera from pictures of a calibration board: found in each, checked against each other, calibrated jointly.
+
+What is left out is said, and by which rule: pictures without the board, single points and whole views that do not fit.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array
+from cadcam.calibrate.joint import JointFit, estimate_of, fit_jointly
+from cadcam.camera.joint_estimate import JointEstimate
+from cadcam.camera.lens import BrownConrady, Lens
+from cadcam.camera.observations import Observations
+from cadcam.errors import CadcamError, NoBoard, TooFewPoints
+from cadcam.image.picture import read_picture_with_info
+from cadcam.target.circles import disc_shift
+from cadcam.target.detect import Detection, detect
+from cadcam.target.pattern import CircleGrid, Pattern
+
+USUAL_TERMS = ("k1", "k2", "p1", "p2")
+_LEAST_VIEWS = 3
+_STRAY_POINT = 6.0  # times the robust sigma of all residuals
+_STRAY_PX = 0.3  # and at least that far off
+_MAY_LEAVE = 0.25  # of the views: more outliers than that are no outliers
+_SETTLED_PX = 1e-4  # change of the discs' shifts
+_LARGEST_HINT = 3  # names in a list before "..."
+
+
+class BoardsDisagree(CadcamError):
+    """The pictures cannot belong to one calibration: another board than asked for, or several picture sizes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoardPicture:
+    """A picture and the board in it: `detection`, or None and why not in `problem`.
+
+    seen: the (columns, rows) of the grid that it shows in place of the board, if any.
+    """
+
+    name: str
+    size: tuple[int, int]
+    sha256: str
+    detection: Detection | None
+    problem: str = ""
+    seen: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoardCalibration:
+    """A camera from pictures of a board, and what became of each picture.
+
+    pictures: all of them. fit: the joint calibration in its raw form, for further studies. used: the index of each of
+    the estimate's views among the pictures. left_out: why a picture was not used, by its index. dropped: how many
+    single points of each of the estimate's views were left out. radius_mm: the discs' radius where the board has any:
+    as stated, or as the pictures show it.
+    """
+
+    pattern: Pattern
+    pictures: tuple[BoardPicture, ...]
+    fit: JointFit
+    estimate: JointEstimate
+    used: tuple[int, ...]
+    left_out: Mapping[int, str]
+    dropped: tuple[int, ...]
+    radius_mm: float | None = None
+
+    def detection(self, j: int) -> Detection:
+        """Return what was found in the estimate's view `j`."""
+        found = self.pictures[self.used[j]].detection
+        assert found is not None  # `used` holds pictures with a board only
+        return found
+
+    @property
+    def tilt_deg(self) -> Array:
+        """Return the angle (k,) between each view's board and the picture plane, degrees."""
+        return np.asarray(np.degrees(np.arccos(np.clip(np.abs(self.estimate.poses.rotation[:, 2, 2]), 0, 1))))
+
+    @property
+    def distance_mm(self) -> Array:
+        """Return the distance (k,) of the middle of each view's board."""
+        middle = self.pattern.points.mean(axis=0)
+        return np.asarray(np.linalg.norm(self.estimate.poses @ middle, axis=-1))
+
+
+def find_board(path: str | os.PathLike[str], pattern: Pattern) -> BoardPicture:
+    """Return the board in a picture file, or why it was not found. Raises `UnreadableFile`."""
+    picture, info = read_picture_with_info(path)
+    return found_in(picture, pattern, name=info.path, sha256=info.sha256)
+
+
+def found_in(picture: npt.ArrayLike, pattern: Pattern, *, name: str, sha256: str = "") -> BoardPicture:
+    """Return the board in a picture (H, W) or (H, W, 3), or why it was not found."""
+    height, width = np.shape(picture)[:2]
+    try:
+        return BoardPicture(name, (width, height), sha256, detect(picture, pattern))
+    except NoBoard as error:
+        return BoardPicture(name, (width, height), sha256, None, error.reason, error.seen)
+
+
+def calibrate_boards(
+    pictures: Sequence[BoardPicture],
+    *,
+    fixed: Mapping[str, float] | None = None,
+    lens: Lens | None = None,
+    free_lens: Iterable[str] | None = None,
+    bend: bool = False,
+    keep_all: bool = False,
+) -> BoardCalibration:
+    """Return the camera that took the pictures, its lens by default Brown-Conrady with k1 k2 p1 p2 and no skew.
+
+    fixed, lens, free_lens, bend: as in `calibrate_jointly`; fixed=None holds skew at 0. Left out, unless `keep_all`:
+    points more than six robust sigmas (and 0.3 px) off, and views that `JointEstimate.outlier_views` names (twice the
+    median residual, a chance below one in a thousand), the worst first, up to a quarter of all.
+
+    The centres of discs are seen beside the centres of their pictures: the shift is computed from the camera found,
+    taken off, and the camera found anew until it settles. Raises `BoardsDisagree` for pictures of several sizes or of
+    another board, `TooFewPoints` for less than three views, and what `calibrate_jointly` raises.
+    """
+    refuse_disagreeing(pictures)
+    pictures = _without_copies(pictures)
+    shown = [i for i, p in enumerate(pictures) if p.detection is not None]
+    if len(shown) < _LEAST_VIEWS:
+        raise TooFewPoints(f"a calibration from a flat board (views; {_losses(pictures)})", len(shown), _LEAST_VIEWS)
+    if lens is None:
+        lens, free_lens = BrownConrady(), USUAL_TERMS if free_lens is None else free_lens
+    solver = _Solver({"skew": 0.0} if fixed is None else dict(fixed), lens, tuple(free_lens or ()), bend)
+    return _without_outliers(pictures, shown, solver, keep_all=keep_all)
+
+
+def _without_copies(pictures: Sequence[BoardPicture]) -> list[BoardPicture]:
+    """Return the pictures, those that are another one's copy without what was found in them."""
+    first: dict[str, str] = {}
+    out = []
+    for p in pictures:
+        original = first.setdefault(p.sha256, p.name) if p.sha256 else p.name
+        copy = original != p.name
+        out.append(replace(p, detection=None, problem=f"is a copy of {original}") if copy else p)
+    return out
+
+
+def refuse_disagreeing(pictures: Sequence[BoardPicture]) -> None:
+    """Raise `BoardsDisagree` for pictures of several sizes, or where most show another board than was asked for."""
+    sizes = Counter(p.size for p in pictures)
+    if len(sizes) > 1:
+        usual = sizes.most_common(1)[0][0]
+        others = [f"{p.name} ({p.size[0]} x {p.size[1]})" for p in pictures if p.size != usual]
+        raise BoardsDisagree(
+            f"the pictures are not of one size: most are {usual[0]} x {usual[1]} px, but not {_listed(others)}; one "
+            "calibration is one camera at one size: calibrate each size by itself, and do not crop or resize"
+        )
+    found = sum(p.detection is not None for p in pictures)
+    seen = Counter(tuple(sorted(p.seen, reverse=True)) for p in pictures if p.seen is not None)
+    if not seen:
+        return
+    (columns, rows), times = seen.most_common(1)[0]
+    if times > found and times >= 2:
+        raise BoardsDisagree(
+            f"the board is another one than was asked for: {times} of {len(pictures)} pictures show a grid of "
+            f"{columns} x {rows}, {found} the one asked for; give {columns}x{rows} (inner corners of a chessboard are "
+            "counted, one less than squares)"
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Solver:
+    fixed: dict[str, float]
+    lens: Lens
+    free_lens: tuple[str, ...]
+    bend: bool
+
+    def __call__(self, views: Sequence[Observations], size: tuple[int, int]) -> tuple[JointFit, JointEstimate]:
+        fit = fit_jointly(views, size, fixed=self.fixed, lens=self.lens, free_lens=self.free_lens, bend=self.bend)
+        return fit, estimate_of(fit)
+
+
+def _without_outliers(
+    pictures: Sequence[BoardPicture], shown: list[int], solver: _Solver, *, keep_all: bool
+) -> BoardCalibration:
+    size = pictures[shown[0]].size
+    used, left_out = list(shown), {i: p.problem for i, p in enumerate(pictures) if p.detection is None}
+    views = {i: _observations(pictures[i]) for i in shown}
+    radius = _radius([_detection(pictures[i]) for i in shown])
+    fit, estimate = _settled([views[i] for i in used], size, solver, radius)
+    if not keep_all:
+        for i, kept in zip(used, _kept_points(estimate), strict=True):
+            views[i] = _subset(views[i], kept)
+        fit, estimate = _settled([views[i] for i in used], size, solver, radius)
+    while not keep_all and (worst := estimate.outlier_views()):
+        if len(left_out) - len(pictures) + len(shown) + 1 > _MAY_LEAVE * len(shown) or len(used) <= _LEAST_VIEWS:
+            break
+        j = worst[0]
+        each = estimate.view_residuals
+        left_out[used[j]] = (
+            f"outlier: residual {each[j]:.2g} px, that of the median view {np.median(each):.2g} px; its board is bent, "
+            "moved while the picture was taken, or was found in the wrong place"
+        )
+        del used[j]
+        fit, estimate = _settled([views[i] for i in used], size, solver, radius)
+    dropped = tuple(len(_detection(pictures[i])) - len(views[i]) for i in used)
+    return BoardCalibration(
+        _detection(pictures[shown[0]]).pattern, tuple(pictures), fit, estimate, tuple(used), left_out, dropped, radius
+    )
+
+
+def _settled(
+    views: Sequence[Observations], size: tuple[int, int], solver: _Solver, radius: float | None
+) -> tuple[JointFit, JointEstimate]:
+    """Return the estimate, the shift of the discs' pictures taken off with the estimate's own camera and poses."""
+    fit, estimate = solver(views, size)
+    if radius is None:
+        return fit, estimate
+    before = [np.zeros_like(v.q) for v in views]
+    for _ in range(6):
+        shifts = [disc_shift(estimate.camera, estimate.pose(j), v.p_world, radius) for j, v in enumerate(views)]
+        change = max(float(np.abs(a - b).max()) for a, b in zip(shifts, before, strict=True))
+        if change < _SETTLED_PX:
+            break
+        fit, estimate = solver([replace(v, q=v.q - s) for v, s in zip(views, shifts, strict=True)], size)
+        before = shifts
+    return fit, estimate
+
+
+def _radius(detections: Sequence[Detection]) -> float | None:
+    pattern = detections[0].pattern
+    if not isinstance(pattern, CircleGrid):
+        return None
+    if pattern.diameter_mm is not None:
+        return pattern.diameter_mm / 2
+    return float(np.median([d.radius_mm for d in detections if d.radius_mm is not None]))
+
+
+def _kept_points(estimate: JointEstimate) -> list[npt.NDArray[np.bool_]]:
+    """Return which points of each view lie within six robust sigmas of a coordinate, or 0.3 px."""
+    residuals = estimate.residuals
+    typical = [np.median(np.abs(r)) for r in residuals]  # a bad view must not hide its own strays, nor be all strays
+    limit = [max(_STRAY_PX, _STRAY_POINT * 1.4826 * float(t)) for t in typical]
+    return [np.abs(r).max(axis=1) <= most for r, most in zip(residuals, limit, strict=True)]
+
+
+def _observations(picture: BoardPicture) -> Observations:
+    found = _detection(picture)
+    return Observations(found.p_board, found.q, found.names, source=picture.name, sha256=picture.sha256)
+
+
+def _subset(view: Observations, which: npt.NDArray[np.bool_]) -> Observations:
+    names = tuple(n for n, keep in zip(view.names, which, strict=True) if keep)
+    return replace(view, p_world=view.p_world[which], q=view.q[which], names=names)
+
+
+def _detection(picture: BoardPicture) -> Detection:
+    assert picture.detection is not None  # asked for pictures that show the board only
+    return picture.detection
+
+
+def _losses(pictures: Sequence[BoardPicture]) -> str:
+    lost = [f"{p.name}: {p.problem}" for p in pictures if p.detection is None]
+    return f"not found in {len(lost)} of {len(pictures)} pictures: {_listed(lost)}" if lost else "all were found"
+
+
+def _listed(texts: Sequence[str]) -> str:
+    more = f" and {len(texts) - _LARGEST_HINT} more" if len(texts) > _LARGEST_HINT else ""
+    return ", ".join(texts[:_LARGEST_HINT]) + more

@@ -1,0 +1,150 @@
+"""`cadcam calibrate --board`: pictures of a calibration board -> camera file."""
+
+from __future__ import annotations
+
+import argparse
+from glob import glob
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cadcam.cli.output import check_target, print_json, print_tables, progress, say, working
+from cadcam.errors import BadValue, UnreadableFile, UnwritableFile
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cadcam.calibrate.boards import BoardCalibration, BoardPicture
+    from cadcam.camera.lens import Lens
+
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".webp")
+
+BOARD_HELP = """\
+boards (cadcam board --help prints one):
+  chessboard:9x6:25mm               inner corners (one less than squares each way): side of a square
+  charuco:8x11:20mm:15mm:5X5_100    squares: side of a square: side of a marker: OpenCV's dictionary[:legacy]
+  circles:7x6:30mm[:12mm]           discs: distance of centres[: diameter; measured if it is left out]
+  staggered-circles:4x11:20mm       discs, every second row shifted: distance of rows (OpenCV's asymmetric grid)
+"""
+
+
+def add_board_options(parser: argparse.ArgumentParser) -> None:
+    """Add what says how pictures of a board are to be calibrated."""
+    group = parser.add_argument_group("pictures of a board")
+    group.add_argument("--board", metavar="BOARD", help="the board in the pictures, such as chessboard:9x6:25mm")
+    group.add_argument("--free-skew", action="store_true", help="estimate the skew too (held at 0 otherwise)")
+    group.add_argument("--keep-all", action="store_true", help="leave out no stray points and no outlier pictures")
+    group.add_argument(
+        "--pictures", metavar="FOLDER", help="write each picture with the points found in it there, and coverage.png"
+    )
+
+
+def run_boards(
+    arguments: argparse.Namespace, fixed: Mapping[str, float], lens: Lens | None, free_lens: Sequence[str]
+) -> None:
+    """Find the board in all pictures, calibrate, print, write."""
+    from cadcam.calibrate.boards import calibrate_boards, find_board
+    from cadcam.calibrate.coverage import coverage
+    from cadcam.calibrate.nested import nested_advice
+    from cadcam.calibrate.next_view import next_views
+    from cadcam.files.camera import write_camera
+    from cadcam.report.boards import board_tables, boards_as_json
+    from cadcam.target.pattern import parse_pattern
+
+    _check_options(arguments)
+    pattern, files = parse_pattern(arguments.board), picture_files(arguments.points)
+    found: list[BoardPicture] = []
+    with progress("finding the board", len(files)) as step:
+        for file in files:
+            found.append(find_board(file, pattern))
+            step()
+    if arguments.pictures:
+        _write_found(arguments.pictures, found)
+    held = dict(fixed) if arguments.free_skew else {"skew": 0.0} | dict(fixed)
+    with working(f"estimating one camera from {len(files)} pictures"):
+        calibration = calibrate_boards(
+            found,
+            fixed=held,
+            lens=lens,
+            free_lens=free_lens if lens is not None else None,
+            bend=arguments.bend,
+            keep_all=arguments.keep_all,
+        )
+        seen, views = coverage(calibration), next_views(calibration)
+        nested = None if arguments.no_advice else nested_advice(calibration.fit)
+    if arguments.json:
+        told = {} if nested is None else {"advice": [q.verdict for q in nested.questions]}
+        print_json(boards_as_json(calibration, seen, views) | told)
+    else:
+        print_tables(board_tables(calibration, seen, views, nested))
+    if arguments.output:
+        write_camera(arguments.output, calibration.estimate.view(0))
+        say(f"wrote {arguments.output} (the pose in it is that of {calibration.estimate.views[0].source})")
+    _write_rest(arguments, calibration)
+
+
+def picture_files(paths: Sequence[str]) -> list[str]:
+    """Return the files of paths, patterns and folders of pictures, each once, in order. Raises `UnreadableFile`."""
+    files: list[str] = []
+    for path in paths:
+        if Path(path).is_dir():
+            inside = sorted(str(p) for p in Path(path).iterdir() if p.suffix.lower() in PICTURES)
+            if not inside:
+                raise UnreadableFile(path, "is a folder without pictures", f"pictures end in {' '.join(PICTURES)}")
+            files += inside
+        elif any(c in path for c in "*?[") and not Path(path).exists():
+            matching = sorted(glob(path))  # noqa: PTH207 - a pattern with a folder in it, as a shell has them
+            if not matching:
+                raise UnreadableFile(path, "no file has such a name", "check the folder and the pattern")
+            files += matching
+        else:
+            files.append(path)
+    return list(dict.fromkeys(files))
+
+
+def _check_options(arguments: argparse.Namespace) -> None:
+    if arguments.output:
+        check_target(arguments.output, (".json",))
+    if arguments.poses:
+        check_target(arguments.poses, (".csv", ".txt"))
+    for name, value in (("--size", arguments.size), ("--photo", arguments.photo), ("--internals", arguments.internals)):
+        if value:
+            raise BadValue(name, "given beside --board", "neither: the pictures say their size, and all is estimated")
+    if arguments.loss:
+        raise BadValue("--loss", "given beside --board", "none: strays and outliers are left out by rule (--keep-all)")
+    if arguments.method != "reprojection":
+        raise BadValue("--method", arguments.method, "'reprojection' beside --board")
+    if arguments.pictures and Path(arguments.pictures).is_file():
+        raise UnwritableFile(arguments.pictures, "is a file", "name a folder")
+
+
+def _write_found(folder: str, found: Sequence[BoardPicture]) -> None:
+    """Write each picture with its points: first ones red, a line along the rows."""
+    from cadcam.image.draw import draw_points, draw_polylines
+    from cadcam.image.picture import read_picture, write_picture
+
+    for number, one in enumerate(found):
+        picture = read_picture(one.name)
+        if one.detection is not None:
+            thick = max(one.size) / 640
+            q = one.detection.q
+            picture = draw_polylines(picture, [q], color=(1.0, 0.85, 0.0), width=thick, opacity=0.6)
+            picture = draw_points(picture, q, color=(0.1, 0.9, 0.2), size=9 * thick, width=1.5 * thick)
+            picture = draw_points(picture, q[:1], color=(1, 0, 0), mark="circle", size=14 * thick, width=2 * thick)
+        state = "found" if one.detection is not None else "not-found"
+        write_picture(Path(folder) / f"{number:03d}_{Path(one.name).stem}_{state}.png", picture)
+
+
+def _write_rest(arguments: argparse.Namespace, calibration: BoardCalibration) -> None:
+    from cadcam.calibrate.coverage import coverage_picture
+    from cadcam.files.poses import write_poses
+    from cadcam.image.picture import write_picture
+
+    if arguments.pictures:
+        write_picture(Path(arguments.pictures) / "coverage.png", coverage_picture(calibration))
+        say(f"wrote {len(calibration.pictures)} pictures and coverage.png into {arguments.pictures}")
+    if arguments.poses:
+        estimate = calibration.estimate
+        write_poses(
+            arguments.poses, {Path(view.source).name: estimate.pose(j) for j, view in enumerate(estimate.views)}
+        )
+        say(f"wrote {arguments.poses}")

@@ -1,0 +1,113 @@
+"""What is to be estimated from points, as options that several verbs share, and the estimate that they ask for."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import TYPE_CHECKING
+
+from cadcam.cli.arguments import number, size
+from cadcam.errors import BadValue, UnknownName
+
+if TYPE_CHECKING:
+    from cadcam.camera.estimate import CameraEstimate
+    from cadcam.camera.lens import Lens
+    from cadcam.camera.observations import Observations
+
+
+def add_estimate_options(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
+    """Add where the picture's size comes from (`required` or not), what is held, the lens and the method."""
+    source = parser.add_mutually_exclusive_group(required=required)
+    source.add_argument("--size", type=size, metavar="WxH", help="picture size in px")
+    source.add_argument("--photo", metavar="FILE", help="take the size from this picture (as displayed: EXIF applied)")
+    source.add_argument("--internals", metavar="FILE", help="camera file whose K and lens are kept: pose only")
+    parser.add_argument(
+        "--fix",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="hold a parameter: X Y Z mm, a b c skew degrees, aspect, focal U0 V0 px; may be repeated",
+    )
+    parser.add_argument(
+        "--lens",
+        metavar="MODEL:TERMS",
+        help="lens with coefficients to estimate (k1) or to hold (k1=-0.2): brown-conrady:k1,k2 division:k fisheye:k1 "
+        "odd-radial:a3,a5 (default: ideal, no distortion)",
+    )
+    parser.add_argument(
+        "--method",
+        default="reprojection",
+        choices=("reprojection", "dlt", "dlt-c23"),
+        help="least squares (default), or the direct linear transform alone: normalised, or with C23 = 1",
+    )
+
+
+def estimate_as_asked(arguments: argparse.Namespace, observations: Observations) -> CameraEstimate:
+    """Return the estimate by the options of `add_estimate_options`."""
+    from cadcam.calibrate.points import calibrate, locate_camera
+    from cadcam.files.camera import read_camera
+
+    if arguments.internals:
+        if arguments.fix or arguments.lens or arguments.method != "reprojection":
+            raise BadValue("--fix, --lens or --method", "given beside --internals", "none: all internals are kept")
+        return locate_camera(observations, read_camera(arguments.internals).camera)
+    lens, free_lens = lens_as_asked(arguments)
+    return calibrate(
+        observations,
+        size_as_asked(arguments),
+        fixed=fixed_as_asked(arguments),
+        lens=lens,
+        free_lens=free_lens,
+        method=arguments.method,
+    )
+
+
+def size_as_asked(arguments: argparse.Namespace) -> tuple[int, int]:
+    """Return the picture's (width, height) from --size or --photo."""
+    if arguments.size:
+        width, height = arguments.size
+        return width, height
+    from cadcam.image.picture import read_picture_with_info
+
+    return read_picture_with_info(arguments.photo)[1].size
+
+
+def fixed_as_asked(arguments: argparse.Namespace) -> dict[str, float]:
+    """Return the values of --fix NAME=VALUE, degrees made radians."""
+    from cadcam.report.camera import ANGLES
+
+    fixed: dict[str, float] = {}
+    for text in arguments.fix:
+        name, equals, value = text.partition("=")
+        if not equals or name in fixed:
+            raise BadValue("--fix", repr(text), "NAME=VALUE such as skew=0, each name once")
+        degrees = number(f"--fix {name}", value)
+        fixed[name] = math.radians(degrees) if name in ANGLES else degrees
+    return fixed
+
+
+def lens_as_asked(arguments: argparse.Namespace) -> tuple[Lens | None, tuple[str, ...]]:
+    """Return the lens of --lens MODEL:TERMS and the names of its free coefficients; (None, ()) where none is given."""
+    from cadcam.camera.lens import LENSES
+
+    text: str | None = arguments.lens
+    if text is None:
+        return None, ()
+    model, _, terms = text.partition(":")
+    if model not in LENSES:
+        raise UnknownName("lens model", model, LENSES)
+    known = LENSES[model]().parameters
+    held: dict[str, float] = {}
+    free: list[str] = []
+    for term in (t.strip() for t in terms.split(",") if t.strip()):
+        name, equals, value = term.partition("=")
+        if name not in known:
+            raise UnknownName(f"coefficient of the {model} lens", name, known)
+        if equals:
+            held[name] = number(f"--lens {name}", value)
+        else:
+            free.append(name)
+    if known and not (held or free):
+        raise BadValue("--lens", repr(text), f"coefficients behind a colon, such as {model}:{next(iter(known))}")
+    start = {name: value for name, value in LENSES[model].start.items() if name in free}
+    return LENSES[model](**start, **held), tuple(free)

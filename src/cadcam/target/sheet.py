@@ -1,0 +1,135 @@
+"""Boards to print: SVG and PDF at true scale, with a line of text that says what the print must measure."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.errors import BadValue, UnknownName
+from cadcam.target.pattern import Pattern
+from cadcam.whole import write_whole
+
+PAGES: dict[str, tuple[float, float]] = {
+    "a5": (148, 210),
+    "a4": (210, 297),
+    "a3": (297, 420),
+    "a2": (420, 594),
+    "a1": (594, 841),
+    "a0": (841, 1189),
+}
+PAGES |= {"letter": (215.9, 279.4), "tabloid": (279.4, 431.8)}
+_TEXT_MM = 3.0
+_LEAST_MARGIN_MM = 8.0  # room for the text, and for what printers cannot reach
+_POINTS_PER_MM = 72 / 25.4
+_ARC = 4 / 3 * (np.sqrt(2) - 1)  # of the radius: handles of a quarter circle as a Bezier curve, 0.03 % off
+
+
+def write_sheet(path: str | os.PathLike[str], pattern: Pattern, *, page: str | None = None) -> tuple[float, float]:
+    """Write a board as .svg or .pdf at true scale and return the sheet's (width, height) in mm.
+
+    page: a paper size (a4, letter ...), turned if need be, the board in its middle; None: the board with a white
+    margin of one cell. Raises `UnknownName` for another suffix or page, `BadValue` if the board does not fit.
+    """
+    writers: dict[str, Callable[[Pattern, tuple[float, float]], bytes]] = {".svg": _svg, ".pdf": _pdf}
+    suffix = Path(path).suffix.lower()
+    if suffix not in writers:
+        raise UnknownName("suffix of a sheet", suffix, writers)
+    size = sheet_size(pattern, page)
+    write_whole(path, writers[suffix](pattern, size))
+    return size
+
+
+def sheet_size(pattern: Pattern, page: str | None) -> tuple[float, float]:
+    """Return the sheet's (width, height) in mm."""
+    width, height = (float(n) for n in pattern.size_mm)
+    if page is None:
+        margin = max(pattern.cell_mm, _LEAST_MARGIN_MM)
+        return width + 2 * margin, height + 2 * margin
+    if page.lower() not in PAGES:
+        raise UnknownName("page", page, PAGES)
+    short, long = PAGES[page.lower()]
+    for size in ((short, long), (long, short)):
+        if width + 2 * _LEAST_MARGIN_MM <= size[0] and height + 2 * _LEAST_MARGIN_MM <= size[1]:
+            return float(size[0]), float(size[1])
+    raise BadValue(
+        "board", f"{width:.4g} x {height:.4g} mm", f"one that fits on {page} ({short:g} x {long:g} mm) with a margin"
+    )
+
+
+def _label(pattern: Pattern) -> str:
+    width, height = pattern.size_mm
+    return f"{pattern}   the black area measures {width:.2f} x {height:.2f} mm: check it with a ruler"
+
+
+def _shift(pattern: Pattern, size: tuple[float, float]) -> Array:
+    """Return where the board's origin lies on the sheet, mm from its upper left."""
+    left, top, right, bottom = pattern.outline
+    return np.array([(size[0] - left - right) / 2, (size[1] - top - bottom) / 2])
+
+
+def _svg(pattern: Pattern, size: tuple[float, float]) -> bytes:
+    x, y = _shift(pattern, size)
+    ink = pattern.ink()
+    path = "".join(f"M{a:.6g} {b:.6g}H{c:.6g}V{d:.6g}H{a:.6g}Z" for a, b, c, d in ink.rectangles.tolist())
+    discs = "".join(f'<circle cx="{a:.6g}" cy="{b:.6g}" r="{r:.6g}"/>' for a, b, r in ink.discs.tolist())
+    width, height = size
+    text = f'<text x="{width / 2:g}" y="{height - 2:g}" font-size="{_TEXT_MM:g}" text-anchor="middle" '
+    text += f'font-family="sans-serif">{_label(pattern)}</text>'
+    shapes = (f'<path d="{path}"/>' if path else "") + discs
+    return (
+        f'<?xml version="1.0" encoding="UTF-8"?>\n<svg xmlns="http://www.w3.org/2000/svg" width="{width:g}mm" '
+        f'height="{height:g}mm" viewBox="0 0 {width:g} {height:g}">\n<rect width="100%" height="100%" fill="white"/>\n'
+        f'<g transform="translate({x:.6g} {y:.6g})">{shapes}</g>\n{text}\n</svg>\n'
+    ).encode()
+
+
+def _pdf(pattern: Pattern, size: tuple[float, float]) -> bytes:
+    """Return a PDF 1.4 of one page (ISO 32000-1, 7.5 and 8.5): coordinates in mm, y turned down, by one matrix."""
+    width, height = (v * _POINTS_PER_MM for v in size)
+    x, y = _shift(pattern, size)
+    k = _POINTS_PER_MM
+    ink = pattern.ink()
+    lines = [f"q {k:.8f} 0 0 {-k:.8f} {k * x:.5f} {height - k * y:.5f} cm 0 g"]
+    lines += [f"{a:.6f} {b:.6f} {c - a:.6f} {d - b:.6f} re" for a, b, c, d in ink.rectangles.tolist()]
+    lines += [_circle(*disc) for disc in ink.discs.tolist()]
+    lines += ["f Q", f"BT /F1 {k * _TEXT_MM:.3f} Tf {k * 8:.3f} {k * 2:.3f} Td ({_label(pattern)}) Tj ET"]
+    stream = "\n".join(lines).encode()
+    objects = [
+        b"<< /Type /Catalog /Pages 2 0 R >>",
+        b"<< /Type /Pages /Kids [3 0 R] /Count 1 >>",
+        f"<< /Type /Page /Parent 2 0 R /MediaBox [0 0 {width:.5f} {height:.5f}] /Contents 4 0 R "
+        "/Resources << /Font << /F1 5 0 R >> >> >>".encode(),
+        b"<< /Length %d >>\nstream\n%s\nendstream" % (len(stream), stream),
+        b"<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica >>",
+    ]
+    return _numbered(objects)
+
+
+def _circle(x: float, y: float, r: float) -> str:
+    h = _ARC * r
+    return (
+        f"{x + r:.6f} {y:.6f} m {x + r:.6f} {y + h:.6f} {x + h:.6f} {y + r:.6f} {x:.6f} {y + r:.6f} c "
+        f"{x - h:.6f} {y + r:.6f} {x - r:.6f} {y + h:.6f} {x - r:.6f} {y:.6f} c "
+        f"{x - r:.6f} {y - h:.6f} {x - h:.6f} {y - r:.6f} {x:.6f} {y - r:.6f} c "
+        f"{x + h:.6f} {y - r:.6f} {x + r:.6f} {y - h:.6f} {x + r:.6f} {y:.6f} c h"
+    )
+
+
+def _numbered(objects: list[bytes]) -> bytes:
+    """Return the file of these objects with its table of where each begins."""
+    out, places = b"%PDF-1.4\n", []
+    for number, body in enumerate(objects, 1):
+        places.append(len(out))
+        out += b"%d 0 obj\n%s\nendobj\n" % (number, body)
+    table = b"".join(b"%010d 00000 n \n" % place for place in places)
+    count = len(objects) + 1
+    return out + b"xref\n0 %d\n0000000000 65535 f \n%strailer\n<< /Size %d /Root 1 0 R >>\nstartxref\n%d\n%%%%EOF\n" % (
+        count,
+        table,
+        count,
+        len(out),
+    )

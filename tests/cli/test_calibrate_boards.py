@@ -1,0 +1,94 @@
+"""`cadcam calibrate --board` and `cadcam board` as a stranger runs them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cadcam.files.camera import read_camera
+from cadcam.files.poses import read_poses
+from cadcam.image.picture import read_picture, write_picture
+
+from ..calibrate.test_boards import CHESS, VIEWS
+from ..target.shots import shot
+from .job import Ran
+
+Cadcam = Callable[..., Ran]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("boards")
+    for k, (t, d, a) in enumerate(VIEWS[:4]):
+        write_picture(out / f"view{k}.png", shot(CHESS, turn=t, distance=d, aside=a, seed=k)[0])
+    return out
+
+
+def test_pictures_become_a_camera_file_poses_and_pictures_of_what_was_found(
+    cadcam: Cadcam, folder: Path, tmp_path: Path
+) -> None:
+    ran = cadcam(
+        "calibrate", folder, "--board", CHESS, "-o", tmp_path / "camera.json", "--poses", tmp_path / "poses.csv",
+        "--pictures", tmp_path / "found",
+    )  # fmt: skip
+    assert ran.code == 0, ran.err
+    assert "in 4 of 4 pictures of chessboard:8x5:25mm" in ran.out
+    assert "Take next" in ran.out
+    camera = read_camera(tmp_path / "camera.json")
+    assert abs(camera.camera.fy - 424) < 2
+    assert camera.estimate is not None
+    assert set(read_poses(tmp_path / "poses.csv")) == {f"view{k}.png" for k in range(4)}
+    names = sorted(p.name for p in (tmp_path / "found").iterdir())
+    assert names == [*(f"{k:03d}_view{k}_found.png" for k in range(4)), "coverage.png"]
+    assert read_picture(tmp_path / "found" / names[0]).shape == (360, 480, 3)
+
+
+def test_json_says_the_same(cadcam: Cadcam, folder: Path) -> None:
+    files = sorted(folder.glob("*.png"))[:3]
+    ran = cadcam("calibrate", *files, "--board", CHESS, "--lens", "brown-conrady:k1", "--no-advice", "--json")
+    said = json.loads(ran.out)
+    assert said["free"] == ["aspect", "focal", "U0", "V0", "k1"]
+    assert np.shape(said["covariance"]) == (5, 5)
+    assert [p["used"] for p in said["pictures"]] == [True] * 3
+    assert said["take_next"][0]["worst_sigma_px"][1] < said["take_next"][0]["worst_sigma_px"][0]
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("{folder}/view0.png", "--board", "chessboard:9x6"), "chessboard:9x6:25mm"),
+        (("{folder}/nothing*.png", "--board", CHESS), "no file has such a name"),
+        (("{empty}", "--board", CHESS), "folder without pictures"),
+        (("{folder}", "--board", "chessboard:7x5:25mm"), "give 8x5"),
+        (("{folder}/view0.png", "{small}", "--board", CHESS), "not of one size"),
+        (("{folder}", "--board", CHESS, "--size", "480x360"), "given beside --board"),
+        (("{folder}/view0.png", "{folder}/view1.png", "--size", "480x360"), "--board BOARD for pictures"),
+        (("points.csv",), "--size WxH"),
+        (("{folder}", "--board", CHESS, "--lens", "fisheye:k9"), "k9"),
+    ],
+)
+def test_bad_input_is_one_message(
+    cadcam: Cadcam, folder: Path, tmp_path: Path, words: tuple[str, ...], says: str
+) -> None:
+    small = tmp_path / "small.png"
+    write_picture(small, np.full((30, 40), 0.5, np.float32))
+    (tmp_path / "empty").mkdir()
+    places = {"folder": folder, "empty": tmp_path / "empty", "small": small}
+    ran = cadcam("calibrate", *(w.format(**places) for w in words))
+    assert ran.code == 2
+    assert says in ran.err
+    assert "Traceback" not in ran.err
+
+
+def test_a_board_is_written_to_be_printed(cadcam: Cadcam, tmp_path: Path) -> None:
+    ran = cadcam("board", CHESS, tmp_path / "board.pdf", "--page", "a3")
+    assert ran.code == 0
+    assert "225.00 x 150.00 mm" in ran.out
+    assert (tmp_path / "board.pdf").read_bytes().startswith(b"%PDF")
+    ran = cadcam("board", "chessboard:90x60:25mm", tmp_path / "large.pdf", "--page", "a3")
+    assert ran.code == 2
+    assert "fits on a3" in ran.err
