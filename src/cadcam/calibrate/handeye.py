@@ -67,7 +67,7 @@ def calibrate_hand_eye(
     its own. names: of the poses, for messages; default "1", "2", ...
 
     Raises `TooFewPoints` below three poses, `InconsistentPoses` where robot and pictures contradict each other (order,
-    direction, unit, single poses: named), `DegenerateGeometry` where the motions leave a direction open (named).
+    direction, unit, single poses: named), `DegenerateMotions` where the motions leave a direction open (named).
     """
     labels = _checked(base_from_flange, len(observations), mounting, names)
     seen, both, dof = _seen(
@@ -110,6 +110,7 @@ def calibrate_hand_eye_from_poses(
         flange_from_held=fit.flange_from_held,
         base_from_fixed=fit.base_from_fixed,
         covariance=np.asarray(np.linalg.inv(fit.information)),
+        degrees_of_freedom=fit.degrees_of_freedom,
         robot_noise=_robot_noise(fit),
         offsets=smoothed(fit),
         held_out=held_out(poses, fit, held=held),
@@ -287,6 +288,7 @@ def _from_pixels(done: _Adjusted, mounting: Mounting, names: tuple[str, ...]) ->
         flange_from_held=state.flange_from_held,
         base_from_fixed=state.base_from_fixed,
         covariance=cofactors.shared[:12, :12],
+        degrees_of_freedom=done.fit.degrees_of_freedom,
         robot_noise=_robot_noise(done.fit),
         offsets=np.concatenate([state.offset.translation, so3.log(state.offset.rotation)], axis=1),
         held_out=held_out(done.poses, done.fit, held=done.problem.camera_held, views=seen.views, camera=seen.camera),

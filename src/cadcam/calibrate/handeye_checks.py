@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.errors import DegenerateGeometry, InconsistentPoses
+from cadcam.errors import DegenerateMotions, InconsistentPoses
 from cadcam.fit import hand_eye
 from cadcam.fit.hand_eye import motions, taken
 from cadcam.fit.hand_eye_poses import HandEyePoses, PosesFit, adjust_robustly
 from cadcam.fit.layout import Indices
-from cadcam.fit.screw import angles_and_slides, line_of, response, slides_and_turns
+from cadcam.fit.screw import angles_and_slides, freedom, line_of
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
@@ -59,7 +59,7 @@ class Noise:
 def refuse_inconsistent(poses: HandEyePoses, mounting: str, names: Sequence[str]) -> Rigid:
     """Return flange_from_held in closed form; raise if robot and camera contradict each other or cannot tell.
 
-    `InconsistentPoses`: order, direction, unit, single poses. `DegenerateGeometry`: what the motions leave open.
+    `InconsistentPoses`: order, direction, unit, single poses. `DegenerateMotions`: what the motions leave open.
     """
     refuse_strangers(poses, names)
     turning = Noise(_SIGMA_OF_MEDIAN * float(np.median(_angle_differences(poses))))
@@ -106,25 +106,27 @@ def refuse_strangers(poses: HandEyePoses, names: Sequence[str]) -> None:
 
 
 def refuse_degenerate(poses: HandEyePoses, mounting: str, noise: Noise) -> None:
-    """Raise `DegenerateGeometry` naming the directions that these motions, or their noise, leave undetermined."""
+    """Raise `DegenerateMotions` naming the directions that these motions, or their noise, leave undetermined."""
     A, _ = motions(poses.base_from_flange, poses.held_from_fixed)
     length = max(float(np.median(np.linalg.norm(poses.held_from_fixed.translation, axis=1))), 1e-6)
-    answer = response(A, length)
     heard = _ANSWERS_NOISE * 2 * float(np.hypot(noise.rotation, noise.translation / length))
     floor = float(np.clip(heard, _ANSWERS, _ANSWERS_MOST))
-    blind = answer.strength < floor
-    if not blind.any():
+    open_ = freedom(A, length=length, floor=floor)
+    if not open_.any:
         return
-    slides, turns = slides_and_turns(answer.twists[blind], length)
+    slides, turns = open_.slides, open_.turns
     words = WORDS[mounting]
     turned, _ = angles_and_slides(A)
-    raise DegenerateGeometry(
+    count = len(slides) + len(turns)
+    raise DegenerateMotions(
         f"the robot's motions do not determine where the {words.held} sits on the flange: free "
-        f"{'are' if len(slides) + len(turns) > 1 else 'is'} {_free(slides, turns, words.held)}"
+        f"{'are' if count > 1 or len(slides) == 3 else 'is'} {_free(slides, turns, words.held)}"
         f"{_free_in_base(poses, slides, mounting)}. Evidence: the {len(turned)} motions between "
         f"{len(poses.covariance)} poses turn by up to {np.degrees(turned.max()):.3g} deg, {_axes(A)}; a change of that "
-        f"kind moves what is seen by {answer.strength[blind].max():.2g} of itself, less than the {floor:.2g} that "
-        f"noise or chance can feign. {_remedy(slides, turns)}"
+        f"kind moves what is seen by {open_.strength:.2g} of itself, less than the {floor:.2g} that noise can feign. "
+        f" {_remedy(slides)}",
+        tuple(map(tuple, slides.tolist())),
+        tuple(map(tuple, turns.tolist())),
     )
 
 
@@ -344,7 +346,7 @@ def _vector(v: Array, decimals: int = 3) -> str:
     return "(" + ", ".join(f"{x + 0.0:.{decimals}f}" for x in np.round(v, decimals)) + ")"
 
 
-def _remedy(slides: Array, turns: Array) -> str:
+def _remedy(slides: Array) -> str:
     if len(slides) == 3:
         return "Add poses that turn the flange by 30 deg or more, about at least two different axes"
     return "Add poses that tilt the flange by 20 to 40 deg about other axes than this one"

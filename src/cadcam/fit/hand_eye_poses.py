@@ -84,6 +84,21 @@ class PosesFit:
         return np.asarray(np.einsum("nip,nij,njq->pq", self.jacobian, self.weights, self.jacobian))
 
     @property
+    def degrees_of_freedom(self) -> Array:
+        """Return how many degrees of freedom stand behind each of the twelve variances, (12,), at least 1.
+
+        2 C^2 / var(C) (Satterthwaite, Biometrics Bulletin 1946): few where the robot's noise, known from few poses,
+        makes up the variance; inf where it is nil and the camera's known noise is all.
+        """
+        C = np.linalg.inv(self.information)
+        WD = self.weights @ self.jacobian
+        change = C @ np.tensordot(PATTERNS @ WD[:, None], WD, axes=((0, 2), (0, 1))) @ C  # of C by each variance
+        slopes = np.einsum("kpp->kp", change) * (self.variances > SMALLEST**2)[:, None]
+        spread = np.einsum("kp,kl,lp->p", slopes, self.variances_covariance, slopes)
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.maximum(2 * np.diag(C) ** 2 / spread, 1.0))
+
+    @property
     def squared_distances(self) -> Array:
         """Return each offset's squared size by its noise, (n,): about 6 where all is well."""
         return np.asarray(np.einsum("ni,nij,nj->n", self.offsets, self.weights, self.offsets))
