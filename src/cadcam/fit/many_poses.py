@@ -147,7 +147,8 @@ def _descended(
     for _ in range(iterations):
         if not moving.size:
             break
-        d = np.sqrt(np.einsum("nii->ni", A[moving])) + 1e-300
+        d = np.sqrt(np.einsum("nii->ni", A[moving]))
+        d = np.where(d > 0, d, 1.0)
         S = A[moving] / (d[:, :, None] * d[:, None, :]) + damping[moving, None, None] * np.eye(6)
         step = -np.linalg.solve(S, (g[moving] / d)[..., None])[..., 0] / d
         R_new, t_new = R[moving] @ so3.exp(step[:, 3:]), t[moving] + (R[moving] @ step[:, :3, None])[..., 0]
