@@ -14,6 +14,9 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.cad.load import load as load
     from cadcam.cad.load import load_with_report as load_with_report
     from cadcam.cad.mesh import Mesh as Mesh
+    from cadcam.calibrate.handeye import calibrate_hand_eye as calibrate_hand_eye
+    from cadcam.calibrate.handeye import calibrate_hand_eye_from_poses as calibrate_hand_eye_from_poses
+    from cadcam.calibrate.handeye_estimate import HandEyeEstimate as HandEyeEstimate
     from cadcam.calibrate.points import calibrate as _calibrate
     from cadcam.calibrate.points import locate_camera as locate_camera
     from cadcam.camera.camera import Camera as Camera
@@ -36,6 +39,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.files.points import write_points as write_points
     from cadcam.files.poses import read_poses as read_poses
     from cadcam.files.poses import write_poses as write_poses
+    from cadcam.files.robot_poses import read_robot_poses as read_robot_poses
     from cadcam.geometry.rigid import Rigid as Rigid
     from cadcam.image.exr import write_exr as write_exr
     from cadcam.image.picture import read_picture as read_picture
@@ -76,6 +80,7 @@ _HOME = {
     "EdgeKind": "cadcam.cad.edges",
     "ExtendedPinhole": "cadcam.camera.extended_pinhole",
     "Fisheye": "cadcam.camera.lens",
+    "HandEyeEstimate": "cadcam.calibrate.handeye_estimate",
     "Ideal": "cadcam.camera.lens",
     "LineOptions": "cadcam.render.wireframe",
     "LineStyle": "cadcam.render.overlay",
@@ -89,6 +94,8 @@ _HOME = {
     "added": "cadcam.render.overlay",
     "blended": "cadcam.render.overlay",
     "calibrate_camera": "cadcam.calibrate.points:calibrate",
+    "calibrate_hand_eye": "cadcam.calibrate.handeye",
+    "calibrate_hand_eye_from_poses": "cadcam.calibrate.handeye",
     "edge_distances": "cadcam.render.overlay",
     "feature_edges": "cadcam.cad.edges",
     "load": "cadcam.cad.load",
@@ -104,6 +111,7 @@ _HOME = {
     "read_points": "cadcam.files.points",
     "read_pose": "cadcam.files.matrix",
     "read_poses": "cadcam.files.poses",
+    "read_robot_poses": "cadcam.files.robot_poses",
     "repainted": "cadcam.render.looks",
     "side_by_side": "cadcam.render.overlay",
     "standard_view": "cadcam.render.standard_view",

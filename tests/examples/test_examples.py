@@ -15,6 +15,7 @@ EXAMPLES = ROOT / "examples"
 RUNS: dict[str, tuple[list[str], list[str], str]] = {
     "calibrate_from_points.py": ([], ["camera.json"], "focal"),
     "decompose_matrix.py": ([], [], "-3 P has the same parameters"),
+    "hand_eye.py": ([], [], "off the truth by"),
     "overlay_on_photo.py": ([], ["overlay.png"], "median distance"),
     "pose_of_a_flat_target.py": ([], [], "Two poses explain these points"),
     "render_bench.py": ([], ["bench.png", "depth.npy"], "15 of 16 targets are in view"),

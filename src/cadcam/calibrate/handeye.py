@@ -269,7 +269,7 @@ def _with_internals(problem: HandEyePixels, state: HandEyeState, poses: HandEyeP
     prior = np.zeros((D.shape[2],) * 2)
     prior[12:, 12:] = information
     _, _, M = poses.linearised(state.flange_from_held, state.base_from_fixed)
-    found = variance_components(here.offsets, D, M, PATTERNS, np.maximum(fit.variances, SMALLEST**2), prior=prior)
+    found = variance_components(here.offsets, D, M, PATTERNS, fit.variances, floor=SMALLEST**2, prior=prior)
     return replace(here, variances=found.variances, variances_covariance=found.covariance, weights=found.weights)
 
 

@@ -159,8 +159,8 @@ def adjust_robustly(poses: HandEyePoses, flange_from_held: Rigid, base_from_fixe
 
 
 def _noise(e: Array, D: Array, M: Array, start: Array) -> tuple[Array, Array]:
-    found = variance_components(e, D, M, PATTERNS, np.maximum(start, SMALLEST**2))
-    return np.maximum(found.variances, 1e-2 * SMALLEST**2), found.covariance
+    found = variance_components(e, D, M, PATTERNS, start, floor=SMALLEST**2)
+    return found.variances, found.covariance
 
 
 def _median_variances(e: Array) -> Array:
