@@ -155,6 +155,14 @@ def test_poses_alone_are_enough(rng, mounting):
     np.testing.assert_allclose(found.offsets[:, :3], offsets(found, c)[:, :3], atol=1e-9)
 
 
+@pytest.mark.parametrize("mounting", MOUNTINGS)
+def test_exact_poses_give_the_cell_back(rng, mounting):
+    c = cell(rng, 5, mounting=mounting)
+    found = calibrate_hand_eye_from_poses(c.base_from_flange, c.camera_from_target, mounting=mounting)
+    assert np.abs(error(found, c)).max() < 1e-8
+    assert not found.suspicious.any()
+
+
 def offsets(found, c):
     S = c.camera_from_target if c.mounting == "eye-in-hand" else c.camera_from_target.inv
     T = c.base_from_flange.inv @ found.base_from_fixed @ (found.flange_from_held @ S).inv

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Mask, frozen
 from cadcam.calibrate.handeye_checks import WORDS, consistent_choice, refuse_inconsistent
 from cadcam.calibrate.handeye_estimate import MOUNTINGS, HandEyeEstimate, Mounting, RobotNoise
 from cadcam.calibrate.handeye_held_out import held_out, scale_of_target
@@ -95,10 +95,9 @@ def calibrate_hand_eye_from_poses(
     covariance (n, 6, 6) or (6, 6): of camera_from_target @ exp(xi), mm and rad, if it is known; else all noise is
     charged to the robot. Pixels say more (`calibrate_hand_eye`). Raises as that does.
     """
-    labels = _checked(base_from_flange, len(camera_from_target.rotation), mounting, names)
-    n, held = len(labels), mounting == "eye-in-hand"
-    S = np.broadcast_to(np.zeros((6, 6)) if covariance is None else covariance, (n, 6, 6))
-    poses = _as_held(base_from_flange, camera_from_target, S, held)
+    labels = _checked(base_from_flange, _count(camera_from_target, "camera_from_target"), mounting, names)
+    held = mounting == "eye-in-hand"
+    poses = _as_held(base_from_flange, camera_from_target, _covariances(covariance, len(labels)), held)
     start = refuse_inconsistent(poses, mounting, labels)
     fit = adjust(poses, start, hand_eye.fixed_in_base(base_from_flange, start, poses.held_from_fixed))
     scale, scale_sigma = scale_of_target(poses, fit)
@@ -128,15 +127,27 @@ def target_poses(observations: Sequence[Observations], camera: Camera, *, names:
 def _checked(base_from_flange: Rigid, pictures: int, mounting: str, names: Sequence[str]) -> tuple[str, ...]:
     if mounting not in MOUNTINGS:
         raise UnknownName("mounting", mounting, MOUNTINGS)
-    if base_from_flange.rotation.ndim != 3 or base_from_flange.translation.ndim != 2:
-        raise BadValue("base_from_flange", repr(base_from_flange), "a batch of n poses, one for each picture")
-    n = len(base_from_flange.rotation)
+    n = _count(base_from_flange, "base_from_flange")
     labels = tuple(str(name) for name in names) or tuple(str(i + 1) for i in range(n))
     if not n == pictures == len(labels):
         raise BadValue("number of robot poses, pictures, names", (n, pictures, len(labels)), "one number for all")
     if n < LEAST_POSES:
         raise TooFewPoints("hand-eye calibration (poses, with two axes of rotation between them)", n, LEAST_POSES)
     return labels
+
+
+def _count(poses: Rigid, what: str) -> int:
+    if poses.rotation.ndim != 3 or poses.translation.ndim != 2:
+        raise BadValue(what, repr(poses), "a batch of n poses, one for each picture")
+    return len(poses.rotation)
+
+
+def _covariances(covariance: Array | None, n: int) -> Array:
+    """Return covariances (n, 6, 6), zeros where none is known."""
+    given = frozen(np.zeros((6, 6)) if covariance is None else covariance, "covariance", (6, 6), batched=True)
+    if given.shape not in ((6, 6), (n, 6, 6)):
+        raise BadValue("covariance", f"of shape {given.shape}", f"shape (6, 6) or ({n}, 6, 6)")
+    return np.broadcast_to(given, (n, 6, 6))
 
 
 def _seen(
