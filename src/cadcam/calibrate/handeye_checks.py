@@ -7,7 +7,7 @@ poses. All work on `HandEyePoses`, in the names of `cadcam.fit.hand_eye`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,12 +78,7 @@ def refuse_strangers(poses: HandEyePoses, names: Sequence[str]) -> None:
     if median <= _STRANGERS:
         return
     n = len(names)
-    orders: dict[str, Callable[[Indices], Indices]] = {"in reversed order": lambda i: i[::-1]}
-    for k in range(1, min(n - 3, 10)):
-        orders[f"moved down by {k} line{'s' * (k > 1)}"] = lambda i, k=k: i - k  # type: ignore[misc]
-        orders[f"moved up by {k} line{'s' * (k > 1)}"] = lambda i, k=k: i + k  # type: ignore[misc]
-    for how, order in orders.items():
-        other = order(np.arange(n))
+    for how, other in _orders(n).items():
         inside = (other >= 0) & (other < n)
         moved = HandEyePoses(
             taken(poses.base_from_flange, other[inside]),
@@ -105,6 +100,16 @@ def refuse_strangers(poses: HandEyePoses, names: Sequence[str]) -> None:
     )
 
 
+def _orders(n: int) -> dict[str, Indices]:
+    """Return the orders that lists are apt to be in by mistake, as rows of the robot's poses (beyond them: none)."""
+    rows = np.arange(n)
+    orders = {"in reversed order": rows[::-1]}
+    for k in range(1, min(n - 3, 10)):
+        lines = f"by {k} line{'s' * (k > 1)}"
+        orders |= {f"moved down {lines}": rows - k, f"moved up {lines}": rows + k}
+    return orders
+
+
 def refuse_degenerate(poses: HandEyePoses, mounting: str, noise: Noise) -> None:
     """Raise `DegenerateMotions` naming the directions that these motions, or their noise, leave undetermined."""
     A, _ = motions(poses.base_from_flange, poses.held_from_fixed)
@@ -124,7 +129,7 @@ def refuse_degenerate(poses: HandEyePoses, mounting: str, noise: Noise) -> None:
         f"{_free_in_base(poses, slides, mounting)}. Evidence: the {len(turned)} motions between "
         f"{len(poses.covariance)} poses turn by up to {np.degrees(turned.max()):.3g} deg, {_axes(A)}; a change of that "
         f"kind moves what is seen by {open_.strength:.2g} of itself, less than the {floor:.2g} that noise can feign. "
-        f" {_remedy(slides)}",
+        f"{_remedy(slides)}",
         tuple(map(tuple, slides.tolist())),
         tuple(map(tuple, turns.tolist())),
     )
@@ -151,7 +156,7 @@ def refuse_wrong_direction(poses: HandEyePoses, mounting: str) -> float:
             f"base_from_flange (invert them), or the mounting is {words.other_mounting}{_unit_too(inverted.scale)}"
         )
     unit = _unit(given.scale)
-    if unit:
+    if unit and given.unscaled > _BETTER * given.translation:
         raise InconsistentPoses(
             f"robot and camera do not measure in one unit: the robot's lengths are {given.scale:.4g} times those of "
             f"the target's coordinates ({unit}). Give both in mm: state the unit of the robot's poses, or that of the "
@@ -233,11 +238,15 @@ def _angle_differences(poses: HandEyePoses) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """How well one reading of the poses fits: medians over motions of the rotation (rad) and translation (mm) left."""
+    """How well one reading of the poses fits: medians over motions of the rotation (rad) and translation (mm) left.
+
+    translation: with the scale of the camera's lengths that fits best; unscaled: with them as they are.
+    """
 
     rotation: float
     translation: float
     scale: float
+    unscaled: float
 
     @property
     def misfit(self) -> float:
@@ -259,9 +268,14 @@ def reading(poses: HandEyePoses) -> Reading:
     t_B = B.translation @ R.T
     M = np.concatenate([A.rotation - np.eye(3), -t_B[..., None]], axis=-1).reshape(-1, 4)
     M[:, 3] /= (column := max(float(np.linalg.norm(M[:, 3])), 1e-300))
-    x, *_ = np.linalg.lstsq(M, -A.translation.ravel(), rcond=1e-12)
-    miss = np.linalg.norm((M @ x + A.translation.ravel()).reshape(-1, 3), axis=1)
-    return Reading(float(np.median(left)), float(np.median(miss)), float(x[3] / column))
+    scaled, unscaled = _solved(M, -A.translation), _solved(M[:, :3], t_B - A.translation)
+    return Reading(float(np.median(left)), scaled[1], float(scaled[0][3] / column), unscaled[1])
+
+
+def _solved(M: Array, right: Array) -> tuple[Array, float]:
+    """Return the least-squares solution and the median length of what each motion (m, 3) leaves."""
+    x, *_ = np.linalg.lstsq(M, right.ravel(), rcond=1e-12)
+    return np.asarray(x), float(np.median(np.linalg.norm((M @ x - right.ravel()).reshape(-1, 3), axis=1)))
 
 
 def _inverted(poses: HandEyePoses) -> HandEyePoses:

@@ -91,12 +91,35 @@ class PosesFit:
         makes up the variance; inf where it is nil and the camera's known noise is all.
         """
         C = np.linalg.inv(self.information)
-        WD = self.weights @ self.jacobian
-        change = C @ np.tensordot(PATTERNS @ WD[:, None], WD, axes=((0, 2), (0, 1))) @ C  # of C by each variance
-        slopes = np.einsum("kpp->kp", change) * (self.variances > SMALLEST**2)[:, None]
-        spread = np.einsum("kp,kl,lp->p", slopes, self.variances_covariance, slopes)
+        slopes = np.einsum("pq,kqr,rp->kp", C, self._by_variance[0], C)  # of the variances C by those of the robot
+        spread = np.einsum("kp,kl,lp->p", slopes, self._spread, slopes)
         with np.errstate(divide="ignore"):
             return np.asarray(np.maximum(2 * np.diag(C) ** 2 / spread, 1.0))
+
+    @property
+    def small_sample(self) -> Array:
+        """Return what the inverse information (12, 12) lacks as the robot's noise comes from the same poses.
+
+        Kenward and Roger, Biometrics 1997, equation 5, for variances that enter linearly; nil for many poses.
+        """
+        C = np.linalg.inv(self.information)
+        P, Q = self._by_variance
+        lack = np.einsum("kl,kplq->pq", self._spread, Q) - np.einsum("kl,kpq,qr,lrs->ps", self._spread, P, C, P)
+        return np.asarray(C @ (lack + lack.T) @ C)
+
+    @property
+    def _spread(self) -> Array:
+        """Covariance (2, 2) of the variances, without those that are nil."""
+        there = self.variances > SMALLEST**2
+        return np.asarray(self.variances_covariance * np.outer(there, there))
+
+    @property
+    def _by_variance(self) -> tuple[Array, Array]:
+        """Sums over the poses of D' W E W D (k, 12, 12) and of D' W E W E W D (k, 12, k, 12), E the patterns."""
+        WD = self.weights @ self.jacobian
+        EWD = PATTERNS @ WD[:, None]
+        first = np.tensordot(EWD, WD, axes=((0, 2), (0, 1)))
+        return first, np.tensordot(EWD, self.weights[:, None] @ EWD, axes=((0, 2), (0, 2)))
 
     @property
     def squared_distances(self) -> Array:
