@@ -142,6 +142,19 @@ def test_names_that_share_only_their_numbers_are_paired_by_them(cadcam: Cadcam, 
     np.testing.assert_allclose(ran.json["flange_from_camera"]["translation_mm"], HELD.translation, atol=0.5)
 
 
+def test_a_file_a_pose_is_read_and_paired_by_its_number(cadcam: Cadcam, cell: Path) -> None:
+    for name, pose in read_robot_poses(cell / "robot.csv", convention="kuka").items():
+        numbers = [*(pose.translation / 1000), *so3.log(pose.rotation)]
+        rows = "".join(f"  - [{v!r}]\n" for v in map(float, numbers))
+        (cell / f"robot_{name[1:]}.yaml").write_text(f"rows: 6\ncols: 1\ndata: \n{rows}")
+    files = sorted(cell.glob("robot_*.yaml"))
+    options = words(cell, "--convention", "ur", "--json")[2:]
+    ran = cadcam("handeye", *files, *options)
+    assert ran.code == 0, ran.err
+    assert [p["name"] for p in ran.json["poses"]] == [f"p{i + 1}" for i in range(N)]
+    np.testing.assert_allclose(ran.json["flange_from_camera"]["translation_mm"], HELD.translation, atol=0.5)
+
+
 def test_internals_are_adjusted_only_within_a_known_covariance(cadcam: Cadcam, cell: Path) -> None:
     ran = cadcam(*words(cell, "--convention", "kuka", "--adjust-internals"))
     assert ran.code == 2
