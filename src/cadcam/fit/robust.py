@@ -77,9 +77,9 @@ class Loss:
         if self.name == "huber":
             return np.where(s <= 1, 1.0, 0.5 * w)
         if self.name == "cauchy":
-            return w * w
+            return np.asarray(w * w)
         if self.name == "tukey":
-            return w - 2 * np.minimum(s, 1) * (1 - np.minimum(s, 1))
+            return np.asarray(w - 2 * np.minimum(s, 1) * (1 - np.minimum(s, 1)))
         return w
 
     def _relative(self, d2: Array, scale: float) -> tuple[Array, float]:
