@@ -19,6 +19,9 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.calibrate.boards import find_board as find_board
     from cadcam.calibrate.flat import calibrate_line as calibrate_line
     from cadcam.calibrate.flat import calibrate_plane as calibrate_plane
+    from cadcam.calibrate.handeye import calibrate_hand_eye as calibrate_hand_eye
+    from cadcam.calibrate.handeye import calibrate_hand_eye_from_poses as calibrate_hand_eye_from_poses
+    from cadcam.calibrate.handeye_estimate import HandEyeEstimate as HandEyeEstimate
     from cadcam.calibrate.joint import calibrate_jointly as calibrate_jointly
     from cadcam.calibrate.joint import fit_jointly as fit_jointly
     from cadcam.calibrate.measure import measure_points as measure_points
@@ -68,6 +71,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.files.points import write_points as write_points
     from cadcam.files.poses import read_poses as read_poses
     from cadcam.files.poses import write_poses as write_poses
+    from cadcam.files.robot_poses import read_robot_poses as read_robot_poses
     from cadcam.fit.compare import compare as _compare
     from cadcam.fit.robust import Loss as Loss
     from cadcam.geometry.plane import Plane as Plane
@@ -117,6 +121,7 @@ _HOME = {
     "ExtendedUnified": "cadcam.camera.lens",
     "FieldOfView": "cadcam.camera.lens",
     "Fisheye": "cadcam.camera.lens",
+    "HandEyeEstimate": "cadcam.calibrate.handeye_estimate",
     "Ideal": "cadcam.camera.lens",
     "InverseBrownConrady": "cadcam.camera.lens",
     "JointEstimate": "cadcam.camera.joint_estimate",
@@ -145,6 +150,8 @@ _HOME = {
     "blended": "cadcam.render.overlay",
     "calibrate_boards": "cadcam.calibrate.boards",
     "calibrate_camera": "cadcam.calibrate.points:calibrate",
+    "calibrate_hand_eye": "cadcam.calibrate.handeye",
+    "calibrate_hand_eye_from_poses": "cadcam.calibrate.handeye",
     "calibrate_jointly": "cadcam.calibrate.joint",
     "calibrate_line": "cadcam.calibrate.flat",
     "calibrate_plane": "cadcam.calibrate.flat",
@@ -176,6 +183,7 @@ _HOME = {
     "read_points": "cadcam.files.points",
     "read_pose": "cadcam.files.matrix",
     "read_poses": "cadcam.files.poses",
+    "read_robot_poses": "cadcam.files.robot_poses",
     "repainted": "cadcam.render.looks",
     "side_by_side": "cadcam.render.overlay",
     "standard_view": "cadcam.render.standard_view",

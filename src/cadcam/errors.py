@@ -63,6 +63,19 @@ class DegenerateGeometry(CadcamError):
     """The points cannot determine what was asked, whatever their accuracy; the message carries the numbers."""
 
 
+class DegenerateMotions(DegenerateGeometry):
+    """A robot's motions leave open where its camera sits: the directions stand in the message, and here.
+
+    slides: unit directions in the flange's axes; turns: twists (three of translation in mm, three of rotation in rad).
+    """
+
+    def __init__(
+        self, message: str, slides: tuple[tuple[float, ...], ...], turns: tuple[tuple[float, ...], ...]
+    ) -> None:
+        super().__init__(message)
+        self.slides, self.turns = slides, turns
+
+
 class MirroredPoints(DegenerateGeometry):
     """The points only fit a camera that sees them from behind: a left-handed frame or swapped image axes."""
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Mask, frozen
 from cadcam.calibrate.handeye_checks import WORDS, consistent_choice, refuse_inconsistent
 from cadcam.calibrate.handeye_estimate import MOUNTINGS, HandEyeEstimate, Mounting, RobotNoise
 from cadcam.calibrate.handeye_held_out import held_out, scale_of_target
@@ -67,7 +67,7 @@ def calibrate_hand_eye(
     its own. names: of the poses, for messages; default "1", "2", ...
 
     Raises `TooFewPoints` below three poses, `InconsistentPoses` where robot and pictures contradict each other (order,
-    direction, unit, single poses: named), `DegenerateGeometry` where the motions leave a direction open (named).
+    direction, unit, single poses: named), `DegenerateMotions` where the motions leave a direction open (named).
     """
     labels = _checked(base_from_flange, len(observations), mounting, names)
     seen, both, dof = _seen(
@@ -95,10 +95,9 @@ def calibrate_hand_eye_from_poses(
     covariance (n, 6, 6) or (6, 6): of camera_from_target @ exp(xi), mm and rad, if it is known; else all noise is
     charged to the robot. Pixels say more (`calibrate_hand_eye`). Raises as that does.
     """
-    labels = _checked(base_from_flange, len(camera_from_target.rotation), mounting, names)
-    n, held = len(labels), mounting == "eye-in-hand"
-    S = np.broadcast_to(np.zeros((6, 6)) if covariance is None else covariance, (n, 6, 6))
-    poses = _as_held(base_from_flange, camera_from_target, S, held)
+    labels = _checked(base_from_flange, _count(camera_from_target, "camera_from_target"), mounting, names)
+    held = mounting == "eye-in-hand"
+    poses = _as_held(base_from_flange, camera_from_target, _covariances(covariance, len(labels)), held)
     start = refuse_inconsistent(poses, mounting, labels)
     fit = adjust(poses, start, hand_eye.fixed_in_base(base_from_flange, start, poses.held_from_fixed))
     scale, scale_sigma = scale_of_target(poses, fit)
@@ -109,7 +108,8 @@ def calibrate_hand_eye_from_poses(
         camera_from_target=camera_from_target,
         flange_from_held=fit.flange_from_held,
         base_from_fixed=fit.base_from_fixed,
-        covariance=np.asarray(np.linalg.inv(fit.information)),
+        covariance=np.linalg.inv(fit.information) + fit.small_sample,
+        degrees_of_freedom=fit.degrees_of_freedom,
         robot_noise=_robot_noise(fit),
         offsets=smoothed(fit),
         held_out=held_out(poses, fit, held=held),
@@ -127,15 +127,27 @@ def target_poses(observations: Sequence[Observations], camera: Camera, *, names:
 def _checked(base_from_flange: Rigid, pictures: int, mounting: str, names: Sequence[str]) -> tuple[str, ...]:
     if mounting not in MOUNTINGS:
         raise UnknownName("mounting", mounting, MOUNTINGS)
-    if base_from_flange.rotation.ndim != 3 or base_from_flange.translation.ndim != 2:
-        raise BadValue("base_from_flange", repr(base_from_flange), "a batch of n poses, one for each picture")
-    n = len(base_from_flange.rotation)
+    n = _count(base_from_flange, "base_from_flange")
     labels = tuple(str(name) for name in names) or tuple(str(i + 1) for i in range(n))
     if not n == pictures == len(labels):
         raise BadValue("number of robot poses, pictures, names", (n, pictures, len(labels)), "one number for all")
     if n < LEAST_POSES:
         raise TooFewPoints("hand-eye calibration (poses, with two axes of rotation between them)", n, LEAST_POSES)
     return labels
+
+
+def _count(poses: Rigid, what: str) -> int:
+    if poses.rotation.ndim != 3 or poses.translation.ndim != 2:
+        raise BadValue(what, repr(poses), "a batch of n poses, one for each picture")
+    return len(poses.rotation)
+
+
+def _covariances(covariance: Array | None, n: int) -> Array:
+    """Return covariances (n, 6, 6), zeros where none is known."""
+    given = frozen(np.zeros((6, 6)) if covariance is None else covariance, "covariance", (6, 6), batched=True)
+    if given.shape not in ((6, 6), (n, 6, 6)):
+        raise BadValue("covariance", f"of shape {given.shape}", f"shape (6, 6) or ({n}, 6, 6)")
+    return np.broadcast_to(given, (n, 6, 6))
 
 
 def _seen(
@@ -268,7 +280,7 @@ def _with_internals(problem: HandEyePixels, state: HandEyeState, poses: HandEyeP
     prior = np.zeros((D.shape[2],) * 2)
     prior[12:, 12:] = information
     _, _, M = poses.linearised(state.flange_from_held, state.base_from_fixed)
-    found = variance_components(here.offsets, D, M, PATTERNS, np.maximum(fit.variances, SMALLEST**2), prior=prior)
+    found = variance_components(here.offsets, D, M, PATTERNS, fit.variances, floor=SMALLEST**2, prior=prior)
     return replace(here, variances=found.variances, variances_covariance=found.covariance, weights=found.weights)
 
 
@@ -286,7 +298,8 @@ def _from_pixels(done: _Adjusted, mounting: Mounting, names: tuple[str, ...]) ->
         camera_from_target=seen.camera_from_target,
         flange_from_held=state.flange_from_held,
         base_from_fixed=state.base_from_fixed,
-        covariance=cofactors.shared[:12, :12],
+        covariance=cofactors.shared[:12, :12] + done.fit.small_sample,
+        degrees_of_freedom=done.fit.degrees_of_freedom,
         robot_noise=_robot_noise(done.fit),
         offsets=np.concatenate([state.offset.translation, so3.log(state.offset.rotation)], axis=1),
         held_out=held_out(done.poses, done.fit, held=done.problem.camera_held, views=seen.views, camera=seen.camera),

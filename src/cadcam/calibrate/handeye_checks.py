@@ -7,18 +7,18 @@ poses. All work on `HandEyePoses`, in the names of `cadcam.fit.hand_eye`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.errors import DegenerateGeometry, InconsistentPoses
+from cadcam.errors import DegenerateMotions, InconsistentPoses
 from cadcam.fit import hand_eye
 from cadcam.fit.hand_eye import motions, taken
 from cadcam.fit.hand_eye_poses import HandEyePoses, PosesFit, adjust_robustly
 from cadcam.fit.layout import Indices
-from cadcam.fit.screw import angles_and_slides, line_of, response, slides_and_turns
+from cadcam.fit.screw import angles_and_slides, freedom, line_of
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
@@ -59,7 +59,7 @@ class Noise:
 def refuse_inconsistent(poses: HandEyePoses, mounting: str, names: Sequence[str]) -> Rigid:
     """Return flange_from_held in closed form; raise if robot and camera contradict each other or cannot tell.
 
-    `InconsistentPoses`: order, direction, unit, single poses. `DegenerateGeometry`: what the motions leave open.
+    `InconsistentPoses`: order, direction, unit, single poses. `DegenerateMotions`: what the motions leave open.
     """
     refuse_strangers(poses, names)
     turning = Noise(_SIGMA_OF_MEDIAN * float(np.median(_angle_differences(poses))))
@@ -78,12 +78,7 @@ def refuse_strangers(poses: HandEyePoses, names: Sequence[str]) -> None:
     if median <= _STRANGERS:
         return
     n = len(names)
-    orders: dict[str, Callable[[Indices], Indices]] = {"in reversed order": lambda i: i[::-1]}
-    for k in range(1, min(n - 3, 10)):
-        orders[f"moved down by {k} line{'s' * (k > 1)}"] = lambda i, k=k: i - k  # type: ignore[misc]
-        orders[f"moved up by {k} line{'s' * (k > 1)}"] = lambda i, k=k: i + k  # type: ignore[misc]
-    for how, order in orders.items():
-        other = order(np.arange(n))
+    for how, other in _orders(n).items():
         inside = (other >= 0) & (other < n)
         moved = HandEyePoses(
             taken(poses.base_from_flange, other[inside]),
@@ -105,26 +100,38 @@ def refuse_strangers(poses: HandEyePoses, names: Sequence[str]) -> None:
     )
 
 
+def _orders(n: int) -> dict[str, Indices]:
+    """Return the orders that lists are apt to be in by mistake, as rows of the robot's poses (beyond them: none)."""
+    rows = np.arange(n)
+    orders = {"in reversed order": rows[::-1]}
+    for k in range(1, min(n - 3, 10)):
+        lines = f"by {k} line{'s' * (k > 1)}"
+        orders |= {f"moved down {lines}": rows - k, f"moved up {lines}": rows + k}
+    return orders
+
+
 def refuse_degenerate(poses: HandEyePoses, mounting: str, noise: Noise) -> None:
-    """Raise `DegenerateGeometry` naming the directions that these motions, or their noise, leave undetermined."""
+    """Raise `DegenerateMotions` naming the directions that these motions, or their noise, leave undetermined."""
     A, _ = motions(poses.base_from_flange, poses.held_from_fixed)
     length = max(float(np.median(np.linalg.norm(poses.held_from_fixed.translation, axis=1))), 1e-6)
-    answer = response(A, length)
     heard = _ANSWERS_NOISE * 2 * float(np.hypot(noise.rotation, noise.translation / length))
     floor = float(np.clip(heard, _ANSWERS, _ANSWERS_MOST))
-    blind = answer.strength < floor
-    if not blind.any():
+    open_ = freedom(A, length=length, floor=floor)
+    if not open_.any:
         return
-    slides, turns = slides_and_turns(answer.twists[blind], length)
+    slides, turns = open_.slides, open_.turns
     words = WORDS[mounting]
     turned, _ = angles_and_slides(A)
-    raise DegenerateGeometry(
+    count = len(slides) + len(turns)
+    raise DegenerateMotions(
         f"the robot's motions do not determine where the {words.held} sits on the flange: free "
-        f"{'are' if len(slides) + len(turns) > 1 else 'is'} {_free(slides, turns, words.held)}"
+        f"{'are' if count > 1 or len(slides) == 3 else 'is'} {_free(slides, turns, words.held)}"
         f"{_free_in_base(poses, slides, mounting)}. Evidence: the {len(turned)} motions between "
         f"{len(poses.covariance)} poses turn by up to {np.degrees(turned.max()):.3g} deg, {_axes(A)}; a change of that "
-        f"kind moves what is seen by {answer.strength[blind].max():.2g} of itself, less than the {floor:.2g} that "
-        f"noise or chance can feign. {_remedy(slides, turns)}"
+        f"kind moves what is seen by {open_.strength:.2g} of itself, less than the {floor:.2g} that noise can feign. "
+        f"{_remedy(slides)}",
+        tuple(map(tuple, slides.tolist())),
+        tuple(map(tuple, turns.tolist())),
     )
 
 
@@ -149,7 +156,7 @@ def refuse_wrong_direction(poses: HandEyePoses, mounting: str) -> float:
             f"base_from_flange (invert them), or the mounting is {words.other_mounting}{_unit_too(inverted.scale)}"
         )
     unit = _unit(given.scale)
-    if unit:
+    if unit and given.unscaled > _BETTER * given.translation:
         raise InconsistentPoses(
             f"robot and camera do not measure in one unit: the robot's lengths are {given.scale:.4g} times those of "
             f"the target's coordinates ({unit}). Give both in mm: state the unit of the robot's poses, or that of the "
@@ -231,11 +238,15 @@ def _angle_differences(poses: HandEyePoses) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """How well one reading of the poses fits: medians over motions of the rotation (rad) and translation (mm) left."""
+    """How well one reading of the poses fits: medians over motions of the rotation (rad) and translation (mm) left.
+
+    translation: with the scale of the camera's lengths that fits best; unscaled: with them as they are.
+    """
 
     rotation: float
     translation: float
     scale: float
+    unscaled: float
 
     @property
     def misfit(self) -> float:
@@ -257,9 +268,14 @@ def reading(poses: HandEyePoses) -> Reading:
     t_B = B.translation @ R.T
     M = np.concatenate([A.rotation - np.eye(3), -t_B[..., None]], axis=-1).reshape(-1, 4)
     M[:, 3] /= (column := max(float(np.linalg.norm(M[:, 3])), 1e-300))
-    x, *_ = np.linalg.lstsq(M, -A.translation.ravel(), rcond=1e-12)
-    miss = np.linalg.norm((M @ x + A.translation.ravel()).reshape(-1, 3), axis=1)
-    return Reading(float(np.median(left)), float(np.median(miss)), float(x[3] / column))
+    scaled, unscaled = _solved(M, -A.translation), _solved(M[:, :3], t_B - A.translation)
+    return Reading(float(np.median(left)), scaled[1], float(scaled[0][3] / column), unscaled[1])
+
+
+def _solved(M: Array, right: Array) -> tuple[Array, float]:
+    """Return the least-squares solution and the median length of what each motion (m, 3) leaves."""
+    x, *_ = np.linalg.lstsq(M, right.ravel(), rcond=1e-12)
+    return np.asarray(x), float(np.median(np.linalg.norm((M @ x - right.ravel()).reshape(-1, 3), axis=1)))
 
 
 def _inverted(poses: HandEyePoses) -> HandEyePoses:
@@ -344,7 +360,7 @@ def _vector(v: Array, decimals: int = 3) -> str:
     return "(" + ", ".join(f"{x + 0.0:.{decimals}f}" for x in np.round(v, decimals)) + ")"
 
 
-def _remedy(slides: Array, turns: Array) -> str:
+def _remedy(slides: Array) -> str:
     if len(slides) == 3:
         return "Add poses that turn the flange by 30 deg or more, about at least two different axes"
     return "Add poses that tilt the flange by 20 to 40 deg about other axes than this one"

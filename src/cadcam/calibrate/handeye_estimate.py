@@ -58,6 +58,7 @@ class HandEyeEstimate:
 
     flange_from_held: of the camera (eye-in-hand) or the target (eye-to-hand); base_from_fixed: of the target or the
     camera. covariance (12, 12): of (xi of flange_from_held, xi of base_from_fixed) in X @ exp(xi), mm and rad.
+    degrees_of_freedom (12,): behind each variance, as the robot's noise is known from few poses; see `coverage_factor`.
     offsets (n, 6): by how much the flange seems to have stood off its stated pose, position mm and rotation rad in
     flange axes. camera_from_target (n): as each picture alone shows it. residuals_px (n,): rms of one pixel coordinate.
     noise_px: of one pixel coordinate, None where poses were given in place of pixels. scale: the robot's millimetres
@@ -72,6 +73,7 @@ class HandEyeEstimate:
     flange_from_held: Rigid
     base_from_fixed: Rigid
     covariance: Array
+    degrees_of_freedom: Array
     robot_noise: RobotNoise
     offsets: Array
     held_out: HeldOut
@@ -86,6 +88,8 @@ class HandEyeEstimate:
     def __post_init__(self) -> None:
         n = len(self.names)
         object.__setattr__(self, "covariance", frozen(self.covariance, "covariance", (12, 12)))
+        for_all = frozen(self.degrees_of_freedom, "degrees of freedom", (12,), finite=False)
+        object.__setattr__(self, "degrees_of_freedom", for_all)
         object.__setattr__(self, "offsets", frozen(self.offsets, "offsets", (n, 6)))
         object.__setattr__(self, "residuals_px", frozen(self.residuals_px, "residuals", (None,)))
         object.__setattr__(self, "second_pose", frozen(self.second_pose, "second poses", (None,), np.bool_))
@@ -123,6 +127,19 @@ class HandEyeEstimate:
     def covariance_of_target(self) -> Array:
         """Return the covariance (6, 6) of xi in base_from_target @ exp(xi), or flange_from_target: target axes."""
         return self._block(camera=False)
+
+    def coverage_factor(self, level: float = 0.95) -> Array:
+        """Return by what each sigma of the camera's six coordinates is multiplied for an interval of this level, (6,).
+
+        Student's t with `degrees_of_freedom` (GUM, annex G): 1.96 where much is known, more for few poses.
+        """
+        from scipy.special import stdtrit
+
+        if not 0 < level < 1:
+            raise BadValue("level", level, "a share between 0 and 1, such as 0.95")
+        held = self.mounting == "eye-in-hand"
+        freedom = np.minimum(self.degrees_of_freedom[:6] if held else self.degrees_of_freedom[6:], 1e6)
+        return np.asarray(stdtrit(freedom, (1 + level) / 2))
 
     @property
     def suspicious(self) -> Mask:

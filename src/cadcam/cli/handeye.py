@@ -56,7 +56,7 @@ def add_to(verbs: Verbs) -> None:
         description=_DESCRIPTION,
         examples=_EXAMPLES,
     )
-    parser.add_argument("robot", help="file or folder of robot poses")
+    parser.add_argument("robot", nargs="+", help="file or folder of robot poses, or files of one pose each")
     parser.add_argument(
         "--mounting", required=True, choices=("eye-in-hand", "eye-to-hand"), help="camera on the flange, or in the cell"
     )
@@ -108,7 +108,7 @@ def _estimate(arguments: argparse.Namespace) -> HandEyeEstimate:
     from cadcam.files.poses import read_poses
     from cadcam.files.robot_poses import read_robot_numbers
 
-    robot = read_robot_numbers(arguments.robot)
+    robot = read_robot_numbers(*arguments.robot)
     if arguments.camera_poses:
         if arguments.camera or arguments.adjust_internals:
             raise BadValue("--camera", "given beside --camera-poses", "none: poses need no camera")

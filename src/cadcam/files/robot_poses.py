@@ -8,7 +8,7 @@ text     one pose a line, cells separated by commas, semicolons, tabs or blanks,
 JSON     [[numbers], ...], [4x4 rows, ...], {"poses": [...]}, {"name": [numbers], ...} or a list of
          {"name": ..., "pose": ...}
 YAML     one pose: the matrix "rows, cols, data" that OpenCV and ViSP write
-folder   one such file a pose, its stem the name, in the order of the names with numbers counted as numbers
+folder   or several files: one pose each, the file's stem its name, in the order of names, numbers counted as numbers
 """
 
 from __future__ import annotations
@@ -192,21 +192,25 @@ def read_robot_poses(
     return {n: Rigid(R, t) for n, R, t in zip(names, poses.rotation, poses.translation, strict=True)}
 
 
-def read_robot_numbers(path: str | os.PathLike[str]) -> RobotNumbers:
-    """Return the poses of a file or folder as numbers, before any convention."""
-    if Path(path).is_dir():
-        return _folder(Path(path))
-    file = read_text(path)
+def read_robot_numbers(*paths: str | os.PathLike[str]) -> RobotNumbers:
+    """Return the poses of a file, a folder, or several files of one pose each, as numbers, before any convention."""
+    if len(paths) > 1:
+        return _one_each([Path(p) for p in paths], os.fspath(paths[0]))
+    path = Path(paths[0])
+    if path.is_dir():
+        files = [f for f in path.iterdir() if f.suffix.lower() in _SUFFIXES and f.is_file()]
+        if not files:
+            raise UnreadableFile(path, f"holds no pose file ({', '.join(_SUFFIXES)})", "name the right folder")
+        return _one_each(files, str(path))
+    file = read_text(paths[0])
     start = file.text.lstrip()[:1]
-    if Path(path).suffix.lower() in (".yaml", ".yml"):
+    if path.suffix.lower() in (".yaml", ".yml"):
         return _from_yaml(file)
     return _from_json(file) if start in ("{", "[") else _from_text(file)
 
 
-def _folder(folder: Path) -> RobotNumbers:
-    files = sorted((f for f in folder.iterdir() if f.suffix.lower() in _SUFFIXES and f.is_file()), key=_natural)
-    if not files:
-        raise UnreadableFile(folder, f"holds no pose file ({', '.join(_SUFFIXES)})", "name the right folder")
+def _one_each(files: Sequence[Path], label: str) -> RobotNumbers:
+    files = sorted(files, key=_natural)
     each = [read_robot_numbers(f) for f in files]
     for file, one in zip(files, each, strict=True):
         if one.numbers.shape != (1, each[0].numbers.shape[1]):
@@ -214,7 +218,7 @@ def _folder(folder: Path) -> RobotNumbers:
             raise UnreadableFile(
                 file, f"holds {n} poses of {k} numbers", f"one of {each[0].numbers.shape[1]} as in {files[0].name}"
             )
-    return RobotNumbers(str(folder), tuple(f.stem for f in files), np.concatenate([e.numbers for e in each]))
+    return RobotNumbers(label, tuple(f.stem for f in files), np.concatenate([e.numbers for e in each]))
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

@@ -112,7 +112,7 @@ def daniilidis(A: Rigid, B: Rigid, *, weights: Array | None = None) -> Rigid:
     T[:, :3, 0], T[:, :3, 1:4] = (a - b)[:, 1:], so3.hat((a + b)[:, 1:])
     T[:, 3:, 0], T[:, 3:, 1:4] = (a_dual - b_dual)[:, 1:] / scale, so3.hat((a_dual + b_dual)[:, 1:]) / scale
     T[:, 3:, 4], T[:, 3:, 5:] = T[:, :3, 0], T[:, :3, 1:4]
-    _, s, Vt = np.linalg.svd((T * w[:, None, None]).reshape(-1, 8))
+    _, s, Vt = np.linalg.svd((T * w[:, None, None]).reshape(-1, 8), full_matrices=False)
     if not s[5] > _RANK * s[0]:
         raise DegenerateGeometry(_PARALLEL)
     q, q_dual = _unit_combination(Vt[6], Vt[7])

@@ -84,6 +84,44 @@ class PosesFit:
         return np.asarray(np.einsum("nip,nij,njq->pq", self.jacobian, self.weights, self.jacobian))
 
     @property
+    def degrees_of_freedom(self) -> Array:
+        """Return how many degrees of freedom stand behind each of the twelve variances, (12,), at least 1.
+
+        2 C^2 / var(C) (Satterthwaite, Biometrics Bulletin 1946): few where the robot's noise, known from few poses,
+        makes up the variance; inf where it is nil and the camera's known noise is all.
+        """
+        C = np.linalg.inv(self.information)
+        slopes = np.einsum("pq,kqr,rp->kp", C, self._by_variance[0], C)  # of the variances C by those of the robot
+        spread = np.einsum("kp,kl,lp->p", slopes, self._spread, slopes)
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.maximum(2 * np.diag(C) ** 2 / spread, 1.0))
+
+    @property
+    def small_sample(self) -> Array:
+        """Return what the inverse information (12, 12) lacks as the robot's noise comes from the same poses.
+
+        Kenward and Roger, Biometrics 1997, equation 5, for variances that enter linearly; nil for many poses.
+        """
+        C = np.linalg.inv(self.information)
+        P, Q = self._by_variance
+        lack = np.einsum("kl,kplq->pq", self._spread, Q) - np.einsum("kl,kpq,qr,lrs->ps", self._spread, P, C, P)
+        return np.asarray(C @ (lack + lack.T) @ C)
+
+    @property
+    def _spread(self) -> Array:
+        """Covariance (2, 2) of the variances, without those that are nil."""
+        there = self.variances > SMALLEST**2
+        return np.asarray(self.variances_covariance * np.outer(there, there))
+
+    @property
+    def _by_variance(self) -> tuple[Array, Array]:
+        """Sums over the poses of D' W E W D (k, 12, 12) and of D' W E W E W D (k, 12, k, 12), E the patterns."""
+        WD = self.weights @ self.jacobian
+        EWD = PATTERNS @ WD[:, None]
+        first = np.tensordot(EWD, WD, axes=((0, 2), (0, 1)))
+        return first, np.tensordot(EWD, self.weights[:, None] @ EWD, axes=((0, 2), (0, 2)))
+
+    @property
     def squared_distances(self) -> Array:
         """Return each offset's squared size by its noise, (n,): about 6 where all is well."""
         return np.asarray(np.einsum("ni,nij,nj->n", self.offsets, self.weights, self.offsets))
@@ -144,8 +182,8 @@ def adjust_robustly(poses: HandEyePoses, flange_from_held: Rigid, base_from_fixe
 
 
 def _noise(e: Array, D: Array, M: Array, start: Array) -> tuple[Array, Array]:
-    found = variance_components(e, D, M, PATTERNS, np.maximum(start, SMALLEST**2))
-    return np.maximum(found.variances, 1e-2 * SMALLEST**2), found.covariance
+    found = variance_components(e, D, M, PATTERNS, start, floor=SMALLEST**2)
+    return found.variances, found.covariance
 
 
 def _median_variances(e: Array) -> Array:

@@ -76,6 +76,9 @@ def poses_of_views(camera: Camera, views: Views) -> TwoPoses:
     starts = [_starts(camera, p[s > 0], q[s > 0]) for p, q, s in zip(views.p, views.q, views.seen, strict=True)]
     owner = np.repeat(np.arange(len(views)), [len(R) for R, _ in starts])
     R, t = np.concatenate([R for R, _ in starts]), np.concatenate([t for _, t in starts])
+    if not len(R):
+        none = np.zeros((len(views), 2, 3))
+        return TwoPoses(np.tile(np.eye(3), (len(views), 2, 1, 1)), none, np.full((len(views), 2), np.inf))
     R, t, cost = _descended(camera, views.thinned(_SCREEN), owner, R, t, _ITERATIONS)
     first, second = _two_lowest(owner, len(views), R, cost)
     lost = first < 0
@@ -144,7 +147,8 @@ def _descended(
     for _ in range(iterations):
         if not moving.size:
             break
-        d = np.sqrt(np.einsum("nii->ni", A[moving])) + 1e-300
+        d = np.sqrt(np.einsum("nii->ni", A[moving]))
+        d = np.where(d > 0, d, 1.0)
         S = A[moving] / (d[:, :, None] * d[:, None, :]) + damping[moving, None, None] * np.eye(6)
         step = -np.linalg.solve(S, (g[moving] / d)[..., None])[..., 0] / d
         R_new, t_new = R[moving] @ so3.exp(step[:, 3:]), t[moving] + (R[moving] @ step[:, :3, None])[..., 0]

@@ -1,8 +1,9 @@
 """Screws of rigid motions, and what motions with common screws leave undetermined.
 
 A motion turns by an angle about an axis and slides along it. Both numbers stay when the motion is seen from another
-frame, A = X B X^-1 (Chen, CVPR 1991): they test whether two lists of motions can belong together before X is known. The
-rotation angle of a motion between two poses even stays when all poses are inverted; the slide does not.
+frame, A = X B X^-1 (Chen, CVPR 1991): they test whether two lists of motions can belong together before X is known.
+Both also stay when all poses are inverted, which turns each motion into one like its inverse: a wrong direction shows
+in how the axes of different motions lie to each other, not in any pair of poses.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
+
+_TURNS = 0.05  # a twist about a line farther off than this many lengths^-1 is a slide
 
 
 def angles_and_slides(T: Rigid) -> tuple[Array, Array]:
@@ -28,47 +31,51 @@ def angles_and_slides(T: Rigid) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Response:
-    """How strongly a set of motions answers a change of what they carry: six twists and the answer to each.
+class Freedom:
+    """What motions leave open of the place of what they carry.
 
-    twists (6, 6): one (translation mm, rotation rad) a row, from the least seen to the best; strength (6,): rms change
-    of the carried thing's observed motion for a unit change of `length` mm or 1 rad, dimensionless. A strength of 0 is
-    a change that no observation can show.
+    slides (s, 3): orthonormal directions along which it may move; turns (k, 6): other twists, translation mm and
+    rotation of unit length, in right angles to the slides. strength: the largest response among them, 0 if exact.
     """
 
-    twists: Array
-    strength: Array
-    length: float
+    slides: Array
+    turns: Array
+    strength: float
+
+    @property
+    def any(self) -> bool:
+        """Return whether anything is open."""
+        return bool(len(self.slides) + len(self.turns))
 
 
-def response(A: Rigid, length: float) -> Response:
-    """Return how motions A (m) answer to X <- exp(xi) X in A X = X B: through (Ad(A) - I) xi.
+def freedom(A: Rigid, *, length: float, floor: float) -> Freedom:
+    """Return the changes X <- exp(xi) X that motions A (m) answer to by less than `floor` in A X = X B.
 
-    xi is unseen if and only if exp(xi) commutes with every A: a slide along an axis that all rotations share, a turn
-    about it where they share the very line, every slide where nothing turns.
+    The answer is (Ad(A) - I) xi, rms over the motions, for a unit change of `length` mm or 1 rad: dimensionless. It is
+    nil if and only if exp(xi) commutes with every A: a slide along an axis that all rotations share, a turn about it
+    where they share the very line, every slide where nothing turns. Slides are looked at first and by themselves: noise
+    would mix them with turns about lines far away.
     """
     scale = np.repeat([length, 1.0], 3)
     M = (A.adjoint() - np.eye(6)) * scale / scale[:, None]
-    eigenvalues, vectors = np.linalg.eigh(np.einsum("kij,kil->jl", M, M) / len(M))
-    return Response(vectors.T * scale, np.sqrt(np.maximum(eigenvalues, 0)), length)
+    G = np.einsum("kij,kil->jl", M, M) / len(M)
+    along, V = np.linalg.eigh(G[:3, :3])
+    blind = along < floor**2
+    rest = np.zeros((6, 6 - np.count_nonzero(blind)))
+    rest[:3, : np.count_nonzero(~blind)] = V[:, ~blind]
+    rest[3:, np.count_nonzero(~blind) :] = np.eye(3)
+    others, W = np.linalg.eigh(rest.T @ G @ rest)
+    open_ = others < floor**2
+    turns = (rest @ W[:, open_]).T
+    turning = np.linalg.norm(turns[:, 3:], axis=1) > _TURNS
+    slides = np.concatenate([V[:, blind].T, _unit(turns[~turning, :3])])
+    turns = turns[turning] * scale / np.linalg.norm(turns[turning, 3:], axis=1, keepdims=True)
+    strongest = max(float(along[blind].max(initial=0.0)), float(others[open_].max(initial=0.0)))
+    return Freedom(slides, turns, float(np.sqrt(max(strongest, 0.0))))
 
 
-def slides_and_turns(twists: Array, length: float) -> tuple[Array, Array]:
-    """Return a basis of a space of twists (k, 6) as pure slides (s, 3) of unit length, and the other twists (k - s, 6).
-
-    The others have a unit rotation and stand in right angles to the slides, mm and rad.
-    """
-    scaled = twists / np.repeat([length, 1.0], 3)
-    U, s, _ = np.linalg.svd(scaled[:, 3:], full_matrices=True)
-    turning = np.zeros(len(twists), dtype=bool)
-    turning[: len(s)] = s > 1e-3
-    mixed = U.T @ scaled
-    slides = mixed[~turning, :3]
-    slides = slides / np.linalg.norm(slides, axis=1, keepdims=True)
-    turns = mixed[turning]
-    turns[:, :3] -= turns[:, :3] @ slides.T @ slides
-    turns = turns / np.linalg.norm(turns[:, 3:], axis=1, keepdims=True)
-    return slides, turns * np.repeat([length, 1.0], 3)
+def _unit(v: Array) -> Array:
+    return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
 
 
 def line_of(twist: Array) -> tuple[Array, Array]:

@@ -25,14 +25,24 @@ class Components:
 
 
 def variance_components(
-    y: Array, D: Array, M: Array, patterns: Array, start: Array, *, prior: Array | None = None, iterations: int = 60
+    y: Array,
+    D: Array,
+    M: Array,
+    patterns: Array,
+    start: Array,
+    *,
+    floor: Array | None = None,
+    prior: Array | None = None,
+    iterations: int = 60,
 ) -> Components:
     """Return the variances of the sources `patterns` (k, d, d) for y (n, d), D (n, d, p) and M (n, d, d).
 
     start (k,): positive variances to begin with; prior (p, p): what is known of b beforehand, as an information matrix.
-    A variance that the data hold to be nil comes back as a 1e-8 of its start's size, which keeps every weight finite.
+    A variance that the data hold to be nil comes back as `floor` (k,), default 1e-8 of its start: every weight stays
+    finite.
     """
-    s, floor = start.copy(), 1e-8 * start
+    floor = 1e-8 * start if floor is None else floor
+    s = np.maximum(start, floor)
     likelihood = _likelihood(y, D, M, patterns, s, prior)
     information = np.eye(len(s))
     for _ in range(iterations):

@@ -18,6 +18,7 @@ from cadcam.report.table import Table, matrix_rows, with_sigma
 
 FORMAT, VERSION = "cadcam hand-eye", 1
 _SCALE_SIGMAS, _SCALE_SHARE = 4.0, 0.005  # a target's size off by more of both is told
+_FEW_FREEDOM = 2.1  # 20 degrees of freedom
 _NAMES = {
     "eye-in-hand": ("flange_from_camera", "base_from_target"),
     "eye-to-hand": ("base_from_camera", "flange_from_target"),
@@ -47,12 +48,15 @@ def quality_notes(estimate: HandEyeEstimate) -> tuple[str, ...]:
         else ()
     )
     px = "" if estimate.noise_px is None else f"{_rms(held.px):.3g} px, "
+    factor = float(estimate.coverage_factor(0.95).max())
+    few = (f"for 95 % multiply the sigmas by {factor:.3g}: the robot's noise is known from few poses",)
     return (
         f"robot's noise: position {_noise(noise.translation, noise.translation_sigma)} mm, orientation "
         f"{_noise(float(np.degrees(noise.rotation)), float(np.degrees(noise.rotation_sigma)))} deg a coordinate",
         *pixels,
         f"held out, each pose predicted by the others: {px}{_rms(held.mm):.3g} mm, "
         f"{np.degrees(_rms(held.rotation)):.2g} deg (rms)",
+        *(few if factor > _FEW_FREEDOM else ()),
         *_doubts(estimate),
     )
 
@@ -117,6 +121,7 @@ def hand_eye_as_json(estimate: HandEyeEstimate) -> dict[str, Any]:
         f"{target}_sigma": _sigmas(estimate.covariance_of_target),
         "covariance_of": [camera, target] if estimate.mounting == "eye-in-hand" else [target, camera],
         "covariance_mm_rad": estimate.covariance.tolist(),
+        "degrees_of_freedom": [_finite(float(v)) for v in estimate.degrees_of_freedom],
         "robot_noise": {
             "translation_mm": noise.translation,
             "translation_sigma_mm": noise.translation_sigma,
