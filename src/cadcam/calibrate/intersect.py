@@ -256,8 +256,9 @@ def _optimum(group: Group, p: Array) -> tuple[Array, Mask]:
         r, J, L = group.seen(p).whitened()
         Q, R = np.linalg.qr(J @ basis)
         step = (basis @ np.linalg.solve(R, np.swapaxes(Q, -1, -2) @ r[..., None]))[..., 0]
-        p = p + _shortened(group, p, step, np.sum(r**2, axis=-1), L)
-        stuck = np.linalg.norm(step, axis=1) > _SETTLED * reach
+        with np.errstate(over="ignore", invalid="ignore"):  # beside a focal plane a step may be beyond all numbers
+            p = p + _shortened(group, p, step, np.sum(r**2, axis=-1), L)
+            stuck = ~(np.linalg.norm(step, axis=1) <= _SETTLED * reach)
         if not stuck.any():
             break
     return p, stuck
