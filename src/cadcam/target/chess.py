@@ -8,7 +8,7 @@ kind: black where it is white. Positions come from `photometric.fit_corners` on 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -70,8 +70,13 @@ def corner_grid(gray: Picture, *, smoothing: float, enough: int, scale: float = 
     grid = fitted_corners(small, lattice.cells, corners.q[lattice.marks])
     if grid is None or small is gray:
         return grid
-    blur = float(np.median(grid.fit.parameters[:, BLUR])) * len(gray) / len(small)
-    return fitted_corners(gray, grid.cells, full(grid.fit.q), blur=blur)
+    ratio = len(gray) / len(small)
+    q, blur = full(grid.fit.q), float(np.median(grid.fit.parameters[:, BLUR])) * ratio
+    fine = fitted_corners(gray, grid.cells, q, blur=blur)
+    if fine is not None and len(fine) >= len(grid):
+        return fine
+    coarse = replace(grid.fit, q=q, covariance=grid.fit.covariance * ratio**2)  # so soft that nothing is lost
+    return replace(grid, fit=coarse)
 
 
 def fitted_corners(gray: Picture, cells: Ids, q: Array, *, clear_of: float = 1.0, blur: float = 1.0) -> Grid | None:

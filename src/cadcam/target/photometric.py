@@ -42,8 +42,8 @@ def fit_corners(gray: Picture, q: Array, directions: Array, reach: Array, *, blu
     """Return the crossings of two edges near q (B, 2): chessboard corners.
 
     directions (B, 2): the angles of the two edges, rad; reach (B,): the window's radius in px, less than the distance
-    to any other edge; blur: a guess, px. Model: m + g.(u, v) + c erf(d1/(sqrt2 s)) erf(d2/(sqrt2 s)) with d the distance
-    from either edge: the exact picture of a right-angled corner under a Gaussian blur s.
+    to any other edge; blur: a guess, px. Model: m + g.(u, v) + c erf(d1/(sqrt2 s)) erf(d2/(sqrt2 s)) with d the
+    distance from either edge: the exact picture of a right-angled corner under a Gaussian blur s.
     Parameters: x y angle1 angle2 c s m gx gy.
     """
     values, pixels, there = _patches(gray, q, reach)
