@@ -31,10 +31,7 @@ def homographies(p: Array, q: Array, measured: Mask) -> Array:
     S, T = _normaliser(p, measured), _normaliser(q, measured)
     one = _apply(S, p)
     u = _apply(T, q)[..., :2]
-    zero = np.zeros_like(one)
-    rows_x = np.concatenate([one, zero, -u[..., :1] * one], axis=-1)
-    rows_y = np.concatenate([zero, one, -u[..., 1:] * one], axis=-1)
-    return np.asarray(np.linalg.inv(T) @ _null_vectors(rows_x, rows_y, measured).reshape(-1, 3, 3) @ S)
+    return np.asarray(np.linalg.inv(T) @ _null_vectors(one, u, measured).reshape(-1, 3, 3) @ S)
 
 
 def camera_matrices(p: Array, q: Array, measured: Mask) -> Array:
@@ -42,10 +39,7 @@ def camera_matrices(p: Array, q: Array, measured: Mask) -> Array:
     S, T = _normaliser(p, measured), _normaliser(q, measured)
     one = _apply(S, p)
     u = _apply(T, q)[..., :2]
-    zero = np.zeros_like(one)
-    rows_x = np.concatenate([one, zero, -u[..., :1] * one], axis=-1)
-    rows_y = np.concatenate([zero, one, -u[..., 1:] * one], axis=-1)
-    return np.asarray(np.linalg.inv(T) @ _null_vectors(rows_x, rows_y, measured).reshape(-1, 3, 4) @ S)
+    return np.asarray(np.linalg.inv(T) @ _null_vectors(one, u, measured).reshape(-1, 3, 4) @ S)
 
 
 def poses_of_homographies(H: Array, K: Array) -> tuple[Array, Array]:
@@ -138,8 +132,19 @@ def _apply(S: Array, x: Array) -> Array:
     return out
 
 
-def _null_vectors(rows_x: Array, rows_y: Array, measured: Mask) -> Array:
-    """Vectors (k, n) of least |A h| over |h| = 1."""
-    x, y = rows_x * measured[..., None], rows_y * measured[..., None]
-    N = np.swapaxes(x, -1, -2) @ x + np.swapaxes(y, -1, -2) @ y
-    return np.asarray(np.linalg.eigh(N)[1][..., 0])
+def _null_vectors(one: Array, u: Array, measured: Mask) -> Array:
+    """Vectors h (k, 3 d) of least |A h| over |h| = 1, A the rows (p, 0, -x p), (0, p, -y p), p = one (k, N, d).
+
+    A^T A is made of four moments of p, weighted by 1, x, y and x^2 + y^2.
+    """
+    k, _, d = one.shape
+    x, y = u[..., 0], u[..., 1]
+    across = np.swapaxes(one, -1, -2)
+    weights = (np.ones_like(x), x, y, x * x + y * y)
+    S, Sx, Sy, Sq = ((across * (w * measured)[:, None, :]) @ one for w in weights)
+    N = np.zeros((k, 3, d, 3, d))
+    N[:, 0, :, 0] = N[:, 1, :, 1] = S
+    N[:, 0, :, 2] = N[:, 2, :, 0] = -Sx
+    N[:, 1, :, 2] = N[:, 2, :, 1] = -Sy
+    N[:, 2, :, 2] = Sq
+    return np.asarray(np.linalg.eigh(N.reshape(k, 3 * d, 3 * d))[1][..., 0])

@@ -3,7 +3,8 @@
 The normal equations of k blocks, shared parameters a and own parameters b_j, are an arrow; eliminating b_j leaves
 (H_aa - sum_j H_ab H_bb^-1 H_ba) a = ..., as small as the shared part (Brown 1958; Triggs et al., "Bundle adjustment: a
 modern synthesis" (2000), section 6.1). Columns are scaled to length one, so units do not matter; squaring still costs
-half of the digits, which repeated steps win back: the rank and the covariance come from `fit.square_root`.
+half of the digits, which repeated steps win back: the rank and the covariance come from `fit.square_root`. Products are
+batches of small ones, for which no library starts threads that then spin.
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ class Blocks:
     @property
     def sum_of_squares(self) -> float:
         """Return the sum of squares of all residuals."""
-        return float(np.vdot(self.r, self.r) + self.alone_r @ self.alone_r)
+        return float(np.einsum("kr,kr->", self.r, self.r) + self.alone_r @ self.alone_r)
 
     def squared_distances(self) -> Array:
         """Return the squared length (k, c) of each point's residual vector; 0 where nothing was measured."""
@@ -127,8 +128,9 @@ class NormalEquations:
         right = np.concatenate([self.ab, self.gb[..., None]], axis=-1)
         eliminated = np.linalg.solve(self.bb + d * np.eye(own), right) if own else right
         G, gb = eliminated[..., :n], eliminated[..., n]
-        reduced = self.aa + d * np.eye(n) - np.tensordot(self.ab, G, axes=((0, 1), (0, 1)))
-        a = -np.linalg.solve(reduced, self.ga - np.tensordot(self.ab, gb, axes=((0, 1), (0, 1)))) if n else _EMPTY
+        ba = np.swapaxes(self.ab, -1, -2)
+        reduced = self.aa + d * np.eye(n) - (ba @ G).sum(axis=0)
+        a = -np.linalg.solve(reduced, self.ga - (ba @ gb[..., None])[..., 0].sum(axis=0)) if n else _EMPTY
         b = -gb - G @ a
         promised = -(self.ga @ a) - np.vdot(self.gb, b) + d * (a @ a + np.vdot(b, b))
         return Step(a / self.shared_scale, b / self.own_scale), max(float(promised), 0.0)
