@@ -313,6 +313,8 @@ class Pyrender:
     def frame(self, camera: Camera, pose: Rigid, *, color: bool) -> Frame:
         """Render one frame."""
         if self._window is None or (self._window.viewport_width, self._window.viewport_height) != camera.size:
+            if self._window is not None:
+                self._window.delete()  # its context would stay the current one
             self._window = self._pyrender.OffscreenRenderer(*camera.size)
         if self._eye is not None:
             self._scene.remove_node(self._eye)

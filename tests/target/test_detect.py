@@ -22,7 +22,7 @@ TURN = (22.0, -17.0, 8.0)
 
 def need(text: str) -> None:
     if text.startswith("charuco"):
-        pytest.importorskip("cv2", reason="markers are read by OpenCV")
+        pytest.importorskip("cv2", reason="markers are read by OpenCV", exc_type=ImportError)
 
 
 def errors(text: str, found: Detection, q: np.ndarray) -> np.ndarray:
@@ -139,7 +139,7 @@ def test_half_a_chessboard_is_refused_where_it_may_be_several_halves() -> None:
 
 
 def test_half_a_charuco_board_is_taken() -> None:
-    pytest.importorskip("cv2", reason="markers are read by OpenCV")
+    pytest.importorskip("cv2", reason="markers are read by OpenCV", exc_type=ImportError)
     text = TEXTS[3]
     picture, q = shot(text, noise=0.0)
     cut = covered(picture, slice(0, int(np.median(q[:, 0]))), slice(0, 400))
@@ -165,7 +165,7 @@ def test_another_board_than_asked_for_is_named(shown: str, asked: str, seen: tup
 
 
 def test_a_charuco_board_s_wrong_width_or_dictionary_is_named() -> None:
-    pytest.importorskip("cv2", reason="markers are read by OpenCV")
+    pytest.importorskip("cv2", reason="markers are read by OpenCV", exc_type=ImportError)
     picture, _ = shot(TEXTS[3])
     with pytest.raises(NoBoard, match="on one of 7 columns"):
         detect(picture, parse_pattern("charuco:5x7:30mm:22mm:5X5_100"))
@@ -174,7 +174,7 @@ def test_a_charuco_board_s_wrong_width_or_dictionary_is_named() -> None:
 
 
 def test_a_legacy_charuco_board_is_recognised() -> None:
-    pytest.importorskip("cv2", reason="markers are read by OpenCV")
+    pytest.importorskip("cv2", reason="markers are read by OpenCV", exc_type=ImportError)
     picture, q = shot("charuco:7x6:28mm:20mm:4X4_50:legacy", noise=0.0)
     found = detect(picture, parse_pattern("charuco:7x6:28mm:20mm:4X4_50"))
     assert len(found) == len(q)

@@ -16,7 +16,7 @@ from cadcam.target.pattern import Charuco, parse_pattern
 
 from .shots import CAMERA, pose, shot
 
-cv2 = pytest.importorskip("cv2", reason="the finders are OpenCV's")
+cv2 = pytest.importorskip("cv2", reason="the finders are OpenCV's", exc_type=ImportError)
 MARKERS = "charuco:7x5:30mm:22mm:5X5_100"
 
 

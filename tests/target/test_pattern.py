@@ -13,7 +13,7 @@ from .shots import TEXTS
 
 def board(text: str) -> Pattern:
     if text.startswith("charuco"):
-        pytest.importorskip("cv2", reason="markers come from OpenCV")
+        pytest.importorskip("cv2", reason="markers come from OpenCV", exc_type=ImportError)
     return parse_pattern(text)
 
 
@@ -49,7 +49,7 @@ def test_a_wrong_text_is_refused_with_the_right_form(text: str, says: str) -> No
 
 
 def test_an_unknown_dictionary_is_named() -> None:
-    pytest.importorskip("cv2", reason="dictionaries are OpenCV's")
+    pytest.importorskip("cv2", reason="dictionaries are OpenCV's", exc_type=ImportError)
     with pytest.raises(UnknownName, match="5X5_100"):
         parse_pattern("charuco:5x7:30mm:20mm:5X5_10").ink()
 

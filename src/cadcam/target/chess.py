@@ -8,7 +8,7 @@ kind: black where it is white. Positions come from `photometric.fit_corners` on 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -17,12 +17,13 @@ from cadcam.arrays import Array, Ids, Picture
 from cadcam.target.grid import Grid, fitted_grid
 from cadcam.target.lattice import grown
 from cadcam.target.levels import reduced
-from cadcam.target.photometric import Fit, fit_corners
+from cadcam.target.photometric import BLUR, Fit, fit_corners
 
 _RING = 24  # samples on the ring
 _MOST = 4000  # candidates
 _FAINT = 0.02  # of the strongest saddle: below it a candidate is noise
 _MIN_REACH, _MAX_REACH = 2.5, 12.0  # px of the window that is fitted
+_BLURS = 3.0  # that a window reaches at least, where there is room
 _CLEAR = 0.42  # of the distance to the neighbours' edges
 
 
@@ -55,7 +56,7 @@ def corner_grid(gray: Picture, *, smoothing: float, enough: int, scale: float = 
     """Return the largest grid of chessboard corners in a picture, or None.
 
     Candidates are sought in the picture reduced by `scale` (at most 1) and smoothed there by `smoothing` px, grown to a
-    lattice, fitted to the full picture, and completed where the lattice says that a corner should be.
+    lattice, fitted and completed there where the lattice says that a corner should be, and fitted to the full picture.
     """
     small, full = reduced(gray, scale)
     corners = corner_candidates(small, smoothing)
@@ -66,19 +67,28 @@ def corner_grid(gray: Picture, *, smoothing: float, enough: int, scale: float = 
     lattice = grown(corners.q, seeds, enough=enough, sizes=np.ones(len(corners.q)), kind=corners.color)
     if lattice is None:
         return None
-    return fitted_corners(gray, lattice.cells, full(corners.q[lattice.marks]))
+    grid = fitted_corners(small, lattice.cells, corners.q[lattice.marks])
+    if grid is None or small is gray:
+        return grid
+    ratio = len(gray) / len(small)
+    q, blur = full(grid.fit.q), float(np.median(grid.fit.parameters[:, BLUR])) * ratio
+    fine = fitted_corners(gray, grid.cells, q, blur=blur)
+    if fine is not None and len(fine) >= len(grid):
+        return fine
+    coarse = replace(grid.fit, q=q, covariance=grid.fit.covariance * ratio**2)  # so soft that nothing is lost
+    return replace(grid, fit=coarse)
 
 
-def fitted_corners(gray: Picture, cells: Ids, q: Array, *, clear_of: float = 1.0) -> Grid | None:
+def fitted_corners(gray: Picture, cells: Ids, q: Array, *, clear_of: float = 1.0, blur: float = 1.0) -> Grid | None:
     """Return the corners near q (N, 2) at `cells` (N, 2) of their grid, fitted and completed; None if there are none.
 
-    clear_of: the distance by a square's side to what else there is; the windows keep clear of it.
+    clear_of: the distance by a square's side to what else there is; the windows keep clear of it. blur: a guess, px.
     """
 
     def fit(places: Array, steps: Array) -> Fit:
         clear = np.abs(np.linalg.det(steps)) / np.linalg.norm(steps, axis=1).max(axis=1)
-        reach = (_CLEAR * clear_of * clear).clip(_MIN_REACH, _MAX_REACH)
-        return fit_corners(gray, places, np.arctan2(steps[:, 1], steps[:, 0]), reach)
+        reach = (_CLEAR * clear_of * clear).clip(_MIN_REACH, max(_MAX_REACH, _BLURS * blur))
+        return fit_corners(gray, places, np.arctan2(steps[:, 1], steps[:, 0]), reach, blur=blur)
 
     return fitted_grid(cells, q, fit, gray.shape, alternating=True, staggered=False)
 

@@ -109,8 +109,9 @@ def _grids(gray: Picture, pattern: Pattern) -> Iterator[tuple[str, Grid | None]]
 
 def _corner_grids(gray: Picture, board: Chessboard) -> Iterator[tuple[str, Grid | None]]:
     enough = board.columns * board.rows
+    levels = scales(gray.shape)
     for smoothing in _SMOOTHINGS:
-        for scale in scales(gray.shape):
+        for scale in levels if smoothing == _SMOOTHINGS[0] else levels[:2]:
             name = f"saddle points at scale {scale:.2g}, smoothing {smoothing:g}"
             yield name, corner_grid(gray, smoothing=smoothing, enough=enough, scale=scale)
     if opencv.has_opencv():
@@ -120,8 +121,9 @@ def _corner_grids(gray: Picture, board: Chessboard) -> Iterator[tuple[str, Grid 
 
 def _disc_grids(gray: Picture, board: CircleGrid) -> Iterator[tuple[str, Grid | None]]:
     enough = board.columns * board.rows
+    levels = scales(gray.shape)
     for window in _WINDOWS:
-        for scale in scales(gray.shape):
+        for scale in levels if window == _WINDOWS[0] else levels[:2]:
             for light in (False, True):
                 name = f"{'light' if light else 'dark'} blobs at scale {scale:.2g}, window {window:.0%}"
                 grid = disc_grid(

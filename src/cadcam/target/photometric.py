@@ -17,7 +17,7 @@ from cadcam.arrays import Array, Mask, Picture
 
 Model: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]  # (parameters, pixels) -> grey values, their slopes
 
-CONTRAST, _BLUR = 4, 5  # their places among the parameters of either model
+CONTRAST, BLUR = 4, 5  # their places among the parameters of either model
 _TOGETHER = 2_000_000  # numbers of a Jacobian held at a time
 _ITERATIONS = 25
 _CLOSE = 1e-4  # px: a step below it is the last
@@ -38,19 +38,20 @@ class Fit:
     good: Mask
 
 
-def fit_corners(gray: Picture, q: Array, directions: Array, reach: Array) -> Fit:
+def fit_corners(gray: Picture, q: Array, directions: Array, reach: Array, *, blur: float = 1.0) -> Fit:
     """Return the crossings of two edges near q (B, 2): chessboard corners.
 
     directions (B, 2): the angles of the two edges, rad; reach (B,): the window's radius in px, less than the distance
-    to any other edge. Model: m + g.(u, v) + c erf(d1/(sqrt2 s)) erf(d2/(sqrt2 s)) with d the distance from either edge:
-    the exact picture of a right-angled corner under a Gaussian blur s. Parameters: x y angle1 angle2 c s m gx gy.
+    to any other edge; blur: a guess, px. Model: m + g.(u, v) + c erf(d1/(sqrt2 s)) erf(d2/(sqrt2 s)) with d the
+    distance from either edge: the exact picture of a right-angled corner under a Gaussian blur s.
+    Parameters: x y angle1 angle2 c s m gx gy.
     """
     values, pixels, there = _patches(gray, q, reach)
     wanted = np.hypot(pixels[..., 0], pixels[..., 1]) <= reach[:, None]
     weight = (wanted & there).astype(np.float64)
     start = np.zeros((len(q), 9))
     start[:, 2:4] = directions
-    start[:, 5] = 1.0
+    start[:, BLUR] = blur
     n = weight.sum(axis=1)
     start[:, 6] = (values * weight).sum(axis=1) / n
     sign = _corner(start + np.eye(9)[4], pixels)[0] - start[:, 6:7]
@@ -164,7 +165,7 @@ def _fit(model: Model, start: Array, values: Array, pixels: Array, weight: Array
     misfit = rms / np.maximum(np.abs(parameters[:, CONTRAST]), 1e-9)
     good = np.isfinite(parameters).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))
     good &= np.hypot(parameters[:, 0], parameters[:, 1]) < 0.5 * size
-    good &= parameters[:, _BLUR] < size
+    good &= parameters[:, BLUR] < size
     return Fit(q + parameters[:, :2], covariance, parameters, misfit, good)
 
 
@@ -179,7 +180,7 @@ def _minimised(model: Model, start: Array, values: Array, pixels: Array, weight:
         A = H[going] + np.eye(n) * (damping[going, None] * D + 1e-12)[:, None, :]
         step = -np.linalg.solve(A, g[going, :, None])[..., 0]
         trial = state[going] + step
-        trial[:, _BLUR] = np.abs(trial[:, _BLUR]).clip(0.2, 50.0)
+        trial[:, BLUR] = np.abs(trial[:, BLUR]).clip(0.2, 50.0)
         H2, g2, cost2 = _normal(model, trial, values[going], pixels[going], weight[going])
         better = cost2 <= cost[going]
         won = going[better]
