@@ -12,7 +12,7 @@ from cadcam.calibrate.joint import fit_jointly
 from cadcam.calibrate.measure import measure_points
 from cadcam.calibrate.rig import RigCamera, calibrate_rig
 from cadcam.camera.observations import Observations
-from cadcam.camera.rig_estimate import RigEstimate
+from cadcam.camera.rig_estimate import MOUNT, RigEstimate
 from cadcam.camera.sensitivity import internals_of
 from cadcam.errors import BadValue, DegenerateGeometry, InconsistentViews, TooFewPoints, UnknownName, UnreadableFile
 from cadcam.files.rig import read_rig, write_rig
@@ -199,6 +199,21 @@ def test_what_a_rig_measures_errs_as_one(rng):
     budget = measured.budget()["rig calibration"]
     assert measured.distance("A", "B").sigma < 0.5 * np.hypot(*measured.sigma[:, 2])
     assert (budget > 0).all()
+
+
+def test_a_viewpoint_moves_with_the_mount_as_the_rig_does(rng):
+    """Its derivatives against central differences of 1e-5 mm, rad, px: to 1e-6 of the largest; none of the other's."""
+    found = calibrate_rig(rig(rng, 2, 5).seen(rng, 0.3))
+    view, camera, p = found.viewpoints()[1], found.cameras[1], np.array([[30.0, -20, 450], [-60, 40, 400]])
+    _, _, (by_source,) = view.project(p)
+    for i, h in enumerate(1e-5 * np.eye(6)):
+        forth, back = (camera.project(found.mount("right") @ Rigid.exp(s * h) @ p) for s in (1, -1))
+        column = by_source[..., found.parameters.index(f"right.{MOUNT[i]}")]
+        assert column == pytest.approx((forth - back) / 2e-5, abs=1e-6 * np.abs(column).max())
+    focal = by_source[..., found.parameters.index("right.focal")]
+    expected = (camera.project(found.mount("right") @ p) - camera.principal_point) / camera.fy
+    assert focal == pytest.approx(expected, rel=1e-9)
+    assert not by_source[..., : len(found.free[0])].any()
 
 
 def test_viewpoints_take_the_scatter_between_frames_where_asked(rng):
