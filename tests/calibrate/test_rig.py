@@ -279,6 +279,8 @@ def test_what_cannot_be_a_rig_is_refused(rng):
     short = replace(seen["right"], views=seen["right"].views[:5])
     with pytest.raises(BadValue, match="6 of camera 'left', 5 of camera 'right'"):
         calibrate_rig({"left": seen["left"], "right": short})
+    with pytest.raises(BadValue, match="to the last bit what camera 'left' saw in left01"):
+        calibrate_rig({"left": seen["left"], "right": seen["left"]})
     with pytest.raises(BadValue, match="2 or more"):
         calibrate_rig({"left": seen["left"]})
     with pytest.raises(TooFewPoints, match="'right' by itself"):

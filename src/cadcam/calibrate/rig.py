@@ -220,9 +220,23 @@ def _labels(cameras: Mapping[str, RigCamera], frames: Sequence[str]) -> list[str
     for name, camera in cameras.items():
         if not any(v is not None for v in camera.views):
             raise TooFewPoints(f"camera {name!r} by itself (views)", 0, 1)
+    _refuse_the_same_twice(cameras)
     names = tuple(frames) or tuple(str(j + 1) for j in range(next(iter(counts.values()))))
     out = []
     for j, name in enumerate(() if frames else names):
         sources = [v.source for c in cameras.values() if (v := c.views[j]) is not None and v.source != "memory"]
         out.append(f"{name} ({' | '.join(sources)})" if sources else name)
     return list(frames) or out
+
+
+def _refuse_the_same_twice(cameras: Mapping[str, RigCamera]) -> None:
+    """Raise `BadValue` where what one camera saw is what another one saw, to the last bit."""
+    first: dict[str, tuple[str, str]] = {}
+    for name, camera in cameras.items():
+        for view in camera.views:
+            if view is not None and (other := first.setdefault(view.sha256, (name, view.source)))[0] != name:
+                raise BadValue(
+                    f"what camera {name!r} saw in {view.source}",
+                    f"to the last bit what camera {other[0]!r} saw in {other[1]}",
+                    "pictures or points of its own for each camera",
+                )
