@@ -21,11 +21,15 @@ from cadcam.arrays import Array, Picture
 from cadcam.calibrate.boards import calibrate_boards, find_board
 from cadcam.calibrate.joint import calibrate_jointly
 from cadcam.calibrate.points import locate_camera
+from cadcam.calibrate.rig import RigCamera, calibrate_rig
+from cadcam.calibrate.rig_boards import calibrate_rig_boards
 from cadcam.camera.camera import Camera
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import BrownConrady
 from cadcam.camera.observations import Observations
+from cadcam.camera.sensitivity import twist_by_local
 from cadcam.errors import CadcamError
+from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture, to_gray
 from cadcam.target import opencv
@@ -47,12 +51,13 @@ Finder = Callable[[Picture], Array | None]
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     arguments.add_argument("data", type=Path)
-    arguments.add_argument("--only", default="rendered,left,right,franka,circles,zhang,dots")
+    arguments.add_argument("--only", default="rendered,left,right,pair,franka,circles,zhang,dots")
     given = arguments.parse_args()
     studies: dict[str, Callable[[], None]] = {
         "rendered": rendered,
         "left": lambda: stereo(given.data, "left"),
         "right": lambda: stereo(given.data, "right"),
+        "pair": lambda: pair(given.data),
         "franka": lambda: franka(given.data),
         "circles": lambda: circles(given.data),
         "zhang": lambda: zhang(given.data),
@@ -148,6 +153,72 @@ def stereo(data: Path, side: str) -> None:
     published = {"left": "shipped left_intrinsics.yml (aspect 1, with k3)", "right": ""}[side]
     values = {"left": (535.92, 535.92, 342.28, 235.57, -0.2664, -0.0386), "right": None}[side]
     _study(f"opencv_stereo_chess, {side}", files, "chessboard:9x6:25mm", TERMS, published, values)
+
+
+def pair(data: Path) -> None:
+    """Calibrate both cameras as a rig, beside `cv2.stereoCalibrate` with its own corners and with ours."""
+    pattern = parse_pattern("chessboard:9x6:25mm")
+    files = {side: sorted((data / "opencv_stereo_chess").glob(f"{side}*.jpg")) for side in ("left", "right")}
+    print(f"opencv_stereo_chess, the pair as a rig: {len(files['left'])} frames, {pattern}\n")
+    print(f"{'':50} {'frames':>6} {'rms px':>7} {'base mm':>8} {'X mm':>8} {'Y mm':>7} {'Z mm':>7} "
+          f"{'rx deg':>7} {'ry deg':>7} {'rz deg':>7}   focal px left, right")  # fmt: skip
+    found = {side: [find_board(f, pattern) for f in row] for side, row in files.items()}
+    ours = calibrate_rig_boards(found).estimate
+    pose = ours.relative("left", "right")
+    focal = [ours.cameras[c].fy for c in range(2)]
+    _pair_row("ours", len(ours.frames), ours.rms_px, pose.b_from_a, focal)
+    for head, by_frame in (("  +- (every pixel independent)", False), ("  +- (between frames)", True)):
+        F, C = pose.b_from_a.origin, pose.by_frame if by_frame else pose.covariance
+        assert C is not None
+        B = twist_by_local(F)
+        place, turn = np.sqrt(np.diag(B @ C @ B.T)[:3]), np.degrees(np.sqrt(np.diag(C)[3:]))
+        sigma = [ours.sigma(name, "focal", by_frame=by_frame) for name in ours.names]
+        _pair_numbers(head, "", "", pose.baseline_sigma(by_frame=by_frame), place, turn, sigma)
+    apart = {s: calibrate_boards(row).estimate.camera for s, row in found.items()}
+    held = {s: RigCamera(list(v), known=apart[s]) for s, v in zip(ours.names, ours.views, strict=True)}
+    kept = calibrate_rig(held)
+    _pair_row("ours, internals of each camera by itself kept", len(kept.frames), kept.rms_px,
+              kept.relative("left", "right").b_from_a, [c.fy for c in kept.cameras])  # fmt: skip
+    q = {s: [p.detection.q for p in row if p.detection is not None] for s, row in found.items()}
+    _cv2_pair("cv2.stereoCalibrate, our corners", q, pattern)
+    for name, finder in list(_cv2_finders(pattern))[1:]:
+        corners = {s: [finder(to_gray(read_picture(f))) for f in row] for s, row in files.items()}
+        both = [k for k in range(13) if all(corners[s][k] is not None for s in corners)]
+        seen = {s: [c for k in both if (c := corners[s][k]) is not None] for s in corners}
+        _cv2_pair(f"cv2.stereoCalibrate, {name.removeprefix('cv2.')}", seen, pattern)
+    print()
+
+
+def _cv2_pair(name: str, q: dict[str, list[Array]], pattern: Pattern) -> None:
+    """Internals of each camera first, then all together: what OpenCV's own example does."""
+    import cv2
+
+    points = [pattern.points.astype(np.float32)] * len(q["left"])
+    pixels = {s: [c.astype(np.float32).reshape(-1, 1, 2) for c in row] for s, row in q.items()}
+    (_, K1, d1, *_), (_, K2, d2, *_) = (
+        cv2.calibrateCamera(points, pixels[s], (640, 480), None, None, flags=cv2.CALIB_FIX_K3)
+        for s in ("left", "right")
+    )
+    flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_K3
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10)
+    rms, K1, _, K2, _, R, T, *_ = cv2.stereoCalibrate(
+        points, pixels["left"], pixels["right"], K1, d1, K2, d2, (640, 480), flags=flags, criteria=stop
+    )
+    right_from_left = Rigid(R, np.ravel(T))
+    _pair_row(name, len(points), rms / np.sqrt(2), right_from_left, [K1[1, 1], K2[1, 1]])
+
+
+def _pair_row(name: str, frames: int, rms: float, right_from_left: Rigid, focal: Sequence[float]) -> None:
+    F = right_from_left.origin
+    turn = np.degrees(so3.log(right_from_left.rotation))
+    _pair_numbers(name, f"{frames}", f"{rms:.4f}", float(np.linalg.norm(F)), F, turn, focal)
+
+
+def _pair_numbers(
+    name: str, frames: str, rms: str, base: float, place: Array, turn: Array, focal: Sequence[float]
+) -> None:
+    print(f"{name:50} {frames:>6} {rms:>7} {base:8.3f} {place[0]:8.3f} {place[1]:7.3f} {place[2]:7.3f} "
+          f"{turn[0]:7.3f} {turn[1]:7.3f} {turn[2]:7.3f}   {focal[0]:.2f} {focal[1]:.2f}")  # fmt: skip
 
 
 def franka(data: Path) -> None:

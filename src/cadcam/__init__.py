@@ -29,6 +29,9 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.calibrate.points import calibrate as _calibrate
     from cadcam.calibrate.points import locate_camera as locate_camera
     from cadcam.calibrate.projection_map import projection_map as projection_map
+    from cadcam.calibrate.rig import RigCamera as RigCamera
+    from cadcam.calibrate.rig import calibrate_rig as calibrate_rig
+    from cadcam.calibrate.rig_boards import calibrate_rig_boards as calibrate_rig_boards
     from cadcam.calibrate.variability import first_order as first_order
     from cadcam.calibrate.variability import markov_chain as markov_chain
     from cadcam.calibrate.variability import monte_carlo as monte_carlo
@@ -52,6 +55,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.camera.measurement import Measurement as Measurement
     from cadcam.camera.observations import Observations as Observations
     from cadcam.camera.plane_camera import PlaneCamera as PlaneCamera
+    from cadcam.camera.rig_estimate import RigEstimate as RigEstimate
     from cadcam.camera.viewpoint import KnownMotion as KnownMotion
     from cadcam.camera.viewpoint import Viewpoint as Viewpoint
     from cadcam.errors import CadcamError as CadcamError
@@ -71,6 +75,8 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.files.points import write_points as write_points
     from cadcam.files.poses import read_poses as read_poses
     from cadcam.files.poses import write_poses as write_poses
+    from cadcam.files.rig import read_rig as read_rig
+    from cadcam.files.rig import write_rig as write_rig
     from cadcam.files.robot_poses import read_robot_poses as read_robot_poses
     from cadcam.fit.compare import compare as _compare
     from cadcam.fit.robust import Loss as Loss
@@ -140,6 +146,8 @@ _HOME = {
     "Plane": "cadcam.geometry.plane",
     "PlaneCamera": "cadcam.camera.plane_camera",
     "Ray": "cadcam.geometry.ray",
+    "RigCamera": "cadcam.calibrate.rig",
+    "RigEstimate": "cadcam.camera.rig_estimate",
     "Rigid": "cadcam.geometry.rigid",
     "Scene": "cadcam.render.view",
     "TiltedBrownConrady": "cadcam.camera.lens",
@@ -155,6 +163,8 @@ _HOME = {
     "calibrate_jointly": "cadcam.calibrate.joint",
     "calibrate_line": "cadcam.calibrate.flat",
     "calibrate_plane": "cadcam.calibrate.flat",
+    "calibrate_rig": "cadcam.calibrate.rig",
+    "calibrate_rig_boards": "cadcam.calibrate.rig_boards",
     "compare_cameras": "cadcam.fit.compare:compare",
     "edge_distances": "cadcam.render.overlay",
     "feature_edges": "cadcam.cad.edges",
@@ -183,6 +193,7 @@ _HOME = {
     "read_points": "cadcam.files.points",
     "read_pose": "cadcam.files.matrix",
     "read_poses": "cadcam.files.poses",
+    "read_rig": "cadcam.files.rig",
     "read_robot_poses": "cadcam.files.robot_poses",
     "repainted": "cadcam.render.looks",
     "side_by_side": "cadcam.render.overlay",
@@ -198,6 +209,7 @@ _HOME = {
     "write_picture": "cadcam.image.picture",
     "write_points": "cadcam.files.points",
     "write_poses": "cadcam.files.poses",
+    "write_rig": "cadcam.files.rig",
 }
 __all__ = ["__version__", *_HOME]
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 
 import numpy as np
 
 from cadcam.arrays import Array
+
+_SUSPECT = 2.0  # times the median residual
+_CHANCE = 1e-3  # of an honest one to be that bad, for all together
 
 
 class Fitted(ABC):
@@ -62,3 +66,23 @@ def scaled(cofactor: Array, noise: float) -> Array:
         return np.asarray(noise**2 * cofactor)
     diagonal = np.eye(cofactor.shape[-1], dtype=bool)
     return np.where(diagonal & (cofactor > 0), np.inf, 0.0)
+
+
+def stand_out(residuals: Array, points: Sequence[int]) -> tuple[int, ...]:
+    """Return which of several views (or frames) fit much worse than the others, the worst first.
+
+    residuals (k,): root mean square distance of a view's points, of `points` (k,) each. Named is what is twice the
+    median or more, if by chance alone (F test) one calibration in a thousand has such.
+    """
+    from scipy.stats import f
+
+    if len(residuals) < 3:
+        return ()
+    typical, total = float(np.median(residuals)), 2 * sum(points)
+    bad = []
+    for j in np.argsort(-residuals):
+        own = 2 * points[j]
+        chance = f.sf((residuals[j] / typical) ** 2, own, total - own) * len(residuals) if typical > 0 else 1.0
+        if residuals[j] > _SUSPECT * typical and chance < _CHANCE:
+            bad.append(int(j))
+    return tuple(bad)

@@ -10,12 +10,10 @@ from cadcam.arrays import Array, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import EXTERNALS, INTERNALS, NAMES, ExtendedPinhole
+from cadcam.camera.fitted import stand_out
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry.rigid import Rigid
-
-_SUSPECT = 2.0  # times the median view's residual
-_CHANCE = 1e-3  # of an honest view to be that bad, for all views together
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,19 +138,7 @@ class JointEstimate:
 
         Their residual is twice the median view's or more, and by chance alone one in a thousand calibrations has such.
         """
-        from scipy.stats import f
-
-        each = self.view_residuals
-        if len(each) < 3:
-            return ()
-        typical = float(np.median(each))
-        bad = []
-        for j in np.argsort(-each):
-            own, rest = 2 * len(self.views[j]), 2 * sum(len(v) for v in self.views) - 2 * len(self.views[j])
-            chance = f.sf((each[j] / typical) ** 2, own, rest) * len(each) if typical > 0 else 1.0
-            if each[j] > _SUSPECT * typical and chance < _CHANCE:
-                bad.append(int(j))
-        return tuple(bad)
+        return stand_out(self.view_residuals, [len(v) for v in self.views])
 
     def view(self, j: int) -> CameraEstimate:
         """Return the camera and one view's pose as an estimate of its own, with the joint covariance.

@@ -95,7 +95,8 @@ class Viewpoint:
 
     sigma_px: noise of one pixel coordinate of what is measured here. errors: for each source the matrix (n, k) that
     turns its numbers into the local coordinates of `cadcam.camera.sensitivity` of this viewpoint. motion: how the
-    camera was moved here, if it was. noise_from: the calibration whose residuals sigma_px was taken from, if it was.
+    camera was moved here, if it was. noise_from, noise_dof: the calibration whose residuals told sigma_px, and its
+    degrees of freedom; None and inf where sigma_px was stated.
     """
 
     name: str
@@ -104,7 +105,8 @@ class Viewpoint:
     sigma_px: float
     errors: tuple[tuple[ErrorSource, Array], ...] = ()
     motion: Rigid | None = None
-    noise_from: CameraEstimate | None = field(default=None, repr=False)
+    noise_from: object = field(default=None, repr=False)
+    noise_dof: float = np.inf
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.sigma_px) and self.sigma_px > 0):
@@ -118,11 +120,6 @@ class Viewpoint:
             (s, frozen(D, f"effect of {s.name}", (n, len(s.covariance)))) for s, D in self.errors if s.covariance.any()
         )
         object.__setattr__(self, "errors", errors)
-
-    @property
-    def noise_dof(self) -> float:
-        """Return the degrees of freedom behind sigma_px; inf where it was stated."""
-        return np.inf if self.noise_from is None else _dof(self.noise_from)
 
     @classmethod
     def exact(cls, name: str, camera: Camera, camera_from_world: Rigid, *, sigma_px: float) -> Viewpoint:
@@ -245,7 +242,9 @@ def _of(
     """Return a viewpoint of a calibrated camera, its pixels as noisy as stated or as the calibration says."""
     if sigma_px is not None:
         return Viewpoint(name, estimate.camera, pose, sigma_px, errors)
-    return Viewpoint(name, estimate.camera, pose, estimate.noise_px, errors, noise_from=estimate)
+    return Viewpoint(
+        name, estimate.camera, pose, estimate.noise_px, errors, noise_from=estimate, noise_dof=_dof(estimate)
+    )
 
 
 def _calibration(name: str, estimate: CameraEstimate, effect: Array) -> tuple[ErrorSource, Array]:

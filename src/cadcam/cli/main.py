@@ -25,6 +25,7 @@ from cadcam.cli import (
     measure,
     overlay,
     render,
+    rig,
     variability,
 )
 from cadcam.cli.arguments import Help
@@ -33,6 +34,7 @@ from cadcam.errors import CadcamError
 VERBS = (
     calibrate,
     board,
+    rig,
     variability,
     handeye,
     measure,

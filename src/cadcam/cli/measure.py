@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 _EXAMPLES = """\
   cadcam measure pixels.csv --camera left=left.json --camera right=right.json -o points.csv
   cadcam measure pixels.csv --camera left.json --camera right.json --distance A,B     views named as their files
+  cadcam measure pixels.csv --rig rig.json                     cameras mounted together, in the axes of the first one
   cadcam measure pixels.csv --camera home=cam.json --moved away=home:motion.txt --motion-sigma 0.1,0.01
   cadcam measure pixels.csv --camera home=cam.json --placed away=home:posed.json     where points located it since
   cadcam measure pixels.csv --camera cam.json --plane 0,0,1,-1250 --plane-sigma 0.5   one camera, points on a plane
@@ -57,9 +58,13 @@ def add_to(verbs: Verbs) -> None:
         "--camera",
         action="append",
         default=[],
-        required=True,
         metavar="VIEW=FILE",
         help="camera file (.json) with its pose; a view of that name, by default the file's; may be repeated",
+    )
+    parser.add_argument(
+        "--rig",
+        metavar="FILE",
+        help="rig file of `cadcam rig`: its cameras are views, the world is the first one's axes",
     )
     parser.add_argument(
         "--moved",
@@ -123,7 +128,7 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.output:
         check_target(arguments.output, (".csv", ".json"))
     pixels = read_pixels(arguments.pixels, columns=arguments.columns)
-    viewpoints = _viewpoints(arguments, pixels)
+    viewpoints = _rig_viewpoints(arguments, pixels) if arguments.rig else _viewpoints(arguments, pixels)
     measured = measure_points(
         viewpoints,
         pixels.q,
@@ -153,10 +158,25 @@ def run(arguments: argparse.Namespace) -> None:
         say(f"wrote {arguments.output}")
 
 
+def _rig_viewpoints(arguments: argparse.Namespace, pixels: Pixels) -> list[Viewpoint]:
+    """Return the rig's cameras in the order of the pixels file's views."""
+    from cadcam.files.rig import read_rig
+
+    if arguments.camera or arguments.moved or arguments.placed:
+        raise BadValue("--camera, --moved or --placed", "given beside --rig", "none: the rig's cameras are the views")
+    known = {v.name: v for v in read_rig(arguments.rig).viewpoints(sigma_px=arguments.sigma)}
+    for view in pixels.views:
+        if view not in known:
+            raise UnknownName(f"view in {pixels.source} (no camera of the rig has this name):", view, known)
+    return [known[view] for view in pixels.views]
+
+
 def _viewpoints(arguments: argparse.Namespace, pixels: Pixels) -> list[Viewpoint]:
     """Return the viewpoints in the order of the pixels file's views; each has to be given."""
     from cadcam.files.camera import read_camera
 
+    if not arguments.camera:
+        raise BadValue("--camera", "not given", "a camera file for each view, or --rig FILE")
     cameras: dict[str, tuple[str, CameraFile]] = {}
     for text in arguments.camera:
         name, path = _named(text)

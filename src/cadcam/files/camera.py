@@ -63,14 +63,14 @@ def camera_file_of(file: TextFile) -> CameraFile:
     place = parsed(file)
     _check_version(place)  # first: a newer version may well have other keys
     place.only(*_KEYS)
-    camera = _camera_at(place)
+    camera = camera_at(place)
     posed = "camera_from_world" in place.object
     pose = pose_at(place.at("camera_from_world")) if posed else None
     if "estimate" not in place.object:
         return CameraFile(camera, pose)
     if pose is None:
         raise place.error("has an estimate but no camera_from_world", "remove the estimate")
-    observations = _observations_at(place.at("estimate").at("observations"))
+    observations = observations_at(place.at("estimate").at("observations"))
     return CameraFile(camera, pose, _estimate_at(place, camera, pose, observations))
 
 
@@ -90,9 +90,9 @@ def camera_as_json(camera: Camera | CameraEstimate, *, camera_from_world: Rigid 
     """Return the JSON document that `write_camera` writes."""
     head = {"format": FORMAT, "version": VERSION, "written_by": f"cadcam {cadcam.__version__}"}
     if isinstance(camera, Camera):
-        return head | _camera_json(camera, camera_from_world)
-    estimate = _estimate_json(camera) | {"observations": _observations_json(camera.observations)}
-    return head | _camera_json(camera.camera, camera.camera_from_world) | {"estimate": estimate}
+        return head | bare_camera_as_json(camera, camera_from_world)
+    estimate = _estimate_json(camera) | {"observations": observations_as_json(camera.observations)}
+    return head | bare_camera_as_json(camera.camera, camera.camera_from_world) | {"estimate": estimate}
 
 
 def parameters_as_json(estimate: CameraEstimate) -> dict[str, Any]:
@@ -100,7 +100,7 @@ def parameters_as_json(estimate: CameraEstimate) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for name, value in zip(estimate.parameters, estimate.values.tolist(), strict=True):
         sigma = estimate.sigma(name)
-        out[_key(name)] = {
+        out[key_of(name)] = {
             "value": value,
             "sigma": sigma if np.isfinite(sigma) else None,
             "free": name in estimate.free,
@@ -111,14 +111,16 @@ def parameters_as_json(estimate: CameraEstimate) -> dict[str, Any]:
 def pinhole_as_json(camera: Camera, camera_from_world: Rigid) -> dict[str, float]:
     """Return the eleven parameters {"X_mm": ..., "a_rad": ..., ...} of a camera and its pose."""
     values = ExtendedPinhole.from_camera(camera, camera_from_world).vector.tolist()
-    return {_key(name): value for name, value in zip(NAMES, values, strict=True)}
+    return {key_of(name): value for name, value in zip(NAMES, values, strict=True)}
 
 
-def _key(name: str) -> str:
+def key_of(name: str) -> str:
+    """Return a parameter's key in JSON: its name with its unit, if it has one."""
     return f"{name}_{UNITS[name]}" if name in UNITS else name
 
 
-def _camera_json(camera: Camera, camera_from_world: Rigid | None) -> dict[str, Any]:
+def bare_camera_as_json(camera: Camera, camera_from_world: Rigid | None = None) -> dict[str, Any]:
+    """Return size, camera matrix and lens, and the pose if given, without a document's head; `camera_at` reads it."""
     lens = {"model": camera.lens.name, **camera.lens.parameters}
     out: dict[str, Any] = {"size_px": list(camera.size), "K_px": camera.K.tolist(), "lens": lens}
     return out if camera_from_world is None else out | {"camera_from_world": pose_as_json(camera_from_world)}
@@ -142,11 +144,14 @@ def _estimate_json(estimate: CameraEstimate) -> dict[str, Any]:
     }
     other = estimate.alternative
     if other is not None:
-        out["alternative"] = _camera_json(other.camera, other.camera_from_world) | {"estimate": _estimate_json(other)}
+        out["alternative"] = bare_camera_as_json(other.camera, other.camera_from_world) | {
+            "estimate": _estimate_json(other)
+        }
     return out
 
 
-def _observations_json(observations: Observations) -> dict[str, Any]:
+def observations_as_json(observations: Observations) -> dict[str, Any]:
+    """Return the JSON object that `observations_at` reads."""
     return {
         "source": observations.source,
         "sha256": observations.sha256,
@@ -168,7 +173,8 @@ def _check_version(place: Place) -> None:
         )
 
 
-def _camera_at(place: Place) -> Camera:
+def camera_at(place: Place) -> Camera:
+    """Return the camera at a place of a JSON file."""
     size = place.at("size_px").array((2,)).tolist()
     single = [key for key in _FOCAL if key in place.object]
     if "K_px" in place.object and single:
@@ -199,7 +205,8 @@ def _lens_at(place: Place) -> Lens:
     return place.build(lambda: LENSES[model](**given))
 
 
-def _observations_at(place: Place) -> Observations:
+def observations_at(place: Place) -> Observations:
+    """Return the observations at a place of a JSON file."""
     place.only("source", "sha256", "sigma_px", "names", "p_world_mm", "q_px")
     sigma = place.object.get("sigma_px")
     return place.build(
@@ -227,7 +234,7 @@ def _estimate_at(place: Place, camera: Camera, pose: Rigid, observations: Observ
             at.at("method").text(),
             None
             if other is None
-            else _estimate_at(other, _camera_at(other), pose_at(other.at("camera_from_world")), observations),
+            else _estimate_at(other, camera_at(other), pose_at(other.at("camera_from_world")), observations),
         )
     )
     _check_residual(at, estimate)

@@ -1,0 +1,269 @@
+"""A rig: cameras rigidly mounted together, estimated from frames that they took at the same moment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadcam.arrays import Array, frozen
+from cadcam.camera.camera import Camera
+from cadcam.camera.extended_pinhole import INTERNALS
+from cadcam.camera.fitted import stand_out
+from cadcam.camera.observations import Observations
+from cadcam.camera.sensitivity import internals_of, twist_by_local
+from cadcam.camera.viewpoint import ErrorSource, Viewpoint
+from cadcam.errors import BadValue, UnknownName
+from cadcam.geometry.rigid import Rigid
+
+MOUNT = ("tx", "ty", "tz", "rx", "ry", "rz")  # xi of camera_from_rig @ Rigid.exp(xi)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RelativePose:
+    """The motion b_from_a between two cameras of a rig; covariance (6, 6) of xi in b_from_a @ Rigid.exp(xi), mm, rad.
+
+    by_frame: the same from the scatter between frames; None for too few.
+    """
+
+    b_from_a: Rigid
+    covariance: Array
+    by_frame: Array | None
+
+    @property
+    def baseline(self) -> float:
+        """Return the distance of the two focal centres, mm."""
+        return float(np.linalg.norm(self.b_from_a.translation))
+
+    def baseline_sigma(self, *, by_frame: bool = False) -> float:
+        """Return the standard deviation of the baseline, mm; by frames: nan for too few."""
+        F = self.b_from_a.origin
+        along = (F / np.linalg.norm(F)) @ twist_by_local(F)[:3]
+        C = self.by_frame if by_frame else self.covariance
+        return float("nan") if C is None else float(np.sqrt(along @ C @ along))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigEstimate:
+    """Cameras of a rig, where each is mounted, and where the rig was in each frame.
+
+    The rig's frame is that of the first camera. names, cameras, camera_from_rig (c): the cameras. frames,
+    rig_from_world (k): the frames. views: for each camera what it saw in each frame, None where it saw nothing. free:
+    for each camera what was estimated of aspect, focal (px), skew (rad), U0, V0 (px) and its lens coefficients.
+
+    covariance (n, n): of `parameters`, each pixel an independent measurement; by_frame: the same from the scatter
+    between frames (leave-one-out), which holds if the errors within a frame are alike; None for too few. A mount is
+    xi in camera_from_rig @ Rigid.exp(xi), mm and rad. pose_covariance (k, 6, 6): of xi in rig_from_world @
+    Rigid.exp(xi). noise_px (c,): the standard deviation of a pixel coordinate of each camera behind them. dof: degrees
+    of freedom.
+    """
+
+    names: tuple[str, ...]
+    cameras: tuple[Camera, ...]
+    camera_from_rig: Rigid
+    frames: tuple[str, ...]
+    rig_from_world: Rigid
+    views: tuple[tuple[Observations | None, ...], ...]
+    free: tuple[tuple[str, ...], ...]
+    covariance: Array
+    by_frame: Array | None
+    pose_covariance: Array
+    noise_px: Array
+    dof: int
+    method: str = ""
+
+    def __post_init__(self) -> None:
+        c, k, n = len(self.names), len(self.frames), len(self.parameters)
+        numbers = (c, len(self.cameras), len(self.views), len(self.free), len(self.camera_from_rig.translation))
+        if len(set(numbers)) > 1 or c < 2 or len(set(self.names)) != c:
+            raise BadValue("numbers of names, cameras, views, free, mounts", numbers, "one number for all, 2 or more")
+        frames = (k, len(self.rig_from_world.translation), *(len(v) for v in self.views))
+        if len(set(frames)) > 1:
+            raise BadValue("numbers of frames, poses, each camera's views", frames, "one number for all")
+        for names in (self.names, self.frames):
+            seen = self.views if names is self.names else tuple(zip(*self.views, strict=True))
+            for name, views in zip(names, seen, strict=True):
+                if not any(view is not None for view in views):
+                    raise BadValue(f"camera or frame {name!r}", "without anything seen", "at least one view")
+        for name, free in zip(self.names, self.free, strict=True):
+            for parameter in free:
+                if parameter not in self.values(name):
+                    raise UnknownName(f"parameter of camera {name!r}", parameter, self.values(name))
+        object.__setattr__(self, "covariance", frozen(self.covariance, "covariance", (n, n)))
+        if self.by_frame is not None:
+            object.__setattr__(self, "by_frame", frozen(self.by_frame, "covariance by frame", (n, n)))
+        object.__setattr__(self, "pose_covariance", frozen(self.pose_covariance, "pose covariance", (k, 6, 6)))
+        object.__setattr__(self, "noise_px", frozen(self.noise_px, "noise", (c,)))
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Return the names of the shared parameters, such as "left.focal" and "right.tx"."""
+        return tuple(
+            f"{name}.{p}"
+            for c, (name, free) in enumerate(zip(self.names, self.free, strict=True))
+            for p in (*free, *(MOUNT if c else ()))
+        )
+
+    def camera(self, name: str) -> Camera:
+        """Return one camera."""
+        return self.cameras[self._index(name)]
+
+    def mount(self, name: str) -> Rigid:
+        """Return camera_from_rig of one camera."""
+        return self._mount(self._index(name))
+
+    def frame(self, j: int) -> Rigid:
+        """Return rig_from_world of one frame."""
+        return Rigid(self.rig_from_world.rotation[j], self.rig_from_world.translation[j])
+
+    def values(self, name: str) -> dict[str, float]:
+        """Return a camera's internals (px, rad) and lens coefficients by name."""
+        camera = self.camera(name)
+        return dict(zip(INTERNALS, internals_of(camera.K).tolist(), strict=True)) | camera.lens.parameters
+
+    def sigma(self, name: str, parameter: str, *, by_frame: bool = False) -> float:
+        """Return the standard deviation of a camera's parameter, 0 if it was not free; by frames: nan for too few."""
+        known = (*self.values(name), *MOUNT)
+        if parameter not in known:
+            raise UnknownName(f"parameter of camera {name!r}", parameter, known)
+        full = f"{name}.{parameter}"
+        if full not in self.parameters:
+            return 0.0
+        C = self.by_frame if by_frame else self.covariance
+        i = self.parameters.index(full)
+        return float("nan") if C is None else float(np.sqrt(C[i, i]))
+
+    def relative(self, a: str, b: str) -> RelativePose:
+        """Return camera b from camera a with its covariance; of the first camera it is the mount itself."""
+        i, j = self._index(a), self._index(b)
+        if i == j:
+            raise BadValue("the relative pose", f"of camera {a!r} and itself", "two cameras")
+        one, other = self._mount(i), self._mount(j)
+        n = len(self.parameters)
+        J = np.zeros((6, n))  # other exp(y) exp(-x) one^-1 = other one^-1 exp(Ad(one) (y - x)) to first order
+        J[:, self._mount_columns(j)] = one.adjoint()[:, : 6 if j else 0]
+        J[:, self._mount_columns(i)] = -one.adjoint()[:, : 6 if i else 0]
+        by_frame = None if self.by_frame is None else J @ self.by_frame @ J.T
+        return RelativePose(other @ one.inv, J @ self.covariance @ J.T, by_frame)
+
+    def viewpoints(self, *, sigma_px: float | None = None, by_frame: bool = False) -> tuple[Viewpoint, ...]:
+        """Return the cameras where they are mounted, for points measured in the rig's frame (`measure_points`).
+
+        They share one error source, the rig's calibration, so that what its errors do to all rays at once is counted.
+        sigma_px: noise of what will be measured, by default that of the calibration. by_frame: take the covariance from
+        the scatter between frames. Raises `BadValue` where the asked noise or covariance is not known.
+        """
+        C = self.by_frame if by_frame else self.covariance
+        if C is None:
+            raise BadValue("the covariance by frames", "unknown: too few frames", "by_frame=False, or more frames")
+        if by_frame:  # it owes nothing to the residuals' size
+            source = ErrorSource("rig calibration", C, self.by_frame, float(len(self.frames) - 1))
+        else:
+            source = ErrorSource("rig calibration", C, self, self.noise_dof)
+        return tuple(
+            Viewpoint(
+                name,
+                self.cameras[c],
+                self._mount(c),
+                float(self.noise_px[c]) if sigma_px is None else sigma_px,
+                ((source, self._effect(c)),),
+                noise_from=self if sigma_px is None else None,
+                noise_dof=self.noise_dof if sigma_px is None else np.inf,
+            )
+            for c, name in enumerate(self.names)
+        )
+
+    @property
+    def noise_dof(self) -> float:
+        """Return the degrees of freedom behind the noise: inf where every view's was stated."""
+        stated = all(v.sigma_px is not None for views in self.views for v in views if v is not None)
+        return np.inf if stated else float(self.dof)
+
+    @property
+    def residuals(self) -> tuple[tuple[Array | None, ...], ...]:
+        """Return measured minus projected pixels (N, 2) of each camera in each frame, None where it saw nothing."""
+        return tuple(tuple(self._residual(c, j) for j in range(len(self.frames))) for c in range(len(self.names)))
+
+    @property
+    def view_residuals(self) -> Array:
+        """Return the thesis' residual sqrt(sum(dU^2 + dV^2)/N) of each camera in each frame (c, k), px; nan if none."""
+        return np.array([[_residual(r) for r in row] for row in self.residuals])
+
+    @property
+    def camera_residuals(self) -> Array:
+        """Return the thesis' residual of each camera (c,) over all frames, px."""
+        return np.array([_residual(np.concatenate([r for r in row if r is not None])) for row in self.residuals])
+
+    @property
+    def frame_residuals(self) -> Array:
+        """Return the thesis' residual of each frame (k,) over all cameras, px."""
+        return np.array([_residual(_joined(column)) for column in zip(*self.residuals, strict=True)])
+
+    @property
+    def residual(self) -> float:
+        """Return the thesis' residual over all points, px."""
+        return _residual(_joined([r for row in self.residuals for r in row]))
+
+    @property
+    def rms_px(self) -> float:
+        """Return the root mean square of one pixel coordinate, residual/sqrt(2)."""
+        return self.residual / float(np.sqrt(2))
+
+    def outlier_frames(self) -> tuple[int, ...]:
+        """Return the frames that fit much worse than the others by each camera's noise, the worst first.
+
+        Their residual is twice the median frame's or more, and by chance alone one in a thousand calibrations has such.
+        """
+        weighed = [
+            _joined([None if r is None else r / s for r, s in zip(column, self.noise_px, strict=True)])
+            for column in zip(*self.residuals, strict=True)
+        ]
+        return stand_out(np.array([_residual(r) for r in weighed]), [len(r) for r in weighed])
+
+    def _index(self, name: str) -> int:
+        if name not in self.names:
+            raise UnknownName("camera of the rig", name, self.names)
+        return self.names.index(name)
+
+    def _mount(self, c: int) -> Rigid:
+        return Rigid(self.camera_from_rig.rotation[c], self.camera_from_rig.translation[c])
+
+    def _columns(self, c: int) -> slice:
+        start = sum(len(f) + len(MOUNT) for f in self.free[:c]) - (len(MOUNT) if c else 0)
+        return slice(start, start + len(self.free[c]))
+
+    def _mount_columns(self, c: int) -> slice:
+        stop = self._columns(c).stop
+        return slice(stop, stop + (len(MOUNT) if c else 0))
+
+    def _effect(self, c: int) -> Array:
+        """Return how the local coordinates of a camera in the rig move with the shared parameters."""
+        names = (*INTERNALS, *self.cameras[c].lens.parameters)
+        out = np.zeros((6 + len(names), len(self.parameters)))
+        if c:
+            out[:6, self._mount_columns(c)] = twist_by_local(self._mount(c).origin)  # its own inverse
+        for i, parameter in enumerate(self.free[c]):
+            out[6 + names.index(parameter), self._columns(c).start + i] = 1.0
+        return out
+
+    def _residual(self, c: int, j: int) -> Array | None:
+        view = self.views[c][j]
+        if view is None:
+            return None
+        return np.asarray(view.q - self.cameras[c].project(self._mount(c) @ self.frame(j) @ view.p_world))
+
+    def __repr__(self) -> str:
+        base = ", ".join(f"{n} {self.relative(self.names[0], n).baseline:.6g} mm" for n in self.names[1:])
+        return (
+            f"RigEstimate({len(self.frames)} frames of {', '.join(self.names)}; off {self.names[0]}: {base}; "
+            f"residual {self.residual:.4g} px)"
+        )
+
+
+def _residual(r: Array | None) -> float:
+    return float("nan") if r is None else float(np.sqrt(np.mean(np.sum(r * r, axis=1))))
+
+
+def _joined(parts: Sequence[Array | None]) -> Array:
+    return np.concatenate([r for r in parts if r is not None])

@@ -1,0 +1,189 @@
+"""The rig file: JSON, versioned, units in its key names, and with it all that the rig was estimated from.
+
+{"format": "cadcam rig", "version": 1, "cameras": [...], "frames": [...], "covariance": [[...]], ...}. A camera has its
+"name", size_px, K_px and lens as in a camera file, "camera_from_rig" and what was estimated of it; a frame its "name",
+"rig_from_world" and the observations of each camera, null where it saw nothing. The rows of "covariance" are named by
+"covariance_of"; tx ty tz (mm) rx ry rz (rad) of a camera are xi in camera_from_rig @ exp(xi). Sigmas, baselines and
+residuals are written for people and other programs; reading checks that the residual still is that of the rig.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+
+import cadcam
+from cadcam.camera.observations import Observations
+from cadcam.camera.rig_estimate import MOUNT, RigEstimate
+from cadcam.files.camera import bare_camera_as_json, camera_at, key_of, observations_as_json, observations_at
+from cadcam.files.jsontext import Place, as_json, parsed
+from cadcam.files.matrix import pose_as_json, pose_at
+from cadcam.files.text import read_text
+from cadcam.geometry.rigid import Rigid
+from cadcam.whole import write_whole
+
+FORMAT, VERSION = "cadcam rig", 1
+_KEYS = (
+    "format",
+    "version",
+    "written_by",
+    "method",
+    "residual_px",
+    "degrees_of_freedom",
+    "outlier_frames",
+    "cameras",
+    "covariance_of",
+    "covariance",
+    "covariance_by_frame",
+    "frames",
+)
+_CAMERA_KEYS = ("size_px", "K_px", "lens")
+_MOUNT_UNITS = ("mm",) * 3 + ("rad",) * 3
+
+
+def write_rig(path: str | os.PathLike[str], estimate: RigEstimate) -> None:
+    """Write a rig with all that belongs to it, whole or not at all; floats keep every bit."""
+    write_whole(path, as_json(rig_as_json(estimate)))
+
+
+def read_rig(path: str | os.PathLike[str]) -> RigEstimate:
+    """Return the rig in a file that `write_rig` wrote. Raises `UnreadableFile` naming the key."""
+    place = parsed(read_text(path, max_bytes=256_000_000))
+    _check_version(place)
+    place.only(*_KEYS)
+    cameras, frames = _items(place.at("cameras")), _items(place.at("frames"))
+    views = tuple(tuple(_view_at(frame, c, len(cameras)) for frame in frames) for c in range(len(cameras)))
+    by_frame = place.at("covariance_by_frame")
+    estimate = place.build(
+        lambda: RigEstimate(
+            names=tuple(c.at("name").text() for c in cameras),
+            cameras=tuple(camera_at(Place(c.path, c.keys, _only_camera(c))) for c in cameras),
+            camera_from_rig=_stacked([pose_at(c.at("camera_from_rig")) for c in cameras]),
+            frames=tuple(f.at("name").text() for f in frames),
+            rig_from_world=_stacked([pose_at(f.at("rig_from_world")) for f in frames]),
+            views=views,
+            free=tuple(c.at("free").texts() for c in cameras),
+            covariance=place.at("covariance").array((None, None)),
+            by_frame=None if by_frame.value is None else by_frame.array((None, None)),
+            pose_covariance=np.array([f.at("pose_covariance").array((6, 6)) for f in frames]),
+            noise_px=np.array([c.at("noise_px").number() for c in cameras]),
+            dof=int(place.at("degrees_of_freedom").number()),
+            method=place.at("method").text(),
+        )
+    )
+    _check_residual(place, estimate)
+    return estimate
+
+
+def rig_as_json(estimate: RigEstimate) -> dict[str, Any]:
+    """Return the JSON document that `write_rig` writes."""
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "written_by": f"cadcam {cadcam.__version__}",
+        "method": estimate.method,
+        "residual_px": estimate.residual,
+        "degrees_of_freedom": estimate.dof,
+        "outlier_frames": [estimate.frames[j] for j in estimate.outlier_frames()],
+        "cameras": [_camera_json(estimate, c) for c in range(len(estimate.names))],
+        "covariance_of": [_key(p) for p in estimate.parameters],
+        "covariance": estimate.covariance.tolist(),
+        "covariance_by_frame": None if estimate.by_frame is None else estimate.by_frame.tolist(),
+        "frames": [_frame_json(estimate, j) for j in range(len(estimate.frames))],
+    }
+
+
+def _camera_json(estimate: RigEstimate, c: int) -> dict[str, Any]:
+    name = estimate.names[c]
+    out: dict[str, Any] = {
+        "name": name,
+        **bare_camera_as_json(estimate.cameras[c]),
+        "camera_from_rig": pose_as_json(estimate.mount(name)),
+        "free": list(estimate.free[c]),
+        "noise_px": float(estimate.noise_px[c]),
+        "residual_px": float(estimate.camera_residuals[c]),
+        "parameters": {
+            key_of(p): {"value": value, **_sigmas(estimate, name, p)}
+            for p, value in estimate.values(name).items()
+            if value or p in estimate.free[c]
+        },
+    }
+    if c:
+        base = estimate.relative(estimate.names[0], name)
+        by_frame = base.baseline_sigma(by_frame=True)
+        out["baseline_mm"] = {
+            "value": base.baseline,
+            "sigma": base.baseline_sigma(),
+            "sigma_by_frame": by_frame if np.isfinite(by_frame) else None,
+        }
+    return out
+
+
+def _sigmas(estimate: RigEstimate, name: str, parameter: str) -> dict[str, float | None]:
+    by_frame = estimate.sigma(name, parameter, by_frame=True)
+    return {
+        "sigma": estimate.sigma(name, parameter),
+        "sigma_by_frame": by_frame if np.isfinite(by_frame) else None,
+    }
+
+
+def _frame_json(estimate: RigEstimate, j: int) -> dict[str, Any]:
+    return {
+        "name": estimate.frames[j],
+        "rig_from_world": pose_as_json(estimate.frame(j)),
+        "pose_covariance": estimate.pose_covariance[j].tolist(),
+        "residual_px": float(estimate.frame_residuals[j]),
+        "seen": [None if (view := v[j]) is None else observations_as_json(view) for v in estimate.views],
+    }
+
+
+def _key(parameter: str) -> str:
+    camera, _, name = parameter.rpartition(".")
+    if name in MOUNT:
+        return f"{camera}.{name}_{_MOUNT_UNITS[MOUNT.index(name)]}"
+    return f"{camera}.{key_of(name)}"
+
+
+def _check_version(place: Place) -> None:
+    stated, version = place.object.get("format"), place.object.get("version")
+    if stated != FORMAT:
+        raise place.error(f"says its format is {stated!r}", f"only {FORMAT!r} is read here: a file of `cadcam rig`")
+    if version != VERSION:
+        raise place.error(
+            f"has version {version!r}", f"this cadcam ({cadcam.__version__}) reads version {VERSION}; use a newer one"
+        )
+
+
+def _items(place: Place) -> list[Place]:
+    if not isinstance(place.value, list):
+        raise place.error("is not a list", "a list [...] is expected")
+    return [Place(place.path, (*place.keys, str(i + 1)), value) for i, value in enumerate(place.value)]
+
+
+def _view_at(frame: Place, c: int, count: int) -> Observations | None:
+    seen = _items(frame.at("seen"))
+    if len(seen) != count:
+        raise frame.error(
+            f"has observations of {len(seen)} cameras", f"one for each of {count}, null where it saw nothing"
+        )
+    return None if seen[c].value is None else observations_at(seen[c])
+
+
+def _only_camera(place: Place) -> dict[str, Any]:
+    return {key: place.at(key).value for key in _CAMERA_KEYS}
+
+
+def _stacked(motions: list[Rigid]) -> Rigid:
+    return Rigid(np.array([m.rotation for m in motions]), np.array([m.translation for m in motions]))
+
+
+def _check_residual(place: Place, estimate: RigEstimate) -> None:
+    stated, actual = place.at("residual_px").number(), estimate.residual
+    scale = 1e-9 * max(estimate.cameras[0].size)  # px: rounding, with room
+    if not abs(stated - actual) <= max(scale, 1e-6 * stated):
+        raise place.error(
+            f"states a residual of {stated:.6g} px but its rig and points give {actual:.6g} px",
+            "the file was edited: calibrate again",
+        )
