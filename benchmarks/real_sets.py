@@ -3,8 +3,8 @@
     python benchmarks/real_sets.py ../shared/data
 
 Runs real_calibrations.py, real_boards.py, handeye.py and measure.py on the sets that the folder holds; their tables
-stand in docs/benchmarks (real_calibrations.md, real_boards.md, real_handeye.md, measure.md). Takes some minutes. Rows of
-OpenCV need opencv-python-headless; its hand-eye rows a version before 5.
+stand in docs/benchmarks (real_calibrations.md, real_boards.md, real_handeye.md, measure.md). Takes some minutes. Rows
+of OpenCV need opencv-python-headless; its hand-eye rows a version before 5.
 """
 
 from __future__ import annotations
