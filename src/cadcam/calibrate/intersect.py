@@ -29,6 +29,7 @@ _USELESS = 1 / 3  # standard deviation by distance beyond which first-order prop
 _ONE_PLACE = 1e-9  # distance of viewpoints by their distance from the world's origin: rounding
 _SETTLED = 1e-10  # a step this small by the distance is the end
 _ITERATIONS = 50
+_FARTHEST = 1e6  # moves by the distance beyond which a point has left the scene
 
 Reason = Callable[[int], str]
 Refuse = Callable[[Mask, Reason], None]
@@ -249,7 +250,11 @@ def position(sources: list[ErrorSource], source: ErrorSource) -> int:
 
 
 def _optimum(group: Group, p: Array) -> tuple[Array, Mask]:
-    """Return the weighted reprojection optima from points p (n, 3), and which have not settled."""
+    """Return the weighted reprojection optima from points p (n, 3), and which have not settled: those stay at p.
+
+    A point that leaves the scene altogether has not settled either: numbers of its size overflow.
+    """
+    start = p
     reach = np.linalg.norm(p - group.viewpoints[0].camera_from_world.origin, axis=1)
     stuck, basis = np.ones(len(p), dtype=bool), _basis(group)
     for _ in range(_ITERATIONS):
@@ -261,7 +266,8 @@ def _optimum(group: Group, p: Array) -> tuple[Array, Mask]:
             stuck = ~(np.linalg.norm(step, axis=1) <= _SETTLED * reach)
         if not stuck.any():
             break
-    return p, stuck
+    stuck |= ~(np.linalg.norm(p - start, axis=1) <= _FARTHEST * reach)
+    return np.where(stuck[:, None], start, p), stuck
 
 
 def _shortened(group: Group, p: Array, step: Array, cost: Array, L: Array) -> Array:
