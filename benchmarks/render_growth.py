@@ -15,6 +15,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts import ship_block
 from cadcam.render.raster import RasterRenderer
@@ -38,6 +40,18 @@ class Point(NamedTuple):
     ms: float
 
 
+def block(triangles: int) -> Mesh:
+    """Return the ship block with about so many triangles; beyond those it can have, each is cut into four."""
+    if triangles <= 2_000_000:
+        return ship_block(triangles=triangles)
+    coarse = block(triangles // 4)
+    corners = coarse.vertices[coarse.faces]
+    middles = (corners + np.roll(corners, -1, axis=1)) / 2
+    six = np.concatenate([corners, middles], axis=1).reshape(-1, 3)
+    cut = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
+    return Mesh.single(six, (6 * np.arange(coarse.n_faces)[:, None, None] + cut).reshape(-1, 3))
+
+
 def measured(mesh: Mesh, size: str, at: float) -> list[Point]:
     """Return the medians of one mesh at one size."""
     points = []
@@ -51,13 +65,13 @@ def measured(mesh: Mesh, size: str, at: float) -> list[Point]:
 
 def by_triangles(counts: Sequence[int]) -> list[Point]:
     """Return the medians at 768x576."""
-    meshes = (ship_block(triangles=n) for n in counts)
+    meshes = (block(n) for n in counts)
     return [p for mesh in meshes for p in measured(mesh, "768x576", mesh.n_faces)]
 
 
 def by_pixels(sizes: Sequence[str]) -> list[Point]:
     """Return the medians of 100 000 triangles."""
-    mesh = ship_block(triangles=100_000)
+    mesh = block(100_000)
     return [p for size in sizes for p in measured(mesh, size, math.prod(int(n) for n in size.split("x")))]
 
 
@@ -118,7 +132,7 @@ def _short(n: int) -> str:
 
 def batch_rate(pictures: int = 400) -> float:
     """Return how many depth maps of 320x240 a batch renders in a second, of 10 000 triangles."""
-    renderer = RasterRenderer(Scene.of(ship_block(triangles=10_000), edges=NO_EDGES))
+    renderer = RasterRenderer(Scene.of(block(10_000), edges=NO_EDGES))
     start = time.perf_counter()
     poses = [pose_of(k) for k in range(pictures)]
     for _ in renderer.render_batch(camera_of("320x240", None), poses, channels=Channel.DEPTH):
