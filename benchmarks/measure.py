@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.calibrate.measure import METHODS, measure_points
+from cadcam.calibrate.measure import METHODS, Method, measure_points
 from cadcam.calibrate.points import calibrate
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
@@ -84,7 +84,7 @@ def left_out(dots: Array, q: Array) -> list[list[CameraEstimate | None]]:
 
 
 def errors(
-    dots: Array, q: Array, cameras: tuple[int, ...], estimates: list[list[CameraEstimate | None]], method: str
+    dots: Array, q: Array, cameras: tuple[int, ...], estimates: list[list[CameraEstimate | None]], method: Method
 ) -> tuple[Array, Array, Array]:
     """Return errors, sigmas (n, 3) mm and Mahalanobis squares (n,) of the dots that at least two of the cameras see."""
     error, sigma, square = [], [], []
@@ -93,7 +93,7 @@ def errors(
         if len(known) < 2:
             continue
         views = [Viewpoint.fixed(f"{c + 1}", estimate) for c, estimate in known]
-        measured = measure_points(views, [q[c, i : i + 1] for c, _ in known], method=method)  # type: ignore[arg-type]
+        measured = measure_points(views, [q[c, i : i + 1] for c, _ in known], method=method)
         error.append(measured.points[0] - dots[i])
         sigma.append(measured.sigma[0])
         square.append(error[-1] @ np.linalg.solve(measured.covariance[0], error[-1]))

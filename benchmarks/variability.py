@@ -16,7 +16,7 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.calibrate import variability
 from cadcam.calibrate.alternating import alternating_externals
-from cadcam.calibrate.points import calibrate
+from cadcam.calibrate.points import Method, calibrate
 from cadcam.calibrate.projection_map import projection_map
 from cadcam.calibrate.repeated import model_of
 from cadcam.calibrate.variability import FirstOrder, Variability, first_order, markov_chain, monte_carlo, walk_of
@@ -123,7 +123,9 @@ def alternating(noise: float, best: CameraEstimate, linear: CameraEstimate) -> N
     print("Alternating externals: sigma of the internals; correlations of the errors; the largest with the drawn poses")
     print(f"{'':46s}{'aspect':>9s}{'focal':>8s}{'skew':>8s}{'U0':>8s}{'V0':>8s}{'b-U0':>7s}{'a-V0':>7s}{'drawn':>7s}")
     print(f"{'Table 2.17, 2.18 (range not printed)':46s}" + row(np.array(PRINTED_ALTERNATING)) + f"{'':14s}{0.06:7.2f}")
-    kinds = [("least squares", "reprojection", mm, deg, True) for mm, deg in ((30, 3), (200, 10), (600, 30))]
+    kinds: list[tuple[str, Method, int, int, bool]] = [
+        ("least squares", "reprojection", mm, deg, True) for mm, deg in ((30, 3), (200, 10), (600, 30))
+    ]
     kinds += [("C23 = 1", "dlt-c23", 200, 10, True), ("normalised transform", "dlt", 200, 10, True)]
     kinds += [("normalised, seen or not", "dlt", 100, 180, False), ("C23 = 1, seen or not", "dlt-c23", 100, 180, False)]
     for label, method, mm, deg, visible in kinds:
@@ -133,7 +135,7 @@ def alternating(noise: float, best: CameraEstimate, linear: CameraEstimate) -> N
             spread_mm=mm,
             spread_deg=deg,
             sigma_px=noise,
-            method=method,  # type: ignore[arg-type]
+            method=method,
             visible=visible,
         )
         sigma, r = shown(NAMES, study.errors.sigma)[6:], study.errors.correlation

@@ -199,12 +199,20 @@ def startless(group: Group, refuse: Refuse) -> Mask:
     for v, view in enumerate(group.viewpoints):
         along = np.sum((p - rays.origin[:, v]) * rays.direction[:, v], axis=-1)
         behind = np.asarray((along <= 0) & ~bad)
-        refuse(behind, lambda i, t=along, name=view.name: f"its rays meet {-t[i]:.4g} mm behind {name!r}")  # type: ignore[misc]
+        refuse(behind, _behind(along, view.name))
         bad = bad | behind
         unseen = np.asarray(~np.isfinite(view.camera.project(view.camera_from_world @ p)).all(axis=1) & ~bad)
-        refuse(unseen, lambda _, name=view.name: f"its rays meet where the lens of {name!r} images nothing")  # type: ignore[misc]
+        refuse(unseen, _unseen(view.name))
         bad = bad | unseen
     return bad
+
+
+def _behind(along: Array, name: str) -> Reason:
+    return lambda i: f"its rays meet {-along[i]:.4g} mm behind {name!r}"
+
+
+def _unseen(name: str) -> Reason:
+    return lambda _: f"its rays meet where the lens of {name!r} images nothing"
 
 
 def _nowhere(group: Group, p: Array) -> tuple[Mask, str]:

@@ -52,7 +52,7 @@ def add_to(verbs: Verbs) -> None:
         verbs,
         "handeye",
         run,
-        short="robot poses and pictures -> where the camera sits",
+        short="robot poses and what the camera saw -> where it sits",
         description=_DESCRIPTION,
         examples=_EXAMPLES,
     )

@@ -47,9 +47,9 @@ VERBS = (
     doctor,
 )
 
-_DESCRIPTION = (
-    "From points on a photo to the CAD wireframe on it: calibrate a camera, render CAD as it sees it, overlay."
-)
+_DESCRIPTION = """\
+The virtual camera: calibrate cameras from points or boards, alone, mounted together or on a robot; measure with them;
+render CAD as they see it; lay its wireframe over the photo. Every estimate comes with its uncertainty."""
 _EPILOG = """\
 the usual way:
   cadcam calibrate points.csv --photo photo.png -o camera.json

@@ -59,7 +59,8 @@ def read(source: Source) -> Foreign:
             file.path, f"has Focus {f:g}, Sx {sx:g}, Sy {sy:g}", "positive lengths in m; not telecentric"
         )
     K = np.array([[f / sx, 0, values["Cx"]], [0, f / sy, values["Cy"]], [0, 0, 1]])
-    camera = Camera((values["ImageWidth"], values["ImageHeight"]), K, _lens(values, f))  # type: ignore[arg-type]
+    size = values["ImageWidth"], values["ImageHeight"]
+    camera = Camera(size, K, _lens(values, f))  # type: ignore[arg-type]  # Camera refuses sizes that are not whole
     beside = _pose_name(source.path)
     pose = _pose(source.text(beside)) if source.has(beside) else None
     return Foreign(

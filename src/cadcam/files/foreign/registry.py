@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TypeVar
@@ -84,7 +85,7 @@ def format_of(source: Source) -> Format:
         raise UnreadableFile(source.path, "is empty", "copy it again from its source")
     for name in NAMES:
         form = format_named(name)
-        if _guarded(source.path, lambda f=form: f.recognises(source)):  # type: ignore[misc]
+        if _guarded(source.path, partial(form.recognises, source)):
             return form
     what = "a folder without a known camera file" if source.is_folder else "no camera file known by its content"
     raise UnreadableFile(source.path, f"is {what}", f"name its format: --from {', '.join(NAMES)}")

@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -52,7 +53,7 @@ def read(source: Source) -> Foreign:
         place = Place(source.path, tuple(path.strip("/").split("/")), prim.attributes)
         size = products.get(path) or source.needed_size(f"camera {path}")
         pose = camera_from_world_of_eye(matrix.T, mm, place.error)
-        cameras.append(NamedCamera(prim.name, place.build(lambda p=place, s=size: _camera(p, s)), pose))  # type: ignore[misc]
+        cameras.append(NamedCamera(prim.name, place.build(partial(_camera, place, size)), pose))
     if not cameras:
         raise UnreadableFile(source.path, "holds no camera", "export it with its cameras")
     return Foreign("usd", tuple(cameras))

@@ -88,7 +88,8 @@ def _camera(model: Node, size: tuple[float, float]) -> Camera:
         lens = Fisheye(*(model.number(name, 0.0) for name in ("k1", "k2", "k3", "k4")))
     elif kind not in (_PLAIN, _RADIAL):
         raise model.error(f"is of type {kind[:40]!r}", f"known: {_PLAIN}, {_RADIAL}, {_FISHEYE}")
-    return Camera(size, np.array([[px, 0, u0], [0, py, v0], [0, 0, 1]]), lens)  # type: ignore[arg-type]
+    K = np.array([[px, 0, u0], [0, py, v0], [0, 0, 1]])
+    return Camera(size, K, lens)  # type: ignore[arg-type]  # Camera refuses sizes that are not whole
 
 
 def _kind(lens: Lens) -> str:
