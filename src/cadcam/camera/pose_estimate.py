@@ -1,0 +1,44 @@
+"""Where a part stands as it comes out of photos: never without its covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cadcam.arrays import Array, Floats, frozen
+from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rotation import hat
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseEstimate:
+    """The pose world_from_part (mm) of a part; with one camera and no other frame the world is that camera's.
+
+    from_noise, from_calibration (6, 6): covariance of xi in `world_from_part @ Rigid.exp(xi)`, (translation mm,
+    rotation rad) in the part's own axes, by the photos' noise and by the errors of cameras and their places.
+    freedom (6, k): the motions xi that were free, orthonormal columns; the covariances are zero across them.
+    dof: degrees of freedom behind from_noise; inf where the noise is known.
+    """
+
+    world_from_part: Rigid
+    from_noise: Array
+    from_calibration: Array = field(default_factory=lambda: np.zeros((6, 6)))
+    freedom: Array = field(default_factory=lambda: np.eye(6))
+    dof: float = np.inf
+
+    def __post_init__(self) -> None:
+        for name in ("from_noise", "from_calibration"):
+            object.__setattr__(self, name, frozen(getattr(self, name), f"pose covariance {name}", (6, 6)))
+        object.__setattr__(self, "freedom", frozen(self.freedom, "freedom", (6, None)))
+
+    @property
+    def covariance(self) -> Array:
+        """Return the covariance (6, 6) of xi by all causes, mm and rad in part axes."""
+        return np.asarray(self.from_noise + self.from_calibration)
+
+    def point_covariance(self, p_part: Floats) -> Array:
+        """Return the covariance (N, 3, 3) mm^2, in part axes, of where the part's points (N, 3) mm lie."""
+        p = frozen(p_part, "p_part", (None, 3))
+        J = np.concatenate([np.broadcast_to(np.eye(3), (len(p), 3, 3)), -hat(p)], axis=-1)
+        return np.asarray(J @ self.covariance @ np.swapaxes(J, -1, -2))

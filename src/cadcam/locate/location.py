@@ -1,0 +1,31 @@
+"""The answer to "where is the part?": pose, evidence, quality, and what else it could be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from cadcam.camera.pose_estimate import PoseEstimate
+from cadcam.locate.matches import EdgeMatches
+
+FOUND = 0.5  # quality from which a pose counts as found: one threshold for all parts
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Location:
+    """A located part, or the best that was there.
+
+    quality in [0, 1]: how sure it is that the pose is right; at least `FOUND` means found. reason: one line for
+    people, why it is believed or not. alternatives: other poses that the photos allow nearly as well (symmetry, planar
+    flip), best first.
+    """
+
+    pose: PoseEstimate
+    matches: EdgeMatches
+    quality: float
+    reason: str = ""
+    alternatives: tuple[Location, ...] = field(default=(), repr=False)
+
+    @property
+    def found(self) -> bool:
+        """Return whether the part is where the pose says."""
+        return self.quality >= FOUND

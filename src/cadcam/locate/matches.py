@@ -1,0 +1,41 @@
+"""What corresponds: places on the part's visible edges, and where the photos show those edges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadcam.arrays import Array, Ids, frozen
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EdgeMatches:
+    """N samples of visible edges with the photo's edge along their normal.
+
+    q (N, 2) px where the model puts the sample and normal (N, 2) its unit normal in the photo; offset (N,) px, the
+    photo's edge minus the model's along the normal, nan where none was found; sigma (N,) px, its standard deviation by
+    the photo's noise; weight (N,) in [0, 1], how far it was believed; p (N, 3) mm in the part frame, where on the edge
+    it lies; chain (N,) the feature chain (edge), -1 on contours; photo (N,) which photo.
+    """
+
+    q: Array
+    normal: Array
+    offset: Array
+    sigma: Array
+    weight: Array
+    p: Array
+    chain: Ids
+    photo: Ids
+
+    def __post_init__(self) -> None:
+        n = len(np.atleast_1d(self.offset))
+        shapes = {"q": (n, 2), "normal": (n, 2), "sigma": (n,), "weight": (n,), "p": (n, 3), "offset": (n,)}
+        for name, shape in shapes.items():
+            finite = name not in ("offset", "sigma")
+            object.__setattr__(self, name, frozen(getattr(self, name), f"matches' {name}", shape, finite=finite))
+        for name in ("chain", "photo"):
+            object.__setattr__(self, name, frozen(getattr(self, name), f"matches' {name}", (n,), np.int32))
+
+    def __len__(self) -> int:
+        return len(self.offset)

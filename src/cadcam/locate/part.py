@@ -1,0 +1,29 @@
+"""A part as it is looked for: its scene, and what is computed from it once."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+from cadcam.cad.mesh import Mesh
+from cadcam.render.view import Scene
+from cadcam.render.visible import LineDrawer
+
+
+class Part:
+    """The CAD model to be found; make it once and use it for many photos.
+
+    What searches need of it (lines to draw, aspects) is made when first asked for and kept.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> Part:
+        """Return the part of a mesh (mm) with its feature edges."""
+        return cls(Scene.of(mesh))
+
+    @cached_property
+    def lines(self) -> LineDrawer:
+        """What draws the part's visible lines from anywhere."""
+        return LineDrawer(self.scene)
