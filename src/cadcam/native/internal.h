@@ -129,6 +129,8 @@ struct cc_worker {
     size_t row_capacity;
 };
 
+int chosen_variant(void); /* the instruction set in use: 1 is x86-64-v3 */
+
 int frame_prepare_baseline(cc_frame *frame);
 int frame_work_baseline(cc_frame *frame, cc_worker *worker);
 #if CC_HAS_V3
