@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Picture, frozen
+from cadcam.arrays import Array, Ids, Mask, Picture, frozen
 from cadcam.errors import BadValue
 from cadcam.image.picture import to_gray
 from cadcam.image.template import Template
@@ -24,7 +24,8 @@ from cadcam.native.correlate import registered, searched, shrunken
 _FULL_TURN = (-math.pi, math.pi)
 _FINER = 2.5  # from level to level
 _SMOOTHED = 0.1  # by how much a correlation may rise from fine to coarse pixels without being lost
-_KEPT = 8  # peaks a level hands on, beside those asked for
+_ROUGH, _SETTLED = 0.03, 0.001  # px of a level: the last step of a climb, between levels and at the end
+_REACH = 3.0  # px of a level that a climb may go
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +113,7 @@ def correlate(gray: npt.ArrayLike, template: Template, *, options: CorrelateOpti
     The template lies wholly in the picture, to one pixel. Where nothing reaches least_score, the search is done once
     more with finer pixels. Raises `BadValue`, and `MissingCore` where cadcam was installed without its C core.
     """
-    picture: Picture = np.ascontiguousarray(to_gray(gray), np.float32)
+    picture = _Pyramid(gray)
     factor = template.coarsest()
     peaks = _search(picture, template, factor, options)
     if not len(peaks) and factor > 1:
@@ -124,27 +125,43 @@ def register(
     gray: npt.ArrayLike, template: Template, start: npt.ArrayLike, *, options: CorrelateOptions = ANY_ANGLE
 ) -> Peaks:
     """Return the peaks near starts (N, 4): x, y (px), angle (rad), scale; lost ones and repetitions are left out."""
-    picture: Picture = np.ascontiguousarray(to_gray(gray), np.float32)
-    poses = np.asarray(start, np.float64).reshape(-1, 4)
-    poses, score = _refined(picture, template, 1, poses, options.motions, reach=0.5 * min(template.size))
-    return _peaks(picture, template, poses, score, options, True)
+    picture = _Pyramid(gray)
+    poses = np.array(start, np.float64).reshape(-1, 4)
+    for level in _levels(template.coarsest()):
+        poses, _ = _refined(picture, template, level, poses, options.motions)
+    return _peaks(picture, template, poses, options, True)
 
 
-def _search(picture: Picture, template: Template, factor: int, options: CorrelateOptions) -> Peaks:
+class _Pyramid:
+    """A picture and its means over blocks of pixels, made when first asked for."""
+
+    def __init__(self, gray: npt.ArrayLike) -> None:
+        picture = to_gray(gray)
+        if picture.ndim != 2:
+            raise BadValue("picture", f"of shape {picture.shape}", "a grey picture (H, W)")
+        self._levels: dict[int, Picture] = {1: np.ascontiguousarray(picture, np.float32)}
+
+    def level(self, factor: int) -> Picture:
+        if factor not in self._levels:
+            self._levels[factor] = shrunken(self._levels[1], factor)
+        return self._levels[factor]
+
+
+def _search(picture: _Pyramid, template: Template, factor: int, options: CorrelateOptions) -> Peaks:
     poses, coarse = _candidates(picture, template, factor, options)
     worst, left = template.worst(factor), coarse[options.candidates :]
     poses = poses[: options.candidates]
     twins = template.twins(factor) if options.angles == _FULL_TURN else np.zeros(0)
     poses = np.concatenate([poses, *(poses[:64] + [0, 0, turn, 0] for turn in twins)])
-    keep = 4 * (_KEPT + options.count)
-    score = np.zeros(0)
+    poses[:, 2] = _wrapped(poses[:, 2])
+    keep = 8 * (options.count + 1)
     for level in _levels(factor):
-        poses, score = _refined(picture, template, level, poses, options.motions, reach=2.0 * level + 1)
+        poses, score = _refined(picture, template, level, poses, options.motions)
         poses, score = _best_apart(template, poses, score, options, keep, options.least_score - _SMOOTHED)
-        keep = max(keep // 3, options.count + 2)
-    best = float(np.abs(score).max(initial=0.0))
-    complete = not (len(left) and left[0] > worst * max(best, options.least_score))
-    return _peaks(picture, template, poses, score, options, complete)
+        keep = max(keep // 4, options.count + 1)
+    peaks = _peaks(picture, template, poses, options, True)
+    best = float(np.abs(peaks.score[:1]).max(initial=options.least_score))
+    return replace(peaks, complete=not (len(left) and left[0] > worst * best))
 
 
 def _levels(factor: int) -> Iterator[int]:
@@ -156,56 +173,60 @@ def _levels(factor: int) -> Iterator[int]:
 
 
 def _candidates(
-    picture: Picture, template: Template, factor: int, options: CorrelateOptions
+    picture: _Pyramid, template: Template, factor: int, options: CorrelateOptions
 ) -> tuple[Array, Array]:
     """Return the maxima of the search at a level: poses (N, 4) in px of the picture and their scores, best first."""
     oriented, motions = template.orientations(factor, options.angles, options.scales)
-    plane = np.pad(shrunken(picture, factor) if factor > 1 else picture, 1, mode="edge")
+    plane = np.pad(picture.level(factor), 1, mode="edge")
     best, which = searched(
         plane, oriented, least_variance=options.least_contrast**2, either_sign=options.either_sign
     )
-    at = _maxima(best, which, motions, 0.8 * template.worst(factor) * options.least_score, 2.5 * template.step(factor))
+    least = _threshold(best, 0.8 * template.worst(factor) * options.least_score, 8 * options.candidates)
+    at = _maxima(best, which, motions[:, 0], least, 2.5 * template.step(factor))
     score = best.ravel()[at]
     y, x = np.divmod(at, best.shape[1])
     q = (np.stack([x, y], axis=1) - 0.5) * factor - 0.5  # less the margin of 1, from the middle of a block
     return np.concatenate([q, motions[which.ravel()[at]]], axis=1), score
 
 
-def _maxima(
-    best: Picture, which: npt.NDArray[np.int32], motions: Array, least: float, alike: float
-) -> npt.NDArray[np.intp]:
+def _threshold(best: Picture, least: float, most: int) -> float:
+    """Return `least`, or the score that `most` positions reach if more reach `least`."""
+    if best.size <= most:
+        return least
+    return max(least, float(np.partition(best.ravel(), best.size - most)[best.size - most]))
+
+
+def _maxima(best: Picture, which: Ids, angles: Array, least: float, alike: float) -> npt.NDArray[np.intp]:
     """Return the flat indices, best first, of what no neighbour of about the same angle exceeds."""
     width = best.shape[1]
     score, number = best.ravel(), which.ravel()
     inner = np.zeros(best.shape, bool)
     inner[1:-1, 1:-1] = best[1:-1, 1:-1] > least
     at = np.flatnonzero(inner)
-    angle = motions[number, 0]
     for step in (-1, 1, -width, width, -width - 1, -width + 1, width - 1, width + 1):
         higher = score[at + step] > score[at]
-        same = np.abs(_wrapped(angle[at + step] - angle[at])) < alike
+        same = ~_turned(angles[number[at + step]], angles[number[at]], alike)
         at = at[~(higher & same)]
     order: npt.NDArray[np.intp] = np.argsort(-score[at], kind="stable")
     return at[order]
 
 
 def _refined(
-    picture: Picture, template: Template, factor: int, poses: Array, motions: int, *, reach: float
+    picture: _Pyramid, template: Template, factor: int, poses: Array, motions: int, *, cubic: bool = False
 ) -> tuple[Array, Array]:
     """Return poses (px of the picture) climbed to their peaks at a level, and the correlation there."""
     if not len(poses):
         return poses, np.zeros(0)
-    plane = shrunken(picture, factor) if factor > 1 else picture
     local = poses.copy()
     local[:, :2] = (local[:, :2] + 0.5) / factor - 0.5
     local, score = registered(
-        plane,
+        picture.level(factor),
         template.points(factor, motions),
         local,
-        cubic=factor == 1,
-        iterations=8 if factor > 1 else 20,
-        settled=0.02 if factor > 1 else 1e-4,
-        reach=reach / factor,
+        cubic=cubic,
+        iterations=12,
+        settled=_SETTLED if cubic else _ROUGH,
+        reach=_REACH,
     )
     local[:, :2] = (local[:, :2] + 0.5) * factor - 0.5
     return local, score
@@ -217,22 +238,25 @@ def _best_apart(
     """Return the best poses that are in the picture's terms different ones, best first."""
     size = np.abs(score) if options.either_sign else score
     order = np.argsort(-size, kind="stable")
-    order = order[size[order] >= least]
-    near, kept = options.apart * min(template.size), np.zeros(0, np.intp)
-    while len(order) and len(kept) < count:
-        first = order[0]
-        kept = np.append(kept, first)
-        away = np.hypot(*(poses[order, :2] - poses[first, :2]).T) >= near
-        turned = np.abs(_wrapped(poses[order, 2] - poses[first, 2])) >= options.apart
-        order = order[away | turned]
+    order = order[size[order] >= least][: 3 * count]
+    x, y, angle = (poses[order, k] - poses[order, k][:, None] for k in range(3))
+    near = options.apart * min(template.size)
+    same = (x * x + y * y < near * near) & ~_turned(angle, 0.0, options.apart)
+    open_, kept = np.ones(len(order), bool), []
+    for k in range(len(order)):
+        if open_[k] and len(kept) < count:
+            kept.append(order[k])
+            open_ &= ~same[k]
     return poses[kept], score[kept]
 
 
 def _peaks(
-    picture: Picture, template: Template, poses: Array, score: Array, options: CorrelateOptions, complete: bool
+    picture: _Pyramid, template: Template, poses: Array, options: CorrelateOptions, complete: bool
 ) -> Peaks:
+    """Return the peaks near poses, by cubic interpolation."""
+    poses, score = _refined(picture, template, 1, poses, options.motions, cubic=True)
     poses, score = _best_apart(template, poses, score, options, len(poses), options.least_score)
-    allowed = _within(poses, template, options) & _in_picture(poses, template, picture)
+    allowed = _within(poses, template, options) & _in_picture(poses, template, picture.level(1))
     poses, score = poses[allowed][: options.count], score[allowed][: options.count]
     poses[:, 2] = _wrapped(poses[:, 2])
     covariance = _covariance(template, poses, score, options.motions)
@@ -273,6 +297,12 @@ def _covariance(template: Template, poses: Array, score: Array, motions: int) ->
             G[3, 3] = pose[3]
         out[k] = variance * G @ points.inverse @ G.T
     return out
+
+
+def _turned(a: Array, b: Array | float, by: float) -> Mask:
+    """Return whether angles (rad, at most a turn apart) differ by at least `by`."""
+    apart = np.abs(a - b)
+    return np.asarray((apart >= by) & (apart <= 2 * math.pi - by))
 
 
 def _wrapped(angle: Array) -> Array:

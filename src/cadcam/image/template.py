@@ -44,14 +44,16 @@ class Template:
         self._points: dict[tuple[int, int], Points] = {}
         self._orientations: dict[tuple[object, ...], tuple[Orientations, Array]] = {}
         self._twins: dict[int, Array] = {}
+        self._worst: dict[int, float] = {}
+        self._coarsest = 0  # not known yet
+        self.round_radius = self._round_radius()
 
     @property
     def size(self) -> tuple[int, int]:
         """Return (width, height) in px."""
         return self.gray.shape[1], self.gray.shape[0]
 
-    @property
-    def round_radius(self) -> float:
+    def _round_radius(self) -> float:
         """Return the radius in px of the disc about the centre that counts throughout; 0 where it would hold little."""
         y, x = np.indices(self.mask.shape) - (np.array(self.mask.shape) - 1)[:, None, None] / 2
         distance = np.hypot(x, y)
@@ -61,13 +63,20 @@ class Template:
 
     def coarsest(self) -> int:
         """Return the largest factor at which the template can still be told from its surroundings and its neighbours."""
-        factor = max(1, math.isqrt(int(self.mask.sum()) // _TAPS))
-        while factor > 1 and (self._taps(factor) < _TAPS or self.worst(factor) < _SMEARED):
-            factor -= 1
-        return factor
+        if not self._coarsest:
+            factor = max(1, math.isqrt(int(self.mask.sum()) // _TAPS))
+            while factor > 1 and (self._taps(factor) < _TAPS or self.worst(factor) < _SMEARED):
+                factor -= 1
+            self._coarsest = factor
+        return self._coarsest
 
     def worst(self, factor: int) -> float:
         """Return the least correlation at a level between the template and itself half a pixel and half a turn off."""
+        if factor not in self._worst:
+            self._worst[factor] = self._least_when_off(factor)
+        return self._worst[factor]
+
+    def _least_when_off(self, factor: int) -> float:
         dx, dy = self._grid(factor, self._reach(factor))
         inside = self._inside(dx, dy, 0.0, 1.0, factor)
         dx, dy = dx[inside], dy[inside]

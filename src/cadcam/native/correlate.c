@@ -45,18 +45,26 @@ static float sum(f8 v) {
     return s;
 }
 
+enum { STRIP = 1024 }; /* px of a row at a time */
+
 void VARIANT(shrink)(const cc_plane *p, int32_t factor, float *out) {
-    const int32_t wide = (p->width + factor - 1) / factor;
+    float column[STRIP];
+    const int32_t wide = imax(STRIP / factor, 1);
     for (int32_t y = 0; y < p->height; y += factor) {
         const int32_t rows = imin(factor, p->height - y);
-        for (int32_t i = 0; i < wide; i++) {
-            const int32_t x = i * factor, columns = imin(factor, p->width - x);
-            float s = 0;
+        for (int32_t x = 0; x < p->width; x += wide * factor) {
+            const int32_t n = imin(wide * factor, p->width - x);
+            memset(column, 0, (size_t)n * sizeof *column);
             for (int32_t r = 0; r < rows; r++) {
                 const float *row = p->pixels + (size_t)(y + r) * (size_t)p->width + x;
-                for (int32_t c = 0; c < columns; c++) s += row[c];
+                for (int32_t c = 0; c < n; c++) column[c] += row[c];
             }
-            *out++ = s / (float)(rows * columns);
+            for (int32_t c = 0; c < n; c += factor) {
+                const int32_t columns = imin(factor, n - c);
+                float s = 0;
+                for (int32_t k = 0; k < columns; k++) s += column[c + k];
+                *out++ = s / (float)(rows * columns);
+            }
         }
     }
 }
@@ -187,14 +195,14 @@ int32_t VARIANT(search_rows)(const cc_search *s, int32_t from, int32_t to) {
 
 /* ---- the climb */
 
+/* Points lie in [0, width - 1) x [0, height - 1): sums_at sees to it. */
 INLINE f8 bilinear(const cc_plane *p, f8 x, f8 y) {
-    const i8 i = within(whole_f(x), p->width - 1), j = within(whole_f(y), p->height - 1);
-    const i8 right = within(i + 1, p->width - 1), row = j * p->width, below = within(j + 1, p->height - 1) * p->width;
+    const i8 i = whole_f(x), j = whole_f(y), at = j * p->width + i;
     const f8 a = x - real(i), b = y - real(j);
-    const f8 g00 = gathered(p->pixels, row + i), g01 = gathered(p->pixels, row + right);
-    const f8 g10 = gathered(p->pixels, below + i), g11 = gathered(p->pixels, below + right);
-    const f8 upper = g00 + a * (g01 - g00), lower = g10 + a * (g11 - g10);
-    return upper + b * (lower - upper);
+    const float *above = p->pixels, *below = above + p->width;
+    const f8 g00 = gathered(above, at), g01 = gathered(above + 1, at), g10 = gathered(below, at), g11 = gathered(below + 1, at);
+    const f8 upper = fused(a, g01 - g00, g00), lower = fused(a, g11 - g10, g10);
+    return fused(b, lower - upper, upper);
 }
 
 /* R. Keys, Cubic convolution interpolation, 1981: the kernel of third order, a = -1/2. */
@@ -204,17 +212,30 @@ INLINE void cubic_weights(f8 t, f8 w[4]) {
     w[2] = 0.5f * t + 2.0f * t2 - 1.5f * t3, w[3] = -0.5f * t2 + 0.5f * t3;
 }
 
-INLINE f8 cubic(const cc_plane *p, f8 x, f8 y) {
-    const i8 i = within(whole_f(x), p->width - 1), j = within(whole_f(y), p->height - 1);
-    f8 wx[4], wy[4], s = eight(0);
-    cubic_weights(x - real(i), wx), cubic_weights(y - real(j), wy);
-    i8 column[4];
-    for (int k = 0; k < 4; k++) column[k] = within(i + (k - 1), p->width - 1);
+/* Near the picture's border its last pixels go on. */
+static f8 cubic_at_border(const cc_plane *p, i8 i, i8 j, const f8 wx[4], const f8 wy[4]) {
+    f8 s = eight(0);
     for (int l = 0; l < 4; l++) {
         const i8 row = within(j + (l - 1), p->height - 1) * p->width;
-        f8 r = wx[0] * gathered(p->pixels, row + column[0]);
-        for (int k = 1; k < 4; k++) r = fused(wx[k], gathered(p->pixels, row + column[k]), r);
-        s = fused(wy[l], r, s);
+        for (int k = 0; k < 4; k++) s = fused(wx[k] * wy[l], gathered(p->pixels, row + within(i + (k - 1), p->width - 1)), s);
+    }
+    return s;
+}
+
+INLINE f8 cubic(const cc_plane *p, f8 x, f8 y) {
+    const i8 i = whole_f(x), j = whole_f(y);
+    f8 wx[4], wy[4], s = eight(0);
+    cubic_weights(x - real(i), wx), cubic_weights(y - real(j), wy);
+    if (signs((i < 1) | (j < 1) | (i > p->width - 3) | (j > p->height - 3))) return cubic_at_border(p, i, j, wx, wy);
+    const i8 at = (j - 1) * p->width + (i - 1);
+    const float *row[8];
+    for (int k = 0; k < 8; k++) row[k] = p->pixels + at[k];
+    for (int l = 0; l < 4; l++) {
+        f8 column[4];
+        transposed(row, column);
+        const f8 here = fused(wx[0], column[0], wx[1] * column[1]) + fused(wx[2], column[2], wx[3] * column[3]);
+        s = fused(wy[l], here, s);
+        for (int k = 0; k < 8; k++) row[k] += p->width;
     }
     return s;
 }
@@ -225,7 +246,8 @@ typedef struct { double one, two, value, slope[4]; } sums;
 static sums sums_at(const cc_register *r, const double pose[4]) {
     const float c = (float)(pose[3] * cos(pose[2])), s = (float)(pose[3] * sin(pose[2]));
     const f8 x0 = eight((float)pose[0]), y0 = eight((float)pose[1]);
-    const f8 right = eight((float)(r->plane.width - 1)), bottom = eight((float)(r->plane.height - 1));
+    const float short_of = 1 - FLT_EPSILON; /* the last pixel: between it and the one before */
+    const f8 right = eight((float)(r->plane.width - 1) * short_of), bottom = eight((float)(r->plane.height - 1) * short_of);
     const f8 mean = eight(r->plane.pixels[0]); /* a value near the others: less is lost in the sums of squares */
     f8 one = eight(0), two = one, value = one, slope[4] = {one, one, one, one};
     for (int32_t k = 0; k < r->n; k += 8) { /* the caller fills up to a multiple of 8, with zeros in all but count */

@@ -17,6 +17,7 @@ from cadcam.arrays import Array, Ids, Picture
 from cadcam.errors import BadValue, MissingCore, NotEnoughMemory
 from cadcam.native.core import library
 
+_LARGEST_FACTOR = 1024  # of a shrunken picture: STRIP in correlate.c
 _LONGEST = 32767  # px along a side: an index into the picture fits 31 bits
 
 
@@ -107,6 +108,8 @@ class Points:
 def shrunken(picture: Picture, factor: int) -> Picture:
     """Return the means over blocks of factor x factor px, the last of a row or column perhaps smaller."""
     plane, kept = _plane(picture)
+    if not 1 <= factor <= _LARGEST_FACTOR:
+        raise BadValue("factor", factor, f"a whole number from 1 to {_LARGEST_FACTOR}")
     out = np.zeros([-(-n // factor) for n in kept.shape], np.float32)
     _function("cc_shrink", None, c.c_void_p, c.c_int32, c.c_void_p)(c.addressof(plane), factor, out.ctypes.data)
     return out
@@ -144,6 +147,8 @@ def registered(
     plane, kept = _plane(picture)
     moved = np.array(pose, np.float64).reshape(-1, 4)
     score = np.zeros(len(moved))
+    if min(kept.shape) < 2:
+        raise BadValue("picture", f"of shape {kept.shape}", "at least 2 px along each side")
     if not (np.isfinite(moved).all() and np.all(np.abs(moved) < 1e6)):
         raise BadValue("start of a match", moved.tolist(), "finite numbers within the picture")
     task = _Register(
