@@ -9,7 +9,7 @@
 DECLARED(_baseline)
 #if CC_HAS_V3
 DECLARED(_v3)
-#define CHOSEN(name) (chosen_variant() == 1 ? name##_v3 : name##_baseline)
+#define CHOSEN(name) (variant_in_use() == 1 ? name##_v3 : name##_baseline)
 #else
 #define CHOSEN(name) name##_baseline
 #endif
