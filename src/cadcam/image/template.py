@@ -84,10 +84,9 @@ class Template:
             return 0.0
         half = 0.5 * self.step(factor)
         at_rest = self._values(dx, dy, 0.0, 1.0, factor)
-        shifted = [
-            self._values(dx + a, dy + b, turn, 1.0, factor) for a in (-0.5, 0.5) for b in (-0.5, 0.5) for turn in (-half, half)
-        ]
-        return min(_correlation(at_rest, other) for other in shifted)
+        off = np.array([[0.5, 0.5, half], [0.5, -0.5, -half], [-0.5, 0.5, -half], [-0.5, -0.5, half]])[..., None]
+        moved = self._values(dx + off[:, 0], dy + off[:, 1], off[:, 2], 1.0, factor)
+        return min(_correlation(at_rest, other) for other in moved)
 
     def step(self, factor: int) -> float:
         """Return the angle (rad) between two orientations at a level; also the logarithm of the ratio of two scales."""
@@ -139,28 +138,31 @@ class Template:
 
     def _oriented(self, factor: int, motions: Array) -> tuple[Orientations, Array]:
         dx, dy = self._grid(factor, self._reach(factor) * float(motions[:, 1].max()))
-        inside = np.array([self._inside(dx, dy, a, s, factor) for a, s in motions])
+        angle, scale = motions[:, :1], motions[:, 1:]
+        inside = self._inside(dx, dy, angle, scale, factor)
         used = inside.any(axis=0)
         dx, dy, inside = dx[used], dy[used], inside[:, used]
-        weight = np.array([self._values(dx, dy, a, s, factor) for a, s in motions]) * inside
+        weight = self._values(dx, dy, angle, scale, factor) * inside
         weight -= inside * (weight.sum(axis=1) / np.maximum(inside.sum(axis=1), 1))[:, None]
         weight /= np.maximum(np.linalg.norm(weight, axis=1), 1e-12)[:, None]
         masks = inside[:1] if (inside == inside[0]).all() else inside
         return Orientations(dx, dy, weight, masks), motions
 
-    def _template_px(self, dx: Array, dy: Array, angle: float, scale: float, factor: int) -> tuple[Array, Array]:
+    def _template_px(
+        self, dx: Array, dy: Array, angle: float | Array, scale: float | Array, factor: int
+    ) -> tuple[Array, Array]:
         """Return where in the template (px) the offsets (px of a level) lie when it is turned and scaled."""
-        c, s = factor * math.cos(angle) / scale, factor * math.sin(angle) / scale
+        c, s = factor * np.cos(angle) / scale, factor * np.sin(angle) / scale
         h, w = self.gray.shape
         return c * dx + s * dy + (w - 1) / 2, -s * dx + c * dy + (h - 1) / 2
 
-    def _values(self, dx: Array, dy: Array, angle: float, scale: float, factor: int) -> Array:
+    def _values(self, dx: Array, dy: Array, angle: float | Array, scale: float | Array, factor: int) -> Array:
         return _mean_about(self._sum, *self._template_px(dx, dy, angle, scale, factor), factor / scale)
 
-    def _inside(self, dx: Array, dy: Array, angle: float, scale: float, factor: int) -> Mask:
+    def _inside(self, dx: Array, dy: Array, angle: float | Array, scale: float | Array, factor: int) -> Mask:
         """Return which offsets count: within the round part where there is one, else where the mask covers them."""
         if self.round_radius:
-            return np.hypot(dx, dy) <= self._reach(factor) * scale
+            return np.asarray(np.hypot(dx, dy) <= self._reach(factor) * scale + 0 * angle)
         return _mean_about(self._counted, *self._template_px(dx, dy, angle, scale, factor), factor / scale) >= _INSIDE
 
     def _made_points(self, factor: int, motions: int) -> Points:
@@ -219,7 +221,7 @@ def _integral(values: npt.NDArray[np.floating]) -> Array:
     return out
 
 
-def _mean_about(integral: Array, x: Array, y: Array, side: float) -> Array:
+def _mean_about(integral: Array, x: Array, y: Array, side: float | Array) -> Array:
     """Return the mean over squares of a side (px) about points, pixels being squares; 0 beyond the picture."""
     h, w = integral.shape
     left, right = (np.clip(x + 0.5 + d, 0, w - 1) for d in (-side / 2, side / 2))

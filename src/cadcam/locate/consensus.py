@@ -24,24 +24,30 @@ from cadcam.locate.photo import Photo
 
 _TRIPLES = 800
 _NEAR_START = 1.5  # times the reach: a pose that moves the features' median by more is not looked at
-_LEAST = 5  # features that agree, the three that made the pose among them
+_TURN_SHARE, _LEAST_TURN = 0.3, math.radians(4)  # of the turn sought: within it an angle agrees
+_SETTLED = 5  # poses, the best supported, that are refined
+_LEAST = 4  # features that agree, the three that made the pose among them
 _MISFIT_PX = 0.3  # of drawings to photos, beside what the grey levels tell
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
-    """M places where F features may lie: feature (M,), q (M, 2) px, covariance (M, 2, 2), score (M,).
+    """M places where F features may lie: feature (M,), q (M, 2) px, angle (M,) rad, covariance (M, 2, 2), score (M,).
 
-    p_part (F, 3) mm and photo (F,) are the features' own; reach px: how far from where it was expected each was sought.
+    p_part, right (F, 3) mm and photo (F,) are the features' own: from p_part to right their window was not turned.
+    reach px, turn rad: how far from where it was expected each was sought.
     """
 
     feature: Ids
     q: Array
+    angle: Array
     covariance: Array
     score: Array
     p_part: Array
+    right: Array
     photo: Ids
     reach: float
+    turn: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,16 +66,16 @@ def consensus(
     candidates: Candidates, photos: Sequence[Photo], start: Rigid, *, tolerance: float, rng: np.random.Generator
 ) -> Consensus | None:
     """Return the pose near `start` (world_from_part) that most features agree on to `tolerance` px; None if none does."""
-    poses = _poses_of_triples(candidates, photos, start, rng)
-    if not len(poses):
+    R, t, tried = _poses_of_triples(candidates, photos, start, rng)
+    if not len(R):
         return None
-    support = [_support(candidates, photos, pose, tolerance) for pose in poses]
-    order = np.argsort([-float(s.sum()) for s in support], kind="stable")[:5]
-    settled = [_settled(candidates, photos, poses[k], tolerance) for k in order]
+    support = _support(candidates, photos, R, t, tolerance).sum(axis=1)
+    order = np.argsort(-support, kind="stable")[:_SETTLED]
+    settled = [_settled(candidates, photos, Rigid(R[k], t[k]), tolerance) for k in order]
     pose, chosen = max(settled, key=lambda s: len(s[1]))
     if len(chosen) < _LEAST:
         return None
-    return Consensus(pose, chosen, _by_chance(candidates, len(chosen), tolerance, len(poses)))
+    return Consensus(pose, chosen, _by_chance(candidates, len(chosen), tolerance, tried))
 
 
 def pose_of_matches(
@@ -137,32 +143,35 @@ def _calibration_share(problem: _Matches, pose: Rigid, J: Array, cofactor: Array
 
 def _poses_of_triples(
     c: Candidates, photos: Sequence[Photo], start: Rigid, rng: np.random.Generator
-) -> list[Rigid]:
-    """Return the world_from_part of random triples of candidates, those not far from the start."""
-    out: list[Rigid] = []
+) -> tuple[Array, Array, int]:
+    """Return world_from_part (S) of random triples of candidates, those not far from the start, and how many triples."""
+    rotations, translations, tried = [np.zeros((0, 3, 3))], [np.zeros((0, 3))], 0
     for k, photo in enumerate(photos):
-        T = photo.viewpoint.camera_from_world @ start
+        camera_from_world = photo.viewpoint.camera_from_world
         mine = np.flatnonzero(c.photo[c.feature] == k)
         triples = _triples(c, mine, rng, _TRIPLES // len(photos))
         if not len(triples):
             continue
         F, R = p3p(c.p_part[c.feature[triples]], photo.camera.unproject(c.q[triples]))
         t = -(R @ F[..., None])[..., 0]
-        features = np.flatnonzero(c.photo == k)
-        q = photo.camera.project(c.p_part[features] @ np.swapaxes(R, -1, -2) + t[:, None])
-        moved = np.linalg.norm(q - photo.camera.project(T @ c.p_part[features]), axis=-1)
-        far = np.median(np.where(np.isfinite(moved), moved, np.inf), axis=1)
-        back = photo.viewpoint.camera_from_world.inv
-        out += [back @ Rigid(R[i], t[i]) for i in np.flatnonzero(far < _NEAR_START * c.reach)]
-    return out
+        p = c.p_part[c.photo == k]
+        q = photo.camera.project(p @ np.swapaxes(R, -1, -2) + t[:, None])
+        moved = np.linalg.norm(q - photo.camera.project((camera_from_world @ start) @ p), axis=-1)
+        near = np.median(np.where(np.isfinite(moved), moved, np.inf), axis=1) < _NEAR_START * c.reach
+        back = camera_from_world.inv
+        rotations.append(back.rotation @ R[near])
+        translations.append(t[near] @ back.rotation.T + back.translation)
+        tried += len(triples)
+    return np.concatenate(rotations), np.concatenate(translations), tried
 
 
 def _triples(c: Candidates, mine: npt.NDArray[np.intp], rng: np.random.Generator, count: int) -> npt.NDArray[np.intp]:
-    """Return triples (count, 3) of candidates of three features each, good ones oftener."""
+    """Return triples (at most count, 3) of candidates of three features each, good ones oftener, none twice."""
     if len(np.unique(c.feature[mine])) < 3:
         return np.zeros((0, 3), np.intp)
     chance = c.score[mine] ** 4
     triples = mine[rng.choice(len(mine), size=(count, 3), p=chance / chance.sum())]
+    triples = np.unique(np.sort(triples, axis=1), axis=0)
     f = np.sort(c.feature[triples], axis=1)
     triples = triples[(f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2])]
     a, b, d = (c.p_part[c.feature[triples[:, k]]] for k in range(3))
@@ -170,29 +179,38 @@ def _triples(c: Candidates, mine: npt.NDArray[np.intp], rng: np.random.Generator
     return triples[area > 0.25 * np.median(area)] if len(area) else triples
 
 
-def _support(c: Candidates, photos: Sequence[Photo], pose: Rigid, tolerance: float) -> Array:
-    """Return how well each candidate (M,) agrees with a pose, 0 to its score; only the best of each feature counts."""
-    d2 = _squared_distances(c, photos, pose)
-    value = c.score * np.maximum(0.0, 1 - d2 / tolerance**2)
-    best = np.zeros(len(c.p_part))
-    np.maximum.at(best, c.feature, value)
-    return np.where((value > 0) & (value == best[c.feature]), value, 0.0)
+def _support(c: Candidates, photos: Sequence[Photo], R: Array, t: Array, tolerance: float) -> Array:
+    """Return how well each candidate agrees with poses (S, M), 0 to its score; the best of each feature counts alone."""
+    d2, turned = _misses(c, photos, R, t)
+    value = np.where(turned < _turn_tolerance(c), c.score * np.maximum(0.0, 1 - d2 / tolerance**2), 0.0)
+    best = np.zeros((len(value), len(c.p_part)))
+    np.maximum.at(best.T, c.feature, value.T)
+    return np.where((value > 0) & (value == best[:, c.feature]), value, 0.0)
 
 
-def _squared_distances(c: Candidates, photos: Sequence[Photo], pose: Rigid) -> Array:
-    q = np.full((len(c.p_part), 2), np.nan)
+def _turn_tolerance(c: Candidates) -> float:
+    return max(_TURN_SHARE * c.turn, _LEAST_TURN)
+
+
+def _misses(c: Candidates, photos: Sequence[Photo], R: Array, t: Array) -> tuple[Array, Array]:
+    """Return by how much (px^2, rad) candidates differ from where poses (S) have their features, (S, M); inf if unseen."""
+    q, side = np.full((len(R), len(c.p_part), 2), np.nan), np.zeros((len(R), len(c.p_part), 2))
     for k, photo in enumerate(photos):
-        mine = c.photo == k
-        q[mine] = photo.camera.project((photo.viewpoint.camera_from_world @ pose) @ c.p_part[mine])
-    d2 = np.sum((q[c.feature] - c.q) ** 2, axis=1)
-    return np.where(np.isfinite(d2), d2, np.inf)
+        mine, place = c.photo == k, photo.viewpoint.camera_from_world
+        R_k, t_k = place.rotation @ R, t @ place.rotation.T + place.translation
+        q[:, mine] = photo.camera.project(c.p_part[mine] @ np.swapaxes(R_k, -1, -2) + t_k[:, None])
+        side[:, mine] = photo.camera.project(c.right[mine] @ np.swapaxes(R_k, -1, -2) + t_k[:, None]) - q[:, mine]
+    d2 = np.sum((q[:, c.feature] - c.q) ** 2, axis=-1)
+    angle = np.arctan2(side[..., 1], side[..., 0])[:, c.feature] - c.angle
+    turned = np.abs((angle + math.pi) % (2 * math.pi) - math.pi)
+    return np.where(np.isfinite(d2), d2, np.inf), np.where(np.isfinite(turned), turned, np.inf)
 
 
 def _settled(c: Candidates, photos: Sequence[Photo], pose: Rigid, tolerance: float) -> tuple[Rigid, Ids]:
     """Return the least-squares pose of the candidates that agree, and these, asked again until nothing changes."""
     chosen = np.zeros(0, np.int32)
     for _ in range(6):
-        agree: Mask = _support(c, photos, pose, tolerance) > 0
+        agree: Mask = _support(c, photos, pose.rotation[None], pose.translation[None], tolerance)[0] > 0
         now = np.flatnonzero(agree).astype(np.int32)
         if len(now) < 4 or np.array_equal(now, chosen):
             return pose, now
@@ -209,5 +227,6 @@ def _by_chance(c: Candidates, agreeing: int, tolerance: float, tried: int) -> fl
 
     features = len(np.unique(c.feature))
     peaks = len(c.feature) / features
-    hit = min(0.5, peaks * math.pi * tolerance**2 / (2 * c.reach) ** 2)
+    angle = min(1.0, _turn_tolerance(c) / max(c.turn, 1e-9))
+    hit = min(0.5, peaks * math.pi * tolerance**2 / (2 * c.reach) ** 2 * angle)
     return float(tried * binom.sf(agreeing - 4, features - 3, hit))

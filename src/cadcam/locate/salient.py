@@ -19,7 +19,8 @@ from cadcam.image.template import LEAST_POINTS, Template
 from cadcam.render.view import View
 
 _LEAST_STRENGTH = 0.05  # of the strongest window's
-_LEAST_COUNTED = 0.5  # share of a window that the model tells
+_LEAST_COUNTED = 0.2  # share of a window that the model tells
+_OFF_OUTLINE = 6.0  # px that the strongest place of a corner may lie off the part
 _TRIED = 2  # times the windows asked for: some turn out to be repetitions
 
 
@@ -47,21 +48,22 @@ PLAIN_SALIENT = SalientOptions()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Windows:
-    """N windows of a drawing: centre q (N, 2) px, whole pixels; p_part (N, 3) mm, the visible point of the part there.
-
+    """N windows of a drawing: centre q (N, 2) px, whole pixels; p_part (N, 3) mm, the visible point of the part there;
+    right (N, 3) mm, the point one px to its right at the same depth: with it a window's turn can be foretold.
     strength (N,): the smaller eigenvalue of the structure tensor, mean square slope of the appearance per px^2; gap
     (N,): by how much a window differs from what is near it in the drawing; templates: the windows themselves.
     """
 
     q: Array
     p_part: Array
+    right: Array
     strength: Array
     gap: Array
     templates: tuple[Template, ...]
 
     def __post_init__(self) -> None:
         n = len(self.templates)
-        for name, shape in (("q", (n, 2)), ("p_part", (n, 3)), ("strength", (n,)), ("gap", (n,))):
+        for name, shape in (("q", (n, 2)), ("p_part", (n, 3)), ("right", (n, 3)), ("strength", (n,)), ("gap", (n,))):
             object.__setattr__(self, name, frozen(getattr(self, name), f"windows' {name}", shape))
 
     def __len__(self) -> int:
@@ -88,8 +90,10 @@ def salient_windows(
         if len(chosen) == options.count:
             break
     table = np.array([row[:4] for row in chosen]).reshape(-1, 4)
-    p_part = camera_from_part.inv @ _points(view, table[:, :2])
-    return Windows(table[:, :2], p_part, table[:, 2], table[:, 3], tuple(row[4] for row in chosen))
+    p = _points(view, table[:, :2])
+    right = p + p[:, 2:] * (view.camera.unproject(table[:, :2] + [1.0, 0.0]) - view.camera.unproject(table[:, :2]))
+    p_part, right = camera_from_part.inv @ p, camera_from_part.inv @ right
+    return Windows(table[:, :2], p_part, right, table[:, 2], table[:, 3], tuple(row[4] for row in chosen))
 
 
 def corner_strength(appearance: Picture, side: int) -> Picture:
@@ -114,15 +118,19 @@ def window(appearance: Picture, counts: Mask, x: int, y: int, side: int) -> Temp
 
 
 def _centres(strength: Picture, depth: Picture, options: SalientOptions) -> Array:
-    """Return the whole pixels (N, 2) of the part that are strongest within the spacing, strongest first."""
-    from scipy.ndimage import maximum_filter
+    """Return the whole pixels (N, 2) of the part that are strongest within the spacing, strongest first.
 
+    A corner of the outline is strongest just outside of it: the part's nearest pixel is taken.
+    """
+    from scipy.ndimage import distance_transform_edt, maximum_filter
+
+    away, nearest = distance_transform_edt(~np.isfinite(depth), return_indices=True)
     size = 2 * round(options.spacing / 2) + 1
-    peak = (strength == maximum_filter(strength, size)) & np.isfinite(depth)
-    peak &= strength > _LEAST_STRENGTH * float(strength.max())
+    peak = (strength == maximum_filter(strength, size)) & (away < _OFF_OUTLINE)
+    peak &= strength > _LEAST_STRENGTH * float(strength[away < _OFF_OUTLINE].max(initial=0.0))
     y, x = np.nonzero(peak)
     order = np.argsort(-strength[y, x], kind="stable")[: _TRIED * options.count]
-    return np.stack([x[order], y[order]], axis=1)
+    return np.asarray(nearest[::-1, y[order], x[order]].T)
 
 
 def _gap(appearance: Picture, template: Template, x: int, y: int, options: SalientOptions) -> float:

@@ -27,7 +27,7 @@ from cadcam.locate.salient import PLAIN_SALIENT, SalientOptions, Windows, salien
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Look, Renderer
 
-_CERTAIN = 1e-3  # poses by chance: below it the agreement is believed
+CERTAIN = 1e-2  # poses by chance: below it the agreement is believed
 _NARROWER = 0.4  # the reach from round to round
 _LEAST_REACH = 8.0  # px
 
@@ -46,7 +46,7 @@ class TemplateOptions:
     turn: float = math.radians(20)
     peaks: int = 4
     least_score: float = 0.3
-    tolerance: float = 6.0
+    tolerance: float = 5.0
     rounds: int = 3
     salient: SalientOptions = PLAIN_SALIENT
 
@@ -62,12 +62,13 @@ PLAIN_TEMPLATES = TemplateOptions()
 class Features:
     """N windows that were sought: where the drawing had them, and every place that looks like them.
 
-    window (N, 2) px, the window's centre in the drawing; p_part (N, 3) mm; photo (N,); gap (N,) to what is near it in
+    window (N, 2) px, the window's centre in the drawing; p_part, right (N, 3) mm as in `Windows`; photo (N,); gap (N,) to what is near it in
     the drawing; peaks: N tables, in px of the photo; chosen (N,): which peak the pose agrees with, -1 for none.
     """
 
     window: Array
     p_part: Array
+    right: Array
     photo: Ids
     gap: Array
     peaks: tuple[Peaks, ...]
@@ -75,7 +76,7 @@ class Features:
 
     def __post_init__(self) -> None:
         n = len(self.peaks)
-        for name, shape in (("window", (n, 2)), ("p_part", (n, 3)), ("gap", (n,))):
+        for name, shape in (("window", (n, 2)), ("p_part", (n, 3)), ("right", (n, 3)), ("gap", (n,))):
             object.__setattr__(self, name, frozen(getattr(self, name), f"features' {name}", shape))
         for name in ("photo", "chosen"):
             object.__setattr__(self, name, frozen(getattr(self, name), f"features' {name}", (n,), np.int32))
@@ -88,9 +89,9 @@ class Features:
 class TemplateMatches:
     """What matching windows told of a part's place.
 
-    Matches (K): q (K, 2) px, p_part (K, 3) mm, covariance (K, 2, 2) px^2, photo (K,). pose: by them, None where fewer
-    agree than could by chance; by_chance: how many poses as well supported one may expect if all peaks lay at random.
-    features: of the last round, with their peak tables.
+    Matches (K): q (K, 2) px, p_part (K, 3) mm, covariance (K, 2, 2) px^2, photo (K,). pose: the one that most features
+    agree on, None where not even four do; by_chance: how many poses as well supported one may expect if all peaks lay
+    at random. features: of the last round, with their peak tables.
     """
 
     q: Array
@@ -103,8 +104,8 @@ class TemplateMatches:
 
     @property
     def found(self) -> bool:
-        """Return whether the features agree on a pose."""
-        return self.pose is not None
+        """Return whether more features agree on the pose than could by chance."""
+        return self.pose is not None and self.by_chance < CERTAIN
 
     @property
     def sigma(self) -> Array:
@@ -127,19 +128,32 @@ def match_templates(
     renderer = open_renderer(part.scene, threads=1)
     looks = [of_photo(photo.gray, options.appearance) for photo in photos]
     rng = np.random.default_rng(0) if rng is None else rng
-    pose, now, done = start, options, _nothing()
-    for _ in range(options.rounds):
-        matches = _round(part, renderer, photos, looks, pose, now, rng)
-        if matches.pose is None:
-            return matches if done.pose is None else done
-        pose, done = matches.pose.world_from_part, matches
-        now = replace(
-            now,
-            reach=max(_NARROWER * now.reach, _LEAST_REACH),
-            turn=max(_NARROWER * now.turn, math.radians(2)),
-            tolerance=max(0.5 * now.tolerance, 2.0),
-        )
+    done = _round(part, renderer, photos, looks, start, options, rng)
+    if not done.found:
+        return done
+    now = options
+    for _ in range(options.rounds - 1):
+        now = _narrowed(now)
+        again = _round(part, renderer, photos, looks, _pose(done), now, rng)
+        if again.pose is None:
+            break
+        done = replace(again, by_chance=done.by_chance)  # of the search: afterwards it is known where to look
     return done
+
+
+def _pose(matches: TemplateMatches) -> Rigid:
+    assert matches.pose is not None
+    return matches.pose.world_from_part
+
+
+def _narrowed(options: TemplateOptions) -> TemplateOptions:
+    """Return the options of the next round, which starts from a pose that features agree on."""
+    return replace(
+        options,
+        reach=max(_NARROWER * options.reach, _LEAST_REACH),
+        turn=max(_NARROWER * options.turn, math.radians(4)),
+        tolerance=max(0.5 * options.tolerance, 2.0),
+    )
 
 
 def _round(
@@ -162,7 +176,8 @@ def _round(
     )
     p = np.concatenate([w.p_part for w in windows])
     gap = np.concatenate([w.gap for w in windows])
-    features = Features(q, p, photo, gap, peaks, np.full(len(peaks), -1))
+    right = np.concatenate([w.right for w in windows])
+    features = Features(q, p, right, photo, gap, peaks, np.full(len(peaks), -1))
     return _agreed(features, photos, pose, options, rng)
 
 
@@ -207,11 +222,14 @@ def _agreed(
     candidates = Candidates(
         feature,
         np.concatenate([p.q for p in features.peaks]),
+        np.concatenate([p.angle for p in features.peaks]),
         np.concatenate([p.covariance[:, :2, :2] for p in features.peaks]),
         np.abs(np.concatenate([p.score for p in features.peaks])),
         features.p_part,
+        features.right,
         features.photo,
         options.reach,
+        options.turn,
     )
     best = consensus(candidates, photos, start, tolerance=options.tolerance, rng=rng)
     if best is None:
@@ -221,11 +239,11 @@ def _agreed(
     of = feature[best.chosen]
     chosen[of] = best.chosen - first[of]
     q, C, p, photo = candidates.q[best.chosen], candidates.covariance[best.chosen], features.p_part[of], features.photo[of]
-    pose = pose_of_matches(photos, photo, p, q, C, best.world_from_part) if best.by_chance < _CERTAIN else None
+    pose = pose_of_matches(photos, photo, p, q, C, best.world_from_part)
     return TemplateMatches(q, p, C, photo, pose, best.by_chance, replace(features, chosen=chosen))
 
 
 def _nothing() -> TemplateMatches:
     none = np.zeros((0, 2))
-    empty = Features(none, np.zeros((0, 3)), np.zeros(0), np.zeros(0), (), np.zeros(0))
+    empty = Features(none, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0), (), np.zeros(0))
     return TemplateMatches(none, np.zeros((0, 3)), np.zeros((0, 2, 2)), np.zeros(0, np.int32), None, math.inf, empty)
