@@ -243,7 +243,7 @@ def dead_leaves(rng: np.random.Generator) -> Array:
 
 
 def photos_in(folder: Path) -> list[Path]:
-    """Return the photos in a folder and below, at least 600 x 450 px, at most 5 of each subfolder, spread over it."""
+    """Return the photos in a folder and below, at least 600 x 450 px, at most 2 of each subfolder."""
     from PIL import Image
 
     found: dict[Path, list[Path]] = {}
@@ -252,10 +252,10 @@ def photos_in(folder: Path) -> list[Path]:
             with Image.open(path) as image:
                 if image.size[0] >= 600 and image.size[1] >= 450:
                     found.setdefault(path.parent, []).append(path)
-    return [path for paths in found.values() for path in paths[:: -(-len(paths) // 5)]]
+    return [path for paths in found.values() for path in paths[:: -(-len(paths) // 2)]]
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)
 def photo_canvas(path: Path) -> Array:
     """Return the middle of a photo, enlarged or cut to FINE x FINE points a pixel."""
     from scipy.ndimage import zoom
@@ -263,7 +263,7 @@ def photo_canvas(path: Path) -> Array:
     gray = to_gray(read_picture(path)).astype(np.float64)
     w, h = SIZE[0] * FINE, SIZE[1] * FINE
     scale = max(w / gray.shape[1], h / gray.shape[0])
-    gray = zoom(gray, scale * (1 + 1e-3), order=3)
+    gray = zoom(gray.astype(np.float32), scale * (1 + 1e-3), order=3)
     x, y = (gray.shape[1] - w) // 2, (gray.shape[0] - h) // 2
     return np.asarray(gray[y : y + h, x : x + w])
 

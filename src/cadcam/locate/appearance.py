@@ -23,6 +23,7 @@ _BLUR = 1.0  # px, of derivatives and of drawn lines alike
 _FAINT = 3.0  # times the median gradient: where a photo's gradient counts half
 _LEAST_FAINT = 0.01  # grey value per px, likewise, at least: steps of quantisation
 _LINE_PX = 1.5
+_DRAWN, _NEAR = 0.3, 6  # what counts as a line, and px that count beside it
 _BEYOND = 4  # px that count around the part: its outline shows, what is behind it does not
 
 
@@ -56,13 +57,17 @@ def of_model(view: View, wireframe: Wireframe, kind: Appearance) -> Picture:
     return np.asarray(drawn / max(float(drawn.max()), 1e-6), np.float32)
 
 
-def counted(view: View, kind: Appearance) -> Mask:
-    """Return which pixels the model tells: those of the part, and its outline where that is what is compared."""
+def counted(view: View, drawing: Picture, kind: Appearance) -> Mask:
+    """Return which pixels of a drawing by `of_model` the model tells: the rest of the photo may hold anything.
+
+    Of lines, what is near them: faces may be printed on, dirty, or welded. Of shades, the part without its border.
+    """
     from scipy.ndimage import binary_dilation, binary_erosion
 
-    if kind == "gray":  # what is behind the part is not known
+    if kind == "gray":
         return np.asarray(binary_erosion(view.coverage >= 1, iterations=1))
-    return np.asarray(binary_dilation(view.coverage > 0, iterations=_BEYOND))
+    told: Mask = binary_dilation(view.coverage > 0, iterations=_BEYOND)
+    return np.asarray(told & binary_dilation(drawing > _DRAWN, iterations=_NEAR) if kind == "lines" else told)
 
 
 def _gradient(gray: Picture) -> Picture:

@@ -188,7 +188,7 @@ def _windows(part: Part, renderer: Renderer, photo: Photo, pose: Rigid, options:
     )
     wireframe = part.lines.draw(photo.camera, camera_from_part)
     drawing = of_model(view, wireframe, options.appearance)
-    counts = counted(view, options.appearance)
+    counts = counted(view, drawing, options.appearance)
     return salient_windows(drawing, counts, view, camera_from_part, options=options.salient)
 
 
