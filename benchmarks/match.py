@@ -68,7 +68,8 @@ def main() -> None:
     if arguments.photos:
         photos = photos_in(arguments.photos)
         scenes["photos"] = lambda rng: photo_canvas(photos[int(rng.integers(len(photos)))])
-    print("| scene | noise of 255 | by | cases | failed | lost | told | CPU ms | median px | 95 % px | median deg | 95 % deg | rms / sigma |")
+    heads = ("scene", "noise of 255", "by", "cases", "failed", "lost", "told", "CPU ms", "median px", "95 % px")
+    print(f"| {' | '.join((*heads, 'median deg', '95 % deg', 'rms / sigma'))} |")
     print("|---|---|---|---|---|---|---|---|---|---|---|---|---|")
     for name, canvas in scenes.items():
         for noise in (0.0, 3.0, 8.0):
@@ -90,8 +91,9 @@ def row(title: str, method: Callable[[Case, Result], None], of: Iterator[Case]) 
     normalised = np.array(result.normalised)
     rms = f"{math.sqrt(np.mean(normalised[normalised < 1e3] ** 2)):.2f}" if len(normalised) else "-"
     columns = [np.quantile(good[:, k], q) for k in (0, 1) for q in (0.5, 0.95)]
+    milliseconds = 1e3 * float(np.median(result.seconds))
     print(
-        f"| {title} | {len(error)} | {int(failed.sum())} | {lost} | {told} | {1e3 * float(np.median(result.seconds)):.1f} | "
+        f"| {title} | {len(error)} | {int(failed.sum())} | {lost} | {told} | {milliseconds:.1f} | "
         + " | ".join(f"{c:.3f}" for c in columns)
         + f" | {rms} |",
         flush=True,

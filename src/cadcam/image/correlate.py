@@ -152,7 +152,7 @@ def _search(picture: _Pyramid, template: Template, factor: int, options: Correla
     worst, left = template.worst(factor), coarse[options.candidates :]
     poses = poses[: options.candidates]
     twins = template.twins(factor) if options.angles == _FULL_TURN else np.zeros(0)
-    poses = np.concatenate([poses, *(poses[:64] + [0, 0, turn, 0] for turn in twins)])
+    poses = np.concatenate([poses, *(poses[:64] + np.array([0, 0, turn, 0]) for turn in twins)])
     poses[:, 2] = _wrapped(poses[:, 2])
     keep = 8 * (options.count + 1)
     for level in _levels(factor):
@@ -172,18 +172,14 @@ def _levels(factor: int) -> Iterator[int]:
     yield 1
 
 
-def _candidates(
-    picture: _Pyramid, template: Template, factor: int, options: CorrelateOptions
-) -> tuple[Array, Array]:
+def _candidates(picture: _Pyramid, template: Template, factor: int, options: CorrelateOptions) -> tuple[Array, Array]:
     """Return the maxima of the search at a level: poses (N, 4) in px of the picture and their scores, best first."""
     oriented, motions = template.orientations(factor, options.angles, options.scales)
     plane = np.pad(picture.level(factor), 1, mode="edge")
-    best, which = searched(
-        plane, oriented, least_variance=options.least_contrast**2, either_sign=options.either_sign
-    )
+    best, which = searched(plane, oriented, least_variance=options.least_contrast**2, either_sign=options.either_sign)
     least = _threshold(best, 0.8 * template.worst(factor) * options.least_score, 8 * options.candidates)
     at = _maxima(best, which, motions[:, 0], least, 2.5 * template.step(factor))
-    score = best.ravel()[at]
+    score = best.ravel()[at].astype(np.float64)
     y, x = np.divmod(at, best.shape[1])
     q = (np.stack([x, y], axis=1) - 0.5) * factor - 0.5  # less the margin of 1, from the middle of a block
     return np.concatenate([q, motions[which.ravel()[at]]], axis=1), score
@@ -242,17 +238,16 @@ def _best_apart(
     x, y, angle = (poses[order, k] - poses[order, k][:, None] for k in range(3))
     near = options.apart * min(template.size)
     same = (x * x + y * y < near * near) & ~_turned(angle, 0.0, options.apart)
-    open_, kept = np.ones(len(order), bool), []
+    open_ = np.ones(len(order), bool)
+    kept: list[int] = []
     for k in range(len(order)):
         if open_[k] and len(kept) < count:
-            kept.append(order[k])
+            kept.append(int(order[k]))
             open_ &= ~same[k]
     return poses[kept], score[kept]
 
 
-def _peaks(
-    picture: _Pyramid, template: Template, poses: Array, options: CorrelateOptions, complete: bool
-) -> Peaks:
+def _peaks(picture: _Pyramid, template: Template, poses: Array, options: CorrelateOptions, complete: bool) -> Peaks:
     """Return the peaks near poses, by cubic interpolation."""
     poses, score = _refined(picture, template, 1, poses, options.motions, cubic=True)
     poses, score = _best_apart(template, poses, score, options, len(poses), options.least_score)

@@ -62,7 +62,7 @@ class Template:
         return radius if math.pi * radius**2 >= 0.6 * self.mask.sum() else 0.0
 
     def coarsest(self) -> int:
-        """Return the largest factor at which the template can still be told from its surroundings and its neighbours."""
+        """Return the largest factor at which the template can still be told from what is beside it."""
         if not self._coarsest:
             factor = max(1, math.isqrt(int(self.mask.sum()) // _TAPS))
             while factor > 1 and (self._taps(factor) < _TAPS or self.worst(factor) < _SMEARED):
@@ -146,7 +146,7 @@ class Template:
         weight -= inside * (weight.sum(axis=1) / np.maximum(inside.sum(axis=1), 1))[:, None]
         weight /= np.maximum(np.linalg.norm(weight, axis=1), 1e-12)[:, None]
         masks = inside[:1] if (inside == inside[0]).all() else inside
-        return Orientations(dx, dy, weight, masks), motions
+        return Orientations.of(dx, dy, weight, masks), motions
 
     def _template_px(
         self, dx: Array, dy: Array, angle: float | Array, scale: float | Array, factor: int
@@ -189,7 +189,8 @@ class Template:
         def between(axis: int, last: int) -> Array:
             at = (x, y)[axis]
             before, after = np.maximum(at - 1, 0), np.minimum(at + 1, last)
-            ends = [_mean_about(self._sum, *((p, y) if axis == 0 else (x, p)), factor) for p in (before, after)]
+            places = [(p, y) if axis == 0 else (x, p) for p in (before, after)]
+            ends = [_mean_about(self._sum, px, py, factor) for px, py in places]
             return np.asarray((ends[1] - ends[0]) / np.maximum(after - before, 1e-9) * factor)
 
         h, w = self.gray.shape
@@ -199,7 +200,7 @@ class Template:
 def _centres(length: int, factor: int) -> Array:
     """Return the centres of the blocks of a level about the middle, in its px."""
     n = max(length // factor, 1)
-    return np.arange(n) - (n - 1) / 2
+    return np.asarray(np.arange(n) - (n - 1) / 2, np.float64)
 
 
 def _motions(step: float, angles: tuple[float, float], scales: tuple[float, float]) -> Array:

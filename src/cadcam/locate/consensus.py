@@ -52,9 +52,9 @@ class Candidates:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Consensus:
-    """world_from_part, the candidates (K,) that agree with it, one a feature, and by_chance: how many poses as well
+    """world_from_part, and the candidates chosen (K,) that agree with it, one a feature.
 
-    supported one may expect among those tried if all candidates lay at random.
+    by_chance: how many poses as well supported one may expect among those tried if all candidates lay at random.
     """
 
     world_from_part: Rigid
@@ -65,7 +65,7 @@ class Consensus:
 def consensus(
     candidates: Candidates, photos: Sequence[Photo], start: Rigid, *, tolerance: float, rng: np.random.Generator
 ) -> Consensus | None:
-    """Return the pose near `start` (world_from_part) that most features agree on to `tolerance` px; None if none does."""
+    """Return the pose near `start` (world_from_part) that most features agree on to `tolerance` px, or None."""
     R, t, tried = _poses_of_triples(candidates, photos, start, rng)
     if not len(R):
         return None
@@ -89,7 +89,7 @@ def pose_of_matches(
     pose = _least_squares(problem, start)
     r, J = problem.residuals_and_jacobian(pose)
     dof = max(len(r) - 6, 1)
-    cofactor = np.linalg.pinv(J.T @ J)
+    cofactor = np.asarray(np.linalg.pinv(J.T @ J), np.float64)
     scale = max(1.0, float(r @ r) / dof)
     return PoseEstimate(pose, scale * cofactor, _calibration_share(problem, pose, J, cofactor), dof=float(dof))
 
@@ -144,7 +144,7 @@ def _calibration_share(problem: _Matches, pose: Rigid, J: Array, cofactor: Array
 def _poses_of_triples(
     c: Candidates, photos: Sequence[Photo], start: Rigid, rng: np.random.Generator
 ) -> tuple[Array, Array, int]:
-    """Return world_from_part (S) of random triples of candidates, those not far from the start, and how many triples."""
+    """Return the world_from_part (S) of random triples, where not far from the start, and how many were tried."""
     rotations, translations, tried = [np.zeros((0, 3, 3))], [np.zeros((0, 3))], 0
     for k, photo in enumerate(photos):
         camera_from_world = photo.viewpoint.camera_from_world
@@ -176,11 +176,12 @@ def _triples(c: Candidates, mine: npt.NDArray[np.intp], rng: np.random.Generator
     triples = triples[(f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2])]
     a, b, d = (c.p_part[c.feature[triples[:, k]]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, d - a), axis=1)
-    return triples[area > 0.25 * np.median(area)] if len(area) else triples
+    wide: npt.NDArray[np.intp] = triples[area > 0.25 * np.median(area)] if len(area) else triples
+    return wide
 
 
 def _support(c: Candidates, photos: Sequence[Photo], R: Array, t: Array, tolerance: float) -> Array:
-    """Return how well each candidate agrees with poses (S, M), 0 to its score; the best of each feature counts alone."""
+    """Return how well each candidate agrees with poses (S, M), 0 to its score; of each feature only the best."""
     d2, turned = _misses(c, photos, R, t)
     value = np.where(turned < _turn_tolerance(c), c.score * np.maximum(0.0, 1 - d2 / tolerance**2), 0.0)
     best = np.zeros((len(value), len(c.p_part)))
@@ -193,7 +194,7 @@ def _turn_tolerance(c: Candidates) -> float:
 
 
 def _misses(c: Candidates, photos: Sequence[Photo], R: Array, t: Array) -> tuple[Array, Array]:
-    """Return by how much (px^2, rad) candidates differ from where poses (S) have their features, (S, M); inf if unseen."""
+    """Return by how much (px^2, rad) candidates miss where poses have their features, (S, M); inf if unseen."""
     q, side = np.full((len(R), len(c.p_part), 2), np.nan), np.zeros((len(R), len(c.p_part), 2))
     for k, photo in enumerate(photos):
         mine, place = c.photo == k, photo.viewpoint.camera_from_world

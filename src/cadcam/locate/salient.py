@@ -48,8 +48,9 @@ PLAIN_SALIENT = SalientOptions()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Windows:
-    """N windows of a drawing: centre q (N, 2) px, whole pixels; p_part (N, 3) mm, the visible point of the part there;
-    right (N, 3) mm, the point one px to its right at the same depth: with it a window's turn can be foretold.
+    """N windows of a drawing: centre q (N, 2) px, whole pixels; p_part (N, 3) mm, the visible point of the part there.
+
+    right (N, 3) mm: the point one px to its right at the same depth: with it a window's turn can be foretold.
     strength (N,): the smaller eigenvalue of the structure tensor, mean square slope of the appearance per px^2; gap
     (N,): by how much a window differs from what is near it in the drawing; templates: the windows themselves.
     """

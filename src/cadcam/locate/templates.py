@@ -19,6 +19,7 @@ from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.correlate import CorrelateOptions, Peaks, correlate
+from cadcam.image.template import Template
 from cadcam.locate.appearance import Appearance, counted, of_model, of_photo
 from cadcam.locate.consensus import Candidates, consensus, pose_of_matches
 from cadcam.locate.part import Part
@@ -62,8 +63,9 @@ PLAIN_TEMPLATES = TemplateOptions()
 class Features:
     """N windows that were sought: where the drawing had them, and every place that looks like them.
 
-    window (N, 2) px, the window's centre in the drawing; p_part, right (N, 3) mm as in `Windows`; photo (N,); gap (N,) to what is near it in
-    the drawing; peaks: N tables, in px of the photo; chosen (N,): which peak the pose agrees with, -1 for none.
+    window (N, 2) px, the window's centre in the drawing; p_part, right (N, 3) mm as in `Windows`; photo (N,); gap (N,)
+    to what is near it in the drawing; peaks: N tables, in px of the photo; chosen (N,): which peak the pose agrees with,
+    -1 for none.
     """
 
     window: Array
@@ -129,21 +131,16 @@ def match_templates(
     looks = [of_photo(photo.gray, options.appearance) for photo in photos]
     rng = np.random.default_rng(0) if rng is None else rng
     done = _round(part, renderer, photos, looks, start, options, rng)
-    if not done.found:
-        return done
     now = options
     for _ in range(options.rounds - 1):
+        if done.pose is None or not done.found:
+            break
         now = _narrowed(now)
-        again = _round(part, renderer, photos, looks, _pose(done), now, rng)
+        again = _round(part, renderer, photos, looks, done.pose.world_from_part, now, rng)
         if again.pose is None:
             break
         done = replace(again, by_chance=done.by_chance)  # of the search: afterwards it is known where to look
     return done
-
-
-def _pose(matches: TemplateMatches) -> Rigid:
-    assert matches.pose is not None
-    return matches.pose.world_from_part
 
 
 def _narrowed(options: TemplateOptions) -> TemplateOptions:
@@ -192,11 +189,8 @@ def _windows(part: Part, renderer: Renderer, photo: Photo, pose: Rigid, options:
     return salient_windows(drawing, counts, view, camera_from_part, options=options.salient)
 
 
-def _peaks(look: Picture, template: object, at: Array, options: TemplateOptions) -> Peaks:
+def _peaks(look: Picture, template: Template, at: Array, options: TemplateOptions) -> Peaks:
     """Return the peaks of a window within reach of its expected place, in px of the photo."""
-    from cadcam.image.template import Template
-
-    assert isinstance(template, Template)
     far = math.ceil(options.reach) + template.size[0] // 2 + 1
     x, y = (int(v) for v in at)
     left, top = max(x - far, 0), max(y - far, 0)
@@ -208,7 +202,7 @@ def _peaks(look: Picture, template: object, at: Array, options: TemplateOptions)
         either_sign=options.appearance == "gray",
     )
     found = correlate(crop, template, options=wanted)
-    return replace(found, q=found.q + [left, top])
+    return replace(found, q=found.q + np.array([left, top]))
 
 
 def _agreed(
@@ -238,12 +232,18 @@ def _agreed(
     first = np.cumsum(counts) - counts
     of = feature[best.chosen]
     chosen[of] = best.chosen - first[of]
-    q, C, p, photo = candidates.q[best.chosen], candidates.covariance[best.chosen], features.p_part[of], features.photo[of]
+    q, C, p, photo = (
+        candidates.q[best.chosen],
+        candidates.covariance[best.chosen],
+        features.p_part[of],
+        features.photo[of],
+    )
     pose = pose_of_matches(photos, photo, p, q, C, best.world_from_part)
     return TemplateMatches(q, p, C, photo, pose, best.by_chance, replace(features, chosen=chosen))
 
 
 def _nothing() -> TemplateMatches:
     none = np.zeros((0, 2))
-    empty = Features(none, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0), (), np.zeros(0))
+    whole = np.zeros(0, np.int32)
+    empty = Features(none, np.zeros((0, 3)), np.zeros((0, 3)), whole, np.zeros(0), (), whole)
     return TemplateMatches(none, np.zeros((0, 3)), np.zeros((0, 2, 2)), np.zeros(0, np.int32), None, math.inf, empty)

@@ -68,9 +68,13 @@ class Orientations:
     weight: Picture
     inside: Picture
 
+    @classmethod
+    def of(cls, dx: Array, dy: Array, weight: Array, inside: npt.ArrayLike) -> Orientations:
+        """Return the orientations as the core takes them."""
+        x, y = (np.ascontiguousarray(a, np.int32) for a in (dx, dy))
+        return cls(x, y, np.ascontiguousarray(weight, np.float32), np.ascontiguousarray(inside, np.float32))
+
     def __post_init__(self) -> None:
-        for name, kind in (("dx", np.int32), ("dy", np.int32), ("weight", np.float32), ("inside", np.float32)):
-            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), kind))
         taps = len(self.dx)
         if self.weight.shape[1:] != (taps,) or self.inside.shape not in ((1, taps), self.weight.shape):
             raise BadValue("orientations", f"of shape {self.weight.shape}", f"shape (K, {taps})")
