@@ -26,6 +26,7 @@ from cadcam.cli import (
     overlay,
     render,
     rig,
+    state,
     variability,
 )
 from cadcam.cli.arguments import Help
@@ -43,6 +44,7 @@ VERBS = (
     decompose,
     convert,
     compare,
+    state,
     demo,
     doctor,
 )

@@ -152,8 +152,8 @@ def _deviation_at(place: Place) -> Deviation:
     given: dict[str, Any] = {name: _optional(place, f"{name}_{unit}") for name in ("lower", "upper")}
     given |= {name: place.at(name).text() for name in ("kind", "verdict") if name in place.object}
     given |= {"k": place.at("k").number()} if "k" in place.object else {}
-    values = [place.at(f"{name}_{unit}").number() for name in ("deviation", "expanded_uncertainty")]
-    return place.build(lambda: Deviation(place.at("feature").text(), *values, unit=unit, **given))
+    given |= {name: place.at(f"{name}_{unit}").number() for name in ("deviation", "expanded_uncertainty")}
+    return place.build(lambda: Deviation(place.at("feature").text(), unit=unit, **given))
 
 
 def _source_at(place: Place) -> Source:

@@ -38,10 +38,11 @@ def open_store(where: str | os.PathLike[str], *, create: bool = True) -> Store:
     by another version's tables, `MissingExtra` without a driver. Use it in a `with` block, or `close` it.
     """
     url = _url(os.fspath(where))
-    if url.drivername == "sqlite":
+    if url.get_backend_name() == "sqlite":
         _check_file(str(url.database), create)
     try:
-        store = Store(_engine(url), url.render_as_string(hide_password=True))
+        name = str(url.database) if url.get_backend_name() == "sqlite" else url.render_as_string(hide_password=True)
+        store = Store(_engine(url), name)
     except ModuleNotFoundError as error:
         if error.name != "pg8000":
             raise UnusableStore(str(where), f"its driver {error.name!r} is not installed", "install it") from error
@@ -74,21 +75,25 @@ class Store:
         """Close the connections."""
         self._engine.dispose()
 
-    def add(self, record: Record) -> None:
-        """Keep a record: once this returns it is on the disk. `UnusableStore` if one with its id is there already."""
+    def add(self, *records: Record) -> None:
+        """Keep records, all of them or none: once this returns they are on the disk.
+
+        Raises `UnusableStore` if one with the id of one of them is there already.
+        """
         with self._transaction(self._writing) as connection:
-            try:
-                connection.execute(schema.measurement.insert(), measurement_row(record))
-            except exc.IntegrityError:
-                raise UnusableStore(self.name, f"holds a record {record.id} already", "nothing was added") from None
-            for table, rows in ((schema.deviation, deviation_rows(record)), (schema.source, source_rows(record))):
-                if rows:
-                    connection.execute(table.insert(), rows)
+            for record in records:
+                try:
+                    connection.execute(schema.measurement.insert(), measurement_row(record))
+                except exc.IntegrityError:
+                    raise UnusableStore(self.name, f"holds a record {record.id} already", "nothing was added") from None
+                for table, rows in ((schema.deviation, deviation_rows(record)), (schema.source, source_rows(record))):
+                    if rows:
+                        connection.execute(table.insert(), rows)
 
     def query(
         self,
         *,
-        id: str | None = None,  # noqa: A002
+        id_begins: str | None = None,
         part: str | None = None,
         serial: str | None = None,
         station: str | None = None,
@@ -103,11 +108,12 @@ class Store:
         since, until: times with their zone, both included. verdict "" means: not judged. feature: only those with a
         deviation of this name. newest: no more than this many, the latest of them.
         """
-        equal = {"id": id, "part": part, "serial": serial, "station": station, "verdict": verdict}
+        equal = {"part": part, "serial": serial, "station": station, "verdict": verdict}
         if verdict:
             _check_known(verdict)
         m = schema.measurement.c
         wanted = [m[name] == value for name, value in equal.items() if value is not None]
+        wanted += [m.id.startswith(id_begins, autoescape=True)] if id_begins else []
         wanted += [m.time_utc >= _utc("since", since)] if since else []
         wanted += [m.time_utc <= _utc("until", until)] if until else []
         if feature is not None:
