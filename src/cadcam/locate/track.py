@@ -148,6 +148,6 @@ def _ways(
 
 def _corners(part: Part) -> Array:
     """Return the corners (8, 3) of the part's bounding box, mm."""
-    low, high = part.scene.mesh.vertices.min(axis=0), part.scene.mesh.vertices.max(axis=0)
+    low, high = part.scene.mesh.bounds
     pick = np.indices((2, 2, 2)).reshape(3, -1).T.astype(bool)
     return np.asarray(np.where(pick, high, low), np.float64)
