@@ -239,7 +239,7 @@ CC_API int32_t cc_choose_variant(int32_t level) {
     return atomic_load(&chosen);
 }
 
-static int variant(void) {
+int variant(void) {
     int level = atomic_load(&chosen);
     return level < 0 ? cc_choose_variant(-1) : level;
 }
