@@ -74,7 +74,7 @@ def test_a_long_loss_is_searched_for_without_a_start_but_rarely(sighting: Instal
     searched = [i for how, i in seen.calls if how == "search"]
     assert searched == [2, 3, 4, 6, 10, 18, 26, 34, 42]
     first = next(t for t in tracked[40:] if t.found)
-    assert (first.index, first.how) == (42, "searched")
+    assert (first.frame.index, first.how) == (42, "searched")
     assert all(t.found for t in tracked[42:])
 
 
@@ -91,7 +91,7 @@ def test_a_run_that_goes_on_is_one_that_never_stopped(sighting: Install) -> None
     sighting(30, hidden={4, 5, 9, 10, 11, 12, 13, 14, 15, 16, 17})
     whole = list(track(PART, frames(30), FIRST))
     for cut in range(1, 30):
-        history = [Step(t.index, t.location.pose.world_from_part if t.found else None) for t in whole[:cut]]
+        history = [Step(t.frame.index, t.location.pose.world_from_part if t.found else None) for t in whole[:cut]]
         rest = list(track(PART, frames(30)[cut:], FIRST, history=history))
         assert [t.how for t in rest] == [t.how for t in whole[cut:]], cut
 
@@ -115,7 +115,7 @@ def run(folder: Path, log: Path, n: int | None = None, start: Rigid = FIRST) -> 
     pictures = opened(folder)
     with TrackLog.open(log, head_of(PART, pictures.viewpoints, start), table=log.with_suffix(".csv")) as open_log:
         lines = track_to(open_log, PART, pictures, start)
-        return [line["how"] for line in islice(lines, n)]
+        return [line["how"] for _, line in islice(lines, n)]
 
 
 def test_pictures_come_in_the_order_of_their_numbers(folder: Path) -> None:

@@ -23,11 +23,13 @@ from cadcam.cli import (
     demo,
     doctor,
     handeye,
+    locate,
     measure,
     overlay,
     render,
     rig,
     state,
+    track,
     variability,
 )
 from cadcam.cli.arguments import Help
@@ -41,6 +43,8 @@ VERBS = (
     handeye,
     measure,
     overlay,
+    locate,
+    track,
     render,
     decompose,
     convert,

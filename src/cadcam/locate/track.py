@@ -29,9 +29,7 @@ class TrackedFrame:
     its `found` is False.
     """
 
-    index: int
-    names: tuple[str, ...]
-    sha256: tuple[str, ...]
+    frame: Frame
     location: Location
     how: str
 
@@ -72,7 +70,7 @@ def track(
     for frame in frames:
         how, location = _located(part, frame.photos, memory, freedom, frame.index)
         memory.keep(frame.index, location.pose.world_from_part if location.found else None)
-        yield TrackedFrame(frame.index, frame.names, frame.sha256, location, how)
+        yield TrackedFrame(frame, location, how)
 
 
 class _Memory:
