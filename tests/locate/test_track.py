@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from cadcam.locate.frames import Frames
 from cadcam.locate.track import Step, track
 from cadcam.locate.track_log import COLUMNS, TrackLog, head_of, read_track, track_to
 
-from .moving import CAMERA, FIRST, Sighting, block, frames, location, truth
+from .moving import CAMERA, FIRST, STEP, Sighting, block, frames, location, truth
 
 PART = block()
 Install = Callable[..., Sighting]
@@ -45,6 +46,20 @@ def test_even_motion_is_predicted_and_costs_one_look_a_frame(sighting: Install) 
     assert seen.calls[-6:] == [("refine", i) for i in range(2, 8)]
     for one, pose in zip(tracked, truth(8), strict=True):
         np.testing.assert_array_equal(one.location.pose.world_from_part.matrix, pose.matrix)
+
+
+def test_rounding_does_not_grow_from_frame_to_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Refinement here returns the prediction itself, a product of the poses before it, for 200 frames.
+
+    Without care each frame triples the defect: 3^200 eps. With it each is that of one product, some eps.
+    """
+    monkeypatch.setattr(module, "refine", lambda part, photos, start, **_: location(start))
+    still = [frame for _ in range(200) for frame in frames(1)]
+    numbered = [replace(frame, index=i) for i, frame in enumerate(still)]
+    history = [Step(-2, FIRST), Step(-1, FIRST @ STEP)]
+    *_, last = track(PART, numbered, history=history)
+    R = last.location.pose.world_from_part.rotation
+    assert np.abs(R @ R.T - np.eye(3)).max() < 20 * np.finfo(float).eps
 
 
 def test_without_velocity_the_last_pose_is_the_start(sighting: Install) -> None:

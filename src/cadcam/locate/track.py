@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Array
+from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.frames import Frame
 from cadcam.locate.freedom import FREE, Freedom
@@ -97,7 +98,8 @@ class _Memory:
         before, last = (s.world_from_part for s in self._steps)
         assert before is not None
         assert last is not None
-        return last @ before.inv @ last
+        ahead = last @ before.inv @ last  # in an endless chain of products rounding grows: a rotation has to stay one
+        return Rigid(so3.nearest(ahead.rotation), ahead.translation)
 
     def tracking(self, index: int) -> bool:
         """Return whether the part was found in the frame before."""
