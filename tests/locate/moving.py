@@ -13,7 +13,6 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.frames import Frame
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.location import Location
-from cadcam.locate.matches import EdgeMatches
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render.view import Scene
@@ -46,9 +45,8 @@ def frames(n: int) -> list[Frame]:
 
 def location(pose: Rigid, quality: float = 0.9, alternatives: tuple[Location, ...] = ()) -> Location:
     """Return a location without matches."""
-    one, two, three = np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3))
-    none = EdgeMatches(two, two, one, one, one, three, one, one)
-    return Location(PoseEstimate(pose, np.eye(6) * 1e-4), none, quality, "as good as it gets", alternatives)
+    matches = Location.nowhere(pose, "").matches
+    return Location(PoseEstimate(pose, np.eye(6) * 1e-4), matches, quality, "as good as it gets", alternatives)
 
 
 @dataclass

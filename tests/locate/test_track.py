@@ -11,11 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.errors import UnreadableFile
+from cadcam.errors import NothingInView, UnreadableFile
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
 from cadcam.locate import track as module
 from cadcam.locate.frames import Frames
+from cadcam.locate.freedom import Freedom
+from cadcam.locate.location import Location
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
 from cadcam.locate.track import Step, track
 from cadcam.locate.track_log import COLUMNS, TrackLog, head_of, read_track, track_to
 
@@ -91,6 +95,31 @@ def test_a_long_loss_is_searched_for_without_a_start_but_rarely(sighting: Instal
     first = next(t for t in tracked[40:] if t.found)
     assert (first.frame.index, first.how) == (42, "searched")
     assert all(t.found for t in tracked[42:])
+
+
+def test_a_motion_out_of_the_pictures_is_a_loss_but_a_start_outside_is_an_error(
+    sighting: Install, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = sighting(4)
+    blind: list[int] = [2]
+
+    def refine(part: Part, photos: tuple[Photo, ...], start: Rigid, **how: Freedom) -> Location:
+        if round(float(photos[0].gray[0, 0]) * 255) in blind:
+            raise NothingInView("outside of every photo")
+        return seen.refine(part, photos, start, **how)
+
+    monkeypatch.setattr(module, "refine", refine)
+    assert [t.how for t in track(PART, frames(4), FIRST)] == ["recovered", "recovered", "recovered", "predicted"]
+
+    def locate(*_: object, **__: object) -> Location:
+        raise NothingInView("outside of every photo")
+
+    monkeypatch.setattr(module, "locate", locate)
+    with pytest.raises(NothingInView):
+        next(track(PART, frames(1), FIRST))
+    blind += [0, 1]
+    (lost,) = track(PART, frames(3)[2:], history=[Step(0, FIRST), Step(1, FIRST)])
+    assert (lost.how, lost.location.quality, len(lost.location.matches)) == ("lost", 0.0, 0)
 
 
 def test_of_symmetric_poses_the_one_nearest_to_the_last_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:

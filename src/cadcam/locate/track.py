@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Array
+from cadcam.errors import NothingInView
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.frames import Frame
@@ -84,6 +85,11 @@ class _Memory:
         self._velocity = velocity
         self._steps: list[Step] = []
 
+    @property
+    def begins(self) -> bool:
+        """Return whether no frame has been seen yet."""
+        return not self._steps and not self.misses
+
     def keep(self, index: int, pose: Rigid | None) -> None:
         if pose is None:
             self.misses += 1
@@ -122,13 +128,18 @@ def _located(
     part: Part, photos: tuple[Photo, ...], memory: _Memory, freedom: Freedom, index: int
 ) -> tuple[str, Location]:
     """Return how and where the part was found, by the cheapest way that finds it; else the best of what was tried."""
-    tried = []
+    tried = [Location.nowhere(memory.last or Rigid(), "its last motion leads out of the pictures")]
     for how, attempt in _ways(part, photos, memory, freedom, index):
-        location = attempt()
+        try:
+            location = attempt()
+        except NothingInView:
+            if memory.begins:  # the caller's start, not ours
+                raise
+            continue
         if location.found:
             return how, memory.nearest(location)
         tried.append(location)
-    return "lost", max(tried, key=lambda one: one.quality)
+    return "lost", max(reversed(tried), key=lambda one: one.quality)
 
 
 def _ways(
