@@ -49,7 +49,7 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedPose:
-    """A motion xi (6,) of the part, its covariance (6, 6) by the errors of edges, and how (6, r) it follows cameras'."""
+    """A motion xi (6,) of the part, its covariance (6, 6) by errors of edges, and how (6, r) it follows cameras'."""
 
     xi: Array
     covariance: Array
@@ -98,7 +98,7 @@ class Adjustment:
         """Return what the offsets of `rows` (N,) say of u in their design (n, m) px, against a pose without them."""
         errors = self.errors.of_rows(rows)
         WG = errors.white(design)
-        H = np.linalg.pinv(design.T @ WG, hermitian=True, rcond=_BLIND) @ WG.T
+        H = np.asarray(np.linalg.pinv(design.T @ WG, rcond=_BLIND, hermitian=True) @ WG.T)
         HJ = H @ self.J[rows]
         Q = errors.common(H)
         seen = H @ self.C[rows] - HJ @ pose.by_cause
@@ -118,7 +118,7 @@ def _inverse(N: Array, F: Array) -> Array:
     if not len(w) or w[0] <= _BLIND * max(len(N), 1) or not np.isfinite(w).all():
         free = F @ (V[:, 0] / scale) if len(w) else np.zeros(6)
         kind = "translation" if np.linalg.norm(free[:3]) > 1000 * np.linalg.norm(free[3:]) else "motion"
-        direction = np.round(free / max(np.linalg.norm(free), 1e-300), 3).tolist()
+        direction = np.round(free / max(float(np.linalg.norm(free)), 1e-300), 3).tolist()
         raise DegenerateGeometry(
             f"the datum edges seen do not hold the part: the {kind} {direction} (mm, rad, part axes) moves none of "
             "them in the photos; take more features into the datum, or another photo"

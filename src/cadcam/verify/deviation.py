@@ -36,7 +36,7 @@ class EdgeDeviation:
     kind: str
     chain: int
     photo: int
-    feature: str
+    features: tuple[str, ...]
     value: float
     sigma: float
     variances: Array

@@ -22,7 +22,9 @@ _STEP_PX = 1.9  # between neighbours on a curve
 _RIM_PX = 4
 
 
-def unexplained(part: Part, photos: Sequence[Photo], world_from_part: Rigid, *, shifted: Sequence[Array]) -> list[Extra]:
+def unexplained(
+    part: Part, photos: Sequence[Photo], world_from_part: Rigid, *, shifted: Sequence[Array]
+) -> list[Extra]:
     """Return curves, longest first, that stand clear of all model lines and of the places `shifted` (n, 2) px.
 
     shifted: for each photo where displaced features' edges were found.

@@ -10,7 +10,7 @@ import numpy as np
 from cadcam.arrays import Array, Mask
 from cadcam.cad.edges import EdgeKind
 from cadcam.camera.pose_estimate import PoseEstimate
-from cadcam.errors import DegenerateGeometry
+from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -36,6 +36,15 @@ class InspectionOptions:
 
     reach_px: float = 8.0
     alarms: float = 0.01
+
+    def __post_init__(self) -> None:
+        if not 2 <= self.reach_px <= 60:
+            raise BadValue("reach_px", self.reach_px, "2 to 60 px")
+        if not 0 < self.alarms < 1:
+            raise BadValue("alarms", self.alarms, "a share between 0 and 1, such as 0.01")
+
+
+PLAIN_OPTIONS = InspectionOptions()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,13 +72,11 @@ class Inspection:
     reason: str
     measured: Measured | None
     survey: Survey
+    passable: float = float("nan")  # log likelihood ratio from which a feature asked for passes as present
 
     def feature(self, name: str) -> FeatureDeviation:
         """Return a feature by its name."""
         return next(f for f in self.features if f.name == name)
-
-
-PLAIN_OPTIONS = InspectionOptions()
 
 
 def inspect(
@@ -97,7 +104,7 @@ def inspect(
     if reason:
         return _not_found(survey, world_from_part, F, reason)
     presence = _presences(survey, options)
-    there = _there(presence, len(survey.names), options)
+    there = _there(presence)
     sight = _sight(photos[0], world_from_part, survey) if len(photos) == 1 else None
     measured, left_out = _snooped(survey, there, sight, F, options)
     return _reported(part, photos, world_from_part, survey, presence, measured, left_out, options)
@@ -123,17 +130,21 @@ def _presences(survey: Survey, options: InspectionOptions) -> list[Presence]:
     for i in range(len(survey.names)):
         rows = survey.rows(i)
         moved = rows.any() and np.hypot(*survey.matched.shift[rows].T).max() > _CELL_PX
-        out.append(survey.counts.presence(i, clutter=survey.clutter, elsewhere=cells if moved else 0.0))
+        out.append(survey.presence(i, elsewhere=cells if moved else 0.0))
     return out
 
 
-def _there(presence: Sequence[Presence], n: int, options: InspectionOptions) -> Mask:
-    """Return which bodies are there as far as their edges tell: those not declared missing and with some edge seen."""
+def _there(presence: Sequence[Presence]) -> Mask:
+    """Return which bodies are rather there than not: those whose edges are measured."""
     return np.array([p.seen > 0 and p.log_ratio > 0 for p in presence], bool)
 
 
-def _missing(presence: Presence, n: int, options: InspectionOptions) -> bool:
-    return presence.log_ratio <= -np.log(max(n, 1) / options.alarms)
+def sure(presence: Sequence[Presence], options: InspectionOptions = PLAIN_OPTIONS) -> float:
+    """Return the log likelihood ratio beyond which a body is called missing (-) or there (+), none of all wrongly.
+
+    Bonferroni over the bodies in view.
+    """
+    return float(np.log(max(sum(p.expected > 0 for p in presence), 1) / options.alarms))
 
 
 def _sight(photo: Photo, world_from_part: Rigid, survey: Survey) -> Array:
@@ -155,7 +166,7 @@ def _snooped(
         measured.adjustment.pose()  # an error here says what is free
         if survey.stated:
             return measured, left_out
-        bodies = [i for i in np.unique(measured.body[measured.adjustment.datum]).tolist()]
+        bodies = np.unique(measured.body[measured.adjustment.datum]).tolist()
         tests = {i: measured.displacement(measured.body == i) for i in bodies}
         p_values = {i: t.p_value for i, t in tests.items() if t is not None}
         worst = min(p_values, key=lambda i: p_values[i], default=-1)
@@ -179,9 +190,8 @@ def _reported(
     edges = _edges(part, survey, measured, options)
     fitted = measured.adjustment.pose()
     by_calibration = fitted.by_cause @ fitted.by_cause.T
-    pose = PoseEstimate(
-        world_from_part @ Rigid.exp(fitted.xi), fitted.covariance, by_calibration, measured.adjustment.freedom, measured.dof
-    )
+    moved = world_from_part @ Rigid.exp(fitted.xi)
+    pose = PoseEstimate(moved, fitted.covariance, by_calibration, measured.adjustment.freedom, measured.dof)
     shifted = [_shifted(survey, i) for i in range(len(photos))]
     return Inspection(
         pose=pose,
@@ -198,26 +208,27 @@ def _reported(
         reason="",
         measured=measured,
         survey=survey,
+        passable=float(-np.log(options.alarms)),
     )
 
 
 def _features(
     survey: Survey, presence: Sequence[Presence], measured: Measured, options: InspectionOptions
 ) -> tuple[FeatureDeviation, ...]:
-    n = len(survey.names)
-    moved = [measured.displacement(measured.body == i) for i in range(n)]
+    enough = sure(presence, options)
+    moved = [measured.displacement(members) for members in measured.members]
     alarms = false_discoveries_below([np.nan if m is None else m.p_value for m in moved], options.alarms)
     out = []
-    for i, name in enumerate(survey.names):
-        state = _state(presence[i], moved[i], bool(alarms[i]), n, options)
-        out.append(_feature(name, i, state, presence[i], moved[i], measured, survey))
+    for i in range(len(survey.names)):
+        state = _state(presence[i], moved[i], bool(alarms[i]), enough)
+        out.append(_feature(i, state, presence[i], moved[i], measured, survey))
     return tuple(out)
 
 
-def _state(presence: Presence, moved: Displacement | None, alarm: bool, n: int, options: InspectionOptions) -> State:
+def _state(presence: Presence, moved: Displacement | None, alarm: bool, enough: float) -> State:
     if presence.expected == 0 and moved is None:
         return State.OUT_OF_VIEW
-    if _missing(presence, n, options):
+    if presence.log_ratio <= -enough:
         return State.MISSING
     if moved is None or presence.log_ratio <= 0:
         return State.UNCLEAR
@@ -225,17 +236,16 @@ def _state(presence: Presence, moved: Displacement | None, alarm: bool, n: int, 
 
 
 def _feature(
-    name: str,
-    body: int,
+    number: int,
     state: State,
     presence: Presence,
     moved: Displacement | None,
     measured: Measured,
     survey: Survey,
 ) -> FeatureDeviation:
-    rows = measured.body == body
-    every = survey.rows(body)
+    rows, every = measured.members[number], survey.rows(number)
     p = survey.lines.p[every].mean(axis=0) if every.any() else np.full(3, np.nan)
+    name = survey.names[number]
     if moved is None:
         return FeatureDeviation(name, state, presence, np.zeros((3, 0)), None, p=p)
     turn, sigma, axis = measured.turn(rows)
@@ -276,7 +286,7 @@ def _edge(part: Part, survey: Survey, measured: Measured, number: int) -> EdgeDe
         kind=EdgeKind(int(lines.kind[middle])).name.lower(),
         chain=int(lines.chain[middle]),
         photo=int(lines.photo[middle]),
-        feature=survey.names[int(survey.body[middle])],
+        features=tuple(n for n, m in zip(survey.names, survey.members, strict=True) if m[middle]),
         value=value,
         sigma=sigma,
         variances=variances,
@@ -293,11 +303,11 @@ def _edge(part: Part, survey: Survey, measured: Measured, number: int) -> EdgeDe
 def _shifted(survey: Survey, photo: int) -> Array:
     """Return the places (n, 2) px where the photo shows an edge of the model, wherever that is."""
     rows = (survey.lines.photo == photo) & survey.matched.support
-    return np.asarray(survey.lines.q[rows] + survey.matched.offset[rows, None] * survey.lines.normal[rows])
+    return np.asarray(survey.lines.q[rows] + survey.matched.coarse[rows, None] * survey.lines.normal[rows])
 
 
 def _not_found(survey: Survey, world_from_part: Rigid, F: Array, reason: str) -> Inspection:
+    nan = float("nan")
     unknown = PoseEstimate(world_from_part, np.zeros((6, 6)), freedom=F)
-    return Inspection(
-        unknown, (), (), (), (), (), float("nan"), float("nan"), survey.clutter, survey.seen_share, False, reason, None, survey
-    )
+    share, clutter = survey.seen_share, survey.clutter
+    return Inspection(unknown, (), (), (), (), (), nan, nan, clutter, share, False, reason, None, survey)

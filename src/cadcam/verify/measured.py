@@ -22,7 +22,7 @@ STATION_PX = 24.0  # length of the pieces of an edge that are looked at one by o
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Displacement:
-    """A displacement in the directions `basis` (3, m) seen, its estimate, and how probable it is of a feature in place."""
+    """A displacement in the directions `basis` (3, m) seen, its estimate, its probability for a feature in place."""
 
     basis: Array
     estimate: Estimate
@@ -33,12 +33,13 @@ class Displacement:
 class Measured:
     """The places where the photos show the part's edges, their errors, and the pose fitted to the datum among them.
 
-    body (N,) as in `Survey`; sight (3,): the mean line of sight in the part frame where one photo sees the part, None
-    where several do; noise_scale: see `white_scale`.
+    body (N,) and members as in `Survey`; sight (3,): the mean line of sight in the part frame where one photo sees the
+    part, None where several do; noise_scale: see `white_scale`.
     """
 
     lines: Sightlines
     body: Longs
+    members: tuple[Mask, ...]
     adjustment: Adjustment
     sight: Array | None
     noise_scale: float
@@ -46,7 +47,7 @@ class Measured:
     @classmethod
     def of(cls, survey: Survey, used: Mask, datum: Mask, sight: Array | None, freedom: Array) -> Measured:
         """Return what is measured from the places `used` (N,), the pose fitted to those also in `datum` (N,)."""
-        rows = used & survey.matched.support & survey.usable
+        rows = used & survey.matched.measured & survey.usable
         lines, offset = survey.lines.select(rows), survey.matched.offset[rows]
         sigma, fitted = survey.matched.sigma[rows], (datum & rows)[rows]
         scale = white_scale(offset, EdgeNoise.of(sigma, lines.edge, lines.along, 0.0))
@@ -58,7 +59,9 @@ class Measured:
                 offset[fitted], sigma[fitted], lines.edge[fitted], lines.along[fitted], J[fitted] @ freedom
             )
         noise = EdgeNoise.of(sigma, lines.edge, lines.along, tau)
-        return cls(lines, survey.body[rows], Adjustment(offset, J, lines.by_cause, noise, fitted, freedom), sight, scale)
+        members = tuple(m[rows] for m in survey.members)
+        adjustment = Adjustment(offset, J, lines.by_cause, noise, fitted, freedom)
+        return cls(lines, survey.body[rows], members, adjustment, sight, scale)
 
     @property
     def tau_px(self) -> float:
@@ -92,7 +95,7 @@ class Measured:
         return np.asarray(across @ V[:, seen][:, ::-1])
 
     def displacement(self, rows: Mask, *, along: Array | None = None) -> Displacement | None:
-        """Return how far the places were displaced as one; along (3,): in that direction alone. None: not to be told."""
+        """Return how far the places were displaced as one; along (3,): in that direction alone. None: not told."""
         if not rows.any():
             return None
         basis = self.directions(rows) if along is None else np.asarray(along, np.float64)[:, None]
@@ -126,7 +129,7 @@ class Measured:
         """Return the mean line of sight (3,) of the places, away from the camera, in the part frame."""
         if self.sight is not None:
             return self.sight
-        w, V = np.linalg.eigh(self.lines.by_point[rows].T @ self.lines.by_point[rows])
+        _, V = np.linalg.eigh(self.lines.by_point[rows].T @ self.lines.by_point[rows])
         return np.asarray(V[:, 0])
 
     def across(self, rows: Mask, *, pose: FittedPose | None) -> tuple[float, float, Array]:

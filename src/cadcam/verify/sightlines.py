@@ -12,14 +12,16 @@ from cadcam.arrays import Array, Ids, Mask
 from cadcam.camera.sensitivity import project_with_sensitivity
 from cadcam.camera.viewpoint import ErrorSource
 from cadcam.geometry.rigid import Rigid
+from cadcam.image.profile import noise_of
+from cadcam.locate.edges import EdgeSamples, project, sample_lines
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.render.wireframe import Polylines, Wireframe
+from cadcam.locate.sight import Sight
+from cadcam.render.wireframe import LineOptions
 
 Longs = npt.NDArray[np.int64]
-STEP_PX = 4.0  # between places
-_END_PX = 4.0  # of a line where other lines begin: profiles there see those too
-_BORDER_PX = 3.0
+STEP_PX, REACH_PX = 4.0, 7.0  # length of the cell that a place stands for, and how far to each side it reaches
+_LINES = LineOptions(margin_px=0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +31,8 @@ class Sightlines:
     q (N, 2) px where the model puts them, normal (N, 2) across the edge, p (N, 3) mm in the part frame; by_point (N, 3)
     px/mm: how the image moves along its normal when the place moves on the part; by_cause (N, r) px: how it moves with
     each of r independent unit errors of cameras and their places; along (N,) px: position along its edge, 0 in the
-    edge's middle; edge (N,): its edge in its photo, 0 ...; part, kind, chain, photo (N,) as in `EdgeMatches`.
+    edge's middle; room (N,) px: distance to the next other line across it; edge (N,): its edge in its photo, 0 ...;
+    part, kind, chain, photo (N,): of whose, of which kind, which one, where.
     """
 
     q: Array
@@ -38,6 +41,7 @@ class Sightlines:
     by_point: Array
     by_cause: Array
     along: Array
+    room: Array
     edge: Longs
     part: Ids
     kind: Ids
@@ -70,81 +74,52 @@ class Sightlines:
         return self.by_point * self.mm_per_px[:, None]
 
 
-def sightlines(part: Part, photos: Sequence[Photo], world_from_part: Rigid) -> Sightlines:
-    """Return places every `STEP_PX` px on the edges and contours that the photos should show, the part being there."""
+def sightlines(part: Part, photos: Sequence[Photo], world_from_part: Rigid) -> tuple[Sightlines, list[Sight]]:
+    """Return places every `STEP_PX` px on the edges and contours that the photos should show, and each photo's sight.
+
+    The places of a photo follow one another in the order of its sight's samples.
+    """
     sources = _sources(photos)
     each = [_in_photo(part, photo, i, world_from_part, sources) for i, photo in enumerate(photos)]
-    joined = {f.name: np.concatenate([getattr(one, f.name) for one in each]) for f in fields(Sightlines)}
+    joined = {f.name: np.concatenate([getattr(lines, f.name) for lines, _ in each]) for f in fields(Sightlines)}
     _, edge = np.unique(np.stack([joined["photo"], joined["chain"]], axis=1), axis=0, return_inverse=True)
     joined["edge"] = edge.reshape(-1).astype(np.int64)
-    return Sightlines(**(joined | {"along": _along(joined["q"], joined["normal"], joined["edge"])}))
+    joined["along"] = _along(joined["q"], joined["edge"])
+    return Sightlines(**joined), [sight for _, sight in each]
 
 
 def _in_photo(
     part: Part, photo: Photo, number: int, world_from_part: Rigid, sources: list[ErrorSource]
-) -> Sightlines:
+) -> tuple[Sightlines, Sight]:
     camera_from_part = photo.viewpoint.camera_from_world @ world_from_part
-    wires = part.lines.draw(photo.camera, camera_from_part)
-    index, s = _spaced(wires.visible)
-    p, q, normal = _places(wires, index, s)
-    width, height = photo.camera.size
-    inside = (q > _BORDER_PX).all(axis=1) & (q < np.array([width, height]) - 1 - _BORDER_PX).all(axis=1)
-    p, q, normal, index = p[inside], q[inside], normal[inside], index[inside]
-    _, dq_dp = photo.camera.project_with_jacobian(camera_from_part @ p)
-    by_point = np.einsum("ni,nij,jk->nk", normal, dq_dp, camera_from_part.rotation)
-    line = wires.visible.line_of_point[index]
-    kept = np.isfinite(by_point).all(axis=1) & (np.abs(by_point).sum(axis=1) > 0)
-    out = Sightlines(
-        q,
-        normal,
-        p,
-        by_point,
-        _by_cause(photo, world_from_part @ p, normal, sources),
-        np.zeros(len(p)),
-        np.zeros(len(p), np.int64),
-        wires.visible.part[line],
-        wires.visible.kind[line],
-        wires.visible.chain[line],
-        np.full(len(p), number, np.int32),
+    wires = part.lines.draw(photo.camera, camera_from_part, options=_LINES).visible
+    samples = sample_lines(wires, photo.camera, step_px=STEP_PX, reach_px=2 * REACH_PX)
+    samples = samples.select(_imaged(samples, photo, camera_from_part))
+    at = project(samples, photo.camera, camera_from_part)
+    n = len(samples)
+    lines = Sightlines(
+        at.q,
+        at.normal,
+        samples.p,
+        at.row[:, :3],
+        _by_cause(photo, world_from_part @ samples.p, at.normal, sources),
+        np.zeros(n),
+        np.minimum(samples.below, samples.above),
+        np.zeros(n, np.int64),
+        wires.part[samples.line],
+        wires.kind[samples.line],
+        samples.chain,
+        np.full(n, number, np.int32),
     )
-    return out.select(kept)
+    return lines, Sight(photo, samples, noise_of(photo.gray))
 
 
-def _spaced(lines: Polylines) -> tuple[Longs, Array]:
-    """Return the piece (its first point) and the share of it in the picture of places about `STEP_PX` apart."""
-    of_point = lines.line_of_point
-    first = np.flatnonzero(of_point[1:] == of_point[:-1])
-    length = np.linalg.norm(lines.q[first + 1] - lines.q[first], axis=1)
-    total = np.concatenate([[0.0], np.cumsum(length)])
-    index, share = [], []
-    for line in range(len(lines)):
-        mine = np.flatnonzero(of_point[first] == line)
-        if not len(mine) or total[mine[-1] + 1] - total[mine[0]] < 2 * _END_PX + STEP_PX:
-            continue
-        low, high = total[mine[0]] + _END_PX, total[mine[-1] + 1] - _END_PX
-        n = int((high - low) // STEP_PX) + 1
-        at = low + (high - low) * (np.arange(n) + 0.5) / n
-        piece = np.clip(np.searchsorted(total, at, side="right") - 1, mine[0], mine[-1])
-        index.append(first[piece])
-        share.append((at - total[piece]) / np.maximum(length[piece], 1e-12))
-    if not index:
-        return np.zeros(0, np.int64), np.zeros(0)
-    return np.concatenate(index), np.concatenate(share)
+def _imaged(samples: EdgeSamples, photo: Photo, camera_from_part: Rigid) -> Mask:
+    at = project(samples, photo.camera, camera_from_part)
+    return np.asarray(np.isfinite(at.q).all(axis=1) & np.isfinite(at.row).all(axis=1) & at.row.any(axis=1))
 
 
-def _places(wires: Wireframe, index: Longs, s: Array) -> tuple[Array, Array, Array]:
-    """Return p (mm, as the wires have it), q and normal of the places at share s of pieces in the picture."""
-    lines, pose = wires.visible, wires.camera_from_world
-    a, b = lines.p[index], lines.p[index + 1]
-    za, zb = (pose @ a)[:, 2], (pose @ b)[:, 2]
-    t = s * za / (zb + s * (za - zb))  # straight pieces: equal steps in the picture are not equal steps in space
-    p = a + t[:, None] * (b - a)
-    along = lines.q[index + 1] - lines.q[index]
-    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
-    return p, wires.camera.project(pose @ p), np.stack([-along[:, 1], along[:, 0]], axis=1)
-
-
-def _along(q: Array, normal: Array, edge: Longs) -> Array:
+def _along(q: Array, edge: Longs) -> Array:
     """Return the length of line (px) from the middle of its edge to each place."""
     if not len(q):
         return np.zeros(0)

@@ -13,39 +13,41 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render.view import Scene
-from cadcam.verify.association import Association, associated
-from cadcam.verify.candidates import Candidates, candidates
-from cadcam.verify.presence import EdgeCounts, clutter_of, counted
+from cadcam.verify.association import SEARCH_ROOM_PX, Association, associated, nearby_edges
+from cadcam.verify.presence import Presence, clutter_of, presence
 from cadcam.verify.sightlines import Sightlines, sightlines
 from cadcam.verify.tolerance import Selection, Tolerances
-from cadcam.verify.twins import twins
 
 Longs = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Survey:
-    """N places on visible edges; every place belongs to one body, which moves as one.
+    """N places on visible edges.
 
-    names: of the bodies, first the features asked about, then the model's parts as far as they are none of those. body
-    (N,): of each place; usable (N,): whether its edge cannot be mistaken for a neighbour's; datum (N,): whether the
-    pose may be fitted to it; stated: whether the datum was, by the tolerances.
+    names: the features asked about, then the model's parts as far as they are none of those; members: the places (N,)
+    of each, which may be those of others too. body (N,): what moves as one, each place in one of them: the widest
+    feature that has it, or its part. usable (N,): whether its edge can be told from its neighbours; datum (N,): whether
+    the pose may be fitted to it; stated: whether the datum was, by the tolerances.
     """
 
     lines: Sightlines
-    found: Candidates
     matched: Association
     names: tuple[str, ...]
+    members: tuple[Mask, ...]
     body: Longs
     usable: Mask
     datum: Mask
     stated: bool
-    counts: EdgeCounts
     clutter: float
 
-    def rows(self, body: int) -> Mask:
-        """Return the places (N,) of a body that can be used."""
-        return np.asarray((self.body == body) & self.usable)
+    def rows(self, number: int) -> Mask:
+        """Return the places (N,) of a feature that can be used."""
+        return np.asarray(self.members[number] & self.usable)
+
+    def presence(self, number: int, *, elsewhere: float) -> Presence:
+        """Return the evidence that a feature is there; see `cadcam.verify.presence`."""
+        return presence(self.lines, self.rows(number), self.usable, self.matched.support, self.clutter, elsewhere)
 
     @property
     def seen_share(self) -> float:
@@ -58,47 +60,52 @@ def surveyed(
     part: Part, photos: Sequence[Photo], world_from_part: Rigid, asked: Tolerances, *, reach_px: float
 ) -> Survey:
     """Return what the photos show along the part's lines, within `reach_px` of them."""
-    lines = sightlines(part, photos, world_from_part)
-    found = candidates(photos, lines, reach_px=reach_px)
-    names, body = _bodies(part.scene, lines, asked)
-    usable = ~twins(lines)
+    lines, sights = sightlines(part, photos, world_from_part)
+    found = nearby_edges(lines, sights, reach_px=reach_px)
+    names, members = _members(part.scene, lines, asked)
+    body = _bodies(members)
+    usable = lines.room >= SEARCH_ROOM_PX
     moved_as_one = np.where(usable, body, -1)
-    matched = associated(lines, found, moved_as_one, reach_px=reach_px)
+    matched = associated(lines, sights, found, moved_as_one, reach_px=reach_px)
     return Survey(
         lines,
-        found,
         matched,
         names,
+        members,
         body,
         usable,
-        _datum(part.scene, lines, asked, body),
+        _datum(part.scene, lines, asked),
         bool(asked.datum),
-        counted(lines, moved_as_one, matched.support),
         clutter_of(lines, found, moved_as_one, reach_px=reach_px),
     )
 
 
-def _bodies(scene: Scene, lines: Sightlines, asked: Tolerances) -> tuple[tuple[str, ...], Longs]:
-    """Return the names of the bodies and the body (N,) of each place: the first feature that has it, else its part."""
-    features = [f.name for f in asked.features]
-    body = np.full(len(lines), -1, np.int64)
-    for i, feature in reversed(list(enumerate(asked.features))):
-        body[_held(scene, lines, feature.selection)] = i
-    rest = np.unique(lines.part[body < 0])
-    for j, number in enumerate(rest):
-        body[(body < 0) & (lines.part == number)] = len(features) + j
-    others = [scene.mesh.part_names[number] for number in rest]
-    return (*features, *(f"rest of {name}" if name in features else name for name in others)), body
+def _members(scene: Scene, lines: Sightlines, asked: Tolerances) -> tuple[tuple[str, ...], tuple[Mask, ...]]:
+    """Return the features' names and places, and after them those of parts with places in no feature."""
+    names = [f.name for f in asked.features]
+    members = [_held(scene, lines, f.selection) for f in asked.features]
+    rest = ~np.any(members, axis=0) if members else np.ones(len(lines), bool)
+    for number in np.unique(lines.part[rest]):
+        name = scene.mesh.part_names[number]
+        names.append(f"rest of {name}" if name in names else name)
+        members.append(rest & (lines.part == number))
+    return tuple(names), tuple(members)
 
 
-def _datum(scene: Scene, lines: Sightlines, asked: Tolerances, body: Longs) -> Mask:
-    """Return the places that the pose may be fitted to: those stated, or all that nothing is asked of."""
+def _bodies(members: Sequence[Mask]) -> Longs:
+    """Return the body (N,) of each place: of the features that have it, the one with most places."""
+    body = np.full(len(members[0]) if members else 0, -1, np.int64)
+    for i in sorted(range(len(members)), key=lambda i: (-int(members[i].sum()), i)):
+        body[members[i] & (body < 0)] = i
+    return body
+
+
+def _datum(scene: Scene, lines: Sightlines, asked: Tolerances) -> Mask:
+    """Return the places that the pose may be fitted to: those stated, or all of which nothing is asked."""
     if asked.datum:
-        held = [_held(scene, lines, chosen) for chosen in asked.datum]
-        return np.asarray(np.any(held, axis=0))
-    limited = np.array([bool(f.limits) for f in asked.features], bool)
-    is_feature = body < len(limited)
-    return np.asarray(~is_feature | ~limited[np.where(is_feature, body, 0)]) if len(limited) else np.ones(len(body), bool)
+        return np.asarray(np.any([_held(scene, lines, chosen) for chosen in asked.datum], axis=0))
+    judged = [_held(scene, lines, f.selection) for f in asked.features if f.limits]
+    return ~np.any(judged, axis=0) if judged else np.ones(len(lines), bool)
 
 
 def _held(scene: Scene, lines: Sightlines, chosen: Selection) -> Mask:

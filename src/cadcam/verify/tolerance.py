@@ -79,8 +79,8 @@ class Selection:
             if chain not in chains:
                 raise BadValue(f"chain of {self.part!r}", chain, f"one of {runs(chains)}")
         at = scene.mesh.vertices[edges.vertices].mean(axis=1)
-        curved = EdgeKind.CONTOUR in self.kinds or not self.kinds
-        if not self.holds(edges.part, edges.chain, edges.kind, at, bodies).any() and not (curved and self._meets(scene)):
+        curved = (EdgeKind.CONTOUR in self.kinds or not self.kinds) and self._meets(scene)
+        if not curved and not self.holds(edges.part, edges.chain, edges.kind, at, bodies).any():
             kinds = ", ".join(EdgeKind(k).name.lower() for k in np.unique(edges.kind[own]))
             low, high = at[own].min(axis=0).round(1).tolist(), at[own].max(axis=0).round(1).tolist()
             raise BadValue(

@@ -19,6 +19,8 @@
         direction: [0, 1, 0]      # position along this alone, in the part's axes
         profile_mm: 1             # the worst place along its edges
         k: 3
+
+A part may be a pattern (`longitudinal *`); what stands beside it narrows the choice.
 """
 
 from __future__ import annotations
