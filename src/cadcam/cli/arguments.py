@@ -23,7 +23,13 @@ class Help(argparse.RawDescriptionHelpFormatter):
 
 
 def verb(
-    verbs: Verbs, name: str, run: Callable[[argparse.Namespace], int | None], *, short: str, description: str, examples: str
+    verbs: Verbs,
+    name: str,
+    run: Callable[[argparse.Namespace], int | None],
+    *,
+    short: str,
+    description: str,
+    examples: str,
 ) -> argparse.ArgumentParser:
     """Return a new verb's parser: `short` stands in the list of verbs, `examples` below its own help."""
     parser = verbs.add_parser(

@@ -28,6 +28,7 @@ from cadcam.cli import (
     rig,
     state,
     variability,
+    verify,
 )
 from cadcam.cli.arguments import Help
 from cadcam.errors import CadcamError
@@ -39,6 +40,7 @@ VERBS = (
     variability,
     handeye,
     measure,
+    verify,
     overlay,
     render,
     decompose,

@@ -13,7 +13,6 @@ import io
 import json
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from types import TracebackType
@@ -29,7 +28,7 @@ from cadcam.files.matrix import pose_as_json
 from cadcam.files.pose_estimate import pose_estimate_as_json, pose_estimate_at
 from cadcam.files.text import read_text
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.frames import Frame, Frames
+from cadcam.locate.frames import Frames
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.part import Part
 from cadcam.locate.track import Step, TrackedFrame, track

@@ -1,8 +1,9 @@
 """The errors of edges in a photo: white noise along an edge, and what a whole edge has wrong.
 
 Offsets along one edge err together: chamfers, shadows, unequal blur, neighbouring edges. An edge's common error is
-taken for a random straight line, a shift and a tilt of variance tau^2 each (variance components): V = diag(sigma^2) +
-tau^2 Z Z^T with Z = (1, t) for each edge, t its position scaled to unit mean square. A covariance from the noise alone is too small by what tau is; it does not fall with more samples.
+taken for a random straight line, a shift and a tilt of variance tau^2 each (variance components):
+V = diag(sigma^2) + tau^2 Z Z^T with Z = (1, t) for each edge, t its position scaled to unit mean square. A covariance
+from the noise alone is too small by what tau is; it does not fall with more samples.
 """
 
 from __future__ import annotations
