@@ -1,10 +1,10 @@
-"""Tracking in real videos: found to the end? How near to the reference poses, how steady, how alike from two cameras?
+"""Are parts in real videos followed to the end, how near to the reference poses, how steady, how alike from two cameras.
 
     python benchmarks/video.py ../shared/data [--overlays FOLDER] > docs/benchmarks/video.md
 
 The videos are ViSP's cube and tea box (every second, every fourth frame of the films are in the sets), M3T's wooden
-triangle two photos. Each is tracked from the first reference pose and from none. The models have no texture: a cube looks
-the same from 24 sides, a box from 4, and without a start a pose counts as the nearest of these.
+triangle two photos. Each is tracked from the first reference pose and from none. The models have no texture: a cube
+looks the same from 24 sides, a box from 4, and without a start a pose counts as the nearest of these.
 """
 
 from __future__ import annotations

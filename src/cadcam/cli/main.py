@@ -31,6 +31,7 @@ from cadcam.cli import (
     state,
     track,
     variability,
+    verify,
 )
 from cadcam.cli.arguments import Help
 from cadcam.errors import CadcamError
@@ -42,6 +43,7 @@ VERBS = (
     variability,
     handeye,
     measure,
+    verify,
     overlay,
     locate,
     track,

@@ -8,17 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import Verbs, add_json, verb
 from cadcam.cli.locate import NOT_FOUND, overlaid
-from cadcam.cli.locating import (
-    START_HELP,
-    add_start_options,
-    add_view_options,
-    freedom_as_asked,
-    part_as_asked,
-    start_as_asked,
-    views_as_asked,
-)
+from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, part_as_asked, start_as_asked
 from cadcam.cli.models import add_model_options, load_as_asked
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say
+from cadcam.cli.photos import add_photo_options, file_of, viewpoints_of
 from cadcam.cli.wires import add_line_options
 from cadcam.errors import BadValue
 
@@ -29,7 +22,8 @@ if TYPE_CHECKING:
 _EXAMPLES = f"""\
   cadcam track frames/ part.obj --unit m --camera camera.json --start first.txt -o track.jsonl --csv track.csv
   cadcam track film.mp4 part.step --camera camera.json -o track.jsonl --overlays seen/
-  cadcam track left/ part.stl --camera left.json --also right/=right.json -o track.jsonl
+  cadcam track left/ right/ part.stl --camera left.json --camera right.json -o track.jsonl
+  cadcam track left=one.mp4 right=two.mp4 part.stl --rig rig.json -o track.jsonl
   cadcam track 'shots/*.png' part.stl --camera camera.json --points picked.csv -o track.jsonl
 
 {START_HELP}
@@ -53,9 +47,11 @@ def add_to(verbs: Verbs) -> None:
     """Add the verb."""
     short = "pictures or a video + CAD model + camera -> where the part is in each frame"
     parser = verb(verbs, "track", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
-    parser.add_argument("frames", help="folder of pictures, pattern such as 'left/*.png', or video")
+    parser.add_argument(
+        "frames", nargs="+", help="folder of pictures, pattern such as 'left/*.png', or video; one a camera"
+    )
     add_model_options(parser)
-    add_view_options(parser, what="FRAMES")
+    add_photo_options(parser)
     add_start_options(parser)
     parser.add_argument("--no-velocity", action="store_true", help="start from the last pose, not from the last motion")
     group = parser.add_argument_group("results")
@@ -73,9 +69,9 @@ def run(arguments: argparse.Namespace) -> int:
     from cadcam.locate.track_log import TrackLog, head_of, track_to
 
     _check_options(arguments)
-    views = views_as_asked(arguments, arguments.frames)
-    start, freedom = start_as_asked(arguments, views[0].viewpoint), freedom_as_asked(arguments)
-    frames = Frames([view.source for view in views], [view.viewpoint for view in views])
+    viewpoints, said = viewpoints_of(arguments.frames, arguments.camera, arguments.rig)
+    start, freedom = start_as_asked(arguments, viewpoints[0]) or said, freedom_as_asked(arguments)
+    frames = Frames([file_of(path) for path in arguments.frames], viewpoints)
     mesh, _ = load_as_asked(arguments)
     part = part_as_asked(arguments, mesh)
     how: dict[str, Any] = {"freedom": freedom, "velocity": not arguments.no_velocity}

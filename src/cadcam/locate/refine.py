@@ -18,7 +18,6 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array
 from cadcam.camera.pose_estimate import PoseEstimate
-from cadcam.camera.sensitivity import project_with_sensitivity
 from cadcam.errors import BadValue
 from cadcam.fit.grouped import GroupedFit, grouped_fit
 from cadcam.geometry.rigid import Rigid

@@ -28,7 +28,7 @@ from cadcam.files.matrix import pose_as_json
 from cadcam.files.pose_estimate import pose_estimate_as_json, pose_estimate_at
 from cadcam.files.text import read_text
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.frames import Frame, Frames
+from cadcam.locate.frames import Frames
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.part import Part
 from cadcam.locate.track import Step, TrackedFrame, track
