@@ -136,7 +136,7 @@ def test_a_mistake_is_explained(
 
 def test_another_camera_makes_another_log(cadcam: Cadcam, here: Path) -> None:
     cadcam(*TRACK)
-    assert "begun with another part_sha256" in cadcam(*TRACK, "--crease-angle", "50").err
+    assert "begun with another part_sha256" in cadcam(*TRACK, "--crease-angle", "100").err
     write_camera("camera.json", CAMERA.__class__.from_focal((480, 360), 601))
     ran = cadcam(*TRACK)
     assert ran.code == 2

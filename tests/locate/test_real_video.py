@@ -1,6 +1,6 @@
 """Parts in real videos near the reference poses: some frames of what benchmarks/video.py runs to the end.
 
-The references agree with each other, and with the published mount of the two cameras, to some 3 mm and 1 deg; so nothing
+The references agree with each other and with the published mount of the two cameras to some 3 mm and 1 deg; so nothing
 finer is asked here than that nothing else is followed in the part's place.
 """
 
