@@ -72,7 +72,7 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid) -> Seen:
 
 
 def _share(sight: Sight, q: Array, normal: Array, run: Ids, room: Array) -> float:
-    """Return the share of samples that show an edge, of those near which there is any."""
+    """Return the share of samples that show an edge; those near which there is none at all count half."""
     found = candidates(sight.photo.gray, q, normal, half_length=2.0, reach=_REACH, noise=sight.noise)
     offset = np.where(np.abs(found.offset) <= room[:, None], found.offset, np.nan)
     slope = np.where(np.isfinite(offset), np.abs(found.slope), 0.0)
@@ -83,7 +83,7 @@ def _share(sight: Sight, q: Array, normal: Array, run: Ids, room: Array) -> floa
     sign = np.sign(found.slope[here]) * near[here]
     agreed = near[here] & (sign == np.sign(np.bincount(run, np.nan_to_num(sign)))[run])
     lines = _continued(agreed, np.nan_to_num(offset[here]), run)
-    return float(lines.sum() / max((strongest > 0).sum(), 1))
+    return float(2 * lines.sum() / ((strongest > 0).sum() + len(q)))
 
 
 def _continued(good: Mask, offset: Array, run: Ids) -> Mask:
