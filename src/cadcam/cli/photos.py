@@ -53,18 +53,18 @@ def read_shots(paths: Sequence[str], cameras: Sequence[str], rig: str | None) ->
         )
     if rig:
         viewpoints = _of_rig(paths, rig)
-        said: Rigid | None = None
+        stated = None
     else:
         if len(cameras) != len(paths):
             raise BadValue("--camera", f"given {len(cameras)} times for {len(paths)} photos", "one a photo")
-        viewpoints, said = _of_files(paths, cameras)
+        viewpoints, stated = _of_files(paths, cameras)
     photos, files = [], []
     for path, view in zip(paths, viewpoints, strict=True):
         photo, digest = _photo(_file(path), view)
         photos.append(photo)
         files.append(("photo", _file(path), digest))
     files += [(role, path, _hash(path)) for role, path in _camera_files(cameras, rig)]
-    return Shots(tuple(photos), tuple(files), said)
+    return Shots(tuple(photos), tuple(files), stated)
 
 
 def _of_rig(paths: Sequence[str], rig: str) -> list[Viewpoint]:
