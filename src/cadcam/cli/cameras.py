@@ -41,7 +41,7 @@ def read_any_camera(camera_file: str) -> CameraFile:
 def _own(camera_file: str) -> CameraFile:
     from cadcam.files.camera import read_camera
 
-    return read_camera(camera_file)
+    return _foreign(camera_file) or read_camera(camera_file)
 
 
 def _foreign(camera_file: str) -> CameraFile | None:

@@ -1,7 +1,8 @@
 """The command line. One file a verb; what a verb needs is imported when it runs, so that help costs next to nothing.
 
 Exit codes: 0 done; 1 a bug of ours, with a traceback; 2 something the caller can put right, said in one message;
-3 done, but the answer is no: the part is not in the picture; 130 interrupted. Results go to stdout, messages and progress to stderr.
+3 done, but the answer is no: the part is not in the picture; 130 interrupted. Results go to stdout, messages and
+progress to stderr.
 """
 
 from __future__ import annotations
@@ -22,11 +23,13 @@ from cadcam.cli import (
     demo,
     doctor,
     handeye,
+    locate,
     measure,
     overlay,
     render,
     rig,
     state,
+    track,
     variability,
     verify,
 )
@@ -42,6 +45,8 @@ VERBS = (
     measure,
     verify,
     overlay,
+    locate,
+    track,
     render,
     decompose,
     convert,

@@ -47,24 +47,34 @@ def add_photo_options(parser: argparse.ArgumentParser) -> None:
 
 def read_shots(paths: Sequence[str], cameras: Sequence[str], rig: str | None) -> Shots:
     """Return the photos with their cameras; the world is the rig's, that of the camera files, or one camera's own."""
+    viewpoints, said = viewpoints_of(paths, cameras, rig)
+    photos, files = [], []
+    for path, view in zip(paths, viewpoints, strict=True):
+        photo, digest = _photo(file_of(path), view)
+        photos.append(photo)
+        files.append(("photo", file_of(path), digest))
+    files += [(role, path, _hash(path)) for role, path in _camera_files(cameras, rig)]
+    return Shots(tuple(photos), tuple(files), said)
+
+
+def viewpoints_of(
+    paths: Sequence[str], cameras: Sequence[str], rig: str | None
+) -> tuple[list[Viewpoint], Rigid | None]:
+    """Return the camera of each photo, folder or video, and camera_from_world of a single one whose file says it."""
     if bool(cameras) == bool(rig):
         raise BadValue(
             "--camera", "and --rig both given" if rig else "not given", "one --camera a photo, or --rig FILE"
         )
     if rig:
-        viewpoints = _of_rig(paths, rig)
-        stated = None
-    else:
-        if len(cameras) != len(paths):
-            raise BadValue("--camera", f"given {len(cameras)} times for {len(paths)} photos", "one a photo")
-        viewpoints, stated = _of_files(paths, cameras)
-    photos, files = [], []
-    for path, view in zip(paths, viewpoints, strict=True):
-        photo, digest = _photo(_file(path), view)
-        photos.append(photo)
-        files.append(("photo", _file(path), digest))
-    files += [(role, path, _hash(path)) for role, path in _camera_files(cameras, rig)]
-    return Shots(tuple(photos), tuple(files), stated)
+        return _of_rig(paths, rig), None
+    if len(cameras) != len(paths):
+        raise BadValue("--camera", f"given {len(cameras)} times for {len(paths)} photos", "one a photo")
+    return _of_files(paths, cameras)
+
+
+def file_of(path: str) -> str:
+    """Return the file of a photo given as NAME=FILE or FILE."""
+    return path.partition("=")[2] or path
 
 
 def _of_rig(paths: Sequence[str], rig: str) -> list[Viewpoint]:
@@ -88,7 +98,7 @@ def _of_files(paths: Sequence[str], cameras: Sequence[str]) -> tuple[list[Viewpo
 
     out, said = [], None
     for path, file in zip(paths, cameras, strict=True):
-        known, name = read_any_camera(file), Path(_file(path)).name
+        known, name = read_any_camera(file), Path(file_of(path)).name
         if len(paths) > 1 and known.camera_from_world is None:
             raise BadValue(f"the pose in {file}", "missing", "camera files with camera_from_world, or --rig FILE")
         if len(paths) == 1:  # where it stood when it was calibrated does not matter: its own frame is the world
@@ -116,10 +126,6 @@ def _photo(path: str, view: Viewpoint) -> tuple[Photo, str]:
         return Photo(fitting(picture, view.camera), view), info.sha256
     except SizeMismatch as error:
         raise SizeMismatch(path, error.size, error.expected, str(error).partition("; ")[2]) from None
-
-
-def _file(path: str) -> str:
-    return path.partition("=")[2] or path
 
 
 def _camera_files(cameras: Sequence[str], rig: str | None) -> list[tuple[str, str]]:

@@ -39,7 +39,6 @@ class Frame:
         return cls(index, photos, names, tuple(_fingerprint(photo.gray) for photo in photos))
 
 
-
 class Frames:
     """The frames of sources, one for each viewpoint: iterate over it as often as needed, pictures are read on the way.
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Array
+from cadcam.errors import NothingInView
+from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.frames import Frame
 from cadcam.locate.freedom import FREE, Freedom
@@ -29,9 +31,7 @@ class TrackedFrame:
     its `found` is False.
     """
 
-    index: int
-    names: tuple[str, ...]
-    sha256: tuple[str, ...]
+    frame: Frame
     location: Location
     how: str
 
@@ -72,7 +72,7 @@ def track(
     for frame in frames:
         how, location = _located(part, frame.photos, memory, freedom, frame.index)
         memory.keep(frame.index, location.pose.world_from_part if location.found else None)
-        yield TrackedFrame(frame.index, frame.names, frame.sha256, location, how)
+        yield TrackedFrame(frame, location, how)
 
 
 class _Memory:
@@ -84,6 +84,11 @@ class _Memory:
         self._corners = corners
         self._velocity = velocity
         self._steps: list[Step] = []
+
+    @property
+    def begins(self) -> bool:
+        """Return whether no frame has been seen yet."""
+        return not self._steps and not self.misses
 
     def keep(self, index: int, pose: Rigid | None) -> None:
         if pose is None:
@@ -99,7 +104,8 @@ class _Memory:
         before, last = (s.world_from_part for s in self._steps)
         assert before is not None
         assert last is not None
-        return last @ before.inv @ last
+        ahead = last @ before.inv @ last  # in an endless chain of products rounding grows: a rotation has to stay one
+        return Rigid(so3.nearest(ahead.rotation), ahead.translation)
 
     def tracking(self, index: int) -> bool:
         """Return whether the part was found in the frame before."""
@@ -122,13 +128,18 @@ def _located(
     part: Part, photos: tuple[Photo, ...], memory: _Memory, freedom: Freedom, index: int
 ) -> tuple[str, Location]:
     """Return how and where the part was found, by the cheapest way that finds it; else the best of what was tried."""
-    tried = []
+    tried = [Location.nowhere(memory.last or Rigid(), "its last motion leads out of the pictures")]
     for how, attempt in _ways(part, photos, memory, freedom, index):
-        location = attempt()
+        try:
+            location = attempt()
+        except NothingInView:
+            if memory.begins:  # the caller's start, not ours
+                raise
+            continue
         if location.found:
             return how, memory.nearest(location)
         tried.append(location)
-    return "lost", max(tried, key=lambda one: one.quality)
+    return "lost", max(reversed(tried), key=lambda one: one.quality)
 
 
 def _ways(
@@ -148,6 +159,6 @@ def _ways(
 
 def _corners(part: Part) -> Array:
     """Return the corners (8, 3) of the part's bounding box, mm."""
-    low, high = part.scene.mesh.vertices.min(axis=0), part.scene.mesh.vertices.max(axis=0)
+    low, high = part.scene.mesh.bounds
     pick = np.indices((2, 2, 2)).reshape(3, -1).T.astype(bool)
     return np.asarray(np.where(pick, high, low), np.float64)

@@ -48,8 +48,8 @@ def track_to(
     *,
     freedom: Freedom = FREE,
     velocity: bool = True,
-) -> Iterator[dict[str, Any]]:
-    """Yield the log's line of each frame once it is on the disk; of frames that were there already too.
+) -> Iterator[tuple[Frame, dict[str, Any]]]:
+    """Yield each frame with its line in the log, once that is on the disk; frames that were there already too.
 
     Frames that the log has are read again, to see by their fingerprints that they are the same, but not located. The
     log says of itself with which inputs it was begun (`TrackLog.open`). Raises `UnreadableFile` where a frame differs.
@@ -60,9 +60,9 @@ def track_to(
             raise UnreadableFile(
                 frame.names[0], f"is not the picture of frame {frame.index} in {log.path}", "start a new log"
             )
-        yield entry
+        yield frame, entry
     for tracked in track(part, rest, start, freedom=freedom, velocity=velocity, history=log.steps()):
-        yield log.append(tracked)
+        yield tracked.frame, log.append(tracked)
 
 
 class TrackLog:
@@ -121,9 +121,9 @@ def entry_of(tracked: TrackedFrame) -> dict[str, Any]:
     """Return the line of a frame."""
     location = tracked.location
     return {
-        "frame": tracked.index,
-        "files": list(tracked.names),
-        "sha256": list(tracked.sha256),
+        "frame": tracked.frame.index,
+        "files": list(tracked.frame.names),
+        "sha256": list(tracked.frame.sha256),
         "found": tracked.found,
         "quality": location.quality,
         "how": tracked.how,
