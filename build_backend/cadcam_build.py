@@ -103,7 +103,7 @@ class NativeHook(BuildHookInterface):  # type: ignore[type-arg]  # its parameter
 def compile_core(compiler: list[str], folder: Path, library: Path) -> None:
     """Compile every file, the hot ones for each instruction set, and link them."""
     variants = VARIANTS if X86_64 else {"_baseline": []}
-    jobs = [(name, "", []) for name in ("scene.c", "lens.c", "patch.c")]
+    jobs = [(name, "", []) for name in ("scene.c", "lens.c", "patch.c", "profile.c")]
     jobs += [(name, suffix, [f"-DCC_VARIANT={suffix}", *flags]) for suffix, flags in variants.items() for name in HOT]
     with tempfile.TemporaryDirectory() as scratch:
         objects = []
