@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from cadcam.arrays import Array
 from cadcam.camera.pose_estimate import PoseEstimate
@@ -21,13 +22,23 @@ from cadcam.camera.sensitivity import project_with_sensitivity
 from cadcam.errors import BadValue
 from cadcam.fit.grouped import GroupedFit, grouped_fit
 from cadcam.geometry.rigid import Rigid
+from cadcam.image.profile import candidates
 from cadcam.locate.edges import Projected
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.location import Location
 from cadcam.locate.matches import EdgeMatches
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.sight import Measured, Sight, measure
+from cadcam.locate.sight import Cells, Measured, Sight, measure, nearest_steps
+
+Longs = npt.NDArray[np.int64]
+_SEARCHED = 600  # samples that search for their edges, of all photos together
+_NOTHING = 0.3  # a strong edge this far down its bell pulls as much as not
+_PULLS = 5  # Gauss-Newton steps on one set of candidates
+_CLOSE = 3  # px: how far from the lines their steps may be after the search
+_ON_LINE = 0.7  # px: steps this near are fitted on the line itself
+_USUAL_PX = 0.05  # by which edges are off as a whole
+_REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,34 +66,56 @@ def refine(
     """Return where the part stands, from world_from_part `start` that is off by no more than `search_px` in the photos."""
     if not photos:
         raise BadValue("photos", "none", "at least one photo")
-    pose = start
-    sights = _sights(part, photos, pose, options)
+    pose, sights = start, _sights(part, photos, start, options)
+    few = [s.thinned(_SEARCHED // len(photos)) for s in sights]
     for reach, soft in _schedule(options.search_px):
-        pose = _attracted(sights, pose, freedom, reach=reach, soft=soft, options=options)
-    sights = _sights(part, photos, pose, options, sights)
-    for farthest in (2.0, 1.0, 1.0):
-        fit, measured, places = _fitted(sights, pose, freedom, options, farthest)
-        pose = pose @ Rigid.exp(freedom.at(pose) @ fit.x)
+        pose = _attracted(few, pose, freedom, reach=reach, soft=soft, options=options)
+    if max(s.moved_px(pose) for s in sights) > _REDRAW_PX:
+        sights = _sights(part, photos, pose, options, sights)
+    cells: list[Cells] = []
+    where: list[Array] = []
+    for iterations in (6, 12):
+        places = [s.project(pose) for s in sights]
+        cells = cells or [_cells(s, at, options) for s, at in zip(sights, places, strict=True)]
+        where = where or [
+            nearest_steps(s, at, half_length=0.5 * options.step_px, reach=_CLOSE) for s, at in zip(sights, places, strict=True)
+        ]
+        measured = [measure(*all_of) for all_of in zip(sights, places, cells, where, strict=True)]
+        B = freedom.at(pose)
+        fit = _fitted(sights, places, measured, B, options, iterations)
+        pose = pose @ Rigid.exp(B @ fit.x)
+        where = [_places(m, at.row @ (B @ fit.x)) for m, at in zip(measured, places, strict=True)]
     return _location(sights, pose, freedom, fit, measured, places)
 
 
 def _sights(
     part: Part, photos: Sequence[Photo], pose: Rigid, options: EdgeOptions, before: Sequence[Sight] = ()
 ) -> list[Sight]:
-    noise = [s.noise for s in before] or [None] * len(photos)
-    reach = 2 * options.reach_px
+    noise = [s.noise for s in before] or [np.nan] * len(photos)
     return [
-        Sight.of(part, photo, pose, step_px=options.step_px, reach_px=reach, noise=n)
+        Sight.of(part, photo, pose, step_px=options.step_px, reach_px=2 * options.reach_px, noise=n)
         for photo, n in zip(photos, noise, strict=True)
     ]
 
 
+def _cells(sight: Sight, at: Projected, options: EdgeOptions) -> Cells:
+    return Cells.of(
+        sight, at, half_length=0.5 * options.step_px, reach_px=options.reach_px, room_px=options.room_px
+    )
+
+
+def _places(measured: Measured, moved: Array) -> Array:
+    """Return where to fit the steps after the lines moved: on the lines, but for edges that stay away from them."""
+    left = np.nan_to_num(measured.offset) - moved
+    return np.where(np.abs(left) < _ON_LINE, 0.0, left) * measured.usable
+
+
 def _schedule(search_px: float) -> list[tuple[int, float]]:
     """Return (reach px, softness px) of each round of the search, the last one at the width of an edge."""
-    rounds, reach = [], search_px
-    while reach > 1.5:
-        rounds.append((int(np.ceil(reach)) + 1, 0.4 * reach))
-        reach *= 0.55
+    rounds, far = [], search_px
+    while far > 1.5:
+        rounds.append((int(np.ceil(1.5 * far)) + 1, 0.6 * far))
+        far *= 0.59
     return [*rounds, (3, 0.7)]
 
 
@@ -94,7 +127,10 @@ def _attracted(
     rows, offset, strength = [], [], []
     for sight in sights:
         at = sight.project(pose)
-        found = sight.candidates(at, reach=reach, half_length=0.5 * options.step_px)
+        half_length = 0.5 * options.step_px
+        found = candidates(
+            sight.photo.gray, at.q, at.normal, half_length=half_length, reach=reach, noise=sight.noise
+        )
         seen = np.isfinite(found.offset[:, 0])
         rows.append(at.row[seen] @ B)
         offset.append(found.offset[seen])
@@ -104,10 +140,10 @@ def _attracted(
         return pose
     a = np.minimum(a / np.quantile(a[:, 0], 0.75), 1.0)
     x = np.zeros(J.shape[1])
-    for _ in range(6):
+    for _ in range(_PULLS):
         r = o - (J @ x)[:, None]
         near = a * np.exp(-0.5 * (r / soft) ** 2)
-        share = near / (near.sum(axis=1, keepdims=True) + 0.05)
+        share = near / (near.sum(axis=1, keepdims=True) + _NOTHING)
         w = share.sum(axis=1)
         A = (J * w[:, None]).T @ J
         A[np.diag_indices(len(x))] *= 1.001
@@ -116,45 +152,33 @@ def _attracted(
 
 
 def _fitted(
-    sights: Sequence[Sight], pose: Rigid, freedom: Freedom, options: EdgeOptions, farthest: float
-) -> tuple[GroupedFit, list[Measured], list[Projected]]:
-    places = [s.project(pose) for s in sights]
-    measured = []
-    for s, at in zip(sights, places, strict=True):
-        blur = s.blur(at, half_length=0.5 * options.step_px, reach_px=options.reach_px)
-        measured.append(
-            measure(
-                s,
-                at,
-                half_length=0.5 * options.step_px,
-                reach_px=options.reach_px,
-                room_px=options.room_px,
-                blur=blur,
-                farthest=farthest,
-            )
-        )
-    B = freedom.at(pose)
-    use = [m.usable for m in measured]
-    y = np.concatenate([m.offset[u] for m, u in zip(measured, use, strict=True)])
-    v = np.concatenate([m.sigma[u] ** 2 for m, u in zip(measured, use, strict=True)])
-    J = np.concatenate([at.row[u] @ B for at, u in zip(places, use, strict=True)])
-    group = _groups(sights, use, options)
-    return grouped_fit(y, J, v, group), measured, places
+    sights: Sequence[Sight],
+    places: Sequence[Projected],
+    measured: Sequence[Measured],
+    B: Array,
+    options: EdgeOptions,
+    iterations: int,
+) -> GroupedFit:
+    y = np.concatenate([m.offset[m.usable] for m in measured])
+    variance = np.concatenate([m.sigma[m.usable] ** 2 for m in measured])
+    J = np.concatenate([at.row[m.usable] for at, m in zip(places, measured, strict=True)]) @ B
+    return grouped_fit(y, J, variance, _groups(sights, measured, options), usual=_USUAL_PX, iterations=iterations)
 
 
-def _groups(sights: Sequence[Sight], use: Sequence[Array], options: EdgeOptions) -> Array:
-    """Return the number of the piece of edge that each usable sample lies on."""
+def _groups(sights: Sequence[Sight], measured: Sequence[Measured], options: EdgeOptions) -> Longs:
+    """Return the number of the piece of edge that each usable sample lies on, ascending."""
     most = max(int(options.group_px / options.step_px), 1)
     keys, before = [], 0
-    for sight, usable in zip(sights, use, strict=True):
+    for sight, m in zip(sights, measured, strict=True):
         run = sight.samples.run
         count = np.bincount(run)
         place = np.arange(len(run)) - (np.cumsum(count) - count)[run]
         pieces = np.maximum(np.round(count / most), 1)
         key = run * 1000 + np.minimum(place * pieces[run] / np.maximum(count[run], 1), 999).astype(np.int64)
-        keys.append(before + key[usable])
+        keys.append(before + key[m.usable])
         before += (int(run.max(initial=-1)) + 1) * 1000
-    return np.unique(np.concatenate(keys), return_inverse=True)[1]
+    key = np.concatenate(keys)
+    return np.cumsum(np.diff(key, prepend=key[:1]) > 0)
 
 
 def _location(

@@ -3,139 +3,19 @@
 
 #include <math.h>
 
-enum { TABLE = 2048, TERMS = 5 };
-#define TABLE_REACH 6.0 /* blurs: beyond, a blurred step is flat to 1e-9 */
-
-/* Phi, phi and the blurred ramp x Phi + phi at -TABLE_REACH .. TABLE_REACH, in units of the blur. */
-typedef struct {
-    double step[TABLE + 2], bell[TABLE + 2];
-} shapes;
-
-static void fill(shapes *s) {
-    for (int i = 0; i < TABLE + 2; i++) {
-        double x = (2.0 * i / TABLE - 1.0) * TABLE_REACH;
-        s->step[i] = 0.5 * erfc(-x * 0.70710678118654752440);
-        s->bell[i] = 0.39894228040143267794 * exp(-0.5 * x * x);
-    }
-}
-
-static const shapes *table(void) {
-    static shapes made;
-    static volatile int ready;
-    if (!ready) fill(&made), ready = 1; /* two threads may both fill it, with the same numbers */
-    return &made;
-}
-
-static inline double at(const double *values, double x) {
-    double t = (x / TABLE_REACH + 1.0) * (0.5 * TABLE);
-    t = t < 0 ? 0 : t > TABLE ? TABLE : t;
-    int i = (int)t;
-    return values[i] + (t - i) * (values[i + 1] - values[i]);
-}
-
-/* In-place inverse of the first n rows of a symmetric positive matrix (lower half given); 0 where it is none. */
-static int inverse(double A[TERMS][TERMS], int n) {
-    double L[TERMS][TERMS], R[TERMS][TERMS] = {{0}};
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j <= i; j++) {
-            double s = A[i][j];
-            for (int k = 0; k < j; k++) s -= L[i][k] * L[j][k];
-            if (i == j) {
-                if (!(s > 1e-9 * A[i][i])) return 0;
-                L[i][i] = sqrt(s);
-            } else L[i][j] = s / L[j][j];
-        }
-    for (int j = 0; j < n; j++)
-        for (int i = j; i < n; i++) {
-            double s = i == j ? 1.0 : 0.0;
-            for (int k = j; k < i; k++) s -= L[i][k] * R[k][j];
-            R[i][j] = s / L[i][i];
-        }
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j < n; j++) {
-            A[i][j] = 0;
-            for (int k = i > j ? i : j; k < n; k++) A[i][j] += R[k][i] * R[k][j];
-        }
-    return 1;
-}
-
-typedef struct {
-    double A[TERMS][TERMS], y[TERMS], yy;
-    int count, clipped;
-} equations;
-
-/* Order of the terms: 1, c's step, g's bell, d, h's ramp. */
-static inline void add(equations *e, const shapes *s, double d, double blur, double value) {
-    double x = d / blur, f[TERMS];
-    f[0] = 1.0, f[1] = at(s->step, x), f[2] = at(s->bell, x) / blur, f[3] = d;
-    f[4] = d * f[1] + blur * blur * f[2];
-    for (int i = 0; i < TERMS; i++) {
-        for (int j = 0; j <= i; j++) e->A[i][j] += f[i] * f[j];
-        e->y[i] += f[i] * value;
-    }
-    e->yy += value * value, e->count++;
-}
-
-/* Add the pixels of the cell; 0 where it leaves the picture. */
-static int gather(const cc_picture *p, const double *q, const double *n, double below, double above, double half,
-                  double blur, double dark, double bright, equations *e) {
-    const shapes *s = table();
-    double tx = -n[1], ty = n[0], middle = 0.5 * (above - below), reach = 0.5 * (above + below);
-    double cx = q[0] + middle * n[0], cy = q[1] + middle * n[1];
-    double wide = fabs(reach * n[0]) + fabs(half * tx), high = fabs(reach * n[1]) + fabs(half * ty);
-    if (!(cx - wide >= 0 && cx + wide <= p->width - 1 && cy - high >= 0 && cy + high <= p->height - 1)) return 0;
-    int y0 = (int)ceil(cy - high), y1 = (int)floor(cy + high);
-    for (int y = y0; y <= y1; y++) {
-        /* of this row, the pixels between the four sides: |u n + v t| bounds are linear in x */
-        double dy = y - q[1], lo = cx - wide, hi = cx + wide;
-        double side[2][3] = {{n[0], -below - n[1] * dy, above - n[1] * dy}, {tx, -half - ty * dy, half - ty * dy}};
-        for (int k = 0; k < 2; k++) {
-            double a = side[k][0];
-            if (fabs(a) < 1e-9) {
-                if (side[k][1] > 0 || side[k][2] < 0) lo = INFINITY;
-                continue;
-            }
-            double l = side[k][a > 0 ? 1 : 2] / a + q[0], h = side[k][a > 0 ? 2 : 1] / a + q[0];
-            if (l > lo) lo = l;
-            if (h < hi) hi = h;
-        }
-        if (!(lo <= hi)) continue;
-        const float *row = p->pixels + (int64_t)y * p->width;
-        for (int x = (int)ceil(lo); x <= (int)floor(hi); x++) {
-            add(e, s, (x - q[0]) * n[0] + dy * n[1], blur, row[x]);
-            e->clipped += row[x] <= dark || row[x] >= bright;
-        }
-    }
-    return 1;
-}
-
-static void solve(equations *e, double kink, double *out) {
-    double x[TERMS], rss = e->yy;
-    int n = kink < INFINITY ? TERMS : TERMS - 1;
-    if (n == TERMS) e->A[4][4] += kink;
-    if (e->count < TERMS + 3 || !inverse(e->A, n)) return;
-    for (int i = 0; i < n; i++) {
-        x[i] = 0;
-        for (int j = 0; j < n; j++) x[i] += e->A[i][j] * e->y[j];
-    }
-    for (int i = 0; i < n; i++) rss -= x[i] * e->y[i];
-    /* a term held by a prior takes no degree of freedom away: its spread is part of the model */
-    int freedom = e->count - (kink == 0 ? TERMS : TERMS - 1);
-    out[0] = x[1], out[1] = x[2], out[2] = n == TERMS ? x[4] : 0, out[3] = sqrt((rss > 0 ? rss : 0) / freedom);
-    out[4] = e->A[1][1], out[5] = e->A[2][2], out[6] = e->A[1][2], out[7] = n == TERMS ? e->A[4][4] : 0;
-    out[8] = e->count, out[9] = (double)e->clipped / e->count;
-}
+#include "internal.h"
 
 void cc_steps(const cc_picture *picture, int64_t n, const double *q, const double *normal, const double *below,
               const double *above, const double *kink, double half_length, double blur, double dark, double bright,
               double *out) {
-    for (int64_t i = 0; i < n; i++) {
-        equations e = {{{0}}, {0}, 0, 0, 0};
-        double *o = out + CC_STEP_TERMS * i;
-        for (int k = 0; k < CC_STEP_TERMS; k++) o[k] = NAN;
-        if (gather(picture, q + 2 * i, normal + 2 * i, below[i], above[i], half_length, blur, dark, bright, &e))
-            solve(&e, kink[i], o);
+    const double levels[3] = {dark, bright, blur};
+#if CC_HAS_V3
+    if (variant() == 1) {
+        steps_v3(picture, n, q, normal, below, above, kink, half_length, levels, out);
+        return;
     }
+#endif
+    steps_baseline(picture, n, q, normal, below, above, kink, half_length, levels, out);
 }
 
 static inline float bilinear(const cc_picture *p, double x, double y) {

@@ -26,6 +26,10 @@ typedef struct {
 CC_API void cc_steps(const cc_picture *picture, int64_t n, const double *q, const double *normal, const double *below,
                      const double *above, const double *kink, double half_length, double blur, double dark,
                      double bright, double *out);
+void steps_baseline(const cc_picture *, int64_t, const double *, const double *, const double *, const double *,
+                    const double *, double, const double *levels, double *);
+void steps_v3(const cc_picture *, int64_t, const double *, const double *, const double *, const double *,
+              const double *, double, const double *levels, double *);
 
 /* Extrema of the slope along each profile, smoothed by a Gaussian of 1 px: `most` of them a sample, the strongest
  * first, no weaker than `least`; offset (px along the normal) and slope (brightness a px, with its sign), NaN where
