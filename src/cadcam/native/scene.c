@@ -239,11 +239,7 @@ CC_API int32_t cc_choose_variant(int32_t level) {
     return atomic_load(&chosen);
 }
 
-<<<<<<< HEAD
 int variant_in_use(void) {
-=======
-int variant(void) {
->>>>>>> edges
     int level = atomic_load(&chosen);
     return level < 0 ? cc_choose_variant(-1) : level;
 }
