@@ -2,9 +2,10 @@
 
     y_i = J_i x + e_group(i) + n_i,   var n_i = variance_i + within^2,   var e = between^2
 
-The known variances are the noise of measuring; the two others are estimated with x, by moments (the between one so that
-the groups' means scatter as much as they should: R. C. Paule, J. Mandel, J. Res. NBS 87 (1982), less the degrees of
-freedom that x takes). Data far off their group and groups far off the rest count less or not at all.
+The known variances are the noise of measuring; the two others are estimated with x: the one within groups by moments, the
+one between them by restricted likelihood (Patterson and Thompson, Biometrika 58, 1971), over the whole range at once, for
+with few groups a large variance explains a wrong x as well. A half-Cauchy prior says of what size it usually is
+(Gelman, Bayesian Analysis 1, 2006). Data far off their group and groups far off the rest count less or not at all.
 """
 
 from __future__ import annotations
@@ -19,14 +20,16 @@ from cadcam.errors import DegenerateGeometry
 
 Longs = npt.NDArray[np.int64]
 _FULL, _NONE = 2.5, 4.0  # standard deviations: up to the first a datum counts fully, beyond the second not at all
+_TRIED = np.concatenate([[0.0], np.geomspace(0.02, 20.0, 24)])  # variances between groups, roots, in usual ones
+_MEASURE = np.gradient(_TRIED)  # how much of the range each stands for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroupedFit:
     """The parameters x (k,), their covariance (k, k), and what the data say about themselves.
 
-    within, between: standard deviations beyond the known noise. weight (n,) in [0, 1]: how far each datum counts;
-    of_group (G,) the same of each group; offset (G,) each group's mean residual. groups: number that count, in effect.
+    within, between: standard deviations beyond the known noise. weight (n,) in [0, 1]: how far each datum counts by
+    itself; of_group (G,) the same of each group; offset (G,) each group's mean residual, sd_offset (G,) its noise.
     """
 
     x: Array
@@ -36,75 +39,109 @@ class GroupedFit:
     weight: Array
     of_group: Array
     offset: Array
-    groups: float
+    sd_offset: Array
 
     @property
     def dof(self) -> float:
         """Return the degrees of freedom of the scatter between groups, at least 1."""
-        return max(self.groups - len(self.x), 1.0)
+        return max(float(self.of_group.sum()) - len(self.x), 1.0)
 
 
 def grouped_fit(
-    y: Array, J: Array, variance: Array, group: Longs, *, robust: bool = True, iterations: int = 12
+    y: Array, J: Array, variance: Array, group: Longs, *, usual: float, robust: bool = True, iterations: int = 12
 ) -> GroupedFit:
     """Return the fit of y (n,) by J (n, k) with known variances (n,) and ascending group numbers (n,), none left out.
 
-    Raises `DegenerateGeometry` where the data leave a parameter open.
+    usual: a usual standard deviation between groups. Robust fits start from x = 0, near which half of the data must
+    lie. Raises `DegenerateGeometry` where the data leave a parameter open.
     """
-    sums = _Sums(J, group)
-    x, within2, between2 = np.zeros(J.shape[1]), 0.0, 0.0
+    sums = _Sums(y, J, group)
+    x, within2, between = np.zeros(J.shape[1]), 0.0, usual
     weight, of_group = np.ones(len(y)), np.ones(sums.n)
-    for iteration in range(iterations):
-        w = weight / (variance + within2)
-        x_before = x
-        x, covariance = sums.solve(y, w, of_group, between2)
+    if robust:
+        weight, of_group, within2 = _first_weights(y, variance, sums)
+    covariance, mean, total = np.eye(len(x)), np.zeros(sums.n), np.ones(sums.n)
+    for _ in range(iterations):
+        w, x_before = weight / (variance + within2), x
+        x, covariance, between = sums.solve(w, of_group, usual)
         r = y - J @ x
         mean, total = sums.means(r, w)
         within2 = _within(r - mean[group], variance, within2, weight, w / np.maximum(total[group], 1e-300))
-        between2 = _between(mean, total, of_group, len(x))
-        if iteration > 3 and np.abs(x - x_before).max() <= 1e-3 * np.sqrt(np.diag(covariance)).min():
+        if np.abs(x - x_before).max() <= 1e-3 * np.sqrt(np.diag(covariance)).min():
             break
         if robust:
-            shrunk = mean * between2 / (between2 + 1 / np.maximum(total, 1e-300))
-            weight = _counts((r - shrunk[group]) / np.sqrt(variance + within2))
-            of_group = _counts(mean / np.sqrt(between2 + 1 / np.maximum(total, 1e-300)))
-    return GroupedFit(
-        x, covariance, float(np.sqrt(within2)), float(np.sqrt(between2)), weight, of_group, mean, float(of_group.sum())
-    )
+            own = between**2 + 1 / np.maximum(total, 1e-300)
+            weight = _counts((r - (mean * between**2 / own)[group]) / np.sqrt(variance + within2))
+            of_group = _counts(mean / np.sqrt(own))
+    sd = 1 / np.sqrt(np.maximum(total, 1e-300))
+    return GroupedFit(x, covariance, float(np.sqrt(within2)), between, weight, of_group, mean, sd)
 
 
 class _Sums:
     """Sums over groups of one design."""
 
-    def __init__(self, J: Array, group: Longs) -> None:
-        self.J, self.group = J, group
+    def __init__(self, y: Array, J: Array, group: Longs) -> None:
+        self.y, self.J, self.group = y, J, group
         self.first = np.flatnonzero(np.diff(group, prepend=-1))
         self.n = len(self.first)
-        if self.n <= 1 and len(group) < J.shape[1]:
+        if len(y) < J.shape[1]:
             raise DegenerateGeometry("too few edges were found to determine the pose")
 
-    def solve(self, y: Array, w: Array, of_group: Array, between2: float) -> tuple[Array, Array]:
-        """Return x and its covariance. With offsets of variance v, a group's weights W become W - f W 1 1' W."""
+    def solve(self, w: Array, of_group: Array, usual: float) -> tuple[Array, Array, float]:
+        """Return x, its covariance and the sd between groups, averaged over what that may be.
+
+        With offsets of variance v, a group's weights W become W - f W 1 1' W with f = v / (1 + v 1' W 1).
+        """
         w = w * of_group[self.group]
         total = np.add.reduceat(w, self.first)
-        counts = np.maximum(of_group, 1e-12)
-        f = between2 / (1 + between2 * total / counts) / counts
-        f[total <= 0] = 0.0
         JW = self.J * w[:, None]
-        sum_J, sum_y = np.add.reduceat(JW, self.first, axis=0), np.add.reduceat(w * y, self.first)
-        A = JW.T @ self.J - (sum_J * f[:, None]).T @ sum_J
-        b = JW.T @ y - sum_J.T @ (f * sum_y)
-        scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
-        eigenvalues, V = np.linalg.eigh(A / np.outer(scale, scale))
-        if not eigenvalues[0] > 1e-12 * eigenvalues[-1]:
-            raise DegenerateGeometry("the edges found do not determine the pose; restrict the motion or add photos")
-        inverse = (V / eigenvalues) @ V.T / np.outer(scale, scale)
-        return inverse @ b, inverse
+        sum_J, sum_y = np.add.reduceat(JW, self.first, axis=0), np.add.reduceat(w * self.y, self.first)
+        counts = np.maximum(of_group, 1e-12)
+        v = (usual * _TRIED[:, None]) ** 2
+        grown = 1 + v * total / counts
+        f = np.where(total > 0, v / grown / counts, 0.0)
+        A = JW.T @ self.J - np.einsum("kg,gi,gj->kij", f, sum_J, sum_J, optimize=True)
+        b = JW.T @ self.y - (f * sum_y) @ sum_J
+        x, inverse, log_det = _solved(A, b)
+        misfit = w @ self.y**2 - f @ sum_y**2 - np.einsum("ki,ki->k", b, x)
+        likelihood = -0.5 * ((np.log(grown) * counts).sum(axis=1) + log_det + misfit) - np.log1p(_TRIED**2)
+        p = np.exp(likelihood - likelihood.max()) * _MEASURE
+        p /= p.sum()
+        mean = p @ x
+        covariance = np.einsum("k,kij->ij", p, inverse) + (p[:, None] * (x - mean)).T @ (x - mean)
+        return mean, covariance, float(usual * np.sqrt(p @ _TRIED**2))
 
     def means(self, r: Array, w: Array) -> tuple[Array, Array]:
         """Return the weighted mean of each group and its total weight."""
         total = np.add.reduceat(w, self.first)
         return np.add.reduceat(w * r, self.first) / np.maximum(total, 1e-300), total
+
+
+def _solved(A: Array, b: Array) -> tuple[Array, Array, Array]:
+    """Return A^-1 b, A^-1 and log det A for a batch of normal equations (K, k, k)."""
+    scale = np.sqrt(np.maximum(np.einsum("kii->ki", A), 1e-300))
+    size = scale[:, :, None] * scale[:, None, :]
+    eigenvalues, V = np.linalg.eigh(A / size)
+    if not eigenvalues[0, 0] > 1e-12 * eigenvalues[0, -1]:  # the first has no variance between groups
+        raise DegenerateGeometry("the edges found do not determine the pose; restrict the motion or add photos")
+    safe = np.maximum(eigenvalues, 1e-15 * eigenvalues[:, -1:])
+    inverse = (V / safe[:, None, :]) @ np.swapaxes(V, 1, 2) / size
+    x = np.einsum("kij,kj->ki", inverse, b)
+    return x, inverse, np.log(safe).sum(axis=1) + 2 * np.log(scale).sum(axis=1)
+
+
+def _first_weights(y: Array, variance: Array, sums: _Sums) -> tuple[Array, Array, float]:
+    """Return weights of data and groups, and the variance within groups, as they look from x = 0, by medians."""
+    mean, _ = sums.means(y, 1 / variance)
+    within2 = _median_square(y - mean[sums.group])
+    mean, _ = sums.means(y, 1 / (variance + within2))
+    weight = _counts((y - mean[sums.group]) / np.sqrt(variance + within2))
+    return weight, _counts(mean / np.sqrt(max(_median_square(mean), 1e-300))), within2
+
+
+def _median_square(d: Array) -> float:
+    """Return the variance of the good half of deviations."""
+    return float(np.median(d * d)) / 0.455
 
 
 def _within(d: Array, variance: Array, now: float, weight: Array, share: Array) -> float:
@@ -117,25 +154,6 @@ def _within(d: Array, variance: Array, now: float, weight: Array, share: Array) 
     if not expected.sum() > 0:
         return now
     return max(float((v * d * d - expected * variance).sum() / expected.sum()), 0.0)
-
-
-def _between(mean: Array, total: Array, of_group: Array, k: int) -> float:
-    """Return the variance of the groups' offsets at which their means scatter as they should, 0 if they do already.
-
-    sum of mean^2 / (1/total + variance) = groups - k; convex and falling, so Newton from 0 never goes too far.
-    """
-    seen = (total > 0) & (of_group > 0)
-    m2, v, weight = mean[seen] ** 2, 1 / total[seen], of_group[seen]
-    wanted, now = float(weight.sum()) - k, 0.0
-    if wanted <= 0:
-        return 0.0
-    for _ in range(30):
-        terms = weight * m2 / (v + now)
-        excess = float(terms.sum()) - wanted
-        if excess <= 1e-6 * wanted:
-            break
-        now += excess / float((terms / (v + now)).sum())
-    return now
 
 
 def _counts(u: Array) -> Array:

@@ -28,12 +28,15 @@ from cadcam.locate.location import Location
 from cadcam.locate.matches import EdgeMatches
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.sight import Cells, Measured, Sight, measure
+from cadcam.locate.sight import Cells, Measured, Sight, measure, nearest_steps
 
 Longs = npt.NDArray[np.int64]
 _SEARCHED = 600  # samples that search for their edges, of all photos together
 _NOTHING = 0.3  # a strong edge this far down its bell pulls as much as not
 _PULLS = 5  # Gauss-Newton steps on one set of candidates
+_CLOSE = 3  # px: how far from the lines their steps may be after the search
+_ON_LINE = 0.7  # px: steps this near are fitted on the line itself
+_USUAL_PX = 0.05  # by which edges are off as a whole
 _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
 
 
@@ -69,13 +72,18 @@ def refine(
     if max(s.moved_px(pose) for s in sights) > _REDRAW_PX:
         sights = _sights(part, photos, pose, options, sights)
     cells: list[Cells] = []
-    for farthest, iterations in ((2.0, 4), (1.0, 12)):
+    where: list[Array] = []
+    for iterations in (6, 12):
         places = [s.project(pose) for s in sights]
         cells = cells or [_cells(s, at, options) for s, at in zip(sights, places, strict=True)]
-        measured = [measure(s, at, c, farthest=farthest) for s, at, c in zip(sights, places, cells, strict=True)]
+        where = where or [
+            nearest_steps(s, at, half_length=0.5 * options.step_px, reach=_CLOSE) for s, at in zip(sights, places, strict=True)
+        ]
+        measured = [measure(*all_of) for all_of in zip(sights, places, cells, where, strict=True)]
         B = freedom.at(pose)
         fit = _fitted(sights, places, measured, B, options, iterations)
         pose = pose @ Rigid.exp(B @ fit.x)
+        where = [_places(m, at.row @ (B @ fit.x)) for m, at in zip(measured, places, strict=True)]
     return _location(sights, pose, freedom, fit, measured, places)
 
 
@@ -93,6 +101,12 @@ def _cells(sight: Sight, at: Projected, options: EdgeOptions) -> Cells:
     return Cells.of(
         sight, at, half_length=0.5 * options.step_px, reach_px=options.reach_px, room_px=options.room_px
     )
+
+
+def _places(measured: Measured, moved: Array) -> Array:
+    """Return where to fit the steps after the lines moved: on the lines, but for edges that stay away from them."""
+    left = np.nan_to_num(measured.offset) - moved
+    return np.where(np.abs(left) < _ON_LINE, 0.0, left) * measured.usable
 
 
 def _schedule(search_px: float) -> list[tuple[int, float]]:
@@ -147,7 +161,7 @@ def _fitted(
     y = np.concatenate([m.offset[m.usable] for m in measured])
     variance = np.concatenate([m.sigma[m.usable] ** 2 for m in measured])
     J = np.concatenate([at.row[m.usable] for at, m in zip(places, measured, strict=True)]) @ B
-    return grouped_fit(y, J, variance, _groups(sights, measured, options), iterations=iterations)
+    return grouped_fit(y, J, variance, _groups(sights, measured, options), usual=_USUAL_PX, iterations=iterations)
 
 
 def _groups(sights: Sequence[Sight], measured: Sequence[Measured], options: EdgeOptions) -> Longs:

@@ -17,6 +17,12 @@ from cadcam.render.wireframe import LineOptions
 _LINES = LineOptions(margin_px=0.0)
 _STRONG = 100  # cells that tell the blur
 _APART = 1.5  # blurs: a cell ends that far before the next line
+_NARROW = 3.5  # blurs: reach of a narrow cell
+_BUSY = 1.3  # a wide cell whose noise is this much above the narrow one's holds more than a step
+_LINEAR = 1.2  # blurs: how far off a linear fit is believed
+_CLEAR = 5.0  # sd: contrast of an edge that is there
+_CLIPPED = 0.7  # share of black or white pixels from which a cell tells nothing
+_FAINT = 0.4  # of the strongest slope nearby: weaker ones are no edges
 _NEIGHBOURS = 2  # cells to each side that the contrast is averaged with
 
 
@@ -86,21 +92,31 @@ class Cells:
 
     @classmethod
     def of(cls, sight: Sight, at: Projected, *, half_length: float, reach_px: float, room_px: float) -> Cells:
-        """Return the cells of a sight; room_px is what a cell needs on each side of its line."""
+        """Return the cells of a sight; room_px is what a cell needs on each side of its line.
+
+        Where a wide cell holds more than one step on its ground, as on printed or structured faces, it is narrowed.
+        """
         blur = sight.blur(at, half_length=half_length, reach_px=reach_px)
         below, above = (np.minimum(side - _APART * blur, reach_px) for side in (sight.samples.below, sight.samples.above))
         which = np.flatnonzero((below >= room_px) & (above >= room_px) & np.isfinite(at.q).all(axis=1))
-        free = cls(which, below[which], above[which], np.zeros(len(which)), half_length, blur)
-        found = free.steps(sight, at)
+        free = np.zeros(len(which))
+        wide = cls(which, below[which], above[which], free, half_length, blur)
+        narrow_px = max(_NARROW * blur, room_px)
+        narrow = cls(which, np.minimum(wide.below, narrow_px), np.minimum(wide.above, narrow_px), free, half_length, blur)
+        found, close = wide.steps(sight, at), narrow.steps(sight, at)
+        busy = found.noise > _BUSY * close.noise
         kink = (found.noise / _spread(found)) ** 2
-        return cls(which, free.below, free.above, np.where(np.isfinite(kink), kink, 0.0), half_length, blur)
+        kink = np.where(np.isfinite(kink) & ~busy, kink, 0.0)
+        below, above = np.where(busy, narrow.below, wide.below), np.where(busy, narrow.above, wide.above)
+        return cls(which, below, above, kink, half_length, blur)
 
-    def steps(self, sight: Sight, at: Projected) -> Steps:
-        """Return what the photo shows in the cells."""
+    def steps(self, sight: Sight, at: Projected, where: Array | None = None) -> Steps:
+        """Return what the photo shows in the cells; where (N,) px: how far along the normal each cell is shifted."""
+        q, normal = at.q[self.which], at.normal[self.which]
         return steps(
             sight.photo.gray,
-            at.q[self.which],
-            at.normal[self.which],
+            q if where is None else q + where[self.which, None] * normal,
+            normal,
             below=self.below,
             above=self.above,
             half_length=self.half_length,
@@ -120,10 +136,10 @@ class Measured:
     usable: Mask
 
 
-def measure(sight: Sight, at: Projected, cells: Cells, *, farthest: float) -> Measured:
-    """Return the steps' offsets by the linear fit at the samples themselves.
+def measure(sight: Sight, at: Projected, cells: Cells, where: Array) -> Measured:
+    """Return the steps' offsets by a linear fit at places `where` (N,) px along the samples' normals.
 
-    farthest: offsets beyond are not believed (the fit is linear in them).
+    The fit holds near the step: a place must be right to about the blur.
     """
     n = len(sight.samples)
     offset, sigma, contrast = (np.full(n, np.nan) for _ in range(3))
@@ -131,13 +147,26 @@ def measure(sight: Sight, at: Projected, cells: Cells, *, farthest: float) -> Me
     which = cells.which
     if not len(which):
         return Measured(offset, sigma, contrast, usable)
-    found = cells.steps(sight, at)
+    found = cells.steps(sight, at, where)
     c, sd_c = _along_run(found.contrast, found.sd_contrast, sight.samples.run[which])
     with np.errstate(all="ignore"):
-        offset[which], sigma[which] = -found.moment / c, found.sd_moment / np.abs(c)
-        usable[which] = (np.abs(c) > 5 * sd_c) & (np.abs(offset[which]) < farthest) & (found.clipped < 0.7)
+        shift, sigma[which] = -found.moment / c, found.sd_moment / np.abs(c)
+        near = np.abs(shift) < _LINEAR * max(cells.blur, 0.7)
+        usable[which] = (np.abs(c) > _CLEAR * sd_c) & near & (found.clipped < _CLIPPED)
+        offset[which] = where[which] + shift
     contrast[which] = c
     return Measured(offset, sigma, contrast, usable)
+
+
+def nearest_steps(sight: Sight, at: Projected, *, half_length: float, reach: int) -> Array:
+    """Return where (N,) px along the normals the photo steps, the place nearest to the line; 0 where it does not."""
+    found = candidates(
+        sight.photo.gray, at.q, at.normal, half_length=half_length, reach=reach, noise=sight.noise, most=3
+    )
+    strong = np.abs(found.slope) > _FAINT * np.abs(found.slope[:, :1])
+    far = np.where(strong, np.abs(found.offset), np.inf)
+    best = np.argmin(far, axis=1)
+    return np.nan_to_num(found.offset[np.arange(len(best)), best])
 
 
 def _spread(found: Steps) -> float:
