@@ -67,20 +67,13 @@ def add_to(verbs: Verbs) -> None:
     where.add_argument("--pose", metavar="FILE", help="where the part was found (see below)")
     where.add_argument("--start", metavar="FILE", help="where it is, roughly")
     parser.add_argument(
-        "--planar",
-        type=names,
-        metavar="NX,NY,NZ",
-        help="the part only slides and turns on a plane with this normal (world axes)",
+        "--planar", type=names, metavar="NX,NY,NZ", help="it only slides and turns on a plane with this normal (world)"
     )
     parser.add_argument(
         "--reach", type=float, default=8.0, metavar="PX", help="how far displaced features are looked for (default 8)"
     )
     parser.add_argument(
-        "--alarms",
-        type=float,
-        default=0.01,
-        metavar="SHARE",
-        help="share of false alarms allowed for displaced or missing parts (default 0.01)",
+        "--alarms", type=float, default=0.01, metavar="SHARE", help="share of false alarms allowed (default 0.01)"
     )
     parser.add_argument("--serial", default="", help="which one of these parts, for the report")
     parser.add_argument("--station", default="", help="where it was measured, for the report")
@@ -90,7 +83,7 @@ def add_to(verbs: Verbs) -> None:
         action="append",
         default=[],
         metavar="FILE",
-        help="report to write: .html or .json; may be repeated (with --list: .png)",
+        help="report to write: .html or .json, may be repeated; with --list a picture",
     )
     parser.add_argument("--list", nargs="?", const="", metavar="PART", help="only say what a tolerance file can name")
     parser.add_argument("--template", action="store_true", help="only print a tolerance file to start from")
@@ -239,7 +232,9 @@ def _template(arguments: argparse.Namespace, part: Part, shots: Shots | None) ->
 
 def _list(arguments: argparse.Namespace) -> None:
     """Print what can be named; draw it."""
-    from cadcam.report.verify_names import chain_table, named_picture, part_table
+    import numpy as np
+
+    from cadcam.report.verify_names import chain_table, part_table
     from cadcam.verify.tolerance import Selection
 
     for path in arguments.output:
@@ -255,19 +250,17 @@ def _list(arguments: argparse.Namespace) -> None:
     if not arguments.output:
         return
     from cadcam.image.picture import to_rgb, write_picture
-    from cadcam.render import open_renderer
     from cadcam.render.standard_view import standard_view
-    from cadcam.render.view import Channel, Look
+    from cadcam.report.verify_names import names_on_paper, names_over_photo
 
-    if shots is None:
-        camera, pose = standard_view(part.scene.mesh)
-        look = Look(supersampling=2, background=(0.35, 0.38, 0.42))
-        under = open_renderer(part.scene).render(camera, pose, channels=Channel.IMAGE, look=look).image
-    else:
+    mesh = part.scene.mesh
+    if shots is not None:
         photo = shots.photos[0]
-        camera, under = photo.camera, to_rgb(photo.gray)
         pose = photo.viewpoint.camera_from_world @ _located(arguments, part, shots).pose.world_from_part
-    picture = named_picture(under, part.lines.draw(camera, pose), part.scene, chosen)
+        picture = names_over_photo(to_rgb(photo.gray), part.lines, photo.camera, pose, chosen)
+    else:
+        shown = mesh if chosen is None else mesh.subset(np.flatnonzero(chosen.bodies(part.scene)).tolist())
+        picture = names_on_paper(part.lines, *standard_view(shown), chosen)
     for path in arguments.output:
         write_picture(path, picture)
         say(f"wrote {path}")

@@ -44,9 +44,7 @@ def overlay_svg(photo: Photo, number: int, seen: Inspection, *, quality: int = 8
     full = full_scale(seen)
     body = [f'<image width="{width}" height="{height}" href="data:image/jpeg;base64,{data}"/>']
     gone = {f.name for f in seen.features if f.state is State.MISSING}
-    for edge in seen.edges:
-        if edge.photo == number:
-            body.append(_edge(edge, full, gone))
+    body += [_edge(edge, full, gone) for edge in seen.edges if edge.photo == number]
     for extra in seen.extra:
         if extra.photo == number:
             title = f"{extra.length_px:.0f} px that no edge explains, near {extra.near}"
@@ -109,9 +107,9 @@ def _marks(photo: Photo, number: int, seen: Inspection, width: int) -> list[str]
             text = f"{f.name}: {f.size:.2f} ± {2 * f.sigma:.2f} mm"
         else:
             text = f"{f.name}: missing"
-        q = q + 0.0
+        q = q.copy()
         while any(np.abs(q - other).max() < width / 26 for other in placed):
-            q = q + (0.0, width / 26)
+            q[1] += width / 26
         placed.append(q)
         out.append(_label(q, text, width))
     if longest > 0:

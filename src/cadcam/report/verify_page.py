@@ -139,8 +139,8 @@ def _features(seen: Inspection) -> str:
     heads = ("feature", "state", "edges seen", "displaced", "vector mm", "turned", "chance", "role")
     rows = "".join(_row(heads, _feature_cells(f)) for f in seen.features if f.state is not State.OUT_OF_VIEW)
     notes = [
-        "Displacement against a pose fitted to the datum without the feature, ± 2 sigma, part axes, as far as the photos "
-        "show it. Chance: how probable such a displacement is of a feature in place."
+        "Displacement against a pose fitted to the datum without the feature, ± 2 sigma, part axes, as far as the "
+        "photos show it. Chance: how probable such a displacement is of a feature in place."
     ]
     if seen.left_out:
         notes.append(f"Left out of the datum, for they do not agree with the rest: {', '.join(seen.left_out)}.")
@@ -157,11 +157,10 @@ def _feature_cells(f: FeatureDeviation) -> list[str]:
     cells = [f"<b>{escape(f.name)}</b>", state, f"{f.presence.seen} of {f.presence.expected}"]
     if f.displacement is None:
         return [*cells, "", "", "", "", "datum" if f.datum else "judged"]
-    turn = (
-        "" if not np.isfinite(f.turn_sigma) else f"{np.degrees(f.turn):+.3f} ± {np.degrees(2 * f.turn_sigma):.3f} deg"
-    )
+    turn, U = np.degrees(f.turn), np.degrees(2 * f.turn_sigma)
+    turned = f"{turn:+.3f} ± {U:.3f} deg" if np.isfinite(U) else ""
     size = f"{f.size:.3f} ± {2 * f.sigma:.3f} mm"
-    return [*cells, size, vector(f.vector), turn, f"{f.p_value:.2g}", "datum" if f.datum else "judged"]
+    return [*cells, size, vector(f.vector), turned, f"{f.p_value:.2g}", "datum" if f.datum else "judged"]
 
 
 def _plots(found: Verification, seen: Inspection) -> str:
@@ -179,10 +178,9 @@ def _sensitivity(seen: Inspection) -> str:
     direction, sigma = weakest_direction(seen)
     lines = [f"<li><b>{escape(f.name)}</b>: {escape(shares_in_words(f))} of the variance</li>" for f in shown]
     pose = f"Weakest motion of the pose: {direction}, 1 sigma {sigma:.3f} mm at the edges (part axes)."
-    return _section(
-        "What the uncertainty comes from",
-        f'<div class="two"><div>{shares_plot(shown)}</div><div><ul>{"".join(lines)}</ul><p>{escape(pose)}</p></div></div>',
-    )
+    words = f"<ul>{''.join(lines)}</ul><p>{escape(pose)}</p>"
+    both = f'<div class="two"><div>{shares_plot(shown)}</div><div>{words}</div></div>'
+    return _section("What the uncertainty comes from", both)
 
 
 def _assumed(found: Verification) -> str:
@@ -198,8 +196,10 @@ def _edges(seen: Inspection) -> str:
         share = f"{e.seen} of {e.places} places"
         cells = [f"{e.kind} {e.chain}", escape(e.part), share, value + mark, vector(e.direction), f"{e.mm_per_px:.3f}"]
         rows.append(_row(heads, cells))
-    said = "Each against a pose fitted without it, ± 2 sigma; the direction, in part axes, is that of a positive deviation."
-    table = _table(heads, "".join(rows))
+    said = (
+        "Each against a pose fitted without it, ± 2 sigma; the direction (part axes) is that of a positive deviation."
+    )
+    table = f'{_table(heads, "".join(rows))}<p class="soft">{said}</p>'
     return _section(
         "", f'<details><summary>All {len(seen.edges)} edges</summary>{table}<p class="soft">{said}</p></details>'
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from html import escape
 
 import numpy as np
@@ -105,10 +105,8 @@ def stations_plot(seen: Inspection, name: str) -> str:
             f'<g><polygon points="{outline}" fill="{color}" fill-opacity="0.18"/><polyline points="{line}" fill="none" '
             f'stroke="{color}" stroke-width="2"/>'
         )
-        dots = "".join(
-            f'<circle cx="{x:.1f}" cy="{y(v):.1f}" r="2.2" fill="{color}"/>'
-            for x, (_, v, _s) in zip(xs, e.station, strict=True)
-        )
+        points = list(zip(xs, e.station[:, 1], strict=True))
+        dots = "".join(f'<circle cx="{x:.1f}" cy="{y(v):.1f}" r="2.2" fill="{color}"/>' for x, v in points)
         body.append(f"{dots}{title}</g>")
         at += step * (len(e.station) + 1)
     body.append(_text(left, height - 6, f"{len(edges)} edges, {len(every)} pieces; band: U (k 2)"))
@@ -130,9 +128,8 @@ def shares_plot(features: Sequence[FeatureDeviation]) -> str:
         for cause, share in f.shares.items():
             w = (_WIDTH - 2 * left) * share * 2 * f.sigma / most if most > 0 else 0.0
             title = f"<title>{CAUSE_WORDS[cause]}: {share:.0%} of the variance</title>"
-            body.append(
-                f'<rect x="{x:.1f}" y="{y + 15:.1f}" width="{w:.1f}" height="12" fill="{CAUSE_COLORS[cause]}">{title}</rect>'
-            )
+            place = f'x="{x:.1f}" y="{y + 15:.1f}" width="{w:.1f}" height="12"'
+            body.append(f'<rect {place} fill="{CAUSE_COLORS[cause]}">{title}</rect>')
             x += w
     x = left
     for k, (cause, color) in enumerate(CAUSE_COLORS.items()):
@@ -152,7 +149,9 @@ def round_ticks(low: float, high: float) -> list[float]:
     return [round(step * i, 9) for i in range(first, max(last, first + 1) + 1)]
 
 
-def _level_lines(ticks: Sequence[float], y, left: float, right: float, unit: str) -> list[str]:  # type: ignore[no-untyped-def]
+def _level_lines(
+    ticks: Sequence[float], y: Callable[[float], float], left: float, right: float, unit: str
+) -> list[str]:
     out = []
     for tick in ticks:
         zero = tick == 0

@@ -56,8 +56,8 @@ def feature_table(seen: Inspection) -> Table:
         edges = f"{f.presence.seen}/{f.presence.expected}"
         rows.append((f.name, f.state.value, edges, size, U, moved, "datum" if f.datum else "judged"))
     notes = [
-        "displacement against a pose fitted to the datum without the feature, +- 2 sigma, in the part's axes, as far as "
-        "the photos show it"
+        "displacement against a pose fitted to the datum without the feature, +- 2 sigma, in the part's axes, as far "
+        "as the photos show it"
     ]
     if seen.left_out:
         notes.append(f"left out of the datum, for they do not agree with the rest: {', '.join(seen.left_out)}")
@@ -133,8 +133,8 @@ def assumptions(found: Verification) -> list[str]:
             "all displacements are those across it."
         )
     out.append(
-        f"Each edge errs as a whole by {seen.tau_px:.3f} px (1 sigma, a shift and a tilt; estimated from the datum's edges), "
-        f"beside noise along it, {seen.noise_scale:.2f} times what the photo's own noise predicts."
+        f"Each edge errs as a whole by {seen.tau_px:.3f} px (1 sigma, a shift and a tilt; estimated from the datum's "
+        f"edges), beside noise along it, {seen.noise_scale:.2f} times what the photo's own noise predicts."
     )
     if not seen.survey.lines.by_cause.shape[1]:
         out.append("The camera is taken to be known exactly: its file has no covariance, or the pose absorbs it.")

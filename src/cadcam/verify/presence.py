@@ -4,8 +4,8 @@ Every edge of a feature that should be visible is seen or not. Edges of parts th
 `seen` (the rest lack contrast); where there is no edge, clutter supports one with probability `clutter`. Both are
 counted in the picture itself: `seen` over the other features, `clutter` over decoys, the same lines shifted to where
 the model has nothing. The log likelihood ratio L of "there" against "not there" is a sum over edges. By Wald's
-inequality (Sequential Analysis, 1947) a feature that is there gives L <= -T with probability of at most exp(-T), and one
-that is not gives L >= T as rarely.
+inequality (Sequential Analysis, 1947) a feature that is there gives L <= -T with probability of at most exp(-T), and
+one that is not gives L >= T as rarely.
 """
 
 from __future__ import annotations
