@@ -153,3 +153,11 @@ class MissingCore(CadcamError):
 
 class NotEnoughMemory(CadcamError):
     """Something would not fit into memory; said before it is tried."""
+
+
+class UnusableStore(CadcamError):
+    """A store of product state cannot be opened, read or written; a password in its address is not repeated."""
+
+    def __init__(self, where: str, reason: str, remedy: str = "") -> None:
+        super().__init__(f"store {where}: {reason}" + (f"; {remedy}" if remedy else ""))
+        self.where, self.reason, self.remedy = where, reason, remedy

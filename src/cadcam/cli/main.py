@@ -23,12 +23,16 @@ from cadcam.cli import (
     demo,
     doctor,
     handeye,
+    locate,
     match,
     measure,
     overlay,
     render,
     rig,
+    state,
+    track,
     variability,
+    verify,
 )
 from cadcam.cli.arguments import Help
 from cadcam.errors import CadcamError
@@ -42,10 +46,14 @@ VERBS = (
     measure,
     overlay,
     match,
+    locate,
+    track,
+    verify,
     render,
     decompose,
     convert,
     compare,
+    state,
     demo,
     doctor,
 )
