@@ -46,14 +46,12 @@ def frozen(
 
 
 def component_major(points: tuple[int, ...], *components: int) -> Array:
-    """Return zeros (*points, *components) laid out so that one component of all points (last of their axes) is a run.
+    """Return zeros (*points, *components) laid out so that one component of all points is a run of memory.
 
     Arithmetic on components, `J[..., 0, 1] = ...`, then goes at the speed of memory; results keep the layout.
     """
-    if not points:
-        return np.zeros(components)
-    out = np.zeros((*points[:-1], *components, points[-1]))
-    return np.moveaxis(out, -1, len(points) - 1)
+    first, axes = len(components), len(components) + len(points)
+    return np.zeros((*components, *points)).transpose(*range(first, axes), *range(first))
 
 
 def _text(shape: tuple[int | None, ...], batched: bool = False) -> str:

@@ -64,15 +64,17 @@ def project_in_camera(
     p (..., N, 3): points in the camera frame; internals (..., 5). columns: those of the last Jacobian that are wanted,
     in that order; None: all. Fast where a coordinate of all points is a run of memory (`component_major`).
     """
-    m, dm_dp, dm_dc = lens.project_with_jacobians(p)
+    every = range(5 + len(lens.parameters))
+    wanted = every if columns is None else columns
+    m, dm_dp, dm_dc = lens.project_with_jacobians(p, [column - 5 for column in wanted if column >= 5])
     aspect, focal, skew, U0, V0 = (internals[..., None, i] for i in range(5))
     c, s = np.cos(skew), np.sin(skew)
     scale = focal * aspect
     along = c * m[..., 0] + s * m[..., 1]
     q = component_major(m.shape[:-1], 2)
     q[..., 0], q[..., 1] = scale * along + V0, focal * m[..., 1] + U0
-    wanted = range(5 + dm_dc.shape[-1]) if columns is None else columns
     by = np.swapaxes(component_major(m.shape[:-1], len(wanted), 2), -1, -2)
+    of_lens = iter(range(dm_dc.shape[-1]))
     for i, column in enumerate(wanted):
         if column == 0:
             by[..., 0, i] = focal * along
@@ -83,8 +85,9 @@ def project_in_camera(
         elif column in (3, 4):
             by[..., 4 - column, i] = 1.0
         else:
-            by[..., 0, i] = scale * c * dm_dc[..., 0, column - 5] + scale * s * dm_dc[..., 1, column - 5]
-            by[..., 1, i] = focal * dm_dc[..., 1, column - 5]
+            dm = dm_dc[..., next(of_lens)]
+            by[..., 0, i] = scale * c * dm[..., 0] + scale * s * dm[..., 1]
+            by[..., 1, i] = focal * dm[..., 1]
     return q, _in_pixels(dm_dp, scale * c, scale * s, focal), by
 
 
