@@ -161,10 +161,11 @@ class JointModel:
         """Put some views' derivatives and residuals (v, 6 + n + 1, 2, N) into their place, by unit of noise."""
         own, shared = stacked[:, : len(OWN)], stacked[:, len(OWN) : -1]
         p = self._in_camera(state, views)
-        q, dq_dp, dq_di = project_in_camera(state.internals, self.lens_of(state), p, self._columns.tolist())
+        columns = self._columns.tolist()
+        of_camera = shared[:, : len(columns)].transpose(0, 3, 2, 1)
+        q, dq_dp, _ = project_in_camera(state.internals, self.lens_of(state), p, columns, out=of_camera)
         by_point = dq_dp.transpose(0, 2, 3, 1)
         _put_own(own, by_point, np.swapaxes(p, 1, 2))
-        shared[:, : len(self._columns)] = dq_di.transpose(0, 3, 2, 1)
         for name in (n for n in self.free if n in BEND):
             assert self.bump is not None
             along_z = np.einsum("krcn,kc->krn", by_point, state.R[views, :, 2])
@@ -204,7 +205,8 @@ class JointModel:
 
 def _put_own(own: Array, by_point: Array, p: Array) -> None:
     """Put the derivatives (k, 6, 2, N) by a step of the poses: by_point (k, 2, 3, N), points p (k, 3, N)."""
+    own[:, :3] = np.swapaxes(by_point, 1, 2)
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
-        own[:, i] = by_point[:, :, i]
-        own[:, 3 + i] = by_point[:, :, k] * p[:, None, j] - by_point[:, :, j] * p[:, None, k]
+        np.multiply(by_point[:, :, k], p[:, None, j], out=own[:, 3 + i])
+        own[:, 3 + i] -= by_point[:, :, j] * p[:, None, k]

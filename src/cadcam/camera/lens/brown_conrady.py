@@ -159,7 +159,8 @@ class BrownConrady(PlanarLens):
         for i, term in enumerate(terms):
             column, kind, k = out[..., i], names[term][0], int(names[term][1])
             if kind == "k":
-                column[...] = at.u * (powers[(k - 1) % 3] * at.over * (1.0 if k <= 3 else -at.g))[..., None]
+                gain = powers[(k - 1) % 3] * at.over
+                np.multiply(at.u, (gain if k <= 3 else -gain * at.g)[..., None], out=column)
             elif kind == "p":
                 along, square = (1, at.yy) if k == 1 else (0, at.xx)
                 column[..., 1 - along], column[..., along] = 2 * at.xy, at.r2 + 2 * square
