@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -52,6 +53,24 @@ def component_major(points: tuple[int, ...], *components: int) -> Array:
     """
     first, axes = len(components), len(components) + len(points)
     return np.zeros((*components, *points)).transpose(*range(first, axes), *range(first))
+
+
+def in_parts(function: Callable[[Array], Array], x: Array, *, at_once: int = 8192) -> Array:
+    """Return function(x) of points x (..., n) -> (..., m), worked out part by part.
+
+    What comes up on the way stays in the processor's cache, component by component (`component_major`), and a search
+    ends in each part when that is done.
+    """
+    points = x.reshape(-1, x.shape[-1])
+    if len(points) <= at_once:
+        return function(x)
+    parts = []
+    for first in range(0, len(points), at_once):
+        part = points[first : first + at_once]
+        runs = component_major(part.shape[:1], part.shape[1])
+        runs[...] = part
+        parts.append(function(runs))
+    return np.concatenate(parts).reshape(*x.shape[:-1], -1)
 
 
 def _text(shape: tuple[int | None, ...], batched: bool = False) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats
+from cadcam.arrays import Array, Floats, in_parts
 from cadcam.camera import radial
 from cadcam.camera.lens.base import Lens
 
@@ -74,7 +74,9 @@ class AxialLens(Lens):
 
     def unproject(self, m: Floats) -> Array:
         """Return unit directions; NaN beyond the largest imaged angle."""
-        m = np.asarray(m, dtype=np.float64)
+        return in_parts(self._directions, np.asarray(m, dtype=np.float64))
+
+    def _directions(self, m: Array) -> Array:
         rho = np.hypot(m[..., 0], m[..., 1])
         t = radial.inverse(self._curve, rho, self.max_angle)
         ring = np.where(rho > 0, np.sin(t) / np.where(rho > 0, rho, 1.0), 1.0)

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, Mask
+from cadcam.arrays import Array, Floats, Mask, in_parts
 from cadcam.camera.perspective import by_point, direction, perspective, perspective_and_scale
 from cadcam.errors import BadValue
 
@@ -90,7 +90,9 @@ class PlanarLens(Lens):
 
     def unproject(self, m: Floats) -> Array:
         """Return unit directions; NaN where no direction within the valid radius has this m."""
+        return in_parts(self._directions, np.asarray(m, dtype=np.float64))
+
+    def _directions(self, m: Array) -> Array:
         with np.errstate(all="ignore"):
-            u = self._undistort(np.asarray(m, dtype=np.float64))
-            u = np.where(self._inside(u)[..., None], u, np.nan)
-        return direction(u)
+            u = self._undistort(m)
+            return direction(np.where(self._inside(u)[..., None], u, np.nan))

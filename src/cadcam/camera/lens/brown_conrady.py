@@ -169,16 +169,16 @@ class BrownConrady(PlanarLens):
         return out
 
     def _undistort(self, m: Array) -> Array:
-        """Return u through the inverse radial curve; where there is more than that, Newton in the plane from there."""
+        """Return u by the inverse radial curve; where there is more than that, roughly so, and Newton from there."""
         rho = np.hypot(m[..., 0], m[..., 1])
 
         def curve(r: Array) -> tuple[Array, Array]:
             g, dg, _ = self._gain(r * r)
             return r * g, g + 2 * r * r * dg
 
-        r = radial.inverse(curve, rho, self._radial_limit, clamp=self._decentred)
+        r = radial.inverse(curve, rho, self._radial_limit, rough=self._decentred)
         u = m * np.where(rho > 0, r / np.where(rho > 0, rho, 1.0), 1.0)[..., None]
-        return radial.newton_plane(self._distort, self._plane_jacobian, m, u) if self._decentred else u
+        return radial.newton_plane(self._distort, self._linearised, m, u) if self._decentred else u
 
 
 @dataclass(frozen=True)
