@@ -116,15 +116,15 @@ class _Sums:
         v = (usual * _TRIED[:, None]) ** 2 * self.free
         grown = 1 + v * total / counts
         f = np.where(total > 0, v / grown / counts, 0.0)
-        A = JW.T @ self.J - np.einsum("kg,gi,gj->kij", f, sum_J, sum_J, optimize=True)
+        A = JW.T @ self.J - (f[:, None, :] * sum_J.T) @ sum_J
         b = JW.T @ self.y - (f * sum_y) @ sum_J
         x, inverse, log_det = _solved(A, b)
-        misfit = w @ self.y**2 - f @ sum_y**2 - np.einsum("ki,ki->k", b, x)
+        misfit = w @ self.y**2 - f @ sum_y**2 - (b * x).sum(axis=1)
         likelihood = -0.5 * ((np.log(grown) * counts).sum(axis=1) + log_det + misfit) - np.log1p(_TRIED**2)
         p = np.exp(likelihood - likelihood.max()) * _MEASURE
         p /= p.sum()
         mean = p @ x
-        covariance = np.einsum("k,kij->ij", p, inverse) + (p[:, None] * (x - mean)).T @ (x - mean)
+        covariance = np.tensordot(p, inverse, 1) + (p[:, None] * (x - mean)).T @ (x - mean)
         return mean, covariance, float(usual * np.sqrt(p @ _TRIED**2))
 
     def gain(self, w: Array, of_group: Array, between: float) -> Array:
@@ -151,7 +151,7 @@ def _solved(A: Array, b: Array) -> tuple[Array, Array, Array]:
         raise DegenerateGeometry("the edges found do not determine the pose; restrict the motion or add photos")
     A[:, range(A.shape[1]), range(A.shape[1])] += 1e-13
     inverse, log_det = np.linalg.inv(A) / size, np.linalg.slogdet(A)[1]
-    return np.einsum("kij,kj->ki", inverse, b), inverse, log_det + 2 * np.log(scale).sum(axis=1)
+    return (inverse @ b[:, :, None])[..., 0], inverse, log_det + 2 * np.log(scale).sum(axis=1)
 
 
 def _first_weights(y: Array, variance: Array, sums: _Sums) -> tuple[Array, Array, float]:
