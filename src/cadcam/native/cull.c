@@ -4,6 +4,20 @@
 /* A float that is at least (at most) v, for bounds of 1/z. */
 static inline float float_above(double v) { return v < FLT_MAX / 2 ? (float)(v * (1 + 1e-6)) : FLT_MAX; }
 
+/* The samples of a rectangle that may look at a box of the plane, as the patch of the rectangle has it. */
+static rect narrowed(const cc_lens *lens, rect r, const box *b) {
+    const patch *near = patch_of(lens, &r);
+    const double p = 0.5 * (b->x0 + b->x1) - near->map.u, p1 = 0.5 * (b->x1 - b->x0);
+    const double q = 0.5 * (b->y0 + b->y1) - near->map.v, q1 = 0.5 * (b->y1 - b->y0);
+    const double x = near->x + (near->xu * p + near->xv * q), y = near->y + (near->yu * p + near->yv * q);
+    const double wide = fabs(near->xu) * p1 + fabs(near->xv) * q1 + near->off_x + 1e-3; /* 1e-3 px: far above rounding */
+    const double high = fabs(near->yu) * p1 + fabs(near->yv) * q1 + near->off_y + 1e-3;
+    if (!(fabs(x) + fabs(y) + wide + high < 1e6)) return r;
+    r.x0 = imax(r.x0, (int32_t)(x - wide)), r.x1 = imin(r.x1, (int32_t)(x + wide + 1) - 1);
+    r.y0 = imax(r.y0, (int32_t)(y - high)), r.y1 = imin(r.y1, (int32_t)(y + high + 1) - 1);
+    return r;
+}
+
 static int locate_cluster(const cc_frame *f, const cluster *c, candidate *out, double *nearest_z) {
     static const uint8_t all[8] = {0, 1, 2, 3, 4, 5, 6, 7};
     const double *M = f->view->plane;
@@ -27,10 +41,12 @@ static int locate_cluster(const cc_frame *f, const cluster *c, candidate *out, d
         return 1;
     }
     for (int k = 0; k < 8; k++) {
-        double gx = grid_x(lens, x[k] / z[k]), gy = grid_y(lens, y[k] / z[k]);
+        const double w = 1 / z[k], gx = x[k] * w, gy = y[k] * w;
         b.x0 = lower(b.x0, gx), b.x1 = upper(b.x1, gx), b.y0 = lower(b.y0, gy), b.y1 = upper(b.y1, gy);
     }
-    out->where = samples_of(f, (box){b.x0 - 1e-3, b.x1 + 1e-3, b.y0 - 1e-3, b.y1 + 1e-3});
+    const box g = {grid_x(lens, b.x0) - 1e-3, grid_x(lens, b.x1) + 1e-3, grid_y(lens, b.y0) - 1e-3, grid_y(lens, b.y1) + 1e-3};
+    out->where = samples_of(f, g);
+    if (lens && out->where.x0 <= out->where.x1) out->where = narrowed(lens, out->where, &b);
     out->nearest = float_above(1 / z0);
     return out->where.x0 <= out->where.x1 && out->where.y0 <= out->where.y1;
 }
