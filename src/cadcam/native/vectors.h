@@ -26,6 +26,11 @@ INLINE f8 choose(i8 mask, f8 yes, f8 no) { return (f8)_mm256_blendv_ps((__m256)n
 INLINE f8 least_of(f8 a, f8 b) { return (f8)_mm256_min_ps((__m256)a, (__m256)b); }
 INLINE f8 most_of(f8 a, f8 b) { return (f8)_mm256_max_ps((__m256)a, (__m256)b); }
 INLINE f8 root(f8 v) { return (f8)_mm256_sqrt_ps((__m256)v); }
+#ifdef __FMA__
+INLINE f8 fused(f8 a, f8 b, f8 c) { return (f8)_mm256_fmadd_ps((__m256)a, (__m256)b, (__m256)c); }
+#else
+INLINE f8 fused(f8 a, f8 b, f8 c) { return a * b + c; }
+#endif
 INLINE unsigned signs(i8 v) { return (unsigned)_mm256_movemask_ps((__m256)v); }
 INLINE f8 floats(d4 a, d4 b) { return (f8)_mm256_set_m128(_mm256_cvtpd_ps((__m256d)b), _mm256_cvtpd_ps((__m256d)a)); }
 
