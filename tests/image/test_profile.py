@@ -102,9 +102,7 @@ def test_every_instruction_set_gives_the_same_steps(rng: np.random.Generator) ->
     for level in (0, -1):
         choose_variant(level)
         each.append(
-            profiles.steps(
-                gray, q, normal, side, side, np.zeros(50), half_length=2.0, blur=BLUR, dark=-1.0, bright=2.0
-            )
+            profiles.steps(gray, q, normal, side, side, np.zeros(50), half_length=2.0, blur=BLUR, dark=-1.0, bright=2.0)
         )
     np.testing.assert_allclose(each[0], each[1], rtol=1e-6, atol=1e-9)
 
