@@ -15,8 +15,12 @@ BLOCK = 1 << 16  # rays or points at a time: their temporaries stay near the cac
 
 
 def on_all_cores(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-    """Return work(item) for each item, in order; `work` must not call this function again."""
-    return list(_pool().map(work, items))
+    """Return work(item) for each item, in order; `work` must not call this function again.
+
+    A single item is worked on here: handing it over takes longer than a small scene's whole wireframe.
+    """
+    items = list(items)
+    return [work(item) for item in items] if len(items) < 2 else list(_pool().map(work, items))
 
 
 def blocks(n: int, size: int = BLOCK) -> list[slice]:

@@ -1,0 +1,192 @@
+"""Linear regression on data that err in groups: noise of each datum, scatter within groups, an offset for each group.
+
+    y_i = J_i x + e_group(i) + n_i,   var n_i = variance_i + within^2,   var e = between^2
+
+The known variances are the noise of measuring; the two others are estimated with x: the one within groups by moments,
+the one between them by restricted likelihood (Patterson and Thompson, Biometrika 58, 1971). With few groups a large
+variance explains a wrong x as well, and a maximum says little: x and its covariance are averaged over the whole range,
+each variance with its likelihood and a half-Cauchy prior of usual size (Gelman, Bayesian Analysis 1, 2006). Data far
+off their group and groups far off the rest count less or not at all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Mask
+from cadcam.errors import DegenerateGeometry
+
+Longs = npt.NDArray[np.int64]
+_FULL, _NONE = 2.5, 4.0  # standard deviations: up to the first a datum counts fully, beyond the second not at all
+_SETTLED = 0.01  # standard deviations that x may still move
+_TRIED = np.concatenate([[0.0], np.geomspace(0.05, 20.0, 14)])  # variances between groups, roots, in usual ones
+_MEASURE = np.gradient(_TRIED)  # how much of the range each stands for
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroupedFit:
+    """The parameters x (k,), their covariance (k, k), and what the data say about themselves.
+
+    within, between: standard deviations beyond the known noise. weight (n,) in [0, 1]: how far each datum counts by
+    itself; of_group (G,) the same of each group; offset (G,) each group's mean residual, sd_offset (G,) its noise.
+    group (n,): of each datum. gain (k, n): dx/dy, by which anything that shifts the data shifts x.
+    """
+
+    x: Array
+    covariance: Array
+    within: float
+    between: float
+    weight: Array
+    of_group: Array
+    offset: Array
+    sd_offset: Array
+    group: Longs
+    gain: Array
+
+    @property
+    def dof(self) -> float:
+        """Return the degrees of freedom of the scatter between groups, at least 1."""
+        return max(float(self.of_group.sum()) - len(self.x), 1.0)
+
+
+def grouped_fit(
+    y: Array,
+    J: Array,
+    variance: Array,
+    group: Longs,
+    *,
+    usual: float,
+    exact: Mask | None = None,
+    robust: bool = True,
+    iterations: int = 12,
+) -> GroupedFit:
+    """Return the fit of y (n,) by J (n, k) with known variances (n,) and ascending group numbers (n,), none left out.
+
+    usual: a usual standard deviation between groups. exact (G,): groups without an offset or scatter of their own, which
+    are believed as they are. Robust fits start from x = 0, near which half of the other data must lie. Raises `DegenerateGeometry` where the data leave a parameter
+    open.
+    """
+    sums = _Sums(y, J, group, exact)
+    free = sums.free[group]
+    x, within2, between = np.zeros(J.shape[1]), 0.0, usual
+    weight, of_group = np.ones(len(y)), np.ones(sums.n)
+    if robust:
+        weight, of_group, within2 = _first_weights(y, variance, sums)
+    covariance, mean, total = np.eye(len(x)), np.zeros(sums.n), np.ones(sums.n)
+    w, of_group_then = weight / (variance + within2 * free), of_group
+    for _ in range(iterations):
+        w, of_group_then, x_before = weight / (variance + within2 * free), of_group, x
+        x, covariance, between = sums.solve(w, of_group, usual)
+        r = y - J @ x
+        mean, total = sums.means(r, w)
+        within2 = _within(r - mean[group], variance, within2, weight * free, w / np.maximum(total[group], 1e-300))
+        if np.abs(x - x_before).max() <= _SETTLED * np.sqrt(np.diag(covariance)).min():
+            break
+        if robust:
+            v = between**2 * sums.free
+            own = v + 1 / np.maximum(total, 1e-300)
+            weight = _counts(free * (r - (mean * v / own)[group]) / np.sqrt(variance + within2))
+            of_group = _counts(sums.free * mean / np.sqrt(own))
+    sd = 1 / np.sqrt(np.maximum(total, 1e-300))
+    gain = sums.gain(w, of_group_then, between)
+    return GroupedFit(x, covariance, float(np.sqrt(within2)), between, weight, of_group, mean, sd, group, gain)
+
+
+class _Sums:
+    """Sums over groups of one design."""
+
+    def __init__(self, y: Array, J: Array, group: Longs, exact: Mask | None) -> None:
+        self.y, self.J, self.group = y, J, group
+        self.first = np.flatnonzero(np.diff(group, prepend=-1))
+        self.n = len(self.first)
+        self.free = np.ones(self.n) if exact is None else 1.0 - exact
+        if len(y) < J.shape[1]:
+            raise DegenerateGeometry("too few edges were found to determine the pose")
+
+    def solve(self, w: Array, of_group: Array, usual: float) -> tuple[Array, Array, float]:
+        """Return x, its covariance and the sd between groups, averaged over what that may be.
+
+        With offsets of variance v, a group's weights W become W - f W 1 1' W with f = v / (1 + v 1' W 1).
+        """
+        w = w * of_group[self.group]
+        total = np.add.reduceat(w, self.first)
+        JW = self.J * w[:, None]
+        sum_J, sum_y = np.add.reduceat(JW, self.first, axis=0), np.add.reduceat(w * self.y, self.first)
+        counts = np.maximum(of_group, 1e-12)
+        v = (usual * _TRIED[:, None]) ** 2 * self.free
+        grown = 1 + v * total / counts
+        f = np.where(total > 0, v / grown / counts, 0.0)
+        A = JW.T @ self.J - (f[:, None, :] * sum_J.T) @ sum_J
+        b = JW.T @ self.y - (f * sum_y) @ sum_J
+        x, inverse, log_det = _solved(A, b)
+        misfit = w @ self.y**2 - f @ sum_y**2 - (b * x).sum(axis=1)
+        likelihood = -0.5 * ((np.log(grown) * counts).sum(axis=1) + log_det + misfit) - np.log1p(_TRIED**2)
+        p = np.exp(likelihood - likelihood.max()) * _MEASURE
+        p /= p.sum()
+        mean = p @ x
+        covariance = np.tensordot(p, inverse, 1) + (p[:, None] * (x - mean)).T @ (x - mean)
+        return mean, covariance, float(usual * np.sqrt(p @ _TRIED**2))
+
+    def gain(self, w: Array, of_group: Array, between: float) -> Array:
+        """Return dx/dy (k, n) for given weights and sd between groups."""
+        w, counts = w * of_group[self.group], np.maximum(of_group, 1e-12)
+        v = between**2 * self.free
+        f = v / (1 + v * np.add.reduceat(w, self.first) / counts) / counts
+        JW = self.J * w[:, None]
+        VJ = JW - w[:, None] * (f[:, None] * np.add.reduceat(JW, self.first, axis=0))[self.group]
+        return np.asarray(np.linalg.solve(VJ.T @ self.J, VJ.T))
+
+    def means(self, r: Array, w: Array) -> tuple[Array, Array]:
+        """Return the weighted mean of each group and its total weight."""
+        total = np.add.reduceat(w, self.first)
+        return np.add.reduceat(w * r, self.first) / np.maximum(total, 1e-300), total
+
+
+def _solved(A: Array, b: Array) -> tuple[Array, Array, Array]:
+    """Return A^-1 b, A^-1 and log det A for a batch of normal equations (K, k, k)."""
+    scale = np.sqrt(np.maximum(np.einsum("kii->ki", A), 1e-300))
+    size = scale[:, :, None] * scale[:, None, :]
+    A = A / size
+    if not np.linalg.eigvalsh(A[0])[0] > 1e-12:  # the first has no variance between groups
+        raise DegenerateGeometry("the edges found do not determine the pose; restrict the motion or add photos")
+    A[:, range(A.shape[1]), range(A.shape[1])] += 1e-13
+    inverse, log_det = np.linalg.inv(A) / size, np.linalg.slogdet(A)[1]
+    return (inverse @ b[:, :, None])[..., 0], inverse, log_det + 2 * np.log(scale).sum(axis=1)
+
+
+def _first_weights(y: Array, variance: Array, sums: _Sums) -> tuple[Array, Array, float]:
+    """Return weights of data and groups, and the variance within groups, as they look from x = 0, by medians."""
+    group, free = sums.group, sums.free > 0
+    if not free.any():
+        return np.ones(len(y)), np.ones(sums.n), 0.0
+    mean, _ = sums.means(y, 1 / variance)
+    within2 = _median_square((y - mean[group])[free[group]])
+    mean, _ = sums.means(y, 1 / (variance + within2))
+    weight = _counts((y - mean[group]) / np.sqrt(variance + within2))
+    of_group = _counts(mean / np.sqrt(max(_median_square(mean[free]), 1e-300)))
+    return np.where(free[group], weight, 1.0), np.where(free, of_group, 1.0), within2
+
+
+def _median_square(d: Array) -> float:
+    """Return the variance of the good half of deviations."""
+    return float(np.median(d * d)) / 0.455
+
+
+def _within(d: Array, variance: Array, now: float, weight: Array, share: Array) -> float:
+    """Return the variance within groups beyond the known one: where the weighted squares are as large as expected.
+
+    share: of its group's weight that each datum has, the part of its variance that the group's mean takes away.
+    """
+    v = weight / (variance + now) ** 2
+    expected = v * (1 - share)
+    if not expected.sum() > 0:
+        return now
+    return max(float((v * d * d - expected * variance).sum() / expected.sum()), 0.0)
+
+
+def _counts(u: Array) -> Array:
+    """Return how far a datum u standard deviations off counts."""
+    return np.asarray(np.clip((_NONE - np.abs(u)) / (_NONE - _FULL), 0.0, 1.0))

@@ -1,0 +1,80 @@
+"""How a part may move while its pose is refined: freely, in a plane, about an axis, along a direction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from cadcam.arrays import Array, Floats, frozen
+from cadcam.errors import BadValue
+from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rotation import hat
+
+Frame = Literal["world", "part"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Freedom:
+    """The motions that are allowed, from the start pose on: twists (translation mm, rotation rad) spanned by `basis`.
+
+    basis (6, k): columns are twists of the world (the motion acts on the placed part) or of the part's own frame.
+    """
+
+    basis: Array = field(default_factory=lambda: np.eye(6))
+    frame: Frame = "part"
+
+    def __post_init__(self) -> None:
+        basis = frozen(self.basis, "freedom", (6, None))
+        if basis.shape[1] == 0 or np.linalg.matrix_rank(basis) < basis.shape[1]:
+            raise BadValue("freedom", f"of shape {basis.shape}, dependent columns", "1 to 6 independent twists")
+        if self.frame not in ("world", "part"):
+            raise BadValue("frame of the freedom", self.frame, "'world' or 'part'")
+        object.__setattr__(self, "basis", basis)
+
+    @classmethod
+    def planar(cls, normal: Floats, *, frame: Frame = "world") -> Freedom:
+        """Return two translations across `normal` (3,) and the rotation about it: a part that lies on a floor."""
+        n = _unit(normal, "normal of the plane")
+        one, other = _across(n)
+        zero = np.zeros(3)
+        columns = [np.r_[one, zero], np.r_[other, zero], np.r_[zero, n]]
+        return cls(np.stack(columns, axis=1), frame)
+
+    @classmethod
+    def about(cls, point: Floats, direction: Floats, *, frame: Frame = "world") -> Freedom:
+        """Return the rotation about the axis through `point` (3,) mm along `direction` (3,)."""
+        w = _unit(direction, "direction of the axis")
+        return cls(np.r_[-hat(w) @ frozen(point, "point of the axis", (3,)), w][:, None], frame)
+
+    @classmethod
+    def along(cls, direction: Floats, *, frame: Frame = "world") -> Freedom:
+        """Return the translation along `direction` (3,)."""
+        return cls(np.r_[_unit(direction, "direction"), np.zeros(3)][:, None], frame)
+
+    def at(self, world_from_part: Rigid) -> Array:
+        """Return B (6, k), orthonormal columns: the twists xi of `world_from_part @ Rigid.exp(xi)` that are free.
+
+        A world twist z moves the part by exp(z) T = T exp(Ad(T^-1) z).
+        """
+        own = self.basis if self.frame == "part" else world_from_part.inv.adjoint() @ self.basis
+        return np.asarray(np.linalg.qr(own)[0])
+
+
+FREE = Freedom()
+
+
+def _unit(direction: Floats, what: str) -> Array:
+    v = frozen(direction, what, (3,))
+    length = float(np.linalg.norm(v))
+    if not length > 0:
+        raise BadValue(what, v.tolist(), "three numbers, not all zero")
+    return np.asarray(v / length)
+
+
+def _across(n: Array) -> tuple[Array, Array]:
+    """Return two unit vectors across n and each other."""
+    one = np.cross(n, np.eye(3)[int(np.argmin(np.abs(n)))])
+    one /= np.linalg.norm(one)
+    return one, np.cross(n, one)

@@ -1,0 +1,202 @@
+"""One photo with the part's samples in it: what the search and the measurement ask of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Ids, Mask
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.profile import Steps, blur_of, candidates, noise_of, steps
+from cadcam.locate.edges import EdgeSamples, Projected, project, sample_lines
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.render.wireframe import LineOptions
+
+Longs = npt.NDArray[np.int64]
+_LINES = LineOptions(margin_px=0.0)
+_STRONG = 100  # cells that tell the blur
+_APART = 1.5  # blurs: a cell ends that far before the next line
+_NARROW = 3.5  # blurs: reach of a narrow cell
+_BUSY = 1.3  # a wide cell whose noise is this much above the narrow one's holds more than a step
+_LINEAR = 1.2  # blurs: how far off a linear fit is believed
+_CLEAR = 4.0  # sd of one cell: contrast of an edge that is there
+_CLIPPED = 0.7  # share of black or white pixels from which a cell tells nothing
+_FAINT = 0.4  # of the strongest slope nearby: weaker ones are no edges
+_CONTRAST, _NOISE = 3, 10  # cells to each side that contrast and noise are averaged with
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """A photo, its noise (sd of a pixel), and the samples of the part's lines visible from where it was drawn."""
+
+    photo: Photo
+    noise: float
+    drawn: Rigid
+    samples: EdgeSamples
+
+    @classmethod
+    def of(
+        cls, part: Part, photo: Photo, world_from_part: Rigid, *, step_px: float, reach_px: float, noise: float = np.nan
+    ) -> Sight:
+        """Return the sight of the part at a pose; hidden lines are removed as seen from there."""
+        camera_from_part = photo.viewpoint.camera_from_world @ world_from_part
+        lines = part.lines.draw(photo.camera, camera_from_part, options=_LINES).visible
+        samples = sample_lines(lines, photo.camera, step_px=step_px, reach_px=reach_px)
+        return cls(photo, noise_of(photo.gray) if np.isnan(noise) else noise, world_from_part, samples)
+
+    def project(self, world_from_part: Rigid) -> Projected:
+        """Return the samples in the photo."""
+        return project(self.samples, self.photo.camera, self.photo.viewpoint.camera_from_world @ world_from_part)
+
+    def moved_px(self, world_from_part: Rigid) -> float:
+        """Return how far the lines moved since they were drawn: nine tenths of them at most that far."""
+        p = self.samples.p[:: max(1, len(self.samples) // 60)]
+        of_camera = self.photo.viewpoint.camera_from_world
+        now, before = (self.photo.camera.project((of_camera @ pose) @ p) for pose in (world_from_part, self.drawn))
+        shift = np.hypot(*(now - before).T)
+        return float(np.nanquantile(shift, 0.9)) if np.isfinite(shift).any() else 0.0
+
+    def thinned(self, most: int, *, together: int = 1) -> Sight:
+        """Return the sight with about `most` of its samples, `together` neighbours at a time."""
+        n = len(self.samples)
+        kept = np.flatnonzero(np.arange(n) // together % max(1, n // most) == 0)
+        return Sight(self.photo, self.noise, self.drawn, self.samples.select(kept))
+
+    def blur(self, at: Projected, *, half_length: float, reach_px: float) -> float:
+        """Return the blur of the photo's steps (px), from the strongest of the part's lines."""
+        free = np.flatnonzero(np.minimum(self.samples.below, self.samples.above) >= reach_px)
+        found = candidates(
+            self.photo.gray, at.q[free], at.normal[free], half_length=half_length, reach=2, noise=self.noise, most=1
+        )
+        strength = np.nan_to_num(np.abs(found.slope[:, 0]))
+        best = np.argsort(-strength)[:_STRONG]
+        best = best[strength[best] > 0]
+        q = at.q[free[best]] + found.offset[best] * at.normal[free[best]]
+        reach = np.full(len(best), reach_px - 1.0)
+        return blur_of(self.photo.gray, q, at.normal[free[best]], reach=reach, half_length=half_length)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cells:
+    """Which of a sight's samples have room for a cell, how far the cells reach, and the light they are seen in.
+
+    which (N,): numbers of the samples; below, above (N,) px; half_length, blur (px). kink (N,): variance of a pixel
+    over that of the change of slope at the step (`image.profile.steps`).
+    """
+
+    which: Longs
+    below: Array
+    above: Array
+    kink: Array
+    half_length: float
+    blur: float
+
+    @classmethod
+    def of(cls, sight: Sight, at: Projected, *, half_length: float, reach_px: float, room_px: float) -> Cells:
+        """Return the cells of a sight; room_px is what a cell needs on each side of its line.
+
+        Where a wide cell holds more than one step on its ground, as on printed or structured faces, it is narrowed.
+        """
+        blur = sight.blur(at, half_length=half_length, reach_px=reach_px)
+        below, above = (
+            np.minimum(side - _APART * blur, reach_px) for side in (sight.samples.below, sight.samples.above)
+        )
+        which = np.flatnonzero((below >= room_px) & (above >= room_px) & np.isfinite(at.q).all(axis=1))
+        free = np.zeros(len(which))
+        wide = cls(which, below[which], above[which], free, half_length, blur)
+        narrow_px = max(_NARROW * blur, room_px)
+        narrow = cls(
+            which, np.minimum(wide.below, narrow_px), np.minimum(wide.above, narrow_px), free, half_length, blur
+        )
+        found, close = wide.steps(sight, at), narrow.steps(sight, at)
+        run = sight.samples.run[which]
+        busy = _along_run(found.noise**2, run, _NOISE) > _BUSY**2 * _along_run(close.noise**2, run, _NOISE)
+        kink = (found.noise / _spread(found)) ** 2
+        kink = np.where(np.isfinite(kink) & ~busy, kink, 0.0)
+        below, above = np.where(busy, narrow.below, wide.below), np.where(busy, narrow.above, wide.above)
+        return cls(which, below, above, kink, half_length, blur)
+
+    def steps(self, sight: Sight, at: Projected, where: Array | None = None) -> Steps:
+        """Return what the photo shows in the cells; where (N,) px: how far along the normal each cell is shifted."""
+        q, normal = at.q[self.which], at.normal[self.which]
+        return steps(
+            sight.photo.gray,
+            q if where is None else q + where[self.which, None] * normal,
+            normal,
+            below=self.below,
+            above=self.above,
+            half_length=self.half_length,
+            blur=self.blur,
+            kink=self.kink,
+            noise=0.5 * sight.noise,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """Offsets (N,) px of the photo's steps from the model's lines, their sd by noise, contrast, which are usable."""
+
+    offset: Array
+    sigma: Array
+    contrast: Array
+    usable: Mask
+
+
+def measure(sight: Sight, at: Projected, cells: Cells, where: Array) -> Measured:
+    """Return the steps' offsets by a linear fit at places `where` (N,) px along the samples' normals.
+
+    The fit holds near the step: a place must be right to about the blur.
+    """
+    n = len(sight.samples)
+    offset, sigma, contrast = (np.full(n, np.nan) for _ in range(3))
+    usable = np.zeros(n, bool)
+    which = cells.which
+    if not len(which):
+        return Measured(offset, sigma, contrast, usable)
+    found, run = cells.steps(sight, at, where), sight.samples.run[which]
+    c, sd_c = _along_run(found.contrast, run, _CONTRAST), np.sqrt(_along_run(found.sd_contrast**2, run, _CONTRAST))
+    more = np.sqrt(_along_run(found.noise**2, run, _NOISE)) / found.noise
+    with np.errstate(all="ignore"):
+        shift, sigma[which] = -found.moment / c, found.sd_moment * more / np.abs(c)
+        near = np.abs(shift) < _LINEAR * max(cells.blur, 0.7)
+        usable[which] = (np.abs(c) > _CLEAR * sd_c) & near & (found.clipped < _CLIPPED)
+        offset[which] = where[which] + shift
+    contrast[which] = c
+    return Measured(offset, sigma, contrast, usable)
+
+
+def nearest_steps(sight: Sight, at: Projected, *, half_length: float, reach: int) -> Array:
+    """Return where (N,) px along the normals the photo steps, the place nearest to the line; 0 where it does not."""
+    found = candidates(
+        sight.photo.gray, at.q, at.normal, half_length=half_length, reach=reach, noise=sight.noise, most=3
+    )
+    strong = np.abs(found.slope) > _FAINT * np.abs(found.slope[:, :1])
+    far = np.where(strong, np.abs(found.offset), np.inf)
+    best = np.argmin(far, axis=1)
+    return np.asarray(np.nan_to_num(found.offset[np.arange(len(best)), best]))
+
+
+def _spread(found: Steps) -> float:
+    """Return the sd of the bends in the photo beyond what noise makes of them."""
+    seen = np.isfinite(found.bend)
+    if not seen.any():
+        return 1e-6
+    beyond = float(np.median(found.bend[seen] ** 2)) / 0.455 - float(np.median(found.sd_bend[seen] ** 2))
+    return float(np.sqrt(max(beyond, 1e-12)))
+
+
+def _along_run(values: Array, run: Ids, neighbours: int) -> Array:
+    """Return the mean (n,) of each cell's value and those of its neighbours to both sides on the same run.
+
+    What is averaged is far less noisy than a cell's own, and the weights of an edge's samples then do not flicker.
+    """
+    total, count = (np.concatenate([[0.0], np.cumsum(v)]) for v in (np.nan_to_num(values), np.isfinite(values)))
+    begins = np.flatnonzero(np.diff(run, prepend=-1))
+    length = np.diff(begins, append=len(run))
+    i = np.arange(len(run))
+    low = np.maximum(np.repeat(begins, length), i - neighbours)
+    high = np.minimum(np.repeat(begins + length, length), i + neighbours + 1)
+    return np.asarray((total[high] - total[low]) / np.maximum(count[high] - count[low], 1e-9))

@@ -1,0 +1,47 @@
+/* What the photo shows along lines of the model: steps of brightness, candidates for them, room around a sample.
+ *
+ * Plain C11 like raster.h; every function writes its answers into memory of the caller. A picture is (height, width)
+ * floats, row by row, pixel (0, 0) centred at (0, 0). A sample is a place q (x, y) on a line and the unit normal there.
+ */
+#ifndef CADCAM_PROFILE_H
+#define CADCAM_PROFILE_H
+
+#include <stdint.h>
+
+#include "raster.h"
+
+typedef struct {
+    const float *pixels;
+    int32_t width, height;
+} cc_picture;
+
+/* Steps that the pixels themselves show in cells around the samples: |along the line| <= half_length, and from -below[i]
+ * to above[i] along the normal. Least squares of
+ *     I(d) = a + b d + h (d Phi(d/blur) + blur phi(d/blur)) + c Phi(d/blur) + g phi(d/blur)/blur
+ * at the pixels' distances d from the line: a blurred step on ground of another slope on either side. h is held to 0
+ * with the weight kink[i], the variance of a pixel over that of h. Writes CC_STEP_TERMS doubles a sample:
+ * c, g, h, sd of the noise, cofactors Qcc Qgg Qcg Qhh, number of pixels, share of clipped ones (outside dark..bright); all
+ * NaN where the cell leaves the picture or its equations are singular. The step lies at -g/c to first order. */
+#define CC_STEP_TERMS 10
+CC_API void cc_steps(const cc_picture *picture, int64_t n, const double *q, const double *normal, const double *below,
+                     const double *above, const double *kink, double half_length, double blur, double dark,
+                     double bright, double *out);
+void steps_baseline(const cc_picture *, int64_t, const double *, const double *, const double *, const double *,
+                    const double *, double, const double *levels, double *);
+void steps_v3(const cc_picture *, int64_t, const double *, const double *, const double *, const double *,
+              const double *, double, const double *levels, double *);
+
+/* Extrema of the slope along each profile, smoothed by a Gaussian of 1 px: `most` of them a sample, the strongest
+ * first, no weaker than `least`; offset (px along the normal) and slope (brightness a px, with its sign), NaN where
+ * there is no more. The profile is averaged over 2 half_length along the line and reaches from -reach to reach px. */
+CC_API void cc_candidates(const cc_picture *picture, int64_t n, const double *q, const double *normal,
+                          double half_length, int32_t reach, double least, int32_t most, double *offset, double *slope);
+
+/* How far along the normal, and against it, the nearest other line is: free of lines from -below to above, at most
+ * `most`. Segments (m, 4) x0 y0 x1 y1 with the run each belongs to and the arc length along it at its two ends; a sample
+ * does not see what lies on its own run within `near` px of arc. */
+CC_API void cc_clearance(int64_t n, const double *q, const double *normal, const int32_t *run, const double *arc,
+                         int64_t m, const double *segments, const int32_t *segment_run, const double *segment_arc,
+                         double half_length, double near, double most, double *below, double *above);
+
+#endif

@@ -1,0 +1,99 @@
+"""The C core's part that looks at photos along lines (profile.h), as functions of arrays."""
+
+from __future__ import annotations
+
+import ctypes as c
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Ids, Picture
+from cadcam.native.core import library
+
+STEP_TERMS = 10
+
+
+class _Picture(c.Structure):
+    _fields_ = (("pixels", c.c_void_p), ("width", c.c_int32), ("height", c.c_int32))
+
+
+@cache
+def _core() -> c.CDLL:
+    core = library()
+    pointer, i64, i32, real, picture = c.c_void_p, c.c_int64, c.c_int32, c.c_double, c.POINTER(_Picture)
+    core.cc_steps.argtypes = [picture, i64, *[pointer] * 5, *[real] * 4, pointer]
+    core.cc_candidates.argtypes = [picture, i64, pointer, pointer, real, i32, real, i32, pointer, pointer]
+    core.cc_clearance.argtypes = [i64, *[pointer] * 4, i64, *[pointer] * 3, *[real] * 3, pointer, pointer]
+    for name in ("cc_steps", "cc_candidates", "cc_clearance"):
+        getattr(core, name).restype = None
+    return core
+
+
+def steps(
+    gray: Picture,
+    q: Array,
+    normal: Array,
+    below: Array,
+    above: Array,
+    kink: Array,
+    *,
+    half_length: float,
+    blur: float,
+    dark: float,
+    bright: float,
+) -> Array:
+    """Return (n, 10) of each cell: c, g, h, noise, Qcc, Qgg, Qcg, Qhh, pixels, share clipped (profile.h)."""
+    gray, arrays = np.ascontiguousarray(gray, np.float32), _doubles(q, normal, below, above, kink)
+    out = np.zeros((len(arrays[0]), STEP_TERMS))
+    places = _at(*arrays)
+    _core().cc_steps(_picture(gray), len(out), *places, half_length, blur, dark, bright, out.ctypes.data)
+    return out
+
+
+def candidates(
+    gray: Picture, q: Array, normal: Array, *, half_length: float, reach: int, least: float, most: int
+) -> tuple[Array, Array]:
+    """Return offset and slope (n, most) of the strongest slopes along the normals, nan where there are no more."""
+    gray, arrays = np.ascontiguousarray(gray, np.float32), _doubles(q, normal)
+    offset, slope = np.zeros((len(arrays[0]), most)), np.zeros((len(arrays[0]), most))
+    places = _at(*arrays)
+    _core().cc_candidates(_picture(gray), len(offset), *places, half_length, reach, least, most, *_at(offset, slope))
+    return offset, slope
+
+
+def clearance(
+    q: Array,
+    normal: Array,
+    run: Ids,
+    arc: Array,
+    segments: Array,
+    segment_run: Ids,
+    segment_arc: Array,
+    *,
+    half_length: float,
+    near: float,
+    most: float,
+) -> tuple[Array, Array]:
+    """Return how far (n,) px along -normal and +normal each sample is from the next other line, at most `most`."""
+    q, normal, arc, segments, segment_arc = _doubles(q, normal, arc, segments, segment_arc)
+    run, segment_run = np.ascontiguousarray(run, np.int32), np.ascontiguousarray(segment_run, np.int32)
+    below, above = np.zeros(len(q)), np.zeros(len(q))
+    lines = _at(segments, segment_run, segment_arc)
+    _core().cc_clearance(
+        len(q), *_at(q, normal, run, arc), len(segments), *lines, half_length, near, most, *_at(below, above)
+    )
+    return below, above
+
+
+def _picture(gray: Picture) -> object:
+    """Return a reference to the picture; `gray` must outlive the call."""
+    return c.byref(_Picture(gray.ctypes.data, gray.shape[1], gray.shape[0]))
+
+
+def _doubles(*arrays: Array) -> list[Array]:
+    return [np.ascontiguousarray(a, np.float64) for a in arrays]
+
+
+def _at(*arrays: npt.NDArray[np.generic]) -> list[int]:
+    return [a.ctypes.data for a in arrays]

@@ -1,0 +1,177 @@
+/* Steps fitted to the pixels of cells along lines: cc_steps of profile.h, compiled once for each instruction set. */
+#include <string.h>
+
+#include "hot.h"
+#include "profile.h"
+#include "vectors.h"
+
+enum { TERMS = 5, CHUNK = 256, SUMS = TERMS * (TERMS + 1) / 2 + TERMS + 1 };
+#define MAGIC 6755399441055744.0 /* 1.5 * 2^52: what is added to it is rounded to a whole number in its low bits */
+
+/* Pixels of a cell: distance from the line, brightness less that of the first. */
+typedef struct {
+    double d[CHUNK + 4], value[CHUNK + 4];
+    int n;
+} pixels;
+
+typedef struct {
+    d4 sum[SUMS];
+    double first;
+    int count, clipped;
+} equations;
+
+/* exp(-y), y from 0 on; off by less than 1e-8 of it: 2^k times a polynomial on half a power to both sides. */
+INLINE d4 decay(d4 y) {
+    const d4 most = {700, 700, 700, 700}, zero = {0, 0, 0, 0};
+    l4 far = y > most;
+    y = (d4)(((l4)most & far) | ((l4)y & ~far));
+    d4 t = y * -1.4426950408889634 + zero, whole = t + MAGIC;
+    d4 f = (t - (whole - MAGIC)) * 0.69314718055994531;
+    d4 p = 1.0 + f * (1.0 + f * (0.5 + f * (1 / 6.0 + f * (1 / 24.0 + f * (1 / 120.0 + f * (1 / 720.0 + f / 5040.0))))));
+    l4 power = ((l4)whole + 1023) << 52;
+    return p * (d4)power;
+}
+
+/* The normal distribution's bell and, by 26.2.17 of Abramowitz and Stegun (off by less than 8e-8), its integral. */
+INLINE void bell_and_step(d4 x, d4 *bell, d4 *step) {
+    const d4 zero = {0, 0, 0, 0};
+    l4 negative = x < zero;
+    d4 size = (d4)((l4)x & 0x7FFFFFFFFFFFFFFF);
+    d4 phi = 0.39894228040143268 * decay(0.5 * x * x);
+    d4 t = 1.0 / (1.0 + 0.2316419 * size);
+    d4 tail = phi * t * (0.319381530 + t * (-0.356563782 + t * (1.781477937 + t * (-1.821255978 + t * 1.330274429))));
+    d4 other = 1.0 - tail;
+    *bell = phi, *step = (d4)(((l4)tail & negative) | ((l4)other & ~negative));
+}
+
+/* Terms: 1, c's step, g's bell, d, h's ramp. */
+static void add(equations *e, pixels *p, double blur) {
+    const double sharp = 1 / blur;
+    d4 sum[SUMS];
+    memcpy(sum, e->sum, sizeof sum);
+    for (int k = 0; k < 4; k++) p->d[p->n + k] = p->value[p->n + k] = 0;
+    for (int k = 0; k < p->n; k += 4) {
+        d4 f[TERMS], d = *(const d4 *)(p->d + k), value = *(const d4 *)(p->value + k), step, bell;
+        bell_and_step(d * sharp, &bell, &step);
+        const l4 there = *(const d4 *)COUNT < (double)(p->n - k); /* the last vector may be filled up */
+        f[0] = (d4)((l4)(d4){1, 1, 1, 1} & there);
+        f[1] = step * f[0], f[2] = bell * sharp * f[0], f[3] = d, f[4] = d * step + blur * bell * f[0];
+        int s = 0;
+        for (int i = 0; i < TERMS; i++)
+            for (int j = 0; j <= i; j++) sum[s] += f[i] * f[j], s++;
+        for (int i = 0; i < TERMS; i++) sum[s] += f[i] * value, s++;
+        sum[s] += value * value;
+    }
+    memcpy(e->sum, sum, sizeof sum);
+    p->n = 0;
+}
+
+/* Add a row's pixels, `count` of them, the first at distance d, each `across` farther. */
+static void add_row(equations *e, pixels *some, const float *row, int count, double d, double across,
+                    const double *levels) {
+    while (count > 0) {
+        if (some->n == CHUNK) add(e, some, levels[2]);
+        int n = imin(count, CHUNK - some->n), clipped = 0;
+        double *to_d = some->d + some->n, *to_value = some->value + some->n;
+        for (int k = 0; k < n; k++) to_d[k] = d + k * across, to_value[k] = row[k] - e->first;
+        for (int k = 0; k < n; k++) clipped += (row[k] <= (float)levels[0]) | (row[k] >= (float)levels[1]);
+        some->n += n, e->count += n, e->clipped += clipped;
+        row += n, count -= n, d += n * across;
+    }
+}
+
+/* The pixels of row y between the cell's four sides: |along| <= half and -below .. above across, linear in x. */
+static void span(const double *q, const double *n, double dy, double below, double above, double half, double *lo,
+                 double *hi) {
+    double tx = -n[1], ty = n[0];
+    double side[2][3] = {{n[0], -below - n[1] * dy, above - n[1] * dy}, {tx, -half - ty * dy, half - ty * dy}};
+    for (int k = 0; k < 2; k++) {
+        double a = side[k][0];
+        if (fabs(a) < 1e-9) {
+            if (side[k][1] > 0 || side[k][2] < 0) *lo = INFINITY;
+            continue;
+        }
+        *lo = upper(*lo, side[k][a > 0 ? 1 : 2] / a + q[0]);
+        *hi = lower(*hi, side[k][a > 0 ? 2 : 1] / a + q[0]);
+    }
+}
+
+/* Add the pixels of the cell; 0 where it leaves the picture. */
+static int gather(const cc_picture *p, const double *q, const double *n, double below, double above, double half,
+                  const double *levels, equations *e) {
+    pixels some;
+    some.n = 0;
+    double tx = -n[1], ty = n[0], middle = 0.5 * (above - below), reach = 0.5 * (above + below);
+    double cx = q[0] + middle * n[0], cy = q[1] + middle * n[1];
+    double wide = fabs(reach * n[0]) + fabs(half * tx), high = fabs(reach * n[1]) + fabs(half * ty);
+    if (!(cx - wide >= 0 && cx + wide <= p->width - 1 && cy - high >= 0 && cy + high <= p->height - 1)) return 0;
+    e->first = p->pixels[(int64_t)cy * p->width + (int64_t)cx];
+    for (int y = (int)ceil(cy - high); y <= (int)floor(cy + high); y++) {
+        double dy = y - q[1], lo = cx - wide, hi = cx + wide;
+        span(q, n, dy, below, above, half, &lo, &hi);
+        if (!(lo <= hi)) continue;
+        const int x0 = (int)ceil(lo), count = (int)floor(hi) - x0 + 1;
+        add_row(e, &some, p->pixels + (int64_t)y * p->width + x0, count, (x0 - q[0]) * n[0] + dy * n[1], n[0], levels);
+    }
+    add(e, &some, levels[2]);
+    return 1;
+}
+
+/* In-place inverse of the first n rows of a symmetric positive matrix (lower half given); 0 where it is none. */
+static int inverse(double A[TERMS][TERMS], int n) {
+    double L[TERMS][TERMS], R[TERMS][TERMS] = {{0}};
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j <= i; j++) {
+            double s = A[i][j];
+            for (int k = 0; k < j; k++) s -= L[i][k] * L[j][k];
+            if (i == j) {
+                if (!(s > 1e-9 * A[i][i])) return 0;
+                L[i][i] = sqrt(s);
+            } else L[i][j] = s / L[j][j];
+        }
+    for (int j = 0; j < n; j++)
+        for (int i = j; i < n; i++) {
+            double s = i == j ? 1.0 : 0.0;
+            for (int k = j; k < i; k++) s -= L[i][k] * R[k][j];
+            R[i][j] = s / L[i][i];
+        }
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++) {
+            A[i][j] = 0;
+            for (int k = i > j ? i : j; k < n; k++) A[i][j] += R[k][i] * R[k][j];
+        }
+    return 1;
+}
+
+static void solve(const equations *e, double kink, double *out) {
+    double sum[SUMS], A[TERMS][TERMS] = {{0}}, x[TERMS];
+    for (int s = 0; s < SUMS; s++) sum[s] = (e->sum[s][0] + e->sum[s][1]) + (e->sum[s][2] + e->sum[s][3]);
+    const double *y = sum + SUMS - TERMS - 1;
+    double rss = sum[SUMS - 1];
+    for (int i = 0, s = 0; i < TERMS; i++)
+        for (int j = 0; j <= i; j++, s++) A[i][j] = sum[s];
+    int n = kink < INFINITY ? TERMS : TERMS - 1;
+    if (n == TERMS) A[4][4] += kink;
+    if (e->count < TERMS + 3 || !inverse(A, n)) return;
+    for (int i = 0; i < n; i++) {
+        x[i] = 0;
+        for (int j = 0; j < n; j++) x[i] += A[i][j] * y[j];
+    }
+    for (int i = 0; i < n; i++) rss -= x[i] * y[i];
+    /* a term held by a prior takes no degree of freedom away: its spread is part of the model */
+    int freedom = e->count - (kink == 0 ? TERMS : TERMS - 1);
+    out[0] = x[1], out[1] = x[2], out[2] = n == TERMS ? x[4] : 0, out[3] = sqrt((rss > 0 ? rss : 0) / freedom);
+    out[4] = A[1][1], out[5] = A[2][2], out[6] = A[1][2], out[7] = n == TERMS ? A[4][4] : 0;
+    out[8] = e->count, out[9] = (double)e->clipped / e->count;
+}
+
+void VARIANT(steps)(const cc_picture *picture, int64_t n, const double *q, const double *normal, const double *below,
+                    const double *above, const double *kink, double half_length, const double *levels, double *out) {
+    for (int64_t i = 0; i < n; i++) {
+        equations e;
+        memset(&e, 0, sizeof e);
+        double *o = out + CC_STEP_TERMS * i;
+        for (int k = 0; k < CC_STEP_TERMS; k++) o[k] = NAN;
+        if (gather(picture, q + 2 * i, normal + 2 * i, below[i], above[i], half_length, levels, &e)) solve(&e, kink[i], o);
+    }
+}
