@@ -8,7 +8,7 @@
     {                                           \
         void function##_baseline parameters;    \
         void function##_v3 parameters;          \
-        if (variant() == 1) function##_v3 arguments; \
+        if (variant_in_use() == 1) function##_v3 arguments; \
         else function##_baseline arguments;     \
     }
 #else
