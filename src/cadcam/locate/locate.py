@@ -16,7 +16,7 @@ from cadcam.locate.location import FOUND, Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine import EDGES, EdgeOptions, refine
-from cadcam.locate.search import search
+from cadcam.locate.search import search_once
 from cadcam.locate.view_range import WHOLE_SPHERE, ViewRange
 
 _SURE = 0.7  # quality at which no other hypothesis is tried, unless it is as good as this one
@@ -48,7 +48,7 @@ def locate(
     if start is None and freedom is not FREE:
         raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
     if start is None:
-        hypotheses, most = search(part, photos, views), _TRIED[1]
+        hypotheses, most = search_once(part, photos, views), _TRIED[1]
     else:
         hypotheses, most = approach(part, photos, start, reach=reach, freedom=freedom), _TRIED[0]
     if not hypotheses:
