@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 
 from cadcam.cad.mesh import Mesh
+from cadcam.locate.aspects import Aspects
 from cadcam.render.view import Scene
 from cadcam.render.visible import LineDrawer
 
@@ -27,3 +28,8 @@ class Part:
     def lines(self) -> LineDrawer:
         """What draws the part's visible lines from anywhere."""
         return LineDrawer(self.scene)
+
+    @cached_property
+    def aspects(self) -> Aspects:
+        """What the part shows from every side, each aspect made when first asked for."""
+        return Aspects(self.lines)

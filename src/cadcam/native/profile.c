@@ -10,7 +10,7 @@ void cc_steps(const cc_picture *picture, int64_t n, const double *q, const doubl
               double *out) {
     const double levels[3] = {dark, bright, blur};
 #if CC_HAS_V3
-    if (variant() == 1) {
+    if (variant_in_use() == 1) {
         steps_v3(picture, n, q, normal, below, above, kink, half_length, levels, out);
         return;
     }

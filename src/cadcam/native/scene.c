@@ -239,14 +239,14 @@ CC_API int32_t cc_choose_variant(int32_t level) {
     return atomic_load(&chosen);
 }
 
-int variant(void) {
+int variant_in_use(void) {
     int level = atomic_load(&chosen);
     return level < 0 ? cc_choose_variant(-1) : level;
 }
 
 CC_API const char *cc_variant(void) {
     static const char *names[] = {"baseline", "x86-64-v3"};
-    return names[variant()];
+    return names[variant_in_use()];
 }
 
 /* ---- frames */
@@ -265,7 +265,7 @@ CC_API cc_frame *cc_frame_new(const cc_scene *scene, const cc_view *view) {
     if (f->candidates) {
         int ready;
 #if CC_HAS_V3
-        if (variant() == 1) ready = frame_prepare_v3(f);
+        if (variant_in_use() == 1) ready = frame_prepare_v3(f);
         else
 #endif
             ready = frame_prepare_baseline(f);
@@ -277,7 +277,7 @@ CC_API cc_frame *cc_frame_new(const cc_scene *scene, const cc_view *view) {
 
 CC_API int32_t cc_frame_work(cc_frame *f, cc_worker *worker) {
 #if CC_HAS_V3
-    if (variant() == 1) return frame_work_v3(f, worker);
+    if (variant_in_use() == 1) return frame_work_v3(f, worker);
 #endif
     return frame_work_baseline(f, worker);
 }

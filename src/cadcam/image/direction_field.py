@@ -1,0 +1,131 @@
+"""Direction fields of a photo: at each pixel and for each of a few directions, how surely a line runs there.
+
+The gradient by Sobel's operator is judged against the picture's noise (the median of its magnitude, which is Rayleigh
+distributed where there is nothing but noise) and against the mean around it, so that neither contrast nor exposure
+counts and no texture outweighs a lonely edge; pixels beside the top of an edge count less. Its direction is spread over
+the sectors by the fourth power of a cosine. Like the response maps of S. Hinterstoisser et al., Gradient response maps
+for real-time detection of textureless objects, PAMI 34 (2012), the fields are made to be summed along the edges of a
+model; unlike those they keep lines sharp, and coarser fields are pooled from finer ones, so that the two sides of a thin
+plate do not cancel.
+
+Fields are those of an ideal camera: through a lens the picture is straightened first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from cadcam.arrays import Array, Mask, Picture
+from cadcam.camera.camera import Camera
+from cadcam.camera.lens import Ideal
+from cadcam.native.fields import SECTORS, Planes, directions, halve, reduce, sample
+
+__all__ = ["SECTORS", "DirectionField", "direction_fields"]
+
+_FLOOR = 0.5 / 255  # grey value per pixel: below it gradients are quantisation
+_WIDEST = 1.5  # a straightened picture is at most so many times as large as the photo
+_LEAST = 4  # px along the shorter side of a field
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DirectionField:
+    """A field and its ideal camera, whose pixels are those of the field.
+
+    planes: values (SECTORS, H, W) uint8, 255 = sure; plane s is for lines whose normal has the direction s pi / SECTORS,
+    up to sign; mean and variance (SECTORS,) over the picture. reduction: photo pixels to a pixel of the field.
+    """
+
+    camera: Camera
+    planes: Planes
+    reduction: int
+
+
+def direction_fields(
+    gray: Picture,
+    camera: Camera,
+    *,
+    reduction: int = 1,
+    levels: int = 3,
+    region: tuple[int, int, int, int] | None = None,
+) -> tuple[DirectionField, ...]:
+    """Return the fields of a photo (H, W) taken by `camera`, the finest (`reduction` photo pixels to one) first.
+
+    Each next one has half the size; fewer than `levels` come back where a side would fall below 4 px. region: only this
+    part of the photo, (left, top, right, bottom) px, right and bottom excluded; cameras come back cropped alike.
+    """
+    if region is not None:
+        left, top, right, bottom = region
+        gray, camera = gray[top:bottom, left:right], camera.crop(left, top, (right - left, bottom - top))
+    small, seen, camera = _straightened(_even(gray, reduction), _reduced(camera, reduction))
+    planes = directions(small, _FLOOR)
+    if seen is not None:
+        planes.values[:, ~seen] = 0
+    fields = [DirectionField(camera, planes, reduction)]
+    while len(fields) < levels and min(fields[-1].camera.size) >= 2 * _LEAST:
+        last = fields[-1]
+        fields.append(DirectionField(_reduced(last.camera, 2), halve(last.planes), 2 * last.reduction))
+    return tuple(fields)
+
+
+def _even(gray: Picture, k: int) -> Picture:
+    return reduce(gray, k) if k > 1 else np.asarray(gray, np.float32)
+
+
+def _reduced(camera: Camera, k: int) -> Camera:
+    """Return the camera of boxes of k x k pixels; what is over at the right and below is cut off."""
+    width, height = camera.width // k, camera.height // k
+    return camera.crop(0, 0, (width * k, height * k)).resize((width, height)) if k > 1 else camera
+
+
+def _straightened(gray: Picture, camera: Camera) -> tuple[Picture, Mask | None, Camera]:
+    """Return the picture as an ideal camera with the same K sees it, which pixels the photo shows, and that camera."""
+    if isinstance(camera.lens, Ideal):
+        return gray, None, camera
+    places, seen, ideal = _straightening(camera.size, camera.K.tobytes(), camera)
+    return sample(gray, places), seen, ideal
+
+
+class _Same:
+    """A camera that is not looked at when calls are compared."""
+
+    def __init__(self, camera: Camera) -> None:
+        self.camera = camera
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and other.camera.lens == self.camera.lens
+
+    def __hash__(self) -> int:
+        return 0
+
+
+def _straightening(size: tuple[int, int], K: bytes, camera: Camera) -> tuple[Picture, Mask, Camera]:
+    return _straightening_of(size, K, _Same(camera))
+
+
+@lru_cache(maxsize=8)
+def _straightening_of(size: tuple[int, int], K: bytes, same: _Same) -> tuple[Picture, Mask, Camera]:
+    """Return where the ideal camera's pixels lie in the photo (H, W, 2), which of them are in it, and that camera."""
+    camera = same.camera
+    low, high = _bounds(camera)
+    ideal = replace(camera, lens=Ideal()).crop(int(low[0]), int(low[1]), (int(high[0] - low[0]), int(high[1] - low[1])))
+    q = camera.project(ideal.unproject(ideal.pixel_grid()))
+    seen = camera.sees(np.nan_to_num(q, nan=-9.0))
+    return np.nan_to_num(q, nan=0.0).astype(np.float32), seen, ideal
+
+
+def _bounds(camera: Camera) -> tuple[Array, Array]:
+    """Return the corners (2,), (2,) px of the straightened picture: what the border sees, within reason."""
+    w, h = camera.size
+    t = np.linspace(0.0, 1.0, 65)
+    border = [(t * (w - 1), 0 * t), (t * (w - 1), 0 * t + h - 1), (0 * t, t * (h - 1)), (0 * t + w - 1, t * (h - 1))]
+    ray = camera.unproject(np.concatenate([np.stack(side, axis=-1) for side in border]))
+    ray = ray[np.isfinite(ray).all(axis=1) & (ray[:, 2] > 0)]
+    size, slack = np.array([w, h], float), (_WIDEST - 1) / 2 * np.array([w, h])
+    if not len(ray):
+        return np.zeros(2), size
+    q = replace(camera, lens=Ideal()).project(ray)
+    low, high = np.floor(q.min(axis=0)), np.ceil(q.max(axis=0)) + 1
+    return np.maximum(low, -np.floor(slack)), np.minimum(high, size + np.floor(slack))

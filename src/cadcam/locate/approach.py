@@ -1,0 +1,158 @@
+"""From a rough start to poses that edge refinement can take up: many hypotheses, then fewer and finer ones.
+
+1. Around the start, rotations (tilts of the view, turns in the picture) and depths on a grid; for each, the visible edges
+   of the aspect seen from there are slid over a coarse direction field to find where in the picture they fit best.
+   A shift in the picture is a turn of the camera about its centre: it changes nothing of what is seen.
+2. The best climb on finer and finer fields, all photos together; what runs into the same pose is one.
+The result is ranked by how far the certainty under the edges exceeds what edges put down anywhere would meet, in
+standard deviations of that.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.camera.camera import Camera
+from cadcam.errors import BadValue, NothingInView
+from cadcam.geometry import rotation as so3
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.direction_field import direction_fields
+from cadcam.locate.aspects import Aspects
+from cadcam.locate.climb import Climb, Stage, climbed, composed, distinct, rigid_of, turned, views_of
+from cadcam.locate.hypothesis import Hypothesis
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+
+_FINE_PX = 300.0  # the part's size in the finest field: enough to tell poses apart, few pixels to look at
+_LEVELS = 3
+_TILT_DEG, _ROLL_DEG, _DEPTH = 7.5, 4.0, 0.045  # steps of the grid: half of one is in reach of the climb
+_SLID = 64  # samples of an aspect that are slid
+_TAKEN = 48  # hypotheses that start climbing
+
+
+_CLIMBS = (
+    Climb(2, 96, (2.0, 1.5, 1.0, 1.0), 24),
+    Climb(1, 128, (2.0, 1.5, 1.0, 1.0), 10),
+    Climb(0, 160, (2.0, 1.5, 1.0, 1.0, 0.7), 10),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """How far off a start may be: rotation (deg), place in the picture (px of the photo), share of the depth."""
+
+    rotation_deg: float = 20.0
+    shift_px: float = 40.0
+    depth: float = 0.10
+
+    def __post_init__(self) -> None:
+        for name, value, most in (("rotation_deg", self.rotation_deg, 60.0), ("depth", self.depth, 0.5)):
+            if not 0 <= value <= most:
+                raise BadValue(f"reach {name}", value, f"0 to {most:g}")
+        if not 0 <= self.shift_px < math.inf:
+            raise BadValue("reach shift_px", self.shift_px, "a number of px, at least 0")
+
+
+def approach(part: Part, photos: Sequence[Photo], start: Rigid, *, reach: Reach = Reach()) -> list[Hypothesis]:
+    """Return poses (world_from_part) within reach of a rough start that the photos may show, best first.
+
+    Good to about a pixel of the photo: for `refine` to take up. Empty where nothing is in reach. Raises
+    `NothingInView` where the start puts the part outside every photo.
+    """
+    stages = _stages(part, photos, start, reach)
+    poses = _slid(part.aspects, stages[-1], start, reach)
+    for climb in _CLIMBS:
+        stage = stages[min(climb.level, len(stages) - 1)]
+        poses, score, agreement = climbed(part.aspects, stage, poses, np.eye(6), climb)
+        kept = distinct(part.aspects, poses, score, climb.kept)
+        poses, score, agreement = poses[kept], score[kept], agreement[kept]
+    return [Hypothesis(rigid_of(p), float(s), float(a)) for p, s, a in zip(poses, score, agreement, strict=True)]
+
+
+def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> list[Stage]:
+    """Return the stages of all photos that see the part at its start, finest first."""
+    aspects, fields, places = part.aspects, [], []
+    for photo in photos:
+        pose = photo.viewpoint.camera_from_world
+        span = _span(aspects, photo.camera, pose @ start)
+        region = None if span is None else _region(span, photo.camera, reach)
+        if region is None:
+            continue
+        size = float(np.max(span[1] - span[0])) if span is not None else 0.0
+        k = max(1, round(size / _FINE_PX))
+        fields.append(direction_fields(photo.gray, photo.camera, reduction=k, levels=_LEVELS, region=region))
+        places.append(pose)
+    if not fields:
+        raise NothingInView("the start puts the part outside of every photo; check the start and the part's unit")
+    levels = min(len(f) for f in fields)
+    return [Stage(tuple(f[k] for f in fields), tuple(places)) for k in range(levels)]
+
+
+def _span(aspects: Aspects, camera: Camera, camera_from_part: Rigid) -> tuple[Array, Array] | None:
+    """Return the corners of the box of px that the part's ball takes in a photo; None where it is behind."""
+    centre = camera_from_part @ aspects.centre
+    if centre[2] < 0.2 * aspects.radius:
+        return None
+    offsets = aspects.radius * np.concatenate([np.eye(3)[:2], -np.eye(3)[:2]])
+    q = camera.project(np.concatenate([[centre], centre + offsets]))
+    q = q[np.isfinite(q).all(axis=1)]
+    return (q.min(axis=0), q.max(axis=0)) if len(q) else None
+
+
+def _region(span: tuple[Array, Array], camera: Camera, reach: Reach) -> tuple[int, int, int, int] | None:
+    grow = reach.shift_px + (reach.depth + 0.02) * (span[1] - span[0])
+    low = np.clip(np.floor(span[0] - grow), 0, camera.size).astype(int)
+    high = np.clip(np.ceil(span[1] + grow) + 1, 0, camera.size).astype(int)
+    return None if (high - low).min() < 16 else (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
+
+
+def _slid(aspects: Aspects, stage: Stage, start: Rigid, reach: Reach) -> Array:
+    """Return the best poses (N, 12), world_from_part, of a grid around the start, each where it fits best."""
+    poses, scores = [], []
+    for eye, (field, camera_from_world) in enumerate(zip(stage.fields, stage.cameras_from_world, strict=True)):
+        seen = _grid(aspects, camera_from_world @ start, reach)
+        world = composed(camera_from_world.inv, seen)
+        shift_px = math.ceil(reach.shift_px / field.reduction) + 1
+        views = views_of(aspects, stage, world, _SLID)
+        shift, score = views.slide(eye, world, centre=(0, 0), reach=(shift_px, shift_px), keep=1, apart=2)
+        best = np.argsort(-score[:, 0])[: _TAKEN]
+        moved = turned(aspects, field.camera, seen[best], shift[best, 0].astype(float))
+        poses.append(composed(camera_from_world.inv, moved))
+        scores.append(score[best, 0])
+    order = np.argsort(-np.concatenate(scores), kind="stable")[: _TAKEN]
+    return np.concatenate(poses)[order]
+
+
+def _grid(aspects: Aspects, camera_from_part: Rigid, reach: Reach) -> Array:
+    """Return poses (N, 12) camera_from_part around one: turned about the part's middle, nearer and farther."""
+    centre = camera_from_part @ aspects.centre
+    axis = centre / np.linalg.norm(centre)
+    side = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    side /= np.linalg.norm(side)
+    vectors = _turns(reach.rotation_deg) @ np.stack([side, np.cross(axis, side), axis])
+    R = so3.exp(np.radians(vectors)) @ camera_from_part.rotation
+    n = round(reach.depth / _DEPTH)
+    depth = np.exp(np.linspace(-1, 1, 2 * n + 1) * math.log1p(reach.depth)) if n else np.ones(1)
+    middle = depth[:, None, None] * centre
+    t = middle - (R @ aspects.centre)[None]
+    R = np.broadcast_to(R, (len(depth), *R.shape))
+    return np.concatenate([R.reshape(-1, 9), t.reshape(-1, 3)], axis=1)
+
+
+def _turns(reach_deg: float) -> Array:
+    """Return rotation vectors (N, 3), degrees, in a ball: a hexagonal net of tilts (0, 1), even turns (2) about z."""
+    n = math.ceil(reach_deg / _TILT_DEG) + 1
+    i, j = (a.ravel() for a in np.meshgrid(np.arange(-2 * n, 2 * n + 1), np.arange(-2 * n, 2 * n + 1)))
+    tilt = _TILT_DEG * np.stack([i + 0.5 * j, math.sqrt(0.75) * j], axis=1)
+    m = round(reach_deg / _ROLL_DEG)
+    roll = _ROLL_DEG * np.arange(-m, m + 1)
+    every = np.concatenate([np.broadcast_to(tilt[:, None], (len(tilt), len(roll), 2)),
+                            np.broadcast_to(roll[None, :, None], (len(tilt), len(roll), 1))], axis=2).reshape(-1, 3)  # fmt: skip
+    return every[np.linalg.norm(every, axis=1) <= reach_deg + 0.25 * _TILT_DEG]
+
+

@@ -1,0 +1,311 @@
+/* Edges of a part over direction fields: sliding and climbing, see field.h. Compiled once for each instruction set. */
+#include "field.h"
+#include "hot.h"
+
+#define TAPS 16          /* at most, to either side of a place */
+#define REACH 2.5        /* blurs, to either side */
+#define NEAREST 1e-6     /* of the depth: a place this close to the focal plane has no image */
+
+typedef struct { double R[9], t[3]; } rigid;
+
+static void product(const double *A, const double *B, double *C) { /* 3 x 3 */
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) C[3 * i + j] = A[3 * i] * B[j] + A[3 * i + 1] * B[3 + j] + A[3 * i + 2] * B[6 + j];
+}
+
+/* camera_from_part of an eye and a pose (rotation rows, translation). */
+static rigid seen_by(const cc_eye *eye, const double *pose) {
+    rigid c;
+    product(eye->rotation, pose, c.R);
+    for (int i = 0; i < 3; i++) {
+        const double *r = eye->rotation + 3 * i;
+        c.t[i] = r[0] * pose[9] + r[1] * pose[10] + r[2] * pose[11] + eye->translation[i];
+    }
+    return c;
+}
+
+/* The image of a place: pixel, direction of the line there (not of unit length), 1/z and (x/z, y/z). */
+typedef struct { double x, y, dx, dy, over_z, u, v; } spot;
+
+static inline int image_of(const cc_eye *e, const rigid *c, const cc_place *s, spot *out) {
+    const float *p = s->p, *t = s->tangent;
+    const double *R = c->R;
+    const double X = R[0] * p[0] + R[1] * p[1] + R[2] * p[2] + c->t[0];
+    const double Y = R[3] * p[0] + R[4] * p[1] + R[5] * p[2] + c->t[1];
+    const double Z = R[6] * p[0] + R[7] * p[1] + R[8] * p[2] + c->t[2];
+    if (!(Z > NEAREST * (fabs(X) + fabs(Y)))) return 0;
+    const double tx = R[0] * t[0] + R[1] * t[1] + R[2] * t[2], ty = R[3] * t[0] + R[4] * t[1] + R[5] * t[2];
+    const double tz = R[6] * t[0] + R[7] * t[1] + R[8] * t[2];
+    const double k = 1 / Z, u = X * k, v = Y * k, du = tx - u * tz, dv = ty - v * tz;
+    out->x = e->fx * u + e->skew * v + e->cx, out->y = e->fy * v + e->cy;
+    out->dx = e->fx * du + e->skew * dv, out->dy = e->fy * dv;
+    out->over_z = k, out->u = u, out->v = v;
+    return fabs(out->x) < 1e6 && fabs(out->y) < 1e6;
+}
+
+/* The sector of a line's normal; the line has direction (dx, dy), its normal twice that angle plus pi when doubled. */
+static inline int sector_of(double dx, double dy) {
+    const double c = dy * dy - dx * dx, s = -2 * dx * dy, a = fabs(c), b = fabs(s);
+    if (b < 0.41421356 * a) return c > 0 ? 0 : 4;
+    if (a < 0.41421356 * b) return s > 0 ? 2 : 6;
+    return c > 0 ? (s > 0 ? 1 : 7) : (s > 0 ? 3 : 5);
+}
+
+/* Rounded; for |x| < 2^20 only: what is far outside is as good as any. */
+static inline int32_t nearest(double x) { return (int32_t)(x + (1048576 + 0.5)) - 1048576; }
+
+/* ---- sliding */
+
+#define LANES 16 /* sums are added in groups of so many: a row of them is a multiple */
+
+/* Add a plane, shifted by (x, y), to the window of sums, whose rows are `stride` long. */
+static void add_shifted(const cc_field *f, int sector, int32_t x, int32_t y, int32_t wide, int32_t high, int32_t stride,
+                        uint16_t *sums) {
+    const uint8_t *plane = f->planes + (size_t)sector * (size_t)f->width * (size_t)f->height;
+    const int32_t from_y = imax(0, -y), to_y = imin(high, f->height - y);
+    if (stride == LANES && x >= 0 && x + LANES <= f->width) { /* the common case, a small window inside */
+        for (int32_t j = from_y; j < to_y; j++) {
+            const uint8_t *row = plane + (ptrdiff_t)(y + j) * f->width + x;
+            uint16_t *restrict out = sums + (size_t)j * LANES;
+            for (int32_t i = 0; i < LANES; i++) out[i] = (uint16_t)(out[i] + row[i]);
+        }
+        return;
+    }
+    const int32_t from_x = imax(0, -x), to_x = imin(wide, f->width - x);
+    for (int32_t j = from_y; j < to_y; j++) {
+        const uint8_t *row = plane + (ptrdiff_t)(y + j) * f->width + x;
+        uint16_t *restrict out = sums + (size_t)j * (size_t)stride;
+        for (int32_t i = from_x; i < to_x; i++) out[i] = (uint16_t)(out[i] + row[i]);
+    }
+}
+
+/* The largest of the window's sums: its value, and where. */
+static uint16_t largest(const uint16_t *sums, int32_t wide, int32_t high, int32_t stride, int32_t *x, int32_t *y) {
+    uint16_t best = 0;
+    *x = *y = 0;
+    for (int32_t j = 0; j < high; j++) {
+        const uint16_t *row = sums + (size_t)j * (size_t)stride;
+        uint16_t top = 0;
+        for (int32_t i = 0; i < wide; i++) top = row[i] > top ? row[i] : top;
+        if (top <= best) continue;
+        best = top, *y = j;
+        for (*x = 0; row[*x] != top;) ++*x;
+    }
+    return best;
+}
+
+static void best_of(uint16_t *sums, int32_t wide, int32_t high, int32_t stride, int32_t keep, int32_t apart, double mean,
+                    double deviation, int32_t left, int32_t top, int32_t *shift, float *score) {
+    for (int32_t k = 0; k < keep; k++) {
+        int32_t x, y;
+        const uint16_t best = largest(sums, wide, high, stride, &x, &y);
+        shift[2 * k] = left + x, shift[2 * k + 1] = top + y;
+        score[k] = best ? (float)((best - mean) / deviation) : -INFINITY;
+        if (k + 1 == keep) return;
+        for (int32_t j = imax(0, y - apart); j <= imin(high - 1, y + apart); j++)
+            for (int32_t i = imax(0, x - apart); i <= imin(wide - 1, x + apart); i++) sums[(size_t)j * (size_t)stride + (size_t)i] = 0;
+    }
+}
+
+void VARIANT(climb_slide)(const cc_views *v, int32_t eye, const double *poses, int32_t centre_x, int32_t centre_y,
+                          int32_t reach_x, int32_t reach_y, int32_t keep, int32_t apart, uint16_t *scratch, int32_t *shift,
+                          float *score) {
+    const cc_eye *e = &v->eyes[eye];
+    const int32_t stride = (2 * reach_x + LANES) / LANES * LANES;
+    const int32_t wide = 2 * reach_x + 1, high = 2 * reach_y + 1, left = centre_x - reach_x, top = centre_y - reach_y;
+    for (int64_t k = 0; k < v->n_poses; k++) {
+        const rigid c = seen_by(e, poses + 12 * k);
+        const cc_place *places = v->places + v->first[k * v->n_eyes + eye];
+        double mean = 0, variance = 1e-9;
+        memset(scratch, 0, (size_t)stride * (size_t)high * sizeof *scratch);
+        for (int32_t i = 0; i < imin(v->count[k * v->n_eyes + eye], CC_SLIDABLE); i++) {
+            spot s;
+            if (!image_of(e, &c, &places[i], &s)) continue;
+            const int sector = sector_of(s.dx, s.dy);
+            add_shifted(&e->field, sector, nearest(s.x) + left, nearest(s.y) + top, wide, high, stride, scratch);
+            mean += e->field.mean[sector], variance += e->field.variance[sector];
+        }
+        best_of(scratch, wide, high, stride, keep, apart, mean, sqrt(variance), left, top, shift + 2 * keep * k, score + keep * k);
+    }
+}
+
+/* ---- climbing */
+
+typedef struct { double A[6][6], b[6]; } equations;
+
+static void add_row(equations *q, const double *J, int n, double weight, double offset) {
+    for (int i = 0; i < n; i++) {
+        const double wj = weight * J[i];
+        for (int j = 0; j <= i; j++) q->A[i][j] += wj * J[j];
+        q->b[i] += wj * offset;
+    }
+}
+
+/* Solve the damped equations into x; 0 where they are singular. */
+static int solved(const equations *q, int n, double *x) {
+    double L[6][6], y[6];
+    for (int i = 0; i < n; i++) {
+        for (int j = 0; j <= i; j++) {
+            double s = q->A[i][j];
+            if (i == j) s += 0.01 * s + 1e-12;
+            for (int k = 0; k < j; k++) s -= L[i][k] * L[j][k];
+            if (i == j) {
+                if (!(s > 1e-9 * (q->A[i][i] + 1e-12))) return 0;
+                L[i][i] = sqrt(s);
+            } else L[i][j] = s / L[j][j];
+        }
+        y[i] = q->b[i];
+        for (int k = 0; k < i; k++) y[i] -= L[i][k] * y[k];
+        y[i] /= L[i][i];
+    }
+    for (int i = n - 1; i >= 0; i--) {
+        x[i] = y[i];
+        for (int k = i + 1; k < n; k++) x[i] -= L[k][i] * x[k];
+        x[i] /= L[i][i];
+    }
+    return 1;
+}
+
+/* pose @ exp(xi), xi = (translation, rotation), by Rodrigues' formula. */
+static void moved(double *pose, const double *xi) {
+    const double *w = xi + 3, a2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2], a = sqrt(a2);
+    const double s = a > 1e-9 ? sin(a) / a : 1, c = a > 1e-9 ? (1 - cos(a)) / a2 : 0.5;
+    const double d = a > 1e-4 ? (1 - s) / a2 : 1.0 / 6;
+    const double W[9] = {0, -w[2], w[1], w[2], 0, -w[0], -w[1], w[0], 0};
+    double W2[9], E[9], V[9], R[9], t[3];
+    product(W, W, W2);
+    for (int i = 0; i < 9; i++) {
+        const double one = i % 4 == 0;
+        E[i] = one + s * W[i] + c * W2[i], V[i] = one + c * W[i] + d * W2[i];
+    }
+    for (int i = 0; i < 3; i++) t[i] = V[3 * i] * xi[0] + V[3 * i + 1] * xi[1] + V[3 * i + 2] * xi[2];
+    for (int i = 0; i < 3; i++) pose[9 + i] += pose[3 * i] * t[0] + pose[3 * i + 1] * t[1] + pose[3 * i + 2] * t[2];
+    product(pose, E, R);
+    memcpy(pose, R, sizeof R);
+}
+
+/* A Gaussian at places `step` px apart, `taps` of them to either side. */
+typedef struct { double bell[2 * TAPS + 1]; int taps; double step; } kernel;
+
+static kernel kernel_of(double blur) {
+    kernel k = {.step = 1};
+    k.taps = (int)lower(TAPS, ceil(REACH * blur / k.step));
+    for (int i = -k.taps; i <= k.taps; i++) k.bell[i + k.taps] = exp(-0.5 * i * i * k.step * k.step / (blur * blur));
+    return k;
+}
+
+static int inside(const cc_field *f, double x, double y) {
+    return x >= -0.5 && y >= -0.5 && x < f->width - 0.5 && y < f->height - 0.5;
+}
+
+/* The certainties of a sector along the normal (nx, ny) of a spot, 2 taps + 1 of them, 0 outside the picture. */
+static inline void along_normal(const cc_field *f, const spot *s, const kernel *k, double nx, double ny, int sector, int *out) {
+    const uint8_t *plane = f->planes + (size_t)sector * (size_t)f->width * (size_t)f->height;
+    const double dx = nx * k->step, dy = ny * k->step, x = s->x - k->taps * dx, y = s->y - k->taps * dy;
+    const int n = 2 * k->taps + 1;
+    const int whole = inside(f, x, y) && inside(f, s->x + k->taps * dx, s->y + k->taps * dy);
+    for (int o = 0; o < n; o++) {
+        const int32_t i = nearest(x + o * dx), j = nearest(y + o * dy);
+        out[o] = whole || (i >= 0 && j >= 0 && i < f->width && j < f->height) ? plane[j * f->width + i] : 0;
+    }
+}
+
+static void add_place(const cc_eye *e, const rigid *c, const cc_place *place, const kernel *k, const double *freedom, int n,
+                      equations *q) {
+    spot s;
+    if (!image_of(e, c, place, &s) || !inside(&e->field, s.x, s.y)) return;
+    const double length = sqrt(s.dx * s.dx + s.dy * s.dy);
+    if (!(length > 1e-9)) return;
+    const double nx = -s.dy / length, ny = s.dx / length;
+    const int sector = sector_of(s.dx, s.dy);
+    const double mean = e->field.mean[sector];
+    int found[2 * TAPS + 1];
+    double sum = 0, moment = 0;
+    along_normal(&e->field, &s, k, nx, ny, sector, found);
+    for (int o = 0; o <= 2 * k->taps; o++) {
+        const double over = found[o] > mean ? k->bell[o] * (found[o] - mean) : 0;
+        sum += over, moment += (o - k->taps) * over;
+    }
+    if (!(sum > 0)) return;
+    moment *= k->step;
+    /* g: how the spot moves along its normal with the place, in the part's frame */
+    const double gx = nx * e->fx * s.over_z, gy = (nx * e->skew + ny * e->fy) * s.over_z, gz = -(gx * s.u + gy * s.v);
+    double g[3], J[6], free[6];
+    for (int i = 0; i < 3; i++) g[i] = gx * c->R[i] + gy * c->R[3 + i] + gz * c->R[6 + i];
+    const float *p = place->p;
+    J[0] = g[0], J[1] = g[1], J[2] = g[2];
+    J[3] = p[1] * g[2] - p[2] * g[1], J[4] = p[2] * g[0] - p[0] * g[2], J[5] = p[0] * g[1] - p[1] * g[0];
+    for (int j = 0; j < n; j++) {
+        free[j] = 0;
+        for (int i = 0; i < 6; i++) free[j] += J[i] * freedom[i * n + j];
+    }
+    add_row(q, free, n, place->weight * sum, moment / sum);
+}
+
+static void step(const cc_views *v, int64_t k, double *pose, const kernel *kernel, const double *freedom, int n) {
+    equations q = {0};
+    for (int32_t e = 0; e < v->n_eyes; e++) {
+        const rigid c = seen_by(&v->eyes[e], pose);
+        const cc_place *places = v->places + v->first[k * v->n_eyes + e];
+        for (int32_t i = 0; i < v->count[k * v->n_eyes + e]; i++) add_place(&v->eyes[e], &c, &places[i], kernel, freedom, n, &q);
+    }
+    double x[6], xi[6] = {0};
+    if (!solved(&q, n, x)) return;
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j < n; j++) xi[i] += freedom[i * n + j] * x[j];
+    moved(pose, xi);
+}
+
+/* The best certainty (0 to 255) under the kernel along the normal of a place, -1 outside the picture; its sector. */
+static double best_at(const cc_eye *e, const rigid *c, const cc_place *place, const kernel *k, int *sector) {
+    spot s;
+    if (!image_of(e, c, place, &s) || !inside(&e->field, s.x, s.y)) return -1;
+    const double length = sqrt(s.dx * s.dx + s.dy * s.dy) + 1e-12;
+    int found[2 * TAPS + 1];
+    double best = 0;
+    *sector = sector_of(s.dx, s.dy);
+    along_normal(&e->field, &s, k, -s.dy / length, s.dx / length, *sector, found);
+    for (int o = 0; o <= 2 * k->taps; o++) best = upper(best, k->bell[o] * found[o]);
+    return best;
+}
+
+/* The certainty under all places of a pose, its mean and variance anywhere, and the weight in the picture. */
+static void judge(const cc_views *v, int64_t k, int32_t eye, const double *pose, const kernel *kernel, double *score) {
+    const cc_eye *e = &v->eyes[eye];
+    const rigid c = seen_by(e, pose);
+    const cc_place *places = v->places + v->first[k * v->n_eyes + eye];
+    score[0] = score[1] = score[2] = score[3] = 0;
+    for (int32_t i = 0; i < v->count[k * v->n_eyes + eye]; i++) {
+        int sector;
+        const double best = best_at(e, &c, &places[i], kernel, &sector), w = places[i].weight;
+        if (best < 0) continue;
+        score[0] += w * best / 255, score[1] += w * e->field.mean[sector] / 255;
+        score[2] += w * w * e->field.variance[sector] / (255.0 * 255.0), score[3] += w;
+    }
+}
+
+void VARIANT(climb_certainties)(const cc_views *v, int32_t eye, const double *poses, double blur, int64_t stride, float *out) {
+    const kernel kernel = kernel_of(blur);
+    for (int64_t k = 0; k < v->n_poses; k++) {
+        const rigid c = seen_by(&v->eyes[eye], poses + 12 * k);
+        const cc_place *places = v->places + v->first[k * v->n_eyes + eye];
+        for (int32_t i = 0; i < v->count[k * v->n_eyes + eye]; i++) {
+            int sector;
+            const double best = best_at(&v->eyes[eye], &c, &places[i], &kernel, &sector);
+            out[k * stride + i] = best < 0 ? -1.0f : (float)(best / 255);
+        }
+    }
+}
+
+void VARIANT(climb_poses)(const cc_views *v, double *poses, const double *freedom, int32_t n_free, const double *blur,
+                          int32_t steps, double *scores) {
+    for (int64_t k = 0; k < v->n_poses; k++) {
+        double *pose = poses + 12 * k;
+        for (int32_t i = 0; i < steps; i++) {
+            const kernel now = kernel_of(blur[i]);
+            step(v, k, pose, &now, freedom, n_free);
+        }
+        const kernel last = kernel_of(blur[steps]);
+        for (int32_t e = 0; e < v->n_eyes; e++) judge(v, k, e, pose, &last, scores + 4 * (k * v->n_eyes + e));
+    }
+}

@@ -1,0 +1,80 @@
+/* Where a photo shows lines of which direction, and how well the edges of a part lie on them.
+ *
+ * Plain C11 like raster.h; every function writes its answers into memory of the caller. Pictures are (height, width), row
+ * by row, pixel (0, 0) centred at (0, 0). A field holds CC_SECTORS planes of bytes: plane s says how surely a line runs
+ * through a pixel whose normal has the direction s pi / CC_SECTORS (normals that differ by pi are one).
+ */
+#ifndef CADCAM_FIELD_H
+#define CADCAM_FIELD_H
+
+#include <stdint.h>
+
+#include "raster.h"
+
+#define CC_SECTORS 8
+#define CC_SLIDABLE 257 /* places of a run that are slid: more do not fit 16 bits */
+
+typedef struct {
+    const uint8_t *planes; /* (CC_SECTORS, height, width) */
+    const float *mean;     /* (CC_SECTORS,) over the picture, */
+    const float *variance; /* what a line put down anywhere meets */
+    int32_t width, height;
+} cc_field;
+
+/* A field as one camera sees it: q = (fx x/z + skew y/z + cx, fy y/z + cy), and where the camera stands. */
+typedef struct {
+    cc_field field;
+    double fx, skew, cx, fy, cy;
+    double rotation[9], translation[3]; /* camera_from_world, rows */
+} cc_eye;
+
+/* Places on edges of a part: point (mm), unit tangent, weight. */
+typedef struct {
+    float p[3], tangent[3], weight;
+} cc_place;
+
+/* What is scored: for each of `poses` (rotation rows, translation: world_from_part) and each eye a run of places. */
+typedef struct {
+    const cc_eye *eyes;
+    const cc_place *places;
+    const int64_t *first; /* (poses, eyes) */
+    const int32_t *count; /* (poses, eyes) */
+    int32_t n_eyes;
+    int64_t n_poses;
+} cc_views;
+
+/* Means over boxes of k x k pixels: out (height / k, width / k), what is over at the right and below is left out. */
+CC_API void cc_reduce(const float *in, int32_t width, int32_t height, int32_t k, float *out);
+
+/* The picture at n places (x, y), between pixels linearly, beyond the border as at the border. */
+CC_API void cc_sample(const float *in, int32_t width, int32_t height, const float *places, int64_t n, float *out);
+
+/* The field of a picture: planes (CC_SECTORS, height, width), mean and variance (CC_SECTORS,). `floor` is the gradient
+ * (grey value per pixel) that counts as noise at least. Scratch of 4 (width * height) floats. */
+CC_API void cc_directions(const float *in, int32_t width, int32_t height, float floor, float *scratch, uint8_t *planes,
+                          float *mean, float *variance);
+
+/* The field at half the size (width / 2, height / 2): a line stays as sure as it was. */
+CC_API void cc_halve(const uint8_t *in, int32_t width, int32_t height, uint8_t *planes, float *mean, float *variance);
+
+/* Slide the edges of each pose over a window of shifts (pixels) in one eye: |x| <= reach_x, |y| <= reach_y around shift
+ * (centre_x, centre_y). Writes the `keep` best of each pose, no two closer than `apart`: shift (2,) and score, the
+ * sum above the mean in standard deviations of places put down anywhere. Scratch of
+ * (2 reach_x + 16) (2 reach_y + 1) numbers. Fewer than `keep`: score -inf. */
+CC_API void cc_slide(const cc_views *views, int32_t eye, const double *poses, int32_t centre_x, int32_t centre_y,
+                     int32_t reach_x, int32_t reach_y, int32_t keep, int32_t apart, uint16_t *scratch, int32_t *shift,
+                     float *score);
+
+/* Move each pose (in place) uphill: `steps` steps of Gauss-Newton towards the lines within 2.5 blur[step] px along the
+ * places' normals, weighted by a Gaussian of that width, in the directions of `freedom` (6, n_free), columns of xi in
+ * pose @ exp(xi). blur (steps + 1,): the last is that of the judgement. Writes for each pose and eye 4 numbers: sum of
+ * weight times certainty in [0, 1] (the best under a Gaussian along the normal), its mean and variance anywhere, sum of
+ * weights in the picture. */
+CC_API void cc_climb(const cc_views *views, double *poses, const double *freedom, int32_t n_free, const double *blur,
+                     int32_t steps, double *scores);
+
+/* How sure a line runs at each place of each pose in one eye: the best under a Gaussian of `blur` px along the normal, in
+ * [0, 1], -1 outside the picture. Writes (n_poses, stride) numbers, those of pose k from k stride on, its count of them. */
+CC_API void cc_certainties(const cc_views *views, int32_t eye, const double *poses, double blur, int64_t stride, float *out);
+
+#endif

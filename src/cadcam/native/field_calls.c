@@ -1,0 +1,60 @@
+/* The functions of field.h, each in the instruction set in use. */
+#include "field.h"
+
+#include "internal.h"
+
+#if CC_HAS_V3
+#define IN_USE(function, parameters, arguments) \
+    {                                           \
+        void function##_baseline parameters;    \
+        void function##_v3 parameters;          \
+        if (variant_in_use() == 1) function##_v3 arguments; \
+        else function##_baseline arguments;     \
+    }
+#else
+#define IN_USE(function, parameters, arguments) \
+    {                                           \
+        void function##_baseline parameters;    \
+        function##_baseline arguments;          \
+    }
+#endif
+
+CC_API void cc_reduce(const float *in, int32_t width, int32_t height, int32_t k, float *out)
+    IN_USE(field_reduce, (const float *, int32_t, int32_t, int32_t, float *), (in, width, height, k, out))
+
+CC_API void cc_directions(const float *in, int32_t width, int32_t height, float floor, float *scratch, uint8_t *planes,
+                          float *mean, float *variance)
+    IN_USE(field_directions, (const float *, int32_t, int32_t, float, float *, uint8_t *, float *, float *),
+           (in, width, height, floor, scratch, planes, mean, variance))
+
+CC_API void cc_halve(const uint8_t *in, int32_t width, int32_t height, uint8_t *planes, float *mean, float *variance)
+    IN_USE(field_halve, (const uint8_t *, int32_t, int32_t, uint8_t *, float *, float *),
+           (in, width, height, planes, mean, variance))
+
+CC_API void cc_slide(const cc_views *views, int32_t eye, const double *poses, int32_t centre_x, int32_t centre_y,
+                     int32_t reach_x, int32_t reach_y, int32_t keep, int32_t apart, uint16_t *scratch, int32_t *shift,
+                     float *score)
+    IN_USE(climb_slide,
+           (const cc_views *, int32_t, const double *, int32_t, int32_t, int32_t, int32_t, int32_t, int32_t, uint16_t *,
+            int32_t *, float *),
+           (views, eye, poses, centre_x, centre_y, reach_x, reach_y, keep, apart, scratch, shift, score))
+
+CC_API void cc_climb(const cc_views *views, double *poses, const double *freedom, int32_t n_free, const double *blur,
+                     int32_t steps, double *scores)
+    IN_USE(climb_poses, (const cc_views *, double *, const double *, int32_t, const double *, int32_t, double *),
+           (views, poses, freedom, n_free, blur, steps, scores))
+
+CC_API void cc_certainties(const cc_views *views, int32_t eye, const double *poses, double blur, int64_t stride, float *out)
+    IN_USE(climb_certainties, (const cc_views *, int32_t, const double *, double, int64_t, float *),
+           (views, eye, poses, blur, stride, out))
+
+CC_API void cc_sample(const float *in, int32_t width, int32_t height, const float *places, int64_t n, float *out) {
+    for (int64_t k = 0; k < n; k++) {
+        float x = places[2 * k], y = places[2 * k + 1];
+        x = x > 0 ? x < (float)(width - 1) ? x : (float)(width - 1) : 0; /* not a number: 0 */
+        y = y > 0 ? y < (float)(height - 1) ? y : (float)(height - 1) : 0;
+        const int32_t i = (int32_t)x, j = (int32_t)y, right = i + 1 < width, down = j + 1 < height;
+        const float *a = in + (size_t)j * (size_t)width + (size_t)i, *b = a + (down ? width : 0), s = x - (float)i;
+        out[k] = (1 - (y - (float)j)) * (a[0] + s * (a[right] - a[0])) + (y - (float)j) * (b[0] + s * (b[right] - b[0]));
+    }
+}

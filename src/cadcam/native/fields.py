@@ -1,0 +1,200 @@
+"""The C core's part that compares edges with direction fields (field.h), as functions of arrays."""
+
+from __future__ import annotations
+
+import ctypes as c
+from collections.abc import Sequence
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Ids, Picture
+from cadcam.native.core import library
+
+SECTORS = 8
+PLACE = np.dtype([("p", np.float32, 3), ("tangent", np.float32, 3), ("weight", np.float32)])
+Bytes = npt.NDArray[np.uint8]
+Longs = npt.NDArray[np.int64]
+
+
+class Planes(NamedTuple):
+    """A field: planes (SECTORS, H, W) and their mean and variance (SECTORS,) over the picture, in steps of 1/255."""
+
+    values: Bytes
+    mean: Picture
+    variance: Picture
+
+
+class _Field(c.Structure):
+    _fields_ = (
+        *((name, c.c_void_p) for name in ("planes", "mean", "variance")),
+        ("width", c.c_int32),
+        ("height", c.c_int32),
+    )
+
+
+class _Eye(c.Structure):
+    _fields_ = (
+        ("field", _Field),
+        *((name, c.c_double) for name in ("fx", "skew", "cx", "fy", "cy")),
+        ("rotation", c.c_double * 9),
+        ("translation", c.c_double * 3),
+    )
+
+
+class _Views(c.Structure):
+    _fields_ = (
+        *((name, c.c_void_p) for name in ("eyes", "places", "first", "count")),
+        ("n_eyes", c.c_int32),
+        ("n_poses", c.c_int64),
+    )
+
+
+@cache
+def _core() -> c.CDLL:
+    core = library()
+    at, i64, i32, views = c.c_void_p, c.c_int64, c.c_int32, c.POINTER(_Views)
+    signatures: dict[str, list[object]] = {
+        "cc_reduce": [at, i32, i32, i32, at],
+        "cc_sample": [at, i32, i32, at, i64, at],
+        "cc_directions": [at, i32, i32, c.c_float, *[at] * 4],
+        "cc_halve": [at, i32, i32, *[at] * 3],
+        "cc_slide": [views, i32, at, *[i32] * 6, *[at] * 3],
+        "cc_certainties": [views, i32, at, c.c_double, i64, at],
+        "cc_climb": [views, at, at, i32, at, i32, at],
+    }
+    for name, arguments in signatures.items():
+        function = getattr(core, name)
+        function.restype, function.argtypes = None, arguments
+    return core
+
+
+def reduce(gray: Picture, k: int) -> Picture:
+    """Return the means (H // k, W // k) of boxes of k x k pixels."""
+    gray = np.ascontiguousarray(gray, np.float32)
+    height, width = gray.shape
+    out = np.zeros((height // k, width // k), np.float32)
+    _core().cc_reduce(gray.ctypes.data, width, height, k, out.ctypes.data)
+    return out
+
+
+def sample(gray: Picture, places: Picture) -> Picture:
+    """Return the picture at places (..., 2), between pixels linearly, beyond the border as at the border."""
+    gray, places = np.ascontiguousarray(gray, np.float32), np.ascontiguousarray(places, np.float32)
+    out = np.zeros(places.shape[:-1], np.float32)
+    height, width = gray.shape
+    _core().cc_sample(gray.ctypes.data, width, height, places.ctypes.data, out.size, out.ctypes.data)
+    return out
+
+
+def directions(gray: Picture, floor: float) -> Planes:
+    """Return the field of a picture; `floor` is the gradient (grey value per pixel) that counts as noise at least."""
+    gray = np.ascontiguousarray(gray, np.float32)
+    height, width = gray.shape
+    made = _planes(height, width)
+    scratch = np.zeros(4 * gray.size, np.float32)
+    _core().cc_directions(gray.ctypes.data, width, height, floor, scratch.ctypes.data, *_at(*made))
+    return made
+
+
+def halve(planes: Planes) -> Planes:
+    """Return the field at half the size: a line stays as sure as it was."""
+    _, height, width = planes.values.shape
+    made = _planes(height // 2, width // 2)
+    _core().cc_halve(planes.values.ctypes.data, width, height, *_at(*made))
+    return made
+
+
+class Eye(NamedTuple):
+    """A field as one camera sees it: camera matrix K (3, 3), camera_from_world rotation (3, 3), translation (3,) mm."""
+
+    planes: Planes
+    K: Array
+    rotation: Array
+    translation: Array
+
+
+class Views:
+    """What is scored: for each of N poses and each eye a run of places (a structured array of PLACE).
+
+    first, count (N, eyes): the runs.
+    """
+
+    def __init__(self, eyes: Sequence[Eye], places: npt.NDArray[np.void], first: Longs, count: Ids) -> None:
+        self._eyes = (_Eye * len(eyes))(*(_eye(eye) for eye in eyes))
+        self._first, self._count = np.ascontiguousarray(first, np.int64), np.ascontiguousarray(count, np.int32)
+        self._places = np.ascontiguousarray(places, PLACE)
+        self._kept = tuple(eyes)
+
+    def part(self, poses: slice) -> Views:
+        """Return the views of some of the poses."""
+        return Views(self._kept, self._places, self._first[poses], self._count[poses])
+
+    def slide(
+        self, eye: int, poses: Array, *, centre: tuple[int, int], reach: tuple[int, int], keep: int, apart: int
+    ) -> tuple[Ids, Picture]:
+        """Return the `keep` best shifts (N, keep, 2) px of each pose (N, 12) in one eye and their scores (N, keep).
+
+        Shifts are sought within `reach` of `centre`, no two within `apart`; score: the sum above the mean in standard
+        deviations of places put down anywhere, -inf where there are no more.
+        """
+        poses = np.ascontiguousarray(poses, np.float64)
+        shift, score = np.zeros((len(poses), keep, 2), np.int32), np.zeros((len(poses), keep), np.float32)
+        scratch = np.zeros((2 * reach[0] + 16) * (2 * reach[1] + 1), np.uint16)
+        window = (*centre, *reach, keep, apart)
+        _core().cc_slide(self._given(len(poses)), eye, poses.ctypes.data, *window, *_at(scratch, shift, score))
+        return shift, score
+
+    def climb(self, poses: Array, freedom: Array, blur: Sequence[float]) -> tuple[Array, Array]:
+        """Return poses (N, 12) moved uphill, a step for each blur (px) but the last, and their scores (N, eyes, 4).
+
+        The last blur judges: sum of weight times certainty, its mean and variance anywhere, weight in the picture.
+        """
+        poses = np.array(poses, np.float64, order="C")
+        freedom, widths = np.ascontiguousarray(freedom, np.float64), np.asarray(blur, np.float64)
+        scores = np.zeros((len(poses), len(self._kept), 4))
+        given = self._given(len(poses))
+        _core().cc_climb(
+            given, poses.ctypes.data, freedom.ctypes.data, freedom.shape[1], widths.ctypes.data, len(widths) - 1,
+            scores.ctypes.data,
+        )  # fmt: skip
+        return poses, scores
+
+    def certainties(self, eye: int, poses: Array, blur: float) -> Picture:
+        """Return how sure a line runs at each place of each pose (N, most places of a run) in one eye, in [0, 1].
+
+        That is the best under a Gaussian of `blur` px along the normal; -1 outside the picture and beyond a run.
+        """
+        poses = np.ascontiguousarray(poses, np.float64)
+        out = np.full((len(poses), int(self._count[:, eye].max(initial=0))), -1.0, np.float32)
+        _core().cc_certainties(
+            self._given(len(poses)), eye, poses.ctypes.data, blur, out.shape[1], out.ctypes.data
+        )
+        return out
+
+    def _given(self, n: int) -> object:
+        eyes = c.cast(self._eyes, c.c_void_p)
+        runs = _at(self._places, self._first, self._count)
+        return c.byref(_Views(eyes, *runs, len(self._kept), n))
+
+
+def _eye(eye: Eye) -> _Eye:
+    _, height, width = eye.planes.values.shape
+    field = _Field(*_at(*eye.planes), width, height)
+    K = eye.K
+    made = _Eye(field, K[0, 0], K[0, 1], K[0, 2], K[1, 1], K[1, 2])
+    made.rotation[:] = np.asarray(eye.rotation).ravel().tolist()
+    made.translation[:] = np.asarray(eye.translation).tolist()
+    return made
+
+
+def _planes(height: int, width: int) -> Planes:
+    return Planes(
+        np.zeros((SECTORS, height, width), np.uint8), np.zeros(SECTORS, np.float32), np.zeros(SECTORS, np.float32)
+    )
+
+
+def _at(*arrays: npt.NDArray[np.generic]) -> list[int]:
+    return [a.ctypes.data for a in arrays]
