@@ -95,8 +95,19 @@ class Cells:
     blur: float
 
     @classmethod
-    def of(cls, sight: Sight, at: Projected, *, half_length: float, reach_px: float, room_px: float) -> Cells:
+    def of(
+        cls,
+        sight: Sight,
+        at: Projected,
+        *,
+        half_length: float,
+        reach_px: float,
+        room_px: float,
+        where: Array | None = None,
+    ) -> Cells:
         """Return the cells of a sight; room_px is what a cell needs on each side of its line.
+
+        where (N,) px along the normals: where the steps are about, default on the lines.
 
         Where a wide cell holds more than one step on its ground, as on printed or structured faces, it is narrowed.
         """
@@ -111,7 +122,7 @@ class Cells:
         narrow = cls(
             which, np.minimum(wide.below, narrow_px), np.minimum(wide.above, narrow_px), free, half_length, blur
         )
-        found, close = wide.steps(sight, at), narrow.steps(sight, at)
+        found, close = wide.steps(sight, at, where), narrow.steps(sight, at, where)
         run = sight.samples.run[which]
         busy = _along_run(found.noise**2, run, _NOISE) > _BUSY**2 * _along_run(close.noise**2, run, _NOISE)
         kink = (found.noise / _spread(found)) ** 2
