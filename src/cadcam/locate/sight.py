@@ -23,6 +23,7 @@ _NARROW = 3.5  # blurs: reach of a narrow cell
 _BUSY = 1.3  # a wide cell whose noise is this much above the narrow one's holds more than a step
 _LINEAR = 1.2  # blurs: how far off a linear fit is believed
 _CLEAR = 4.0  # sd of one cell: contrast of an edge that is there
+_SURE = 8.0  # sd of one cell: contrast that needs no neighbours
 _CLIPPED = 0.7  # share of black or white pixels from which a cell tells nothing
 _FAINT = 0.4  # of the strongest slope nearby: weaker ones are no edges
 _CONTRAST, _NOISE = 3, 10  # cells to each side that contrast and noise are averaged with
@@ -169,6 +170,8 @@ def measure(sight: Sight, at: Projected, cells: Cells, where: Array) -> Measured
         return Measured(offset, sigma, contrast, usable)
     found, run = cells.steps(sight, at, where), sight.samples.run[which]
     c, sd_c = _along_run(found.contrast, run, _CONTRAST), np.sqrt(_along_run(found.sd_contrast**2, run, _CONTRAST))
+    sure = np.abs(found.contrast) > _SURE * found.sd_contrast  # before a chequered ground the sign changes along a line
+    c = np.where(sure, found.contrast, c)
     more = np.sqrt(_along_run(found.noise**2, run, _NOISE)) / found.noise
     with np.errstate(all="ignore"):
         shift, sigma[which] = -found.moment / c, found.sd_moment * more / np.abs(c)
