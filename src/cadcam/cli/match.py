@@ -282,7 +282,7 @@ def _with_peaks(photo: Picture, template: Template, peaks: Peaks) -> Picture:
         picture = draw_polylines(picture, [box], color=color, width=1.5)
         picture = draw_polylines(picture, [box[:2]], color=color, width=3.5)
         picture = draw_points(picture, peaks.q[i : i + 1], color=color, mark="plus")
-        picture = draw_text(picture, peaks.q[i] + [7, -9], f"{i + 1}: {peaks.score[i]:.3f}", color=color)
+        picture = draw_text(picture, box[0] + np.array([4, 10]), f"{i + 1}: {peaks.score[i]:.3f}", color=color)
     return picture
 
 

@@ -64,8 +64,8 @@ class Features:
     """N windows that were sought: where the drawing had them, and every place that looks like them.
 
     window (N, 2) px, the window's centre in the drawing; p_part, right (N, 3) mm as in `Windows`; photo (N,); gap (N,)
-    to what is near it in the drawing; peaks: N tables, in px of the photo; chosen (N,): which peak the pose agrees with,
-    -1 for none.
+    to what is near it in the drawing; peaks: N tables, in px of the photo; chosen (N,): which peak the pose agrees
+    with, -1 for none.
     """
 
     window: Array

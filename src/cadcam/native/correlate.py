@@ -144,7 +144,7 @@ def searched(
 def registered(
     picture: Picture, template: Points, pose: Array, *, cubic: bool, iterations: int, settled: float, reach: float
 ) -> tuple[Array, Array]:
-    """Return poses (N, 4) of highest correlation near those given, and it (N,); -1 where one ran farther than `reach`.
+    """Return poses (N, 4) of highest correlation near those given, and it (N,); 0 where one ran farther than `reach`.
 
     A pose is x, y (px), angle (rad, x towards y), scale: template point (u, v) lies at (x, y) + scale R(angle) (u, v).
     """
