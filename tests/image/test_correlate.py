@@ -1,4 +1,4 @@
-"""Templates are found where they are, in any orientation, as exactly as the covariance says; and not where they are not."""
+"""Templates are found where they are, in any orientation, as exactly as the covariance says, and nowhere else."""
 
 from __future__ import annotations
 
@@ -142,7 +142,9 @@ def test_angles_that_were_not_asked_for_are_not_found(rng: np.random.Generator) 
     far = correlate(picture, template, options=CorrelateOptions(angles=(-1.3, -0.8)))
     assert near.score[0] > 0.99
     assert not len(far) or far.score[0] < 0.8
-    fixed = correlate(picture, Template(seen_at(picture, 150.0, 110.0, 0.0, (48, 48))), options=CorrelateOptions(angles=(0, 0)))
+    fixed = correlate(
+        picture, Template(seen_at(picture, 150.0, 110.0, 0.0, (48, 48))), options=CorrelateOptions(angles=(0, 0))
+    )
     assert abs(fixed.angle[0]) < 1e-3
 
 
@@ -171,9 +173,10 @@ def test_a_near_start_climbs_to_the_peak_that_the_search_finds(rng: np.random.Ge
     searched = correlate(picture, template)
     climbed = register(picture, template, [[152.0, 109.0, 0.45, 1.0]])
     assert np.allclose(climbed.q[0], searched.q[0], atol=0.003)  # both end with steps below 0.001 px
-    assert not len(register(picture, template, [[250.0, 60.0, -2.0, 1.0]])) or register(
-        picture, template, [[250.0, 60.0, -2.0, 1.0]]
-    ).score[0] < 0.9
+    assert (
+        not len(register(picture, template, [[250.0, 60.0, -2.0, 1.0]]))
+        or register(picture, template, [[250.0, 60.0, -2.0, 1.0]]).score[0] < 0.9
+    )
 
 
 def test_instruction_sets_agree(rng: np.random.Generator) -> None:

@@ -1,4 +1,4 @@
-"""A photo of a small block of plates whose pose is known: the renderer's picture, lit otherwise than the drawing, and noisy."""
+"""A noisy photo of a small block of plates whose pose is known, lit otherwise than its drawings."""
 
 from __future__ import annotations
 

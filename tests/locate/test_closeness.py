@@ -33,7 +33,7 @@ def test_a_shift_of_the_model_is_read_off_each_edge(rng: np.random.Generator) ->
     shifted = Rigid(translation=[1.5 * centre[2] / CAMERA.fx, 0, 0]) @ truth  # the model 1.5 px too far right
     wireframe = block().lines.draw(CAMERA, shifted)
     close = closeness(edges, wireframe)
-    q, normal, line = wireframe.visible.points_along(1.0)
+    _, normal, line = wireframe.visible.points_along(1.0)
     chain = wireframe.visible.chain[line]
     long = np.flatnonzero((close.length > 80) & (close.share > 0.8))
     expected = np.array([-1.5 * normal[chain == close.chain[k], 0].mean() for k in long])

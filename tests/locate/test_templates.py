@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from cadcam.errors import BadValue, MissingCore, UnknownName
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.appearance import checked_appearance
 from cadcam.locate.photo import Photo
+from cadcam.locate.salient import SalientOptions
 from cadcam.locate.templates import TemplateOptions, match_templates
 from cadcam.native import core
 
@@ -23,12 +25,15 @@ except MissingCore as error:
     pytest.skip(str(error), allow_module_level=True)
 
 
+FEW = TemplateOptions(salient=SalientOptions(count=16))  # enough here, and quicker
+
+
 def test_a_rough_pose_becomes_a_good_one(rng: np.random.Generator) -> None:
     """2 px: half the width of a drawn line with its blur; a match of the wrong corner is off by 10 px and more."""
-    for _ in range(3):
+    for _ in range(2):
         truth = pose_of(rng)
         start = off(truth, rng, degrees=5, px=15)
-        matches = match_templates(block(), [photo_of(truth, rng)], start)
+        matches = match_templates(block(), [photo_of(truth, rng)], start, options=FEW)
         assert largest_miss(start, truth) > 15
         assert matches.found
         assert matches.pose is not None
@@ -38,7 +43,7 @@ def test_a_rough_pose_becomes_a_good_one(rng: np.random.Generator) -> None:
 
 def test_matches_are_where_their_points_are(rng: np.random.Generator) -> None:
     truth = pose_of(rng)
-    matches = match_templates(block(), [photo_of(truth, rng)], off(truth, rng, degrees=4, px=10))
+    matches = match_templates(block(), [photo_of(truth, rng)], off(truth, rng, degrees=4, px=10), options=FEW)
     miss = np.linalg.norm(CAMERA.project(truth @ matches.p_part) - matches.q, axis=1)
     assert np.median(miss) < 0.7  # a CAD edge is drawn as a line, seen as a step beside another: half a pixel or so
     assert len(matches.p_part) == len(matches.q) == len(matches.sigma) == len(matches.photo)
@@ -62,16 +67,16 @@ def test_a_cable_over_the_part_does_no_harm(rng: np.random.Generator) -> None:
 def test_a_part_that_is_not_there_is_not_found(rng: np.random.Generator) -> None:
     truth = pose_of(rng)
     empty = Photo.of(np.clip(0.5 + rng.normal(scale=NOISE, size=(480, 640)), 0, 1), CAMERA)
-    assert not match_templates(block(), [empty], truth).found
+    assert not match_templates(block(), [empty], truth, options=FEW).found
     blobs = Photo.of(rng.uniform(size=(60, 80)).repeat(8, axis=0).repeat(8, axis=1), CAMERA)
-    assert not match_templates(block(), [blobs], truth).found
+    assert not match_templates(block(), [blobs], truth, options=FEW).found
     mirrored = Photo.of(photo_of(truth, rng).gray[:, ::-1], CAMERA)
-    assert not match_templates(block(), [mirrored], truth).found
+    assert not match_templates(block(), [mirrored], truth, options=FEW).found
 
 
 def test_a_start_far_off_is_not_found_rather_than_wrong(rng: np.random.Generator) -> None:
     truth = pose_of(rng)
-    matches = match_templates(block(), [photo_of(truth, rng)], off(truth, rng, degrees=60, px=100))
+    matches = match_templates(block(), [photo_of(truth, rng)], off(truth, rng, degrees=60, px=100), options=FEW)
     if matches.found and matches.pose is not None:
         assert largest_miss(matches.pose.world_from_part, truth) < 2
 
@@ -85,7 +90,7 @@ def test_two_photos_know_more_than_one(rng: np.random.Generator) -> None:
     first, second = photo_of(truth, rng), photo_of(camera2_from_world @ truth, rng)
     pair = [first, Photo.of(second.gray, CAMERA, camera2_from_world, name="second")]
     start = off(truth, rng, degrees=3, px=8)
-    one, two = match_templates(block(), pair[:1], start), match_templates(block(), pair, start)
+    one, two = (match_templates(block(), photos, start, options=FEW) for photos in (pair[:1], pair))
     assert one.pose is not None
     assert two.pose is not None
     assert {0, 1} == set(two.photo.tolist())
@@ -97,7 +102,7 @@ def test_two_photos_know_more_than_one(rng: np.random.Generator) -> None:
 
 def test_gradients_of_the_shaded_part_match_too(rng: np.random.Generator) -> None:
     truth = pose_of(rng)
-    options = TemplateOptions(appearance="gradient")
+    options = replace(FEW, appearance="gradient")
     matches = match_templates(block(), [photo_of(truth, rng)], off(truth, rng, degrees=3, px=8), options=options)
     assert matches.found
     assert matches.pose is not None
@@ -107,7 +112,9 @@ def test_gradients_of_the_shaded_part_match_too(rng: np.random.Generator) -> Non
 def test_every_feature_has_its_peak_table(rng: np.random.Generator) -> None:
     truth = pose_of(rng)
     options = TemplateOptions(rounds=1)
-    features = match_templates(block(), [photo_of(truth, rng)], off(truth, rng, degrees=3, px=8), options=options).features
+    features = match_templates(
+        block(), [photo_of(truth, rng)], off(truth, rng, degrees=3, px=8), options=options
+    ).features
     assert len(features) >= 10
     for peaks, chosen in zip(features.peaks, features.chosen, strict=True):
         assert len(peaks) <= options.peaks
@@ -141,7 +148,7 @@ def test_a_camera_with_a_lens_is_matched_as_well(rng: np.random.Generator) -> No
         camera, truth, channels=Channel.IMAGE, look=Look(background=(0.3, 0.3, 0.3), supersampling=3)
     )
     photo = Photo.of(np.clip(view.gray + rng.normal(scale=NOISE, size=view.gray.shape), 0, 1), camera)
-    matches = match_templates(block(), [photo], off(truth, rng, degrees=3, px=8))
+    matches = match_templates(block(), [photo], off(truth, rng, degrees=3, px=8), options=FEW)
     assert matches.found
     assert matches.pose is not None
     assert largest_miss(matches.pose.world_from_part, truth) < 2

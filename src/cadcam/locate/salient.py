@@ -29,7 +29,7 @@ class SalientOptions:
     """How windows are chosen.
 
     side: of a square window, px. count: at most. spacing: px between two centres, at least. least_gap: between a
-    window's correlation with itself and the next peak within `reach` px of it in the drawing.
+    window's correlation with itself and the next peak within `reach` px of it in the drawing; not asked if 0.
     """
 
     side: int = 49
@@ -98,11 +98,11 @@ def salient_windows(
 
 
 def corner_strength(appearance: Picture, side: int) -> Picture:
-    """Return the smaller eigenvalue (H, W) of the structure tensor of a picture, over windows of a side."""
-    from scipy.ndimage import gaussian_filter, sobel
+    """Return the smaller eigenvalue (H, W) of the structure tensor of a picture, over the inner half of windows."""
+    from scipy.ndimage import sobel, uniform_filter
 
     gx, gy = sobel(appearance, axis=1) / 8, sobel(appearance, axis=0) / 8
-    xx, yy, xy = (gaussian_filter(product, side / 5) for product in (gx * gx, gy * gy, gx * gy))
+    xx, yy, xy = (uniform_filter(product, side // 2 + 1) for product in (gx * gx, gy * gy, gx * gy))
     return np.asarray(0.5 * (xx + yy) - np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy), np.float32)
 
 

@@ -64,8 +64,8 @@ class Features:
     """N windows that were sought: where the drawing had them, and every place that looks like them.
 
     window (N, 2) px, the window's centre in the drawing; p_part, right (N, 3) mm as in `Windows`; photo (N,); gap (N,)
-    to what is near it in the drawing; peaks: N tables, in px of the photo; chosen (N,): which peak the pose agrees
-    with, -1 for none.
+    to what is near it in the drawing, 1 where not asked; peaks: N tables, in px of the photo; chosen (N,): which peak
+    the pose agrees with, -1 for none.
     """
 
     window: Array
@@ -150,6 +150,7 @@ def _narrowed(options: TemplateOptions) -> TemplateOptions:
         reach=max(_NARROWER * options.reach, _LEAST_REACH),
         turn=max(_NARROWER * options.turn, math.radians(4)),
         tolerance=max(0.5 * options.tolerance, 2.0),
+        salient=replace(options.salient, reach=0.0),  # what looks the same is out of reach by now
     )
 
 

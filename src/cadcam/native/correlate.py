@@ -168,7 +168,7 @@ def registered(
     )
     register = _function("cc_register_poses", None, c.c_void_p, c.c_void_p, c.c_void_p, c.c_int32)
     register(c.addressof(task), moved.ctypes.data, score.ctypes.data, len(moved))
-    return moved, score
+    return moved, np.clip(score, -1.0, 1.0)  # sums in single precision
 
 
 def _plane(picture: npt.ArrayLike) -> tuple[_Plane, Picture]:
