@@ -167,10 +167,10 @@ class Template:
 
     def _made_points(self, factor: int, motions: int) -> Points:
         if factor == 1:
-            gy, gx = np.gradient(self.gray.astype(np.float64))
-            y, x = np.nonzero(self.mask)
-            middle = (np.array(self.gray.shape) - 1) / 2
-            return _normalised(x - middle[1], y - middle[0], self.gray[y, x], gx[y, x], gy[y, x], motions)
+            gray, (y, x) = self.gray.astype(np.float64), np.nonzero(self.mask)
+            gy, gx = (np.asarray(np.gradient(gray, axis=k))[y, x] for k in range(2))
+            middle = (np.array(gray.shape) - 1) / 2
+            return _normalised(x - middle[1], y - middle[0], gray[y, x], gx, gy, motions)
         h, w = self.gray.shape
         v, u = (a.ravel() for a in np.meshgrid(_centres(h, factor), _centres(w, factor), indexing="ij"))
         x, y = u * factor + (w - 1) / 2, v * factor + (h - 1) / 2
