@@ -33,7 +33,7 @@ _EXAMPLES = f"""\
 The gap is what a peak's score has over the next one's: a high score with a small gap says that the picture shows the
 same thing twice. A feature whose best peak is wrong is no harm: the pose is that on which most features agree.
 
-exit codes: 0 found, 3 not found (nothing reaches --least-score; or no more features agree than by chance).
+exit codes: 0 found; 3 not found: nothing reaches --least-score, or too few features agree on a pose.
 
 {POSE_HELP}"""
 _DESCRIPTION = """\
@@ -188,11 +188,19 @@ def _print_part(arguments: argparse.Namespace, matches: TemplateMatches, close: 
     tables += [closeness_table(close)] if arguments.edges else []
     print_tables(tables)
     where = "at the pose found" if matches.found else "at the pose given"
-    print("found" if matches.found else "not found: no more features agree on a pose than by chance")
+    print("found" if matches.found else f"not found: {_why_not(matches)}")
     print(f"edges of the photo lie on {100 * close.total:.0f} % of the visible lines {where}, beyond chance")
     if matches.found and matches.pose is not None:
         _print_pose(matches)
     _say_written(arguments)
+
+
+def _why_not(matches: TemplateMatches) -> str:
+    from cadcam.locate.templates import CERTAIN
+
+    if matches.pose is None or matches.by_chance >= CERTAIN:
+        return "no more features agree on a pose than could by chance"
+    return "most features, or most lines, contradict the pose that some agree on"
 
 
 def _print_pose(matches: TemplateMatches) -> None:

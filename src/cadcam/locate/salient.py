@@ -154,7 +154,7 @@ def _gap(appearance: Picture, template: Template, x: int, y: int, options: Salie
 
 
 def _points(view: View, q: Array, right: float) -> Array:
-    """Return the points (N, 3) mm, camera frame, some px to the right of whole pixels q (N, 2) at what is seen there."""
+    """Return the points (N, 3) mm, camera frame, some px to the right of what whole pixels q (N, 2) see."""
     rays = view.camera.unproject(q + np.array([right, 0.0]))
     depth = view.depth[q[:, 1].astype(int), q[:, 0].astype(int)].astype(np.float64)
     return np.asarray(rays * (depth / rays[:, 2])[:, None])
