@@ -83,9 +83,18 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.geometry.plane import Plane as Plane
     from cadcam.geometry.ray import Ray as Ray
     from cadcam.geometry.rigid import Rigid as Rigid
+    from cadcam.image.correlate import CorrelateOptions as CorrelateOptions
+    from cadcam.image.correlate import Peaks as Peaks
+    from cadcam.image.correlate import correlate as correlate
     from cadcam.image.exr import write_exr as write_exr
     from cadcam.image.picture import read_picture as read_picture
     from cadcam.image.picture import write_picture as write_picture
+    from cadcam.image.template import Template as Template
+    from cadcam.locate.closeness import Closeness as Closeness
+    from cadcam.locate.closeness import closeness as closeness
+    from cadcam.locate.templates import TemplateMatches as TemplateMatches
+    from cadcam.locate.templates import TemplateOptions as TemplateOptions
+    from cadcam.locate.templates import match_templates as match_templates
     from cadcam.render import open_renderer as open_renderer
     from cadcam.render.cutout import Cutout as Cutout
     from cadcam.render.looks import named_look as named_look
@@ -119,6 +128,8 @@ _HOME = {
     "CameraEstimate": "cadcam.camera.estimate",
     "CameraFile": "cadcam.files.camera",
     "Channel": "cadcam.render.view",
+    "Closeness": "cadcam.locate.closeness",
+    "CorrelateOptions": "cadcam.image.correlate",
     "Cutout": "cadcam.render.cutout",
     "Division": "cadcam.camera.lens",
     "DoubleSphere": "cadcam.camera.lens",
@@ -143,6 +154,7 @@ _HOME = {
     "NamedCamera": "cadcam.files.foreign.model",
     "Observations": "cadcam.camera.observations",
     "OddRadial": "cadcam.camera.lens",
+    "Peaks": "cadcam.image.correlate",
     "Plane": "cadcam.geometry.plane",
     "PlaneCamera": "cadcam.camera.plane_camera",
     "Ray": "cadcam.geometry.ray",
@@ -150,6 +162,9 @@ _HOME = {
     "RigEstimate": "cadcam.camera.rig_estimate",
     "Rigid": "cadcam.geometry.rigid",
     "Scene": "cadcam.render.view",
+    "Template": "cadcam.image.template",
+    "TemplateMatches": "cadcam.locate.templates",
+    "TemplateOptions": "cadcam.locate.templates",
     "TiltedBrownConrady": "cadcam.camera.lens",
     "Viewpoint": "cadcam.camera.viewpoint",
     "Wireframe": "cadcam.render.wireframe",
@@ -165,7 +180,9 @@ _HOME = {
     "calibrate_plane": "cadcam.calibrate.flat",
     "calibrate_rig": "cadcam.calibrate.rig",
     "calibrate_rig_boards": "cadcam.calibrate.rig_boards",
+    "closeness": "cadcam.locate.closeness",
     "compare_cameras": "cadcam.fit.compare:compare",
+    "correlate": "cadcam.image.correlate",
     "edge_distances": "cadcam.render.overlay",
     "feature_edges": "cadcam.cad.edges",
     "find_board": "cadcam.calibrate.boards",
@@ -175,6 +192,7 @@ _HOME = {
     "load_with_report": "cadcam.cad.load",
     "locate_camera": "cadcam.calibrate.points",
     "markov_chain": "cadcam.calibrate.variability",
+    "match_templates": "cadcam.locate.templates",
     "measure_points": "cadcam.calibrate.measure",
     "monte_carlo": "cadcam.calibrate.variability",
     "named_look": "cadcam.render.looks",

@@ -113,8 +113,7 @@ class TemplateMatches:
         """Return whether the pose is believed: not by chance, and neither features nor lines mostly contradict it."""
         if self.pose is None or self.by_chance >= CERTAIN:
             return False
-        sought = sum(len(peaks) > 0 for peaks in self.features.peaks)
-        return len(self.q) >= LEAST_SHARE * sought and self.close >= LEAST_SHARE
+        return len(self.q) >= LEAST_SHARE * len(self.features) and self.close >= LEAST_SHARE
 
     @property
     def sigma(self) -> Array:
