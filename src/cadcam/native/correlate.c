@@ -291,7 +291,7 @@ static double climb(const cc_register *r, double pose[4]) {
         for (int m = 0; m < r->motions; m++)
             for (int k = 0; k < r->motions; k++) step[m] += r->inverse[m * r->motions + k] * s.slope[k] / s.value;
         const double far = moved(pose, step, r->radius);
-        if (!(hypot(pose[0] - start[0], pose[1] - start[1]) < r->reach) || !(fabs(log(pose[3] / scale)) < 0.4)) return -1;
+        if (!(hypot(pose[0] - start[0], pose[1] - start[1]) < r->reach) || !(fabs(log(pose[3] / scale)) < 0.4)) return 0;
         if (far < r->settled) {
             const sums last = sums_at(r, pose);
             return score_of(r, &last);
