@@ -111,7 +111,7 @@ def _in_photo(
         samples.chain,
         np.full(n, number, np.int32),
     )
-    return lines, Sight(photo, samples, noise_of(photo.gray))
+    return lines, Sight(photo, noise_of(photo.gray), world_from_part, samples)
 
 
 def _imaged(samples: EdgeSamples, photo: Photo, camera_from_part: Rigid) -> Mask:
