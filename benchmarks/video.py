@@ -1,4 +1,4 @@
-"""Are parts in real videos followed to the end, how near to the reference poses, how steady, how alike from two cameras.
+"""Are parts in real videos followed to the end, how near to the reference, how steady, how alike from two cameras.
 
     python benchmarks/video.py ../shared/data [--overlays FOLDER] > docs/benchmarks/video.md
 
@@ -32,6 +32,30 @@ from video_sets import Clip, box_symmetries, clips, frames_of, part_of, triangle
 
 LIMITS = {"cube": (2.0, 1.0)}
 LIMIT = (4.0, 2.0)  # tea box: its sides bulge, left and right reference poses differ by 2.5 mm and 1.1 deg
+_AGREEMENT = """\
+Agreement: distance of the part's centre, and angle, from the reference (ViSP's pose polished by an edge fit); within:
+share of frames inside the limit.
+
+| video | start | frames | found | ways | mm median / p90 / max | deg median / p90 / max | within | CPU ms |
+|---|---|---|---|---|---|---|---|---|"""
+_JITTER = """
+Jitter: the second difference of the part's centre from frame to frame, as the standard deviation of one position if
+nothing moved unevenly (rms of its length / sqrt(18)), mm. The hand's own motion is in it.
+
+| video | ours | reference | ViSP |
+|---|---|---|---|"""
+_STEREO = """
+Stereo: left and right tracked each by itself, both poses brought into the left camera by the published mount; how far
+they differ. ViSP tracked both together, so that its two poses are one.
+
+| poses | mm median / p90 / max | deg median / p90 / max |
+|---|---|---|"""
+_TRIANGLE = """
+m3t_triangle, partly hidden by a bottle: from the published pose (good to 1-3 px) and from none; lines: median distance
+of the model's lines from the photo's edges.
+
+| photo | start | found | quality | mm from published | deg | lines, px (published pose) | CPU ms |
+|---|---|---|---|---|---|---|---|"""
 SHOWN = 4  # frames in a sheet of overlays
 
 
@@ -61,13 +85,7 @@ def main() -> None:
     arguments.add_argument("--only", default="cube,mono,left,right,left+right", help="which videos")
     given = arguments.parse_args()
     every = clips(given.data)
-    print(f"# Real videos\n\n{_paragraph(__doc__)}\n")
-    print("Agreement: distance of the part's centre, and angle, from the reference (ViSP's pose polished by an edge fit); "
-          "within: share of frames inside the limit.\n")  # fmt: skip
-    print(
-        "| video | start | frames | found | ways | mm median / p90 / max | deg median / p90 / max | within | CPU ms |"
-    )
-    print("|---|---|---|---|---|---|---|---|---|")
+    print(f"# Real videos\n\n{_paragraph(__doc__)}\n\n{_AGREEMENT}")
     runs: dict[str, Run] = {}
     for name in given.only.split(","):
         of = tuple(every[one] for one in name.split("+"))
@@ -101,8 +119,9 @@ def _agreement_row(name: str, run: Run, from_first: bool) -> None:
     inside = np.mean((mm <= limit_mm) & (deg <= limit_deg))
     ways = ", ".join(f"{how} {count}" for how, count in Counter(t.how for t in run.tracked).items())
     found = sum(t.found for t in run.tracked)
-    print(f"| {name} | {'first pose' if from_first else 'none'} | {len(run.tracked)} | {found} | {ways} | {_spread(mm)} "
-          f"| {_spread(deg)} | {100 * inside:.0f} % of {limit_mm:g} mm, {limit_deg:g} deg | {run.cpu_ms:.0f} |")  # fmt: skip
+    within = f"{100 * inside:.0f} % of {limit_mm:g} mm, {limit_deg:g} deg"
+    cells = [name, "first pose" if from_first else "none", len(run.tracked), found, ways, _spread(mm), _spread(deg)]
+    _row(*cells, within, f"{run.cpu_ms:.0f}")
 
 
 def _differences(run: Run, reference: Sequence[Rigid], symmetries: Sequence[Rigid]) -> tuple[Array, Array]:
@@ -120,14 +139,12 @@ def _differences(run: Run, reference: Sequence[Rigid], symmetries: Sequence[Rigi
 
 
 def _jitter(runs: dict[str, Run]) -> None:
-    print("\nJitter: the second difference of the part's centre from frame to frame, as the standard deviation of one "
-          "position if nothing moved unevenly (rms of the length / sqrt(18)), mm. The hand's own motion is in it.\n")  # fmt: skip
-    print("| video | ours | reference | ViSP |\n|---|---|---|---|")
+    print(_JITTER)
     for name, run in runs.items():
         clip = run.clips[0]
         ours = _second(run.poses(), run.centre)
         others = [_second(clip.world_from_part(path), run.centre) for path in (clip.refined, clip.visp)]
-        print(f"| {name} | {ours:.2f} | {others[0]:.2f} | {others[1]:.2f} |")
+        _row(name, *(f"{v:.2f}" for v in (ours, *others)))
 
 
 def _second(poses: Sequence[Rigid | None], centre: Array) -> float:
@@ -141,28 +158,22 @@ def _stereo(runs: dict[str, Run]) -> None:
     if "left" not in runs or "right" not in runs:
         return
     left, right = runs["left"], runs["right"]
-    print("\nStereo: left and right tracked each by itself, both poses brought into the left camera by the published "
-          "mount; how far they differ.\n")  # fmt: skip
-    print("| poses | mm median / p90 / max | deg median / p90 / max |\n|---|---|---|")
-    pairs = {"ours": (left.poses(), right.poses())}
-    for who in ("refined", "visp"):
-        pairs["reference" if who == "refined" else "ViSP"] = tuple(  # type: ignore[assignment]
-            run.clips[0].world_from_part(getattr(run.clips[0], who)) for run in (left, right)
-        )
+    print(_STEREO)
+    clips = [run.clips[0] for run in (left, right)]
+    refined, visp = ([c.world_from_part(c.refined) for c in clips], [c.world_from_part(c.visp) for c in clips])
+    pairs: dict[str, Sequence[Sequence[Rigid | None]]]
+    pairs = {"ours": (left.poses(), right.poses()), "reference": refined, "ViSP": visp}
     for who, (one, other) in pairs.items():
         both = [(a, b) for a, b in zip(one, other, strict=True) if a is not None and b is not None]
         mm = np.array([np.linalg.norm(a @ left.centre - b @ left.centre) for a, b in both])
         deg = np.degrees([np.linalg.norm(so3.log((a.inv @ b).rotation)) for a, b in both])
-        print(f"| {who} | {_spread(mm)} | {_spread(np.asarray(deg))} |")
+        _row(who, _spread(mm), _spread(np.asarray(deg)))
 
 
 def _triangle(data: Path, overlays: Path | None) -> None:
     part, camera, pictures, published = triangle(data)
     centre = part.scene.mesh.bounds.mean(axis=0)
-    print("\nm3t_triangle, partly hidden by a bottle: from the published pose (good to 1-3 px) and from none; lines: median "
-          "distance of the model's lines from the photo's edges.\n")  # fmt: skip
-    print("| photo | start | found | quality | mm from published | deg | lines, px (published pose) | CPU ms |")
-    print("|---|---|---|---|---|---|---|---|")
+    print(_TRIANGLE)
     sheet = []
     for file in pictures:
         photo = Photo.of(read_picture(file), camera)
@@ -174,8 +185,9 @@ def _triangle(data: Path, overlays: Path | None) -> None:
             deg = _turned(published, pose)
             mm = float(np.linalg.norm(pose @ centre - published @ centre))
             lines = [_lines(part, photo, one) for one in (pose, published)]
-            print(f"| {file.stem[-3:]} | {'published' if start is not None else 'none'} | {'yes' if found.found else 'no'} "
-                  f"| {found.quality:.2f} | {mm:.2f} | {deg:.2f} | {lines[0]:.2f} ({lines[1]:.2f}) | {cpu:.0f} |")  # fmt: skip
+            cells = [file.stem[-3:], "none" if start is None else "published", "yes" if found.found else "no"]
+            numbers = [f"{v:.2f}" for v in (found.quality, mm, deg)]
+            _row(*cells, *numbers, f"{lines[0]:.2f} ({lines[1]:.2f})", f"{cpu:.0f}")
             sheet.append(_drawn(part, photo, read_picture(file), pose if found.found else None))
     if overlays:
         write_picture(overlays / "triangle.jpg", side_by_side(*sheet))
@@ -213,6 +225,10 @@ def _drawn(part: Part, photo: Photo, picture: Picture, pose: Rigid | None) -> Pi
     return overlay(picture, wires, style=LineStyle(color_by="one", width=1.2))
 
 
+def _row(*cells: object) -> None:
+    print("| " + " | ".join(str(cell) for cell in cells) + " |")
+
+
 def _spread(values: Array) -> str:
     if not len(values):
         return "none"
@@ -221,7 +237,7 @@ def _spread(values: Array) -> str:
 
 def _paragraph(text: str | None) -> str:
     assert text is not None
-    head, *_, last = text.strip().split("\n\n")
+    head, _, last = text.strip().split("\n\n")
     return f"{head}\n\n{last}"
 
 

@@ -1,8 +1,8 @@
 """Real videos with reference poses: what their files hold, in our conventions (mm, pixel centres at integers).
 
-cube, teabox: poses `cMo` map model points (m) to the camera (OpenCV axes); `poses_visp` is ViSP 3.5.0's tracker (edges and
-KLT), `poses_refined` the same polished by an edge fit, neither is a truth. m3t: the published pose is link2world, and the
-mesh stands in the link by geometry2body.
+cube, teabox: poses `cMo` map model points (m) to the camera (OpenCV axes); `poses_visp` is ViSP 3.5.0's tracker (edges
+and KLT), `poses_refined` the same polished by an edge fit, neither is a truth. m3t: the published pose is link2world,
+and the mesh stands in the link by geometry2body.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def triangle(data: Path) -> tuple[Part, Camera, list[Path], Rigid]:
 
 
 def box_symmetries(part: Part) -> list[Rigid]:
-    """Return the rotations that map the part's bounding box onto itself, each about its centre: 4 of a box, 24 of a cube.
+    """Return the rotations that map the part's box onto itself, about its centre: 4 of a box, 24 of a cube.
 
     They are the part's own for a box; a model without its texture does not tell them apart.
     """

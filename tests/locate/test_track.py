@@ -194,6 +194,10 @@ def test_a_log_is_only_continued_with_the_same_inputs(sighting: Install, folder:
     with pytest.raises(UnreadableFile, match=r"shot2.png: is not the picture of frame 2"):
         run(folder, log)
     assert log.read_bytes() == before
+    for i in range(2, 12):
+        (folder / f"shot{i}.png").unlink()
+    with pytest.raises(UnreadableFile, match="has 5 frames, more than there are pictures"):
+        run(folder, log)
     (tmp_path / "other.jsonl").write_text('{"format": "something else"}\n')
     with pytest.raises(UnreadableFile, match="not a log of tracked frames"):
         run(folder, tmp_path / "other.jsonl")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -122,3 +123,11 @@ def test_a_trend_mixes_neither_kinds_nor_units() -> None:
     mixed = [record(0, deviations=(replace(both[0], kind="angle"), both[1]))]
     with pytest.raises(BadValue, match="deg, mm"):
         trend(mixed, "f", kind="angle")
+
+
+def test_the_page_s_snippet_runs_as_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs/product-state.md").read_text()
+    (snippet,) = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(snippet, "docs/product-state.md", "exec"), {})
+    assert (tmp_path / "parts.sqlite").exists()

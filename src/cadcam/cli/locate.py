@@ -33,7 +33,7 @@ _EXAMPLES = f"""\
   cadcam locate photo.png part.stl --camera camera.json --points picked.csv --json
   cadcam locate left.png right.png part.stl --camera left.json --camera right.json -o both.png
   cadcam locate left.png right.png part.stl --rig rig.json
-  cadcam locate photo.png plate.stl --camera cell.json --start rough.txt --freedom plane:0,0,1
+  cadcam locate photo.png plate.stl --camera camera.json --start rough.txt --freedom plane:0,0,1@part
 
 {START_HELP}
 several photos: of a rig's cameras, or of one that was moved: every camera file says where it stood.

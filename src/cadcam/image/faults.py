@@ -18,15 +18,15 @@ _SPAN = 25  # px: window in which an edge goes from dark to bright
 def faults_of(picture: npt.ArrayLike) -> list[str]:
     """Return what speaks against finding edges in a picture: nothing to see, burnt out, dark, or out of focus."""
     gray = to_gray(picture)
-    spread = float(gray.std())
-    if spread < _FLAT:
-        return [f"it is empty: grey values vary by {spread:.4f} of white (standard deviation)"]
     found = []
     white, black = float(np.mean(gray >= _WHITE)), float(np.mean(gray <= _BLACK))
     if white > _BURNT:
         found.append(f"it is overexposed: {100 * white:.0f} % of its pixels are white")
     if black > _BURNT:
         found.append(f"it is too dark: {100 * black:.0f} % of its pixels are black")
+    spread = float(gray.std())
+    if spread < _FLAT:
+        return [*found, f"it is empty: grey values vary by {spread:.4f} of white (standard deviation)"]
     blur = blur_px(gray)
     if blur > _SOFT:
         found.append(f"it is out of focus or moved: its sharpest edges are blurred by {blur:.1f} px")

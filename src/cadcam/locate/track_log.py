@@ -13,7 +13,6 @@ import io
 import json
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -28,7 +27,7 @@ from cadcam.files.matrix import pose_as_json
 from cadcam.files.pose_estimate import pose_estimate_as_json, pose_estimate_at
 from cadcam.files.text import read_text
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.frames import Frames
+from cadcam.locate.frames import Frame, Frames
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.part import Part
 from cadcam.locate.track import Step, TrackedFrame, track
@@ -54,8 +53,11 @@ def track_to(
     Frames that the log has are read again, to see by their fingerprints that they are the same, but not located. The
     log says of itself with which inputs it was begun (`TrackLog.open`). Raises `UnreadableFile` where a frame differs.
     """
-    rest = iter(frames)
-    for entry, frame in zip(log.entries, islice(rest, len(log.entries)), strict=False):
+    rest, there = iter(frames), list(log.entries)
+    for entry in there:
+        frame = next(rest, None)
+        if frame is None:
+            raise UnreadableFile(log.path, f"has {len(there)} frames, more than there are pictures", "start a new log")
         if tuple(entry["sha256"]) != frame.sha256:
             raise UnreadableFile(
                 frame.names[0], f"is not the picture of frame {frame.index} in {log.path}", "start a new log"
@@ -141,12 +143,12 @@ def head_of(
     velocity: bool = True,
 ) -> dict[str, Any]:
     """Return the first line of a log: what decides its results, apart from the pictures."""
-    mesh = part.scene.mesh
+    mesh, edges = part.scene.mesh, part.scene.edges
     return {
         "format": FORMAT,
         "version": VERSION,
         "software": f"cadcam {__version__}",
-        "part_sha256": _hash([mesh.vertices, mesh.faces]),
+        "part_sha256": _hash([mesh.vertices, mesh.faces, edges.vertices, edges.kind]),
         "cameras_sha256": [_hash(_numbers(view)) for view in viewpoints],
         "start": None if start is None else pose_as_json(start),
         "freedom": {"frame": freedom.frame, "basis": freedom.basis.tolist()},
@@ -205,7 +207,7 @@ def _pose_of(path: str, entry: dict[str, Any]) -> Rigid:
 
 def _row(entry: dict[str, Any]) -> str:
     """Return the line of a frame in the table; the pose of a lost frame is left out."""
-    row = [entry["frame"], " ".join(entry["files"]), int(entry["found"]), entry["quality"], entry["how"]]
+    row = [entry["frame"], ";".join(entry["files"]), int(entry["found"]), entry["quality"], entry["how"]]
     if entry["found"]:
         pose = entry["pose"]
         T = pose["world_from_part"]
