@@ -108,7 +108,7 @@ def _in_photo(
         np.zeros(n, np.int64),
         wires.part[samples.line],
         wires.kind[samples.line],
-        samples.chain,
+        wires.chain[samples.line],
         np.full(n, number, np.int32),
     )
     return lines, Sight(photo, noise_of(photo.gray), world_from_part, samples)
