@@ -50,11 +50,12 @@ class Sight:
         return project(self.samples, self.photo.camera, self.photo.viewpoint.camera_from_world @ world_from_part)
 
     def moved_px(self, world_from_part: Rigid) -> float:
-        """Return how far the lines moved across themselves since they were drawn: the largest of nine tenths of them."""
-        few = self.thinned(100)
-        now, before = few.project(world_from_part), few.project(self.drawn)
-        shift = np.abs(np.einsum("ij,ij->i", now.q - before.q, before.normal))
-        return float(np.quantile(shift, 0.9)) if len(shift) else 0.0
+        """Return how far the lines moved since they were drawn: nine tenths of them at most that far."""
+        p = self.samples.p[:: max(1, len(self.samples) // 60)]
+        of_camera = self.photo.viewpoint.camera_from_world
+        now, before = (self.photo.camera.project((of_camera @ pose) @ p) for pose in (world_from_part, self.drawn))
+        shift = np.hypot(*(now - before).T)
+        return float(np.nanquantile(shift, 0.9)) if np.isfinite(shift).any() else 0.0
 
     def thinned(self, most: int) -> Sight:
         """Return the sight with at most about `most` of its samples."""
