@@ -139,12 +139,14 @@ class MissingExtra(CadcamError):
 
 
 class MissingCore(CadcamError):
-    """The compiled core that the raster renderer needs is not there."""
+    """The compiled core is not there, which the raster renderer and the matching of templates need."""
 
-    def __init__(self, why: str) -> None:
+    def __init__(
+        self, why: str, what: str = "the raster renderer", instead: str = "use the renderer 'ray', or reinstall"
+    ) -> None:
         super().__init__(
-            f"the raster renderer is not available: {why}; use the renderer 'ray', or reinstall cadcam where a C "
-            "compiler (CC, cc, gcc, clang) or a network to fetch one (the ziglang wheel) is at hand"
+            f"{what} is not available: {why}; {instead} cadcam where a C compiler (CC, cc, gcc, clang) or a network to "
+            "fetch one (the ziglang wheel) is at hand"
         )
         self.why = why
 
