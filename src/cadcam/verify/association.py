@@ -16,7 +16,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Mask
 from cadcam.image.profile import candidates
 from cadcam.locate.edges import Projected
-from cadcam.locate.sight import Sight, measure
+from cadcam.locate.sight import Cells, Sight, measure
 from cadcam.verify.sightlines import REACH_PX, STEP_PX, Sightlines
 
 Longs = npt.NDArray[np.int64]
@@ -37,13 +37,15 @@ class Association:
     """What the photos show at N places.
 
     coarse (N,) px: offset of the edge that the feature's shift points to, nan where there is none; offset, sigma (N,)
-    px: the same measured, with its standard deviation by the photo's noise, nan where it cannot be. shift (N, 2) px: by
-    how much the feature that a place belongs to was found displaced in its photo, to about a pixel.
+    px: the same measured, with its standard deviation by the photo's noise, nan where it cannot be. step (N,): change
+    of brightness across the line at that place, be it an edge or not; nan where there is no room to tell. shift (N, 2)
+    px: by how much the feature that a place belongs to was found displaced in its photo, to about a pixel.
     """
 
     coarse: Array
     offset: Array
     sigma: Array
+    step: Array
     shift: Array
 
     @property
@@ -90,10 +92,12 @@ def associated(
             shift[rows] = s
             coarse[rows] = _nearest(found[rows], lines.normal[rows] @ s)
     coarse[strays(coarse, np.full(n, _COARSE_PX), lines.edge, lines.along)] = np.nan
-    offset, sigma = _measured(lines, sights, _expected(coarse, lines))
+    expected = _expected(coarse, lines)
+    at_shift = np.einsum("ni,ni->n", lines.normal, shift)
+    offset, sigma, step = _measured(lines, sights, np.where(np.isfinite(expected), expected, at_shift))
     offset[~np.isfinite(coarse)] = np.nan
     offset[strays(offset, sigma, lines.edge, lines.along)] = np.nan
-    return Association(coarse, offset, np.where(np.isfinite(offset), sigma, np.nan), shift)
+    return Association(coarse, offset, np.where(np.isfinite(offset), sigma, np.nan), step, shift)
 
 
 def _expected(coarse: Array, lines: Sightlines) -> Array:
@@ -107,22 +111,18 @@ def _expected(coarse: Array, lines: Sightlines) -> Array:
     return out
 
 
-def _measured(lines: Sightlines, sights: Sequence[Sight], expected: Array) -> tuple[Array, Array]:
-    """Return offsets (N,) and sigmas, fitted to the pixels about where the edges are expected."""
-    offset, sigma = np.full(len(lines), np.nan), np.full(len(lines), np.nan)
+def _measured(lines: Sightlines, sights: Sequence[Sight], expected: Array) -> tuple[Array, Array, Array]:
+    """Return offsets (N,), sigmas and steps of brightness, fitted to the pixels about where the edges are expected."""
+    offset, sigma, step = (np.full(len(lines), np.nan) for _ in range(3))
     for i, sight in enumerate(sights):
         rows = lines.photo == i
-        about = np.nan_to_num(expected[rows])
-        q, normal = lines.q[rows] + about[:, None] * lines.normal[rows], lines.normal[rows]
-        at = Projected(q, normal, np.zeros((len(q), 2, 6)))
-        blur = sight.blur(at, half_length=STEP_PX / 2, reach_px=REACH_PX)
-        found = measure(
-            sight, at, half_length=STEP_PX / 2, reach_px=REACH_PX, room_px=ROOM_PX, blur=blur, farthest=CAPTURE_PX
-        )
-        known = found.usable & np.isfinite(expected[rows])
-        offset[rows] = np.where(known, about + found.offset, np.nan)
-        sigma[rows] = np.where(known, found.sigma, np.nan)
-    return offset, sigma
+        at = Projected(lines.q[rows], lines.normal[rows], np.zeros((int(rows.sum()), 2, 6)))
+        cells = Cells.of(sight, at, half_length=STEP_PX / 2, reach_px=REACH_PX, room_px=ROOM_PX)
+        found = measure(sight, at, cells, expected[rows])
+        offset[rows] = np.where(found.usable, found.offset, np.nan)
+        sigma[rows] = np.where(found.usable, found.sigma, np.nan)
+        step[rows] = found.contrast
+    return offset, sigma, step
 
 
 def best_shift(offset: Array, normal: Array, *, reach_px: float) -> Array:
