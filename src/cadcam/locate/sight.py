@@ -17,7 +17,7 @@ from cadcam.render.wireframe import LineOptions
 
 Longs = npt.NDArray[np.int64]
 _LINES = LineOptions(margin_px=0.0)
-_STRONG = 100  # cells that tell the blur
+_STRONG = 60  # cells that tell the blur
 _APART = 1.5  # blurs: a cell ends that far before the next line
 _NARROW = 3.5  # blurs: reach of a narrow cell
 _BUSY = 1.3  # a wide cell whose noise is this much above the narrow one's holds more than a step
