@@ -102,14 +102,17 @@ def displaced(case: Case, px: float, degrees: float, rng: np.random.Generator) -
 
 
 def answer(case: Case, trial: Trial) -> Answer:
-    """Return what locating makes of an input; whatever it refuses with a `CadcamError` is not found."""
+    """Return what locating makes of an input; what it refuses is not found. A crash is told, and counts as refused."""
     try:
         ask = refine if trial.refined else locate
         location = ask(trial.part, [trial.photo], trial.start)
     except CadcamError as error:
         return Answer(case.name, trial.kind, np.inf, 0.0, f"{type(error).__name__}: {error}")
-    error = vertex_set_error(case, location.pose.world_from_part) if trial.possible else np.inf
-    return Answer(case.name, trial.kind, error, location.quality)
+    except Exception as error:
+        print(f"CRASH: {case.name}, {trial.kind}: {type(error).__name__}: {error}")
+        return Answer(case.name, trial.kind, np.inf, 0.0, "crash")
+    error_px = vertex_set_error(case, location.pose.world_from_part) if trial.possible else np.inf
+    return Answer(case.name, trial.kind, error_px, location.quality)
 
 
 def vertex_set_error(case: Case, pose: Rigid) -> float:
