@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Mask
 from cadcam.errors import DegenerateGeometry
 
 Longs = npt.NDArray[np.int64]
@@ -30,6 +30,7 @@ class GroupedFit:
 
     within, between: standard deviations beyond the known noise. weight (n,) in [0, 1]: how far each datum counts by
     itself; of_group (G,) the same of each group; offset (G,) each group's mean residual, sd_offset (G,) its noise.
+    group (n,): of each datum. gain (k, n): dx/dy, by which anything that shifts the data shifts x.
     """
 
     x: Array
@@ -40,6 +41,8 @@ class GroupedFit:
     of_group: Array
     offset: Array
     sd_offset: Array
+    group: Longs
+    gain: Array
 
     @property
     def dof(self) -> float:
@@ -48,21 +51,30 @@ class GroupedFit:
 
 
 def grouped_fit(
-    y: Array, J: Array, variance: Array, group: Longs, *, usual: float, robust: bool = True, iterations: int = 12
+    y: Array,
+    J: Array,
+    variance: Array,
+    group: Longs,
+    *,
+    usual: float,
+    exact: Mask | None = None,
+    robust: bool = True,
+    iterations: int = 12,
 ) -> GroupedFit:
     """Return the fit of y (n,) by J (n, k) with known variances (n,) and ascending group numbers (n,), none left out.
 
-    usual: a usual standard deviation between groups. Robust fits start from x = 0, near which half of the data must
+    usual: a usual standard deviation between groups. exact (G,): groups that have no offset of their own. Robust fits start from x = 0, near which half of the data must
     lie. Raises `DegenerateGeometry` where the data leave a parameter open.
     """
-    sums = _Sums(y, J, group)
+    sums = _Sums(y, J, group, exact)
     x, within2, between = np.zeros(J.shape[1]), 0.0, usual
     weight, of_group = np.ones(len(y)), np.ones(sums.n)
     if robust:
         weight, of_group, within2 = _first_weights(y, variance, sums)
     covariance, mean, total = np.eye(len(x)), np.zeros(sums.n), np.ones(sums.n)
+    w, of_group_then = weight / (variance + within2), of_group
     for _ in range(iterations):
-        w, x_before = weight / (variance + within2), x
+        w, of_group_then, x_before = weight / (variance + within2), of_group, x
         x, covariance, between = sums.solve(w, of_group, usual)
         r = y - J @ x
         mean, total = sums.means(r, w)
@@ -70,20 +82,23 @@ def grouped_fit(
         if np.abs(x - x_before).max() <= 1e-3 * np.sqrt(np.diag(covariance)).min():
             break
         if robust:
-            own = between**2 + 1 / np.maximum(total, 1e-300)
-            weight = _counts((r - (mean * between**2 / own)[group]) / np.sqrt(variance + within2))
+            v = between**2 * sums.free
+            own = v + 1 / np.maximum(total, 1e-300)
+            weight = _counts((r - (mean * v / own)[group]) / np.sqrt(variance + within2))
             of_group = _counts(mean / np.sqrt(own))
     sd = 1 / np.sqrt(np.maximum(total, 1e-300))
-    return GroupedFit(x, covariance, float(np.sqrt(within2)), between, weight, of_group, mean, sd)
+    gain = sums.gain(w, of_group_then, between)
+    return GroupedFit(x, covariance, float(np.sqrt(within2)), between, weight, of_group, mean, sd, group, gain)
 
 
 class _Sums:
     """Sums over groups of one design."""
 
-    def __init__(self, y: Array, J: Array, group: Longs) -> None:
+    def __init__(self, y: Array, J: Array, group: Longs, exact: Mask | None) -> None:
         self.y, self.J, self.group = y, J, group
         self.first = np.flatnonzero(np.diff(group, prepend=-1))
         self.n = len(self.first)
+        self.free = np.ones(self.n) if exact is None else 1.0 - exact
         if len(y) < J.shape[1]:
             raise DegenerateGeometry("too few edges were found to determine the pose")
 
@@ -97,7 +112,7 @@ class _Sums:
         JW = self.J * w[:, None]
         sum_J, sum_y = np.add.reduceat(JW, self.first, axis=0), np.add.reduceat(w * self.y, self.first)
         counts = np.maximum(of_group, 1e-12)
-        v = (usual * _TRIED[:, None]) ** 2
+        v = (usual * _TRIED[:, None]) ** 2 * self.free
         grown = 1 + v * total / counts
         f = np.where(total > 0, v / grown / counts, 0.0)
         A = JW.T @ self.J - np.einsum("kg,gi,gj->kij", f, sum_J, sum_J, optimize=True)
@@ -110,6 +125,15 @@ class _Sums:
         mean = p @ x
         covariance = np.einsum("k,kij->ij", p, inverse) + (p[:, None] * (x - mean)).T @ (x - mean)
         return mean, covariance, float(usual * np.sqrt(p @ _TRIED**2))
+
+    def gain(self, w: Array, of_group: Array, between: float) -> Array:
+        """Return dx/dy (k, n) for given weights and sd between groups."""
+        w, counts = w * of_group[self.group], np.maximum(of_group, 1e-12)
+        v = between**2 * self.free
+        f = v / (1 + v * np.add.reduceat(w, self.first) / counts) / counts
+        JW = self.J * w[:, None]
+        VJ = JW - w[:, None] * (f[:, None] * np.add.reduceat(JW, self.first, axis=0))[self.group]
+        return np.asarray(np.linalg.solve(VJ.T @ self.J, VJ.T))
 
     def means(self, r: Array, w: Array) -> tuple[Array, Array]:
         """Return the weighted mean of each group and its total weight."""

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Mask
+from cadcam.cad.edges import EdgeKind
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.native.profiles import clearance
@@ -24,7 +25,7 @@ _OWN_RUN = 4.0  # of its reach: along a run, how far a sample does not take the 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgeSamples:
-    """N samples: p (N, 3) mm and unit tangent (N, 3) in the part frame, chain (N,), run (N,) and line (N,).
+    """N samples: p (N, 3) mm and unit tangent (N, 3) in the part frame, chain (N,; -1 on contours) and run (N,).
 
     below, above (N,) px: how far against and along the normal no other line of the model is.
     """
@@ -33,7 +34,6 @@ class EdgeSamples:
     tangent: Array
     chain: Ids
     run: Ids
-    line: Ids
     below: Array
     above: Array
 
@@ -96,6 +96,7 @@ def sample_lines(lines: Polylines, camera: Camera, *, step_px: float, reach_px: 
     along = (b - a)[segment] / np.maximum(length[segment], 1e-300)[:, None]
     normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
     line = lines.line_of_point[first[segment]].astype(np.int32)
+    chain = np.where(lines.kind[line] == EdgeKind.CONTOUR, -1, lines.chain[line]).astype(np.int32)
     below, above = clearance(
         at,
         normal,
@@ -109,7 +110,7 @@ def sample_lines(lines: Polylines, camera: Camera, *, step_px: float, reach_px: 
         most=reach_px,
     )
     samples = EdgeSamples(
-        pa + fraction[:, None] * (pb - pa), tangent, lines.chain[line], run[segment].astype(np.int32), line, below, above
+        pa + fraction[:, None] * (pb - pa), tangent, chain, run[segment].astype(np.int32), below, above
     )
     inside = camera.sees(at)
     return samples if inside.all() else samples.select(inside)

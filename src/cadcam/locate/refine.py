@@ -1,11 +1,9 @@
 """The pose of a part to the limit of the pixels: visible CAD edges against the photo's own.
 
-Search: samples on the visible lines look along their normals for steps of brightness, several each; every step attracts
-the line, the nearer the more (a soft assignment over a shrinking distance), and all lines move as one rigid part. So
-twin edges of a plate are told apart by all the others.
-
-Measurement: each sample's step is fitted to the pixels (`image.profile`), and the pose solved for by a regression that
-knows that edges err as a whole (`fit.grouped`): a chamfer, a shadow or paint shifts all samples of an edge together.
+Lines are drawn with hidden ones removed, pulled onto the photo's steps (`locate.attraction`), each step is fitted to the
+pixels (`image.profile`), and the pose solved for by a regression that knows that edges err as a whole (`fit.grouped`):
+a chamfer, a shadow or paint shifts all samples of an edge together. What comes out is believed only where the photo
+shows far more of the part's edges than chance would (`locate.quality`).
 """
 
 from __future__ import annotations
@@ -18,27 +16,28 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array
 from cadcam.camera.pose_estimate import PoseEstimate
-from cadcam.camera.sensitivity import project_with_sensitivity
-from cadcam.errors import BadValue
+from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.grouped import GroupedFit, grouped_fit
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.profile import candidates
+from cadcam.locate.attraction import attracted
 from cadcam.locate.edges import Projected
+from cadcam.locate.evidence import Evidence, rows_of
 from cadcam.locate.freedom import FREE, Freedom
-from cadcam.locate.location import Location
+from cadcam.locate.location import FOUND, Location
 from cadcam.locate.matches import EdgeMatches
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.locate.quality import Seen, seen
 from cadcam.locate.sight import Cells, Measured, Sight, measure, nearest_steps
+from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
 
 Longs = npt.NDArray[np.int64]
-_SEARCHED = 600  # samples that search for their edges, of all photos together
-_NOTHING = 0.3  # a strong edge this far down its bell pulls as much as not
-_PULLS = 5  # Gauss-Newton steps on one set of candidates
 _CLOSE = 3  # px: how far from the lines their steps may be after the search
 _ON_LINE = 0.7  # px: steps this near are fitted on the line itself
 _USUAL_PX = 0.05  # by which edges are off as a whole
 _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
+_ROUNDS = (6, 12)  # reweightings in the first and the last measurement
+_UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose that nothing was measured of
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,36 +55,59 @@ class EdgeOptions:
     room_px: float = 2.5
     group_px: float = 120.0
 
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise BadValue(name, value, "a positive number of px")
+
 
 EDGES = EdgeOptions()
 
 
 def refine(
-    part: Part, photos: Sequence[Photo], start: Rigid, *, freedom: Freedom = FREE, options: EdgeOptions = EDGES
+    part: Part,
+    photos: Sequence[Photo],
+    start: Rigid,
+    *,
+    freedom: Freedom = FREE,
+    evidence: Sequence[Evidence] = (),
+    options: EdgeOptions = EDGES,
 ) -> Location:
-    """Return where the part stands, from world_from_part `start` that is off by no more than `search_px` in the photos."""
+    """Return where the part stands, from a start world_from_part whose lines are off by no more than `search_px`.
+
+    photos: of one camera, of a rig, or of a moved camera, each with its viewpoint in the world. evidence: points and
+    lines of the part that are known otherwise. Where too little is seen to tell the pose the answer has quality 0.
+    """
     if not photos:
         raise BadValue("photos", "none", "at least one photo")
-    pose, sights = start, _sights(part, photos, start, options)
-    few = [s.thinned(_SEARCHED // len(photos)) for s in sights]
-    for reach, soft in _schedule(options.search_px):
-        pose = _attracted(few, pose, freedom, reach=reach, soft=soft, options=options)
+    sights = _sights(part, photos, start, options)
+    pose = attracted(sights, start, freedom, search_px=options.search_px)
     if max(s.moved_px(pose) for s in sights) > _REDRAW_PX:
         sights = _sights(part, photos, pose, options, sights)
-    cells: list[Cells] = []
-    where: list[Array] = []
-    for iterations in (6, 12):
-        places = [s.project(pose) for s in sights]
-        cells = cells or [_cells(s, at, options) for s, at in zip(sights, places, strict=True)]
-        where = where or [
-            nearest_steps(s, at, half_length=0.5 * options.step_px, reach=_CLOSE) for s, at in zip(sights, places, strict=True)
-        ]
-        measured = [measure(*all_of) for all_of in zip(sights, places, cells, where, strict=True)]
-        B = freedom.at(pose)
-        fit = _fitted(sights, places, measured, B, options, iterations)
-        pose = pose @ Rigid.exp(B @ fit.x)
-        where = [_places(m, at.row @ (B @ fit.x)) for m, at in zip(measured, places, strict=True)]
-    return _location(sights, pose, freedom, fit, measured, places)
+    try:
+        fitted = _fitted(sights, pose, freedom, evidence, options)
+    except DegenerateGeometry as error:
+        return _lost(sights, pose, freedom, str(error))
+    return _location(part, fitted, freedom)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fitted:
+    """The refined pose, and what was measured for its last step from `before`: x in the basis B there."""
+
+    sights: Sequence[Sight]
+    before: Rigid
+    pose: Rigid
+    B: Array
+    places: Sequence[Projected]
+    measured: Sequence[Measured]
+    fit: GroupedFit
+
+    @property
+    def moved(self) -> list[Array]:
+        """Return by how much (n,) px the last step moved the samples of each photo along their normals."""
+        return [at.row @ (self.B @ self.fit.x) for at in self.places]
 
 
 def _sights(
@@ -98,113 +120,132 @@ def _sights(
     ]
 
 
-def _cells(sight: Sight, at: Projected, options: EdgeOptions) -> Cells:
-    return Cells.of(
-        sight, at, half_length=0.5 * options.step_px, reach_px=options.reach_px, room_px=options.room_px
-    )
+def _fitted(
+    sights: Sequence[Sight], pose: Rigid, freedom: Freedom, evidence: Sequence[Evidence], options: EdgeOptions
+) -> _Fitted:
+    """Return the pose after measuring twice: steps where they are first seen, then on the lines themselves."""
+    half = 0.5 * options.step_px
+    places = [s.project(pose) for s in sights]
+    room = {"half_length": half, "reach_px": options.reach_px, "room_px": options.room_px}
+    cells = [Cells.of(s, at, **room) for s, at in zip(sights, places, strict=True)]
+    where = [nearest_steps(s, at, half_length=half, reach=_CLOSE) for s, at in zip(sights, places, strict=True)]
+    for iterations in _ROUNDS:
+        measured = [measure(*all_of) for all_of in zip(sights, places, cells, where, strict=True)]
+        B = freedom.at(pose)
+        fit = _solved(sights, places, measured, rows_of(evidence, [s.photo for s in sights], pose), B, iterations, options)
+        last = _Fitted(sights, pose, pose @ Rigid.exp(B @ fit.x), B, places, measured, fit)
+        pose = last.pose
+        where = [_left(m, moved) for m, moved in zip(measured, last.moved, strict=True)]
+        places = [s.project(pose) for s in sights]
+    return last
 
 
-def _places(measured: Measured, moved: Array) -> Array:
+def _left(measured: Measured, moved: Array) -> Array:
     """Return where to fit the steps after the lines moved: on the lines, but for edges that stay away from them."""
     left = np.nan_to_num(measured.offset) - moved
     return np.where(np.abs(left) < _ON_LINE, 0.0, left) * measured.usable
 
 
-def _schedule(search_px: float) -> list[tuple[int, float]]:
-    """Return (reach px, softness px) of each round of the search, the last one at the width of an edge."""
-    rounds, far = [], search_px
-    while far > 1.5:
-        rounds.append((int(np.ceil(1.5 * far)) + 1, 0.6 * far))
-        far *= 0.59
-    return [*rounds, (3, 0.7)]
-
-
-def _attracted(
-    sights: Sequence[Sight], pose: Rigid, freedom: Freedom, *, reach: int, soft: float, options: EdgeOptions
-) -> Rigid:
-    """Return the pose after one round of search."""
-    B = freedom.at(pose)
-    rows, offset, strength = [], [], []
-    for sight in sights:
-        at = sight.project(pose)
-        half_length = 0.5 * options.step_px
-        found = candidates(
-            sight.photo.gray, at.q, at.normal, half_length=half_length, reach=reach, noise=sight.noise
-        )
-        seen = np.isfinite(found.offset[:, 0])
-        rows.append(at.row[seen] @ B)
-        offset.append(found.offset[seen])
-        strength.append(np.nan_to_num(np.abs(found.slope[seen])))
-    J, o, a = np.concatenate(rows), np.nan_to_num(np.concatenate(offset)), np.concatenate(strength)
-    if len(J) < 2 * J.shape[1]:
-        return pose
-    a = np.minimum(a / np.quantile(a[:, 0], 0.75), 1.0)
-    x = np.zeros(J.shape[1])
-    for _ in range(_PULLS):
-        r = o - (J @ x)[:, None]
-        near = a * np.exp(-0.5 * (r / soft) ** 2)
-        share = near / (near.sum(axis=1, keepdims=True) + _NOTHING)
-        w = share.sum(axis=1)
-        A = (J * w[:, None]).T @ J
-        A[np.diag_indices(len(x))] *= 1.001
-        x = x + np.linalg.solve(A, J.T @ (share * r).sum(axis=1))
-    return pose @ Rigid.exp(B @ x)
-
-
-def _fitted(
+def _solved(
     sights: Sequence[Sight],
     places: Sequence[Projected],
     measured: Sequence[Measured],
+    evidence: tuple[Array, Array, Array],
     B: Array,
-    options: EdgeOptions,
     iterations: int,
+    options: EdgeOptions,
 ) -> GroupedFit:
-    y = np.concatenate([m.offset[m.usable] for m in measured])
-    variance = np.concatenate([m.sigma[m.usable] ** 2 for m in measured])
-    J = np.concatenate([at.row[m.usable] for at, m in zip(places, measured, strict=True)]) @ B
-    return grouped_fit(y, J, variance, _groups(sights, measured, options), usual=_USUAL_PX, iterations=iterations)
+    """Return the step in the basis B that the offsets and the other evidence ask for."""
+    other, rows, other_variance = evidence
+    if not np.isfinite(rows).all():
+        raise DegenerateGeometry("points or lines given as evidence are not in front of their camera")
+    y = np.concatenate([*(m.offset[m.usable] for m in measured), other])
+    variance = np.concatenate([*(m.sigma[m.usable] ** 2 for m in measured), other_variance])
+    J = np.concatenate([*(at.row[m.usable] for at, m in zip(places, measured, strict=True)), rows]) @ B
+    group = _groups(sights, measured, options)
+    edges = int(group[-1]) + 1 if len(group) else 0
+    group = np.concatenate([group, edges + np.arange(len(other))])
+    exact = np.arange(edges + len(other)) >= edges
+    return grouped_fit(y, J, variance, group, usual=_USUAL_PX, exact=exact, iterations=iterations)
 
 
 def _groups(sights: Sequence[Sight], measured: Sequence[Measured], options: EdgeOptions) -> Longs:
     """Return the number of the piece of edge that each usable sample lies on, ascending."""
     most = max(int(options.group_px / options.step_px), 1)
-    keys, before = [], 0
+    keys, before = [np.zeros(0, np.int64)], 0
     for sight, m in zip(sights, measured, strict=True):
-        run = sight.samples.run
+        run = sight.samples.run.astype(np.int64)
         count = np.bincount(run)
         place = np.arange(len(run)) - (np.cumsum(count) - count)[run]
-        pieces = np.maximum(np.round(count / most), 1)
-        key = run * 1000 + np.minimum(place * pieces[run] / np.maximum(count[run], 1), 999).astype(np.int64)
-        keys.append(before + key[m.usable])
-        before += (int(run.max(initial=-1)) + 1) * 1000
+        pieces = np.maximum(np.round(count / most), 1)[run].astype(np.int64)
+        key = before + run * len(run) + place * pieces // np.maximum(count, 1)[run]
+        keys.append(key[m.usable])
+        before += (int(run.max(initial=-1)) + 1) * len(run)
     key = np.concatenate(keys)
     return np.cumsum(np.diff(key, prepend=key[:1]) > 0)
 
 
-def _location(
-    sights: Sequence[Sight],
-    pose: Rigid,
-    freedom: Freedom,
-    fit: GroupedFit,
-    measured: Sequence[Measured],
-    places: Sequence[Projected],
-) -> Location:
+def _location(part: Part, fitted: _Fitted, freedom: Freedom) -> Location:
+    sights, pose, fit = fitted.sights, fitted.pose, fitted.fit
     B = freedom.at(pose)
-    estimate = PoseEstimate(pose, B @ fit.covariance @ B.T, np.zeros((6, 6)), B, fit.dof)
-    weight = [np.zeros(len(m.offset)) for m in measured]
-    done = 0
-    for w, m in zip(weight, measured, strict=True):
+    n = [int(m.usable.sum()) for m in fitted.measured]
+    gains = np.split(B @ fit.gain[:, : sum(n)], np.cumsum(n)[:-1], axis=1)
+    points = [s.samples.p[m.usable] for s, m in zip(sights, fitted.measured, strict=True)]
+    normals = [at.normal[m.usable] for at, m in zip(fitted.places, fitted.measured, strict=True)]
+    photos = [s.photo for s in sights]
+    from_calibration = calibration_covariance(photos, points, normals, gains, pose)
+    estimate = PoseEstimate(pose, B @ fit.covariance @ B.T, from_calibration, B, fit.dof)
+    evidence = seen(sights, pose)
+    return Location(estimate, _matches(fitted), evidence.quality, _reason(part, estimate, evidence, fit, photos))
+
+
+def _reason(part: Part, estimate: PoseEstimate, evidence: Seen, fit: GroupedFit, photos: Sequence[Photo]) -> str:
+    vertices = part.scene.mesh.vertices
+    if evidence.quality < FOUND:
+        return f"not found: {evidence}"
+    weakest = weakest_direction(estimate, 0.5 * (vertices.min(axis=0) + vertices.max(axis=0)), photos)
+    return f"{evidence}; edges are off by {fit.between:.2f} px as a whole; {weakest}"
+
+
+def _matches(fitted: _Fitted) -> EdgeMatches:
+    """Return the samples as the refined pose projects them, offsets and weights as measured for it."""
+    weights, offsets, done = [], [], 0
+    each = fitted.fit.weight * fitted.fit.of_group[fitted.fit.group]
+    for m, moved in zip(fitted.measured, fitted.moved, strict=True):
         n = int(m.usable.sum())
-        w[m.usable] = fit.weight[done : done + n]
+        weight = np.zeros(len(m.offset))
+        weight[m.usable] = each[done : done + n]
         done += n
-    matches = EdgeMatches(
-        np.concatenate([p.q for p in places]),
-        np.concatenate([p.normal for p in places]),
-        np.concatenate([np.where(m.usable, m.offset, np.nan) for m in measured]),
-        np.concatenate([np.where(m.usable, m.sigma, np.nan) for m in measured]),
-        np.concatenate(weight),
-        np.concatenate([s.samples.p for s in sights]),
-        np.concatenate([s.samples.chain for s in sights]),
-        np.repeat(np.arange(len(sights)), [len(s.samples) for s in sights]),
+        weights.append(weight)
+        offsets.append(np.where(m.usable, m.offset - moved, np.nan))
+    sigma = [np.where(m.usable, m.sigma, np.nan) for m in fitted.measured]
+    return _as_matches(fitted.sights, fitted.pose, offsets, sigma, weights)
+
+
+def _lost(sights: Sequence[Sight], pose: Rigid, freedom: Freedom, why: str) -> Location:
+    """Return the answer where nothing could be measured."""
+    none = [np.full(len(s.samples), np.nan) for s in sights]
+    matches = _as_matches(sights, pose, none, none, [np.zeros(len(a)) for a in none])
+    B = freedom.at(pose)
+    return Location(PoseEstimate(pose, B @ (B.T @ _UNKNOWN @ B) @ B.T, freedom=B, dof=1.0), matches, 0.0, f"not found: {why}")
+
+
+def _as_matches(
+    sights: Sequence[Sight], pose: Rigid, offset: Sequence[Array], sigma: Sequence[Array], weight: Sequence[Array]
+) -> EdgeMatches:
+    places = [s.project(pose) for s in sights]
+    kept = [np.isfinite(at.q).all(axis=1) for at in places]
+
+    def joined(parts: Sequence[npt.NDArray[np.generic]]) -> npt.NDArray[np.generic]:
+        return np.concatenate([a[k] for a, k in zip(parts, kept, strict=True)])
+
+    return EdgeMatches(
+        joined([at.q for at in places]),
+        joined([at.normal for at in places]),
+        joined(offset),
+        joined(sigma),
+        joined(weight),
+        joined([s.samples.p for s in sights]),
+        joined([s.samples.chain for s in sights]),
+        joined([np.full(len(s.samples), i, np.int32) for i, s in enumerate(sights)]),
     )
-    return Location(estimate, matches, float(np.concatenate(weight).mean()), "")

@@ -1,0 +1,71 @@
+"""Pulling a part's lines onto the photo's steps from some way off.
+
+Samples on the visible lines look along their normals for steps of brightness, several each. Every step attracts the
+line, the nearer the more: a sample's weight is shared among its steps and "none of them" as in a mixture of normal
+distributions of one softness, which shrinks from round to round. All lines move as one rigid part, so the twin edges of
+a plate are told apart by all the others, and the first rounds, soft, see only the whole. (Soft assignment with annealing:
+S. Granger, X. Pennec, "Multi-scale EM-ICP", ECCV 2002.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.profile import candidates
+from cadcam.locate.freedom import Freedom
+from cadcam.locate.sight import Sight
+
+_SEARCHED = 600  # samples that search, of all photos together
+_SOFTNESS, _REACH = 0.6, 1.5  # of how far off the lines may be: width of the pull, and how far steps are looked for
+_SHRINKS = 0.59  # from one round to the next
+_LAST = (3, 0.7)  # reach and softness at the width of an edge, px
+_NOTHING = 0.3  # a strong step this far down its bell pulls as much as "none of them"
+_STRONG = 0.75  # quantile of the strongest slopes: what is at least as strong pulls fully
+_PULLS = 5  # Gauss-Newton steps on one set of candidates
+
+
+def attracted(sights: Sequence[Sight], start: Rigid, freedom: Freedom, *, search_px: float) -> Rigid:
+    """Return the pose whose lines lie on the photos' steps, up to `search_px` off at the start."""
+    few = [s.thinned(max(_SEARCHED // len(sights), 60)) for s in sights]
+    pose = start
+    for reach, soft in schedule(search_px):
+        pose = _pulled(few, pose, freedom.at(pose), reach=reach, soft=soft)
+    return pose
+
+
+def schedule(search_px: float) -> list[tuple[int, float]]:
+    """Return (reach px, softness px) of each round, the last one at the width of an edge."""
+    rounds, far = [], search_px
+    while far > _LAST[0] / 2:
+        rounds.append((int(np.ceil(_REACH * far)) + 1, _SOFTNESS * far))
+        far *= _SHRINKS
+    return [*rounds, _LAST]
+
+
+def _pulled(sights: Sequence[Sight], pose: Rigid, B: Array, *, reach: int, soft: float) -> Rigid:
+    """Return the pose after one round: candidates once, then a few steps among them."""
+    rows, offsets, slopes = [], [], []
+    for sight in sights:
+        at = sight.project(pose)
+        found = candidates(sight.photo.gray, at.q, at.normal, half_length=2.0, reach=reach, noise=sight.noise)
+        some = np.isfinite(found.offset[:, 0])
+        rows.append(at.row[some] @ B)
+        offsets.append(found.offset[some])
+        slopes.append(found.slope[some])
+    J, offset, slope = (np.nan_to_num(np.concatenate(a)) for a in (rows, offsets, slopes))
+    if len(J) < 2 * J.shape[1]:
+        return pose
+    strength = np.minimum(np.abs(slope) / np.quantile(np.abs(slope[:, 0]), _STRONG), 1.0)
+    x = np.zeros(J.shape[1])
+    for _ in range(_PULLS):
+        r = offset - (J @ x)[:, None]
+        near = strength * np.exp(-0.5 * (r / soft) ** 2)
+        share = near / (near.sum(axis=1, keepdims=True) + _NOTHING)
+        A = (J * share.sum(axis=1)[:, None]).T @ J
+        A[np.diag_indices(len(x))] += 1e-3 * np.diag(A) + 1e-300  # what no line tells stays where it is
+        x = x + np.linalg.solve(A, J.T @ (share * r).sum(axis=1))
+    return pose @ Rigid.exp(B @ x)

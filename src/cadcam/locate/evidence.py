@@ -1,0 +1,92 @@
+"""What else tells where a part is: points and lines of it that were found in a photo by other means."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadcam.arrays import Array, Floats, frozen
+from cadcam.errors import BadValue
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.photo import Photo
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointEvidence:
+    """N points p (N, 3) mm of the part seen at q (N, 2) px in photo number `photo`, each coordinate to sigma_px."""
+
+    p: Array
+    q: Array
+    sigma_px: float
+    photo: int = 0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "p", frozen(self.p, "points of the part", (None, 3)))
+        object.__setattr__(self, "q", frozen(self.q, "pixels of the points", (len(self.p), 2)))
+        _positive(self.sigma_px)
+
+    def rows(self, photo: Photo, world_from_part: Rigid) -> tuple[Array, Array]:
+        """Return photo minus model (2N,) px and its Jacobian (2N, 6) by the pose's own twist."""
+        q, J = _projected(self.p, photo, world_from_part)
+        return (self.q - q).ravel(), J.reshape(-1, 6)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LineEvidence:
+    """A straight edge of the part through p (2, 3) mm, seen to pass through q (N, 2) px, each to sigma_px across it.
+
+    Of a photo with lens distortion the points must be near the image of p: the line between is taken as straight.
+    """
+
+    p: Array
+    q: Array
+    sigma_px: float
+    photo: int = 0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "p", frozen(self.p, "points of the edge", (2, 3)))
+        object.__setattr__(self, "q", frozen(self.q, "pixels on the edge", (None, 2)))
+        _positive(self.sigma_px)
+
+    def rows(self, photo: Photo, world_from_part: Rigid) -> tuple[Array, Array]:
+        """Return the distances (N,) px of the pixels from the model's line and their Jacobian (N, 6)."""
+        ends, J = _projected(self.p, photo, world_from_part)
+        along = ends[1] - ends[0]
+        length = float(np.hypot(*along))
+        normal = np.array([-along[1], along[0]]) / length
+        t = ((self.q - ends[0]) @ along / length**2)[:, None]
+        return (self.q - ends[0]) @ normal, (1 - t) * (normal @ J[0]) + t * (normal @ J[1])
+
+
+Evidence = PointEvidence | LineEvidence
+
+
+def rows_of(evidence: Sequence[Evidence], photos: Sequence[Photo], pose: Rigid) -> tuple[Array, Array, Array]:
+    """Return offsets (m,), Jacobian (m, 6) and variances (m,) px^2 of all of it; nan where a camera does not see it."""
+    y, J, variance = [np.zeros(0)], [np.zeros((0, 6))], [np.zeros(0)]
+    for item in evidence:
+        if not 0 <= item.photo < len(photos):
+            raise BadValue("photo of the evidence", item.photo, f"a number from 0 to {len(photos) - 1}")
+        offset, rows = item.rows(photos[item.photo], pose)
+        y.append(offset)
+        J.append(rows)
+        variance.append(np.full(len(offset), item.sigma_px**2))
+    return np.concatenate(y), np.concatenate(J), np.concatenate(variance)
+
+
+def pose_jacobian(p_part: Array, by_part: Array) -> Array:
+    """Return dq/dxi (N, 2, 6) of part points (N, 3) from dq/dp (N, 2, 3) in part axes, dp = v + w x p."""
+    return np.concatenate([by_part, np.cross(p_part[:, None, :], by_part)], axis=-1)
+
+
+def _projected(p: Array, photo: Photo, world_from_part: Rigid) -> tuple[Array, Array]:
+    camera_from_part = photo.viewpoint.camera_from_world @ world_from_part
+    q, J = photo.camera.project_with_jacobian(camera_from_part @ p)
+    return q, pose_jacobian(p, J @ camera_from_part.rotation)
+
+
+def _positive(sigma: Floats) -> None:
+    if not (np.isfinite(sigma) and np.all(np.asarray(sigma) > 0)):
+        raise BadValue("sigma_px of the evidence", sigma, "a positive number of px")

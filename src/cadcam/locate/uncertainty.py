@@ -1,0 +1,68 @@
+"""What the errors of cameras do to a pose, and in which direction it is least certain, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.camera.pose_estimate import PoseEstimate
+from cadcam.camera.sensitivity import project_with_sensitivity
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.photo import Photo
+
+_ALONG = 0.9  # cosine from which a direction is named after an axis
+_RATIO = 1.5  # by which the weakest direction must stand out to be named
+
+
+def calibration_covariance(
+    photos: Sequence[Photo], points: Sequence[Array], normals: Sequence[Array], gains: Sequence[Array], pose: Rigid
+) -> Array:
+    """Return the covariance (6, 6) of the pose's twist by the errors of cameras and of where they stood.
+
+    For each photo points (n, 3) mm of the part, normals (n, 2) along which they were measured, and gain (6, n): the
+    twist by the offsets. Errors of one source (one calibration, one motion) act on all photos together.
+    """
+    effects: dict[int, tuple[Array, Array]] = {}
+    for photo, p, normal, gain in zip(photos, points, normals, gains, strict=True):
+        view = photo.viewpoint
+        if not view.errors:
+            continue
+        _, J = project_with_sensitivity(view.camera, view.camera_from_world, pose @ p)
+        by_local = gain @ np.einsum("ni,nij->nj", normal, J)
+        for source, D in view.errors:
+            before = effects.get(id(source.owner), (source.covariance, np.zeros((6, len(source.covariance)))))[1]
+            effects[id(source.owner)] = (source.covariance, before + by_local @ D)
+    total = np.zeros((6, 6))
+    for covariance, E in effects.values():
+        total += E @ covariance @ E.T
+    return total
+
+
+def weakest_direction(pose: PoseEstimate, centre: Array, photos: Sequence[Photo]) -> str:
+    """Return words for how well the part's centre (3,) mm is known and where it is known least."""
+    S = pose.point_covariance(centre[None])[0]
+    variances, axes = np.linalg.eigh(S)
+    sd = np.sqrt(np.maximum(variances, 0.0))
+    if sd[2] < _RATIO * max(sd[1], 1e-300):
+        return f"position within {_mm(sd[2])} in any direction"
+    return f"least certain {_named(axes[:, 2], pose.world_from_part, centre, photos)}, {_mm(sd[2])}"
+
+
+def _named(axis: Array, pose: Rigid, centre: Array, photos: Sequence[Photo]) -> str:
+    for photo in photos:
+        sight = (photo.viewpoint.camera_from_world @ pose) @ centre
+        view = sight @ (photo.viewpoint.camera_from_world.rotation @ pose.rotation) / np.linalg.norm(sight)
+        if abs(view @ axis) > _ALONG:
+            whose = "" if len(photos) == 1 else f" of {photo.viewpoint.name}"
+            return f"along the viewing direction{whose}"
+    for k, name in enumerate("xyz"):
+        if abs(axis[k]) > _ALONG:
+            return f"along the part's {name} axis"
+    lead = axis * np.sign(axis[int(np.argmax(np.abs(axis)))])
+    return f"along ({lead[0]:.2f}, {lead[1]:.2f}, {lead[2]:.2f}) of the part"
+
+
+def _mm(sd: float) -> str:
+    return f"{sd:.2g} mm"
