@@ -20,7 +20,8 @@ from cadcam.errors import DegenerateGeometry
 
 Longs = npt.NDArray[np.int64]
 _FULL, _NONE = 2.5, 4.0  # standard deviations: up to the first a datum counts fully, beyond the second not at all
-_TRIED = np.concatenate([[0.0], np.geomspace(0.02, 20.0, 24)])  # variances between groups, roots, in usual ones
+_SETTLED = 0.01  # standard deviations that x may still move
+_TRIED = np.concatenate([[0.0], np.geomspace(0.05, 20.0, 14)])  # variances between groups, roots, in usual ones
 _MEASURE = np.gradient(_TRIED)  # how much of the range each stands for
 
 
@@ -79,7 +80,7 @@ def grouped_fit(
         r = y - J @ x
         mean, total = sums.means(r, w)
         within2 = _within(r - mean[group], variance, within2, weight, w / np.maximum(total[group], 1e-300))
-        if np.abs(x - x_before).max() <= 1e-3 * np.sqrt(np.diag(covariance)).min():
+        if np.abs(x - x_before).max() <= _SETTLED * np.sqrt(np.diag(covariance)).min():
             break
         if robust:
             v = between**2 * sums.free
@@ -115,15 +116,15 @@ class _Sums:
         v = (usual * _TRIED[:, None]) ** 2 * self.free
         grown = 1 + v * total / counts
         f = np.where(total > 0, v / grown / counts, 0.0)
-        A = JW.T @ self.J - np.einsum("kg,gi,gj->kij", f, sum_J, sum_J, optimize=True)
+        A = JW.T @ self.J - (f[:, None, :] * sum_J.T) @ sum_J
         b = JW.T @ self.y - (f * sum_y) @ sum_J
         x, inverse, log_det = _solved(A, b)
-        misfit = w @ self.y**2 - f @ sum_y**2 - np.einsum("ki,ki->k", b, x)
+        misfit = w @ self.y**2 - f @ sum_y**2 - (b * x).sum(axis=1)
         likelihood = -0.5 * ((np.log(grown) * counts).sum(axis=1) + log_det + misfit) - np.log1p(_TRIED**2)
         p = np.exp(likelihood - likelihood.max()) * _MEASURE
         p /= p.sum()
         mean = p @ x
-        covariance = np.einsum("k,kij->ij", p, inverse) + (p[:, None] * (x - mean)).T @ (x - mean)
+        covariance = np.tensordot(p, inverse, 1) + (p[:, None] * (x - mean)).T @ (x - mean)
         return mean, covariance, float(usual * np.sqrt(p @ _TRIED**2))
 
     def gain(self, w: Array, of_group: Array, between: float) -> Array:
@@ -145,13 +146,12 @@ def _solved(A: Array, b: Array) -> tuple[Array, Array, Array]:
     """Return A^-1 b, A^-1 and log det A for a batch of normal equations (K, k, k)."""
     scale = np.sqrt(np.maximum(np.einsum("kii->ki", A), 1e-300))
     size = scale[:, :, None] * scale[:, None, :]
-    eigenvalues, V = np.linalg.eigh(A / size)
-    if not eigenvalues[0, 0] > 1e-12 * eigenvalues[0, -1]:  # the first has no variance between groups
+    A = A / size
+    if not np.linalg.eigvalsh(A[0])[0] > 1e-12:  # the first has no variance between groups
         raise DegenerateGeometry("the edges found do not determine the pose; restrict the motion or add photos")
-    safe = np.maximum(eigenvalues, 1e-15 * eigenvalues[:, -1:])
-    inverse = (V / safe[:, None, :]) @ np.swapaxes(V, 1, 2) / size
-    x = np.einsum("kij,kj->ki", inverse, b)
-    return x, inverse, np.log(safe).sum(axis=1) + 2 * np.log(scale).sum(axis=1)
+    A[:, range(A.shape[1]), range(A.shape[1])] += 1e-13
+    inverse, log_det = np.linalg.inv(A) / size, np.linalg.slogdet(A)[1]
+    return (inverse @ b[:, :, None])[..., 0], inverse, log_det + 2 * np.log(scale).sum(axis=1)
 
 
 def _first_weights(y: Array, variance: Array, sums: _Sums) -> tuple[Array, Array, float]:

@@ -25,7 +25,7 @@ from cadcam.arrays import Array, Picture
 from cadcam.native import profiles
 
 DARK, BRIGHT = 0.002, 0.998  # beyond these a pixel is clipped
-_ROWS = 96  # rows of a photo that tell its noise
+_ROWS = 48  # rows of a photo that tell its noise
 _BLURS = np.array([0.5, 0.7, 0.95, 1.3, 1.8, 2.5, 3.5])  # px, tried in `blur_of`
 _QUANTISED = 1.0 / 255 / np.sqrt(12.0)  # the least noise of an eight-bit photo
 

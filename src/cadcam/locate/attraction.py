@@ -19,13 +19,13 @@ from cadcam.image.profile import candidates
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.sight import Sight
 
-_SEARCHED = 600  # samples that search, of all photos together
+_SEARCHED = 400  # samples that search, of all photos together
 _SOFTNESS, _REACH = 0.6, 1.5  # of how far off the lines may be: width of the pull, and how far steps are looked for
 _SHRINKS = 0.59  # from one round to the next
 _LAST = (3, 0.7)  # reach and softness at the width of an edge, px
 _NOTHING = 0.3  # a strong step this far down its bell pulls as much as "none of them"
 _STRONG = 0.75  # quantile of the strongest slopes: what is at least as strong pulls fully
-_PULLS = 5  # Gauss-Newton steps on one set of candidates
+_PULLS = 4  # Gauss-Newton steps on one set of candidates
 
 
 def attracted(sights: Sequence[Sight], start: Rigid, freedom: Freedom, *, search_px: float) -> Rigid:

@@ -22,12 +22,12 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import candidates
 from cadcam.locate.sight import Sight
 
-_ASKED = 360  # samples, of all photos together
+_ASKED = 240  # samples, of all photos together
 _NEAR_PX, _REACH = 1.5, 6  # px: how near a line its step must be, how far around it is compared
 _ROOM_PX = 2.5  # a sample nearer than this to another line says nothing
 _AGREE_PX = 0.5  # by which neighbours on a line may differ
 _FAINT = 0.4  # of the strongest slope nearby
-_SHIFTS = [(14.0, 0.3), (22.0, 1.5), (14.0, 2.8), (22.0, 4.1), (14.0, 5.4)]  # px, rad
+_SHIFTS = [(14.0, 0.3), (22.0, 1.9), (14.0, 3.4), (22.0, 5.0)]  # px, rad
 _FULL = 0.94  # share that makes quality 1: half of it parts right from wrong
 _LEAST = 12  # samples that can tell anything at all
 

@@ -36,7 +36,7 @@ _CLOSE = 3  # px: how far from the lines their steps may be after the search
 _ON_LINE = 0.7  # px: steps this near are fitted on the line itself
 _USUAL_PX = 0.05  # by which edges are off as a whole
 _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
-_ROUNDS = (6, 12)  # reweightings in the first and the last measurement
+_ROUNDS = (4, 12)  # reweightings in the first and the last measurement
 _UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose that nothing was measured of
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Ids, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import Steps, blur_of, candidates, noise_of, steps
 from cadcam.locate.edges import EdgeSamples, Projected, project, sample_lines
@@ -20,10 +20,10 @@ _APART = 1.5  # blurs: a cell ends that far before the next line
 _NARROW = 3.5  # blurs: reach of a narrow cell
 _BUSY = 1.3  # a wide cell whose noise is this much above the narrow one's holds more than a step
 _LINEAR = 1.2  # blurs: how far off a linear fit is believed
-_CLEAR = 5.0  # sd: contrast of an edge that is there
+_CLEAR = 4.0  # sd of one cell: contrast of an edge that is there
 _CLIPPED = 0.7  # share of black or white pixels from which a cell tells nothing
 _FAINT = 0.4  # of the strongest slope nearby: weaker ones are no edges
-_NEIGHBOURS = 2  # cells to each side that the contrast is averaged with
+_CONTRAST, _NOISE = 3, 10  # cells to each side that contrast and noise are averaged with
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,11 +50,12 @@ class Sight:
         return project(self.samples, self.photo.camera, self.photo.viewpoint.camera_from_world @ world_from_part)
 
     def moved_px(self, world_from_part: Rigid) -> float:
-        """Return how far the lines moved across themselves since they were drawn: the largest of nine tenths of them."""
-        few = self.thinned(100)
-        now, before = few.project(world_from_part), few.project(self.drawn)
-        shift = np.abs(np.einsum("ij,ij->i", now.q - before.q, before.normal))
-        return float(np.quantile(shift, 0.9)) if len(shift) else 0.0
+        """Return how far the lines moved since they were drawn: nine tenths of them at most that far."""
+        p = self.samples.p[:: max(1, len(self.samples) // 60)]
+        of_camera = self.photo.viewpoint.camera_from_world
+        now, before = (self.photo.camera.project((of_camera @ pose) @ p) for pose in (world_from_part, self.drawn))
+        shift = np.hypot(*(now - before).T)
+        return float(np.nanquantile(shift, 0.9)) if np.isfinite(shift).any() else 0.0
 
     def thinned(self, most: int) -> Sight:
         """Return the sight with at most about `most` of its samples."""
@@ -104,7 +105,8 @@ class Cells:
         narrow_px = max(_NARROW * blur, room_px)
         narrow = cls(which, np.minimum(wide.below, narrow_px), np.minimum(wide.above, narrow_px), free, half_length, blur)
         found, close = wide.steps(sight, at), narrow.steps(sight, at)
-        busy = found.noise > _BUSY * close.noise
+        run = sight.samples.run[which]
+        busy = _along_run(found.noise**2, run, _NOISE) > _BUSY**2 * _along_run(close.noise**2, run, _NOISE)
         kink = (found.noise / _spread(found)) ** 2
         kink = np.where(np.isfinite(kink) & ~busy, kink, 0.0)
         below, above = np.where(busy, narrow.below, wide.below), np.where(busy, narrow.above, wide.above)
@@ -147,10 +149,11 @@ def measure(sight: Sight, at: Projected, cells: Cells, where: Array) -> Measured
     which = cells.which
     if not len(which):
         return Measured(offset, sigma, contrast, usable)
-    found = cells.steps(sight, at, where)
-    c, sd_c = _along_run(found.contrast, found.sd_contrast, sight.samples.run[which])
+    found, run = cells.steps(sight, at, where), sight.samples.run[which]
+    c, sd_c = _along_run(found.contrast, run, _CONTRAST), np.sqrt(_along_run(found.sd_contrast**2, run, _CONTRAST))
+    more = np.sqrt(_along_run(found.noise**2, run, _NOISE)) / found.noise
     with np.errstate(all="ignore"):
-        shift, sigma[which] = -found.moment / c, found.sd_moment / np.abs(c)
+        shift, sigma[which] = -found.moment / c, found.sd_moment * more / np.abs(c)
         near = np.abs(shift) < _LINEAR * max(cells.blur, 0.7)
         usable[which] = (np.abs(c) > _CLEAR * sd_c) & near & (found.clipped < _CLIPPED)
         offset[which] = where[which] + shift
@@ -178,14 +181,15 @@ def _spread(found: Steps) -> float:
     return float(np.sqrt(max(beyond, 1e-12)))
 
 
-def _along_run(c: Array, sd: Array, run: Array) -> tuple[Array, Array]:
-    """Return the contrast averaged with that of neighbours on the same run, and its sd."""
-    n = len(c)
-    value, var, one = (np.concatenate([[0.0], np.cumsum(np.nan_to_num(v))]) for v in (c, sd**2, np.isfinite(c)))
+def _along_run(values: Array, run: Ids, neighbours: int) -> Array:
+    """Return the mean (n,) of each cell's value and those of its neighbours to both sides on the same run.
+
+    What is averaged is far less noisy than a cell's own, and the weights of an edge's samples then do not flicker.
+    """
+    total, count = (np.concatenate([[0.0], np.cumsum(v)]) for v in (np.nan_to_num(values), np.isfinite(values)))
     begins = np.flatnonzero(np.diff(run, prepend=-1))
-    length = np.diff(begins, append=n)
-    first, last = np.repeat(begins, length), np.repeat(begins + length, length)
-    i = np.arange(n)
-    low, high = np.maximum(first, i - _NEIGHBOURS), np.minimum(last, i + _NEIGHBOURS + 1)
-    count = np.maximum(one[high] - one[low], 1e-9)
-    return (value[high] - value[low]) / count, np.sqrt(var[high] - var[low]) / count
+    length = np.diff(begins, append=len(run))
+    i = np.arange(len(run))
+    low = np.maximum(np.repeat(begins, length), i - neighbours)
+    high = np.minimum(np.repeat(begins + length, length), i + neighbours + 1)
+    return np.asarray((total[high] - total[low]) / np.maximum(count[high] - count[low], 1e-9))

@@ -18,33 +18,36 @@ void cc_steps(const cc_picture *picture, int64_t n, const double *q, const doubl
     steps_baseline(picture, n, q, normal, below, above, kink, half_length, levels, out);
 }
 
-static inline float bilinear(const cc_picture *p, double x, double y) {
-    if (!(x >= 0 && y >= 0 && x <= p->width - 1 && y <= p->height - 1)) return NAN;
+static int inside(const cc_picture *p, double x, double y) {
+    return x >= 0 && y >= 0 && x < p->width - 1 && y < p->height - 1;
+}
+
+/* Between the four pixels around (x, y), which must lie inside. */
+static inline float bilinear(const cc_picture *p, float x, float y) {
     int i = (int)x, j = (int)y;
-    i -= i == p->width - 1 && i > 0, j -= j == p->height - 1 && j > 0;
-    float u = (float)(x - i), v = (float)(y - j);
-    const float *a = p->pixels + (int64_t)j * p->width + i, *b = a + (p->height > 1 ? p->width : 0);
-    int right = p->width > 1;
-    float top = a[0] + u * (a[right] - a[0]), bottom = b[0] + u * (b[right] - b[0]);
+    float u = x - (float)i, v = y - (float)j;
+    const float *a = p->pixels + (int64_t)j * p->width + i, *b = a + p->width;
+    float top = a[0] + u * (a[1] - a[0]), bottom = b[0] + u * (b[1] - b[0]);
     return top + v * (bottom - top);
 }
 
 enum { LONGEST = 128, SIDE = 3 }; /* px of a profile; of the smoothing kernel on each side */
 
-static int profile(const cc_picture *p, const double *q, const double *n, double half_length, int32_t reach,
-                   float *out) {
+/* Brightness at -reach .. reach px along the normal, averaged along the line; NaN outside the picture. */
+static void profile(const cc_picture *p, const double *q, const double *n, double half_length, int32_t reach,
+                    float *out) {
     int along = (int)ceil(2 * half_length);
     along = along < 1 ? 1 : along;
-    double pace = 2 * half_length / along;
+    double pace = 2 * half_length / along, first = 0.5 * pace - half_length;
+    double ax = q[0] - first * n[1], ay = q[1] + first * n[0], bx = q[0] + first * n[1], by = q[1] - first * n[0];
     for (int32_t k = -reach; k <= reach; k++) {
-        float sum = 0;
-        for (int j = 0; j < along; j++) {
-            double t = (j + 0.5) * pace - half_length;
-            sum += bilinear(p, q[0] + k * n[0] - t * n[1], q[1] + k * n[1] + t * n[0]);
-        }
-        out[k + reach] = sum / (float)along;
+        double dx = k * n[0], dy = k * n[1];
+        float sum = 0, x = (float)(ax + dx), y = (float)(ay + dy);
+        float step_x = (float)(-pace * n[1]), step_y = (float)(pace * n[0]);
+        int whole = inside(p, ax + dx, ay + dy) && inside(p, bx + dx, by + dy);
+        for (int j = 0; whole && j < along; j++) sum += bilinear(p, x, y), x += step_x, y += step_y;
+        out[k + reach] = whole ? sum / (float)along : NAN;
     }
-    return 2 * reach + 1;
 }
 
 /* Put an extremum in its place among the strongest. */
@@ -66,7 +69,8 @@ void cc_candidates(const cc_picture *picture, int64_t n, const double *q, const 
     for (int64_t i = 0; i < n; i++) {
         double *o = offset + i * most, *s = slope + i * most;
         for (int32_t k = 0; k < most; k++) o[k] = s[k] = NAN;
-        int count = profile(picture, q + 2 * i, normal + 2 * i, half_length, within + SIDE + 1, values);
+        const int count = 2 * (within + SIDE + 1) + 1;
+        profile(picture, q + 2 * i, normal + 2 * i, half_length, within + SIDE + 1, values);
         for (int k = SIDE; k < count - SIDE; k++) {
             r[k] = 0;
             for (int j = 1; j <= SIDE; j++) r[k] += kernel[j] * (values[k + j] - values[k - j]);

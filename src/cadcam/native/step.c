@@ -8,9 +8,9 @@
 enum { TERMS = 5, CHUNK = 256, SUMS = TERMS * (TERMS + 1) / 2 + TERMS + 1 };
 #define MAGIC 6755399441055744.0 /* 1.5 * 2^52: what is added to it is rounded to a whole number in its low bits */
 
-/* Pixels of a cell: distance from the line, brightness less that of the first, and 1 (0 where a vector is filled up). */
+/* Pixels of a cell: distance from the line, brightness less that of the first. */
 typedef struct {
-    double d[CHUNK], value[CHUNK], one[CHUNK];
+    double d[CHUNK + 4], value[CHUNK + 4];
     int n;
 } pixels;
 
@@ -46,14 +46,15 @@ INLINE void bell_and_step(d4 x, d4 *bell, d4 *step) {
 
 /* Terms: 1, c's step, g's bell, d, h's ramp. */
 static void add(equations *e, pixels *p, double blur) {
-    while (p->n % 4) p->d[p->n] = p->value[p->n] = p->one[p->n] = 0, p->n++;
     const double sharp = 1 / blur;
     d4 sum[SUMS];
     memcpy(sum, e->sum, sizeof sum);
+    for (int k = 0; k < 4; k++) p->d[p->n + k] = p->value[p->n + k] = 0;
     for (int k = 0; k < p->n; k += 4) {
         d4 f[TERMS], d = *(const d4 *)(p->d + k), value = *(const d4 *)(p->value + k), step, bell;
         bell_and_step(d * sharp, &bell, &step);
-        f[0] = *(const d4 *)(p->one + k);
+        const l4 there = *(const d4 *)COUNT < (double)(p->n - k); /* the last vector may be filled up */
+        f[0] = (d4)((l4)(d4){1, 1, 1, 1} & there);
         f[1] = step * f[0], f[2] = bell * sharp * f[0], f[3] = d, f[4] = d * step + blur * bell * f[0];
         int s = 0;
         for (int i = 0; i < TERMS; i++)
@@ -63,6 +64,20 @@ static void add(equations *e, pixels *p, double blur) {
     }
     memcpy(e->sum, sum, sizeof sum);
     p->n = 0;
+}
+
+/* Add a row's pixels, `count` of them, the first at distance d, each `across` farther. */
+static void add_row(equations *e, pixels *some, const float *row, int count, double d, double across,
+                    const double *levels) {
+    while (count > 0) {
+        if (some->n == CHUNK) add(e, some, levels[2]);
+        int n = imin(count, CHUNK - some->n), clipped = 0;
+        double *to_d = some->d + some->n, *to_value = some->value + some->n;
+        for (int k = 0; k < n; k++) to_d[k] = d + k * across, to_value[k] = row[k] - e->first;
+        for (int k = 0; k < n; k++) clipped += (row[k] <= (float)levels[0]) | (row[k] >= (float)levels[1]);
+        some->n += n, e->count += n, e->clipped += clipped;
+        row += n, count -= n, d += n * across;
+    }
 }
 
 /* The pixels of row y between the cell's four sides: |along| <= half and -below .. above across, linear in x. */
@@ -86,7 +101,7 @@ static int gather(const cc_picture *p, const double *q, const double *n, double 
                   const double *levels, equations *e) {
     pixels some;
     some.n = 0;
-    double tx = -n[1], ty = n[0], middle = 0.5 * (above - below), reach = 0.5 * (above + below), blur = levels[2];
+    double tx = -n[1], ty = n[0], middle = 0.5 * (above - below), reach = 0.5 * (above + below);
     double cx = q[0] + middle * n[0], cy = q[1] + middle * n[1];
     double wide = fabs(reach * n[0]) + fabs(half * tx), high = fabs(reach * n[1]) + fabs(half * ty);
     if (!(cx - wide >= 0 && cx + wide <= p->width - 1 && cy - high >= 0 && cy + high <= p->height - 1)) return 0;
@@ -95,17 +110,10 @@ static int gather(const cc_picture *p, const double *q, const double *n, double 
         double dy = y - q[1], lo = cx - wide, hi = cx + wide;
         span(q, n, dy, below, above, half, &lo, &hi);
         if (!(lo <= hi)) continue;
-        const float *row = p->pixels + (int64_t)y * p->width;
-        const int x1 = (int)floor(hi);
-        for (int x = (int)ceil(lo); x <= x1; x++) {
-            double value = row[x];
-            some.d[some.n] = (x - q[0]) * n[0] + dy * n[1], some.value[some.n] = value - e->first, some.one[some.n] = 1;
-            e->clipped += value <= levels[0] || value >= levels[1];
-            e->count++;
-            if (++some.n == CHUNK) add(e, &some, blur);
-        }
+        const int x0 = (int)ceil(lo), count = (int)floor(hi) - x0 + 1;
+        add_row(e, &some, p->pixels + (int64_t)y * p->width + x0, count, (x0 - q[0]) * n[0] + dy * n[1], n[0], levels);
     }
-    add(e, &some, blur);
+    add(e, &some, levels[2]);
     return 1;
 }
 
