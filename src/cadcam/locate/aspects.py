@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 from typing import TYPE_CHECKING
 
@@ -29,6 +30,7 @@ PLACES = 320  # samples of an aspect
 _GOLDEN = 0.6180339887498949
 _SIZE, _FILLED = 1000, 0.9  # px of the picture in which lines are drawn, and the share of it that the part takes
 _NEAREST, _FARTHEST, _STEP = 1.3, 20.0, 1.5  # distances in radii at which aspects are made: a geometric series
+_CELLS = 32  # along a side of the cube that finds the nearest direction
 _SHORTEST = 0.004  # of the part's size: visible stretches below it are not worth a sample
 
 
@@ -38,13 +40,15 @@ class Aspect:
 
     direction (3,) unit, from the part's middle to the eye, and distance (mm) in the part frame. places (N,) structured
     (`native.fields.PLACE`): p (3,) mm and unit tangent (3,) in the part frame, weight. chain (N,) feature chain (edge),
-    -1 on contours. length: of all visible edges in units of the part's diameter, as the eye sees them.
+    -1 on contours; line (N,)
+    numbers from 0 the edges and contours on which places lie. length: of all visible edges in units of the part's diameter, as the eye sees them.
     """
 
     direction: Array
     distance: float
     places: npt.NDArray[np.void]
     chain: Ids
+    line: Ids
     length: float
 
     def recoverable(self, n_chains: int) -> Array:
@@ -71,9 +75,12 @@ class Aspects:
     def nearest(self, eyes: Array) -> tuple[Ids, Ids]:
         """Return the numbers (N,) of net direction and of distance that are nearest to eyes (N, 3) mm, part frame."""
         sight = eyes - self.centre
-        length = np.linalg.norm(sight, axis=1)
-        direction = np.argmax(sight @ self.net.T, axis=1).astype(np.int32)
-        return direction, self.step_of(length)
+        return self._table[_cube_cell(sight)], self.step_of(np.sqrt(np.einsum("ij,ij->i", sight, sight)))
+
+    @cached_property
+    def _table(self) -> Ids:
+        """The net direction nearest to the middle of each cell of the cube: off by less than one cell, 3 degrees."""
+        return np.argmax(_cube_middles() @ self.net.T, axis=1).astype(np.int32)
 
     def step_of(self, distance: Array) -> Ids:
         """Return the numbers (N,) of the distances that are nearest to distances (N,) mm."""
@@ -96,8 +103,8 @@ class Aspects:
         pose = Rigid.look_at(eye, self.centre, up=up)
         camera = Camera.from_focal((_SIZE, _SIZE), focal)
         visible = self._lines.draw(camera, pose, options=LineOptions(chord_px=1.0)).visible
-        places, chain, length = _sampled(visible, pose)
-        return Aspect(towards, distance, places, chain, length / (_FILLED * _SIZE))
+        places, chain, line, length = _sampled(visible, pose)
+        return Aspect(towards, distance, places, chain, line, length / (_FILLED * _SIZE))
 
 
 def icosphere(splits: int) -> Array:
@@ -120,8 +127,34 @@ def icosphere(splits: int) -> Array:
     return points
 
 
-def _sampled(lines: Polylines, pose: Rigid) -> tuple[npt.NDArray[np.void], Ids, float]:
-    """Return about PLACES places, their chains, and the length of all lines (px): evenly spaced in the picture."""
+def _cube_cell(sight: Array) -> npt.NDArray[np.int64]:
+    """Return in which cell of a cube's sides, each _CELLS x _CELLS, directions (N, 3) fall."""
+    size = np.abs(sight)
+    major = np.argmax(size, axis=1)
+    at = np.arange(len(sight))
+    top = sight[at, major]
+    scale = (0.5 * _CELLS) / np.maximum(np.abs(top), 1e-300)
+    u, v = (
+        np.clip((sight[at, (major + k) % 3] * scale + 0.5 * _CELLS).astype(np.int64), 0, _CELLS - 1) for k in (1, 2)
+    )
+    return np.asarray(((2 * major + (top < 0)) * _CELLS + u) * _CELLS + v)
+
+
+def _cube_middles() -> Array:
+    """Return the direction (6 * _CELLS ** 2, 3) of the middle of each cell, in the order of `_cube_cell`."""
+    middle = (np.arange(_CELLS) + 0.5) / _CELLS * 2 - 1
+    u, v = (a.ravel() for a in np.meshgrid(middle, middle, indexing="ij"))
+    sides = []
+    for major in range(3):
+        for sign in (1.0, -1.0):
+            side = np.zeros((len(u), 3))
+            side[:, major], side[:, (major + 1) % 3], side[:, (major + 2) % 3] = sign, u, v
+            sides.append(side / np.linalg.norm(side, axis=1, keepdims=True))
+    return np.concatenate(sides)
+
+
+def _sampled(lines: Polylines, pose: Rigid) -> tuple[npt.NDArray[np.void], Ids, Ids, float]:
+    """Return about PLACES places, their chains and lines, and the length of all lines (px): evenly spaced in the picture."""
     line = lines.line_of_point
     first = np.flatnonzero(line[1:] == line[:-1])
     q, p = lines.q, lines.p
@@ -131,7 +164,7 @@ def _sampled(lines: Polylines, pose: Rigid) -> tuple[npt.NDArray[np.void], Ids, 
     first, length = first[kept], length[kept]
     total = float(length.sum())
     if not total > 0:
-        return np.zeros(0, PLACE), np.zeros(0, np.int32), 0.0
+        return np.zeros(0, PLACE), np.zeros(0, np.int32), np.zeros(0, np.int32), 0.0
     ends = np.cumsum(length)
     rank = np.argsort(np.argsort(np.modf(np.arange(PLACES) * _GOLDEN)[0]))  # any first n of them are spread evenly
     along = (rank + 0.5) / PLACES * total
@@ -146,4 +179,5 @@ def _sampled(lines: Polylines, pose: Rigid) -> tuple[npt.NDArray[np.void], Ids, 
     places["weight"] = 1.0
     on = line[first[k]]
     chain = np.where(lines.segment[first[k]] >= 0, lines.chain[on], -1).astype(np.int32)
-    return places, chain, total
+    _, number = np.unique(lines.chain[on], return_inverse=True)
+    return places, chain, number.ravel().astype(np.int32), total

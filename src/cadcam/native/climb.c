@@ -51,56 +51,81 @@ static inline int sector_of(double dx, double dy) {
     return c > 0 ? (s > 0 ? 1 : 7) : (s > 0 ? 3 : 5);
 }
 
-static inline int32_t nearest(double x) { return (int32_t)floor(x + 0.5); }
+/* Rounded; for |x| < 2^20 only: what is far outside is as good as any. */
+static inline int32_t nearest(double x) { return (int32_t)(x + (1048576 + 0.5)) - 1048576; }
 
 /* ---- sliding */
 
-/* Add a plane, shifted by (x, y), to the window of sums. */
-static void add_shifted(const cc_field *f, int sector, int32_t x, int32_t y, int32_t wide, int32_t high, uint32_t *sums) {
+#define LANES 16 /* sums are added in groups of so many: a row of them is a multiple */
+
+/* Add a plane, shifted by (x, y), to the window of sums, whose rows are `stride` long. */
+static void add_shifted(const cc_field *f, int sector, int32_t x, int32_t y, int32_t wide, int32_t high, int32_t stride,
+                        uint16_t *sums) {
     const uint8_t *plane = f->planes + (size_t)sector * (size_t)f->width * (size_t)f->height;
-    const int32_t from_x = imax(0, -x), to_x = imin(wide, f->width - x);
     const int32_t from_y = imax(0, -y), to_y = imin(high, f->height - y);
+    if (stride == LANES && x >= 0 && x + LANES <= f->width) { /* the common case, a small window inside */
+        for (int32_t j = from_y; j < to_y; j++) {
+            const uint8_t *row = plane + (ptrdiff_t)(y + j) * f->width + x;
+            uint16_t *restrict out = sums + (size_t)j * LANES;
+            for (int32_t i = 0; i < LANES; i++) out[i] = (uint16_t)(out[i] + row[i]);
+        }
+        return;
+    }
+    const int32_t from_x = imax(0, -x), to_x = imin(wide, f->width - x);
     for (int32_t j = from_y; j < to_y; j++) {
         const uint8_t *row = plane + (ptrdiff_t)(y + j) * f->width + x;
-        uint32_t *restrict out = sums + (size_t)j * (size_t)wide;
-        for (int32_t i = from_x; i < to_x; i++) out[i] += row[i];
+        uint16_t *restrict out = sums + (size_t)j * (size_t)stride;
+        for (int32_t i = from_x; i < to_x; i++) out[i] = (uint16_t)(out[i] + row[i]);
     }
 }
 
-static void best_of(uint32_t *sums, int32_t wide, int32_t high, int32_t keep, int32_t apart, double mean, double deviation,
-                    int32_t left, int32_t top, int32_t *shift, float *score) {
+/* The largest of the window's sums: its value, and where. */
+static uint16_t largest(const uint16_t *sums, int32_t wide, int32_t high, int32_t stride, int32_t *x, int32_t *y) {
+    uint16_t best = 0;
+    *x = *y = 0;
+    for (int32_t j = 0; j < high; j++) {
+        const uint16_t *row = sums + (size_t)j * (size_t)stride;
+        uint16_t top = 0;
+        for (int32_t i = 0; i < wide; i++) top = row[i] > top ? row[i] : top;
+        if (top <= best) continue;
+        best = top, *y = j;
+        for (*x = 0; row[*x] != top;) ++*x;
+    }
+    return best;
+}
+
+static void best_of(uint16_t *sums, int32_t wide, int32_t high, int32_t stride, int32_t keep, int32_t apart, double mean,
+                    double deviation, int32_t left, int32_t top, int32_t *shift, float *score) {
     for (int32_t k = 0; k < keep; k++) {
-        size_t at = 0;
-        uint32_t best = 0;
-        for (size_t i = 0; i < (size_t)wide * (size_t)high; i++)
-            if (sums[i] > best) best = sums[i], at = i;
-        const int32_t y = (int32_t)(at / (size_t)wide), x = (int32_t)(at % (size_t)wide);
+        int32_t x, y;
+        const uint16_t best = largest(sums, wide, high, stride, &x, &y);
         shift[2 * k] = left + x, shift[2 * k + 1] = top + y;
         score[k] = best ? (float)((best - mean) / deviation) : -INFINITY;
         if (k + 1 == keep) return;
         for (int32_t j = imax(0, y - apart); j <= imin(high - 1, y + apart); j++)
-            for (int32_t i = imax(0, x - apart); i <= imin(wide - 1, x + apart); i++) sums[(size_t)j * (size_t)wide + (size_t)i] = 0;
+            for (int32_t i = imax(0, x - apart); i <= imin(wide - 1, x + apart); i++) sums[(size_t)j * (size_t)stride + (size_t)i] = 0;
     }
 }
 
 void VARIANT(climb_slide)(const cc_views *v, int32_t eye, const double *poses, int32_t centre_x, int32_t centre_y,
-                          int32_t reach_x, int32_t reach_y, int32_t keep, int32_t apart, uint32_t *scratch, int32_t *shift,
+                          int32_t reach_x, int32_t reach_y, int32_t keep, int32_t apart, uint16_t *scratch, int32_t *shift,
                           float *score) {
     const cc_eye *e = &v->eyes[eye];
+    const int32_t stride = (2 * reach_x + LANES) / LANES * LANES;
     const int32_t wide = 2 * reach_x + 1, high = 2 * reach_y + 1, left = centre_x - reach_x, top = centre_y - reach_y;
     for (int64_t k = 0; k < v->n_poses; k++) {
         const rigid c = seen_by(e, poses + 12 * k);
         const cc_place *places = v->places + v->first[k * v->n_eyes + eye];
         double mean = 0, variance = 1e-9;
-        memset(scratch, 0, (size_t)wide * (size_t)high * sizeof *scratch);
-        for (int32_t i = 0; i < v->count[k * v->n_eyes + eye]; i++) {
+        memset(scratch, 0, (size_t)stride * (size_t)high * sizeof *scratch);
+        for (int32_t i = 0; i < imin(v->count[k * v->n_eyes + eye], CC_SLIDABLE); i++) {
             spot s;
             if (!image_of(e, &c, &places[i], &s)) continue;
             const int sector = sector_of(s.dx, s.dy);
-            add_shifted(&e->field, sector, nearest(s.x) + left, nearest(s.y) + top, wide, high, scratch);
+            add_shifted(&e->field, sector, nearest(s.x) + left, nearest(s.y) + top, wide, high, stride, scratch);
             mean += e->field.mean[sector], variance += e->field.variance[sector];
         }
-        best_of(scratch, wide, high, keep, apart, mean, sqrt(variance), left, top, shift + 2 * keep * k, score + keep * k);
+        best_of(scratch, wide, high, stride, keep, apart, mean, sqrt(variance), left, top, shift + 2 * keep * k, score + keep * k);
     }
 }
 
@@ -159,43 +184,50 @@ static void moved(double *pose, const double *xi) {
     memcpy(pose, R, sizeof R);
 }
 
-typedef struct { double bell[TAPS + 1]; int taps; } kernel;
+/* A Gaussian at places `step` px apart, `taps` of them to either side. */
+typedef struct { double bell[2 * TAPS + 1]; int taps; double step; } kernel;
 
 static kernel kernel_of(double blur) {
-    kernel k = {.taps = (int)lower(TAPS, ceil(REACH * blur))};
-    for (int i = 0; i <= TAPS; i++) k.bell[i] = exp(-0.5 * i * i / (blur * blur));
+    kernel k = {.step = 1};
+    k.taps = (int)lower(TAPS, ceil(REACH * blur / k.step));
+    for (int i = -k.taps; i <= k.taps; i++) k.bell[i + k.taps] = exp(-0.5 * i * i * k.step * k.step / (blur * blur));
     return k;
 }
 
-/* Certainty above the mean along the normal of a spot, weighted by the kernel: its sum and its first moment. */
-static inline double along_normal(const cc_field *f, const spot *s, const kernel *k, double nx, double ny, int sector,
-                                  double *moment) {
-    const uint8_t *plane = f->planes + (size_t)sector * (size_t)f->width * (size_t)f->height;
-    const double mean = f->mean[sector];
-    double sum = 0, first = 0;
-    for (int o = -k->taps; o <= k->taps; o++) {
-        const int32_t x = nearest(s->x + o * nx), y = nearest(s->y + o * ny);
-        if (x < 0 || y < 0 || x >= f->width || y >= f->height) continue;
-        const double over = plane[(size_t)y * (size_t)f->width + (size_t)x] - mean;
-        if (over > 0) sum += k->bell[o < 0 ? -o : o] * over, first += o * k->bell[o < 0 ? -o : o] * over;
-    }
-    *moment = first;
-    return sum;
+static int inside(const cc_field *f, double x, double y) {
+    return x >= -0.5 && y >= -0.5 && x < f->width - 0.5 && y < f->height - 0.5;
 }
 
-static int inside(const cc_field *f, const spot *s) {
-    return s->x >= -0.5 && s->y >= -0.5 && s->x < f->width - 0.5 && s->y < f->height - 0.5;
+/* The certainties of a sector along the normal (nx, ny) of a spot, 2 taps + 1 of them, 0 outside the picture. */
+static inline void along_normal(const cc_field *f, const spot *s, const kernel *k, double nx, double ny, int sector, int *out) {
+    const uint8_t *plane = f->planes + (size_t)sector * (size_t)f->width * (size_t)f->height;
+    const double dx = nx * k->step, dy = ny * k->step, x = s->x - k->taps * dx, y = s->y - k->taps * dy;
+    const int n = 2 * k->taps + 1;
+    const int whole = inside(f, x, y) && inside(f, s->x + k->taps * dx, s->y + k->taps * dy);
+    for (int o = 0; o < n; o++) {
+        const int32_t i = nearest(x + o * dx), j = nearest(y + o * dy);
+        out[o] = whole || (i >= 0 && j >= 0 && i < f->width && j < f->height) ? plane[j * f->width + i] : 0;
+    }
 }
 
 static void add_place(const cc_eye *e, const rigid *c, const cc_place *place, const kernel *k, const double *freedom, int n,
                       equations *q) {
     spot s;
-    if (!image_of(e, c, place, &s) || !inside(&e->field, &s)) return;
+    if (!image_of(e, c, place, &s) || !inside(&e->field, s.x, s.y)) return;
     const double length = sqrt(s.dx * s.dx + s.dy * s.dy);
     if (!(length > 1e-9)) return;
     const double nx = -s.dy / length, ny = s.dx / length;
-    double moment, sum = along_normal(&e->field, &s, k, nx, ny, sector_of(s.dx, s.dy), &moment);
+    const int sector = sector_of(s.dx, s.dy);
+    const double mean = e->field.mean[sector];
+    int found[2 * TAPS + 1];
+    double sum = 0, moment = 0;
+    along_normal(&e->field, &s, k, nx, ny, sector, found);
+    for (int o = 0; o <= 2 * k->taps; o++) {
+        const double over = found[o] > mean ? k->bell[o] * (found[o] - mean) : 0;
+        sum += over, moment += (o - k->taps) * over;
+    }
     if (!(sum > 0)) return;
+    moment *= k->step;
     /* g: how the spot moves along its normal with the place, in the part's frame */
     const double gx = nx * e->fx * s.over_z, gy = (nx * e->skew + ny * e->fy) * s.over_z, gz = -(gx * s.u + gy * s.v);
     double g[3], J[6], free[6];
@@ -224,28 +256,44 @@ static void step(const cc_views *v, int64_t k, double *pose, const kernel *kerne
     moved(pose, xi);
 }
 
-/* The best certainty under the kernel along the normal, its mean and variance anywhere, and the weight in the picture. */
+/* The best certainty (0 to 255) under the kernel along the normal of a place, -1 outside the picture; its sector. */
+static double best_at(const cc_eye *e, const rigid *c, const cc_place *place, const kernel *k, int *sector) {
+    spot s;
+    if (!image_of(e, c, place, &s) || !inside(&e->field, s.x, s.y)) return -1;
+    const double length = sqrt(s.dx * s.dx + s.dy * s.dy) + 1e-12;
+    int found[2 * TAPS + 1];
+    double best = 0;
+    *sector = sector_of(s.dx, s.dy);
+    along_normal(&e->field, &s, k, -s.dy / length, s.dx / length, *sector, found);
+    for (int o = 0; o <= 2 * k->taps; o++) best = upper(best, k->bell[o] * found[o]);
+    return best;
+}
+
+/* The certainty under all places of a pose, its mean and variance anywhere, and the weight in the picture. */
 static void judge(const cc_views *v, int64_t k, int32_t eye, const double *pose, const kernel *kernel, double *score) {
     const cc_eye *e = &v->eyes[eye];
-    const cc_field *f = &e->field;
     const rigid c = seen_by(e, pose);
     const cc_place *places = v->places + v->first[k * v->n_eyes + eye];
     score[0] = score[1] = score[2] = score[3] = 0;
     for (int32_t i = 0; i < v->count[k * v->n_eyes + eye]; i++) {
-        spot s;
-        if (!image_of(e, &c, &places[i], &s) || !inside(f, &s)) continue;
-        const int sector = sector_of(s.dx, s.dy);
-        const uint8_t *plane = f->planes + (size_t)sector * (size_t)f->width * (size_t)f->height;
-        const double length = sqrt(s.dx * s.dx + s.dy * s.dy) + 1e-12, nx = -s.dy / length, ny = s.dx / length;
-        double best = 0;
-        for (int o = -kernel->taps; o <= kernel->taps; o++) {
-            const int32_t x = nearest(s.x + o * nx), y = nearest(s.y + o * ny);
-            if (x < 0 || y < 0 || x >= f->width || y >= f->height) continue;
-            best = upper(best, kernel->bell[o < 0 ? -o : o] * plane[(size_t)y * (size_t)f->width + (size_t)x]);
+        int sector;
+        const double best = best_at(e, &c, &places[i], kernel, &sector), w = places[i].weight;
+        if (best < 0) continue;
+        score[0] += w * best / 255, score[1] += w * e->field.mean[sector] / 255;
+        score[2] += w * w * e->field.variance[sector] / (255.0 * 255.0), score[3] += w;
+    }
+}
+
+void VARIANT(climb_certainties)(const cc_views *v, int32_t eye, const double *poses, double blur, int64_t stride, float *out) {
+    const kernel kernel = kernel_of(blur);
+    for (int64_t k = 0; k < v->n_poses; k++) {
+        const rigid c = seen_by(&v->eyes[eye], poses + 12 * k);
+        const cc_place *places = v->places + v->first[k * v->n_eyes + eye];
+        for (int32_t i = 0; i < v->count[k * v->n_eyes + eye]; i++) {
+            int sector;
+            const double best = best_at(&v->eyes[eye], &c, &places[i], &kernel, &sector);
+            out[k * stride + i] = best < 0 ? -1.0f : (float)(best / 255);
         }
-        const double w = places[i].weight;
-        score[0] += w * best / 255, score[1] += w * f->mean[sector] / 255;
-        score[2] += w * w * f->variance[sector] / (255.0 * 255.0), score[3] += w;
     }
 }
 

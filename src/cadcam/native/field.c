@@ -3,9 +3,11 @@
 #include "hot.h"
 
 #define REACH 6           /* px: half the window over which a place's own contrast is judged */
-#define CLUTTER 2.0f      /* how much the mean of that window counts against it */
+#define CLUTTER 6.0f      /* how much the mean gradient of that window, squared, counts against it */
 #define BESIDE 0.3f       /* what a pixel beside the top of an edge keeps */
 #define NOISE 3.0f        /* standard deviations of a noisy gradient that make an edge as sure as not */
+#define QUIET 0.2f        /* the share of the picture that shows noise alone, at least */
+#define NOISE_OF_QUIET 1.497f /* sigma by that quantile of a Rayleigh distribution: 1 / sqrt(-2 ln(1 - QUIET)) */
 #define FULL 1.25f        /* certainty that is written as 255 is 1 / FULL */
 #define BINS 1024
 
@@ -29,35 +31,34 @@ void VARIANT(field_reduce)(const float *in, int32_t width, int32_t height, int32
     }
 }
 
-/* gx, gy by Sobel / 8 and m2 = gx^2 + gy^2; the border has none. */
-static void gradient(const float *in, int32_t width, int32_t height, float *gx, float *gy, float *m2) {
+/* gx, gy by Sobel / 8 and m = |g|; the border has none. */
+static void gradient(const float *in, int32_t width, int32_t height, float *gx, float *gy, float *m) {
     const size_t w = (size_t)width;
     memset(gx, 0, w * (size_t)height * sizeof *gx), memset(gy, 0, w * (size_t)height * sizeof *gy);
-    memset(m2, 0, w * (size_t)height * sizeof *m2);
+    memset(m, 0, w * (size_t)height * sizeof *m);
     for (int32_t y = 1; y < height - 1; y++) {
         const float *b = in + (size_t)y * w, *a = b - w, *c = b + w;
-        float *restrict x_ = gx + (size_t)y * w, *restrict y_ = gy + (size_t)y * w, *restrict m_ = m2 + (size_t)y * w;
+        float *restrict x_ = gx + (size_t)y * w, *restrict y_ = gy + (size_t)y * w, *restrict m_ = m + (size_t)y * w;
         for (int32_t x = 1; x < width - 1; x++) {
             const float dx = (a[x + 1] - a[x - 1]) + 2 * (b[x + 1] - b[x - 1]) + (c[x + 1] - c[x - 1]);
             const float dy = (c[x - 1] - a[x - 1]) + 2 * (c[x] - a[x]) + (c[x + 1] - a[x + 1]);
-            x_[x] = 0.125f * dx, y_[x] = 0.125f * dy, m_[x] = 0.015625f * (dx * dx + dy * dy);
+            x_[x] = 0.125f * dx, y_[x] = 0.125f * dy, m_[x] = 0.125f * sqrtf(dx * dx + dy * dy);
         }
     }
 }
 
-/* The median of m2 by counting, in bins of its logarithm: the exponent and the upper bits of the number itself. */
-static float median(const float *m2, size_t n) {
+/* What QUIET of all m lie below, by counting in bins of its logarithm: the exponent and the upper bits of the number. */
+static float quiet(const float *m, size_t n) {
     uint32_t count[BINS] = {0};
-    size_t all = 0;
+    size_t all = 0, below = 0;
     for (size_t i = 0; i < n; i += 3) {
         uint32_t bits;
-        memcpy(&bits, &m2[i], 4);
+        memcpy(&bits, &m[i], 4);
         count[(bits >> 21) & (BINS - 1)]++, all++;
     }
-    size_t below = 0;
     for (uint32_t k = 0; k < BINS; k++) {
-        if (2 * (below + count[k]) >= all) {
-            const float share = count[k] ? (0.5f * (float)all - (float)below) / (float)count[k] : 0.0f;
+        if ((float)(below + count[k]) >= QUIET * (float)all) {
+            const float share = count[k] ? (QUIET * (float)all - (float)below) / (float)count[k] : 0.0f;
             const uint32_t low = k << 21, high = (k + 1) << 21;
             float a, b;
             memcpy(&a, &low, 4), memcpy(&b, &high, 4);
@@ -68,39 +69,40 @@ static float median(const float *m2, size_t n) {
     return 0;
 }
 
-/* Sums of m2 over windows of 2 REACH + 1 px, the window cut at the border, divided by its full size. */
-static void window_mean(const float *m2, int32_t width, int32_t height, float *column, float *out) {
+/* The mean of m over windows of 2 REACH + 1 px, squared; beyond the border there is none. */
+static void window_mean(const float *m, int32_t width, int32_t height, float *column, float *out) {
     const size_t w = (size_t)width;
     const float scale = 1.0f / (float)((2 * REACH + 1) * (2 * REACH + 1));
     for (int32_t x = 0; x < width; x++) column[x] = 0;
     for (int32_t y = 0; y < imin(REACH, height); y++)
-        for (int32_t x = 0; x < width; x++) column[x] += m2[(size_t)y * w + (size_t)x];
+        for (int32_t x = 0; x < width; x++) column[x] += m[(size_t)y * w + (size_t)x];
     for (int32_t y = 0; y < height; y++) {
         if (y + REACH < height)
-            for (int32_t x = 0; x < width; x++) column[x] += m2[((size_t)y + REACH) * w + (size_t)x];
+            for (int32_t x = 0; x < width; x++) column[x] += m[((size_t)y + REACH) * w + (size_t)x];
         if (y > REACH)
-            for (int32_t x = 0; x < width; x++) column[x] -= m2[((size_t)y - REACH - 1) * w + (size_t)x];
+            for (int32_t x = 0; x < width; x++) column[x] -= m[((size_t)y - REACH - 1) * w + (size_t)x];
         double sum = 0;
         for (int32_t x = 0; x < imin(REACH, width); x++) sum += column[x];
         for (int32_t x = 0; x < width; x++) {
             if (x + REACH < width) sum += column[x + REACH];
             if (x > REACH) sum -= column[x - REACH - 1];
-            out[(size_t)y * w + (size_t)x] = sum > 0 ? scale * (float)sum : 0.0f;
+            const float mean = scale * (float)sum;
+            out[(size_t)y * w + (size_t)x] = mean * mean;
         }
     }
 }
 
 /* How sure an edge is at each pixel of a row, in [0, 1]: against noise and its surroundings, and on top of its ridge. */
-static void certainty(const float *m2, const float *gx, const float *gy, int32_t width, float noise2, float *restrict row) {
-    const float *above = m2 - width, *below = m2 + width;
+static void certainty(const float *m, const float *gx, const float *gy, int32_t width, float noise2, float *restrict row) {
+    const float *above = m - width, *below = m + width;
     for (int32_t x = 1; x < width - 1; x++) {
         const float ax = fabsf(gx[x]), ay = fabsf(gy[x]), slanted = gx[x] * gy[x];
-        const float across = larger(m2[x - 1], m2[x + 1]), along = larger(above[x], below[x]);
+        const float across = larger(m[x - 1], m[x + 1]), along = larger(above[x], below[x]);
         const float falling = larger(above[x - 1], below[x + 1]), rising = larger(above[x + 1], below[x - 1]);
         const float tilted = slanted > 0 ? falling : rising;
         const float beside = ay < 0.41421356f * ax ? across : ax < 0.41421356f * ay ? along : tilted;
-        const float sure = m2[x] / (m2[x] + noise2 + CLUTTER * row[x]);
-        row[x] = m2[x] >= beside ? sure : BESIDE * sure;
+        const float sure = m[x] * m[x] / (m[x] * m[x] + noise2 + CLUTTER * row[x]);
+        row[x] = m[x] >= beside ? sure : BESIDE * sure;
     }
     row[0] = row[width - 1] = 0;
 }
@@ -120,24 +122,24 @@ static void moments(const uint8_t *plane, size_t n, float *mean, float *variance
 void VARIANT(field_directions)(const float *in, int32_t width, int32_t height, float floor, float *scratch,
                                uint8_t *planes, float *mean, float *variance) {
     const size_t w = (size_t)width, n = w * (size_t)height;
-    float *gx = scratch, *gy = gx + n, *m2 = gy + n, *sure = m2 + n;
+    float *gx = scratch, *gy = gx + n, *m = gy + n, *sure = m + n;
     static const float cosine[CC_SECTORS] = {1, 0.70710678f, 0, -0.70710678f, -1, -0.70710678f, 0, 0.70710678f};
     static const float sine[CC_SECTORS] = {0, 0.70710678f, 1, 0.70710678f, 0, -0.70710678f, -1, -0.70710678f};
     memset(planes, 0, n * CC_SECTORS);
     if (width > 2 && height > 2) {
-        gradient(in, width, height, gx, gy, m2);
-        const float noise2 = larger(median(m2, n) / 1.3863f, floor * floor) * NOISE * NOISE; /* Rayleigh: 2 ln 2 */
+        gradient(in, width, height, gx, gy, m);
+        const float noise = larger(quiet(m, n) * NOISE_OF_QUIET, floor) * NOISE;
         float *column = sure; /* its first row is written last */
-        window_mean(m2, width, height, column, sure);
+        window_mean(m, width, height, column, sure);
         for (int32_t y = 1; y < height - 1; y++) {
             const size_t at = (size_t)y * w;
-            certainty(m2 + at, gx + at, gy + at, width, noise2, sure + at);
+            certainty(m + at, gx + at, gy + at, width, noise * noise, sure + at);
             for (int s = 0; s < CC_SECTORS; s++) {
                 uint8_t *restrict out = planes + (size_t)s * n + at;
                 const float c = cosine[s], d = sine[s];
                 for (int32_t x = 0; x < width; x++) {
                     const float a = gx[at + (size_t)x], b = gy[at + (size_t)x];
-                    const float turn = ((a * a - b * b) * c + 2 * a * b * d) / (m2[at + (size_t)x] + 1e-20f);
+                    const float turn = ((a * a - b * b) * c + 2 * a * b * d) / (m[at + (size_t)x] * m[at + (size_t)x] + 1e-20f);
                     const float near = turn > 0 ? turn * turn : 0;
                     const float value = 255.0f * FULL * sure[at + (size_t)x] * near * near;
                     out[x] = (uint8_t)(int32_t)(value < 255.0f ? value : 255.0f);

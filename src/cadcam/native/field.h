@@ -12,6 +12,7 @@
 #include "raster.h"
 
 #define CC_SECTORS 8
+#define CC_SLIDABLE 257 /* places of a run that are slid: more do not fit 16 bits */
 
 typedef struct {
     const uint8_t *planes; /* (CC_SECTORS, height, width) */
@@ -58,10 +59,10 @@ CC_API void cc_halve(const uint8_t *in, int32_t width, int32_t height, uint8_t *
 
 /* Slide the edges of each pose over a window of shifts (pixels) in one eye: |x| <= reach_x, |y| <= reach_y around shift
  * (centre_x, centre_y). Writes the `keep` best of each pose, no two closer than `apart`: shift (2,) and score, the
- * sum above the mean in standard deviations of places put down anywhere. Scratch of (2 reach_x + 1) (2 reach_y + 1)
- * 32-bit numbers. Fewer than `keep`: score -inf. */
+ * sum above the mean in standard deviations of places put down anywhere. Scratch of
+ * (2 reach_x + 16) (2 reach_y + 1) numbers. Fewer than `keep`: score -inf. */
 CC_API void cc_slide(const cc_views *views, int32_t eye, const double *poses, int32_t centre_x, int32_t centre_y,
-                     int32_t reach_x, int32_t reach_y, int32_t keep, int32_t apart, uint32_t *scratch, int32_t *shift,
+                     int32_t reach_x, int32_t reach_y, int32_t keep, int32_t apart, uint16_t *scratch, int32_t *shift,
                      float *score);
 
 /* Move each pose (in place) uphill: `steps` steps of Gauss-Newton towards the lines within 2.5 blur[step] px along the
@@ -71,5 +72,9 @@ CC_API void cc_slide(const cc_views *views, int32_t eye, const double *poses, in
  * weights in the picture. */
 CC_API void cc_climb(const cc_views *views, double *poses, const double *freedom, int32_t n_free, const double *blur,
                      int32_t steps, double *scores);
+
+/* How sure a line runs at each place of each pose in one eye: the best under a Gaussian of `blur` px along the normal, in
+ * [0, 1], -1 outside the picture. Writes (n_poses, stride) numbers, those of pose k from k stride on, its count of them. */
+CC_API void cc_certainties(const cc_views *views, int32_t eye, const double *poses, double blur, int64_t stride, float *out);
 
 #endif

@@ -32,10 +32,10 @@ CC_API void cc_halve(const uint8_t *in, int32_t width, int32_t height, uint8_t *
            (in, width, height, planes, mean, variance))
 
 CC_API void cc_slide(const cc_views *views, int32_t eye, const double *poses, int32_t centre_x, int32_t centre_y,
-                     int32_t reach_x, int32_t reach_y, int32_t keep, int32_t apart, uint32_t *scratch, int32_t *shift,
+                     int32_t reach_x, int32_t reach_y, int32_t keep, int32_t apart, uint16_t *scratch, int32_t *shift,
                      float *score)
     IN_USE(climb_slide,
-           (const cc_views *, int32_t, const double *, int32_t, int32_t, int32_t, int32_t, int32_t, int32_t, uint32_t *,
+           (const cc_views *, int32_t, const double *, int32_t, int32_t, int32_t, int32_t, int32_t, int32_t, uint16_t *,
             int32_t *, float *),
            (views, eye, poses, centre_x, centre_y, reach_x, reach_y, keep, apart, scratch, shift, score))
 
@@ -43,6 +43,10 @@ CC_API void cc_climb(const cc_views *views, double *poses, const double *freedom
                      int32_t steps, double *scores)
     IN_USE(climb_poses, (const cc_views *, double *, const double *, int32_t, const double *, int32_t, double *),
            (views, poses, freedom, n_free, blur, steps, scores))
+
+CC_API void cc_certainties(const cc_views *views, int32_t eye, const double *poses, double blur, int64_t stride, float *out)
+    IN_USE(climb_certainties, (const cc_views *, int32_t, const double *, double, int64_t, float *),
+           (views, eye, poses, blur, stride, out))
 
 CC_API void cc_sample(const float *in, int32_t width, int32_t height, const float *places, int64_t n, float *out) {
     for (int64_t k = 0; k < n; k++) {

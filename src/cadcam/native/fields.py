@@ -62,6 +62,7 @@ def _core() -> c.CDLL:
         "cc_directions": [at, i32, i32, c.c_float, *[at] * 4],
         "cc_halve": [at, i32, i32, *[at] * 3],
         "cc_slide": [views, i32, at, *[i32] * 6, *[at] * 3],
+        "cc_certainties": [views, i32, at, c.c_double, i64, at],
         "cc_climb": [views, at, at, i32, at, i32, at],
     }
     for name, arguments in signatures.items():
@@ -141,7 +142,7 @@ class Views:
         """
         poses = np.ascontiguousarray(poses, np.float64)
         shift, score = np.zeros((len(poses), keep, 2), np.int32), np.zeros((len(poses), keep), np.float32)
-        scratch = np.zeros((2 * reach[0] + 1) * (2 * reach[1] + 1), np.uint32)
+        scratch = np.zeros((2 * reach[0] + 16) * (2 * reach[1] + 1), np.uint16)
         window = (*centre, *reach, keep, apart)
         _core().cc_slide(self._given(len(poses)), eye, poses.ctypes.data, *window, *_at(scratch, shift, score))
         return shift, score
@@ -160,6 +161,18 @@ class Views:
             scores.ctypes.data,
         )  # fmt: skip
         return poses, scores
+
+    def certainties(self, eye: int, poses: Array, blur: float) -> Picture:
+        """Return how sure a line runs at each place of each pose (N, most places of a run) in one eye, in [0, 1].
+
+        That is the best under a Gaussian of `blur` px along the normal; -1 outside the picture and beyond a run.
+        """
+        poses = np.ascontiguousarray(poses, np.float64)
+        out = np.full((len(poses), int(self._count[:, eye].max(initial=0))), -1.0, np.float32)
+        _core().cc_certainties(
+            self._given(len(poses)), eye, poses.ctypes.data, blur, out.shape[1], out.ctypes.data
+        )
+        return out
 
     def _given(self, n: int) -> object:
         eyes = c.cast(self._eyes, c.c_void_p)

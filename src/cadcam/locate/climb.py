@@ -1,0 +1,156 @@
+"""Poses of a part climbing on direction fields: what `approach` and `search` have in common.
+
+Within, poses are rows of 12 numbers: the rotation's rows, then the translation (mm).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.camera.camera import Camera
+from cadcam.geometry import rotation as so3
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.direction_field import DirectionField
+from cadcam.locate.aspects import PLACES, Aspect, Aspects
+from cadcam.native.fields import PLACE, Eye, Views
+
+_SAME = 0.02  # of the part's radius: poses whose corners differ by less are one
+_SEEN = 0.9  # the share of a part's edges that lighting lets one see
+_EVEN, _NATS, _APART_PX = 0.15, 4.0, 3.0  # certainty that says nothing; nats a sample; px between independent ones
+_MOST_NATS = 4.0  # what one edge can say
+
+
+class Climb(NamedTuple):
+    """A climb: on which level, with how many samples of an aspect, over which blurs (px), how many go on."""
+
+    level: int
+    samples: int
+    blur: tuple[float, ...]
+    kept: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stage:
+    """The fields of all photos at one level, and where their cameras stand."""
+
+    fields: tuple[DirectionField, ...]
+    cameras_from_world: tuple[Rigid, ...]
+
+    @property
+    def eyes(self) -> list[Eye]:
+        """Return them as the C core takes them."""
+        pairs = zip(self.fields, self.cameras_from_world, strict=True)
+        return [Eye(f.planes, f.camera.K, T.rotation, T.translation) for f, T in pairs]
+
+
+def turned(aspects: Aspects, camera: Camera, seen: Array, shift: Array) -> Array:
+    """Return poses (N, 12) camera_from_part after the camera turned so that the part's middle moved by shift (N, 2) px."""
+    R, t = seen[:, :9].reshape(-1, 3, 3), seen[:, 9:]
+    q = camera.project(R @ aspects.centre + t)
+    one, other = camera.unproject(q), camera.unproject(q + shift)
+    axis = np.cross(one, other)
+    sine = np.linalg.norm(axis, axis=1, keepdims=True)
+    turn = so3.exp(axis * (np.arcsin(np.minimum(sine, 1.0)) / np.maximum(sine, 1e-300)))
+    return np.concatenate([(turn @ R).reshape(-1, 9), np.einsum("nij,nj->ni", turn, t)], axis=1)
+
+
+def composed(a: Rigid, poses: Array) -> Array:
+    """Return a @ each of poses (N, 12)."""
+    R = a.rotation @ poses[:, :9].reshape(-1, 3, 3)
+    return np.concatenate([R.reshape(-1, 9), poses[:, 9:] @ a.rotation.T + a.translation], axis=1)
+
+
+def views_of(aspects: Aspects, stage: Stage, poses: Array, samples: int) -> Views:
+    """Return what the eyes of a stage see of poses (N, 12) world_from_part: each the first samples of its aspect."""
+    R, t = poses[:, :9].reshape(-1, 3, 3), poses[:, 9:]
+    first = np.zeros((len(poses), len(stage.fields)), np.int64)
+    count = np.zeros(first.shape, np.int32)
+    runs, used = {}, 0
+    for e, camera_from_world in enumerate(stage.cameras_from_world):
+        eye = np.einsum("nji,nj->ni", R, camera_from_world.origin - t)  # in the part frame
+        net, step = aspects.nearest(eye)
+        key, number = np.unique(np.stack([net, step]), axis=1, return_inverse=True)
+        at, n = np.zeros(key.shape[1], np.int64), np.zeros(key.shape[1], np.int32)
+        for k, (direction, distance) in enumerate(key.T.tolist()):
+            if (direction, distance) not in runs:
+                places = aspects.aspect(direction, distance).places[:samples]
+                runs[direction, distance] = (used, places)
+                used += len(places)
+            at[k], n[k] = runs[direction, distance][0], len(runs[direction, distance][1])
+        first[:, e], count[:, e] = at[number.ravel()], n[number.ravel()]
+    places = np.concatenate([np.zeros(0, PLACE), *(p for _, p in runs.values())])
+    return Views(stage.eyes, places, first, count)
+
+
+def climbed(
+    aspects: Aspects, stage: Stage, poses: Array, freedom: Array, climb: Climb
+) -> tuple[Array, Array, Array]:
+    """Return poses (N, 12) after climbing on a stage, their scores (N,) and agreements (N,)."""
+    poses, raw = views_of(aspects, stage, poses, climb.samples).climb(poses, freedom, climb.blur)
+    total = raw.sum(axis=1)
+    score = (total[:, 0] - total[:, 1]) / np.sqrt(np.maximum(total[:, 2], 1e-9))
+    return poses, score, total[:, 0] / np.maximum(total[:, 3], 1e-9)
+
+
+def evidence(aspects: Aspects, stage: Stage, poses: Array, blur: float = 0.8) -> Array:
+    """Return how much more likely the photos are if the part is there than if not (N,), in nats.
+
+    Pictures are full of straight lines: that one of them runs along an edge by chance does not become less likely the
+    longer both are. So edges are judged one by one. An edge is seen with probability _SEEN, and then lines run along
+    most of it; what it can say for a pose is bounded, as is what it says against it where nothing is found.
+    """
+    views = views_of(aspects, stage, poses, PLACES)
+    total = np.zeros(len(poses))
+    for e, camera_from_world in enumerate(stage.cameras_from_world):
+        found = views.certainties(e, poses, blur)
+        camera = stage.fields[e].camera
+        for k, aspect in enumerate(_aspects_of(aspects, camera_from_world, poses)):
+            n = len(aspect.places)
+            if not n:
+                continue
+            distance = np.linalg.norm(camera_from_world.rotation @ (poses[k, :9].reshape(3, 3) @ aspects.centre + poses[k, 9:]) + camera_from_world.translation)
+            px = aspect.length * 2 * aspects.radius / distance * camera.fx / n  # of an edge to a sample
+            sure = found[k, :n]
+            seen = sure >= 0
+            gain = np.where(seen, (sure - _EVEN) * _NATS * min(px / _APART_PX, 1.0), 0.0)
+            of_line = np.bincount(aspect.line[:n], gain)
+            total[k] += np.log(1 - _SEEN + _SEEN * np.exp(np.minimum(of_line, _MOST_NATS))).sum()
+    return total
+
+
+def _aspects_of(aspects: Aspects, camera_from_world: Rigid, poses: Array) -> list[Aspect]:
+    R, t = poses[:, :9].reshape(-1, 3, 3), poses[:, 9:]
+    keys = aspects.nearest(np.einsum("nji,nj->ni", R, camera_from_world.origin - t))
+    return [aspects.aspect(*key) for key in zip(*(k.tolist() for k in keys), strict=True)]
+
+
+def distinct(aspects: Aspects, poses: Array, score: Array, most: int, within: float = _SAME) -> list[int]:
+    """Return at most so many of the best poses, best first, no two within so many radii of each other."""
+    left = np.argsort(-score, kind="stable")
+    kept: list[int] = []
+    corners = _corners(aspects, poses)
+    while len(left) and len(kept) < most:
+        kept.append(int(left[0]))
+        apart = np.linalg.norm(corners[left] - corners[left[0]], axis=2).max(axis=1)
+        left = left[apart > within * aspects.radius]
+    return kept
+
+
+def _corners(aspects: Aspects, poses: Array) -> Array:
+    """Return where four points of the part's ball lie for each pose: (N, 4, 3) mm."""
+    points = aspects.centre + aspects.radius * np.concatenate([np.zeros((1, 3)), np.eye(3)])
+    return points @ np.swapaxes(poses[:, :9].reshape(-1, 3, 3), 1, 2) + poses[:, None, 9:]
+
+
+def row_of(pose: Rigid) -> Array:
+    """Return a pose as a row (12,)."""
+    return np.concatenate([pose.rotation.ravel(), pose.translation])
+
+
+def rigid_of(row: Array) -> Rigid:
+    """Return the pose of a row (12,)."""
+    return Rigid(so3.nearest(row[:9].reshape(3, 3)), row[9:])

@@ -1,0 +1,202 @@
+"""Finding a part without any start: every view of it, everywhere in the photo, at every distance that is declared.
+
+1. For each distance, the aspects of the part in every turn are slid over a field so coarse that the part is some 30 px
+   large; what fits best, wherever it is, goes on.
+2. The best climb on finer and finer fields; what speaks for each is judged edge by edge (`climb.evidence`).
+3. Those that stand out are approached (`approach`) as a user's rough start would be, and judged again.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.camera.camera import Camera
+from cadcam.errors import NothingInView
+from cadcam.geometry import rotation as so3
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.direction_field import DirectionField, direction_fields
+from cadcam.locate.approach import Reach, approach
+from cadcam.locate.aspects import Aspects
+from cadcam.locate.climb import Climb, Stage, climbed, composed, distinct, evidence, rigid_of, row_of, turned
+from cadcam.locate.hypothesis import Hypothesis
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.locate.view_range import WHOLE_SPHERE, ViewRange
+from cadcam.native.fields import Views
+
+_SWEPT_PX = 30.0  # the part's size in the field that it is swept over
+_JUDGED_PX = 180.0  # and in that where evidence is judged: noise is averaged there, and lines are apart
+_SMALLEST, _LARGEST = 0.2, 1.2  # the part's size in units of the photo's shorter side, where no distance is declared
+_SCALE, _ROLL_DEG, _DIRECTIONS = 1.18, 12.0, 162  # steps of the sweep: distances, turns; directions over the sphere
+_SWEPT = 48  # samples of an aspect that are swept
+_TAKEN = 160  # hypotheses of each distance that climb
+_CLIMBS = (
+    Climb(0, 64, (3.0, 2.0, 1.5, 1.0, 1.0), 120),
+    Climb(1, 96, (2.5, 2.0, 1.5, 1.0, 1.0), 60),
+    Climb(2, 128, (2.5, 2.0, 1.5, 1.0, 1.0), 60),
+)
+_APPROACHED, _NEIGHBOURS = 24, 0.25  # hypotheses that are approached, and how far apart they are, in radii
+_NEAR = Reach(rotation_deg=12.0, shift_px=0.06, depth=0.12)  # of such approaches; the shift in units of the part's size
+_RETURNED = 20
+_BASES, _LEVELS = (1, 3), 7  # fields are reduced by these times powers of two
+_WIDEST_PX = 1100  # larger photos are reduced first
+_NARROWEST_PX = 12  # fields are not smaller
+
+
+def search(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE) -> list[Hypothesis]:
+    """Return poses (world_from_part) that the photos may show, from anywhere within `views`, best first.
+
+    Good to about a pixel of the photo: for `refine` to take up. score: how much likelier the photos are with the part
+    there than without, in nats. A symmetric part comes back once for each of the poses in which it looks the same. The
+    part's aspects are made on first use, which takes some seconds once.
+    """
+    aspects, scales = part.aspects, _Scales(photos)
+    rows = [
+        _promising(aspects, scales, eye, distance, views)
+        for eye, photo in enumerate(photos)
+        for distance in _distances(aspects, photo.camera, views)
+    ]
+    found = np.concatenate([np.zeros((0, 12)), *rows])
+    starts = distinct(aspects, found, _judged(aspects, scales, found), _APPROACHED, within=_NEIGHBOURS)
+    near = _approached(part, photos, [rigid_of(found[k]) for k in starts])
+    found = np.array([row_of(h.world_from_part) for h in near]).reshape(-1, 12)
+    score = _judged(aspects, scales, found)
+    return [replace(near[k], score=float(score[k])) for k in distinct(aspects, found, score, _RETURNED)]
+
+
+class _Scales:
+    """The fields of all photos at reductions 1, 2, 3, 4, 6, 8, 12 ..."""
+
+    def __init__(self, photos: Sequence[Photo]) -> None:
+        self._fields = [_fields(photo) for photo in photos]
+        self._places = tuple(photo.viewpoint.camera_from_world for photo in photos)
+        self.focal = [math.sqrt(photo.camera.fx * photo.camera.fy) for photo in photos]
+
+    def stage(self, reduction: float) -> Stage:
+        """Return the fields nearest to a reduction."""
+        fields = (min(own, key=lambda f: abs(math.log(f.reduction / reduction))) for own in self._fields)
+        return Stage(tuple(fields), self._places)
+
+    def stages(self, eye: int, size: float) -> list[Stage]:
+        """Return the fields in which a part of `size` px in one photo is about _SWEPT_PX large, then twice that ..."""
+        known = [f.reduction for f in self._fields[eye]]
+        chosen = [min(known, key=lambda k: abs(math.log(size / k / _SWEPT_PX)))]
+        while chosen[-1] % 2 == 0 and chosen[-1] // 2 in known:
+            chosen.append(chosen[-1] // 2)
+        return [self.stage(k) for k in chosen]
+
+    def sizes(self, aspects: Aspects, poses: Array) -> Array:
+        """Return how large (N,), px, the part is in the photo where it is largest, for poses (N, 12)."""
+        middle = poses[:, :9].reshape(-1, 3, 3) @ aspects.centre + poses[:, 9:]
+        return np.max([_size(aspects, f, np.linalg.norm(middle - T.origin, axis=1)) for f, T in zip(self.focal, self._places, strict=True)], axis=0)
+
+
+def _fields(photo: Photo) -> list[DirectionField]:
+    k = max(1, math.ceil(max(photo.camera.size) / _WIDEST_PX))
+    every = [f for b in _BASES for f in direction_fields(photo.gray, photo.camera, reduction=b * k, levels=_LEVELS)]
+    return sorted((f for f in every if min(f.camera.size) >= _NARROWEST_PX), key=lambda f: f.reduction)
+
+
+def _size(aspects: Aspects, focal: float, distance: Array) -> Array:
+    """Return how large (px) the part's ball is at distances (mm) of its middle."""
+    r = aspects.radius
+    return np.asarray(2 * focal * r / np.sqrt(np.maximum(distance**2 - r**2, (0.2 * r) ** 2)))
+
+
+def _distances(aspects: Aspects, camera: Camera, views: ViewRange) -> list[float]:
+    """Return the distances (mm) to try: a geometric series."""
+    r, focal, side = aspects.radius, math.sqrt(camera.fx * camera.fy), min(camera.size)
+    least, most = (math.hypot(r, 2 * focal * r / (share * side)) for share in (_LARGEST, _SMALLEST))
+    near, far = (least, most) if views.distance_mm is None else views.distance_mm
+    n = max(1, math.ceil(math.log(far / near) / math.log(_SCALE)))
+    return (near * (far / near) ** ((np.arange(n) + 0.5) / n)).tolist()
+
+
+def _promising(aspects: Aspects, scales: _Scales, eye: int, distance: float, views: ViewRange) -> Array:
+    """Return what of a sweep at one distance over one photo stands up to finer fields: poses (N, 12) world_from_part."""
+    stages = scales.stages(eye, float(_size(aspects, scales.focal[eye], np.array(distance))))
+    poses = _swept(aspects, stages[0], eye, distance, views)
+    for climb in _CLIMBS:
+        poses, score, _ = climbed(aspects, stages[min(climb.level, len(stages) - 1)], poses, np.eye(6), climb)
+        poses = poses[distinct(aspects, poses, score, climb.kept)]
+    return poses
+
+
+def _swept(aspects: Aspects, stage: Stage, eye: int, distance: float, views: ViewRange) -> Array:
+    """Return the best poses (N, 12) world_from_part at one distance, each where in one photo it fits best."""
+    field, camera_from_world = stage.fields[eye], stage.cameras_from_world[eye]
+    numbers, R = _rotations(aspects, views)
+    seen = np.concatenate([R.reshape(-1, 9), np.array([0, 0, distance]) - R @ aspects.centre], axis=1)
+    world = composed(camera_from_world.inv, seen)
+    half = (field.camera.width // 2, field.camera.height // 2)
+    middle = np.rint(field.camera.principal_point).astype(int)
+    window = {"centre": (half[0] - int(middle[0]), half[1] - int(middle[1])), "reach": half, "keep": 2, "apart": 2}
+    edges = _edges(aspects, Stage((field,), (camera_from_world,)), numbers, distance)
+    some = [slice(k, k + 512) for k in range(0, len(world), 512)]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        done = list(pool.map(lambda s: edges.part(s).slide(0, world[s], **window), some))
+    shift, score = (np.concatenate([d[k] for d in done]) for k in range(2))
+    best = np.argsort(-score.ravel(), kind="stable")[:_TAKEN]
+    moved = turned(aspects, field.camera, seen[best // 2], shift.reshape(-1, 2)[best].astype(float))
+    return composed(camera_from_world.inv, moved)
+
+
+def _edges(aspects: Aspects, stage: Stage, numbers: Array, distance: float) -> Views:
+    """Return the edges to slide: of the net's directions `numbers` (N,) at a distance."""
+    step = int(aspects.step_of(np.array([distance]))[0])
+    used, which = np.unique(numbers, return_inverse=True)
+    runs = [aspects.aspect(int(k), step).places[:_SWEPT] for k in used]
+    count = np.array([len(run) for run in runs], np.int32)
+    first = np.cumsum(count) - count
+    return Views(stage.eyes, np.concatenate(runs), first[which.ravel(), None], count[which.ravel(), None])
+
+
+def _rotations(aspects: Aspects, views: ViewRange) -> tuple[Array, Array]:
+    """Return directions of the net (N,) and rotations camera_from_part (N, 3, 3) that look along them, turned every way."""
+    chosen = np.flatnonzero(views.allows(aspects.net[:_DIRECTIONS]))
+    z = -aspects.net[chosen]
+    up = views.up - (z @ views.up)[:, None] * z
+    lying = np.linalg.norm(up, axis=1) < 1e-6
+    aside = np.eye(3)[np.argmin(np.abs(z), axis=1)]
+    up = np.where(lying[:, None], aside - (aside * z).sum(axis=1, keepdims=True) * z, up)
+    y = -up / np.linalg.norm(up, axis=1, keepdims=True)
+    upright = np.stack([np.cross(y, z), y, z], axis=1)
+    n = max(1, round(2 * views.roll_deg / _ROLL_DEG))
+    roll = np.radians(views.roll_deg * ((2 * np.arange(n) + 1) / n - 1))
+    turn = so3.exp(np.stack([0 * roll, 0 * roll, roll], axis=1))
+    return np.repeat(chosen, n), (turn[None] @ upright[:, None]).reshape(-1, 3, 3)
+
+
+def _judged(aspects: Aspects, scales: _Scales, poses: Array) -> Array:
+    """Return the evidence (N,) for poses (N, 12), each judged where the part is about _JUDGED_PX large."""
+    if not len(poses):
+        return np.zeros(0)
+    wanted = np.rint(2 * np.log2(np.maximum(scales.sizes(aspects, poses) / _JUDGED_PX, 1.0)))
+    out = np.zeros(len(poses))
+    for step in np.unique(wanted):
+        own = wanted == step
+        out[own] = evidence(aspects, scales.stage(2 ** (step / 2)), poses[own])
+    return out
+
+
+def _approached(part: Part, photos: Sequence[Photo], starts: list[Rigid]) -> list[Hypothesis]:
+    """Return what is found around each of the starts."""
+
+    def around(start: Rigid) -> list[Hypothesis]:
+        middle = start @ part.aspects.centre
+        distance = min(float(np.linalg.norm(middle - photo.viewpoint.camera_from_world.origin)) for photo in photos)
+        size = float(_size(part.aspects, max(p.camera.fx for p in photos), np.array(distance)))
+        try:
+            return approach(part, photos, start, reach=replace(_NEAR, shift_px=_NEAR.shift_px * size))[:3]
+        except NothingInView:
+            return []
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return [h for some in pool.map(around, starts) for h in some]

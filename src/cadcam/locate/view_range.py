@@ -1,0 +1,53 @@
+"""From where a part may be seen, as the user declares it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cadcam.arrays import Array, Floats, Mask, frozen
+from cadcam.errors import BadValue
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewRange:
+    """From where a part may be seen: directions, turns in the picture, distances.
+
+    axis (3,): in the part frame, from the part's middle to the camera; views up to half_angle_deg away from it count.
+    up (3,): a direction of the part that may stand at most roll_deg from upright in the picture. distance_mm: least and
+    greatest distance of the part's middle from the camera; by default as far as the part's size is 0.2 to 1.2 of the
+    photo's shorter side.
+    """
+
+    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    half_angle_deg: float = 180.0
+    up: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    roll_deg: float = 180.0
+    distance_mm: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("axis", "up"):
+            vector = frozen(getattr(self, name), f"{name} of the views", (3,))
+            if not np.linalg.norm(vector) > 0:
+                raise BadValue(f"{name} of the views", vector.tolist(), "a direction, not zero")
+            object.__setattr__(self, name, frozen(vector / np.linalg.norm(vector), name, (3,)))
+        for name, value in (("half_angle_deg", self.half_angle_deg), ("roll_deg", self.roll_deg)):
+            if not 0 <= value <= 180:
+                raise BadValue(f"{name} of the views", value, "0 to 180 degrees")
+        if self.distance_mm is not None and not 0 < self.distance_mm[0] <= self.distance_mm[1] < math.inf:
+            raise BadValue("distance_mm of the views", self.distance_mm, "(least, greatest), both positive")
+
+    @classmethod
+    def above(cls, *, within_deg: float = 80.0, distance_mm: tuple[float, float] | None = None) -> ViewRange:
+        """Return the views of a part that lies or stands as modelled, its z axis up: from above, any turn."""
+        return cls(half_angle_deg=within_deg, distance_mm=distance_mm)
+
+    def allows(self, directions: Floats) -> Mask:
+        """Return which directions (N, 3), unit, from the part's middle to the camera are in range."""
+        cosine = np.asarray(directions, dtype=np.float64) @ self.axis
+        return np.asarray(cosine >= math.cos(math.radians(min(self.half_angle_deg, 180.0))) - 1e-9)
+
+
+WHOLE_SPHERE = ViewRange()
