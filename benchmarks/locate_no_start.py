@@ -1,11 +1,12 @@
-"""Is a part found without a start: the right pose first, how fast, and is all of a symmetry reported?
+"""Whether a part is found without a start: the right pose first, how fast, and all of a symmetry reported.
 
     python benchmarks/locate_no_start.py ../shared/data/shipblock_clean --views 40 --noise 3
 
 Renders the ship block, the machined bracket and symmetric bodies from places drawn evenly from the whole declared range
 (from above, up to 75 degrees off the vertical, any azimuth, upright within 30 degrees, distances within 1 : 1.5), on a
-mottled ground, with noise. A pose is right if no corner is 5 px off. Symmetric bodies, looked for over the whole sphere,
-have several right poses: the first may be any, and the share of them among the answer and its alternatives is told.
+mottled ground, with noise. A pose is right if no corner is 5 px off. Symmetric bodies, looked for over the whole
+sphere, have several right poses: the first may be any, and the share of them among the answer and its alternatives is
+told.
 """
 
 from __future__ import annotations
@@ -80,9 +81,7 @@ def declared(mesh: Mesh, *, whole: bool) -> ViewRange:
     """Return the range that is searched; whole: any direction and any turn."""
     distance = filling(mesh)
     around = (180.0, 180.0) if whole else (WITHIN_DEG, ROLL_DEG)
-    return ViewRange(
-        half_angle_deg=around[0], roll_deg=around[1], distance_mm=(distance / SPREAD, distance * SPREAD)
-    )
+    return ViewRange(half_angle_deg=around[0], roll_deg=around[1], distance_mm=(distance / SPREAD, distance * SPREAD))
 
 
 def filling(mesh: Mesh) -> float:
@@ -98,7 +97,9 @@ def places(mesh: Mesh, n: int, rng: np.random.Generator, *, whole: bool) -> Iter
         z, azimuth = rng.uniform(lowest, 1), rng.uniform(0, 2 * np.pi)
         away = np.array([np.cos(azimuth) * np.sqrt(1 - z * z), np.sin(azimuth) * np.sqrt(1 - z * z), z])
         distance = filling(mesh) * SPREAD ** rng.uniform(-1, 1)
-        look = Rigid.exp(np.array([0, 0, 0, 0, 0, rng.uniform(-turn, turn)])) @ Rigid.look_at(middle + distance * away, middle)
+        look = Rigid.exp(np.array([0, 0, 0, 0, 0, rng.uniform(-turn, turn)])) @ Rigid.look_at(
+            middle + distance * away, middle
+        )
         aside = np.append(rng.uniform(-0.1, 0.1, 2) * CAMERA.height / CAMERA.fx * distance, 0.0)
         yield Rigid(translation=aside) @ look
 
@@ -117,7 +118,7 @@ def picture(renderer: Renderer, pose: Rigid, noise: float, rng: np.random.Genera
 
 
 def off(body: Body, pose: Rigid, truth: Rigid) -> float:
-    """Return the largest distance of a corner's picture in px; on round bodies of the nearest place a corner may have."""
+    """Return the largest distance of a corner's picture in px; on round bodies, to the nearest corner's."""
     vertices = body.mesh.vertices
     p, q = CAMERA.project(pose @ vertices), CAMERA.project(truth @ vertices)
     if not np.isfinite(p).all():
@@ -138,7 +139,12 @@ def row(body: Body, n: int, noise: float, save: Path | None, *, whole: bool) -> 
     whole = whole or len(body.symmetry) > 1
     part, views = Part.of(body.mesh), declared(body.mesh, whole=whole)
     renderer = open_renderer(part.scene)
-    right, complete, qualities, wall, cpu = 0, [], ([], []), [], []
+    complete: list[float] = []
+    wall: list[float] = []
+    cpu: list[float] = []
+    good: list[float] = []
+    bad: list[float] = []
+    prepared = 0.0
     for k, truth in enumerate(places(body.mesh, n + 1, rng, whole=whole)):
         gray = picture(renderer, truth, noise, rng)
         if save is not None:
@@ -151,17 +157,17 @@ def row(body: Body, n: int, noise: float, save: Path | None, *, whole: bool) -> 
         wall.append(time.perf_counter() - began[0])
         cpu.append(time.process_time() - began[1])
         allowed = same(body, truth)
-        errors = [min(off(body, location.pose.world_from_part, t) for t in allowed)]
+        error = min(off(body, location.pose.world_from_part, t) for t in allowed)
         poses = [a.pose.world_from_part for a in (location, *location.alternatives)]
-        complete.append(np.mean([min(off(body, p, t) for p in poses) < RIGHT_PX for t in allowed]))
-        right += errors[0] < RIGHT_PX
-        qualities[errors[0] >= RIGHT_PX].append(location.quality)  # type: ignore[attr-defined]
-        if errors[0] >= RIGHT_PX:
-            print(f"  {body.name} {k}: {errors[0]:.0f} px off, quality {location.quality:.2f}", flush=True)
-    lows = f"{min(qualities[0], default=np.nan):.2f} / {max(qualities[1], default=np.nan):.2f}"
+        complete.append(float(np.mean([min(off(body, p, t) for p in poses) < RIGHT_PX for t in allowed])))
+        (good if error < RIGHT_PX else bad).append(location.quality)
+        if error >= RIGHT_PX:
+            print(f"  {body.name} {k}: {error:.0f} px off, quality {location.quality:.2f}", flush=True)
+    lows = f"{min(good, default=np.nan):.2f} / {max(bad, default=np.nan):.2f}"
+    poses_right = f"{len(body.symmetry)}{' and any turn' if body.round else ''}"
     return (
-        f"| {body.name} | {right / n:.0%} | {len(body.symmetry)}{' and any turn' if body.round else ''}"
-        f" | {np.mean(complete):.0%} | {lows} | {np.median(cpu):.2f} / {max(cpu):.2f} | {np.median(wall):.2f} | {prepared:.1f} |"
+        f"| {body.name} | {len(good) / n:.0%} | {poses_right} | {np.mean(complete):.0%} | {lows}"
+        f" | {np.median(cpu):.2f} / {max(cpu):.2f} | {np.median(wall):.2f} | {prepared:.1f} |"
     )
 
 

@@ -1,4 +1,4 @@
-"""How much better is a pose known in a plane when the part can only move in that plane?
+"""How much better a pose is known in a plane when the part can only move in that plane.
 
     python benchmarks/locate_planar.py ../shared/data/shipblock_clean
 
@@ -15,14 +15,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from locate_bound import information
-from locate_sets import PhotoSet
 
 from cadcam.arrays import Array
 from cadcam.geometry.rotation import hat
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine import refine
+from locate_bound import information
+from locate_sets import PhotoSet
 
 IN_PLANE = [0, 1, 5]  # of (translation, rotation) in part axes
 NAMES = ("x", "y", "turn")

@@ -1,4 +1,4 @@
-"""Does the quality of a located pose tell right from wrong, with one threshold for all parts?
+"""Whether the quality of a located pose tells right from wrong, with one threshold for all parts.
 
     python benchmarks/quality.py ../shared/data --scene BRACKET
 
@@ -8,9 +8,9 @@ without the part; another CAD model, a distorted one; another camera. A pose is 
 truth, whatever was done to the input; where nothing can be right (absent part, wrong model), all are wrong. Prints the
 area under the ROC curve, and how many wrong poses pass the threshold that `Location.found` uses.
 
-Two things would be unfair. A stretched box, or one seen by a camera of another focal length, can look just like the true
-one from elsewhere: such inputs count only where no pose brings all corners within 3 px of where the photo has them. And
-from photos blurred beyond use or overexposed a right pose may as well be refused: there only wrong poses count.
+Two things would be unfair. A stretched box, or one seen by a camera of another focal length, can look just like the
+true one from elsewhere: such inputs count only where no pose brings the visible corners within 3 px of where the photo has
+them. And from photos blurred beyond use or overexposed a right pose may as well be refused: there only wrong poses count.
 """
 
 from __future__ import annotations
@@ -21,8 +21,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from locate_errors import auc
-from locate_sets import Case, PhotoSet, exact_cases, real_cases
 from scipy.optimize import least_squares
 
 from cadcam.arrays import Array
@@ -35,6 +33,8 @@ from cadcam.locate.location import FOUND
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine import refine
+from locate_errors import auc
+from locate_sets import Case, PhotoSet, exact_cases, real_cases
 
 REAL = ("visp_mbt_cube", "visp_teabox", "m3t_triangle")  # boxes and a wedge: their mirror images are themselves
 LIMITS = {True: (5.0, 12.0), False: (2.0, 5.0)}  # px: below right, above wrong; real references err by 2 to 3 px
@@ -129,7 +129,7 @@ def answer(case: Case, trial: Trial) -> Answer:
 
 
 def explained(case: Case, part: Part, camera: Camera) -> bool:
-    """Return whether a pose of this part before this camera brings all visible corners within `ALIKE` px of the photo's."""
+    """Return whether a pose of this part before this camera brings the corners seen within `ALIKE` px of the true ones."""
     vertices = case.part.scene.mesh.vertices
     ends = case.part.lines.draw(case.photo.camera, case.truth).visible.p
     corner = (np.linalg.norm(vertices[:, None] - ends, axis=2) < 1e-6 * np.ptp(vertices)).any(axis=1)
@@ -144,7 +144,7 @@ def explained(case: Case, part: Part, camera: Camera) -> bool:
 
 
 def vertex_set_error(case: Case, pose: Rigid) -> float:
-    """Return the largest distance in px from a corner's picture to the nearest of the other pose's: symmetry is no error."""
+    """Return the largest distance in px from a corner's picture to the nearest of the other's, for symmetry's sake."""
     p, q = (case.photo.camera.project(T @ case.part.scene.mesh.vertices) for T in (pose, case.truth))
     if not (np.isfinite(p).all() and np.isfinite(q).all()):
         return np.inf
@@ -155,7 +155,7 @@ def vertex_set_error(case: Case, pose: Rigid) -> float:
 
 
 def _with(photo: Photo, gray: Array) -> Photo:
-    return Photo(np.round(255 * gray) / 255, photo.viewpoint)
+    return Photo((np.round(255 * gray) / 255).astype(np.float32), photo.viewpoint)
 
 
 def _blurred(gray: Array, sigma: float) -> Array:
@@ -210,7 +210,7 @@ def table(answers: Sequence[Answer]) -> Iterator[str]:
         passed, failed = sum(q >= FOUND for q in wrong), sum(q < FOUND for q in right)
         shares = f"{passed} ({passed / max(len(wrong), 1):.1%}) | {failed} ({failed / max(len(right), 1):.1%})"
         yield f"| {name} | {len(right)} | {len(wrong)} | {auc(right, wrong):.4f} | {shares} |"
-    yield "\n| input | right | quality of right, least / median | wrong | quality of wrong, median / most | pass | refused |"
+    yield "\n| input | right | their quality, least / median | wrong | their quality, median / most | pass | refused |"
     yield "|---|---|---|---|---|---|---|"
     for kind in dict.fromkeys(a.kind for a in answers):
         own = [a for a in answers if a.kind == kind]
@@ -218,7 +218,8 @@ def table(answers: Sequence[Answer]) -> Iterator[str]:
         good = f"{min(right):.2f} / {np.median(right):.2f}" if right else ""
         bad = f"{np.median(wrong):.2f} / {max(wrong):.2f}" if wrong else ""
         refused = sum(bool(a.refused) for a in own)
-        yield f"| {kind} | {len(right)} | {good} | {len(wrong)} | {bad} | {sum(q >= FOUND for q in wrong)} | {refused} |"
+        passed = sum(q >= FOUND for q in wrong)
+        yield f"| {kind} | {len(right)} | {good} | {len(wrong)} | {bad} | {passed} | {refused} |"
 
 
 def _right(a: Answer) -> bool:
@@ -234,7 +235,9 @@ def main() -> None:
     parser.add_argument("data", type=Path, help="folder of the photo sets")
     parser.add_argument("--scene", type=Path, action="append", default=[], help="further scenes with exact poses")
     parser.add_argument("--photos", type=int, default=6, help="photos of each set (default %(default)s)")
-    parser.add_argument("--list", action="store_true", help="list every wrong pose that passes and right one that fails")
+    parser.add_argument(
+        "--list", action="store_true", help="list every wrong pose that passes and right one that fails"
+    )
     a = parser.parse_args()
     sets = [exact_cases(PhotoSet(f), a.photos) for f in (a.data / "shipblock_clean", *a.scene)]
     real = real_cases(a.data, a.photos)
