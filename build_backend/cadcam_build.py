@@ -35,7 +35,8 @@ FLAGS = ["-std=c11", "-O3", "-fPIC", "-fvisibility=hidden"]
 FLAGS += ["-ffp-contract=off"]  # without fused multiply-adds a shared edge is the exact negative of its neighbour's
 FLAGS += ["-fno-math-errno", "-fno-trapping-math"]  # these change no number; loops vectorise
 # The hot files, once for each instruction set; the choice is made at run time (best_level in scene.c).
-HOT = ("cull.c", "raster.c", "strip.c", "tile.c", "tile_plain.c", "shade.c", "field.c", "climb.c", "step.c")
+HOT = ("cull.c", "raster.c", "strip.c", "tile.c", "tile_plain.c", "shade.c", "correlate.c", "field.c", "climb.c", "step.c")
+ONCE = ("scene.c", "lens.c", "patch.c", "match.c", "profile.c", "field_calls.c")
 VARIANTS = {"_baseline": [], "_v3": ["-mavx2", "-mfma", "-mbmi", "-mbmi2"]}
 X86_64 = platform.machine().lower() in ("x86_64", "amd64")
 PROBE = "#include <math.h>\n#include <stdint.h>\n#include <stdlib.h>\ndouble probe(double x) { return sqrt(x); }\n"
@@ -103,7 +104,7 @@ class NativeHook(BuildHookInterface):  # type: ignore[type-arg]  # its parameter
 def compile_core(compiler: list[str], folder: Path, library: Path) -> None:
     """Compile every file, the hot ones for each instruction set, and link them."""
     variants = VARIANTS if X86_64 else {"_baseline": []}
-    jobs = [(name, "", []) for name in ("scene.c", "lens.c", "patch.c", "profile.c", "field_calls.c")]
+    jobs = [(name, "", []) for name in ONCE]
     jobs += [(name, suffix, [f"-DCC_VARIANT={suffix}", *flags]) for suffix, flags in variants.items() for name in HOT]
     with tempfile.TemporaryDirectory() as scratch:
         objects = []

@@ -55,6 +55,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.camera.measurement import Measurement as Measurement
     from cadcam.camera.observations import Observations as Observations
     from cadcam.camera.plane_camera import PlaneCamera as PlaneCamera
+    from cadcam.camera.pose_estimate import PoseEstimate as PoseEstimate
     from cadcam.camera.rig_estimate import RigEstimate as RigEstimate
     from cadcam.camera.viewpoint import KnownMotion as KnownMotion
     from cadcam.camera.viewpoint import Viewpoint as Viewpoint
@@ -73,6 +74,8 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.files.pixels import write_measurement as write_measurement
     from cadcam.files.points import read_points as read_points
     from cadcam.files.points import write_points as write_points
+    from cadcam.files.pose_estimate import read_part_pose as read_part_pose
+    from cadcam.files.pose_estimate import write_part_pose as write_part_pose
     from cadcam.files.poses import read_poses as read_poses
     from cadcam.files.poses import write_poses as write_poses
     from cadcam.files.rig import read_rig as read_rig
@@ -86,6 +89,24 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.image.exr import write_exr as write_exr
     from cadcam.image.picture import read_picture as read_picture
     from cadcam.image.picture import write_picture as write_picture
+    from cadcam.locate.frames import Frames as Frames
+    from cadcam.locate.freedom import Freedom as Freedom
+    from cadcam.locate.locate import locate as _locate
+    from cadcam.locate.location import Location as Location
+    from cadcam.locate.part import Part as Part
+    from cadcam.locate.photo import Photo as Photo
+    from cadcam.locate.refine import refine as refine
+    from cadcam.locate.track import track as track
+    from cadcam.locate.track_log import TrackLog as TrackLog
+    from cadcam.locate.track_log import read_track as read_track
+    from cadcam.locate.track_log import track_to as track_to
+    from cadcam.record.export import read_records as read_records
+    from cadcam.record.export import write_records as write_records
+    from cadcam.record.record import Deviation as Deviation
+    from cadcam.record.record import Record as Record
+    from cadcam.record.record import Source as Source
+    from cadcam.record.store import open_store as open_store
+    from cadcam.record.trend import trend as trend
     from cadcam.render import open_renderer as open_renderer
     from cadcam.render.cutout import Cutout as Cutout
     from cadcam.render.looks import named_look as named_look
@@ -109,6 +130,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
 
     calibrate_camera = _calibrate  # `cadcam.calibrate` is the package
     compare_cameras = _compare
+    locate_part = _locate
 
 __version__ = "0.1.0"
 
@@ -120,6 +142,7 @@ _HOME = {
     "CameraFile": "cadcam.files.camera",
     "Channel": "cadcam.render.view",
     "Cutout": "cadcam.render.cutout",
+    "Deviation": "cadcam.record.record",
     "Division": "cadcam.camera.lens",
     "DoubleSphere": "cadcam.camera.lens",
     "EdgeKind": "cadcam.cad.edges",
@@ -127,6 +150,8 @@ _HOME = {
     "ExtendedUnified": "cadcam.camera.lens",
     "FieldOfView": "cadcam.camera.lens",
     "Fisheye": "cadcam.camera.lens",
+    "Frames": "cadcam.locate.frames",
+    "Freedom": "cadcam.locate.freedom",
     "HandEyeEstimate": "cadcam.calibrate.handeye_estimate",
     "Ideal": "cadcam.camera.lens",
     "InverseBrownConrady": "cadcam.camera.lens",
@@ -136,6 +161,7 @@ _HOME = {
     "LineObservations": "cadcam.camera.line_camera",
     "LineOptions": "cadcam.render.wireframe",
     "LineStyle": "cadcam.render.overlay",
+    "Location": "cadcam.locate.location",
     "Look": "cadcam.render.view",
     "Loss": "cadcam.fit.robust",
     "Measurement": "cadcam.camera.measurement",
@@ -143,14 +169,20 @@ _HOME = {
     "NamedCamera": "cadcam.files.foreign.model",
     "Observations": "cadcam.camera.observations",
     "OddRadial": "cadcam.camera.lens",
+    "Part": "cadcam.locate.part",
+    "Photo": "cadcam.locate.photo",
     "Plane": "cadcam.geometry.plane",
     "PlaneCamera": "cadcam.camera.plane_camera",
+    "PoseEstimate": "cadcam.camera.pose_estimate",
     "Ray": "cadcam.geometry.ray",
+    "Record": "cadcam.record.record",
     "RigCamera": "cadcam.calibrate.rig",
     "RigEstimate": "cadcam.camera.rig_estimate",
     "Rigid": "cadcam.geometry.rigid",
     "Scene": "cadcam.render.view",
+    "Source": "cadcam.record.record",
     "TiltedBrownConrady": "cadcam.camera.lens",
+    "TrackLog": "cadcam.locate.track_log",
     "Viewpoint": "cadcam.camera.viewpoint",
     "Wireframe": "cadcam.render.wireframe",
     "added": "cadcam.render.overlay",
@@ -174,12 +206,14 @@ _HOME = {
     "load": "cadcam.cad.load",
     "load_with_report": "cadcam.cad.load",
     "locate_camera": "cadcam.calibrate.points",
+    "locate_part": "cadcam.locate.locate:locate",
     "markov_chain": "cadcam.calibrate.variability",
     "measure_points": "cadcam.calibrate.measure",
     "monte_carlo": "cadcam.calibrate.variability",
     "named_look": "cadcam.render.looks",
     "nested_advice": "cadcam.calibrate.nested",
     "open_renderer": "cadcam.render",
+    "open_store": "cadcam.record.store",
     "over_edges": "cadcam.render.overlay",
     "overlay": "cadcam.render.overlay",
     "parse_pattern": "cadcam.target.pattern",
@@ -188,16 +222,23 @@ _HOME = {
     "read_cameras": "cadcam.files.foreign.registry",
     "read_matrix": "cadcam.files.matrix",
     "read_motion": "cadcam.files.matrix",
+    "read_part_pose": "cadcam.files.pose_estimate",
     "read_picture": "cadcam.image.picture",
     "read_pixels": "cadcam.files.pixels",
     "read_points": "cadcam.files.points",
     "read_pose": "cadcam.files.matrix",
     "read_poses": "cadcam.files.poses",
+    "read_records": "cadcam.record.export",
     "read_rig": "cadcam.files.rig",
     "read_robot_poses": "cadcam.files.robot_poses",
+    "read_track": "cadcam.locate.track_log",
+    "refine": "cadcam.locate.refine",
     "repainted": "cadcam.render.looks",
     "side_by_side": "cadcam.render.overlay",
     "standard_view": "cadcam.render.standard_view",
+    "track": "cadcam.locate.track",
+    "track_to": "cadcam.locate.track_log",
+    "trend": "cadcam.record.trend",
     "uv_from_pixel_matrix": "cadcam.camera.extended_pinhole",
     "viewer_parameters": "cadcam.files.foreign.viewers",
     "visible_wireframe": "cadcam.render.visible",
@@ -206,9 +247,11 @@ _HOME = {
     "write_exr": "cadcam.image.exr",
     "write_measurement": "cadcam.files.pixels",
     "write_overlay_svg": "cadcam.render.overlay",
+    "write_part_pose": "cadcam.files.pose_estimate",
     "write_picture": "cadcam.image.picture",
     "write_points": "cadcam.files.points",
     "write_poses": "cadcam.files.poses",
+    "write_records": "cadcam.record.export",
     "write_rig": "cadcam.files.rig",
 }
 __all__ = ["__version__", *_HOME]

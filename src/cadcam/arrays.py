@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -46,14 +47,30 @@ def frozen(
 
 
 def component_major(points: tuple[int, ...], *components: int) -> Array:
-    """Return zeros (*points, *components) laid out so that one component of all points (last of their axes) is a run.
+    """Return zeros (*points, *components) laid out so that one component of all points is a run of memory.
 
     Arithmetic on components, `J[..., 0, 1] = ...`, then goes at the speed of memory; results keep the layout.
     """
-    if not points:
-        return np.zeros(components)
-    out = np.zeros((*points[:-1], *components, points[-1]))
-    return np.moveaxis(out, -1, len(points) - 1)
+    first, axes = len(components), len(components) + len(points)
+    return np.zeros((*components, *points)).transpose(*range(first, axes), *range(first))
+
+
+def in_parts(function: Callable[[Array], Array], x: Array, *, at_once: int = 8192) -> Array:
+    """Return function(x) of points x (..., n) -> (..., m), worked out part by part.
+
+    What comes up on the way stays in the processor's cache, component by component (`component_major`), and a search
+    ends in each part when that is done.
+    """
+    points = x.reshape(-1, x.shape[-1])
+    if len(points) <= at_once:
+        return function(x)
+    parts = []
+    for first in range(0, len(points), at_once):
+        part = points[first : first + at_once]
+        runs = component_major(part.shape[:1], part.shape[1])
+        runs[...] = part
+        parts.append(function(runs))
+    return np.concatenate(parts).reshape(*x.shape[:-1], -1)
 
 
 def _text(shape: tuple[int | None, ...], batched: bool = False) -> str:

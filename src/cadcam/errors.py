@@ -139,15 +139,25 @@ class MissingExtra(CadcamError):
 
 
 class MissingCore(CadcamError):
-    """The compiled core that the raster renderer needs is not there."""
+    """The compiled core is not there, which the raster renderer and the matching of templates need."""
 
-    def __init__(self, why: str) -> None:
+    def __init__(
+        self, why: str, what: str = "the raster renderer", instead: str = "use the renderer 'ray', or reinstall"
+    ) -> None:
         super().__init__(
-            f"the raster renderer is not available: {why}; use the renderer 'ray', or reinstall cadcam where a C "
-            "compiler (CC, cc, gcc, clang) or a network to fetch one (the ziglang wheel) is at hand"
+            f"{what} is not available: {why}; {instead} cadcam where a C compiler (CC, cc, gcc, clang) or a network to "
+            "fetch one (the ziglang wheel) is at hand"
         )
         self.why = why
 
 
 class NotEnoughMemory(CadcamError):
     """Something would not fit into memory; said before it is tried."""
+
+
+class UnusableStore(CadcamError):
+    """A store of product state cannot be opened, read or written; a password in its address is not repeated."""
+
+    def __init__(self, where: str, reason: str, remedy: str = "") -> None:
+        super().__init__(f"store {where}: {reason}" + (f"; {remedy}" if remedy else ""))
+        self.where, self.reason, self.remedy = where, reason, remedy

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -37,9 +35,9 @@ class Decays:
             value, sigma = self.prior
             alone = {"alone_r": np.array([(d - value) / sigma]), "alone_by_shared": np.array([[0, 1 / sigma]])}
         if self.measured is None:
-            return Blocks(r, A, B, **alone)
+            return Blocks.of(r, A, B, **alone)
         m = self.measured
-        return Blocks(r * m, A * m[..., None], B * m[..., None], m, **alone)
+        return Blocks.of(r * m, A * m[..., None], B * m[..., None], m, **alone)
 
     def retract(self, state, step):
         return state[0] + step.shared, state[1] + step.own
@@ -104,12 +102,12 @@ def test_one_block_and_problems_without_own_or_without_shared_parameters(rng):
     class Shared(Decays):
         def blocks(self, state):
             b = super().blocks((state[0], full.state[1]))
-            return replace(b, by_own=np.zeros((*b.r.shape, 0)))
+            return Blocks.of(b.r, b.by_shared, np.zeros((*b.r.shape, 0)))
 
     class Own(Decays):
         def blocks(self, state):
             b = super().blocks((full.state[0], state[1]))
-            return replace(b, by_shared=np.zeros((*b.r.shape, 0)))
+            return Blocks.of(b.r, np.zeros((*b.r.shape, 0)), b.by_own)
 
         def retract(self, state, step):
             return state[0], state[1] + step.own
@@ -151,7 +149,7 @@ class Lines:
         self.X, self.Z, self.y = X, Z, y
 
     def blocks(self, state):
-        return Blocks(self.X @ state[0] + self.Z * state[1] - self.y, self.X, self.Z[..., None])
+        return Blocks.of(self.X @ state[0] + self.Z * state[1] - self.y, self.X, self.Z[..., None])
 
     def retract(self, state, step):
         return state[0] + step.shared, state[1] + step.own
@@ -196,7 +194,7 @@ def test_a_blind_shared_combination_is_named_though_blocks_could_follow(rng):
             d, c = state[0][1], state[1][:, 1:]
             A, B = b.by_shared.copy(), b.by_own.copy()
             A[..., 1], B[..., 1] = c, d
-            return replace(b, r=state[1][:, :1] * np.exp(-state[0][0] * self.t) + c * d - self.y, by_shared=A, by_own=B)
+            return Blocks.of(state[1][:, :1] * np.exp(-state[0][0] * self.t) + c * d - self.y, A, B)
 
     y, start = decays(rng)
     solution = minimise_blocks(Gauge(y), start)
@@ -221,7 +219,7 @@ def test_blindness_is_seen_to_a_billionth(rng):
     assert known.singular[-1] == pytest.approx(1e-8, rel=0.9)
     X[..., 1] = X[..., 0] + 1e-3 * (X[..., 1] - X[..., 0])  # 1e-11
     with pytest.raises(DegenerateGeometry, match="combination"):
-        factorise(replace(blocks, by_shared=X), "ab", "c")
+        factorise(Blocks.of(blocks.r, X, blocks.by_own), "ab", "c")
 
 
 @pytest.mark.parametrize("name", ["huber", "cauchy", "tukey"])

@@ -44,6 +44,7 @@ def test_tool_is_content(command: tuple[str, ...]) -> None:
         ("render/view.py", "import ctypes", "the C core stays behind one module"),
         ("files/points.py", "from PIL import Image", "image codecs stay in image"),
         ("calibrate/variability.py", "import matplotlib", "plotting stays in report"),
+        ("locate/part.py", "import sqlalchemy", "the database stays in record"),
     ],
 )
 def test_a_forbidden_import_breaks_its_contract(tmp_path: Path, room: str, line: str, contract: str) -> None:

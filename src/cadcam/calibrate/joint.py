@@ -28,7 +28,7 @@ from cadcam.fit.square_root import Cofactors, factorise
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
-_FINE = Options(damping=0.0, settled=1e-12, enough=1e-16)  # of the cost: the last step is 1e-6 sigma or so
+_FINE = Options(damping=0.0, settled=1e-12, enough=1e-14)  # of the cost: what is left is 1e-5 sigma or so
 _VIEWS = 4  # below, their scatter says nothing
 _USELESS = 1 / 3  # sigma of the focal length by itself
 

@@ -100,7 +100,7 @@ class Camera:
 
     def project_with_jacobian(self, p: Array) -> tuple[Array, Array]:
         """Return q (..., 2) and dq/dp (..., 2, 3) in px/mm."""
-        m, dm_dp, _ = self.lens.project_with_jacobians(p)
+        m, dm_dp, _ = self.lens.project_with_jacobians(p, ())
         return self.pixel_of(m), np.asarray(self.K[:2, :2] @ dm_dp)
 
     def unproject(self, q: Floats) -> Array:

@@ -22,10 +22,9 @@ def perspective_and_scale(p: Floats) -> tuple[Array, Array]:
 def by_point(dm_du: Array, u: Array, over_z: Array) -> Array:
     """Return dm/dp (..., 2, 3) of dm/du (..., 2, 2): du/dp = [[1, 0, -ux], [0, 1, -uy]]/z."""
     out = component_major(u.shape[:-1], 2, 3)
-    for row in (0, 1):
-        out[..., row, 0] = dm_du[..., row, 0] * over_z
-        out[..., row, 1] = dm_du[..., row, 1] * over_z
-        out[..., row, 2] = -(out[..., row, 0] * u[..., 0] + out[..., row, 1] * u[..., 1])
+    np.multiply(dm_du, over_z[..., None, None], out=out[..., :2])
+    np.multiply(out[..., 0], -u[..., :1], out=out[..., 2])
+    out[..., 2] -= out[..., 1] * u[..., 1:]
     return out
 
 

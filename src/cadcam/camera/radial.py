@@ -8,10 +8,11 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import Polynomial
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Mask, component_major
 
 _ITERATIONS = 60  # bisection alone halves the bracket this often: below one ulp
 _DONE = 8 * np.finfo(np.float64).eps  # a step this small is rounding, which may go to and fro for ever
+_LAST = 1e-9  # a step of Newton's this small leaves its square
 
 
 def polynomial_limit(odd: Sequence[float]) -> float:
@@ -66,12 +67,14 @@ def fold_limit(jacobian: Callable[[Array], Array], limit: float) -> float:
     return float(inner)
 
 
-def inverse(curve: Callable[[Array], tuple[Array, Array]], rho: Array, limit: float, *, clamp: bool = False) -> Array:
-    """Return r in [0, limit) with curve(r) = rho, to rounding; NaN (or just inside the limit with `clamp`) if none.
+def inverse(curve: Callable[[Array], tuple[Array, Array]], rho: Array, limit: float, *, rough: bool = False) -> Array:
+    """Return r in [0, limit) with curve(r) = rho, to rounding, NaN if there is none.
 
-    `curve` gives value and slope and rises on [0, limit). Newton's step where it stays in the bracket, else bisection.
+    rough: a start for `newton_plane`, to a thousandth, and just inside the limit if there is none. `curve` gives value
+    and slope and rises on [0, limit). Newton's step where it stays in the bracket, else bisection.
     """
     rho = np.asarray(rho, dtype=np.float64)
+    done = 1e-3 if rough else _DONE
     with np.errstate(all="ignore"):
         high = _upper_bracket(curve, rho, limit)
         reachable = curve(high)[0] >= rho
@@ -81,11 +84,11 @@ def inverse(curve: Callable[[Array], tuple[Array, Array]], rho: Array, limit: fl
             low, high = np.where(value <= rho, r, low), np.where(value > rho, r, high)
             newton = r - (value - rho) / slope
             r_next = np.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
-            if np.all((np.abs(r_next - r) <= _DONE * np.abs(r)) | ~reachable | np.isnan(rho)):
+            if np.all((np.abs(r_next - r) <= done * np.abs(r)) | ~reachable | np.isnan(rho)):
                 r = r_next
                 break
             r = r_next
-    return np.where(reachable, r, 0.999 * limit if clamp else np.nan)
+    return np.where(reachable, r, 0.999 * limit if rough else np.nan)
 
 
 def _upper_bracket(curve: Callable[[Array], tuple[Array, Array]], rho: Array, limit: float) -> Array:
@@ -101,16 +104,22 @@ def _upper_bracket(curve: Callable[[Array], tuple[Array, Array]], rho: Array, li
 
 
 def newton_plane(
-    distort: Callable[[Array], Array], jacobian: Callable[[Array], Array], m: Array, start: Array
+    distort: Callable[[Array], Array],
+    linearised: Callable[[Array, Sequence[int]], tuple[Array, Array, Array]],
+    m: Array,
+    start: Array,
 ) -> Array:
-    """Return u with distort(u) = m by Newton's method in the plane from `start`; NaN where it does not get there."""
-    u = np.array(start)
-    scale = 1 + _larger(m)
+    """Return u with distort(u) = m by Newton's method in the plane from `start`; NaN where it does not get there.
+
+    linearised(u, ()) gives distort(u) and its Jacobian (..., 2, 2).
+    """
+    u, scale = start, 1 + _larger(m)
     for _ in range(30):
-        step = _solved(jacobian(u), distort(u) - m)
+        reached, J, _ = linearised(u, ())
+        step = _solved(J, reached - m)
         u = u - step
         size = _larger(step)
-        if np.all((size <= _DONE * scale) | np.isnan(size)):
+        if np.all((size <= _LAST * scale) | np.isnan(size)):
             break
     residual = _larger(distort(u) - m)
     return np.where((residual <= 1e-13 * scale)[..., None], u, np.nan)
@@ -124,9 +133,10 @@ def _larger(v: Array) -> Array:
 def _solved(J: Array, b: Array) -> Array:
     """Return J^-1 b for 2x2 matrices, by Cramer's rule."""
     det = J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0]
-    x = J[..., 1, 1] * b[..., 0] - J[..., 0, 1] * b[..., 1]
-    y = J[..., 0, 0] * b[..., 1] - J[..., 1, 0] * b[..., 0]
-    return np.stack([x, y], axis=-1) / det[..., None]
+    out = component_major(b.shape[:-1], 2)
+    out[..., 0] = (J[..., 1, 1] * b[..., 0] - J[..., 0, 1] * b[..., 1]) / det
+    out[..., 1] = (J[..., 0, 0] * b[..., 1] - J[..., 1, 0] * b[..., 0]) / det
+    return out
 
 
 def radial_jacobian(u: Array, gain: Array, slope: Array) -> Array:

@@ -57,22 +57,26 @@ def project_local(F: Array, R: Array, internals: Array, lens: Lens, p_world: Arr
 
 
 def project_in_camera(
-    internals: Array, lens: Lens, p: Array, columns: Sequence[int] | None = None
+    internals: Array, lens: Lens, p: Array, columns: Sequence[int] | None = None, *, out: Array | None = None
 ) -> tuple[Array, Array, Array]:
     """Return q (..., N, 2), dq/dp (..., N, 2, 3) and dq/d(internals, lens) (..., N, 2, 5 + lens terms).
 
     p (..., N, 3): points in the camera frame; internals (..., 5). columns: those of the last Jacobian that are wanted,
-    in that order; None: all. Fast where a coordinate of all points is a run of memory (`component_major`).
+    in that order; None: all. out: zeros of its shape, where it is to be put. Fast where a coordinate of all points is a
+    run of memory (`component_major`).
     """
-    m, dm_dp, dm_dc = lens.project_with_jacobians(p)
+    every = range(5 + len(lens.parameters))
+    wanted = every if columns is None else columns
+    m, dm_dp, dm_dc = lens.project_with_jacobians(p, [column - 5 for column in wanted if column >= 5])
     aspect, focal, skew, U0, V0 = (internals[..., None, i] for i in range(5))
     c, s = np.cos(skew), np.sin(skew)
     scale = focal * aspect
     along = c * m[..., 0] + s * m[..., 1]
     q = component_major(m.shape[:-1], 2)
     q[..., 0], q[..., 1] = scale * along + V0, focal * m[..., 1] + U0
-    wanted = range(5 + dm_dc.shape[-1]) if columns is None else columns
-    by = np.swapaxes(component_major(m.shape[:-1], len(wanted), 2), -1, -2)
+    by = np.swapaxes(component_major(m.shape[:-1], len(wanted), 2), -1, -2) if out is None else out
+    to_pixels = scale * c, scale * s, focal
+    by[..., [i for i, column in enumerate(wanted) if column >= 5]] = _in_pixels(dm_dc, *to_pixels)
     for i, column in enumerate(wanted):
         if column == 0:
             by[..., 0, i] = focal * along
@@ -82,18 +86,16 @@ def project_in_camera(
             by[..., 0, i] = scale * (c * m[..., 1] - s * m[..., 0])
         elif column in (3, 4):
             by[..., 4 - column, i] = 1.0
-        else:
-            by[..., 0, i] = scale * c * dm_dc[..., 0, column - 5] + scale * s * dm_dc[..., 1, column - 5]
-            by[..., 1, i] = focal * dm_dc[..., 1, column - 5]
-    return q, _in_pixels(dm_dp, scale * c, scale * s, focal), by
+    return q, _in_pixels(dm_dp, *to_pixels), by
 
 
 def _in_pixels(dm: Array, xx: Array, xy: Array, yy: Array) -> Array:
     """Return [[xx, xy], [0, yy]] @ dm (..., N, 2, n) in a layout of runs."""
     out = component_major(dm.shape[:-2], 2, dm.shape[-1])
-    for i in range(dm.shape[-1]):
-        out[..., 0, i] = xx * dm[..., 0, i] + xy * dm[..., 1, i]
-        out[..., 1, i] = yy * dm[..., 1, i]
+    np.multiply(dm[..., 0, :], xx[..., None], out=out[..., 0, :])
+    np.multiply(dm[..., 1, :], yy[..., None], out=out[..., 1, :])
+    if xy.any():
+        out[..., 0, :] += xy[..., None] * dm[..., 1, :]
     return out
 
 

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from cadcam.camera.observations import Observations
 
 Verbs: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
+Run: TypeAlias = Callable[[argparse.Namespace], "int | None"]
 
 
 class Help(argparse.RawDescriptionHelpFormatter):
@@ -22,10 +23,11 @@ class Help(argparse.RawDescriptionHelpFormatter):
         super().__init__(prog, max_help_position=30, width=min(shutil.get_terminal_size().columns, 120) - 2)
 
 
-def verb(
-    verbs: Verbs, name: str, run: Callable[[argparse.Namespace], None], *, short: str, description: str, examples: str
-) -> argparse.ArgumentParser:
-    """Return a new verb's parser: `short` stands in the list of verbs, `examples` below its own help."""
+def verb(verbs: Verbs, name: str, run: Run, *, short: str, description: str, examples: str) -> argparse.ArgumentParser:
+    """Return a new verb's parser: `short` stands in the list of verbs, `examples` below its own help.
+
+    run: does the work and returns the exit code, None for 0.
+    """
     parser = verbs.add_parser(
         name,
         help=short,

@@ -22,7 +22,7 @@ def camera_and_pose(camera_file: str, pose_file: str | None) -> tuple[Camera, Ri
     """Return the camera of a file, ours or another program's, and its pose unless a pose file says another."""
     from cadcam.files.matrix import read_pose
 
-    known = _foreign(camera_file) or _own(camera_file)
+    known = read_any_camera(camera_file)
     pose = read_pose(pose_file) if pose_file else known.camera_from_world
     if pose is None:
         raise BadValue(
@@ -33,10 +33,15 @@ def camera_and_pose(camera_file: str, pose_file: str | None) -> tuple[Camera, Ri
     return known.camera, pose
 
 
+def read_any_camera(camera_file: str) -> CameraFile:
+    """Return what a camera file, ours or another program's, holds."""
+    return _foreign(camera_file) or _own(camera_file)
+
+
 def _own(camera_file: str) -> CameraFile:
     from cadcam.files.camera import read_camera
 
-    return read_camera(camera_file)
+    return _foreign(camera_file) or read_camera(camera_file)
 
 
 def _foreign(camera_file: str) -> CameraFile | None:

@@ -1,7 +1,8 @@
 """The command line. One file a verb; what a verb needs is imported when it runs, so that help costs next to nothing.
 
 Exit codes: 0 done; 1 a bug of ours, with a traceback; 2 something the caller can put right, said in one message;
-130 interrupted. Results go to stdout, messages and progress to stderr.
+3 done, but the answer is no: the part is not in the picture; 130 interrupted. Results go to stdout, messages and
+progress to stderr.
 """
 
 from __future__ import annotations
@@ -22,11 +23,16 @@ from cadcam.cli import (
     demo,
     doctor,
     handeye,
+    locate,
+    match,
     measure,
     overlay,
     render,
     rig,
+    state,
+    track,
     variability,
+    verify,
 )
 from cadcam.cli.arguments import Help
 from cadcam.errors import CadcamError
@@ -39,10 +45,15 @@ VERBS = (
     handeye,
     measure,
     overlay,
+    match,
+    locate,
+    track,
+    verify,
     render,
     decompose,
     convert,
     compare,
+    state,
     demo,
     doctor,
 )
@@ -74,7 +85,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     arguments = parser().parse_args(argv)
     try:
-        arguments.run(arguments)
+        code: int = arguments.run(arguments) or 0
         sys.stdout.flush()
     except CadcamError as error:
         print(f"cadcam {arguments.verb}: {error}", file=sys.stderr)
@@ -92,4 +103,4 @@ def main(argv: Sequence[str] | None = None) -> int:
             file=sys.stderr,
         )
         return 1
-    return 0
+    return code

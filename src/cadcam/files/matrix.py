@@ -51,8 +51,11 @@ def read_motion(path: str | os.PathLike[str]) -> Rigid:
 
 
 def _rigid(path: str | os.PathLike[str], directions: tuple[str, str]) -> Rigid:
-    """Return the first of two directions, said by the file to be this one or the other."""
-    file = read_text(path)
+    return rigid_in(read_text(path), directions)
+
+
+def rigid_in(file: TextFile, directions: tuple[str, str]) -> Rigid:
+    """Return the first of two directions (mm), said by the file to be this one or the other."""
     if file.text.lstrip().startswith("{"):
         return pose_in(parsed(file), directions)
     direction, mm = stated(file, directions)
@@ -61,7 +64,7 @@ def _rigid(path: str | os.PathLike[str], directions: tuple[str, str]) -> Rigid:
     try:
         pose = Rigid.from_matrix(matrix)
     except CadcamError as error:
-        raise UnreadableFile(path, f"is not a pose: {error}") from error
+        raise UnreadableFile(file.path, f"is not a pose: {error}") from error
     return pose if direction == directions[0] else pose.inv
 
 

@@ -98,7 +98,7 @@ class HandEyePixels:
         by_shared = np.concatenate([pose @ held, pose @ fixed, inner], axis=-1)
         alone = np.zeros((len(self.prior.columns), by_shared.shape[2]))
         alone[:, 12:] = self.prior.root
-        return Blocks(
+        return Blocks.of(
             np.concatenate([r, offset_r], axis=1),
             np.concatenate([by_shared, np.zeros((n, 6, by_shared.shape[2]))], axis=1),
             np.concatenate([pose @ offset, offset_J], axis=1),

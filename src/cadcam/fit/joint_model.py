@@ -22,6 +22,8 @@ from cadcam.geometry import rotation as so3
 
 BEND = ("bend_x", "bend_y")
 OWN = ("tx", "ty", "tz", "rx", "ry", "rz")  # of a view's pose, in the camera frame
+_EVERY = slice(None)
+_AT_ONCE = 8192  # points: what comes up on the way stays in the processor's cache
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,21 +86,14 @@ class JointModel:
         """Return residuals, projected less measured, and Jacobians by unit of noise; rows: all x, then all y."""
         k, N = self.measured.shape
         if not self._possible(state):
-            return Blocks(np.full((k, 2 * N), np.nan), np.zeros((k, 2 * N, 0)), np.zeros((k, 2 * N, 0)))
-        q, dq_dp, dq_di, in_camera = self._projected(state)
-        over = self.measured[..., None] / self.noise[:, None, None]
-        pairs = np.arange(2 * N).reshape(2, N).T
+            return Blocks.forbidden(k, 2 * N)
+        stacked = np.zeros((k, len(OWN) + len(self.shared) + 1, 2, N))
+        step = max(1, _AT_ONCE // N)
+        for first in range(0, k, step):
+            self._fill(stacked[first : first + step], state, slice(first, first + step))
         measured = None if self._all else np.concatenate([self.measured, self.measured], axis=1)
-        alone_r, alone = self._alone(state)
-        return Blocks(
-            _rows(self._weighed(q - self.q, over)[..., None])[..., 0],
-            _rows(self._by_shared(state, dq_dp, dq_di, over)),
-            _rows(self._by_own(dq_dp, in_camera, over)),
-            measured,
-            alone_r,
-            alone,
-            pairs,
-        )
+        pairs = np.arange(2 * N).reshape(2, N).T
+        return Blocks(stacked.reshape(k, -1, 2 * N), len(OWN), measured, *self._alone(state), pairs)
 
     def retract(self, state: JointState, step: Step) -> JointState:
         """Return the state moved by `step`."""
@@ -116,18 +111,14 @@ class JointModel:
             t=(turn @ state.t[..., None])[..., 0] + step.own[:, :3],
         )
 
-    def _weighed(self, values: Array, over: Array) -> Array:
-        """Return values times over, in place; at once where every point was measured and noise is 1."""
-        if not self._plain:
-            values *= over
-        return values
-
-    def points(self, state: JointState) -> Array:
-        """Return the points (k, N, 3) as the state bends or moves them."""
-        p = self.p
+    def points(self, state: JointState, views: slice = _EVERY) -> Array:
+        """Return the points (k, N, 3) as the state bends or moves them, of all views or of some."""
+        p = self.p[views]
         if self.bump is not None:
-            p = p + (self.bump @ state.bend)[..., None] * np.array([0.0, 0.0, 1.0])
-        return p if self.control is None else p + np.append(state.shift, np.zeros((1, 3)), axis=0)[self.control.index]
+            p = p + (self.bump[views] @ state.bend)[..., None] * np.array([0.0, 0.0, 1.0])
+        if self.control is None:
+            return p
+        return p + np.append(state.shift, np.zeros((1, 3)), axis=0)[self.control.index[views]]
 
     def lens_of(self, state: JointState) -> Lens:
         """Return the lens of a state."""
@@ -159,44 +150,38 @@ class JointModel:
         finite = np.isfinite(state.internals).all() and np.isfinite(state.lens).all()
         return bool(finite and aspect > 0 and focal > 0 and abs(skew) < np.pi / 2)
 
-    def _projected(self, state: JointState) -> tuple[Array, Array, Array, Array]:
-        """Pixels, their Jacobians by the point in the camera frame and by internals and lens, and those points."""
-        in_camera = self._in_camera(state)
-        q, dq_dp, dq_di = project_in_camera(state.internals, self.lens_of(state), in_camera, self._columns.tolist())
-        return q, dq_dp, dq_di, in_camera
-
-    def _in_camera(self, state: JointState) -> Array:
-        p = np.swapaxes(self.points(state), -1, -2)
-        return np.moveaxis(state.R @ p + state.t[..., None], -1, -2)
-
-    def _by_own(self, dq_dp: Array, p: Array, over: Array) -> Array:
-        out = np.swapaxes(component_major(self.measured.shape, 6, 2), -1, -2)
-        for i in range(3):
-            out[..., i] = dq_dp[..., i]
-            j, k = (i + 1) % 3, (i + 2) % 3
-            out[..., 3 + i] = dq_dp[..., k] * p[..., j, None] - dq_dp[..., j] * p[..., k, None]
-        return self._weighed(out, over[..., None])
-
-    def _by_shared(self, state: JointState, dq_dp: Array, dq_di: Array, over: Array) -> Array:
-        self._weighed(dq_di, over[..., None])
-        if len(self.shared) == len(self._columns):
-            return dq_di
-        out = np.swapaxes(component_major(self.measured.shape, len(self.shared), 2), -1, -2)
-        out[..., : len(self._columns)] = dq_di
-        for name in (n for n in self.free if n in BEND):
-            assert self.bump is not None
-            along_z = np.einsum("knij,kj->kni", dq_dp, state.R[:, :, 2])
-            out[..., self.free.index(name)] = along_z * (self.bump[..., BEND.index(name)][..., None] * over)
-        if self.control is not None:
-            self._put_points(out, (dq_dp @ state.R[:, None]) * over[..., None])
+    def _in_camera(self, state: JointState, views: slice = _EVERY) -> Array:
+        p = self.points(state, views)
+        out = component_major(p.shape[:-1], 3)
+        np.matmul(state.R[views], np.swapaxes(p, 1, 2), out=np.swapaxes(out, 1, 2))
+        out += state.t[views, None]
         return out
 
-    def _put_points(self, out: Array, by_point: Array) -> None:
+    def _fill(self, stacked: Array, state: JointState, views: slice) -> None:
+        """Put some views' derivatives and residuals (v, 6 + n + 1, 2, N) into their place, by unit of noise."""
+        own, shared = stacked[:, : len(OWN)], stacked[:, len(OWN) : -1]
+        p = self._in_camera(state, views)
+        columns = self._columns.tolist()
+        of_camera = shared[:, : len(columns)].transpose(0, 3, 2, 1)
+        q, dq_dp, _ = project_in_camera(state.internals, self.lens_of(state), p, columns, out=of_camera)
+        by_point = dq_dp.transpose(0, 2, 3, 1)
+        _put_own(own, by_point, np.swapaxes(p, 1, 2))
+        for name in (n for n in self.free if n in BEND):
+            assert self.bump is not None
+            along_z = np.einsum("krcn,kc->krn", by_point, state.R[views, :, 2])
+            shared[:, self.free.index(name)] = along_z * self.bump[views, None, :, BEND.index(name)]
+        if self.control is not None:
+            self._put_points(shared, dq_dp @ state.R[views, None], self.control.index[views])
+        stacked[:, -1] = np.swapaxes(q - self.q[views], 1, 2)
+        if not self._plain:
+            stacked *= (self.measured[views] / self.noise[views, None])[:, None, None]
+
+    def _put_points(self, shared: Array, by_point: Array, index: Indices) -> None:
         assert self.control is not None
-        view, point = np.nonzero(self.control.index < len(self.control.whitener))
-        column = len(self.free) + 3 * self.control.index[view, point]
+        view, point = np.nonzero(index < len(self.control.whitener))
+        column = len(self.free) + 3 * index[view, point]
         for c in range(3):
-            out[view, point, :, column + c] = by_point[view, point, :, c]
+            shared[view, column + c, :, point] = by_point[view, point, :, c]
 
     def _alone(self, state: JointState) -> tuple[Array, Array]:
         """Rows of priors and of the free points' own covariances."""
@@ -218,7 +203,10 @@ class JointModel:
         return dict(zip(names, values.tolist(), strict=True))
 
 
-def _rows(J: Array) -> Array:
-    """Return (k, 2 N, n) of (k, N, 2, n): all x, then all y; no copy where a component of all points is a run."""
-    k, N, _, n = J.shape
-    return np.swapaxes(J, 1, 2).reshape(k, 2 * N, n)
+def _put_own(own: Array, by_point: Array, p: Array) -> None:
+    """Put the derivatives (k, 6, 2, N) by a step of the poses: by_point (k, 2, 3, N), points p (k, 3, N)."""
+    own[:, :3] = np.swapaxes(by_point, 1, 2)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        np.multiply(by_point[:, :, k], p[:, None, j], out=own[:, 3 + i])
+        own[:, 3 + i] -= by_point[:, :, j] * p[:, None, k]

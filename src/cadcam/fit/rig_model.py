@@ -75,8 +75,7 @@ class RigModel:
         parts = [m.blocks(self.of_camera(state, c)) for c, m in enumerate(self.cameras)]
         rows, n = sum(part.r.shape[1] for part in parts), len(self.shared)
         if not all(np.isfinite(part.r).all() for part in parts):
-            none = np.zeros((self.count, rows, 0))
-            return Blocks(np.full((self.count, rows), np.nan), none, none)
+            return Blocks.forbidden(self.count, rows)
         r, measured = np.zeros((self.count, rows)), np.zeros((self.count, rows), dtype=bool)
         by_shared, by_own = np.zeros((self.count, rows, n)), np.zeros((self.count, rows, _POSE))
         pairs, first = [], 0
@@ -91,7 +90,7 @@ class RigModel:
             assert part.pairs is not None  # a `JointModel` says them
             pairs.append(part.pairs + first)
             first = here.stop
-        return Blocks(r, by_shared, by_own, measured, pairs=np.concatenate(pairs))
+        return Blocks.of(r, by_shared, by_own, measured, pairs=np.concatenate(pairs))
 
     def retract(self, state: RigState, step: Step) -> RigState:
         """Return the state moved by `step`: poses and mounts by turns and shifts in the frames that they lead to."""

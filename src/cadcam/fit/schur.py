@@ -32,25 +32,61 @@ class Step:
 class Blocks:
     """Residuals and Jacobians of k blocks of m rows, in the unit of their noise: n shared and l own parameters.
 
-    r (k, m), by_shared (k, m, n), by_own (k, m, l). Blocks of fewer rows are filled with rows of zeros, and `measured`
-    (k, m) tells which rows are real (None: all). Rows on shared parameters alone (priors, known distances) stand in
-    alone_r (p,), alone_by_shared (p, n). A prior on own parameters is a row of its block. pairs (c, 2): the rows of
-    the two coordinates of each image point, on whose distance a robust loss acts (None: rows 0 1, 2 3, ...).
-    n or l may be 0. A residual that is not finite forbids the state.
+    stacked (k, l + n + 1, m): the derivatives by the l own parameters, by the shared ones, and the residuals, a column
+    after the other: elimination and factorisation take them as one matrix. Blocks of fewer rows are filled with rows of
+    zeros, and `measured` (k, m) tells which rows are real (None: all). Rows on shared parameters alone (priors, known
+    distances) stand in alone_r (p,), alone_by_shared (p, n). A prior on own parameters is a row of its block. pairs
+    (c, 2): the rows of the two coordinates of each image point, on whose distance a robust loss acts (None: rows 0 1,
+    2 3, ...). n or l may be 0. A residual that is not finite forbids the state.
     """
 
-    r: Array
-    by_shared: Array
-    by_own: Array
+    stacked: Array
+    own: int
     measured: Mask | None = None
-    alone_r: Array = field(default_factory=lambda: np.zeros(0))
+    alone_r: Array = field(default_factory=lambda: _EMPTY)
     alone_by_shared: Array | None = None
     pairs: npt.NDArray[np.intp] | None = None
+
+    @classmethod
+    def of(
+        cls,
+        r: Array,
+        by_shared: Array,
+        by_own: Array,
+        measured: Mask | None = None,
+        *,
+        alone_r: Array = _EMPTY,
+        alone_by_shared: Array | None = None,
+        pairs: npt.NDArray[np.intp] | None = None,
+    ) -> Blocks:
+        """Return the blocks of residuals r (k, m) and Jacobians by_shared (k, m, n), by_own (k, m, l)."""
+        stacked = np.swapaxes(np.concatenate([by_own, by_shared, r[..., None]], axis=-1), 1, 2)
+        return cls(stacked, by_own.shape[2], measured, alone_r, alone_by_shared, pairs)
+
+    @classmethod
+    def forbidden(cls, k: int, m: int) -> Blocks:
+        """Return the blocks of a state that cannot be."""
+        return cls(np.full((k, 1, m), np.nan), 0)
+
+    @property
+    def r(self) -> Array:
+        """Return the residuals (k, m)."""
+        return self.stacked[:, -1]
+
+    @property
+    def by_shared(self) -> Array:
+        """Return the Jacobian (k, m, n) by the shared parameters."""
+        return np.swapaxes(self.stacked[:, self.own : -1], 1, 2)
+
+    @property
+    def by_own(self) -> Array:
+        """Return the Jacobian (k, m, l) of each block by its own parameters."""
+        return np.swapaxes(self.stacked[:, : self.own], 1, 2)
 
     @property
     def sizes(self) -> tuple[int, int, int]:
         """Return (k, n, l): the numbers of blocks, of shared and of own parameters."""
-        return self.by_shared.shape[0], self.by_shared.shape[2], self.by_own.shape[2]
+        return self.stacked.shape[0], self.stacked.shape[1] - self.own - 1, self.own
 
     @property
     def rows(self) -> int:
@@ -91,7 +127,7 @@ class Blocks:
         rows = np.arange(self.r.shape[1] // 2 * 2).reshape(-1, 2) if self.pairs is None else self.pairs
         w = np.ones_like(self.r)
         w[:, rows] = np.sqrt(weights)[..., None]
-        return replace(self, r=w * self.r, by_shared=w[..., None] * self.by_shared, by_own=w[..., None] * self.by_own)
+        return replace(self, stacked=w[:, None] * self.stacked)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,9 +177,10 @@ def normal_equations(blocks: Blocks, cost: float, earlier: NormalEquations | Non
     k, n, own = blocks.sizes
     if not np.isfinite(cost):
         return NormalEquations(blocks, np.inf, np.ones(n), np.ones((k, own)))
-    A, B, alone = blocks.by_shared, blocks.by_own, blocks.alone
-    At, Bt = np.swapaxes(A, -1, -2), np.swapaxes(B, -1, -2)
-    aa, bb = (At @ A).sum(axis=0) + alone.T @ alone, Bt @ B
+    alone = blocks.alone
+    products = blocks.stacked[:, :-1] @ np.swapaxes(blocks.stacked, 1, 2)  # all of them in one
+    shared = products[:, own:].sum(axis=0)
+    aa, bb = shared[:, own:-1] + alone.T @ alone, products[:, :own, :own]
     a_scale, b_scale = _scale(aa), _scale(bb)
     if earlier is not None:
         a_scale, b_scale = np.maximum(a_scale, earlier.shared_scale), np.maximum(b_scale, earlier.own_scale)
@@ -153,10 +190,10 @@ def normal_equations(blocks: Blocks, cost: float, earlier: NormalEquations | Non
         a_scale,
         b_scale,
         aa=aa / np.outer(a_scale, a_scale),
-        ab=(Bt @ A) / (b_scale[:, :, None] * a_scale),
+        ab=products[:, :own, own:-1] / (b_scale[:, :, None] * a_scale),
         bb=bb / (b_scale[:, :, None] * b_scale[:, None, :]),
-        ga=((At @ blocks.r[..., None])[..., 0].sum(axis=0) + alone.T @ blocks.alone_r) / a_scale,
-        gb=(Bt @ blocks.r[..., None])[..., 0] / b_scale,
+        ga=(shared[:, -1] + alone.T @ blocks.alone_r) / a_scale,
+        gb=products[:, :own, -1] / b_scale,
     )
 
 

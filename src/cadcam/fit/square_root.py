@@ -105,16 +105,14 @@ def factorise(
     """
     k, n, own = blocks.sizes
     labels = [f"{kind} {name}" for name in (range(1, k + 1) if block_names is None else block_names)]
-    scale = _lengths(blocks.by_shared, blocks.alone)
-    own_scale = np.sqrt(np.sum(blocks.by_own**2, axis=1))
-    own_scale = np.where(own_scale > 0, own_scale, 1.0)
+    scale, own_scale = _lengths(blocks)
     R = _triangles(blocks, scale, own_scale)
     bb, ba, aa, ar = R[:, :own, :own], R[:, :own, own : own + n], R[:, own:-1, own:-1], R[:, own:-1, -1]
     _refuse_blind_blocks(bb, own_scale, own_names, labels)
     inverse = np.linalg.inv(bb) if own else bb
     enough = np.zeros((n, n))  # rows at least: Vt is whole
     rows = np.concatenate([aa.reshape(k * n, n), blocks.alone / scale, enough])
-    _, s, Vt = np.linalg.svd(rows, full_matrices=False)
+    _, s, Vt = np.linalg.svd(np.linalg.qr(rows, mode="r"))
     _refuse_blind(s, Vt, scale, shared_names, kind)
     W = (Vt.T / s) / scale[:, None]
     lever = (inverse @ ba) / own_scale[:, :, None] * scale
@@ -133,25 +131,28 @@ def factorise(
 
 
 def _triangles(blocks: Blocks, scale: Array, own_scale: Array) -> Array:
-    """Return R (k, l + n + 1, l + n + 1) of [own | shared | residual] a block, columns scaled."""
-    k, n, own = blocks.sizes
-    width = own + n + 1
-    stacked = np.zeros((k, max(blocks.r.shape[1], width), width))
-    rows = blocks.r.shape[1]
-    stacked[:, :rows, :own] = blocks.by_own / own_scale[:, None, :]
-    stacked[:, :rows, own:-1] = blocks.by_shared / scale
-    stacked[:, :rows, -1] = blocks.r
-    return np.asarray(np.linalg.qr(stacked, mode="r"))
+    """Return R (k, l + n + 1, l + n + 1) of [own | shared | residual] a block, columns scaled.
+
+    Scaled afterwards, which is the same to rounding: a column's length changes no reflection.
+    """
+    stacked = blocks.stacked
+    k, width, rows = stacked.shape
+    if rows < width:
+        stacked = np.concatenate([stacked, np.zeros((k, width, width - rows))], axis=2)
+    R: Array = np.asarray(np.linalg.qr(np.swapaxes(stacked, 1, 2), mode="r"))
+    R[..., : blocks.own] /= own_scale[:, None, :]
+    R[..., blocks.own : -1] /= scale
+    return R
 
 
 def _refuse_blind_blocks(bb: Array, own_scale: Array, names: Sequence[str], labels: Sequence[str]) -> None:
     if not bb.shape[-1]:
         return
-    _, s, Vt = np.linalg.svd(bb)
+    s = np.linalg.svd(bb, compute_uv=False)
     ratio = s[:, -1] / np.where(s[:, 0] > 0, s[:, 0], 1.0)
     worst = int(np.argmin(ratio))
     if ratio[worst] <= _RANK:
-        v = Vt[worst, -1]
+        v = np.linalg.svd(bb[worst])[2][-1]
         raise DegenerateGeometry(
             f"{labels[worst]} does not determine {combination(v, v / own_scale[worst], names)} "
             f"(singular value ratio {ratio[worst]:.2g}) even if all shared parameters are held; it has too few points, "
@@ -169,6 +170,9 @@ def _refuse_blind(s: Array, Vt: Array, scale: Array, names: Sequence[str], kind:
     )
 
 
-def _lengths(A: Array, alone: Array) -> Array:
-    squares = np.einsum("kmn,kmn->n", A, A) + np.sum(alone**2, axis=0)
-    return np.where(squares > 0, np.sqrt(squares), 1.0)
+def _lengths(blocks: Blocks) -> tuple[Array, Array]:
+    """Return the lengths of the shared columns (n,) and of each block's own (k, l), 1 for a column of zeros."""
+    squares = np.einsum("kcm,kcm->kc", blocks.stacked, blocks.stacked)
+    shared = squares[:, blocks.own : -1].sum(axis=0) + np.sum(blocks.alone**2, axis=0)
+    own = squares[:, : blocks.own]
+    return np.sqrt(np.where(shared > 0, shared, 1.0)), np.sqrt(np.where(own > 0, own, 1.0))

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from cadcam.camera.pose_estimate import PoseEstimate
+from cadcam.geometry.rigid import Rigid
 from cadcam.locate.matches import EdgeMatches
 
 FOUND = 0.5  # quality from which a pose counts as found: one threshold for all parts
@@ -24,6 +27,13 @@ class Location:
     quality: float
     reason: str = ""
     alternatives: tuple[Location, ...] = field(default=(), repr=False)
+
+    @classmethod
+    def nowhere(cls, world_from_part: Rigid, reason: str) -> Location:
+        """Return that nothing speaks for the part: quality 0, no matches; looked for at the pose, which is not measured."""
+        one, two, three = np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3))
+        pose = PoseEstimate(world_from_part, np.zeros((6, 6)), freedom=np.zeros((6, 0)))
+        return cls(pose, EdgeMatches(two, two, one, one, one, three, one, one), 0.0, reason)
 
     @property
     def found(self) -> bool:

@@ -124,6 +124,8 @@ CHECKS: dict[str, Callable[[str], Finding]] = {
     "extra step": _extra("step", "cascadio", "cascadio", "STEP and IGES files"),
     "extra codecs": _extra("codecs", "imagecodecs", "imagecodecs", "LZW, JPEG ... inside TIFF"),
     "extra gl": _extra("gl", "moderngl", "moderngl", "the OpenGL renderer"),
+    "extra postgresql": _extra("postgresql", "pg8000", "pg8000", "a store of product state in PostgreSQL"),
+    "extra video": _extra("video", "opencv-python-headless", "cv2", "tracking in video files"),
     "extra plots": _extra("plots", "matplotlib", "matplotlib", "figures of a study"),
     "OpenGL": _opengl,
     'renderer "auto"': _auto,

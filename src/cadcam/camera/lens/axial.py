@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats
+from cadcam.arrays import Array, Floats, in_parts
 from cadcam.camera import radial
 from cadcam.camera.lens.base import Lens
 
@@ -49,7 +50,7 @@ class AxialLens(Lens):
             g = self._curve(t)[0] / np.where(r > 0, r, 1.0)  # on the axis rho = 0, whatever it is divided by
         return p[..., :2] * np.where(np.isnan(t), np.nan, g)[..., None]
 
-    def project_with_jacobians(self, p: Floats) -> tuple[Array, Array, Array]:
+    def project_with_jacobians(self, p: Floats, terms: Sequence[int] | None = None) -> tuple[Array, Array, Array]:
         """Return m, dm/dp, dm/dcoefficients; NaN as `project`."""
         p = np.asarray(p, dtype=np.float64)
         z = p[..., 2]
@@ -61,7 +62,8 @@ class AxialLens(Lens):
             across = np.where(r > 0, rho / safe_r, slope / z)  # |m| / r, the gain across the radius
             d2 = r * r + z * z
             along, depth = slope * z / d2, -slope * r / d2
-            C = e[..., :, None] * self._coefficient_slopes(t)[..., None, :]
+            slopes = self._coefficient_slopes(t)
+            C = e[..., :, None] * (slopes if terms is None else slopes[..., list(terms)])[..., None, :]
         J = np.zeros((*p.shape[:-1], 2, 3))
         J[..., :2] = across[..., None, None] * np.eye(2) + (along - across)[..., None, None] * (
             e[..., :, None] * e[..., None, :]
@@ -72,7 +74,9 @@ class AxialLens(Lens):
 
     def unproject(self, m: Floats) -> Array:
         """Return unit directions; NaN beyond the largest imaged angle."""
-        m = np.asarray(m, dtype=np.float64)
+        return in_parts(self._directions, np.asarray(m, dtype=np.float64))
+
+    def _directions(self, m: Array) -> Array:
         rho = np.hypot(m[..., 0], m[..., 1])
         t = radial.inverse(self._curve, rho, self.max_angle)
         ring = np.where(rho > 0, np.sin(t) / np.where(rho > 0, rho, 1.0), 1.0)

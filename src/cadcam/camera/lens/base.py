@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, Mask
+from cadcam.arrays import Array, Floats, Mask, in_parts
 from cadcam.camera.perspective import by_point, direction, perspective, perspective_and_scale
 from cadcam.errors import BadValue
 
@@ -41,8 +41,11 @@ class Lens(ABC):
         """Return m (..., 2) of points p (..., 3) in the camera frame; NaN for z <= 0 or outside the valid radius."""
 
     @abstractmethod
-    def project_with_jacobians(self, p: Floats) -> tuple[Array, Array, Array]:
-        """Return m (..., 2), dm/dp (..., 2, 3) and dm/dcoefficients (..., 2, n)."""
+    def project_with_jacobians(self, p: Floats, terms: Sequence[int] | None = None) -> tuple[Array, Array, Array]:
+        """Return m (..., 2), dm/dp (..., 2, 3) and dm/dcoefficients (..., 2, n).
+
+        terms: which coefficients, in that order; None: all.
+        """
 
     @abstractmethod
     def unproject(self, m: Floats) -> Array:
@@ -50,19 +53,15 @@ class Lens(ABC):
 
 
 class PlanarLens(Lens):
-    """A lens whose distortion acts on the plane u = (x, y)/z; subclasses give `_distort` and the radial curve."""
+    """A lens whose distortion acts on the plane u = (x, y)/z; subclasses give it, its derivatives and its inverse."""
 
     @abstractmethod
     def _distort(self, u: Array) -> Array:
         """Return m of u, without any check of validity."""
 
     @abstractmethod
-    def _plane_jacobian(self, u: Array) -> Array:
-        """Return dm/du (..., 2, 2), without any check of validity."""
-
-    @abstractmethod
-    def _coefficient_jacobian(self, u: Array) -> Array:
-        """Return dm/dcoefficients (..., 2, n), without any check of validity."""
+    def _linearised(self, u: Array, terms: Sequence[int]) -> tuple[Array, Array, Array]:
+        """Return m, dm/du (..., 2, 2) and dm/dcoefficients (..., 2, n) by those of `terms`, without any check."""
 
     @abstractmethod
     def _undistort(self, m: Array) -> Array:
@@ -78,12 +77,12 @@ class PlanarLens(Lens):
         with np.errstate(all="ignore"):
             return np.where(inside[..., None], self._distort(u), np.nan)
 
-    def project_with_jacobians(self, p: Floats) -> tuple[Array, Array, Array]:
+    def project_with_jacobians(self, p: Floats, terms: Sequence[int] | None = None) -> tuple[Array, Array, Array]:
         """Return m, dm/dp, dm/dcoefficients; NaN as `project`."""
         u, over_z = perspective_and_scale(p)
         with np.errstate(all="ignore"):
-            m, dm_dc = self._distort(u), self._coefficient_jacobian(u)
-            dm_dp = by_point(self._plane_jacobian(u), u, over_z)
+            m, dm_du, dm_dc = self._linearised(u, range(len(self.parameters)) if terms is None else terms)
+            dm_dp = by_point(dm_du, u, over_z)
         bad = ~self._inside(u)
         if bad.any():
             m[bad], dm_dp[bad], dm_dc[bad] = np.nan, np.nan, np.nan
@@ -91,7 +90,9 @@ class PlanarLens(Lens):
 
     def unproject(self, m: Floats) -> Array:
         """Return unit directions; NaN where no direction within the valid radius has this m."""
+        return in_parts(self._directions, np.asarray(m, dtype=np.float64))
+
+    def _directions(self, m: Array) -> Array:
         with np.errstate(all="ignore"):
-            u = self._undistort(np.asarray(m, dtype=np.float64))
-            u = np.where(self._inside(u)[..., None], u, np.nan)
-        return direction(u)
+            u = self._undistort(m)
+            return direction(np.where(self._inside(u)[..., None], u, np.nan))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,21 @@ from cadcam.camera import radial
 from cadcam.camera.lens.base import Lens, PlanarLens
 from cadcam.camera.lens.ideal import Ideal
 from cadcam.errors import BadValue
+
+
+class _Place(NamedTuple):
+    """Points u of the plane, what the polynomials are made of, the radial gain g, dg/dr2, one by its denominator."""
+
+    u: Array
+    x: Array
+    y: Array
+    xx: Array
+    xy: Array
+    yy: Array
+    r2: Array
+    g: Array
+    dg: Array
+    over: Array
 
 
 @dataclass(frozen=True)
@@ -75,7 +91,7 @@ class BrownConrady(PlanarLens):
         dm/du is symmetric, with eigenvalues g and g + 2 r^2 g', plus what decentring and prisms add: in norm at most
         6 r |(p1, p2)| + 2 r |(s1 + 2 s2 r^2, s3 + 2 s4 r^2)|. While the former outweigh the latter it keeps its sense.
         """
-        if self.k4 or self.k5 or self.k6 or not radius < np.inf:
+        if self._rational or not radius < np.inf:
             return False
         r2 = radius * radius
         least = 1 + r2 * (3 * min(self.k1, 0) + r2 * (5 * min(self.k2, 0) + r2 * 7 * min(self.k3, 0)))
@@ -86,69 +102,83 @@ class BrownConrady(PlanarLens):
     def _decentred(self) -> bool:
         return any((self.p1, self.p2, self.s1, self.s2, self.s3, self.s4))
 
+    @property
+    def _rational(self) -> bool:
+        return any((self.k4, self.k5, self.k6))
+
     def _gain(self, r2: Array) -> tuple[Array, Array, Array]:
-        """Numerator, denominator of g, and dg/dr2."""
+        """g, dg/dr2, and one by the denominator of g."""
         n = 1 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
+        dn = self.k1 + r2 * (2 * self.k2 + r2 * (3 * self.k3))
+        if not self._rational:
+            return n, dn, np.ones(())
         d = 1 + r2 * (self.k4 + r2 * (self.k5 + r2 * self.k6))
-        dn = self.k1 + r2 * (2 * self.k2 + r2 * 3 * self.k3)
-        dd = self.k4 + r2 * (2 * self.k5 + r2 * 3 * self.k6)
-        return n, d, (dn * d - n * dd) / (d * d)
+        dd = self.k4 + r2 * (2 * self.k5 + r2 * (3 * self.k6))
+        return n / d, (dn * d - n * dd) / (d * d), 1 / d
+
+    def _at(self, u: Array) -> _Place:
+        x, y = u[..., 0], u[..., 1]
+        xx, yy = x * x, y * y
+        r2 = xx + yy
+        return _Place(u, x, y, xx, x * y, yy, r2, *self._gain(r2))
 
     def _distort(self, u: Array) -> Array:
-        x, y = u[..., 0], u[..., 1]
-        r2 = x * x + y * y
-        n, d, _ = self._gain(r2)
-        g = n / d
-        mx = x * g + 2 * self.p1 * x * y + self.p2 * (r2 + 2 * x * x) + r2 * (self.s1 + self.s2 * r2)
-        my = y * g + self.p1 * (r2 + 2 * y * y) + 2 * self.p2 * x * y + r2 * (self.s3 + self.s4 * r2)
-        m = component_major(u.shape[:-1], 2)
-        m[..., 0], m[..., 1] = mx, my
-        return m
+        return self._moved(self._at(u))
 
     def _plane_jacobian(self, u: Array) -> Array:
-        x, y = u[..., 0], u[..., 1]
-        r2 = x * x + y * y
-        n, d, dg = self._gain(r2)
-        g = n / d
-        J = component_major(u.shape[:-1], 2, 2)
-        J[..., 0, 0] = g + 2 * x * x * dg + 2 * self.p1 * y + 6 * self.p2 * x
-        J[..., 0, 1] = 2 * x * y * dg + 2 * self.p1 * x + 2 * self.p2 * y
-        J[..., 1, 0] = J[..., 0, 1]
-        J[..., 1, 1] = g + 2 * y * y * dg + 6 * self.p1 * y + 2 * self.p2 * x
+        return self._by_plane(self._at(u))
+
+    def _linearised(self, u: Array, terms: Sequence[int]) -> tuple[Array, Array, Array]:
+        at = self._at(u)
+        return self._moved(at), self._by_plane(at), self._by_terms(at, terms)
+
+    def _moved(self, at: _Place) -> Array:
+        m = component_major(at.r2.shape, 2)
+        m[..., 0] = at.x * at.g + (2 * self.p1) * at.xy + self.p2 * (at.r2 + 2 * at.xx)
+        m[..., 1] = at.y * at.g + self.p1 * (at.r2 + 2 * at.yy) + (2 * self.p2) * at.xy
         if self._prisms:
-            prism_x, prism_y = self.s1 + 2 * self.s2 * r2, self.s3 + 2 * self.s4 * r2
-            J[..., 0, :] += 2 * u * prism_x[..., None]
-            J[..., 1, :] += 2 * u * prism_y[..., None]
+            m[..., 0] += at.r2 * (self.s1 + self.s2 * at.r2)
+            m[..., 1] += at.r2 * (self.s3 + self.s4 * at.r2)
+        return m
+
+    def _by_plane(self, at: _Place) -> Array:
+        J = component_major(at.r2.shape, 2, 2)
+        bend = 2 * at.dg
+        J[..., 0, 0] = at.g + at.xx * bend + (2 * self.p1) * at.y + (6 * self.p2) * at.x
+        J[..., 0, 1] = J[..., 1, 0] = at.xy * bend + (2 * self.p1) * at.x + (2 * self.p2) * at.y
+        J[..., 1, 1] = at.g + at.yy * bend + (6 * self.p1) * at.y + (2 * self.p2) * at.x
+        if self._prisms:
+            J[..., 0, :] += 2 * at.u * (self.s1 + 2 * self.s2 * at.r2)[..., None]
+            J[..., 1, :] += 2 * at.u * (self.s3 + 2 * self.s4 * at.r2)[..., None]
         return J
 
-    def _coefficient_jacobian(self, u: Array) -> Array:
-        x, y = u[..., 0], u[..., 1]
-        r2 = x * x + y * y
-        n, d, _ = self._gain(r2)
-        out = component_major(u.shape[:-1], 12, 2)
-        out = np.swapaxes(out, -1, -2)
-        power, falling = r2 / d, -n / d
-        for over, under in ((0, 5), (1, 6), (4, 7)):  # k1 k4, k2 k5, k3 k6
-            out[..., over] = u * power[..., None]
-            out[..., under] = out[..., over] * falling[..., None]
-            power = power * r2
-        out[..., 0, 2], out[..., 1, 2] = 2 * x * y, r2 + 2 * y * y
-        out[..., 0, 3], out[..., 1, 3] = r2 + 2 * x * x, 2 * x * y
-        out[..., 0, 8], out[..., 0, 9] = r2, r2 * r2
-        out[..., 1, 10], out[..., 1, 11] = r2, r2 * r2
+    def _by_terms(self, at: _Place, terms: Sequence[int]) -> Array:
+        out = np.swapaxes(component_major(at.r2.shape, len(terms), 2), -1, -2)
+        powers = (at.r2, at.r2 * at.r2, at.r2 * at.r2 * at.r2)
+        names = list(self.parameters)
+        for i, term in enumerate(terms):
+            column, kind, k = out[..., i], names[term][0], int(names[term][1])
+            if kind == "k":
+                gain = powers[(k - 1) % 3] * at.over
+                np.multiply(at.u, (gain if k <= 3 else -gain * at.g)[..., None], out=column)
+            elif kind == "p":
+                along, square = (1, at.yy) if k == 1 else (0, at.xx)
+                column[..., 1 - along], column[..., along] = 2 * at.xy, at.r2 + 2 * square
+            else:
+                column[..., (k - 1) // 2] = powers[(k - 1) % 2]
         return out
 
     def _undistort(self, m: Array) -> Array:
-        """Return u through the inverse radial curve; where there is more than that, Newton in the plane from there."""
+        """Return u by the inverse radial curve; where there is more than that, roughly so, and Newton from there."""
         rho = np.hypot(m[..., 0], m[..., 1])
 
         def curve(r: Array) -> tuple[Array, Array]:
-            n, d, dg = self._gain(r * r)
-            return r * n / d, n / d + 2 * r * r * dg
+            g, dg, _ = self._gain(r * r)
+            return r * g, g + 2 * r * r * dg
 
-        r = radial.inverse(curve, rho, self._radial_limit, clamp=self._decentred)
+        r = radial.inverse(curve, rho, self._radial_limit, rough=self._decentred)
         u = m * np.where(rho > 0, r / np.where(rho > 0, rho, 1.0), 1.0)[..., None]
-        return radial.newton_plane(self._distort, self._plane_jacobian, m, u) if self._decentred else u
+        return radial.newton_plane(self._distort, self._linearised, m, u) if self._decentred else u
 
 
 @dataclass(frozen=True)
@@ -208,14 +238,15 @@ class TiltedBrownConrady(BrownConrady):
         _, T = _moved(self._tilt[0], self._untilted._distort(u))
         return T @ self._untilted._plane_jacobian(u)
 
-    def _coefficient_jacobian(self, u: Array) -> Array:
+    def _linearised(self, u: Array, terms: Sequence[int]) -> tuple[Array, Array, Array]:
         H, *dH = self._tilt
-        m = self._untilted._distort(u)
+        m, by_plane, by_terms = self._untilted._linearised(u, range(12))
         moved, T = _moved(H, m)
         w = _homogeneous(H, m)[..., 2:]
         changes = (_homogeneous(d, m) for d in dH)
         by_tilt = [(change[..., :2] - moved * change[..., 2:]) / w for change in changes]
-        return np.concatenate([T @ self._untilted._coefficient_jacobian(u), np.stack(by_tilt, axis=-1)], axis=-1)
+        every = np.concatenate([T @ by_terms, np.stack(by_tilt, axis=-1)], axis=-1)
+        return moved, T @ by_plane, every[..., list(terms)]
 
     def _undistort(self, m: Array) -> Array:
         straight = _homogeneous(np.asarray(np.linalg.inv(self._tilt[0])), m)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -31,19 +32,13 @@ class Division(PlanarLens):
     def _distort(self, u: Array) -> Array:
         return u * (2 / (1 + self._root(u)))[..., None]
 
-    def _gain(self, u: Array) -> tuple[Array, Array, Array]:
-        """|u|^2, the gain g = 2/(1 + s) with s = sqrt(1 - 4 k |u|^2), and dg/d(k |u|^2) = g^2/s."""
+    def _linearised(self, u: Array, terms: Sequence[int]) -> tuple[Array, Array, Array]:
+        """With s = sqrt(1 - 4 k |u|^2) the gain is g = 2/(1 + s), and dg/d(k |u|^2) = g^2/s."""
         s, r2 = self._root(u), np.sum(u * u, axis=-1)
         g = 2 / (1 + s)
-        return r2, g, g * g / s
-
-    def _plane_jacobian(self, u: Array) -> Array:
-        _, g, slope = self._gain(u)
-        return radial.radial_jacobian(u, g, slope * self.k)
-
-    def _coefficient_jacobian(self, u: Array) -> Array:
-        r2, _, slope = self._gain(u)
-        return np.asarray((u * (slope * r2)[..., None])[..., None])
+        slope = g * g / s
+        by_k = (u * (slope * r2)[..., None])[..., None]
+        return u * g[..., None], radial.radial_jacobian(u, g, slope * self.k), by_k[..., [0] * len(terms)]
 
     def _undistort(self, m: Array) -> Array:
         d = 1 + self.k * np.sum(m * m, axis=-1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -27,7 +28,7 @@ class Ideal(Lens):
         """Return (x, y)/z; NaN for z <= 0."""
         return perspective(p)
 
-    def project_with_jacobians(self, p: Floats) -> tuple[Array, Array, Array]:
+    def project_with_jacobians(self, p: Floats, terms: Sequence[int] | None = None) -> tuple[Array, Array, Array]:
         """Return m, dm/dp and an empty coefficient Jacobian."""
         u, over_z = perspective_and_scale(p)
         identity = component_major(u.shape[:-1], 2, 2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -49,13 +50,12 @@ class InverseBrownConrady(PlanarLens):
     def _distort(self, u: Array) -> Array:
         return self._back._undistort(u)
 
-    def _plane_jacobian(self, u: Array) -> Array:
-        return _inverse(self._back._plane_jacobian(self._distort(u)))
-
-    def _coefficient_jacobian(self, u: Array) -> Array:
-        """Return dm/dcoefficients = -(du/dm)^-1 du/dcoefficients at fixed u."""
+    def _linearised(self, u: Array, terms: Sequence[int]) -> tuple[Array, Array, Array]:
+        """At fixed u, dm/dcoefficients = -(du/dm)^-1 du/dcoefficients."""
         m = self._distort(u)
-        return -_inverse(self._back._plane_jacobian(m)) @ self._back._coefficient_jacobian(m)[..., :5]
+        _, du_dm, du_dc = self._back._linearised(m, terms)
+        dm_du = _inverse(du_dm)
+        return m, dm_du, -dm_du @ du_dc
 
     def _undistort(self, m: Array) -> Array:
         return np.where(self._back._inside(m)[..., None], self._back._distort(m), np.nan)

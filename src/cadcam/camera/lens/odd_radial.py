@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, component_major
 from cadcam.camera import radial
 from cadcam.camera.lens.base import PlanarLens
 from cadcam.errors import BadValue
@@ -47,12 +48,13 @@ class OddRadial(PlanarLens):
     def _distort(self, u: Array) -> Array:
         return u * self._gain(np.sum(u * u, axis=-1))[0][..., None]
 
-    def _plane_jacobian(self, u: Array) -> Array:
-        return radial.radial_jacobian(u, *self._gain(np.sum(u * u, axis=-1)))
-
-    def _coefficient_jacobian(self, u: Array) -> Array:
-        r2 = np.sum(u * u, axis=-1, keepdims=True)
-        return np.stack([u * r2**k for k in range(4)], axis=-1)
+    def _linearised(self, u: Array, terms: Sequence[int]) -> tuple[Array, Array, Array]:
+        r2 = np.sum(u * u, axis=-1)
+        g, dg = self._gain(r2)
+        by_term = np.swapaxes(component_major(u.shape[:-1], len(terms), 2), -1, -2)
+        for i, k in enumerate(terms):
+            by_term[..., i] = u * (r2**k)[..., None]
+        return u * g[..., None], radial.radial_jacobian(u, g, dg), by_term
 
     def _undistort(self, m: Array) -> Array:
         rho = np.hypot(m[..., 0], m[..., 1])

@@ -1,0 +1,140 @@
+"""Photos with the cameras that took them, on the command line: one photo, several cameras, or a rig."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cadcam.cli.output import working
+from cadcam.errors import BadValue, SizeMismatch, UnknownName
+
+if TYPE_CHECKING:
+    from cadcam.camera.viewpoint import Viewpoint
+    from cadcam.geometry.rigid import Rigid
+    from cadcam.locate.photo import Photo
+
+_EDGE_PX = 0.1  # sigma of a viewpoint's pixels: edges bring their own noise, this one is not used for them
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shots:
+    """Photos, the files they and their cameras came from with their hashes (role, path, sha256), and the stated pose.
+
+    camera_from_world: of the one camera whose file says where it stands; else None.
+    """
+
+    photos: tuple[Photo, ...]
+    files: tuple[tuple[str, str, str], ...]
+    camera_from_world: Rigid | None
+
+
+def add_photo_options(parser: argparse.ArgumentParser) -> None:
+    """Add the camera files and the rig."""
+    parser.add_argument(
+        "--camera",
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="camera file; of several photos one each, in their order, each with its pose",
+    )
+    parser.add_argument(
+        "--rig", metavar="FILE", help="rig file of `cadcam rig`: photos are named as its cameras (left.png, left=1.png)"
+    )
+
+
+def read_shots(paths: Sequence[str], cameras: Sequence[str], rig: str | None) -> Shots:
+    """Return the photos with their cameras; the world is the rig's, that of the camera files, or one camera's own."""
+    viewpoints, said = viewpoints_of(paths, cameras, rig)
+    photos, files = [], []
+    for path, view in zip(paths, viewpoints, strict=True):
+        photo, digest = _photo(file_of(path), view)
+        photos.append(photo)
+        files.append(("photo", file_of(path), digest))
+    files += [(role, path, _hash(path)) for role, path in _camera_files(cameras, rig)]
+    return Shots(tuple(photos), tuple(files), said)
+
+
+def viewpoints_of(
+    paths: Sequence[str], cameras: Sequence[str], rig: str | None
+) -> tuple[list[Viewpoint], Rigid | None]:
+    """Return the camera of each photo, folder or video, and camera_from_world of a single one whose file says it."""
+    if bool(cameras) == bool(rig):
+        raise BadValue(
+            "--camera", "and --rig both given" if rig else "not given", "one --camera a photo, or --rig FILE"
+        )
+    if rig:
+        return _of_rig(paths, rig), None
+    if len(cameras) != len(paths):
+        raise BadValue("--camera", f"given {len(cameras)} times for {len(paths)} photos", "one a photo")
+    return _of_files(paths, cameras)
+
+
+def file_of(path: str) -> str:
+    """Return the file of a photo given as NAME=FILE or FILE."""
+    return path.partition("=")[2] or path
+
+
+def _of_rig(paths: Sequence[str], rig: str) -> list[Viewpoint]:
+    from cadcam.files.rig import read_rig
+
+    known = {v.name: v for v in read_rig(rig).viewpoints(sigma_px=_EDGE_PX)}
+    out = []
+    for path in paths:
+        name, equals, _ = path.partition("=")
+        name = name if equals else Path(path).stem
+        if name not in known:
+            raise UnknownName(f"camera of photo {path} in {rig}:", name, known)
+        out.append(known[name])
+    return out
+
+
+def _of_files(paths: Sequence[str], cameras: Sequence[str]) -> tuple[list[Viewpoint], Rigid | None]:
+    from cadcam.camera.viewpoint import Viewpoint
+    from cadcam.cli.cameras import read_any_camera
+    from cadcam.geometry.rigid import Rigid
+
+    out, said = [], None
+    for path, file in zip(paths, cameras, strict=True):
+        known, name = read_any_camera(file), Path(file_of(path)).name
+        if len(paths) > 1 and known.camera_from_world is None:
+            raise BadValue(f"the pose in {file}", "missing", "camera files with camera_from_world, or --rig FILE")
+        if len(paths) == 1:  # where it stood when it was calibrated does not matter: its own frame is the world
+            said = known.camera_from_world
+            if known.estimate is not None:
+                out.append(Viewpoint.placed(name, known.estimate, Rigid(), sigma_px=_EDGE_PX))
+            else:
+                out.append(Viewpoint.exact(name, known.camera, Rigid(), sigma_px=_EDGE_PX))
+        elif known.estimate is not None:
+            out.append(Viewpoint.fixed(name, known.estimate, sigma_px=_EDGE_PX))
+        else:
+            place = Rigid() if known.camera_from_world is None else known.camera_from_world
+            out.append(Viewpoint.exact(name, known.camera, place, sigma_px=_EDGE_PX))
+    return out, said
+
+
+def _photo(path: str, view: Viewpoint) -> tuple[Photo, str]:
+    from cadcam.image.picture import read_picture_with_info
+    from cadcam.locate.photo import Photo
+    from cadcam.render.overlay import fitting
+
+    with working(f"reading {path}"):
+        picture, info = read_picture_with_info(path)
+    try:
+        return Photo(fitting(picture, view.camera), view), info.sha256
+    except SizeMismatch as error:
+        raise SizeMismatch(path, error.size, error.expected, str(error).partition("; ")[2]) from None
+
+
+def _camera_files(cameras: Sequence[str], rig: str | None) -> list[tuple[str, str]]:
+    return [("rig", rig)] if rig else [("camera", file) for file in dict.fromkeys(cameras)]
+
+
+def _hash(path: str) -> str:
+    from hashlib import sha256
+
+    from cadcam.files.text import read_bytes
+
+    return sha256(read_bytes(path)).hexdigest() if Path(path).is_file() else sha256(path.encode()).hexdigest()

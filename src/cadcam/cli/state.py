@@ -1,0 +1,216 @@
+"""`cadcam state`: what was measured of each part, kept, asked for, exported."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+from cadcam.cli.arguments import Help, Verbs, add_json, verb
+from cadcam.cli.output import check_target, print_json, print_tables, say
+from cadcam.errors import BadValue
+
+if TYPE_CHECKING:
+    from cadcam.record.record import Record
+    from cadcam.record.store import Store
+
+DEFAULT_STORE = "parts.sqlite"
+_SHORT_ID = 6
+_DESCRIPTION = """\
+Keep what was measured of each part: pose, deviations with their uncertainties, verdict, the fingerprints of photo, CAD
+and camera, time and station. Records are only added, never changed. Once `add` has said so, a record is on the disk;
+several stations may write to one store."""
+_EXAMPLES = """\
+  cadcam state add verify.json --serial 4711 --station "cell 3"
+  cadcam state list --part bracket --verdict FAIL --since 2026-03-01
+  cadcam state show 3f2a91c0
+  cadcam state trend stiffener --part bracket
+  cadcam state export all.csv --store postgresql://user:password@server/yard
+
+the store: --store FILE|URL, else $CADCAM_STORE, else parts.sqlite in this folder. A file is SQLite and needs nothing
+else; PostgreSQL needs cadcam[postgresql]. Give a password in $CADCAM_STORE rather than on the command line.
+
+what is exported as .json or .jsonl can be added to another store; .csv is for spreadsheets: a line a deviation."""
+
+
+def add_to(verbs: Verbs) -> None:
+    """Add the verb and what it can do."""
+    short = "keep what was measured of each part; list, trend, export"
+    parser = verb(verbs, "state", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
+    jobs = parser.add_subparsers(dest="job", metavar="JOB [options]", required=True, title="jobs")
+    _add_job(jobs).set_defaults(job_of=_add)
+    _list_job(jobs).set_defaults(job_of=_list)
+    _show_job(jobs).set_defaults(job_of=_show)
+    _trend_job(jobs).set_defaults(job_of=_trend)
+    _export_job(jobs).set_defaults(job_of=_export)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Open the store and do the job."""
+    from cadcam.record.store import open_store
+
+    where = arguments.store or os.environ.get("CADCAM_STORE") or DEFAULT_STORE
+    with open_store(where, create=arguments.job == "add") as store:
+        arguments.job_of(arguments, store)
+
+
+def add_store_option(parser: argparse.ArgumentParser) -> None:
+    """Add --store."""
+    parser.add_argument(
+        "--store", metavar="FILE|URL", help=f"SQLite file, or postgresql://... (default $CADCAM_STORE, {DEFAULT_STORE})"
+    )
+
+
+def _job(jobs: Verbs, name: str, short: str) -> argparse.ArgumentParser:
+    parser = jobs.add_parser(name, help=short, description=short, formatter_class=Help)
+    add_store_option(parser)
+    add_json(parser)
+    return parser
+
+
+def _add_job(jobs: Verbs) -> argparse.ArgumentParser:
+    parser = _job(jobs, "add", "keep the results in JSON files of `cadcam verify`, or exported records")
+    parser.add_argument("files", nargs="+", metavar="FILE", help="JSON of `cadcam verify`, or an export")
+    for name, what in (("part", "kind of part"), ("serial", "which one of them"), ("station", "where it was measured")):
+        parser.add_argument(f"--{name}", help=f"{what}, in place of what the file says")
+    return parser
+
+
+def _list_job(jobs: Verbs) -> argparse.ArgumentParser:
+    parser = _job(jobs, "list", "list records, the latest at the end")
+    _add_filters(parser)
+    parser.add_argument("--newest", type=int, default=30, metavar="N", help="no more than the latest N (default 30)")
+    return parser
+
+
+def _show_job(jobs: Verbs) -> argparse.ArgumentParser:
+    parser = _job(jobs, "show", "show all that one record holds")
+    parser.add_argument("id", help=f"the record's id, or its beginning ({_SHORT_ID} characters or more)")
+    return parser
+
+
+def _trend_job(jobs: Verbs) -> argparse.ArgumentParser:
+    parser = _job(jobs, "trend", "show a feature's deviation over the parts, with mean and sigma")
+    parser.add_argument("feature", help="the feature's name")
+    parser.add_argument("--kind", help="which of its deviations, where it has several: position, angle ...")
+    _add_filters(parser)
+    return parser
+
+
+def _export_job(jobs: Verbs) -> argparse.ArgumentParser:
+    parser = _job(jobs, "export", "write records to a file")
+    parser.add_argument("output", help=".csv (a line a deviation), .json or .jsonl (all there is)")
+    _add_filters(parser)
+    return parser
+
+
+def _add_filters(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("which records (default: all)")
+    group.add_argument("--part", help="kind of part")
+    group.add_argument("--serial", help="which one of them")
+    group.add_argument("--station", help="where it was measured")
+    group.add_argument("--verdict", choices=("PASS", "FAIL", "UNDECIDED"), help="as a whole")
+    group.add_argument("--since", type=_when, metavar="TIME", help="2026-03-01 or 2026-03-01T14:30, UTC")
+    group.add_argument("--until", type=_when, metavar="TIME", help="as --since; a day counts to its end")
+
+
+def _add(arguments: argparse.Namespace, store: Store) -> None:
+    from dataclasses import replace
+
+    from cadcam.record.export import read_records
+
+    given = {name: value for name in ("part", "serial", "station") if (value := getattr(arguments, name)) is not None}
+    records = [replace(record, **given) for file in arguments.files for record in read_records(file)]
+    store.add(*records)
+    if arguments.json:
+        print_json({"store": store.name, "added": [record.id for record in records]})
+    else:
+        for record in records:
+            print(f"{record.id}  {record.part} {record.serial} {record.verdict}".rstrip())
+        say(f"{len(records)} records added to {store.name}")
+
+
+def _list(arguments: argparse.Namespace, store: Store) -> None:
+    from cadcam.report.state import list_table
+
+    if arguments.newest < 1:
+        raise BadValue("--newest", arguments.newest, "1 or more")
+    records = store.query(**_asked(arguments))
+    shown = records[-arguments.newest :]
+    if arguments.json:
+        print_json({"records": [_as_json(record) for record in shown], "of": len(records)})
+    else:
+        print_tables([list_table(shown, of=len(records))])
+
+
+def _show(arguments: argparse.Namespace, store: Store) -> None:
+    from cadcam.report.state import record_tables
+
+    if len(arguments.id) < _SHORT_ID:
+        raise BadValue("id", repr(arguments.id), f"{_SHORT_ID} characters of it or more")
+    found = store.query(id_begins=arguments.id)
+    if len(found) != 1:
+        raise BadValue("id", f"{arguments.id!r}, that of {len(found)} records in {store.name}", "one that is listed")
+    if arguments.json:
+        print_json(_as_json(found[0]))
+    else:
+        print_tables(record_tables(found[0]))
+
+
+def _trend(arguments: argparse.Namespace, store: Store) -> None:
+    from cadcam.record.trend import trend
+    from cadcam.report.state import trend_tables
+
+    records = store.query(**_asked(arguments))
+    seen = trend(records, arguments.feature, kind=arguments.kind)
+    if not arguments.json:
+        print_tables(trend_tables(seen))
+        return
+    points = [
+        {"time_utc": _as_json(r)["time_utc"], "serial": r.serial, "id": r.id}
+        | {f"deviation_{seen.unit}": d.deviation, f"expanded_uncertainty_{seen.unit}": d.expanded_uncertainty}
+        for r, d in seen.points
+    ]
+    said = {"mean": seen.mean, "sigma": seen.sigma if len(seen) > 1 else None, "measured_sigma": seen.measured_sigma}
+    print_json({"feature": seen.feature, **{f"{k}_{seen.unit}": v for k, v in said.items()}, "points": points})
+
+
+def _export(arguments: argparse.Namespace, store: Store) -> None:
+    from cadcam.record.export import SUFFIXES, write_records
+
+    check_target(arguments.output, SUFFIXES)
+    records = store.query(**_asked(arguments))
+    write_records(arguments.output, records)
+    if arguments.json:
+        print_json({"output": arguments.output, "records": len(records)})
+    else:
+        say(f"wrote {len(records)} records to {arguments.output}")
+
+
+def _asked(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return what `Store.query` is asked for."""
+    names = ("part", "serial", "station", "verdict", "since", "until")
+    asked = {name: getattr(arguments, name) for name in names}
+    if asked["since"] is not None:
+        asked["since"] = asked["since"][0]
+    if asked["until"] is not None:
+        asked["until"] = asked["until"][1]
+    return asked
+
+
+def _as_json(record: Record) -> dict[str, Any]:
+    from cadcam.record.export import record_as_json
+
+    return record_as_json(record)
+
+
+def _when(text: str) -> tuple[datetime, datetime]:
+    """Return first and last moment of a day, or the same moment twice of a time."""
+    try:
+        time = datetime.fromisoformat(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a time; give 2026-03-01 or 2026-03-01T14:30") from None
+    time = time if time.tzinfo else time.replace(tzinfo=UTC)
+    day = len(text) <= len("2026-03-01")
+    return time, time.replace(hour=23, minute=59, second=59, microsecond=999999) if day else time

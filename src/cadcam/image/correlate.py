@@ -1,0 +1,305 @@
+"""Where in a picture a template lies, in any orientation: peaks of the normalised correlation, to parts of a pixel.
+
+The search goes over means of blocks of pixels (`Template.coarsest`), at every position and orientation; the best of
+its maxima climb, at ever finer pixels, to the peak of the normalised correlation in position, angle and, if asked for,
+scale. The climb is inverse compositional (S. Baker and I. Matthews, Lucas-Kanade 20 years on, IJCV 2004) on the
+correlation coefficient, so that gain and offset of the grey levels do not matter.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Ids, Mask, Picture, frozen
+from cadcam.errors import BadValue
+from cadcam.image.picture import to_gray
+from cadcam.image.template import Template
+from cadcam.native.correlate import registered, searched, shrunken
+
+_FULL_TURN = (-math.pi, math.pi)
+_FINER = 2.5  # from level to level
+_SMOOTHED = 0.1  # by how much a correlation may rise from fine to coarse pixels without being lost
+_ROUGH, _SETTLED = 0.03, 0.001  # px of a level: the last step of a climb, between levels and at the end
+_REACH = 3.0  # px of a level that a climb may go
+
+
+@dataclass(frozen=True, slots=True)
+class CorrelateOptions:
+    """What is looked for.
+
+    angles: from and to (rad), the picture's x axis towards its y axis; scales: least and largest. count: peaks to
+    return; least_score: of a peak, 0 to 1. apart: peaks nearer than this share of the template's smaller side, and
+    turned by less than as many radians, are one. either_sign: a template of reversed contrast matches as well.
+    least_contrast: standard deviation of the grey levels under a match, at least. candidates: coarse maxima looked at.
+    """
+
+    angles: tuple[float, float] = _FULL_TURN
+    scales: tuple[float, float] = (1.0, 1.0)
+    count: int = 3
+    least_score: float = 0.4
+    apart: float = 0.3
+    either_sign: bool = False
+    least_contrast: float = 0.004
+    candidates: int = 256
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.angles[1] - self.angles[0] <= 2 * math.pi + 1e-9:
+            raise BadValue("angles", self.angles, "(from, to) in rad, at most a full turn")
+        if not 0.1 <= self.scales[0] <= self.scales[1] <= 10:
+            raise BadValue("scales", self.scales, "(least, largest) between 0.1 and 10")
+        if not (self.count >= 1 and self.candidates >= 1 and 0 < self.least_score <= 1 and self.apart > 0):
+            raise BadValue("options", self, "count and candidates from 1 on, 0 < least_score <= 1, apart > 0")
+
+    @property
+    def motions(self) -> int:
+        """Return how many motions are free: two shifts and a turn, and the scale where it has a range."""
+        return 4 if self.scales[1] > self.scales[0] else 3
+
+
+ANY_ANGLE = CorrelateOptions()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Peaks:
+    """Peaks of the normalised correlation, best first.
+
+    q (N, 2) px where the template's centre lies; angle (N,) rad from the picture's x towards its y axis; scale (N,);
+    score (N,) in [-1, 1]; covariance (N, 4, 4) of (x, y, angle, scale) by the grey levels that the template does not
+    explain. complete: whether no maximum of the coarse search that could have become a better first peak was left
+    aside.
+    """
+
+    q: Array
+    angle: Array
+    scale: Array
+    score: Array
+    covariance: Array
+    complete: bool = field(default=True)
+
+    def __post_init__(self) -> None:
+        n = len(np.atleast_1d(self.score))
+        shapes = {"q": (n, 2), "angle": (n,), "scale": (n,), "score": (n,), "covariance": (n, 4, 4)}
+        for name, shape in shapes.items():
+            object.__setattr__(self, name, frozen(getattr(self, name), f"peaks' {name}", shape))
+
+    def __len__(self) -> int:
+        return len(self.score)
+
+    @property
+    def gap(self) -> Array:
+        """Return by how much (N,) each peak's |score| exceeds that of the next one; nan for the last."""
+        return np.append(-np.diff(np.abs(self.score)), np.nan)[: len(self)]
+
+    @property
+    def sigma(self) -> Array:
+        """Return the standard deviations (N, 4) of x, y (px), angle (rad) and scale."""
+        return np.asarray(np.sqrt(np.einsum("nii->ni", self.covariance)))
+
+    def at(self, uv: Array) -> Array:
+        """Return where (N, M, 2) px template points (M, 2), in px from its centre, lie at each peak."""
+        c, s = self.scale * np.cos(self.angle), self.scale * np.sin(self.angle)
+        R = np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
+        return np.asarray(self.q[:, None] + np.asarray(uv, np.float64) @ np.swapaxes(R, -1, -2))
+
+
+def correlate(gray: npt.ArrayLike, template: Template, *, options: CorrelateOptions = ANY_ANGLE) -> Peaks:
+    """Return the best peaks of a template in a grey picture (H, W) in [0, 1]; none is an answer too.
+
+    The template lies wholly in the picture, to one pixel. Where nothing reaches least_score, the search is done once
+    more with finer pixels. Raises `BadValue`, and `MissingCore` where cadcam was installed without its C core.
+    """
+    picture = _Pyramid(gray)
+    factor = template.coarsest()
+    peaks = _search(picture, template, factor, options)
+    if not len(peaks) and factor > 1:
+        peaks = _search(picture, template, max(1, round(factor / 1.7)), options)
+    return peaks
+
+
+def register(
+    gray: npt.ArrayLike, template: Template, start: npt.ArrayLike, *, options: CorrelateOptions = ANY_ANGLE
+) -> Peaks:
+    """Return the peaks near starts (N, 4): x, y (px), angle (rad), scale; lost ones and repetitions are left out."""
+    picture = _Pyramid(gray)
+    poses = np.array(start, np.float64).reshape(-1, 4)
+    for level in _levels(template.coarsest()):
+        poses, _ = _refined(picture, template, level, poses, options.motions)
+    return _peaks(picture, template, poses, options, True)
+
+
+class _Pyramid:
+    """A picture and its means over blocks of pixels, made when first asked for."""
+
+    def __init__(self, gray: npt.ArrayLike) -> None:
+        picture = to_gray(gray)
+        if picture.ndim != 2:
+            raise BadValue("picture", f"of shape {picture.shape}", "a grey picture (H, W)")
+        self._levels: dict[int, Picture] = {1: np.ascontiguousarray(picture, np.float32)}
+
+    def level(self, factor: int) -> Picture:
+        if factor not in self._levels:
+            self._levels[factor] = shrunken(self._levels[1], factor)
+        return self._levels[factor]
+
+
+def _search(picture: _Pyramid, template: Template, factor: int, options: CorrelateOptions) -> Peaks:
+    poses, coarse = _candidates(picture, template, factor, options)
+    worst, left = template.worst(factor), coarse[options.candidates :]
+    poses = poses[: options.candidates]
+    twins = template.twins(factor) if options.angles == _FULL_TURN else np.zeros(0)
+    poses = np.concatenate([poses, *(poses[:64] + np.array([0, 0, turn, 0]) for turn in twins)])
+    poses[:, 2] = _wrapped(poses[:, 2])
+    keep = 8 * (options.count + 1)
+    for level in _levels(factor):
+        poses, score = _refined(picture, template, level, poses, options.motions)
+        poses, score = _best_apart(template, poses, score, options, keep, options.least_score - _SMOOTHED)
+        keep = max(keep // 4, options.count + 1)
+    peaks = _peaks(picture, template, poses, options, True)
+    best = float(np.abs(peaks.score[:1]).max(initial=options.least_score))
+    return replace(peaks, complete=not (len(left) and left[0] > worst * best))
+
+
+def _levels(factor: int) -> Iterator[int]:
+    """Yield the levels from the coarsest to that of the pixels."""
+    while factor > 1:
+        yield factor
+        factor = max(1, round(factor / _FINER))
+    yield 1
+
+
+def _candidates(picture: _Pyramid, template: Template, factor: int, options: CorrelateOptions) -> tuple[Array, Array]:
+    """Return the maxima of the search at a level: poses (N, 4) in px of the picture and their scores, best first."""
+    oriented, motions = template.orientations(factor, options.angles, options.scales)
+    plane = np.pad(picture.level(factor), 1, mode="edge")
+    best, which = searched(plane, oriented, least_variance=options.least_contrast**2, either_sign=options.either_sign)
+    least = _threshold(best, 0.8 * template.worst(factor) * options.least_score, 8 * options.candidates)
+    at = _maxima(best, which, motions[:, 0], least, 2.5 * template.step(factor))
+    score = best.ravel()[at].astype(np.float64)
+    y, x = np.divmod(at, best.shape[1])
+    q = (np.stack([x, y], axis=1) - 0.5) * factor - 0.5  # less the margin of 1, from the middle of a block
+    return np.concatenate([q, motions[which.ravel()[at]]], axis=1), score
+
+
+def _threshold(best: Picture, least: float, most: int) -> float:
+    """Return `least`, or the score that `most` positions reach if more reach `least`."""
+    if best.size <= most:
+        return least
+    return max(least, float(np.partition(best.ravel(), best.size - most)[best.size - most]))
+
+
+def _maxima(best: Picture, which: Ids, angles: Array, least: float, alike: float) -> npt.NDArray[np.intp]:
+    """Return the flat indices, best first, of what no neighbour of about the same angle exceeds."""
+    width = best.shape[1]
+    score, number = best.ravel(), which.ravel()
+    inner = np.zeros(best.shape, bool)
+    inner[1:-1, 1:-1] = best[1:-1, 1:-1] > least
+    at = np.flatnonzero(inner)
+    for step in (-1, 1, -width, width, -width - 1, -width + 1, width - 1, width + 1):
+        higher = score[at + step] > score[at]
+        same = ~_turned(angles[number[at + step]], angles[number[at]], alike)
+        at = at[~(higher & same)]
+    order: npt.NDArray[np.intp] = np.argsort(-score[at], kind="stable")
+    return at[order]
+
+
+def _refined(
+    picture: _Pyramid, template: Template, factor: int, poses: Array, motions: int, *, cubic: bool = False
+) -> tuple[Array, Array]:
+    """Return poses (px of the picture) climbed to their peaks at a level, and the correlation there."""
+    if not len(poses):
+        return poses, np.zeros(0)
+    local = poses.copy()
+    local[:, :2] = (local[:, :2] + 0.5) / factor - 0.5
+    local, score = registered(
+        picture.level(factor),
+        template.points(factor, motions),
+        local,
+        cubic=cubic,
+        iterations=12,
+        settled=_SETTLED if cubic else _ROUGH,
+        reach=_REACH,
+    )
+    local[:, :2] = (local[:, :2] + 0.5) * factor - 0.5
+    return local, score
+
+
+def _best_apart(
+    template: Template, poses: Array, score: Array, options: CorrelateOptions, count: int, least: float
+) -> tuple[Array, Array]:
+    """Return the best poses that are in the picture's terms different ones, best first."""
+    size = np.abs(score) if options.either_sign else score
+    order = np.argsort(-size, kind="stable")
+    order = order[size[order] >= least][: 3 * count]
+    x, y, angle = (poses[order, k] - poses[order, k][:, None] for k in range(3))
+    near = options.apart * min(template.size)
+    same = (x * x + y * y < near * near) & ~_turned(angle, 0.0, options.apart)
+    open_ = np.ones(len(order), bool)
+    kept: list[int] = []
+    for k in range(len(order)):
+        if open_[k] and len(kept) < count:
+            kept.append(int(order[k]))
+            open_ &= ~same[k]
+    return poses[kept], score[kept]
+
+
+def _peaks(picture: _Pyramid, template: Template, poses: Array, options: CorrelateOptions, complete: bool) -> Peaks:
+    """Return the peaks near poses, by cubic interpolation."""
+    poses, score = _refined(picture, template, 1, poses, options.motions, cubic=True)
+    poses, score = _best_apart(template, poses, score, options, len(poses), options.least_score)
+    allowed = _within(poses, template, options) & _in_picture(poses, template, picture.level(1))
+    poses, score = poses[allowed][: options.count], score[allowed][: options.count]
+    poses[:, 2] = _wrapped(poses[:, 2])
+    covariance = _covariance(template, poses, score, options.motions)
+    return Peaks(poses[:, :2], poses[:, 2], poses[:, 3], score, covariance, complete)
+
+
+def _within(poses: Array, template: Template, options: CorrelateOptions) -> npt.NDArray[np.bool_]:
+    """Return which poses are of the angles and scales asked for, to the reach of their climb."""
+    slack = 0.5 * template.step(template.coarsest())
+    low, high = options.angles
+    turned = np.abs(_wrapped(poses[:, 2] - 0.5 * (low + high))) <= 0.5 * (high - low) + slack
+    scale = np.abs(np.log(poses[:, 3]) - 0.5 * math.log(options.scales[0] * options.scales[1]))
+    return np.asarray(turned & (scale <= 0.5 * math.log(options.scales[1] / options.scales[0]) + slack))
+
+
+def _in_picture(poses: Array, template: Template, picture: Picture) -> npt.NDArray[np.bool_]:
+    points = template.points(1, 3)
+    u, v = points.u[: points.count], points.v[: points.count]
+    extent = np.array([[a, b] for a in (u.min(), u.max()) for b in (v.min(), v.max())], np.float64)
+    corners = extent if template.mask.all() else np.stack([u, v], axis=1).astype(np.float64)
+    c, s = (poses[:, 3] * f(poses[:, 2]) for f in (np.cos, np.sin))
+    x = poses[:, :1] + c[:, None] * corners[:, 0] - s[:, None] * corners[:, 1]
+    y = poses[:, 1:2] + s[:, None] * corners[:, 0] + c[:, None] * corners[:, 1]
+    h, w = picture.shape
+    return np.asarray(((x >= -1) & (x <= w) & (y >= -1) & (y <= h)).all(axis=1))
+
+
+def _covariance(template: Template, poses: Array, score: Array, motions: int) -> Array:
+    """Return the covariances (N, 4, 4): what is left of unit grey levels is noise, alike in every pixel."""
+    points = template.points(1, motions)
+    noise = (1 - score**2) / np.maximum(score**2, 1e-12) / max(points.count - 2 - motions, 1)
+    out = np.zeros((len(poses), 4, 4))
+    for k, (pose, variance) in enumerate(zip(poses, noise, strict=True)):
+        c, s = pose[3] * math.cos(pose[2]), pose[3] * math.sin(pose[2])
+        G = np.eye(4)[:, :motions]
+        G[:2, :2] = [[c, -s], [s, c]]
+        if motions == 4:
+            G[3, 3] = pose[3]
+        out[k] = variance * G @ points.inverse @ G.T
+    return out
+
+
+def _turned(a: Array, b: Array | float, by: float) -> Mask:
+    """Return whether angles (rad, at most a turn apart) differ by at least `by`."""
+    apart = np.abs(a - b)
+    return np.asarray((apart >= by) & (apart <= 2 * math.pi - by))
+
+
+def _wrapped(angle: Array) -> Array:
+    """Return angles (rad) in [-pi, pi)."""
+    return np.asarray((angle + math.pi) % (2 * math.pi) - math.pi)

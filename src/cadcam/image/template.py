@@ -1,0 +1,243 @@
+"""A template to be found in pictures, prepared for every size of pixel that the search uses.
+
+A level `factor` works on means over factor x factor px, of the template as of the picture. Preparation is done once a
+template and kept: many pictures can be searched.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Mask, Picture, frozen
+from cadcam.errors import BadValue
+from cadcam.image.picture import to_gray
+from cadcam.native.correlate import Orientations, Points
+
+LEAST_POINTS = 25  # pixels that count: fewer match anywhere
+_TAPS = 90  # of the coarsest level: with fewer, what looks alike there differs too often
+_RIM = 0.85  # px of a level that the template's rim moves between two orientations
+_SMEARED = 0.55  # least correlation, at a level, between a template and itself half a step off in every motion
+_TWIN = 0.5  # correlation from which a turned template is taken for itself
+_INSIDE = 0.99  # share of a block of pixels that must count
+
+
+class Template:
+    """A grey template (h, w) in [0, 1]; its origin is its centre ((w - 1)/2, (h - 1)/2).
+
+    mask (h, w): which pixels count, by default all. Raises `BadValue` for one that is too small or without contrast.
+    """
+
+    def __init__(self, gray: npt.ArrayLike, *, mask: npt.ArrayLike | None = None) -> None:
+        self.gray: Picture = frozen(to_gray(gray), "template", (None, None), np.float32)
+        whole = np.ones(self.gray.shape, bool)
+        self.mask: Mask = frozen(whole if mask is None else mask, "mask", self.gray.shape, bool)
+        count, spread = int(self.mask.sum()), float(np.std(self.gray[self.mask])) if self.mask.any() else 0.0
+        if count < LEAST_POINTS:
+            raise BadValue("template", f"{count} pixels that count", f"at least {LEAST_POINTS}")
+        if spread < 1e-4:
+            raise BadValue("template", f"flat (standard deviation {spread:.1g})", "one with contrast: corners, texture")
+        self._sum = _integral(np.where(self.mask, self.gray, self.gray[self.mask].mean()))
+        self._counted = _integral(self.mask.astype(np.float64))
+        self._points: dict[tuple[int, int], Points] = {}
+        self._orientations: dict[tuple[object, ...], tuple[Orientations, Array]] = {}
+        self._twins: dict[int, Array] = {}
+        self._worst: dict[int, float] = {}
+        self._coarsest = 0  # not known yet
+        self.round_radius = self._round_radius()
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Return (width, height) in px."""
+        return self.gray.shape[1], self.gray.shape[0]
+
+    def _round_radius(self) -> float:
+        """Return the radius in px of the disc about the centre that counts throughout; 0 where it would hold little."""
+        y, x = np.indices(self.mask.shape) - (np.array(self.mask.shape) - 1)[:, None, None] / 2
+        distance = np.hypot(x, y)
+        outside = distance[~self.mask].min(initial=np.inf)
+        radius = float(min(outside - 0.5, min(self.mask.shape) / 2))
+        return radius if math.pi * radius**2 >= 0.6 * self.mask.sum() else 0.0
+
+    def coarsest(self) -> int:
+        """Return the largest factor at which the template can still be told from what is beside it."""
+        if not self._coarsest:
+            factor = max(1, math.isqrt(int(self.mask.sum()) // _TAPS))
+            while factor > 1 and (self._taps(factor) < _TAPS or self.worst(factor) < _SMEARED):
+                factor -= 1
+            self._coarsest = factor
+        return self._coarsest
+
+    def worst(self, factor: int) -> float:
+        """Return the least correlation at a level between the template and itself half a pixel and half a turn off."""
+        if factor not in self._worst:
+            self._worst[factor] = self._least_when_off(factor)
+        return self._worst[factor]
+
+    def _least_when_off(self, factor: int) -> float:
+        dx, dy = self._grid(factor, self._reach(factor))
+        inside = self._inside(dx, dy, 0.0, 1.0, factor)
+        dx, dy = dx[inside], dy[inside]
+        if len(dx) < 9:
+            return 0.0
+        half = 0.5 * self.step(factor)
+        at_rest = self._values(dx, dy, 0.0, 1.0, factor)
+        off = np.array([[0.5, 0.5, half], [0.5, -0.5, -half], [-0.5, 0.5, -half], [-0.5, -0.5, half]])[..., None]
+        moved = self._values(dx + off[:, 0], dy + off[:, 1], off[:, 2], 1.0, factor)
+        return min(_correlation(at_rest, other) for other in moved)
+
+    def step(self, factor: int) -> float:
+        """Return the angle (rad) between two orientations at a level; also the logarithm of the ratio of two scales."""
+        return _RIM / max(self._reach(factor), 1.0)
+
+    def orientations(
+        self, factor: int, angles: tuple[float, float], scales: tuple[float, float]
+    ) -> tuple[Orientations, Array]:
+        """Return the template on the grid of a level in all angles and scales, and these (K, 2); made once and kept."""
+        key = (factor, angles, scales)
+        if key not in self._orientations:
+            self._orientations[key] = self._oriented(factor, _motions(self.step(factor), angles, scales))
+        return self._orientations[key]
+
+    def points(self, factor: int, motions: int) -> Points:
+        """Return the template's points at a level, in its px, and how 3 (shifts, turn) or 4 motions change them."""
+        if (factor, motions) not in self._points:
+            self._points[factor, motions] = self._made_points(factor, motions)
+        return self._points[factor, motions]
+
+    def twins(self, factor: int) -> Array:
+        """Return the turns (rad), other than none, after which the template looks much like itself."""
+        if factor not in self._twins:
+            oriented, poses = self.orientations(factor, (-math.pi, math.pi), (1.0, 1.0))
+            alike = oriented.weight @ oriented.weight[0]
+            peak = (alike >= np.roll(alike, 1)) & (alike > np.roll(alike, -1)) & (alike > _TWIN)
+            turn = poses[:, 0] - poses[0, 0]
+            away = np.minimum(turn, 2 * math.pi - turn) > 2.5 * self.step(factor)
+            self._twins[factor] = turn[peak & away]
+        return self._twins[factor]
+
+    def _taps(self, factor: int) -> int:
+        dx, dy = self._grid(factor, self._reach(factor))
+        return int(self._inside(dx, dy, 0.0, 1.0, factor).sum())
+
+    def _reach(self, factor: int) -> float:
+        """Return the radius in px of a level within which its taps lie."""
+        if self.round_radius:
+            return (self.round_radius - factor / 2) / factor
+        y, x = np.nonzero(self.mask)
+        h, w = self.mask.shape
+        return float(np.hypot(x - (w - 1) / 2, y - (h - 1) / 2).max()) / factor
+
+    def _grid(self, factor: int, reach: float) -> tuple[Array, Array]:
+        n = math.floor(reach)
+        dy, dx = (a.ravel().astype(np.float64) for a in np.mgrid[-n : n + 1, -n : n + 1])
+        kept = np.hypot(dx, dy) <= reach
+        return dx[kept], dy[kept]
+
+    def _oriented(self, factor: int, motions: Array) -> tuple[Orientations, Array]:
+        dx, dy = self._grid(factor, self._reach(factor) * float(motions[:, 1].max()))
+        angle, scale = motions[:, :1], motions[:, 1:]
+        inside = self._inside(dx, dy, angle, scale, factor)
+        used = inside.any(axis=0)
+        dx, dy, inside = dx[used], dy[used], inside[:, used]
+        weight = self._values(dx, dy, angle, scale, factor) * inside
+        weight -= inside * (weight.sum(axis=1) / np.maximum(inside.sum(axis=1), 1))[:, None]
+        weight /= np.maximum(np.linalg.norm(weight, axis=1), 1e-12)[:, None]
+        masks = inside[:1] if (inside == inside[0]).all() else inside
+        return Orientations.of(dx, dy, weight, masks), motions
+
+    def _template_px(
+        self, dx: Array, dy: Array, angle: float | Array, scale: float | Array, factor: int
+    ) -> tuple[Array, Array]:
+        """Return where in the template (px) the offsets (px of a level) lie when it is turned and scaled."""
+        c, s = factor * np.cos(angle) / scale, factor * np.sin(angle) / scale
+        h, w = self.gray.shape
+        return c * dx + s * dy + (w - 1) / 2, -s * dx + c * dy + (h - 1) / 2
+
+    def _values(self, dx: Array, dy: Array, angle: float | Array, scale: float | Array, factor: int) -> Array:
+        return _mean_about(self._sum, *self._template_px(dx, dy, angle, scale, factor), factor / scale)
+
+    def _inside(self, dx: Array, dy: Array, angle: float | Array, scale: float | Array, factor: int) -> Mask:
+        """Return which offsets count: within the round part where there is one, else where the mask covers them."""
+        if self.round_radius:
+            return np.asarray(np.hypot(dx, dy) <= self._reach(factor) * scale + 0 * angle)
+        return _mean_about(self._counted, *self._template_px(dx, dy, angle, scale, factor), factor / scale) >= _INSIDE
+
+    def _made_points(self, factor: int, motions: int) -> Points:
+        h, w = self.gray.shape
+        v, u = (a.ravel() for a in np.meshgrid(_centres(h, factor), _centres(w, factor), indexing="ij"))
+        x, y = u * factor + (w - 1) / 2, v * factor + (h - 1) / 2
+        kept = _mean_about(self._counted, x, y, factor) >= _INSIDE
+        if kept.sum() < LEAST_POINTS:
+            kept = _mean_about(self._counted, x, y, factor) > 0.5
+        u, v, x, y = u[kept], v[kept], x[kept], y[kept]
+        value = _mean_about(self._sum, x, y, factor)
+        gx, gy = self._slopes(x, y, factor)
+        slope = np.stack([gx, gy, gy * u - gx * v, gx * u + gy * v][:motions])
+        value = value - value.mean()
+        length = max(float(np.linalg.norm(value)), 1e-12)
+        value, slope = value / length, slope / length
+        slope = slope - slope.mean(axis=1, keepdims=True)
+        slope = slope - (slope @ value)[:, None] * value
+        return Points.of(u, v, value, slope)
+
+    def _slopes(self, x: Array, y: Array, factor: int) -> tuple[Array, Array]:
+        """Return the template's slope by px of a level, between what lies one pixel before and after, within it."""
+
+        def between(axis: int, last: int) -> Array:
+            at = (x, y)[axis]
+            before, after = np.maximum(at - 1, 0), np.minimum(at + 1, last)
+            places = [(p, y) if axis == 0 else (x, p) for p in (before, after)]
+            ends = [_mean_about(self._sum, px, py, factor) for px, py in places]
+            return np.asarray((ends[1] - ends[0]) / np.maximum(after - before, 1e-9) * factor)
+
+        h, w = self.gray.shape
+        return between(0, w - 1), between(1, h - 1)
+
+
+def _centres(length: int, factor: int) -> Array:
+    """Return the centres of the blocks of a level about the middle, in its px."""
+    n = max(length // factor, 1)
+    return np.asarray(np.arange(n) - (n - 1) / 2, np.float64)
+
+
+def _motions(step: float, angles: tuple[float, float], scales: tuple[float, float]) -> Array:
+    """Return (angle, scale) (K, 2) so that each within the ranges is at most half a step from one of them."""
+    turn, stretch = angles[1] - angles[0], math.log(scales[1] / scales[0])
+    if turn >= 2 * math.pi - 1e-9:
+        n = math.ceil(2 * math.pi / step)
+        angle = angles[0] + np.arange(n) * (2 * math.pi / n)
+    else:
+        angle = np.linspace(angles[0], angles[1], math.ceil(turn / step) + 1)
+    scale = scales[0] * np.exp(np.linspace(0, stretch, math.ceil(stretch / step) + 1))
+    return np.stack(np.meshgrid(angle, scale, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def _integral(values: npt.NDArray[np.floating]) -> Array:
+    """Return the sums (h + 1, w + 1) over all pixels above and to the left."""
+    out = np.zeros((values.shape[0] + 1, values.shape[1] + 1))
+    out[1:, 1:] = np.cumsum(np.cumsum(values, axis=0, dtype=np.float64), axis=1)
+    return out
+
+
+def _mean_about(integral: Array, x: Array, y: Array, side: float | Array) -> Array:
+    """Return the mean over squares of a side (px) about points, pixels being squares; 0 beyond the picture."""
+    h, w = integral.shape
+    left, right = (np.clip(x + 0.5 + d, 0, w - 1) for d in (-side / 2, side / 2))
+    top, bottom = (np.clip(y + 0.5 + d, 0, h - 1) for d in (-side / 2, side / 2))
+    total = _at(integral, right, bottom) - _at(integral, left, bottom) - _at(integral, right, top)
+    return np.asarray((total + _at(integral, left, top)) / side**2)
+
+
+def _at(integral: Array, x: Array, y: Array) -> Array:
+    i, j = np.minimum(x.astype(int), integral.shape[1] - 2), np.minimum(y.astype(int), integral.shape[0] - 2)
+    a, b = x - i, y - j
+    upper = integral[j, i] * (1 - a) + integral[j, i + 1] * a
+    return np.asarray(upper * (1 - b) + (integral[j + 1, i] * (1 - a) + integral[j + 1, i + 1] * a) * b)
+
+
+def _correlation(a: Array, b: Array) -> float:
+    a, b = a - a.mean(), b - b.mean()
+    return float(a @ b / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-12))

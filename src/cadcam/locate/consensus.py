@@ -1,0 +1,233 @@
+"""The pose that most features agree on, when each was found in several places of the photos, most of them wrong.
+
+Three features give a pose (fit.p3p); it is judged by all others: random sample consensus (M. Fischler and R. Bolles,
+CACM 1981). How far agreement can be chance follows from how many peaks lie how densely (in the manner of L. Moisan and
+B. Stival, A probabilistic criterion to detect rigid point matches, IJCV 2004).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Ids, Mask
+from cadcam.camera.pose_estimate import PoseEstimate
+from cadcam.fit.least_squares import Stalled, minimise
+from cadcam.fit.many_poses import pose_jacobian
+from cadcam.fit.p3p import p3p
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.photo import Photo
+
+_TRIPLES = 800
+_NEAR_START = 1.5  # times the reach: a pose that moves the features' median by more is not looked at
+_TURN_SHARE, _LEAST_TURN = 0.3, math.radians(4)  # of the turn sought: within it an angle agrees
+_SETTLED = 5  # poses, the best supported, that are refined
+_LEAST = 4  # features that agree, the three that made the pose among them
+_MISFIT_PX = 0.3  # of drawings to photos, beside what the grey levels tell
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidates:
+    """M places where F features may lie: feature (M,), q (M, 2) px, angle (M,) rad, covariance (M, 2, 2), score (M,).
+
+    p_part, right (F, 3) mm and photo (F,) are the features' own: from p_part to right their window was not turned.
+    reach px, turn rad: how far from where it was expected each was sought.
+    """
+
+    feature: Ids
+    q: Array
+    angle: Array
+    covariance: Array
+    score: Array
+    p_part: Array
+    right: Array
+    photo: Ids
+    reach: float
+    turn: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Consensus:
+    """world_from_part, and the candidates chosen (K,) that agree with it, one a feature.
+
+    by_chance: how many poses as well supported one may expect among those tried if all candidates lay at random.
+    """
+
+    world_from_part: Rigid
+    chosen: Ids
+    by_chance: float
+
+
+def consensus(
+    candidates: Candidates, photos: Sequence[Photo], start: Rigid, *, tolerance: float, rng: np.random.Generator
+) -> Consensus | None:
+    """Return the pose near `start` (world_from_part) that most features agree on to `tolerance` px, or None."""
+    R, t, tried = _poses_of_triples(candidates, photos, start, rng)
+    if not len(R):
+        return None
+    support = _support(candidates, photos, R, t, tolerance).sum(axis=1)
+    order = np.argsort(-support, kind="stable")[:_SETTLED]
+    settled = [_settled(candidates, photos, Rigid(R[k], t[k]), tolerance) for k in order]
+    pose, chosen = max(settled, key=lambda s: len(s[1]))
+    if len(chosen) < _LEAST:
+        return None
+    return Consensus(pose, chosen, _by_chance(candidates, len(chosen), tolerance, tried))
+
+
+def pose_of_matches(
+    photos: Sequence[Photo], photo: Ids, p_part: Array, q: Array, covariance: Array, start: Rigid
+) -> PoseEstimate:
+    """Return the weighted least-squares pose of matches p_part (N, 3) mm, q (N, 2) px, covariance (N, 2, 2).
+
+    The covariance of the pose is scaled by the residuals, if these are larger than the matches' own say.
+    """
+    problem = _Matches(photos, photo, p_part, q, covariance)
+    pose = _least_squares(problem, start)
+    r, J = problem.residuals_and_jacobian(pose)
+    dof = max(len(r) - 6, 1)
+    cofactor = np.asarray(np.linalg.pinv(J.T @ J), np.float64)
+    scale = max(1.0, float(r @ r) / dof)
+    return PoseEstimate(pose, scale * cofactor, _calibration_share(problem, pose, J, cofactor), dof=float(dof))
+
+
+class _Matches:
+    """Reprojection of matches into photos, in units of their standard deviations."""
+
+    def __init__(self, photos: Sequence[Photo], photo: Ids, p: Array, q: Array, covariance: Array) -> None:
+        self.photos, self.photo, self.p, self.q = photos, photo, p, q
+        self.whiten = np.linalg.inv(np.linalg.cholesky(covariance + _MISFIT_PX**2 * np.eye(2)))
+
+    def residuals_and_jacobian(self, state: Rigid) -> tuple[Array, Array]:
+        """Return r (2N,) and dr/dxi (2N, 6) of world_from_part @ exp(xi)."""
+        r, J = np.zeros((len(self.p), 2)), np.zeros((len(self.p), 2, 6))
+        for k, photo in enumerate(self.photos):
+            mine = np.flatnonzero(self.photo == k)
+            if mine.size:
+                T = photo.viewpoint.camera_from_world @ state
+                q, J_mine = pose_jacobian(photo.camera, T.rotation[None], T.translation[None], self.p[None, mine])
+                r[mine], J[mine] = q[0] - self.q[mine], J_mine[0]
+        r = (self.whiten @ r[..., None])[..., 0]
+        return r.ravel(), (self.whiten @ J).reshape(-1, 6)
+
+    def retract(self, state: Rigid, step: Array) -> Rigid:
+        """Return state @ exp(step)."""
+        return state @ Rigid.exp(step)
+
+
+def _least_squares(problem: _Matches, start: Rigid) -> Rigid:
+    try:
+        return minimise(problem, start).state
+    except Stalled:
+        return start
+
+
+def _calibration_share(problem: _Matches, pose: Rigid, J: Array, cofactor: Array) -> Array:
+    """Return the covariance of the pose by the errors of cameras and their places."""
+    gain: dict[int, tuple[Array, Array]] = {}
+    for k, photo in enumerate(problem.photos):
+        mine = np.flatnonzero(problem.photo == k)
+        if not (mine.size and photo.viewpoint.errors):
+            continue
+        _, _, by_source = photo.viewpoint.project(pose @ problem.p[mine])
+        rows = (2 * mine[:, None] + np.arange(2)).ravel()
+        for (source, _), D in zip(photo.viewpoint.errors, by_source, strict=True):
+            G = -cofactor @ J[rows].T @ (problem.whiten[mine] @ D).reshape(len(rows), -1)
+            earlier = gain.get(id(source.owner), (np.zeros_like(G), source.covariance))[0]
+            gain[id(source.owner)] = (earlier + G, source.covariance)
+    return np.asarray(sum((G @ C @ G.T for G, C in gain.values()), np.zeros((6, 6))))
+
+
+def _poses_of_triples(
+    c: Candidates, photos: Sequence[Photo], start: Rigid, rng: np.random.Generator
+) -> tuple[Array, Array, int]:
+    """Return the world_from_part (S) of random triples, where not far from the start, and how many were tried."""
+    rotations, translations, tried = [np.zeros((0, 3, 3))], [np.zeros((0, 3))], 0
+    for k, photo in enumerate(photos):
+        camera_from_world = photo.viewpoint.camera_from_world
+        mine = np.flatnonzero(c.photo[c.feature] == k)
+        triples = _triples(c, mine, rng, _TRIPLES // len(photos))
+        if not len(triples):
+            continue
+        F, R = p3p(c.p_part[c.feature[triples]], photo.camera.unproject(c.q[triples]))
+        t = -(R @ F[..., None])[..., 0]
+        p = c.p_part[c.photo == k]
+        q = photo.camera.project(p @ np.swapaxes(R, -1, -2) + t[:, None])
+        moved = np.linalg.norm(q - photo.camera.project((camera_from_world @ start) @ p), axis=-1)
+        near = np.median(np.where(np.isfinite(moved), moved, np.inf), axis=1) < _NEAR_START * c.reach
+        back = camera_from_world.inv
+        rotations.append(back.rotation @ R[near])
+        translations.append(t[near] @ back.rotation.T + back.translation)
+        tried += len(triples)
+    return np.concatenate(rotations), np.concatenate(translations), tried
+
+
+def _triples(c: Candidates, mine: npt.NDArray[np.intp], rng: np.random.Generator, count: int) -> npt.NDArray[np.intp]:
+    """Return triples (at most count, 3) of candidates of three features each, good ones oftener, none twice."""
+    if len(np.unique(c.feature[mine])) < 3:
+        return np.zeros((0, 3), np.intp)
+    chance = c.score[mine] ** 4
+    triples = mine[rng.choice(len(mine), size=(count, 3), p=chance / chance.sum())]
+    triples = np.unique(np.sort(triples, axis=1), axis=0)
+    f = np.sort(c.feature[triples], axis=1)
+    triples = triples[(f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2])]
+    a, b, d = (c.p_part[c.feature[triples[:, k]]] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, d - a), axis=1)
+    wide: npt.NDArray[np.intp] = triples[area > 0.25 * np.median(area)] if len(area) else triples
+    return wide
+
+
+def _support(c: Candidates, photos: Sequence[Photo], R: Array, t: Array, tolerance: float) -> Array:
+    """Return how well each candidate agrees with poses (S, M), 0 to its score; of each feature only the best."""
+    d2, turned = _misses(c, photos, R, t)
+    value = np.where(turned < _turn_tolerance(c), c.score * np.maximum(0.0, 1 - d2 / tolerance**2), 0.0)
+    best = np.zeros((len(value), len(c.p_part)))
+    np.maximum.at(best.T, c.feature, value.T)
+    return np.where((value > 0) & (value == best[:, c.feature]), value, 0.0)
+
+
+def _turn_tolerance(c: Candidates) -> float:
+    return max(_TURN_SHARE * c.turn, _LEAST_TURN)
+
+
+def _misses(c: Candidates, photos: Sequence[Photo], R: Array, t: Array) -> tuple[Array, Array]:
+    """Return by how much (px^2, rad) candidates miss where poses have their features, (S, M); inf if unseen."""
+    q, side = np.full((len(R), len(c.p_part), 2), np.nan), np.zeros((len(R), len(c.p_part), 2))
+    for k, photo in enumerate(photos):
+        mine, place = c.photo == k, photo.viewpoint.camera_from_world
+        R_k, t_k = place.rotation @ R, t @ place.rotation.T + place.translation
+        q[:, mine] = photo.camera.project(c.p_part[mine] @ np.swapaxes(R_k, -1, -2) + t_k[:, None])
+        side[:, mine] = photo.camera.project(c.right[mine] @ np.swapaxes(R_k, -1, -2) + t_k[:, None]) - q[:, mine]
+    d2 = np.sum((q[:, c.feature] - c.q) ** 2, axis=-1)
+    angle = np.arctan2(side[..., 1], side[..., 0])[:, c.feature] - c.angle
+    turned = np.abs((angle + math.pi) % (2 * math.pi) - math.pi)
+    return np.where(np.isfinite(d2), d2, np.inf), np.where(np.isfinite(turned), turned, np.inf)
+
+
+def _settled(c: Candidates, photos: Sequence[Photo], pose: Rigid, tolerance: float) -> tuple[Rigid, Ids]:
+    """Return the least-squares pose of the candidates that agree, and these, asked again until nothing changes."""
+    chosen = np.zeros(0, np.int32)
+    for _ in range(6):
+        agree: Mask = _support(c, photos, pose.rotation[None], pose.translation[None], tolerance)[0] > 0
+        now = np.flatnonzero(agree).astype(np.int32)
+        if len(now) < 4 or np.array_equal(now, chosen):
+            return pose, now
+        chosen = now
+        f = c.feature[chosen]
+        problem = _Matches(photos, c.photo[f], c.p_part[f], c.q[chosen], c.covariance[chosen])
+        pose = _least_squares(problem, pose)
+    return pose, chosen
+
+
+def _by_chance(c: Candidates, agreeing: int, tolerance: float, tried: int) -> float:
+    """Return the expected number of poses, of those tried, with as many agreeing features by chance."""
+    from scipy.stats import binom
+
+    features = len(np.unique(c.feature))
+    peaks = len(c.feature) / features
+    angle = min(1.0, _turn_tolerance(c) / max(c.turn, 1e-9))
+    hit = min(0.5, peaks * math.pi * tolerance**2 / (2 * c.reach) ** 2 * angle)
+    return float(tried * binom.sf(agreeing - 4, features - 3, hit))

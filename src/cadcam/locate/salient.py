@@ -1,0 +1,151 @@
+"""Windows of a part's drawing that are worth looking for in a photo.
+
+A window is salient where the drawing fixes both coordinates (both eigenvalues of its structure tensor are large: J. Shi
+and C. Tomasi, Good features to track, 1994) and where nothing near it in the drawing looks the same: the gap between
+its own correlation, 1, and the next peak's within reach.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadcam.arrays import Array, Mask, Picture, frozen
+from cadcam.errors import BadValue
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.correlate import CorrelateOptions, correlate
+from cadcam.image.template import LEAST_POINTS, Template
+from cadcam.render.view import View
+
+_LEAST_STRENGTH = 0.05  # of the strongest window's
+_LEAST_COUNTED = 0.2  # share of a window that the model tells
+_OFF_OUTLINE = 6.0  # px that the strongest place of a corner may lie off the part
+_TRIED = 2  # times the windows asked for: some turn out to be repetitions
+
+
+@dataclass(frozen=True, slots=True)
+class SalientOptions:
+    """How windows are chosen.
+
+    side: of a square window, px. count: at most. spacing: px between two centres, at least. least_gap: between a
+    window's correlation with itself and the next peak within `reach` px of it in the drawing.
+    """
+
+    side: int = 49
+    count: int = 40
+    spacing: float = 20.0
+    least_gap: float = 0.05
+    reach: float = 30.0
+
+    def __post_init__(self) -> None:
+        if not (self.side >= 9 and self.count >= 1 and self.spacing > 0 and self.reach >= 0):
+            raise BadValue("salient options", self, "side from 9 px on, count from 1 on, spacing above 0 px")
+
+
+PLAIN_SALIENT = SalientOptions()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Windows:
+    """N windows of a drawing: centre q (N, 2) px, whole pixels; p_part (N, 3) mm, the visible point of the part there.
+
+    right (N, 3) mm: the point one px to its right at the same depth: with it a window's turn can be foretold.
+    strength (N,): the smaller eigenvalue of the structure tensor, mean square slope of the appearance per px^2; gap
+    (N,): by how much a window differs from what is near it in the drawing; templates: the windows themselves.
+    """
+
+    q: Array
+    p_part: Array
+    right: Array
+    strength: Array
+    gap: Array
+    templates: tuple[Template, ...]
+
+    def __post_init__(self) -> None:
+        n = len(self.templates)
+        for name, shape in (("q", (n, 2)), ("p_part", (n, 3)), ("right", (n, 3)), ("strength", (n,)), ("gap", (n,))):
+            object.__setattr__(self, name, frozen(getattr(self, name), f"windows' {name}", shape))
+
+    def __len__(self) -> int:
+        return len(self.templates)
+
+
+def salient_windows(
+    appearance: Picture, counts: Mask, view: View, camera_from_part: Rigid, *, options: SalientOptions = PLAIN_SALIENT
+) -> Windows:
+    """Return the salient windows of a drawing (H, W), strongest first; perhaps none.
+
+    counts (H, W): pixels that the model tells. view: of the part from the same place, with DEPTH.
+    """
+    strength = corner_strength(appearance, options.side)
+    q = _centres(strength, view.depth, options)
+    chosen: list[tuple[float, float, float, float, Template]] = []
+    for x, y in q:
+        template = window(appearance, counts, x, y, options.side)
+        if template is None:
+            continue
+        gap = _gap(appearance, template, x, y, options)
+        if gap >= options.least_gap:
+            chosen.append((float(x), float(y), float(strength[y, x]), gap, template))
+        if len(chosen) == options.count:
+            break
+    table = np.array([row[:4] for row in chosen]).reshape(-1, 4)
+    p = _points(view, table[:, :2])
+    right = p + p[:, 2:] * (view.camera.unproject(table[:, :2] + [1.0, 0.0]) - view.camera.unproject(table[:, :2]))
+    p_part, right = camera_from_part.inv @ p, camera_from_part.inv @ right
+    return Windows(table[:, :2], p_part, right, table[:, 2], table[:, 3], tuple(row[4] for row in chosen))
+
+
+def corner_strength(appearance: Picture, side: int) -> Picture:
+    """Return the smaller eigenvalue (H, W) of the structure tensor of a picture, over windows of a side."""
+    from scipy.ndimage import gaussian_filter, sobel
+
+    gx, gy = sobel(appearance, axis=1) / 8, sobel(appearance, axis=0) / 8
+    xx, yy, xy = (gaussian_filter(product, side / 5) for product in (gx * gx, gy * gy, gx * gy))
+    return np.asarray(0.5 * (xx + yy) - np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy), np.float32)
+
+
+def window(appearance: Picture, counts: Mask, x: int, y: int, side: int) -> Template | None:
+    """Return the template about a pixel; None where it leaves the picture, or the model tells too little of it."""
+    h = side // 2
+    if min(x, y) < h or x + h >= appearance.shape[1] or y + h >= appearance.shape[0]:
+        return None
+    part = (slice(y - h, y + h + 1), slice(x - h, x + h + 1))
+    mask = counts[part]
+    if mask.mean() < _LEAST_COUNTED or mask.sum() < LEAST_POINTS or np.std(appearance[part][mask]) < 1e-3:
+        return None
+    return Template(appearance[part], mask=mask)
+
+
+def _centres(strength: Picture, depth: Picture, options: SalientOptions) -> Array:
+    """Return the whole pixels (N, 2) of the part that are strongest within the spacing, strongest first.
+
+    A corner of the outline is strongest just outside of it: the part's nearest pixel is taken.
+    """
+    from scipy.ndimage import distance_transform_edt, maximum_filter
+
+    away, nearest = distance_transform_edt(~np.isfinite(depth), return_indices=True)
+    size = 2 * round(options.spacing / 2) + 1
+    peak = (strength == maximum_filter(strength, size)) & (away < _OFF_OUTLINE)
+    peak &= strength > _LEAST_STRENGTH * float(strength[away < _OFF_OUTLINE].max(initial=0.0))
+    y, x = np.nonzero(peak)
+    order = np.argsort(-strength[y, x], kind="stable")[: _TRIED * options.count]
+    return np.asarray(nearest[::-1, y[order], x[order]].T)
+
+
+def _gap(appearance: Picture, template: Template, x: int, y: int, options: SalientOptions) -> float:
+    """Return 1 less the best correlation of a window with the drawing near it, but not at its own place."""
+    if options.reach == 0:
+        return 1.0
+    far = int(options.reach) + template.size[0] // 2
+    crop = appearance[max(y - far, 0) : y + far + 1, max(x - far, 0) : x + far + 1]
+    found = correlate(crop, template, options=CorrelateOptions(angles=(0.0, 0.0), count=2, least_score=0.3))
+    return 1.0 - float(found.score[1]) if len(found) > 1 else 0.7
+
+
+def _points(view: View, q: Array) -> Array:
+    """Return the visible points (N, 3) mm, camera frame, at whole pixels q (N, 2)."""
+    rays = view.camera.unproject(q)
+    depth = view.depth[q[:, 1].astype(int), q[:, 0].astype(int)].astype(np.float64)
+    return np.asarray(rays * (depth / rays[:, 2])[:, None])

@@ -1,0 +1,179 @@
+"""Correlation in the C core: shrunken pictures, the search over a grid, the climb to sub-pixel peaks.
+
+The interface is src/cadcam/native/correlate.h. What goes in is checked and made contiguous here; callers see arrays.
+"""
+
+from __future__ import annotations
+
+import ctypes as c
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Ids, Picture
+from cadcam.errors import BadValue, MissingCore, NotEnoughMemory
+from cadcam.native.core import library
+
+_LARGEST_FACTOR = 1024  # of a shrunken picture: STRIP in correlate.c
+_LONGEST = 32767  # px along a side: an index into the picture fits 31 bits
+
+
+class _Plane(c.Structure):
+    _fields_ = (("pixels", c.c_void_p), ("width", c.c_int32), ("height", c.c_int32))
+
+
+class _Search(c.Structure):
+    _fields_ = (
+        ("plane", _Plane),
+        *((name, c.c_void_p) for name in ("dx", "dy", "weight", "inside")),
+        *((name, c.c_int32) for name in ("taps", "count", "masks", "either_sign")),
+        ("least_variance", c.c_float),
+        ("best", c.c_void_p),
+        ("which", c.c_void_p),
+    )
+
+
+class _Register(c.Structure):
+    _fields_ = (
+        ("plane", _Plane),
+        *((name, c.c_void_p) for name in ("u", "v", "value", "slope", "inverse")),
+        *((name, c.c_int32) for name in ("n", "motions", "cubic", "iterations")),
+        *((name, c.c_double) for name in ("settled", "reach", "radius")),
+    )
+
+
+@cache
+def _function(name: str, result: type | None, *arguments: object) -> Callable[..., int]:
+    """Return a function of the core; raises `MissingCore`."""
+    try:
+        function = getattr(library(), name)
+    except MissingCore as error:
+        raise MissingCore(error.why, "matching of templates", "reinstall") from None
+    function.restype, function.argtypes = result, list(arguments)
+    return function  # type: ignore[no-any-return]  # ctypes' functions have no type
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Orientations:
+    """A template on the grid of a shrunken picture: taps at (dx, dy) (T,), weight (K, T) in each of K orientations.
+
+    weight is of zero mean and unit length over the taps that count; inside (1 or K, T) says which do.
+    """
+
+    dx: Ids
+    dy: Ids
+    weight: Picture
+    inside: Picture
+
+    @classmethod
+    def of(cls, dx: Array, dy: Array, weight: Array, inside: npt.ArrayLike) -> Orientations:
+        """Return the orientations as the core takes them."""
+        x, y = (np.ascontiguousarray(a, np.int32) for a in (dx, dy))
+        return cls(x, y, np.ascontiguousarray(weight, np.float32), np.ascontiguousarray(inside, np.float32))
+
+    def __post_init__(self) -> None:
+        taps = len(self.dx)
+        if self.weight.shape[1:] != (taps,) or self.inside.shape not in ((1, taps), self.weight.shape):
+            raise BadValue("orientations", f"of shape {self.weight.shape}", f"shape (K, {taps})")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Points:
+    """A template as N points (u, v) about its origin, px: value (N,) there and slope (m, N), what m motions change.
+
+    value has zero mean and unit length, slope is orthogonal to it and to constants; inverse (m, m) of slope slope^T;
+    radius px holds all points. Arrays are filled up with zeros to a multiple of 8.
+    """
+
+    u: Picture
+    v: Picture
+    value: Picture
+    slope: Picture
+    inverse: Array
+    count: int
+    radius: float
+
+    @classmethod
+    def of(cls, u: Array, v: Array, value: Array, slope: Array) -> Points:
+        """Return the points, their arrays filled up."""
+        spare = -len(u) % 8
+
+        def filled(a: Array) -> Picture:
+            return np.ascontiguousarray(np.concatenate([a, np.zeros((*a.shape[:-1], spare))], axis=-1), np.float32)
+
+        radius = float(np.hypot(u, v).max(initial=0.0))
+        inverse = np.ascontiguousarray(np.linalg.inv(slope @ slope.T))
+        return cls(filled(u), filled(v), filled(value), filled(slope), inverse, len(u), radius)
+
+
+def shrunken(picture: Picture, factor: int) -> Picture:
+    """Return the means over blocks of factor x factor px, the last of a row or column perhaps smaller."""
+    plane, kept = _plane(picture)
+    if not 1 <= factor <= _LARGEST_FACTOR:
+        raise BadValue("factor", factor, f"a whole number from 1 to {_LARGEST_FACTOR}")
+    out = np.zeros([-(-n // factor) for n in kept.shape], np.float32)
+    _function("cc_shrink", None, c.c_void_p, c.c_int32, c.c_void_p)(c.addressof(plane), factor, out.ctypes.data)
+    return out
+
+
+def searched(
+    picture: Picture, template: Orientations, *, least_variance: float, either_sign: bool = False
+) -> tuple[Picture, Ids]:
+    """Return for each pixel the best correlation and its orientation (H, W); 0 and -1 where the template leaves it."""
+    plane, kept = _plane(picture)
+    best, which = np.zeros(kept.shape, np.float32), np.full(kept.shape, -1, np.int32)
+    task = _Search(
+        plane,
+        *(a.ctypes.data for a in (template.dx, template.dy, template.weight, template.inside)),
+        len(template.dx),
+        len(template.weight),
+        len(template.inside),
+        either_sign,
+        least_variance,
+        best.ctypes.data,
+        which.ctypes.data,
+    )
+    if _function("cc_search_rows", c.c_int32, c.c_void_p, c.c_int32, c.c_int32)(c.addressof(task), 0, len(kept)):
+        raise NotEnoughMemory(f"there is not enough memory to search {kept.shape[1]} x {kept.shape[0]} px")
+    return best, which
+
+
+def registered(
+    picture: Picture, template: Points, pose: Array, *, cubic: bool, iterations: int, settled: float, reach: float
+) -> tuple[Array, Array]:
+    """Return poses (N, 4) of highest correlation near those given, and it (N,); -1 where one ran farther than `reach`.
+
+    A pose is x, y (px), angle (rad, x towards y), scale: template point (u, v) lies at (x, y) + scale R(angle) (u, v).
+    """
+    plane, kept = _plane(picture)
+    moved = np.array(pose, np.float64).reshape(-1, 4)
+    score = np.zeros(len(moved))
+    if min(kept.shape) < 2:
+        raise BadValue("picture", f"of shape {kept.shape}", "at least 2 px along each side")
+    if not (np.isfinite(moved).all() and np.all(np.abs(moved) < 1e6)):
+        raise BadValue("start of a match", moved.tolist(), "finite numbers within the picture")
+    task = _Register(
+        plane,
+        *(a.ctypes.data for a in (template.u, template.v, template.value, template.slope, template.inverse)),
+        template.count,
+        len(template.slope),
+        cubic,
+        iterations,
+        settled,
+        reach,
+        template.radius,
+    )
+    register = _function("cc_register_poses", None, c.c_void_p, c.c_void_p, c.c_void_p, c.c_int32)
+    register(c.addressof(task), moved.ctypes.data, score.ctypes.data, len(moved))
+    return moved, score
+
+
+def _plane(picture: npt.ArrayLike) -> tuple[_Plane, Picture]:
+    """Return the core's view of a picture and what must be kept as long as it is used."""
+    kept = np.ascontiguousarray(picture, np.float32)
+    if kept.ndim != 2 or not kept.size or max(kept.shape) > _LONGEST:
+        raise BadValue("picture", f"of shape {kept.shape}", f"(H, W), sides from 1 to {_LONGEST} px")
+    return _Plane(kept.ctypes.data, kept.shape[1], kept.shape[0]), kept

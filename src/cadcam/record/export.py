@@ -1,0 +1,186 @@
+"""Records as JSON, JSON lines and CSV, units in the names; JSON and JSON lines come back to the last bit.
+
+JSON: {"format": "cadcam records", "version": 1, "records": [...]}; JSON lines: one record a line. A record:
+{"id", "time_utc", "part", "serial", "station", "verdict", "reason", "quality", "pose": as `write_part_pose` writes
+it, or null, "deviations": [{"feature", "kind", "verdict", "k", "deviation_mm", "expanded_uncertainty_mm", "lower_mm",
+"upper_mm"}, ...] (_deg for angles), "sources": [{"role", "path", "sha256"}, ...], "software"}. CSV: a line for each
+deviation, that of a record without any left empty; covariances are not in it.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cadcam.errors import UnknownName, UnreadableFile
+from cadcam.files.jsontext import Place, as_json, parsed
+from cadcam.files.pose_estimate import pose_estimate_as_json, pose_estimate_at
+from cadcam.files.text import TextFile, read_text
+from cadcam.record.record import UNITS, Deviation, Record, Source
+from cadcam.whole import write_whole
+
+FORMAT, VERSION = "cadcam records", 1
+SUFFIXES = (".csv", ".json", ".jsonl")
+_TEXTS = ("id", "part", "serial", "station", "verdict", "reason", "software")
+_LIMITS = ("deviation", "expanded_uncertainty", "lower", "upper")
+_MAX_BYTES = 1_000_000_000
+_POSE = ("x_mm", "y_mm", "z_mm", *(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)))
+_SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "sigma_rx_deg", "sigma_ry_deg", "sigma_rz_deg")
+
+
+def write_records(path: str | os.PathLike[str], records: Sequence[Record]) -> None:
+    """Write records as .csv, .json or .jsonl, whole or not at all. Raises `UnknownName` for another suffix."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in SUFFIXES:
+        raise UnknownName("suffix of a file of records", suffix, SUFFIXES)
+    text = {".csv": as_csv, ".jsonl": as_jsonl}.get(suffix)
+    if text is not None:
+        write_whole(path, text(records).encode())
+    else:
+        document = {"format": FORMAT, "version": VERSION, "records": [record_as_json(r) for r in records]}
+        write_whole(path, as_json(document))
+
+
+def read_records(path: str | os.PathLike[str]) -> list[Record]:
+    """Return the records in a .json or .jsonl file of `write_records`, or the one in the JSON of `cadcam verify`.
+
+    Raises `UnreadableFile` naming line or key.
+    """
+    file = read_text(path, max_bytes=_MAX_BYTES)
+    if Path(path).suffix.lower() == ".jsonl":
+        return [record_at(_line(file, i, text)) for i, text in enumerate(file.text.splitlines(), 1) if text.strip()]
+    place = parsed(file)
+    if place.object.get("format") != FORMAT:
+        return [record_at(place)]
+    if place.object.get("version") != VERSION:
+        raise place.error(f"has version {place.object.get('version')!r}", f"version {VERSION} is read here")
+    return [record_at(one) for one in _items(place.at("records"))]
+
+
+def record_as_json(record: Record) -> dict[str, Any]:
+    """Return the JSON object of a record."""
+    head = {name: getattr(record, name) for name in ("id", "part", "serial", "station", "verdict", "reason", "quality")}
+    return {
+        "time_utc": record.time.replace(tzinfo=None).isoformat() + "Z",
+        **head,
+        "pose": None if record.pose is None else pose_estimate_as_json(record.pose),
+        "deviations": [_deviation_as_json(d) for d in record.deviations],
+        "sources": [{"role": s.role, "path": s.path, "sha256": s.sha256} for s in record.sources],
+        "software": record.software,
+    }
+
+
+def record_at(place: Place) -> Record:
+    """Return the record at a place of a JSON file; other keys beside those of a record are left alone."""
+    given: dict[str, Any] = {name: place.at(name).text() for name in _TEXTS if name in place.object}
+    for name in ("part", "deviations"):
+        _ = place.at(name)
+    if "time_utc" in place.object:
+        given["time"] = _time(place.at("time_utc"))
+    if place.object.get("quality") is not None:
+        given["quality"] = place.at("quality").number()
+    if place.object.get("pose") is not None:
+        given["pose"] = pose_estimate_at(place.at("pose"))
+    given["deviations"] = tuple(_deviation_at(d) for d in _items(place.at("deviations")))
+    if "sources" in place.object:
+        given["sources"] = tuple(_source_at(s) for s in _items(place.at("sources")))
+    return place.build(lambda: Record(**given))
+
+
+def as_jsonl(records: Iterable[Record]) -> str:
+    """Return a line of JSON for each record."""
+    return "".join(json.dumps(record_as_json(r), ensure_ascii=False, allow_nan=False) + "\n" for r in records)
+
+
+def as_csv(records: Sequence[Record]) -> str:
+    """Return a table with a line for each deviation."""
+    roles = sorted({s.role for r in records for s in r.sources})
+    text = io.StringIO()
+    rows = csv.DictWriter(text, _columns(roles), restval="", lineterminator="\n")
+    rows.writeheader()
+    for record in records:
+        head = _head_row(record, roles)
+        for deviation in record.deviations or (None,):
+            rows.writerow(head | ({} if deviation is None else _deviation_row(deviation)))
+    return text.getvalue()
+
+
+def _columns(roles: Sequence[str]) -> list[str]:
+    limits = [f"{name}_{unit}" for unit in UNITS for name in _LIMITS]
+    deviation = ["feature", "kind", *limits, "k", "feature_verdict"]
+    head = ["time_utc", "part", "serial", "station", "verdict", "reason", "quality"]
+    return [*head, *deviation, *_POSE, *_SIGMAS, *(f"{role}_sha256" for role in roles), "software", "id"]
+
+
+def _head_row(record: Record, roles: Sequence[str]) -> dict[str, Any]:
+    said = record_as_json(record)
+    row = {name: said[name] for name in (*_TEXTS, "time_utc", "quality")}
+    for role in roles:
+        row[f"{role}_sha256"] = " ".join(s.sha256 for s in record.sources if s.role == role)
+    if record.pose is not None:
+        T, sigma = record.pose.world_from_part, np.sqrt(np.diag(record.pose.covariance))
+        row |= dict(zip(_POSE, [*T.translation.tolist(), *T.rotation.ravel().tolist()], strict=True))
+        row |= dict(zip(_SIGMAS, [*sigma[:3].tolist(), *np.degrees(sigma[3:]).tolist()], strict=True))
+    return row
+
+
+def _deviation_row(deviation: Deviation) -> dict[str, Any]:
+    row = _deviation_as_json(deviation)
+    row["feature_verdict"] = row.pop("verdict")
+    return row
+
+
+def _deviation_as_json(deviation: Deviation) -> dict[str, Any]:
+    limits = {f"{name}_{deviation.unit}": getattr(deviation, name) for name in _LIMITS}
+    return {"feature": deviation.feature, "kind": deviation.kind, **limits, "k": deviation.k} | {
+        "verdict": deviation.verdict
+    }
+
+
+def _deviation_at(place: Place) -> Deviation:
+    unit = next((u for u in UNITS if f"deviation_{u}" in place.object), None)
+    if unit is None:
+        raise place.error("has no deviation", 'write "deviation_mm", or "deviation_deg" for an angle')
+    given: dict[str, Any] = {name: _optional(place, f"{name}_{unit}") for name in ("lower", "upper")}
+    given |= {name: place.at(name).text() for name in ("kind", "verdict") if name in place.object}
+    given |= {"k": place.at("k").number()} if "k" in place.object else {}
+    given |= {name: place.at(f"{name}_{unit}").number() for name in ("deviation", "expanded_uncertainty")}
+    return place.build(lambda: Deviation(place.at("feature").text(), unit=unit, **given))
+
+
+def _source_at(place: Place) -> Source:
+    return place.build(lambda: Source(place.at("role").text(), place.at("path").text(), place.at("sha256").text()))
+
+
+def _optional(place: Place, key: str) -> float | None:
+    return None if place.object.get(key) is None else place.at(key).number()
+
+
+def _time(place: Place) -> datetime:
+    try:
+        time = datetime.fromisoformat(place.text())
+    except ValueError:
+        raise place.error(f"is {place.value!r}", "write 2026-03-02T12:00:00Z") from None
+    return time.replace(tzinfo=UTC) if time.tzinfo is None else time  # the key says that it is UTC
+
+
+def _items(place: Place) -> Iterator[Place]:
+    if not isinstance(place.value, list):
+        raise place.error("is not a list", "a list [...] is expected")
+    for i, value in enumerate(place.value):
+        yield Place(place.path, (*place.keys, str(i + 1)), value)
+
+
+def _line(file: TextFile, number: int, text: str) -> Place:
+    try:
+        return Place(file.path, (f"line {number}",), json.loads(text))
+    except ValueError as error:
+        raise UnreadableFile(file.path, f"line {number} is not JSON: {error}", "is it cut off?") from None

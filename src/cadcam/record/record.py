@@ -1,0 +1,99 @@
+"""What is kept of a measured part: which part, where it was, how far off, how sure, and by what it was found."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from uuid import uuid4
+
+import numpy as np
+
+from cadcam import __version__
+from cadcam.camera.pose_estimate import PoseEstimate
+from cadcam.errors import BadValue, UnknownName
+
+VERDICTS = ("PASS", "FAIL", "UNDECIDED")
+UNITS = ("mm", "deg")
+_SHA256 = re.compile(r"[0-9a-f]{64}")
+
+
+@dataclass(frozen=True, slots=True)
+class Deviation:
+    """A feature's deviation from its CAD, in `unit` (mm or deg), +- expanded uncertainty (k sigma).
+
+    kind: what deviates, such as "position" or "angle". lower, upper: the tolerance, None where there is none on that
+    side. verdict: PASS, FAIL, UNDECIDED, or nothing where it was not judged.
+    """
+
+    feature: str
+    deviation: float
+    expanded_uncertainty: float
+    kind: str = "position"
+    unit: str = "mm"
+    k: float = 2.0
+    lower: float | None = None
+    upper: float | None = None
+    verdict: str = ""
+
+    def __post_init__(self) -> None:
+        if self.unit not in UNITS:
+            raise UnknownName(f"unit of deviation {self.feature!r}", self.unit, UNITS)
+        _check_verdict(self.verdict, self.feature)
+        for name in ("deviation", "expanded_uncertainty", "k", "lower", "upper"):
+            value = getattr(self, name)
+            if value is not None and not np.isfinite(value):
+                raise BadValue(f"{name} of {self.feature!r}", value, "a finite number")
+            if name in ("expanded_uncertainty", "k") and value < 0:
+                raise BadValue(f"{name} of {self.feature!r}", value, "zero or more")
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A file that the result came from: its role ("photo", "cad", "camera", "tolerances" ...), its path, its hash."""
+
+    role: str
+    path: str
+    sha256: str
+
+    def __post_init__(self) -> None:
+        if not _SHA256.fullmatch(self.sha256):
+            raise BadValue(f"sha256 of {self.path}", repr(self.sha256), "64 hexadecimal digits")
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One measurement of one part.
+
+    part: which kind of part; serial: which one of them; station: where it was measured; time: when, with its zone.
+    pose: where it was, None where it was not found. quality: of the pose, in [0, 1]. verdict: over all deviations,
+    nothing where nothing was judged; reason: one line for people. software: what measured. id: given by the record.
+    """
+
+    part: str
+    serial: str = ""
+    station: str = ""
+    time: datetime = field(default_factory=lambda: datetime.now(UTC))
+    pose: PoseEstimate | None = None
+    quality: float | None = None
+    verdict: str = ""
+    reason: str = ""
+    deviations: tuple[Deviation, ...] = ()
+    sources: tuple[Source, ...] = ()
+    software: str = f"cadcam {__version__}"
+    id: str = field(default_factory=lambda: uuid4().hex)
+
+    def __post_init__(self) -> None:
+        if not self.part:
+            raise BadValue("part of a record", "empty", "the name of the kind of part")
+        if self.time.tzinfo is None:
+            raise BadValue("time of a record", self.time.isoformat(), "a time with its zone, such as datetime.now(UTC)")
+        _check_verdict(self.verdict, self.part)
+        object.__setattr__(self, "time", self.time.astimezone(UTC))
+        object.__setattr__(self, "deviations", tuple(self.deviations))
+        object.__setattr__(self, "sources", tuple(self.sources))
+
+
+def _check_verdict(verdict: str, of: str) -> None:
+    if verdict and verdict not in VERDICTS:
+        raise UnknownName(f"verdict of {of!r}", verdict, VERDICTS)

@@ -1,0 +1,246 @@
+"""The store of product state: an SQLite file at a station, a PostgreSQL database for a yard; one code for both.
+
+A record is there as a whole or not at all, and once `add` has returned no crash loses it: SQLite writes its journal and
+its folder to the disk before it goes on (synchronous=EXTRA), PostgreSQL its log (synchronous_commit, its default).
+Several programs may write at once; SQLite lets one after the other.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import sqlalchemy as sql
+from sqlalchemy import event, exc
+
+import cadcam
+from cadcam.errors import BadValue, MissingExtra, UnknownName, UnusableStore
+from cadcam.record import schema
+from cadcam.record.record import VERDICTS, Record
+from cadcam.record.rows import deviation_rows, measurement_row, record_of, source_rows
+
+_WAIT_S = 60  # how long one writer waits for the others
+_LOCK = 0x63616463  # PostgreSQL's advisory lock while tables are made
+_DRIVERS = {"postgresql": "postgresql+pg8000", "postgres": "postgresql+pg8000"}
+
+
+def open_store(where: str | os.PathLike[str], *, create: bool = True) -> Store:
+    """Return the store in an SQLite file, or in the database of a URL postgresql://user:password@host:port/name.
+
+    PostgreSQL's driver is pg8000 unless the URL names another (postgresql+psycopg://...). A new store is made where
+    there is none, unless `create` is False. Raises `UnusableStore` where it cannot be opened, is none, or was written
+    by another version's tables, `MissingExtra` without a driver. Use it in a `with` block, or `close` it.
+    """
+    url = _url(os.fspath(where))
+    if url.get_backend_name() == "sqlite":
+        _check_file(str(url.database), create)
+    try:
+        name = str(url.database) if url.get_backend_name() == "sqlite" else url.render_as_string(hide_password=True)
+        store = Store(_engine(url), name)
+    except ModuleNotFoundError as error:
+        if error.name != "pg8000":
+            raise UnusableStore(str(where), f"its driver {error.name!r} is not installed", "install it") from error
+        raise MissingExtra("a store in PostgreSQL", "postgresql", "pg8000") from error
+    try:
+        store.prepare(create=create)
+    except BaseException:
+        store.close()
+        raise
+    return store
+
+
+class Store:
+    """An open store; made by `open_store`."""
+
+    def __init__(self, engine: sql.Engine, name: str) -> None:
+        self.name = name
+        self._engine = engine
+        self._writing = engine.execution_options(writing=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._engine.dispose()
+
+    def add(self, *records: Record) -> None:
+        """Keep records, all of them or none: once this returns they are on the disk.
+
+        Raises `UnusableStore` if one with the id of one of them is there already.
+        """
+        with self._transaction(self._writing) as connection:
+            for record in records:
+                try:
+                    connection.execute(schema.measurement.insert(), measurement_row(record))
+                except exc.IntegrityError:
+                    raise UnusableStore(self.name, f"holds a record {record.id} already", "nothing was added") from None
+                for table, rows in ((schema.deviation, deviation_rows(record)), (schema.source, source_rows(record))):
+                    if rows:
+                        connection.execute(table.insert(), rows)
+
+    def query(
+        self,
+        *,
+        id_begins: str | None = None,
+        part: str | None = None,
+        serial: str | None = None,
+        station: str | None = None,
+        verdict: str | None = None,
+        since: datetime | None = None,
+        until: datetime | None = None,
+        feature: str | None = None,
+        newest: int | None = None,
+    ) -> list[Record]:
+        """Return the records that are all of what is asked for, oldest first; without arguments all of them.
+
+        since, until: times with their zone, both included. verdict "" means: not judged. feature: only those with a
+        deviation of this name. newest: no more than this many, the latest of them.
+        """
+        equal = {"part": part, "serial": serial, "station": station, "verdict": verdict}
+        if verdict:
+            _check_known(verdict)
+        m = schema.measurement.c
+        wanted = [m[name] == value for name, value in equal.items() if value is not None]
+        wanted += [m.id.startswith(id_begins, autoescape=True)] if id_begins else []
+        wanted += [m.time_utc >= _utc("since", since)] if since else []
+        wanted += [m.time_utc <= _utc("until", until)] if until else []
+        if feature is not None:
+            d = schema.deviation.c
+            wanted.append(sql.exists().where(d.measurement_id == m.id, d.feature == feature))
+        chosen = sql.select(m.id).where(*wanted).order_by(m.time_utc.desc(), m.id.desc()).limit(newest)
+        return self._records(chosen)
+
+    def prepare(self, *, create: bool) -> None:
+        """Make the tables where there are none; refuse those of another version."""
+        with self._transaction(self._writing if create else self._engine) as connection:
+            if connection.dialect.name == "postgresql":  # two programs that make the tables at once
+                connection.execute(sql.select(sql.func.pg_advisory_xact_lock(_LOCK)))
+            there = set(sql.inspect(connection).get_table_names())
+            if schema.store.name in there:
+                self._check_version(connection)
+            elif there & set(schema.tables.tables):
+                taken = ", ".join(sorted(there & set(schema.tables.tables)))
+                raise UnusableStore(self.name, f"has tables of other origin ({taken})", "give it a database of its own")
+            elif not create:
+                raise UnusableStore(self.name, "holds no product state", "is it the right one?")
+            else:
+                schema.tables.create_all(connection)
+                row = {"version": schema.VERSION, "software": f"cadcam {cadcam.__version__}"}
+                connection.execute(schema.store.insert(), row)
+
+    def _records(self, chosen: sql.Select[Any]) -> list[Record]:
+        """Return the records whose ids are `chosen`."""
+        m = schema.measurement
+        with self._transaction(self._engine) as connection:
+            heads = sql.select(m).where(m.c.id.in_(chosen)).order_by(m.c.time_utc, m.c.id)
+            rows = [dict(row) for row in connection.execute(heads).mappings()]
+            parts = [_belonging(connection, table, chosen) for table in (schema.deviation, schema.source)]
+        return [record_of(row, *(belonging[row["id"]] for belonging in parts)) for row in rows]
+
+    def _check_version(self, connection: sql.Connection) -> None:
+        row = connection.execute(sql.select(schema.store)).mappings().one()
+        if row["version"] != schema.VERSION:
+            raise UnusableStore(
+                self.name,
+                f"has tables of version {row['version']} (made by {row['software']}); cadcam {cadcam.__version__} "
+                f"reads and writes version {schema.VERSION}",
+                "export it with the cadcam that made it (cadcam state export all.jsonl), and add that to a new store",
+            )
+
+    @contextmanager
+    def _transaction(self, engine: sql.Engine) -> Iterator[sql.Connection]:
+        """Yield a connection whose work is committed together; what the database says becomes one clear error."""
+        try:
+            with engine.begin() as connection:
+                yield connection
+        except exc.DBAPIError as error:
+            raise UnusableStore(self.name, *_explained(error)) from error
+
+
+def _belonging(connection: sql.Connection, table: sql.Table, chosen: sql.Select[Any]) -> Mapping[str, list[Any]]:
+    """Return the rows of a table by the measurement that they belong to, in their order."""
+    rows = sql.select(table).where(table.c.measurement_id.in_(chosen)).order_by(table.c.measurement_id, table.c.place)
+    out: dict[str, list[Any]] = defaultdict(list)
+    for row in connection.execute(rows).mappings():
+        out[row["measurement_id"]].append(dict(row))
+    return out
+
+
+def _url(where: str) -> sql.URL:
+    """Return the address of a database; anything without :// is the path of an SQLite file."""
+    if "://" not in where:
+        return sql.URL.create("sqlite", database=where)
+    try:
+        url = sql.make_url(where)
+    except (exc.ArgumentError, ValueError):
+        raise BadValue("address of a store", repr(where), "a file, or postgresql://user@host:port/name") from None
+    if url.get_backend_name() not in ("sqlite", "postgresql", "postgres"):
+        raise UnknownName("kind of store", url.get_backend_name(), ("sqlite", "postgresql"))
+    return url.set(drivername=_DRIVERS.get(url.drivername, url.drivername))
+
+
+def _engine(url: sql.URL) -> sql.Engine:
+    if url.get_backend_name() != "sqlite":
+        return sql.create_engine(url, pool_pre_ping=True)  # a connection that the network dropped is made anew
+    engine = sql.create_engine(url, connect_args={"timeout": _WAIT_S})
+    event.listen(engine, "connect", _sqlite_connected)
+    event.listen(engine, "begin", _sqlite_begins)
+    return engine
+
+
+def _sqlite_connected(connection: Any, _: Any) -> None:
+    connection.isolation_level = None  # transactions are begun below: the module's own leave out the making of tables
+    for pragma in ("foreign_keys=ON", "synchronous=EXTRA"):
+        connection.execute(f"PRAGMA {pragma}")
+
+
+def _sqlite_begins(connection: sql.Connection) -> None:
+    """Take the writers' lock at once: two that read first and then both want to write would wait for each other."""
+    writing = connection.get_execution_options().get("writing")
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if writing else "BEGIN")
+
+
+def _check_file(path: str, create: bool) -> None:
+    file = Path(path)
+    if file.is_dir():
+        raise UnusableStore(path, "is a folder", "name a file in it")
+    if not file.exists() and not create:
+        raise UnusableStore(path, "no such file", "check the path")
+    if not file.parent.is_dir():
+        raise UnusableStore(path, f"there is no folder {str(file.parent)!r}", f"make it first: mkdir -p {file.parent}")
+
+
+def _explained(error: exc.DBAPIError) -> tuple[str, str]:
+    """Return reason and remedy of what a database said."""
+    said = error.orig.args[0] if error.orig is not None and error.orig.args else error
+    reason = str(said.get("M", said) if isinstance(said, dict) else said).splitlines()[0]
+    if "not a database" in reason:
+        return "is not an SQLite file", "name a new file, or the right one"
+    if "locked" in reason:
+        return f"other programs kept it busy for {_WAIT_S} s", "try again"
+    if "readonly" in reason or "unable to open" in reason:
+        return f"cannot be used ({reason})", "choose a place you may write to"
+    return reason, "is the address right, and the server running?" if "connect" in reason.lower() else ""
+
+
+def _utc(what: str, time: datetime) -> datetime:
+    if time.tzinfo is None:
+        raise BadValue(what, time.isoformat(), "a time with its zone")
+    return time.astimezone(UTC).replace(tzinfo=None)
+
+
+def _check_known(verdict: str) -> None:
+    if verdict not in VERDICTS:
+        raise UnknownName("verdict", verdict, VERDICTS)

@@ -1,0 +1,63 @@
+"""How one feature comes out over many parts: mean, scatter, and how much of that is the measurement's own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadcam.errors import BadValue, UnknownName
+from cadcam.record.record import Deviation, Record
+
+
+@dataclass(frozen=True, slots=True)
+class Trend:
+    """The deviations of one feature, oldest first, each with the record that it stands in; all in `unit`."""
+
+    feature: str
+    unit: str
+    points: tuple[tuple[Record, Deviation], ...]
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @property
+    def mean(self) -> float:
+        """Return the mean deviation."""
+        return float(np.mean(self._values))
+
+    @property
+    def sigma(self) -> float:
+        """Return the standard deviation from part to part (n - 1 in the denominator); nan for a single part."""
+        return float(np.std(self._values, ddof=1)) if len(self) > 1 else float("nan")
+
+    @property
+    def measured_sigma(self) -> float:
+        """Return the standard uncertainty of one deviation, root mean square over all: part of `sigma` is this."""
+        return float(np.sqrt(np.mean([(d.expanded_uncertainty / d.k) ** 2 if d.k else 0.0 for _, d in self.points])))
+
+    @property
+    def _values(self) -> list[float]:
+        return [d.deviation for _, d in self.points]
+
+
+def trend(records: Sequence[Record], feature: str, *, kind: str | None = None) -> Trend:
+    """Return how a feature came out in records, in their order; kind: which of its deviations, where it has several.
+
+    Raises `UnknownName` where no record has the feature or kind, `BadValue` where the feature's kinds are several and
+    none was named, or where lengths and angles would be mixed.
+    """
+    named = [(r, d) for r in records for d in r.deviations if d.feature == feature]
+    if not named:
+        raise UnknownName("feature", feature, {d.feature for r in records for d in r.deviations})
+    kinds = {d.kind for _, d in named}
+    if kind is None and len(kinds) > 1:
+        raise BadValue(f"kinds of {feature!r}", ", ".join(sorted(kinds)), "one of them: name it")
+    if kind is not None and kind not in kinds:
+        raise UnknownName(f"kind of {feature!r}", kind, kinds)
+    points = tuple((r, d) for r, d in named if kind in (None, d.kind))
+    units = {d.unit for _, d in points}
+    if len(units) > 1:
+        raise BadValue(f"units of {feature!r}", ", ".join(sorted(units)), "one: ask for fewer records")
+    return Trend(feature, units.pop(), points)

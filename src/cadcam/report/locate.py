@@ -1,0 +1,149 @@
+"""A located part in words and tables: where, how sure, by what, and what else it could be."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.camera.pose_estimate import PoseEstimate
+from cadcam.files.matrix import pose_as_json
+from cadcam.files.pose_estimate import pose_estimate_as_json
+from cadcam.geometry import rotation as so3
+from cadcam.locate.location import FOUND, Location
+from cadcam.locate.photo import Photo
+from cadcam.report.table import Table
+
+_SHOWN = 5  # alternatives in the table
+
+
+def location_tables(location: Location, photos: Sequence[Photo], *, radius_mm: float) -> list[Table]:
+    """Return pose with sigmas, evidence, and alternatives of a located part whose points lie within `radius_mm`."""
+    tables = [pose_table(location.pose, photos[0], radius_mm=radius_mm), evidence_table(location)]
+    if location.alternatives:
+        tables.append(alternatives_table(location))
+    return tables
+
+
+def pose_table(pose: PoseEstimate, photo: Photo, *, radius_mm: float) -> Table:
+    """Return where the part is in the world and in the camera, and how sure that is."""
+    camera_from_part = photo.viewpoint.camera_from_world @ pose.world_from_part
+    sigma = np.sqrt(np.diag(pose.covariance))
+    rows = [("part's origin in the camera, mm", _three(camera_from_part.translation, 3))]
+    rows += [("rotation vector, camera from part, deg", _three(np.degrees(so3.log(camera_from_part.rotation)), 3))]
+    if np.abs(photo.viewpoint.camera_from_world.matrix - np.eye(4)).max() > 0:
+        rows.append(("part's origin in the world, mm", _three(pose.world_from_part.translation, 3)))
+    rows += [
+        ("sigma along the part's x, y, z, mm", ", ".join(f"{s:.2g}" for s in sigma[:3])),
+        ("sigma of turns about them, deg", ", ".join(f"{s:.2g}" for s in np.degrees(sigma[3:]))),
+        ("weakest", weakest(pose, radius_mm=radius_mm)),
+    ]
+    return Table("Pose", ("", ""), tuple(rows), ("",))
+
+
+def evidence_table(location: Location) -> Table:
+    """Return the quality and what it rests on."""
+    used, rms = used_samples(location)
+    rows = [("quality", f"{location.quality:.3f} (found from {FOUND} on)")]
+    rows += [("places on edges", f"{used} of {len(location.matches)} fit")]
+    rows += [("their distance from the photo's edges, rms", f"{rms:.2f} px")] if used else []
+    rows += [("why", location.reason)] if location.reason else []
+    return Table("Evidence", ("", ""), tuple(rows), ("",))
+
+
+def alternatives_table(location: Location) -> Table:
+    """Return the other poses that the photos allow: how they are turned and shifted from this one."""
+    rows = []
+    for other in location.alternatives[:_SHOWN]:
+        change = location.pose.world_from_part.inv @ other.pose.world_from_part
+        turn = so3.log(change.rotation)
+        angle = float(np.linalg.norm(turn))
+        axis = _three(turn / angle, 2) if angle > 1e-6 else ""
+        rows.append((f"{other.quality:.3f}", f"{np.degrees(angle):.1f}", axis, _three(change.translation, 1)))
+    more = len(location.alternatives) - len(rows)
+    notes = (f"and {more} more",) if more else ()
+    columns = ("quality", "turned by deg", "about the part's axis", "moved by mm")
+    return Table("It could also be", columns, tuple(rows), columns[1:], notes)
+
+
+def weakest(pose: PoseEstimate, *, radius_mm: float) -> str:
+    """Return the motion that the photos tell least about, and its standard deviation.
+
+    Turns count by what they move at `radius_mm` from the part's origin, so that they compare with shifts.
+    """
+    scale = np.r_[np.ones(3), np.full(3, radius_mm)]
+    values, vectors = np.linalg.eigh(pose.covariance * np.outer(scale, scale))
+    sigma, v = float(np.sqrt(max(values[-1], 0.0))), vectors[:, -1]
+    shift, turn = np.linalg.norm(v[:3]), np.linalg.norm(v[3:])
+    if shift >= turn:
+        return f"a shift along the part's ({_three(_signed(v[:3] / shift), 2)}), {sigma:.2g} mm"
+    axis = _three(_signed(v[3:] / turn), 2)
+    return f"a turn about the part's ({axis}), {np.degrees(sigma / radius_mm):.2g} deg"
+
+
+def used_samples(location: Location) -> tuple[int, float]:
+    """Return how many samples of edges were believed, and the rms of their distances in px (nan for none)."""
+    m = location.matches
+    used = (m.weight > 0.5) & np.isfinite(m.offset)
+    return int(used.sum()), float(np.sqrt(np.mean(m.offset[used] ** 2))) if used.any() else float("nan")
+
+
+def location_as_json(location: Location, photos: Sequence[Photo]) -> dict[str, Any]:
+    """Return what was found as JSON: the pose stands under "pose", or under "best" where it is not believed."""
+    used, rms = used_samples(location)
+    camera_from_part = photos[0].viewpoint.camera_from_world @ location.pose.world_from_part
+    pose = pose_estimate_as_json(location.pose)
+    return {
+        "found": location.found,
+        "quality": location.quality,
+        "threshold": FOUND,
+        "reason": location.reason,
+        "pose": pose if location.found else None,
+        **({} if location.found else {"best": pose}),
+        "camera_from_part": pose_as_json(camera_from_part),
+        "edges": {"samples": len(location.matches), "used": used, "rms_px": rms if used else None},
+        "alternatives": [
+            {"quality": other.quality, "world_from_part": pose_as_json(other.pose.world_from_part)}
+            for other in location.alternatives
+        ],
+    }
+
+
+def track_table(entries: Sequence[Mapping[str, Any]]) -> Table:
+    """Return how a part was followed: frames found by which way, and where it was lost."""
+    ways = Counter(entry["how"] for entry in entries)
+    found = [entry for entry in entries if entry["found"]]
+    rows = [("frames", str(len(entries))), ("found", f"{len(found)}")]
+    rows += [(f"  {how}", str(count)) for how, count in ways.items() if how != "lost"]
+    if found:
+        sigma = np.median([np.linalg.norm(entry["pose"]["sigma_mm"]) for entry in found])
+        rows.append(("median quality", f"{np.median([entry['quality'] for entry in found]):.3f}"))
+        rows.append(("median sigma of the place, mm", f"{sigma:.2g}"))
+    lost = lost_stretches(entries)
+    notes = ("lost: " + ", ".join(f"{a}" if a == b else f"{a} to {b}" for a, b in lost),) if lost else ()
+    return Table("Tracked", ("", ""), tuple(rows), ("",), notes)
+
+
+def lost_stretches(entries: Sequence[Mapping[str, Any]]) -> list[tuple[int, int]]:
+    """Return first and last frame of each stretch in which the part was lost."""
+    out: list[tuple[int, int]] = []
+    for entry in entries:
+        if entry["found"]:
+            continue
+        if out and out[-1][1] == entry["frame"] - 1:
+            out[-1] = (out[-1][0], entry["frame"])
+        else:
+            out.append((entry["frame"], entry["frame"]))
+    return out
+
+
+def _three(v: Array, digits: int) -> str:
+    return ", ".join(f"{x + 0.0:.{digits}f}" for x in v)
+
+
+def _signed(v: Array) -> Array:
+    """Return a direction with its largest component positive."""
+    return np.asarray(v * np.sign(v[np.argmax(np.abs(v))]))

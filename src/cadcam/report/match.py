@@ -1,0 +1,93 @@
+"""What matching found, as tables: peaks with the gap to the next (Tables 3.15 and 3.16), features, edges."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cadcam.image.correlate import Peaks
+from cadcam.locate.closeness import Closeness
+from cadcam.locate.templates import Features, TemplateMatches
+from cadcam.report.table import Table
+
+
+def peaks_table(peaks: Peaks, title: str = "Peaks") -> Table:
+    """Return score, place, angle and scale of each peak with their sigmas, and the gap to the next."""
+    sigma = peaks.sigma
+    scaled = bool(sigma[:, 3].any()) if len(peaks) else False
+    rows = []
+    for i in range(len(peaks)):
+        gap = peaks.gap[i]
+        rows.append(
+            (
+                str(i + 1),
+                f"{peaks.score[i]:.4f}",
+                "" if math.isnan(gap) else f"{gap:.4f}",
+                f"{peaks.q[i, 0]:.3f}",
+                f"{peaks.q[i, 1]:.3f}",
+                f"{np.hypot(*sigma[i, :2]) / math.sqrt(2):.3f}",
+                f"{math.degrees(peaks.angle[i]):.2f}",
+                f"{math.degrees(sigma[i, 2]):.3f}",
+                *((f"{peaks.scale[i]:.4f}", f"{sigma[i, 3]:.4f}") if scaled else ()),
+            )
+        )
+    columns = ("", "score", "gap", "x, px", "y, px", "+-", "angle, deg", "+-") + (("scale", "+-") if scaled else ())
+    return Table(title, columns, tuple(rows), notes=_peak_notes(peaks))
+
+
+def feature_table(matches: TemplateMatches) -> Table:
+    """Return a row a feature: where the drawing had it, its best peaks, and which of them the pose agrees with."""
+    rows = []
+    for i, peaks in enumerate(matches.features.peaks):
+        chosen = int(matches.features.chosen[i])
+        best = [f"{s:.2f}" for s in peaks.score[:2]] + ["", ""]
+        x, y = matches.features.window[i]
+        place = ("", "", "none agrees")
+        if chosen >= 0:
+            q = peaks.q[chosen]
+            place = (f"{q[0]:.2f}", f"{q[1]:.2f}", f"peak {chosen + 1}")
+        rows.append((str(i + 1), f"{x:.0f}", f"{y:.0f}", best[0], best[1], *place))
+    title = f"{len(matches.features)} features, {int(np.sum(matches.features.chosen >= 0))} agree on one pose"
+    columns = ("feature", "drawn x", "drawn y", "best", "second", "found x", "found y", "")
+    notes = (f"as many agreeing by chance: {matches.by_chance:.1g} poses expected",)
+    return Table(title, columns, tuple(rows), ("",), notes)
+
+
+def feature_peaks(features: Features) -> list[Table]:
+    """Return the peak table of each feature."""
+    titles = (f"Feature {i + 1}, drawn at ({x:.0f}, {y:.0f})" for i, (x, y) in enumerate(features.window))
+    return [peaks_table(peaks, title) for peaks, title in zip(features.peaks, titles, strict=True)]
+
+
+def closeness_table(close: Closeness) -> Table:
+    """Return a row an edge, the longest first: how much of it has the photo's edge near it, and how far off."""
+    rows = tuple(
+        (
+            str(int(close.chain[i])),
+            f"{close.length[i]:.0f}",
+            f"{100 * close.share[i]:.0f}",
+            f"{100 * close.chance[i]:.0f}",
+            _number(close.offset[i]),
+            _number(close.scatter[i]),
+            _number(close.shift[i]),
+            f"{100 * close.votes[i]:.0f}",
+        )
+        for i in np.argsort(-close.length, kind="stable")
+    )
+    columns = ("edge", "length, px", "close, %", "chance, %", "offset, px", "scatter", "by vote, px", "votes, %")
+    notes = (
+        f"over all edges {100 * close.total:.0f} % more than chance (100: all, 0: as lines drawn anywhere)",
+        "offset: from the model's edge to the photo's, to the left of the direction in which the edge runs",
+    )
+    return Table(f"How close the photo's edges are to {len(close)} visible edges", columns, rows, notes=notes)
+
+
+def _number(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.2f}"
+
+
+def _peak_notes(peaks: Peaks) -> tuple[str, ...]:
+    if not len(peaks):
+        return ("nothing in the picture looks like the template",)
+    return () if peaks.complete else ("the picture holds more candidates than were looked at: a better peak may exist",)

@@ -1,0 +1,116 @@
+"""Kept records as tables: many in a list, one in full, a feature over the parts."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from cadcam.record.record import Deviation, Record
+from cadcam.record.trend import Trend
+from cadcam.report.table import Table, with_sigma
+
+
+def list_table(records: Sequence[Record], *, of: int) -> Table:
+    """Return a line for each record; `of` is how many there are in all."""
+    rows = tuple(
+        (_time(r), r.id[:8], r.part, r.serial, r.station, r.verdict or _unjudged(r), _worst(r)) for r in records
+    )
+    counts = Counter(r.verdict or "not judged" for r in records)
+    notes = (", ".join(f"{count} {verdict}" for verdict, count in counts.items()),) if records else ()
+    title = f"{len(records)} records" + (f", the latest of {of}" if of > len(records) else "")
+    columns = ("time (UTC)", "id", "part", "serial", "station", "verdict", "largest share of a tolerance")
+    return Table(title, columns, rows, columns[:-1], notes)
+
+
+def record_tables(record: Record) -> list[Table]:
+    """Return all that a record holds: what and when, where it was, what deviated, what it came from."""
+    said = [
+        ("part", record.part),
+        ("serial", record.serial),
+        ("station", record.station),
+        ("time", f"{_time(record)} UTC"),
+        ("verdict", record.verdict or _unjudged(record)),
+        ("reason", record.reason),
+        ("quality", "" if record.quality is None else f"{record.quality:.3f}"),
+        ("software", record.software),
+    ]
+    rows = tuple(pair for pair in said if pair[1])
+    tables = [Table(f"Record {record.id}", ("", ""), rows, ("",))]
+    if record.pose is not None:
+        tables.append(pose_table(record))
+    if record.deviations:
+        columns = ("feature", "kind", "deviation", "tolerance", "verdict")
+        rows5 = tuple((d.feature, d.kind, deviation_text(d), _tolerance(d), d.verdict) for d in record.deviations)
+        tables.append(Table("Deviations +- expanded uncertainty", columns, rows5, columns))
+    if record.sources:
+        columns3 = ("what", "file", "sha256")
+        tables.append(Table("Came from", columns3, tuple((s.role, s.path, s.sha256) for s in record.sources), columns3))
+    return tables
+
+
+def pose_table(record: Record) -> Table:
+    """Return where the part was, with the sigmas of its pose in the part's own axes."""
+    assert record.pose is not None
+    T, sigma = record.pose.world_from_part, np.sqrt(np.diag(record.pose.covariance))
+    place = ", ".join(f"{v:.3f}" for v in T.translation)
+    rows = (
+        ("origin in the world, mm", place),
+        ("sigma of shifts along the part's x, y, z, mm", ", ".join(f"{s:.2g}" for s in sigma[:3])),
+        ("sigma of turns about them, deg", ", ".join(f"{s:.2g}" for s in np.degrees(sigma[3:]))),
+    )
+    return Table("Pose", ("", ""), rows, ("",))
+
+
+def trend_tables(trend: Trend) -> list[Table]:
+    """Return a line for each part, and mean and scatter over them."""
+    rows = tuple((_time(r), r.serial, deviation_text(d), d.verdict) for r, d in trend.points)
+    columns = ("time (UTC)", "serial", "deviation", "verdict")
+    lines = Table(f"{trend.feature}, {len(trend)} parts", columns, rows, ("time (UTC)", "serial", "verdict"))
+    mean, spread = with_sigma(trend.mean, trend.sigma if len(trend) > 1 else 0.0)
+    own = trend.measured_sigma
+    said = [
+        (f"mean, {trend.unit}", mean),
+        (f"sigma from part to part, {trend.unit}", spread or "unknown: one part"),
+        (f"of that the measurement's own, {trend.unit}", f"{own:.2g}"),
+    ]
+    if len(trend) > 1 and trend.sigma > own:
+        said.append((f"of that the parts', {trend.unit}", f"{np.sqrt(trend.sigma**2 - own**2):.2g}"))
+    return [lines, Table("Over all parts", ("", ""), tuple(said), ("",))]
+
+
+def deviation_text(deviation: Deviation) -> str:
+    """Return a deviation with its expanded uncertainty and unit."""
+    value, U = with_sigma(deviation.deviation, deviation.expanded_uncertainty)
+    return f"{value} +- {U or 'exact'} {deviation.unit}"
+
+
+def _tolerance(d: Deviation) -> str:
+    if d.lower is None and d.upper is None:
+        return "none"
+    low = "" if d.lower is None else f"{d.lower:g}"
+    high = "" if d.upper is None else f"{d.upper:g}"
+    return f"{low} ... {high} {d.unit}"
+
+
+def _worst(record: Record) -> str:
+    """Return the feature whose deviation fills most of its tolerance, and how much, in percent."""
+    shares = [(share, d.feature) for d in record.deviations if (share := _share(d)) is not None]
+    if not shares:
+        return ""
+    share, feature = max(shares)
+    return f"{feature} {100 * share:.0f} %"
+
+
+def _share(d: Deviation) -> float | None:
+    limit = d.upper if d.deviation >= 0 else d.lower
+    return abs(d.deviation / limit) if limit else None
+
+
+def _unjudged(record: Record) -> str:
+    return "located" if record.pose is not None else "not found"
+
+
+def _time(record: Record) -> str:
+    return record.time.strftime("%Y-%m-%d %H:%M:%S")

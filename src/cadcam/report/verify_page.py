@@ -1,0 +1,239 @@
+"""A verification as one HTML file: the verdict on top, all it follows from below; nothing in it is fetched."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+
+from cadcam import __version__
+from cadcam.locate.photo import Photo
+from cadcam.report.verify_json import Origin
+from cadcam.report.verify_overlay import EXTRA, MISSING, UNSEEN, deviation_color, full_scale, overlay_svg
+from cadcam.report.verify_plots import COLORS, edges_plot, shares_plot, stations_plot, tolerance_bar
+from cadcam.report.verify_words import assumptions, in_unit, rule_words, shares_in_words, vector, weakest_direction
+from cadcam.verify.deviation import FeatureDeviation, State
+from cadcam.verify.inspection import Inspection
+from cadcam.verify.judge import Verification
+from cadcam.verify.verdict import Judgement, Verdict
+from cadcam.whole import write_whole
+
+_STYLE = """
+:root{color-scheme:light;--ink:#1c1c1c;--soft:#5a5a5a;--line:#d9d9d9;--bg:#f6f6f4}
+*{box-sizing:border-box}
+body{margin:0;background:var(--bg);color:var(--ink);font:16px/1.45 system-ui,"DejaVu Sans",sans-serif}
+main{max-width:1180px;margin:0 auto;padding:16px}
+h1{font-size:1.15rem;margin:0 0 .2rem}h2{font-size:1.1rem;margin:1.8rem 0 .5rem}
+header{color:#fff;padding:18px 20px;border-radius:10px}
+header .verdict{font-size:2.3rem;font-weight:700;letter-spacing:.02em;line-height:1.1}
+header p{margin:.4rem 0 0;overflow-wrap:anywhere}
+section{background:#fff;border:1px solid var(--line);border-radius:10px;padding:4px 16px 16px;margin-top:16px}
+svg.photo{width:100%;height:auto;display:block;border-radius:6px;background:#000;margin:.5rem 0}
+svg.plot{width:100%;max-width:540px;height:auto;display:block}
+svg.bar{width:180px;height:26px;display:block}
+svg text{font-family:system-ui,"DejaVu Sans",sans-serif}
+table{border-collapse:collapse;width:100%;font-size:.93rem}
+th{text-align:left;color:var(--soft);font-weight:600;border-bottom:2px solid var(--line);padding:6px 10px 6px 0}
+td{padding:8px 10px 8px 0;border-bottom:1px solid var(--line);vertical-align:top}
+td:nth-child(3),td:nth-child(4){font-variant-numeric:tabular-nums}td:last-child{overflow-wrap:anywhere}
+.tag{font-weight:700;white-space:nowrap}
+.soft{color:var(--soft);font-size:.9rem}
+.two{display:grid;grid-template-columns:1fr 1fr;gap:16px}
+.legend{display:flex;flex-wrap:wrap;gap:6px 16px;align-items:center;font-size:.9rem;color:var(--soft)}
+.legend i{display:inline-block;width:22px;height:0;border-top:4px solid;margin-right:6px;vertical-align:middle}
+.scale{display:inline-block;width:140px;height:12px;border:1px solid var(--line);vertical-align:middle;margin:0 6px}
+code{overflow-wrap:anywhere;font-size:.85rem}
+summary{cursor:pointer;font-weight:600;padding:.4rem 0}
+@media(max-width:720px){
+main{padding:8px}header .verdict{font-size:1.9rem}section{padding:2px 12px 12px}.two{grid-template-columns:1fr}
+table.cards thead{display:none}
+table.cards tr{display:block;border-bottom:2px solid var(--line);padding:8px 0}
+table.cards td{display:flex;gap:10px;border:0;padding:2px 0;white-space:normal}
+table.cards td::before{content:attr(data-head);flex:0 0 92px;color:var(--soft)}
+table.cards td:empty{display:none}
+}
+@media print{body{background:#fff}section{break-inside:avoid}}
+"""
+
+
+def write_verification_page(
+    path: str | os.PathLike[str], found: Verification, photos: Sequence[Photo], origin: Origin
+) -> None:
+    """Write the report, whole or not at all."""
+    write_whole(path, verification_page(found, photos, origin).encode())
+
+
+def verification_page(found: Verification, photos: Sequence[Photo], origin: Origin) -> str:
+    """Return the report as one HTML document."""
+    seen = found.inspection
+    parts = [_head(found, origin)]
+    if seen is not None and seen.found:
+        parts += [_overlays(seen, photos), _judgements(found), _features(seen), _plots(found, seen), _sensitivity(seen)]
+        parts += [_assumed(found), _edges(seen)]
+    else:
+        parts += [_not_found(photos), _judgements(found)]
+    parts.append(_provenance(origin))
+    title = escape(f"{found.verdict.value}: {origin.part}")
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{title}</title><style>{_STYLE}</style></head>\n<body><main>\n"
+        + "\n".join(p for p in parts if p)
+        + "\n</main></body></html>\n"
+    )
+
+
+def _head(found: Verification, origin: Origin) -> str:
+    where = " · ".join(t for t in (origin.serial, origin.station, f"{origin.time:%Y-%m-%d %H:%M} UTC") if t)
+    return (
+        f'<header style="background:{COLORS[found.verdict]}"><h1>{escape(origin.part)}</h1>'
+        f'<div class="verdict">{found.verdict.value}</div><p>{escape(found.reason)}</p><p>{escape(where)}</p></header>'
+    )
+
+
+def _overlays(seen: Inspection, photos: Sequence[Photo]) -> str:
+    full = full_scale(seen)
+    colors = ",".join(deviation_color(full * s, full) for s in (-1.0, -0.5, 0.0, 0.5, 1.0))
+    keys = [
+        f'<span>-{full:g} mm<span class="scale" style="background:linear-gradient(90deg,{colors})"></span>+{full:g} mm '
+        "across the edge</span>"
+    ]
+    keys.append(_key(UNSEEN, "not seen", "dashed"))
+    if any(f.state is State.MISSING for f in seen.features):
+        keys.append(_key(MISSING, "missing", "dashed"))
+    if seen.extra:
+        keys.append(_key(EXTRA, "no edge of the model explains it", "dotted"))
+    views = "".join(
+        (f"<h3>{escape(photo.viewpoint.name)}</h3>" if len(photos) > 1 else "") + overlay_svg(photo, i, seen)
+        for i, photo in enumerate(photos)
+    )
+    note = "Hover over an edge, or touch it, for its deviation. The edges are drawn where the model has them."
+    return _section(
+        "What the photo shows", f'{views}<div class="legend">{"".join(keys)}</div><p class="soft">{note}</p>'
+    )
+
+
+def _key(color: str, text: str, style: str = "solid") -> str:
+    return f'<span><i style="border-top:4px {style} {color}"></i>{escape(text)}</span>'
+
+
+def _judgements(found: Verification) -> str:
+    if not found.judgements:
+        return ""
+    heads = ("feature", "what", "deviation", "U", "limit", "", "verdict", "why")
+    rows = "".join(_row(heads, _cells(j)) for j in found.judgements)
+    return _section("Limits", f'{_table(heads, rows)}<p class="soft">{escape(rule_words(found))}.</p>')
+
+
+def _cells(j: Judgement) -> list[str]:
+    deviation, U, limit = in_unit(j)
+    said = f"± {U} (k {j.limit.k:.3g})" if U else ""
+    tag = f'<span class="tag" style="color:{COLORS[j.verdict]}">{j.verdict.value}</span>'
+    what = escape(j.limit.quantity.name.lower())
+    return [f"<b>{escape(j.feature)}</b>", what, deviation, said, limit, tolerance_bar(j), tag, escape(j.reason)]
+
+
+def _features(seen: Inspection) -> str:
+    heads = ("feature", "state", "edges seen", "displaced", "vector mm", "turned", "chance", "role")
+    rows = "".join(_row(heads, _feature_cells(f)) for f in seen.features if f.state is not State.OUT_OF_VIEW)
+    notes = [
+        "Displacement against a pose fitted to the datum without the feature, ± 2 sigma, part axes, as far as the "
+        "photos show it. Chance: how probable such a displacement is of a feature in place."
+    ]
+    if seen.left_out:
+        notes.append(f"Left out of the datum, for they do not agree with the rest: {', '.join(seen.left_out)}.")
+    hidden = [f.name for f in seen.features if f.state is State.OUT_OF_VIEW]
+    if hidden:
+        notes.append(f"Not in view: {', '.join(hidden)}.")
+    said = "".join(f'<p class="soft">{escape(note)}</p>' for note in notes)
+    return _section("Features", _table(heads, rows) + said)
+
+
+def _feature_cells(f: FeatureDeviation) -> list[str]:
+    colors = {State.DISPLACED: COLORS[Verdict.FAIL], State.MISSING: COLORS[Verdict.FAIL], State.IN_PLACE: "#00785a"}
+    state = f'<span class="tag" style="color:{colors.get(f.state, "#555555")}">{f.state.value}</span>'
+    cells = [f"<b>{escape(f.name)}</b>", state, f"{f.presence.seen} of {f.presence.expected}"]
+    if f.displacement is None:
+        return [*cells, "", "", "", "", "datum" if f.datum else "judged"]
+    turn, U = np.degrees(f.turn), np.degrees(2 * f.turn_sigma)
+    turned = f"{turn:+.3f} ± {U:.3f} deg" if np.isfinite(U) else ""
+    size = f"{f.size:.3f} ± {2 * f.sigma:.3f} mm"
+    return [*cells, size, vector(f.vector), turned, f"{f.p_value:.2g}", "datum" if f.datum else "judged"]
+
+
+def _plots(found: Verification, seen: Inspection) -> str:
+    names = dict.fromkeys(j.feature for j in found.judgements)
+    names |= dict.fromkeys(f.name for f in seen.features if f.state is State.DISPLACED)
+    drawn = [("All edges: deviation and U (k 2)", edges_plot(seen))]
+    drawn += [(f"Along the edges of {name}", stations_plot(seen, name)) for name in names]
+    cells = "".join(f"<div><h3>{escape(title)}</h3>{svg}</div>" for title, svg in drawn if svg)
+    return _section("Deviations", f'<div class="two">{cells}</div>')
+
+
+def _sensitivity(seen: Inspection) -> str:
+    shown = [f for f in seen.features if f.displacement is not None and not f.datum]
+    shown = shown or [f for f in seen.features if f.displacement is not None]
+    direction, sigma = weakest_direction(seen)
+    lines = [f"<li><b>{escape(f.name)}</b>: {escape(shares_in_words(f))} of the variance</li>" for f in shown]
+    pose = f"Weakest motion of the pose: {direction}, 1 sigma {sigma:.3f} mm at the edges (part axes)."
+    words = f"<ul>{''.join(lines)}</ul><p>{escape(pose)}</p>"
+    both = f'<div class="two"><div>{shares_plot(shown)}</div><div>{words}</div></div>'
+    return _section("What the uncertainty comes from", both)
+
+
+def _assumed(found: Verification) -> str:
+    return _section("What is assumed", "<ul>" + "".join(f"<li>{escape(s)}</li>" for s in assumptions(found)) + "</ul>")
+
+
+def _edges(seen: Inspection) -> str:
+    heads = ("edge", "of", "seen", "deviation", "direction seen", "mm per px")
+    rows = []
+    for e in sorted(seen.edges, key=lambda e: -abs(e.value) if np.isfinite(e.value) else 0.0):
+        value = f"{e.value:+.3f} ± {2 * e.sigma:.3f} mm" if np.isfinite(e.value) else "not seen"
+        mark = " <b>(off)</b>" if e.off else ""
+        share = f"{e.seen} of {e.places} places"
+        cells = [f"{e.kind} {e.chain}", escape(e.part), share, value + mark, vector(e.direction), f"{e.mm_per_px:.3f}"]
+        rows.append(_row(heads, cells))
+    said = (
+        "Each against a pose fitted without it, ± 2 sigma; the direction (part axes) is that of a positive deviation."
+    )
+    table = f'{_table(heads, "".join(rows))}<p class="soft">{said}</p>'
+    return _section(
+        "", f'<details><summary>All {len(seen.edges)} edges</summary>{table}<p class="soft">{said}</p></details>'
+    )
+
+
+def _not_found(photos: Sequence[Photo]) -> str:
+    from cadcam.image.svg import svg_text
+
+    views = []
+    for photo in photos:
+        svg = svg_text(photo.camera.size, [], photo=photo.gray)
+        views.append('<svg class="photo" ' + svg[svg.index("viewBox") :].replace("xlink:href", "href"))
+    return _section("The photo", "".join(views))
+
+
+def _provenance(origin: Origin) -> str:
+    heads = ("role", "file", "sha256")
+    rows = "".join(_row(heads, [escape(s.role), escape(s.path), f"<code>{s.sha256}</code>"]) for s in origin.sources)
+    cameras = "".join(f'<p class="soft">{escape(line)}</p>' for line in origin.cameras)
+    made = f"cadcam {__version__}, {origin.time:%Y-%m-%d %H:%M:%S} UTC"
+    return _section("Where it comes from", f'{_table(heads, rows)}{cameras}<p class="soft">{escape(made)}</p>')
+
+
+def _section(title: str, body: str) -> str:
+    head = f"<h2>{escape(title)}</h2>" if title else ""
+    return f"<section>{head}{body}</section>"
+
+
+def _table(heads: Sequence[str], rows: str) -> str:
+    head = "".join(f"<th>{escape(h)}</th>" for h in heads)
+    return f'<table class="cards"><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>'
+
+
+def _row(heads: Sequence[str], cells: Sequence[str]) -> str:
+    return (
+        "<tr>" + "".join(f'<td data-head="{escape(h)}">{c}</td>' for h, c in zip(heads, cells, strict=True)) + "</tr>"
+    )

@@ -1,0 +1,156 @@
+"""A verification in words and tables: what a person reads, on a terminal and in the report."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.geometry.rotation import hat
+from cadcam.report.table import Table
+from cadcam.verify.deviation import FeatureDeviation, State
+from cadcam.verify.inspection import Inspection
+from cadcam.verify.judge import Verification
+from cadcam.verify.tolerance import Quantity, Rule
+from cadcam.verify.verdict import SIMPLE_SHARE, Judgement
+
+CAUSE_WORDS = {
+    "noise": "pixel noise",
+    "edges": "edges' own errors",
+    "pose": "pose",
+    "calibration": "camera calibration",
+}
+
+
+def verification_tables(found: Verification) -> list[Table]:
+    """Return the judgements, and what became of each feature."""
+    tables = [judgement_table(found)]
+    if found.inspection is not None and found.inspection.found:
+        tables.append(feature_table(found.inspection))
+    return tables
+
+
+def judgement_table(found: Verification) -> Table:
+    """Return a line for each limit, the verdict in the title."""
+    rows = []
+    for j in found.judgements:
+        deviation, U, limit = in_unit(j)
+        rows.append((j.feature, j.limit.quantity.name.lower(), deviation, U, limit, j.verdict.value, j.reason))
+    return Table(
+        f"{found.verdict.value}: {found.reason}",
+        ("feature", "what", "deviation", "U", "limit", "verdict", "why"),
+        tuple(rows),
+        ("feature", "what", "verdict", "why"),
+        (rule_words(found),),
+    )
+
+
+def feature_table(seen: Inspection) -> Table:
+    """Return what became of each feature in view."""
+    rows = []
+    for f in seen.features:
+        if f.state is State.OUT_OF_VIEW:
+            continue
+        moved = "" if f.displacement is None else vector(f.vector)
+        size = "" if f.displacement is None else f"{f.size:.3f}"
+        U = "" if f.displacement is None else f"+- {2 * f.sigma:.3f}"
+        edges = f"{f.presence.seen}/{f.presence.expected}"
+        rows.append((f.name, f.state.value, edges, size, U, moved, "datum" if f.datum else "judged"))
+    notes = [
+        "displacement against a pose fitted to the datum without the feature, +- 2 sigma, in the part's axes, as far "
+        "as the photos show it"
+    ]
+    if seen.left_out:
+        notes.append(f"left out of the datum, for they do not agree with the rest: {', '.join(seen.left_out)}")
+    if seen.extra:
+        notes.append(f"{len(seen.extra)} curves of the photos inside the part that no edge of the model explains")
+    return Table(
+        "Features in view",
+        ("feature", "state", "edges seen", "displaced mm", "2 sigma", "vector mm", "role"),
+        tuple(rows),
+        ("feature", "state", "vector mm", "role"),
+        tuple(notes),
+    )
+
+
+def in_unit(j: Judgement) -> tuple[str, str, str]:
+    """Return deviation, U and limit with their unit, as text."""
+    if j.limit.quantity is Quantity.PRESENCE:
+        return "", "", "required"
+    scale, unit = (np.degrees(1.0), "deg") if j.limit.quantity is Quantity.ANGLE else (1.0, "mm")
+    limit = f"{scale * j.limit.value:.3g} {unit}"
+    if not np.isfinite(j.deviation):
+        return "", "", limit
+    return f"{scale * j.deviation:+.3f} {unit}", f"{scale * j.U:.3f}", limit
+
+
+def rule_words(found: Verification) -> str:
+    """Return the decision rules used, a sentence."""
+    rules = {j.limit.rule for j in found.judgements}
+    words = []
+    if Rule.GUARD_BAND in rules or not rules:
+        words.append(
+            "ISO 14253-1: with U = k sigma, PASS if |deviation| <= limit - U, FAIL if |deviation| > limit + U, else "
+            "UNDECIDED"
+        )
+    if Rule.SIMPLE in rules:
+        words.append(
+            f"simple acceptance: the deviation alone is compared, where U is at most {SIMPLE_SHARE:.0%} of the limit"
+        )
+    return "; ".join(words)
+
+
+def weakest_direction(seen: Inspection) -> tuple[str, float]:
+    """Return the motion of the part known worst, in words, and by how many mm it moves the part's middle (1 sigma).
+
+    The pose's covariance is taken to the middle of what is seen, where translation and rotation are least mixed, and
+    a rotation counts by how far it moves the edges there.
+    """
+    p = seen.survey.lines.p
+    middle = p.mean(axis=0)
+    radius = float(np.sqrt(np.mean(np.sum((p - middle) ** 2, axis=1))))
+    to_middle = np.eye(6)
+    to_middle[:3, 3:] = -hat(middle)
+    T = np.diag([1.0] * 3 + [radius] * 3) @ to_middle
+    w, V = np.linalg.eigh(T @ seen.pose.covariance @ T.T)
+    v, sigma = V[:, -1], float(np.sqrt(max(w[-1], 0.0)))
+    if np.linalg.norm(v[:3]) >= np.linalg.norm(v[3:]):
+        return f"translation along {vector(v[:3] / np.linalg.norm(v[:3]))}", sigma
+    return f"rotation about {vector(v[3:] / np.linalg.norm(v[3:]))}", sigma
+
+
+def assumptions(found: Verification) -> list[str]:
+    """Return what the verdict rests on, a sentence each."""
+    seen = found.inspection
+    if seen is None or not seen.found or seen.measured is None:
+        return []
+    out = [
+        "Datum: the pose was fitted to " + ", ".join(seen.datum) + "; they are taken to be as the CAD has them.",
+        "Each feature is rigid; its displacement is that of all its edges together, against a pose fitted without it.",
+    ]
+    if seen.measured.sight is not None:
+        out.append(
+            f"One photo: a displacement along the line of sight {vector(seen.measured.sight)} (part axes) is not seen; "
+            "all displacements are those across it."
+        )
+    out.append(
+        f"Each edge errs as a whole by {seen.tau_px:.3f} px (1 sigma, a shift and a tilt; estimated from the datum's "
+        f"edges), beside noise along it, {seen.noise_scale:.2f} times what the photo's own noise predicts."
+    )
+    if not seen.survey.lines.by_cause.shape[1]:
+        out.append("The camera is taken to be known exactly: its file has no covariance, or the pose absorbs it.")
+    out.append(
+        f"Missing features: where nothing is, clutter makes an edge seem seen with probability {seen.clutter:.2f}, as "
+        "counted at decoys in the same photos."
+    )
+    return out
+
+
+def shares_in_words(f: FeatureDeviation) -> str:
+    """Return which causes make a feature's uncertainty, the largest first."""
+    shares = sorted(f.shares.items(), key=lambda item: -item[1])
+    return ", ".join(f"{CAUSE_WORDS[cause]} {share:.0%}" for cause, share in shares if share >= 0.005)
+
+
+def vector(v: Array) -> str:
+    """Return a vector's components with two decimals."""
+    return "(" + ", ".join(f"{0.0 if abs(x) < 5e-3 else x:.2f}" for x in np.asarray(v).tolist()) + ")"

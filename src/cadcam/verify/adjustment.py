@@ -1,0 +1,126 @@
+"""The pose fitted to datum edges, and what other edges deviate from it: generalised least squares, errors kept apart.
+
+Offsets y = J xi + G u + C c + e: xi the motion of the whole part, u what is asked of some edges (a displacement, an
+angle), c unit errors of cameras and their places, e the errors of `EdgeNoise`. xi comes from datum edges other than
+those asked about, so that u is free of what it is compared with; as c moves both, its effect on u is what the pose does
+not follow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from cadcam.arrays import Array, Mask
+from cadcam.errors import DegenerateGeometry
+from cadcam.verify.scatter import EdgeNoise
+
+CAUSES = ("noise", "edges", "pose", "calibration")
+_BLIND = 1e-12  # of the largest: information that is rounding
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """Values (m,) with the covariance (m, m) that each cause brings, in the unit of the design they were asked in.
+
+    noise: the photos' in these edges; edges: their common errors; pose: both of these in the datum's edges, through
+    the pose; calibration: cameras and their places, through these edges and the pose together.
+    """
+
+    value: Array
+    noise: Array
+    edges: Array
+    pose: Array
+    calibration: Array
+
+    @property
+    def covariance(self) -> Array:
+        """Return the covariance (m, m) by all causes, which are independent of each other."""
+        return np.asarray(self.noise + self.edges + self.pose + self.calibration)
+
+    def along(self, direction: Array) -> Estimate:
+        """Return the estimate of D @ value for D (k, m)."""
+        D = np.atleast_2d(direction)
+        parts = (D @ getattr(self, cause) @ D.T for cause in CAUSES)
+        return Estimate(D @ self.value, *parts)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedPose:
+    """A motion xi (6,) of the part, its covariance (6, 6) by errors of edges, and how (6, r) it follows cameras'."""
+
+    xi: Array
+    covariance: Array
+    by_cause: Array
+
+
+@dataclass(frozen=True)
+class Adjustment:
+    """Offsets (N,) px of edges with J (N, 6), C (N, r), their errors, and which of them the pose is fitted to."""
+
+    offset: Array
+    J: Array
+    C: Array
+    errors: EdgeNoise
+    datum: Mask
+    freedom: Array = field(default_factory=lambda: np.eye(6))
+
+    @cached_property
+    def _white(self) -> Array:
+        """V^-1 (J F, y, C) of all offsets; edges do not mix, so rows of some edges are theirs alone."""
+        return self.errors.white(np.column_stack([self.J @ self.freedom, self.offset, self.C]))
+
+    @cached_property
+    def _datum_sums(self) -> Array:
+        return np.asarray((self.J[self.datum] @ self.freedom).T @ self._white[self.datum])
+
+    def pose(self, *, without: Mask | None = None) -> FittedPose:
+        """Return the motion xi fitted to the datum's offsets, whole edges `without` (N,) left out.
+
+        Raises `DegenerateGeometry` where the others do not hold the part.
+        """
+        F, k = self.freedom, self.freedom.shape[1]
+        sums = self._datum_sums
+        if without is not None:
+            gone = self.datum & without
+            sums = sums - (self.J[gone] @ F).T @ self._white[gone]
+        inverse = _inverse(sums[:, :k], F)
+        solution = inverse @ sums[:, k:]
+        return FittedPose(F @ solution[:, 0], F @ inverse @ F.T, F @ solution[:, 1:])
+
+    def information(self, rows: Mask, design: Array) -> Array:
+        """Return the information (m, m) that the offsets of `rows` hold on u in their design, whatever the pose."""
+        return np.asarray(design.T @ self.errors.of_rows(rows).white(design))
+
+    def estimate(self, rows: Mask, design: Array, pose: FittedPose) -> Estimate:
+        """Return what the offsets of `rows` (N,) say of u in their design (n, m) px, against a pose without them."""
+        errors = self.errors.of_rows(rows)
+        WG = errors.white(design)
+        H = np.asarray(np.linalg.pinv(design.T @ WG, rcond=_BLIND, hermitian=True) @ WG.T)
+        HJ = H @ self.J[rows]
+        Q = errors.common(H)
+        seen = H @ self.C[rows] - HJ @ pose.by_cause
+        return Estimate(
+            H @ self.offset[rows] - HJ @ pose.xi,
+            (H * errors.sigma**2) @ H.T,
+            Q @ Q.T,
+            HJ @ pose.covariance @ HJ.T,
+            seen @ seen.T,
+        )
+
+
+def _inverse(N: Array, F: Array) -> Array:
+    """Return the inverse of the pose's information; `DegenerateGeometry` naming the motion it leaves free."""
+    scale = np.sqrt(np.maximum(np.diag(N), 1e-300))
+    w, V = np.linalg.eigh(N / np.outer(scale, scale))
+    if not len(w) or w[0] <= _BLIND * max(len(N), 1) or not np.isfinite(w).all():
+        free = F @ (V[:, 0] / scale) if len(w) else np.zeros(6)
+        kind = "translation" if np.linalg.norm(free[:3]) > 1000 * np.linalg.norm(free[3:]) else "motion"
+        direction = np.round(free / max(float(np.linalg.norm(free)), 1e-300), 3).tolist()
+        raise DegenerateGeometry(
+            f"the datum edges seen do not hold the part: the {kind} {direction} (mm, rad, part axes) moves none of "
+            "them in the photos; take more features into the datum, or another photo"
+        )
+    return np.asarray((V / w) @ V.T / np.outer(scale, scale))

@@ -1,0 +1,38 @@
+"""How sure an alarm must be when many are possible."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cadcam.arrays import Array, Floats, Mask
+
+
+def false_discoveries_below(p_values: Floats, share: float) -> Mask:
+    """Return which of the hypotheses (n,) are given up so that at most `share` of these, on average, are true.
+
+    Y. Benjamini and Y. Hochberg, J. R. Stat. Soc. B 57 (1995). Where all of them are true, the probability of giving up
+    any is at most `share`: a picture in which nothing is wrong raises an alarm in at most that share of pictures. nan:
+    not tested.
+    """
+    p = np.asarray(p_values, np.float64)
+    tested = np.flatnonzero(np.isfinite(p))
+    order = tested[np.argsort(p[tested])]
+    below = p[order] <= share * np.arange(1, len(order) + 1) / max(len(order), 1)
+    out = np.zeros(len(p), bool)
+    if below.any():
+        out[order[: int(np.flatnonzero(below)[-1]) + 1]] = True
+    return out
+
+
+def tail_probability(value: Array, covariance: Array, dof: float) -> float:
+    """Return how probable a value (m,) this large is where the truth is zero, its covariance known to `dof` degrees.
+
+    Hotelling's statistic against F(m, dof): with few edges, tails are wide.
+    """
+    from scipy.stats import chi2, f
+
+    m = len(value)
+    if m == 0:
+        return float("nan")
+    statistic = float(value @ np.linalg.solve(covariance, value))
+    return float(chi2.sf(statistic, m)) if not np.isfinite(dof) else float(f.sf(statistic / m, m, max(dof, 1.0)))

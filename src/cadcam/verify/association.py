@@ -1,0 +1,199 @@
+"""Which of the photo's edges belong to a feature: a shift of the whole feature, searched beyond what a pose allows.
+
+Near every place on a feature's lines the photo may have several edges. A feature is rigid: in each photo all of its
+edges are displaced by one vector s (to first order), an edge with normal n by n . s. The shift that most places support
+is found on a grid; of shifts that are as well supported the nominal place is preferred.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Mask
+from cadcam.image.profile import candidates
+from cadcam.locate.edges import Projected
+from cadcam.locate.sight import Sight, measure
+from cadcam.verify.sightlines import REACH_PX, STEP_PX, Sightlines
+
+Longs = npt.NDArray[np.int64]
+CAPTURE_PX = 1.5  # how far an edge may be from the shifted model's and still support it
+ROOM_PX = 2.5  # beside a place that must be free of other lines, for a step to be fitted to the pixels there
+SEARCH_ROOM_PX = 1.5  # the same for an edge to be looked for
+_MOST = 6  # candidates a place
+_COARSE_PX = 0.3  # sigma of a candidate, about
+_GRID_PX = 0.75
+_NEAR_PX = 1.5  # shifts up to this are the nominal place
+_GAIN_SAMPLES, _GAIN_SHARE = 3.0, 0.10  # by which support elsewhere must exceed that of the nominal place
+_STRAYS = 3.5  # robust sigmas
+_LEAST_SAMPLES, _LEAST_SHARE = 3, 0.4  # of an edge that must agree before it counts as seen
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Association:
+    """What the photos show at N places.
+
+    coarse (N,) px: offset of the edge that the feature's shift points to, nan where there is none; offset, sigma (N,)
+    px: the same measured, with its standard deviation by the photo's noise, nan where it cannot be. shift (N, 2) px: by
+    how much the feature that a place belongs to was found displaced in its photo, to about a pixel.
+    """
+
+    coarse: Array
+    offset: Array
+    sigma: Array
+    shift: Array
+
+    @property
+    def support(self) -> Mask:
+        """Return which places have an edge of the photo."""
+        return np.isfinite(self.coarse)
+
+    @property
+    def measured(self) -> Mask:
+        """Return which places have an edge whose offset is known."""
+        return np.isfinite(self.offset)
+
+
+def nearby_edges(lines: Sightlines, sights: Sequence[Sight], *, reach_px: float) -> Array:
+    """Return the offsets (N, K) px along the normals of the photos' edges within `reach_px`, nan where no more are."""
+    found = [
+        candidates(
+            sight.photo.gray,
+            lines.q[lines.photo == i],
+            lines.normal[lines.photo == i],
+            half_length=STEP_PX / 2,
+            reach=int(np.ceil(reach_px)),
+            noise=sight.noise,
+            most=_MOST,
+        ).offset
+        for i, sight in enumerate(sights)
+    ]
+    return np.concatenate(found)
+
+
+def associated(
+    lines: Sightlines, sights: Sequence[Sight], found: Array, body: Longs, *, reach_px: float
+) -> Association:
+    """Return the photo's edge at each place; body (N,) numbers what moves as one, -1 for what is not looked at.
+
+    found (N, K): see `nearby_edges`.
+    """
+    n = len(lines)
+    coarse, shift = np.full(n, np.nan), np.zeros((n, 2))
+    for number in np.unique(body[body >= 0]):
+        for photo in np.unique(lines.photo[body == number]):
+            rows = np.flatnonzero((body == number) & (lines.photo == photo))
+            s = best_shift(found[rows], lines.normal[rows], reach_px=reach_px)
+            shift[rows] = s
+            coarse[rows] = _nearest(found[rows], lines.normal[rows] @ s)
+    coarse[strays(coarse, np.full(n, _COARSE_PX), lines.edge, lines.along)] = np.nan
+    offset, sigma = _measured(lines, sights, _expected(coarse, lines))
+    offset[~np.isfinite(coarse)] = np.nan
+    offset[strays(offset, sigma, lines.edge, lines.along)] = np.nan
+    return Association(coarse, offset, np.where(np.isfinite(offset), sigma, np.nan), shift)
+
+
+def _expected(coarse: Array, lines: Sightlines) -> Array:
+    """Return where (N,) px the straight line through each edge's coarse offsets passes; nan for edges not seen."""
+    out = np.full(len(coarse), np.nan)
+    for e in np.unique(lines.edge[np.isfinite(coarse)]):
+        rows = np.flatnonzero(lines.edge == e)
+        have = rows[np.isfinite(coarse[rows])]
+        slope, level = _robust_line(lines.along[have], coarse[have])
+        out[rows] = level + slope * lines.along[rows]
+    return out
+
+
+def _measured(lines: Sightlines, sights: Sequence[Sight], expected: Array) -> tuple[Array, Array]:
+    """Return offsets (N,) and sigmas, fitted to the pixels about where the edges are expected."""
+    offset, sigma = np.full(len(lines), np.nan), np.full(len(lines), np.nan)
+    for i, sight in enumerate(sights):
+        rows = lines.photo == i
+        about = np.nan_to_num(expected[rows])
+        q, normal = lines.q[rows] + about[:, None] * lines.normal[rows], lines.normal[rows]
+        at = Projected(q, normal, np.zeros((len(q), 2, 6)))
+        blur = sight.blur(at, half_length=STEP_PX / 2, reach_px=REACH_PX)
+        found = measure(
+            sight, at, half_length=STEP_PX / 2, reach_px=REACH_PX, room_px=ROOM_PX, blur=blur, farthest=CAPTURE_PX
+        )
+        known = found.usable & np.isfinite(expected[rows])
+        offset[rows] = np.where(known, about + found.offset, np.nan)
+        sigma[rows] = np.where(known, found.sigma, np.nan)
+    return offset, sigma
+
+
+def best_shift(offset: Array, normal: Array, *, reach_px: float) -> Array:
+    """Return the shift (2,) px that most of the candidates `offset` (n, K) support, to the grid's step."""
+    grid = _grid(reach_px)
+    score = support(offset, normal, grid)
+    near = np.hypot(*grid.T) <= _NEAR_PX
+    best = int(np.argmax(score - 1e-6 * np.hypot(*grid.T)))
+    gain = score[best] - score[near].max()
+    if gain <= max(_GAIN_SAMPLES, _GAIN_SHARE * len(offset)):
+        best = int(np.flatnonzero(near)[np.argmax(score[near] - 1e-6 * np.hypot(*grid[near].T))])
+    return np.asarray(grid[best])
+
+
+def supported(offset: Array, normal: Array, shift: Array) -> Mask:
+    """Return which places (n,) have a candidate (n, K) within `CAPTURE_PX` of a shift (2,)."""
+    off = np.abs(np.where(np.isfinite(offset), offset, np.inf) - (normal @ shift)[:, None])
+    return np.asarray((off <= CAPTURE_PX).any(axis=1))
+
+
+def support(offset: Array, normal: Array, shifts: Array) -> Array:
+    """Return how many places (n,) have a candidate (n, K) near each shift (m, 2); nearer ones count more."""
+    used = np.isfinite(offset).any(axis=1)
+    o = np.where(np.isfinite(offset[used]), offset[used], 1e6)
+    expected = shifts @ normal[used].T  # (m, n)
+    off = np.full(expected.shape, np.inf)
+    for k in range(o.shape[1]):
+        if (o[:, k] < 1e6).any():
+            np.minimum(off, np.abs(o[:, k] - expected), out=off)
+    return np.asarray(np.maximum(1 - (off / CAPTURE_PX) ** 2, 0).sum(axis=1))
+
+
+def strays(offset: Array, sigma: Array, edge: Longs, along: Array) -> Mask:
+    """Return the offsets that do not lie with those of their edge, and those of edges that are hardly seen."""
+    out = np.zeros(len(offset), bool)
+    for e in np.unique(edge):
+        rows = np.flatnonzero(edge == e)
+        have = rows[np.isfinite(offset[rows])]
+        if len(have) < max(_LEAST_SAMPLES, _LEAST_SHARE * len(rows)):
+            out[have] = True
+            continue
+        slope, level = _robust_line(along[have], offset[have])
+        r = np.abs(offset[have] - level - slope * along[have])
+        scale = np.maximum(1.4826 * np.median(r), np.median(sigma[have]))
+        out[have[r > _STRAYS * scale]] = True
+    return out
+
+
+def _robust_line(t: Array, y: Array) -> tuple[float, float]:
+    """Return slope and level of a line through y(t) that outliers do not turn: medians of its two halves."""
+    half = len(t) // 2
+    if half < 3:
+        return 0.0, float(np.median(y))
+    order = np.argsort(t)
+    low, high = order[:half], order[-half:]
+    run = np.median(t[high]) - np.median(t[low])
+    slope = float((np.median(y[high]) - np.median(y[low])) / run) if run > 0 else 0.0
+    return slope, float(np.median(y - slope * t))
+
+
+def _grid(reach: float) -> Array:
+    steps = np.arange(-int(reach / _GRID_PX), int(reach / _GRID_PX) + 1) * _GRID_PX
+    x, y = np.meshgrid(steps, steps)
+    grid = np.stack([x.ravel(), y.ravel()], axis=1)
+    return np.asarray(grid[np.hypot(*grid.T) <= reach])
+
+
+def _nearest(found: Array, expected: Array) -> Array:
+    """Return of each row the offset (n,) nearest to what is expected, nan if that is not near."""
+    off = np.abs(found - expected[:, None])
+    off[~np.isfinite(off)] = np.inf
+    k = np.argmin(off, axis=1)
+    i = np.arange(len(found))
+    return np.where(off[i, k] <= CAPTURE_PX, found[i, k], np.nan)

@@ -1,0 +1,119 @@
+"""Deviations of edges and features from where the CAD has them, in mm, each with what makes it uncertain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.verify.adjustment import CAUSES, Estimate
+from cadcam.verify.presence import Presence
+
+
+class State(Enum):
+    """What became of a feature. UNCLEAR: too little of it can be told from the photos; OUT_OF_VIEW: nothing of it."""
+
+    IN_PLACE = "in place"
+    DISPLACED = "displaced"
+    MISSING = "missing"
+    UNCLEAR = "unclear"
+    OUT_OF_VIEW = "out of view"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EdgeDeviation:
+    """How far an edge lies from where the CAD has it, seen in one photo, the pose fitted without it.
+
+    value: signed mm along `direction` (3,), a unit vector in the part frame, perpendicular to the edge and to the line
+    of sight; sigma: its standard deviation, variances (4,) by `CAUSES`; both nan where the photo shows no such edge.
+    q (n, 2) px: where the model puts its places; p (3,) mm: its middle in the part frame; places: how many should be
+    seen, seen: how many were; station (s, 3): along (px), deviation and sigma (mm) of pieces of it.
+    """
+
+    part: str
+    kind: str
+    chain: int
+    photo: int
+    features: tuple[str, ...]
+    value: float
+    sigma: float
+    variances: Array
+    direction: Array
+    p: Array
+    q: Array
+    mm_per_px: float
+    places: int
+    seen: int
+    off: bool = False
+    station: Array = field(default_factory=lambda: np.zeros((0, 3)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FeatureDeviation:
+    """A feature as a rigid body: whether it is there, and by how much it is displaced against the datum.
+
+    displacement: mm in the directions `seen` (3, m), orthonormal in the part frame; across them nothing is known, and
+    nothing is said. size: its length in mm, sigma: the standard deviation along the worst of the directions seen.
+    turn, turn_sigma: rad about the line of sight `axis` (3,); nan where the edges do not show it. p_value: how
+    probable such a displacement is of a feature in place. datum: whether the pose was fitted to it too (not when this
+    was computed: its own edges are left out).
+    """
+
+    name: str
+    state: State
+    presence: Presence
+    seen: Array
+    displacement: Estimate | None
+    turn: float = float("nan")
+    turn_sigma: float = float("nan")
+    axis: Array = field(default_factory=lambda: np.zeros(3))
+    p_value: float = float("nan")
+    p: Array = field(default_factory=lambda: np.zeros(3))
+    shift_px: float = 0.0
+    datum: bool = False
+
+    @property
+    def vector(self) -> Array:
+        """Return the displacement (3,) mm in the part frame, zero in the directions not seen; nan where unknown."""
+        if self.displacement is None:
+            return np.full(3, np.nan)
+        return np.asarray(self.seen @ self.displacement.value)
+
+    @property
+    def size(self) -> float:
+        """Return the displacement's length in mm."""
+        return float(np.linalg.norm(self.vector))
+
+    @property
+    def sigma(self) -> float:
+        """Return the standard deviation in mm along the direction known worst of those seen."""
+        if self.displacement is None:
+            return float("nan")
+        return float(np.sqrt(max(np.linalg.eigvalsh(self.displacement.covariance)[-1], 0.0)))
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Return the share of each cause in the variance along that direction."""
+        if self.displacement is None:
+            return {}
+        w = np.linalg.eigh(self.displacement.covariance)[1][:, -1]
+        parts = {cause: float(w @ getattr(self.displacement, cause) @ w) for cause in CAUSES}
+        total = sum(parts.values())
+        return {cause: value / total for cause, value in parts.items()} if total > 0 else parts
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Extra:
+    """A curve in a photo, inside the part's picture, that no edge of the model explains.
+
+    q (n, 2) px; length_px; p (3,) mm: where its middle would lie on the model's surface, nan beside it; near: the
+    part there.
+    """
+
+    photo: int
+    q: Array
+    length_px: float
+    p: Array
+    near: str

@@ -1,0 +1,85 @@
+"""Edges of the photo inside the part's picture that no line of the model explains: candidates for what is too much."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.edges import canny
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.render import open_renderer
+from cadcam.render.view import Channel, View
+from cadcam.render.wireframe import LineOptions
+from cadcam.verify.deviation import Extra
+
+LEAST_PX = 25.0  # shorter curves are texture, rust, dirt
+EXPLAINED_PX = 4.0
+_STEP_PX = 1.9  # between neighbours on a curve
+_RIM_PX = 4
+
+
+def unexplained(
+    part: Part, photos: Sequence[Photo], world_from_part: Rigid, *, shifted: Sequence[Array]
+) -> list[Extra]:
+    """Return curves, longest first, that stand clear of all model lines and of the places `shifted` (n, 2) px.
+
+    shifted: for each photo where displaced features' edges were found.
+    """
+    out: list[Extra] = []
+    renderer = open_renderer(part.scene)
+    for i, photo in enumerate(photos):
+        camera_from_part = photo.viewpoint.camera_from_world @ world_from_part
+        view = renderer.render(photo.camera, camera_from_part, channels=Channel.PART | Channel.DEPTH)
+        lines = part.lines.draw(photo.camera, camera_from_part, options=LineOptions(hidden=False)).visible
+        explained = np.concatenate([lines.points_along(2.0)[0], shifted[i]])
+        out += _in_photo(part, photo, i, camera_from_part, view, explained)
+    return sorted(out, key=lambda e: -e.length_px)
+
+
+def _in_photo(
+    part: Part, photo: Photo, number: int, camera_from_part: Rigid, view: View, explained: Array
+) -> list[Extra]:
+    from scipy.ndimage import binary_erosion
+    from scipy.spatial import cKDTree
+
+    edges = canny(photo.gray, sigma=1.5)
+    if not len(edges):
+        return []
+    inside = binary_erosion(view.part >= 0, iterations=_RIM_PX)
+    x, y = np.clip(np.rint(edges.q), 0, np.array(photo.camera.size) - 1).astype(int).T
+    distance = cKDTree(explained).query(edges.q)[0] if len(explained) else np.full(len(edges), np.inf)
+    free = inside[y, x] & (distance > EXPLAINED_PX)
+    out = []
+    for q in _curves(edges.q[free]):
+        if len(q) < LEAST_PX:  # a point a pixel
+            continue
+        middle = q[np.argmin(np.linalg.norm(q - q.mean(axis=0), axis=1))]
+        at = int(middle[1] + 0.5), int(middle[0] + 0.5)
+        name = part.scene.mesh.part_names[int(view.part[at])] if view.part[at] >= 0 else ""
+        out.append(Extra(number, q, float(len(q)), _place(view, camera_from_part, middle), name))
+    return out
+
+
+def _curves(q: Array) -> list[Array]:
+    """Return the connected runs of edge points (n, 2)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    if not len(q):
+        return []
+    pairs = cKDTree(q).query_pairs(_STEP_PX, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), shape=(len(q), len(q)))
+    label = connected_components(graph, directed=False)[1]
+    return [q[label == i] for i in np.flatnonzero(np.bincount(label) >= LEAST_PX)]
+
+
+def _place(view: View, camera_from_part: Rigid, q: Array) -> Array:
+    """Return the point (3,) mm of the part that pixel q sees."""
+    depth = float(view.depth[int(q[1] + 0.5), int(q[0] + 0.5)])
+    ray = view.camera.unproject(q)
+    return np.asarray(camera_from_part.inv @ (ray * depth / ray[2]))

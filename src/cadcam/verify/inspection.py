@@ -1,0 +1,313 @@
+"""From photos and a pose to what deviates from the CAD: all edges and features, before anything is judged."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cadcam.arrays import Array, Mask
+from cadcam.cad.edges import EdgeKind
+from cadcam.camera.pose_estimate import PoseEstimate
+from cadcam.errors import BadValue
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.verify.alarms import false_discoveries_below
+from cadcam.verify.deviation import EdgeDeviation, Extra, FeatureDeviation, State
+from cadcam.verify.extra import unexplained
+from cadcam.verify.measured import Displacement, Measured
+from cadcam.verify.presence import Presence
+from cadcam.verify.survey import Survey, surveyed
+from cadcam.verify.tolerance import Tolerances, whole_parts
+
+_LEAST_SEEN = 0.4  # of the datum's places that must show an edge for the pose to be believed
+_CELL_PX = 1.5  # places where a shifted feature is looked for are about this far apart
+
+
+@dataclass(frozen=True, slots=True)
+class InspectionOptions:
+    """reach_px: how far features are looked for beside their places. alarms: share of false ones that is allowed.
+
+    Of pictures in which nothing is wrong at most that share raise any alarm (Benjamini and Hochberg over features and
+    over edges; for missing features Bonferroni over features).
+    """
+
+    reach_px: float = 8.0
+    alarms: float = 0.01
+
+    def __post_init__(self) -> None:
+        if not 2 <= self.reach_px <= 60:
+            raise BadValue("reach_px", self.reach_px, "2 to 60 px")
+        if not 0 < self.alarms < 1:
+            raise BadValue("alarms", self.alarms, "a share between 0 and 1, such as 0.01")
+
+
+PLAIN_OPTIONS = InspectionOptions()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inspection:
+    """What the photos show of a part at a pose.
+
+    pose: fitted to the datum's edges. datum: names of the bodies it was fitted to; left_out: those of them that do not
+    agree with the others, and were not used (never of a stated datum). tau_px: common error of an edge; noise_scale:
+    scatter along edges over what the photos' noise predicts; clutter: see `cadcam.verify.presence`; seen_share: of the
+    datum's places, those where the photos show an edge. found: whether the part is where the pose has it; if not,
+    `reason` says why.
+    """
+
+    pose: PoseEstimate
+    features: tuple[FeatureDeviation, ...]
+    edges: tuple[EdgeDeviation, ...]
+    extra: tuple[Extra, ...]
+    datum: tuple[str, ...]
+    left_out: tuple[str, ...]
+    tau_px: float
+    noise_scale: float
+    clutter: float
+    seen_share: float
+    found: bool
+    reason: str
+    measured: Measured | None
+    survey: Survey
+    passable: float = float("nan")  # log likelihood ratio from which a feature asked for passes as present
+
+    def feature(self, name: str) -> FeatureDeviation:
+        """Return a feature by its name."""
+        return next(f for f in self.features if f.name == name)
+
+
+def inspect(
+    part: Part,
+    photos: Sequence[Photo],
+    world_from_part: Rigid,
+    *,
+    tolerances: Tolerances | None = None,
+    options: InspectionOptions = PLAIN_OPTIONS,
+    freedom: Array | None = None,
+) -> Inspection:
+    """Return what deviates from the CAD, the part standing about where `world_from_part` has it (to a pixel or so).
+
+    tolerances say which features there are and which of them the pose is fitted to; by default every body of the model
+    is a feature, and the pose is fitted to those that agree: while the worst of them is significantly displaced
+    against the others, it is left out (data snooping; W. Baarda, Netherlands Geodetic Commission 2/5, 1968). freedom
+    (6, k): motions that are free (`PoseEstimate`), default all. Raises `DegenerateGeometry` where the datum's edges in
+    view do not hold the part, `UnknownName` or `BadValue` for names that the part has not.
+    """
+    asked = whole_parts(part.scene) if tolerances is None else tolerances
+    asked.check(part.scene)
+    F = np.eye(6) if freedom is None else np.asarray(freedom, np.float64)
+    survey = surveyed(part, photos, world_from_part, asked, reach_px=options.reach_px)
+    reason = _why_not(survey)
+    if reason:
+        return _not_found(survey, world_from_part, F, reason)
+    presence = _presences(survey, options)
+    there = _there(presence)
+    sight = _sight(photos[0], world_from_part, survey) if len(photos) == 1 else None
+    measured, left_out = _snooped(survey, there, sight, F, options)
+    return _reported(part, photos, world_from_part, survey, presence, measured, left_out, options)
+
+
+def _why_not(survey: Survey) -> str:
+    if not len(survey.lines):
+        return "none of the part's edges is in view: check the pose, the camera and the model's unit"
+    if not (survey.datum & survey.usable).any():
+        return "none of the datum's edges is in view: choose others, or take another photo"
+    if survey.seen_share < _LEAST_SEEN:
+        return (
+            f"the photos show an edge at only {100 * survey.seen_share:.0f} % of the places where this pose has one "
+            f"(at least {100 * _LEAST_SEEN:.0f} % are needed): the part is not there, or not this part"
+        )
+    return ""
+
+
+def _presences(survey: Survey, options: InspectionOptions) -> list[Presence]:
+    """Return the evidence for each body; where it was looked for at many places, that is taken off."""
+    cells = np.log(max(np.pi * (options.reach_px / _CELL_PX) ** 2, 1.0))
+    out = []
+    for i in range(len(survey.names)):
+        rows = survey.rows(i)
+        moved = rows.any() and np.hypot(*survey.matched.shift[rows].T).max() > _CELL_PX
+        out.append(survey.presence(i, elsewhere=cells if moved else 0.0))
+    return out
+
+
+def _there(presence: Sequence[Presence]) -> Mask:
+    """Return which bodies are rather there than not: those whose edges are measured."""
+    return np.array([p.seen > 0 and p.log_ratio > 0 for p in presence], bool)
+
+
+def sure(presence: Sequence[Presence], options: InspectionOptions = PLAIN_OPTIONS) -> float:
+    """Return the log likelihood ratio beyond which a body is called missing (-) or there (+), none of all wrongly.
+
+    Bonferroni over the bodies in view.
+    """
+    return float(np.log(max(sum(p.expected > 0 for p in presence), 1) / options.alarms))
+
+
+def _sight(photo: Photo, world_from_part: Rigid, survey: Survey) -> Array:
+    """Return the mean line of sight (3,), a unit vector in the part frame."""
+    part_from_camera = (photo.viewpoint.camera_from_world @ world_from_part).inv
+    mean = survey.lines.p.mean(axis=0) - part_from_camera.translation
+    return np.asarray(mean / np.linalg.norm(mean))
+
+
+def _snooped(
+    survey: Survey, there: Mask, sight: Array | None, F: Array, options: InspectionOptions
+) -> tuple[Measured, list[int]]:
+    """Return what is measured with the pose fitted to the bodies that agree, and those that do not."""
+    used = there[survey.body]
+    left_out: list[int] = []
+    while True:
+        datum = survey.datum & ~np.isin(survey.body, left_out)
+        measured = Measured.of(survey, used, datum, sight, F)
+        measured.adjustment.pose()  # an error here says what is free
+        if survey.stated:
+            return measured, left_out
+        bodies = np.unique(measured.body[measured.adjustment.datum]).tolist()
+        tests = {i: measured.displacement(measured.body == i) for i in bodies}
+        p_values = {i: t.p_value for i, t in tests.items() if t is not None}
+        worst = min(p_values, key=lambda i: p_values[i], default=-1)
+        if worst < 0 or p_values[worst] > options.alarms / max(len(survey.names), 1):
+            return measured, left_out
+        left_out.append(worst)
+
+
+def _reported(
+    part: Part,
+    photos: Sequence[Photo],
+    world_from_part: Rigid,
+    survey: Survey,
+    presence: Sequence[Presence],
+    measured: Measured,
+    left_out: Sequence[int],
+    options: InspectionOptions,
+) -> Inspection:
+    names = survey.names
+    features = _features(survey, presence, measured, options)
+    edges = _edges(part, survey, measured, options)
+    fitted = measured.adjustment.pose()
+    by_calibration = fitted.by_cause @ fitted.by_cause.T
+    moved = world_from_part @ Rigid.exp(fitted.xi)
+    pose = PoseEstimate(moved, fitted.covariance, by_calibration, measured.adjustment.freedom, measured.dof)
+    shifted = [_shifted(survey, i) for i in range(len(photos))]
+    return Inspection(
+        pose=pose,
+        features=features,
+        edges=edges,
+        extra=tuple(unexplained(part, photos, pose.world_from_part, shifted=shifted)),
+        datum=tuple(names[i] for i in np.unique(measured.body[measured.adjustment.datum])),
+        left_out=tuple(names[i] for i in left_out),
+        tau_px=measured.tau_px,
+        noise_scale=measured.noise_scale,
+        clutter=survey.clutter,
+        seen_share=survey.seen_share,
+        found=True,
+        reason="",
+        measured=measured,
+        survey=survey,
+        passable=float(-np.log(options.alarms)),
+    )
+
+
+def _features(
+    survey: Survey, presence: Sequence[Presence], measured: Measured, options: InspectionOptions
+) -> tuple[FeatureDeviation, ...]:
+    enough = sure(presence, options)
+    moved = [measured.displacement(members) for members in measured.members]
+    alarms = false_discoveries_below([np.nan if m is None else m.p_value for m in moved], options.alarms)
+    out = []
+    for i in range(len(survey.names)):
+        state = _state(presence[i], moved[i], bool(alarms[i]), enough)
+        out.append(_feature(i, state, presence[i], moved[i], measured, survey))
+    return tuple(out)
+
+
+def _state(presence: Presence, moved: Displacement | None, alarm: bool, enough: float) -> State:
+    if presence.expected == 0 and moved is None:
+        return State.OUT_OF_VIEW
+    if presence.log_ratio <= -enough:
+        return State.MISSING
+    if moved is None or presence.log_ratio <= 0:
+        return State.UNCLEAR
+    return State.DISPLACED if alarm else State.IN_PLACE
+
+
+def _feature(
+    number: int,
+    state: State,
+    presence: Presence,
+    moved: Displacement | None,
+    measured: Measured,
+    survey: Survey,
+) -> FeatureDeviation:
+    rows, every = measured.members[number], survey.rows(number)
+    p = survey.lines.p[every].mean(axis=0) if every.any() else np.full(3, np.nan)
+    name = survey.names[number]
+    if moved is None:
+        return FeatureDeviation(name, state, presence, np.zeros((3, 0)), None, p=p)
+    turn, sigma, axis = measured.turn(rows)
+    return FeatureDeviation(
+        name,
+        state,
+        presence,
+        moved.basis,
+        moved.estimate,
+        turn,
+        sigma,
+        axis,
+        moved.p_value,
+        measured.lines.p[rows].mean(axis=0),
+        float(np.hypot(*survey.matched.shift[every].T).max(initial=0.0)),
+        bool(measured.adjustment.datum[rows].any()),
+    )
+
+
+def _edges(part: Part, survey: Survey, measured: Measured, options: InspectionOptions) -> tuple[EdgeDeviation, ...]:
+    out = [_edge(part, survey, measured, int(e)) for e in np.unique(survey.lines.edge[survey.usable])]
+    from scipy.stats import t
+
+    p_values = [2 * t.sf(abs(e.value) / e.sigma, measured.dof) if np.isfinite(e.sigma) else np.nan for e in out]
+    alarms = false_discoveries_below(p_values, options.alarms)
+    return tuple(replace(e, off=bool(alarm)) for e, alarm in zip(out, alarms, strict=True))
+
+
+def _edge(part: Part, survey: Survey, measured: Measured, number: int) -> EdgeDeviation:
+    lines = survey.lines
+    every = (lines.edge == number) & survey.usable
+    rows = measured.lines.edge == number
+    pose = measured.pose_without(rows) if rows.any() else None
+    value, sigma, variances = measured.across(rows, pose=pose)
+    middle = np.flatnonzero(every)[int(every.sum()) // 2]
+    return EdgeDeviation(
+        part=part.scene.mesh.part_names[int(lines.part[middle])],
+        kind=EdgeKind(int(lines.kind[middle])).name.lower(),
+        chain=int(lines.chain[middle]),
+        photo=int(lines.photo[middle]),
+        features=tuple(n for n, m in zip(survey.names, survey.members, strict=True) if m[middle]),
+        value=value,
+        sigma=sigma,
+        variances=variances,
+        direction=lines.direction[middle],
+        p=lines.p[middle],
+        q=lines.q[every],
+        mm_per_px=float(np.median(lines.mm_per_px[every])),
+        places=int(every.sum()),
+        seen=int(rows.sum()),
+        station=measured.stations(rows, pose=pose) if rows.any() else np.zeros((0, 3)),
+    )
+
+
+def _shifted(survey: Survey, photo: int) -> Array:
+    """Return the places (n, 2) px where the photo shows an edge of the model, wherever that is."""
+    rows = (survey.lines.photo == photo) & survey.matched.support
+    return np.asarray(survey.lines.q[rows] + survey.matched.coarse[rows, None] * survey.lines.normal[rows])
+
+
+def _not_found(survey: Survey, world_from_part: Rigid, F: Array, reason: str) -> Inspection:
+    nan = float("nan")
+    unknown = PoseEstimate(world_from_part, np.zeros((6, 6)), freedom=F)
+    share, clutter = survey.seen_share, survey.clutter
+    return Inspection(unknown, (), (), (), (), (), nan, nan, clutter, share, False, reason, None, survey)

@@ -1,0 +1,181 @@
+"""A located part against its tolerances: what each limit asks, what was measured of it, the verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.freedom import FREE, Freedom
+from cadcam.locate.location import Location
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.verify.deviation import FeatureDeviation, State
+from cadcam.verify.inspection import PLAIN_OPTIONS, Inspection, InspectionOptions, inspect
+from cadcam.verify.tolerance import Feature, Limit, Quantity, Tolerances
+from cadcam.verify.verdict import Judgement, Verdict, decided, overall
+
+_NAN = float("nan")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Verification:
+    """The verdict on a part, what it follows from, and all that was measured; reason: one line for people."""
+
+    verdict: Verdict
+    reason: str
+    judgements: tuple[Judgement, ...]
+    inspection: Inspection | None
+    tolerances: Tolerances
+    located: Location
+
+
+def verify(
+    part: Part,
+    photos: Sequence[Photo],
+    located: Location,
+    tolerances: Tolerances,
+    *,
+    options: InspectionOptions = PLAIN_OPTIONS,
+    freedom: Freedom = FREE,
+) -> Verification:
+    """Return the verdict on the part that `located` has in the photos.
+
+    The pose is fitted anew to the datum that the tolerances name, and every feature is judged against a pose fitted
+    without it. A part that was not found gets no verdict: NOT FOUND, and why. Raises as `inspect`.
+    """
+    tolerances.check(part.scene)
+    if not located.found:
+        return _nothing(f"the part was not found: {located.reason or 'no pose fits'}", tolerances, located, None)
+    pose: Rigid = located.pose.world_from_part
+    seen = inspect(part, photos, pose, tolerances=tolerances, options=options, freedom=freedom.at(pose))
+    if not seen.found:
+        return _nothing(seen.reason, tolerances, located, seen)
+    judgements = tuple(j for f in tolerances.features for j in judged(f, seen))
+    verdict = overall(j.verdict for j in judgements)
+    return Verification(verdict, _why(verdict, judgements), judgements, seen, tolerances, located)
+
+
+def judged(feature: Feature, seen: Inspection) -> list[Judgement]:
+    """Return a judgement for each limit of a feature."""
+    found = seen.feature(feature.name)
+    return [_judgement(feature.name, limit, found, seen) for limit in feature.limits]
+
+
+def _judgement(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
+    if limit.quantity is Quantity.PRESENCE:
+        return _presence(name, limit, found, seen)
+    without = {
+        State.MISSING: (Verdict.NOT_FOUND, "it is missing: nothing of it to measure"),
+        State.OUT_OF_VIEW: (Verdict.UNDECIDED, "not in view"),
+        State.UNCLEAR: (Verdict.UNDECIDED, "too little of it can be told from the photos"),
+    }
+    if found.state in without:
+        verdict, reason = without[found.state]
+        return Judgement(name, limit, _NAN, _NAN, verdict, reason)
+    return _QUANTITIES[limit.quantity](name, limit, found, seen)
+
+
+def _presence(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
+    p = found.presence
+    said = f"{p.seen} of {p.expected} edges that should show are seen"
+    if found.state is State.MISSING:
+        return Judgement(name, limit, _NAN, _NAN, Verdict.FAIL, f"missing: {said}")
+    if p.log_ratio >= seen.passable:
+        return Judgement(name, limit, _NAN, _NAN, Verdict.PASS, said)
+    why = "not in view" if p.expected == 0 else f"{said}: too few to be sure"
+    return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, why)
+
+
+def _position(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
+    if limit.direction is not None:
+        return _along(name, limit, seen)
+    verdict = decided(found.size, found.sigma, limit)
+    reason = f"displaced by {_vector(found.vector)} mm"
+    expected = 2 if seen.measured is not None and seen.measured.sight is not None else 3
+    if found.seen.shape[1] < expected and verdict is Verdict.PASS:
+        unseen = np.linalg.svd(found.seen)[0][:, -1] if found.seen.shape[1] else np.zeros(3)
+        if seen.measured is not None and seen.measured.sight is not None:
+            unseen = np.cross(seen.measured.sight, found.seen[:, 0])
+        reason += f", but a displacement along {_vector(unseen)} would not show: judge a direction, or add a photo"
+        verdict = Verdict.UNDECIDED
+    return Judgement(name, limit, found.size, found.sigma, verdict, reason)
+
+
+def _along(name: str, limit: Limit, seen: Inspection) -> Judgement:
+    assert seen.measured is not None  # only of inspections that found the part
+    rows = seen.measured.members[seen.survey.names.index(name)]
+    moved = seen.measured.displacement(rows, along=limit.direction)
+    if moved is None:
+        return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, "the photos do not show this direction")
+    value, sigma = float(moved.estimate.value[0]), float(np.sqrt(moved.estimate.covariance[0, 0]))
+    said = f"along {_vector(moved.basis[:, 0])}, none assumed across it"
+    return Judgement(name, limit, value, sigma, decided(value, sigma, limit), said)
+
+
+def _angle(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
+    if not np.isfinite(found.turn_sigma):
+        return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, "its edges do not show a turn")
+    verdict = decided(found.turn, found.turn_sigma, limit)
+    return Judgement(name, limit, found.turn, found.turn_sigma, verdict, f"turned about {_vector(found.axis)}")
+
+
+def _profile(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
+    """Judge the pieces of all edges; k is raised so that all of them together err as rarely as one would."""
+    pieces = [(s, e) for e in seen.edges if name in e.features for s in e.station if np.isfinite(s[2])]
+    if not pieces:
+        return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, "none of its edges is seen")
+    each = replace(limit, k=together(limit.k, len(pieces)))
+    verdicts = [decided(s[1], s[2], each) for s, _ in pieces]
+    verdict = overall(verdicts)
+    of = [i for i, v in enumerate(verdicts) if v is verdict]
+    worst = max(of, key=lambda i: abs(pieces[i][0][1]) + (each.k * pieces[i][0][2] if verdict is Verdict.PASS else 0))
+    station, edge = pieces[worst]
+    where = f"{edge.kind} {edge.chain} of {edge.part}"
+    reason = f"worst of {len(pieces)} pieces, on {where}; k {each.k:.2f} for all together"
+    return Judgement(name, each, float(station[1]), float(station[2]), verdict, reason)
+
+
+_QUANTITIES: dict[Quantity, Callable[[str, Limit, FeatureDeviation, Inspection], Judgement]] = {
+    Quantity.POSITION: _position,
+    Quantity.ANGLE: _angle,
+    Quantity.PROFILE: _profile,
+}
+
+
+def together(k: float, n: int) -> float:
+    """Return the coverage factor at which n independent values err, any of them, as rarely as one does at k."""
+    from scipy.stats import norm
+
+    return float(norm.isf(-np.expm1(np.log1p(-norm.sf(k)) / n)))
+
+
+def _why(verdict: Verdict, judgements: Sequence[Judgement]) -> str:
+    if not judgements:
+        return "no limits given: nothing was judged"
+    of = [j for j in judgements if j.verdict is verdict]
+    if verdict is Verdict.PASS:
+        return f"all {len(judgements)} limits are kept, uncertainty included"
+    if verdict is Verdict.UNDECIDED:
+        of = [j for j in judgements if j.verdict in (Verdict.UNDECIDED, Verdict.NOT_FOUND)]
+    first = of[0]
+    more = f", and {len(of) - 1} more" if len(of) > 1 else ""
+    said = "is beyond its limit" if verdict is Verdict.FAIL else "cannot be decided"
+    if first.limit.quantity is Quantity.PRESENCE and verdict is Verdict.FAIL:
+        said = "fails"
+    return f"{first.feature}: {first.limit.quantity.name.lower()} {said}{more} ({first.reason})"
+
+
+def _nothing(reason: str, tolerances: Tolerances, located: Location, seen: Inspection | None) -> Verification:
+    judgements = tuple(
+        Judgement(f.name, limit, _NAN, _NAN, Verdict.NOT_FOUND, "the part was not found")
+        for f in tolerances.features
+        for limit in f.limits
+    )
+    return Verification(Verdict.NOT_FOUND, reason, judgements, seen, tolerances, located)
+
+
+def _vector(v: np.typing.NDArray[np.float64]) -> str:
+    return "(" + ", ".join(f"{0.0 if abs(x) < 5e-4 else x:.2f}" for x in v) + ")"

@@ -1,0 +1,152 @@
+"""Deviations from offsets: which displacements the photos show, how large they are, how sure that is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Mask
+from cadcam.errors import DegenerateGeometry
+from cadcam.verify.adjustment import CAUSES, Adjustment, Estimate, FittedPose
+from cadcam.verify.alarms import tail_probability
+from cadcam.verify.scatter import EdgeNoise, common_error, white_scale
+from cadcam.verify.sightlines import Sightlines
+from cadcam.verify.survey import Survey
+
+Longs = npt.NDArray[np.int64]
+SEEN_PX = 0.5  # standard deviation, in px, up to which a direction of displacement counts as seen
+STATION_PX = 24.0  # length of the pieces of an edge that are looked at one by one
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Displacement:
+    """A displacement in the directions `basis` (3, m) seen, its estimate, its probability for a feature in place."""
+
+    basis: Array
+    estimate: Estimate
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The places where the photos show the part's edges, their errors, and the pose fitted to the datum among them.
+
+    body (N,) and members as in `Survey`; sight (3,): the mean line of sight in the part frame where one photo sees the
+    part, None where several do; noise_scale: see `white_scale`.
+    """
+
+    lines: Sightlines
+    body: Longs
+    members: tuple[Mask, ...]
+    adjustment: Adjustment
+    sight: Array | None
+    noise_scale: float
+
+    @classmethod
+    def of(cls, survey: Survey, used: Mask, datum: Mask, sight: Array | None, freedom: Array) -> Measured:
+        """Return what is measured from the places `used` (N,), the pose fitted to those also in `datum` (N,)."""
+        rows = used & survey.matched.measured & survey.usable
+        lines, offset = survey.lines.select(rows), survey.matched.offset[rows]
+        sigma, fitted = survey.matched.sigma[rows], (datum & rows)[rows]
+        scale = white_scale(offset, EdgeNoise.of(sigma, lines.edge, lines.along, 0.0))
+        sigma = sigma * scale
+        J = lines.by_pose
+        tau = 0.0
+        if fitted.any():
+            tau = common_error(
+                offset[fitted], sigma[fitted], lines.edge[fitted], lines.along[fitted], J[fitted] @ freedom
+            )
+        noise = EdgeNoise.of(sigma, lines.edge, lines.along, tau)
+        members = tuple(m[rows] for m in survey.members)
+        adjustment = Adjustment(offset, J, lines.by_cause, noise, fitted, freedom)
+        return cls(lines, survey.body[rows], members, adjustment, sight, scale)
+
+    @property
+    def tau_px(self) -> float:
+        """Return the common error of an edge in px."""
+        return self.adjustment.errors.tau
+
+    @property
+    def dof(self) -> float:
+        """Return the degrees of freedom behind tau: two numbers an edge of the datum, less the pose."""
+        edges = len(np.unique(self.lines.edge[self.adjustment.datum]))
+        return float(max(2 * edges - self.adjustment.freedom.shape[1], 1))
+
+    def pose_without(self, rows: Mask) -> FittedPose | None:
+        """Return the pose fitted without the edges of these places; None where the rest does not hold the part."""
+        edges = np.isin(self.lines.edge, np.unique(self.lines.edge[rows]))
+        try:
+            return self.adjustment.pose(without=edges)
+        except DegenerateGeometry:
+            return None
+
+    def directions(self, rows: Mask) -> Array:
+        """Return the directions (3, m), orthonormal in the part frame, in which a shift of these places is seen.
+
+        With one photo, none along the line of sight: there only the size of the feature's picture changes.
+        """
+        G = self.lines.by_point[rows]
+        across = np.eye(3) if self.sight is None else np.linalg.svd(self.sight[None])[2][1:].T
+        w, V = np.linalg.eigh(self.adjustment.information(rows, G @ across))
+        px_per_mm = np.median(np.linalg.norm(G, axis=1))
+        seen = w > (px_per_mm / SEEN_PX) ** 2
+        return np.asarray(across @ V[:, seen][:, ::-1])
+
+    def displacement(self, rows: Mask, *, along: Array | None = None) -> Displacement | None:
+        """Return how far the places were displaced as one; along (3,): in that direction alone. None: not told."""
+        if not rows.any():
+            return None
+        basis = self.directions(rows) if along is None else np.asarray(along, np.float64)[:, None]
+        pose = self.pose_without(rows)
+        design = self.lines.by_point[rows] @ basis
+        if pose is None or not basis.shape[1] or not np.abs(design).max(initial=0.0) > 0:
+            return None
+        estimate = self.adjustment.estimate(rows, design, pose)
+        return Displacement(basis, estimate, tail_probability(estimate.value, estimate.covariance, self.dof))
+
+    def turn(self, rows: Mask) -> tuple[float, float, Array]:
+        """Return the turn (rad) about the line of sight through the places' middle, its sigma, and that axis (3,)."""
+        axis = self.axis(rows)
+        basis, pose = self.directions(rows), self.pose_without(rows)
+        if pose is None or not basis.shape[1]:
+            return float("nan"), float("nan"), axis
+        p, G = self.lines.p[rows], self.lines.by_point[rows]
+        lever = np.einsum("ni,ni->n", G, np.cross(axis, p - p.mean(axis=0)))
+        size = float(np.abs(lever).max(initial=0.0))
+        if size == 0:
+            return float("nan"), float("nan"), axis
+        design = np.column_stack([G @ basis, lever / size * np.linalg.norm(G, axis=1).max()])
+        scale = np.linalg.norm(G, axis=1).max() / size
+        w = np.linalg.eigvalsh(self.adjustment.information(rows, design))
+        if w[0] <= 1e-9 * w[-1]:
+            return float("nan"), float("nan"), axis
+        found = self.adjustment.estimate(rows, design, pose)
+        return float(found.value[-1] * scale), float(np.sqrt(found.covariance[-1, -1]) * scale), axis
+
+    def axis(self, rows: Mask) -> Array:
+        """Return the mean line of sight (3,) of the places, away from the camera, in the part frame."""
+        if self.sight is not None:
+            return self.sight
+        _, V = np.linalg.eigh(self.lines.by_point[rows].T @ self.lines.by_point[rows])
+        return np.asarray(V[:, 0])
+
+    def across(self, rows: Mask, *, pose: FittedPose | None) -> tuple[float, float, Array]:
+        """Return the mean deviation (mm) of places of one edge across it, sigma, and the variances (4,) of `CAUSES`."""
+        if pose is None or not rows.any():
+            return float("nan"), float("nan"), np.full(len(CAUSES), np.nan)
+        design = np.linalg.norm(self.lines.by_point[rows], axis=1)[:, None]
+        found = self.adjustment.estimate(rows, design, pose)
+        variances = np.array([getattr(found, cause)[0, 0] for cause in CAUSES])
+        return float(found.value[0]), float(np.sqrt(variances.sum())), variances
+
+    def stations(self, rows: Mask, *, pose: FittedPose | None) -> Array:
+        """Return (s, 3): position along the edge (px), deviation and sigma (mm) of pieces about `STATION_PX` long."""
+        out = []
+        piece = np.floor(self.lines.along / STATION_PX).astype(np.int64)
+        for number in np.unique(piece[rows]):
+            mine = rows & (piece == number)
+            value, sigma, _ = self.across(mine, pose=pose)
+            out.append((float(self.lines.along[mine].mean()), value, sigma))
+        return np.array(out).reshape(-1, 3)

@@ -1,0 +1,132 @@
+"""The errors of edges in a photo: white noise along an edge, and what a whole edge has wrong.
+
+Offsets along one edge err together: chamfers, shadows, unequal blur, neighbouring edges. An edge's common error is
+taken for a random straight line, a shift and a tilt of variance tau^2 each (variance components):
+V = diag(sigma^2) + tau^2 Z Z^T with Z = (1, t) for each edge, t its position scaled to unit mean square. A covariance
+from the noise alone is too small by what tau is; it does not fall with more samples.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Mask
+
+Longs = npt.NDArray[np.int64]
+_LEAST_PX, _MOST_PX = 1e-4, 3.0  # where tau is looked for
+_TRIES = 40
+_LEAST_FOR_SCALE = 5
+_GOLDEN = (np.sqrt(5.0) - 1) / 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EdgeNoise:
+    """The covariance V (N, N) of offsets: sigma (N,) px, edge (N,) numbers from 0, Z (N, 2), tau px."""
+
+    sigma: Array
+    edge: Longs
+    Z: Array
+    tau: float
+
+    @classmethod
+    def of(cls, sigma: Array, edge: Longs, along: Array, tau: float) -> EdgeNoise:
+        """Return the model of offsets at positions `along` (N,) px of their edges."""
+        number = np.unique(edge, return_inverse=True)[1].reshape(-1).astype(np.int64)
+        count = np.maximum(np.bincount(number), 1)
+        middle = along - (np.bincount(number, along) / count)[number]
+        spread = np.sqrt(np.bincount(number, middle**2) / count)[number]
+        t = np.divide(middle, spread, out=np.zeros_like(middle), where=spread > 0)
+        return cls(np.asarray(sigma, np.float64), number, np.stack([np.ones_like(t), t], axis=1), float(tau))
+
+    def of_rows(self, rows: Mask) -> EdgeNoise:
+        """Return the errors of some offsets (mask over N); a part of an edge keeps the edge's line."""
+        number = np.unique(self.edge[rows], return_inverse=True)[1].reshape(-1).astype(np.int64)
+        return EdgeNoise(self.sigma[rows], number, self.Z[rows], self.tau)
+
+    @property
+    def edges(self) -> int:
+        """Return how many edges there are."""
+        return int(self.edge.max(initial=-1)) + 1
+
+    def white(self, X: Array) -> Array:
+        """Return V^-1 X for X (N, k), edge by edge (Woodbury)."""
+        by_noise = X / self.sigma[:, None] ** 2
+        if self.tau == 0 or not len(X):
+            return np.asarray(by_noise)
+        M = np.linalg.inv(np.eye(2) / self.tau**2 + self._sums(self.Z / self.sigma[:, None] ** 2))
+        drawn = M @ self._sums(by_noise)
+        return np.asarray(by_noise - np.einsum("ni,nik->nk", self.Z, drawn[self.edge]) / self.sigma[:, None] ** 2)
+
+    def common(self, H: Array) -> Array:
+        """Return Q (m, 2 edges), by which H (m, N) of the edges' common errors has the covariance Q Q^T."""
+        Q = np.zeros((len(H), 2 * self.edges))
+        for i in range(2):
+            for m in range(len(H)):
+                Q[m, i::2] = self.tau * np.bincount(self.edge, H[m] * self.Z[:, i], minlength=self.edges)
+        return Q
+
+    def log_determinant(self) -> float:
+        """Return log det V."""
+        inner = np.eye(2) + self.tau**2 * self._sums(self.Z / self.sigma[:, None] ** 2)
+        return float(2 * np.log(self.sigma).sum() + np.linalg.slogdet(inner)[1].sum())
+
+    def _sums(self, X: Array) -> Array:
+        """Return Z^T X of each edge, (edges, 2, k)."""
+        out = np.zeros((self.edges, 2, X.shape[1]))
+        for i in range(2):
+            for k in range(X.shape[1]):
+                out[:, i, k] = np.bincount(self.edge, self.Z[:, i] * X[:, k], minlength=self.edges)
+        return out
+
+
+def white_scale(offset: Array, noise: EdgeNoise) -> float:
+    """Return by what factor offsets scatter about straight lines along their edges, over what sigma says.
+
+    The root of the median over edges of chi-square by its freedom: one bad edge does not count.
+    """
+    ratios = []
+    for e in range(noise.edges):
+        rows = noise.edge == e
+        n = int(rows.sum())
+        if n < _LEAST_FOR_SCALE:
+            continue
+        Z, y = noise.Z[rows] / noise.sigma[rows, None], offset[rows] / noise.sigma[rows]
+        r = y - Z @ np.linalg.lstsq(Z, y, rcond=None)[0]
+        ratios.append(float(r @ r) / (n - 2))
+    return float(np.sqrt(np.median(ratios))) if ratios else 1.0
+
+
+def common_error(offset: Array, sigma: Array, edge: Longs, along: Array, J: Array) -> float:
+    """Return tau (px) of offsets (N,) that a motion with Jacobian J (N, k) explains up to their errors.
+
+    The maximum of the restricted likelihood (H. D. Patterson and R. Thompson, Biometrika 58, 1971), which knows that
+    the motion was fitted to the same offsets. 0 where the noise alone explains them.
+    """
+
+    def loss(log_tau: float) -> float:
+        noise = EdgeNoise.of(sigma, edge, along, float(np.exp(log_tau)))
+        WJ = noise.white(J)
+        N = J.T @ WJ
+        x = np.linalg.lstsq(N, WJ.T @ offset, rcond=None)[0]
+        r = (offset - J @ x)[:, None]
+        return float(noise.log_determinant() + np.linalg.slogdet(N)[1] + (r.T @ noise.white(r))[0, 0])
+
+    low, high = np.log(_LEAST_PX), np.log(_MOST_PX)
+    a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+    at_a, at_b = loss(a), loss(b)
+    for _ in range(_TRIES):
+        if at_a < at_b:
+            high, b, at_b = b, a, at_a
+            a = high - _GOLDEN * (high - low)
+            at_a = loss(a)
+        else:
+            low, a, at_a = a, b, at_b
+            b = low + _GOLDEN * (high - low)
+            at_b = loss(b)
+        if high - low < 1e-2:
+            break
+    tau = float(np.exp((low + high) / 2))
+    return tau if tau > 2 * _LEAST_PX else 0.0

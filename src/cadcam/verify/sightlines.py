@@ -1,0 +1,155 @@
+"""Places on the part's visible edges, and all that moves their images: the part, its features, the camera's errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Ids, Mask
+from cadcam.camera.sensitivity import project_with_sensitivity
+from cadcam.camera.viewpoint import ErrorSource
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.profile import noise_of
+from cadcam.locate.edges import EdgeSamples, project, sample_lines
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.locate.sight import Sight
+from cadcam.render.wireframe import LineOptions
+
+Longs = npt.NDArray[np.int64]
+STEP_PX, REACH_PX = 4.0, 7.0  # length of the cell that a place stands for, and how far to each side it reaches
+_LINES = LineOptions(margin_px=0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sightlines:
+    """N places on visible edges, in the photos and on the part.
+
+    q (N, 2) px where the model puts them, normal (N, 2) across the edge, p (N, 3) mm in the part frame; by_point (N, 3)
+    px/mm: how the image moves along its normal when the place moves on the part; by_cause (N, r) px: how it moves with
+    each of r independent unit errors of cameras and their places; along (N,) px: position along its edge, 0 in the
+    edge's middle; room (N,) px: distance to the next other line across it; edge (N,): its edge in its photo, 0 ...;
+    part, kind, chain, photo (N,): of whose, of which kind, which one, where.
+    """
+
+    q: Array
+    normal: Array
+    p: Array
+    by_point: Array
+    by_cause: Array
+    along: Array
+    room: Array
+    edge: Longs
+    part: Ids
+    kind: Ids
+    chain: Ids
+    photo: Ids
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def select(self, chosen: Mask | Longs) -> Sightlines:
+        """Return the chosen places."""
+        return replace(self, **{f.name: getattr(self, f.name)[chosen] for f in fields(self)})
+
+    @property
+    def by_pose(self) -> Array:
+        """Return how the image moves along its normal with xi of world_from_part @ Rigid.exp(xi), (N, 6) px."""
+        return np.concatenate([self.by_point, np.cross(self.p, self.by_point)], axis=1)
+
+    @property
+    def mm_per_px(self) -> Array:
+        """Return the distance (N,) in mm, at the edge's depth, between the planes in which neighbouring pixels see."""
+        return np.asarray(1.0 / np.linalg.norm(self.by_point, axis=1))
+
+    @property
+    def direction(self) -> Array:
+        """Return the unit direction (N, 3) in the part frame along which an offset along the normal is seen.
+
+        It is perpendicular to the edge and to the line of sight: the one motion of the edge that the photo shows whole.
+        """
+        return self.by_point * self.mm_per_px[:, None]
+
+
+def sightlines(part: Part, photos: Sequence[Photo], world_from_part: Rigid) -> tuple[Sightlines, list[Sight]]:
+    """Return places every `STEP_PX` px on the edges and contours that the photos should show, and each photo's sight.
+
+    The places of a photo follow one another in the order of its sight's samples.
+    """
+    sources = _sources(photos)
+    each = [_in_photo(part, photo, i, world_from_part, sources) for i, photo in enumerate(photos)]
+    joined = {f.name: np.concatenate([getattr(lines, f.name) for lines, _ in each]) for f in fields(Sightlines)}
+    _, edge = np.unique(np.stack([joined["photo"], joined["chain"]], axis=1), axis=0, return_inverse=True)
+    joined["edge"] = edge.reshape(-1).astype(np.int64)
+    joined["along"] = _along(joined["q"], joined["edge"])
+    return Sightlines(**joined), [sight for _, sight in each]
+
+
+def _in_photo(
+    part: Part, photo: Photo, number: int, world_from_part: Rigid, sources: list[ErrorSource]
+) -> tuple[Sightlines, Sight]:
+    camera_from_part = photo.viewpoint.camera_from_world @ world_from_part
+    wires = part.lines.draw(photo.camera, camera_from_part, options=_LINES).visible
+    samples = sample_lines(wires, photo.camera, step_px=STEP_PX, reach_px=2 * REACH_PX)
+    samples = samples.select(_imaged(samples, photo, camera_from_part))
+    at = project(samples, photo.camera, camera_from_part)
+    n = len(samples)
+    lines = Sightlines(
+        at.q,
+        at.normal,
+        samples.p,
+        at.row[:, :3],
+        _by_cause(photo, world_from_part @ samples.p, at.normal, sources),
+        np.zeros(n),
+        np.minimum(samples.below, samples.above),
+        np.zeros(n, np.int64),
+        wires.part[samples.line],
+        wires.kind[samples.line],
+        samples.chain,
+        np.full(n, number, np.int32),
+    )
+    return lines, Sight(photo, samples, noise_of(photo.gray))
+
+
+def _imaged(samples: EdgeSamples, photo: Photo, camera_from_part: Rigid) -> Mask:
+    at = project(samples, photo.camera, camera_from_part)
+    return np.asarray(np.isfinite(at.q).all(axis=1) & np.isfinite(at.row).all(axis=1) & at.row.any(axis=1))
+
+
+def _along(q: Array, edge: Longs) -> Array:
+    """Return the length of line (px) from the middle of its edge to each place."""
+    if not len(q):
+        return np.zeros(0)
+    step = np.linalg.norm(np.diff(q, axis=0), axis=1)
+    same = edge[1:] == edge[:-1]
+    run = np.concatenate([[0.0], np.cumsum(np.where(same, step, 0.0))])
+    count = np.bincount(edge)
+    return np.asarray(run - (np.bincount(edge, run) / np.maximum(count, 1))[edge])
+
+
+def _sources(photos: Sequence[Photo]) -> list[ErrorSource]:
+    """Return the error sources of all photos, each once: photos with one owner err together."""
+    seen: dict[int, ErrorSource] = {}
+    for photo in photos:
+        for source, _ in photo.viewpoint.errors:
+            seen.setdefault(id(source.owner), source)
+    return list(seen.values())
+
+
+def _by_cause(photo: Photo, p_world: Array, normal: Array, sources: list[ErrorSource]) -> Array:
+    if not sources:
+        return np.zeros((len(p_world), 0))
+    view = photo.viewpoint
+    _, J = project_with_sensitivity(view.camera, view.camera_from_world, p_world)
+    along_normal = np.einsum("ni,nij->nj", normal, J)
+    mine = {id(source.owner): D for source, D in view.errors}
+    none = np.zeros((along_normal.shape[1], 0))
+    columns = []
+    for source in sources:
+        D = mine.get(id(source.owner), none)
+        effect = along_normal @ D @ source.root if D.size else np.zeros((len(normal), len(source.covariance)))
+        columns.append(effect)
+    return np.concatenate(columns, axis=1)

@@ -1,0 +1,112 @@
+"""All edges that the photos should show, which feature each place belongs to, and the photo's edge found for it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Mask
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.render.view import Scene
+from cadcam.verify.association import SEARCH_ROOM_PX, Association, associated, nearby_edges
+from cadcam.verify.presence import Presence, clutter_of, presence
+from cadcam.verify.sightlines import Sightlines, sightlines
+from cadcam.verify.tolerance import Selection, Tolerances
+
+Longs = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Survey:
+    """N places on visible edges.
+
+    names: the features asked about, then the model's parts as far as they are none of those; members: the places (N,)
+    of each, which may be those of others too. body (N,): what moves as one, each place in one of them: the widest
+    feature that has it, or its part. usable (N,): whether its edge can be told from its neighbours; datum (N,): whether
+    the pose may be fitted to it; stated: whether the datum was, by the tolerances.
+    """
+
+    lines: Sightlines
+    matched: Association
+    names: tuple[str, ...]
+    members: tuple[Mask, ...]
+    body: Longs
+    usable: Mask
+    datum: Mask
+    stated: bool
+    clutter: float
+
+    def rows(self, number: int) -> Mask:
+        """Return the places (N,) of a feature that can be used."""
+        return np.asarray(self.members[number] & self.usable)
+
+    def presence(self, number: int, *, elsewhere: float) -> Presence:
+        """Return the evidence that a feature is there; see `cadcam.verify.presence`."""
+        return presence(self.lines, self.rows(number), self.usable, self.matched.support, self.clutter, elsewhere)
+
+    @property
+    def seen_share(self) -> float:
+        """Return the share of the datum's usable places where the photos show an edge."""
+        asked = self.datum & self.usable
+        return float(self.matched.support[asked].mean()) if asked.any() else 0.0
+
+
+def surveyed(
+    part: Part, photos: Sequence[Photo], world_from_part: Rigid, asked: Tolerances, *, reach_px: float
+) -> Survey:
+    """Return what the photos show along the part's lines, within `reach_px` of them."""
+    lines, sights = sightlines(part, photos, world_from_part)
+    found = nearby_edges(lines, sights, reach_px=reach_px)
+    names, members = _members(part.scene, lines, asked)
+    body = _bodies(members)
+    usable = lines.room >= SEARCH_ROOM_PX
+    moved_as_one = np.where(usable, body, -1)
+    matched = associated(lines, sights, found, moved_as_one, reach_px=reach_px)
+    return Survey(
+        lines,
+        matched,
+        names,
+        members,
+        body,
+        usable,
+        _datum(part.scene, lines, asked),
+        bool(asked.datum),
+        clutter_of(lines, found, moved_as_one, reach_px=reach_px),
+    )
+
+
+def _members(scene: Scene, lines: Sightlines, asked: Tolerances) -> tuple[tuple[str, ...], tuple[Mask, ...]]:
+    """Return the features' names and places, and after them those of parts with places in no feature."""
+    names = [f.name for f in asked.features]
+    members = [_held(scene, lines, f.selection) for f in asked.features]
+    rest = ~np.any(members, axis=0) if members else np.ones(len(lines), bool)
+    for number in np.unique(lines.part[rest]):
+        name = scene.mesh.part_names[number]
+        names.append(f"rest of {name}" if name in names else name)
+        members.append(rest & (lines.part == number))
+    return tuple(names), tuple(members)
+
+
+def _bodies(members: Sequence[Mask]) -> Longs:
+    """Return the body (N,) of each place: of the features that have it, the one with most places."""
+    body = np.full(len(members[0]) if members else 0, -1, np.int64)
+    for i in sorted(range(len(members)), key=lambda i: (-int(members[i].sum()), i)):
+        body[members[i] & (body < 0)] = i
+    return body
+
+
+def _datum(scene: Scene, lines: Sightlines, asked: Tolerances) -> Mask:
+    """Return the places that the pose may be fitted to: those stated, or all of which nothing is asked."""
+    if asked.datum:
+        return np.asarray(np.any([_held(scene, lines, chosen) for chosen in asked.datum], axis=0))
+    judged = [_held(scene, lines, f.selection) for f in asked.features if f.limits]
+    return ~np.any(judged, axis=0) if judged else np.ones(len(lines), bool)
+
+
+def _held(scene: Scene, lines: Sightlines, chosen: Selection) -> Mask:
+    return chosen.holds(lines.part, lines.chain, lines.kind, lines.p, chosen.bodies(scene))

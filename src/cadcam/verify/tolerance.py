@@ -1,0 +1,188 @@
+"""What a drawing asks of a part: features named by part, chain, region and kind of edge, and their limits.
+
+Datum features are what the pose is fitted to; the others are judged against it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from fnmatch import fnmatchcase
+from types import MappingProxyType
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Floats, Mask, frozen
+from cadcam.cad.edges import EdgeKind
+from cadcam.errors import BadValue, UnknownName
+from cadcam.render.view import Scene
+
+
+class Rule(Enum):
+    """How a deviation and its uncertainty decide: ISO 14253-1's guard band, or simple acceptance."""
+
+    GUARD_BAND = "guard band"
+    SIMPLE = "simple acceptance"
+
+
+class Quantity(Enum):
+    """What is limited. The value is its key in a tolerance file, with the unit."""
+
+    POSITION = "position_mm"
+    PROFILE = "profile_mm"
+    ANGLE = "angle_deg"
+    PRESENCE = "presence"
+
+    @property
+    def unit(self) -> str:
+        """Return the unit in which limits are written."""
+        return {Quantity.ANGLE: "deg", Quantity.PRESENCE: ""}.get(self, "mm")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Selection:
+    """Edges of a part: of the bodies whose names fit `part`, and of these what all other entries allow.
+
+    part: a name or a pattern in the manner of file names (`bar *`). chains: numbers of feature chains. box (2, 3) mm:
+    lowest and highest corner, in the part frame, of the region an edge must lie in. kinds: kinds of edge.
+    """
+
+    part: str = "*"
+    chains: tuple[int, ...] = ()
+    box: Array | None = None
+    kinds: tuple[EdgeKind, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.box is not None:
+            box = frozen(self.box, "box_mm", (2, 3))
+            if not (box[0] <= box[1]).all():
+                raise BadValue("box_mm", box.tolist(), "[lowest corner, highest corner], x, y, z in mm")
+            object.__setattr__(self, "box", box)
+
+    def bodies(self, scene: Scene) -> Mask:
+        """Return which of the scene's parts (P,) are meant; `UnknownName` listing them where none is."""
+        names = scene.mesh.part_names
+        meant = np.array([name == self.part or fnmatchcase(name, self.part) for name in names], bool)
+        if not meant.any():
+            raise UnknownName("part", self.part, names)
+        return meant
+
+    def check(self, scene: Scene) -> None:
+        """Raise an error that lists what there is, where the scene has no such edge at all."""
+        bodies = self.bodies(scene)
+        edges = scene.edges
+        own = bodies[edges.part]
+        chains = np.unique(edges.chain[own])
+        for chain in self.chains:
+            if chain not in chains:
+                raise BadValue(f"chain of {self.part!r}", chain, f"one of {runs(chains)}")
+        at = scene.mesh.vertices[edges.vertices].mean(axis=1)
+        curved = (EdgeKind.CONTOUR in self.kinds or not self.kinds) and self._meets(scene)
+        if not curved and not self.holds(edges.part, edges.chain, edges.kind, at, bodies).any():
+            kinds = ", ".join(EdgeKind(k).name.lower() for k in np.unique(edges.kind[own]))
+            low, high = at[own].min(axis=0).round(1).tolist(), at[own].max(axis=0).round(1).tolist()
+            raise BadValue(
+                f"edges of {self.part!r}", "none chosen", f"a box_mm within {low} to {high}, kinds among {kinds}"
+            )
+
+    def _meets(self, scene: Scene) -> bool:
+        """Return whether the bodies reach into the box: contours of curved surfaces may lie there."""
+        if self.chains:
+            return False
+        used = scene.mesh.faces[self.bodies(scene)[scene.mesh.part]]
+        return self.box is None or bool(_inside(scene.mesh.vertices[used].reshape(-1, 3), self.box).any())
+
+    def holds(
+        self,
+        part: npt.NDArray[np.int32],
+        chain: npt.NDArray[np.int32],
+        kind: npt.NDArray[np.int32],
+        p: Array,
+        bodies: Mask,
+    ) -> Mask:
+        """Return which places (N,) belong, p (N, 3) mm in the part frame; bodies as `bodies(scene)` gives them."""
+        out = bodies[part]
+        if self.chains:
+            out = out & np.isin(chain, self.chains)
+        if self.kinds:
+            out = out & np.isin(kind, self.kinds)
+        return out if self.box is None else out & _inside(p, self.box)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Limit:
+    """The largest deviation of one quantity (mm; rad for an angle; unused for presence), and how it is decided.
+
+    direction: unit vector in the part frame along which alone a position counts; None: all that the photos show.
+    """
+
+    quantity: Quantity
+    value: float
+    k: float = 2.0
+    rule: Rule = Rule.GUARD_BAND
+    direction: Array | None = None
+
+    def __post_init__(self) -> None:
+        if self.quantity is not Quantity.PRESENCE and not (np.isfinite(self.value) and self.value > 0):
+            raise BadValue(self.quantity.value, self.value, "a positive number")
+        if not (np.isfinite(self.k) and self.k > 0):
+            raise BadValue("coverage factor k", self.k, "a positive number, usually 2")
+        if self.direction is not None:
+            d = frozen(self.direction, "direction", (3,))
+            if not np.linalg.norm(d) > 0:
+                raise BadValue("direction", d.tolist(), "a vector that is not zero")
+            object.__setattr__(self, "direction", frozen(d / np.linalg.norm(d), "direction", (3,)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Feature:
+    """Something of the part that moves as one, and what is asked of it."""
+
+    name: str
+    selection: Selection
+    limits: tuple[Limit, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tolerances:
+    """Features with their limits, and the datum that the pose is fitted to (empty: everything that is not judged)."""
+
+    features: tuple[Feature, ...] = ()
+    datum: tuple[Selection, ...] = ()
+    source: str = ""
+    sha256: str = ""
+    notes: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+
+    def __post_init__(self) -> None:
+        names = [f.name for f in self.features]
+        twice = next((n for n in names if names.count(n) > 1), None)
+        if twice is not None:
+            raise BadValue("feature", f"named twice: {twice!r}", "a name of its own for each")
+
+    def check(self, scene: Scene) -> None:
+        """Raise an error that lists what the scene has, for the first name that it has not."""
+        for chosen in (*self.datum, *(f.selection for f in self.features)):
+            chosen.check(scene)
+
+
+def whole_parts(scene: Scene) -> Tolerances:
+    """Return every part of the scene as a feature without limits: what is displaced or missing is still said."""
+    return Tolerances(tuple(Feature(name, Selection(_literal(name))) for name in scene.mesh.part_names))
+
+
+def runs(numbers: Floats) -> str:
+    """Return sorted whole numbers as text with runs shortened: 3 to 7, 9, 12 to 14."""
+    n = np.asarray(numbers, np.int64)
+    pieces = np.split(n, np.flatnonzero(np.diff(n) > 1) + 1) if len(n) else []
+    return ", ".join(f"{p[0]} to {p[-1]}" if len(p) > 2 else ", ".join(map(str, p.tolist())) for p in pieces)
+
+
+def _literal(name: str) -> str:
+    """Return the pattern that fits a name alone, whatever signs it holds."""
+    return "".join(f"[{c}]" if c in "*?[" else c for c in name)
+
+
+def _inside(p: Array, box: Array) -> Mask:
+    return np.asarray(((p >= box[0]) & (p <= box[1])).all(axis=1))

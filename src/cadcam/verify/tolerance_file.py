@@ -1,0 +1,148 @@
+"""The tolerance file: YAML, lengths in mm and angles in degrees, as their keys say.
+
+    k: 2                          # coverage factor of U = k sigma
+    rule: guard band              # ISO 14253-1; or: simple acceptance
+    datum:                        # what the pose is fitted to; without it: all that is not judged
+      - part: tank top
+      - part: longitudinal *
+    features:
+      stiffener:
+        part: bar 1.1 port
+        position_mm: 0.8          # of the whole feature, in the directions that the photos show
+        angle_deg: 0.2
+        presence: required
+      nose of the bracket:
+        part: bracket 2.1 port
+        box_mm: [[940, 590, 10], [1000, 603, 60]]
+        kinds: [brep, contact]
+        chains: [12, 13]
+        direction: [0, 1, 0]      # position along this alone, in the part's axes
+        profile_mm: 1             # the worst place along its edges
+        k: 3
+
+A part may be a pattern (`longitudinal *`); what stands beside it narrows the choice.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+
+from cadcam.cad.edges import EdgeKind
+from cadcam.errors import UnknownName
+from cadcam.files.foreign.yamltext import parsed_yaml
+from cadcam.files.jsontext import Place
+from cadcam.files.text import read_text
+from cadcam.render.view import Scene
+from cadcam.verify.tolerance import Feature, Limit, Quantity, Rule, Selection, Tolerances
+
+_WHERE = ("part", "chains", "box_mm", "kinds")
+_HOW = ("k", "rule", "direction")
+_K = 2.0
+
+
+def read_tolerances(path: str | os.PathLike[str]) -> Tolerances:
+    """Return the tolerances in a file. Raises `UnreadableFile` naming the key that is wrong and what is known."""
+    file = read_text(path)
+    place = parsed_yaml(file)
+    place.only("k", "rule", "datum", "features")
+    k = place.at("k").number() if "k" in place.object else _K
+    rule = _rule(place.at("rule")) if "rule" in place.object else Rule.GUARD_BAND
+    datum = tuple(_datum(item) for item in _items(place.at("datum"))) if "datum" in place.object else ()
+    listed = place.at("features")
+    features = tuple(_feature(name, listed.at(name), k, rule) for name in listed.object)
+    if not features:
+        raise listed.error("names no feature", "write name: {part: ..., position_mm: ...}; `cadcam verify --template`")
+    return place.build(lambda: Tolerances(features, datum, file.path, file.sha256))
+
+
+def template(scene: Scene, *, seen: tuple[str, ...] = ()) -> str:
+    """Return a file to start from: every part of the scene, the `seen` ones first (others as comments)."""
+    names = scene.mesh.part_names
+    chosen = [n for n in names if n in seen] if seen else list(names)
+    lines = [
+        "# Tolerances for `cadcam verify`: lengths in mm, angles in degrees, in the part's own axes.",
+        "k: 2                    # coverage factor of U = k sigma",
+        "rule: guard band        # ISO 14253-1; or: simple acceptance",
+        "datum:                  # what the pose is fitted to: keep what is known to be right",
+        *(f"  - part: {_quoted(name)}" for name in chosen),
+        "features:               # what is judged: move it here from the datum, and set its limits",
+        "  rename me:",
+        f"    part: {_quoted(chosen[-1] if chosen else names[-1])}",
+        "    position_mm: 1.0    # of the whole feature; also: profile_mm (worst place along its edges), angle_deg",
+        "    presence: required",
+        "    # box_mm: [[x, y, z], [x, y, z]]   only edges in this region; chains: [...]; kinds: [brep, contact]",
+        "    # direction: [0, 1, 0]             position along this alone",
+    ]
+    lines += [f"# not in view: {name}" for name in names if name not in chosen]
+    return "\n".join(lines) + "\n"
+
+
+def _quoted(name: str) -> str:
+    safe = name.replace("_", "").replace(" ", "a").replace(".", "a").replace("-", "a").isalnum()
+    plain = safe and name[0].isalpha() and name.lower() not in ("true", "false", "null", "yes", "no", "on", "off")
+    return name if plain else "'" + name.replace("'", "''") + "'"
+
+
+def _items(place: Place) -> list[Place]:
+    if not isinstance(place.value, list):
+        raise place.error("is no list", "write '- part: name' lines")
+    return [Place(place.path, (*place.keys, str(i)), value) for i, value in enumerate(place.value)]
+
+
+def _datum(place: Place) -> Selection:
+    place.only(*_WHERE)
+    return _selection(place)
+
+
+def _feature(name: str, place: Place, k: float, rule: Rule) -> Feature:
+    place.only(*_WHERE, *_HOW, *(q.value for q in Quantity))
+    k = place.at("k").number() if "k" in place.object else k
+    rule = _rule(place.at("rule")) if "rule" in place.object else rule
+    direction = place.at("direction").array((3,)) if "direction" in place.object else None
+    limits = tuple(
+        place.build(lambda q=q: _limit(place.at(q.value), q, k, rule, direction))  # type: ignore[misc]
+        for q in Quantity
+        if q.value in place.object
+    )
+    if not limits:
+        raise place.error("has no limit", f"give one of {', '.join(q.value for q in Quantity)}")
+    return Feature(name, _selection(place), limits)
+
+
+def _limit(place: Place, quantity: Quantity, k: float, rule: Rule, direction: Any) -> Limit:
+    if quantity is Quantity.PRESENCE:
+        if place.value not in ("required", True):
+            raise place.error(f"is {place.value!r}", "write presence: required, or leave it out")
+        return Limit(quantity, 0.0, k, rule)
+    value = place.number()
+    if quantity is Quantity.ANGLE:
+        value = float(np.radians(value))
+    return Limit(quantity, value, k, rule, direction if quantity is Quantity.POSITION else None)
+
+
+def _selection(place: Place) -> Selection:
+    given = place.object
+    part = place.at("part").text() if "part" in given else "*"
+    chains = tuple(int(c) for c in place.at("chains").array((None,))) if "chains" in given else ()
+    box = place.at("box_mm").array((2, 3)) if "box_mm" in given else None
+    kinds = tuple(_kind(place.at("kinds"), name) for name in place.at("kinds").texts()) if "kinds" in given else ()
+    if not given.keys() & set(_WHERE):
+        raise place.error("does not say which edges", f"give one of {', '.join(_WHERE)}")
+    return place.build(lambda: Selection(part, chains, box, kinds))
+
+
+def _kind(place: Place, name: str) -> EdgeKind:
+    known = {kind.name.lower(): kind for kind in EdgeKind}
+    if name not in known:
+        raise place.error(f"names an {UnknownName('kind of edge', name, known)}")
+    return known[name]
+
+
+def _rule(place: Place) -> Rule:
+    known = {rule.value: rule for rule in Rule}
+    if place.text() not in known:
+        raise place.error(f"is an {UnknownName('decision rule', place.text(), known)}")
+    return known[place.text()]

@@ -1,0 +1,175 @@
+"""`cadcam locate` finds the part and says how surely, or says that it is not there: exit 0, 3, or 2 for wrong input."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from cadcam.camera.observations import Observations
+from cadcam.files.camera import write_camera
+from cadcam.files.jsontext import parsed
+from cadcam.files.points import write_points
+from cadcam.files.pose_estimate import pose_estimate_at, read_part_pose
+from cadcam.files.text import read_text
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.picture import read_picture, write_picture
+
+from .job import Ran
+from .locating import CAMERA, MIDDLE, MODELS, POSE, make_photo_job, photo, seen, write_start
+
+Cadcam = Callable[..., Ran]
+LOCATE = ("locate", "photo.png", str(MODELS / "bracket.stl"), "--camera", "camera.json")
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the photo, the camera and a rough start, and the working folder."""
+    monkeypatch.chdir(tmp_path)
+    make_photo_job(tmp_path)
+    return tmp_path
+
+
+def off_mm(pose: Rigid) -> float:
+    """Return how far a pose puts the part's middle from the truth, mm."""
+    return float(np.linalg.norm(pose @ MIDDLE - POSE @ MIDDLE))
+
+
+def test_a_rough_start_is_enough(cadcam: Cadcam, here: Path) -> None:
+    ran = cadcam(*LOCATE, "--start", "start.txt", "-o", "overlay.png", "--pose-out", "pose.json")
+    assert ran.code == 0, ran.err
+    assert "quality" in ran.out
+    estimate = pose_estimate_at(parsed(read_text("pose.json")))
+    off = estimate.world_from_part.inv @ POSE
+    # chi-square with 6 degrees of freedom passes 22.5 once in 1000; twice its size for the model of the noise
+    assert off.log() @ np.linalg.solve(estimate.covariance, off.log()) < 45
+    assert off_mm(estimate.world_from_part) < 0.3
+    assert read_picture("overlay.png").shape == (360, 480, 3)
+
+
+def test_without_a_start_the_part_is_searched_for(cadcam: Cadcam, here: Path) -> None:
+    said = cadcam(*LOCATE, "--json").json
+    assert said["found"]
+    (here / "found.json").write_text(cadcam(*LOCATE, "--json").out)
+    assert off_mm(read_part_pose("found.json")) < 0.3
+
+
+def test_points_picked_in_the_photo_are_a_start(cadcam: Cadcam, here: Path) -> None:
+    """Picked by hand: 2 px off."""
+    corners = np.array([[120.0, 0, 8], [120, 80, 8], [0, 0, 60], [0, 80, 60], [120, 0, 0], [0, 40, 60]])
+    q = CAMERA.project(POSE @ corners) + np.random.default_rng(2).normal(scale=2, size=(6, 2))
+    write_points("picked.csv", Observations(corners, q, tuple("ABCDEF")))
+    said = cadcam(*LOCATE, "--points", "picked.csv", "--json", "--pose-out", "pose.json")
+    assert said.code == 0, said.err
+    assert off_mm(read_part_pose("pose.json")) < 0.3
+
+
+def test_a_camera_file_with_the_pose_is_a_start(cadcam: Cadcam, here: Path) -> None:
+    write_camera("camera.json", CAMERA, camera_from_world=POSE @ Rigid.exp([2, 1, -3, 0.02, 0.01, -0.02]))
+    assert cadcam(*LOCATE, "--pose-out", "pose.json").code == 0
+    assert off_mm(read_part_pose("pose.json")) < 0.3
+
+
+def test_two_cameras_know_the_place_better_than_one(cadcam: Cadcam, here: Path) -> None:
+    other = Rigid.look_at(MIDDLE + np.array([-200, -200, 150]), MIDDLE)
+    write_picture("other.png", seen(CAMERA, other), bits=16)
+    write_camera("camera.json", CAMERA, camera_from_world=POSE)
+    write_camera("other.json", CAMERA, camera_from_world=other)
+    (here / "start.txt").write_text("# world_from_part, mm\n1 0 0 3\n0 1 0 -2\n0 0 1 2\n")
+    two = ("locate", "photo.png", "other.png", LOCATE[2], "--camera", "camera.json", "--camera", "other.json")
+    said = cadcam(*two, "--start", "start.txt", "--json", "-o", "both.png").json
+    one = cadcam(*LOCATE, "--json").json
+    assert said["found"]
+    worst = [max(np.linalg.eigvalsh(np.array(s["pose"]["from_noise"])[:3, :3])) for s in (said, one)]
+    assert worst[0] < worst[1] / 2
+    assert np.linalg.norm(np.array(said["pose"]["world_from_part"]["translation_mm"])) < 0.3
+    assert read_picture("both.png").shape[1] > 2 * 480
+
+
+def test_a_restricted_motion_keeps_the_rest_as_in_the_start(cadcam: Cadcam, here: Path) -> None:
+    write_start(here / "start.txt", POSE @ Rigid.exp([4, -3, 0, 0, 0, 0.07]))
+    ran = cadcam(*LOCATE, "--start", "start.txt", "--freedom", "plane:0,0,1@part", "--pose-out", "pose.json")
+    assert ran.code == 0, ran.err
+    change = read_part_pose("start.txt").inv @ read_part_pose("pose.json")
+    assert abs(change.translation[2]) < 1e-9 * 1000
+    np.testing.assert_allclose(change.rotation[2], [0, 0, 1], atol=1e-9)
+    assert off_mm(read_part_pose("pose.json")) < 0.3
+
+
+def test_what_was_located_can_be_kept(cadcam: Cadcam, here: Path) -> None:
+    (here / "located.json").write_text(cadcam(*LOCATE, "--start", "start.txt", "--part", "bracket", "--json").out)
+    assert cadcam("state", "add", "located.json", "--serial", "7").code == 0
+    (kept,) = cadcam("state", "list", "--json").json["records"]
+    assert (kept["part"], kept["serial"], kept["verdict"]) == ("bracket", "7", "")
+    assert {source["role"] for source in kept["sources"]} == {"photo", "camera", "cad"}
+
+
+@dataclass(frozen=True)
+class Case:
+    """How the input is spoilt, further words of the command, the exit code, and what is said."""
+
+    spoil: Callable[[Path], object]
+    words: tuple[str, ...]
+    code: int
+    says: str
+
+
+def picture(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Path], object]:
+    return lambda folder: write_picture(folder / "photo.png", np.clip(change(photo()), 0, 1), bits=16)
+
+
+def background(_: np.ndarray) -> np.ndarray:
+    """Return the place without the part: another part lies there."""
+    return seen(CAMERA, Rigid.look_at([4500, -7000, 6000], [3000, 2000, 800]), model="shipblock_10k.obj")
+
+
+START = ("--start", "start.txt")
+CASES = {
+    "part not in the picture": Case(picture(background), (), 3, "was not found"),
+    "part not in the picture, start": Case(picture(background), START, 3, "was not found"),
+    "mirrored": Case(picture(lambda g: g[:, ::-1]), (), 3, "not mirrored"),
+    "upside down, start": Case(picture(lambda g: g[::-1]), START, 3, "was not found"),
+    "empty": Case(picture(lambda g: 0 * g + 0.3), START, 3, "photo.png: it is empty"),
+    "noise": Case(picture(lambda g: np.random.default_rng(3).normal(0.5, 0.1, g.shape)), START, 3, "was not found"),
+    "overexposed": Case(picture(lambda g: 40 * g), START, 3, "photo.png: it is overexposed"),
+    "black": Case(picture(lambda g: g - 0.9), START, 3, "photo.png: it is too dark"),
+    "blurred": Case(picture(lambda g: ndimage.gaussian_filter(g, 15)), START, 3, "photo.png: it is out of focus"),
+    "wrong camera": Case(
+        lambda j: write_camera(j / "camera.json", CAMERA.resize((480, 360)).__class__.from_focal((480, 360), 1500)),
+        START,
+        3,
+        "this camera",
+    ),
+    "camera of another size": Case(
+        lambda j: write_camera(j / "camera.json", CAMERA.resize((960, 720))), START, 2, "photo.png is 480 x 360 px"
+    ),
+    "start beside the picture": Case(
+        lambda j: write_start(j / "start.txt", Rigid(np.eye(3), np.array([3000.0, 0, 500]))), START, 2, "outside"
+    ),
+    "unit m for mm, start": Case(lambda _: None, (*START, "--unit", "m"), 3, "was not found"),
+    "freedom without a start": Case(lambda _: None, ("--freedom", "plane:0,0,1"), 2, "--start or --points"),
+    "freedom of two numbers": Case(lambda _: None, (*START, "--freedom", "plane:0,1"), 2, "3 numbers after plane:"),
+    "unknown freedom": Case(lambda _: None, (*START, "--freedom", "plain:0,0,1"), 2, "did you mean 'plane'"),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_what_is_not_there_is_not_found(cadcam: Cadcam, here: Path, name: str) -> None:
+    case = CASES[name]
+    case.spoil(here)
+    ran = cadcam(*LOCATE, *case.words, "--pose-out", "pose.json", "-o", "overlay.png")
+    assert ran.code == case.code, ran.out + ran.err
+    assert case.says in ran.err
+    assert "Traceback" not in ran.err
+    assert not (here / "pose.json").exists()
+
+
+@pytest.mark.parametrize("model", ["shipblock_10k.obj"])
+def test_another_part_is_not_found(cadcam: Cadcam, here: Path, model: str) -> None:
+    """A ship's block, 120 times as large: in the picture wherever it is looked for, and larger than it."""
+    ran = cadcam("locate", "photo.png", MODELS / model, "--camera", "camera.json", "--start", "start.txt")
+    assert ran.code == 3, ran.out + ran.err

@@ -1,0 +1,107 @@
+"""`cadcam state` keeps, lists, shows, exports, finds the scatter of a feature; a stranger's mistakes are explained."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from cadcam.record.export import write_records
+from cadcam.record.record import Deviation, Record
+
+from .job import Ran
+
+Cadcam = Callable[..., Ran]
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder, and results of three parts in it."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("CADCAM_STORE", raising=False)
+    records = [
+        Record("bracket", f"S{n}", verdict="FAIL" if n == 2 else "PASS", deviations=(Deviation("rib", 0.1 * n, 0.02),))
+        for n in range(3)
+    ]
+    write_records("three.jsonl", records)
+    return tmp_path
+
+
+def test_results_are_kept_in_this_folder_and_listed(cadcam: Cadcam, here: Path) -> None:
+    added = cadcam("state", "add", "three.jsonl", "--station", "cell 3")
+    assert added.code == 0
+    assert "3 records added" in added.err
+    listed = cadcam("state", "list")
+    assert [line.split()[4] for line in listed.out.splitlines() if "bracket" in line] == ["S0", "S1", "S2"]
+    assert listed.out.count("cell 3") == 3
+    assert "2 PASS, 1 FAIL" in listed.out
+    assert (here / "parts.sqlite").exists()
+
+
+def test_a_record_is_shown_by_the_beginning_of_its_id(cadcam: Cadcam, here: Path) -> None:
+    ids = cadcam("state", "add", "three.jsonl", "--json").json["added"]
+    shown = cadcam("state", "show", ids[2][:8])
+    assert shown.code == 0
+    assert "rib" in shown.out
+    assert "0.200 +- 0.020 mm" in shown.out
+    assert cadcam("state", "show", ids[2], "--json").json["serial"] == "S2"
+    wrong = cadcam("state", "show", "zzzzzz")
+    assert wrong.code == 2
+    assert "that of 0 records" in wrong.err
+
+
+def test_a_trend_tells_mean_and_sigma(cadcam: Cadcam, here: Path) -> None:
+    cadcam("state", "add", "three.jsonl")
+    said = cadcam("state", "trend", "rib", "--json").json
+    assert said["mean_mm"] == pytest.approx(0.1)
+    assert said["sigma_mm"] == pytest.approx(0.1)
+    assert said["measured_sigma_mm"] == pytest.approx(0.01)
+    assert "sigma from part to part, mm" in cadcam("state", "trend", "rib").out
+    assert cadcam("state", "trend", "rip").err.count("did you mean 'rib'") == 1
+
+
+def test_an_export_is_csv_for_people_and_json_for_another_store(cadcam: Cadcam, here: Path) -> None:
+    cadcam("state", "add", "three.jsonl")
+    assert cadcam("state", "export", "fail.csv", "--verdict", "FAIL").code == 0
+    with (here / "fail.csv").open() as file:
+        assert [row["serial"] for row in csv.DictReader(file)] == ["S2"]
+    cadcam("state", "export", "all.json")
+    assert cadcam("state", "add", "all.json", "--store", "other.sqlite").code == 0
+    assert cadcam("state", "list", "--store", "other.sqlite", "--json").json["of"] == 3
+
+
+def test_the_environment_names_the_store(cadcam: Cadcam, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CADCAM_STORE", "yard.sqlite")
+    cadcam("state", "add", "three.jsonl")
+    assert (here / "yard.sqlite").exists()
+    assert not (here / "parts.sqlite").exists()
+
+
+def test_the_last_day_counts_to_its_end(cadcam: Cadcam, here: Path) -> None:
+    (here / "one.json").write_text('{"part": "p", "time_utc": "2026-03-01T18:00:00Z", "deviations": []}')
+    cadcam("state", "add", "one.json")
+    for since, until, count in (("2026-03-01", "2026-03-01", 1), ("2026-03-02", "2026-03-03", 0)):
+        assert cadcam("state", "list", "--since", since, "--until", until, "--json").json["of"] == count
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("list",), "parts.sqlite: no such file"),
+        (("list", "--store", "three.jsonl"), "not an SQLite file"),
+        (("list", "--store", "mysql://localhost/x"), "unknown kind of store 'mysql'"),
+        (("list", "--store", "postgresql://u:secret@127.0.0.1:1/x"), "store postgresql+pg8000://u:***@127.0.0.1:1/x"),
+        (("add", "three.jsonl", "--store", "no/such/folder.sqlite"), "mkdir -p"),
+        (("add", "nothing.json"), "no such file"),
+        (("add", "empty.json"), "has no 'part'"),
+    ],
+)
+def test_a_mistake_is_explained(cadcam: Cadcam, here: Path, words: tuple[str, ...], says: str) -> None:
+    (here / "empty.json").write_text(json.dumps({}))
+    ran = cadcam("state", *words)
+    assert ran.code == 2
+    assert says in ran.err
+    assert "secret" not in ran.err

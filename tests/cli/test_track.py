@@ -1,0 +1,150 @@
+"""`cadcam track` follows a part through pictures line by line, goes on where it was stopped, and explains mistakes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cadcam.files.camera import write_camera
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.picture import write_picture
+from cadcam.locate.track_log import read_track
+
+from .job import Ran
+from .locating import CAMERA, MIDDLE, MODELS, POSE, seen, write_start
+
+Cadcam = Callable[..., Ran]
+STEP = Rigid.exp([1.5, -1.0, 2.0, 0.01, 0.015, -0.01])
+MODEL = str(MODELS / "bracket.stl")
+TRACK = ("track", "shots", MODEL, "--camera", "camera.json", "--start", "start.txt", "-o", "track.jsonl")
+N = 5
+
+
+def truth() -> list[Rigid]:
+    poses = [POSE]
+    for _ in range(N - 1):
+        poses.append(poses[-1] @ STEP)
+    return poses
+
+
+@pytest.fixture(scope="module")
+def shots(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Pictures of the bracket on its way."""
+    folder = tmp_path_factory.mktemp("shots")
+    for i, pose in enumerate(truth()):
+        write_picture(folder / f"{i}.png", seen(CAMERA, pose))
+    return sorted(folder.iterdir())
+
+
+@pytest.fixture
+def here(tmp_path: Path, shots: list[Path], monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "shots").mkdir()
+    for shot in shots:
+        (tmp_path / "shots" / shot.name).symlink_to(shot)
+    write_camera("camera.json", CAMERA)
+    write_start(tmp_path / "start.txt", POSE @ Rigid.exp([3.0, 2, -4, 0.03, 0.05, -0.04]))
+    return tmp_path
+
+
+def test_the_part_is_followed_and_every_frame_logged(cadcam: Cadcam, here: Path) -> None:
+    ran = cadcam(*TRACK, "--csv", "track.csv", "--overlays", "seen")
+    assert ran.code == 0, ran.err
+    assert "predicted" in ran.out
+    entries = read_track("track.jsonl")
+    assert [e["found"] for e in entries] == [True] * N
+    for entry, pose in zip(entries, truth(), strict=True):
+        assert np.linalg.norm(entry["pose"].world_from_part @ MIDDLE - pose @ MIDDLE) < 0.3
+    assert len((here / "track.csv").read_text().splitlines()) == 1 + N
+    assert len(list((here / "seen").iterdir())) == N
+
+
+def test_a_finished_run_is_not_run_again_unless_asked(cadcam: Cadcam, here: Path) -> None:
+    cadcam(*TRACK)
+    before = (here / "track.jsonl").read_bytes()
+    again = cadcam(*TRACK)
+    assert "5 frames are in track.jsonl; going on" in again.err
+    assert (here / "track.jsonl").read_bytes() == before
+    assert "going on" not in cadcam(*TRACK, "--overwrite").err
+
+
+def test_a_killed_run_goes_on(cadcam: Cadcam, here: Path) -> None:
+    """Killed as soon as two frames are on the disk: the end is that of a run that was left alone."""
+    whole = cadcam(*TRACK[:-1], "whole.jsonl", "--json").json
+    log = here / "track.jsonl"
+    with subprocess.Popen([sys.executable, "-m", "cadcam", *TRACK], stderr=subprocess.DEVNULL) as run:
+        while run.poll() is None and (not log.exists() or log.read_bytes().count(b"\n") < 3):
+            time.sleep(0.01)
+        os.kill(run.pid, signal.SIGKILL)
+    kept = len(read_track(log))
+    assert kept >= 2
+    ran = cadcam(*TRACK)
+    assert f"{kept} frames are in track.jsonl" in ran.err
+    assert log.read_bytes() == (here / "whole.jsonl").read_bytes()
+    assert whole["found"] == N
+
+
+def test_two_cameras_are_followed_together(cadcam: Cadcam, here: Path, shots: list[Path]) -> None:
+    """The second is the first once more, said to stand at the same place: twice the evidence, and one pose."""
+    write_camera("camera.json", CAMERA, camera_from_world=Rigid())
+    two = ("track", "shots", "shots", MODEL, "--camera", "camera.json", "--camera", "camera.json")
+    ran = cadcam(*two, "--start", "start.txt", "-o", "two.jsonl", "--json")
+    assert (ran.code, ran.json["found"]) == (0, N)
+    assert [len(entry["files"]) for entry in read_track("two.jsonl")] == [2] * N
+
+
+def test_a_part_that_is_in_no_frame_is_not_found(cadcam: Cadcam, here: Path) -> None:
+    (here / "empty").mkdir()
+    for i in range(2):
+        write_picture(here / "empty" / f"{i}.png", np.full((360, 480), 0.3))
+    ran = cadcam("track", "empty", *TRACK[2:])
+    assert ran.code == 3
+    assert "lost: 0 to 1" in ran.out
+
+
+@pytest.mark.parametrize(
+    ("change", "words", "says"),
+    [
+        (lambda _: None, ("track", "nothing", *TRACK[2:]), "nothing: no such file or folder"),
+        (lambda j: (j / "shots/2.png").unlink(), ("track", "shots", "more", *TRACK[2:], "--camera", "camera.json"), ""),
+        (lambda j: (j / "start.txt").write_text("1 2 3"), TRACK, "does not say which pose it is"),
+        (lambda j: (j / "track.jsonl").write_text("{}\n"), TRACK, "not a log of tracked frames"),
+        (lambda j: write_camera(j / "camera.json", CAMERA.resize((240, 180))), TRACK, "shots/0.png is 480 x 360 px"),
+        (lambda _: None, (*TRACK[:-1], "track.txt"), "unknown suffix"),
+    ],
+    ids=["no frames", "fewer of one camera", "start", "not a log", "size", "suffix"],
+)
+def test_a_mistake_is_explained(
+    cadcam: Cadcam, here: Path, change: Callable[[Path], object], words: tuple[str, ...], says: str
+) -> None:
+    (here / "more").mkdir()
+    write_picture(here / "more" / "0.png", np.zeros((360, 480)))
+    change(here)
+    ran = cadcam(*words)
+    assert ran.code == 2, ran.out + ran.err
+    assert says in ran.err
+
+
+def test_another_camera_makes_another_log(cadcam: Cadcam, here: Path) -> None:
+    cadcam(*TRACK)
+    assert "begun with another part_sha256" in cadcam(*TRACK, "--crease-angle", "100").err
+    write_camera("camera.json", CAMERA.__class__.from_focal((480, 360), 601))
+    ran = cadcam(*TRACK)
+    assert ran.code == 2
+    assert "begun with another cameras_sha256" in ran.err
+    assert "--overwrite" in ran.err
+
+
+def test_the_log_s_lines_are_json_for_other_programs(cadcam: Cadcam, here: Path) -> None:
+    cadcam(*TRACK)
+    lines = [json.loads(line) for line in (here / "track.jsonl").read_text().splitlines()]
+    assert set(lines[1]) == {"frame", "files", "sha256", "found", "quality", "how", "reason", "pose"}

@@ -1,0 +1,227 @@
+"""Which way a part is followed: the cheapest that finds it; what is lost is looked for; a break changes nothing."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cadcam.errors import NothingInView, UnreadableFile
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.picture import write_picture
+from cadcam.locate import track as module
+from cadcam.locate.frames import Frames
+from cadcam.locate.freedom import Freedom
+from cadcam.locate.location import Location
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.locate.track import Step, track
+from cadcam.locate.track_log import COLUMNS, TrackLog, head_of, read_track, track_to
+
+from .moving import CAMERA, FIRST, STEP, Sighting, block, frames, location, truth
+
+PART = block()
+Install = Callable[..., Sighting]
+
+
+@pytest.fixture
+def sighting(monkeypatch: pytest.MonkeyPatch) -> Install:
+    """Return a function that puts a stand-in in the place of what locates."""
+
+    def install(n: int, **given: object) -> Sighting:
+        made = Sighting(truth(n), **given)  # type: ignore[arg-type]
+        monkeypatch.setattr(module, "refine", made.refine)
+        monkeypatch.setattr(module, "locate", made.locate)
+        return made
+
+    return install
+
+
+def test_even_motion_is_predicted_and_costs_one_look_a_frame(sighting: Install) -> None:
+    """The block moves 5 mm a frame, refinement reaches 1 mm: only the prediction is near enough."""
+    seen = sighting(8)
+    tracked = list(track(PART, frames(8), FIRST))
+    assert [t.how for t in tracked] == ["recovered", "recovered", *["predicted"] * 6]
+    assert seen.calls[-6:] == [("refine", i) for i in range(2, 8)]
+    for one, pose in zip(tracked, truth(8), strict=True):
+        np.testing.assert_array_equal(one.location.pose.world_from_part.matrix, pose.matrix)
+
+
+def test_rounding_does_not_grow_from_frame_to_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Refinement here returns the prediction itself, a product of the poses before it, for 200 frames.
+
+    Without care each frame triples the defect: 3^200 eps. With it each is that of one product, some eps.
+    """
+    monkeypatch.setattr(module, "refine", lambda part, photos, start, **_: location(start))
+    still = [frame for _ in range(200) for frame in frames(1)]
+    numbered = [replace(frame, index=i) for i, frame in enumerate(still)]
+    history = [Step(-2, FIRST), Step(-1, FIRST @ STEP)]
+    *_, last = track(PART, numbered, history=history)
+    R = last.location.pose.world_from_part.rotation
+    assert np.abs(R @ R.T - np.eye(3)).max() < 20 * np.finfo(float).eps
+
+
+def test_without_velocity_the_last_pose_is_the_start(sighting: Install) -> None:
+    sighting(5, near_mm=10.0)
+    assert [t.how for t in track(PART, frames(5), FIRST, velocity=False)] == ["recovered", *["kept"] * 4]
+
+
+def test_without_a_start_the_part_is_searched_for(sighting: Install) -> None:
+    sighting(3)
+    assert [t.how for t in track(PART, frames(3))] == ["searched", "recovered", "predicted"]
+
+
+def test_a_short_loss_is_recovered_around_the_last_pose(sighting: Install) -> None:
+    """Gone for two frames the block is 15 mm away: in reach of a search around the last pose, no motion is made up."""
+    seen = sighting(8, hidden={3, 4})
+    tracked = list(track(PART, frames(8), FIRST))
+    ways = [t.how for t in tracked]
+    assert ways == ["recovered", "recovered", "predicted", "lost", "lost", "recovered", "recovered", "predicted"]
+    assert [t.found for t in tracked] == [t.how != "lost" for t in tracked]
+    assert ("refine", 5) not in seen.calls
+
+
+def test_a_long_loss_is_searched_for_without_a_start_but_rarely(sighting: Install) -> None:
+    """Hidden from frame 2 to 39, then 190 mm away: found at the next search, never more than eight frames late."""
+    seen = sighting(60, hidden=set(range(2, 40)))
+    tracked = list(track(PART, frames(60), FIRST))
+    searched = [i for how, i in seen.calls if how == "search"]
+    assert searched == [2, 3, 4, 6, 10, 18, 26, 34, 42]
+    first = next(t for t in tracked[40:] if t.found)
+    assert (first.frame.index, first.how) == (42, "searched")
+    assert all(t.found for t in tracked[42:])
+
+
+def test_a_motion_out_of_the_pictures_is_a_loss_but_a_start_outside_is_an_error(
+    sighting: Install, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = sighting(4)
+    blind: list[int] = [2]
+
+    def refine(part: Part, photos: tuple[Photo, ...], start: Rigid, **how: Freedom) -> Location:
+        if round(float(photos[0].gray[0, 0]) * 255) in blind:
+            raise NothingInView("outside of every photo")
+        return seen.refine(part, photos, start, **how)
+
+    monkeypatch.setattr(module, "refine", refine)
+    assert [t.how for t in track(PART, frames(4), FIRST)] == ["recovered", "recovered", "recovered", "predicted"]
+
+    def locate(*_: object, **__: object) -> Location:
+        raise NothingInView("outside of every photo")
+
+    monkeypatch.setattr(module, "locate", locate)
+    with pytest.raises(NothingInView):
+        next(track(PART, frames(1), FIRST))
+    blind += [0, 1]
+    (lost,) = track(PART, frames(3)[2:], history=[Step(0, FIRST), Step(1, FIRST)])
+    assert (lost.how, lost.location.quality, len(lost.location.matches)) == ("lost", 0.0, 0)
+
+
+def test_of_symmetric_poses_the_one_nearest_to_the_last_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    turned = FIRST @ Rigid.exp([0, 0, 0, 0, 0, np.pi])
+    both = location(turned, 0.95, (location(FIRST, 0.9), location(Rigid(), 0.2)))
+    monkeypatch.setattr(module, "locate", lambda *_, **__: both)
+    (one,) = track(PART, frames(1), FIRST)
+    np.testing.assert_array_equal(one.location.pose.world_from_part.matrix, FIRST.matrix)
+
+
+def test_a_run_that_goes_on_is_one_that_never_stopped(sighting: Install) -> None:
+    """Cut anywhere, also within a loss: the same ways, the same poses."""
+    sighting(30, hidden={4, 5, 9, 10, 11, 12, 13, 14, 15, 16, 17})
+    whole = list(track(PART, frames(30), FIRST))
+    for cut in range(1, 30):
+        history = [Step(t.frame.index, t.location.pose.world_from_part if t.found else None) for t in whole[:cut]]
+        rest = list(track(PART, frames(30)[cut:], FIRST, history=history))
+        assert [t.how for t in rest] == [t.how for t in whole[cut:]], cut
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder of twelve pictures, the numbers in their names not padded."""
+    for i in range(12):
+        write_picture(tmp_path / "in" / f"shot{i}.png", np.full((48, 64), i / 255, np.float32))
+    return tmp_path / "in"
+
+
+def opened(folder: Path) -> Frames:
+    from cadcam.camera.viewpoint import Viewpoint
+
+    return Frames([folder], [Viewpoint.exact("camera", CAMERA, Rigid(), sigma_px=0.1)])
+
+
+def run(folder: Path, log: Path, n: int | None = None, start: Rigid = FIRST) -> list[str]:
+    """Track into a log, the first n frames; return how each was found."""
+    pictures = opened(folder)
+    with TrackLog.open(log, head_of(PART, pictures.viewpoints, start), table=log.with_suffix(".csv")) as open_log:
+        lines = track_to(open_log, PART, pictures, start)
+        return [line["how"] for _, line in islice(lines, n)]
+
+
+def test_pictures_come_in_the_order_of_their_numbers(folder: Path) -> None:
+    assert [frame.names[0] for frame in opened(folder)] == [str(folder / f"shot{i}.png") for i in range(12)]
+
+
+@pytest.mark.parametrize("torn", [b"", b'{"frame": 5, "files', b"\xc3"])
+def test_a_killed_run_goes_on_after_its_last_whole_line(
+    sighting: Install, folder: Path, tmp_path: Path, torn: bytes
+) -> None:
+    """Stopped after five frames, in the midst of a line: in the end the files are those of a run without a break."""
+    seen = sighting(12, hidden={3})
+    run(folder, tmp_path / "whole.jsonl")
+    run(folder, tmp_path / "log.jsonl", 5)
+    with (tmp_path / "log.jsonl").open("ab") as file:
+        file.write(torn)
+    seen.calls.clear()
+    assert len(run(folder, tmp_path / "log.jsonl")) == 12
+    assert min(index for _, index in seen.calls) == 5
+    for suffix in (".jsonl", ".csv"):
+        assert (tmp_path / f"log{suffix}").read_bytes() == (tmp_path / f"whole{suffix}").read_bytes()
+
+
+def test_a_log_is_only_continued_with_the_same_inputs(sighting: Install, folder: Path, tmp_path: Path) -> None:
+    sighting(12)
+    log = tmp_path / "log.jsonl"
+    run(folder, log, 5)
+    before = log.read_bytes()
+    with pytest.raises(UnreadableFile, match="begun with another start"):
+        run(folder, log, start=FIRST @ Rigid.exp([1e-9, 0, 0, 0, 0, 0]))
+    write_picture(folder / "shot2.png", np.full((48, 64), 0.5, np.float32))
+    with pytest.raises(UnreadableFile, match=r"shot2.png: is not the picture of frame 2"):
+        run(folder, log)
+    assert log.read_bytes() == before
+    for i in range(2, 12):
+        (folder / f"shot{i}.png").unlink()
+    with pytest.raises(UnreadableFile, match="has 5 frames, more than there are pictures"):
+        run(folder, log)
+    (tmp_path / "other.jsonl").write_text('{"format": "something else"}\n')
+    with pytest.raises(UnreadableFile, match="not a log of tracked frames"):
+        run(folder, tmp_path / "other.jsonl")
+
+
+def test_a_log_holds_every_bit_and_a_table_beside_it_the_same(sighting: Install, folder: Path, tmp_path: Path) -> None:
+    sighting(12, hidden={7})
+    run(folder, tmp_path / "log.jsonl")
+    entries = read_track(tmp_path / "log.jsonl")
+    rows = [line.split(",") for line in (tmp_path / "log.csv").read_text().splitlines()]
+    assert tuple(rows[0]) == COLUMNS
+    for entry, row, pose in zip(entries, rows[1:], truth(12), strict=True):
+        if entry["frame"] == 7:
+            assert not entry["found"]
+            assert row[COLUMNS.index("x_mm")] == ""
+            continue
+        np.testing.assert_array_equal(entry["pose"].world_from_part.matrix, pose.matrix)
+        at = COLUMNS.index("x_mm")
+        assert [float(v) for v in row[at : at + 3]] == pose.translation.tolist()
+
+
+def test_a_log_is_plain_json_lines(sighting: Install, folder: Path, tmp_path: Path) -> None:
+    sighting(12)
+    run(folder, tmp_path / "log.jsonl", 2)
+    lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
+    assert lines[0]["format"] == "cadcam track"
+    assert [line["frame"] for line in lines[1:]] == [0, 1]

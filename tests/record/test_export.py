@@ -1,0 +1,133 @@
+"""Records leave a store as JSON, JSON lines or CSV, and come back from the first two to the last bit."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
+from cadcam.record.export import read_records, write_records
+from cadcam.record.record import Deviation, Record, Source
+from cadcam.record.trend import trend
+
+from .made import NOON, record
+from .test_store import same
+
+
+@pytest.mark.parametrize("suffix", [".json", ".jsonl"])
+def test_json_comes_back_to_the_last_bit(tmp_path: Path, suffix: str) -> None:
+    records = [record(0), Record("bolt", time=NOON), record(2)]
+    write_records(tmp_path / f"all{suffix}", records)
+    for one, back in zip(records, read_records(tmp_path / f"all{suffix}"), strict=True):
+        same(back, one)
+
+
+def test_csv_has_a_line_for_each_deviation_with_units_in_its_header(tmp_path: Path) -> None:
+    records = [record(1), record(2, deviations=(), pose=None)]
+    write_records(tmp_path / "all.csv", records)
+    with (tmp_path / "all.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["feature"] for row in rows] == ["stiffener", "face", ""]
+    assert float(rows[0]["deviation_mm"]) == 0.1
+    assert rows[0]["deviation_deg"] == ""
+    assert float(rows[1]["expanded_uncertainty_deg"]) == 0.05
+    assert rows[1]["deviation_mm"] == ""
+    assert rows[0]["serial"] == rows[1]["serial"] == "S001"
+    assert rows[0]["photo_sha256"] == "ab" * 32
+    assert rows[2]["x_mm"] == ""
+    assert records[0].pose is not None
+    assert float(rows[0]["x_mm"]) == records[0].pose.world_from_part.translation[0]
+    assert float(rows[0]["sigma_rx_deg"]) == np.degrees(np.sqrt(records[0].pose.covariance[3, 3]))
+
+
+def test_a_verification_is_read_by_its_keys_and_may_hold_more(tmp_path: Path) -> None:
+    """The least: part and deviations; what a verification says besides is its own."""
+    least = {"format": "cadcam verification", "part": "p", "deviations": [], "plots": [1, 2], "verdict": "FAIL"}
+    (tmp_path / "v.json").write_text(json.dumps(least))
+    (one,) = read_records(tmp_path / "v.json")
+    assert (one.part, one.verdict, one.deviations) == ("p", "FAIL", ())
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ('{"part": "p"}', "has no 'deviations'"),
+        ('{"part": "p", "deviations": [{"feature": "f"}]}', "deviations.1 has no deviation"),
+        ('{"part": "p", "deviations": [], "time_utc": "noon"}', "time_utc is 'noon'"),
+        ('{"part": "p", "deviations": [], "verdict": "GOOD"}', "unknown verdict"),
+        ('{"part": "p", "deviations": [], "sources": [{"role": "cad", "path": "x", "sha256": "12"}]}', "64 hex"),
+    ],
+)
+def test_what_is_no_record_is_refused_by_key(tmp_path: Path, text: str, says: str) -> None:
+    (tmp_path / "bad.json").write_text(text)
+    with pytest.raises(UnreadableFile, match=says):
+        read_records(tmp_path / "bad.json")
+
+
+def test_a_line_cut_off_is_named(tmp_path: Path) -> None:
+    write_records(tmp_path / "all.jsonl", [record(0), record(1)])
+    whole = (tmp_path / "all.jsonl").read_text()
+    (tmp_path / "all.jsonl").write_text(whole[:-40])
+    with pytest.raises(UnreadableFile, match="line 2 is not JSON"):
+        read_records(tmp_path / "all.jsonl")
+
+
+def test_another_suffix_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UnknownName, match="suffix"):
+        write_records(tmp_path / "all.xml", [])
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Record(""),
+        lambda: Record("p", time=NOON.replace(tzinfo=None)),
+        lambda: Record("p", verdict="pass"),
+        lambda: Deviation("f", float("nan"), 1.0),
+        lambda: Deviation("f", 0.0, -1.0),
+        lambda: Deviation("f", 0.0, 1.0, unit="m"),
+        lambda: Source("cad", "x", "AB" * 32),
+    ],
+)
+def test_what_cannot_be_kept_is_refused_at_once(make: object) -> None:
+    with pytest.raises(CadcamError):
+        make()  # type: ignore[operator]
+
+
+def test_a_trend_has_the_mean_and_scatter_of_one_feature() -> None:
+    records = [record(n) for n in range(5)]
+    seen = trend(records, "stiffener")
+    values = 0.1 * np.arange(5)
+    assert [r.serial for r, _ in seen.points] == [r.serial for r in records]
+    assert seen.mean == pytest.approx(values.mean(), rel=1e-12)
+    assert seen.sigma == pytest.approx(values.std(ddof=1), rel=1e-12)
+    assert seen.measured_sigma == pytest.approx(0.25 / 2, rel=1e-12)
+    assert trend(records, "face").unit == "deg"
+    assert np.isnan(trend(records[:1], "face").sigma)
+
+
+def test_a_trend_mixes_neither_kinds_nor_units() -> None:
+    both = (Deviation("f", 0.1, 0.1), Deviation("f", 2.0, 0.1, kind="angle", unit="deg"))
+    records = [record(0, deviations=both)]
+    with pytest.raises(BadValue, match="angle, position"):
+        trend(records, "f")
+    assert trend(records, "f", kind="angle").unit == "deg"
+    with pytest.raises(UnknownName, match="did you mean 'stiffener'"):
+        trend([record(0)], "stiffner")
+    mixed = [record(0, deviations=(replace(both[0], kind="angle"), both[1]))]
+    with pytest.raises(BadValue, match="deg, mm"):
+        trend(mixed, "f", kind="angle")
+
+
+def test_the_page_s_snippet_runs_as_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs/product-state.md").read_text()
+    (snippet,) = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(snippet, "docs/product-state.md", "exec"), {})
+    assert (tmp_path / "parts.sqlite").exists()

@@ -1,0 +1,188 @@
+"""What a store gives back is what was added; each theorem holds for SQLite and for PostgreSQL."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import fields
+from datetime import UTC, datetime, timedelta, timezone
+
+import numpy as np
+import pytest
+import sqlalchemy as sql
+
+from cadcam.errors import BadValue, UnknownName, UnusableStore
+from cadcam.record import schema
+from cadcam.record.record import Deviation, Record, Source
+from cadcam.record.store import open_store
+
+from .made import NOON, record
+
+
+def same(one: Record, other: Record) -> None:
+    """Assert that two records are equal to the last bit."""
+    for name in (f.name for f in fields(Record) if f.name != "pose"):
+        assert getattr(one, name) == getattr(other, name), name
+    assert (one.pose is None) == (other.pose is None)
+    if one.pose is not None and other.pose is not None:
+        np.testing.assert_array_equal(one.pose.world_from_part.matrix, other.pose.world_from_part.matrix)
+        for name in ("from_noise", "from_calibration", "freedom", "dof"):
+            np.testing.assert_array_equal(getattr(one.pose, name), getattr(other.pose, name))
+
+
+def test_a_record_comes_back_to_the_last_bit(where: str) -> None:
+    full = record(1)
+    bare = Record("bolt", time=NOON)
+    with open_store(where) as store:
+        store.add(full)
+        store.add(bare)
+    with open_store(where) as store:
+        a, b = store.query(part="bracket"), store.query(part="bolt")
+    same(a[0], full)
+    same(b[0], bare)
+
+
+def test_the_time_is_kept_in_utc_whatever_its_zone(where: str) -> None:
+    east = datetime(2026, 3, 2, 23, 30, 0, 123456, tzinfo=timezone(timedelta(hours=9)))
+    with open_store(where) as store:
+        store.add(record(time=east))
+        (back,) = store.query(since=east, until=east)
+    assert back.time == east
+    assert back.time.tzinfo is UTC
+
+
+def test_a_query_returns_what_is_all_of_what_is_asked_oldest_first(where: str) -> None:
+    records = [
+        record(3, station="cell 1", verdict="FAIL"),
+        record(0),
+        record(2, part="bolt", verdict=""),
+        record(1, deviations=()),
+    ]
+    with open_store(where) as store:
+        for one in records:
+            store.add(one)
+
+        def serials(**asked: object) -> list[str]:
+            return [r.serial for r in store.query(**asked)]  # type: ignore[arg-type]
+
+        assert serials() == ["S000", "S001", "S002", "S003"]
+        assert serials(part="bracket") == ["S000", "S001", "S003"]
+        assert serials(part="bracket", verdict="FAIL") == ["S003"]
+        assert serials(verdict="") == ["S002"]
+        assert serials(station="cell 3", since=NOON + timedelta(minutes=1)) == ["S001", "S002"]
+        assert serials(until=NOON + timedelta(minutes=1)) == ["S000", "S001"]
+        assert serials(serial="S002") == ["S002"]
+        assert serials(feature="stiffener", part="bracket") == ["S000", "S003"]
+        assert serials(newest=2) == ["S002", "S003"]
+        assert serials(id_begins=records[1].id[:9]) == ["S000"]
+        assert serials(station="nowhere") == []
+        with pytest.raises(UnknownName, match="did you mean 'FAIL'"):
+            store.query(verdict="FAILED")
+        with pytest.raises(BadValue, match="with its zone"):
+            store.query(since=datetime(2026, 1, 1))
+
+
+def test_deviations_and_sources_stay_with_their_record_and_in_their_order(where: str) -> None:
+    many = tuple(Deviation(f"f{i}", float(i), 0.1) for i in (5, 3, 9, 1))
+    with open_store(where) as store:
+        for n in range(3):
+            store.add(record(n, deviations=many[n:], sources=(Source("photo", f"{n}.png", f"{n}" * 64),)))
+        back = store.query()
+    features = [[d.feature for d in r.deviations] for r in back]
+    assert features == [["f5", "f3", "f9", "f1"], ["f3", "f9", "f1"], ["f9", "f1"]]
+    assert [r.sources[0].path for r in back] == ["0.png", "1.png", "2.png"]
+
+
+def test_hostile_names_are_only_names(where: str) -> None:
+    name = "x'); DROP TABLE measurement; -- \" % :a ? é 漢"
+    with open_store(where) as store:
+        store.add(record(part=name))
+        assert [r.part for r in store.query(part=name)] == [name]
+
+
+def test_the_same_record_is_not_added_twice(where: str) -> None:
+    one = record()
+    with open_store(where) as store:
+        store.add(one)
+        with pytest.raises(UnusableStore, match=f"record {one.id} already"):
+            store.add(record(1), one)
+        assert len(store.query()) == 1
+
+
+def test_a_record_that_fails_half_way_leaves_nothing(where: str) -> None:
+    """The last of its rows breaks a key: without one transaction its head and first rows would stay."""
+    with open_store(where) as store, pytest.MonkeyPatch.context() as patch:
+        one = record()
+        rows = [{"measurement_id": "no such", "place": 0, "role": "cad", "path": "p", "sha256": "s"}]
+        patch.setattr("cadcam.record.store.source_rows", lambda _: rows)
+        with pytest.raises(UnusableStore):
+            store.add(one)
+        patch.undo()
+        assert store.query() == []
+        store.add(one)
+        assert len(store.query()) == 1
+
+
+def test_several_programs_write_at_once(where: str) -> None:
+    """Four stores opened at the same moment, the tables not made yet: all records are there in the end."""
+    failures: list[Exception] = []
+
+    def write(k: int) -> None:
+        try:
+            with open_store(where) as store:
+                for n in range(10):
+                    store.add(record(10 * k + n))
+                    store.query(newest=1)
+        except Exception as error:
+            failures.append(error)
+
+    threads = [threading.Thread(target=write, args=(k,)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not failures
+    with open_store(where) as store:
+        assert [r.serial for r in store.query()] == [f"S{n:03d}" for n in range(40)]
+
+
+def engine_of(where: str) -> sql.Engine:
+    url = where.replace("postgresql:", "postgresql+pg8000:") if "://" in where else f"sqlite:///{where}"
+    return sql.create_engine(url)
+
+
+def test_tables_of_another_version_are_refused_and_left_alone(where: str) -> None:
+    with open_store(where) as store:
+        store.add(record())
+    engine = engine_of(where)
+    with engine.begin() as connection:
+        connection.execute(schema.store.update().values(version=schema.VERSION + 1, software="cadcam 9.9"))
+    with pytest.raises(UnusableStore, match=r"tables of version 2 \(made by cadcam 9.9\).*reads and writes version 1"):
+        open_store(where)
+    with engine.begin() as connection:
+        assert len(connection.execute(sql.select(schema.measurement)).all()) == 1
+    engine.dispose()
+
+
+def test_tables_of_other_origin_are_refused(where: str) -> None:
+    engine = engine_of(where)
+    with engine.begin() as connection:
+        connection.exec_driver_sql("CREATE TABLE measurement (what INTEGER)")
+    engine.dispose()
+    with pytest.raises(UnusableStore, match="tables of other origin"):
+        open_store(where)
+
+
+def test_a_store_to_read_from_is_not_made(where: str) -> None:
+    with pytest.raises(UnusableStore, match=r"no such file|holds no product state"):
+        open_store(where, create=False)
+
+
+def test_columns_name_their_units() -> None:
+    """Every column of numbers ends in its unit, is a pure number, or is a place in an order."""
+    pure = {"k", "quality", "place", "version", *schema.ROTATION}
+    for table in schema.tables.sorted_tables:
+        for column in table.columns:
+            if isinstance(column.type, (sql.Double, sql.Integer)):
+                assert column.name in pure or column.name.endswith(("_mm", "_deg")), column.name
+            if isinstance(column.type, sql.DateTime):
+                assert column.name.endswith("_utc")
