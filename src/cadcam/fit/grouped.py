@@ -2,10 +2,11 @@
 
     y_i = J_i x + e_group(i) + n_i,   var n_i = variance_i + within^2,   var e = between^2
 
-The known variances are the noise of measuring; the two others are estimated with x: the one within groups by moments, the
-one between them by restricted likelihood (Patterson and Thompson, Biometrika 58, 1971), over the whole range at once, for
-with few groups a large variance explains a wrong x as well. A half-Cauchy prior says of what size it usually is
-(Gelman, Bayesian Analysis 1, 2006). Data far off their group and groups far off the rest count less or not at all.
+The known variances are the noise of measuring; the two others are estimated with x: the one within groups by moments,
+the one between them by restricted likelihood (Patterson and Thompson, Biometrika 58, 1971). With few groups a large
+variance explains a wrong x as well, and a maximum says little: x and its covariance are averaged over the whole range,
+each variance with its likelihood and a half-Cauchy prior of usual size (Gelman, Bayesian Analysis 1, 2006). Data far
+off their group and groups far off the rest count less or not at all.
 """
 
 from __future__ import annotations
@@ -64,29 +65,31 @@ def grouped_fit(
 ) -> GroupedFit:
     """Return the fit of y (n,) by J (n, k) with known variances (n,) and ascending group numbers (n,), none left out.
 
-    usual: a usual standard deviation between groups. exact (G,): groups that have no offset of their own. Robust fits start from x = 0, near which half of the data must
-    lie. Raises `DegenerateGeometry` where the data leave a parameter open.
+    usual: a usual standard deviation between groups. exact (G,): groups without an offset or scatter of their own, which
+    are believed as they are. Robust fits start from x = 0, near which half of the other data must lie. Raises `DegenerateGeometry` where the data leave a parameter
+    open.
     """
     sums = _Sums(y, J, group, exact)
+    free = sums.free[group]
     x, within2, between = np.zeros(J.shape[1]), 0.0, usual
     weight, of_group = np.ones(len(y)), np.ones(sums.n)
     if robust:
         weight, of_group, within2 = _first_weights(y, variance, sums)
     covariance, mean, total = np.eye(len(x)), np.zeros(sums.n), np.ones(sums.n)
-    w, of_group_then = weight / (variance + within2), of_group
+    w, of_group_then = weight / (variance + within2 * free), of_group
     for _ in range(iterations):
-        w, of_group_then, x_before = weight / (variance + within2), of_group, x
+        w, of_group_then, x_before = weight / (variance + within2 * free), of_group, x
         x, covariance, between = sums.solve(w, of_group, usual)
         r = y - J @ x
         mean, total = sums.means(r, w)
-        within2 = _within(r - mean[group], variance, within2, weight, w / np.maximum(total[group], 1e-300))
+        within2 = _within(r - mean[group], variance, within2, weight * free, w / np.maximum(total[group], 1e-300))
         if np.abs(x - x_before).max() <= _SETTLED * np.sqrt(np.diag(covariance)).min():
             break
         if robust:
             v = between**2 * sums.free
             own = v + 1 / np.maximum(total, 1e-300)
-            weight = _counts((r - (mean * v / own)[group]) / np.sqrt(variance + within2))
-            of_group = _counts(mean / np.sqrt(own))
+            weight = _counts(free * (r - (mean * v / own)[group]) / np.sqrt(variance + within2))
+            of_group = _counts(sums.free * mean / np.sqrt(own))
     sd = 1 / np.sqrt(np.maximum(total, 1e-300))
     gain = sums.gain(w, of_group_then, between)
     return GroupedFit(x, covariance, float(np.sqrt(within2)), between, weight, of_group, mean, sd, group, gain)
@@ -156,11 +159,15 @@ def _solved(A: Array, b: Array) -> tuple[Array, Array, Array]:
 
 def _first_weights(y: Array, variance: Array, sums: _Sums) -> tuple[Array, Array, float]:
     """Return weights of data and groups, and the variance within groups, as they look from x = 0, by medians."""
+    group, free = sums.group, sums.free > 0
+    if not free.any():
+        return np.ones(len(y)), np.ones(sums.n), 0.0
     mean, _ = sums.means(y, 1 / variance)
-    within2 = _median_square(y - mean[sums.group])
+    within2 = _median_square((y - mean[group])[free[group]])
     mean, _ = sums.means(y, 1 / (variance + within2))
-    weight = _counts((y - mean[sums.group]) / np.sqrt(variance + within2))
-    return weight, _counts(mean / np.sqrt(max(_median_square(mean), 1e-300))), within2
+    weight = _counts((y - mean[group]) / np.sqrt(variance + within2))
+    of_group = _counts(mean / np.sqrt(max(_median_square(mean[free]), 1e-300)))
+    return np.where(free[group], weight, 1.0), np.where(free, of_group, 1.0), within2
 
 
 def _median_square(d: Array) -> float:

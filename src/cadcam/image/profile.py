@@ -83,13 +83,13 @@ def noise_of(gray: Picture) -> float:
     """
     height, width = gray.shape
     if min(height, width) < 3:
-        return _QUANTISED
+        return float(_QUANTISED)
     row = np.arange(0, height - 2, max(1, (height - 2) // _ROWS))
     column = np.arange(0, width - 2, max(1, (width - 2) // (4 * _ROWS)))
     rows = [np.asarray(gray[row + k], np.float32) for k in range(3)]
     down = rows[0] - 2 * rows[1] + rows[2]
     both = down[:, column] - 2 * down[:, column + 1] + down[:, column + 2]
-    return max(float(np.median(np.abs(both))) / 0.6745 / 6.0, _QUANTISED)
+    return float(max(np.median(np.abs(both)) / 0.6745 / 6.0, _QUANTISED))
 
 
 def blur_of(gray: Picture, q: Array, normal: Array, *, reach: Array, half_length: float, default: float = 0.8) -> float:

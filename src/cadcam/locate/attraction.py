@@ -2,9 +2,9 @@
 
 Samples on the visible lines look along their normals for steps of brightness, several each. Every step attracts the
 line, the nearer the more: a sample's weight is shared among its steps and "none of them" as in a mixture of normal
-distributions of one softness, which shrinks from round to round. All lines move as one rigid part, so the twin edges of
-a plate are told apart by all the others, and the first rounds, soft, see only the whole. (Soft assignment with annealing:
-S. Granger, X. Pennec, "Multi-scale EM-ICP", ECCV 2002.)
+distributions of one softness, which shrinks from round to round. All lines move as one rigid part, so the twin edges
+of a plate are told apart by all the others, and the first rounds, soft, see only the whole. (Soft assignment with
+annealing: S. Granger, X. Pennec, "Multi-scale EM-ICP", ECCV 2002.)
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
 """Is the part really there? How much of its visible edges the photo shows, against how much it would show of any lines.
 
-An edge counts as shown where brightness steps within a few pixels of it, as strongly as anywhere near, with the same
-sign along the line, and where the next sample on the line finds it at the same distance: a line, not a speckle. The same
-is asked of the same lines shifted to where the part is not; what they find is chance.
+An edge counts as shown where brightness steps very near it, about as strongly as anywhere around, with the same sign
+along the line, and where the next sample on the line finds it at the same distance: a line, not a speckle. The same is
+asked of the same lines shifted to where the part is not; what they find is chance.
 
     share = (shown - by chance) / (1 - by chance)
 
-is 1 for a part seen whole and about 0 for a pose anywhere; a wrong pose that a search has fitted to whatever lines there
-are reaches up to 0.45. So one threshold serves all parts and photos: quality = share / 0.94, found from 0.5 on.
+is 1 for a part seen whole and about 0 for a pose anywhere; a wrong pose that a search has fitted to whatever lines
+there are seldom reaches a half. So one threshold serves all parts and photos: quality 0.5 stands for a share of 0.53.
 """
 
 from __future__ import annotations
@@ -22,13 +22,14 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import candidates
 from cadcam.locate.sight import Sight
 
-_ASKED = 240  # samples, of all photos together
-_NEAR_PX, _REACH = 1.5, 6  # px: how near a line its step must be, how far around it is compared
+_ASKED = 400  # samples, of all photos together
+_TOGETHER = 4  # of these in a row: neighbours must be neighbours
+_NEAR_PX, _REACH = 2.0, 6  # px: how near a line its step must be, how far around it is compared
 _ROOM_PX = 2.5  # a sample nearer than this to another line says nothing
 _AGREE_PX = 0.5  # by which neighbours on a line may differ
 _FAINT = 0.4  # of the strongest slope nearby
 _SHIFTS = [(14.0, 0.3), (22.0, 1.9), (14.0, 3.4), (22.0, 5.0)]  # px, rad
-_FULL = 0.94  # share that makes quality 1: half of it parts right from wrong
+_SHARES = (0.0, 0.53, 0.95)  # shares that make quality 0, 1/2 and 1
 _LEAST = 12  # samples that can tell anything at all
 
 
@@ -46,7 +47,7 @@ class Seen:
         if self.samples < _LEAST:
             return 0.0
         share = (self.shown - self.by_chance) / (1 - min(self.by_chance, 0.9))
-        return float(np.clip(share / _FULL, 0.0, 1.0))
+        return float(np.interp(share, _SHARES, (0.0, 0.5, 1.0)))
 
     def __str__(self) -> str:
         if self.samples < _LEAST:
@@ -57,7 +58,7 @@ class Seen:
 def seen(sights: Sequence[Sight], world_from_part: Rigid) -> Seen:
     """Return how much of the part's visible edges the photos show at a pose."""
     told = shown = by_chance = 0.0
-    for sight in (s.thinned(_ASKED // len(sights)) for s in sights):
+    for sight in (s.thinned(_ASKED // len(sights), together=_TOGETHER) for s in sights):
         at, samples = sight.project(world_from_part), sight.samples
         room = np.minimum(np.minimum(samples.below, samples.above) - 1.0, _REACH)
         which = np.flatnonzero((room >= _ROOM_PX) & np.isfinite(at.q).all(axis=1))

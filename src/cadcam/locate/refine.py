@@ -1,15 +1,15 @@
 """The pose of a part to the limit of the pixels: visible CAD edges against the photo's own.
 
-Lines are drawn with hidden ones removed, pulled onto the photo's steps (`locate.attraction`), each step is fitted to the
-pixels (`image.profile`), and the pose solved for by a regression that knows that edges err as a whole (`fit.grouped`):
-a chamfer, a shadow or paint shifts all samples of an edge together. What comes out is believed only where the photo
-shows far more of the part's edges than chance would (`locate.quality`).
+Lines are drawn with hidden ones removed, pulled onto the photo's steps (`locate.attraction`), each step is fitted to
+the pixels (`image.profile`), and the pose solved for by a regression that knows that edges err as a whole
+(`fit.grouped`): a chamfer, a shadow or paint shifts all samples of an edge together. What comes out is believed only
+where the photo shows far more of the part's edges than chance would (`locate.quality`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +37,8 @@ _ON_LINE = 0.7  # px: steps this near are fitted on the line itself
 _USUAL_PX = 0.05  # by which edges are off as a whole
 _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
 _ROUNDS = (4, 12)  # reweightings in the first and the last measurement
+_DOUBT = (0.25, 0.62)  # quality of a pose that half of the lines agree with: worth a second, wider search
+_WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
 _UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose that nothing was measured of
 
 
@@ -77,10 +79,28 @@ def refine(
     """Return where the part stands, from a start world_from_part whose lines are off by no more than `search_px`.
 
     photos: of one camera, of a rig, or of a moved camera, each with its viewpoint in the world. evidence: points and
-    lines of the part that are known otherwise. Where too little is seen to tell the pose the answer has quality 0.
+    lines of the part that are known otherwise. Where too little is seen to tell the pose the answer has quality 0. A
+    doubtful answer is searched for once more, wider, from where it ended: lines of a wrong pose often half agree.
     """
     if not photos:
         raise BadValue("photos", "none", "at least one photo")
+    first = _refined(part, photos, start, freedom, evidence, options)
+    if not _DOUBT[0] < first.quality < _DOUBT[1]:
+        return first
+    wider = replace(options, search_px=max(_WIDER * options.search_px, _WIDER_PX))
+    second = _refined(part, photos, first.pose.world_from_part, freedom, evidence, wider)
+    return second if second.quality > first.quality else first
+
+
+def _refined(
+    part: Part,
+    photos: Sequence[Photo],
+    start: Rigid,
+    freedom: Freedom,
+    evidence: Sequence[Evidence],
+    options: EdgeOptions,
+) -> Location:
+    """Return what one search from `start` and the measurement after it find."""
     sights = _sights(part, photos, start, options)
     pose = attracted(sights, start, freedom, search_px=options.search_px)
     if max(s.moved_px(pose) for s in sights) > _REDRAW_PX:
@@ -132,7 +152,9 @@ def _fitted(
     for iterations in _ROUNDS:
         measured = [measure(*all_of) for all_of in zip(sights, places, cells, where, strict=True)]
         B = freedom.at(pose)
-        fit = _solved(sights, places, measured, rows_of(evidence, [s.photo for s in sights], pose), B, iterations, options)
+        fit = _solved(
+            sights, places, measured, rows_of(evidence, [s.photo for s in sights], pose), B, iterations, options
+        )
         last = _Fitted(sights, pose, pose @ Rigid.exp(B @ fit.x), B, places, measured, fit)
         pose = last.pose
         where = [_left(m, moved) for m, moved in zip(measured, last.moved, strict=True)]
@@ -227,7 +249,9 @@ def _lost(sights: Sequence[Sight], pose: Rigid, freedom: Freedom, why: str) -> L
     none = [np.full(len(s.samples), np.nan) for s in sights]
     matches = _as_matches(sights, pose, none, none, [np.zeros(len(a)) for a in none])
     B = freedom.at(pose)
-    return Location(PoseEstimate(pose, B @ (B.T @ _UNKNOWN @ B) @ B.T, freedom=B, dof=1.0), matches, 0.0, f"not found: {why}")
+    return Location(
+        PoseEstimate(pose, B @ (B.T @ _UNKNOWN @ B) @ B.T, freedom=B, dof=1.0), matches, 0.0, f"not found: {why}"
+    )
 
 
 def _as_matches(
@@ -236,16 +260,14 @@ def _as_matches(
     places = [s.project(pose) for s in sights]
     kept = [np.isfinite(at.q).all(axis=1) for at in places]
 
-    def joined(parts: Sequence[npt.NDArray[np.generic]]) -> npt.NDArray[np.generic]:
+    def joined(parts: Sequence[Array]) -> Array:
         return np.concatenate([a[k] for a, k in zip(parts, kept, strict=True)])
 
-    return EdgeMatches(
-        joined([at.q for at in places]),
-        joined([at.normal for at in places]),
-        joined(offset),
-        joined(sigma),
-        joined(weight),
-        joined([s.samples.p for s in sights]),
-        joined([s.samples.chain for s in sights]),
-        joined([np.full(len(s.samples), i, np.int32) for i, s in enumerate(sights)]),
-    )
+    numbers = [
+        np.column_stack([s.samples.chain, np.full(len(s.samples), i)])[k]
+        for i, (s, k) in enumerate(zip(sights, kept, strict=True))
+    ]
+    chain, photo = np.concatenate(numbers).astype(np.int32).T
+    q, normal = joined([at.q for at in places]), joined([at.normal for at in places])
+    p = joined([s.samples.p for s in sights])
+    return EdgeMatches(q, normal, joined(offset), joined(sigma), joined(weight), p, chain, photo)

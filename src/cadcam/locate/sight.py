@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.geometry.rigid import Rigid
@@ -14,6 +15,7 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render.wireframe import LineOptions
 
+Longs = npt.NDArray[np.int64]
 _LINES = LineOptions(margin_px=0.0)
 _STRONG = 100  # cells that tell the blur
 _APART = 1.5  # blurs: a cell ends that far before the next line
@@ -57,10 +59,11 @@ class Sight:
         shift = np.hypot(*(now - before).T)
         return float(np.nanquantile(shift, 0.9)) if np.isfinite(shift).any() else 0.0
 
-    def thinned(self, most: int) -> Sight:
-        """Return the sight with at most about `most` of its samples."""
-        every = max(1, len(self.samples) // most)
-        return Sight(self.photo, self.noise, self.drawn, self.samples.select(np.arange(0, len(self.samples), every)))
+    def thinned(self, most: int, *, together: int = 1) -> Sight:
+        """Return the sight with about `most` of its samples, `together` neighbours at a time."""
+        n = len(self.samples)
+        kept = np.flatnonzero(np.arange(n) // together % max(1, n // most) == 0)
+        return Sight(self.photo, self.noise, self.drawn, self.samples.select(kept))
 
     def blur(self, at: Projected, *, half_length: float, reach_px: float) -> float:
         """Return the blur of the photo's steps (px), from the strongest of the part's lines."""
@@ -80,11 +83,11 @@ class Sight:
 class Cells:
     """Which of a sight's samples have room for a cell, how far the cells reach, and the light they are seen in.
 
-    which (N,): numbers of the samples; below, above (N,) px; half_length, blur (px). kink (N,): variance of a pixel over
-    that of the change of slope at the step (`image.profile.steps`).
+    which (N,): numbers of the samples; below, above (N,) px; half_length, blur (px). kink (N,): variance of a pixel
+    over that of the change of slope at the step (`image.profile.steps`).
     """
 
-    which: Array
+    which: Longs
     below: Array
     above: Array
     kink: Array
@@ -98,12 +101,16 @@ class Cells:
         Where a wide cell holds more than one step on its ground, as on printed or structured faces, it is narrowed.
         """
         blur = sight.blur(at, half_length=half_length, reach_px=reach_px)
-        below, above = (np.minimum(side - _APART * blur, reach_px) for side in (sight.samples.below, sight.samples.above))
+        below, above = (
+            np.minimum(side - _APART * blur, reach_px) for side in (sight.samples.below, sight.samples.above)
+        )
         which = np.flatnonzero((below >= room_px) & (above >= room_px) & np.isfinite(at.q).all(axis=1))
         free = np.zeros(len(which))
         wide = cls(which, below[which], above[which], free, half_length, blur)
         narrow_px = max(_NARROW * blur, room_px)
-        narrow = cls(which, np.minimum(wide.below, narrow_px), np.minimum(wide.above, narrow_px), free, half_length, blur)
+        narrow = cls(
+            which, np.minimum(wide.below, narrow_px), np.minimum(wide.above, narrow_px), free, half_length, blur
+        )
         found, close = wide.steps(sight, at), narrow.steps(sight, at)
         run = sight.samples.run[which]
         busy = _along_run(found.noise**2, run, _NOISE) > _BUSY**2 * _along_run(close.noise**2, run, _NOISE)
@@ -130,7 +137,7 @@ class Cells:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
-    """Offsets (N,) px of the photo's steps from the model's lines, their sd by noise, contrast, and which are usable."""
+    """Offsets (N,) px of the photo's steps from the model's lines, their sd by noise, contrast, which are usable."""
 
     offset: Array
     sigma: Array
@@ -169,7 +176,7 @@ def nearest_steps(sight: Sight, at: Projected, *, half_length: float, reach: int
     strong = np.abs(found.slope) > _FAINT * np.abs(found.slope[:, :1])
     far = np.where(strong, np.abs(found.offset), np.inf)
     best = np.argmin(far, axis=1)
-    return np.nan_to_num(found.offset[np.arange(len(best)), best])
+    return np.asarray(np.nan_to_num(found.offset[np.arange(len(best)), best]))
 
 
 def _spread(found: Steps) -> float:

@@ -58,9 +58,7 @@ def candidates(
     gray, arrays = np.ascontiguousarray(gray, np.float32), _doubles(q, normal)
     offset, slope = np.zeros((len(arrays[0]), most)), np.zeros((len(arrays[0]), most))
     places = _at(*arrays)
-    _core().cc_candidates(
-        _picture(gray), len(offset), *places, half_length, reach, least, most, *_at(offset, slope)
-    )
+    _core().cc_candidates(_picture(gray), len(offset), *places, half_length, reach, least, most, *_at(offset, slope))
     return offset, slope
 
 

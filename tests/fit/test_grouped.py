@@ -1,0 +1,102 @@
+"""Regression on data that err in groups: its covariance is the scatter, and neither outliers nor few groups upset it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cadcam.errors import DegenerateGeometry
+from cadcam.fit.grouped import grouped_fit
+
+TRUTH = np.array([0.3, -0.2, 0.1])
+
+
+def data(rng: np.random.Generator, *, groups: int = 40, size: int = 12, between: float = 0.05, within: float = 0.0):
+    """Return y, J, variance, group: lines through TRUTH, each group with a design of its own and an offset."""
+    group = np.repeat(np.arange(groups), size)
+    J = np.repeat(rng.normal(size=(groups, 3)), size, axis=0) + 0.2 * rng.normal(size=(groups * size, 3))
+    sigma = rng.uniform(0.02, 0.06, groups * size)
+    noise = np.hypot(sigma, within) * rng.normal(size=len(group))
+    y = J @ TRUTH + between * rng.normal(size=groups)[group] + noise
+    return y, J, sigma**2, group
+
+
+@pytest.mark.parametrize(("between", "within"), [(0.0, 0.0), (0.05, 0.0), (0.2, 0.05)])
+def test_the_covariance_is_the_scatter_whatever_the_groups_do(
+    between: float, within: float, rng: np.random.Generator
+) -> None:
+    z2 = []
+    for _ in range(120):
+        fit = grouped_fit(*data(rng, between=between, within=within), usual=0.05)
+        e = fit.x - TRUTH
+        z2.append(e @ np.linalg.solve(fit.covariance, e) / 3)
+    assert np.mean(z2) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 360))  # chi-square of 360: four of its sd
+
+
+def test_leaving_the_groups_out_would_make_the_covariance_too_small(rng: np.random.Generator) -> None:
+    """The negative control: the same data in groups of one datum are judged several times too sure."""
+    z2 = []
+    for _ in range(40):
+        y, J, variance, group = data(rng, between=0.2)
+        fit = grouped_fit(y, J, variance, np.arange(len(group)), usual=0.05)
+        e = fit.x - TRUTH
+        z2.append(e @ np.linalg.solve(fit.covariance, e) / 3)
+    assert np.mean(z2) > 3
+
+
+def test_both_variances_are_found(rng: np.random.Generator) -> None:
+    fit = grouped_fit(*data(rng, groups=200, between=0.1, within=0.08), usual=0.05)
+    assert fit.between == pytest.approx(0.1, rel=0.2)  # 200 groups: 5 percent; the grid of variances: 30
+    assert fit.within == pytest.approx(0.08, rel=0.15)
+    assert fit.dof == pytest.approx(197, abs=8)
+
+
+def test_groups_and_data_that_lie_far_off_do_not_count(rng: np.random.Generator) -> None:
+    y, J, variance, group = data(rng)
+    y[group < 4] += 1.5  # a tenth of the edges are shadows
+    lone = rng.choice(np.flatnonzero(group >= 4), 20, replace=False)
+    y[lone] += 3.0
+    fit = grouped_fit(y, J, variance, group, usual=0.05)
+    assert (fit.of_group[:4] == 0).all()
+    assert (fit.weight[lone] == 0).all()
+    e = fit.x - TRUTH
+    assert e @ np.linalg.solve(fit.covariance, e) / 3 < 3
+    assert np.abs(grouped_fit(y, J, variance, group, usual=0.05, robust=False).x - TRUTH).max() > np.abs(e).max()
+
+
+def test_few_groups_do_not_run_away(rng: np.random.Generator) -> None:
+    """With nine groups and six parameters a huge variance between groups and a huge error explain each other."""
+    worst = 0.0
+    for _ in range(50):
+        group = np.repeat(np.arange(9), 15)
+        J = np.repeat(rng.normal(size=(9, 6)), 15, axis=0) + 0.1 * rng.normal(size=(135, 6))
+        y = 0.05 * rng.normal(size=9)[group] + 0.1 * rng.normal(size=135)
+        fit = grouped_fit(y, J, np.full(135, 0.01), group, usual=0.05)
+        worst = max(worst, float(fit.x @ np.linalg.solve(fit.covariance, fit.x)) / 6)
+    assert worst < 8  # the largest of 50 of an F distribution with six degrees of freedom over few
+
+
+def test_exact_groups_have_no_offset(rng: np.random.Generator) -> None:
+    y, J, variance, group = data(rng, between=0.2)
+    exact = np.arange(40) >= 38
+    y[group >= 38] = J[group >= 38] @ TRUTH
+    with_them = grouped_fit(y, J, np.where(group >= 38, 1e-8, variance), group, usual=0.05, exact=exact)
+    assert np.abs((J @ (with_them.x - TRUTH))[group >= 38]).max() < 1e-3
+
+
+def test_gain_is_how_x_follows_the_data(rng: np.random.Generator) -> None:
+    y, J, variance, group = data(rng)
+    fit = grouped_fit(y, J, variance, group, usual=0.05)
+    np.testing.assert_allclose(fit.gain @ J, np.eye(3), atol=1e-10)
+    step = 1e-4 * rng.normal(size=len(y))
+    moved = grouped_fit(y + step, J, variance, group, usual=0.05).x - fit.x
+    assert np.abs(fit.gain @ step - moved).max() < 0.3 * np.abs(moved).max()  # the weights follow the data a little
+
+
+def test_what_the_data_leave_open_is_refused(rng: np.random.Generator) -> None:
+    y, J, variance, group = data(rng)
+    J[:, 2] = 2 * J[:, 1]
+    with pytest.raises(DegenerateGeometry):
+        grouped_fit(y, J, variance, group, usual=0.05)
+    with pytest.raises(DegenerateGeometry):
+        grouped_fit(y[:2], J[:2], variance[:2], group[:2], usual=0.05)

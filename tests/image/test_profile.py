@@ -1,0 +1,132 @@
+"""Steps fitted to pixels: exact on what they model, as uncertain as they say, near the bound, and why slopes matter."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+from cadcam.image.profile import blur_of, candidates, noise_of, steps
+from cadcam.native import profiles
+from cadcam.native.core import choose_variant
+
+BLUR = 0.8
+
+
+def blurred_ramp(d: np.ndarray, blur: float) -> np.ndarray:
+    return d * ndtr(d / blur) + blur * np.exp(-0.5 * (d / blur) ** 2) / np.sqrt(2 * np.pi)
+
+
+def picture(angle: float, offset: float, *, contrast: float = 0.4, bend: float = 0.0, blur: float = BLUR) -> np.ndarray:
+    """Return (64, 64) with a step `offset` px beyond the line through the middle, along the normal at `angle`."""
+    y, x = np.mgrid[:64, :64] - 31.5
+    d = x * np.cos(angle) + y * np.sin(angle) - offset
+    return (0.3 + 0.004 * d + contrast * ndtr(d / blur) + bend * blurred_ramp(d, blur)).astype(np.float32)
+
+
+def cell(gray: np.ndarray, angle: float, *, reach: float = 6.0, half_length: float = 5.0, kink: float = 0.0):
+    normal = np.array([[np.cos(angle), np.sin(angle)]])
+    side = np.array([reach])
+    return steps(
+        gray,
+        np.array([[31.5, 31.5]]),
+        normal,
+        below=side,
+        above=side,
+        half_length=half_length,
+        blur=BLUR,
+        kink=np.array([kink]),
+    )
+
+
+def position(found) -> float:
+    return float(-found.moment[0] / found.contrast[0])
+
+
+ANGLES = np.radians([0.0, 17.0, 45.0, 90.0, 133.0, 200.0, 301.0])
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_a_step_on_the_line_is_found_there_to_the_picture_s_own_rounding(angle: float) -> None:
+    found = cell(picture(angle, 0.0, bend=0.01), angle)
+    eps = np.finfo(np.float32).eps  # the picture is float32, the integral of the bell good to 8e-8
+    assert abs(position(found)) < 20 * eps
+    assert found.contrast[0] == pytest.approx(0.4, abs=20 * eps)
+    assert found.bend[0] == pytest.approx(0.01, abs=20 * eps)
+
+
+@pytest.mark.parametrize("offset", [-0.3, 0.1, 0.25])
+def test_beside_the_line_the_error_is_of_third_order(offset: float) -> None:
+    """Phi(x - e) = Phi - e phi - e^2 x phi / 2 ...: the second order is odd and the cell even, so it drops out."""
+    found = position(cell(picture(0.4, offset), 0.4))
+    assert abs(found - offset) < 0.6 * abs(offset) ** 3 / BLUR**2 + 1e-4
+
+
+@pytest.mark.parametrize("kink", [0.0, np.inf])
+def test_the_predicted_uncertainty_is_the_scatter_of_many_noisy_pictures(kink: float, rng: np.random.Generator) -> None:
+    clean, sigma = picture(0.7, 0.0), 0.01
+    z = []
+    for _ in range(400):
+        found = cell((clean + sigma * rng.normal(size=clean.shape)).astype(np.float32), 0.7, kink=kink)
+        z.append(position(found) * found.contrast[0] / found.sd_moment[0])
+    assert np.std(z) == pytest.approx(1.0, abs=4 / np.sqrt(2 * 400))  # four sd of a standard deviation from 400
+    assert abs(np.mean(z)) < 4 / np.sqrt(400)
+
+
+@pytest.mark.parametrize(("kink", "loss"), [(np.inf, 1.15), (0.0, 1.7)])
+def test_a_wide_cell_comes_near_the_cramer_rao_bound(kink: float, loss: float) -> None:
+    """Bound: var = 2 sqrt(pi) blur sigma^2 / (contrast^2 length), everything but the position known."""
+    found = cell(picture(0.0, 0.0) + 0, 0.0, reach=6.0, half_length=5.0, kink=kink)
+    length = 10.0  # columns of pixels: rows at -4.5 .. 4.5
+    bound = np.sqrt(2 * np.sqrt(np.pi) * BLUR * found.noise[0] ** 2 / (0.4**2 * length))
+    assert 1.0 < found.sd_moment[0] / 0.4 / bound < loss
+
+
+def test_without_slopes_of_its_own_on_either_side_a_fit_follows_the_light() -> None:
+    """The negative control of the bend: held to zero, a bend of 0.02 a pixel drags the step by a tenth of a pixel."""
+    gray = picture(0.3, 0.0, bend=0.02)
+    assert abs(position(cell(gray, 0.3))) < 1e-5
+    assert abs(position(cell(gray, 0.3, kink=np.inf))) > 0.1
+
+
+def test_a_cell_that_leaves_the_picture_tells_nothing_and_a_clipped_one_says_so() -> None:
+    assert np.isnan(cell(picture(0.0, 0.0), 0.0, reach=40.0).contrast[0])
+    assert cell(np.clip(picture(0.0, 0.0, contrast=1.0), 0, 1), 0.0).clipped[0] == pytest.approx(0.5, abs=0.1)
+
+
+def test_every_instruction_set_gives_the_same_steps(rng: np.random.Generator) -> None:
+    gray = picture(0.3, 0.1).astype(np.float32)
+    q, angle = rng.uniform(15, 48, (50, 2)), rng.uniform(0, 2 * np.pi, 50)
+    normal, side = np.stack([np.cos(angle), np.sin(angle)], axis=1), np.full(50, 5.0)
+    each = []
+    for level in (0, -1):
+        choose_variant(level)
+        each.append(
+            profiles.steps(gray, q, normal, side, side, np.zeros(50), half_length=2.0, blur=BLUR, dark=-1.0, bright=2.0)
+        )
+    np.testing.assert_allclose(each[0], each[1], rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("sigma", [0.004, 0.02])
+def test_noise_is_told_in_spite_of_edges(sigma: float, rng: np.random.Generator) -> None:
+    gray = np.tile(picture(0.5, 0.0), (6, 8))
+    noisy = (gray + sigma * rng.normal(size=gray.shape)).astype(np.float32)
+    assert noise_of(noisy) == pytest.approx(sigma, rel=0.06)  # 9000 second differences: 1.5 percent, and the edges
+
+
+@pytest.mark.parametrize("blur", [0.6, 0.9, 1.6])
+def test_blur_is_told_by_how_well_steps_fit(blur: float, rng: np.random.Generator) -> None:
+    gray = picture(0.5, 0.0, blur=blur)
+    gray = (gray + 0.003 * rng.normal(size=gray.shape)).astype(np.float32)
+    along = np.linspace(-16, 16, 12)[:, None] * [-np.sin(0.5), np.cos(0.5)]
+    normal = np.tile([np.cos(0.5), np.sin(0.5)], (12, 1))
+    found = blur_of(gray, 31.5 + along, normal, reach=np.full(12, 6.0), half_length=2.0)
+    assert found == pytest.approx(blur, rel=0.12)  # half a step of the blurs tried is 17 percent
+
+
+def test_twin_edges_are_two_candidates_of_opposite_sign() -> None:
+    gray = picture(0.0, -2.0) - picture(0.0, 3.0)  # a bright strip 5 px wide
+    found = candidates(gray, np.array([[31.5, 31.5]]), np.array([[1.0, 0.0]]), half_length=2.0, reach=8, noise=1e-3)
+    order = np.argsort(found.offset[0])
+    np.testing.assert_allclose(found.offset[0][order[:2]], [-2.0, 3.0], atol=0.15)  # half-pixel shoulder, parabola
+    assert found.slope[0][order[0]] > 0 > found.slope[0][order[1]]

@@ -1,0 +1,73 @@
+"""Samples on visible edges: they lie on their lines, move as their Jacobian says, and know what lies beside them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cadcam.cad.parts.bracket import machined_bracket
+from cadcam.camera.camera import Camera
+from cadcam.camera.lens import BrownConrady
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.edges import project, sample_lines
+from cadcam.locate.part import Part
+from cadcam.native.profiles import clearance
+
+CAMERA = Camera.from_focal((640, 480), 900.0, fy=880.0, skew=2.0, lens=BrownConrady(k1=-0.15, k2=0.05, p1=1e-3))
+POSE = Rigid.look_at((260.0, -330.0, 300.0), (0.0, 0.0, 20.0))
+
+
+@pytest.fixture(scope="module")
+def part() -> Part:
+    return Part.of(machined_bracket())
+
+
+def test_samples_lie_on_the_drawn_lines_a_step_apart(part: Part) -> None:
+    lines = part.lines.draw(CAMERA, POSE).visible
+    samples = sample_lines(lines, CAMERA, step_px=4.0, reach_px=10.0)
+    q = project(samples, CAMERA, POSE).q
+    a = lines.q[:-1][np.diff(lines.line_of_point) == 0]
+    b = lines.q[1:][np.diff(lines.line_of_point) == 0]
+    t = np.clip(((q[:, None] - a) * (b - a)).sum(-1) / ((b - a) ** 2).sum(-1), 0, 1)
+    off = np.linalg.norm(q[:, None] - a - t[..., None] * (b - a), axis=-1).min(axis=1)
+    assert off.max() < 0.021  # the chord of a line that the lens bends, LineOptions.chord_px
+    same = samples.run[1:] == samples.run[:-1]
+    apart = np.linalg.norm(np.diff(q, axis=0), axis=1)[same]
+    assert 3.5 < apart.min() and apart.max() < 4.5
+    assert len(samples) > 0.6 * lines.length_px.sum() / 4
+
+
+def test_rows_are_how_lines_move_across_themselves(part: Part, rng: np.random.Generator) -> None:
+    samples = sample_lines(part.lines.draw(CAMERA, POSE).visible, CAMERA, step_px=6.0, reach_px=10.0)
+    at, xi, step = project(samples, CAMERA, POSE), rng.normal(size=6) * [1, 1, 1, 0.01, 0.01, 0.01], 1e-4
+    ahead, behind = (project(samples, CAMERA, POSE @ Rigid.exp(s * step * xi)).q for s in (1, -1))
+    across = np.einsum("ij,ij->i", at.normal, ahead - behind) / (2 * step)
+    np.testing.assert_allclose(at.row @ xi, across, atol=1e-6 * np.abs(across).max())
+
+
+def test_normals_stand_on_the_lines_under_lens_and_skew(part: Part) -> None:
+    samples = sample_lines(part.lines.draw(CAMERA, POSE).visible, CAMERA, step_px=6.0, reach_px=10.0)
+    at = project(samples, CAMERA, POSE)
+    ends = [CAMERA.project(POSE @ (samples.p + s * 0.01 * samples.tangent)) for s in (1, -1)]
+    assert np.abs(np.einsum("ij,ij->i", at.normal, ends[0] - ends[1])).max() < 1e-5
+
+
+def test_twin_lines_know_how_far_apart_they_are() -> None:
+    """Two lines along x, 9 px apart: free on the outside, 9 px to the other; and one that ends before is not met."""
+    segments = np.array([[0, 0, 100, 0], [0, 9, 60, 9]], float)
+    q, normal = np.array([[30.0, 0.0], [80.0, 0.0]]), np.tile([0.0, 1.0], (2, 1))
+    arcs = np.array([[0.0, 100.0], [0.0, 60.0]])
+    below, above = clearance(
+        q,
+        normal,
+        np.zeros(2, np.int32),
+        np.array([30.0, 80.0]),
+        segments,
+        np.array([0, 1], np.int32),
+        arcs,
+        half_length=3.0,
+        near=20.0,
+        most=12.0,
+    )
+    np.testing.assert_array_equal(below, 12.0)
+    np.testing.assert_allclose(above, [9.0, 12.0])

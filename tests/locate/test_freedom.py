@@ -1,0 +1,64 @@
+"""Restricted motions: what they leave fixed stays fixed, wherever the part is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cadcam.errors import BadValue
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.freedom import FREE, Freedom
+
+
+@pytest.fixture
+def pose(rng: np.random.Generator) -> Rigid:
+    return Rigid.exp(np.concatenate([rng.normal(size=3) * 500, rng.normal(size=3)]))
+
+
+def moved(freedom: Freedom, pose: Rigid, rng: np.random.Generator) -> Rigid:
+    for _ in range(3):
+        B = freedom.at(pose)
+        pose = pose @ Rigid.exp(B @ rng.normal(size=B.shape[1]) * 0.5)
+    return pose
+
+
+def test_a_part_on_a_floor_keeps_every_point_s_height(pose: Rigid, rng: np.random.Generator) -> None:
+    n, p = np.array([0.1, -0.3, 1.0]), rng.normal(size=(5, 3)) * 100
+    after = moved(Freedom.planar(n), pose, rng)
+    assert np.abs((after @ p - pose @ p) @ n).max() < 1e-10 * 1000
+    assert np.abs(after @ p - pose @ p).max() > 0.1
+
+
+def test_a_part_on_an_axis_keeps_the_axis(pose: Rigid, rng: np.random.Generator) -> None:
+    c, w = np.array([30.0, -20.0, 700.0]), np.array([1.0, 2.0, 0.5])
+    on_axis = pose.inv @ (c + np.linspace(-3, 3, 4)[:, None] * w)
+    after = moved(Freedom.about(c, w), pose, rng)
+    np.testing.assert_allclose(after @ on_axis, pose @ on_axis, atol=1e-9)
+
+
+def test_a_part_on_a_rail_keeps_its_rotation(pose: Rigid, rng: np.random.Generator) -> None:
+    d = np.array([0.0, 3.0, 4.0])
+    after = moved(Freedom.along(d), pose, rng)
+    np.testing.assert_allclose(after.rotation, pose.rotation, atol=1e-14)
+    assert np.linalg.norm(np.cross(after.translation - pose.translation, d)) < 1e-10
+    own = moved(Freedom.along(d, frame="part"), pose, rng)
+    assert np.linalg.norm(np.cross(own.translation - pose.translation, pose.rotation @ d)) < 1e-9
+
+
+@pytest.mark.parametrize("freedom", [FREE, Freedom.planar([0, 0, 1]), Freedom.along([1, 0, 0])])
+def test_directions_are_orthonormal(freedom: Freedom, pose: Rigid) -> None:
+    B = freedom.at(pose)
+    np.testing.assert_allclose(B.T @ B, np.eye(B.shape[1]), atol=1e-12)
+
+
+@pytest.mark.parametrize("basis", [np.zeros((6, 0)), np.ones((6, 2)), np.eye(6)[:5]])
+def test_what_is_no_basis_is_refused(basis: np.ndarray) -> None:
+    with pytest.raises(BadValue):
+        Freedom(basis)
+
+
+def test_directions_without_length_are_refused() -> None:
+    with pytest.raises(BadValue, match="normal of the plane"):
+        Freedom.planar([0, 0, 0])
+    with pytest.raises(BadValue, match="frame"):
+        Freedom(np.eye(6), "camera")  # type: ignore[arg-type]
