@@ -9,8 +9,9 @@ truth, whatever was done to the input; where nothing can be right (absent part, 
 area under the ROC curve, and how many wrong poses pass the threshold that `Location.found` uses.
 
 Two things would be unfair. A stretched box, or one seen by a camera of another focal length, can look just like the
-true one from elsewhere: such inputs count only where no pose brings the visible corners within 3 px of where the photo has
-them. And from photos blurred beyond use or overexposed a right pose may as well be refused: there only wrong poses count.
+true one from elsewhere: such inputs count only where no pose brings the visible corners within 3 px of where the photo
+has them. And from photos blurred beyond use or overexposed a right pose may as well be refused: there only wrong poses
+count.
 """
 
 from __future__ import annotations
