@@ -130,7 +130,7 @@ def answer(case: Case, trial: Trial) -> Answer:
 
 
 def explained(case: Case, part: Part, camera: Camera) -> bool:
-    """Return whether a pose of this part before this camera brings the corners seen within `ALIKE` px of the true ones."""
+    """Return whether a pose of this part before this camera brings visible corners within `ALIKE` px of the true."""
     vertices = case.part.scene.mesh.vertices
     ends = case.part.lines.draw(case.photo.camera, case.truth).visible.p
     corner = (np.linalg.norm(vertices[:, None] - ends, axis=2) < 1e-6 * np.ptp(vertices)).any(axis=1)
