@@ -9,9 +9,7 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -24,28 +22,28 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.direction_field import DirectionField, direction_fields
 from cadcam.locate.approach import Reach, approach
 from cadcam.locate.aspects import Aspects
-from cadcam.locate.climb import Climb, Stage, climbed, composed, distinct, evidence, rigid_of, row_of, turned
+from cadcam.locate.climb import Climb, Stage, climbed, composed, distinct, evidence, in_threads, near, rigid_of, row_of, turned
 from cadcam.locate.hypothesis import Hypothesis
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.view_range import WHOLE_SPHERE, ViewRange
 from cadcam.native.fields import Views
 
-_SWEPT_PX = 30.0  # the part's size in the field that it is swept over
+_SWEPT_PX = 33.0  # the part's size in the field that it is swept over
 _JUDGED_PX = 180.0  # and in that where evidence is judged: noise is averaged there, and lines are apart
 _SMALLEST, _LARGEST = 0.2, 1.2  # the part's size in units of the photo's shorter side, where no distance is declared
-_SCALE, _ROLL_DEG, _DIRECTIONS = 1.18, 12.0, 162  # steps of the sweep: distances, turns; directions over the sphere
-_SWEPT = 48  # samples of an aspect that are swept
-_TAKEN = 160  # hypotheses of each distance that climb
+_SCALE, _ROLL_DEG = 1.2, 10.0  # steps of the sweep: distances, turns in the picture
+_SWEPT = 42  # samples of an aspect that are swept
+_TAKEN = 700  # hypotheses of each distance that climb
 _CLIMBS = (
-    Climb(0, 64, (3.0, 2.0, 1.5, 1.0, 1.0), 120),
-    Climb(1, 96, (2.5, 2.0, 1.5, 1.0, 1.0), 60),
-    Climb(2, 128, (2.5, 2.0, 1.5, 1.0, 1.0), 60),
+    Climb(0, 64, (2.5, 1.5, 1.0, 1.0), 350),
+    Climb(1, 96, (2.5, 1.5, 1.0, 1.0), 100),
+    Climb(2, 128, (2.5, 1.5, 1.0, 1.0), 60),
 )
 _APPROACHED, _NEIGHBOURS = 24, 0.25  # hypotheses that are approached, and how far apart they are, in radii
 _NEAR = Reach(rotation_deg=12.0, shift_px=0.06, depth=0.12)  # of such approaches; the shift in units of the part's size
 _RETURNED = 20
-_BASES, _LEVELS = (1, 3), 7  # fields are reduced by these times powers of two
+_BASES = ((1, 1), (2, 6), (3, 6))  # fields are reduced by the first number times so many powers of two
 _WIDEST_PX = 1100  # larger photos are reduced first
 _NARROWEST_PX = 12  # fields are not smaller
 
@@ -65,10 +63,20 @@ def search(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE)
     ]
     found = np.concatenate([np.zeros((0, 12)), *rows])
     starts = distinct(aspects, found, _judged(aspects, scales, found), _APPROACHED, within=_NEIGHBOURS)
-    near = _approached(part, photos, [rigid_of(found[k]) for k in starts])
-    found = np.array([row_of(h.world_from_part) for h in near]).reshape(-1, 12)
-    score = _judged(aspects, scales, found)
-    return [replace(near[k], score=float(score[k])) for k in distinct(aspects, found, score, _RETURNED)]
+    around = _approached(part, photos, [rigid_of(found[k]) for k in starts])
+    found = np.array([row_of(h.world_from_part) for h in around]).reshape(-1, 12)
+    return _ranked(aspects, around, found, _judged(aspects, scales, found))
+
+
+def _ranked(aspects: Aspects, found: list[Hypothesis], poses: Array, score: Array) -> list[Hypothesis]:
+    """Return each pose once, most evidence first; of poses close to each other that which fits the fine field best.
+
+    Evidence is bounded edge by edge, so that it tells places apart but not a pose from one some pixels off.
+    """
+    leaders = distinct(aspects, poses, score, _RETURNED, within=_NEIGHBOURS)
+    fit = np.array([h.score for h in found])
+    best = [members[np.argmax(fit[members])] for members in (near(aspects, poses, k, _NEIGHBOURS) for k in leaders)]
+    return [replace(found[k], score=float(score[j])) for k, j in zip(best, leaders, strict=True)]
 
 
 class _Scales:
@@ -100,7 +108,7 @@ class _Scales:
 
 def _fields(photo: Photo) -> list[DirectionField]:
     k = max(1, math.ceil(max(photo.camera.size) / _WIDEST_PX))
-    every = [f for b in _BASES for f in direction_fields(photo.gray, photo.camera, reduction=b * k, levels=_LEVELS)]
+    every = [f for b, n in _BASES for f in direction_fields(photo.gray, photo.camera, reduction=b * k, levels=n)]
     return sorted((f for f in every if min(f.camera.size) >= _NARROWEST_PX), key=lambda f: f.reduction)
 
 
@@ -135,16 +143,13 @@ def _swept(aspects: Aspects, stage: Stage, eye: int, distance: float, views: Vie
     numbers, R = _rotations(aspects, views)
     seen = np.concatenate([R.reshape(-1, 9), np.array([0, 0, distance]) - R @ aspects.centre], axis=1)
     world = composed(camera_from_world.inv, seen)
-    half = (field.camera.width // 2, field.camera.height // 2)
-    middle = np.rint(field.camera.principal_point).astype(int)
-    window = {"centre": (half[0] - int(middle[0]), half[1] - int(middle[1])), "reach": half, "keep": 2, "apart": 2}
     edges = _edges(aspects, Stage((field,), (camera_from_world,)), numbers, distance)
-    some = [slice(k, k + 512) for k in range(0, len(world), 512)]
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        done = list(pool.map(lambda s: edges.part(s).slide(0, world[s], **window), some))
+    some = [slice(k, k + 2048) for k in range(0, len(world), 2048)]
+    done = in_threads(lambda s: edges.part(s).sweep(0, world[s], keep=2, apart=2), some)
     shift, score = (np.concatenate([d[k] for d in done]) for k in range(2))
     best = np.argsort(-score.ravel(), kind="stable")[:_TAKEN]
-    moved = turned(aspects, field.camera, seen[best // 2], shift.reshape(-1, 2)[best].astype(float))
+    to = shift.reshape(-1, 2)[best] - field.camera.principal_point
+    moved = turned(aspects, field.camera, seen[best // 2], to)
     return composed(camera_from_world.inv, moved)
 
 
@@ -160,7 +165,7 @@ def _edges(aspects: Aspects, stage: Stage, numbers: Array, distance: float) -> V
 
 def _rotations(aspects: Aspects, views: ViewRange) -> tuple[Array, Array]:
     """Return directions of the net (N,) and rotations camera_from_part (N, 3, 3) that look along them, turned every way."""
-    chosen = np.flatnonzero(views.allows(aspects.net[:_DIRECTIONS]))
+    chosen = np.flatnonzero(views.allows(aspects.net))
     z = -aspects.net[chosen]
     up = views.up - (z @ views.up)[:, None] * z
     lying = np.linalg.norm(up, axis=1) < 1e-6
@@ -198,5 +203,4 @@ def _approached(part: Part, photos: Sequence[Photo], starts: list[Rigid]) -> lis
         except NothingInView:
             return []
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return [h for some in pool.map(around, starts) for h in some]
+    return [h for some in in_threads(around, starts) for h in some]

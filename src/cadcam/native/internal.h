@@ -129,8 +129,7 @@ struct cc_worker {
     size_t row_capacity;
 };
 
-int variant_in_use(void); /* the instruction set: 0 baseline, 1 x86-64-v3 */
-
+int variant_in_use(void); /* the instruction set in use: 0 baseline, 1 x86-64-v3 */
 int frame_prepare_baseline(cc_frame *frame);
 int frame_work_baseline(cc_frame *frame, cc_worker *worker);
 #if CC_HAS_V3
