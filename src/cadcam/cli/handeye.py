@@ -32,7 +32,7 @@ direction open, are refused with the evidence. The robot's own noise is estimate
 that its errors are not charged to the camera. Good poses turn the flange by 20 to 40 deg about at least two axes."""
 
 _EXAMPLES = f"""\
-  cadcam handeye robot.csv --convention kuka --mounting eye-in-hand --camera c.json --views shots/ --board chessboard:9x6:25mm
+  cadcam handeye r.csv --convention ur --mounting eye-in-hand --camera c.json --views shots/ --board chessboard:9x6:25mm
   cadcam handeye robot.csv --convention kuka --mounting eye-in-hand --camera camera.json --views seen/ -o handeye.json
   cadcam handeye robot.txt --mounting eye-in-hand --camera camera.json --views seen/*.csv       which convention fits?
   cadcam handeye poses/ --convention ros --mounting eye-to-hand --camera-poses target.csv       poses, no pixels
