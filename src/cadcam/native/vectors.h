@@ -26,11 +26,6 @@ INLINE f8 choose(i8 mask, f8 yes, f8 no) { return (f8)_mm256_blendv_ps((__m256)n
 INLINE f8 least_of(f8 a, f8 b) { return (f8)_mm256_min_ps((__m256)a, (__m256)b); }
 INLINE f8 most_of(f8 a, f8 b) { return (f8)_mm256_max_ps((__m256)a, (__m256)b); }
 INLINE f8 root(f8 v) { return (f8)_mm256_sqrt_ps((__m256)v); }
-#ifdef __FMA__
-INLINE f8 fused(f8 a, f8 b, f8 c) { return (f8)_mm256_fmadd_ps((__m256)a, (__m256)b, (__m256)c); }
-#else
-INLINE f8 fused(f8 a, f8 b, f8 c) { return a * b + c; }
-#endif
 INLINE unsigned signs(i8 v) { return (unsigned)_mm256_movemask_ps((__m256)v); }
 INLINE f8 floats(d4 a, d4 b) { return (f8)_mm256_set_m128(_mm256_cvtpd_ps((__m256d)b), _mm256_cvtpd_ps((__m256d)a)); }
 
@@ -100,6 +95,11 @@ INLINE void three_bytes(i8 v, uint8_t out[24]) {
     for (int i = 0; i < 8; i++)
         for (int k = 0; k < 3; k++) out[3 * i + k] = (uint8_t)(v[i] >> (8 * k));
 }
+#endif
+#ifdef __FMA__
+INLINE f8 fused(f8 a, f8 b, f8 c) { return (f8)_mm256_fmadd_ps((__m256)a, (__m256)b, (__m256)c); }
+#else
+INLINE f8 fused(f8 a, f8 b, f8 c) { return a * b + c; }
 #endif
 INLINE f8 eight(float v) { return v - (f8){0}; }
 INLINE f8 size_of(f8 v) { return (f8)((i8)v & INT32_MAX); }
