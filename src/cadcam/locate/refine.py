@@ -36,7 +36,8 @@ _CLOSE = 3  # px: how far from the lines their steps may be after the search
 _ON_LINE = 0.7  # px: steps this near are fitted on the line itself
 _USUAL_PX = 0.05  # by which edges are off as a whole
 _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
-_ROUNDS = (3, 8)  # reweightings in the first and the last measurement
+_ROUNDS = (3, 8, 8, 8)  # reweightings in the first measurement, the second, and more where it is not settled
+_SETTLED_PX = 0.2  # by which nine tenths of the lines may move in the last step
 _PIECES = 30  # groups that the edges are cut into at least
 _DOUBT = (0.25, 0.62)  # quality of a pose that half of the lines agree with: worth a second, wider search
 _WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
@@ -144,13 +145,13 @@ def _sights(
 def _fitted(
     sights: Sequence[Sight], pose: Rigid, freedom: Freedom, evidence: Sequence[Evidence], options: EdgeOptions
 ) -> _Fitted:
-    """Return the pose after measuring twice: steps where they are first seen, then on the lines themselves."""
+    """Return the pose after measuring steps where they are first seen, then on the lines themselves."""
     half = 0.5 * options.step_px
     places = [s.project(pose) for s in sights]
     room = {"half_length": half, "reach_px": options.reach_px, "room_px": options.room_px}
     where = [nearest_steps(s, at, half_length=half, reach=_CLOSE) for s, at in zip(sights, places, strict=True)]
     cells = [Cells.of(s, at, where=w, **room) for s, at, w in zip(sights, places, where, strict=True)]
-    for iterations in _ROUNDS:
+    for number, iterations in enumerate(_ROUNDS):
         measured = [measure(*all_of) for all_of in zip(sights, places, cells, where, strict=True)]
         B = freedom.at(pose)
         fit = _solved(
@@ -159,6 +160,8 @@ def _fitted(
         last = _Fitted(sights, pose, pose @ Rigid.exp(B @ fit.x), B, places, measured, fit)
         pose = last.pose
         where = [_left(m, moved) for m, moved in zip(measured, last.moved, strict=True)]
+        if number and np.quantile(np.abs(np.concatenate(last.moved)), 0.9) < _SETTLED_PX:
+            break
         places = [s.project(pose) for s in sights]
     return last
 
