@@ -40,6 +40,7 @@ _ROUNDS = (3, 8, 8, 8)  # reweightings in the first measurement, the second, and
 _SETTLED_PX = 0.2  # by which nine tenths of the lines may move in the last step
 _PIECES = 30  # groups that the edges are cut into at least
 _DOUBT = (0.25, 0.62)  # quality of a pose that half of the lines agree with: worth a second, wider search
+_LOOSE_PX = 0.25  # by which edges of a good pose are seldom off as a whole
 _WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
 _UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose that nothing was measured of
 
@@ -86,11 +87,11 @@ def refine(
     """
     if not photos:
         raise BadValue("photos", "none", "at least one photo")
-    first = _refined(part, photos, start, freedom, evidence, options)
-    if not _DOUBT[0] < first.quality < _DOUBT[1]:
+    first, loose = _refined(part, photos, start, freedom, evidence, options)
+    if first.quality <= _DOUBT[0] or (first.quality >= _DOUBT[1] and not loose):
         return first
     wider = replace(options, search_px=max(_WIDER * options.search_px, _WIDER_PX))
-    second = _refined(part, photos, first.pose.world_from_part, freedom, evidence, wider)
+    second, _ = _refined(part, photos, first.pose.world_from_part, freedom, evidence, wider)
     return second if second.quality > first.quality else first
 
 
@@ -101,8 +102,8 @@ def _refined(
     freedom: Freedom,
     evidence: Sequence[Evidence],
     options: EdgeOptions,
-) -> Location:
-    """Return what one search from `start` and the measurement after it find."""
+) -> tuple[Location, bool]:
+    """Return what one search from `start` and the measurement after it find, and whether edges fit it only loosely."""
     sights = _sights(part, photos, start, options)
     pose = attracted(sights, start, freedom, search_px=options.search_px)
     if max(s.moved_px(pose) for s in sights) > _REDRAW_PX:
@@ -110,8 +111,8 @@ def _refined(
     try:
         fitted = _fitted(sights, pose, freedom, evidence, options)
     except DegenerateGeometry as error:
-        return _lost(sights, pose, freedom, str(error))
-    return _location(part, fitted, freedom)
+        return _lost(sights, pose, freedom, str(error)), False
+    return _location(part, fitted, freedom), fitted.fit.between > _LOOSE_PX
 
 
 @dataclass(frozen=True, slots=True, eq=False)
