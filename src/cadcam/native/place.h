@@ -41,7 +41,7 @@ static inline int image_of(const cc_eye *e, const rigid *c, const cc_place *s, s
     out->x = e->fx * u + e->skew * v + e->cx, out->y = e->fy * v + e->cy;
     out->dx = e->fx * du + e->skew * dv, out->dy = e->fy * dv;
     out->over_z = k, out->u = u, out->v = v;
-    return fabs(out->x) < 1e6 && fabs(out->y) < 1e6;
+    return fabs(out->x) < 1e6 && fabs(out->y) < 1e6 && fabs(out->dx) < 1e100 && fabs(out->dy) < 1e100; /* no NaN */
 }
 
 /* The sector of a line's normal; the line has direction (dx, dy), its normal twice that angle plus pi when doubled. */
