@@ -36,7 +36,8 @@ _CLOSE = 3  # px: how far from the lines their steps may be after the search
 _ON_LINE = 0.7  # px: steps this near are fitted on the line itself
 _USUAL_PX = 0.05  # by which edges are off as a whole
 _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
-_ROUNDS = (4, 12)  # reweightings in the first and the last measurement
+_ROUNDS = (3, 8)  # reweightings in the first and the last measurement
+_PIECES = 30  # groups that the edges are cut into at least
 _DOUBT = (0.25, 0.62)  # quality of a pose that half of the lines agree with: worth a second, wider search
 _WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
 _UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose that nothing was measured of
@@ -147,8 +148,8 @@ def _fitted(
     half = 0.5 * options.step_px
     places = [s.project(pose) for s in sights]
     room = {"half_length": half, "reach_px": options.reach_px, "room_px": options.room_px}
-    cells = [Cells.of(s, at, **room) for s, at in zip(sights, places, strict=True)]
     where = [nearest_steps(s, at, half_length=half, reach=_CLOSE) for s, at in zip(sights, places, strict=True)]
+    cells = [Cells.of(s, at, where=w, **room) for s, at, w in zip(sights, places, where, strict=True)]
     for iterations in _ROUNDS:
         measured = [measure(*all_of) for all_of in zip(sights, places, cells, where, strict=True)]
         B = freedom.at(pose)
@@ -192,8 +193,12 @@ def _solved(
 
 
 def _groups(sights: Sequence[Sight], measured: Sequence[Measured], options: EdgeOptions) -> Longs:
-    """Return the number of the piece of edge that each usable sample lies on, ascending."""
-    most = max(int(options.group_px / options.step_px), 1)
+    """Return the number of the piece of edge that each usable sample lies on, ascending.
+
+    Parts that are small in the picture have shorter pieces: a few groups would not tell how they scatter.
+    """
+    most = min(options.group_px / options.step_px, sum(len(s.samples) for s in sights) / _PIECES)
+    most = max(int(most), 5)
     keys, before = [np.zeros(0, np.int64)], 0
     for sight, m in zip(sights, measured, strict=True):
         run = sight.samples.run.astype(np.int64)
