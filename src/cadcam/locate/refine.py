@@ -148,8 +148,8 @@ def _fitted(
     half = 0.5 * options.step_px
     places = [s.project(pose) for s in sights]
     room = {"half_length": half, "reach_px": options.reach_px, "room_px": options.room_px}
-    cells = [Cells.of(s, at, **room) for s, at in zip(sights, places, strict=True)]
     where = [nearest_steps(s, at, half_length=half, reach=_CLOSE) for s, at in zip(sights, places, strict=True)]
+    cells = [Cells.of(s, at, where=w, **room) for s, at, w in zip(sights, places, where, strict=True)]
     for iterations in _ROUNDS:
         measured = [measure(*all_of) for all_of in zip(sights, places, cells, where, strict=True)]
         B = freedom.at(pose)
