@@ -27,12 +27,8 @@ _OWN_RUN = 4.0  # of its reach: along a run, how far a sample does not take the 
 class EdgeSamples:
     """N samples: p (N, 3) mm and unit tangent (N, 3) in the part frame, chain (N,; -1 on contours) and run (N,).
 
-<<<<<<< HEAD
-    line (N,): number of the polyline that they were drawn from; below, above (N,) px: how far against and along the normal no other line of the model is.
-=======
     line (N,): number of the polyline that they were drawn from; below, above (N,) px: how far against and along the
     normal no other line of the model is.
->>>>>>> edges
     """
 
     p: Array
