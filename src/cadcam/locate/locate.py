@@ -16,13 +16,16 @@ from cadcam.locate.location import FOUND, Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine import EDGES, EdgeOptions, refine
-from cadcam.locate.search import search
+from cadcam.locate.search import search_once
 from cadcam.locate.view_range import WHOLE_SPHERE, ViewRange
 
 _SURE = 0.7  # quality at which no other hypothesis is tried, unless it is as good as this one
 _RIVAL = 0.85  # share of the best hypothesis' score that makes another one as good
 _TRIED = (4, 8)  # hypotheses that are refined: with a start, without one
 _AS_GOOD = 0.15  # quality that an alternative may lack
+_BY_SCORE = 0.3  # quality that the best hypothesis' score is worth
+_EQUAL, _APART = 0.9, 0.5  # share of its score, and distance in radii, that make another place a rival
+_UNCERTAIN = 0.45  # quality of a pose that may as well be at another place
 _SAME = 0.02  # of the part's radius: refined poses whose corners differ by less are one
 _FLAT, _CLIPPED = 2.0 / 255.0, 0.98  # contrast below which a photo is empty; share of pixels at black or white
 
@@ -48,22 +51,34 @@ def locate(
     if start is None and freedom is not FREE:
         raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
     if start is None:
-        hypotheses, most = search(part, photos, views), _TRIED[1]
+        hypotheses, most = search_once(part, photos, views), _TRIED[1]
     else:
         hypotheses, most = approach(part, photos, start, reach=reach, freedom=freedom), _TRIED[0]
     if not hypotheses:
         hypotheses = [Hypothesis(Rigid() if start is None else start, 0.0, 0.0)]
     tried = _refined(part, photos, hypotheses[:most], freedom, options)
-    best, *others = sorted(tried, key=lambda location: -location.quality)
+    most_score = max(max(score for score, _ in tried), 1e-9)
+    ranked = sorted(tried, key=lambda t: -(t[1].quality + _BY_SCORE * t[0] / most_score))
+    (score, best), others = ranked[0], [(s, o) for s, o in ranked[1:] if o.quality >= FOUND]
     if not best.found:
         why = best.reason.removeprefix("not found: ")
         return replace(best, reason=f"not found: the best of {len(hypotheses)} hypotheses does not hold: {why}")
+    equal = [o for s, o in others if s >= _EQUAL * score and o.quality >= best.quality - _AS_GOOD]
+    places = _distinct(part, best, [o for o in equal if _elsewhere(part, best, o)])
     alike = _alike(part, best) if start is None else []
-    rivals = [o for o in others if o.quality >= max(FOUND, best.quality - _AS_GOOD)]
-    rivals = _distinct(part, best, [*alike, *rivals])
-    if not rivals:
-        return best
-    return replace(best, reason=f"{best.reason}; {len(rivals)} other poses look as good", alternatives=tuple(rivals))
+    rivals = tuple(_distinct(part, best, [*alike, *(o for _, o in others if o.quality >= best.quality - _AS_GOOD)]))
+    if places:
+        why = f"not certain: {len(places)} other places in the photos look as much like the part ({best.reason})"
+        return replace(best, quality=min(best.quality, _UNCERTAIN), reason=why, alternatives=rivals)
+    told = f"; {len(rivals)} other poses look as good" if rivals else ""
+    return replace(best, reason=best.reason + told, alternatives=rivals)
+
+
+def _elsewhere(part: Part, one: Location, other: Location) -> bool:
+    """Return whether two poses put the part at different places, not just differently at one."""
+    middle, radius = part.aspects.centre, part.aspects.radius
+    apart = one.pose.world_from_part @ middle - other.pose.world_from_part @ middle
+    return bool(np.linalg.norm(apart) > _APART * radius)
 
 
 def _check(photos: Sequence[Photo]) -> None:
@@ -81,13 +96,13 @@ def _check(photos: Sequence[Photo]) -> None:
 
 def _refined(
     part: Part, photos: Sequence[Photo], hypotheses: Sequence[Hypothesis], freedom: Freedom, options: EdgeOptions
-) -> list[Location]:
-    """Return the hypotheses refined, until one is sure and no other is as good."""
-    done: list[Location] = []
-    for k, hypothesis in enumerate(hypotheses):
-        done.append(refine(part, photos, hypothesis.world_from_part, freedom=freedom, options=options))
+) -> list[tuple[float, Location]]:
+    """Return score and location of the hypotheses refined, until one is sure and no other is as good."""
+    done: list[tuple[float, Location]] = []
+    for k, h in enumerate(hypotheses):
+        done.append((h.score, refine(part, photos, h.world_from_part, freedom=freedom, options=options)))
         rival = k + 1 < len(hypotheses) and hypotheses[k + 1].score >= _RIVAL * hypotheses[0].score
-        if max(location.quality for location in done) >= _SURE and not rival:
+        if max(location.quality for _, location in done) >= _SURE and not rival:
             break
     return done
 

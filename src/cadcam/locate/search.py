@@ -27,7 +27,7 @@ from cadcam.locate.hypothesis import Hypothesis
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.view_range import WHOLE_SPHERE, ViewRange
-from cadcam.native.fields import Views
+from cadcam.native.fields import Longs, Views
 
 _SWEPT_PX = 33.0  # the part's size in the field that it is swept over
 _JUDGED_PX = 180.0  # and in that where evidence is judged: noise is averaged there, and lines are apart
@@ -43,6 +43,7 @@ _CLIMBS = (
 _APPROACHED, _NEIGHBOURS = 24, 0.25  # hypotheses that are approached, and how far apart they are, in radii
 _NEAR = Reach(rotation_deg=12.0, shift_px=0.06, depth=0.12)  # of such approaches; the shift in units of the part's size
 _RETURNED = 20
+_AMONG_EQUALS = np.array([0.6123, 0.3871, 0.6894])  # in no plane of any symmetry
 _BASES = ((1, 1), (2, 6), (3, 6))  # fields are reduced by the first number times so many powers of two
 _WIDEST_PX = 1100  # larger photos are reduced first
 _NARROWEST_PX = 12  # fields are not smaller
@@ -52,12 +53,22 @@ def search(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE)
     """Return poses (world_from_part) that the photos may show, from anywhere within `views`, best first.
 
     Good to about a pixel of the photo: for `refine` to take up. score: how much likelier the photos are with the part
-    there than without, in nats. A symmetric part comes back once for each of the poses in which it looks the same. The
-    part's aspects are made on first use, which takes some seconds once.
+    there than without, in nats. A symmetric part comes back once for each of the poses in which it looks the same, one
+    after the other. The part's aspects are made on first use, which takes some seconds once.
     """
+    return [
+        replace(h, world_from_part=h.world_from_part @ part_from_part)
+        for h in search_once(part, photos, views)
+        for part_from_part in part.symmetries
+    ]
+
+
+def search_once(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE) -> list[Hypothesis]:
+    """Return what `search` returns with but one of the poses in which a symmetric part looks the same."""
     aspects, scales = part.aspects, _Scales(photos)
+    looks = _rotations(part, views)
     rows = [
-        _promising(aspects, scales, eye, distance, views)
+        _promising(aspects, scales, eye, distance, looks)
         for eye, photo in enumerate(photos)
         for distance in _distances(aspects, photo.camera, views)
     ]
@@ -127,20 +138,24 @@ def _distances(aspects: Aspects, camera: Camera, views: ViewRange) -> list[float
     return (near * (far / near) ** ((np.arange(n) + 0.5) / n)).tolist()
 
 
-def _promising(aspects: Aspects, scales: _Scales, eye: int, distance: float, views: ViewRange) -> Array:
+def _promising(
+    aspects: Aspects, scales: _Scales, eye: int, distance: float, looks: tuple[Longs, Array]
+) -> Array:
     """Return what of a sweep at one distance over one photo stands up to finer fields: poses (N, 12) world_from_part."""
     stages = scales.stages(eye, float(_size(aspects, scales.focal[eye], np.array(distance))))
-    poses = _swept(aspects, stages[0], eye, distance, views)
+    poses = _swept(aspects, stages[0], eye, distance, looks)
     for climb in _CLIMBS:
         poses, score, _ = climbed(aspects, stages[min(climb.level, len(stages) - 1)], poses, np.eye(6), climb)
         poses = poses[distinct(aspects, poses, score, climb.kept)]
     return poses
 
 
-def _swept(aspects: Aspects, stage: Stage, eye: int, distance: float, views: ViewRange) -> Array:
+def _swept(
+    aspects: Aspects, stage: Stage, eye: int, distance: float, looks: tuple[Longs, Array]
+) -> Array:
     """Return the best poses (N, 12) world_from_part at one distance, each where in one photo it fits best."""
     field, camera_from_world = stage.fields[eye], stage.cameras_from_world[eye]
-    numbers, R = _rotations(aspects, views)
+    numbers, R = looks
     seen = np.concatenate([R.reshape(-1, 9), np.array([0, 0, distance]) - R @ aspects.centre], axis=1)
     world = composed(camera_from_world.inv, seen)
     edges = _edges(aspects, Stage((field,), (camera_from_world,)), numbers, distance)
@@ -153,7 +168,7 @@ def _swept(aspects: Aspects, stage: Stage, eye: int, distance: float, views: Vie
     return composed(camera_from_world.inv, moved)
 
 
-def _edges(aspects: Aspects, stage: Stage, numbers: Array, distance: float) -> Views:
+def _edges(aspects: Aspects, stage: Stage, numbers: Longs, distance: float) -> Views:
     """Return the edges to slide: of the net's directions `numbers` (N,) at a distance."""
     step = int(aspects.step_of(np.array([distance]))[0])
     used, which = np.unique(numbers, return_inverse=True)
@@ -163,10 +178,17 @@ def _edges(aspects: Aspects, stage: Stage, numbers: Array, distance: float) -> V
     return Views(stage.eyes, np.concatenate(runs), first[which.ravel(), None], count[which.ravel(), None])
 
 
-def _rotations(aspects: Aspects, views: ViewRange) -> tuple[Array, Array]:
-    """Return directions of the net (N,) and rotations camera_from_part (N, 3, 3) that look along them, turned every way."""
-    chosen = np.flatnonzero(views.allows(aspects.net))
-    z = -aspects.net[chosen]
+def _rotations(part: Part, views: ViewRange) -> tuple[Longs, Array]:
+    """Return directions of the net (N,) and rotations camera_from_part (N, 3, 3) that look along them, turned every way.
+
+    Of directions from which a symmetric part looks the same there is one: that most along _AMONG_EQUALS.
+    """
+    net = part.aspects.net
+    equal = np.stack([net @ S.rotation.T @ _AMONG_EQUALS for S in part.symmetries])
+    chosen = np.flatnonzero(views.allows(net) & (equal[0] >= equal.max(axis=0) - 1e-9))
+    if not len(chosen):
+        chosen = np.array([np.argmax(net @ views.axis)])
+    z = -net[chosen]
     up = views.up - (z @ views.up)[:, None] * z
     lying = np.linalg.norm(up, axis=1) < 1e-6
     aside = np.eye(3)[np.argmin(np.abs(z), axis=1)]
