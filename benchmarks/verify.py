@@ -17,6 +17,7 @@ which the error is within U (k = 2) by its length. PASS, FAIL, undecided: verdic
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -167,9 +168,21 @@ def study(case: str, pictures: int, seed: int) -> Tally:
         flagged = {f.name: f.state for f in seen.features if f.state in (State.DISPLACED, State.MISSING)}
         out.found += flagged.get(name or "") is wanted
         out.alarms += bool(set(flagged) - {name})
+        if set(flagged) - {name} or (name and flagged.get(name) is not wanted):
+            tell(case, out.pictures, seen, name)
         for target in (STIFFENER, BRACKET) if name is None else (name,):
             measure(out, seen, target, by)
     return out
+
+
+def tell(case: str, number: int, seen: Inspection, name: str | None) -> None:
+    """Say on stderr what was not as it should be."""
+    for f in seen.features:
+        if f.name == name or f.state in (State.DISPLACED, State.MISSING):
+            said = f"{f.presence.seen}/{f.presence.expected} edges, L {f.presence.log_ratio:.1f}, p {f.p_value:.1g}"
+            print(
+                f"{case} {number}: {f.name} {f.state.value}, {f.size:.2f} +- {f.sigma:.2f} mm, {said}", file=sys.stderr
+            )
 
 
 def measure(out: Tally, seen: Inspection, name: str, by: Array | None) -> None:

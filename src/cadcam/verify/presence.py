@@ -30,7 +30,7 @@ _SURE, _LEAST_STEP = 4.0, 0.008  # sigmas and brightness (two steps of eight bit
 _AVERAGED = 5  # places whose steps were averaged
 _STEEP = 4.0  # of the curve from unseen to seen, by the logarithm of the contrast
 _MIDDLES, _USUAL_MIDDLE = np.geomspace(0.004, 0.12, 33), 0.015  # contrasts that are seen half the time
-_LAPSE = 0.015  # share of edges with ample contrast that are not seen, before any are counted
+_LAPSE = 0.01  # share of edges with ample contrast that are not seen, before any are counted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
