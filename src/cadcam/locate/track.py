@@ -115,8 +115,8 @@ class _Memory:
         return bool(self._steps) and self._steps[-1].index == index - 1
 
     def search_is_due(self) -> bool:
-        """Return whether to search without a start: at misses 0, 1, 2, 4, 8, 16, 24 ..."""
-        return self.misses % _PATIENCE == 0 or self.misses & (self.misses - 1) == 0
+        """Return whether to search without a start: after 2, 4, 8, 16, 24 ... misses; each has a chance to be wrong."""
+        return self.misses > 1 and (self.misses % _PATIENCE == 0 or self.misses & (self.misses - 1) == 0)
 
     def nearest(self, location: Location) -> Location:
         """Return the found pose, this or an alternative of it, that is nearest to the last one."""
