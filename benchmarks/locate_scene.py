@@ -1,11 +1,13 @@
-"""Path-trace a scene with exact poses for benchmarks/locate.py, by Mitsuba 3 (`pip install mitsuba`).
+"""Path-trace a scene with exact poses for benchmarks/locate.py, by Mitsuba 3.
 
     python benchmarks/locate_scene.py OUT --part bracket
 
 A machined bracket (or a small ship block) on a bench among clutter, a cable over the part, a camera with a distorting
 lens. Writes into OUT what benchmarks/locate.py --scene reads: model.obj (metres), camera.json and K.txt, gt.csv
 (camera_from_model, metres), n0, n3, n8/images (noise of 0, 3 and 8 grey levels of 255), starts.txt and
-starts.meta.csv. The same seed gives the same scene.
+starts.meta.csv. The same seed gives the same scene. Mitsuba compiles by LLVM: with LLVM 14 or 15 take
+`pip install mitsuba==3.6.4`; later ones ask for instructions that these do not know. Twelve views take about 25 minutes
+of CPU time.
 """
 
 from __future__ import annotations
