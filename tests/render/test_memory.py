@@ -36,7 +36,8 @@ def opened(name: str) -> Renderer:
 def growth(name: str, frames: int, *, warm: int) -> float:
     """Return by what share the memory in use grew, from the first quarter of the frames to the last (medians).
 
-    `warm` frames come before and do not count. With one arena for all threads: how many glibc's allocator keeps is chance, and a few percent.
+    `warm` frames come before and do not count. With one arena for all threads: how many glibc's allocator keeps is
+    chance, and a few percent.
     """
     opened(name)
     done = subprocess.run(
@@ -68,8 +69,8 @@ def test_memory_stays_flat_over_hundreds_of_frames(name: str) -> None:
 def test_memory_stays_flat_over_ten_thousand_frames(name: str) -> None:
     """What grows for ever would grow in the second ten thousand frames as in the first.
 
-    The process of `gl` (Mesa 22.3, llvmpipe) creeps from 165 to 168.5 MiB in its first 12 000 frames, 600 renderers, and
-    stands still from there: 168.6 MiB after 20 000. So the first ten thousand are its warm-up.
+    The process of `gl` (Mesa 22.3, llvmpipe) creeps from 165 to 168.5 MiB in its first 12 000 frames, 600 renderers,
+    and stands still from there: 168.6 MiB after 20 000. So the first ten thousand are its warm-up.
     """
     assert growth(name, 10_000, warm=10_000 if name == "gl" else 100) < 0.01
 
