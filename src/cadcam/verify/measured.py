@@ -22,7 +22,7 @@ STATION_PX = 24.0  # length of the pieces of an edge that are looked at one by o
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Displacement:
-    """A displacement in the directions `basis` (3, m) seen, its estimate, its probability in place, and by how many edges."""
+    """A displacement in the directions `basis` (3, m) seen: estimate, probability in place, how many edges tell."""
 
     basis: Array
     estimate: Estimate
