@@ -93,10 +93,12 @@ def test_a_browser_shows_it_without_sideways_scrolling(
     page = tmp_path / "report.html"
     write_verification_page(page, found[0], [found[1]], ORIGIN)
     probe = tmp_path / "probe.html"  # the layout's own figures, at the width of an inner frame
-    script = "f.onload=()=>{const d=f.contentDocument.documentElement;document.title=`${d.scrollWidth}/${d.clientWidth}`;document.body.dataset.w=document.title}"
-    probe.write_text(
-        f'<body><iframe id="f" src="report.html" width="{width}" height="900"></iframe><script>{script}</script>'
+    script = (
+        "f.onload=()=>{const d=f.contentDocument.documentElement;"
+        "document.body.dataset.w=`${d.scrollWidth}/${d.clientWidth}`}"
     )
+    frame = f'<iframe id="f" src="report.html" width="{width}" height="900"></iframe>'
+    probe.write_text(f"<body>{frame}<script>{script}</script>")
     flags = [
         "--headless",
         "--no-sandbox",

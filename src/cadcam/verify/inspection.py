@@ -261,7 +261,7 @@ def _state(presence: Presence, moved: Displacement | None, alarm: bool, enough: 
         return State.MISSING
     if moved is None or presence.log_ratio <= 0:
         return State.UNCLEAR
-    if alarm and moved.edges < 2:
+    if alarm and moved.edges < 2 and presence.seen < 2:
         return State.UNCLEAR  # a single line there may be another one
     return State.DISPLACED if alarm else State.IN_PLACE
 
