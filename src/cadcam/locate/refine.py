@@ -91,8 +91,9 @@ def refine(
     if first.quality <= _DOUBT[0] or (first.quality >= _DOUBT[1] and not loose):
         return first
     wider = replace(options, search_px=max(_WIDER * options.search_px, _WIDER_PX))
-    second, _ = _refined(part, photos, first.pose.world_from_part, freedom, evidence, wider)
-    return second if second.quality > first.quality else first
+    second, still_loose = _refined(part, photos, first.pose.world_from_part, freedom, evidence, wider)
+    tighter = loose and not still_loose and second.found
+    return second if tighter or second.quality > first.quality else first
 
 
 def _refined(
