@@ -58,7 +58,7 @@ class EdgeOptions:
     step_px: float = 4.0
     reach_px: float = 7.0
     room_px: float = 2.5
-    group_px: float = 120.0
+    group_px: float = 150.0
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
