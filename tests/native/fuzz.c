@@ -2,12 +2,14 @@
  *
  * Coordinates of every magnitude, shared, repeated and collinear corners, cameras inside the model, lenses with holes,
  * pictures down to one pixel, every channel present or not. Beyond what the sanitizers see, each picture is drawn twice,
- * with one band and with several: both must be equal, and every id in range. */
+ * with one band and with several: both must be equal, and every id in range. Then direction fields of random pictures,
+ * and edges with wild places over them: poses stay rotations, scores in range. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "field.h"
 #include "raster.h"
 
 static uint64_t state = 88172645463325252ull;
@@ -128,9 +130,75 @@ static void one(int number) {
     free(vertices), free(faces), free(part), free(colors);
 }
 
+static float gray(int kind) { return kind == 0 ? 0.5f : kind == 1 ? (float)unit() : (float)upto(1); }
+
+static cc_field field_of(int width, int height) { /* every buffer exactly as large as it must be */
+    const size_t n = (size_t)width * (size_t)height;
+    float *picture = malloc(n * 4), *scratch = malloc(n * 16), *moments = malloc(CC_SECTORS * 8);
+    uint8_t *planes = malloc(n * CC_SECTORS);
+    const int kind = upto(2);
+    for (size_t i = 0; i < n; i++) picture[i] = gray(kind);
+    cc_directions(picture, width, height, 0.002f, scratch, planes, moments, moments + CC_SECTORS);
+    const int k = 1 + upto(3);
+    float *small = malloc((size_t)(width / k) * (size_t)(height / k) * 4 + 1), *half = malloc(CC_SECTORS * 8);
+    cc_reduce(picture, width, height, k, small);
+    float places[8];
+    for (int i = 0; i < 8; i++) places[i] = upto(5) ? (float)wild() : NAN;
+    cc_sample(picture, width, height, places, 4, scratch);
+    uint8_t *halved = malloc((size_t)(width / 2) * (size_t)(height / 2) * CC_SECTORS + 1);
+    cc_halve(planes, width, height, halved, half, half + CC_SECTORS);
+    free(picture), free(scratch), free(small), free(half), free(halved);
+    return (cc_field){.planes = planes, .mean = moments, .variance = moments + CC_SECTORS, .width = width, .height = height};
+}
+
+static void edges(void) {
+    const int n_eyes = 1 + upto(1), n_poses = 1 + upto(3), n_places = upto(60), keep = 1 + upto(2);
+    cc_eye *eyes = calloc((size_t)n_eyes, sizeof *eyes);
+    cc_place *places = malloc((size_t)n_places * sizeof *places + 1);
+    int64_t *first = malloc((size_t)(n_eyes * n_poses) * 8);
+    int32_t *count = malloc((size_t)(n_eyes * n_poses) * 4), *shift = malloc((size_t)(n_poses * keep) * 8);
+    float *score = malloc((size_t)(n_poses * keep) * 4), *sure = malloc((size_t)(n_poses * (n_places + 1)) * 4);
+    double *poses = malloc((size_t)n_poses * 96), *scores = malloc((size_t)(n_poses * n_eyes) * 32), freedom[36] = {0};
+    const double blur[] = {3, 1, 0.7};
+    for (int e = 0; e < n_eyes; e++) {
+        eyes[e].field = field_of(1 + upto(40), 1 + upto(40));
+        eyes[e].fx = 1 + 50 * unit(), eyes[e].fy = 1 + 50 * unit(), eyes[e].cx = 40 * unit(), eyes[e].cy = 40 * unit();
+        rotation(eyes[e].rotation);
+        for (int i = 0; i < 3; i++) eyes[e].translation[i] = upto(9) ? around() * 5 : wild();
+    }
+    for (int i = 0; i < n_places; i++)
+        for (int j = 0; j < 7; j++) ((float *)&places[i])[j] = upto(20) ? (float)around() * 3 : (float)wild();
+    for (int i = 0; i < n_eyes * n_poses; i++) first[i] = upto(n_places), count[i] = upto(n_places - (int)first[i]);
+    for (int k = 0; k < n_poses; k++) {
+        rotation(poses + 12 * k);
+        for (int i = 9; i < 12; i++) poses[12 * k + i] = around() * 10;
+    }
+    const int n_free = 1 + upto(5);
+    for (int i = 0; i < n_free; i++) freedom[i * n_free + i] = 1;
+    const cc_views v = {.eyes = eyes, .places = places, .first = first, .count = count, .n_eyes = n_eyes, .n_poses = n_poses};
+    for (int e = 0; e < n_eyes; e++) {
+        const cc_field *f = &eyes[e].field;
+        const int rx = upto(20), ry = upto(20), wide = f->width + 32;
+        uint16_t *sums = malloc((size_t)(2 * rx + 16) * (size_t)(2 * ry + 1) * 2);
+        uint8_t *bytes = malloc((size_t)CC_SECTORS * (size_t)(f->height + 2 * CC_MARGIN) * (size_t)(wide + 2 * CC_MARGIN) +
+                                (size_t)wide * (size_t)f->height);
+        cc_slide(&v, e, poses, upto(9) - 4, upto(9) - 4, rx, ry, keep, upto(3), sums, shift, score);
+        cc_sweep(&v, e, poses, keep, upto(3), bytes, shift, score);
+        for (int i = 0; i < 2 * n_poses * keep; i++)
+            if (shift[i] < 0 || shift[i] >= (i % 2 ? f->height : f->width)) exit(fprintf(stderr, "swept out of the field\n"));
+        cc_certainties(&v, e, poses, 0.8, n_places + 1, sure);
+        free(sums), free(bytes);
+    }
+    cc_climb(&v, poses, freedom, n_free, blur, 2, scores);
+    for (int i = 0; i < n_poses * n_eyes; i++)
+        if (isnan(scores[4 * i])) exit(fprintf(stderr, "a score is not a number\n"));
+    for (int e = 0; e < n_eyes; e++) free((void *)eyes[e].field.planes), free((void *)eyes[e].field.mean);
+    free(eyes), free(places), free(first), free(count), free(shift), free(score), free(sure), free(poses), free(scores);
+}
+
 int main(int argc, char **argv) {
     int n = argc > 1 ? atoi(argv[1]) : 100;
-    for (int i = 0; i < n; i++) one(i);
+    for (int i = 0; i < n; i++) one(i), edges();
     printf("%d scenes drawn with %s\n", n, cc_variant());
     return 0;
 }

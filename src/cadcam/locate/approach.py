@@ -24,6 +24,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.direction_field import direction_fields
 from cadcam.locate.aspects import Aspects
 from cadcam.locate.climb import Climb, Stage, climbed, composed, distinct, rigid_of, turned, views_of
+from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.hypothesis import Hypothesis
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -33,6 +34,7 @@ _LEVELS = 3
 _TILT_DEG, _ROLL_DEG, _DEPTH = 7.5, 4.0, 0.045  # steps of the grid: half of one is in reach of the climb
 _SLID = 64  # samples of an aspect that are slid
 _TAKEN = 48  # hypotheses that start climbing
+_SPREAD, _MOST_SPREAD = 0.12, 1500  # step of restricted motions, in radii of the part's border; the most poses of those
 
 
 _CLIMBS = (
@@ -58,17 +60,26 @@ class Reach:
             raise BadValue("reach shift_px", self.shift_px, "a number of px, at least 0")
 
 
-def approach(part: Part, photos: Sequence[Photo], start: Rigid, *, reach: Reach = Reach()) -> list[Hypothesis]:
+REACH = Reach()
+
+
+def approach(
+    part: Part, photos: Sequence[Photo], start: Rigid, *, reach: Reach = REACH, freedom: Freedom = FREE
+) -> list[Hypothesis]:
     """Return poses (world_from_part) within reach of a rough start that the photos may show, best first.
 
     Good to about a pixel of the photo: for `refine` to take up. Empty where nothing is in reach. Raises
     `NothingInView` where the start puts the part outside every photo.
     """
     stages = _stages(part, photos, start, reach)
-    poses = _slid(part.aspects, stages[-1], start, reach)
+    free = freedom.at(start)
+    if free.shape[1] == 6:
+        poses = _slid(part.aspects, stages[-1], start, reach)
+    else:
+        poses = _spread(part.aspects, photos, start, free, reach)
     for climb in _CLIMBS:
         stage = stages[min(climb.level, len(stages) - 1)]
-        poses, score, agreement = climbed(part.aspects, stage, poses, np.eye(6), climb)
+        poses, score, agreement = climbed(part.aspects, stage, poses, free, climb)
         kept = distinct(part.aspects, poses, score, climb.kept)
         poses, score, agreement = poses[kept], score[kept], agreement[kept]
     return [Hypothesis(rigid_of(p), float(s), float(a)) for p, s, a in zip(poses, score, agreement, strict=True)]
@@ -126,6 +137,24 @@ def _slid(aspects: Aspects, stage: Stage, start: Rigid, reach: Reach) -> Array:
         scores.append(score[best, 0])
     order = np.argsort(-np.concatenate(scores), kind="stable")[: _TAKEN]
     return np.concatenate(poses)[order]
+
+
+def _spread(aspects: Aspects, photos: Sequence[Photo], start: Rigid, free: Array, reach: Reach) -> Array:
+    """Return poses (N, 12) within reach of the start that the free motions, columns of twists (6, k), lead to."""
+    middle = start @ aspects.centre
+    near = min(photos, key=lambda p: float(np.linalg.norm(middle - p.viewpoint.camera_from_world.origin)))
+    distance = float(np.linalg.norm(middle - near.viewpoint.camera_from_world.origin))
+    aside = np.concatenate([np.eye(3), -so3.hat(aspects.centre)], axis=1) @ free  # of the middle, by the free motions
+    far = reach.shift_px * distance / near.camera.fx + reach.depth * distance
+    turn = np.linalg.norm(free[3:], axis=0) * aspects.radius
+    speed = np.maximum(np.linalg.norm(aside, axis=0), turn)  # how fast the part's border moves
+    most = np.minimum(far / np.maximum(np.linalg.norm(aside, axis=0), 1e-12), math.radians(reach.rotation_deg) * aspects.radius / np.maximum(turn, 1e-12))
+    n = np.maximum(np.ceil(most * speed / (_SPREAD * aspects.radius)), 1)
+    n = np.maximum(np.minimum(n, _MOST_SPREAD ** (1 / len(n)) / 2), 1).astype(int)
+    axes = [np.linspace(-m, m, 2 * k + 1) for m, k in zip(most, n, strict=True)]
+    twists = np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")], axis=1) @ free.T
+    moved = start @ Rigid.exp(twists)
+    return np.concatenate([moved.rotation.reshape(-1, 9), moved.translation], axis=1)
 
 
 def _grid(aspects: Aspects, camera_from_part: Rigid, reach: Reach) -> Array:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,9 +26,10 @@ if TYPE_CHECKING:
     from cadcam.render.visible import LineDrawer
 
 PLACES = 320  # samples of an aspect
+DIRECTIONS = 400
 _GOLDEN = 0.6180339887498949
 _SIZE, _FILLED = 1000, 0.9  # px of the picture in which lines are drawn, and the share of it that the part takes
-_NEAREST, _FARTHEST, _STEP = 1.3, 20.0, 1.5  # distances in radii at which aspects are made: a geometric series
+_NEAREST, _FARTHEST, _STEP = 1.3, 12.0, 2.0  # distances in radii at which aspects are made: a geometric series
 _CELLS = 32  # along a side of the cube that finds the nearest direction
 _SHORTEST = 0.004  # of the part's size: visible stretches below it are not worth a sample
 
@@ -60,7 +60,7 @@ class Aspect:
 class Aspects:
     """The aspects of one part over an even net of directions, made when first asked for and kept.
 
-    net (V, 3): unit directions from the part's middle to the eye, about 8 degrees apart.
+    net (V, 3): unit directions from the part's middle to the eye, about 10 degrees apart.
     """
 
     def __init__(self, lines: LineDrawer) -> None:
@@ -68,7 +68,7 @@ class Aspects:
         low, high = mesh.bounds
         self.centre: Array = (low + high) / 2
         self.radius = float(np.linalg.norm(high - low) / 2)
-        self.net = icosphere(3)
+        self.net = sphere_net(DIRECTIONS)
         self._lines = lines
         self._made: dict[tuple[int, int], Aspect] = {}
 
@@ -107,24 +107,12 @@ class Aspects:
         return Aspect(towards, distance, places, chain, line, length / (_FILLED * _SIZE))
 
 
-def icosphere(splits: int) -> Array:
-    """Return 10 * 4**splits + 2 unit vectors (V, 3), the corners of an icosahedron whose faces were split in four."""
-    g = (1 + math.sqrt(5)) / 2
-    corners = np.array([[0.0, a, b * g] for a in (-1, 1) for b in (-1, 1)])
-    points = np.concatenate([np.roll(corners, k, axis=1) for k in range(3)]) / math.hypot(1, g)
-    joined = points @ points.T > 0.4  # neighbours have cosine 0.447, all others at most -0.447
-    faces = np.array([t for t in combinations(range(12), 3) if joined[t[0], t[1]] and joined[t[1], t[2]] and joined[t[0], t[2]]])
-    for _ in range(splits):
-        sides = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]], axis=2)
-        edges, number = np.unique(sides.reshape(-1, 2), axis=0, return_inverse=True)
-        m = number.reshape(-1, 3) + len(points)
-        middle = points[edges].sum(axis=1)
-        points = np.concatenate([points, middle / np.linalg.norm(middle, axis=1, keepdims=True)])
-        a, b, c = faces.T
-        faces = np.concatenate(
-            [np.stack(f, axis=1) for f in ((a, m[:, 0], m[:, 2]), (b, m[:, 1], m[:, 0]), (c, m[:, 2], m[:, 1]), m.T)]
-        )
-    return points
+def sphere_net(n: int) -> Array:
+    """Return n unit vectors (n, 3) spread evenly: a Fibonacci spiral (A. Gonzalez, Math. Geosciences 42, 2010)."""
+    k = np.arange(n) + 0.5
+    z, turn = 1 - 2 * k / n, 2 * math.pi * _GOLDEN * k
+    across = np.sqrt(1 - z * z)
+    return np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1)
 
 
 def _cube_cell(sight: Array) -> npt.NDArray[np.int64]:

@@ -5,8 +5,11 @@ Within, poses are rows of 12 numbers: the rotation's rows, then the translation 
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -16,9 +19,11 @@ from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.direction_field import DirectionField
 from cadcam.locate.aspects import PLACES, Aspect, Aspects
-from cadcam.native.fields import PLACE, Eye, Views
+from cadcam.native.fields import PLACE, Eye, Longs, Views
 
 _SAME = 0.02  # of the part's radius: poses whose corners differ by less are one
+_A, _B = TypeVar("_A"), TypeVar("_B")
+_TOGETHER = 64  # poses that climb in one go
 _SEEN = 0.9  # the share of a part's edges that lighting lets one see
 _EVEN, _NATS, _APART_PX = 0.15, 4.0, 3.0  # certainty that says nothing; nats a sample; px between independent ones
 _MOST_NATS = 4.0  # what one edge can say
@@ -90,10 +95,21 @@ def climbed(
     aspects: Aspects, stage: Stage, poses: Array, freedom: Array, climb: Climb
 ) -> tuple[Array, Array, Array]:
     """Return poses (N, 12) after climbing on a stage, their scores (N,) and agreements (N,)."""
-    poses, raw = views_of(aspects, stage, poses, climb.samples).climb(poses, freedom, climb.blur)
+    views = views_of(aspects, stage, poses, climb.samples)
+    some = [slice(k, k + _TOGETHER) for k in range(0, max(len(poses), 1), _TOGETHER)]
+    done = in_threads(lambda s: views.part(s).climb(poses[s], freedom, climb.blur), some)
+    poses, raw = (np.concatenate([d[k] for d in done]) for k in range(2))
     total = raw.sum(axis=1)
     score = (total[:, 0] - total[:, 1]) / np.sqrt(np.maximum(total[:, 2], 1e-9))
     return poses, score, total[:, 0] / np.maximum(total[:, 3], 1e-9)
+
+
+def in_threads(work: Callable[[_A], _B], items: Sequence[_A]) -> list[_B]:
+    """Return what the work makes of each item, one thread a core; the C core lets them run side by side."""
+    if len(items) < 2:
+        return [work(item) for item in items]
+    with ThreadPoolExecutor(min(os.cpu_count() or 1, len(items))) as pool:
+        return list(pool.map(work, items))
 
 
 def evidence(aspects: Aspects, stage: Stage, poses: Array, blur: float = 0.8) -> Array:
@@ -135,9 +151,16 @@ def distinct(aspects: Aspects, poses: Array, score: Array, most: int, within: fl
     corners = _corners(aspects, poses)
     while len(left) and len(kept) < most:
         kept.append(int(left[0]))
-        apart = np.linalg.norm(corners[left] - corners[left[0]], axis=2).max(axis=1)
-        left = left[apart > within * aspects.radius]
+        away = corners[left] - corners[left[0]]
+        left = left[np.einsum("nij,nij->ni", away, away).max(axis=1) > (within * aspects.radius) ** 2]
     return kept
+
+
+def near(aspects: Aspects, poses: Array, one: int, within: float) -> Longs:
+    """Return which poses (N, 12) are within so many radii of one of them, itself included."""
+    corners = _corners(aspects, poses)
+    away = corners - corners[one]
+    return np.flatnonzero(np.einsum("nij,nij->ni", away, away).max(axis=1) <= (within * aspects.radius) ** 2)
 
 
 def _corners(aspects: Aspects, poses: Array) -> Array:

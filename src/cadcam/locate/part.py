@@ -5,7 +5,9 @@ from __future__ import annotations
 from functools import cached_property
 
 from cadcam.cad.mesh import Mesh
+from cadcam.geometry.rigid import Rigid
 from cadcam.locate.aspects import Aspects
+from cadcam.locate.symmetry import symmetries
 from cadcam.render.view import Scene
 from cadcam.render.visible import LineDrawer
 
@@ -33,3 +35,8 @@ class Part:
     def aspects(self) -> Aspects:
         """What the part shows from every side, each aspect made when first asked for."""
         return Aspects(self.lines)
+
+    @cached_property
+    def symmetries(self) -> list[Rigid]:
+        """The motions part_from_part in which the part looks the same, the identity first."""
+        return symmetries(self.scene.mesh, self.scene.edges)

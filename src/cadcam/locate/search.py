@@ -9,9 +9,7 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -24,28 +22,29 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.direction_field import DirectionField, direction_fields
 from cadcam.locate.approach import Reach, approach
 from cadcam.locate.aspects import Aspects
-from cadcam.locate.climb import Climb, Stage, climbed, composed, distinct, evidence, rigid_of, row_of, turned
+from cadcam.locate.climb import Climb, Stage, climbed, composed, distinct, evidence, in_threads, near, rigid_of, row_of, turned
 from cadcam.locate.hypothesis import Hypothesis
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.view_range import WHOLE_SPHERE, ViewRange
-from cadcam.native.fields import Views
+from cadcam.native.fields import Longs, Views
 
-_SWEPT_PX = 30.0  # the part's size in the field that it is swept over
+_SWEPT_PX = 33.0  # the part's size in the field that it is swept over
 _JUDGED_PX = 180.0  # and in that where evidence is judged: noise is averaged there, and lines are apart
 _SMALLEST, _LARGEST = 0.2, 1.2  # the part's size in units of the photo's shorter side, where no distance is declared
-_SCALE, _ROLL_DEG, _DIRECTIONS = 1.18, 12.0, 162  # steps of the sweep: distances, turns; directions over the sphere
-_SWEPT = 48  # samples of an aspect that are swept
-_TAKEN = 160  # hypotheses of each distance that climb
+_SCALE, _ROLL_DEG = 1.2, 10.0  # steps of the sweep: distances, turns in the picture
+_SWEPT = 42  # samples of an aspect that are swept
+_TAKEN = 700  # hypotheses of each distance that climb
 _CLIMBS = (
-    Climb(0, 64, (3.0, 2.0, 1.5, 1.0, 1.0), 120),
-    Climb(1, 96, (2.5, 2.0, 1.5, 1.0, 1.0), 60),
-    Climb(2, 128, (2.5, 2.0, 1.5, 1.0, 1.0), 60),
+    Climb(0, 64, (2.5, 1.5, 1.0, 1.0), 350),
+    Climb(1, 96, (2.5, 1.5, 1.0, 1.0), 100),
+    Climb(2, 128, (2.5, 1.5, 1.0, 1.0), 60),
 )
 _APPROACHED, _NEIGHBOURS = 24, 0.25  # hypotheses that are approached, and how far apart they are, in radii
 _NEAR = Reach(rotation_deg=12.0, shift_px=0.06, depth=0.12)  # of such approaches; the shift in units of the part's size
 _RETURNED = 20
-_BASES, _LEVELS = (1, 3), 7  # fields are reduced by these times powers of two
+_AMONG_EQUALS = np.array([0.6123, 0.3871, 0.6894])  # in no plane of any symmetry
+_BASES = ((1, 1), (2, 6), (3, 6))  # fields are reduced by the first number times so many powers of two
 _WIDEST_PX = 1100  # larger photos are reduced first
 _NARROWEST_PX = 12  # fields are not smaller
 
@@ -54,21 +53,41 @@ def search(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE)
     """Return poses (world_from_part) that the photos may show, from anywhere within `views`, best first.
 
     Good to about a pixel of the photo: for `refine` to take up. score: how much likelier the photos are with the part
-    there than without, in nats. A symmetric part comes back once for each of the poses in which it looks the same. The
-    part's aspects are made on first use, which takes some seconds once.
+    there than without, in nats. A symmetric part comes back once for each of the poses in which it looks the same, one
+    after the other. The part's aspects are made on first use, which takes some seconds once.
     """
+    return [
+        replace(h, world_from_part=h.world_from_part @ part_from_part)
+        for h in search_once(part, photos, views)
+        for part_from_part in part.symmetries
+    ]
+
+
+def search_once(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE) -> list[Hypothesis]:
+    """Return what `search` returns with but one of the poses in which a symmetric part looks the same."""
     aspects, scales = part.aspects, _Scales(photos)
+    looks = _rotations(part, views)
     rows = [
-        _promising(aspects, scales, eye, distance, views)
+        _promising(aspects, scales, eye, distance, looks)
         for eye, photo in enumerate(photos)
         for distance in _distances(aspects, photo.camera, views)
     ]
     found = np.concatenate([np.zeros((0, 12)), *rows])
     starts = distinct(aspects, found, _judged(aspects, scales, found), _APPROACHED, within=_NEIGHBOURS)
-    near = _approached(part, photos, [rigid_of(found[k]) for k in starts])
-    found = np.array([row_of(h.world_from_part) for h in near]).reshape(-1, 12)
-    score = _judged(aspects, scales, found)
-    return [replace(near[k], score=float(score[k])) for k in distinct(aspects, found, score, _RETURNED)]
+    around = _approached(part, photos, [rigid_of(found[k]) for k in starts])
+    found = np.array([row_of(h.world_from_part) for h in around]).reshape(-1, 12)
+    return _ranked(aspects, around, found, _judged(aspects, scales, found))
+
+
+def _ranked(aspects: Aspects, found: list[Hypothesis], poses: Array, score: Array) -> list[Hypothesis]:
+    """Return each pose once, most evidence first; of poses close to each other that which fits the fine field best.
+
+    Evidence is bounded edge by edge, so that it tells places apart but not a pose from one some pixels off.
+    """
+    leaders = distinct(aspects, poses, score, _RETURNED, within=_NEIGHBOURS)
+    fit = np.array([h.score for h in found])
+    best = [members[np.argmax(fit[members])] for members in (near(aspects, poses, k, _NEIGHBOURS) for k in leaders)]
+    return [replace(found[k], score=float(score[j])) for k, j in zip(best, leaders, strict=True)]
 
 
 class _Scales:
@@ -100,7 +119,7 @@ class _Scales:
 
 def _fields(photo: Photo) -> list[DirectionField]:
     k = max(1, math.ceil(max(photo.camera.size) / _WIDEST_PX))
-    every = [f for b in _BASES for f in direction_fields(photo.gray, photo.camera, reduction=b * k, levels=_LEVELS)]
+    every = [f for b, n in _BASES for f in direction_fields(photo.gray, photo.camera, reduction=b * k, levels=n)]
     return sorted((f for f in every if min(f.camera.size) >= _NARROWEST_PX), key=lambda f: f.reduction)
 
 
@@ -119,36 +138,37 @@ def _distances(aspects: Aspects, camera: Camera, views: ViewRange) -> list[float
     return (near * (far / near) ** ((np.arange(n) + 0.5) / n)).tolist()
 
 
-def _promising(aspects: Aspects, scales: _Scales, eye: int, distance: float, views: ViewRange) -> Array:
+def _promising(
+    aspects: Aspects, scales: _Scales, eye: int, distance: float, looks: tuple[Longs, Array]
+) -> Array:
     """Return what of a sweep at one distance over one photo stands up to finer fields: poses (N, 12) world_from_part."""
     stages = scales.stages(eye, float(_size(aspects, scales.focal[eye], np.array(distance))))
-    poses = _swept(aspects, stages[0], eye, distance, views)
+    poses = _swept(aspects, stages[0], eye, distance, looks)
     for climb in _CLIMBS:
         poses, score, _ = climbed(aspects, stages[min(climb.level, len(stages) - 1)], poses, np.eye(6), climb)
         poses = poses[distinct(aspects, poses, score, climb.kept)]
     return poses
 
 
-def _swept(aspects: Aspects, stage: Stage, eye: int, distance: float, views: ViewRange) -> Array:
+def _swept(
+    aspects: Aspects, stage: Stage, eye: int, distance: float, looks: tuple[Longs, Array]
+) -> Array:
     """Return the best poses (N, 12) world_from_part at one distance, each where in one photo it fits best."""
     field, camera_from_world = stage.fields[eye], stage.cameras_from_world[eye]
-    numbers, R = _rotations(aspects, views)
+    numbers, R = looks
     seen = np.concatenate([R.reshape(-1, 9), np.array([0, 0, distance]) - R @ aspects.centre], axis=1)
     world = composed(camera_from_world.inv, seen)
-    half = (field.camera.width // 2, field.camera.height // 2)
-    middle = np.rint(field.camera.principal_point).astype(int)
-    window = {"centre": (half[0] - int(middle[0]), half[1] - int(middle[1])), "reach": half, "keep": 2, "apart": 2}
     edges = _edges(aspects, Stage((field,), (camera_from_world,)), numbers, distance)
-    some = [slice(k, k + 512) for k in range(0, len(world), 512)]
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        done = list(pool.map(lambda s: edges.part(s).slide(0, world[s], **window), some))
+    some = [slice(k, k + 2048) for k in range(0, len(world), 2048)]
+    done = in_threads(lambda s: edges.part(s).sweep(0, world[s], keep=2, apart=2), some)
     shift, score = (np.concatenate([d[k] for d in done]) for k in range(2))
     best = np.argsort(-score.ravel(), kind="stable")[:_TAKEN]
-    moved = turned(aspects, field.camera, seen[best // 2], shift.reshape(-1, 2)[best].astype(float))
+    to = shift.reshape(-1, 2)[best] - field.camera.principal_point
+    moved = turned(aspects, field.camera, seen[best // 2], to)
     return composed(camera_from_world.inv, moved)
 
 
-def _edges(aspects: Aspects, stage: Stage, numbers: Array, distance: float) -> Views:
+def _edges(aspects: Aspects, stage: Stage, numbers: Longs, distance: float) -> Views:
     """Return the edges to slide: of the net's directions `numbers` (N,) at a distance."""
     step = int(aspects.step_of(np.array([distance]))[0])
     used, which = np.unique(numbers, return_inverse=True)
@@ -158,10 +178,17 @@ def _edges(aspects: Aspects, stage: Stage, numbers: Array, distance: float) -> V
     return Views(stage.eyes, np.concatenate(runs), first[which.ravel(), None], count[which.ravel(), None])
 
 
-def _rotations(aspects: Aspects, views: ViewRange) -> tuple[Array, Array]:
-    """Return directions of the net (N,) and rotations camera_from_part (N, 3, 3) that look along them, turned every way."""
-    chosen = np.flatnonzero(views.allows(aspects.net[:_DIRECTIONS]))
-    z = -aspects.net[chosen]
+def _rotations(part: Part, views: ViewRange) -> tuple[Longs, Array]:
+    """Return directions of the net (N,) and rotations camera_from_part (N, 3, 3) that look along them, turned every way.
+
+    Of directions from which a symmetric part looks the same there is one: that most along _AMONG_EQUALS.
+    """
+    net = part.aspects.net
+    equal = np.stack([net @ S.rotation.T @ _AMONG_EQUALS for S in part.symmetries])
+    chosen = np.flatnonzero(views.allows(net) & (equal[0] >= equal.max(axis=0) - 1e-9))
+    if not len(chosen):
+        chosen = np.array([np.argmax(net @ views.axis)])
+    z = -net[chosen]
     up = views.up - (z @ views.up)[:, None] * z
     lying = np.linalg.norm(up, axis=1) < 1e-6
     aside = np.eye(3)[np.argmin(np.abs(z), axis=1)]
@@ -198,5 +225,4 @@ def _approached(part: Part, photos: Sequence[Photo], starts: list[Rigid]) -> lis
         except NothingInView:
             return []
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return [h for some in pool.map(around, starts) for h in some]
+    return [h for some in in_threads(around, starts) for h in some]

@@ -115,8 +115,8 @@ static void moments(const uint8_t *plane, size_t n, float *mean, float *variance
         for (size_t k = i; k < end; k++) s += plane[k], s2 += (uint32_t)plane[k] * plane[k];
         sum += s, squares += s2;
     }
-    const double m = (double)sum / (double)n;
-    *mean = (float)m, *variance = (float)((double)squares / (double)n - m * m);
+    const double m = n ? (double)sum / (double)n : 0;
+    *mean = (float)m, *variance = n ? (float)((double)squares / (double)n - m * m) : 0;
 }
 
 void VARIANT(field_directions)(const float *in, int32_t width, int32_t height, float floor, float *scratch,

@@ -39,6 +39,11 @@ CC_API void cc_slide(const cc_views *views, int32_t eye, const double *poses, in
             int32_t *, float *),
            (views, eye, poses, centre_x, centre_y, reach_x, reach_y, keep, apart, scratch, shift, score))
 
+CC_API void cc_sweep(const cc_views *views, int32_t eye, const double *poses, int32_t keep, int32_t apart, uint8_t *scratch,
+                     int32_t *shift, float *score)
+    IN_USE(sweep_field, (const cc_views *, int32_t, const double *, int32_t, int32_t, uint8_t *, int32_t *, float *),
+           (views, eye, poses, keep, apart, scratch, shift, score))
+
 CC_API void cc_climb(const cc_views *views, double *poses, const double *freedom, int32_t n_free, const double *blur,
                      int32_t steps, double *scores)
     IN_USE(climb_poses, (const cc_views *, double *, const double *, int32_t, const double *, int32_t, double *),

@@ -14,6 +14,7 @@ from cadcam.arrays import Array, Ids, Picture
 from cadcam.native.core import library
 
 SECTORS = 8
+MARGIN, SWEPT = 48, 51  # CC_MARGIN, CC_SWEPT
 PLACE = np.dtype([("p", np.float32, 3), ("tangent", np.float32, 3), ("weight", np.float32)])
 Bytes = npt.NDArray[np.uint8]
 Longs = npt.NDArray[np.int64]
@@ -62,6 +63,7 @@ def _core() -> c.CDLL:
         "cc_directions": [at, i32, i32, c.c_float, *[at] * 4],
         "cc_halve": [at, i32, i32, *[at] * 3],
         "cc_slide": [views, i32, at, *[i32] * 6, *[at] * 3],
+        "cc_sweep": [views, i32, at, i32, i32, *[at] * 3],
         "cc_certainties": [views, i32, at, c.c_double, i64, at],
         "cc_climb": [views, at, at, i32, at, i32, at],
     }
@@ -145,6 +147,20 @@ class Views:
         scratch = np.zeros((2 * reach[0] + 16) * (2 * reach[1] + 1), np.uint16)
         window = (*centre, *reach, keep, apart)
         _core().cc_slide(self._given(len(poses)), eye, poses.ctypes.data, *window, *_at(scratch, shift, score))
+        return shift, score
+
+    def sweep(self, eye: int, poses: Array, *, keep: int, apart: int) -> tuple[Ids, Picture]:
+        """Return where in one eye the edges of poses (N, 12) near its middle fit best, and scores, as `slide` does.
+
+        (N, keep, 2) px: where what was at the principal point comes to lie, anywhere in the field. Sums are coarser than
+        those of `slide`, and at most SWEPT places of a run within MARGIN px of the middle count.
+        """
+        poses = np.ascontiguousarray(poses, np.float64)
+        _, height, width = self._kept[eye].planes.values.shape
+        shift, score = np.zeros((len(poses), keep, 2), np.int32), np.zeros((len(poses), keep), np.float32)
+        wide = width + 32
+        scratch = np.zeros(SECTORS * (height + 2 * MARGIN) * (wide + 2 * MARGIN) + wide * height, np.uint8)
+        _core().cc_sweep(self._given(len(poses)), eye, poses.ctypes.data, keep, apart, *_at(scratch, shift, score))
         return shift, score
 
     def climb(self, poses: Array, freedom: Array, blur: Sequence[float]) -> tuple[Array, Array]:

@@ -1,0 +1,136 @@
+"""Where is the part? From a rough start or from none to a refined pose, its evidence, and what else it could be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from cadcam.errors import BadValue
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.approach import REACH, Reach, approach
+from cadcam.locate.freedom import FREE, Freedom
+from cadcam.locate.hypothesis import Hypothesis
+from cadcam.locate.location import FOUND, Location
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.locate.refine import EDGES, EdgeOptions, refine
+from cadcam.locate.search import search_once
+from cadcam.locate.view_range import WHOLE_SPHERE, ViewRange
+
+_SURE = 0.7  # quality at which no other hypothesis is tried, unless it is as good as this one
+_RIVAL = 0.85  # share of the best hypothesis' score that makes another one as good
+_TRIED = (4, 8)  # hypotheses that are refined: with a start, without one
+_AS_GOOD = 0.15  # quality that an alternative may lack
+_BY_SCORE = 0.3  # quality that the best hypothesis' score is worth
+_EQUAL, _APART = 0.9, 0.5  # share of its score, and distance in radii, that make another place a rival
+_UNCERTAIN = 0.45  # quality of a pose that may as well be at another place
+_SAME = 0.02  # of the part's radius: refined poses whose corners differ by less are one
+_FLAT, _CLIPPED = 2.0 / 255.0, 0.98  # contrast below which a photo is empty; share of pixels at black or white
+
+
+def locate(
+    part: Part,
+    photos: Sequence[Photo],
+    start: Rigid | None = None,
+    *,
+    views: ViewRange = WHOLE_SPHERE,
+    reach: Reach = REACH,
+    freedom: Freedom = FREE,
+    options: EdgeOptions = EDGES,
+) -> Location:
+    """Return where the part stands (world_from_part, mm), or the best that was there with `found` false and the reason.
+
+    start: a pose off by no more than `reach`; without one the part is searched for from all `views`. photos: of one
+    camera, of a rig, or of a moved camera. freedom: the motions from the start that are possible. Other poses that the
+    photos allow nearly as well (symmetry, a flip of a flat part) come in `alternatives`. Raises `BadValue` on photos
+    without contrast and `NothingInView` where the start puts the part outside of all photos.
+    """
+    _check(photos)
+    if start is None and freedom is not FREE:
+        raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
+    if start is None:
+        hypotheses, most = search_once(part, photos, views), _TRIED[1]
+    else:
+        hypotheses, most = approach(part, photos, start, reach=reach, freedom=freedom), _TRIED[0]
+    if not hypotheses:
+        hypotheses = [Hypothesis(Rigid() if start is None else start, 0.0, 0.0)]
+    tried = _refined(part, photos, hypotheses[:most], freedom, options)
+    most_score = max(max(score for score, _ in tried), 1e-9)
+    ranked = sorted(tried, key=lambda t: -(t[1].quality + _BY_SCORE * t[0] / most_score))
+    (score, best), others = ranked[0], [(s, o) for s, o in ranked[1:] if o.quality >= FOUND]
+    if not best.found:
+        why = best.reason.removeprefix("not found: ")
+        return replace(best, reason=f"not found: the best of {len(hypotheses)} hypotheses does not hold: {why}")
+    equal = [o for s, o in others if s >= _EQUAL * score and o.quality >= best.quality - _AS_GOOD]
+    places = _distinct(part, best, [o for o in equal if _elsewhere(part, best, o)])
+    alike = _alike(part, best) if start is None else []
+    rivals = tuple(_distinct(part, best, [*alike, *(o for _, o in others if o.quality >= best.quality - _AS_GOOD)]))
+    if places:
+        why = f"not certain: {len(places)} other places in the photos look as much like the part ({best.reason})"
+        return replace(best, quality=min(best.quality, _UNCERTAIN), reason=why, alternatives=rivals)
+    told = f"; {len(rivals)} other poses look as good" if rivals else ""
+    return replace(best, reason=best.reason + told, alternatives=rivals)
+
+
+def _elsewhere(part: Part, one: Location, other: Location) -> bool:
+    """Return whether two poses put the part at different places, not just differently at one."""
+    middle, radius = part.aspects.centre, part.aspects.radius
+    apart = one.pose.world_from_part @ middle - other.pose.world_from_part @ middle
+    return bool(np.linalg.norm(apart) > _APART * radius)
+
+
+def _check(photos: Sequence[Photo]) -> None:
+    if not photos:
+        raise BadValue("photos", "none", "at least one photo")
+    for photo in photos:
+        name, gray = f"photo {photo.viewpoint.name!r}", photo.gray[::2, ::2]
+        low, high = np.percentile(gray, [1, 99])
+        if high - low < _FLAT:
+            raise BadValue(name, f"empty: 98 % of it lies within {low:.3f} to {high:.3f}", "a picture with contrast")
+        clipped = float(np.mean((gray <= 0.001) | (gray >= 0.999)))
+        if clipped > _CLIPPED:
+            raise BadValue(name, f"{clipped:.0%} black or white", "a picture exposed so that edges show")
+
+
+def _refined(
+    part: Part, photos: Sequence[Photo], hypotheses: Sequence[Hypothesis], freedom: Freedom, options: EdgeOptions
+) -> list[tuple[float, Location]]:
+    """Return score and location of the hypotheses refined, until one is sure and no other is as good."""
+    done: list[tuple[float, Location]] = []
+    for k, h in enumerate(hypotheses):
+        done.append((h.score, refine(part, photos, h.world_from_part, freedom=freedom, options=options)))
+        rival = k + 1 < len(hypotheses) and hypotheses[k + 1].score >= _RIVAL * hypotheses[0].score
+        if max(location.quality for _, location in done) >= _SURE and not rival:
+            break
+    return done
+
+
+def _alike(part: Part, best: Location) -> list[Location]:
+    """Return the other poses in which a symmetric part looks the same."""
+    out = []
+    for part_from_part in part.symmetries[1:]:
+        pose = best.pose
+        Ad = part_from_part.inv.adjoint()
+        moved = replace(
+            pose,
+            world_from_part=pose.world_from_part @ part_from_part,
+            from_noise=Ad @ pose.from_noise @ Ad.T,
+            from_calibration=Ad @ pose.from_calibration @ Ad.T,
+            freedom=np.linalg.qr(Ad @ pose.freedom)[0],
+        )
+        out.append(replace(best, pose=moved, reason="the part looks the same in this pose"))
+    return out
+
+
+def _distinct(part: Part, best: Location, others: Sequence[Location]) -> list[Location]:
+    """Return the others, best first, that are neither the best pose nor each other."""
+    aspects = part.aspects
+    corners = aspects.centre + aspects.radius * np.concatenate([np.zeros((1, 3)), np.eye(3)])
+    known, kept = [best.pose.world_from_part @ corners], []
+    for other in sorted(others, key=lambda location: -location.quality):
+        at = other.pose.world_from_part @ corners
+        if min(np.linalg.norm(at - k, axis=1).max() for k in known) > _SAME * aspects.radius:
+            known.append(at), kept.append(other)
+    return kept

@@ -1,0 +1,92 @@
+/* Edges of a part slid over a whole direction field, in bytes: see field.h. Compiled once for each instruction set. */
+#include "place.h"
+
+#define LANES 32
+#define ROWS 24 /* summed at a time: they stay in the first-level cache */
+
+typedef struct {
+    uint8_t *planes, *sums;
+    int32_t stride, rows;  /* of a padded plane */
+    int32_t wide, height;  /* of the sums, a multiple of LANES, and the field */
+    double scale;          /* of a byte of the field */
+} swept;
+
+/* Copy the planes, `levels` steps deep, with margins of nothing around them. */
+static swept prepared(const cc_field *f, int32_t levels, uint8_t *scratch) {
+    swept s = {.planes = scratch, .rows = f->height + 2 * CC_MARGIN, .height = f->height, .scale = levels / 255.0};
+    s.wide = (f->width + LANES - 1) / LANES * LANES;
+    s.stride = s.wide + 2 * CC_MARGIN;
+    const size_t plane = (size_t)s.stride * (size_t)s.rows;
+    memset(s.planes, 0, CC_SECTORS * plane);
+    for (int k = 0; k < CC_SECTORS; k++)
+        for (int32_t y = 0; y < f->height; y++) {
+            const uint8_t *from = f->planes + ((size_t)k * (size_t)f->height + (size_t)y) * (size_t)f->width;
+            uint8_t *restrict to = s.planes + (size_t)k * plane + ((size_t)y + CC_MARGIN) * (size_t)s.stride + CC_MARGIN;
+            for (int32_t x = 0; x < f->width; x++) to[x] = (uint8_t)((from[x] * levels + 127) / 255);
+        }
+    s.sums = scratch + CC_SECTORS * plane;
+    return s;
+}
+
+/* Add up the planes behind n offsets into the sums, a few rows at a time. */
+static void add_up(const swept *s, const size_t *offset, int32_t n) {
+    memset(s->sums, 0, (size_t)s->wide * (size_t)s->height);
+    for (int32_t top = 0; top < s->height; top += ROWS) {
+        const int32_t bottom = imin(top + ROWS, s->height);
+        for (int32_t k = 0; k < n; k++)
+            for (int32_t y = top; y < bottom; y++) {
+                const uint8_t *restrict from = s->planes + offset[k] + (size_t)y * (size_t)s->stride;
+                uint8_t *restrict to = s->sums + (size_t)y * (size_t)s->wide;
+                for (int32_t x = 0; x < s->wide; x += LANES)
+                    for (int32_t i = 0; i < LANES; i++) to[x + i] = (uint8_t)(to[x + i] + from[x + i]);
+            }
+    }
+}
+
+/* The largest of the sums: its value, and where; what lies beyond the field is passed over. */
+static int32_t largest(const swept *s, int32_t width, int32_t *x, int32_t *y) {
+    int32_t best = -1;
+    for (int32_t j = 0; j < s->height; j++) {
+        const uint8_t *row = s->sums + (size_t)j * (size_t)s->wide;
+        uint8_t top = 0;
+        for (int32_t i = 0; i < width; i++) top = row[i] > top ? row[i] : top;
+        if (top <= best) continue;
+        best = top, *y = j;
+        for (*x = 0; row[*x] != top;) ++*x;
+    }
+    return best;
+}
+
+void VARIANT(sweep_field)(const cc_views *v, int32_t eye, const double *poses, int32_t keep, int32_t apart, uint8_t *scratch,
+                          int32_t *shift, float *score) {
+    const cc_eye *e = &v->eyes[eye];
+    const cc_field *f = &e->field;
+    int32_t most = 1;
+    for (int64_t k = 0; k < v->n_poses; k++) most = imax(most, imin(v->count[k * v->n_eyes + eye], CC_SWEPT));
+    const swept s = prepared(f, 255 / most, scratch);
+    const int32_t cx = nearest(e->cx), cy = nearest(e->cy);
+    for (int64_t k = 0; k < v->n_poses; k++) {
+        const rigid c = seen_by(e, poses + 12 * k);
+        const cc_place *places = v->places + v->first[k * v->n_eyes + eye];
+        size_t offset[CC_SWEPT];
+        int32_t n = 0;
+        double mean = 0, variance = 1e-9;
+        for (int32_t i = 0; i < imin(v->count[k * v->n_eyes + eye], CC_SWEPT); i++) {
+            spot at;
+            if (!image_of(e, &c, &places[i], &at)) continue;
+            const int32_t x = nearest(at.x) - cx + CC_MARGIN, y = nearest(at.y) - cy + CC_MARGIN, sector = sector_of(at.dx, at.dy);
+            if (x < 0 || y < 0 || x > 2 * CC_MARGIN || y > 2 * CC_MARGIN) continue;
+            offset[n++] = ((size_t)sector * (size_t)s.rows + (size_t)y) * (size_t)s.stride + (size_t)x;
+            mean += s.scale * f->mean[sector], variance += s.scale * s.scale * f->variance[sector] + 1.0 / 12;
+        }
+        add_up(&s, offset, n);
+        for (int32_t i = 0; i < keep; i++) {
+            int32_t x = 0, y = 0;
+            const int32_t best = largest(&s, f->width, &x, &y);
+            shift[2 * (keep * k + i)] = x, shift[2 * (keep * k + i) + 1] = y;
+            score[keep * k + i] = best > 0 ? (float)((best - mean) / sqrt(variance)) : -INFINITY;
+            for (int32_t j = imax(0, y - apart); j <= imin(s.height - 1, y + apart); j++)
+                memset(s.sums + (size_t)j * (size_t)s.wide + imax(0, x - apart), 0, (size_t)(imin(s.wide - 1, x + apart) - imax(0, x - apart) + 1));
+        }
+    }
+}

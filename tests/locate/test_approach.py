@@ -1,0 +1,138 @@
+"""Approaching a part from a rough start: closed loops over renders, and the clean ship block's own starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cadcam.cad.load import load
+from cadcam.cad.parts import machined_bracket
+from cadcam.camera.camera import Camera
+from cadcam.camera.lens import Division
+from cadcam.errors import BadValue, NothingInView
+from cadcam.geometry import rotation as so3
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.picture import read_picture
+from cadcam.locate.approach import Reach, approach
+from cadcam.locate.freedom import Freedom
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from .photos import CAMERA, photo, view
+
+BRACKET = Part.of(machined_bracket())
+POSE = view(BRACKET, (1.0, 0.7, 0.9))
+# A pose is right if no vertex is off by more: edge refinement takes up what is up to 8 px off.
+RIGHT_PX = 4.0
+
+
+def error_px(part: Part, camera: Camera, one: Rigid, other: Rigid) -> float:
+    v = part.scene.mesh.vertices
+    return float(np.linalg.norm(camera.project(one @ v) - camera.project(other @ v), axis=1).max())
+
+
+def off(part: Part, pose: Rigid, turn_deg: tuple[float, float, float], shift: float, depth: float) -> Rigid:
+    """Return a pose turned about the part's middle, then shifted (mm along x) and set back (share of its depth)."""
+    middle = pose @ part.aspects.centre
+    R = so3.exp(np.radians(turn_deg)) @ pose.rotation
+    return Rigid(R, middle * (1 + depth) + [shift, 0, 0] - R @ part.aspects.centre)
+
+
+@pytest.mark.parametrize(
+    ("turn", "shift", "depth"),
+    [((18, 0, 0), 0, 0), ((0, -18, 0), 0, 0), ((0, 0, 18), 0, 0), ((0, 0, 0), 15, 0.09), ((-8, 9, 7), -12, -0.08)],
+)
+def test_a_start_within_reach_ends_at_the_part(
+    turn: tuple[float, float, float], shift: float, depth: float, rng: np.random.Generator
+) -> None:
+    found = approach(BRACKET, [photo(BRACKET, POSE, rng)], off(BRACKET, POSE, turn, shift, depth))
+    assert error_px(BRACKET, CAMERA, found[0].world_from_part, POSE) < RIGHT_PX
+    assert 0 < found[0].agreement <= 1
+
+
+def test_skew_and_a_strong_lens_change_nothing(rng: np.random.Generator) -> None:
+    camera = Camera.from_focal((640, 480), 800.0, fy=850.0, skew=15.0, lens=Division(-0.3))
+    shown = photo(BRACKET, POSE, rng, camera=camera)
+    found = approach(BRACKET, [shown], off(BRACKET, POSE, (6, -7, 5), 10, 0.05))
+    assert error_px(BRACKET, camera, found[0].world_from_part, POSE) < RIGHT_PX
+
+
+def test_two_cameras_approach_together(rng: np.random.Generator) -> None:
+    world_from_part = Rigid(so3.exp([0.2, -0.3, 0.1]), np.array([30.0, -20.0, 15.0]))
+    poses = [POSE, view(BRACKET, (0.2, 1.0, 0.8))]
+    photos = [
+        Photo.of(photo(BRACKET, pose, rng).gray, CAMERA, pose @ world_from_part.inv, name=f"camera {k}")
+        for k, pose in enumerate(poses)
+    ]
+    found = approach(BRACKET, photos, off(BRACKET, world_from_part, (6, -6, 5), 6, 0.0))[0].world_from_part
+    for shown, pose in zip(photos, poses, strict=True):
+        assert error_px(BRACKET, CAMERA, shown.viewpoint.camera_from_world @ found, pose) < RIGHT_PX
+
+
+def test_a_part_on_a_floor_stays_on_it(rng: np.random.Generator) -> None:
+    world_from_part = POSE  # the world is the camera's frame; the floor is the part's own
+    floor = Freedom.planar([0, 0, 1], frame="part")
+    start = world_from_part @ Rigid(so3.exp([0, 0, np.radians(12)]), np.array([9.0, -7.0, 0.0]))
+    found = approach(BRACKET, [photo(BRACKET, POSE, rng)], start, freedom=floor)[0].world_from_part
+    moved = world_from_part.inv @ found
+    assert error_px(BRACKET, CAMERA, found, POSE) < RIGHT_PX
+    assert abs(moved.translation[2]) < 1e-9 * 500  # rounding of a few hundred mm
+    assert np.allclose(moved.rotation[2], [0, 0, 1], atol=1e-9)
+
+
+def test_hypotheses_are_ranked_and_apart(rng: np.random.Generator) -> None:
+    found = approach(BRACKET, [photo(BRACKET, POSE, rng)], off(BRACKET, POSE, (5, 5, 0), 5, 0.02))
+    scores = [h.score for h in found]
+    assert scores == sorted(scores, reverse=True)
+    middles = np.array([h.world_from_part.matrix for h in found])
+    assert all(np.abs(middles[0] - other).max() > 1e-4 for other in middles[1:])
+
+
+def test_a_start_outside_the_photo_is_refused(rng: np.random.Generator) -> None:
+    aside = Rigid(POSE.rotation, POSE.translation + [5000.0, 0, 0])
+    behind = Rigid(POSE.rotation, POSE.translation - [0, 0, 3000.0])
+    for start in (aside, behind):
+        with pytest.raises(NothingInView, match="outside of every photo"):
+            approach(BRACKET, [photo(BRACKET, POSE, rng)], start)
+
+
+@pytest.mark.parametrize("wrong", [{"rotation_deg": -1.0}, {"depth": 0.9}, {"shift_px": float("nan")}])
+def test_a_reach_that_is_none_is_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(BadValue, match=next(iter(wrong))):
+        replace(Reach(), **wrong)
+
+
+def clean_block(shared: Callable[[str], Path], level: str, every: int) -> list[float]:
+    """Return the error (px) of the first hypothesis for some of the clean ship block's starts."""
+    folder = shared("data/shipblock_clean")
+    part, camera = Part.of(load(folder / "model.obj", unit="m")), Camera((768, 576), np.loadtxt(folder / "K.txt"))
+    true = {int(r[0]): pose_of(r[1:]) for r in np.loadtxt(folder / "gt.csv", delimiter=",", skiprows=1)}
+    starts = np.loadtxt(folder / "starts.txt")[::every]
+    photos = {
+        f: Photo.of(read_picture(folder / level / "images" / f"{f:04d}.png"), camera) for f in {int(s[0]) for s in starts}
+    }
+    return [
+        error_px(
+            part, camera, approach(part, [photos[int(s[0])]], pose_of(s[1:]))[0].world_from_part, true[int(s[0])]
+        )
+        for s in starts
+    ]
+
+
+def pose_of(row: np.ndarray) -> Rigid:
+    return Rigid(so3.nearest(row[:9].reshape(3, 3)), 1000 * row[9:])
+
+
+def test_starts_of_the_clean_ship_block_end_where_refinement_takes_over(shared: Callable[[str], Path]) -> None:
+    errors = clean_block(shared, "n3", 12)
+    assert np.mean(np.array(errors) < 8.0) == 1.0
+    assert np.mean(np.array(errors) < RIGHT_PX) > 0.9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("level", ["n0", "n3", "n8"])
+def test_97_percent_of_all_starts_end_where_refinement_takes_over(shared: Callable[[str], Path], level: str) -> None:
+    assert np.mean(np.array(clean_block(shared, level, 1)) < 5.0) >= 0.97

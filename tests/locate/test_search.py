@@ -1,0 +1,141 @@
+"""Finding a part without a start, saying what it could also be, and saying when it is not there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from cadcam.cad.load import load
+from cadcam.cad.parts import machined_bracket
+from cadcam.camera.camera import Camera
+from cadcam.errors import BadValue
+from cadcam.geometry import rotation as so3
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.picture import read_picture
+from cadcam.locate.locate import locate
+from cadcam.locate.location import FOUND
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.locate.search import search
+from cadcam.locate.view_range import ViewRange
+
+from ..cad.solids import box
+from .photos import CAMERA, noisy, photo, shot, view
+
+BRACKET = Part.of(machined_bracket())
+FROM_ABOVE = ViewRange(axis=np.array([0.6, 0.5, 1.0]), half_angle_deg=35.0, distance_mm=(350.0, 700.0))
+RIGHT_PX = 4.0
+
+
+def error_px(part: Part, camera: Camera, one: Rigid, other: Rigid) -> float:
+    v = part.scene.mesh.vertices
+    return float(np.linalg.norm(camera.project(one @ v) - camera.project(other @ v), axis=1).max())
+
+
+@pytest.mark.parametrize("direction", [(0.5, 0.7, 1.0), (0.9, 0.2, 1.0)])
+def test_a_part_is_found_from_nothing_in_any_turn(direction: tuple[float, float, float], rng: np.random.Generator) -> None:
+    turned = Rigid(so3.exp([0, 0, rng.uniform(-np.pi, np.pi)]), np.zeros(3)) @ view(BRACKET, direction)
+    found = search(BRACKET, [photo(BRACKET, turned, rng)], FROM_ABOVE)
+    assert error_px(BRACKET, CAMERA, found[0].world_from_part, turned) < RIGHT_PX
+    assert found[0].score > 1.2 * found[1].score
+
+
+def test_a_symmetric_part_comes_back_in_every_pose_in_which_it_looks_the_same(rng: np.random.Generator) -> None:
+    part = Part.of(box([0, 0, 0], [60, 60, 25]))
+    pose = view(part, (0.5, 0.8, 0.7), away=6.0)
+    found = search(part, [photo(part, pose, rng)], ViewRange(distance_mm=(200.0, 350.0)))[:8]
+    v = part.scene.mesh.vertices
+    for hypothesis in found:
+        apart = np.linalg.norm(
+            CAMERA.project(hypothesis.world_from_part @ v)[:, None] - CAMERA.project(pose @ v)[None], axis=2
+        )
+        assert apart.min(axis=1).max() < RIGHT_PX
+    rotations = np.array([h.world_from_part.rotation for h in found])
+    assert all(np.abs(rotations[k] - rotations[:k]).max(axis=(1, 2)).min() > 0.5 for k in range(1, 8))
+    located = locate(part, [photo(part, pose, rng)], views=ViewRange(distance_mm=(200.0, 350.0)))
+    assert located.found
+    assert len(located.alternatives) >= 7
+
+
+def test_locate_refines_what_it_finds_and_says_why(rng: np.random.Generator) -> None:
+    pose = view(BRACKET, (0.5, 0.7, 1.0))
+    found = locate(BRACKET, [photo(BRACKET, pose, rng)], views=FROM_ABOVE)
+    assert found.found
+    assert found.reason
+    assert error_px(BRACKET, CAMERA, found.pose.world_from_part, pose) < 0.5
+    assert np.isfinite(found.pose.covariance).all()
+
+
+def clutter(rng: np.random.Generator) -> np.ndarray:
+    """Return a picture (480, 640) of smooth patches with random bright and dark boxes: lines, but no part."""
+    picture = gaussian_filter(rng.random((480, 640)), 25)
+    picture = 0.3 + 0.4 * (picture - picture.min()) / np.ptp(picture)
+    for _ in range(12):
+        x, y, w, h = rng.integers([0, 0, 10, 10], [600, 440, 150, 150])
+        picture[y : y + h, x : x + w] = rng.random()
+    return gaussian_filter(picture, 0.7)
+
+
+def test_what_is_not_in_the_photo_is_not_found(rng: np.random.Generator) -> None:
+    photo_without = Photo.of(noisy(clutter(rng), 0.01, rng), CAMERA)
+    for start in (None, view(BRACKET, (0.5, 0.7, 1.0))):
+        found = locate(BRACKET, [photo_without], start, views=FROM_ABOVE)
+        assert found.quality < FOUND
+        assert found.reason.startswith("not ")
+
+
+def test_another_part_is_not_taken_for_this_one(rng: np.random.Generator) -> None:
+    other = Part.of(box([0, 0, 0], [90, 50, 20]))
+    shown = Photo.of(noisy(shot(other, view(other, (0.4, 0.9, 0.8), away=6.0)), 0.01, rng), CAMERA)
+    assert not locate(BRACKET, [shown], views=FROM_ABOVE).found
+
+
+@pytest.mark.parametrize(("picture", "words"), [(np.full((480, 640), 0.4), "empty"), (np.ones((480, 640)), "empty")])
+def test_a_photo_without_contrast_is_refused(picture: np.ndarray, words: str) -> None:
+    with pytest.raises(BadValue, match=f"photo 'photo'.*{words}"):
+        locate(BRACKET, [Photo.of(picture, CAMERA)])
+
+
+def test_a_photo_of_nothing_but_black_and_white_is_refused(rng: np.random.Generator) -> None:
+    with pytest.raises(BadValue, match="black or white"):
+        locate(BRACKET, [Photo.of((rng.random((480, 640)) > 0.5).astype(np.float32), CAMERA)])
+
+
+def test_no_photo_is_refused() -> None:
+    with pytest.raises(BadValue, match="at least one photo"):
+        locate(BRACKET, [])
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"half_angle_deg": 200.0}, {"distance_mm": (5.0, 1.0)}, {"axis": np.zeros(3)}, {"roll_deg": -1.0}]
+)
+def test_a_range_of_views_that_is_none_is_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(BadValue, match=next(iter(wrong))):
+        ViewRange(**wrong)  # type: ignore[arg-type]
+
+
+def test_a_range_allows_what_lies_within_its_cone() -> None:
+    views = ViewRange.above(within_deg=60.0)
+    angles = np.radians([0, 59, 61, 180])
+    directions = np.column_stack([np.sin(angles), np.zeros(4), np.cos(angles)])
+    assert views.allows(directions).tolist() == [True, True, False, False]
+
+
+@pytest.mark.slow
+def test_a_real_cube_is_found_from_nothing(shared: Callable[[str], Path]) -> None:
+    folder = shared("data/visp_mbt_cube")
+    camera = Camera.from_focal((640, 480), 547.7367575, fy=542.0744058, cx=338.7036994, cy=234.5083345)
+    part = Part.of(load(folder / "cube.obj", unit="m"))
+    reference = np.loadtxt(folder / "poses_refined.csv", delimiter=",", skiprows=1)
+    v = part.scene.mesh.vertices
+    for frame in (0, 72, 144, 216):
+        M = reference[frame, 1:13].reshape(3, 4)
+        true = camera.project(v @ so3.nearest(M[:, :3]).T + 1000 * M[:, 3])
+        shown = Photo.of(read_picture(folder / "cube" / f"image{frame:04d}.png"), camera)
+        found = search(part, [shown])
+        errors = [np.linalg.norm(camera.project(h.world_from_part @ v) - true, axis=1).max() for h in found[:24]]
+        assert min(errors) < 5.0

@@ -1,0 +1,42 @@
+"""The poses in which a part looks the same."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cadcam.cad.mesh import Mesh
+from cadcam.cad.parts import machined_bracket
+from cadcam.locate.part import Part
+from ..cad.solids import box, prism
+
+
+@pytest.mark.parametrize(
+    ("mesh", "expected"),
+    [
+        (box([0, 0, 0], [84, 84, 84]), 24),
+        (box([5, 5, -80], [170, 73, 0]), 4),
+        (box([0, 0, 0], [50, 50, 10]), 8),
+        (prism(3), 6),
+        (prism(6, height=9.0), 12),
+        (machined_bracket(), 1),
+    ],
+)
+def test_the_group_is_that_of_the_solid(mesh: Mesh, expected: int) -> None:
+    assert len(Part.of(mesh).symmetries) == expected
+
+
+def test_each_symmetry_maps_the_corners_onto_themselves_and_the_first_is_the_identity() -> None:
+    part = Part.of(box([0, 0, 0], [50, 50, 10]))
+    v = part.scene.mesh.vertices
+    for motion in part.symmetries:
+        apart = np.linalg.norm((motion @ v)[:, None] - v[None], axis=2)
+        assert apart.min(axis=1).max() < 1e-9 * 50
+    assert np.allclose(part.symmetries[0].matrix, np.eye(4))
+
+
+def test_a_mark_breaks_the_symmetry() -> None:
+    from cadcam.cad.mesh import merge
+
+    marked = merge([box([0, 0, 0], [50, 50, 10]), box([40, 30, 10], [45, 33, 12], name="mark")])
+    assert len(Part.of(marked).symmetries) == 1
