@@ -1,22 +1,28 @@
 """How often the 95 % intervals of a calibration hold the truth.
 
-    python benchmarks/coverage.py [simulated calibrations a scene] [scene ...]
+    python benchmarks/coverage.py [--near] [simulated calibrations a scene] [scene ...]
 
-Each calibration has a pose and noise of its own and goes through the public functions. "stated" intervals know the
-noise (sigma_px; 1.96 sigma), "residuals" take it from the residuals (Student's quantile for the degrees of freedom).
-Projections are pixels (x, y) of fixed world points which the true camera sees at the picture's centre and corners, at
-the depth of the calibration's points. The last column is how far 95 % may be missed by chance, 3 standard errors.
+Each calibration has a pose and noise of its own and goes through the public functions. --near: each starts at the true
+camera (a joint calibration of one view, with a guess), which spares the search and tells the same minimum many times
+as fast: a thousand calibrations know a share to 0.7 % only, eight thousand to a quarter of a per cent.
+
+"stated" intervals know the noise (sigma_px; 1.96 sigma), "residuals" take it from the residuals (Student's quantile for
+the degrees of freedom). Projections are pixels (x, y) of fixed world points which the true camera sees at the picture's
+centre and corners, at the depth of the calibration's points. The last column is how far 95 % may be missed by chance,
+3 standard errors.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from cadcam.arrays import Array
+from cadcam.calibrate.joint import calibrate_jointly
 from cadcam.calibrate.points import calibrate, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
@@ -48,6 +54,7 @@ class Scene:
     camera: Camera
     solve: Solve
     sigma: float = SIGMA
+    near: Solve | None = None
 
 
 @dataclass
@@ -79,13 +86,23 @@ def scenes() -> Mapping[str, Scene]:
     curved = Camera(SIZE, plain.K, BrownConrady(-0.2))
     fixed = {"skew": 0.0, "aspect": 1.0}
     return {
-        "bench of 16 points, eleven free": Scene(BENCH, plain, lambda o, c: calibrate(o, c.size)),
-        "bench, skew and aspect fixed": Scene(BENCH, square, lambda o, c: calibrate(o, c.size, fixed=fixed)),
+        "bench of 16 points, eleven free": Scene(BENCH, plain, lambda o, c: calibrate(o, c.size), near=_near()),
+        "bench, skew and aspect fixed": Scene(
+            BENCH, square, lambda o, c: calibrate(o, c.size, fixed=fixed), near=_near(fixed=fixed)
+        ),
         "40 points, eleven and k1 free": Scene(
-            BOX, curved, lambda o, c: calibrate(o, c.size, lens=BrownConrady(), free_lens=("k1",))
+            BOX,
+            curved,
+            lambda o, c: calibrate(o, c.size, lens=BrownConrady(), free_lens=("k1",)),
+            near=_near(lens=BrownConrady(), free_lens=("k1",)),
         ),
         "bench, pose alone": Scene(BENCH, plain, locate_camera),
     }
+
+
+def _near(**model: Any) -> Solve:
+    """Return a calibration that starts at the true camera."""
+    return lambda o, c: calibrate_jointly([o], c.size, guess=c, **model).view(0)
 
 
 def coverage(scene: Scene, calibrations: int, rng: np.random.Generator) -> Coverage:
@@ -139,14 +156,22 @@ def _places(scene: Scene, pose: Rigid) -> Array:
 
 
 def main() -> None:
-    calibrations = int(sys.argv[1]) if len(sys.argv) > 1 else 500
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("calibrations", type=int, nargs="?", default=500)
+    arguments.add_argument("scenes", nargs="*", metavar="scene")
+    arguments.add_argument("--near", action="store_true")
+    given = arguments.parse_args()
+    if unknown := set(given.scenes) - set(scenes()):
+        arguments.error(f"no scene {unknown.pop()!r}; scenes are {', '.join(scenes())}")
+    calibrations = given.calibrations
     chance = 300 * np.sqrt(LEVEL * (1 - LEVEL) / calibrations)
-    wanted = sys.argv[2:]
     for i, (name, scene) in enumerate(scenes().items()):
-        if wanted and name not in wanted:
+        solve = scene.near if given.near else scene.solve
+        if solve is None or (given.scenes and name not in given.scenes):
             continue
-        result = coverage(scene, calibrations, np.random.default_rng([20, i]))
-        print(f"{name}; {calibrations} calibrations\n{'':22s}  stated %  residuals %   by chance")
+        result = coverage(replace(scene, solve=solve), calibrations, np.random.default_rng([20, i]))
+        print(f"{name}; {calibrations} calibrations{', near' * given.near}")
+        print(f"{'':22s}  stated %  residuals %   by chance")
         for quantity, count in result.counts.items():
             stated, residuals = (100 * k / calibrations for k in (count.stated, count.residuals))
             print(f"{quantity:22s}  {stated:8.1f}  {residuals:11.1f}  +- {chance:6.1f}")

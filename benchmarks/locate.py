@@ -1,4 +1,4 @@
-"""How often, how accurately and how fast is a part located from rough starts?
+"""How often, how accurately and how fast a part is located from rough starts.
 
     python benchmarks/locate.py ../shared/data/shipblock_clean
     python benchmarks/locate.py SCENE --noise 3 --frames 0 5 --profile
@@ -21,13 +21,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from locate_bound import bound, information
-from locate_errors import Outcome, auc, judged, summary
-from locate_sets import PhotoSet, Start
 
 from cadcam.arrays import Array
 from cadcam.locate.locate import locate
 from cadcam.locate.photo import Photo
+from locate_bound import bound, information
+from locate_errors import Outcome, auc, judged, summary
+from locate_sets import PhotoSet, Start
 
 PROFILED = 24  # starts
 FRESH = 6  # noisy pictures of each frame, for scatter
@@ -80,7 +80,8 @@ def report(photos: PhotoSet, noises: Sequence[int], starts: Sequence[Start], sav
     yield f"{photos.name}: {len(frames)} photos, {len(starts)} starts; preparation {preparation(photos):.2f} s CPU\n"
     yield (
         "| noise | < 2 px | < 5 px | centroid median / rms, mm | bias x, y, z, mm | photo to photo, mm | normalised"
-        " | lowest quality right / highest wrong | AUC | CPU mean / 95 %, ms |\n|---|---|---|---|---|---|---|---|---|---|"
+        " | lowest quality right / highest wrong | AUC | CPU mean / 95 %, ms |"
+        "\n|---|---|---|---|---|---|---|---|---|---|"
     )
     for noise in noises:
         results = outcomes(photos, noise, starts)

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from locate_sets import PhotoSet, Start
 
 from cadcam.arrays import Array
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.location import Location
+from locate_sets import PhotoSet, Start
 
 CLOSE_PX, NEAR_PX = 2.0, 5.0  # a start that ends closer counts as right; nearer counts for accuracy
 
@@ -20,7 +20,7 @@ class Outcome:
     """How one start ended.
 
     vertex_px: largest reprojection error of a corner; shift (3,) mm: estimated minus true centroid in camera axes; xi
-    (6,): true pose = estimated @ exp(xi), mm and rad in part axes; mahalanobis: xi^T C^-1 xi; cpu_s: what the call took.
+    (6,): true pose = estimated @ exp(xi), mm and rad in part axes; mahalanobis: xi^T C^-1 xi; cpu_s: what it took.
     """
 
     start: int

@@ -1,11 +1,13 @@
-"""Path-trace a scene with exact poses for benchmarks/locate.py, by Mitsuba 3 (`pip install mitsuba`).
+"""Path-trace a scene with exact poses for benchmarks/locate.py, by Mitsuba 3.
 
     python benchmarks/locate_scene.py OUT --part bracket
 
 A machined bracket (or a small ship block) on a bench among clutter, a cable over the part, a camera with a distorting
 lens. Writes into OUT what benchmarks/locate.py --scene reads: model.obj (metres), camera.json and K.txt, gt.csv
 (camera_from_model, metres), n0, n3, n8/images (noise of 0, 3 and 8 grey levels of 255), starts.txt and
-starts.meta.csv. The same seed gives the same scene.
+starts.meta.csv. The same seed gives the same scene. Mitsuba compiles by LLVM: with LLVM 14 or 15 take
+`pip install mitsuba==3.6.4`; later ones ask for instructions that these do not know. Twelve views take about 25 minutes
+of CPU time.
 """
 
 from __future__ import annotations
@@ -16,7 +18,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from locate_traced import Bench, pictures
 
 from cadcam.arrays import Array
 from cadcam.cad.mesh import Mesh
@@ -27,6 +28,7 @@ from cadcam.camera.lens import BrownConrady
 from cadcam.files.camera import write_camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
+from locate_traced import Bench, pictures
 
 NOISES = (0, 3, 8)
 WORST = (np.radians(20.0), 40.0, 0.10)  # of a start: turn, shift in px, share of the depth
@@ -51,7 +53,9 @@ SETTINGS = {
         lambda: machined_bracket(sides=384),
         lambda: machined_bracket(sides=96),
         (((-150, -80, 4), (-40, 10, 30), (4, 30, 66), (60, 45, 24), (110, 60, 16), (220, 100, 4)),),
-        Camera.from_focal((1024, 768), 1420.0, fy=1418.0, cx=520.3, cy=377.9, lens=BrownConrady(-0.16, 0.09, 8e-4, -5e-4)),
+        Camera.from_focal(
+            (1024, 768), 1420.0, fy=1418.0, cx=520.3, cy=377.9, lens=BrownConrady(-0.16, 0.09, 8e-4, -5e-4)
+        ),
         (420.0, 560.0),
         (25.0, 60.0),
         (0.0, 330.0),
@@ -60,7 +64,9 @@ SETTINGS = {
         lambda: ship_block(triangles=30_000, size=(2400.0, 2000.0, 1200.0)),
         lambda: ship_block(triangles=30_000, size=(2400.0, 2000.0, 1200.0)),
         (((-900, 200, 40), (300, 500, 700), (900, 800, 1240), (1600, 900, 1230), (3300, 1000, 40)),),
-        Camera.from_focal((1280, 960), 1080.0, fy=1083.0, cx=633.1, cy=486.2, lens=BrownConrady(-0.21, 0.10, -6e-4, 9e-4)),
+        Camera.from_focal(
+            (1280, 960), 1080.0, fy=1083.0, cx=633.1, cy=486.2, lens=BrownConrady(-0.21, 0.10, -6e-4, 9e-4)
+        ),
         (4300.0, 5600.0),
         (15.0, 50.0),
         (200.0, 330.0),
@@ -87,7 +93,9 @@ def views(setting: Setting, mesh: Mesh, n: int, rng: np.random.Generator) -> lis
     return poses
 
 
-def starts(camera: Camera, truth: Rigid, mesh: Mesh, n: int, rng: np.random.Generator) -> list[tuple[Rigid, float, float]]:
+def starts(
+    camera: Camera, truth: Rigid, mesh: Mesh, n: int, rng: np.random.Generator
+) -> list[tuple[Rigid, float, float]]:
     """Return n rough poses with their turn (rad) and mean vertex displacement (px), from small to `WORST`."""
     p = truth @ mesh.vertices
     q = camera.project(p)
@@ -134,7 +142,8 @@ def generate(out: Path, part: str, *, views_n: int, starts_n: int, rounds: int, 
     np.savetxt(out / "K.txt", setting.camera.K)
     head = "frame," + ",".join(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)) + ",tx,ty,tz"
     (out / "gt.csv").write_text("\n".join([head, *(f"{k},{row(pose)}" for k, pose in enumerate(poses))]) + "\n")
-    rows, meta = [], ["row,frame,rot_deg,disp_px"]
+    rows: list[str] = []
+    meta = ["row,frame,rot_deg,disp_px"]
     for k, pose in enumerate(poses):
         for start, turn, displacement in starts(setting.camera, pose, model, starts_n, rng):
             meta.append(f"{len(rows)},{k},{np.degrees(turn):.4f},{displacement:.3f}")

@@ -9,8 +9,8 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import overlay_distance
 
+import overlay_distance
 from cadcam.arrays import Array, Picture
 from cadcam.cad.load import load
 from cadcam.camera.camera import Camera

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from render_peers import module
 from scipy.special import ndtri
 
 from cadcam.arrays import Array
@@ -21,6 +20,7 @@ from cadcam.cad.parts.shape import tube
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.geometry.rotation import exp
+from render_peers import module
 
 BLUR_PX = 0.45  # standard deviation of the optics' blur, before the pixel's own width
 DEPTH = 4  # segments of a path

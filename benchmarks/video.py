@@ -207,7 +207,7 @@ def _lines(part: Part, photo: Photo, pose: Rigid) -> float:
 
 
 def _sheet(run: Run, path: Path) -> None:
-    """Write frames evenly spread over the video, those of all cameras, with the lines of the pose that was found."""
+    """Write frames evenly spread over the video, two beside each other, with the lines of the pose that was found."""
     shown = set(np.linspace(0, len(run.tracked) - 1, SHOWN).round().astype(int).tolist())
     drawn = [
         _drawn(run.part, photo, photo.gray, t.location.pose.world_from_part if t.found else None)
@@ -215,7 +215,8 @@ def _sheet(run: Run, path: Path) -> None:
         if t.frame.index in shown
         for photo in t.frame.photos
     ]
-    write_picture(path, side_by_side(*drawn))
+    rows = [side_by_side(*drawn[i : i + 2]) for i in range(0, len(drawn), 2)]
+    write_picture(path, np.concatenate(rows))
 
 
 def _drawn(part: Part, photo: Photo, picture: Picture, pose: Rigid | None) -> Picture:

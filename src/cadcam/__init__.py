@@ -86,9 +86,15 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.geometry.plane import Plane as Plane
     from cadcam.geometry.ray import Ray as Ray
     from cadcam.geometry.rigid import Rigid as Rigid
+    from cadcam.image.correlate import CorrelateOptions as CorrelateOptions
+    from cadcam.image.correlate import Peaks as Peaks
+    from cadcam.image.correlate import correlate as correlate
     from cadcam.image.exr import write_exr as write_exr
     from cadcam.image.picture import read_picture as read_picture
     from cadcam.image.picture import write_picture as write_picture
+    from cadcam.image.template import Template as Template
+    from cadcam.locate.closeness import Closeness as Closeness
+    from cadcam.locate.closeness import closeness as closeness
     from cadcam.locate.frames import Frames as Frames
     from cadcam.locate.freedom import Freedom as Freedom
     from cadcam.locate.locate import locate as _locate
@@ -96,6 +102,9 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.locate.part import Part as Part
     from cadcam.locate.photo import Photo as Photo
     from cadcam.locate.refine import refine as refine
+    from cadcam.locate.templates import TemplateMatches as TemplateMatches
+    from cadcam.locate.templates import TemplateOptions as TemplateOptions
+    from cadcam.locate.templates import match_templates as match_templates
     from cadcam.locate.track import track as track
     from cadcam.locate.track_log import TrackLog as TrackLog
     from cadcam.locate.track_log import read_track as read_track
@@ -141,6 +150,8 @@ _HOME = {
     "CameraEstimate": "cadcam.camera.estimate",
     "CameraFile": "cadcam.files.camera",
     "Channel": "cadcam.render.view",
+    "Closeness": "cadcam.locate.closeness",
+    "CorrelateOptions": "cadcam.image.correlate",
     "Cutout": "cadcam.render.cutout",
     "Deviation": "cadcam.record.record",
     "Division": "cadcam.camera.lens",
@@ -170,6 +181,7 @@ _HOME = {
     "Observations": "cadcam.camera.observations",
     "OddRadial": "cadcam.camera.lens",
     "Part": "cadcam.locate.part",
+    "Peaks": "cadcam.image.correlate",
     "Photo": "cadcam.locate.photo",
     "Plane": "cadcam.geometry.plane",
     "PlaneCamera": "cadcam.camera.plane_camera",
@@ -181,6 +193,9 @@ _HOME = {
     "Rigid": "cadcam.geometry.rigid",
     "Scene": "cadcam.render.view",
     "Source": "cadcam.record.record",
+    "Template": "cadcam.image.template",
+    "TemplateMatches": "cadcam.locate.templates",
+    "TemplateOptions": "cadcam.locate.templates",
     "TiltedBrownConrady": "cadcam.camera.lens",
     "TrackLog": "cadcam.locate.track_log",
     "Viewpoint": "cadcam.camera.viewpoint",
@@ -197,7 +212,9 @@ _HOME = {
     "calibrate_plane": "cadcam.calibrate.flat",
     "calibrate_rig": "cadcam.calibrate.rig",
     "calibrate_rig_boards": "cadcam.calibrate.rig_boards",
+    "closeness": "cadcam.locate.closeness",
     "compare_cameras": "cadcam.fit.compare:compare",
+    "correlate": "cadcam.image.correlate",
     "edge_distances": "cadcam.render.overlay",
     "feature_edges": "cadcam.cad.edges",
     "find_board": "cadcam.calibrate.boards",
@@ -208,6 +225,7 @@ _HOME = {
     "locate_camera": "cadcam.calibrate.points",
     "locate_part": "cadcam.locate.locate:locate",
     "markov_chain": "cadcam.calibrate.variability",
+    "match_templates": "cadcam.locate.templates",
     "measure_points": "cadcam.calibrate.measure",
     "monte_carlo": "cadcam.calibrate.variability",
     "named_look": "cadcam.render.looks",

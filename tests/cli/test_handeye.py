@@ -17,7 +17,13 @@ from cadcam.files.poses import write_poses
 from cadcam.files.robot_poses import read_robot_poses
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
+from cadcam.image.picture import write_picture
+from cadcam.target.pattern import parse_pattern
 
+from ..calibrate.test_boards import CHESS, VIEWS
+from ..target.shots import CAMERA as SHOT_CAMERA
+from ..target.shots import pose as shot_pose
+from ..target.shots import shot
 from .job import Ran
 
 Cadcam = Callable[..., Ran]
@@ -205,3 +211,41 @@ def test_missing_views_are_named(cadcam: Cadcam, cell: Path) -> None:
     ran = cadcam(*words(cell, "--convention", "kuka", "--json"))
     assert ran.code == 0
     assert "1 of 8 robot poses have no picture" in ran.err
+
+
+@pytest.fixture(scope="module")
+def photographed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with camera.json, robot.csv (KUKA) and shots/p1.png ... of a chessboard; p3.png is empty."""
+    folder = tmp_path_factory.mktemp("cell")
+    write_camera(folder / "camera.json", SHOT_CAMERA)
+    rows = ["name,X,Y,Z,A,B,C"]
+    for i, (turn, distance, aside) in enumerate(VIEWS):
+        C = shot_pose(parse_pattern(CHESS), turn=turn, distance=distance, aside=aside)
+        B = FIXED @ (HELD @ C).inv
+        rows.append(f"p{i + 1}," + ",".join(f"{v:.6f}" for v in (*B.translation, *kuka(B.rotation))))
+        picture = shot(CHESS, turn=turn, distance=distance, aside=aside, seed=i)[0]
+        write_picture(folder / "shots" / f"p{i + 1}.png", np.full_like(picture, 0.5) if i == 2 else picture)
+    (folder / "robot.csv").write_text("\n".join(rows) + "\n")
+    return folder
+
+
+def test_pictures_of_a_board_do_as_well_as_points(cadcam: Cadcam, photographed: Path) -> None:
+    """An exact robot, and corners found to some 0.02 px, which is 0.015 mm at the board: four times that."""
+    ran = cadcam(
+        "handeye", photographed / "robot.csv", "--convention", "kuka", "--mounting", "eye-in-hand", "--camera",
+        photographed / "camera.json", "--views", photographed / "shots", "--board", CHESS, "--json",
+    )  # fmt: skip
+    assert ran.code == 0, ran.err
+    assert [p["name"] for p in ran.json["poses"]] == ["p1", "p2", "p4", "p5", "p6"]
+    assert "p3.png: " in ran.err
+    assert "its pose is not used" in ran.err
+    np.testing.assert_allclose(ran.json["flange_from_camera"]["translation_mm"], HELD.translation, atol=0.06)
+
+
+def test_pictures_without_the_board_named_are_refused(cadcam: Cadcam, photographed: Path) -> None:
+    ran = cadcam(
+        "handeye", photographed / "robot.csv", "--convention", "kuka", "--mounting", "eye-in-hand", "--camera",
+        photographed / "camera.json", "--views", photographed / "shots" / "p1.png",
+    )  # fmt: skip
+    assert ran.code == 2
+    assert "or --board BOARD for pictures of one" in ran.err

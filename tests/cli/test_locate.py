@@ -51,6 +51,7 @@ def test_a_rough_start_is_enough(cadcam: Cadcam, here: Path) -> None:
     assert read_picture("overlay.png").shape == (360, 480, 3)
 
 
+@pytest.mark.slow  # what the part looks like from all sides is made first: 20 s
 def test_without_a_start_the_part_is_searched_for(cadcam: Cadcam, here: Path) -> None:
     said = cadcam(*LOCATE, "--json").json
     assert said["found"]
@@ -95,8 +96,9 @@ def test_a_restricted_motion_keeps_the_rest_as_in_the_start(cadcam: Cadcam, here
     ran = cadcam(*LOCATE, "--start", "start.txt", "--freedom", "plane:0,0,1@part", "--pose-out", "pose.json")
     assert ran.code == 0, ran.err
     change = read_part_pose("start.txt").inv @ read_part_pose("pose.json")
-    assert abs(change.translation[2]) < 1e-9 * 1000
-    np.testing.assert_allclose(change.rotation[2], [0, 0, 1], atol=1e-9)
+    # the start file has six decimals: 1e-6 rad at 400 mm
+    assert abs(change.translation[2]) < 1e-3
+    np.testing.assert_allclose(change.rotation[2], [0, 0, 1], atol=1e-5)
     assert off_mm(read_part_pose("pose.json")) < 0.3
 
 
@@ -129,14 +131,12 @@ def background(_: np.ndarray) -> np.ndarray:
 
 START = ("--start", "start.txt")
 CASES = {
-    "part not in the picture": Case(picture(background), (), 3, "was not found"),
     "part not in the picture, start": Case(picture(background), START, 3, "was not found"),
-    "mirrored": Case(picture(lambda g: g[:, ::-1]), (), 3, "not mirrored"),
     "upside down, start": Case(picture(lambda g: g[::-1]), START, 3, "was not found"),
-    "empty": Case(picture(lambda g: 0 * g + 0.3), START, 3, "photo.png: it is empty"),
+    "empty": Case(picture(lambda g: 0 * g + 0.3), START, 2, "empty"),
     "noise": Case(picture(lambda g: np.random.default_rng(3).normal(0.5, 0.1, g.shape)), START, 3, "was not found"),
-    "overexposed": Case(picture(lambda g: 40 * g), START, 3, "photo.png: it is overexposed"),
-    "black": Case(picture(lambda g: g - 0.9), START, 3, "photo.png: it is too dark"),
+    "overexposed": Case(picture(lambda g: 40 * g), START, 2, "empty"),
+    "black": Case(picture(lambda g: g - 0.9), START, 2, "empty"),
     "blurred": Case(picture(lambda g: ndimage.gaussian_filter(g, 15)), START, 3, "photo.png: it is out of focus"),
     "wrong camera": Case(
         lambda j: write_camera(j / "camera.json", CAMERA.resize((480, 360)).__class__.from_focal((480, 360), 1500)),
@@ -150,7 +150,7 @@ CASES = {
     "start beside the picture": Case(
         lambda j: write_start(j / "start.txt", Rigid(np.eye(3), np.array([3000.0, 0, 500]))), START, 2, "outside"
     ),
-    "unit m for mm, start": Case(lambda _: None, (*START, "--unit", "m"), 3, "was not found"),
+    "larger than the view": Case(lambda _: None, (*START, "--unit", "m"), 2, "the start puts the part outside"),
     "freedom without a start": Case(lambda _: None, ("--freedom", "plane:0,0,1"), 2, "--start or --points"),
     "freedom of two numbers": Case(lambda _: None, (*START, "--freedom", "plane:0,1"), 2, "3 numbers after plane:"),
     "unknown freedom": Case(lambda _: None, (*START, "--freedom", "plain:0,0,1"), 2, "did you mean 'plane'"),
@@ -168,8 +168,33 @@ def test_what_is_not_there_is_not_found(cadcam: Cadcam, here: Path, name: str) -
     assert not (here / "pose.json").exists()
 
 
-@pytest.mark.parametrize("model", ["shipblock_10k.obj"])
-def test_another_part_is_not_found(cadcam: Cadcam, here: Path, model: str) -> None:
-    """A ship's block, 120 times as large: in the picture wherever it is looked for, and larger than it."""
-    ran = cadcam("locate", "photo.png", MODELS / model, "--camera", "camera.json", "--start", "start.txt")
+@pytest.mark.slow
+def test_a_place_without_the_part_is_said_to_be_that(cadcam: Cadcam, here: Path) -> None:
+    picture(background)(here)
+    ran = cadcam(*LOCATE, "-o", "overlay.png")
+    assert ran.code == 3, ran.out
+    assert "was not found in photo.png" in ran.err
+
+
+def test_another_part_is_not_found(cadcam: Cadcam, here: Path) -> None:
+    """A ship's block, 30 times as large: seen from inside, or far away."""
+    words = ("locate", "photo.png", MODELS / "shipblock_10k.obj", "--camera", "camera.json", "--start", "start.txt")
+    assert cadcam(*words).code == 2
+    write_start(here / "start.txt", Rigid.look_at(np.array([5600.0, -7100, 4900]), [2100, 1500, 1100]))
+    ran = cadcam(*words)
     assert ran.code == 3, ran.out + ran.err
+    assert "was not found in photo.png" in ran.err
+
+
+def test_a_mirrored_photo_shows_no_part(cadcam: Cadcam, here: Path) -> None:
+    """A ship's block has no mirror plane; the start is where its mirror image is."""
+    pose = Rigid.look_at(np.array([5600.0, -7100, 4900]), [2100, 1500, 1100])
+    block = seen(CAMERA, pose, model="shipblock_10k.obj")
+    write_start(here / "start.txt", pose @ Rigid.exp([30, 40, -50, 0.02, 0.03, -0.04]))
+    words = ("locate", "photo.png", MODELS / "shipblock_10k.obj", "--camera", "camera.json", "--start", "start.txt")
+    write_picture("photo.png", block, bits=16)
+    assert cadcam(*words).code == 0
+    write_picture("photo.png", block[:, ::-1], bits=16)
+    ran = cadcam(*words)
+    assert ran.code == 3, ran.out
+    assert "not mirrored" in ran.err

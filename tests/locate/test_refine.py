@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from cadcam.cad.parts.bracket import machined_bracket
-from cadcam.camera.viewpoint import ErrorSource, Viewpoint
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady
+from cadcam.camera.viewpoint import ErrorSource, Viewpoint
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.evidence import LineEvidence, PointEvidence
@@ -18,6 +18,7 @@ from cadcam.locate.freedom import Freedom
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine import EdgeOptions, refine
+
 from .photos import CAMERA, noisy, photo, shot, view
 
 OFF = Rigid.exp([1.2, -0.9, 1.5, 0.01, -0.008, 0.012])  # some 6 px at these distances
@@ -98,7 +99,8 @@ def test_on_a_floor_the_part_is_known_better_as_theory_says(
     B = bound.pose.freedom
     theory = np.linalg.inv(B.T @ np.linalg.inv(free.pose.from_noise) @ B)
     ratio = np.sqrt(np.diag(B.T @ bound.pose.from_noise @ B) / np.diag(theory))
-    assert (ratio > 0.75).all() and (ratio < 1.35).all()
+    assert (ratio > 0.75).all()
+    assert (ratio < 1.35).all()
     assert np.abs(off(bound, pose) - B @ (B.T @ off(bound, pose))).max() < 1e-9
     assert np.linalg.matrix_rank(bound.pose.from_noise, tol=1e-12) == 3
 
@@ -146,7 +148,7 @@ def test_points_and_lines_are_believed_as_stated(
 @pytest.mark.parametrize("rows", ["points", "line"])
 def test_evidence_s_jacobian_is_its_difference(part: Part, pose: Rigid, rows: str) -> None:
     p = part.scene.mesh.vertices[[0, 50]]
-    q = CAMERA.project(pose @ p) + [[1.0, 2.0], [-1.0, 0.5]]
+    q = CAMERA.project(pose @ p) + np.array([[1.0, 2.0], [-1.0, 0.5]])
     item = PointEvidence(p, q, 0.1) if rows == "points" else LineEvidence(p, q, 0.1)
     shots = Photo.of(np.zeros((480, 640), np.float32), CAMERA)
     _, J = item.rows(shots, pose)

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.errors import NothingInView, UnreadableFile
+from cadcam.errors import BadValue, NothingInView, UnreadableFile
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
 from cadcam.locate import track as module
-from cadcam.locate.frames import Frames
+from cadcam.locate.frames import Frame, Frames
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
@@ -91,7 +91,7 @@ def test_a_long_loss_is_searched_for_without_a_start_but_rarely(sighting: Instal
     seen = sighting(60, hidden=set(range(2, 40)))
     tracked = list(track(PART, frames(60), FIRST))
     searched = [i for how, i in seen.calls if how == "search"]
-    assert searched == [2, 3, 4, 6, 10, 18, 26, 34, 42]
+    assert searched == [4, 6, 10, 18, 26, 34, 42]
     first = next(t for t in tracked[40:] if t.found)
     assert (first.frame.index, first.how) == (42, "searched")
     assert all(t.found for t in tracked[42:])
@@ -120,6 +120,23 @@ def test_a_motion_out_of_the_pictures_is_a_loss_but_a_start_outside_is_an_error(
     blind += [0, 1]
     (lost,) = track(PART, frames(3)[2:], history=[Step(0, FIRST), Step(1, FIRST)])
     assert (lost.how, lost.location.quality, len(lost.location.matches)) == ("lost", 0.0, 0)
+
+
+def test_a_frame_without_contrast_is_a_loss_that_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Real pictures of nothing: both of what locates are the real ones."""
+    blank = [Frame.of(i, Photo.of(np.full((48, 64), 0.4, np.float32), CAMERA)) for i in range(2)]
+    for tracked in track(PART, blank, FIRST):
+        assert (tracked.how, tracked.found) == ("lost", False)
+        assert "empty" in tracked.location.reason
+
+
+def test_a_restricted_motion_is_searched_for_only_around_its_start(sighting: Install) -> None:
+    """A search without a start would find poses that the restriction does not allow."""
+    seen = sighting(6, hidden={2, 3, 4, 5})
+    list(track(PART, frames(6), FIRST, freedom=Freedom.planar([0, 0, 1])))
+    assert not [call for call in seen.calls if call[0] == "search"]
+    with pytest.raises(BadValue, match="a start to move from"):
+        next(track(PART, frames(1), freedom=Freedom.planar([0, 0, 1])))
 
 
 def test_of_symmetric_poses_the_one_nearest_to_the_last_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,6 +25,7 @@ except MissingCore as error:
 
 SOURCES = Path(core.__file__).parent
 FUZZ = Path(__file__).with_name("fuzz.c")
+FUZZ_CORRELATE = Path(__file__).with_name("fuzz_correlate.c")
 
 
 def test_instruction_sets_give_the_same_bits() -> None:
@@ -79,15 +80,15 @@ def test_a_missing_core_says_why_and_what_to_do(monkeypatch: pytest.MonkeyPatch,
         core.library.cache_clear()
 
 
-def fuzz(tmp_path: Path, scenes: int, vectors: str) -> None:
-    """Build the core with AddressSanitizer and UBSan, and draw random and vicious scenes with it."""
+def fuzz(tmp_path: Path, scenes: int, vectors: str, harness: Path = FUZZ) -> None:
+    """Build the core with AddressSanitizer and UBSan, and give it random and vicious tasks."""
     if vectors == "avx2" and core.choose_variant(-1) == "baseline":
         pytest.skip("this processor has the baseline only")
     compiler = next((c for c in ("cc", "gcc", "clang") if shutil.which(c)), None)
     if compiler is None:
         pytest.skip("no C compiler")
     program = tmp_path / "fuzz"
-    files = [*sorted(SOURCES.glob("*.c")), FUZZ]
+    files = [*sorted(SOURCES.glob("*.c")), harness]
     flags = ["-std=c11", "-g", "-O1", "-ffp-contract=off", "-fsanitize=address,undefined,float-cast-overflow"]
     flags += ["-fno-sanitize-recover=all", "-DCC_VARIANT=_baseline", "-DCC_BASELINE_ONLY", f"-I{SOURCES}"]
     flags += ["-mavx2", "-mfma"] if vectors == "avx2" else []
@@ -105,6 +106,11 @@ def fuzz(tmp_path: Path, scenes: int, vectors: str) -> None:
 @pytest.mark.parametrize("vectors", ["avx2", "baseline"])
 def test_sanitizers_are_silent_over_a_few_vicious_scenes(tmp_path: Path, vectors: str) -> None:
     fuzz(tmp_path, 200, vectors)
+
+
+@pytest.mark.parametrize("vectors", ["avx2", "baseline"])
+def test_sanitizers_are_silent_over_vicious_templates(tmp_path: Path, vectors: str) -> None:
+    fuzz(tmp_path, 300, vectors, FUZZ_CORRELATE)
 
 
 @pytest.mark.slow

@@ -15,10 +15,13 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array
 from cadcam.calibrate.joint import JointFit, estimate_of, fit_jointly
+from cadcam.camera.camera import Camera
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import BrownConrady, Lens
 from cadcam.camera.observations import Observations
 from cadcam.errors import CadcamError, NoBoard, TooFewPoints
+from cadcam.fit.many_poses import Views, poses_of_views
+from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture_with_info
 from cadcam.target.circles import disc_shift
 from cadcam.target.detect import Detection, detect
@@ -132,6 +135,42 @@ def calibrate_boards(
         lens, free_lens = BrownConrady(), USUAL_TERMS if free_lens is None else free_lens
     solver = _Solver({"skew": 0.0} if fixed is None else dict(fixed), lens, tuple(free_lens or ()), bend)
     return _without_outliers(pictures, shown, solver, keep_all=keep_all)
+
+
+def board_views(pictures: Sequence[BoardPicture], camera: Camera) -> list[Observations | None]:
+    """Return what a camera that is known already saw of the board in each picture, for poses; None where it did not.
+
+    The shift of discs' pictures is taken off, by the pose that each picture shows. Raises `BoardsDisagree` for pictures
+    of another board or of another size than the camera's, `TooFewPoints` if the board is in none.
+    """
+    refuse_disagreeing(pictures)
+    for p in pictures[:1]:
+        if p.size != camera.size:
+            raise BoardsDisagree(
+                f"the pictures are {p.size[0]} x {p.size[1]} px, but the camera's are {camera.width} x "
+                f"{camera.height}: give the camera that took them, at their size"
+            )
+    shown = [i for i, p in enumerate(pictures) if p.detection is not None]
+    if not shown:
+        raise TooFewPoints(f"poses of a board (pictures; {_losses(pictures)})", 0, 1)
+    views = [_observations(pictures[i]) for i in shown]
+    radius = _radius([_detection(pictures[i]) for i in shown])
+    seen: list[Observations | None] = [None] * len(pictures)
+    for i, view in zip(shown, views if radius is None else _unshifted(views, camera, radius), strict=True):
+        seen[i] = view
+    return seen
+
+
+def _unshifted(views: Sequence[Observations], camera: Camera, radius: float) -> list[Observations]:
+    """Return the views with the shift of the discs' pictures taken off; poses hardly follow it, so it settles soon."""
+    out = list(views)
+    for _ in range(3):
+        both = poses_of_views(camera, Views.of([(v.p_world, v.q) for v in out]))
+        poses = both.chosen(np.zeros(len(out), dtype=int))
+        for j, (view, found) in enumerate(zip(views, np.isfinite(both.sum_of_squares[:, 0]), strict=True)):
+            pose = Rigid(poses.rotation[j], poses.translation[j])
+            out[j] = replace(view, q=view.q - disc_shift(camera, pose, view.p_world, radius)) if found else view
+    return out
 
 
 def _without_copies(pictures: Sequence[BoardPicture]) -> list[BoardPicture]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from cadcam.cli.arguments import Verbs, add_json, add_points_options, names, read_points_as_asked, verb
-from cadcam.cli.output import check_target, print_json, print_tables, say, working
+from cadcam.cli.boards import BOARD_HELP, PICTURES, picture_files
+from cadcam.cli.output import check_target, print_json, print_tables, progress, say, working
 from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
 
 if TYPE_CHECKING:
@@ -30,7 +31,8 @@ and camera moved alike: wrong order, direction, rotation convention, unit or sin
 direction open, are refused with the evidence. The robot's own noise is estimated: every pose may be off by as much, so
 that its errors are not charged to the camera. Good poses turn the flange by 20 to 40 deg about at least two axes."""
 
-_EXAMPLES = """\
+_EXAMPLES = f"""\
+  cadcam handeye r.csv --convention ur --mounting eye-in-hand --camera c.json --views shots/ --board chessboard:9x6:25mm
   cadcam handeye robot.csv --convention kuka --mounting eye-in-hand --camera camera.json --views seen/ -o handeye.json
   cadcam handeye robot.txt --mounting eye-in-hand --camera camera.json --views seen/*.csv       which convention fits?
   cadcam handeye poses/ --convention ros --mounting eye-to-hand --camera-poses target.csv       poses, no pixels
@@ -40,10 +42,12 @@ robot poses: base_from_flange, one a line, with or without column names and a na
   p1,512.31,-20.9,402.2,178.1,1.2,-90.3  fanuc yaskawa staubli kawasaki  mm, deg      abb  mm, quaternion w first
                                          ur  m, rotation vector    ros  m, quaternion w last
                                          rotation-vector quaternion-wxyz quaternion-xyzw matrix   say --robot-unit
-views: one points file a pose, X Y Z on the target and x_px y_px in its picture (cadcam calibrate --help); paired with
-  the robot's poses by name (file p1.csv, pose p1), or in order where the poses have no names
+views: one picture of the --board a pose, or one points file, X Y Z on the target and x_px y_px in its picture (cadcam
+  calibrate --help); paired with the robot's poses by name (file p1.png or p1.csv, pose p1), or in order where the poses
+  have no names. Poses whose picture does not show the board are not used
 camera poses: camera_from_world, the target being the world, one a line as in `cadcam render --poses`
-"""
+
+{BOARD_HELP}"""
 
 
 def add_to(verbs: Verbs) -> None:
@@ -72,10 +76,13 @@ def add_to(verbs: Verbs) -> None:
         "--adjust-internals", action="store_true", help="let the internals move within the camera file's own covariance"
     )
     seen = parser.add_mutually_exclusive_group(required=True)
-    seen.add_argument("--views", nargs="+", metavar="FILE", help="points files, one a pose, or a folder of them")
+    seen.add_argument(
+        "--views", nargs="+", metavar="FILE", help="pictures of the --board, or points files: one a pose, or a folder"
+    )
     seen.add_argument(
         "--camera-poses", metavar="FILE", help="poses of the target before the camera, in place of pixels"
     )
+    parser.add_argument("--board", metavar="BOARD", help="the board in the pictures, such as chessboard:9x6:25mm")
     parser.add_argument("--leave-out", type=names, default=(), metavar="A,B", help="names of poses not to use")
     parser.add_argument("-o", "--output", metavar="FILE", help="result to write (.json)")
     add_points_options(parser)
@@ -90,8 +97,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     if arguments.output:
         check_target(arguments.output, (".json",))
-    with working("reading poses and pictures"):
-        estimate = _estimate(arguments)
+    estimate = _estimate(arguments)
     document = hand_eye_as_json(estimate)
     if arguments.output:
         write_whole(arguments.output, as_json(document))
@@ -110,16 +116,20 @@ def _estimate(arguments: argparse.Namespace) -> HandEyeEstimate:
 
     robot = read_robot_numbers(*arguments.robot)
     if arguments.camera_poses:
-        if arguments.camera or arguments.adjust_internals:
-            raise BadValue("--camera", "given beside --camera-poses", "none: poses need no camera")
+        if arguments.camera or arguments.adjust_internals or arguments.board:
+            given = "--board" if arguments.board else "--camera"
+            raise BadValue(given, "given beside --camera-poses", "none: poses need no camera and no pictures")
         labels, robot, poses = _paired(arguments, robot, read_poses(arguments.camera_poses))
         seen = _stacked(poses)
         flange = _base_from_flange(arguments, robot, lambda: seen)
-        return calibrate_hand_eye_from_poses(flange, seen, mounting=arguments.mounting, names=labels)
+        with working(f"estimating from {len(labels)} poses"):
+            return calibrate_hand_eye_from_poses(flange, seen, mounting=arguments.mounting, names=labels)
     camera = _camera(arguments)
-    labels, robot, views = _paired(arguments, robot, _views(arguments))
+    found = _boards(arguments, camera) if arguments.board else _views(arguments)
+    labels, robot, views = _paired(arguments, robot, found)
     flange = _base_from_flange(arguments, robot, lambda: _target_poses(views, camera, labels))
-    return calibrate_hand_eye(flange, views, camera, mounting=arguments.mounting, names=labels)
+    with working(f"estimating from {len(labels)} poses and their pictures"):
+        return calibrate_hand_eye(flange, views, camera, mounting=arguments.mounting, names=labels)
 
 
 def _base_from_flange(arguments: argparse.Namespace, robot: RobotNumbers, seen: Callable[[], Rigid]) -> Rigid:
@@ -148,9 +158,14 @@ def _base_from_flange(arguments: argparse.Namespace, robot: RobotNumbers, seen: 
 
 def _target_poses(views: Sequence[Observations], camera: Camera | CameraEstimate, labels: Sequence[str]) -> Rigid:
     from cadcam.calibrate.handeye import target_poses
+
+    return target_poses(views, _held(camera), names=labels)
+
+
+def _held(camera: Camera | CameraEstimate) -> Camera:
     from cadcam.camera.estimate import CameraEstimate
 
-    return target_poses(views, camera.camera if isinstance(camera, CameraEstimate) else camera, names=labels)
+    return camera.camera if isinstance(camera, CameraEstimate) else camera
 
 
 def _camera(arguments: argparse.Namespace) -> Camera | CameraEstimate:
@@ -166,33 +181,59 @@ def _camera(arguments: argparse.Namespace) -> Camera | CameraEstimate:
     return file.estimate
 
 
-def _views(arguments: argparse.Namespace) -> dict[str, Observations]:
+def _boards(arguments: argparse.Namespace, camera: Camera | CameraEstimate) -> dict[str, Observations | None]:
+    """Return what each picture shows of the board, by the stem of its file, None where it does not show it."""
+    from cadcam.calibrate.boards import board_views, find_board
+    from cadcam.target.pattern import parse_pattern
+
+    pattern = parse_pattern(arguments.board)
+    files = _by_stem([Path(file) for file in picture_files(arguments.views)])
+    found = []
+    with progress("finding the board", len(files)) as step:
+        for file in files.values():
+            found.append(find_board(file, pattern))
+            step()
+    for picture in found:
+        if picture.detection is None:
+            say(f"{picture.name}: {picture.problem}; its pose is not used")
+    if pattern.turns > 1:
+        say(f"{pattern} looks the same after a turn: it is taken as upright in every picture, so keep the camera so")
+    return dict(zip(files, board_views(found, _held(camera)), strict=True))
+
+
+def _by_stem(files: Sequence[Path]) -> dict[str, Path]:
+    """Return the files by their stems, in the order of the last numbers in them."""
+    stems: dict[str, Path] = {}
+    for file in sorted(files, key=_by_number):
+        if file.stem in stems:
+            raise UnreadableFile(file, f"is the second file called {file.stem!r}", "give each pose one")
+        stems[file.stem] = file
+    return stems
+
+
+def _views(arguments: argparse.Namespace) -> dict[str, Observations | None]:
     """Return the observations by the stem of their files."""
     files = [Path(v) for v in arguments.views]
+    if pictures := [f for f in files if f.suffix.lower() in PICTURES]:
+        raise BadValue("points file", f"the picture {pictures[0]}", "a text file; or --board BOARD for pictures of one")
     if len(files) == 1 and files[0].is_dir():
         folder = files[0]
         files = sorted(f for f in folder.iterdir() if f.suffix.lower() in (".csv", ".txt"))
         if not files:
-            raise UnreadableFile(folder, "holds no points file (.csv, .txt)", "name the right folder")
-    views: dict[str, Observations] = {}
-    for file in sorted(files, key=_by_number):
-        if file.stem in views:
-            raise UnreadableFile(file, f"is the second points file called {file.stem!r}", "give each pose one")
-        views[file.stem] = read_points_as_asked(arguments, str(file))
-    return views
+            raise UnreadableFile(folder, "holds no points file (.csv, .txt)", "name the right folder; or --board BOARD")
+    return {stem: read_points_as_asked(arguments, str(file)) for stem, file in _by_stem(files).items()}
 
 
 def _paired(
-    arguments: argparse.Namespace, robot: RobotNumbers, seen: dict[str, Seen]
+    arguments: argparse.Namespace, robot: RobotNumbers, seen: Mapping[str, Seen | None]
 ) -> tuple[tuple[str, ...], RobotNumbers, list[Seen]]:
-    """Return names, the robot's poses and what was seen there, row by row, without those to leave out."""
+    """Return names, the robot's poses and what was seen there, row by row, without those to leave out or unseen."""
     rows = _rows(robot, list(seen))
     for name in arguments.leave_out:
         if name not in rows:
             raise UnknownName("pose to leave out", name, rows)
-    kept = [name for name in rows if name not in arguments.leave_out]
-    index = [rows[name] for name in kept]
-    return tuple(kept), robot.some(index), [seen[name] for name in kept]
+    kept = {name: what for name in rows if name not in arguments.leave_out and (what := seen[name]) is not None}
+    return tuple(kept), robot.some([rows[name] for name in kept]), list(kept.values())
 
 
 def _rows(robot: RobotNumbers, seen: list[str]) -> dict[str, int]:

@@ -26,14 +26,14 @@ _PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", "
 _FOUND_COLOR, _OTHER_COLOR = (0.0, 0.85, 0.35), (1.0, 0.35, 0.0)
 _EXAMPLES = f"""\
   cadcam match photo.png corner.png -o where.png
-  cadcam match photo.png corner.png --angles -20,20 --scales 0.9,1.1 --count 5 --json
+  cadcam match photo.png corner.png --angles -20 20 --scales 0.9 1.1 --count 5 --json
   cadcam match photo.png part.step --camera camera.json --pose start.txt -o features.png
   cadcam match photo.png part.stl --unit mm --camera camera.json --edges --peaks
 
 The gap is what a peak's score has over the next one's: a high score with a small gap says that the picture shows the
 same thing twice. A feature whose best peak is wrong is no harm: the pose is that on which most features agree.
 
-exit codes: 0 found, 3 not found (nothing reaches --least-score; or no more features agree than by chance).
+exit codes: 0 found; 3 not found: nothing reaches --least-score, or too few features agree on a pose.
 
 {POSE_HELP}"""
 _DESCRIPTION = """\
@@ -59,9 +59,11 @@ def _add_template_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("template")
     group.add_argument("--mask", metavar="FILE", help="picture of the template's size: where it is dark does not count")
     group.add_argument(
-        "--angles", type=_range, default=(-180.0, 180.0), metavar="A,B", help="degrees, from x towards y (default all)"
+        "--angles", type=float, nargs=2, default=(-180, 180), metavar="DEG", help="from, to, x towards y (default all)"
     )
-    group.add_argument("--scales", type=_range, default=(1.0, 1.0), metavar="A,B", help="sizes (default 1,1)")
+    group.add_argument(
+        "--scales", type=float, nargs=2, default=(1, 1), metavar="S", help="least, largest (default 1 1)"
+    )
     group.add_argument("--count", type=int, default=3, metavar="N", help="peaks to report (default 3)")
     group.add_argument("--least-score", type=float, default=0.4, metavar="S", help="of a peak, 0 to 1 (default 0.4)")
     group.add_argument("--either-sign", action="store_true", help="reversed contrast matches as well")
@@ -107,7 +109,7 @@ def _run_template(arguments: argparse.Namespace) -> int:
 
     options = CorrelateOptions(
         angles=(math.radians(arguments.angles[0]), math.radians(arguments.angles[1])),
-        scales=arguments.scales,
+        scales=tuple(arguments.scales),
         count=arguments.count,
         least_score=arguments.least_score,
         either_sign=arguments.either_sign,
@@ -186,11 +188,19 @@ def _print_part(arguments: argparse.Namespace, matches: TemplateMatches, close: 
     tables += [closeness_table(close)] if arguments.edges else []
     print_tables(tables)
     where = "at the pose found" if matches.found else "at the pose given"
-    print("found" if matches.found else "not found: no more features agree on a pose than by chance")
+    print("found" if matches.found else f"not found: {_why_not(matches)}")
     print(f"edges of the photo lie on {100 * close.total:.0f} % of the visible lines {where}, beyond chance")
     if matches.found and matches.pose is not None:
         _print_pose(matches)
     _say_written(arguments)
+
+
+def _why_not(matches: TemplateMatches) -> str:
+    from cadcam.locate.templates import CERTAIN
+
+    if matches.pose is None or matches.by_chance >= CERTAIN:
+        return "no more features agree on a pose than could by chance"
+    return "most features, or most lines, contradict the pose that some agree on"
 
 
 def _print_pose(matches: TemplateMatches) -> None:
@@ -282,7 +292,7 @@ def _with_peaks(photo: Picture, template: Template, peaks: Peaks) -> Picture:
         picture = draw_polylines(picture, [box], color=color, width=1.5)
         picture = draw_polylines(picture, [box[:2]], color=color, width=3.5)
         picture = draw_points(picture, peaks.q[i : i + 1], color=color, mark="plus")
-        picture = draw_text(picture, peaks.q[i] + [7, -9], f"{i + 1}: {peaks.score[i]:.3f}", color=color)
+        picture = draw_text(picture, box[0] + np.array([4, 10]), f"{i + 1}: {peaks.score[i]:.3f}", color=color)
     return picture
 
 
@@ -315,13 +325,3 @@ def _write(path: str, picture: Picture) -> None:
     from cadcam.image.picture import write_picture
 
     write_picture(path, picture)
-
-
-def _range(text: str) -> tuple[float, float]:
-    low, comma, high = text.partition(",")
-    try:
-        if comma and float(low) <= float(high):
-            return float(low), float(high)
-    except ValueError:
-        pass
-    raise argparse.ArgumentTypeError(f"{text!r} is not a range; give two numbers, such as -20,20")

@@ -5,14 +5,14 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from cadcam.cli.arguments import Verbs, add_json, names, number, verb
+from cadcam.cli.arguments import Verbs, add_json, verb
+from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, start_as_asked
 from cadcam.cli.models import add_model_options, load_as_asked
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
 from cadcam.cli.photos import Shots, add_photo_options, read_shots
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
-    from cadcam.locate.freedom import Freedom
     from cadcam.locate.location import Location
     from cadcam.locate.part import Part
     from cadcam.report.verify_json import Origin
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from cadcam.verify.tolerance import Tolerances
 
 _SUFFIXES = (".html", ".json")
+_POSED_PX = 4.0  # how far off a pose that was found before may be
 _DESCRIPTION = """\
 Judge a part against its CAD, from one photo or several. The part is found, its pose is fitted to datum features, and
 every other feature is compared with where the CAD has it: its displacement in mm with its uncertainty, and whether it
@@ -28,7 +29,7 @@ is there at all. Each limit of the tolerance file gets a verdict by ISO 14253-1:
 
 The uncertainty holds the photo's noise, what each edge has wrong as a whole, the pose, and the camera's calibration, as
 far as its file has one. One photo shows no displacement along the line of sight."""
-_EXAMPLES = """\
+_EXAMPLES = f"""\
   cadcam verify part.step --list -o names.png                     what a tolerance file can name, on a picture
   cadcam verify part.step --list 'bar 1*'                         the edges (chains) of these parts
   cadcam verify photo.png part.step --camera camera.json --template > tolerances.yaml
@@ -38,17 +39,14 @@ _EXAMPLES = """\
 
 tolerance file (YAML; mm and degrees, in the part's axes):
   k: 2                             coverage factor
-  datum: [{part: tank top}]        what the pose is fitted to; without it: all that is not judged
+  datum: [{{part: tank top}}]        what the pose is fitted to; without it: all that is not judged
   features:
     stiffener:
       part: bar 1.1 port           or a pattern; box_mm, chains, kinds narrow it
       position_mm: 0.8             also: profile_mm, angle_deg; direction: [0, 1, 0] judges a position along it alone
       presence: required
 
-where the part is: --pose (found before: looked for within a pixel or two), --start (roughly: 20 degrees, 40 px), else
-where the camera's file says that its world is, else it is searched for from all sides. A pose file's first line says
-what it holds: '# camera_from_part, mm' (or world_from_part), then a 3x4 or 4x4 matrix; or JSON of `cadcam locate`.
-
+{START_HELP}
 exit codes: 0 PASS, 1 FAIL, 3 UNDECIDED or not found (the reason is printed), 2 errors. Without --tolerances nothing is
 judged: displaced and missing parts are reported, and the code is 0, or 3 if the part is not found.
 `cadcam state add report.json` keeps the result.
@@ -63,12 +61,8 @@ def add_to(verbs: Verbs) -> None:
     add_model_options(parser)
     add_photo_options(parser)
     parser.add_argument("--tolerances", metavar="FILE", help="tolerance file (see below)")
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument("--pose", metavar="FILE", help="where the part was found (see below)")
-    where.add_argument("--start", metavar="FILE", help="where it is, roughly")
-    parser.add_argument(
-        "--planar", type=names, metavar="NX,NY,NZ", help="it only slides and turns on a plane with this normal (world)"
-    )
+    add_start_options(parser)
+    parser.add_argument("--pose", metavar="FILE", help="where the part was found before, to a pixel or two: no search")
     parser.add_argument(
         "--reach", type=float, default=8.0, metavar="PX", help="how far displaced features are looked for (default 8)"
     )
@@ -138,29 +132,20 @@ def _tolerances(arguments: argparse.Namespace, part: Part) -> Tolerances:
     return tolerances
 
 
-def _freedom(arguments: argparse.Namespace) -> Freedom:
-    from cadcam.locate.freedom import FREE, Freedom
-
-    if arguments.planar is None:
-        return FREE
-    if len(arguments.planar) != 3:
-        raise BadValue("--planar", ",".join(arguments.planar), "a normal NX,NY,NZ such as 0,0,1")
-    return Freedom.planar([number("--planar", v) for v in arguments.planar])
-
-
 def _located(arguments: argparse.Namespace, part: Part, shots: Shots) -> Location:
     """Return where the part is, by what was said about it."""
+    from cadcam.cli.locate import located
     from cadcam.files.pose_estimate import read_part_pose
     from cadcam.locate.refine import EdgeOptions, refine
 
-    freedom = _freedom(arguments)
-    said = arguments.pose or arguments.start
-    start = read_part_pose(said) if said else shots.camera_from_world
+    view, freedom = shots.photos[0].viewpoint, freedom_as_asked(arguments)
+    if arguments.pose and (arguments.start or arguments.points):
+        raise BadValue("--pose", "given beside --start or --points", "one of them")
     with working("finding the part"):
-        if start is None:
-            raise BadValue("--start or --pose", "not given", "where the part is, roughly")
-        search = 4.0 if arguments.pose else 30.0
-        return refine(part, shots.photos, start, freedom=freedom, options=EdgeOptions(search_px=search))
+        if arguments.pose:
+            pose = read_part_pose(arguments.pose, camera_from_world=view.camera_from_world)
+            return refine(part, shots.photos, pose, freedom=freedom, options=EdgeOptions(search_px=_POSED_PX))
+        return located(part, shots, start_as_asked(arguments, view), freedom)
 
 
 def _verified(
@@ -172,7 +157,7 @@ def _verified(
 
     options = InspectionOptions(reach_px=arguments.reach, alarms=arguments.alarms)
     with working("comparing edges"):
-        found = verify(part, shots.photos, located, tolerances, options=options, freedom=_freedom(arguments))
+        found = verify(part, shots.photos, located, tolerances, options=options, freedom=freedom_as_asked(arguments))
     _report(arguments, shots, found, _origin(arguments, shots))
     if not found.judgements:
         return found.verdict.exit_code if found.verdict is Verdict.NOT_FOUND else 0

@@ -65,9 +65,9 @@ def grouped_fit(
 ) -> GroupedFit:
     """Return the fit of y (n,) by J (n, k) with known variances (n,) and ascending group numbers (n,), none left out.
 
-    usual: a usual standard deviation between groups. exact (G,): groups without an offset or scatter of their own, which
-    are believed as they are. Robust fits start from x = 0, near which half of the other data must lie. Raises `DegenerateGeometry` where the data leave a parameter
-    open.
+    usual: a usual standard deviation between groups. exact (G,): groups without an offset or scatter of their own,
+    believed as they are. Robust fits start from x = 0, near which half of the other data must lie. Raises
+    `DegenerateGeometry` where the data leave a parameter open.
     """
     sums = _Sums(y, J, group, exact)
     free = sums.free[group]

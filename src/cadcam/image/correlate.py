@@ -25,7 +25,7 @@ _FULL_TURN = (-math.pi, math.pi)
 _FINER = 2.5  # from level to level
 _SMOOTHED = 0.1  # by how much a correlation may rise from fine to coarse pixels without being lost
 _ROUGH, _SETTLED = 0.03, 0.001  # px of a level: the last step of a climb, between levels and at the end
-_REACH = 3.0  # px of a level that a climb may go
+_REACH, _LEAST_REACH = 0.25, 3.0  # share of the template, and px of a level, that a climb may go
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +222,7 @@ def _refined(
         cubic=cubic,
         iterations=12,
         settled=_SETTLED if cubic else _ROUGH,
-        reach=_REACH,
+        reach=max(_LEAST_REACH, _REACH * min(template.size) / factor),
     )
     local[:, :2] = (local[:, :2] + 0.5) * factor - 0.5
     return local, score

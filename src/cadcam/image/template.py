@@ -166,6 +166,11 @@ class Template:
         return _mean_about(self._counted, *self._template_px(dx, dy, angle, scale, factor), factor / scale) >= _INSIDE
 
     def _made_points(self, factor: int, motions: int) -> Points:
+        if factor == 1:
+            gray, (y, x) = self.gray.astype(np.float64), np.nonzero(self.mask)
+            gy, gx = (np.asarray(np.gradient(gray, axis=k))[y, x] for k in range(2))
+            middle = (np.array(gray.shape) - 1) / 2
+            return _normalised(x - middle[1], y - middle[0], gray[y, x], gx, gy, motions)
         h, w = self.gray.shape
         v, u = (a.ravel() for a in np.meshgrid(_centres(h, factor), _centres(w, factor), indexing="ij"))
         x, y = u * factor + (w - 1) / 2, v * factor + (h - 1) / 2
@@ -173,15 +178,8 @@ class Template:
         if kept.sum() < LEAST_POINTS:
             kept = _mean_about(self._counted, x, y, factor) > 0.5
         u, v, x, y = u[kept], v[kept], x[kept], y[kept]
-        value = _mean_about(self._sum, x, y, factor)
         gx, gy = self._slopes(x, y, factor)
-        slope = np.stack([gx, gy, gy * u - gx * v, gx * u + gy * v][:motions])
-        value = value - value.mean()
-        length = max(float(np.linalg.norm(value)), 1e-12)
-        value, slope = value / length, slope / length
-        slope = slope - slope.mean(axis=1, keepdims=True)
-        slope = slope - (slope @ value)[:, None] * value
-        return Points.of(u, v, value, slope)
+        return _normalised(u, v, _mean_about(self._sum, x, y, factor), gx, gy, motions)
 
     def _slopes(self, x: Array, y: Array, factor: int) -> tuple[Array, Array]:
         """Return the template's slope by px of a level, between what lies one pixel before and after, within it."""
@@ -195,6 +193,17 @@ class Template:
 
         h, w = self.gray.shape
         return between(0, w - 1), between(1, h - 1)
+
+
+def _normalised(u: Array, v: Array, value: Array, gx: Array, gy: Array, motions: int) -> Points:
+    """Return points of zero mean and unit length, and their slopes by shifts, turn, scale beside gain and offset."""
+    slope = np.stack([gx, gy, gy * u - gx * v, gx * u + gy * v][:motions])
+    value = value.astype(np.float64) - value.mean(dtype=np.float64)
+    length = max(float(np.linalg.norm(value)), 1e-12)
+    value, slope = value / length, slope / length
+    slope = slope - slope.mean(axis=1, keepdims=True)
+    slope = slope - (slope @ value)[:, None] * value
+    return Points.of(u, v, value, slope)
 
 
 def _centres(length: int, factor: int) -> Array:
@@ -232,10 +241,11 @@ def _mean_about(integral: Array, x: Array, y: Array, side: float | Array) -> Arr
 
 
 def _at(integral: Array, x: Array, y: Array) -> Array:
-    i, j = np.minimum(x.astype(int), integral.shape[1] - 2), np.minimum(y.astype(int), integral.shape[0] - 2)
-    a, b = x - i, y - j
-    upper = integral[j, i] * (1 - a) + integral[j, i + 1] * a
-    return np.asarray(upper * (1 - b) + (integral[j + 1, i] * (1 - a) + integral[j + 1, i + 1] * a) * b)
+    width, flat = integral.shape[1], integral.ravel()
+    i, j = np.minimum(x.astype(np.intp), width - 2), np.minimum(y.astype(np.intp), integral.shape[0] - 2)
+    a, b, at = x - i, y - j, j * width + i
+    upper, lower = (flat.take(k) + a * (flat.take(k + 1) - flat.take(k)) for k in (at, at + width))
+    return np.asarray(upper + b * (lower - upper))
 
 
 def _correlation(a: Array, b: Array) -> float:

@@ -54,7 +54,8 @@ class Closeness:
     length with an edge of its direction near it; offset (M,) px, median along the normal, photo minus model, and
     scatter (M,) px about it (a standard deviation by the median deviation), nan where there is none; chance (M,): the
     share that lines beside it have. By vote: shift (M,) px along the normal, and votes (M,), the share of the length
-    that agrees on it; nan and 0 where nothing votes. The normal points to the left of the direction in which a chain runs.
+    that agrees on it; nan and 0 where nothing votes. The normal points to the left of the direction in which
+    a chain runs.
     """
 
     chain: Ids

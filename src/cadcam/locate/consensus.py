@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Mask
+from cadcam.camera.camera import Camera
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.fit.least_squares import Stalled, minimise
 from cadcam.fit.many_poses import pose_jacobian
@@ -22,7 +23,8 @@ from cadcam.fit.p3p import p3p
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.photo import Photo
 
-_TRIPLES = 800
+_TRIPLES = 3000  # that are tried, of four times as many drawn: the others are not turned alike
+_ALIKE = 0.2  # rad between the turns of three features that can belong to one pose near the start
 _NEAR_START = 1.5  # times the reach: a pose that moves the features' median by more is not looked at
 _TURN_SHARE, _LEAST_TURN = 0.3, math.radians(4)  # of the turn sought: within it an angle agrees
 _SETTLED = 5  # poses, the best supported, that are refined
@@ -149,7 +151,7 @@ def _poses_of_triples(
     for k, photo in enumerate(photos):
         camera_from_world = photo.viewpoint.camera_from_world
         mine = np.flatnonzero(c.photo[c.feature] == k)
-        triples = _triples(c, mine, rng, _TRIPLES // len(photos))
+        triples = _triples(c, mine, _turns(c, photo.camera, camera_from_world @ start), rng, _TRIPLES // len(photos))
         if not len(triples):
             continue
         F, R = p3p(c.p_part[c.feature[triples]], photo.camera.unproject(c.q[triples]))
@@ -165,12 +167,21 @@ def _poses_of_triples(
     return np.concatenate(rotations), np.concatenate(translations), tried
 
 
-def _triples(c: Candidates, mine: npt.NDArray[np.intp], rng: np.random.Generator, count: int) -> npt.NDArray[np.intp]:
+def _turns(c: Candidates, camera: Camera, camera_from_part: Rigid) -> Array:
+    """Return by how much (M,) rad each candidate is turned against a pose."""
+    side = camera.project(camera_from_part @ c.right) - camera.project(camera_from_part @ c.p_part)
+    return np.asarray(c.angle - np.arctan2(side[:, 1], side[:, 0])[c.feature])
+
+
+def _triples(
+    c: Candidates, mine: npt.NDArray[np.intp], turn: Array, rng: np.random.Generator, count: int
+) -> npt.NDArray[np.intp]:
     """Return triples (at most count, 3) of candidates of three features each, good ones oftener, none twice."""
     if len(np.unique(c.feature[mine])) < 3:
         return np.zeros((0, 3), np.intp)
     chance = c.score[mine] ** 4
-    triples = mine[rng.choice(len(mine), size=(count, 3), p=chance / chance.sum())]
+    triples = mine[rng.choice(len(mine), size=(4 * count, 3), p=chance / chance.sum())]
+    triples = triples[np.ptp(turn[triples], axis=1) < _ALIKE][:count]
     triples = np.unique(np.sort(triples, axis=1), axis=0)
     f = np.sort(c.feature[triples], axis=1)
     triples = triples[(f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2])]
@@ -184,9 +195,10 @@ def _support(c: Candidates, photos: Sequence[Photo], R: Array, t: Array, toleran
     """Return how well each candidate agrees with poses (S, M), 0 to its score; of each feature only the best."""
     d2, turned = _misses(c, photos, R, t)
     value = np.where(turned < _turn_tolerance(c), c.score * np.maximum(0.0, 1 - d2 / tolerance**2), 0.0)
-    best = np.zeros((len(value), len(c.p_part)))
-    np.maximum.at(best.T, c.feature, value.T)
-    return np.where((value > 0) & (value == best[:, c.feature]), value, 0.0)
+    order = np.argsort(c.feature, kind="stable")
+    _, first, of = np.unique(c.feature[order], return_index=True, return_inverse=True)
+    best = np.maximum.reduceat(value[:, order], first, axis=1)[:, of[np.argsort(order)]]
+    return np.where((value > 0) & (value == best), value, 0.0)
 
 
 def _turn_tolerance(c: Candidates) -> float:

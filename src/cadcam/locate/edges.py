@@ -27,13 +27,15 @@ _OWN_RUN = 4.0  # of its reach: along a run, how far a sample does not take the 
 class EdgeSamples:
     """N samples: p (N, 3) mm and unit tangent (N, 3) in the part frame, chain (N,; -1 on contours) and run (N,).
 
-    below, above (N,) px: how far against and along the normal no other line of the model is.
+    line (N,): number of the polyline that they were drawn from; below, above (N,) px: how far against and along the
+    normal no other line of the model is.
     """
 
     p: Array
     tangent: Array
     chain: Ids
     run: Ids
+    line: Ids
     below: Array
     above: Array
 
@@ -110,7 +112,7 @@ def sample_lines(lines: Polylines, camera: Camera, *, step_px: float, reach_px: 
         most=reach_px,
     )
     samples = EdgeSamples(
-        pa + fraction[:, None] * (pb - pa), tangent, chain, run[segment].astype(np.int32), below, above
+        pa + fraction[:, None] * (pb - pa), tangent, chain, run[segment].astype(np.int32), line, below, above
     )
     inside = camera.sees(at)
     return samples if inside.all() else samples.select(inside)

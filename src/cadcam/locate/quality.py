@@ -1,13 +1,13 @@
 """Is the part really there? How much of its visible edges the photo shows, against how much it would show of any lines.
 
-An edge counts as shown where brightness steps very near it, about as strongly as anywhere around, with the same sign
-along the line, and where the next sample on the line finds it at the same distance: a line, not a speckle. The same is
-asked of the same lines shifted to where the part is not; what they find is chance.
+An edge counts as shown where brightness steps very near it, about as strongly as anywhere around, and where the next
+sample on the line finds it at the same distance and of the same sign: a line, not a speckle. The same is asked of the
+same lines shifted to where the part is not; what they find is chance.
 
     share = (shown - by chance) / (1 - by chance)
 
 is 1 for a part seen whole and about 0 for a pose anywhere; a wrong pose that a search has fitted to whatever lines
-there are seldom reaches a half. So one threshold serves all parts and photos: quality 0.5 stands for a share of 0.53.
+there are seldom reaches a half. So one threshold serves all parts and photos: quality 0.5 stands for a share of 0.55.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _ROOM_PX = 2.5  # a sample nearer than this to another line says nothing
 _AGREE_PX = 0.5  # by which neighbours on a line may differ
 _FAINT = 0.4  # of the strongest slope nearby
 _SHIFTS = [(14.0, 0.3), (22.0, 1.9), (14.0, 3.4), (22.0, 5.0)]  # px, rad
-_SHARES = (0.0, 0.53, 0.95)  # shares that make quality 0, 1/2 and 1
+_SHARES = (0.0, 0.55, 0.95)  # shares that make quality 0, 1/2 and 1
 _LEAST = 12  # samples that can tell anything at all
 
 
@@ -81,15 +81,14 @@ def _share(sight: Sight, q: Array, normal: Array, run: Ids, room: Array) -> floa
     near = (np.abs(offset) < _NEAR_PX) & (slope > _FAINT * strongest[:, None])
     best = np.argmax(np.where(near, slope, 0.0), axis=1)
     here = np.arange(len(q)), best
-    sign = np.sign(found.slope[here]) * near[here]
-    agreed = near[here] & (sign == np.sign(np.bincount(run, np.nan_to_num(sign)))[run])
-    lines = _continued(agreed, np.nan_to_num(offset[here]), run)
+    lines = _continued(near[here], np.nan_to_num(offset[here]), np.nan_to_num(np.sign(found.slope[here])), run)
     return float(2 * lines.sum() / ((strongest > 0).sum() + len(q)))
 
 
-def _continued(good: Mask, offset: Array, run: Ids) -> Mask:
-    """Return which good samples have a neighbour on their run that is good and at the same distance."""
-    pair = good[1:] & good[:-1] & (run[1:] == run[:-1]) & (np.abs(np.diff(offset)) < _AGREE_PX)
+def _continued(good: Mask, offset: Array, sign: Array, run: Ids) -> Mask:
+    """Return which good samples have a neighbour on their run that is good, of the same sign and distance."""
+    same = (run[1:] == run[:-1]) & (sign[1:] == sign[:-1])
+    pair = good[1:] & good[:-1] & same & (np.abs(np.diff(offset)) < _AGREE_PX)
     out = np.zeros(len(good), bool)
     out[1:] |= pair
     out[:-1] |= pair

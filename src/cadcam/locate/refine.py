@@ -36,8 +36,11 @@ _CLOSE = 3  # px: how far from the lines their steps may be after the search
 _ON_LINE = 0.7  # px: steps this near are fitted on the line itself
 _USUAL_PX = 0.05  # by which edges are off as a whole
 _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
-_ROUNDS = (4, 12)  # reweightings in the first and the last measurement
+_ROUNDS = (3, 8, 8, 8)  # reweightings in the first measurement, the second, and more where it is not settled
+_SETTLED_PX = 0.2  # by which nine tenths of the lines may move in the last step
+_PIECES = 30  # groups that the edges are cut into at least
 _DOUBT = (0.25, 0.62)  # quality of a pose that half of the lines agree with: worth a second, wider search
+_LOOSE_PX = 0.25  # by which edges of a good pose are seldom off as a whole
 _WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
 _UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose that nothing was measured of
 
@@ -55,7 +58,7 @@ class EdgeOptions:
     step_px: float = 4.0
     reach_px: float = 7.0
     room_px: float = 2.5
-    group_px: float = 120.0
+    group_px: float = 150.0
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -84,12 +87,13 @@ def refine(
     """
     if not photos:
         raise BadValue("photos", "none", "at least one photo")
-    first = _refined(part, photos, start, freedom, evidence, options)
-    if not _DOUBT[0] < first.quality < _DOUBT[1]:
+    first, loose = _refined(part, photos, start, freedom, evidence, options)
+    if first.quality <= _DOUBT[0] or (first.quality >= _DOUBT[1] and not loose):
         return first
     wider = replace(options, search_px=max(_WIDER * options.search_px, _WIDER_PX))
-    second = _refined(part, photos, first.pose.world_from_part, freedom, evidence, wider)
-    return second if second.quality > first.quality else first
+    second, still_loose = _refined(part, photos, first.pose.world_from_part, freedom, evidence, wider)
+    tighter = loose and not still_loose and second.found
+    return second if tighter or second.quality > first.quality else first
 
 
 def _refined(
@@ -99,8 +103,8 @@ def _refined(
     freedom: Freedom,
     evidence: Sequence[Evidence],
     options: EdgeOptions,
-) -> Location:
-    """Return what one search from `start` and the measurement after it find."""
+) -> tuple[Location, bool]:
+    """Return what one search from `start` and the measurement after it find, and whether edges fit it only loosely."""
     sights = _sights(part, photos, start, options)
     pose = attracted(sights, start, freedom, search_px=options.search_px)
     if max(s.moved_px(pose) for s in sights) > _REDRAW_PX:
@@ -108,8 +112,8 @@ def _refined(
     try:
         fitted = _fitted(sights, pose, freedom, evidence, options)
     except DegenerateGeometry as error:
-        return _lost(sights, pose, freedom, str(error))
-    return _location(part, fitted, freedom)
+        return _lost(sights, pose, freedom, str(error)), False
+    return _location(part, fitted, freedom), fitted.fit.between > _LOOSE_PX
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,13 +147,13 @@ def _sights(
 def _fitted(
     sights: Sequence[Sight], pose: Rigid, freedom: Freedom, evidence: Sequence[Evidence], options: EdgeOptions
 ) -> _Fitted:
-    """Return the pose after measuring twice: steps where they are first seen, then on the lines themselves."""
+    """Return the pose after measuring steps where they are first seen, then on the lines themselves."""
     half = 0.5 * options.step_px
     places = [s.project(pose) for s in sights]
     room = {"half_length": half, "reach_px": options.reach_px, "room_px": options.room_px}
-    cells = [Cells.of(s, at, **room) for s, at in zip(sights, places, strict=True)]
     where = [nearest_steps(s, at, half_length=half, reach=_CLOSE) for s, at in zip(sights, places, strict=True)]
-    for iterations in _ROUNDS:
+    cells = [Cells.of(s, at, where=w, **room) for s, at, w in zip(sights, places, where, strict=True)]
+    for number, iterations in enumerate(_ROUNDS):
         measured = [measure(*all_of) for all_of in zip(sights, places, cells, where, strict=True)]
         B = freedom.at(pose)
         fit = _solved(
@@ -158,6 +162,8 @@ def _fitted(
         last = _Fitted(sights, pose, pose @ Rigid.exp(B @ fit.x), B, places, measured, fit)
         pose = last.pose
         where = [_left(m, moved) for m, moved in zip(measured, last.moved, strict=True)]
+        if number and np.quantile(np.abs(np.concatenate(last.moved)), 0.9) < _SETTLED_PX:
+            break
         places = [s.project(pose) for s in sights]
     return last
 
@@ -192,8 +198,12 @@ def _solved(
 
 
 def _groups(sights: Sequence[Sight], measured: Sequence[Measured], options: EdgeOptions) -> Longs:
-    """Return the number of the piece of edge that each usable sample lies on, ascending."""
-    most = max(int(options.group_px / options.step_px), 1)
+    """Return the number of the piece of edge that each usable sample lies on, ascending.
+
+    Parts that are small in the picture have shorter pieces: a few groups would not tell how they scatter.
+    """
+    most = min(options.group_px / options.step_px, sum(len(s.samples) for s in sights) / _PIECES)
+    most = max(int(most), 5)
     keys, before = [np.zeros(0, np.int64)], 0
     for sight, m in zip(sights, measured, strict=True):
         run = sight.samples.run.astype(np.int64)

@@ -7,9 +7,11 @@ its own correlation, 1, and the next peak's within reach.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from cadcam.arrays import Array, Mask, Picture, frozen
 from cadcam.errors import BadValue
@@ -29,7 +31,7 @@ class SalientOptions:
     """How windows are chosen.
 
     side: of a square window, px. count: at most. spacing: px between two centres, at least. least_gap: between a
-    window's correlation with itself and the next peak within `reach` px of it in the drawing.
+    window's correlation with itself and the next peak within `reach` px of it in the drawing; not asked if 0.
     """
 
     side: int = 49
@@ -79,30 +81,31 @@ def salient_windows(
     counts (H, W): pixels that the model tells. view: of the part from the same place, with DEPTH.
     """
     strength = corner_strength(appearance, options.side)
-    q = _centres(strength, view.depth, options)
+    centres = _centres(strength, view.depth, options)
     chosen: list[tuple[float, float, float, float, Template]] = []
-    for x, y in q:
+    for x, y, strong in centres:
         template = window(appearance, counts, x, y, options.side)
         if template is None:
             continue
         gap = _gap(appearance, template, x, y, options)
         if gap >= options.least_gap:
-            chosen.append((float(x), float(y), float(strength[y, x]), gap, template))
+            chosen.append((float(x), float(y), strong, gap, template))
         if len(chosen) == options.count:
             break
     table = np.array([row[:4] for row in chosen]).reshape(-1, 4)
-    p = _points(view, table[:, :2])
-    right = p + p[:, 2:] * (view.camera.unproject(table[:, :2] + [1.0, 0.0]) - view.camera.unproject(table[:, :2]))
-    p_part, right = camera_from_part.inv @ p, camera_from_part.inv @ right
+    p_part, right = (camera_from_part.inv @ _points(view, table[:, :2], px) for px in (0.0, 1.0))
     return Windows(table[:, :2], p_part, right, table[:, 2], table[:, 3], tuple(row[4] for row in chosen))
 
 
 def corner_strength(appearance: Picture, side: int) -> Picture:
-    """Return the smaller eigenvalue (H, W) of the structure tensor of a picture, over windows of a side."""
-    from scipy.ndimage import gaussian_filter, sobel
+    """Return the smaller eigenvalue (H, W) of the structure tensor of a picture, over the inner half of windows."""
+    from scipy.ndimage import sobel, uniform_filter
+
+    def twice(product: npt.NDArray[np.floating]) -> Picture:  # a pyramid: without a plateau its maximum is one pixel
+        return np.asarray(uniform_filter(uniform_filter(product, side // 4 + 1), side // 4 + 1))
 
     gx, gy = sobel(appearance, axis=1) / 8, sobel(appearance, axis=0) / 8
-    xx, yy, xy = (gaussian_filter(product, side / 5) for product in (gx * gx, gy * gy, gx * gy))
+    xx, yy, xy = (twice(product) for product in (gx * gx, gy * gy, gx * gy))
     return np.asarray(0.5 * (xx + yy) - np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy), np.float32)
 
 
@@ -118,8 +121,8 @@ def window(appearance: Picture, counts: Mask, x: int, y: int, side: int) -> Temp
     return Template(appearance[part], mask=mask)
 
 
-def _centres(strength: Picture, depth: Picture, options: SalientOptions) -> Array:
-    """Return the whole pixels (N, 2) of the part that are strongest within the spacing, strongest first.
+def _centres(strength: Picture, depth: Picture, options: SalientOptions) -> list[tuple[int, int, float]]:
+    """Return x, y and strength of the pixels of the part that are strongest within the spacing, strongest first.
 
     A corner of the outline is strongest just outside of it: the part's nearest pixel is taken.
     """
@@ -130,8 +133,14 @@ def _centres(strength: Picture, depth: Picture, options: SalientOptions) -> Arra
     peak = (strength == maximum_filter(strength, size)) & (away < _OFF_OUTLINE)
     peak &= strength > _LEAST_STRENGTH * float(strength[away < _OFF_OUTLINE].max(initial=0.0))
     y, x = np.nonzero(peak)
-    order = np.argsort(-strength[y, x], kind="stable")[: _TRIED * options.count]
-    return np.asarray(nearest[::-1, y[order], x[order]].T)
+    chosen: list[tuple[int, int, float]] = []
+    for k in np.argsort(-strength[y, x], kind="stable"):
+        row, column = (int(i) for i in nearest[:, y[k], x[k]])
+        if all(math.hypot(column - x0, row - y0) >= options.spacing for x0, y0, _ in chosen):
+            chosen.append((column, row, float(strength[y[k], x[k]])))
+        if len(chosen) == _TRIED * options.count:
+            break
+    return chosen
 
 
 def _gap(appearance: Picture, template: Template, x: int, y: int, options: SalientOptions) -> float:
@@ -144,8 +153,8 @@ def _gap(appearance: Picture, template: Template, x: int, y: int, options: Salie
     return 1.0 - float(found.score[1]) if len(found) > 1 else 0.7
 
 
-def _points(view: View, q: Array) -> Array:
-    """Return the visible points (N, 3) mm, camera frame, at whole pixels q (N, 2)."""
-    rays = view.camera.unproject(q)
+def _points(view: View, q: Array, right: float) -> Array:
+    """Return the points (N, 3) mm, camera frame, some px to the right of what whole pixels q (N, 2) see."""
+    rays = view.camera.unproject(q + np.array([right, 0.0]))
     depth = view.depth[q[:, 1].astype(int), q[:, 0].astype(int)].astype(np.float64)
     return np.asarray(rays * (depth / rays[:, 2])[:, None])

@@ -17,12 +17,13 @@ from cadcam.render.wireframe import LineOptions
 
 Longs = npt.NDArray[np.int64]
 _LINES = LineOptions(margin_px=0.0)
-_STRONG = 100  # cells that tell the blur
+_STRONG = 60  # cells that tell the blur
 _APART = 1.5  # blurs: a cell ends that far before the next line
 _NARROW = 3.5  # blurs: reach of a narrow cell
 _BUSY = 1.3  # a wide cell whose noise is this much above the narrow one's holds more than a step
 _LINEAR = 1.2  # blurs: how far off a linear fit is believed
 _CLEAR = 4.0  # sd of one cell: contrast of an edge that is there
+_SURE = 8.0  # sd of one cell: contrast that needs no neighbours
 _CLIPPED = 0.7  # share of black or white pixels from which a cell tells nothing
 _FAINT = 0.4  # of the strongest slope nearby: weaker ones are no edges
 _CONTRAST, _NOISE = 3, 10  # cells to each side that contrast and noise are averaged with
@@ -95,8 +96,19 @@ class Cells:
     blur: float
 
     @classmethod
-    def of(cls, sight: Sight, at: Projected, *, half_length: float, reach_px: float, room_px: float) -> Cells:
+    def of(
+        cls,
+        sight: Sight,
+        at: Projected,
+        *,
+        half_length: float,
+        reach_px: float,
+        room_px: float,
+        where: Array | None = None,
+    ) -> Cells:
         """Return the cells of a sight; room_px is what a cell needs on each side of its line.
+
+        where (N,) px along the normals: where the steps are about, default on the lines.
 
         Where a wide cell holds more than one step on its ground, as on printed or structured faces, it is narrowed.
         """
@@ -111,7 +123,7 @@ class Cells:
         narrow = cls(
             which, np.minimum(wide.below, narrow_px), np.minimum(wide.above, narrow_px), free, half_length, blur
         )
-        found, close = wide.steps(sight, at), narrow.steps(sight, at)
+        found, close = wide.steps(sight, at, where), narrow.steps(sight, at, where)
         run = sight.samples.run[which]
         busy = _along_run(found.noise**2, run, _NOISE) > _BUSY**2 * _along_run(close.noise**2, run, _NOISE)
         kink = (found.noise / _spread(found)) ** 2
@@ -158,6 +170,8 @@ def measure(sight: Sight, at: Projected, cells: Cells, where: Array) -> Measured
         return Measured(offset, sigma, contrast, usable)
     found, run = cells.steps(sight, at, where), sight.samples.run[which]
     c, sd_c = _along_run(found.contrast, run, _CONTRAST), np.sqrt(_along_run(found.sd_contrast**2, run, _CONTRAST))
+    sure = np.abs(found.contrast) > _SURE * found.sd_contrast  # before a chequered ground the sign changes along a line
+    c = np.where(sure, found.contrast, c)
     more = np.sqrt(_along_run(found.noise**2, run, _NOISE)) / found.noise
     with np.errstate(all="ignore"):
         shift, sigma[which] = -found.moment / c, found.sd_moment * more / np.abs(c)

@@ -21,6 +21,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.correlate import CorrelateOptions, Peaks, correlate
 from cadcam.image.template import Template
 from cadcam.locate.appearance import Appearance, counted, of_model, of_photo
+from cadcam.locate.closeness import closeness
 from cadcam.locate.consensus import Candidates, consensus, pose_of_matches
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -29,6 +30,7 @@ from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Look, Renderer
 
 CERTAIN = 1e-2  # poses by chance: below it the agreement is believed
+LEAST_SHARE = 1 / 3  # of the features, and of the lines, that support a pose that is believed
 _NARROWER = 0.4  # the reach from round to round
 _LEAST_REACH = 8.0  # px
 
@@ -64,8 +66,8 @@ class Features:
     """N windows that were sought: where the drawing had them, and every place that looks like them.
 
     window (N, 2) px, the window's centre in the drawing; p_part, right (N, 3) mm as in `Windows`; photo (N,); gap (N,)
-    to what is near it in the drawing; peaks: N tables, in px of the photo; chosen (N,): which peak the pose agrees with,
-    -1 for none.
+    to what is near it in the drawing, 1 where not asked; peaks: N tables, in px of the photo; chosen (N,): which peak
+    the pose agrees with, -1 for none.
     """
 
     window: Array
@@ -93,7 +95,8 @@ class TemplateMatches:
 
     Matches (K): q (K, 2) px, p_part (K, 3) mm, covariance (K, 2, 2) px^2, photo (K,). pose: the one that most features
     agree on, None where not even four do; by_chance: how many poses as well supported one may expect if all peaks lay
-    at random. features: of the last round, with their peak tables.
+    at random; close: the share of the visible lines at that pose with an edge of the photo on them, less what is by
+    chance (`closeness`). features: of the last round, with their peak tables.
     """
 
     q: Array
@@ -102,12 +105,15 @@ class TemplateMatches:
     photo: Ids
     pose: PoseEstimate | None
     by_chance: float
+    close: float
     features: Features = field(repr=False)
 
     @property
     def found(self) -> bool:
-        """Return whether more features agree on the pose than could by chance."""
-        return self.pose is not None and self.by_chance < CERTAIN
+        """Return whether the pose is believed: not by chance, and neither features nor lines mostly contradict it."""
+        if self.pose is None or self.by_chance >= CERTAIN:
+            return False
+        return len(self.q) >= LEAST_SHARE * len(self.features) and self.close >= LEAST_SHARE
 
     @property
     def sigma(self) -> Array:
@@ -133,14 +139,21 @@ def match_templates(
     done = _round(part, renderer, photos, looks, start, options, rng)
     now = options
     for _ in range(options.rounds - 1):
-        if done.pose is None or not done.found:
+        if done.pose is None or done.by_chance >= CERTAIN:
             break
         now = _narrowed(now)
         again = _round(part, renderer, photos, looks, done.pose.world_from_part, now, rng)
         if again.pose is None:
             break
         done = replace(again, by_chance=done.by_chance)  # of the search: afterwards it is known where to look
-    return done
+    return done if done.pose is None else replace(done, close=_close(part, photos, done.pose.world_from_part))
+
+
+def _close(part: Part, photos: Sequence[Photo], pose: Rigid) -> float:
+    """Return how close the photos' edges are to the part's lines at a pose, all photos' lines together."""
+    each = [closeness(p.gray, part.lines.draw(p.camera, p.viewpoint.camera_from_world @ pose)) for p in photos]
+    length = np.array([float(c.length.sum()) for c in each])
+    return float(np.dot([c.total for c in each], length) / max(float(length.sum()), 1e-9))
 
 
 def _narrowed(options: TemplateOptions) -> TemplateOptions:
@@ -150,6 +163,7 @@ def _narrowed(options: TemplateOptions) -> TemplateOptions:
         reach=max(_NARROWER * options.reach, _LEAST_REACH),
         turn=max(_NARROWER * options.turn, math.radians(4)),
         tolerance=max(0.5 * options.tolerance, 2.0),
+        salient=replace(options.salient, reach=0.0),  # what looks the same is out of reach by now
     )
 
 
@@ -239,11 +253,13 @@ def _agreed(
         features.photo[of],
     )
     pose = pose_of_matches(photos, photo, p, q, C, best.world_from_part)
-    return TemplateMatches(q, p, C, photo, pose, best.by_chance, replace(features, chosen=chosen))
+    return TemplateMatches(q, p, C, photo, pose, best.by_chance, 0.0, replace(features, chosen=chosen))
 
 
 def _nothing() -> TemplateMatches:
     none = np.zeros((0, 2))
     whole = np.zeros(0, np.int32)
     empty = Features(none, np.zeros((0, 3)), np.zeros((0, 3)), whole, np.zeros(0), (), whole)
-    return TemplateMatches(none, np.zeros((0, 3)), np.zeros((0, 2, 2)), np.zeros(0, np.int32), None, math.inf, empty)
+    return TemplateMatches(
+        none, np.zeros((0, 3)), np.zeros((0, 2, 2)), np.zeros(0, np.int32), None, math.inf, 0.0, empty
+    )

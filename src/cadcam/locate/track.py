@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.errors import NothingInView
+from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.frames import Frame
@@ -62,10 +62,13 @@ def track(
 
     start: world_from_part (mm) in the first frame, roughly; without it the part is searched for. Each frame starts from
     where the last motion leads (`velocity`; else from the last pose). Where that does not find the part, it is searched
-    for around its last pose, then without a start; a part that stays away is searched for less and less often. Of poses
-    that the part's symmetry allows, the one nearest to the last is taken. history: frames of a run that this one
-    continues, as if there had been no break.
+    for around its last pose, then without a start (not where its motion is restricted); a part that stays away is
+    searched for less and less often. Of poses that the part's symmetry allows, the one nearest to the last is taken.
+    history: frames of a run that this one continues, as if there had been no break. A frame without contrast is a loss.
+    Raises `NothingInView` where the start puts the part outside of the first photos.
     """
+    if freedom is not FREE and start is None:
+        raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
     memory = _Memory(_corners(part), start, velocity)
     for step in history:
         memory.keep(step.index, step.world_from_part)
@@ -112,8 +115,8 @@ class _Memory:
         return bool(self._steps) and self._steps[-1].index == index - 1
 
     def search_is_due(self) -> bool:
-        """Return whether to search without a start: at misses 0, 1, 2, 4, 8, 16, 24 ..."""
-        return self.misses % _PATIENCE == 0 or self.misses & (self.misses - 1) == 0
+        """Return whether to search without a start: after 2, 4, 8, 16, 24 ... misses; each has a chance to be wrong."""
+        return self.misses > 1 and (self.misses % _PATIENCE == 0 or self.misses & (self.misses - 1) == 0)
 
     def nearest(self, location: Location) -> Location:
         """Return the found pose, this or an alternative of it, that is nearest to the last one."""
@@ -128,13 +131,18 @@ def _located(
     part: Part, photos: tuple[Photo, ...], memory: _Memory, freedom: Freedom, index: int
 ) -> tuple[str, Location]:
     """Return how and where the part was found, by the cheapest way that finds it; else the best of what was tried."""
-    tried = [Location.nowhere(memory.last or Rigid(), "its last motion leads out of the pictures")]
+    where = memory.last or Rigid()
+    tried = [Location.nowhere(where, "not looked for")]
     for how, attempt in _ways(part, photos, memory, freedom, index):
         try:
             location = attempt()
-        except NothingInView:
+        except NothingInView as error:
             if memory.begins:  # the caller's start, not ours
                 raise
+            tried[0] = Location.nowhere(where, str(error))
+            continue
+        except BadValue as error:  # a picture without contrast
+            tried[0] = Location.nowhere(where, str(error))
             continue
         if location.found:
             return how, memory.nearest(location)
@@ -153,7 +161,7 @@ def _ways(
         yield "kept", lambda: refine(part, photos, last, freedom=freedom)
     if last is not None:
         yield "recovered", lambda: locate(part, photos, last, freedom=freedom)
-    if last is None or memory.search_is_due():
+    if freedom is FREE and (last is None or memory.search_is_due()):
         yield "searched", lambda: locate(part, photos, freedom=freedom)
 
 

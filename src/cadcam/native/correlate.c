@@ -6,11 +6,6 @@
 
 enum { WIDE = 24, GROUP = 4, MARGIN = WIDE + 8 }; /* positions and orientations at a time: their sums fill the registers */
 
-#ifdef __FMA__
-INLINE f8 fused(f8 a, f8 b, f8 c) { return (f8)_mm256_fmadd_ps((__m256)a, (__m256)b, (__m256)c); }
-#else
-INLINE f8 fused(f8 a, f8 b, f8 c) { return a * b + c; }
-#endif
 #ifdef __AVX2__
 INLINE f8 gathered(const float *p, i8 at) { return (f8)_mm256_i32gather_ps(p, (__m256i)at, 4); }
 INLINE i8 whole_f(f8 v) { return (i8)_mm256_cvttps_epi32((__m256)v); }
@@ -291,7 +286,7 @@ static double climb(const cc_register *r, double pose[4]) {
         for (int m = 0; m < r->motions; m++)
             for (int k = 0; k < r->motions; k++) step[m] += r->inverse[m * r->motions + k] * s.slope[k] / s.value;
         const double far = moved(pose, step, r->radius);
-        if (!(hypot(pose[0] - start[0], pose[1] - start[1]) < r->reach) || !(fabs(log(pose[3] / scale)) < 0.4)) return -1;
+        if (!(hypot(pose[0] - start[0], pose[1] - start[1]) < r->reach) || !(fabs(log(pose[3] / scale)) < 0.4)) return 0;
         if (far < r->settled) {
             const sums last = sums_at(r, pose);
             return score_of(r, &last);

@@ -34,7 +34,7 @@ typedef struct {
     int32_t cubic;      /* between pixels: 1 cubic convolution, 0 bilinear */
     int32_t iterations; /* at most */
     double settled;     /* px: a step that moves no point by more ends */
-    double reach;       /* px: a pose that moves farther from its start is given up, its score -1 */
+    double reach;       /* px: a pose that moves farther from its start is given up, its score 0 */
     double radius;      /* of the points about their origin, px */
 } cc_register;
 

@@ -144,7 +144,7 @@ def searched(
 def registered(
     picture: Picture, template: Points, pose: Array, *, cubic: bool, iterations: int, settled: float, reach: float
 ) -> tuple[Array, Array]:
-    """Return poses (N, 4) of highest correlation near those given, and it (N,); -1 where one ran farther than `reach`.
+    """Return poses (N, 4) of highest correlation near those given, and it (N,); 0 where one ran farther than `reach`.
 
     A pose is x, y (px), angle (rad, x towards y), scale: template point (u, v) lies at (x, y) + scale R(angle) (u, v).
     """
@@ -168,7 +168,7 @@ def registered(
     )
     register = _function("cc_register_poses", None, c.c_void_p, c.c_void_p, c.c_void_p, c.c_int32)
     register(c.addressof(task), moved.ctypes.data, score.ctypes.data, len(moved))
-    return moved, score
+    return moved, np.clip(score, -1.0, 1.0)  # sums in single precision
 
 
 def _plane(picture: npt.ArrayLike) -> tuple[_Plane, Picture]:

@@ -4,33 +4,53 @@
 /* A float that is at least (at most) v, for bounds of 1/z. */
 static inline float float_above(double v) { return v < FLT_MAX / 2 ? (float)(v * (1 + 1e-6)) : FLT_MAX; }
 
+/* The samples of a rectangle that may look at a box of the plane, as the patch of the rectangle has it. */
+static rect narrowed(const cc_lens *lens, rect r, const box *b) {
+    const patch *near = patch_of(lens, &r);
+    const double p = 0.5 * (b->x0 + b->x1) - near->map.u, p1 = 0.5 * (b->x1 - b->x0);
+    const double q = 0.5 * (b->y0 + b->y1) - near->map.v, q1 = 0.5 * (b->y1 - b->y0);
+    const double x = near->x + (near->xu * p + near->xv * q), y = near->y + (near->yu * p + near->yv * q);
+    const double wide = fabs(near->xu) * p1 + fabs(near->xv) * q1 + near->off_x + 1e-3; /* 1e-3 px: far above rounding */
+    const double high = fabs(near->yu) * p1 + fabs(near->yv) * q1 + near->off_y + 1e-3;
+    if (!(fabs(x) + fabs(y) + wide + high < 1e6)) return r;
+    r.x0 = imax(r.x0, (int32_t)(x - wide)), r.x1 = imin(r.x1, (int32_t)(x + wide + 1) - 1);
+    r.y0 = imax(r.y0, (int32_t)(y - high)), r.y1 = imin(r.y1, (int32_t)(y + high + 1) - 1);
+    return r;
+}
+
 static int locate_cluster(const cc_frame *f, const cluster *c, candidate *out, double *nearest_z) {
     static const uint8_t all[8] = {0, 1, 2, 3, 4, 5, 6, 7};
     const double *M = f->view->plane;
     const cc_lens *lens = f->view->lens;
-    double x[8], y[8], z[8];
+    const double X0 = c->low[0], X1 = c->high[0], Y0 = c->low[1], Y1 = c->high[1], Z0 = c->low[2], Z1 = c->high[2];
+    const double X[8] = {X0, X1, X0, X1, X0, X1, X0, X1}, Y[8] = {Y0, Y0, Y1, Y1, Y0, Y0, Y1, Y1};
+    const double Z[8] = {Z0, Z0, Z0, Z0, Z1, Z1, Z1, Z1};
+    double x[8], y[8], z[8], gx[8], gy[8];
     box b = {INFINITY, -INFINITY, INFINITY, -INFINITY};
     double z0 = INFINITY, z1 = -INFINITY;
     for (int k = 0; k < 8; k++) {
-        double X = k & 1 ? c->high[0] : c->low[0], Y = k & 2 ? c->high[1] : c->low[1], Z = k & 4 ? c->high[2] : c->low[2];
-        x[k] = M[0] * X + M[1] * Y + M[2] * Z + M[3];
-        y[k] = M[4] * X + M[5] * Y + M[6] * Z + M[7];
-        z[k] = M[8] * X + M[9] * Y + M[10] * Z + M[11];
+        x[k] = M[0] * X[k] + M[1] * Y[k] + M[2] * Z[k] + M[3];
+        y[k] = M[4] * X[k] + M[5] * Y[k] + M[6] * Z[k] + M[7];
+        z[k] = M[8] * X[k] + M[9] * Y[k] + M[10] * Z[k] + M[11];
+        gx[k] = x[k] / z[k], gy[k] = y[k] / z[k];
     }
     for (int k = 0; k < 8; k++) z0 = lower(z0, z[k]), z1 = upper(z1, z[k]);
     double size = upper(fabs(z0), fabs(z1));
     *nearest_z = z0 = z0 - 1e-9 * size; /* the box' corners are rounded: stay on the safe side */
-    if (z1 + 1e-9 * size <= 0 || beyond_a_side(&f->limits, x, y, z, all, 8)) return 0;
     if (!(z0 > 1e-6 * size)) { /* reaches (nearly) behind the camera */
+        if (z1 + 1e-9 * size <= 0 || beyond_a_side(&f->limits, x, y, z, all, 8)) return 0;
         out->where = (rect){0, f->width - 1, 0, f->height - 1};
         out->nearest = INFINITY;
         return 1;
     }
     for (int k = 0; k < 8; k++) {
-        double gx = grid_x(lens, x[k] / z[k]), gy = grid_y(lens, y[k] / z[k]);
-        b.x0 = lower(b.x0, gx), b.x1 = upper(b.x1, gx), b.y0 = lower(b.y0, gy), b.y1 = upper(b.y1, gy);
+        b.x0 = lower(b.x0, gx[k]), b.x1 = upper(b.x1, gx[k]);
+        b.y0 = lower(b.y0, gy[k]), b.y1 = upper(b.y1, gy[k]);
     }
-    out->where = samples_of(f, (box){b.x0 - 1e-3, b.x1 + 1e-3, b.y0 - 1e-3, b.y1 + 1e-3});
+    if (b.x1 < f->limits.x0 || b.x0 > f->limits.x1 || b.y1 < f->limits.y0 || b.y0 > f->limits.y1) return 0;
+    const box g = {grid_x(lens, b.x0) - 1e-3, grid_x(lens, b.x1) + 1e-3, grid_y(lens, b.y0) - 1e-3, grid_y(lens, b.y1) + 1e-3};
+    out->where = samples_of(f, g);
+    if (lens && out->where.x0 <= out->where.x1) out->where = narrowed(lens, out->where, &b);
     out->nearest = float_above(1 / z0);
     return out->where.x0 <= out->where.x1 && out->where.y0 <= out->where.y1;
 }

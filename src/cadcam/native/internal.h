@@ -70,11 +70,13 @@ typedef struct {
     affine map; /* about sample (x + PATCH - 1/2, y + PATCH - 1/2) */
     double u2[3], v2[3];
     int32_t x, y;
+    int32_t rough; /* whether it is off by pixels */
 } bend;
 
 struct cc_lens {
     int32_t width, height, tiles_x, tiles_y;
-    double *x, *y;    /* plane points tile by tile, 64 each; NaN where nothing is seen and beyond the border */
+    double *points;   /* of the plane, tile by tile, row by row: TILE x, then their y; NaN where nothing is seen and beyond
+                       * the border */
     double *side[4];  /* x0, x1, y0, y1 of the bounds of each tile, once more: 8 tiles are a vector */
     box *block[16];   /* bounds of the points of each tile, of 2 x 2 tiles, 4 x 4 ...; (inf, -inf) where there are none */
     uint8_t *partial; /* whether a tile has points without a direction */
@@ -86,6 +88,11 @@ struct cc_lens {
     bend *bends;                  /* as the patches of level 1 */
     patch *patches[PATCH_LEVELS]; /* of PATCH << level samples a side; from level 1 on each half over the one before */
 };
+
+/* Where the x of sample k of a tile stands in the table's points; its y stands TILE later. */
+static inline size_t point_of(int32_t tile, int k) {
+    return (size_t)tile * 2 * TILE_AREA + (size_t)(k / TILE * 2 * TILE + k % TILE);
+}
 
 /* Squash the plane to (-1, 1) along each axis, monotonically, so that a grid of equal cells serves 180 degrees. */
 static inline double squash(double u) { return u / (1.0 + (u < 0 ? -u : u)); }

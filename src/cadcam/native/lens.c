@@ -33,9 +33,8 @@ static void fill_tiles(cc_lens *l, const double *points) {
             int32_t px = left + k % TILE, py = top + k / TILE;
             const double *p = points + 2 * ((size_t)py * (size_t)l->width + (size_t)px);
             int seen = px < l->width && py < l->height && isfinite(p[0]) && isfinite(p[1]);
-            size_t at = (size_t)t * TILE_AREA + (size_t)k;
-            l->x[at] = seen ? p[0] : NAN;
-            l->y[at] = seen ? p[1] : NAN;
+            double *at = l->points + point_of(t, k);
+            at[0] = seen ? p[0] : NAN, at[TILE] = seen ? p[1] : NAN;
             if (seen) grow_box(b, p[0], p[1]);
             else l->partial[t] = 1;
         }
@@ -82,11 +81,11 @@ static int fill_cells(cc_lens *l) {
     if (!make_level(l, 0, nx + 1, ny + 1)) return 0;
     for (int32_t t = 0; t < l->tiles_x * l->tiles_y; t++)
         for (int k = 0; k < TILE_AREA; k++) {
-            size_t at = (size_t)t * TILE_AREA + (size_t)k;
-            if (isnan(l->x[at])) continue;
+            const double *at = l->points + point_of(t, k);
+            if (isnan(at[0])) continue;
             uint16_t px = (uint16_t)(t % l->tiles_x * TILE + k % TILE), py = (uint16_t)(t / l->tiles_x * TILE + k / TILE);
-            int32_t cx = (int32_t)((squash(l->x[at]) - l->origin_x) * l->scale_x);
-            int32_t cy = (int32_t)((squash(l->y[at]) - l->origin_y) * l->scale_y);
+            int32_t cx = (int32_t)((squash(at[0]) - l->origin_x) * l->scale_x);
+            int32_t cy = (int32_t)((squash(at[TILE]) - l->origin_y) * l->scale_y);
             grow_rect(&l->cell[0][(size_t)cy * (size_t)(nx + 1) + (size_t)cx], &(short_rect){px, px, py, py});
         }
     return 1;
@@ -110,13 +109,12 @@ CC_API cc_lens *cc_lens_new(const double *points, int32_t width, int32_t height)
     l->width = width, l->height = height;
     l->tiles_x = (width + TILE - 1) / TILE, l->tiles_y = (height + TILE - 1) / TILE;
     size_t tiles = (size_t)l->tiles_x * (size_t)l->tiles_y;
-    l->x = aligned_block(tiles * TILE_AREA * sizeof(double));
-    l->y = aligned_block(tiles * TILE_AREA * sizeof(double));
+    l->points = aligned_block(2 * tiles * TILE_AREA * sizeof(double));
     int made = 1;
     for (int k = 0; k < 4; k++) made &= (l->side[k] = calloc(tiles + 8, sizeof(double))) != NULL;
     l->block[0] = malloc(tiles * sizeof(box));
     l->partial = malloc(tiles);
-    if (made && l->x && l->y && l->block[0] && l->partial) {
+    if (made && l->points && l->block[0] && l->partial) {
         fill_tiles(l, points);
         if (fill_blocks(l) && fill_cells(l) && fill_pyramid(l) && fill_patches(l, points)) return l;
     }
@@ -127,7 +125,7 @@ CC_API cc_lens *cc_lens_new(const double *points, int32_t width, int32_t height)
 CC_API void cc_lens_free(cc_lens *l) {
     if (!l) return;
     for (int32_t k = 0; k < l->levels; k++) free(l->cell[k]);
-    aligned_release(l->x), aligned_release(l->y), free(l->partial);
+    aligned_release(l->points), free(l->partial);
     for (int k = 0; k < 4; k++) free(l->side[k]);
     for (int k = 0; k < 16; k++) free(l->block[k]);
     free_patches(l);

@@ -109,6 +109,9 @@ static bend bent(const cc_lens *l, const double *points, rect r) {
     for (int k = 0; k < 3 && !(size < 1e30); k++) b.u2[k] = b.v2[k] = 0;
     size = size < 1e30 ? size : 0;
     b.map = fitted(l, points, r, r.x0 + PATCH - 0.5, r.y0 + PATCH - 0.5, b.u2, b.v2).map;
+    const affine *m = &b.map;
+    const double off = (fabs(m->vx) + fabs(m->vy)) * m->off_u + (fabs(m->ux) + fabs(m->uy)) * m->off_v;
+    b.rough = !(off < 2 * fabs(m->ux * m->vy - m->uy * m->vx)); /* 2 px */
     b.map.off_u += size * PATCH * PATCH * 0x1p-40, b.map.off_v += size * PATCH * PATCH * 0x1p-40;
     return b;
 }

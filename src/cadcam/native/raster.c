@@ -198,7 +198,7 @@ static void clear_band(const band *b, size_t tiles) {
         size_t of_lens = t + (size_t)b->first_tiles * (size_t)f->tiles_x;
         if (!f->view->lens->partial[of_lens]) continue;
         for (int k = 0; k < TILE_AREA; k++)
-            if (isnan(f->view->lens->x[of_lens * TILE_AREA + k])) w->inverse_z[t * TILE_AREA + k] = FLT_MAX;
+            if (isnan(f->view->lens->points[point_of((int32_t)of_lens, k)])) w->inverse_z[t * TILE_AREA + k] = FLT_MAX;
     }
 }
 

@@ -261,6 +261,7 @@ CC_API cc_frame *cc_frame_new(const cc_scene *scene, const cc_view *view) {
     int32_t bands = view->bands < 1 ? 1 : view->bands;
     int32_t rows = (f->tiles_y + bands - 1) / bands;
     f->band_rows = (rows + unit - 1) / unit * unit;
+    if (f->band_rows >= 8 * unit) f->band_rows -= f->band_rows % (8 * unit); /* and blocks of strip.c, where it can */
     f->candidates = malloc(((size_t)scene->n_clusters + 1) * sizeof *f->candidates);
     if (f->candidates) {
         int ready;

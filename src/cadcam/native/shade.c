@@ -45,9 +45,9 @@ INLINE triple directions(const cc_frame *f, const light *l, int32_t tx, int32_t 
     f8 px = __builtin_convertvector(tx * TILE + *(const i8 *)LANE, f8), py = eight((float)y);
     if (lens) {
         const size_t tile = (size_t)(y / TILE) * (size_t)f->tiles_x + (size_t)tx;
-        const size_t at = tile * TILE_AREA + (size_t)(y % TILE) * TILE;
-        px = floats(*(const d4 *)(lens->x + at), *(const d4 *)(lens->x + at + 4));
-        py = floats(*(const d4 *)(lens->y + at), *(const d4 *)(lens->y + at + 4));
+        const double *at = lens->points + point_of((int32_t)tile, y % TILE * TILE);
+        px = floats(*(const d4 *)(at), *(const d4 *)(at + 4));
+        py = floats(*(const d4 *)(at + TILE), *(const d4 *)(at + TILE + 4));
     }
     const float *d = l->d;
     return (triple){d[0] * px + (d[1] * py + d[2]), d[3] * px + (d[4] * py + d[5]), d[6] * px + (d[7] * py + d[8])};

@@ -11,15 +11,21 @@
  *     slack = |a| off_u + |b| off_v + 2^-48 size + 2^-14 |B|,   size >= |a x| + |b y| + |c| everywhere,
  * where A i + B j + C is the linear part of P: A = a ux + b vx and its like are off by a few 2^-53 size, and so is P; A
  * is kept at least 2^-20 |B| in size, which moves the sum by less than 2^-14 |B|. Of p and r we ask |33 p| <= 1/4 and
- * |66 r| <= 1/4; where an edge is too flat for that, its curvature goes to the slack. Then m = 1 + p j >= 3/4, and with
- *     X0 = -(c + b j + q j j) / m,   X1 = X0 - r cut(X0)^2 / m,   X = X0 - r cut(X1)^2 / m,
+ * |66 r| <= 1/4; where an edge is too flat for that, its curvature goes to the slack. Then k = 1 - p j + (p j)^2, which
+ * stands for 1 / (1 + p j), is positive and at most 1 + 42 |p| < 4/3, and with
+ *     X0 = -k (c + b j + q j j),   X1 = X0 - k r cut(X0)^2,   X = X0 - k r cut(X1)^2,
  * where cut() limits to +-33,
- *     F = m (i - X) + r (i^2 - cut(X1)^2),
- *     |r (i^2 - cut(X1)^2)| <= 66 |r| |i - cut(X1)| <= 66 |r| (|i - X| + |X1 - X|),
- *     |X1 - X| <= 66 |r| |X0 - X1| / m <= 88 |r| (4/3) 33^2 |r| < 2^17 r^2.
- * So F has the sign of i - X and exceeds slack / |A| where |i - X| (1 - |33 p| - |66 r|) > slack / |A| + 66 |r| 2^17 r^2.
- * X in float is off by less than 2^-19 of the sizes that it is made of. Samples within the sum of these of X are in
- * doubt, and rows with such samples are drawn by P; all others are decided. */
+ *     k F = i - X + k r (i^2 - cut(X1)^2) + (p j)^3 i,
+ *     |k r (i^2 - cut(X1)^2)| <= 66 |k r| |i - cut(X1)| <= 88 |r| (|i - X| + |X1 - X|),
+ *     |X1 - X| <= 66 |k r| |X0 - X1| <= 88 |r| (4/3) 33^2 |r| < 2^17 r^2.
+ * So F has the sign of i - X and exceeds slack / |A| where
+ *     |i - X| (1 - 88 |r|) > (1 + 42 |p|) slack / |A| + 88 |r| 2^17 r^2 + 33 |33 p|^3;
+ * 88 |r| is at most 1/3, and 1 / (1 - 88 |r|) at most 1 + 132 |r|. X in float is off by less than 2^-19 of the sizes that
+ * it is made of. Samples within the sum of these of X are in doubt, and rows with such samples are drawn by P; all others
+ * are decided.
+ *
+ * Which samples of a strip a triangle may reach at all follows without curvature: those inside have, up to a sign,
+ * F >= -slack / |A|, so that i >= -(c + b j) - slack / |A| - 33^2 (|p| + |q| + |r|). */
 #include "hot.h"
 #ifdef __AVX2__ /* elsewhere tile_plain.c draws, with the same results */
 #include "vectors.h"
@@ -128,17 +134,20 @@ INLINE d4 largest_in(const triangle *t, const cc_lens *lens, size_t tile) {
     return t->a[3] * *(const d4 *)x + (t->b[3] * *(const d4 *)y + t->c[3]);
 }
 
+/* Keep the spans of a strip's rows in a rectangle; whether there are any. */
+INLINE int keep_spans(spans *s, i8 left, i8 right, const rect *r, int32_t y0) {
+    const i8 row = y0 + *(const i8 *)LANE, none = (left > right) | (row < r->y0) | (row > r->y1);
+    if (signs(none) == 0xFF) return 0;
+    *(i8 *)s->left = left | (none & INT32_MAX), *(i8 *)s->right = right | none;
+    return 1;
+}
+
 /* Draw the spans of a strip. With a lens, samples outside `sure` but inside `s` are in doubt. */
-INLINE void draw_spans(const band *b, const triangle *t, const rect *r, int32_t ty, spans *s, const spans *sure,
+INLINE void draw_spans(const band *b, const triangle *t, const rect *r, int32_t ty, const spans *s, const spans *sure,
                        int unsure) {
     const cc_lens *lens = b->frame->view->lens;
     const int32_t y0 = ty * TILE;
-    const i8 row = y0 + *(const i8 *)LANE, beyond = (row < r->y0) | (row > r->y1);
-    i8 left = *(const i8 *)s->left | (beyond & INT32_MAX), right = *(const i8 *)s->right | beyond;
-    const i8 none = left > right;
-    if (signs(none) == 0xFF) return;
-    left |= none & INT32_MAX, right |= none;
-    *(i8 *)s->left = left, *(i8 *)s->right = right;
+    const i8 left = *(const i8 *)s->left, right = *(const i8 *)s->right;
     int32_t x0, x1;
     least_two(left & INT32_MAX, ~right, &x0, &x1);
     x0 /= TILE, x1 = ~x1 / TILE;
@@ -170,11 +179,11 @@ INLINE void draw_spans(const band *b, const triangle *t, const rect *r, int32_t 
     }
 }
 
-/* Whether what is no nearer than 1/z = nearest is hidden wherever a rectangle meets a strip. */
-INLINE int strip_hidden(const band *b, float nearest, const rect *r, int32_t ty) {
-    const int32_t x1 = r->x1 / TILE;
+/* Whether what is no nearer than 1/z = nearest is hidden in the samples x0 to x1 of a strip. */
+INLINE int strip_hidden(const band *b, float nearest, int32_t x0, int32_t x1, int32_t ty) {
     const float *row = b->worker->farthest + (size_t)(ty - b->first_tiles) * (size_t)b->frame->tiles_x;
-    for (int32_t x = r->x0 / TILE; x <= x1; x += 8)
+    x1 /= TILE;
+    for (int32_t x = x0 / TILE; x <= x1; x += 8)
         if (signs((*(const f8 *)(row + x) <= nearest) & (*(const i8 *)LANE <= x1 - x))) return 0;
     return 1;
 }
@@ -189,15 +198,17 @@ static void draw_straight(const band *b, const triangle *t, rect r) {
     const crossings e = straight(t, &r);
     for (int32_t ty = r.y0 / TILE; ty <= r.y1 / TILE; ty++) {
         spans s;
-        if (strip_hidden(b, t->nearest, &r, ty)) continue;
+        if (strip_hidden(b, t->nearest, r.x0, r.x1, ty)) continue;
         if (cross_strip(&e, &r, ty * TILE, &s) && !e.unsure) settle(t, ty * TILE, &s);
+        if (!keep_spans(&s, *(const i8 *)s.left, *(const i8 *)s.right, &r, ty * TILE)) continue;
         draw_spans(b, t, &r, ty, &s, NULL, e.unsure);
     }
 }
 
-/* The edges of a triangle in a bend, each divided by A: b, c, p, q, r as above; how far from X samples are in doubt. */
+/* The edges of a triangle in a bend, each divided by A: b, c, p, q, r as above; how far from X samples are in doubt, and
+ * from -(c + b j), in a strip about row j, inside. */
 typedef struct {
-    float b[4], c[4], p[4], q[4], r[4], off[4];
+    float b[4], c[4], p[4], q[4], r[4], off[4], reach[4];
     unsigned rights;
 } bows;
 
@@ -215,19 +226,24 @@ INLINE bows bows_of(const triangle *t, const bend *at) {
     slack += choose_d(flat, (size_d(xx) + size_d(xy) + size_d(yy)) * (33.0 * 33.0), none);
     xx = choose_d(flat, none, xx), xy = choose_d(flat, none, xy), yy = choose_d(flat, none, yy);
 
-    /* cut to 2^26 and 2^33, beyond any bend: numbers that are not finite do not arise */
-    const d4 m = 1.0 / A, b1 = B * m, p = xy * m, q = yy * m, r = xx * m;
-    const d4 c = most_d(least_d(C * m, none + 0x1p26), none - 0x1p26);
+    /* c is cut to 2^33, more than b and q make up for; `off` to more than X can be: numbers that are not finite do not
+     * arise */
+    const d4 m = 1.0 / A, b1 = B * m, p = xy * m, q = yy * m, r = xx * m, p1 = size_d(p), r1 = size_d(r);
+    const d4 c = most_d(least_d(C * m, none + 0x1p33), none - 0x1p33);
     const d4 rounding = (size_d(c) + size_d(b1) * 33.0 + size_d(q) * (33.0 * 33.0) + 66.0) * 0x1p-19;
-    const d4 wide = (size_d(slack * m) + size_d(r * r * r) * (66.0 * 0x1p17)) / (1.0 - 33.0 * size_d(p) - 66.0 * size_d(r));
+    const d4 curve = r1 * r1 * r1 * (88.0 * 0x1p17) + p1 * p1 * p1 * (33.0 * 33.0 * 33.0 * 33.0);
+    const d4 wide = (size_d(slack * m) * (1.0 + 42.0 * p1) + curve) * (1.0 + 132.0 * r1);
     bows e = {.rights = signs_d((l4)A)};
     *(f4 *)e.b = narrow_d(b1), *(f4 *)e.c = narrow_d(c), *(f4 *)e.p = narrow_d(p), *(f4 *)e.q = narrow_d(q);
-    *(f4 *)e.r = narrow_d(r), *(f4 *)e.off = narrow_d(least_d((wide + rounding) * (1 + 0x1p-20), none + 0x1p33));
+    const d4 off = least_d((wide + rounding) * (1 + 0x1p-20), none + 0x1p36);
+    *(f4 *)e.r = narrow_d(r), *(f4 *)e.off = narrow_d(off);
+    *(f4 *)e.reach = narrow_d(off + (p1 + size_d(q) + r1) * (33.0 * 33.0) + size_d(b1) * (0.5 * TILE));
     return e;
 }
 
-/* The spans of a strip in a bend: those that hold every sample of the triangle, and those that hold no other. */
-INLINE void cross_bend(const bows *e, const bend *at, const rect *r, int32_t y0, spans *s, spans *sure) {
+/* The spans of a strip in a bend: those that hold every sample of the triangle, and those that hold no other. Returns
+ * whether the former hold any. */
+INLINE int cross_bend(const bows *e, const bend *at, const rect *r, int32_t y0, spans *s, spans *sure) {
     const float middle = PATCH - 0.5f;
     const f8 limit = eight(33);
     const f8 j = __builtin_convertvector(y0 - at->y + *(const i8 *)LANE, f8) - middle;
@@ -235,8 +251,8 @@ INLINE void cross_bend(const bows *e, const bend *at, const rect *r, int32_t y0,
     const f8 beside = first - 1.0f, beyond = last + 1.0f;
     f8 first_sure = first, last_sure = last;
     for (int k = 0; k < 3; k++) {
-        const f8 m = 1.0f / (1.0f + e->p[k] * j), curve = e->r[k] * m;
-        const f8 X0 = -(e->c[k] + j * (e->b[k] + e->q[k] * j)) * m;
+        const f8 step = e->p[k] * j, m = fused(step, step - 1.0f, eight(1)), curve = e->r[k] * m;
+        const f8 X0 = -m * fused(j, fused(j, eight(e->q[k]), eight(e->b[k])), eight(e->c[k]));
         f8 X = most_of(least_of(X0, limit), -limit);
         X = X0 - curve * (X * X);
         X = most_of(least_of(X, limit), -limit);
@@ -247,22 +263,60 @@ INLINE void cross_bend(const bows *e, const bend *at, const rect *r, int32_t y0,
     }
     first = up(least_of(first, beyond)), first_sure = up(least_of(first_sure, beyond));
     last = down(most_of(last, beside)), last_sure = down(most_of(last_sure, beside));
-    *(i8 *)s->left = at->x + __builtin_convertvector(first, i8);
-    *(i8 *)s->right = at->x + __builtin_convertvector(last, i8);
+    const i8 left = __builtin_convertvector(first, i8), right = __builtin_convertvector(last, i8);
+    if (!keep_spans(s, at->x + left, at->x + right, r, y0)) return 0;
     *(i8 *)sure->left = at->x + __builtin_convertvector(first_sure, i8);
     *(i8 *)sure->right = at->x + __builtin_convertvector(last_sure, i8);
+    return 1;
+}
+
+/* The samples that a triangle may reach in each of the strips from y0 on. */
+INLINE spans reach_of(const bows *e, const bend *at, const rect *r, int32_t y0) {
+    const f8 j = __builtin_convertvector(y0 - at->y + TILE * *(const i8 *)LANE, f8) + (0.5f * TILE - PATCH);
+    f8 first = eight((float)(r->x0 - at->x)), last = eight((float)(r->x1 - at->x));
+    const f8 beside = first - 1.0f, beyond = last + 1.0f;
+    for (int k = 0; k < 3; k++) {
+        const f8 X = (PATCH - 0.5f - e->c[k]) - e->b[k] * j;
+        if (e->rights >> k & 1) last = least_of(last, X + e->reach[k]);
+        else first = most_of(first, X - e->reach[k]);
+    }
+    spans s;
+    *(i8 *)s.left = at->x + __builtin_convertvector(down(least_of(first, beyond)), i8);
+    *(i8 *)s.right = at->x + __builtin_convertvector(up(most_of(last, beside)), i8);
+    return s;
+}
+
+/* Draw the part of a triangle in a rectangle by the definition of P alone, in the tiles that it may meet. */
+static __attribute__((noinline)) void draw_by_definition(const band *b, const triangle *t, const rect *r) {
+    const size_t wide = (size_t)b->frame->tiles_x;
+    const i8 x0 = r->x0 + (i8){0}, x1 = r->x1 + (i8){0};
+    for (int32_t ty = r->y0 / TILE; ty <= r->y1 / TILE; ty++) {
+        spans s;
+        if (!keep_spans(&s, x0, x1, r, ty * TILE)) continue;
+        const unsigned rows = signs(*(const i8 *)s.left <= *(const i8 *)s.right);
+        const float *farthest = b->worker->farthest + (size_t)(ty - b->first_tiles) * wide;
+        for (int32_t tx = r->x0 / TILE; tx <= r->x1 / TILE; tx++) {
+            const box area = area_of(b->frame, r, 0, tx, ty);
+            if (misses(t, &area) || nearest_of(t, &area) < farthest[tx]) continue;
+            VARIANT(draw_tile)(b, t, &s, rows, rows, tx, ty);
+        }
+    }
 }
 
 /* Draw the part of a triangle in a rectangle within a bend. */
 static void draw_bent(const band *b, const triangle *t, const rect *r, const bend *at, float nearest) {
-    const int unsure = extreme(t);
+    if (extreme(t) || at->rough) {
+        draw_by_definition(b, t, r);
+        return;
+    }
+    const int32_t top = r->y0 / TILE;
     const bows e = bows_of(t, at);
-    for (int32_t ty = r->y0 / TILE; ty <= r->y1 / TILE; ty++) {
+    const spans reach = reach_of(&e, at, r, top * TILE);
+    for (int32_t ty = top; ty <= r->y1 / TILE; ty++) {
+        const int32_t x0 = imax(reach.left[ty - top], r->x0), x1 = imin(reach.right[ty - top], r->x1);
         spans s, sure;
-        if (strip_hidden(b, nearest, r, ty)) continue;
-        cross_bend(&e, at, r, ty * TILE, &s, &sure);
-        for (int k = 0; k < TILE && unsure; k++) s.left[k] = r->x0, s.right[k] = r->x1;
-        draw_spans(b, t, r, ty, &s, &sure, unsure);
+        if (x0 > x1 || strip_hidden(b, nearest, x0, x1, ty)) continue;
+        if (cross_bend(&e, at, r, ty * TILE, &s, &sure)) draw_spans(b, t, r, ty, &s, &sure, 0);
     }
 }
 

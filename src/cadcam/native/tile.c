@@ -5,7 +5,7 @@
 
 /* A tile being drawn: where its samples lie in the plane, and what they hold. */
 typedef struct {
-    const double *x, *y; /* with a lens: plane points, 64 each */
+    const double *points; /* with a lens: of the plane, row by row, TILE x and their y */
     double left, above;  /* without: the first sample */
     float *z;
     int32_t *id;
@@ -17,8 +17,7 @@ INLINE tile tile_at(const band *b, int32_t tx, int32_t ty) {
     tile t = {.left = tx * TILE, .above = ty * TILE, .z = b->worker->inverse_z + here * TILE_AREA,
               .id = b->worker->id + here * TILE_AREA};
     if (!lens) return t;
-    const size_t at = ((size_t)ty * wide + (size_t)tx) * TILE_AREA;
-    t.x = lens->x + at, t.y = lens->y + at;
+    t.points = lens->points + point_of((int32_t)((size_t)ty * wide + (size_t)tx), 0);
     return t;
 }
 
@@ -38,8 +37,8 @@ INLINE paint paint_of(const triangle *t, const tile *at) {
 
 /* 1/z in row r of a tile, evaluated in double. */
 INLINE f8 inverse_z(const paint *p, const tile *at, int r) {
-    if (at->x) {
-        const double *x = at->x + r * TILE, *y = at->y + r * TILE;
+    if (at->points) {
+        const double *x = at->points + r * 2 * TILE, *y = x + TILE;
         return floats(p->a * *(const d4 *)x + (p->b * *(const d4 *)y + p->c),
                       p->a * *(const d4 *)(x + 4) + (p->b * *(const d4 *)(y + 4) + p->c));
     }
@@ -63,7 +62,8 @@ INLINE i8 inside_row(const triangle *t, const tile *at, int r) {
     l4 inside[2];
     for (int h = 0; h < 2; h++) {
         d4 x = at->left + *(const d4 *)(COUNT + 4 * h), y = at->above + r + (d4){0};
-        if (at->x) x = *(const d4 *)(at->x + r * TILE + 4 * h), y = *(const d4 *)(at->y + r * TILE + 4 * h);
+        const double *p = at->points + r * 2 * TILE + 4 * h;
+        if (at->points) x = *(const d4 *)p, y = *(const d4 *)(p + TILE);
         inside[h] = ~(l4){0};
         for (int k = 0; k < 3; k++) inside[h] &= t->a[k] * x + (t->b[k] * y + t->c[k]) >= t->least[k];
     }

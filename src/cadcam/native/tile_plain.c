@@ -38,12 +38,13 @@ static inline void draw_pixels(const triangle *t, int32_t left, int32_t above, i
 }
 
 /* Samples at the points of a lens' table; NaN fails every comparison. */
-static inline void draw_points(const triangle *t, const double *restrict x, const double *restrict y, int top, int end,
-                               int whole, float *restrict z, int32_t *restrict id) {
+static inline void draw_points(const triangle *t, const double *restrict points, int top, int end, int whole,
+                               float *restrict z, int32_t *restrict id) {
     const double near = t->nearest, far = t->farthest;
     const int32_t face = t->id;
     for (int k = top; k <= end; k++) {
-        for (int i = k * TILE; i < k * TILE + TILE; i++) {
+        const double *x = points + k * 2 * TILE, *y = x + TILE;
+        for (int i = 0; i < TILE; i++) {
             double w = t->a[3] * x[i] + (t->b[3] * y[i] + t->c[3]);
             w = w < near ? w : near;
             w = w > far ? w : far;
@@ -51,7 +52,7 @@ static inline void draw_points(const triangle *t, const double *restrict x, cons
                                : (t->a[0] * x[i] + (t->b[0] * y[i] + t->c[0]) >= t->least[0]) &
                                      (t->a[1] * x[i] + (t->b[1] * y[i] + t->c[1]) >= t->least[1]) &
                                      (t->a[2] * x[i] + (t->b[2] * y[i] + t->c[2]) >= t->least[2]);
-            keep((float)(inside ? w : -1.0), face, &z[i], &id[i]);
+            keep((float)(inside ? w : -1.0), face, &z[k * TILE + i], &id[k * TILE + i]);
         }
     }
 }
@@ -91,9 +92,9 @@ static inline void draw_tile(const band *b, const triangle *t, const rect *r, in
     float *z = w->inverse_z + tile * TILE_AREA;
     int32_t *id = w->id + tile * TILE_AREA;
     if (lens) {
-        const double *x = lens->x + of_lens * TILE_AREA, *y = lens->y + of_lens * TILE_AREA;
-        if (whole) draw_points(t, x, y, top, end, 1, z, id);
-        else draw_points(t, x, y, top, end, 0, z, id);
+        const double *points = lens->points + point_of((int32_t)of_lens, 0);
+        if (whole) draw_points(t, points, top, end, 1, z, id);
+        else draw_points(t, points, top, end, 0, z, id);
     } else {
         if (whole) draw_pixels(t, tx * TILE, ty * TILE, top, end, 1, z, id);
         else draw_pixels(t, tx * TILE, ty * TILE, top, end, 0, z, id);

@@ -96,6 +96,11 @@ INLINE void three_bytes(i8 v, uint8_t out[24]) {
         for (int k = 0; k < 3; k++) out[3 * i + k] = (uint8_t)(v[i] >> (8 * k));
 }
 #endif
+#ifdef __FMA__
+INLINE f8 fused(f8 a, f8 b, f8 c) { return (f8)_mm256_fmadd_ps((__m256)a, (__m256)b, (__m256)c); }
+#else
+INLINE f8 fused(f8 a, f8 b, f8 c) { return a * b + c; }
+#endif
 INLINE f8 eight(float v) { return v - (f8){0}; }
 INLINE f8 size_of(f8 v) { return (f8)((i8)v & INT32_MAX); }
 

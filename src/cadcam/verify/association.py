@@ -16,7 +16,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Mask
 from cadcam.image.profile import candidates
 from cadcam.locate.edges import Projected
-from cadcam.locate.sight import Sight, measure
+from cadcam.locate.sight import Cells, Sight, measure
 from cadcam.verify.sightlines import REACH_PX, STEP_PX, Sightlines
 
 Longs = npt.NDArray[np.int64]
@@ -26,6 +26,9 @@ SEARCH_ROOM_PX = 1.5  # the same for an edge to be looked for
 _MOST = 6  # candidates a place
 _COARSE_PX = 0.3  # sigma of a candidate, about
 _GRID_PX = 0.75
+_NEIGHBOURS = 4  # places of other lines looked at near a candidate
+_ON_LINE_PX = 1.2  # across a line, that a candidate may be off to be taken for it
+_PARALLEL = np.cos(np.radians(20.0))
 _NEAR_PX = 1.5  # shifts up to this are the nominal place
 _GAIN_SAMPLES, _GAIN_SHARE = 3.0, 0.10  # by which support elsewhere must exceed that of the nominal place
 _STRAYS = 3.5  # robust sigmas
@@ -37,13 +40,15 @@ class Association:
     """What the photos show at N places.
 
     coarse (N,) px: offset of the edge that the feature's shift points to, nan where there is none; offset, sigma (N,)
-    px: the same measured, with its standard deviation by the photo's noise, nan where it cannot be. shift (N, 2) px: by
-    how much the feature that a place belongs to was found displaced in its photo, to about a pixel.
+    px: the same measured, with its standard deviation by the photo's noise, nan where it cannot be. step (N,): change
+    of brightness across the line at that place, be it an edge or not; nan where there is no room to tell. shift (N, 2)
+    px: by how much the feature that a place belongs to was found displaced in its photo, to about a pixel.
     """
 
     coarse: Array
     offset: Array
     sigma: Array
+    step: Array
     shift: Array
 
     @property
@@ -83,17 +88,22 @@ def associated(
     """
     n = len(lines)
     coarse, shift = np.full(n, np.nan), np.zeros((n, 2))
+    free = np.where(_explained(lines, found), np.nan, found)
     for number in np.unique(body[body >= 0]):
         for photo in np.unique(lines.photo[body == number]):
             rows = np.flatnonzero((body == number) & (lines.photo == photo))
-            s = best_shift(found[rows], lines.normal[rows], reach_px=reach_px)
+            s = best_shift(found[rows], lines.normal[rows], free=free[rows], reach_px=reach_px)
+            if np.hypot(*s) > _NEAR_PX and not _believed(free[rows], lines.normal[rows], lines.edge[rows], s):
+                s = best_shift(found[rows], lines.normal[rows], reach_px=_NEAR_PX)
             shift[rows] = s
             coarse[rows] = _nearest(found[rows], lines.normal[rows] @ s)
     coarse[strays(coarse, np.full(n, _COARSE_PX), lines.edge, lines.along)] = np.nan
-    offset, sigma = _measured(lines, sights, _expected(coarse, lines))
+    expected = _expected(coarse, lines)
+    at_shift = np.einsum("ni,ni->n", lines.normal, shift)
+    offset, sigma, step = _measured(lines, sights, np.where(np.isfinite(expected), expected, at_shift))
     offset[~np.isfinite(coarse)] = np.nan
     offset[strays(offset, sigma, lines.edge, lines.along)] = np.nan
-    return Association(coarse, offset, np.where(np.isfinite(offset), sigma, np.nan), shift)
+    return Association(coarse, offset, np.where(np.isfinite(offset), sigma, np.nan), step, shift)
 
 
 def _expected(coarse: Array, lines: Sightlines) -> Array:
@@ -107,34 +117,67 @@ def _expected(coarse: Array, lines: Sightlines) -> Array:
     return out
 
 
-def _measured(lines: Sightlines, sights: Sequence[Sight], expected: Array) -> tuple[Array, Array]:
-    """Return offsets (N,) and sigmas, fitted to the pixels about where the edges are expected."""
-    offset, sigma = np.full(len(lines), np.nan), np.full(len(lines), np.nan)
+def _measured(lines: Sightlines, sights: Sequence[Sight], expected: Array) -> tuple[Array, Array, Array]:
+    """Return offsets (N,), sigmas and steps of brightness, fitted to the pixels about where the edges are expected."""
+    offset, sigma, step = (np.full(len(lines), np.nan) for _ in range(3))
     for i, sight in enumerate(sights):
         rows = lines.photo == i
-        about = np.nan_to_num(expected[rows])
-        q, normal = lines.q[rows] + about[:, None] * lines.normal[rows], lines.normal[rows]
-        at = Projected(q, normal, np.zeros((len(q), 2, 6)))
-        blur = sight.blur(at, half_length=STEP_PX / 2, reach_px=REACH_PX)
-        found = measure(
-            sight, at, half_length=STEP_PX / 2, reach_px=REACH_PX, room_px=ROOM_PX, blur=blur, farthest=CAPTURE_PX
-        )
-        known = found.usable & np.isfinite(expected[rows])
-        offset[rows] = np.where(known, about + found.offset, np.nan)
-        sigma[rows] = np.where(known, found.sigma, np.nan)
-    return offset, sigma
+        at = Projected(lines.q[rows], lines.normal[rows], np.zeros((int(rows.sum()), 2, 6)))
+        cells = Cells.of(sight, at, half_length=STEP_PX / 2, reach_px=REACH_PX, room_px=ROOM_PX)
+        found = measure(sight, at, cells, expected[rows])
+        offset[rows] = np.where(found.usable, found.offset, np.nan)
+        sigma[rows] = np.where(found.usable, found.sigma, np.nan)
+        step[rows] = found.contrast
+    return offset, sigma, step
 
 
-def best_shift(offset: Array, normal: Array, *, reach_px: float) -> Array:
-    """Return the shift (2,) px that most of the candidates `offset` (n, K) support, to the grid's step."""
+def _explained(lines: Sightlines, found: Array) -> Mask:
+    """Return which candidates (N, K) are another line of the model, where that is expected."""
+    from scipy.spatial import cKDTree
+
+    out = np.zeros(found.shape, bool)
+    row, k = np.nonzero(np.isfinite(found))
+    q = lines.q[row] + found[row, k, None] * lines.normal[row]
+    for photo in np.unique(lines.photo):
+        mine, there = np.flatnonzero(lines.photo[row] == photo), np.flatnonzero(lines.photo == photo)
+        _, near = cKDTree(lines.q[there]).query(q[mine], k=_NEIGHBOURS, distance_upper_bound=STEP_PX)
+        for neighbour in np.asarray(near).T:
+            known = np.flatnonzero(neighbour < len(there))
+            i, j = mine[known], there[neighbour[known]]
+            across = np.abs(np.einsum("ni,ni->n", q[i] - lines.q[j], lines.normal[j]))
+            parallel = np.abs(np.einsum("ni,ni->n", lines.normal[row[i]], lines.normal[j])) > _PARALLEL
+            other = lines.edge[row[i]] != lines.edge[j]
+            out[row[i], k[i]] |= other & parallel & (across < _ON_LINE_PX)
+    return out
+
+
+def best_shift(offset: Array, normal: Array, *, reach_px: float, free: Array | None = None) -> Array:
+    """Return the shift (2,) px that most of the candidates `offset` (n, K) support, to the grid's step.
+
+    free (n, K): those of them that may tell of a shift away from the nominal place, by default all.
+    """
     grid = _grid(reach_px)
-    score = support(offset, normal, grid)
     near = np.hypot(*grid.T) <= _NEAR_PX
+    score = np.zeros(len(grid))
+    score[near] = support(offset, normal, grid[near])
+    if not near.all():
+        score[~near] = support(offset if free is None else free, normal, grid[~near])
     best = int(np.argmax(score - 1e-6 * np.hypot(*grid.T)))
     gain = score[best] - score[near].max()
     if gain <= max(_GAIN_SAMPLES, _GAIN_SHARE * len(offset)):
         best = int(np.flatnonzero(near)[np.argmax(score[near] - 1e-6 * np.hypot(*grid[near].T))])
     return np.asarray(grid[best])
+
+
+def _believed(offset: Array, normal: Array, edge: Longs, shift: Array) -> bool:
+    """Return whether a shift far from the nominal place is that of the feature, not of a line that happens to be there.
+
+    At least two edges must have moved so, and a good part of all places.
+    """
+    there = supported(offset, normal, shift)
+    at = np.unique(edge, return_inverse=True)[1].reshape(-1)
+    n, k = np.bincount(at), np.bincount(at, there)
+    return bool(((k >= n / 2) & (n >= _LEAST_SAMPLES)).sum() >= 2 and there.mean() >= _LEAST_SHARE)
 
 
 def supported(offset: Array, normal: Array, shift: Array) -> Mask:

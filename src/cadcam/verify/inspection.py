@@ -10,7 +10,7 @@ import numpy as np
 from cadcam.arrays import Array, Mask
 from cadcam.cad.edges import EdgeKind
 from cadcam.camera.pose_estimate import PoseEstimate
-from cadcam.errors import BadValue
+from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -21,8 +21,11 @@ from cadcam.verify.measured import Displacement, Measured
 from cadcam.verify.presence import Presence
 from cadcam.verify.survey import Survey, surveyed
 from cadcam.verify.tolerance import Tolerances, whole_parts
+from cadcam.verify.uncovered import uncovered_ratio
 
-_LEAST_SEEN = 0.4  # of the datum's places that must show an edge for the pose to be believed
+_LEAST_SEEN = 0.35  # of the datum's places that must show an edge for the pose to be believed
+_DOUBTFUL = -1.0  # log likelihood ratio below which it is asked what a part hides
+_OF_DISPLACED = 0.1  # of the alarms: a displacement that matters is far beyond any doubt, an absence is not
 _CELL_PX = 1.5  # places where a shifted feature is looked for are about this far apart
 
 
@@ -30,8 +33,9 @@ _CELL_PX = 1.5  # places where a shifted feature is looked for are about this fa
 class InspectionOptions:
     """reach_px: how far features are looked for beside their places. alarms: share of false ones that is allowed.
 
-    Of pictures in which nothing is wrong at most that share raise any alarm (Benjamini and Hochberg over features and
-    over edges; for missing features Bonferroni over features).
+    Of pictures in which nothing is wrong at most that share say of any feature that it is displaced (a tenth of it;
+    Benjamini and Hochberg over features) or missing (the rest; Bonferroni over features). The same share holds
+    for edges that are marked as off (Benjamini and Hochberg over edges).
     """
 
     reach_px: float = 8.0
@@ -93,8 +97,8 @@ def inspect(
     tolerances say which features there are and which of them the pose is fitted to; by default every body of the model
     is a feature, and the pose is fitted to those that agree: while the worst of them is significantly displaced
     against the others, it is left out (data snooping; W. Baarda, Netherlands Geodetic Commission 2/5, 1968). freedom
-    (6, k): motions that are free (`PoseEstimate`), default all. Raises `DegenerateGeometry` where the datum's edges in
-    view do not hold the part, `UnknownName` or `BadValue` for names that the part has not.
+    (6, k): motions that are free (`PoseEstimate`), default all. Where the datum's edges in view do not hold the part,
+    or hardly any are seen, the part is not found. Raises `UnknownName` or `BadValue` for names that the part has not.
     """
     asked = whole_parts(part.scene) if tolerances is None else tolerances
     asked.check(part.scene)
@@ -103,10 +107,13 @@ def inspect(
     reason = _why_not(survey)
     if reason:
         return _not_found(survey, world_from_part, F, reason)
-    presence = _presences(survey, options)
+    presence = _presences(part, photos, world_from_part, survey, options)
     there = _there(presence)
     sight = _sight(photos[0], world_from_part, survey) if len(photos) == 1 else None
-    measured, left_out = _snooped(survey, there, sight, F, options)
+    try:
+        measured, left_out = _snooped(survey, there, sight, F, options)
+    except DegenerateGeometry as error:
+        return _not_found(survey, world_from_part, F, str(error))
     return _reported(part, photos, world_from_part, survey, presence, measured, left_out, options)
 
 
@@ -123,14 +130,25 @@ def _why_not(survey: Survey) -> str:
     return ""
 
 
-def _presences(survey: Survey, options: InspectionOptions) -> list[Presence]:
-    """Return the evidence for each body; where it was looked for at many places, that is taken off."""
+def _presences(
+    part: Part, photos: Sequence[Photo], world_from_part: Rigid, survey: Survey, options: InspectionOptions
+) -> list[Presence]:
+    """Return the evidence for each feature; where it was looked for at many places, that is taken off.
+
+    Of whole parts that are rather not there, it is asked whether what they hide is seen.
+    """
     cells = np.log(max(np.pi * (options.reach_px / _CELL_PX) ** 2, 1.0))
     out = []
     for i in range(len(survey.names)):
         rows = survey.rows(i)
         moved = rows.any() and np.hypot(*survey.matched.shift[rows].T).max() > _CELL_PX
-        out.append(survey.presence(i, elsewhere=cells if moved else 0.0))
+        found = survey.presence(i, elsewhere=cells if moved else 0.0)
+        if found.expected and found.log_ratio < _DOUBTFUL:
+            body = survey.whole_part(i)
+            if body is not None:
+                behind = uncovered_ratio(part, photos, world_from_part, body, survey.evidence, clutter=survey.clutter)
+                found = replace(found, log_ratio=found.log_ratio + behind)
+        out.append(found)
     return out
 
 
@@ -144,7 +162,7 @@ def sure(presence: Sequence[Presence], options: InspectionOptions = PLAIN_OPTION
 
     Bonferroni over the bodies in view.
     """
-    return float(np.log(max(sum(p.expected > 0 for p in presence), 1) / options.alarms))
+    return float(np.log(max(sum(p.expected > 0 for p in presence), 1) / ((1 - _OF_DISPLACED) * options.alarms)))
 
 
 def _sight(photo: Photo, world_from_part: Rigid, survey: Survey) -> Array:
@@ -170,8 +188,10 @@ def _snooped(
         tests = {i: measured.displacement(measured.body == i) for i in bodies}
         p_values = {i: t.p_value for i, t in tests.items() if t is not None}
         worst = min(p_values, key=lambda i: p_values[i], default=-1)
-        if worst < 0 or p_values[worst] > options.alarms / max(len(survey.names), 1):
+        if worst < 0 or p_values[worst] > _OF_DISPLACED * options.alarms / len(p_values):
             return measured, left_out
+        if measured.pose_without(np.isin(measured.body, [*left_out, worst])) is None:
+            return measured, left_out  # the others would not hold the part: they cannot outvote it
         left_out.append(worst)
 
 
@@ -217,7 +237,8 @@ def _features(
 ) -> tuple[FeatureDeviation, ...]:
     enough = sure(presence, options)
     moved = [measured.displacement(members) for members in measured.members]
-    alarms = false_discoveries_below([np.nan if m is None else m.p_value for m in moved], options.alarms)
+    p_values = [np.nan if m is None else m.p_value for m in moved]
+    alarms = false_discoveries_below(p_values, _OF_DISPLACED * options.alarms)
     out = []
     for i in range(len(survey.names)):
         state = _state(presence[i], moved[i], bool(alarms[i]), enough)

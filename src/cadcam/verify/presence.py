@@ -1,11 +1,12 @@
 """Is a feature there at all? Edges seen against edges that ought to be, weighed by what this very picture shows.
 
-Every edge of a feature that should be visible is seen or not. Edges of parts that are there are seen with probability
-`seen` (the rest lack contrast); where there is no edge, clutter supports one with probability `clutter`. Both are
-counted in the picture itself: `seen` over the other features, `clutter` over decoys, the same lines shifted to where
-the model has nothing. The log likelihood ratio L of "there" against "not there" is a sum over edges. By Wald's
-inequality (Sequential Analysis, 1947) a feature that is there gives L <= -T with probability of at most exp(-T), and
-one that is not gives L >= T as rarely.
+Edges of a feature that should be visible are seen or not, those between the same two surfaces together: such a group
+is one piece of evidence. Where the feature is, a group is seen with probability `seen`, which depends on the contrast
+that the light gives it (`cadcam.verify.surroundings`); where it is not, clutter supports one with probability
+`clutter`. Both are counted in the picture itself: `seen` over the edges of the other features, by their contrasts;
+`clutter` over decoys, lines shifted to where the model has nothing. The log likelihood ratio L of "there" against
+"not there" is a sum over groups. By Wald's inequality (Sequential Analysis, 1947) a feature that is there gives L <= -T
+with probability of at most exp(-T), and one that is not gives L >= T as rarely.
 """
 
 from __future__ import annotations
@@ -16,14 +17,20 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Mask
-from cadcam.verify.association import best_shift, supported
+from cadcam.verify.association import Association, best_shift, supported
 from cadcam.verify.sightlines import Sightlines
+from cadcam.verify.surroundings import Surroundings, alike
 
 Longs = npt.NDArray[np.int64]
 LEAST_PLACES = 4  # of an edge that can say anything
 _DECOY_SHARE = 0.65  # of the reach at which decoys stand
 _CLEAR_PX = 3.5  # from its own place before a decoy counts
 _DECOYS = 6
+_SURE, _LEAST_STEP = 4.0, 0.008  # sigmas and brightness (two steps of eight bits) of a faint edge
+_AVERAGED = 5  # places whose steps were averaged
+_STEEP = 4.0  # of the curve from unseen to seen, by the logarithm of the contrast
+_MIDDLES, _USUAL_MIDDLE = np.geomspace(0.004, 0.12, 33), 0.015  # contrasts that are seen half the time
+_LAPSE = 0.01  # share of edges with ample contrast that are not seen, before any are counted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,19 +42,79 @@ class Presence:
     log_ratio: float
 
 
-def presence(
-    lines: Sightlines, mine: Mask, usable: Mask, support: Mask, clutter: float, elsewhere: float = 0.0
-) -> Presence:
-    """Return the evidence for a feature with the places `mine` (N,) among those that are `usable` (N,).
+@dataclass(frozen=True, slots=True, eq=False)
+class EdgeEvidence:
+    """The edges (E,) with enough places to tell: number, group, expected contrast, and whether the edge is seen.
 
-    support (N,): which places have an edge of the photo. elsewhere: logarithm of the number of places where the feature
-    was looked for, if it was found at another than its own.
+    Edges of one group lie between the same two surfaces.
     """
-    own, others = edges_seen(lines, mine, support), edges_seen(lines, usable & ~mine, support)
-    seen = float(np.clip((others.sum() + 1.0) / (len(others) + 2.0), clutter + 0.05, 0.99))
-    n, k = len(own), int(own.sum())
-    ratio = k * np.log(seen / clutter) + (n - k) * np.log((1 - seen) / (1 - clutter))
-    return Presence(n, k, float(ratio - (elsewhere if k else 0.0)))
+
+    edge: Longs
+    group: Longs
+    contrast: Array
+    seen: Mask
+
+    @classmethod
+    def of(cls, lines: Sightlines, rows: Mask, matched: Association, beside: Surroundings) -> EdgeEvidence:
+        """Return the evidence of places `rows` (N,): edges seen at half of their places, or faintly along all of it."""
+        support = matched.support
+        edge, at = np.unique(lines.edge[rows], return_inverse=True)
+        at = at.reshape(-1)
+        n = np.bincount(at, minlength=len(edge))
+        share = np.bincount(at, support[rows], minlength=len(edge)) / np.maximum(n, 1)
+        long = np.flatnonzero(n >= LEAST_PLACES)
+        index = np.flatnonzero(rows)
+        places = [index[at == i] for i in long]
+        normal = np.array([np.median(beside.normal[p], axis=0) for p in places]).reshape(-1, 2, 3)
+        color = np.array([np.median(beside.color[p], axis=0) for p in places]).reshape(-1, 2).astype(np.int32)
+        contrast = np.array([abs(np.median(beside.contrast[p])) for p in places])
+        faint = np.array([_steps_somewhat(matched.step[p]) for p in places], bool)
+        return cls(edge[long], alike(normal, color), contrast, (share[long] >= 0.5) | faint)
+
+
+def _steps_somewhat(step: Array) -> bool:
+    """Return whether the brightness changes across an edge, by the median of its places: fainter than each can tell."""
+    known = step[np.isfinite(step)]
+    if len(known) < LEAST_PLACES:
+        return False
+    middle = float(np.median(known))
+    spread = 1.4826 * float(np.median(np.abs(known - middle)))
+    sigma = 1.25 * spread / np.sqrt(max(len(known) / _AVERAGED, 1.0))
+    return bool(abs(middle) > max(_SURE * sigma, _LEAST_STEP))
+
+
+def presence(evidence: EdgeEvidence, mine: Mask, *, clutter: float, elsewhere: float = 0.0) -> Presence:
+    """Return the evidence for the feature with the edges `mine` (E,).
+
+    elsewhere: logarithm of the number of places where it was looked for, if it was found at another than its own.
+    """
+    total, any_seen = 0.0, False
+    for group in np.unique(evidence.group[mine]):
+        of = (evidence.group == group) & mine
+        seen = visible(evidence, ~mine, float(np.median(evidence.contrast[of])))
+        seen = float(np.clip(seen, clutter + 0.01, 0.995))
+        share = float(evidence.seen[of].mean())
+        any_seen |= share > 0
+        total += share * np.log(seen / clutter) + (1 - share) * np.log((1 - seen) / (1 - clutter))
+    return Presence(int(mine.sum()), int(evidence.seen[mine].sum()), total - (elsewhere if any_seen else 0.0))
+
+
+def visible(evidence: EdgeEvidence, others: Mask, contrast: float) -> float:
+    """Return the probability that an edge of this contrast is seen, as it is of the others.
+
+    A logistic curve in the logarithm of the contrast, with a lapse: even ample contrast is now and then not seen, for
+    shadows, dirt or something in front. Its middle is the most probable one.
+    """
+    c, seen = np.maximum(evidence.contrast[others], 1e-4), evidence.seen[others]
+
+    def curve(value: Array, middle: float) -> Array:
+        return np.asarray(1.0 / (1.0 + (middle / value) ** _STEEP))
+
+    fits = [np.log(np.where(seen, curve(c, m), 1 - curve(c, m)) * (1 - _LAPSE) + _LAPSE / 2).sum() for m in _MIDDLES]
+    middle = float(_MIDDLES[int(np.argmax(fits - 0.5 * (np.log(_MIDDLES / _USUAL_MIDDLE)) ** 2))])
+    ample = c > 2 * middle
+    lapse = (float((ample & ~seen).sum()) + 0.5) / (float(ample.sum()) + 0.5 / _LAPSE)
+    return float((1 - lapse) * curve(np.array([max(contrast, 1e-4)]), middle)[0])
 
 
 def edges_seen(lines: Sightlines, rows: Mask, support: Mask) -> Mask:

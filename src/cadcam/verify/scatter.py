@@ -85,7 +85,7 @@ class EdgeNoise:
 def white_scale(offset: Array, noise: EdgeNoise) -> float:
     """Return by what factor offsets scatter about straight lines along their edges, over what sigma says.
 
-    The root of the median over edges of chi-square by its freedom: one bad edge does not count.
+    The root of the median over edges of chi-square, by what that usually is: one bad edge does not count.
     """
     ratios = []
     for e in range(noise.edges):
@@ -95,7 +95,8 @@ def white_scale(offset: Array, noise: EdgeNoise) -> float:
             continue
         Z, y = noise.Z[rows] / noise.sigma[rows, None], offset[rows] / noise.sigma[rows]
         r = y - Z @ np.linalg.lstsq(Z, y, rcond=None)[0]
-        ratios.append(float(r @ r) / (n - 2))
+        usual = (n - 2) * (1 - 2 / (9 * (n - 2))) ** 3  # median of chi-square (Wilson and Hilferty, 1931)
+        ratios.append(float(r @ r) / usual)
     return float(np.sqrt(np.median(ratios))) if ratios else 1.0
 
 

@@ -108,10 +108,10 @@ def _in_photo(
         np.zeros(n, np.int64),
         wires.part[samples.line],
         wires.kind[samples.line],
-        samples.chain,
+        wires.chain[samples.line],
         np.full(n, number, np.int32),
     )
-    return lines, Sight(photo, samples, noise_of(photo.gray))
+    return lines, Sight(photo, noise_of(photo.gray), world_from_part, samples)
 
 
 def _imaged(samples: EdgeSamples, photo: Photo, camera_from_part: Rigid) -> Mask:

@@ -14,8 +14,9 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render.view import Scene
 from cadcam.verify.association import SEARCH_ROOM_PX, Association, associated, nearby_edges
-from cadcam.verify.presence import Presence, clutter_of, presence
+from cadcam.verify.presence import EdgeEvidence, Presence, clutter_of, presence
 from cadcam.verify.sightlines import Sightlines, sightlines
+from cadcam.verify.surroundings import surroundings
 from cadcam.verify.tolerance import Selection, Tolerances
 
 Longs = npt.NDArray[np.int64]
@@ -39,15 +40,24 @@ class Survey:
     usable: Mask
     datum: Mask
     stated: bool
+    evidence: EdgeEvidence
     clutter: float
 
     def rows(self, number: int) -> Mask:
         """Return the places (N,) of a feature that can be used."""
         return np.asarray(self.members[number] & self.usable)
 
+    def whole_part(self, number: int) -> int | None:
+        """Return the number of the part whose places in view are just those of a feature; None if there is none."""
+        own = np.unique(self.lines.part[self.members[number]])
+        if len(own) != 1 or (self.lines.part == own[0]).sum() != self.members[number].sum():
+            return None
+        return int(own[0])
+
     def presence(self, number: int, *, elsewhere: float) -> Presence:
         """Return the evidence that a feature is there; see `cadcam.verify.presence`."""
-        return presence(self.lines, self.rows(number), self.usable, self.matched.support, self.clutter, elsewhere)
+        mine = np.isin(self.evidence.edge, np.unique(self.lines.edge[self.rows(number)]))
+        return presence(self.evidence, mine, clutter=self.clutter, elsewhere=elsewhere)
 
     @property
     def seen_share(self) -> float:
@@ -76,6 +86,7 @@ def surveyed(
         usable,
         _datum(part.scene, lines, asked),
         bool(asked.datum),
+        EdgeEvidence.of(lines, usable, matched, surroundings(part, photos, world_from_part, lines)),
         clutter_of(lines, found, moved_as_one, reach_px=reach_px),
     )
 

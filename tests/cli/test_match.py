@@ -1,0 +1,105 @@
+"""`cadcam match`: templates and parts are found, absence is exit 3, and wrong wishes are said in one line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cadcam.cad.load import load
+from cadcam.errors import MissingCore
+from cadcam.files.camera import write_camera
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.picture import read_picture, write_picture
+from cadcam.native import core
+from cadcam.render import open_renderer
+from cadcam.render.view import Look, Scene
+
+from .job import CAMERA, POSE, Ran
+
+try:
+    core.library()
+except MissingCore as error:
+    pytest.skip(str(error), allow_module_level=True)
+
+
+@pytest.fixture
+def photo(job: Path) -> Path:
+    """Return a photo of the block on a floor, with noise, in place of the job's."""
+    view = open_renderer(Scene.of(load(job / "block.obj")), threads=1).render(
+        CAMERA, POSE, look=Look(background=(0.35, 0.35, 0.35), head=0.3, fill=0.6, supersampling=3)
+    )
+    noise = np.random.default_rng(3).normal(scale=0.01, size=view.gray.shape)
+    write_picture(job / "photo.png", np.clip(view.gray + noise, 0, 1).astype(np.float32))
+    return job / "photo.png"
+
+
+def test_a_template_is_found_where_it_was_cut_out(cadcam: Callable[..., Ran], job: Path, photo: Path) -> None:
+    gray = read_picture(photo)
+    h, w = gray.shape[:2]
+    x, y = w // 2 - 24, h // 2 - 20
+    write_picture(job / "corner.png", gray[y : y + 40, x : x + 48])
+    ran = cadcam("match", photo, job / "corner.png", "--json", "-o", job / "where.png")
+    assert ran.code == 0
+    best = ran.json["peaks"][0]
+    assert best["q"] == pytest.approx([x + 23.5, y + 19.5], abs=0.01)
+    assert best["angle_deg"] == pytest.approx(0, abs=0.05)
+    assert best["score"] > 0.999
+    assert read_picture(job / "where.png").shape[:2] == (h, w)
+    table = cadcam("match", photo, job / "corner.png")
+    assert "gap" in table.out
+    assert "1  1.0000" in table.out
+
+
+def test_what_is_not_there_is_exit_3_and_a_sentence(cadcam: Callable[..., Ran], job: Path, photo: Path) -> None:
+    write_picture(job / "other.png", np.random.default_rng(1).uniform(size=(6, 6)).repeat(8, 0).repeat(8, 1))
+    ran = cadcam("match", photo, job / "other.png", "--least-score", "0.8")
+    assert ran.code == 3
+    assert "nothing in the picture looks like the template" in ran.out
+    assert cadcam("match", photo, job / "other.png", "--least-score", "0.8", "--json").json["peaks"] == []
+
+
+def test_a_part_comes_with_features_edges_and_pose(cadcam: Callable[..., Ran], job: Path, photo: Path) -> None:
+    start = Rigid(translation=[2.0, -1.5, 3.0]) @ POSE @ Rigid.exp([0, 0, 0, 0.02, -0.02, 0.02])
+    write_camera(job / "camera.json", CAMERA, camera_from_world=start)
+    words = ["match", photo, job / "block.obj", "--camera", job / "camera.json"]
+    ran = cadcam(*words, "--json", "-o", job / "features.png")
+    assert ran.code == (0 if ran.json["found"] else 3)
+    assert len(ran.json["features"]) >= 2
+    assert {"drawn", "p_part", "chosen", "peaks", "complete"} == set(ran.json["features"][0])
+    assert len(ran.json["edges"]["each"]) == 9  # the edges of a block that can be seen at once
+    assert read_picture(job / "features.png").shape == (240, 320, 3)
+    words_out = cadcam(*words, "--edges", "--peaks").out
+    assert "features" in words_out
+    assert "How close the photo's edges are" in words_out
+    assert "Feature 1, drawn at" in words_out
+
+
+def test_a_part_that_is_not_there_is_exit_3(cadcam: Callable[..., Ran], job: Path) -> None:
+    ran = cadcam("match", job / "photo.png", job / "block.obj", "--camera", job / "camera.json")
+    assert ran.code == 3
+    assert "not found" in ran.out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["block.obj"], "--camera is missing"),
+        (["photo.png", "--angles", "10", "-10"], "angles"),
+        (["none.png"], "none.png"),
+        (["photo.png", "-o", "where.svg"], "suffix"),
+        (["photo.png", "--count", "0"], "count"),
+        (["photo.png", "--mask", "small.png"], "small.png is 4 x 4 px; expected the template's 320 x 240 px"),
+    ],
+)
+def test_wrong_wishes_are_exit_2_with_one_message(
+    words: list[str], said: str, cadcam: Callable[..., Ran], job: Path
+) -> None:
+    write_picture(job / "small.png", np.full((4, 4), 0.5))
+    at = [str(job / w) if w.endswith((".png", ".obj", ".svg")) else w for w in words]
+    ran = cadcam("match", job / "photo.png", *at)
+    assert ran.code == 2
+    assert said in ran.err
+    assert ran.err.count("cadcam match:") == 1

@@ -1,0 +1,144 @@
+"""Pictures of a plate with ribs: what is displaced, missing or too much is found, and by how much; all else is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cadcam.cad.mesh import merge
+from cadcam.cad.parts.shape import box
+from cadcam.geometry.rigid import Rigid
+from cadcam.verify.deviation import State
+from cadcam.verify.inspection import Inspection, InspectionOptions, inspect
+from cadcam.verify.tolerance import Selection, Tolerances
+
+from .scene import CAMERA, POSE, displaced, part, photo, photographed, plate
+
+
+def flagged(seen: Inspection) -> dict[str, State]:
+    return {f.name: f.state for f in seen.features if f.state in (State.DISPLACED, State.MISSING)}
+
+
+def off(rng: np.random.Generator) -> Rigid:
+    """Return a pose some tenths of a pixel off the true one."""
+    return Rigid.exp(rng.normal(0, 1, 6) * np.repeat([0.2, 5e-4], 3))
+
+
+def test_where_nothing_is_wrong_nothing_is_said(rng: np.random.Generator) -> None:
+    seen = inspect(part(), [photo(plate(), rng)], off(rng))
+    assert flagged(seen) == {}
+    assert seen.extra == ()
+    assert {f.name for f in seen.features if f.state is State.IN_PLACE} == set(plate().part_names)
+
+
+def test_a_displaced_rib_is_found_with_its_vector(rng: np.random.Generator) -> None:
+    """0.6 mm across the line of sight are 0.55 px; the components seen agree within 3.5 sigmas (chi-square, 1e-3)."""
+    by = 0.6 * np.array([0.8, 0.6, 0.0])
+    seen = inspect(part(), [photo(displaced("rib 1", by), rng)], off(rng))
+    assert flagged(seen) == {"rib 1": State.DISPLACED}
+    found = seen.feature("rib 1")
+    assert found.displacement is not None
+    error = found.displacement.value - found.seen.T @ by
+    assert error @ np.linalg.solve(found.displacement.covariance, error) < 3.7**2
+    assert found.sigma < 0.06
+
+
+def test_a_rib_displaced_beyond_the_reach_of_a_pose_is_found(rng: np.random.Generator) -> None:
+    """5 mm are 4.6 px: no edge of it is where the model has it."""
+    by = np.array([0.0, 5.0, 0.0])
+    seen = inspect(part(), [photo(displaced("rib 2", by), rng)], off(rng))
+    assert flagged(seen) == {"rib 2": State.DISPLACED}
+    assert (
+        np.linalg.norm(seen.feature("rib 2").vector - seen.feature("rib 2").seen @ seen.feature("rib 2").seen.T @ by)
+        < 0.3
+    )
+
+
+def test_a_missing_block_is_found_and_nothing_else_is_blamed(rng: np.random.Generator) -> None:
+    seen = inspect(part(), [photo(displaced("block", None), rng)], off(rng))
+    assert flagged(seen) == {"block": State.MISSING}
+
+
+def test_something_too_much_is_a_candidate(rng: np.random.Generator) -> None:
+    """A strip that the model does not have lies on the plate; its curves are reported where it is."""
+    mesh = merge([plate(), box((0, -95, 12), (60, -75, 22), name="strip", color=(0.55, 0.55, 0.6))])
+    seen = inspect(part(), [photo(mesh, rng)], off(rng))
+    assert flagged(seen) == {}
+    assert seen.extra
+    assert all(-10 < e.p[0] < 70 and -100 < e.p[1] < -60 for e in seen.extra)
+    assert {e.near for e in seen.extra} <= {"plate"}
+
+
+def test_the_displaced_part_does_not_pull_the_pose(rng: np.random.Generator) -> None:
+    """It is left out of the datum: the pose errs as its covariance says (chi-square of six beyond 1e-4: 27.9)."""
+    seen = inspect(part(), [photo(displaced("rib 1", np.array([1.5, 0.0, 0.0])), rng)], off(rng))
+    assert seen.left_out == ("rib 1",)
+    xi = seen.pose.world_from_part.log()
+    assert xi @ np.linalg.solve(seen.pose.covariance, xi) < 27.9
+
+
+def test_a_stated_datum_is_believed(rng: np.random.Generator) -> None:
+    """With the displaced rib as the datum all else is displaced against it, by as much, the other way."""
+    by = np.array([0.0, 1.0, 0.0])
+    stated = Tolerances(datum=(Selection("rib 1"),))
+    seen = inspect(part(), [photo(displaced("rib 1", by), rng)], off(rng), tolerances=stated)
+    plate_found = seen.feature("plate")
+    assert plate_found.displacement is not None
+    expected = -plate_found.seen.T @ by
+    error = plate_found.displacement.value - expected
+    assert error @ np.linalg.solve(plate_found.displacement.covariance, error) < 3.7**2
+
+
+def test_another_picture_is_not_the_part(rng: np.random.Generator) -> None:
+    gray = photographed(plate(), rng)[::-1, ::-1]
+    from cadcam.locate.photo import Photo
+
+    seen = inspect(part(), [Photo.of(gray, CAMERA, POSE)], Rigid())
+    assert not seen.found
+    assert "not there" in seen.reason or "hold the part" in seen.reason
+
+
+def test_nothing_is_found_in_an_even_picture() -> None:
+    from cadcam.locate.photo import Photo
+
+    seen = inspect(part(), [Photo.of(np.full((360, 480), 0.5, np.float32), CAMERA, POSE)], Rigid())
+    assert not seen.found
+    assert "0 % of the places" in seen.reason
+
+
+def test_two_photos_see_what_one_cannot(rng: np.random.Generator) -> None:
+    """A displacement along the first camera's line of sight: unseen by it alone, found with a second one."""
+    sight = POSE.rotation[2]
+    other = Rigid.look_at((-620.0, -520.0, 500.0), (10.0, 0.0, 10.0))
+    mesh = displaced("block", 1.5 * sight)
+    one, two = photo(mesh, rng), photo(mesh, rng, other, name="second")
+    start = off(rng)
+    assert "block" not in flagged(inspect(part(), [one], start))
+    seen = inspect(part(), [one, two], start)
+    assert flagged(seen) == {"block": State.DISPLACED}
+    np.testing.assert_allclose(seen.feature("block").vector, 1.5 * sight, atol=0.35)
+
+
+@pytest.mark.parametrize(("reach", "alarms"), [(1.0, 0.01), (100.0, 0.01), (8.0, 0.0), (8.0, 1.5)])
+def test_options_without_meaning_are_refused(reach: float, alarms: float) -> None:
+    from cadcam.errors import BadValue
+
+    with pytest.raises(BadValue):
+        InspectionOptions(reach, alarms)
+
+
+@pytest.mark.slow
+def test_alarms_are_as_rare_as_asked_and_displacements_err_as_they_say() -> None:
+    """150 pictures: at most 5 with any alarm (binomial at 1 %, beyond 1e-2); normalised errors within four sigmas."""
+    alarms, square, n = 0, 0.0, 0
+    for seed in range(150):
+        rng = np.random.default_rng(seed)
+        seen = inspect(part(), [photo(plate(), rng)], off(rng))
+        alarms += bool(flagged(seen))
+        for f in seen.features:
+            if f.displacement is not None:
+                v = f.displacement.value
+                square += float(v @ np.linalg.solve(f.displacement.covariance, v))
+                n += len(v)
+    assert alarms <= 5
+    assert abs(square / n - 1) < 0.35  # components of one picture err together through the pose

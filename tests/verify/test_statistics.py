@@ -1,0 +1,146 @@
+"""Predicted uncertainties against sampling; the rate of false alarms at its nominal level."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cadcam.arrays import Array
+from cadcam.errors import DegenerateGeometry
+from cadcam.verify.adjustment import Adjustment
+from cadcam.verify.alarms import false_discoveries_below, tail_probability
+from cadcam.verify.scatter import EdgeNoise, common_error, white_scale
+
+EDGES, PLACES, SIGMA = 24, 30, 0.15
+
+
+def geometry(rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """Return edge numbers (N,), positions along them (N,) px and a pose's Jacobian (N, 6)."""
+    edge = np.repeat(np.arange(EDGES), PLACES)
+    along = np.tile(4.0 * (np.arange(PLACES) - (PLACES - 1) / 2), EDGES)
+    normal = np.repeat(rng.normal(size=(EDGES, 3)), PLACES, axis=0)
+    p = np.repeat(rng.normal(0, 100, (EDGES, 3)), PLACES, axis=0) + along[:, None] * np.repeat(
+        rng.normal(size=(EDGES, 3)), PLACES, axis=0
+    )
+    return edge, along, np.concatenate([normal, np.cross(p, normal)], axis=1)
+
+
+def sampled(rng: np.random.Generator, noise: EdgeNoise, J: Array, C: Array, xi: Array) -> Array:
+    common = noise.tau * np.einsum("ni,ni->n", noise.Z, rng.normal(size=(EDGES, 2))[noise.edge])
+    return np.asarray(J @ xi + C @ rng.normal(size=C.shape[1]) + rng.normal(0, noise.sigma) + common)
+
+
+@pytest.mark.parametrize("tau", [0.0, 0.1])
+def test_a_displacement_errs_as_its_covariance_says(rng: np.random.Generator, tau: float) -> None:
+    """400 drawings: chi-square of the two components over 800 degrees of freedom, within four of its sigmas.
+
+    Noise, edges' own errors, pose and calibration all are in it; without any one of them it would be off by more.
+    """
+    edge, along, J = geometry(rng)
+    C = 0.05 * rng.normal(size=(len(edge), 3))
+    noise = EdgeNoise.of(np.full(len(edge), SIGMA), edge, along, tau)
+    rows = edge < 3
+    design = J[rows, :2]
+    square = 0.0
+    for _ in range(400):
+        y = sampled(rng, noise, J, C, rng.normal(0, [0.2] * 3 + [2e-3] * 3))
+        adjustment = Adjustment(y, J, C, noise, np.ones(len(edge), bool))
+        found = adjustment.estimate(rows, design, adjustment.pose(without=rows))
+        square += float(found.value @ np.linalg.solve(found.covariance, found.value))
+    assert abs(square / 800 - 1) < 4 * np.sqrt(2 / 800)
+
+
+def test_each_cause_is_felt(rng: np.random.Generator) -> None:
+    """Leaving any cause out of the covariance makes it smaller: none of them is zero, and they add up."""
+    edge, along, J = geometry(rng)
+    C = 0.05 * rng.normal(size=(len(edge), 3))
+    noise = EdgeNoise.of(np.full(len(edge), SIGMA), edge, along, 0.1)
+    rows = edge < 3
+    adjustment = Adjustment(np.zeros(len(edge)), J, C, noise, np.ones(len(edge), bool))
+    found = adjustment.estimate(rows, J[rows, :2], adjustment.pose(without=rows))
+    for cause in (found.noise, found.edges, found.pose, found.calibration):
+        assert np.linalg.eigvalsh(cause)[0] > 0
+
+
+def test_a_calibration_error_that_the_pose_follows_does_not_count(rng: np.random.Generator) -> None:
+    """C = J: the cameras' errors look like a motion of the part; deviations against its datum know nothing of them."""
+    edge, along, J = geometry(rng)
+    noise = EdgeNoise.of(np.full(len(edge), SIGMA), edge, along, 0.05)
+    rows = edge < 3
+    adjustment = Adjustment(np.zeros(len(edge)), J, J[:, :3].copy(), noise, np.ones(len(edge), bool))
+    found = adjustment.estimate(rows, J[rows, :2], adjustment.pose(without=rows))
+    assert np.abs(found.calibration).max() < 1e-12 * np.abs(found.noise).max() + 1e-20
+
+
+def test_the_common_error_of_edges_is_recovered(rng: np.random.Generator) -> None:
+    """Mean of 40 estimates within four standard errors of the truth; noise alone gives nearly none."""
+    edge, along, J = geometry(rng)
+    sigma, none = np.full(len(edge), SIGMA), np.zeros((len(edge), 0))
+    for tau in (0.0, 0.08):
+        noise = EdgeNoise.of(sigma, edge, along, tau)
+        found = [common_error(sampled(rng, noise, J, none, np.zeros(6)), sigma, edge, along, J) for _ in range(40)]
+        if tau:
+            assert abs(np.mean(found) - tau) < 4 * np.std(found) / np.sqrt(40)
+        else:
+            assert np.mean(found) < 0.02
+
+
+def test_the_scale_of_the_noise_is_recovered_whatever_the_edges_do(rng: np.random.Generator) -> None:
+    """One edge's ratio scatters by sqrt(2/28) = 0.27, the root of the median of 24 by 0.034: four of that."""
+    edge, along, J = geometry(rng)
+    noise = EdgeNoise.of(np.full(len(edge), SIGMA), edge, along, 0.3)
+    y = sampled(rng, EdgeNoise.of(1.7 * noise.sigma, edge, along, 0.3), J[:, :0], J[:, :0], np.zeros(0))
+    assert white_scale(y, noise) == pytest.approx(1.7, rel=0.14)
+
+
+def test_the_inverse_covariance_is_that_of_the_full_matrix(rng: np.random.Generator) -> None:
+    edge, along, _ = geometry(rng)
+    keep = edge < 4
+    noise = EdgeNoise.of(rng.uniform(0.1, 0.3, int(keep.sum())), edge[keep], along[keep], 0.2)
+    V = np.diag(noise.sigma**2)
+    for e in range(4):
+        Z = noise.Z * (noise.edge == e)[:, None]
+        V += 0.2**2 * Z @ Z.T
+    X = rng.normal(size=(len(noise.sigma), 3))
+    np.testing.assert_allclose(noise.white(X), np.linalg.solve(V, X), rtol=1e-9, atol=1e-9)
+    assert noise.log_determinant() == pytest.approx(np.linalg.slogdet(V)[1], rel=1e-12)
+
+
+def test_a_datum_that_leaves_a_motion_free_is_refused_naming_it(rng: np.random.Generator) -> None:
+    edge, along, J = geometry(rng)
+    J[:, 2] = 0.0
+    noise = EdgeNoise.of(np.full(len(edge), SIGMA), edge, along, 0.0)
+    adjustment = Adjustment(np.zeros(len(edge)), J, J[:, :0], noise, np.ones(len(edge), bool))
+    with pytest.raises(DegenerateGeometry, match=r"translation \[0.0, -?0.0, -?1.0"):
+        adjustment.pose()
+
+
+def test_false_alarms_come_as_rarely_as_asked(rng: np.random.Generator) -> None:
+    """20 features in place, 4000 pictures, 5 %: the share with any alarm within four standard errors of it."""
+    alarms = [false_discoveries_below(rng.uniform(size=20), 0.05).any() for _ in range(4000)]
+    assert abs(np.mean(alarms) - 0.05) < 4 * np.sqrt(0.05 * 0.95 / 4000)
+
+
+def test_real_displacements_do_not_make_the_others_suspect(rng: np.random.Generator) -> None:
+    """Five of 20 displaced beyond doubt: of all alarms at most 5 % are false, on average."""
+    false = []
+    for _ in range(2000):
+        p = np.concatenate([np.full(5, 1e-12), rng.uniform(size=15)])
+        found = false_discoveries_below(p, 0.05)
+        assert found[:5].all()
+        false.append(found[5:].sum() / found.sum())
+    assert np.mean(false) < 0.05
+
+
+def test_what_was_not_tested_raises_no_alarm() -> None:
+    assert false_discoveries_below([np.nan, 1e-9, np.nan], 0.01).tolist() == [False, True, False]
+
+
+def test_tail_probabilities_are_uniform_where_nothing_is_displaced(rng: np.random.Generator) -> None:
+    """Kolmogorov's distance of 2000 of them, the covariance scaled as if known to 12 degrees of freedom."""
+    from scipy.stats import kstest
+
+    root = rng.normal(size=(2, 2))
+    V = root @ root.T
+    p = [tail_probability(root @ rng.normal(size=2), V * rng.chisquare(12) / 12, 12.0) for _ in range(2000)]
+    assert kstest(p, "uniform").pvalue > 1e-3

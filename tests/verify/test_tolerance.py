@@ -1,0 +1,101 @@
+"""What a tolerance file says, and what is said of a wrong one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cadcam.cad.edges import EdgeKind
+from cadcam.errors import BadValue, CadcamError, UnknownName
+from cadcam.verify.tolerance import Quantity, Rule, Selection, runs, whole_parts
+from cadcam.verify.tolerance_file import read_tolerances, template
+
+from .scene import part
+
+GOOD = """\
+k: 2.5
+datum: [{part: plate}]
+features:
+  rib:
+    part: rib 1
+    position_mm: 0.5
+    angle_deg: 0.3
+    presence: required
+  corner of the block:
+    part: block
+    box_mm: [[100, -80, 10], [130, 0, 50]]
+    kinds: [crease, contact]
+    direction: [0, 3, 4]
+    position_mm: 1
+    profile_mm: 2
+    k: 3
+    rule: simple acceptance
+"""
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "tolerances.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_a_file_says_what_it_says(tmp_path: Path) -> None:
+    found = read_tolerances(written(tmp_path, GOOD))
+    rib, corner = found.features
+    assert [limit.quantity for limit in rib.limits] == [Quantity.POSITION, Quantity.ANGLE, Quantity.PRESENCE]
+    assert rib.limits[0].k == 2.5
+    assert rib.limits[0].rule is Rule.GUARD_BAND
+    assert rib.limits[1].value == pytest.approx(np.radians(0.3))
+    assert corner.limits[0].rule is Rule.SIMPLE
+    assert corner.limits[0].k == 3
+    np.testing.assert_allclose(corner.limits[0].direction, [0, 0.6, 0.8])
+    assert corner.limits[1].direction is None  # a direction is of a position
+    assert corner.selection.kinds == (EdgeKind.CREASE, EdgeKind.CONTACT)
+    found.check(part().scene)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("part: rib 1", "part: rib 7", r"unknown part 'rib 7'; did you mean 'rib \d'\? \(known: block, bracket"),
+        ("[[100, -80, 10]", "[[900, -80, 10]", r"a list|lowest corner"),
+        ("kinds: [crease, contact]", "kinds: [creese]", r"unknown kind of edge 'creese'; did you mean 'crease'"),
+        ("kinds: [crease, contact]", "chains: [1]", r"chain of 'block' is 1; expected one of \d+"),
+        ("position_mm: 0.5", "positon_mm: 0.5", r"unknown key 'positon_mm'; did you mean 'position_mm'"),
+        ("position_mm: 0.5", "position_mm: -0.5", r"position_mm is -0.5; expected a positive number"),
+        ("rule: simple acceptance", "rule: simple", r"unknown decision rule 'simple'"),
+        ("presence: required", "presence: perhaps", r"write presence: required"),
+        ("    direction: [0, 3, 4]\n", "    direction: [0, 0, 0]\n", r"a vector that is not zero"),
+        ("datum: [{part: plate}]", "datum: [{}]", r"does not say which edges"),
+        ("datum: [{part: plate}]", "datum: plate", r"is no list"),
+    ],
+)
+def test_what_is_wrong_is_named_with_what_there_is(tmp_path: Path, old: str, new: str, said: str) -> None:
+    assert old in GOOD
+    with pytest.raises(CadcamError, match=said):
+        read_tolerances(written(tmp_path, GOOD.replace(old, new))).check(part().scene)
+
+
+def test_a_box_beside_the_part_says_where_its_edges_are() -> None:
+    with pytest.raises(BadValue, match=r"a box_mm within \[70.0, -70.0, 12.0\] to \[120.0, -10.0, 45.0\]"):
+        Selection("block", box=np.array([[0, 0, 0], [1, 1, 1.0]])).check(part().scene)
+
+
+def test_the_template_is_a_valid_file(tmp_path: Path) -> None:
+    found = read_tolerances(written(tmp_path, template(part().scene, seen=("plate", "rib 2"))))
+    found.check(part().scene)
+    assert [d.part for d in found.datum] == ["plate", "rib 2"]
+
+
+def test_a_name_full_of_signs_means_only_itself() -> None:
+    selection = whole_parts(part().scene).features[1].selection
+    assert selection.bodies(part().scene).tolist() == [False, True, False, False, False]
+    with pytest.raises(UnknownName):
+        Selection("rib [34]").bodies(part().scene)
+    assert Selection("rib [12]").bodies(part().scene).sum() == 2
+
+
+def test_runs_are_shortened() -> None:
+    assert runs([1, 2, 3, 7, 9, 10]) == "1 to 3, 7, 9, 10"

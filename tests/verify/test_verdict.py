@@ -1,0 +1,73 @@
+"""ISO 14253-1, exactly; how verdicts join; how the coverage factor of many is raised."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from cadcam.errors import BadValue
+from cadcam.verify.judge import together
+from cadcam.verify.tolerance import Limit, Quantity, Rule
+from cadcam.verify.verdict import Verdict, decided, overall
+
+LIMIT = Limit(Quantity.POSITION, 1.0, k=2.0)
+
+
+@pytest.mark.parametrize(
+    ("deviation", "sigma", "said"),
+    [
+        (0.8, 0.1, Verdict.PASS),  # 0.8 <= 1 - 0.2, the limit of conformity itself
+        (-0.8, 0.1, Verdict.PASS),
+        (np.nextafter(0.8, 1), 0.1, Verdict.UNDECIDED),
+        (1.2, 0.1, Verdict.UNDECIDED),  # not beyond 1 + 0.2
+        (np.nextafter(1.2, 2), 0.1, Verdict.FAIL),
+        (-1.3, 0.1, Verdict.FAIL),
+        (0.0, 0.51, Verdict.UNDECIDED),  # too poor to judge: never PASS
+        (0.0, 0.5, Verdict.PASS),
+        (np.nan, 0.1, Verdict.UNDECIDED),
+        (0.0, np.inf, Verdict.UNDECIDED),
+    ],
+)
+def test_the_guard_band_is_that_of_iso_14253_1(deviation: float, sigma: float, said: Verdict) -> None:
+    assert decided(deviation, sigma, LIMIT) is said
+
+
+def test_no_uncertainty_makes_a_bad_part_pass_or_a_good_one_fail(rng: np.random.Generator) -> None:
+    """PASS and FAIL imply conformity and its opposite for every truth within deviation +- U."""
+    for deviation, sigma in zip(rng.normal(0, 2, 2000), rng.exponential(0.4, 2000), strict=True):
+        said = decided(deviation, sigma, LIMIT)
+        possible = abs(deviation + 2 * sigma * np.array([-1, 1]))
+        if said is Verdict.PASS:
+            assert possible.max() <= 1.0 + 1e-12
+        if said is Verdict.FAIL:
+            assert abs(deviation) - 2 * sigma > 1.0 - 1e-12
+
+
+def test_simple_acceptance_compares_the_deviation_alone_but_not_for_a_poor_measurement() -> None:
+    simple = Limit(Quantity.POSITION, 1.0, k=2.0, rule=Rule.SIMPLE)
+    assert decided(0.95, 0.16, simple) is Verdict.PASS
+    assert decided(1.05, 0.16, simple) is Verdict.FAIL
+    assert decided(0.0, 0.17, simple) is Verdict.UNDECIDED
+
+
+def test_one_failure_fails_the_part_and_only_all_passes_pass_it() -> None:
+    assert overall([Verdict.PASS, Verdict.UNDECIDED, Verdict.FAIL]) is Verdict.FAIL
+    assert overall([Verdict.PASS, Verdict.NOT_FOUND]) is Verdict.UNDECIDED
+    assert overall([Verdict.PASS, Verdict.PASS]) is Verdict.PASS
+    assert overall([]) is Verdict.UNDECIDED
+
+
+def test_exit_codes_are_0_1_and_3() -> None:
+    assert [v.exit_code for v in (Verdict.PASS, Verdict.FAIL, Verdict.UNDECIDED, Verdict.NOT_FOUND)] == [0, 1, 3, 3]
+
+
+@pytest.mark.parametrize("n", [1, 7, 60])
+def test_many_pieces_err_together_as_rarely_as_one(n: int) -> None:
+    assert 1 - (1 - norm.sf(together(2.0, n))) ** n == pytest.approx(norm.sf(2.0), rel=1e-9)
+
+
+@pytest.mark.parametrize(("value", "k"), [(0.0, 2.0), (-1.0, 2.0), (np.nan, 2.0), (1.0, 0.0)])
+def test_a_limit_without_meaning_is_refused(value: float, k: float) -> None:
+    with pytest.raises(BadValue, match="positive number"):
+        Limit(Quantity.PROFILE, value, k)
