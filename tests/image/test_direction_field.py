@@ -85,9 +85,11 @@ def test_cameras_of_fields_see_the_photo_s_points_where_its_pixels_are() -> None
 
 
 def test_through_a_lens_the_field_is_that_of_an_ideal_camera() -> None:
-    camera = Camera.from_focal(SIZE, 110.0, lens=Division(-0.25))
+    camera = Camera.from_focal(SIZE, 110.0, lens=Division(-0.4))
     ray = camera.unproject(camera.pixel_grid())
-    photo = np.clip((ray[..., 0] / ray[..., 2] - 0.35) * 110 + 0.5, 0, 1)  # a plane's edge at x/z = 0.35, bent by the lens
+    photo = np.clip(
+        (ray[..., 0] / ray[..., 2] - 0.35) * 110 + 0.5, 0, 1
+    )  # a plane's edge at x/z = 0.35, bent by the lens
     field = direction_fields(gaussian_filter(photo, 0.7).astype(np.float32), camera, levels=1)[0]
     y = np.linspace(-0.3, 0.3, 13)
     q = np.rint(field.camera.project(np.column_stack([np.full(13, 0.35), y, np.ones(13)]))).astype(int)

@@ -21,6 +21,7 @@ from cadcam.locate.approach import Reach, approach
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+
 from .photos import CAMERA, photo, view
 
 BRACKET = Part.of(machined_bracket())
@@ -92,8 +93,8 @@ def test_hypotheses_are_ranked_and_apart(rng: np.random.Generator) -> None:
 
 
 def test_a_start_outside_the_photo_is_refused(rng: np.random.Generator) -> None:
-    aside = Rigid(POSE.rotation, POSE.translation + [5000.0, 0, 0])
-    behind = Rigid(POSE.rotation, POSE.translation - [0, 0, 3000.0])
+    aside = Rigid(translation=[5000.0, 0, 0]) @ POSE
+    behind = Rigid(translation=[0, 0, -3000.0]) @ POSE
     for start in (aside, behind):
         with pytest.raises(NothingInView, match="outside of every photo"):
             approach(BRACKET, [photo(BRACKET, POSE, rng)], start)
@@ -112,12 +113,11 @@ def clean_block(shared: Callable[[str], Path], level: str, every: int) -> list[f
     true = {int(r[0]): pose_of(r[1:]) for r in np.loadtxt(folder / "gt.csv", delimiter=",", skiprows=1)}
     starts = np.loadtxt(folder / "starts.txt")[::every]
     photos = {
-        f: Photo.of(read_picture(folder / level / "images" / f"{f:04d}.png"), camera) for f in {int(s[0]) for s in starts}
+        f: Photo.of(read_picture(folder / level / "images" / f"{f:04d}.png"), camera)
+        for f in {int(s[0]) for s in starts}
     }
     return [
-        error_px(
-            part, camera, approach(part, [photos[int(s[0])]], pose_of(s[1:]))[0].world_from_part, true[int(s[0])]
-        )
+        error_px(part, camera, approach(part, [photos[int(s[0])]], pose_of(s[1:]))[0].world_from_part, true[int(s[0])])
         for s in starts
     ]
 

@@ -37,7 +37,9 @@ def error_px(part: Part, camera: Camera, one: Rigid, other: Rigid) -> float:
 
 
 @pytest.mark.parametrize("direction", [(0.5, 0.7, 1.0), (0.9, 0.2, 1.0)])
-def test_a_part_is_found_from_nothing_in_any_turn(direction: tuple[float, float, float], rng: np.random.Generator) -> None:
+def test_a_part_is_found_from_nothing_in_any_turn(
+    direction: tuple[float, float, float], rng: np.random.Generator
+) -> None:
     turned = Rigid(so3.exp([0, 0, rng.uniform(-np.pi, np.pi)]), np.zeros(3)) @ view(BRACKET, direction)
     found = search(BRACKET, [photo(BRACKET, turned, rng)], FROM_ABOVE)
     assert error_px(BRACKET, CAMERA, found[0].world_from_part, turned) < RIGHT_PX

@@ -8,6 +8,7 @@ import pytest
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts import machined_bracket
 from cadcam.locate.part import Part
+
 from ..cad.solids import box, prism
 
 

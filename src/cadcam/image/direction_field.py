@@ -3,10 +3,10 @@
 The gradient by Sobel's operator is judged against the picture's noise (the median of its magnitude, which is Rayleigh
 distributed where there is nothing but noise) and against the mean around it, so that neither contrast nor exposure
 counts and no texture outweighs a lonely edge; pixels beside the top of an edge count less. Its direction is spread over
-the sectors by the fourth power of a cosine. Like the response maps of S. Hinterstoisser et al., Gradient response maps
+the sectors by a cosine's fourth power. Like the response maps of S. Hinterstoisser et al., Gradient response maps
 for real-time detection of textureless objects, PAMI 34 (2012), the fields are made to be summed along the edges of a
-model; unlike those they keep lines sharp, and coarser fields are pooled from finer ones, so that the two sides of a thin
-plate do not cancel.
+model; unlike those they keep lines sharp, and coarser fields are pooled from finer ones, so that the two sides of a
+thin plate do not cancel.
 
 Fields are those of an ideal camera: through a lens the picture is straightened first.
 """
@@ -34,8 +34,9 @@ _LEAST = 4  # px along the shorter side of a field
 class DirectionField:
     """A field and its ideal camera, whose pixels are those of the field.
 
-    planes: values (SECTORS, H, W) uint8, 255 = sure; plane s is for lines whose normal has the direction s pi / SECTORS,
-    up to sign; mean and variance (SECTORS,) over the picture. reduction: photo pixels to a pixel of the field.
+    planes: values (SECTORS, H, W) uint8, 255 = sure; plane s is for lines whose normal has the direction
+    s pi / SECTORS, up to sign; mean and variance (SECTORS,) over the picture. reduction: photo pixels to one of the
+    field.
     """
 
     camera: Camera

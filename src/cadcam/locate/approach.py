@@ -1,6 +1,6 @@
 """From a rough start to poses that edge refinement can take up: many hypotheses, then fewer and finer ones.
 
-1. Around the start, rotations (tilts of the view, turns in the picture) and depths on a grid; for each, the visible edges
+1. Around the start, rotations (tilts of the view, turns in the picture) and depths on a grid; for each, the edges
    of the aspect seen from there are slid over a coarse direction field to find where in the picture they fit best.
    A shift in the picture is a turn of the camera about its centre: it changes nothing of what is seen.
 2. The best climb on finer and finer fields, all photos together; what runs into the same pose is one.
@@ -131,11 +131,11 @@ def _slid(aspects: Aspects, stage: Stage, start: Rigid, reach: Reach) -> Array:
         shift_px = math.ceil(reach.shift_px / field.reduction) + 1
         views = views_of(aspects, stage, world, _SLID)
         shift, score = views.slide(eye, world, centre=(0, 0), reach=(shift_px, shift_px), keep=1, apart=2)
-        best = np.argsort(-score[:, 0])[: _TAKEN]
+        best = np.argsort(-score[:, 0])[:_TAKEN]
         moved = turned(aspects, field.camera, seen[best], shift[best, 0].astype(float))
         poses.append(composed(camera_from_world.inv, moved))
         scores.append(score[best, 0])
-    order = np.argsort(-np.concatenate(scores), kind="stable")[: _TAKEN]
+    order = np.argsort(-np.concatenate(scores), kind="stable")[:_TAKEN]
     return np.concatenate(poses)[order]
 
 
@@ -148,7 +148,10 @@ def _spread(aspects: Aspects, photos: Sequence[Photo], start: Rigid, free: Array
     far = reach.shift_px * distance / near.camera.fx + reach.depth * distance
     turn = np.linalg.norm(free[3:], axis=0) * aspects.radius
     speed = np.maximum(np.linalg.norm(aside, axis=0), turn)  # how fast the part's border moves
-    most = np.minimum(far / np.maximum(np.linalg.norm(aside, axis=0), 1e-12), math.radians(reach.rotation_deg) * aspects.radius / np.maximum(turn, 1e-12))
+    most = np.minimum(
+        far / np.maximum(np.linalg.norm(aside, axis=0), 1e-12),
+        math.radians(reach.rotation_deg) * aspects.radius / np.maximum(turn, 1e-12),
+    )
     n = np.maximum(np.ceil(most * speed / (_SPREAD * aspects.radius)), 1)
     n = np.maximum(np.minimum(n, _MOST_SPREAD ** (1 / len(n)) / 2), 1).astype(int)
     axes = [np.linspace(-m, m, 2 * k + 1) for m, k in zip(most, n, strict=True)]
@@ -180,8 +183,5 @@ def _turns(reach_deg: float) -> Array:
     tilt = _TILT_DEG * np.stack([i + 0.5 * j, math.sqrt(0.75) * j], axis=1)
     m = round(reach_deg / _ROLL_DEG)
     roll = _ROLL_DEG * np.arange(-m, m + 1)
-    every = np.concatenate([np.broadcast_to(tilt[:, None], (len(tilt), len(roll), 2)),
-                            np.broadcast_to(roll[None, :, None], (len(tilt), len(roll), 1))], axis=2).reshape(-1, 3)  # fmt: skip
-    return every[np.linalg.norm(every, axis=1) <= reach_deg + 0.25 * _TILT_DEG]
-
-
+    every = np.column_stack([np.repeat(tilt, len(roll), axis=0), np.tile(roll, len(tilt))])
+    return np.asarray(every[np.linalg.norm(every, axis=1) <= reach_deg + 0.25 * _TILT_DEG])

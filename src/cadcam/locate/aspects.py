@@ -40,8 +40,8 @@ class Aspect:
 
     direction (3,) unit, from the part's middle to the eye, and distance (mm) in the part frame. places (N,) structured
     (`native.fields.PLACE`): p (3,) mm and unit tangent (3,) in the part frame, weight. chain (N,) feature chain (edge),
-    -1 on contours; line (N,)
-    numbers from 0 the edges and contours on which places lie. length: of all visible edges in units of the part's diameter, as the eye sees them.
+    -1 on contours; line (N,) numbers from 0 the edges and contours on which places lie. length: of all visible edges in
+    units of the part's diameter, as the eye sees them.
     """
 
     direction: Array
@@ -80,7 +80,7 @@ class Aspects:
     @cached_property
     def _table(self) -> Ids:
         """The net direction nearest to the middle of each cell of the cube: off by less than one cell, 3 degrees."""
-        return np.argmax(_cube_middles() @ self.net.T, axis=1).astype(np.int32)
+        return np.asarray(np.argmax(_cube_middles() @ self.net.T, axis=1), np.int32)
 
     def step_of(self, distance: Array) -> Ids:
         """Return the numbers (N,) of the distances that are nearest to distances (N,) mm."""
@@ -142,7 +142,7 @@ def _cube_middles() -> Array:
 
 
 def _sampled(lines: Polylines, pose: Rigid) -> tuple[npt.NDArray[np.void], Ids, Ids, float]:
-    """Return about PLACES places, their chains and lines, and the length of all lines (px): evenly spaced in the picture."""
+    """Return PLACES places, their chains and lines, and the length of all lines (px): evenly spaced in the picture."""
     line = lines.line_of_point
     first = np.flatnonzero(line[1:] == line[:-1])
     q, p = lines.q, lines.p

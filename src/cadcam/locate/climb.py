@@ -13,7 +13,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Picture
 from cadcam.camera.camera import Camera
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
@@ -22,7 +22,8 @@ from cadcam.locate.aspects import PLACES, Aspect, Aspects
 from cadcam.native.fields import PLACE, Eye, Longs, Views
 
 _SAME = 0.02  # of the part's radius: poses whose corners differ by less are one
-_A, _B = TypeVar("_A"), TypeVar("_B")
+_A = TypeVar("_A")
+_B = TypeVar("_B")
 _TOGETHER = 64  # poses that climb in one go
 _SEEN = 0.9  # the share of a part's edges that lighting lets one see
 _EVEN, _NATS, _APART_PX = 0.15, 4.0, 3.0  # certainty that says nothing; nats a sample; px between independent ones
@@ -53,7 +54,7 @@ class Stage:
 
 
 def turned(aspects: Aspects, camera: Camera, seen: Array, shift: Array) -> Array:
-    """Return poses (N, 12) camera_from_part after the camera turned so that the part's middle moved by shift (N, 2) px."""
+    """Return poses (N, 12) camera_from_part of a camera turned so that the part's middle moves by shift (N, 2) px."""
     R, t = seen[:, :9].reshape(-1, 3, 3), seen[:, 9:]
     q = camera.project(R @ aspects.centre + t)
     one, other = camera.unproject(q), camera.unproject(q + shift)
@@ -91,9 +92,7 @@ def views_of(aspects: Aspects, stage: Stage, poses: Array, samples: int) -> View
     return Views(stage.eyes, places, first, count)
 
 
-def climbed(
-    aspects: Aspects, stage: Stage, poses: Array, freedom: Array, climb: Climb
-) -> tuple[Array, Array, Array]:
+def climbed(aspects: Aspects, stage: Stage, poses: Array, freedom: Array, climb: Climb) -> tuple[Array, Array, Array]:
     """Return poses (N, 12) after climbing on a stage, their scores (N,) and agreements (N,)."""
     views = views_of(aspects, stage, poses, climb.samples)
     some = [slice(k, k + _TOGETHER) for k in range(0, max(len(poses), 1), _TOGETHER)]
@@ -121,21 +120,24 @@ def evidence(aspects: Aspects, stage: Stage, poses: Array, blur: float = 0.8) ->
     """
     views = views_of(aspects, stage, poses, PLACES)
     total = np.zeros(len(poses))
-    for e, camera_from_world in enumerate(stage.cameras_from_world):
+    for e, (field, camera_from_world) in enumerate(zip(stage.fields, stage.cameras_from_world, strict=True)):
         found = views.certainties(e, poses, blur)
-        camera = stage.fields[e].camera
+        seen = composed(camera_from_world, poses)
+        distance = np.linalg.norm(seen[:, :9].reshape(-1, 3, 3) @ aspects.centre + seen[:, 9:], axis=1)
+        size = 2 * aspects.radius / distance * field.camera.fx
         for k, aspect in enumerate(_aspects_of(aspects, camera_from_world, poses)):
-            n = len(aspect.places)
-            if not n:
-                continue
-            distance = np.linalg.norm(camera_from_world.rotation @ (poses[k, :9].reshape(3, 3) @ aspects.centre + poses[k, 9:]) + camera_from_world.translation)
-            px = aspect.length * 2 * aspects.radius / distance * camera.fx / n  # of an edge to a sample
-            sure = found[k, :n]
-            seen = sure >= 0
-            gain = np.where(seen, (sure - _EVEN) * _NATS * min(px / _APART_PX, 1.0), 0.0)
-            of_line = np.bincount(aspect.line[:n], gain)
-            total[k] += np.log(1 - _SEEN + _SEEN * np.exp(np.minimum(of_line, _MOST_NATS))).sum()
+            total[k] += _of_edges(aspect, found[k, : len(aspect.places)], float(size[k]))
     return total
+
+
+def _of_edges(aspect: Aspect, sure: Picture, size_px: float) -> float:
+    """Return what certainties (N,) under an aspect's places say for it, in nats; the part's ball is size_px large."""
+    if not len(sure):
+        return 0.0
+    independent = min(aspect.length * size_px / len(sure) / _APART_PX, 1.0)
+    gain = np.where(sure >= 0, (sure - _EVEN) * (_NATS * independent), 0.0)
+    of_line = np.minimum(np.bincount(aspect.line, gain), _MOST_NATS)
+    return float(np.log(1 - _SEEN + _SEEN * np.exp(of_line)).sum())
 
 
 def _aspects_of(aspects: Aspects, camera_from_world: Rigid, poses: Array) -> list[Aspect]:

@@ -132,5 +132,6 @@ def _distinct(part: Part, best: Location, others: Sequence[Location]) -> list[Lo
     for other in sorted(others, key=lambda location: -location.quality):
         at = other.pose.world_from_part @ corners
         if min(np.linalg.norm(at - k, axis=1).max() for k in known) > _SAME * aspects.radius:
-            known.append(at), kept.append(other)
+            known.append(at)
+            kept.append(other)
     return kept

@@ -58,7 +58,7 @@ class EdgeOptions:
     step_px: float = 4.0
     reach_px: float = 7.0
     room_px: float = 2.5
-    group_px: float = 120.0
+    group_px: float = 150.0
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -91,8 +91,9 @@ def refine(
     if first.quality <= _DOUBT[0] or (first.quality >= _DOUBT[1] and not loose):
         return first
     wider = replace(options, search_px=max(_WIDER * options.search_px, _WIDER_PX))
-    second, _ = _refined(part, photos, first.pose.world_from_part, freedom, evidence, wider)
-    return second if second.quality > first.quality else first
+    second, still_loose = _refined(part, photos, first.pose.world_from_part, freedom, evidence, wider)
+    tighter = loose and not still_loose and second.found
+    return second if tighter or second.quality > first.quality else first
 
 
 def _refined(

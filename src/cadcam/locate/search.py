@@ -22,7 +22,19 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.direction_field import DirectionField, direction_fields
 from cadcam.locate.approach import Reach, approach
 from cadcam.locate.aspects import Aspects
-from cadcam.locate.climb import Climb, Stage, climbed, composed, distinct, evidence, in_threads, near, rigid_of, row_of, turned
+from cadcam.locate.climb import (
+    Climb,
+    Stage,
+    climbed,
+    composed,
+    distinct,
+    evidence,
+    in_threads,
+    near,
+    rigid_of,
+    row_of,
+    turned,
+)
 from cadcam.locate.hypothesis import Hypothesis
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -114,7 +126,8 @@ class _Scales:
     def sizes(self, aspects: Aspects, poses: Array) -> Array:
         """Return how large (N,), px, the part is in the photo where it is largest, for poses (N, 12)."""
         middle = poses[:, :9].reshape(-1, 3, 3) @ aspects.centre + poses[:, 9:]
-        return np.max([_size(aspects, f, np.linalg.norm(middle - T.origin, axis=1)) for f, T in zip(self.focal, self._places, strict=True)], axis=0)
+        away = [np.linalg.norm(middle - T.origin, axis=1) for T in self._places]
+        return np.asarray(np.maximum.reduce([_size(aspects, f, d) for f, d in zip(self.focal, away, strict=True)]))
 
 
 def _fields(photo: Photo) -> list[DirectionField]:
@@ -135,13 +148,11 @@ def _distances(aspects: Aspects, camera: Camera, views: ViewRange) -> list[float
     least, most = (math.hypot(r, 2 * focal * r / (share * side)) for share in (_LARGEST, _SMALLEST))
     near, far = (least, most) if views.distance_mm is None else views.distance_mm
     n = max(1, math.ceil(math.log(far / near) / math.log(_SCALE)))
-    return (near * (far / near) ** ((np.arange(n) + 0.5) / n)).tolist()
+    return [near * (far / near) ** ((k + 0.5) / n) for k in range(n)]
 
 
-def _promising(
-    aspects: Aspects, scales: _Scales, eye: int, distance: float, looks: tuple[Longs, Array]
-) -> Array:
-    """Return what of a sweep at one distance over one photo stands up to finer fields: poses (N, 12) world_from_part."""
+def _promising(aspects: Aspects, scales: _Scales, eye: int, distance: float, looks: tuple[Longs, Array]) -> Array:
+    """Return what of a sweep at one distance over one photo stands up to finer fields: poses (N, 12)."""
     stages = scales.stages(eye, float(_size(aspects, scales.focal[eye], np.array(distance))))
     poses = _swept(aspects, stages[0], eye, distance, looks)
     for climb in _CLIMBS:
@@ -150,10 +161,8 @@ def _promising(
     return poses
 
 
-def _swept(
-    aspects: Aspects, stage: Stage, eye: int, distance: float, looks: tuple[Longs, Array]
-) -> Array:
-    """Return the best poses (N, 12) world_from_part at one distance, each where in one photo it fits best."""
+def _swept(aspects: Aspects, stage: Stage, eye: int, distance: float, looks: tuple[Longs, Array]) -> Array:
+    """Return the best poses (N, 12) at one distance, each where in one photo it fits best."""
     field, camera_from_world = stage.fields[eye], stage.cameras_from_world[eye]
     numbers, R = looks
     seen = np.concatenate([R.reshape(-1, 9), np.array([0, 0, distance]) - R @ aspects.centre], axis=1)
@@ -179,7 +188,7 @@ def _edges(aspects: Aspects, stage: Stage, numbers: Longs, distance: float) -> V
 
 
 def _rotations(part: Part, views: ViewRange) -> tuple[Longs, Array]:
-    """Return directions of the net (N,) and rotations camera_from_part (N, 3, 3) that look along them, turned every way.
+    """Return directions of the net (N,) and rotations camera_from_part (N, 3, 3) looking along them, turned every way.
 
     Of directions from which a symmetric part looks the same there is one: that most along _AMONG_EQUALS.
     """

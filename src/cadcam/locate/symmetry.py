@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.cad.mesh import Mesh
 from cadcam.cad.edges import FeatureEdges
+from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
 
 _SAMPLES = 400
@@ -30,14 +30,14 @@ def symmetries(mesh: Mesh, edges: FeatureEdges) -> list[Rigid]:
     corners = mesh.vertices[np.unique(edges.vertices)] - centre
     tolerance = _SAME * float(np.linalg.norm(rays, axis=1).max())
     tree = cKDTree(rays)
-    spacing = float(tree.query(rays, k=2)[0][:, 1].max()) + tolerance
+    spacing = float(np.max(np.asarray(tree.query(rays, k=2)[0])[:, 1])) + tolerance
     lines = cKDTree(_dense(mesh, edges, tolerance) - centre)
     found = [np.eye(3)]
     for R in _candidates(corners, tolerance):
         if any(np.abs(R - known).max() < 1e-3 for known in found):
             continue
         moved = rays @ R.T
-        if tree.query(moved)[0].max() < spacing and lines.query(moved)[0].max() < 2 * tolerance:
+        if np.max(tree.query(moved)[0]) < spacing and np.max(lines.query(moved)[0]) < 2 * tolerance:
             found.append(R)
     return [Rigid(R, centre - R @ centre) for R in found]
 

@@ -152,8 +152,8 @@ class Views:
     def sweep(self, eye: int, poses: Array, *, keep: int, apart: int) -> tuple[Ids, Picture]:
         """Return where in one eye the edges of poses (N, 12) near its middle fit best, and scores, as `slide` does.
 
-        (N, keep, 2) px: where what was at the principal point comes to lie, anywhere in the field. Sums are coarser than
-        those of `slide`, and at most SWEPT places of a run within MARGIN px of the middle count.
+        (N, keep, 2) px: where what was at the principal point comes to lie, anywhere in the field. Sums are coarser
+        than those of `slide`, and at most SWEPT places of a run within MARGIN px of the middle count.
         """
         poses = np.ascontiguousarray(poses, np.float64)
         _, height, width = self._kept[eye].planes.values.shape
@@ -185,9 +185,7 @@ class Views:
         """
         poses = np.ascontiguousarray(poses, np.float64)
         out = np.full((len(poses), int(self._count[:, eye].max(initial=0))), -1.0, np.float32)
-        _core().cc_certainties(
-            self._given(len(poses)), eye, poses.ctypes.data, blur, out.shape[1], out.ctypes.data
-        )
+        _core().cc_certainties(self._given(len(poses)), eye, poses.ctypes.data, blur, out.shape[1], out.ctypes.data)
         return out
 
     def _given(self, n: int) -> object:

@@ -1,4 +1,4 @@
-/* What the hot files share: cull.c, raster.c, strip.c, tile.c, tile_plain.c and shade.c, each compiled once for each
+/* What the hot files share (HOT in build_backend/cadcam_build.py), each compiled once for each
  * instruction set. CC_VARIANT is the suffix of their functions. */
 #ifndef CADCAM_HOT_H
 #define CADCAM_HOT_H
