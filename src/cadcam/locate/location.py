@@ -30,7 +30,7 @@ class Location:
 
     @classmethod
     def nowhere(cls, world_from_part: Rigid, reason: str) -> Location:
-        """Return that nothing speaks for the part: quality 0, no matches; looked for at the pose, which is not measured."""
+        """Return that nothing speaks for the part: quality 0, no matches; it was looked for at the pose."""
         one, two, three = np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3))
         pose = PoseEstimate(world_from_part, np.zeros((6, 6)), freedom=np.zeros((6, 0)))
         return cls(pose, EdgeMatches(two, two, one, one, one, three, one, one), 0.0, reason)
