@@ -25,6 +25,9 @@ _TRIED = (4, 8)  # hypotheses that are refined: with a start, without one
 _AS_GOOD = 0.15  # quality that an alternative may lack
 _BY_SCORE = 0.3  # quality that the best hypothesis' score is worth
 _EQUAL, _APART = 0.9, 0.5  # share of its score, and distance in radii, that make another place a rival
+# Times the score of anything elsewhere: right poses have 1.14 to 1.8, mostly above 1.3, wrong ones 1.0 to 1.18. The
+# second is for poses with a quality of at least _CLEAR.
+_STANDS_OUT, _CLEAR = (1.25, 1.1), 0.75
 _UNCERTAIN = 0.45  # quality of a pose that may as well be at another place
 _SAME = 0.02  # of the part's radius: refined poses whose corners differ by less are one
 _FLAT, _CLIPPED = 2.0 / 255.0, 0.98  # contrast below which a photo is empty; share of pixels at black or white
@@ -63,8 +66,13 @@ def locate(
     if not best.found:
         why = best.reason.removeprefix("not found: ")
         return replace(best, reason=f"not found: the best of {len(hypotheses)} hypotheses does not hold: {why}")
+    if start is None and not _stands_out(part, best, score, hypotheses):
+        why = f"not certain: lines elsewhere in the photos look nearly as much like the part ({best.reason})"
+        return replace(best, quality=min(best.quality, _UNCERTAIN), reason=why)
     equal = [o for s, o in others if s >= _EQUAL * score and o.quality >= best.quality - _AS_GOOD]
-    places = _distinct(part, best, [o for o in equal if _elsewhere(part, best, o)])
+    places = _distinct(
+        part, best, [o for o in equal if _elsewhere(part, best.pose.world_from_part, o.pose.world_from_part)]
+    )
     alike = _alike(part, best) if start is None else []
     rivals = tuple(_distinct(part, best, [*alike, *(o for _, o in others if o.quality >= best.quality - _AS_GOOD)]))
     if places:
@@ -74,11 +82,20 @@ def locate(
     return replace(best, reason=best.reason + told, alternatives=rivals)
 
 
-def _elsewhere(part: Part, one: Location, other: Location) -> bool:
+def _elsewhere(part: Part, one: Rigid, other: Rigid) -> bool:
     """Return whether two poses put the part at different places, not just differently at one."""
     middle, radius = part.aspects.centre, part.aspects.radius
-    apart = one.pose.world_from_part @ middle - other.pose.world_from_part @ middle
-    return bool(np.linalg.norm(apart) > _APART * radius)
+    return bool(np.linalg.norm(one @ middle - other @ middle) > _APART * radius)
+
+
+def _stands_out(part: Part, best: Location, score: float, hypotheses: Sequence[Hypothesis]) -> bool:
+    """Return whether a pose that a search found scores well above what it found elsewhere.
+
+    The best of very many wrong poses fits some lines of any cluttered photo; it does so hardly better than the next
+    best ones do.
+    """
+    away = [h.score for h in hypotheses if _elsewhere(part, best.pose.world_from_part, h.world_from_part)]
+    return score >= _STANDS_OUT[best.quality >= _CLEAR] * max(away, default=0.0)
 
 
 def _check(photos: Sequence[Photo]) -> None:
