@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,8 @@ RUNS: dict[str, tuple[list[str], list[str], str]] = {
     "render_bench.py": ([], ["bench.png", "depth.npy"], "15 of 16 targets are in view"),
     "sample_parts.py": (["models"], ["models/bench.glb", "models/bracket.stl"], "shipblock_10k.obj"),
 }
+# script -> the public data that it is run on (skipped where they are not here), and what it says
+ON_DATA = {"locate_on_photos.py": ("data/visp_teabox", "both photos: at (-5")}
 ELSEWHERE = {"gallery.py": "tests/cli/test_demo.py"}  # it needs a demo's folder, which that test has
 
 
@@ -42,8 +45,18 @@ def test_the_example_runs_in_an_empty_folder(tmp_path: Path, script: str) -> Non
         assert (tmp_path / name).stat().st_size > 0
 
 
+@pytest.mark.parametrize("script", sorted(ON_DATA))
+def test_the_example_runs_on_public_data(shared: Callable[[str], Path], tmp_path: Path, script: str) -> None:
+    folder, says = ON_DATA[script]
+    command = [sys.executable, "-W", "error", EXAMPLES / script, shared(folder), "out.png"]
+    ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr
+    assert says in ran.stdout
+    assert (tmp_path / "out.png").stat().st_size > 0
+
+
 def test_every_example_is_run() -> None:
-    assert {path.name for path in EXAMPLES.glob("*.py")} == set(RUNS) | set(ELSEWHERE)
+    assert {path.name for path in EXAMPLES.glob("*.py")} == set(RUNS) | set(ON_DATA) | set(ELSEWHERE)
     for script, test in ELSEWHERE.items():
         assert f'"{script}"' in (ROOT / test).read_text()
 

@@ -1,4 +1,7 @@
-"""Render many frames and print the memory in use, as a script in a process of its own: frames.py RENDERER FRAMES."""
+"""Render many frames and print the memory in use, as a script in a process of its own.
+
+frames.py RENDERER FRAMES WARM: nothing is printed before WARM frames.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from cadcam.render import open_renderer
 from cadcam.render.view import Look, Scene
 
 CAMERAS = [Camera.from_focal((96, 72), 100.0), Camera.from_focal((96, 72), 75.0, lens=BrownConrady(-0.28, 0.06))]
-WARM, LIFE = 100, 20  # frames before the first mark, and of a renderer
+LIFE = 20  # frames of a renderer
 
 
 def resident() -> int:
@@ -38,14 +41,14 @@ def render_some(scene: Scene, name: str) -> None:
         assert all(view.mask.any() for view in views)
 
 
-def main(name: str, frames: int) -> None:
+def main(name: str, frames: int, warm: int) -> None:
     """Print frames done and bytes in use, every so often."""
     scene = Scene.of(machined_bracket())
-    for done in range(LIFE, WARM + frames + 1, LIFE):
+    for done in range(LIFE, warm + frames + 1, LIFE):
         render_some(scene, name)
-        if done >= WARM:
-            print(done - WARM, resident(), flush=True)
+        if done >= warm:
+            print(done - warm, resident(), flush=True)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]))
+    main(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))

@@ -25,7 +25,7 @@ from cadcam.verify.uncovered import uncovered_ratio
 
 _LEAST_SEEN = 0.35  # of the datum's places that must show an edge for the pose to be believed
 _DOUBTFUL = -1.0  # log likelihood ratio below which it is asked what a part hides
-_OF_DISPLACED = 0.1  # of the alarms: a displacement that matters is far beyond any doubt, an absence is not
+_OF_DISPLACED = 0.25  # of the alarms: a displacement that matters is far beyond any doubt, an absence is not
 _CELL_PX = 1.5  # places where a shifted feature is looked for are about this far apart
 
 
@@ -33,7 +33,7 @@ _CELL_PX = 1.5  # places where a shifted feature is looked for are about this fa
 class InspectionOptions:
     """reach_px: how far features are looked for beside their places. alarms: share of false ones that is allowed.
 
-    Of pictures in which nothing is wrong at most that share say of any feature that it is displaced (a tenth of it;
+    Of pictures in which nothing is wrong at most that share say of any feature that it is displaced (a quarter of it;
     Benjamini and Hochberg over features) or missing (the rest; Bonferroni over features). The same share holds
     for edges that are marked as off (Benjamini and Hochberg over edges).
     """
@@ -185,7 +185,7 @@ def _snooped(
         if survey.stated:
             return measured, left_out
         bodies = np.unique(measured.body[measured.adjustment.datum]).tolist()
-        tests = {i: measured.displacement(measured.body == i) for i in bodies}
+        tests = {i: _against_others(survey, used, datum, sight, F, i) for i in bodies}
         p_values = {i: t.p_value for i, t in tests.items() if t is not None}
         worst = min(p_values, key=lambda i: p_values[i], default=-1)
         if worst < 0 or p_values[worst] > _OF_DISPLACED * options.alarms / len(p_values):
@@ -193,6 +193,14 @@ def _snooped(
         if measured.pose_without(np.isin(measured.body, [*left_out, worst])) is None:
             return measured, left_out  # the others would not hold the part: they cannot outvote it
         left_out.append(worst)
+
+
+def _against_others(
+    survey: Survey, used: Mask, datum: Mask, sight: Array | None, F: Array, body: int
+) -> Displacement | None:
+    """Return how a body is displaced against the rest of the datum, edges' own errors too being those of the rest."""
+    others = Measured.of(survey, used, datum & (survey.body != body), sight, F)
+    return others.displacement(others.body == body)
 
 
 def _reported(
@@ -253,6 +261,8 @@ def _state(presence: Presence, moved: Displacement | None, alarm: bool, enough: 
         return State.MISSING
     if moved is None or presence.log_ratio <= 0:
         return State.UNCLEAR
+    if alarm and moved.edges < 2 and presence.seen < 2:
+        return State.UNCLEAR  # a single line there may be another one
     return State.DISPLACED if alarm else State.IN_PLACE
 
 

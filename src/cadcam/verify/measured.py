@@ -22,11 +22,12 @@ STATION_PX = 24.0  # length of the pieces of an edge that are looked at one by o
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Displacement:
-    """A displacement in the directions `basis` (3, m) seen, its estimate, its probability for a feature in place."""
+    """A displacement in the directions `basis` (3, m) seen: estimate, probability in place, how many edges tell."""
 
     basis: Array
     estimate: Estimate
     p_value: float
+    edges: int
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,8 @@ class Measured:
         if pose is None or not basis.shape[1] or not np.abs(design).max(initial=0.0) > 0:
             return None
         estimate = self.adjustment.estimate(rows, design, pose)
-        return Displacement(basis, estimate, tail_probability(estimate.value, estimate.covariance, self.dof))
+        p_value = tail_probability(estimate.value, estimate.covariance, self.dof)
+        return Displacement(basis, estimate, p_value, len(np.unique(self.lines.edge[rows])))
 
     def turn(self, rows: Mask) -> tuple[float, float, Array]:
         """Return the turn (rad) about the line of sight through the places' middle, its sigma, and that axis (3,)."""

@@ -1,0 +1,91 @@
+"""`cadcam verify` as a user runs it: exit codes, what is printed, what is refused."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cadcam.cad.write import write
+from cadcam.files.camera import write_camera
+from cadcam.image.picture import write_picture
+
+from ..verify.scene import CAMERA, POSE, displaced, photographed, plate
+from .job import Ran
+
+TOLERANCES = """\
+features:
+  rib:
+    part: rib 1
+    position_mm: 0.5
+    presence: required
+"""
+
+
+@pytest.fixture
+def cell(tmp_path: Path) -> Path:
+    """Return a folder with the model, its camera, where it stands, tolerances, a good and a bad part's photo."""
+    write(plate(), tmp_path / "plate.glb")
+    write_camera(tmp_path / "camera.json", CAMERA)
+    rows = "\n".join(" ".join(repr(float(v)) for v in row) for row in POSE.matrix)
+    (tmp_path / "pose.txt").write_text(f"# camera_from_part, mm\n{rows}\n")
+    (tmp_path / "tolerances.yaml").write_text(TOLERANCES)
+    rng = np.random.default_rng(5)
+    write_picture(tmp_path / "good.png", photographed(plate(), rng))
+    write_picture(tmp_path / "bad.png", photographed(displaced("rib 1", np.array([0.0, 1.5, 0.0])), rng))
+    return tmp_path
+
+
+def verified(cadcam: Callable[..., Ran], cell: Path, photo: str, *more: str | Path) -> Ran:
+    files = ("--camera", cell / "camera.json", "--pose", cell / "pose.txt", "--tolerances", cell / "tolerances.yaml")
+    return cadcam("verify", cell / photo, cell / "plate.glb", *files, *more)
+
+
+def test_a_good_part_passes_with_0_and_a_bad_one_fails_with_1(cadcam: Callable[..., Ran], cell: Path) -> None:
+    good = verified(cadcam, cell, "good.png", "-o", cell / "good.html", "--json")
+    assert good.code == 0
+    assert json.loads(good.out)["verdict"] == "PASS"
+    assert "PASS" in (cell / "good.html").read_text()
+    bad = verified(cadcam, cell, "bad.png")
+    assert bad.code == 1
+    assert bad.out.startswith("FAIL: rib: position is beyond its limit")
+
+
+def test_a_limit_finer_than_the_uncertainty_is_undecided_with_3(cadcam: Callable[..., Ran], cell: Path) -> None:
+    (cell / "tolerances.yaml").write_text(TOLERANCES.replace("0.5", "0.02"))
+    ran = verified(cadcam, cell, "good.png")
+    assert ran.code == 3
+    assert "UNDECIDED" in ran.out
+
+
+def test_a_tolerance_that_names_nothing_is_an_error_that_lists_what_there_is(
+    cadcam: Callable[..., Ran], cell: Path
+) -> None:
+    (cell / "tolerances.yaml").write_text(TOLERANCES.replace("rib 1", "rip 1"))
+    ran = verified(cadcam, cell, "good.png")
+    assert ran.code == 2
+    assert "did you mean 'rib 1'?" in ran.err
+
+
+def test_names_and_a_template_are_printed_without_a_photo(cadcam: Callable[..., Ran], cell: Path) -> None:
+    listed = cadcam("verify", cell / "plate.glb", "--list", "-o", cell / "names.png")
+    assert listed.code == 0
+    assert "rib 2" in listed.out
+    assert (cell / "names.png").exists()
+    template = cadcam("verify", cell / "plate.glb", "--template")
+    assert "  - part: rib 2" in template.out
+
+
+def test_an_example_in_the_guide_is_a_valid_file(tmp_path: Path) -> None:
+    import re
+
+    from cadcam.verify.tolerance_file import read_tolerances
+
+    guide = Path(__file__).resolve().parents[2] / "docs" / "verify.md"
+    (example,) = re.findall(r"```yaml\n(.*?)```", guide.read_text(), flags=re.DOTALL)
+    (tmp_path / "tolerances.yaml").write_text(example)
+    found = read_tolerances(tmp_path / "tolerances.yaml")
+    assert [f.name for f in found.features] == ["stiffener", "bracket, across", "nose of the bracket"]

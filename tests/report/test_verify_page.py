@@ -1,0 +1,119 @@
+"""The report of a verification: whole, readable in a browser, without any network."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cadcam.camera.pose_estimate import PoseEstimate
+from cadcam.files.jsontext import as_json
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.location import Location
+from cadcam.locate.matches import EdgeMatches
+from cadcam.locate.photo import Photo
+from cadcam.record.export import read_records
+from cadcam.record.record import Source
+from cadcam.report.verify_json import Origin, verification_as_json
+from cadcam.report.verify_page import verification_page, write_verification_page
+from cadcam.verify.judge import Verification, verify
+from cadcam.verify.tolerance import Feature, Limit, Quantity, Selection, Tolerances
+from cadcam.verify.verdict import Verdict
+
+from ..verify.scene import displaced, part, photo
+
+ORIGIN = Origin("plate", (Source("photo", "photo.png", "0" * 64), Source("cad", "plate.step", "a" * 64)))
+ASKED = Tolerances(
+    (
+        Feature("rib <1>", Selection("rib 1"), (Limit(Quantity.POSITION, 0.5), Limit(Quantity.PROFILE, 2.0))),
+        Feature("block", Selection("block"), (Limit(Quantity.POSITION, 0.5), Limit(Quantity.PRESENCE, 0.0))),
+    )
+)
+
+
+def at(pose: Rigid, quality: float) -> Location:
+    none, ids = np.zeros(0), np.zeros(0, np.int32)
+    matches = EdgeMatches(np.zeros((0, 2)), np.zeros((0, 2)), none, none, none, np.zeros((0, 3)), ids, ids)
+    return Location(PoseEstimate(pose, np.zeros((6, 6))), matches, quality, "as the test says")
+
+
+@pytest.fixture(scope="module")
+def found() -> tuple[Verification, Photo]:
+    taken = photo(displaced("rib 1", np.array([0.0, 1.5, 0.0])), np.random.default_rng(3))
+    return verify(part(), [taken], at(Rigid(), 1.0), ASKED), taken
+
+
+def test_a_displaced_rib_fails_and_the_block_passes(found: tuple[Verification, Photo]) -> None:
+    verdicts = {(j.feature, j.limit.quantity): j.verdict for j in found[0].judgements}
+    assert found[0].verdict is Verdict.FAIL
+    assert verdicts["rib <1>", Quantity.POSITION] is Verdict.FAIL
+    assert verdicts["block", Quantity.POSITION] is Verdict.PASS
+
+
+def test_the_page_fetches_nothing_and_escapes_names(found: tuple[Verification, Photo]) -> None:
+    page = verification_page(found[0], [found[1]], ORIGIN)
+    assert not re.search(r"(?:src|href|url)\s*[=(]\s*[\"']?\s*(?:https?:)?//", page)
+    assert "<script" not in page
+    assert "http" not in page
+    assert "rib &lt;1&gt;" in page
+    assert "rib <1>" not in page
+    assert page.index("FAIL") < page.index("<svg")
+
+
+def test_the_json_says_the_same_and_is_a_record(found: tuple[Verification, Photo], tmp_path: Path) -> None:
+    (tmp_path / "v.json").write_bytes(as_json(verification_as_json(found[0], ORIGIN)))
+    document = json.loads((tmp_path / "v.json").read_text())
+    assert document["verdict_in_full"] == "FAIL"
+    (record,) = read_records(tmp_path / "v.json")
+    assert record.verdict == "FAIL"
+    by = {(d.feature, d.kind): d for d in record.deviations}
+    assert by["rib <1>", "position"].deviation == pytest.approx(found[0].judgements[0].deviation)
+
+
+def test_a_part_that_was_not_found_gets_no_verdict(found: tuple[Verification, Photo]) -> None:
+    lost = verify(part(), [found[1]], at(Rigid(), 0.1), ASKED)
+    assert lost.verdict is Verdict.NOT_FOUND
+    assert {j.verdict for j in lost.judgements} == {Verdict.NOT_FOUND}
+    assert "as the test says" in verification_page(lost, [found[1]], ORIGIN)
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_a_browser_shows_it_without_sideways_scrolling(
+    found: tuple[Verification, Photo], tmp_path: Path, width: int
+) -> None:
+    """Headless Chromium, no network: it renders the page, and its own layout says that nothing is wider than it."""
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if chromium is None:
+        pytest.skip("no Chromium here")
+    page = tmp_path / "report.html"
+    write_verification_page(page, found[0], [found[1]], ORIGIN)
+    probe = tmp_path / "probe.html"  # the layout's own figures, at the width of an inner frame
+    script = (
+        "f.onload=()=>{const d=f.contentDocument.documentElement;"
+        "document.body.dataset.w=`${d.scrollWidth}/${d.clientWidth}`}"
+    )
+    frame = f'<iframe id="f" src="report.html" width="{width}" height="900"></iframe>'
+    probe.write_text(f"<body>{frame}<script>{script}</script>")
+    flags = [
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--allow-file-access-from-files",
+        "--virtual-time-budget=4000",
+    ]
+    done = subprocess.run(
+        [chromium, *flags, f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", probe.as_uri()],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    sizes = re.search(r'data-w="(\d+)/(\d+)"', done.stdout)
+    if sizes is None:
+        pytest.skip(f"Chromium does not run here: {done.stderr[-200:]}")
+    assert int(sizes[1]) <= int(sizes[2])
