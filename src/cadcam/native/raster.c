@@ -17,6 +17,7 @@
  * Culling. Every bound used to skip work is evaluated with the same monotone operations as the value that it bounds, or
  * widened: it can cost time, never a sample. */
 #include "hot.h"
+#include "vectors.h"
 
 /* A cluster's vertices in the sampling plane: homogeneous; in samples (about, with a lens; behind the camera anything); 1/z. */
 typedef struct {
@@ -63,30 +64,23 @@ static void transform(const cc_frame *f, const cluster *c, const patch *near, co
     }
 }
 
-static inline void cross(const double p[3], const double q[3], double out[3]) {
-    out[0] = p[1] * q[2] - p[2] * q[1];
-    out[1] = p[2] * q[0] - p[0] * q[2];
-    out[2] = p[0] * q[1] - p[1] * q[0];
-}
-
-/* Edges and plane of a triangle; 0 where it is seen edge-on or has no area. */
-static inline int set_up(const cc_frame *f, const corners *v, const uint8_t *i, triangle *t) {
-    double P[3][3], d1[3], d2[3], n[3], e[3];
-    for (int k = 0; k < 3; k++) P[k][0] = v->x[i[k]], P[k][1] = v->y[i[k]], P[k][2] = v->z[i[k]];
-    for (int k = 0; k < 3; k++) d1[k] = P[1][k] - P[0][k], d2[k] = P[2][k] - P[0][k];
-    cross(d1, d2, n);
-    double det = n[0] * P[0][0] + n[1] * P[0][1] + n[2] * P[0][2];
-    double inverse = 1.0 / det, sign = det < 0 ? -1.0 : 1.0;
+/* Edges and plane of a triangle; 0 where it is seen edge-on or has no area. Side by side: P_1 x P_2, P_2 x P_0, P_0 x P_1
+ * and the normal (P_1 - P_0) x (P_2 - P_0). */
+static inline int set_up(const cc_frame *f, const corners *v, const uint8_t i[3], triangle *t) {
+    const double x0 = v->x[i[0]], x1 = v->x[i[1]], x2 = v->x[i[2]], y0 = v->y[i[0]], y1 = v->y[i[1]], y2 = v->y[i[2]];
+    const double z0 = v->z[i[0]], z1 = v->z[i[1]], z2 = v->z[i[2]];
+    const d4 px = {x1, x2, x0, x1 - x0}, py = {y1, y2, y0, y1 - y0}, pz = {z1, z2, z0, z1 - z0};
+    const d4 qx = {x2, x0, x1, x2 - x0}, qy = {y2, y0, y1, y2 - y0}, qz = {z2, z0, z1, z2 - z0};
+    d4 a = py * qz - pz * qy, b = pz * qx - px * qz, c = px * qy - py * qx;
+    const double det = a[3] * x0 + b[3] * y0 + c[3] * z0, inverse = 1.0 / det, sign = det < 0 ? -1.0 : 1.0;
     if (!(fabs(det) > 0 && fabs(inverse) <= DBL_MAX && fabs(det) <= DBL_MAX)) return 0;
-    for (int k = 0; k < 3; k++) {
-        cross(P[(k + 1) % 3], P[(k + 2) % 3], e);
-        t->a[k] = e[0] * sign, t->b[k] = e[1] * sign, t->c[k] = e[2] * sign;
-        /* e = 0 counts on the left and top edges; elsewhere e must be positive */
-        t->size[k] = fabs(t->a[k]) * f->far_x + (fabs(t->b[k]) * f->far_y + fabs(t->c[k]));
-        t->least[k] = t->a[k] > 0 || (t->a[k] == 0 && t->b[k] > 0) ? 0.0 : DBL_MIN;
-    }
-    t->size[3] = 0;
-    t->a[3] = n[0] * inverse, t->b[3] = n[1] * inverse, t->c[3] = n[2] * inverse;
+    const d4 by = {sign, sign, sign, inverse}, far_x = {f->far_x, f->far_x, f->far_x}, far_y = {f->far_y, f->far_y, f->far_y};
+    const l4 bare = {INT64_MAX, INT64_MAX, INT64_MAX}, tiny = (l4)((d4){0} + DBL_MIN);
+    a *= by, b *= by, c *= by;
+    *(d4 *)t->a = a, *(d4 *)t->b = b, *(d4 *)t->c = c;
+    *(d4 *)t->size = (d4)((l4)a & bare) * far_x + ((d4)((l4)b & bare) * far_y + (d4)((l4)c & bare));
+    /* e = 0 counts on the left and top edges; elsewhere e must be positive */
+    *(l4 *)t->least = tiny & ~((a > 0) | ((a == 0) & (b > 0)));
     return 1;
 }
 
