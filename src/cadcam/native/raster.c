@@ -132,16 +132,19 @@ static inline rect common(rect a, rect b) {
 }
 
 /* The part of a rectangle that a triangle may cover as a smaller patch has it. */
-static rect tightened(const patch *near, const corners *v, const uint8_t i[3], rect r) {
-    double x0 = INFINITY, x1 = -INFINITY, y0 = INFINITY, y1 = -INFINITY;
-    for (int k = 0; k < 3; k++) {
-        const place at = seen_at(near, v->x[i[k]] * v->w[i[k]], v->y[i[k]] * v->w[i[k]]);
-        if (!at.sure) return r;
-        x0 = lower(x0, at.x), x1 = upper(x1, at.x), y0 = lower(y0, at.y), y1 = upper(y1, at.y);
-    }
+static inline rect tightened(const patch *near, const corners *v, const uint8_t i[3], rect r) {
+    const d4 x = {v->x[i[0]], v->x[i[1]], v->x[i[2]]}, y = {v->y[i[0]], v->y[i[1]], v->y[i[2]]};
+    const d4 w = {v->w[i[0]], v->w[i[1]], v->w[i[2]]}, p = x * w - near->map.u, q = y * w - near->map.v;
+    const d4 xp = near->xu * p, xq = near->xv * q, yp = near->yu * p, yq = near->yv * q;
+    const d4 at_x = near->x + (xp + xq), at_y = near->y + (yp + yq);
+    const l4 bare = {INT64_MAX, INT64_MAX, INT64_MAX};
+    const d4 far = ((d4)((l4)xp & bare) + (d4)((l4)xq & bare)) + ((d4)((l4)yp & bare) + (d4)((l4)yq & bare));
+    if (!((far[0] < 1e6) & (far[1] < 1e6) & (far[2] < 1e6))) return r;
     const double slack_x = near->off_x + 1e-5, slack_y = near->off_y + 1e-5;
-    x0 = ceil(upper(x0 - slack_x, r.x0)), x1 = floor(lower(x1 + slack_x, r.x1));
-    y0 = ceil(upper(y0 - slack_y, r.y0)), y1 = floor(lower(y1 + slack_y, r.y1));
+    const double x0 = ceil(upper(lower3(at_x[0], at_x[1], at_x[2]) - slack_x, r.x0));
+    const double x1 = floor(lower(upper3(at_x[0], at_x[1], at_x[2]) + slack_x, r.x1));
+    const double y0 = ceil(upper(lower3(at_y[0], at_y[1], at_y[2]) - slack_y, r.y0));
+    const double y1 = floor(lower(upper3(at_y[0], at_y[1], at_y[2]) + slack_y, r.y1));
     if (!(x0 <= x1 && y0 <= y1)) return (rect){1, 0, 1, 0};
     return (rect){(int32_t)x0, (int32_t)x1, (int32_t)y0, (int32_t)y1};
 }
