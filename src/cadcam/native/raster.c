@@ -201,8 +201,9 @@ static void clear_band(const band *b, size_t tiles) {
 
 int VARIANT(frame_work)(cc_frame *f, cc_worker *worker) {
     for (;;) {
-        int32_t first = atomic_fetch_add(&f->next_band, 1) * f->band_rows;
-        if (first >= f->tiles_y) return 0;
+        const int32_t next = atomic_fetch_add(&f->next_band, 1);
+        if (next >= f->n_bands) return 0;
+        const int32_t first = f->bands[next].first;
         int32_t rows = imin(f->band_rows, f->tiles_y - first);
         size_t tiles = (size_t)rows * (size_t)f->tiles_x;
         if (!worker_reserve(worker, tiles, (size_t)f->view->width * 4)) return -1;
