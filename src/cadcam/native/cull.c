@@ -22,7 +22,7 @@ static rect narrowed(const cc_lens *lens, rect r, const box *b) {
     return r;
 }
 
-/* What may look at a cluster: its box in the plane, where that is known before `where`. */
+/* Whether a cluster may be seen: nowhere, anywhere (where it reaches behind the camera), or in a box of the plane. */
 typedef enum { NOT_SEEN, SEEN_SOMEWHERE, SEEN_IN_BOX } sight;
 
 static sight project_cluster(const cc_frame *f, const cluster *c, candidate *out, double *nearest_z, box *seen) {

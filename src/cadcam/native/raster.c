@@ -80,7 +80,7 @@ static inline int set_up(const cc_frame *f, const corners *v, const uint8_t i[3]
     *(d4 *)t->a = a, *(d4 *)t->b = b, *(d4 *)t->c = c;
     *(d4 *)t->size = (d4)((l4)a & bare) * far_x + ((d4)((l4)b & bare) * far_y + (d4)((l4)c & bare));
     /* e = 0 counts on the left and top edges; elsewhere e must be positive */
-    *(l4 *)t->least = tiny & ~((a > 0) | ((a == 0) & (b > 0)));
+    *(l4 *)t->least = tiny & ~(l4)((a > 0) | ((a == 0) & (b > 0)));
     return 1;
 }
 
