@@ -1,6 +1,10 @@
 /* Which clusters a picture may show, nearest first. */
 #include "hot.h"
 
+enum { GROUP = 8 }; /* clusters placed together */
+
+#define ROUGH 400.0 /* px: where the patch of a group is off by more, its clusters are looked up one by one */
+
 /* A float that is at least (at most) v, for bounds of 1/z. */
 static inline float float_above(double v) { return v < FLT_MAX / 2 ? (float)(v * (1 + 1e-6)) : FLT_MAX; }
 
@@ -18,10 +22,12 @@ static rect narrowed(const cc_lens *lens, rect r, const box *b) {
     return r;
 }
 
-static int locate_cluster(const cc_frame *f, const cluster *c, candidate *out, double *nearest_z) {
+/* Whether a cluster may be seen: nowhere, anywhere (where it reaches behind the camera), or in a box of the plane. */
+typedef enum { NOT_SEEN, SEEN_SOMEWHERE, SEEN_IN_BOX } sight;
+
+static sight project_cluster(const cc_frame *f, const cluster *c, candidate *out, double *nearest_z, box *seen) {
     static const uint8_t all[8] = {0, 1, 2, 3, 4, 5, 6, 7};
     const double *M = f->view->plane;
-    const cc_lens *lens = f->view->lens;
     const double X0 = c->low[0], X1 = c->high[0], Y0 = c->low[1], Y1 = c->high[1], Z0 = c->low[2], Z1 = c->high[2];
     const double X[8] = {X0, X1, X0, X1, X0, X1, X0, X1}, Y[8] = {Y0, Y0, Y1, Y1, Y0, Y0, Y1, Y1};
     const double Z[8] = {Z0, Z0, Z0, Z0, Z1, Z1, Z1, Z1};
@@ -38,21 +44,64 @@ static int locate_cluster(const cc_frame *f, const cluster *c, candidate *out, d
     double size = upper(fabs(z0), fabs(z1));
     *nearest_z = z0 = z0 - 1e-9 * size; /* the box' corners are rounded: stay on the safe side */
     if (!(z0 > 1e-6 * size)) { /* reaches (nearly) behind the camera */
-        if (z1 + 1e-9 * size <= 0 || beyond_a_side(&f->limits, x, y, z, all, 8)) return 0;
+        if (z1 + 1e-9 * size <= 0 || beyond_a_side(&f->limits, x, y, z, all, 8)) return NOT_SEEN;
         out->where = (rect){0, f->width - 1, 0, f->height - 1};
         out->nearest = INFINITY;
-        return 1;
+        return SEEN_SOMEWHERE;
     }
     for (int k = 0; k < 8; k++) {
         b.x0 = lower(b.x0, gx[k]), b.x1 = upper(b.x1, gx[k]);
         b.y0 = lower(b.y0, gy[k]), b.y1 = upper(b.y1, gy[k]);
     }
-    if (b.x1 < f->limits.x0 || b.x0 > f->limits.x1 || b.y1 < f->limits.y0 || b.y0 > f->limits.y1) return 0;
-    const box g = {grid_x(lens, b.x0) - 1e-3, grid_x(lens, b.x1) + 1e-3, grid_y(lens, b.y0) - 1e-3, grid_y(lens, b.y1) + 1e-3};
-    out->where = samples_of(f, g);
-    if (lens && out->where.x0 <= out->where.x1) out->where = narrowed(lens, out->where, &b);
+    if (b.x1 < f->limits.x0 || b.x0 > f->limits.x1 || b.y1 < f->limits.y0 || b.y0 > f->limits.y1) return NOT_SEEN;
     out->nearest = float_above(1 / z0);
-    return out->where.x0 <= out->where.x1 && out->where.y0 <= out->where.y1;
+    *seen = b;
+    return SEEN_IN_BOX;
+}
+
+/* The samples that may look at a box of the plane, by the lens' cells or those of the pixels. */
+static rect looking_at(const cc_frame *f, const box *b) {
+    const cc_lens *lens = f->view->lens;
+    return samples_of(f, (box){grid_x(lens, b->x0) - 1e-3, grid_x(lens, b->x1) + 1e-3, grid_y(lens, b->y0) - 1e-3,
+                               grid_y(lens, b->y1) + 1e-3});
+}
+
+static inline int empty(rect r) { return r.x0 > r.x1 || r.y0 > r.y1; }
+
+/* Append the clusters from `first` on, GROUP of them, that may be seen. They are neighbours: with a lens, its cells are
+ * asked once for all of them, its patches then for each. */
+static void locate_group(cc_frame *f, int64_t first, double *depth) {
+    const cc_scene *s = f->scene;
+    const int64_t end = first + GROUP < s->n_clusters ? first + GROUP : s->n_clusters;
+    candidate found[GROUP];
+    box b[GROUP], all = {INFINITY, -INFINITY, INFINITY, -INFINITY};
+    double z[GROUP];
+    sight how[GROUP];
+    int n = 0;
+    for (int64_t i = first; i < end; i++) {
+        found[n].index = (uint32_t)i;
+        how[n] = project_cluster(f, &s->clusters[i], &found[n], &z[n], &b[n]);
+        if (how[n] == SEEN_IN_BOX) {
+            all.x0 = lower(all.x0, b[n].x0), all.x1 = upper(all.x1, b[n].x1);
+            all.y0 = lower(all.y0, b[n].y0), all.y1 = upper(all.y1, b[n].y1);
+        }
+        n += how[n] != NOT_SEEN;
+    }
+    const cc_lens *lens = f->view->lens;
+    const rect any = lens && all.x0 <= all.x1 ? looking_at(f, &all) : (rect){1, 0, 1, 0};
+    const patch *near = empty(any) ? NULL : patch_of(lens, &any);
+    const int together = near && near->off_x + near->off_y < ROUGH;
+    for (int k = 0; k < n; k++) {
+        if (how[k] == SEEN_IN_BOX) {
+            if (lens && !near) continue;
+            rect r = together ? narrowed(lens, any, &b[k]) : looking_at(f, &b[k]);
+            if (lens && !empty(r)) r = narrowed(lens, r, &b[k]);
+            if (empty(r)) continue;
+            found[k].where = r;
+        }
+        depth[f->n_candidates] = z[k];
+        f->candidates[f->n_candidates++] = found[k];
+    }
 }
 
 /* Nearest first, roughly: a counting sort over 4096 steps of depth, enough for hidden clusters to come last. */
@@ -87,11 +136,7 @@ int VARIANT(frame_prepare)(cc_frame *f) {
     f->far_y = 1.01 * upper(fabs(f->limits.y0), fabs(f->limits.y1));
     double *depth = malloc(((size_t)s->n_clusters + 1) * sizeof *depth);
     if (!depth) return 0;
-    for (int64_t i = 0; i < s->n_clusters; i++) {
-        candidate *c = &f->candidates[f->n_candidates];
-        c->index = (uint32_t)i;
-        if (locate_cluster(f, &s->clusters[i], c, &depth[f->n_candidates])) f->n_candidates++;
-    }
+    for (int64_t i = 0; i < s->n_clusters; i += GROUP) locate_group(f, i, depth);
     int sorted = sort_by_depth(f, depth);
     free(depth);
     return sorted;

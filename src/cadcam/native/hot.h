@@ -32,7 +32,7 @@ typedef struct {
 /* A triangle ready to draw: three edges (inside: a x + (b y + c) >= least) and, last, the plane of 1/z. */
 typedef struct {
     double a[4], b[4], c[4];
-    double least[3];
+    double least[4]; /* of the edges, as size: the fourth fills a vector */
     double size[4]; /* at least |a x| + |b y| + |c| at every sample of the picture */
     float nearest, farthest; /* bounds of 1/z: those of its corners */
     int32_t id;

@@ -114,6 +114,9 @@ typedef struct {
     rect where;
 } candidate;
 
+/* A band by its top row of tiles, and how many candidates it meets. */
+typedef struct { int32_t first; int64_t candidates; } band_load;
+
 struct cc_frame {
     const cc_scene *scene;
     const cc_view *view;
@@ -123,6 +126,8 @@ struct cc_frame {
     candidate *candidates;                   /* nearest first */
     int64_t n_candidates;
     int32_t band_rows;                       /* rows of tiles in a band */
+    band_load *bands;                        /* most candidates first: no thread is left alone with a long one at the end */
+    int32_t n_bands;
     atomic_int next_band;
 };
 

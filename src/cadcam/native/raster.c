@@ -17,6 +17,7 @@
  * Culling. Every bound used to skip work is evaluated with the same monotone operations as the value that it bounds, or
  * widened: it can cost time, never a sample. */
 #include "hot.h"
+#include "vectors.h"
 
 /* A cluster's vertices in the sampling plane: homogeneous; in samples (about, with a lens; behind the camera anything); 1/z. */
 typedef struct {
@@ -63,30 +64,23 @@ static void transform(const cc_frame *f, const cluster *c, const patch *near, co
     }
 }
 
-static inline void cross(const double p[3], const double q[3], double out[3]) {
-    out[0] = p[1] * q[2] - p[2] * q[1];
-    out[1] = p[2] * q[0] - p[0] * q[2];
-    out[2] = p[0] * q[1] - p[1] * q[0];
-}
-
-/* Edges and plane of a triangle; 0 where it is seen edge-on or has no area. */
-static inline int set_up(const cc_frame *f, const corners *v, const uint8_t *i, triangle *t) {
-    double P[3][3], d1[3], d2[3], n[3], e[3];
-    for (int k = 0; k < 3; k++) P[k][0] = v->x[i[k]], P[k][1] = v->y[i[k]], P[k][2] = v->z[i[k]];
-    for (int k = 0; k < 3; k++) d1[k] = P[1][k] - P[0][k], d2[k] = P[2][k] - P[0][k];
-    cross(d1, d2, n);
-    double det = n[0] * P[0][0] + n[1] * P[0][1] + n[2] * P[0][2];
-    double inverse = 1.0 / det, sign = det < 0 ? -1.0 : 1.0;
+/* Edges and plane of a triangle; 0 where it is seen edge-on or has no area. Side by side: P_1 x P_2, P_2 x P_0, P_0 x P_1
+ * and the normal (P_1 - P_0) x (P_2 - P_0). */
+static inline int set_up(const cc_frame *f, const corners *v, const uint8_t i[3], triangle *t) {
+    const double x0 = v->x[i[0]], x1 = v->x[i[1]], x2 = v->x[i[2]], y0 = v->y[i[0]], y1 = v->y[i[1]], y2 = v->y[i[2]];
+    const double z0 = v->z[i[0]], z1 = v->z[i[1]], z2 = v->z[i[2]];
+    const d4 px = {x1, x2, x0, x1 - x0}, py = {y1, y2, y0, y1 - y0}, pz = {z1, z2, z0, z1 - z0};
+    const d4 qx = {x2, x0, x1, x2 - x0}, qy = {y2, y0, y1, y2 - y0}, qz = {z2, z0, z1, z2 - z0};
+    d4 a = py * qz - pz * qy, b = pz * qx - px * qz, c = px * qy - py * qx;
+    const double det = a[3] * x0 + b[3] * y0 + c[3] * z0, inverse = 1.0 / det, sign = det < 0 ? -1.0 : 1.0;
     if (!(fabs(det) > 0 && fabs(inverse) <= DBL_MAX && fabs(det) <= DBL_MAX)) return 0;
-    for (int k = 0; k < 3; k++) {
-        cross(P[(k + 1) % 3], P[(k + 2) % 3], e);
-        t->a[k] = e[0] * sign, t->b[k] = e[1] * sign, t->c[k] = e[2] * sign;
-        /* e = 0 counts on the left and top edges; elsewhere e must be positive */
-        t->size[k] = fabs(t->a[k]) * f->far_x + (fabs(t->b[k]) * f->far_y + fabs(t->c[k]));
-        t->least[k] = t->a[k] > 0 || (t->a[k] == 0 && t->b[k] > 0) ? 0.0 : DBL_MIN;
-    }
-    t->size[3] = 0;
-    t->a[3] = n[0] * inverse, t->b[3] = n[1] * inverse, t->c[3] = n[2] * inverse;
+    const d4 by = {sign, sign, sign, inverse}, far_x = {f->far_x, f->far_x, f->far_x}, far_y = {f->far_y, f->far_y, f->far_y};
+    const l4 bare = {INT64_MAX, INT64_MAX, INT64_MAX}, tiny = (l4)((d4){0} + DBL_MIN);
+    a *= by, b *= by, c *= by;
+    *(d4 *)t->a = a, *(d4 *)t->b = b, *(d4 *)t->c = c;
+    *(d4 *)t->size = (d4)((l4)a & bare) * far_x + ((d4)((l4)b & bare) * far_y + (d4)((l4)c & bare));
+    /* e = 0 counts on the left and top edges; elsewhere e must be positive */
+    *(l4 *)t->least = tiny & ~(l4)((a > 0) | ((a == 0) & (b > 0)));
     return 1;
 }
 
@@ -138,16 +132,19 @@ static inline rect common(rect a, rect b) {
 }
 
 /* The part of a rectangle that a triangle may cover as a smaller patch has it. */
-static rect tightened(const patch *near, const corners *v, const uint8_t i[3], rect r) {
-    double x0 = INFINITY, x1 = -INFINITY, y0 = INFINITY, y1 = -INFINITY;
-    for (int k = 0; k < 3; k++) {
-        const place at = seen_at(near, v->x[i[k]] * v->w[i[k]], v->y[i[k]] * v->w[i[k]]);
-        if (!at.sure) return r;
-        x0 = lower(x0, at.x), x1 = upper(x1, at.x), y0 = lower(y0, at.y), y1 = upper(y1, at.y);
-    }
+static inline rect tightened(const patch *near, const corners *v, const uint8_t i[3], rect r) {
+    const d4 x = {v->x[i[0]], v->x[i[1]], v->x[i[2]]}, y = {v->y[i[0]], v->y[i[1]], v->y[i[2]]};
+    const d4 w = {v->w[i[0]], v->w[i[1]], v->w[i[2]]}, p = x * w - near->map.u, q = y * w - near->map.v;
+    const d4 xp = near->xu * p, xq = near->xv * q, yp = near->yu * p, yq = near->yv * q;
+    const d4 at_x = near->x + (xp + xq), at_y = near->y + (yp + yq);
+    const l4 bare = {INT64_MAX, INT64_MAX, INT64_MAX};
+    const d4 far = ((d4)((l4)xp & bare) + (d4)((l4)xq & bare)) + ((d4)((l4)yp & bare) + (d4)((l4)yq & bare));
+    if (!((far[0] < 1e6) & (far[1] < 1e6) & (far[2] < 1e6))) return r;
     const double slack_x = near->off_x + 1e-5, slack_y = near->off_y + 1e-5;
-    x0 = ceil(upper(x0 - slack_x, r.x0)), x1 = floor(lower(x1 + slack_x, r.x1));
-    y0 = ceil(upper(y0 - slack_y, r.y0)), y1 = floor(lower(y1 + slack_y, r.y1));
+    const double x0 = ceil(upper(lower3(at_x[0], at_x[1], at_x[2]) - slack_x, r.x0));
+    const double x1 = floor(lower(upper3(at_x[0], at_x[1], at_x[2]) + slack_x, r.x1));
+    const double y0 = ceil(upper(lower3(at_y[0], at_y[1], at_y[2]) - slack_y, r.y0));
+    const double y1 = floor(lower(upper3(at_y[0], at_y[1], at_y[2]) + slack_y, r.y1));
     if (!(x0 <= x1 && y0 <= y1)) return (rect){1, 0, 1, 0};
     return (rect){(int32_t)x0, (int32_t)x1, (int32_t)y0, (int32_t)y1};
 }
@@ -204,8 +201,9 @@ static void clear_band(const band *b, size_t tiles) {
 
 int VARIANT(frame_work)(cc_frame *f, cc_worker *worker) {
     for (;;) {
-        int32_t first = atomic_fetch_add(&f->next_band, 1) * f->band_rows;
-        if (first >= f->tiles_y) return 0;
+        const int32_t next = atomic_fetch_add(&f->next_band, 1);
+        if (next >= f->n_bands) return 0;
+        const int32_t first = f->bands[next].first;
         int32_t rows = imin(f->band_rows, f->tiles_y - first);
         size_t tiles = (size_t)rows * (size_t)f->tiles_x;
         if (!worker_reserve(worker, tiles, (size_t)f->view->width * 4)) return -1;

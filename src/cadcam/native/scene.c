@@ -251,6 +251,22 @@ CC_API const char *cc_variant(void) {
 
 /* ---- frames */
 
+static int by_load(const void *one, const void *other) {
+    const band_load *a = one, *b = other;
+    if (a->candidates != b->candidates) return a->candidates > b->candidates ? -1 : 1;
+    return a->first < b->first ? -1 : a->first > b->first;
+}
+
+static void order_bands(cc_frame *f) {
+    const int32_t rows = f->band_rows * TILE;
+    for (int32_t k = 0; k < f->n_bands; k++) f->bands[k] = (band_load){k * f->band_rows, 0};
+    for (int64_t i = 0; i < f->n_candidates; i++) {
+        const rect *r = &f->candidates[i].where;
+        for (int32_t k = r->y0 / rows; k <= r->y1 / rows; k++) f->bands[k].candidates++;
+    }
+    qsort(f->bands, (size_t)f->n_bands, sizeof *f->bands, by_load);
+}
+
 CC_API cc_frame *cc_frame_new(const cc_scene *scene, const cc_view *view) {
     cc_frame *f = calloc(1, sizeof *f);
     if (!f) return NULL;
@@ -262,15 +278,20 @@ CC_API cc_frame *cc_frame_new(const cc_scene *scene, const cc_view *view) {
     int32_t rows = (f->tiles_y + bands - 1) / bands;
     f->band_rows = (rows + unit - 1) / unit * unit;
     if (f->band_rows >= 8 * unit) f->band_rows -= f->band_rows % (8 * unit); /* and blocks of strip.c, where it can */
+    f->n_bands = (f->tiles_y + f->band_rows - 1) / f->band_rows;
+    f->bands = malloc((size_t)f->n_bands * sizeof *f->bands);
     f->candidates = malloc(((size_t)scene->n_clusters + 1) * sizeof *f->candidates);
-    if (f->candidates) {
+    if (f->candidates && f->bands) {
         int ready;
 #if CC_HAS_V3
         if (variant_in_use() == 1) ready = frame_prepare_v3(f);
         else
 #endif
             ready = frame_prepare_baseline(f);
-        if (ready) return f;
+        if (ready) {
+            order_bands(f);
+            return f;
+        }
     }
     cc_frame_free(f);
     return NULL;
@@ -285,5 +306,5 @@ CC_API int32_t cc_frame_work(cc_frame *f, cc_worker *worker) {
 
 CC_API void cc_frame_free(cc_frame *f) {
     if (!f) return;
-    free(f->candidates), free(f);
+    free(f->candidates), free(f->bands), free(f);
 }

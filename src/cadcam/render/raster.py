@@ -29,6 +29,7 @@ from cadcam.render.view import PLAIN, Channel, Look, Scene, View
 
 _CACHED = 1 << 14  # pixels unprojected at a time
 _BAND = 1 << 17  # samples drawn at a time, of 8 bytes: they stay in the second-level cache
+_MANY = 1 << 18  # faces from which finer bands, which threads share more evenly, are worth what they draw twice
 _BYTES_A_PIXEL = {"image": 12, "coverage": 4, "depth": 4, "normal": 12, "part": 4, "face": 4, "rgb": 3}
 _LENS_BYTES = 48  # a pixel of the lens table: the points, their copies in tiles, the way back
 _OF_CHANNEL = {
@@ -143,7 +144,8 @@ class RasterRenderer:
         plain = isinstance(camera.lens, Ideal)
         K = fine.K if plain else np.eye(3)
         request = Request(width=camera.width, height=camera.height, samples=n)
-        request.bands = max(fine.width * fine.height // _BAND, 1 if threads == 1 else 2 * threads)
+        shares = 1 if threads == 1 else threads * (4 if self._scene.mesh.n_faces > _MANY else 2)
+        request.bands = max(fine.width * fine.height // _BAND, shares)
         request.plane[:] = (K @ np.column_stack([R, t])).ravel().tolist()
         request.ray[:] = (R.T @ np.linalg.inv(K)).ravel().tolist()
         request.rotation[:] = R.ravel().tolist()
