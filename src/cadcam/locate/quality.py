@@ -12,13 +12,13 @@ photo has; a start that was the best of very many poses used up some more. Evide
 Theory to Image Analysis, 2008, ch. 3). A line is worth two constraints, where it lies and how it turns, a short one
 one; lines that lie on one edge of the photo count once. With C constraints in sight
 
-    free = (k + those of the search) / C        net = (share - free) / (1 - free) - absent / 2 - 20 scatter / extent
+    free = (k + those of the search) / C        net = (share - free) / (1 - free) - 0.4 absent - 20 scatter / extent
 
 A box has nine lines, so a third is free; a part seen edge-on, or cut by the picture's border, has hardly anything left
-that could speak for it. absent: how much of the visible length the longest line has that is shown nowhere; scatter:
-by how much edges are off as a whole (px), extent: size of what is seen (px). A model of wrong proportions shows in
-these two. Edges that scatter little must also be met more closely. Quality 0.5, one threshold for all parts and
-photos, is a net share of 0.43.
+that could speak for it. absent: share of the visible length that lies on lines shown nowhere; scatter: by how much
+edges are off as a whole (px), extent: size of what is seen (px). A model of wrong proportions shows in these two. Edges
+that scatter little must also be met more closely. Quality 0.5, one threshold for all parts and photos, is a net share
+of 0.43.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from cadcam.image.profile import candidates
 from cadcam.locate.sight import Sight
 
 Longs = npt.NDArray[np.int64]
-SEARCHED = 2  # constraints that the best of all poses of a part in a photo meets without it
+SEARCHED = 3  # constraints that the best of all poses of a part in a photo meets without it
 _ASKED = 400  # samples, of all photos together
 _TOGETHER = 4  # of these in a row: neighbours must be neighbours
 _NEAR_PX, _SCATTERS = (0.8, 2.0), 4.0  # px, and times the scatter of edges: how near a line its step must be
@@ -48,7 +48,7 @@ _WORTH_PX = (10.0, 24.0)  # length from which a line is worth one constraint, an
 _ONE_EDGE = 8.0, np.cos(np.radians(4.0))  # px and turn within which lines lie on one edge of the photo
 _STRAIGHT = 0.95  # chord over arc of a line that may lie on another
 _NOWHERE = 0.25  # share of a line's samples below which it is missed
-_ABSENT, _SCATTER = 0.5, 20.0  # what these cost
+_ABSENT, _SCATTER = 0.4, 20.0  # what these cost
 _SHARES = (0.0, 0.43, 0.95)  # net shares that make quality 0, 1/2 and 1
 _LEAST = 12  # samples that can tell anything at all
 
@@ -58,8 +58,8 @@ class Seen:
     """What the photos show of the part's visible edges.
 
     samples: how many could tell; shown, by_chance: the share of them where the photo shows the edge, and where it would
-    anyway; free: the share of their constraints that any pose could be fitted to; absent: of the visible length, the
-    longest line that is shown nowhere; scatter: of edges, relative to the size of what is seen.
+    anyway; free: the share of their constraints that any pose could be fitted to; absent: the share of samples on lines
+    shown nowhere; scatter: of edges, relative to the size of what is seen.
     """
 
     samples: int
@@ -109,7 +109,7 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, s
         by_chance += len(which) * float(np.mean([share for _, share in elsewhere]))
         worth += float(np.searchsorted(_WORTH_PX, length, side="right").sum())
         extent = max(extent, float(np.hypot(*np.ptp(q, axis=0))))
-        absent = max(absent, _longest_missed(here[0], lines))
+        absent += _missed(here[0], lines)
     n = max(told, 1)
     free = constraints / max(worth, 1e-9)
     return Seen(told, shown / n, by_chance / n, free, absent / n, scatter / max(extent, 1.0))
@@ -161,7 +161,7 @@ def _lines(q: Array, run: Ids) -> tuple[Longs, Array]:
     return np.repeat(line, last - first + 1), np.bincount(line, arc)
 
 
-def _longest_missed(shown: Mask, line: Longs) -> float:
-    """Return the number of samples on the longest line that is nowhere shown; a few shown make it count less."""
+def _missed(shown: Mask, line: Longs) -> float:
+    """Return the number of samples on lines that are nowhere shown; a few shown make a line count less."""
     n = np.bincount(line)
-    return float((n * np.clip(1 - np.bincount(line, shown) / n / _NOWHERE, 0, None)).max())
+    return float((n * np.clip(1 - np.bincount(line, shown) / n / _NOWHERE, 0, None)).sum())
