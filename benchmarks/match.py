@@ -146,9 +146,9 @@ def peer(case: Case, result: Result) -> None:
         _, value, _, (x, y) = cv2.minMaxLoc(scores)
         dx, dy = _parabola(scores[y, x - 1 : x + 2]), _parabola(scores[y - 1 : y + 2, x])
         best.append((value, x + dx + (side - 1) / 2, y + dy + (side - 1) / 2))
-    value = np.array([b[0] for b in best])
-    k = int(value.argmax())
-    angle = math.radians(k + _parabola(value[[k - 1, k, (k + 1) % 360]]))
+    highest = np.array([b[0] for b in best])
+    k = int(highest.argmax())
+    angle = math.radians(k + _parabola(highest[[k - 1, k, (k + 1) % 360]]))
     result.seconds.append(time.process_time() - start)
     result.error.append(errors_of(np.array(best[k][1:]), angle, case))
 

@@ -1,9 +1,10 @@
 """Find a box in real photos by its CAD model: in one photo, then in those of two cameras together.
 
-Run it as `python examples/locate_on_photos.py FOLDER [OUT.png]`, FOLDER holding the tea box of ViSP's tutorial on stereo
-tracking (https://github.com/lagadic/visp, GPL): frames_left and frames_right, camera_left.json, camera_right.json
-(width, height, fx, fy, cx, cy), cRightMcLeft.txt (m) and the model teabox.obj (m). The start is some 15 degrees and 20 mm
-off; without one, `cadcam.locate_part(part, photos)`, the box is searched for from all sides, which takes some seconds.
+Run it as `python examples/locate_on_photos.py FOLDER [OUT.png]`, FOLDER holding the tea box of ViSP's tutorial on
+stereo tracking (https://github.com/lagadic/visp, GPL): frames_left and frames_right, camera_left.json and
+camera_right.json (width, height, fx, fy, cx, cy), cRightMcLeft.txt (m) and the model teabox.obj (m). The start is some
+15 degrees and 20 mm off; without one, `cadcam.locate_part(part, photos)`, the box is searched for from all sides, which
+takes some seconds.
 """
 
 from __future__ import annotations

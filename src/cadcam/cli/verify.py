@@ -32,7 +32,7 @@ far as its file has one. One photo shows no displacement along the line of sight
 _EXAMPLES = f"""\
   cadcam verify part.step --list -o names.png                     what a tolerance file can name, on a picture
   cadcam verify part.step --list 'bar 1*'                         the edges (chains) of these parts
-  cadcam verify photo.png part.step --camera camera.json --template > tolerances.yaml
+  cadcam verify photo.png part.step --camera camera.json --template -o tolerances.yaml
   cadcam verify photo.png part.step --camera camera.json --tolerances tolerances.yaml -o report.html
   cadcam verify photo.png part.step --camera camera.json --tolerances tolerances.yaml --start rough.txt --json
   cadcam verify left.png right.png part.step --rig rig.json --tolerances tolerances.yaml -o report.html -o report.json
@@ -77,10 +77,10 @@ def add_to(verbs: Verbs) -> None:
         action="append",
         default=[],
         metavar="FILE",
-        help="report to write: .html or .json, may be repeated; with --list a picture",
+        help="report to write: .html or .json, may be repeated; with --list a picture, with --template a .yaml",
     )
     parser.add_argument("--list", nargs="?", const="", metavar="PART", help="only say what a tolerance file can name")
-    parser.add_argument("--template", action="store_true", help="only print a tolerance file to start from")
+    parser.add_argument("--template", action="store_true", help="only write (-o FILE.yaml) or print a tolerance file")
     add_json(parser)
 
 
@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
         _list(arguments)
         return 0
     for path in arguments.output:
-        check_target(path, _SUFFIXES)
+        check_target(path, (".yaml", ".yml") if arguments.template else _SUFFIXES)
     shots = _shots(arguments)
     part = _part(arguments)
     if arguments.template:
@@ -202,8 +202,9 @@ def _origin(arguments: argparse.Namespace, shots: Shots) -> Origin:
 
 
 def _template(arguments: argparse.Namespace, part: Part, shots: Shots | None) -> None:
-    """Print a tolerance file; with photos and a pose, of what these show."""
+    """Write or print a tolerance file; with photos and a pose, of what these show."""
     from cadcam.verify.tolerance_file import template
+    from cadcam.whole import write_whole
 
     seen: tuple[str, ...] = ()
     if shots is not None:
@@ -212,7 +213,12 @@ def _template(arguments: argparse.Namespace, part: Part, shots: Shots | None) ->
         pose = _located(arguments, part, shots).pose.world_from_part
         shown = set(sightlines(part, shots.photos, pose)[0].part.tolist())
         seen = tuple(name for i, name in enumerate(part.scene.mesh.part_names) if i in shown)
-    print(template(part.scene, seen=seen), end="")
+    text = template(part.scene, seen=seen)
+    if not arguments.output:
+        print(text, end="")
+    for path in arguments.output:
+        write_whole(path, text.encode())
+        say(f"wrote {path}")
 
 
 def _list(arguments: argparse.Namespace) -> None:

@@ -25,9 +25,12 @@ _RIVAL = 0.85  # share of the best hypothesis' score that makes another one as g
 _TRIED = (4, 8)  # hypotheses that are refined: with a start, without one
 _AS_GOOD = 0.15  # quality that an alternative may lack
 _BY_SCORE = 0.3  # quality that the best hypothesis' score is worth
-_EQUAL, _APART = 0.9, 0.5  # share of its score, and distance in radii, that make another place a rival
+_EQUAL, _ELSEWHERE = 0.9, 0.5  # share of its score, and distance in radii, that make another place a rival
+# Times the score of anything elsewhere: right poses have 1.14 to 1.8, mostly above 1.3, wrong ones 1.0 to 1.18. The
+# second is for poses with a quality of at least _CLEAR.
+_STANDS_OUT, _CLEAR = (1.25, 1.1), 0.75
 _UNCERTAIN = 0.45  # quality of a pose that may as well be at another place
-_SAME = 0.02  # of the part's radius: refined poses whose corners differ by less are one
+_SAME, _BASIN = 0.02, 0.1  # radii: refined poses nearer to each other are one; starts nearer to a pose end in it
 _FLAT, _CLIPPED = 2.0 / 255.0, 0.98  # contrast below which a photo is empty; share of pixels at black or white
 
 
@@ -65,8 +68,13 @@ def locate(
     if not best.found:
         why = best.reason.removeprefix("not found: ")
         return replace(best, reason=f"not found: the best of {len(hypotheses)} hypotheses does not hold: {why}")
+    if start is None and not _stands_out(part, best, score, hypotheses):
+        why = f"not certain: lines elsewhere in the photos look nearly as much like the part ({best.reason})"
+        return replace(best, quality=min(best.quality, _UNCERTAIN), reason=why)
     equal = [o for s, o in others if s >= _EQUAL * score and o.quality >= best.quality - _AS_GOOD]
-    places = _distinct(part, best, [o for o in equal if _elsewhere(part, best, o)])
+    places = _distinct(
+        part, best, [o for o in equal if _elsewhere(part, best.pose.world_from_part, o.pose.world_from_part)]
+    )
     alike = _alike(part, best) if start is None else []
     rivals = tuple(_distinct(part, best, [*alike, *(o for _, o in others if o.quality >= best.quality - _AS_GOOD)]))
     if places:
@@ -76,11 +84,20 @@ def locate(
     return replace(best, reason=best.reason + told, alternatives=rivals)
 
 
-def _elsewhere(part: Part, one: Location, other: Location) -> bool:
+def _elsewhere(part: Part, one: Rigid, other: Rigid) -> bool:
     """Return whether two poses put the part at different places, not just differently at one."""
     middle, radius = part.aspects.centre, part.aspects.radius
-    apart = one.pose.world_from_part @ middle - other.pose.world_from_part @ middle
-    return bool(np.linalg.norm(apart) > _APART * radius)
+    return bool(np.linalg.norm(one @ middle - other @ middle) > _ELSEWHERE * radius)
+
+
+def _stands_out(part: Part, best: Location, score: float, hypotheses: Sequence[Hypothesis]) -> bool:
+    """Return whether a pose that a search found scores well above what it found elsewhere.
+
+    The best of very many wrong poses fits some lines of any cluttered photo; it does so hardly better than the next
+    best ones do.
+    """
+    away = [h.score for h in hypotheses if _elsewhere(part, best.pose.world_from_part, h.world_from_part)]
+    return score >= _STANDS_OUT[best.quality >= _CLEAR] * max(away, default=0.0)
 
 
 def _check(photos: Sequence[Photo]) -> None:
@@ -106,13 +123,21 @@ def _refined(
 ) -> list[tuple[float, Location]]:
     """Return score and location of the hypotheses refined, until one is sure and no other is as good."""
     done: list[tuple[float, Location]] = []
-    for k, h in enumerate(hypotheses):
+    for h in hypotheses:
+        if any(o.quality >= _SURE for _, o in done) and h.score < _RIVAL * hypotheses[0].score:
+            break
+        if any(o.found and _apart(part, h.world_from_part, o.pose.world_from_part) < _BASIN for _, o in done):
+            continue  # it would end there too
         location = refine(part, photos, h.world_from_part, freedom=freedom, options=options, chosen=chosen)
         done.append((h.score, location))
-        rival = k + 1 < len(hypotheses) and hypotheses[k + 1].score >= _RIVAL * hypotheses[0].score
-        if max(location.quality for _, location in done) >= _SURE and not rival:
-            break
     return done
+
+
+def _apart(part: Part, one: Rigid, other: Rigid) -> float:
+    """Return the largest distance of the part's corners between two poses, in its radii."""
+    radius = part.aspects.radius
+    corners = part.aspects.centre + radius * np.concatenate([np.zeros((1, 3)), np.eye(3)])
+    return float(np.linalg.norm(one @ corners - other @ corners, axis=1).max() / radius)
 
 
 def _alike(part: Part, best: Location) -> list[Location]:
@@ -134,12 +159,8 @@ def _alike(part: Part, best: Location) -> list[Location]:
 
 def _distinct(part: Part, best: Location, others: Sequence[Location]) -> list[Location]:
     """Return the others, best first, that are neither the best pose nor each other."""
-    aspects = part.aspects
-    corners = aspects.centre + aspects.radius * np.concatenate([np.zeros((1, 3)), np.eye(3)])
-    known, kept = [best.pose.world_from_part @ corners], []
+    kept = [best]
     for other in sorted(others, key=lambda location: -location.quality):
-        at = other.pose.world_from_part @ corners
-        if min(np.linalg.norm(at - k, axis=1).max() for k in known) > _SAME * aspects.radius:
-            known.append(at)
+        if min(_apart(part, other.pose.world_from_part, o.pose.world_from_part) for o in kept) > _SAME:
             kept.append(other)
-    return kept
+    return kept[1:]

@@ -31,9 +31,9 @@ class Location:
     @classmethod
     def nowhere(cls, world_from_part: Rigid, reason: str) -> Location:
         """Return that nothing speaks for the part: quality 0, no matches; it was looked for at the pose."""
-        one, two, three = np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3))
+        one, two, three, ids = np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0, np.int32)
         pose = PoseEstimate(world_from_part, np.zeros((6, 6)), freedom=np.zeros((6, 0)))
-        return cls(pose, EdgeMatches(two, two, one, one, one, three, one, one), 0.0, reason)
+        return cls(pose, EdgeMatches(two, two, one, one, one, three, ids, ids), 0.0, reason)
 
     @property
     def found(self) -> bool:

@@ -39,9 +39,19 @@ def pose_table(pose: PoseEstimate, photo: Photo, *, radius_mm: float) -> Table:
     rows += [
         ("sigma along the part's x, y, z, mm", ", ".join(f"{s:.2g}" for s in sigma[:3])),
         ("sigma of turns about them, deg", ", ".join(f"{s:.2g}" for s in np.degrees(sigma[3:]))),
+        *_by_photo(pose),
         ("weakest", weakest(pose, radius_mm=radius_mm)),
     ]
     return Table("Pose", ("", ""), tuple(rows), ("",))
+
+
+def _by_photo(pose: PoseEstimate) -> list[tuple[str, str]]:
+    """Return the sigmas that a perfectly known camera would leave, where the camera has a share in them."""
+    if not pose.from_calibration.any():
+        return []
+    sigma = np.sqrt(np.diag(pose.from_noise))
+    shift, turn = (", ".join(f"{s:.2g}" for s in part) for part in (sigma[:3], np.degrees(sigma[3:])))
+    return [("  by the photo alone, not the camera", f"{shift} mm; {turn} deg")]
 
 
 def evidence_table(location: Location) -> Table:

@@ -6,6 +6,8 @@ import numpy as np
 
 from cadcam.arrays import Array, Floats, Mask
 
+_SINGULAR = 1e-12  # of the largest variance: a direction that tells nothing of its own
+
 
 def false_discoveries_below(p_values: Floats, share: float) -> Mask:
     """Return which of the hypotheses (n,) are given up so that at most `share` of these, on average, are true.
@@ -31,8 +33,12 @@ def tail_probability(value: Array, covariance: Array, dof: float) -> float:
     """
     from scipy.stats import chi2, f
 
-    m = len(value)
+    if not len(value):
+        return float("nan")
+    w, V = np.linalg.eigh(covariance)
+    known = w > _SINGULAR * max(float(w[-1]), 0.0)
+    m = int(known.sum())
     if m == 0:
         return float("nan")
-    statistic = float(value @ np.linalg.solve(covariance, value))
+    statistic = float((((V[:, known].T @ value) ** 2) / w[known]).sum())
     return float(chi2.sf(statistic, m)) if not np.isfinite(dof) else float(f.sf(statistic / m, m, max(dof, 1.0)))
