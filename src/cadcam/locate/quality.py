@@ -158,7 +158,7 @@ def _lines(q: Array, run: Ids) -> tuple[Longs, Array]:
     np.fill_diagonal(on, True)
     owner = np.argmax(np.where(on, arc, -1.0), axis=1)
     _, line = np.unique(owner, return_inverse=True)
-    return np.repeat(line, last - first + 1), np.bincount(line, arc)
+    return np.repeat(line, last - first + 1), np.bincount(line, arc).astype(np.float64)
 
 
 def _missed(shown: Mask, line: Longs) -> float:
