@@ -47,14 +47,14 @@ nothing moved unevenly (rms of its length / sqrt(18)), mm. The hand's own motion
 _STEREO = """
 Stereo: left and right tracked each by itself, both poses brought into the left camera by the published mount; how far
 they differ. ViSP tracked both together, so that its two poses are one. The right picture's border cuts the box off:
-by itself the right camera follows it wrongly, and says "found"; together with the left one it does not.
+by itself the right camera loses it in many frames, and says so; together with the left one it does not.
 
 | poses | mm median / p90 / max | deg median / p90 / max |
 |---|---|---|"""
 _TRIANGLE = """
 m3t_triangle, partly hidden by a bottle: from the published pose (good to 1-3 px) and from none; lines: median distance
-of the model's lines from the photo's edges. Without a start the triangle, thin and seen nearly edge-on, fits a line of
-the chequered cloth as well, and is wrongly called found there.
+of the model's lines from the photo's edges. So little of it is to be seen that its lines prove hardly more than any fit
+would, and elsewhere it fits lines of the chequered cloth: it is not called found.
 
 | photo | start | found | quality | mm from published | deg | lines, px (published pose) | CPU ms |
 |---|---|---|---|---|---|---|---|"""

@@ -15,6 +15,7 @@ from cadcam.locate.hypothesis import Hypothesis
 from cadcam.locate.location import FOUND, Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.locate.quality import SEARCHED
 from cadcam.locate.refine import EDGES, EdgeOptions, refine
 from cadcam.locate.search import search_once
 from cadcam.locate.view_range import WHOLE_SPHERE, ViewRange
@@ -59,7 +60,8 @@ def locate(
         hypotheses, most = approach(part, photos, start, reach=reach, freedom=freedom), _TRIED[0]
     if not hypotheses:
         hypotheses = [Hypothesis(Rigid() if start is None else start, 0.0, 0.0)]
-    tried = _refined(part, photos, hypotheses[:most], freedom, options)
+    chosen = SEARCHED if start is None else 0
+    tried = _refined(part, photos, hypotheses[:most], freedom, options, chosen)
     most_score = max(max(score for score, _ in tried), 1e-9)
     ranked = sorted(tried, key=lambda t: -(t[1].quality + _BY_SCORE * t[0] / most_score))
     (score, best), others = ranked[0], [(s, o) for s, o in ranked[1:] if o.quality >= FOUND]
@@ -112,7 +114,12 @@ def _check(photos: Sequence[Photo]) -> None:
 
 
 def _refined(
-    part: Part, photos: Sequence[Photo], hypotheses: Sequence[Hypothesis], freedom: Freedom, options: EdgeOptions
+    part: Part,
+    photos: Sequence[Photo],
+    hypotheses: Sequence[Hypothesis],
+    freedom: Freedom,
+    options: EdgeOptions,
+    chosen: int,
 ) -> list[tuple[float, Location]]:
     """Return score and location of the hypotheses refined, until one is sure and no other is as good."""
     done: list[tuple[float, Location]] = []
@@ -121,7 +128,8 @@ def _refined(
             break
         if any(o.found and _apart(part, h.world_from_part, o.pose.world_from_part) < _BASIN for _, o in done):
             continue  # it would end there too
-        done.append((h.score, refine(part, photos, h.world_from_part, freedom=freedom, options=options)))
+        location = refine(part, photos, h.world_from_part, freedom=freedom, options=options, chosen=chosen)
+        done.append((h.score, location))
     return done
 
 

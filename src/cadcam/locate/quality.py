@@ -1,13 +1,24 @@
-"""Is the part really there? How much of its visible edges the photo shows, against how much it would show of any lines.
+"""Is the part really there? How much of its edges the photo shows beyond what chance and the search give for nothing.
 
 An edge counts as shown where brightness steps very near it, about as strongly as anywhere around, and where the next
 sample on the line finds it at the same distance and of the same sign: a line, not a speckle. The same is asked of the
-same lines shifted to where the part is not; what they find is chance.
+same lines shifted to where the part is not; what they find is chance:
 
     share = (shown - by chance) / (1 - by chance)
 
-is 1 for a part seen whole and about 0 for a pose anywhere; a wrong pose that a search has fitted to whatever lines
-there are seldom reaches a half. So one threshold serves all parts and photos: quality 0.5 stands for a share of 0.55.
+But the pose is not a random one. It was fitted, and k degrees of freedom lay that many constraints onto whatever the
+photo has; a start that was the best of very many poses used up some more. Evidence is what agrees beyond these
+(an event counts by how seldom it would come about anywhere in the search: Desolneux, Moisan and Morel, From Gestalt
+Theory to Image Analysis, 2008, ch. 3). A line is worth two constraints, where it lies and how it turns, a short one
+one; lines that lie on one edge of the photo count once. With C constraints in sight
+
+    free = (k + those of the search) / C        net = (share - free) / (1 - free) - 0.4 absent - 20 scatter / extent
+
+A box has nine lines, so a third is free; a part seen edge-on, or cut by the picture's border, has hardly anything left
+that could speak for it. absent: share of the visible length that lies on lines shown nowhere; scatter: by how much
+edges are off as a whole (px), extent: size of what is seen (px). A model of wrong proportions shows in these two. Edges
+that scatter little must also be met more closely. Quality 0.5, one threshold for all parts and photos, is a net share
+of 0.43.
 """
 
 from __future__ import annotations
@@ -16,48 +27,72 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import candidates
 from cadcam.locate.sight import Sight
 
+Longs = npt.NDArray[np.int64]
+SEARCHED = 3  # constraints that the best of all poses of a part in a photo meets without it
 _ASKED = 400  # samples, of all photos together
 _TOGETHER = 4  # of these in a row: neighbours must be neighbours
-_NEAR_PX, _REACH = 2.0, 6  # px: how near a line its step must be, how far around it is compared
+_NEAR_PX, _SCATTERS = (0.8, 2.0), 4.0  # px, and times the scatter of edges: how near a line its step must be
+_REACH = 6  # px: how far around a line its step is compared
 _ROOM_PX = 2.5  # a sample nearer than this to another line says nothing
 _AGREE_PX = 0.5  # by which neighbours on a line may differ
 _FAINT = 0.4  # of the strongest slope nearby
-_SHIFTS = [(14.0, 0.3), (22.0, 1.9), (14.0, 3.4), (22.0, 5.0)]  # px, rad
-_SHARES = (0.0, 0.55, 0.95)  # shares that make quality 0, 1/2 and 1
+_SHIFTS = [(0.0, 0.0), (14.0, 0.3), (22.0, 1.9), (14.0, 3.4), (22.0, 5.0)]  # px, rad: in place, then elsewhere
+_WORTH_PX = (10.0, 24.0)  # length from which a line is worth one constraint, and two
+_ONE_EDGE = 8.0, np.cos(np.radians(4.0))  # px and turn within which lines lie on one edge of the photo
+_STRAIGHT = 0.95  # chord over arc of a line that may lie on another
+_NOWHERE = 0.25  # share of a line's samples below which it is missed
+_ABSENT, _SCATTER = 0.4, 20.0  # what these cost
+_SHARES = (0.0, 0.43, 0.95)  # net shares that make quality 0, 1/2 and 1
 _LEAST = 12  # samples that can tell anything at all
 
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """How many samples could tell, the share of them where the photo shows the edge, and the share by chance."""
+    """What the photos show of the part's visible edges.
+
+    samples: how many could tell; shown, by_chance: the share of them where the photo shows the edge, and where it would
+    anyway; free: the share of their constraints that any pose could be fitted to; absent: the share of samples on lines
+    shown nowhere; scatter: of edges, relative to the size of what is seen.
+    """
 
     samples: int
     shown: float
     by_chance: float
+    free: float
+    absent: float
+    scatter: float
 
     @property
     def quality(self) -> float:
         """Return how sure it is that the pose is right, 0 to 1."""
-        if self.samples < _LEAST:
+        if self.samples < _LEAST or self.free >= 1:
             return 0.0
         share = (self.shown - self.by_chance) / (1 - min(self.by_chance, 0.9))
-        return float(np.interp(share, _SHARES, (0.0, 0.5, 1.0)))
+        net = (share - self.free) / (1 - self.free) - _ABSENT * self.absent - _SCATTER * self.scatter
+        return float(np.interp(net, _SHARES, (0.0, 0.5, 1.0)))
 
     def __str__(self) -> str:
-        if self.samples < _LEAST:
-            return "hardly any edge of the part would be in the picture"
-        return f"{self.shown:.0%} of the visible edges are there, {self.by_chance:.0%} would be by chance"
+        if self.samples < _LEAST or self.free >= 1:
+            return "so few edges of the part would be in the picture that any place would fit"
+        free = f", {self.free:.0%} could be fitted anywhere" if self.free > 0.2 else ""
+        return f"{self.shown:.0%} of the visible edges are there, {self.by_chance:.0%} would be by chance{free}"
 
 
-def seen(sights: Sequence[Sight], world_from_part: Rigid) -> Seen:
-    """Return how much of the part's visible edges the photos show at a pose."""
-    told = shown = by_chance = 0.0
+def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, scatter: float) -> Seen:
+    """Return how much of the part's visible edges the photos show at a pose.
+
+    constraints: how many of them its fit, and the search before it, could meet anywhere. scatter: sd (px) by which
+    edges are off as a whole.
+    """
+    near = float(np.clip(_SCATTERS * scatter, *_NEAR_PX))
+    told, shown, by_chance, worth, extent, absent = 0, 0.0, 0.0, 0.0, 0.0, 0.0
     for sight in (s.thinned(_ASKED // len(sights), together=_TOGETHER) for s in sights):
         at, samples = sight.project(world_from_part), sight.samples
         room = np.minimum(np.minimum(samples.below, samples.above) - 1.0, _REACH)
@@ -65,24 +100,32 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid) -> Seen:
         if not len(which):
             continue
         q, normal, run, room = at.q[which], at.normal[which], samples.run[which], room[which]
+        lines, length = _lines(q, run)
+        here, *elsewhere = (
+            _shown(sight, q + r * np.array([np.cos(a), np.sin(a)]), normal, run, room, near) for r, a in _SHIFTS
+        )
         told += len(which)
-        shown += len(which) * _share(sight, q, normal, run, room)
-        shifted = [_share(sight, q + r * np.array([np.cos(a), np.sin(a)]), normal, run, room) for r, a in _SHIFTS]
-        by_chance += len(which) * float(np.mean(shifted))
-    return Seen(int(told), shown / max(told, 1), by_chance / max(told, 1))
+        shown += len(which) * here[1]
+        by_chance += len(which) * float(np.mean([share for _, share in elsewhere]))
+        worth += float(np.searchsorted(_WORTH_PX, length, side="right").sum())
+        extent = max(extent, float(np.hypot(*np.ptp(q, axis=0))))
+        absent += _missed(here[0], lines)
+    n = max(told, 1)
+    free = constraints / max(worth, 1e-9)
+    return Seen(told, shown / n, by_chance / n, free, absent / n, scatter / max(extent, 1.0))
 
 
-def _share(sight: Sight, q: Array, normal: Array, run: Ids, room: Array) -> float:
-    """Return the share of samples that show an edge; those near which there is none at all count half."""
+def _shown(sight: Sight, q: Array, normal: Array, run: Ids, room: Array, near_px: float) -> tuple[Mask, float]:
+    """Return which samples show an edge, and their share; those near which there is none at all count half."""
     found = candidates(sight.photo.gray, q, normal, half_length=2.0, reach=_REACH, noise=sight.noise)
     offset = np.where(np.abs(found.offset) <= room[:, None], found.offset, np.nan)
     slope = np.where(np.isfinite(offset), np.abs(found.slope), 0.0)
     strongest = slope.max(axis=1)
-    near = (np.abs(offset) < _NEAR_PX) & (slope > _FAINT * strongest[:, None])
+    near = (np.abs(offset) < near_px) & (slope > _FAINT * strongest[:, None])
     best = np.argmax(np.where(near, slope, 0.0), axis=1)
     here = np.arange(len(q)), best
-    lines = _continued(near[here], np.nan_to_num(offset[here]), np.nan_to_num(np.sign(found.slope[here])), run)
-    return float(2 * lines.sum() / ((strongest > 0).sum() + len(q)))
+    shown = _continued(near[here], np.nan_to_num(offset[here]), np.nan_to_num(np.sign(found.slope[here])), run)
+    return shown, float(2 * shown.sum() / ((strongest > 0).sum() + len(q)))
 
 
 def _continued(good: Mask, offset: Array, sign: Array, run: Ids) -> Mask:
@@ -93,3 +136,32 @@ def _continued(good: Mask, offset: Array, sign: Array, run: Ids) -> Mask:
     out[1:] |= pair
     out[:-1] |= pair
     return out
+
+
+def _lines(q: Array, run: Ids) -> tuple[Longs, Array]:
+    """Return the number of the distinct line of each sample (n,), and the length (L,) px of each of these lines.
+
+    A straight run lies on another's line where both its ends are near that and its direction is about the same; it goes
+    to the longest such.
+    """
+    first = np.flatnonzero(np.diff(run, prepend=-1))
+    last = np.append(first[1:], len(run)) - 1
+    a, b = q[first], q[last]
+    step = np.hypot(*np.diff(q, axis=0, prepend=q[:1]).T)
+    step[first] = 0.0
+    arc, chord = np.add.reduceat(step, first), np.hypot(*(b - a).T)
+    along = (b - a) / np.maximum(chord, 1e-9)[:, None]
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    straight = chord > _STRAIGHT * arc
+    far = np.maximum(*(np.abs(np.einsum("ijk,jk->ij", end[:, None] - a, across)) for end in (a, b)))
+    on = (far < _ONE_EDGE[0]) & (np.abs(along @ along.T) > _ONE_EDGE[1]) & straight & straight[:, None]
+    np.fill_diagonal(on, True)
+    owner = np.argmax(np.where(on, arc, -1.0), axis=1)
+    _, line = np.unique(owner, return_inverse=True)
+    return np.repeat(line, last - first + 1), np.bincount(line, arc).astype(np.float64)
+
+
+def _missed(shown: Mask, line: Longs) -> float:
+    """Return the number of samples on lines that are nowhere shown; a few shown make a line count less."""
+    n = np.bincount(line)
+    return float((n * np.clip(1 - np.bincount(line, shown) / n / _NOWHERE, 0, None)).sum())

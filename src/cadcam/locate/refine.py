@@ -78,20 +78,23 @@ def refine(
     freedom: Freedom = FREE,
     evidence: Sequence[Evidence] = (),
     options: EdgeOptions = EDGES,
+    chosen: int = 0,
 ) -> Location:
     """Return where the part stands, from a start world_from_part whose lines are off by no more than `search_px`.
 
     photos: of one camera, of a rig, or of a moved camera, each with its viewpoint in the world. evidence: points and
-    lines of the part that are known otherwise. Where too little is seen to tell the pose the answer has quality 0. A
-    doubtful answer is searched for once more, wider, from where it ended: lines of a wrong pose often half agree.
+    lines of the part that are known otherwise. chosen: how many constraints the start met by being the best of many
+    poses in these photos; they prove nothing (`locate.quality`). Where too little is seen to tell the pose the answer
+    has quality 0. A doubtful answer is searched for once more, wider, from where it ended: lines of a wrong pose often
+    half agree.
     """
     if not photos:
         raise BadValue("photos", "none", "at least one photo")
-    first, loose = _refined(part, photos, start, freedom, evidence, options)
+    first, loose = _refined(part, photos, start, freedom, evidence, options, chosen)
     if first.quality <= _DOUBT[0] or (first.quality >= _DOUBT[1] and not loose):
         return first
     wider = replace(options, search_px=max(_WIDER * options.search_px, _WIDER_PX))
-    second, still_loose = _refined(part, photos, first.pose.world_from_part, freedom, evidence, wider)
+    second, still_loose = _refined(part, photos, first.pose.world_from_part, freedom, evidence, wider, chosen)
     tighter = loose and not still_loose and second.found
     return second if tighter or second.quality > first.quality else first
 
@@ -103,6 +106,7 @@ def _refined(
     freedom: Freedom,
     evidence: Sequence[Evidence],
     options: EdgeOptions,
+    chosen: int,
 ) -> tuple[Location, bool]:
     """Return what one search from `start` and the measurement after it find, and whether edges fit it only loosely."""
     sights = _sights(part, photos, start, options)
@@ -113,7 +117,7 @@ def _refined(
         fitted = _fitted(sights, pose, freedom, evidence, options)
     except DegenerateGeometry as error:
         return _lost(sights, pose, freedom, str(error)), False
-    return _location(part, fitted, freedom), fitted.fit.between > _LOOSE_PX
+    return _location(part, fitted, freedom, chosen), fitted.fit.between > _LOOSE_PX
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -217,7 +221,7 @@ def _groups(sights: Sequence[Sight], measured: Sequence[Measured], options: Edge
     return np.cumsum(np.diff(key, prepend=key[:1]) > 0)
 
 
-def _location(part: Part, fitted: _Fitted, freedom: Freedom) -> Location:
+def _location(part: Part, fitted: _Fitted, freedom: Freedom, chosen: int) -> Location:
     sights, pose, fit = fitted.sights, fitted.pose, fitted.fit
     B = freedom.at(pose)
     n = [int(m.usable.sum()) for m in fitted.measured]
@@ -227,7 +231,7 @@ def _location(part: Part, fitted: _Fitted, freedom: Freedom) -> Location:
     photos = [s.photo for s in sights]
     from_calibration = calibration_covariance(photos, points, normals, gains, pose)
     estimate = PoseEstimate(pose, B @ fit.covariance @ B.T, from_calibration, B, fit.dof)
-    evidence = seen(sights, pose)
+    evidence = seen(sights, pose, constraints=B.shape[1] + chosen, scatter=fit.between)
     return Location(estimate, _matches(fitted), evidence.quality, _reason(part, estimate, evidence, fit, photos))
 
 

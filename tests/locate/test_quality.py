@@ -1,0 +1,101 @@
+"""What counts as found: what the photo shows beyond chance, beyond what was fitted, beyond what was searched for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cadcam.cad.parts import machined_bracket
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.freedom import Freedom
+from cadcam.locate.locate import locate
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.locate.quality import SEARCHED, Seen, _lines
+from cadcam.locate.refine import refine
+from cadcam.locate.view_range import ViewRange
+
+from ..cad.solids import box
+from .photos import CAMERA, noisy, photo, view
+from .test_search import clutter
+
+BOX = Part.of(box([0, 0, 0], [100, 60, 40]))
+CORNER = (0.5, 0.7, 1.0)
+
+
+def test_a_fit_to_clutter_is_hardly_ever_called_found(rng: np.random.Generator) -> None:
+    found = 0
+    for _ in range(5):
+        without = Photo.of(noisy(clutter(rng), 0.01, rng), CAMERA)
+        for _ in range(8):
+            start = view(BOX, tuple(rng.uniform([-1, -1, 0.3], 1)), away=rng.uniform(5, 9), aim=rng.uniform(-0.5, 0.5))
+            found += refine(BOX, [without], start).found
+    assert found <= 1  # of 40; at a rate of 1 % two or more come about in 6 % of all runs, and the seed is fixed
+
+
+@pytest.mark.slow
+def test_the_best_of_all_places_in_clutter_is_seldom_called_found(rng: np.random.Generator) -> None:
+    near = ViewRange(distance_mm=(350.0, 700.0))
+    pictures = [Photo.of(noisy(clutter(rng), 0.01, rng), CAMERA) for _ in range(20)]
+    bracket = Part.of(machined_bracket())
+    assert sum(locate(bracket, [p], views=near).found for p in pictures) <= 1
+    assert sum(locate(BOX, [p], views=near).found for p in pictures) <= 3  # twelve rectangles, and a box is three
+
+
+def test_a_plate_seen_on_its_edge_is_not_found_on_a_stripe(rng: np.random.Generator) -> None:
+    """A stripe shows the plate's long edges from end to end; so it does in very many places along it."""
+    plate = Part.of(box([0, 0, 0], [120, 80, 3]))
+    edge_on = view(plate, (0.0, 1.0, 0.0), away=4.5)
+    ends = CAMERA.project(edge_on @ np.array([[0.0, 80, 0], [120, 80, 0], [0, 80, 3]]))
+    along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    across = np.array([-along[1], along[0]])
+    width = (ends[2] - ends[0]) @ across
+    x, y = np.meshgrid(np.arange(640), np.arange(480))
+    d = (np.stack([x, y], axis=-1) - ends[0]) @ across / width
+    stripe = 0.3 + 0.4 * (np.clip(d * abs(width) + 0.5, 0, 1) - np.clip((d - 1) * abs(width) + 0.5, 0, 1))
+    found = refine(plate, [Photo.of(noisy(stripe, 0.01, rng), CAMERA)], edge_on)
+    assert not found.found, found.reason
+
+
+def test_a_right_pose_is_found_and_stays_found_after_a_search(rng: np.random.Generator) -> None:
+    pose = view(BOX, CORNER, away=6.0)
+    shots = [photo(BOX, pose, rng)]
+    sure, searched = refine(BOX, shots, pose), refine(BOX, shots, pose, chosen=SEARCHED)
+    assert sure.found
+    assert searched.found
+    assert searched.quality <= sure.quality
+
+
+def test_the_fewer_motions_are_free_the_more_the_same_edges_prove(rng: np.random.Generator) -> None:
+    pose = view(BOX, CORNER, away=6.0)
+    picture = noisy(photo(BOX, pose, rng).gray.astype(float), 0.02, rng)
+    picture[:, :300] = 0.5  # half of it hidden
+    free = refine(BOX, [Photo.of(picture, CAMERA)], pose)
+    planar = refine(BOX, [Photo.of(picture, CAMERA)], pose, freedom=Freedom.planar([0, 0, 1], frame="part"))
+    assert planar.quality > free.quality
+
+
+def test_what_a_fit_meets_for_nothing_proves_nothing() -> None:
+    assert Seen(100, 1.0, 0.1, 1.0, 0.0, 0.0).quality == 0.0
+    one_third = Seen(100, 1 / 3, 0.0, 1 / 3, 0.0, 0.0)
+    assert one_third.quality == pytest.approx(0.0, abs=1e-12)
+    assert Seen(100, 1.0, 0.1, 0.6, 0.0, 0.0).quality == 1.0
+
+
+def test_lines_on_one_edge_of_the_photo_count_once() -> None:
+    t = np.arange(0.0, 100.0, 4.0)
+    flat = np.column_stack([t, 0 * t])
+    off = np.array([[150.0, 3.0], [0.0, 5.0], [0.0, 30.0]])
+    q = np.concatenate([flat, flat + off[0], flat + off[1], flat[:, ::-1], flat + off[2]])
+    line, length = _lines(q, np.repeat(np.arange(5), len(t)).astype(np.int32))
+    assert len(length) == 3
+    one = line.reshape(5, -1)[:, 0]
+    assert one[0] == one[1] == one[2]
+    assert len({one[0], one[3], one[4]}) == 3
+
+
+def test_a_start_away_from_the_part_is_not_found(rng: np.random.Generator) -> None:
+    pose = view(BOX, CORNER, away=6.0)
+    shots = [photo(BOX, pose, rng)]
+    turned = pose @ Rigid.exp([0, 0, 0, 0, 0, 0.5])
+    assert not refine(BOX, shots, turned).found
