@@ -39,7 +39,7 @@ def test_the_best_of_all_places_in_clutter_is_seldom_called_found(rng: np.random
     pictures = [Photo.of(noisy(clutter(rng), 0.01, rng), CAMERA) for _ in range(20)]
     bracket = Part.of(machined_bracket())
     assert sum(locate(bracket, [p], views=near).found for p in pictures) <= 1
-    assert sum(locate(BOX, [p], views=near).found for p in pictures) <= 3  # twelve rectangles, and a box is three
+    assert sum(locate(BOX, [p], views=near).found for p in pictures) <= 1
 
 
 def test_a_plate_seen_on_its_edge_is_not_found_on_a_stripe(rng: np.random.Generator) -> None:
