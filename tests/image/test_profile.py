@@ -49,7 +49,7 @@ ANGLES = np.radians([0.0, 17.0, 45.0, 90.0, 133.0, 200.0, 301.0])
 @pytest.mark.parametrize("angle", ANGLES)
 def test_a_step_on_the_line_is_found_there_to_the_picture_s_own_rounding(angle: float) -> None:
     found = cell(picture(angle, 0.0, bend=0.01), angle)
-    eps = np.finfo(np.float32).eps  # the picture is float32, the integral of the bell good to 8e-8
+    eps = float(np.finfo(np.float32).eps)  # the picture is float32, the integral of the bell good to 8e-8
     assert abs(position(found)) < 20 * eps
     assert found.contrast[0] == pytest.approx(0.4, abs=20 * eps)
     assert found.bend[0] == pytest.approx(0.01, abs=20 * eps)
