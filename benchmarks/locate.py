@@ -111,7 +111,7 @@ def profile(photos: PhotoSet, noise: int, starts: Sequence[Start]) -> Iterator[s
     outcomes(photos, noise, some)
     profiler.disable()
     own: dict[str, float] = {}
-    for (file, _, _), (_, _, total, _, callers) in pstats.Stats(profiler).stats.items():  # type: ignore[attr-defined]
+    for (file, _, _), (_, _, total, _, callers) in pstats.Stats(profiler).stats.items():  # type: ignore[attr-defined]  # undocumented
         for (caller, _, _), share in callers.items() or {(file, 0, ""): (0, 0, total, 0)}.items():
             name = next((_module(path) for path in (file, caller) if "cadcam" in path), "other")
             own[name] = own.get(name, 0.0) + share[2]

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -182,9 +182,9 @@ def main() -> None:
     a = parser.parse_args()
     print("| body | right first | right poses | of them reported | quality, lowest right / highest wrong", end="")
     print(" | CPU median / most, s | wall, s | preparation CPU, s |\n|---|---|---|---|---|---|---|---|")
-    wanted: Callable[[Body], bool] = lambda b: not a.bodies or b.name.startswith(tuple(a.bodies))  # noqa: E731
-    for body in filter(wanted, bodies(a.scene)):
-        print(row(body, a.views, a.noise, a.save, whole=a.whole), flush=True)
+    for body in bodies(a.scene):
+        if not a.bodies or body.name.startswith(tuple(a.bodies)):
+            print(row(body, a.views, a.noise, a.save, whole=a.whole), flush=True)
 
 
 if __name__ == "__main__":

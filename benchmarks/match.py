@@ -18,6 +18,7 @@ that is known at all angles, and parabolas through its maxima.
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -123,11 +124,7 @@ def ours(case: Case, result: Result) -> None:
 
 def peer_is_there() -> bool:
     """Return whether OpenCV is installed."""
-    try:
-        import cv2  # noqa: F401
-    except ImportError:
-        return False
-    return True
+    return importlib.util.find_spec("cv2") is not None
 
 
 def peer(case: Case, result: Result) -> None:

@@ -54,6 +54,20 @@ def test_a_video_is_followed_near_the_reference(
         assert np.degrees(np.linalg.norm(so3.log((known.inv @ pose).rotation))) < deg
 
 
+@pytest.mark.xfail(strict=True, reason="the few lines that are seen say little beyond a fit: it is not called found")
+def test_a_triangle_half_hidden_is_found_from_its_published_pose(
+    shared: Callable[[str], Path], sets: ModuleType
+) -> None:
+    """The published pose is good to 1-3 px: 3 mm at its distance of 0.6 m and 700 px, more along the view."""
+    part, camera, pictures, published = sets.triangle(shared("data/m3t_triangle").parent)
+    found = locate(part, [Photo.of(read_picture(pictures[0]), camera)], published)
+    assert found.found, found.reason
+    centre = part.scene.mesh.bounds.mean(axis=0)
+    off = found.pose.world_from_part @ centre - published @ centre
+    assert np.linalg.norm(off[:2]) < 3
+    assert abs(off[2]) < 15
+
+
 def test_a_triangle_half_hidden_is_found_right_or_not_at_all(shared: Callable[[str], Path], sets: ModuleType) -> None:
     """So few of its lines are seen that a fit takes most of them for nothing; its published pose is good to 1-3 px."""
     part, camera, pictures, published = sets.triangle(shared("data/m3t_triangle").parent)

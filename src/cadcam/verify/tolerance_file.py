@@ -26,6 +26,7 @@ A part may be a pattern (`longitudinal *`); what stands beside it narrows the ch
 from __future__ import annotations
 
 import os
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -102,11 +103,8 @@ def _feature(name: str, place: Place, k: float, rule: Rule) -> Feature:
     k = place.at("k").number() if "k" in place.object else k
     rule = _rule(place.at("rule")) if "rule" in place.object else rule
     direction = place.at("direction").array((3,)) if "direction" in place.object else None
-    limits = tuple(
-        place.build(lambda q=q: _limit(place.at(q.value), q, k, rule, direction))  # type: ignore[misc]
-        for q in Quantity
-        if q.value in place.object
-    )
+    stated = [q for q in Quantity if q.value in place.object]
+    limits = tuple(place.build(partial(_limit, place.at(q.value), q, k, rule, direction)) for q in stated)
     if not limits:
         raise place.error("has no limit", f"give one of {', '.join(q.value for q in Quantity)}")
     return Feature(name, _selection(place), limits)
