@@ -1,7 +1,7 @@
 """Do the covariances of measured points tell the truth? Calibrate anew, measure anew, compare with where the point is.
 
 Seventy draws in the suite: the mean of chi-square with 6 degrees of freedom is known to sqrt(12/70) = 0.41, the share
-of 95 % intervals that hold to 2.6 %, both taken four times. `pytest -m slow` draws 500 and asks for 93-97 %.
+of 95 % intervals that hold to 2.6 %, both taken four times. `pytest -m slow` draws 2000 and asks for 93-97 %.
 """
 
 from __future__ import annotations
@@ -186,13 +186,12 @@ def test_the_public_search_finds_what_the_descent_from_the_truth_finds() -> None
 
 @pytest.mark.slow
 @pytest.mark.parametrize("job", JOBS, ids=lambda j: j.__name__)
-def test_95_percent_intervals_cover_93_to_97_percent_of_500_calibrations(job: Callable[..., Measurement]) -> None:
-    z, square, length, chi2, dof = drawn(job, 500, 2, afresh)
+def test_95_percent_intervals_cover_93_to_97_percent_of_2000_calibrations(job: Callable[..., Measurement]) -> None:
+    z, square, length, chi2, dof = drawn(job, 2000, 2, afresh)
     covered = (np.abs(z) < 1.96).mean(axis=0)
     print(f"{job.__name__}: {100 * covered.mean():.1f} %, by coordinate {np.round(100 * covered, 1)}, ", end="")
     print(f"distance {100 * (np.abs(length) < 1.96).mean():.1f} %, chi2/6 {square.mean() / 6:.3f}, ", end="")
     print(f"misfit {chi2.mean():.3f} of {dof[0]}")
-    assert 0.93 <= covered.mean() <= 0.97
-    single = 4 * np.sqrt(0.95 * 0.05 / 500)  # what 500 draws know of one coordinate, four standard errors
+    single = 4 * np.sqrt(0.95 * 0.05 / 2000)  # what 2000 draws know of one coordinate, four standard errors: 2 %
     assert np.all(np.abs(covered - 0.95) < single)
     assert abs((np.abs(length) < 1.96).mean() - 0.95) < single
