@@ -22,6 +22,7 @@ enum {
     CORNERS = 192,   /* vertices of a cluster, at most: an index fits a byte */
     PATCH = 32,      /* samples along the smallest patch of a lens */
     PATCH_LEVELS = 16,
+    BEND_LEVELS = 2,
 };
 
 /* Neighbouring triangles with the box around them: culled, transformed and drawn together. */
@@ -65,12 +66,14 @@ typedef struct {
     int32_t seen; /* whether any of its samples sees anything */
 } patch;
 
-/* One of 2 PATCH samples a side with the curvature of the lens: map, and u2[0] i i + u2[1] i j + u2[2] j j on top. */
+/* One of 2 `half` samples a side with the curvature of the lens: map, and on top of it u2[0] i i + u2[1] i j + u2[2] j j
+ * and u3[0] i i i + u3[1] i i j + u3[2] i j j + u3[3] j j j. */
 typedef struct {
-    affine map; /* about sample (x + PATCH - 1/2, y + PATCH - 1/2) */
-    double u2[3], v2[3];
-    int32_t x, y;
-    int32_t rough; /* whether it is off by pixels */
+    affine map; /* about sample (x + half - 1/2, y + half - 1/2) */
+    double u2[3], v2[3], u3[4], v3[4];
+    int32_t x, y, half;
+    int32_t rough;  /* whether it is off by pixels */
+    int32_t strong; /* whether its curvature makes pixels */
 } bend;
 
 struct cc_lens {
@@ -85,8 +88,8 @@ struct cc_lens {
     double scale_x, scale_y, origin_x, origin_y;
     int32_t levels, cells_x[32], cells_y[32];
     short_rect *cell[32];
-    bend *bends;                  /* as the patches of level 1 */
-    patch *patches[PATCH_LEVELS]; /* of PATCH << level samples a side; from level 1 on each half over the one before */
+    bend *bends[BEND_LEVELS];     /* of PATCH << level samples a side, each half over the one before */
+    patch *patches[PATCH_LEVELS]; /* of PATCH << level samples a side, overlapping: step_of in patch.c */
 };
 
 /* Where the x of sample k of a tile stands in the table's points; its y stands TILE later. */
@@ -104,8 +107,12 @@ int fill_patches(cc_lens *lens, const double *points); /* 0 where memory is shor
 void free_patches(cc_lens *lens);
 /* The smallest patch that holds a rectangle. */
 const patch *patch_of(const cc_lens *lens, const rect *r);
-/* The bend whose left upper corner is sample (x, y), or the next multiple of PATCH before. */
-const bend *bend_at(const cc_lens *lens, int32_t x, int32_t y);
+/* The bend of a level that holds what begins at sample (x, y) and is at most half as wide and high as it, or, where x and
+ * y are multiples of that half, as wide and high. */
+static inline const bend *bend_at(const cc_lens *lens, int level, int32_t x, int32_t y) {
+    const int32_t step = PATCH / 2 << level;
+    return &lens->bends[level][(size_t)(y / step) * (size_t)((lens->width + step - 1) / step) + (size_t)(x / step)];
+}
 
 /* A cluster that may be seen. */
 typedef struct {

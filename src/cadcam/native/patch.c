@@ -6,10 +6,13 @@
  * at a corner. Whatever the table holds, the bounds are true; where there is no such map, they say nothing. */
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "internal.h"
 
 #define ANYWHERE 1e300 /* a bound that says nothing, and gives 0 times 0 */
+
+#define STRONG 3.0 /* px */
 
 enum { EVERY = 3 }; /* the rows that maps are made from; their bounds are those of all */
 
@@ -43,9 +46,13 @@ static patch completed(patch p, range in_u, range in_v, double half) {
     return fit ? p : nowhere(p.x, p.y, 1);
 }
 
-/* A value of the table less its curvature about the middle. */
-static double flat(double value, const double q[3], double i, double j) {
-    return value - (q[0] * i * i + q[1] * i * j + q[2] * j * j);
+/* What a coordinate has of second and third order about the middle: ii, ij, jj; iii, iij, ijj, jjj. */
+typedef struct { double q[3], t[4]; } curves;
+
+/* A value of the table less that. */
+static double flat(double value, const curves *c, double i, double j) {
+    const double *q = c->q, *t = c->t;
+    return value - (i * (i * (q[0] + t[0] * i + t[1] * j) + j * (q[1] + t[2] * j)) + j * j * (q[2] + t[3] * j));
 }
 
 static const double *point_at(const cc_lens *l, const double *points, int32_t x, int32_t y) {
@@ -54,8 +61,8 @@ static const double *point_at(const cc_lens *l, const double *points, int32_t x,
 static int is_seen(const double *p) { return isfinite(p[0]) && isfinite(p[1]); }
 
 /* What is left of the points of a rectangle after curvatures: the mean step from sample to sample, and what it leaves. */
-static patch fitted(const cc_lens *l, const double *points, rect r, double x0, double y0, const double *u2,
-                    const double *v2) {
+static patch fitted(const cc_lens *l, const double *points, rect r, double x0, double y0, const curves *u2,
+                    const curves *v2) {
     mean u = {0}, v = {0}, x = {0}, y = {0}, ux = {0}, uy = {0}, vx = {0}, vy = {0};
     for (int32_t j = r.y0; j <= r.y1; j += EVERY)
         for (int32_t i = r.x0; i <= r.x1; i++) {
@@ -86,33 +93,62 @@ static patch fitted(const cc_lens *l, const double *points, rect r, double x0, d
     return p.seen ? completed(p, in_u, in_v, PATCH) : p;
 }
 
-/* The mean second differences of one coordinate, k = 0 or 1, of the points of a rectangle. */
-static void curvature(const cc_lens *l, const double *points, rect r, int k, double out[3]) {
-    mean xx = {0}, xy = {0}, yy = {0};
-    for (int32_t j = r.y0; j < r.y1; j += EVERY)
-        for (int32_t i = r.x0; i < r.x1; i++) {
-            const double *p = point_at(l, points, i, j), *below = point_at(l, points, i, j + 1);
-            const double *above = j > r.y0 ? point_at(l, points, i, j - 1) : NULL;
-            if (!(isfinite(p[k]) && isfinite(p[k + 2]) && isfinite(below[k]) && isfinite(below[k + 2]))) continue;
-            add(&xy, below[k + 2] - below[k] - p[k + 2] + p[k]);
-            if (i > r.x0 && isfinite(p[k - 2])) add(&xx, p[k + 2] - 2 * p[k] + p[k - 2]);
-            if (above && isfinite(above[k])) add(&yy, below[k] - 2 * p[k] + above[k]);
-        }
-    out[0] = 0.5 * of(&xx), out[1] = of(&xy), out[2] = 0.5 * of(&yy);
+/* A mean of differences, and of where they were taken, from the middle. */
+typedef struct { mean value, i, j; } difference;
+
+static void take(difference *d, double value, double i, double j) {
+    if (isfinite(value)) add(&d->value, value), add(&d->i, i), add(&d->j, j);
 }
 
-static bend bent(const cc_lens *l, const double *points, rect r) {
-    bend b = {.x = r.x0, .y = r.y0};
-    curvature(l, points, r, 0, b.u2), curvature(l, points, r, 1, b.v2);
-    double size = 0;
-    for (int k = 0; k < 3; k++) size += fabs(b.u2[k]) + fabs(b.v2[k]);
-    for (int k = 0; k < 3 && !(size < 1e30); k++) b.u2[k] = b.v2[k] = 0;
-    size = size < 1e30 ? size : 0;
-    b.map = fitted(l, points, r, r.x0 + PATCH - 0.5, r.y0 + PATCH - 0.5, b.u2, b.v2).map;
+/* The mean third differences of one coordinate, k = 0 or 1, of the points of a rectangle, and the mean second differences
+ * less what the third make of them. */
+static curves curvature(const cc_lens *l, const double *points, rect r, int k, double x0, double y0) {
+    difference xx = {0}, xy = {0}, yy = {0};
+    mean third[4] = {{0}};
+    const ptrdiff_t row = 2 * (ptrdiff_t)l->width;
+    for (int32_t y = r.y0 + 1; y < r.y1; y += EVERY)
+        for (int32_t x = r.x0 + 1; x < r.x1; x++) {
+            const double *p = point_at(l, points, x, y) + k, i = x - x0, j = y - y0;
+            const double dxx = p[2] - 2 * p[0] + p[-2], dyy = p[row] - 2 * p[0] + p[-row];
+            const double dxy = 0.25 * (p[row + 2] - p[row - 2] - p[2 - row] + p[-row - 2]);
+            const double dxxy = 0.5 * ((p[row + 2] - 2 * p[row] + p[row - 2]) - (p[2 - row] - 2 * p[-row] + p[-row - 2]));
+            const double dxyy = 0.5 * ((p[row + 2] - 2 * p[2] + p[2 - row]) - (p[row - 2] - 2 * p[-2] + p[-row - 2]));
+            take(&xx, dxx, i, j), take(&xy, dxy, i, j), take(&yy, dyy, i, j);
+            if (isfinite(dxxy)) add(&third[1], dxxy);
+            if (isfinite(dxyy)) add(&third[2], dxyy);
+            const double dxxx = x + 2 <= r.x1 ? p[4] - 3 * p[2] + 3 * p[0] - p[-2] : NAN;
+            const double dyyy = y + 2 <= r.y1 ? p[2 * row] - 3 * p[row] + 3 * p[0] - p[-row] : NAN;
+            if (isfinite(dxxx)) add(&third[0], dxxx);
+            if (isfinite(dyyy)) add(&third[3], dyyy);
+        }
+    curves c = {.t = {of(&third[0]) / 6, of(&third[1]) / 2, of(&third[2]) / 2, of(&third[3]) / 6}};
+    c.q[0] = 0.5 * of(&xx.value) - 3 * c.t[0] * of(&xx.i) - c.t[1] * of(&xx.j);
+    c.q[1] = of(&xy.value) - 2 * c.t[1] * of(&xy.i) - 2 * c.t[2] * of(&xy.j);
+    c.q[2] = 0.5 * of(&yy.value) - c.t[2] * of(&yy.i) - 3 * c.t[3] * of(&yy.j);
+    return c;
+}
+
+/* How much that may be, `half` samples from the middle. */
+static double reach_of(const curves *c, double half) {
+    double square = 0, cube = 0;
+    for (int k = 0; k < 3; k++) square += fabs(c->q[k]);
+    for (int k = 0; k < 4; k++) cube += fabs(c->t[k]);
+    return half * half * (square + half * cube);
+}
+
+static bend bent(const cc_lens *l, const double *points, rect r, int32_t half) {
+    const double x0 = r.x0 + half - 0.5, y0 = r.y0 + half - 0.5;
+    curves u = curvature(l, points, r, 0, x0, y0), v = curvature(l, points, r, 1, x0, y0);
+    if (!(reach_of(&u, half) + reach_of(&v, half) < 1e30)) u = v = (curves){0};
+    const double most_u = reach_of(&u, half), most_v = reach_of(&v, half);
+    bend b = {.map = fitted(l, points, r, x0, y0, &u, &v).map, .x = r.x0, .y = r.y0, .half = half};
+    memcpy(b.u2, u.q, sizeof b.u2), memcpy(b.v2, v.q, sizeof b.v2);
+    memcpy(b.u3, u.t, sizeof b.u3), memcpy(b.v3, v.t, sizeof b.v3);
     const affine *m = &b.map;
-    const double off = (fabs(m->vx) + fabs(m->vy)) * m->off_u + (fabs(m->ux) + fabs(m->uy)) * m->off_v;
-    b.rough = !(off < 2 * fabs(m->ux * m->vy - m->uy * m->vx)); /* 2 px */
-    b.map.off_u += size * PATCH * PATCH * 0x1p-40, b.map.off_v += size * PATCH * PATCH * 0x1p-40;
+    const double det = fabs(m->ux * m->vy - m->uy * m->vx), of_u = fabs(m->vx) + fabs(m->vy), of_v = fabs(m->ux) + fabs(m->uy);
+    b.rough = !(of_u * m->off_u + of_v * m->off_v < 2 * det); /* 2 px */
+    b.strong = !(of_u * most_u + of_v * most_v < STRONG * det);
+    b.map.off_u += most_u * 0x1p-40, b.map.off_v += most_v * 0x1p-40;
     return b;
 }
 
@@ -145,8 +181,8 @@ static patch joined(const patch *const part[], int n, double x, double y, double
     return p.seen ? completed(p, in_u, in_v, 2 * half) : p;
 }
 
-/* Patches of level 0 lie side by side; those above overlap by half, so that one holds any rectangle of half its size. */
-static int32_t step_of(int level) { return level ? PATCH / 2 << level : PATCH; }
+/* Patches of level 0 overlap by half; those above by three quarters, so that one holds any rectangle of that share. */
+static int32_t step_of(int level) { return level ? PATCH / 4 << level : PATCH / 2; }
 static int32_t count_of(int32_t samples, int level) { return (samples + step_of(level) - 1) / step_of(level); }
 
 static int fill_level(cc_lens *l, int level) {
@@ -158,8 +194,8 @@ static int fill_level(cc_lens *l, int level) {
         for (int32_t i = 0; i < nx; i++) {
             const patch *part[4];
             int n = 0;
-            for (int32_t y = j * next; y <= j * next + next && y < below_y; y += next)
-                for (int32_t x = i * next; x <= i * next + next && x < below_x; x += next)
+            for (int32_t y = j * next; y <= (j + 2) * next && y < below_y; y += 2 * next)
+                for (int32_t x = i * next; x <= (i + 2) * next && x < below_x; x += 2 * next)
                     part[n++] = &l->patches[level - 1][(size_t)y * (size_t)below_x + (size_t)x];
             const double middle = 0.5 * (size - 1);
             l->patches[level][(size_t)j * (size_t)nx + (size_t)i] =
@@ -174,38 +210,38 @@ static rect square(const cc_lens *l, int32_t x, int32_t y, int32_t size) {
 }
 
 static patch of_square(const cc_lens *l, const double *points, int32_t x, int32_t y) {
-    static const double none[3] = {0};
+    static const curves none = {0};
     const rect r = square(l, x, y, PATCH);
-    return fitted(l, points, r, 0.5 * (r.x0 + r.x1), 0.5 * (r.y0 + r.y1), none, none);
+    return fitted(l, points, r, 0.5 * (r.x0 + r.x1), 0.5 * (r.y0 + r.y1), &none, &none);
 }
 
-int fill_patches(cc_lens *l, const double *points) {
-    const int32_t nx = count_of(l->width, 0), ny = count_of(l->height, 0); /* of level 1 too */
-    l->patches[0] = malloc((size_t)nx * (size_t)ny * sizeof(patch));
-    l->bends = malloc((size_t)nx * (size_t)ny * sizeof(bend));
-    if (!l->patches[0] || !l->bends) return 0;
-    for (int32_t k = 0; k < nx * ny; k++) {
-        const int32_t x = k % nx * PATCH, y = k / nx * PATCH;
-        l->patches[0][k] = of_square(l, points, x, y);
-        l->bends[k] = bent(l, points, square(l, x, y, 2 * PATCH));
-    }
-    for (int level = 1; level == 1 || step_of(level - 1) < l->width || step_of(level - 1) < l->height; level++)
-        if (!fill_level(l, level)) return 0;
+static int fill_bends(cc_lens *l, const double *points, int level) {
+    const int32_t half = PATCH / 2 << level, nx = (l->width + half - 1) / half, ny = (l->height + half - 1) / half;
+    l->bends[level] = malloc((size_t)nx * (size_t)ny * sizeof(bend));
+    if (!l->bends[level]) return 0;
+    for (int32_t k = 0; k < nx * ny; k++)
+        l->bends[level][k] = bent(l, points, square(l, k % nx * half, k / nx * half, 2 * half), half);
     return 1;
 }
 
+int fill_patches(cc_lens *l, const double *points) {
+    const int32_t nx = count_of(l->width, 0), ny = count_of(l->height, 0);
+    l->patches[0] = malloc((size_t)nx * (size_t)ny * sizeof(patch));
+    if (!l->patches[0]) return 0;
+    for (int32_t k = 0; k < nx * ny; k++) l->patches[0][k] = of_square(l, points, k % nx * step_of(0), k / nx * step_of(0));
+    for (int level = 1; level == 1 || 3 * step_of(level - 1) < l->width || 3 * step_of(level - 1) < l->height; level++)
+        if (!fill_level(l, level)) return 0;
+    return fill_bends(l, points, 0) && fill_bends(l, points, 1);
+}
+
 void free_patches(cc_lens *l) {
-    free(l->bends);
+    for (int k = 0; k < BEND_LEVELS; k++) free(l->bends[k]);
     for (int k = 0; k < PATCH_LEVELS; k++) free(l->patches[k]);
 }
 
 const patch *patch_of(const cc_lens *l, const rect *r) {
-    int level = 1;
-    while (r->x1 - r->x0 >= step_of(level) || r->y1 - r->y0 >= step_of(level)) level++;
+    int level = r->x1 - r->x0 > PATCH / 2 || r->y1 - r->y0 > PATCH / 2;
+    while (level && (r->x1 - r->x0 > 3 * step_of(level) || r->y1 - r->y0 > 3 * step_of(level))) level++;
     const size_t i = (size_t)(r->x0 / step_of(level)), j = (size_t)(r->y0 / step_of(level));
     return &l->patches[level][j * (size_t)count_of(l->width, level) + i];
-}
-
-const bend *bend_at(const cc_lens *l, int32_t x, int32_t y) {
-    return &l->bends[(size_t)(y / PATCH) * (size_t)count_of(l->width, 1) + (size_t)(x / PATCH)];
 }

@@ -164,7 +164,7 @@ static void draw_cluster(const band *b, const candidate *which, rect part) {
     const cc_frame *f = b->frame;
     const cc_lens *lens = f->view->lens;
     const cluster *c = &f->scene->clusters[which->index];
-    const patch *near = lens ? patch_of(lens, &which->where) : NULL;
+    const patch *near = lens ? patch_of(lens, &part) : NULL;
     corners v;
     bounds of;
     transform(f, c, near, &v);

@@ -116,6 +116,8 @@ INLINE d4 down_d(d4 v) { return (d4)_mm256_floor_pd((__m256d)v); }
 INLINE i8 whole(d4 a, d4 b) { /* of doubles that fit */
     return (i8)_mm256_set_m128i(_mm256_cvttpd_epi32((__m256d)b), _mm256_cvttpd_epi32((__m256d)a));
 }
+INLINE f4 least_f(f4 a, f4 b) { return (f4)_mm_min_ps((__m128)a, (__m128)b); }
+INLINE f4 size_f(f4 v) { return (f4)((i4)v & INT32_MAX); }
 INLINE f4 narrow_d(d4 v) { return (f4)_mm256_cvtpd_ps((__m256d)v); }
 INLINE i8 narrow(l4 a, l4 b) { /* masks */
     const f8 low = (f8)_mm256_shuffle_ps((__m256)a, (__m256)b, 0x88); /* a0 a1 b0 b1 | a2 a3 b2 b3 */
