@@ -110,4 +110,4 @@ def _sampled(picture: Array, q: Array) -> Array:
 def _weights(r: Array) -> Array:
     """Return how far residuals (n,) count (Huber)."""
     scale = 1.4826 * np.median(np.abs(r - np.median(r))) + 1e-9
-    return np.sqrt(np.minimum(1.0, 1.345 * scale / np.maximum(np.abs(r), 1e-12)))
+    return np.asarray(np.sqrt(np.minimum(1.0, 1.345 * scale / np.maximum(np.abs(r), 1e-12))))

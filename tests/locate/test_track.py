@@ -99,6 +99,24 @@ def test_a_long_loss_is_searched_for_without_a_start_but_rarely(sighting: Instal
     assert all(t.found for t in tracked[42:])
 
 
+@pytest.mark.parametrize(("quality", "found"), [(0.6, False), (0.8, True)])
+def test_a_part_that_jumped_must_be_clear_to_be_found(
+    monkeypatch: pytest.MonkeyPatch, quality: float, found: bool
+) -> None:
+    """30 px aside in one frame; what is near its last place needs no more than what any pose needs."""
+    aside = Rigid(translation=[30 * 400 / CAMERA.fx, 0, 0]) @ FIRST
+    where = {0: FIRST, 1: FIRST, 2: aside}
+    monkeypatch.setattr(module, "refine", lambda *_, **__: location(FIRST, 0.1))
+
+    def locate(part: Part, photos: tuple[Photo, ...], start: Rigid | None = None, **_: Freedom) -> Location:
+        return location(where[round(float(photos[0].gray[0, 0]) * 255)], quality)
+
+    monkeypatch.setattr(module, "locate", locate)
+    tracked = list(track(PART, frames(3), FIRST))
+    assert [t.found for t in tracked] == [True, True, found]
+    assert found or "far from where the part was" in tracked[2].location.reason
+
+
 def test_a_motion_out_of_the_pictures_is_a_loss_but_a_start_outside_is_an_error(
     sighting: Install, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -31,9 +31,11 @@ frames: a folder of pictures in the order of the numbers in their names, a patte
 several cameras the n-th pictures were taken together.
 
 the log (-o) gets a line of JSON a frame, on the disk before the next frame is read: found, quality, and two poses with
-covariances. "pose" is what this frame's pictures show by themselves: poses of different frames are independent, and a
-sudden motion is followed at once. "filtered" joins it with all frames before (constant velocity, changed as much as
-this part's motion changes): steadier, and better where a frame shows little, but late where the motion changes.
+covariances. "pose" is what this frame's pictures show by themselves: it does not lean on other frames, and a sudden
+motion is followed at once. "filtered" joins it with all frames before (constant velocity, changed as much as this
+part's motion was found to change): steadier, and better where a frame shows little, but late where the motion changes.
+Measure with "pose", guide and draw with "filtered".
+
 Run the same command again and it goes on after the last whole line; with other pictures, part, cameras or start it
 refuses. --csv writes a table for spreadsheets: of "pose", with --smooth of "filtered".
 

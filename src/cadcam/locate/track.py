@@ -27,6 +27,7 @@ from cadcam.locate.refine import EDGES, refine
 _PATIENCE = 8  # frames between two searches without a start, once a part has been gone for long
 _SIGMAS, _BESIDE = 3.0, 1.0  # how far around foretold lines the photo's are looked for: sds, and px for lines of paint
 _LEAST_PX, _MOST_PX = 2.0, EDGES.search_px
+_FAR_PX, _CLEAR, _UNCERTAIN = 16.0, 0.7, 0.45  # so far from its last place a part must be clear, else it is this
 _FORETOLD = -2  # constraints that a place foretold to some px gives back: a fit anywhere else would not count
 
 
@@ -127,6 +128,12 @@ class _Memory:
         spread = max(_spread_px(self._corners, predicted, photo) for photo in photos)
         return float(np.clip(_SIGMAS * spread + _BESIDE, _LEAST_PX, _MOST_PX))
 
+    def left(self, pose: PoseEstimate, photos: Sequence[Photo]) -> bool:
+        """Return whether a pose is far, in all photos, from where the part was last found."""
+        if self._found_in is None or self.last is None:
+            return False
+        return all(_moved_px(self._corners, self.last, pose.world_from_part, photo) > _FAR_PX for photo in photos)
+
     def search_is_due(self) -> bool:
         """Return whether to search without a start: after 2, 4, 8, 16, 24 ... misses; each has a chance to be wrong."""
         return self.misses > 1 and (self.misses % _PATIENCE == 0 or self.misses & (self.misses - 1) == 0)
@@ -158,7 +165,11 @@ def _located(
             tried[0] = Location.nowhere(where, str(error))
             continue
         if location.found:
-            return how, memory.nearest(location)
+            location = memory.nearest(location)
+            if how == "searched" or location.quality >= _CLEAR or not memory.left(location.pose, photos):
+                return how, location
+            why = f"not certain: far from where the part was, which takes a quality of {_CLEAR} ({location.reason})"
+            location = replace(location, quality=_UNCERTAIN, reason=why)
         tried.append(location)
     return "lost", max(reversed(tried), key=lambda one: one.quality)
 
@@ -185,6 +196,15 @@ def _foretold(
     options = replace(EDGES, search_px=reach_px)
     given = _FORETOLD if reach_px < _MOST_PX else 0
     return refine(part, photos, predicted.world_from_part, freedom=freedom, options=options, chosen=given, wider=False)
+
+
+def _moved_px(corners: Array, one: Rigid, other: Rigid, photo: Photo) -> float:
+    """Return the largest distance (px) between the corners (N, 3) mm at two poses, of those that a photo images."""
+    place = photo.viewpoint.camera_from_world
+    apart = np.linalg.norm(
+        np.subtract(*(photo.camera.project((place @ pose) @ corners) for pose in (one, other))), axis=1
+    )
+    return float(np.nanmax(apart)) if np.isfinite(apart).any() else np.inf
 
 
 def _spread_px(corners: Array, pose: PoseEstimate, photo: Photo) -> float:
