@@ -61,7 +61,7 @@ nothing moved unevenly (rms of its length / sqrt(18)), mm. The hand's own motion
 _STEREO = """
 Stereo: left and right tracked each by itself, both poses brought into the left camera by the published mount; how far
 they differ. ViSP tracked both together, so that its two poses are one. The right picture's border cuts the box off:
-by itself the right camera loses it in many frames, and says so; together with the left one it does not.
+by itself the right camera loses it in many frames; together with the left one it does not.
 
 | poses | mm median / p90 / max | deg median / p90 / max |
 |---|---|---|"""
