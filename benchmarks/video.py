@@ -15,6 +15,7 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -28,26 +29,39 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.track import TrackedFrame, track
 from cadcam.render.overlay import LineStyle, edge_distances, overlay, side_by_side
+from video_print import told_and_shown
 from video_sets import Clip, box_symmetries, clips, frames_of, part_of, triangle
 
 LIMITS = {"cube": (2.0, 1.0)}
 LIMIT = (4.0, 2.0)  # tea box: its sides bulge, left and right reference poses differ by 2.5 mm and 1.1 deg
 _AGREEMENT = """\
 Agreement: distance of the part's centre, and angle, from the reference (ViSP's pose polished by an edge fit); within:
-share of frames inside the limit.
+share of frames inside the limit. Poses by a frame's own photos; below each the filtered ones, by all frames so far.
 
 | video | start | frames | found | ways | mm median / p90 / max | deg median / p90 / max | within | CPU ms |
 |---|---|---|---|---|---|---|---|---|"""
+_REFERENCES = """
+The same between the two references: ViSP's own pose against that polished by an edge fit.
+
+| video | mm median / p90 / max | deg median / p90 / max | within |
+|---|---|---|---|"""
+_PRINT = """
+Which pose does the print on the part follow: the motion from one frame to another that makes the print of both agree
+best (benchmarks/video_print.py), against what the poses say it is; it uses no edge of the part. Errors that are the
+same in both frames do not show. Every second frame begins a pair.
+
+| video | frames apart | poses | pairs | mm median / p90 | deg median / p90 |
+|---|---|---|---|---|---|"""
 _JITTER = """
 Jitter: the second difference of the part's centre from frame to frame, as the standard deviation of one position if
 nothing moved unevenly (rms of its length / sqrt(18)), mm. The hand's own motion is in it.
 
-| video | ours | reference | ViSP |
-|---|---|---|---|"""
+| video | ours | filtered | reference | ViSP |
+|---|---|---|---|---|"""
 _STEREO = """
 Stereo: left and right tracked each by itself, both poses brought into the left camera by the published mount; how far
 they differ. ViSP tracked both together, so that its two poses are one. The right picture's border cuts the box off:
-by itself the right camera loses it in many frames, and says so; together with the left one it does not.
+by itself the right camera loses it in many frames; together with the left one it does not.
 
 | poses | mm median / p90 / max | deg median / p90 / max |
 |---|---|---|"""
@@ -58,7 +72,8 @@ would, and elsewhere it fits lines of the chequered cloth: it is not called foun
 
 | photo | start | found | quality | mm from published | deg | lines, px (published pose) | CPU ms |
 |---|---|---|---|---|---|---|---|"""
-SHOWN = 4  # frames in a sheet of overlays
+APART = (1, 6)  # frames between the two that the print is compared of
+SHOWN = 8  # frames in a sheet of overlays
 
 
 @dataclass(frozen=True)
@@ -78,6 +93,10 @@ class Run:
     def poses(self) -> list[Rigid | None]:
         """Return world_from_part of each frame, None where lost."""
         return [t.location.pose.world_from_part if t.found else None for t in self.tracked]
+
+    def filtered(self) -> list[Rigid | None]:
+        """Return the same by all frames so far."""
+        return [None if t.filtered is None else t.filtered.world_from_part for t in self.tracked]
 
 
 def main() -> None:
@@ -99,6 +118,8 @@ def main() -> None:
             if given.overlays:
                 _sheet(run, given.overlays / f"{name}_{'start' if start else 'none'}.jpg")
             sys.stdout.flush()
+    _references(runs)
+    _print(runs)
     _jitter(runs)
     _stereo(runs)
     _triangle(given.data, given.overlays)
@@ -116,37 +137,68 @@ def tracked_run(of: tuple[Clip, ...], *, from_first: bool) -> Run:
 def _agreement_row(name: str, run: Run, from_first: bool) -> None:
     reference = run.clips[0].world_from_part(run.clips[0].refined)
     symmetries = [Rigid()] if from_first else box_symmetries(run.part)
-    mm, deg = _differences(run, reference, symmetries)
-    limit_mm, limit_deg = LIMITS.get(name, LIMIT)
-    inside = np.mean((mm <= limit_mm) & (deg <= limit_deg))
     ways = ", ".join(f"{how} {count}" for how, count in Counter(t.how for t in run.tracked).items())
     found = sum(t.found for t in run.tracked)
-    within = f"{100 * inside:.0f} % of {limit_mm:g} mm, {limit_deg:g} deg"
-    cells = [name, "first pose" if from_first else "none", len(run.tracked), found, ways, _spread(mm), _spread(deg)]
-    _row(*cells, within, f"{run.cpu_ms:.0f}")
+    said = ["first pose" if from_first else "none", len(run.tracked), found, ways]
+    _row(name, *said, *_agreement(run, name, run.poses(), reference, symmetries), f"{run.cpu_ms:.0f}")
+    _row("- filtered", *[""] * len(said), *_agreement(run, name, run.filtered(), reference, symmetries), "")
 
 
-def _differences(run: Run, reference: Sequence[Rigid], symmetries: Sequence[Rigid]) -> tuple[Array, Array]:
+def _agreement(
+    run: Run, name: str, poses: Sequence[Rigid | None], reference: Sequence[Rigid], symmetries: Sequence[Rigid]
+) -> list[str]:
+    mm, deg = _differences(run.centre, poses, reference, symmetries)
+    limit_mm, limit_deg = LIMITS.get(name, LIMIT)
+    inside = np.mean((mm <= limit_mm) & (deg <= limit_deg))
+    return [_spread(mm), _spread(deg), f"{100 * inside:.0f} % of {limit_mm:g} mm, {limit_deg:g} deg"]
+
+
+def _differences(
+    centre: Array, poses: Sequence[Rigid | None], reference: Sequence[Rigid], symmetries: Sequence[Rigid]
+) -> tuple[Array, Array]:
     """Return mm at the part's centre and degrees from the reference, inf where lost, of the nearest symmetry."""
     mm, deg = [], []
-    for pose, known in zip(run.poses(), reference, strict=True):
+    for pose, known in zip(poses, reference, strict=True):
         if pose is None:
             mm.append(np.inf)
             deg.append(np.inf)
             continue
         angles = [so3.log((known.inv @ pose @ S).rotation) for S in symmetries]
         deg.append(float(np.degrees(np.linalg.norm(angles, axis=1).min())))
-        mm.append(float(np.linalg.norm(pose @ run.centre - known @ run.centre)))
+        mm.append(float(np.linalg.norm(pose @ centre - known @ centre)))
     return np.array(mm), np.array(deg)
+
+
+def _references(runs: dict[str, Run]) -> None:
+    print(_REFERENCES)
+    for name, run in runs.items():
+        visp, refined = (run.clips[0].world_from_part(path) for path in (run.clips[0].visp, run.clips[0].refined))
+        _row(name, *_agreement(run, name, visp, refined, [Rigid()]))
+
+
+def _print(runs: dict[str, Run]) -> None:
+    print(_PRINT)
+    for name, run in runs.items():
+        if len(run.clips) > 1:
+            continue
+        view, clip, pictures = run.clips[0].viewpoint, run.clips[0], [t.frame.photos[0].gray for t in run.tracked]
+        sets: dict[str, Sequence[Rigid | None]]
+        sets = {"ours": run.poses(), "filtered": run.filtered()}
+        sets |= {"reference": clip.world_from_part(clip.refined), "ViSP": clip.world_from_part(clip.visp)}
+        for apart, (who, poses) in product(APART, sets.items()):
+            seen = [None if pose is None else view.camera_from_world @ pose for pose in poses]
+            mm, deg = told_and_shown(view.camera, pictures, seen, run.part.scene.mesh.bounds, apart, every=2)
+            most = [" / ".join(f"{np.quantile(v, q, method='higher'):.2f}" for q in (0.5, 0.9)) for v in (mm, deg)]
+            _row(name, apart, who, len(mm), *(most if len(mm) else ("none", "none")))
 
 
 def _jitter(runs: dict[str, Run]) -> None:
     print(_JITTER)
     for name, run in runs.items():
         clip = run.clips[0]
-        ours = _second(run.poses(), run.centre)
+        ours = [_second(poses, run.centre) for poses in (run.poses(), run.filtered())]
         others = [_second(clip.world_from_part(path), run.centre) for path in (clip.refined, clip.visp)]
-        _row(name, *(f"{v:.2f}" for v in (ours, *others)))
+        _row(name, *(f"{v:.2f}" for v in (*ours, *others)))
 
 
 def _second(poses: Sequence[Rigid | None], centre: Array) -> float:

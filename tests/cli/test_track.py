@@ -147,4 +147,4 @@ def test_another_camera_makes_another_log(cadcam: Cadcam, here: Path) -> None:
 def test_the_log_s_lines_are_json_for_other_programs(cadcam: Cadcam, here: Path) -> None:
     cadcam(*TRACK)
     lines = [json.loads(line) for line in (here / "track.jsonl").read_text().splitlines()]
-    assert set(lines[1]) == {"frame", "files", "sha256", "found", "quality", "how", "reason", "pose"}
+    assert set(lines[1]) == {"frame", "files", "sha256", "found", "quality", "how", "reason", "pose", "filtered"}

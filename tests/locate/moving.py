@@ -43,10 +43,15 @@ def frames(n: int) -> list[Frame]:
     return [Frame.of(i, Photo.of(np.full((48, 64), i / 255, np.float32), CAMERA)) for i in range(n)]
 
 
+def measured(pose: Rigid) -> PoseEstimate:
+    """Return a pose with what the stand-ins say of its covariance."""
+    return PoseEstimate(pose, np.eye(6) * 1e-4)
+
+
 def location(pose: Rigid, quality: float = 0.9, alternatives: tuple[Location, ...] = ()) -> Location:
     """Return a location without matches."""
     matches = Location.nowhere(pose, "").matches
-    return Location(PoseEstimate(pose, np.eye(6) * 1e-4), matches, quality, "as good as it gets", alternatives)
+    return Location(measured(pose), matches, quality, "as good as it gets", alternatives)
 
 
 @dataclass
@@ -59,7 +64,9 @@ class Sighting:
     around_mm: float = 30.0
     calls: list[tuple[str, int]] = field(default_factory=list)
 
-    def refine(self, part: Part, photos: tuple[Photo, ...], start: Rigid, *, freedom: Freedom = FREE) -> Location:
+    def refine(
+        self, part: Part, photos: tuple[Photo, ...], start: Rigid, *, freedom: Freedom = FREE, **_: object
+    ) -> Location:
         return self._seen("refine", photos, start, self.near_mm)
 
     def locate(

@@ -1,7 +1,7 @@
-"""Parts in real videos near the reference poses: some frames of what benchmarks/video.py runs to the end.
+"""Parts in real videos near the reference poses: the first frames of what benchmarks/video.py runs to the end.
 
-The references agree with each other and with the published mount of the two cameras to some 3 mm and 1 deg; so nothing
-finer is asked here than that nothing else is followed in the part's place.
+The references are good to 2 mm and 1 deg (cube), 4 mm and 2 deg (tea box, whose sides bulge: from frame 13 on print is
+followed in the place of its edges where more than the foretold lines' surroundings are looked at).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def sets() -> ModuleType:
     return module
 
 
-@pytest.mark.parametrize(("names", "mm", "deg"), [(("cube",), 6.0, 2.5), (("mono",), 4, 2), (("left", "right"), 4, 2)])
+@pytest.mark.parametrize(("names", "mm", "deg"), [(("cube",), 2, 1), (("mono",), 4, 2), (("left", "right"), 4, 2)])
 def test_a_video_is_followed_near_the_reference(
     shared: Callable[[str], Path], sets: ModuleType, names: tuple[str, ...], mm: float, deg: float
 ) -> None:
@@ -47,7 +47,7 @@ def test_a_video_is_followed_near_the_reference(
     part = sets.part_of(clips[0])
     reference = clips[0].world_from_part(clips[0].refined)
     centre = part.scene.mesh.bounds.mean(axis=0)
-    for tracked in track(part, islice(sets.frames_of(*clips), 4), reference[0]):
+    for tracked in track(part, islice(sets.frames_of(*clips), 16), reference[0]):
         pose, known = tracked.location.pose.world_from_part, reference[tracked.frame.index]
         assert tracked.found, tracked.location.reason
         assert np.linalg.norm(pose @ centre - known @ centre) < mm

@@ -30,17 +30,23 @@ _EXAMPLES = f"""\
 frames: a folder of pictures in the order of the numbers in their names, a pattern, or a video (cadcam[video]). Of
 several cameras the n-th pictures were taken together.
 
-the log (-o) gets a line of JSON a frame, on the disk before the next frame is read: found, quality, pose, covariance.
-Run the same command again and it goes on after the last whole line; with other pictures, part, cameras or start it
-refuses. --csv writes a table of it for spreadsheets.
+the log (-o) gets a line of JSON a frame, on the disk before the next frame is read: found, quality, and two poses with
+covariances. "pose" is what this frame's pictures show by themselves: it does not lean on other frames, and a sudden
+motion is followed at once. "filtered" joins it with all frames before (constant velocity, changed as much as this
+part's motion was found to change): steadier, and better where a frame shows little, but late where the motion changes.
+Measure with "pose", guide and draw with "filtered".
 
-how: predicted from the last motion; kept, from the last pose; recovered, searched around the last pose (or the start);
-searched without a start; lost. A part that stays away is searched for less and less often, every eighth frame at last.
+Run the same command again and it goes on after the last whole line; with other pictures, part, cameras or start it
+refuses. --csv writes a table for spreadsheets: of "pose", with --smooth of "filtered".
+
+how: predicted, near where the motion led; kept, around the last pose; recovered, searched around the last pose (or the
+start); searched without a start; lost. A part that stays away is searched for less and less often, every eighth frame
+at last.
 
 exit code: 0, or 3 where the part was found in no frame."""
 _DESCRIPTION = """\
-Follow a part through pictures: the pose in each frame, with its covariance, is the start of the next. What is lost is
-said to be lost, and searched for again."""
+Follow a part through pictures: its motion foretells where to look in the next frame, and how far around. What is lost
+is said to be lost, and searched for again."""
 
 
 def add_to(verbs: Verbs) -> None:
@@ -53,10 +59,11 @@ def add_to(verbs: Verbs) -> None:
     add_model_options(parser)
     add_photo_options(parser)
     add_start_options(parser)
-    parser.add_argument("--no-velocity", action="store_true", help="start from the last pose, not from the last motion")
+    parser.add_argument("--no-velocity", action="store_true", help="expect the part where it was, not to move on")
     group = parser.add_argument_group("results")
     group.add_argument("-o", "--output", metavar="FILE", required=True, help="log: .jsonl, a line a frame")
     group.add_argument("--csv", metavar="FILE", help="the same as a table: .csv")
+    group.add_argument("--smooth", action="store_true", help="table and overlays show the filtered poses")
     group.add_argument("--overlays", metavar="FOLDER", help="write each frame with the model's lines on it")
     group.add_argument("--overwrite", action="store_true", help="begin anew where a log is there already")
     add_line_options(parser, color_by="one")
@@ -78,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.overwrite:
         Path(arguments.output).unlink(missing_ok=True)
     head = head_of(part, frames.viewpoints, start, **how)
-    with TrackLog.open(arguments.output, head, table=arguments.csv) as log:
+    with TrackLog.open(arguments.output, head, table=arguments.csv, filtered=arguments.smooth) as log:
         if log.entries and not arguments.json:
             say(f"{len(log.entries)} frames are in {arguments.output}; going on")
         with progress("tracking", frames.count or 0) as step:
@@ -112,7 +119,8 @@ def _write_overlay(arguments: argparse.Namespace, part: Part, frame: Frame, entr
             continue
         picture = to_rgb(photo.gray)
         if entry["found"]:
-            pose = pose_at(Place(arguments.output, ("pose",), entry["pose"]["world_from_part"]))
+            which = "filtered" if arguments.smooth else "pose"
+            pose = pose_at(Place(arguments.output, (which,), entry[which]["world_from_part"]))
             picture = overlaid(arguments, part, picture, photo, pose)
         write_picture(path, picture)
 

@@ -79,22 +79,23 @@ def refine(
     evidence: Sequence[Evidence] = (),
     options: EdgeOptions = EDGES,
     chosen: int = 0,
+    wider: bool = True,
 ) -> Location:
     """Return where the part stands, from a start world_from_part whose lines are off by no more than `search_px`.
 
     photos: of one camera, of a rig, or of a moved camera, each with its viewpoint in the world. evidence: points and
     lines of the part that are known otherwise. chosen: how many constraints the start met by being the best of many
     poses in these photos; they prove nothing (`locate.quality`). Where too little is seen to tell the pose the answer
-    has quality 0. A doubtful answer is searched for once more, wider, from where it ended: lines of a wrong pose often
-    half agree.
+    has quality 0. wider: whether a doubtful answer is searched for once more, wider, from where it ended; lines of a
+    wrong pose often half agree. Not where the start is known to be good: farther off there are only other lines.
     """
     if not photos:
         raise BadValue("photos", "none", "at least one photo")
     first, loose = _refined(part, photos, start, freedom, evidence, options, chosen)
-    if first.quality <= _DOUBT[0] or (first.quality >= _DOUBT[1] and not loose):
+    if not wider or first.quality <= _DOUBT[0] or (first.quality >= _DOUBT[1] and not loose):
         return first
-    wider = replace(options, search_px=max(_WIDER * options.search_px, _WIDER_PX))
-    second, still_loose = _refined(part, photos, first.pose.world_from_part, freedom, evidence, wider, chosen)
+    again = replace(options, search_px=max(_WIDER * options.search_px, _WIDER_PX))
+    second, still_loose = _refined(part, photos, first.pose.world_from_part, freedom, evidence, again, chosen)
     tighter = loose and not still_loose and second.found
     return second if tighter or second.quality > first.quality else first
 

@@ -1,39 +1,51 @@
-"""A part followed through pictures: each pose is the start of the next; what is lost is looked for again."""
+"""A part followed through pictures: its motion foretells where it will be; what is lost is looked for again.
+
+Where the motion is even, a frame is searched only as far around the foretold lines as their covariance says: what lies
+farther, print or a shadow beside an edge, cannot pull the part away.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cadcam.arrays import Array
+from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, NothingInView
-from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.frames import Frame
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.locate import locate
 from cadcam.locate.location import Location
+from cadcam.locate.motion import Motion
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.refine import refine
+from cadcam.locate.refine import EDGES, refine
 
 _PATIENCE = 8  # frames between two searches without a start, once a part has been gone for long
+_SIGMAS, _BESIDE = 3.0, 1.0  # how far around foretold lines the photo's are looked for: sds, and px for lines of paint
+_LEAST_PX, _MOST_PX = 2.0, EDGES.search_px
+_FAR_PX, _CLEAR, _UNCERTAIN = 16.0, 0.7, 0.45  # so far from its last place a part must be clear, else it is this
+_FORETOLD = -2  # constraints that a place foretold to some px gives back: a fit anywhere else would not count
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedFrame:
     """Where the part was in one frame.
 
-    how: "predicted" (from the last motion), "kept" (from the last pose), "recovered" (searched around the last pose, or
-    around the start), "searched" (without any start), "lost". Of a lost frame the location is the best that was there;
-    its `found` is False.
+    location: by this frame's photos alone. filtered: by all frames so far (`locate.motion`), steadier and better where
+    a frame shows little, but late by a share of what the motion changed; None where the part was lost. how: "predicted"
+    (near where the motion led), "kept" (around the last pose), "recovered" (searched around the last pose, or around
+    the start), "searched" (without any start), "lost". Of a lost frame the location is the best that was there; its
+    `found` is False.
     """
 
     frame: Frame
     location: Location
     how: str
+    filtered: PoseEstimate | None = None
 
     @property
     def found(self) -> bool:
@@ -43,10 +55,10 @@ class TrackedFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
-    """A frame of an earlier run: its index and world_from_part, None where the part was lost."""
+    """A frame of an earlier run: its index and where it showed the part (unfiltered), None where that was lost."""
 
     index: int
-    world_from_part: Rigid | None
+    pose: PoseEstimate | None
 
 
 def track(
@@ -60,10 +72,11 @@ def track(
 ) -> Iterator[TrackedFrame]:
     """Yield where the part is in each frame, one by one as they are asked for.
 
-    start: world_from_part (mm) in the first frame, roughly; without it the part is searched for. Each frame starts from
-    where the last motion leads (`velocity`; else from the last pose). Where that does not find the part, it is searched
-    for around its last pose, then without a start (not where its motion is restricted); a part that stays away is
-    searched for less and less often. Of poses that the part's symmetry allows, the one nearest to the last is taken.
+    start: world_from_part (mm) in the first frame, roughly; without it the part is searched for. A frame is looked at
+    near where the motion so far leads (`velocity`: at constant velocity; else where it was). Where that does not find
+    the part, it is searched for around its last pose, then without a start (not where its motion is restricted); a part
+    that stays away is searched for less and less often. Of poses that the part's symmetry allows, the one nearest to
+    the last is taken.
     history: frames of a run that this one continues, as if there had been no break. A frame without contrast is a loss.
     Raises `NothingInView` where the start puts the part outside of the first photos.
     """
@@ -71,11 +84,10 @@ def track(
         raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
     memory = _Memory(_corners(part), start, velocity)
     for step in history:
-        memory.keep(step.index, step.world_from_part)
+        memory.keep(step.index, step.pose)
     for frame in frames:
         how, location = _located(part, frame.photos, memory, freedom, frame.index)
-        memory.keep(frame.index, location.pose.world_from_part if location.found else None)
-        yield TrackedFrame(frame, location, how)
+        yield TrackedFrame(frame, location, how, memory.keep(frame.index, location.pose if location.found else None))
 
 
 class _Memory:
@@ -85,34 +97,42 @@ class _Memory:
         self.last = start
         self.misses = 0
         self._corners = corners
-        self._velocity = velocity
-        self._steps: list[Step] = []
+        centre = corners.mean(axis=0)
+        self._motion = Motion(centre, float(np.linalg.norm(corners - centre, axis=1).max()), velocity=velocity)
+        self._found_in: int | None = None
 
     @property
     def begins(self) -> bool:
         """Return whether no frame has been seen yet."""
-        return not self._steps and not self.misses
+        return self._found_in is None and not self.misses
 
-    def keep(self, index: int, pose: Rigid | None) -> None:
+    def keep(self, index: int, pose: PoseEstimate | None) -> PoseEstimate | None:
+        """Take up a frame; return where the part is by all frames so far, None where it was lost."""
         if pose is None:
             self.misses += 1
-            return
-        self.misses, self.last = 0, pose
-        self._steps = [*self._steps[-1:], Step(index, pose)]
-
-    def predicted(self, index: int) -> Rigid | None:
-        """Return where constant velocity leads, None unless the part was found in the last two frames."""
-        if not self._velocity or [s.index for s in self._steps] != [index - 2, index - 1]:
+            self._motion.forget()
             return None
-        before, last = (s.world_from_part for s in self._steps)
-        assert before is not None
-        assert last is not None
-        ahead = last @ before.inv @ last  # in an endless chain of products rounding grows: a rotation has to stay one
-        return Rigid(so3.nearest(ahead.rotation), ahead.translation)
+        self.misses, self.last, self._found_in = 0, pose.world_from_part, index
+        return self._motion.measured(index, pose)
+
+    def predicted(self, index: int) -> PoseEstimate | None:
+        """Return where the motion leads, None unless the part was found in the frame before."""
+        return self._motion.predicted(index)
 
     def tracking(self, index: int) -> bool:
         """Return whether the part was found in the frame before."""
-        return bool(self._steps) and self._steps[-1].index == index - 1
+        return self._found_in == index - 1
+
+    def reach_px(self, predicted: PoseEstimate, photos: Sequence[Photo]) -> float:
+        """Return how far from a foretold pose's lines the photos' may lie."""
+        spread = max(_spread_px(self._corners, predicted, photo) for photo in photos)
+        return float(np.clip(_SIGMAS * spread + _BESIDE, _LEAST_PX, _MOST_PX))
+
+    def left(self, pose: PoseEstimate, photos: Sequence[Photo]) -> bool:
+        """Return whether a pose is far, in all photos, from where the part was last found."""
+        if self._found_in is None or self.last is None:
+            return False
+        return all(_moved_px(self._corners, self.last, pose.world_from_part, photo) > _FAR_PX for photo in photos)
 
     def search_is_due(self) -> bool:
         """Return whether to search without a start: after 2, 4, 8, 16, 24 ... misses; each has a chance to be wrong."""
@@ -145,7 +165,11 @@ def _located(
             tried[0] = Location.nowhere(where, str(error))
             continue
         if location.found:
-            return how, memory.nearest(location)
+            location = memory.nearest(location)
+            if how == "searched" or location.quality >= _CLEAR or not memory.left(location.pose, photos):
+                return how, location
+            why = f"not certain: far from where the part was, which takes a quality of {_CLEAR} ({location.reason})"
+            location = replace(location, quality=_UNCERTAIN, reason=why)
         tried.append(location)
     return "lost", max(reversed(tried), key=lambda one: one.quality)
 
@@ -156,13 +180,42 @@ def _ways(
     """Yield the ways to find the part, cheapest first."""
     last, predicted = memory.last, memory.predicted(index)
     if predicted is not None:
-        yield "predicted", lambda: refine(part, photos, predicted, freedom=freedom)
+        yield "predicted", lambda: _foretold(part, photos, predicted, memory.reach_px(predicted, photos), freedom)
     if last is not None and memory.tracking(index):
         yield "kept", lambda: refine(part, photos, last, freedom=freedom)
     if last is not None:
         yield "recovered", lambda: locate(part, photos, last, freedom=freedom)
     if freedom is FREE and (last is None or memory.search_is_due()):
         yield "searched", lambda: locate(part, photos, freedom=freedom)
+
+
+def _foretold(
+    part: Part, photos: tuple[Photo, ...], predicted: PoseEstimate, reach_px: float, freedom: Freedom
+) -> Location:
+    """Return what lies near a foretold pose, and nothing farther away."""
+    options = replace(EDGES, search_px=reach_px)
+    given = _FORETOLD if reach_px < _MOST_PX else 0
+    return refine(part, photos, predicted.world_from_part, freedom=freedom, options=options, chosen=given, wider=False)
+
+
+def _moved_px(corners: Array, one: Rigid, other: Rigid, photo: Photo) -> float:
+    """Return the largest distance (px) between the corners (N, 3) mm at two poses, of those that a photo images."""
+    place = photo.viewpoint.camera_from_world
+    apart = np.linalg.norm(
+        np.subtract(*(photo.camera.project((place @ pose) @ corners) for pose in (one, other))), axis=1
+    )
+    return float(np.nanmax(apart)) if np.isfinite(apart).any() else np.inf
+
+
+def _spread_px(corners: Array, pose: PoseEstimate, photo: Photo) -> float:
+    """Return the largest sd (px) of the corners (N, 3) mm in a photo, of those that it can see."""
+    camera_from_part = photo.viewpoint.camera_from_world @ pose.world_from_part
+    _, J = photo.camera.project_with_jacobian(camera_from_part @ corners)
+    J = J[np.isfinite(J).all(axis=(1, 2))] @ camera_from_part.rotation
+    if len(J) < len(corners):
+        return np.inf
+    S = J @ pose.point_covariance(corners) @ J.swapaxes(1, 2)
+    return float(np.sqrt(np.linalg.eigvalsh(S).max()))
 
 
 def _corners(part: Part) -> Array:

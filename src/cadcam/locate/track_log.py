@@ -2,7 +2,8 @@
 
 The log is JSON lines. The first says what was tracked: {"format": "cadcam track", "version": 1, ...} with fingerprints
 of part, cameras, start and options; then a line a frame: {"frame", "files", "sha256", "found", "quality", "how",
-"reason", "pose": as `write_part_pose` writes it}. A log is only continued with the same inputs.
+"reason", "pose", "filtered": null where the part was lost}. Poses are as `write_part_pose` writes them: "pose" by the
+frame's photos alone, "filtered" by all frames so far. A log is only continued with the same inputs.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from typing import Any, Self
 import numpy as np
 
 from cadcam import __version__
+from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import UnreadableFile, UnwritableFile
 from cadcam.files.jsontext import Place
@@ -32,7 +34,7 @@ from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.part import Part
 from cadcam.locate.track import Step, TrackedFrame, track
 
-FORMAT, VERSION = "cadcam track", 1
+FORMAT, VERSION = "cadcam track", 2
 _MAX_BYTES = 4_000_000_000
 _POSE = ("x_mm", "y_mm", "z_mm", *(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)))
 _SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "sigma_rx_deg", "sigma_ry_deg", "sigma_rz_deg")
@@ -70,19 +72,28 @@ def track_to(
 class TrackLog:
     """A log that lines are added to; made by `open`."""
 
-    def __init__(self, path: str | os.PathLike[str], entries: list[dict[str, Any]], table: str | None) -> None:
+    def __init__(
+        self, path: str | os.PathLike[str], entries: list[dict[str, Any]], table: str | None, *, filtered: bool
+    ) -> None:
         self.path = os.fspath(path)
         self.entries = entries
+        self._filtered = filtered
         self._file = _appending(path)
         self._table = None if table is None else _appending(table)
 
     @classmethod
     def open(
-        cls, path: str | os.PathLike[str], head: dict[str, Any], *, table: str | os.PathLike[str] | None = None
+        cls,
+        path: str | os.PathLike[str],
+        head: dict[str, Any],
+        *,
+        table: str | os.PathLike[str] | None = None,
+        filtered: bool = False,
     ) -> TrackLog:
         """Return the log at `path`, begun with `head` or continued where it was begun with the same (`head_of`).
 
-        A last line that was cut off is removed. table: a CSV file beside it, a line a frame, written anew from the log.
+        A last line that was cut off is removed. table: a CSV file beside it, a line a frame, written anew from the log,
+        with the `filtered` poses or those of single frames.
         Raises `UnreadableFile` where another run's results are there.
         """
         there = Path(path)
@@ -92,8 +103,8 @@ class TrackLog:
             entries = []
             _write(path, json.dumps(head, ensure_ascii=False) + "\n")
         if table is not None:
-            _write(table, ",".join(COLUMNS) + "\n" + "".join(_row(entry) for entry in entries))
-        return cls(path, entries, None if table is None else os.fspath(table))
+            _write(table, ",".join(COLUMNS) + "\n" + "".join(_row(entry, filtered) for entry in entries))
+        return cls(path, entries, None if table is None else os.fspath(table), filtered=filtered)
 
     def __enter__(self) -> Self:
         return self
@@ -110,7 +121,7 @@ class TrackLog:
         entry = entry_of(tracked)
         _add(self._file, json.dumps(entry, ensure_ascii=False, allow_nan=False) + "\n")
         if self._table is not None:
-            _add(self._table, _row(entry))
+            _add(self._table, _row(entry, self._filtered))
         self.entries.append(entry)
         return entry
 
@@ -131,6 +142,7 @@ def entry_of(tracked: TrackedFrame) -> dict[str, Any]:
         "how": tracked.how,
         "reason": location.reason,
         "pose": pose_estimate_as_json(location.pose),
+        "filtered": None if tracked.filtered is None else pose_estimate_as_json(tracked.filtered),
     }
 
 
@@ -157,12 +169,14 @@ def head_of(
 
 
 def read_track(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
-    """Return the lines of a log's frames, `pose` as `PoseEstimate`. Raises `UnreadableFile` naming the line."""
+    """Return the lines of a log's frames, poses as `PoseEstimate`. Raises `UnreadableFile` naming the line."""
     lines = read_text(path, max_bytes=_MAX_BYTES).text.splitlines()
     _check_head(path, _parsed(path, 1, lines[0]))
     entries = [_parsed(path, number, line) for number, line in enumerate(lines[1:], 2)]
     for number, entry in enumerate(entries, 2):
-        entry["pose"] = pose_estimate_at(Place(os.fspath(path), (f"line {number}", "pose"), entry["pose"]))
+        for name in ("pose", "filtered"):
+            if entry[name] is not None:
+                entry[name] = pose_estimate_at(Place(os.fspath(path), (f"line {number}", name), entry[name]))
     return entries
 
 
@@ -201,15 +215,15 @@ def _parsed(path: str | os.PathLike[str], number: int, line: str) -> dict[str, A
     return value
 
 
-def _pose_of(path: str, entry: dict[str, Any]) -> Rigid:
-    return pose_estimate_at(Place(path, (f"frame {entry['frame']}", "pose"), entry["pose"])).world_from_part
+def _pose_of(path: str, entry: dict[str, Any]) -> PoseEstimate:
+    return pose_estimate_at(Place(path, (f"frame {entry['frame']}", "pose"), entry["pose"]))
 
 
-def _row(entry: dict[str, Any]) -> str:
+def _row(entry: dict[str, Any], filtered: bool) -> str:
     """Return the line of a frame in the table; the pose of a lost frame is left out."""
     row = [entry["frame"], ";".join(entry["files"]), int(entry["found"]), entry["quality"], entry["how"]]
     if entry["found"]:
-        pose = entry["pose"]
+        pose = entry["filtered" if filtered else "pose"]
         T = pose["world_from_part"]
         row += [*T["translation_mm"], *(v for line in T["rotation"] for v in line)]
         row += [*pose["sigma_mm"], *pose["sigma_deg"]]
