@@ -1,10 +1,10 @@
-"""How often, and in what time, are marks put into the order of their plan?
+"""How often, and in what time, marks are put into the order of their plan.
 
     python benchmarks/order.py --plans 20
 
-Random plans of M marks in a square, seen by a camera of 768 x 576 px from 0 to 60 degrees of tilt at any turn; a fifth of
-the marks missing, a fifth as many false ones among them, 0.3 px of noise; and with none missing or false. "right": plans
-in which every true mark got its number. "CPU ms": of one order, median and slowest.
+Random plans of M marks in a square, seen by a camera of 768 x 576 px from 0 to 60 degrees of tilt at any turn; some of
+the marks missing, as many false ones among them, 0.3 px of noise. "right": plans in which every true mark got its
+number. "CPU ms": of one order, median and slowest.
 """
 
 from __future__ import annotations
