@@ -21,6 +21,8 @@ def test_what_show_prints_is_a_profile_that_apply_reads(cadcam: Cadcam, job: Pat
     shown = cadcam("sensor", "show", "ccir-1996")
     assert shown.code == 0
     (job / "mine.json").write_text(shown.out)
+    assert cadcam("sensor", "show", "ccir-1996", "-o", job / "written.json").code == 0
+    assert (job / "written.json").read_text() == shown.out
     for profile, out in (("ccir-1996", "a.png"), (job / "mine.json", "b.png")):
         ran = cadcam("sensor", "apply", profile, job / "photo.png", "-o", job / out, "--seed", 4)
         assert ran.code == 0, ran.err

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 _EXAMPLES = """\
   cadcam sensor show                                        the presets, and every effect with its numbers
-  cadcam sensor show ccir-1996 > hall.json                  a profile to change with an editor
+  cadcam sensor show ccir-1996 -o hall.json                 a profile to change with an editor
   cadcam sensor apply hall.json clean.png -o as_seen.png
   cadcam sensor apply global-shutter photo.png --linearise 0.45 --seed 7 -o noisy.png
   cadcam render part.step --camera camera.json --sensor phone -o part.jpg
@@ -40,6 +40,7 @@ def add_to(verbs: Verbs) -> None:
     tasks = parser.add_subparsers(dest="task", metavar="TASK", required=True, title="tasks")
     show = tasks.add_parser("show", help="print a profile, or what there is", formatter_class=Help)
     show.add_argument("profile", metavar="PROFILE", nargs="?", help="file or preset; without it: presets and effects")
+    show.add_argument("-o", "--output", metavar="FILE", help="write the profile to this .json")
     show.set_defaults(run=run_show)
     apply = tasks.add_parser("apply", help="picture -> what the sensor makes of it", formatter_class=Help)
     apply.add_argument("profile", metavar="PROFILE", help="file or preset")
@@ -54,13 +55,24 @@ def add_to(verbs: Verbs) -> None:
 
 def run_show(arguments: argparse.Namespace) -> None:
     """Print a profile as its file would be, or the presets and all effects with their defaults."""
-    from cadcam.files.sensor import sensor_as_json, sensor_named
+    from cadcam.files.sensor import sensor_as_json, sensor_named, write_sensor
+
+    if arguments.output is not None:
+        if arguments.profile is None:
+            raise BadValue("-o", "given without a profile", "which one: cadcam sensor show ccir-1996 -o FILE")
+        check_target(arguments.output, (".json",))
+        write_sensor(arguments.output, sensor_named(arguments.profile))
+        say(f"wrote {arguments.output}")
+    elif arguments.profile is not None:
+        print_json(sensor_as_json(sensor_named(arguments.profile)))
+    else:
+        _list()
+
+
+def _list() -> None:
     from cadcam.image.sensor.presets import PRESETS
     from cadcam.image.sensor.sensor import EFFECTS
 
-    if arguments.profile is not None:
-        print_json(sensor_as_json(sensor_named(arguments.profile)))
-        return
     print("presets:")
     for name, sensor in PRESETS.items():
         print(f"  {name:16s}{', '.join(sensor.effects)}")
