@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import color, named_color
+from cadcam.cli.sensor import add_sensor_options, generator
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
     from cadcam.arrays import Picture
+    from cadcam.image.sensor.sensor import Sensor
     from cadcam.render.overlay import LineStyle
     from cadcam.render.view import Look, Scene, View
     from cadcam.render.visible import LineDrawer
@@ -44,6 +46,7 @@ def add_look_options(parser: argparse.ArgumentParser) -> None:
         help="'#rrggbb', white (default), black, or a photo of the camera's size",
     )
     group.add_argument("--transparent", action="store_true", help="no background at all: .png with alpha")
+    add_sensor_options(parser)
 
 
 def check_look_options(arguments: argparse.Namespace) -> None:
@@ -53,6 +56,7 @@ def check_look_options(arguments: argparse.Namespace) -> None:
         "--edges": arguments.edges,
         "--background": arguments.background is not None,
         "--transparent": arguments.transparent,
+        "--sensor": arguments.sensor is not None,
     }
     asked = [name for name, is_given in given.items() if is_given]
     if arguments.channel != "shaded" and asked:
@@ -61,6 +65,8 @@ def check_look_options(arguments: argparse.Namespace) -> None:
         raise BadValue("--part-color", f"given with --channel {arguments.channel}", "--channel shaded or parts")
     if arguments.transparent and arguments.background is not None:
         raise BadValue("--background", "given beside --transparent", "one of them")
+    if arguments.transparent and arguments.sensor is not None:
+        raise BadValue("--sensor", "given beside --transparent", "one of them: a camera sees some background")
     if arguments.transparent and not arguments.output.lower().endswith(".png"):
         raise BadValue("--transparent", f"given for {arguments.output}", "an output .png: no other format has alpha")
 
@@ -80,6 +86,7 @@ class Dress:
         self._arguments = arguments
         self._background = None if arguments.transparent else background(arguments.background or "white")
         self._drawer = _drawer(scene) if arguments.edges else None
+        self._sensor = None if arguments.sensor is None else _sensor(arguments.sensor)
 
     def write(self, path: str, view: View) -> dict[str, Any]:
         """Write the picture; return how many pixels saw the model."""
@@ -97,10 +104,22 @@ class Dress:
         if self._background is None:
             write_picture(path, model.straight, alpha=model.alpha)
         elif isinstance(self._background, tuple):
-            write_picture(path, model.over(self._background))
+            write_picture(path, self._seen(model.over(self._background), path))
         else:
-            write_picture(path, model.over_photo(self._background))
+            write_picture(path, self._seen(model.over_photo(self._background), path))
         return {"seen_pixels": int(np.count_nonzero(view.coverage))}
+
+    def _seen(self, picture: Picture, path: str) -> Picture:
+        """Return what the sensor makes of the picture; each file has noise of its own."""
+        if self._sensor is None:
+            return picture
+        return self._sensor.apply(picture, rng=generator(self._arguments.seed, path))
+
+
+def _sensor(name: str) -> Sensor:
+    from cadcam.files.sensor import sensor_named
+
+    return sensor_named(name)
 
 
 def background(text: str) -> Color | Picture:

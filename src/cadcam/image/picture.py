@@ -148,6 +148,14 @@ def encoded(
     return file.getvalue()
 
 
+def decoded_jpeg(data: bytes) -> Picture:
+    """Return the picture in the bytes of a JPEG that `encoded` made."""
+    from PIL import Image
+
+    with Image.open(io.BytesIO(data)) as image:
+        return np.asarray(np.asarray(image), np.float32) / np.float32(255)
+
+
 def checked(picture: npt.ArrayLike) -> Picture:
     """Return the picture as a float32 array (not copied if it is one); raise `BadValue` on wrong shape or NaN."""
     try:

@@ -1,0 +1,125 @@
+"""`cadcam sensor`: what a camera does to a picture, from a profile: noise, blur, gamma, jitter and the rest."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cadcam.cli.arguments import Help, Verbs, verb
+from cadcam.cli.output import check_target, print_json, say
+from cadcam.errors import BadValue
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
+
+_EXAMPLES = """\
+  cadcam sensor show                                        the presets, and every effect with its numbers
+  cadcam sensor show ccir-1996 -o hall.json                 a profile to change with an editor
+  cadcam sensor apply hall.json clean.png -o as_seen.png
+  cadcam sensor apply global-shutter photo.png --linearise 0.45 --seed 7 -o noisy.png
+  cadcam render part.step --camera camera.json --sensor phone -o part.jpg
+
+profile file: JSON; an effect that is left out does not happen, a number left out has its default
+  {"format": "cadcam sensor", "version": 1, "name": "hall",
+   "blur": {"sigma_px": 0.8}, "noise": {"full_well_e": 20000, "read_e": 12}, "gamma": {"gamma": 0.6}}
+"""
+_DESCRIPTION = """\
+Turn a clean picture into what a camera would make of it. The picture counts as linear radiance, its white as the
+scene's; effects act in the order of nature: vignetting, blur, motion, interlace, pixel_aspect (light), exposure, smear,
+blooming, noise (charge), gain, gamma, edge_enhancement, jitter, quantisation, jpeg (signal). The same seed gives the
+same picture. PROFILE is a file or a preset: ccir-1996 (analogue video with a frame grabber), global-shutter (machine
+vision), phone."""
+_SUFFIXES = (".png", ".jpg", ".jpeg")
+
+
+def add_to(verbs: Verbs) -> None:
+    """Add the verb and its two tasks."""
+    short = "what a camera does to a picture: noise, blur, gamma, jitter ..."
+    parser = verb(verbs, "sensor", run_show, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
+    tasks = parser.add_subparsers(dest="task", metavar="TASK", required=True, title="tasks")
+    show = tasks.add_parser("show", help="print a profile, or what there is", formatter_class=Help)
+    show.add_argument("profile", metavar="PROFILE", nargs="?", help="file or preset; without it: presets and effects")
+    show.add_argument("-o", "--output", metavar="FILE", help="write the profile to this .json")
+    show.set_defaults(run=run_show)
+    apply = tasks.add_parser("apply", help="picture -> what the sensor makes of it", formatter_class=Help)
+    apply.add_argument("profile", metavar="PROFILE", help="file or preset")
+    apply.add_argument("image", metavar="IMAGE", help="picture, linear in radiance (renderings are taken as such)")
+    apply.add_argument("-o", "--output", metavar="FILE", required=True, help="picture to write (.png or .jpg)")
+    apply.add_argument("--seed", type=int, default=0, metavar="N", help="of the noise (default: 0)")
+    apply.add_argument(
+        "--linearise", type=float, metavar="GAMMA", help="undo this gamma of the image first: 0.45 for most photos"
+    )
+    apply.set_defaults(run=run_apply)
+
+
+def run_show(arguments: argparse.Namespace) -> None:
+    """Print a profile as its file would be, or the presets and all effects with their defaults."""
+    from cadcam.files.sensor import sensor_as_json, sensor_named, write_sensor
+
+    if arguments.output is not None:
+        if arguments.profile is None:
+            raise BadValue("-o", "given without a profile", "which one: cadcam sensor show ccir-1996 -o FILE")
+        check_target(arguments.output, (".json",))
+        write_sensor(arguments.output, sensor_named(arguments.profile))
+        say(f"wrote {arguments.output}")
+    elif arguments.profile is not None:
+        print_json(sensor_as_json(sensor_named(arguments.profile)))
+    else:
+        _list()
+
+
+def _list() -> None:
+    from cadcam.image.sensor.presets import PRESETS
+    from cadcam.image.sensor.sensor import EFFECTS
+
+    print("presets:")
+    for name, sensor in PRESETS.items():
+        print(f"  {name:16s}{', '.join(sensor.effects)}")
+    print("effects, in their order, with the numbers of each and their defaults:")
+    for name, kind in EFFECTS.items():
+        numbers = ", ".join(f"{key} {value}" for key, value in _defaults(kind).items())
+        first = (kind.__doc__ or "").splitlines()[0]
+        print(f"  {name:18s}{first}\n  {'':18s}({numbers})")
+
+
+def _defaults(kind: type) -> dict[str, str]:
+    from dataclasses import fields
+
+    return {f.name: f"{f.default:g}" if isinstance(f.default, float) else str(f.default) for f in fields(kind)}
+
+
+def run_apply(arguments: argparse.Namespace) -> None:
+    """Read, apply, write."""
+    from cadcam.files.sensor import sensor_named
+    from cadcam.image.picture import read_picture, write_picture
+    from cadcam.image.sensor.video import Gamma
+
+    check_target(arguments.output, _SUFFIXES)
+    sensor = sensor_named(arguments.profile)
+    picture = read_picture(arguments.image)
+    if arguments.linearise is not None:
+        picture = Gamma(arguments.linearise).undo(picture)
+    out = sensor.apply(picture, rng=generator(arguments.seed))
+    write_picture(arguments.output, out)
+    say(f"wrote {arguments.output} ({out.shape[1]} x {out.shape[0]} px): {sensor.name}: {', '.join(sensor.effects)}")
+
+
+def add_sensor_options(parser: argparse.ArgumentParser) -> None:
+    """Add --sensor and --seed, for verbs that make pictures."""
+    group = parser.add_argument_group("sensor")
+    group.add_argument(
+        "--sensor", metavar="PROFILE", help="what the camera does to the picture: a file or a preset (`cadcam sensor`)"
+    )
+    group.add_argument("--seed", type=int, default=0, metavar="N", help="of its noise (default: 0)")
+
+
+def generator(seed: int, path: str | None = None) -> Generator:
+    """Return the source of chance of a seed, for one of many pictures by its file's name."""
+    import zlib
+
+    import numpy as np
+
+    if seed < 0:
+        raise BadValue("--seed", seed, "a whole number of at least 0")
+    return np.random.default_rng([seed] if path is None else [seed, zlib.crc32(Path(path).name.encode())])

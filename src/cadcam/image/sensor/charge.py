@@ -1,0 +1,95 @@
+"""Effects on the charge: light smeared into other rows while it is carried away, wells that overflow, noise.
+
+Charge is told in units of the full scale: 1 is the well that gives white at a gain of 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadcam.arrays import Array, Picture
+from cadcam.image.sensor.effect import check
+
+
+@dataclass(frozen=True, slots=True)
+class Smear:
+    """I' = I + fraction * (mean of I along the column): light that falls in while rows are carried along the column.
+
+    fraction: the time a charge travels over the whole column by the exposure time. It grows as the shutter gets short
+    (thesis 5.1, auto shutter).
+    """
+
+    fraction: float = 0.0
+
+    def __post_init__(self) -> None:
+        check("fraction of the smear", self.fraction, 0.0, 1.0)
+
+    def apply(self, picture: Picture, rng: np.random.Generator) -> Picture:
+        """Return the picture with light streaks above and below what is bright."""
+        return np.asarray(picture + np.float32(self.fraction) * picture.mean(axis=0, keepdims=True), dtype=np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class Blooming:
+    """What a pixel cannot hold flows half up, half down its column into what has room; at the border it is lost.
+
+    full_well: what a pixel holds. drained: the share of the excess that an overflow drain takes away.
+    """
+
+    full_well: float = 1.0
+    drained: float = 0.0
+
+    def __post_init__(self) -> None:
+        check("full_well of the blooming", self.full_well, 0.0, above=True)
+        check("drained of the blooming", self.drained, 0.0, 1.0)
+
+    def apply(self, picture: Picture, rng: np.random.Generator) -> Picture:
+        """Return the picture with overflowing columns; no pixel holds more than the well."""
+        excess = np.maximum(picture - self.full_well, 0.0).astype(np.float64)
+        if not excess.any():
+            return picture
+        out = np.minimum(picture, self.full_well).astype(np.float64)
+        half = excess * ((1 - self.drained) / 2)
+        _flow(out, half, self.full_well)
+        _flow(out[::-1], half[::-1], self.full_well)
+        return np.asarray(out, dtype=np.float32)
+
+
+def _flow(charge: Array, excess: Array, well: float) -> None:
+    """Let each row's excess flow on into the rows after it, in place."""
+    flowing = np.zeros_like(charge[0])
+    for row, extra in zip(charge, excess, strict=True):
+        taken = np.minimum(flowing, well - row)
+        row += taken
+        flowing += extra - taken
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """n = Poisson(I N) + normal(0, read_e) electrons, I' = n/N, with N = full_well_e: var I' = I/N + (read_e/N)^2.
+
+    Shot noise of the light and read noise of the amplifier (the linear model of EMVA 1288). From 1000 electrons on the
+    Poisson distribution is drawn as a normal one, whose skewness of 3 % nobody sees.
+    """
+
+    full_well_e: float = 20000.0
+    read_e: float = 0.0
+
+    def __post_init__(self) -> None:
+        check("full_well_e of the noise", self.full_well_e, 1.0)
+        check("read_e of the noise", self.read_e, 0.0)
+
+    def sigma(self, level: float) -> float:
+        """Return the standard deviation of a pixel at a level of I, as a share of the full scale."""
+        return float(np.sqrt(max(level, 0.0) / self.full_well_e + (self.read_e / self.full_well_e) ** 2))
+
+    def apply(self, picture: Picture, rng: np.random.Generator) -> Picture:
+        """Return the noisy picture: below black too, where read noise takes it there."""
+        mean = np.maximum(picture, 0.0).astype(np.float64) * self.full_well_e
+        bright = mean >= 1000.0
+        electrons = mean + np.sqrt(mean) * rng.standard_normal(mean.shape)
+        electrons[~bright] = rng.poisson(mean[~bright])
+        electrons += self.read_e * rng.standard_normal(mean.shape)
+        return np.asarray(electrons / self.full_well_e, dtype=np.float32)

@@ -1,0 +1,35 @@
+"""What every effect of a sensor is: a frozen value that turns one picture into another."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+import numpy as np
+
+from cadcam.arrays import Picture
+from cadcam.errors import BadValue
+
+
+class Effect(Protocol):
+    """One thing that happens to light, charge or signal; 0 is black and 1 the full scale throughout.
+
+    Pictures are (H, W) or (H, W, 3) float32 and may leave [0, 1] between two effects: only a sensor clips.
+    """
+
+    def apply(self, picture: Picture, rng: np.random.Generator) -> Picture:
+        """Return the picture after the effect; chance comes from `rng` alone."""
+        ...
+
+
+def check(what: str, value: float, low: float, high: float = math.inf, *, above: bool = False) -> None:
+    """Raise `BadValue` unless low <= value <= high (low < value, if `above`) and the value is finite."""
+    if not (math.isfinite(value) and (low < value if above else low <= value) and value <= high):
+        bound = f"above {low:g}" if above else f"of at least {low:g}"
+        raise BadValue(what, value, f"a number {bound}" + (f" and at most {high:g}" if math.isfinite(high) else ""))
+
+
+def check_pair(what: str, value: tuple[float, float]) -> None:
+    """Raise `BadValue` unless the value is two finite numbers."""
+    if len(value) != 2 or not all(math.isfinite(v) for v in value):
+        raise BadValue(what, value, "two finite numbers (x, y)")

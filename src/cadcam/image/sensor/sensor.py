@@ -1,0 +1,98 @@
+"""A sensor: the effects that turn a scene's radiance into the grey levels of a file, in the order in which they happen.
+
+    light   vignetting, blur, motion, interlace, pixel_aspect
+    charge  exposure, smear, blooming, noise
+    signal  gain, gamma, edge_enhancement, jitter, quantisation, jpeg
+
+Every effect that is None is left out. Radiance is linear: 1 is what gives white at exposure 1 and gain 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Picture
+from cadcam.image.picture import checked
+from cadcam.image.sensor.charge import Blooming, Noise, Smear
+from cadcam.image.sensor.effect import Effect, check
+from cadcam.image.sensor.light import Blur, Interlace, Motion, PixelAspect, Vignetting
+from cadcam.image.sensor.video import EdgeEnhancement, Gain, Gamma, Jitter, Jpeg, Quantisation
+
+
+@dataclass(frozen=True, slots=True)
+class Exposure:
+    """I' = factor I: shutter time and aperture together, by those that make a radiance of 1 white."""
+
+    factor: float = 1.0
+
+    def __post_init__(self) -> None:
+        check("factor of the exposure", self.factor, 0.0, above=True)
+
+    def apply(self, picture: Picture, rng: np.random.Generator) -> Picture:
+        """Return the picture so exposed."""
+        return np.asarray(picture * np.float32(self.factor), dtype=np.float32)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sensor:
+    """A named profile: one value, or None, for each effect."""
+
+    name: str = "ideal"
+    vignetting: Vignetting | None = None
+    blur: Blur | None = None
+    motion: Motion | None = None
+    interlace: Interlace | None = None
+    pixel_aspect: PixelAspect | None = None
+    exposure: Exposure | None = None
+    smear: Smear | None = None
+    blooming: Blooming | None = None
+    noise: Noise | None = None
+    gain: Gain | None = None
+    gamma: Gamma | None = None
+    edge_enhancement: EdgeEnhancement | None = None
+    jitter: Jitter | None = None
+    quantisation: Quantisation | None = None
+    jpeg: Jpeg | None = None
+
+    @property
+    def effects(self) -> dict[str, Effect]:
+        """Return the effects that are there by their names, in the order in which they act."""
+        named = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "name"}
+        return {name: effect for name, effect in named.items() if effect is not None}
+
+    def apply(self, radiance: npt.ArrayLike, *, rng: np.random.Generator) -> Picture:
+        """Return the picture in [0, 1] that the sensor makes of radiance (H, W) or (H, W, 3), both linear at 1 = white.
+
+        Each effect draws from a stream of its own: one effect more or less leaves the others' noise as it is. Another
+        picture size comes back only with `pixel_aspect`. Raises `BadValue` for what is no picture.
+        """
+        streams = dict(zip(_EFFECTS, rng.spawn(len(_EFFECTS)), strict=True))
+        picture = checked(radiance)
+        for name, effect in self.effects.items():
+            picture = effect.apply(picture, streams[name])
+        return np.clip(picture, np.float32(0.0), np.float32(1.0))
+
+
+_EFFECTS = tuple(f.name for f in fields(Sensor) if f.name != "name")
+
+EFFECTS: dict[str, type[Effect]] = {
+    "vignetting": Vignetting,
+    "blur": Blur,
+    "motion": Motion,
+    "interlace": Interlace,
+    "pixel_aspect": PixelAspect,
+    "exposure": Exposure,
+    "smear": Smear,
+    "blooming": Blooming,
+    "noise": Noise,
+    "gain": Gain,
+    "gamma": Gamma,
+    "edge_enhancement": EdgeEnhancement,
+    "jitter": Jitter,
+    "quantisation": Quantisation,
+    "jpeg": Jpeg,
+}
+"""Every effect by its name in a profile, in the order in which they act."""
