@@ -1,0 +1,101 @@
+"""`cadcam lens`: which lens for which view: focal length, distance, field of view, depth of field."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from cadcam.cli.arguments import Verbs, add_json, size, verb
+from cadcam.cli.output import check_target, print_json, print_tables, say
+from cadcam.errors import BadValue
+
+if TYPE_CHECKING:
+    from cadcam.camera.optics import Optics
+    from cadcam.camera.sensor_format import SensorFormat
+
+_EXAMPLES = """\
+  cadcam lens --sensor 1/2 --width 2000 --distance 6000      which lens sees 2 m at 6 m?
+  cadcam lens --sensor IMX264 --focal 16 --distance 1500 --f-number 8
+  cadcam lens --sensor 2/3 --focal 25 --width 800            from how far away?
+  cadcam lens --sensor 1/2 --pixels 768x576 --effective --focal 16 --distance 6000 --diagram lenses.png
+  cadcam lens --list                                         sensors known by name
+"""
+_DESCRIPTION = """\
+Solve the lens formula for what is not known: of focal length, distance and width of the field give two. Printed are
+field of view, viewing angle, size of a pixel on the object and, with an f-number, depth of field (blur of a pixel at
+most) and diffraction. For a focal length that no maker offers, the next shorter and longer lenses are shown as well."""
+
+
+def add_to(verbs: Verbs) -> None:
+    """Add the verb."""
+    short = "sensor + two of focal length, distance, width -> the rest"
+    parser = verb(verbs, "lens", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
+    parser.add_argument("--sensor", metavar="NAME", help="format (1/2), chip (IMX264) or size in mm (5.94x3.96)")
+    parser.add_argument("--pixels", type=size, metavar="WxH", help="its columns and rows, where the name does not say")
+    parser.add_argument("--effective", action="store_true", help="use nine tenths of its width and height only")
+    parser.add_argument("--focal", type=float, metavar="MM", help="focal length")
+    parser.add_argument("--distance", type=float, metavar="MM", help="from the lens to what is in focus")
+    parser.add_argument("--width", type=float, metavar="MM", help="width of what is seen there")
+    parser.add_argument("--mm-per-pixel", type=float, metavar="MM", help="in place of --width: a pixel on the object")
+    parser.add_argument("--f-number", type=float, metavar="N", help="focal length by diameter of the opening")
+    parser.add_argument("--image-circle", type=float, metavar="MM", help="the lens' picture: does it cover the sensor?")
+    parser.add_argument("--speed", type=float, metavar="MM/S", help="of the object, for the longest exposure")
+    parser.add_argument("--diagram", metavar="FILE", help="lens-selection diagram of this sensor: .png, .svg, .pdf")
+    parser.add_argument("--list", action="store_true", help="list the sensors known by name")
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Solve, print, draw."""
+    from cadcam.camera.optics import solve_optics, standard_lenses
+    from cadcam.report.lens import formats_table, lens_as_json, lens_table, write_lens_diagram
+
+    if arguments.list:
+        print_tables([formats_table()])
+        return
+    if arguments.diagram:
+        check_target(arguments.diagram, (".png", ".svg", ".pdf"))
+    sensor = _sensor(arguments)
+    optics = solve_optics(
+        sensor,
+        focal_mm=arguments.focal,
+        distance_mm=arguments.distance,
+        width_mm=_width(arguments, sensor),
+        f_number=arguments.f_number,
+        image_circle_mm=arguments.image_circle,
+    )
+    others = standard_lenses(optics) if arguments.focal is None else ()
+    if arguments.json:
+        motion = {} if arguments.speed is None else {"longest_exposure_s": _exposure(arguments, optics)}
+        print_json(lens_as_json(optics) | motion | {"standard_lenses": [lens_as_json(o) for o in others]})
+    else:
+        print_tables([lens_table(o) for o in (optics, *others)])
+        if arguments.speed is not None:
+            say(f"smear below half a pixel at {arguments.speed:g} mm/s: up to {_exposure(arguments, optics):.3g} s")
+    if arguments.diagram:
+        write_lens_diagram(arguments.diagram, sensor, chosen=optics)
+        say(f"wrote {arguments.diagram}")
+
+
+def _sensor(arguments: argparse.Namespace) -> SensorFormat:
+    from cadcam.camera.sensor_format import sensor_format
+
+    if arguments.sensor is None:
+        raise BadValue("--sensor", "not given", "one: a format such as 1/2, a chip such as IMX264, or its size in mm")
+    sensor = sensor_format(arguments.sensor)
+    if arguments.pixels is not None:
+        sensor = sensor.with_pixels(arguments.pixels)
+    return sensor.effective() if arguments.effective else sensor
+
+
+def _width(arguments: argparse.Namespace, sensor: SensorFormat) -> float | None:
+    if arguments.mm_per_pixel is None:
+        width: float | None = arguments.width
+        return width
+    if arguments.width is not None:
+        raise BadValue("--mm-per-pixel", "given beside --width", "one of them")
+    return float(arguments.mm_per_pixel * sensor.size_mm[0] / sensor.pitch_mm[0])
+
+
+def _exposure(arguments: argparse.Namespace, optics: Optics) -> float:
+    return optics.longest_exposure_s(arguments.speed, 0.5)

@@ -1,0 +1,145 @@
+"""Optics as tables, JSON and the lens-selection diagram (thesis, Fig 5-3)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from cadcam.camera.optics import Optics
+from cadcam.camera.sensor_format import CHIPS, FORMATS, SensorFormat
+from cadcam.report.figures import BLUE, INK, ORANGE, figure, write_figure
+from cadcam.report.table import Table
+
+
+_DRAWN_MM = (4.0, 6.0, 8.0, 12.0, 16.0, 25.0, 35.0, 50.0, 75.0, 100.0)
+
+
+def lens_table(optics: Optics, *, title: str = "") -> Table:
+    """Return what the optics see, and with an f-number and pixels their sharpness."""
+    width, height = optics.field_mm
+    across, down, diagonal = optics.angles_deg
+    sensor = optics.sensor
+    rows = [
+        ("sensor", f"{sensor.name}: {sensor.size_mm[0]:.4g} x {sensor.size_mm[1]:.4g} mm"),
+        ("focal length", f"{optics.focal_mm:.4g} mm"),
+        ("distance", f"{optics.distance_mm:.5g} mm"),
+        ("field of view", f"{width:.5g} x {height:.5g} mm = {width * height / 1e6:.3g} m^2"),
+        ("viewing angle", f"{across:.4g} x {down:.4g} deg, diagonal {diagonal:.4g} deg: {optics.lens_class}"),
+        ("camera constant", f"{optics.camera_constant_mm:.5g} mm"),
+    ]
+    if sensor.pixels is not None:
+        mm = optics.mm_per_pixel
+        rows.append(("pixel on the object", f"{mm[0]:.4g} x {mm[1]:.4g} mm"))
+    if optics.f_number is not None and sensor.pixels is not None:
+        near, far = optics.depth_of_field()
+        rows += [
+            ("opening", f"f/{optics.f_number:g}, {optics.aperture_mm:.3g} mm wide"),
+            ("sharp to a pixel", f"from {near:.5g} mm to {_distance(far)}"),
+            ("diffraction", f"Airy disc of {optics.diffraction_px():.3g} px"),
+        ]
+    return Table(
+        title or f"{optics.focal_mm:.4g} mm lens at {optics.distance_mm:.5g} mm",
+        ("what", "value"),
+        tuple(rows),
+        left=("what", "value"),
+    )
+
+
+def lens_as_json(optics: Optics) -> dict[str, Any]:
+    """Return the same numbers; infinity as null."""
+    sensor = optics.sensor
+    out: dict[str, Any] = {
+        "sensor": sensor.name,
+        "sensor_mm": list(sensor.size_mm),
+        "focal_mm": optics.focal_mm,
+        "distance_mm": optics.distance_mm,
+        "field_mm": list(optics.field_mm),
+        "angles_deg": list(optics.angles_deg),
+        "lens_class": optics.lens_class,
+        "camera_constant_mm": optics.camera_constant_mm,
+    }
+    if sensor.pixels is not None:
+        out["pixels"], out["mm_per_pixel"] = list(sensor.pixels), list(optics.mm_per_pixel)
+    if optics.f_number is not None and sensor.pixels is not None:
+        near, far = optics.depth_of_field()
+        out |= {
+            "f_number": optics.f_number,
+            "sharp_mm": [near, far if isfinite(far) else None],
+            "airy_disc_px": optics.diffraction_px(),
+        }
+    return out
+
+
+def formats_table() -> Table:
+    """Return the sensors known by name."""
+    rows = []
+    for sensor in (*FORMATS.values(), *CHIPS.values()):
+        size, used = sensor.size_mm, sensor.effective().size_mm
+        pixels = "" if sensor.pixels is None else f"{sensor.pixels[0]} x {sensor.pixels[1]}"
+        rows.append(
+            (
+                sensor.name,
+                f"{size[0]:.2f} x {size[1]:.2f}",
+                f"{sensor.diagonal_mm:.2f}",
+                f"{used[0]:.2f} x {used[1]:.2f}",
+                pixels,
+            )
+        )
+    return Table("sensors", ("name", "size mm", "diagonal mm", "nine tenths mm", "pixels"), tuple(rows), left=("name",))
+
+
+def write_lens_diagram(
+    path: str | os.PathLike[str],
+    sensor: SensorFormat,
+    *,
+    focals_mm: Sequence[float] = _DRAWN_MM,
+    chosen: Optics | None = None,
+    farthest_mm: float = 20000.0,
+) -> None:
+    """Draw Fig 5-3 for a sensor: width of the field over the distance, a line for each lens; `chosen` is marked.
+
+    Raises `MissingExtra` without matplotlib.
+    """
+    farthest = max(farthest_mm, 1.2 * chosen.distance_mm if chosen else 0.0)
+    D = np.geomspace(200.0, farthest, 60)
+    with figure(7.2, 5.0) as drawn:
+        axes = drawn.subplots()
+        for f in focals_mm:
+            seen = 1.5 * f < D
+            axes.plot(D[seen] / 1000, sensor.size_mm[0] * (D[seen] / f - 1) / 1000, color=BLUE, lw=1.1)
+            axes.annotate(
+                f"{f:g}",
+                (farthest / 1000, sensor.size_mm[0] * (farthest / f - 1) / 1000),
+                xytext=(3, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=8,
+                color=BLUE,
+            )
+        if chosen is not None:
+            at = chosen.distance_mm / 1000, chosen.field_mm[0] / 1000
+            axes.plot(*at, "o", color=ORANGE, ms=7)
+            axes.annotate(
+                f"{chosen.focal_mm:.3g} mm: {at[1]:.3g} m at {at[0]:.3g} m",
+                at,
+                xytext=(8, -12),
+                textcoords="offset points",
+                color=ORANGE,
+                bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
+            )
+        axes.set(xscale="log", yscale="log", xlabel="distance, m", ylabel="width of the field, m")
+        size = sensor.size_mm
+        axes.set_title(f"focal length in mm, sensor {sensor.name} ({size[0]:.4g} x {size[1]:.4g} mm)", color=INK)
+        axes.grid(True, which="both", lw=0.3, alpha=0.6)
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.margins(x=0)
+        write_figure(path, drawn)
+
+
+def _distance(mm: float) -> str:
+    return f"{mm:.5g} mm" if isfinite(mm) else "infinity"

@@ -1,0 +1,74 @@
+"""`cadcam lens` answers which lens, and says what no lens can do."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from .job import Ran
+
+Cadcam = Callable[..., Ran]
+
+
+def test_which_lens_for_two_metres_at_six_on_half_an_inch(cadcam: Cadcam) -> None:
+    ran = cadcam("lens", "--sensor", "1/2", "--width", 2000, "--distance", 6000)
+    assert ran.code == 0
+    assert "19.14 mm lens" in ran.out
+    assert "16 mm lens at 6000 mm" in ran.out
+    assert "25 mm lens at 6000 mm" in ran.out
+
+
+def test_json_has_the_same_numbers(cadcam: Cadcam) -> None:
+    words = ("lens", "--sensor", "IMX264", "--focal", 16, "--distance", 1500, "--f-number", 8, "--speed", 100, "--json")
+    document = json.loads(cadcam(*words).out)
+    assert document["field_mm"][0] == pytest.approx(8.4456 * (1500 / 16 - 1))
+    assert document["longest_exposure_s"] == pytest.approx(0.5 * document["mm_per_pixel"][0] / 100)
+    assert document["standard_lenses"] == []
+    near, far = document["sharp_mm"]
+    assert near < 1500 < far
+
+
+def test_a_pixel_on_the_object_stands_for_the_width(cadcam: Cadcam) -> None:
+    words = ("lens", "--sensor", "1/2", "--pixels", "768x576", "--distance", 6000, "--json")
+    by_pixel = json.loads(cadcam(*words, "--mm-per-pixel", 3).out)
+    assert by_pixel == json.loads(cadcam(*words, "--width", 3 * 768).out)
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg"])
+def test_the_diagram_is_drawn(cadcam: Cadcam, tmp_path: Path, suffix: str) -> None:
+    pytest.importorskip("matplotlib")
+    out = tmp_path / f"lens.{suffix}"
+    ran = cadcam("lens", "--sensor", "5.94x3.96", "--focal", 16, "--distance", 6000, "--diagram", out)
+    assert ran.code == 0, ran.err
+    assert out.stat().st_size > 10_000
+
+
+def test_the_list_names_formats_and_chips(cadcam: Cadcam) -> None:
+    out = cadcam("lens", "--list").out
+    assert "6.40 x 4.80" in out
+    assert "5.76 x 4.32" in out
+    assert "IMX264" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--focal", "16", "--distance", "10", "--sensor", "1/2"), "more than the focal length"),
+        (("--focal", "16", "--distance", "600", "--sensor", "1/2", "--f-number", "0"), "f-number is 0"),
+        (("--focal", "16", "--distance", "600", "--sensor", "2/3", "--image-circle", "8"), "diagonal of the sensor"),
+        (("--focal", "16", "--sensor", "1/2"), "two of"),
+        (("--focal", "16", "--distance", "600"), "--sensor is not given"),
+        (("--focal", "16", "--distance", "600", "--sensor", "IMX26"), "did you mean"),
+        (("--focal", "16", "--sensor", "1/2", "--mm-per-pixel", "1"), "pixels of sensor"),
+    ],
+)
+def test_impossible_questions_are_answered_in_one_sentence(
+    cadcam: Cadcam, words: tuple[str, ...], message: str
+) -> None:
+    ran = cadcam("lens", *words)
+    assert ran.code == 2
+    assert message in ran.err
+    assert "Traceback" not in ran.err
