@@ -165,6 +165,15 @@ def ring_numbers(bits: int = CODE_BITS) -> tuple[int, ...]:
     return tuple(n for n in range(1, top) if min(t := turned(n)) == n and len(set(t)) == bits)
 
 
+def renumbered(mark: Mark, number: int) -> Mark:
+    """Return the coded mark of the same make with another number."""
+    if mark.number is None:
+        raise BadValue("mark", str(mark), "a coded mark")
+    text = mark.name.removeprefix("light-").split(":")
+    other = parse_mark(":".join([text[0], str(number), *text[2:]]))
+    return inverted(other) if mark.light else other
+
+
 def inverted(mark: Mark) -> Mark:
     """Return the mark white on black."""
     name = mark.name.removeprefix("light-") if mark.light else f"light-{mark.name}"

@@ -12,18 +12,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask, Picture
+from cadcam.arrays import Array, Ids, Mask, Picture
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
+from cadcam.image.profile import BRIGHT, DARK
 from cadcam.target.mark import Mark
 from cadcam.target.mark_model import Geometry, affine, mark_model, posed, share_of_ink
-from cadcam.target.photometric import BLUR, CONTRAST, Fit, fitted, patches, whole
+from cadcam.target.photometric import BLUR, CONTRAST, Fit, Model, fitted, patches
 
 MARGIN = 0.3  # of the radius: how much ground the window takes in
 _LEAST_MARGIN, _MOST_MARGIN = 2.0, 6.0  # px of it
+_CORNER = 2.0  # px around corners of ink that are left out: there the model's borders meet at no right angle
 _HIDDEN, _SIGMAS = 0.2, 5.0  # residual by contrast, and by noise, of a pixel that shows something else
 _ROUNDS = 4
-_MOST_HIDDEN = 0.6  # of a window
+_MOST_HIDDEN, _MOST_OUTSIDE = 0.6, 0.4  # of a window
+_TOGETHER = 256  # windows looked at in one go
+_SOFT = 0.15  # blur by the size of a mark that is only looked for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,24 +35,33 @@ class MarkFit:
     """B fitted marks: q (B, 2) px, covariance (B, 2, 2) px^2, and what else the fit says.
 
     image_from_mark (B, 2, 2): px by mm at the centre, its columns the pictures of the mark's x and y (of a concentric
-    mark symmetric: its turn is not seen); contrast (B,) paper minus ink as seen, ground (B,) the paper; blur (B,) px;
-    misfit (B,): rms of residuals by contrast; hidden (B,): share of the window that shows something else; good (B,);
-    poses: camera_from_mark of each, where a camera was given.
+    mark symmetric: its turn is not seen); contrast (B,) ground minus mark as seen; blur (B,) px; score (B,): of the fitted
+    picture and the grey values, their correlation, less what is hidden; hidden, outside, clipped (B,): shares of the
+    window that show something else, that lie beyond the picture's outline, and that are black or white; good (B,);
+    poses: camera_from_mark of each, where a camera was given, and doubt (B,): the probability of the other tilt.
     """
 
     q: Array
     covariance: Array
     image_from_mark: Array
     contrast: Array
-    ground: Array
     blur: Array
     misfit: Array
+    score: Array
     hidden: Array
+    outside: Array
+    clipped: Array
     good: Mask
+    doubt: Array
     poses: tuple[Rigid, ...] | None = None
 
     def __len__(self) -> int:
         return len(self.q)
+
+    def subset(self, which: Ids) -> MarkFit:
+        """Return the marks that `which` selects, in its order."""
+        arrays = {name: getattr(self, name)[which] for name in MarkFit.__slots__ if name != "poses"}
+        return MarkFit(**arrays, poses=None if self.poses is None else tuple(self.poses[i] for i in which))
 
 
 def fit_marks(
@@ -69,15 +82,35 @@ def fit_marks(
     """
     geometry = affine(turned=not mark.concentric, perspective=perspective)
     A = np.linalg.inv(_symmetric(image_from_mark) if mark.concentric else image_from_mark)
-    window = _Window.around(gray, q, image_from_mark, mark.radius, margin)
+    window = _Window.around(gray, q, image_from_mark, mark, margin)
     g = np.zeros((len(q), geometry.count))
     g[:, 2], g[:, 3], g[:, 4] = A[:, 0, 0], A[:, 0, 1], A[:, 1, 1]
     if not mark.concentric:
         g[:, 5] = A[:, 1, 0]
     start = _start(mark, geometry, g, np.zeros((len(q), 0)), window, blur)
-    fit, hidden = _robust(mark, geometry, start, window, q, lens=False)
+    fit, weight = _robust(mark, geometry, start, window, q, lens=False)
     H = geometry.matrix(fit.parameters[:, geometry.places], np.zeros((len(q), 0)))
-    return _result(fit, hidden, np.linalg.inv(H[:, :2, :2]), window)
+    return _result(fit, weight, np.linalg.inv(H[:, :2, :2]), window, mark_model(mark, geometry))
+
+
+def likeness(gray: Picture, mark: Mark, q: Array, image_from_mark: Array, *, margin: float = MARGIN) -> Array:
+    """Return the correlation (B,) of the mark's picture as it would lie at q (B, 2) with the grey values, unfitted."""
+    window = _Window.around(gray, q, image_from_mark, mark, margin)
+    out = np.zeros(len(q))
+    for i in range(0, len(q), _TOGETHER):
+        part = slice(i, i + _TOGETHER)
+        H = np.zeros((len(q[part]), 3, 3))
+        H[:, :2, :2], H[:, 2, 2] = np.linalg.inv(image_from_mark[part]), 1.0
+        blur = np.maximum(_SOFT * window.size[part], 1.0)
+        share = share_of_ink(mark, H, window.pixels[part], blur)
+        out[part] = _correlation(share if mark.light else -share, window.values[part], window.weight[part])
+    return out
+
+
+def _correlation(a: Array, b: Array, weight: Array) -> Array:
+    n = np.maximum(weight.sum(axis=1, keepdims=True), 1.0)
+    a, b = (weight * (v - (weight * v).sum(axis=1, keepdims=True) / n) for v in (a, b))
+    return np.asarray((a * b).sum(axis=1) / np.sqrt(np.maximum((a * a).sum(axis=1) * (b * b).sum(axis=1), 1e-12)))
 
 
 def fit_poses(
@@ -88,18 +121,19 @@ def fit_poses(
     R = np.array([pose.rotation for pose in starts]).reshape(-1, 3, 3)
     q, J = camera.project_with_jacobian(origin)
     shapes = J @ R[..., :2]
-    window = _Window.around(gray, q, shapes, mark.radius, margin)
+    window = _Window.around(gray, q, shapes, mark, margin)
     L, pixels = _tangent(camera, q, window.pixels)
     scale = np.linalg.solve(L, origin[..., None])[..., 0][:, 2]  # L (0, 0, 1) by it is the centre
     geometry = posed(turned=not mark.concentric)
     held = (np.linalg.solve(L, R) / scale[:, None, None]).reshape(-1, 9)
     window = replace(window, pixels=pixels)
     start = _start(mark, geometry, np.zeros((len(q), geometry.count)), held, window, blur)
-    fit, hidden = _robust(mark, geometry, start, window, q, lens=True)
+    fit, weight = _robust(mark, geometry, start, window, q, lens=True)
     poses = _poses(fit, geometry, L, R, scale)
     centre, J = camera.project_with_jacobian(np.array([pose.translation for pose in poses]))
     shapes = J @ np.array([pose.rotation for pose in poses])[..., :2]
-    return replace(_result(replace(fit, q=centre), hidden, shapes, window), poses=poses)
+    model = mark_model(mark, geometry, lens=True)
+    return replace(_result(replace(fit, q=centre), weight, shapes, window, model), poses=poses)
 
 
 def fit_both_tilts(
@@ -160,16 +194,17 @@ def _turn_to(ray: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Window:
-    """Grey values (B, P), pixels (B, P, 2 or 8), weights (B, P), the windows' share in the picture, and their sizes."""
+    """Grey values (B, P), pixels (B, P, 2 or 8), weights (B, P), shares of the windows outside the picture, sizes."""
 
     values: Array
     pixels: Array
     weight: Array
-    inside: Mask
+    outside: Array
     size: Array
 
     @classmethod
-    def around(cls, gray: Picture, q: Array, image_from_mark: Array, radius: float, margin: float) -> _Window:
+    def around(cls, gray: Picture, q: Array, image_from_mark: Array, mark: Mark, margin: float) -> _Window:
+        radius = mark.radius
         A = np.linalg.inv(image_from_mark)
         major, minor = radius * np.linalg.svd(image_from_mark, compute_uv=False).T
         reach = 1 + np.clip(margin * minor, _LEAST_MARGIN, _MOST_MARGIN) / minor
@@ -177,12 +212,24 @@ class _Window:
         p = pixels @ np.swapaxes(A, 1, 2) / radius
         wanted = np.sum(p**2, axis=-1) <= reach[:, None] ** 2
         weight = (wanted & there).astype(np.float64)
-        inside = whole(weight, wanted)
+        outside = 1 - weight.sum(axis=1) / np.maximum(wanted.sum(axis=1), 1)
+        for corner in _corners(mark):
+            apart = pixels - (image_from_mark @ corner)[:, None]
+            weight *= np.sum(apart**2, axis=-1) > _CORNER**2
         if len(q):  # only as many pixels as the largest window has
             kept = np.argsort(~wanted, axis=1, kind="stable")[:, : wanted.sum(axis=1).max()]
             values, weight = (np.take_along_axis(a, kept, axis=1) for a in (values, weight))
             pixels = np.take_along_axis(pixels, kept[..., None], axis=1)
-        return cls(values, pixels, weight, inside, minor)
+        return cls(values, pixels, weight, outside, minor)
+
+
+def _corners(mark: Mark) -> Array:
+    """Return where borders end in corners (K, 2), mm; none of a point-symmetric mark, where their errors cancel."""
+    if mark.turns % 2 == 0:
+        return np.zeros((0, 2))
+    parts = mark.sectors[~mark.full]
+    polar = [(r, angle) for inner, outer, a, b in parts.tolist() for r in (inner, outer) for angle in (a, b) if r > 0]
+    return np.array([[r * np.cos(angle), r * np.sin(angle)] for r, angle in polar]).reshape(-1, 2)
 
 
 def _symmetric(S: Array) -> Array:
@@ -210,9 +257,9 @@ def _start(mark: Mark, geometry: Geometry, g: Array, held: Array, window: _Windo
 def _robust(
     mark: Mark, geometry: Geometry, start: Array, window: _Window, q: Array, *, lens: bool
 ) -> tuple[Fit, Array]:
-    """Return the fit with pixels left out that show something else, and their share (B,)."""
+    """Return the fit with pixels left out that show something else, and the weights (B, P) of those kept."""
     model = mark_model(mark, geometry, lens=lens)
-    weight, hidden = window.weight, np.zeros(len(q))
+    weight = window.weight
     fit = fitted(model, start, window.values, window.pixels, weight, q, window.size)
     for _ in range(_ROUNDS if len(q) else 0):
         predicted, _ = model(fit.parameters, window.pixels)
@@ -227,8 +274,7 @@ def _robust(
             weight[again], q[again], window.size[again],
         )  # fmt: skip
         fit = _replaced(fit, part, again)
-    hidden = 1 - weight.sum(axis=1) / np.maximum(window.weight.sum(axis=1), 1)
-    return replace(fit, good=fit.good & window.inside & (hidden < _MOST_HIDDEN)), hidden
+    return fit, weight
 
 
 def _clear(residual: Array, weight: Array, contrast: Array) -> Mask:
@@ -248,10 +294,28 @@ def _replaced(fit: Fit, part: Fit, index: Array) -> Fit:
     return Fit(**arrays)
 
 
-def _result(fit: Fit, hidden: Array, image_from_mark: Array, window: _Window) -> MarkFit:
-    p = fit.parameters
+def _result(fit: Fit, weight: Array, image_from_mark: Array, window: _Window, model: Model) -> MarkFit:
+    c = fit.parameters[:, CONTRAST]
+    total = np.maximum(window.weight.sum(axis=1), 1)
+    hidden = 1 - weight.sum(axis=1) / total
+    predicted = model(fit.parameters, window.pixels)[0] if len(c) else window.values
+    score = _correlation(np.nan_to_num(predicted), window.values, weight) * np.sqrt(1 - hidden)
+    dark_or_white = (window.values <= DARK) | (window.values >= BRIGHT)
+    clipped = (weight * dark_or_white).sum(axis=1) / total
+    good = fit.good & (window.outside < _MOST_OUTSIDE) & (hidden < _MOST_HIDDEN)
     return MarkFit(
-        fit.q, fit.covariance, image_from_mark, -p[:, CONTRAST], p[:, 6], p[:, BLUR], fit.misfit, hidden, fit.good
+        fit.q,
+        fit.covariance,
+        image_from_mark,
+        -c,
+        fit.parameters[:, BLUR],
+        fit.misfit,
+        score,
+        hidden,
+        window.outside,
+        clipped,
+        good,
+        np.zeros(len(c)),
     )
 
 
@@ -301,7 +365,8 @@ def _chosen(first: MarkFit, second: MarkFit, other: Mask, doubt: Array) -> MarkF
         pick[name] = np.where(other.reshape(-1, *[1] * (a.ndim - 1)), b, a)
     apart = first.q - second.q
     both = first.good & second.good
-    spread = (np.where(both, doubt, 0.0))[:, None, None] * apart[:, :, None] * apart[:, None, :]
+    pick["doubt"] = np.where(both, doubt, 0.0)
+    spread = pick["doubt"][:, None, None] * apart[:, :, None] * apart[:, None, :]
     pick["covariance"] = pick["covariance"] + spread
     assert first.poses is not None and second.poses is not None
     poses = tuple(b if o else a for a, b, o in zip(first.poses, second.poses, other, strict=True))
