@@ -9,22 +9,25 @@ import numpy as np
 
 from cadcam.arrays import Array, Ids, Picture
 from cadcam.errors import BadValue
+from cadcam.native.correlate import shrunken
 from cadcam.target.chess import corner_candidates
 from cadcam.target.circles import elliptic_blobs
 from cadcam.target.cross import cross, template
 from cadcam.target.levels import reduced
 from cadcam.target.mark import Mark
-from cadcam.target.mark_fit import likeness
-from cadcam.target.spots import spots
+from cadcam.target.mark_fit import fit_marks, likeness
+from cadcam.target.spots import reduction, spots
 
 METHODS = ("auto", "spots", "correlation", "blobs", "saddles")
 _STEP = 1.3  # from radius to radius, where a range is given
 _WINDOWS = (0.08, 0.025, 0.25)  # of the picture's longer side, over which blobs are told from their ground
 _LEVELS = (1.0, 0.5, 0.25)
 _LEAST_SIDE = 120  # px of a reduced picture
-_LEAST_CORE = 2.5  # px: a disc in a mark's middle of which spots can be looked for
 _LEAST_CORRELATION = 0.5
-_LEAST_LIKENESS = 0.35
+_LEAST_LIKENESS, _ROUGH_LIKENESS = 0.35, 0.2
+_SOFT, _ROUGH_SOFT = 0.15, 0.3  # blur by the radius, of what is compared with places that are not exact yet
+_SMALL, _BLUR = 8.0, 1.5  # px: radius of a mark in the reduced picture, and the blur to start with
+_CHANGE = 3.0  # of the area, in the approach
 _SAME = 0.5  # of the size: candidates nearer than that are one
 
 
@@ -63,15 +66,39 @@ def candidates(gray: Picture, mark: Mark, method: str, radii: tuple[float, float
     return _joined(parts)
 
 
-def screened(gray: Picture, mark: Mark, seen: Candidates, *, most: int, margin: float) -> Candidates:
-    """Return at most `most` candidates that look like the mark as they are, best first, one at each place."""
+def screened(
+    gray: Picture, mark: Mark, seen: Candidates, *, most: int, margin: float, rough: bool = False
+) -> Candidates:
+    """Return at most `most` candidates that look like the mark as they are, best first, one at each place.
+
+    rough: whether places and shapes are known to a fifth of the size only; then their likeness is that of soft pictures.
+    """
     if not len(seen):
         return seen
-    alike = likeness(gray, mark, seen.q, seen.shapes, margin=margin)
+    alike = likeness(gray, mark, seen.q, seen.shapes, margin=margin, soft=_ROUGH_SOFT if rough else _SOFT)
     order = np.argsort(-alike, kind="stable")
-    order = order[alike[order] > _LEAST_LIKENESS]
+    order = order[alike[order] > (_ROUGH_LIKENESS if rough else _LEAST_LIKENESS)]
     size = mark.radius * np.sqrt(np.abs(np.linalg.det(seen.shapes)))
     return seen.subset(_apart(seen.q, size, order, most))
+
+
+def approached(gray: Picture, mark: Mark, seen: Candidates, margin: float) -> Candidates:
+    """Return candidates with the shapes and places that they have in a picture reduced until the mark is small.
+
+    There a circle at about the right place lies near enough to the ellipse that a tilted mark shows for a fit to settle.
+    """
+    size = mark.radius * np.sqrt(np.abs(np.linalg.det(seen.shapes)))
+    q, shapes = seen.q.copy(), seen.shapes.copy()
+    factors = np.maximum(1, (size / _SMALL).astype(int))
+    for factor in np.unique(factors).tolist():
+        which = np.flatnonzero(factors == factor)
+        small = shrunken(gray, factor)
+        fit = fit_marks(small, mark, (q[which] + 0.5) / factor - 0.5, shapes[which] / factor, margin=margin, blur=_BLUR)
+        change = np.linalg.det(fit.image_from_mark) / np.linalg.det(shapes[which] / factor)
+        better = fit.good & (fit.score > _LEAST_LIKENESS) & (change < _CHANGE) & (change > 1 / _CHANGE)
+        q[which[better]] = (fit.q[better] + 0.5) * factor - 0.5
+        shapes[which[better]] = fit.image_from_mark[better] * factor
+    return Candidates(q, shapes)
 
 
 def _apart(q: Array, size: Array, order: Ids, most: int) -> Ids:
@@ -94,11 +121,11 @@ def _apart(q: Array, size: Array, order: Ids, most: int) -> Ids:
 
 
 def _spots(gray: Picture, mark: Mark, radius: float) -> Array:
-    core = mark.core
-    scale = radius / mark.radius
-    if core is not None and core[0] * scale >= _LEAST_CORE:
-        return spots(gray, core[0] * scale, dark=core[1] != mark.light)[0]
-    return spots(gray, radius, dark=not mark.light)[0]
+    rings = mark.sectors[mark.full, :2] * (radius / mark.radius)
+    if not len(rings):
+        raise BadValue("method", "spots", f"'saddles' for {mark}, which has no whole ring")
+    inner, outer = max(rings.tolist(), key=lambda ring: (reduction(ring[1], ring[1] - ring[0]), ring[1]))
+    return spots(gray, outer, outer - inner, dark=not mark.light)[0]
 
 
 def _correlation(gray: Picture, mark: Mark, radius: float) -> Array:

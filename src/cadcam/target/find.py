@@ -18,7 +18,7 @@ from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, TooFewMarks, UnknownName
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import checked, to_gray
-from cadcam.target.candidates import METHODS, Candidates, candidates, screened
+from cadcam.target.candidates import METHODS, Candidates, approached, candidates, screened
 from cadcam.target.cross import surface, taps, template
 from cadcam.target.mark import Mark, renumbered
 from cadcam.target.mark_fit import MARGIN, MarkFit, fit_both_tilts, fit_marks
@@ -105,16 +105,13 @@ def find_marks(
     gray = to_gray(checked(picture))
     search = _search(gray, mark, method, subpixel, any_number, radius_px is not None)
     radii = _radii(radius_px)
-    seen = screened(
-        gray,
-        mark,
-        candidates(gray, mark, search, radii),
-        most=_MOST if count is None else 2 * count + _SPARE,
-        margin=margin,
-    )
+    most = _MOST if count is None else 2 * count + _SPARE
+    rough = search in ("spots", "correlation")
+    seen = screened(gray, mark, candidates(gray, mark, search, radii), most=most, margin=margin, rough=rough)
     fits = []
     for one, part in _kinds(gray, mark, seen, any_number):
-        fit = fit_marks(gray, one, part.q, part.shapes, perspective=perspective, margin=margin)
+        near = approached(gray, one, part, margin) if rough else part
+        fit = fit_marks(gray, one, near.q, near.shapes, perspective=perspective, margin=margin)
         fits.append((one, fit.subset(_kept(fit, one, radii, least_score))))
     if camera is not None:
         fits = [(one, fit_both_tilts(gray, one, camera, fit, normal=normal, margin=margin)) for one, fit in fits]

@@ -27,7 +27,6 @@ _HIDDEN, _SIGMAS = 0.2, 5.0  # residual by contrast, and by noise, of a pixel th
 _ROUNDS = 4
 _MOST_HIDDEN, _MOST_OUTSIDE = 0.6, 0.4  # of a window
 _TOGETHER = 256  # windows looked at in one go
-_SOFT = 0.15  # blur by the size of a mark that is only looked for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,15 +92,15 @@ def fit_marks(
     return _result(fit, weight, np.linalg.inv(H[:, :2, :2]), window, mark_model(mark, geometry))
 
 
-def likeness(gray: Picture, mark: Mark, q: Array, image_from_mark: Array, *, margin: float = MARGIN) -> Array:
-    """Return the correlation (B,) of the mark's picture as it would lie at q (B, 2) with the grey values, unfitted."""
+def likeness(gray: Picture, mark: Mark, q: Array, image_from_mark: Array, *, margin: float = MARGIN, soft: float) -> Array:
+    """Return the correlation (B,) of grey values with the mark as it would lie at q (B, 2), blurred by `soft` radii."""
     window = _Window.around(gray, q, image_from_mark, mark, margin)
     out = np.zeros(len(q))
     for i in range(0, len(q), _TOGETHER):
         part = slice(i, i + _TOGETHER)
         H = np.zeros((len(q[part]), 3, 3))
         H[:, :2, :2], H[:, 2, 2] = np.linalg.inv(image_from_mark[part]), 1.0
-        blur = np.maximum(_SOFT * window.size[part], 1.0)
+        blur = np.maximum(soft * window.size[part], 1.0)
         share = share_of_ink(mark, H, window.pixels[part], blur)
         out[part] = _correlation(share if mark.light else -share, window.values[part], window.weight[part])
     return out

@@ -162,10 +162,10 @@ def fitted(model: Model, start: Array, values: Array, pixels: Array, weight: Arr
     those by which the model gives slopes are held.
     """
     count, n = start.shape
-    step = max(1, _TOGETHER // (n * values.shape[1]))
+    step = max(1, _TOGETHER // max(n * values.shape[1], 1))
     parts = [
         _minimised(model, start[i : i + step], values[i : i + step], pixels[i : i + step], weight[i : i + step])
-        for i in range(0, count, step)
+        for i in range(0, max(count, 1), step)
     ]
     parameters, covariance, cost = (np.concatenate(column) for column in zip(*parts, strict=True))
     rms = np.sqrt(cost / np.maximum(weight.sum(axis=1), 1))
