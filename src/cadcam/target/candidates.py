@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Ids, Picture
+from cadcam.arrays import Array, Ids, Mask, Picture
 from cadcam.errors import BadValue
 from cadcam.native.correlate import shrunken
 from cadcam.target.chess import corner_candidates
@@ -16,7 +16,7 @@ from cadcam.target.cross import cross, template
 from cadcam.target.levels import reduced
 from cadcam.target.mark import Mark
 from cadcam.target.mark_fit import fit_marks, likeness
-from cadcam.target.spots import reduction, spots
+from cadcam.target.spots import spots
 
 METHODS = ("auto", "spots", "correlation", "blobs", "saddles")
 _STEP = 1.3  # from radius to radius, where a range is given
@@ -24,9 +24,11 @@ _WINDOWS = (0.08, 0.025, 0.25)  # of the picture's longer side, over which blobs
 _LEVELS = (1.0, 0.5, 0.25)
 _LEAST_SIDE = 120  # px of a reduced picture
 _LEAST_CORRELATION = 0.5
+_LEAST_APPROACHED = 0.6  # score of a fit in a reduced picture
 _LEAST_LIKENESS, _ROUGH_LIKENESS = 0.35, 0.2
 _SOFT, _ROUGH_SOFT = 0.15, 0.3  # blur by the radius, of what is compared with places that are not exact yet
 _SMALL, _BLUR = 8.0, 1.5  # px: radius of a mark in the reduced picture, and the blur to start with
+_LEAST_WIDTH = 2.5  # px of a ring or disc whose border spots are looked for by
 _CHANGE = 3.0  # of the area, in the approach
 _SAME = 0.5  # of the size: candidates nearer than that are one
 
@@ -41,7 +43,7 @@ class Candidates:
     def __len__(self) -> int:
         return len(self.q)
 
-    def subset(self, which: Ids) -> Candidates:
+    def subset(self, which: Ids | Mask) -> Candidates:
         """Return those that `which` selects, in its order."""
         return Candidates(self.q[which], self.shapes[which])
 
@@ -83,22 +85,23 @@ def screened(
 
 
 def approached(gray: Picture, mark: Mark, seen: Candidates, margin: float) -> Candidates:
-    """Return candidates with the shapes and places that they have in a picture reduced until the mark is small.
+    """Return those candidates that are marks in a picture reduced until they are small, with places and shapes there.
 
     There a circle at about the right place lies near enough to the ellipse that a tilted mark shows for a fit to settle.
     """
+    if not len(seen):
+        return seen
     size = mark.radius * np.sqrt(np.abs(np.linalg.det(seen.shapes)))
-    q, shapes = seen.q.copy(), seen.shapes.copy()
     factors = np.maximum(1, (size / _SMALL).astype(int))
+    parts = []
     for factor in np.unique(factors).tolist():
-        which = np.flatnonzero(factors == factor)
+        some = seen.subset(np.flatnonzero(factors == factor).astype(np.int32))
         small = shrunken(gray, factor)
-        fit = fit_marks(small, mark, (q[which] + 0.5) / factor - 0.5, shapes[which] / factor, margin=margin, blur=_BLUR)
-        change = np.linalg.det(fit.image_from_mark) / np.linalg.det(shapes[which] / factor)
-        better = fit.good & (fit.score > _LEAST_LIKENESS) & (change < _CHANGE) & (change > 1 / _CHANGE)
-        q[which[better]] = (fit.q[better] + 0.5) * factor - 0.5
-        shapes[which[better]] = fit.image_from_mark[better] * factor
-    return Candidates(q, shapes)
+        fit = fit_marks(small, mark, (some.q + 0.5) / factor - 0.5, some.shapes / factor, margin=margin, blur=_BLUR)
+        change = np.linalg.det(fit.image_from_mark) / np.linalg.det(some.shapes / factor)
+        alike = fit.good & (fit.score > _LEAST_APPROACHED) & (change < _CHANGE) & (change > 1 / _CHANGE)
+        parts.append(Candidates((fit.q + 0.5) * factor - 0.5, fit.image_from_mark * factor).subset(alike))
+    return _joined(parts)
 
 
 def _apart(q: Array, size: Array, order: Ids, most: int) -> Ids:
@@ -124,7 +127,9 @@ def _spots(gray: Picture, mark: Mark, radius: float) -> Array:
     rings = mark.sectors[mark.full, :2] * (radius / mark.radius)
     if not len(rings):
         raise BadValue("method", "spots", f"'saddles' for {mark}, which has no whole ring")
-    inner, outer = max(rings.tolist(), key=lambda ring: (reduction(ring[1], ring[1] - ring[0]), ring[1]))
+    clear = rings[:, 1] - rings[:, 0] >= _LEAST_WIDTH
+    part = (rings[:, 1] - rings[:, 0]) / rings[:, 1]  # how much of the radius may change: 1 for a disc
+    inner, outer = rings[np.argmax(np.where(clear, part, part - 1))].tolist()
     return spots(gray, outer, outer - inner, dark=not mark.light)[0]
 
 

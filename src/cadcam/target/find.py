@@ -108,10 +108,10 @@ def find_marks(
     most = _MOST if count is None else 2 * count + _SPARE
     rough = search in ("spots", "correlation")
     seen = screened(gray, mark, candidates(gray, mark, search, radii), most=most, margin=margin, rough=rough)
+    near = approached(gray, mark.rings, seen, margin) if rough else seen
     fits = []
-    for one, part in _kinds(gray, mark, seen, any_number):
-        near = approached(gray, one, part, margin) if rough else part
-        fit = fit_marks(gray, one, near.q, near.shapes, perspective=perspective, margin=margin)
+    for one, part in _kinds(gray, mark, near, any_number):
+        fit = fit_marks(gray, one, part.q, part.shapes, perspective=perspective, margin=margin)
         fits.append((one, fit.subset(_kept(fit, one, radii, least_score))))
     if camera is not None:
         fits = [(one, fit_both_tilts(gray, one, camera, fit, normal=normal, margin=margin)) for one, fit in fits]

@@ -61,6 +61,11 @@ class Mark:
         return bool(self.full.all())
 
     @property
+    def rings(self) -> Mark:
+        """Return the mark with its whole rings and discs only: what of it looks the same at any turn."""
+        return self if self.concentric else Mark(f"rings of {self.name}", self.sectors[self.full], self.light)
+
+    @property
     def core(self) -> tuple[float, bool] | None:
         """Return (radius mm, inked) of the disc in the mark's middle; None where its middle is no disc."""
         whole = self.sectors[self.full]

@@ -24,7 +24,8 @@ MARGIN = 0.3  # of the radius: how much ground the window takes in
 _LEAST_MARGIN, _MOST_MARGIN = 2.0, 6.0  # px of it
 _CORNER = 2.0  # px around corners of ink that are left out: there the model's borders meet at no right angle
 _HIDDEN, _SIGMAS = 0.2, 5.0  # residual by contrast, and by noise, of a pixel that shows something else
-_ROUNDS = 4
+_ROUNDS = 6
+_HOPELESS = 0.35  # rms of the residuals by contrast: nothing that leaving pixels out would mend
 _MOST_HIDDEN, _MOST_OUTSIDE = 0.6, 0.4  # of a window
 _TOGETHER = 256  # windows looked at in one go
 
@@ -222,6 +223,11 @@ class _Window:
         return cls(values, pixels, weight, outside, minor)
 
 
+    def subset(self, which: Ids | Mask) -> _Window:
+        """Return the windows that `which` selects."""
+        return _Window(*(getattr(self, name)[which] for name in _Window.__slots__))
+
+
 def _corners(mark: Mark) -> Array:
     """Return where borders end in corners (K, 2), mm; none of a point-symmetric mark, where their errors cancel."""
     if mark.turns % 2 == 0:
@@ -260,20 +266,24 @@ def _robust(
     model = mark_model(mark, geometry, lens=lens)
     weight = window.weight
     fit = fitted(model, start, window.values, window.pixels, weight, q, window.size)
-    for _ in range(_ROUNDS if len(q) else 0):
-        predicted, _ = model(fit.parameters, window.pixels)
-        clear = _clear(predicted - window.values, window.weight, fit.parameters[:, CONTRAST])
-        kept = window.weight * clear
-        again = np.flatnonzero((kept != weight).any(axis=1) & (kept.sum(axis=1) > geometry.free + 5))
-        if not again.size:
+    left = np.flatnonzero(fit.misfit < _HOPELESS)
+    for _ in range(_ROUNDS):
+        if not left.size:
             break
-        weight = np.where(np.isin(np.arange(len(q)), again)[:, None], kept, weight)
-        part = fitted(
-            model, fit.parameters[again], window.values[again], window.pixels[again],
-            weight[again], q[again], window.size[again],
-        )  # fmt: skip
-        fit = _replaced(fit, part, again)
+        some = window.subset(left)
+        predicted, _ = model(fit.parameters[left], some.pixels)
+        kept = some.weight * _clear(predicted - some.values, some.weight, fit.parameters[left, CONTRAST])
+        changed = (kept != weight[left]).any(axis=1) & (kept.sum(axis=1) > geometry.free + 5)
+        left, some, weight = left[changed], some.subset(changed), _with_rows(weight, left[changed], kept[changed])
+        part = fitted(model, fit.parameters[left], some.values, some.pixels, weight[left], q[left], some.size)
+        fit = _replaced(fit, part, left)
     return fit, weight
+
+
+def _with_rows(array: Array, which: Ids, rows: Array) -> Array:
+    out = array.copy()
+    out[which] = rows
+    return out
 
 
 def _clear(residual: Array, weight: Array, contrast: Array) -> Mask:

@@ -18,7 +18,7 @@ from cadcam.arrays import Array, Mask, Picture
 Model: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]  # (parameters, pixels) -> grey values, their slopes
 
 CONTRAST, BLUR = 4, 5  # their places among the parameters of either model
-_TOGETHER = 2_000_000  # numbers of a Jacobian held at a time
+_TOGETHER = 200_000  # numbers of a Jacobian held at a time: what comes up on the way stays in the cache
 _ITERATIONS = 25
 _CLOSE = 1e-4  # px: a step below it is the last
 _STUCK = 1e7  # of the damping: no step goes down any more

@@ -11,12 +11,11 @@ from __future__ import annotations
 import numpy as np
 
 from cadcam.arrays import Array, Ids, Picture
-from cadcam.native.correlate import shrunken
+from cadcam.native.correlate import shrunken, spot_steps
 
-_RADIUS, _WIDTH = 2.8, 2.0  # px of the reduced picture that a spot's radius, and a ring's width, have at least
-_ENOUGH = 5.0  # px of radius there, for larger spots
+_RADIUS, _WIDTH = 5.0, 2.0  # px of the reduced picture that a spot's radius, and a ring's width, have at least
 _ACROSS = 0.35  # by the radius, to both sides of the border; at most half of what is inside it
-_DIRECTIONS = 8
+_DIRECTIONS = 8  # as many as the core takes
 _LEVEL = 0.02  # of grey values: below it a ratio says nothing
 
 
@@ -28,36 +27,14 @@ def spot_response(gray: Picture, radius: float, across: float, *, dark: bool) ->
     """
     turn = np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS)
     direction = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
-    inner = np.rint(max(radius - across, 0.0) * direction).astype(int)
-    outer = np.rint((radius + across) * direction).astype(int)
-    reach = int(np.abs(outer).max(initial=0))
-    height, width = gray.shape
-    response = np.full(gray.shape, -1.0, np.float32)
-    if min(height, width) <= 2 * reach:
-        return response
-
-    def shifted(step: np.ndarray) -> Picture:
-        x, y = (int(k) + reach for k in step)
-        return gray[y : y + height - 2 * reach, x : x + width - 2 * reach]
-
-    shape = (height - 2 * reach, width - 2 * reach)
-    least, second = np.full((2, *shape), 2.0, np.float32)
-    step, total = np.zeros((2, *shape), np.float32)
-    for a, b in zip(outer, inner, strict=True):
-        out, in_ = shifted(a), shifted(b)
-        np.subtract(out, in_, out=step) if dark else np.subtract(in_, out, out=step)
-        np.add(out, in_, out=total)
-        np.maximum(total, _LEVEL, out=total)
-        np.divide(step, total, out=step)
-        np.minimum(second, np.maximum(least, step, out=total), out=second)
-        np.minimum(least, step, out=least)
-    response[reach : height - reach, reach : width - reach] = second
-    return response
+    inner = np.rint(max(radius - across, 0.0) * direction).astype(np.int32)
+    outer = np.rint((radius + across) * direction).astype(np.int32)
+    return spot_steps(gray, inner, outer, dark=dark, level=_LEVEL)
 
 
 def reduction(radius: float, width: float) -> int:
     """Return by what factor the picture can be reduced for a spot whose border has `width` px of one colour inside it."""
-    return max(1, int(min(width / _WIDTH, radius / _RADIUS, max(2.0, radius / _ENOUGH))))
+    return max(1, int(min(width / _WIDTH, radius / _RADIUS)))
 
 
 def spots(
