@@ -30,6 +30,7 @@ from cadcam.cli import (
     render,
     rig,
     state,
+    targets,
     track,
     variability,
     verify,
@@ -40,6 +41,7 @@ from cadcam.errors import CadcamError
 VERBS = (
     calibrate,
     board,
+    targets,
     rig,
     variability,
     handeye,

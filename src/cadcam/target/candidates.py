@@ -135,7 +135,9 @@ def _spots(gray: Picture, mark: Mark, radius: float) -> Array:
 
 def _correlation(gray: Picture, mark: Mark, radius: float) -> Array:
     if not mark.concentric:
-        raise BadValue("method", "correlation", f"'spots' or 'blobs' for {mark}, which does not look the same at any turn")
+        raise BadValue(
+            "method", "correlation", f"'spots' or 'blobs' for {mark}, which does not look the same at any turn"
+        )
     return cross(gray, template(mark, radius), least=_LEAST_CORRELATION)[0]
 
 

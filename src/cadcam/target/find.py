@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Picture, frozen
+from cadcam.arrays import Array, Ids, Mask, Picture, frozen
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, TooFewMarks, UnknownName
 from cadcam.geometry.rigid import Rigid
@@ -35,6 +35,7 @@ _SAME = 0.8  # of the larger one's radius: of two fits nearer than that the bett
 _FLAT = 1e-3  # of grey values: a picture without any contrast
 _GRID = 0.02  # px: the dissertation's step
 _MOST, _SPARE = 5000, 6  # candidates that are fitted; beyond twice the count
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundMark:
@@ -73,7 +74,8 @@ class FoundMark:
     def outline(self, radius_mm: float, points: int = 73) -> Array:
         """Return the picture (points, 2) of a circle about the centre, px, to first order."""
         turn = np.linspace(0, 2 * np.pi, points)
-        return np.asarray(self.pixel + radius_mm * np.stack([np.cos(turn), np.sin(turn)], axis=-1) @ self.image_from_mark.T)
+        circle = radius_mm * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+        return np.asarray(self.pixel + circle @ self.image_from_mark.T)
 
 
 def find_marks(
@@ -111,7 +113,8 @@ def find_marks(
     near = approached(gray, mark.rings, seen, margin) if rough else seen
     fits = []
     for one, part in _kinds(gray, mark, near, any_number):
-        fit = fit_marks(gray, one, part.q, part.shapes, perspective=perspective, margin=margin)
+        clear = screened(gray, one, _plausible(part, one, radii), most=most, margin=margin)
+        fit = fit_marks(gray, one, clear.q, clear.shapes, perspective=perspective, margin=margin)
         fits.append((one, fit.subset(_kept(fit, one, radii, least_score))))
     if camera is not None:
         fits = [(one, fit_both_tilts(gray, one, camera, fit, normal=normal, margin=margin)) for one, fit in fits]
@@ -162,13 +165,23 @@ def _kinds(gray: Picture, mark: Mark, seen: Candidates, any_number: bool) -> Ite
             yield renumbered(mark, number), replace(seen, shapes=shapes).subset(which)
 
 
+def _plausible(seen: Candidates, mark: Mark, radii: tuple[float, float] | None) -> Candidates:
+    return seen.subset(_right_size(seen.shapes, mark, radii))
+
+
+def _right_size(shapes: Array, mark: Mark, radii: tuple[float, float] | None) -> Mask:
+    """Return which shapes (B, 2, 2) are neither too long nor of another size than was asked for."""
+    axes = mark.radius * np.linalg.svd(shapes, compute_uv=False)
+    right = axes[:, 0] < _LONGEST * axes[:, 1]
+    if radii is None:
+        return np.asarray(right)
+    return np.asarray(right & (axes[:, 0] > radii[0] / _SLACK) & (axes[:, 1] < radii[1] * _SLACK))
+
+
 def _kept(fit: MarkFit, mark: Mark, radii: tuple[float, float] | None, least_score: float) -> Ids:
     """Return the fits that are marks."""
-    axes = mark.radius * np.linalg.svd(fit.image_from_mark, compute_uv=False)
     right = (fit.contrast > 0) != mark.light
-    kept = fit.good & right & (fit.score >= least_score) & (axes[:, 0] < _LONGEST * axes[:, 1])
-    if radii is not None:
-        kept &= (axes[:, 0] > radii[0] / _SLACK) & (axes[:, 1] < radii[1] * _SLACK)
+    kept = fit.good & right & (fit.score >= least_score) & _right_size(fit.image_from_mark, mark, radii)
     return np.flatnonzero(kept).astype(np.int32)
 
 

@@ -87,7 +87,10 @@ class Mark:
         angles = (np.arange(720) + 0.5) * (FULL / 720)
         radii = np.unique(self.sectors[~self.full, :2])
         middle = (radii[1:] + radii[:-1]) / 2
-        rays = np.stack([np.cos(angles), np.sin(angles)], axis=-1), np.stack([np.cos(angles + by), np.sin(angles + by)], axis=-1)
+        rays = (
+            np.stack([np.cos(angles), np.sin(angles)], axis=-1),
+            np.stack([np.cos(angles + by), np.sin(angles + by)], axis=-1),
+        )
         first, second = (self.inked(middle[:, None, None] * ray) for ray in rays)
         return bool((first != second).mean() < 0.01)
 
@@ -259,7 +262,9 @@ class Plate:
             apart = np.hypot(*(self.places[:i] - self.places[i]).T) - radius[:i] - radius[i]
             if (apart < 0).any():
                 j = int(np.argmin(apart))
-                raise BadValue("marks", f"{self.marks[j]} and {self.marks[i]}, {-apart[j]:.4g} mm into each other", "apart")
+                raise BadValue(
+                    "marks", f"{self.marks[j]} and {self.marks[i]}, {-apart[j]:.4g} mm into each other", "apart"
+                )
 
     @property
     def light(self) -> bool:
@@ -331,7 +336,9 @@ def _concentric(kind: str, diameters: tuple[float, ...], *, first_black: bool = 
 def _check_growing(kind: str, diameters: tuple[float, ...]) -> None:
     finite = all(math.isfinite(d) and d > 0 for d in diameters)
     if not (diameters and finite and all(a < b for a, b in zip(diameters, diameters[1:], strict=False))):
-        raise BadValue(f"diameters of {kind}", list(diameters), "positive lengths in mm, each larger than the one before")
+        raise BadValue(
+            f"diameters of {kind}", list(diameters), "positive lengths in mm, each larger than the one before"
+        )
 
 
 def _name(kind: str, diameters: tuple[float, ...]) -> str:

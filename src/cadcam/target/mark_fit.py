@@ -93,7 +93,9 @@ def fit_marks(
     return _result(fit, weight, np.linalg.inv(H[:, :2, :2]), window, mark_model(mark, geometry))
 
 
-def likeness(gray: Picture, mark: Mark, q: Array, image_from_mark: Array, *, margin: float = MARGIN, soft: float) -> Array:
+def likeness(
+    gray: Picture, mark: Mark, q: Array, image_from_mark: Array, *, margin: float = MARGIN, soft: float
+) -> Array:
     """Return the correlation (B,) of grey values with the mark as it would lie at q (B, 2), blurred by `soft` radii."""
     window = _Window.around(gray, q, image_from_mark, mark, margin)
     out = np.zeros(len(q))
@@ -221,7 +223,6 @@ class _Window:
             values, weight = (np.take_along_axis(a, kept, axis=1) for a in (values, weight))
             pixels = np.take_along_axis(pixels, kept[..., None], axis=1)
         return cls(values, pixels, weight, outside, minor)
-
 
     def subset(self, which: Ids | Mask) -> _Window:
         """Return the windows that `which` selects."""

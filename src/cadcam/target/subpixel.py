@@ -30,7 +30,7 @@ class Peak:
 
     a: float
     p: float
-    l: int  # noqa: E741 - the dissertation's name
+    l: int
     rms: float | None = None
 
     def __call__(self, x: Floats, y: Floats) -> Array:
@@ -39,7 +39,7 @@ class Peak:
         return np.asarray(np.exp(-self.a * r**self.p))
 
     @classmethod
-    def of_template(cls, picture: Picture, l: int | None = None) -> Peak:  # noqa: E741
+    def of_template(cls, picture: Picture, l: int | None = None) -> Peak:
         """Return the function that fits a template's zero-mean autocorrelation best, within l px along both axes.
 
         l: by default as far as the autocorrelation falls, before it rises again (the "ringing").
@@ -49,14 +49,14 @@ class Peak:
         if l is None:
             fall = np.diff(surface[middle, middle:])
             rises = np.flatnonzero(fall >= 0)
-            l = int(rises[0]) if rises.size else middle  # noqa: E741
+            l = int(rises[0]) if rises.size else middle
         if not 1 <= l <= middle:
             raise BadValue("half-width l", l, f"1 to {middle} px")
         window = surface[middle - l : middle + l + 1, middle - l : middle + l + 1]
         return cls._fitted(window, l)
 
     @classmethod
-    def _fitted(cls, window: Array, l: int) -> Peak:  # noqa: E741
+    def _fitted(cls, window: Array, l: int) -> Peak:
         from scipy.optimize import least_squares
 
         y, x = np.mgrid[-l : l + 1, -l : l + 1]
