@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from cadcam.target.mark import Mark
 
 NOT_FOUND = 3
+_RULES = ("photometric", "parabola", "centroid", "autocorrelation", "autocorrelation-grid")
 MARK_HELP = """\
 marks (diameters, with their unit; light- before a mark: white on black):
   dot:30mm                         a disc
@@ -60,45 +61,30 @@ def add_to(verbs: Verbs) -> None:
     parser = verbs.add_parser("targets", help=short, description=short, formatter_class=Help)
     actions = parser.add_subparsers(dest="action", metavar="find | print", required=True)
     find = _action(actions, "find", run_find, "pictures -> marks, with standard deviations", _FIND_EXAMPLES)
-    find.add_argument(
-        "pictures", nargs="+", metavar="PICTURE", help="pictures, patterns such as 'images/*.png', or folders"
-    )
-    find.add_argument(
-        "--mark", required=True, metavar="MARK", help="what is looked for, such as dot-ring:40mm:80mm:120mm"
-    )
+    find.add_argument("pictures", nargs="+", metavar="PICTURE", help="pictures, patterns ('images/*.png'), or folders")
+    find.add_argument("--mark", required=True, metavar="MARK", help="what is looked for, such as dot-ring:4cm:8cm:12cm")
     find.add_argument("--radius", type=float, nargs="+", metavar="PX", help="of the outermost border: one, or from to")
     find.add_argument("--count", type=int, metavar="N", help="how many there are in each picture")
-    find.add_argument(
-        "--method", default="auto", choices=("auto", "spots", "correlation", "blobs"), help="of the search"
+    methods, rules = (
+        ("auto", "spots", "correlation", "blobs"),
+        "rule for the position; all but the first for comparison",
     )
-    find.add_argument(
-        "--subpixel",
-        default="photometric",
-        choices=("photometric", "parabola", "centroid", "autocorrelation", "autocorrelation-grid"),
-        help="rule for the position (default photometric; the others are for comparison)",
-    )
+    find.add_argument("--method", default="auto", choices=methods, help="of the search (default auto)")
+    find.add_argument("--subpixel", default=_RULES[0], choices=_RULES, help=rules)
     find.add_argument("--camera", metavar="FILE", help="camera file: fit poses through it")
-    find.add_argument(
-        "--perspective", action="store_true", help="without a camera: fit the perspective of several borders"
-    )
+    find.add_argument("--perspective", action="store_true", help="no camera: fit the perspective of several borders")
     find.add_argument("--any-number", action="store_true", help="coded marks: whichever number is read")
-    find.add_argument(
-        "--margin", type=float, default=0.3, metavar="SHARE", help="ground fitted too, by the radius (0.3)"
-    )
+    find.add_argument("--margin", type=float, default=0.3, metavar="M", help="ground fitted too, by the radius (0.3)")
     find.add_argument("--least-score", type=float, default=0.8, metavar="S", help="of a mark, 0 to 1 (default 0.8)")
     find.add_argument("--csv", metavar="FILE", help="write all marks: .csv")
-    find.add_argument(
-        "-o", "--output", metavar="FILE", help="write the picture with its marks: .png or .jpg (one picture)"
-    )
+    find.add_argument("-o", "--output", metavar="FILE", help="write the (one) picture with its marks: .png or .jpg")
     add_json(find)
     draw = _action(actions, "print", run_print, "a mark, or a plate of them, as PDF or SVG", _PRINT_EXAMPLES)
     draw.add_argument("mark", help="such as dot-ring:40mm:80mm:120mm (see below)")
     draw.add_argument("output", help="file to write (.pdf, .svg)")
     draw.add_argument("--page", metavar="SIZE", help="paper: a4, a3 ... letter (default: the marks with a margin)")
     draw.add_argument("--grid", metavar="CxR:MM", help="columns x rows and their distance, such as 4x3:55mm")
-    draw.add_argument(
-        "--numbers", type=int, metavar="N", help="coded marks: as many different ones, from the mark's on"
-    )
+    draw.add_argument("--numbers", type=int, metavar="N", help="coded marks: as many, from the mark's number on")
     draw.add_argument("--plan", metavar="FILE", help="write the places of the marks: .csv")
 
 
@@ -124,10 +110,8 @@ def run_print(arguments: argparse.Namespace) -> None:
     plate = Plate.grid(marks, columns, rows, spacing)
     width, height = write_sheet(arguments.output, plate, page=arguments.page)
     if arguments.plan:
-        names = [
-            str(m.number) if m.number is not None and arguments.numbers else str(i)
-            for i, m in enumerate(marks * (columns * rows if len(marks) == 1 else 1))
-        ]
+        coded = arguments.numbers is not None
+        names = [m.number if coded else i for i, m in enumerate(plate.marks)]
         lines = [f"{n},{x:.6g},{y:.6g},0" for n, (x, y) in zip(names, plate.places.tolist(), strict=True)]
         write_whole(arguments.plan, ("\n".join(["id,x,y,z", *lines]) + "\n").encode())
     across, down = plate.size_mm
@@ -161,9 +145,8 @@ def _marks(mark: Mark, numbers: int | None, places: int) -> tuple[Mark, ...]:
         raise BadValue("--numbers", numbers, f"a coded mark; {mark} has no number")
     free = [n for n in ring_numbers(code_bits(mark)) if n >= mark.number]
     if numbers != places or numbers > len(free):
-        raise BadValue(
-            "--numbers", numbers, f"{places} as the grid has places; there are {len(free)} from {mark.number} on"
-        )
+        wanted = f"{places}, as the grid has places; there are {len(free)} numbers from {mark.number} on"
+        raise BadValue("--numbers", numbers, wanted)
     return tuple(renumbered(mark, n) for n in free[:numbers])
 
 
@@ -256,7 +239,7 @@ def _write_overlay(path: str, gray: Picture, mark: Mark, marks: list[FoundMark])
         picture = draw_polylines(picture, [one.outline(mark.radius) for one in some], color=color, width=1.2 * thick)
         if some:
             centres = [one.pixel for one in some]
-            picture = draw_points(picture, centres, color=(1, 0, 0), mark="plus", size=7 * thick, width=thick)  # type: ignore[arg-type]
+            picture = draw_points(picture, centres, color=(1, 0, 0), mark="plus", size=7 * thick, width=thick)
     for i, one in enumerate(marks if len(marks) <= 200 else []):
         text = str(i + 1) if one.number is None else f"#{one.number}"
         at = one.pixel + (one.size + 3) * math.sqrt(0.5)

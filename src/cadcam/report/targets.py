@@ -22,11 +22,10 @@ def marks_table(title: str, marks: Sequence[FoundMark]) -> Table:
         sigma = [f"{s:.4f}" if np.isfinite(s) else "-" for s in one.sigma]
         number = "" if one.number is None else str(one.number)
         x, y = (f"{v:.3f}" for v in one.pixel)
-        rows.append(
-            (str(i + 1), x, y, *sigma, f"{one.size:.2f}", angle, number, f"{one.score:.4f}", " ".join(one.flags))
-        )
+        tail = (f"{one.size:.2f}", angle, number, f"{one.score:.4f}", " ".join(one.flags))
+        rows.append((str(i + 1), x, y, *sigma, *tail))
     columns = ("mark", "x px", "y px", "+- x", "+- y", "radius px", "angle deg", "number", "score", "flags")
-    return Table(title, columns, rows)
+    return Table(title, columns, tuple(rows), left=("flags",))
 
 
 def marks_csv(found: Mapping[str, Sequence[FoundMark]]) -> str:
@@ -34,23 +33,15 @@ def marks_csv(found: Mapping[str, Sequence[FoundMark]]) -> str:
     lines = [_HEADER]
     for file, marks in found.items():
         for i, one in enumerate(marks):
-            c = one.covariance
-            numbers = [*one.pixel.tolist(), *one.sigma.tolist(), float(c[0, 1]), one.size]
+            place = [f"{v:.5f}" for v in one.pixel]
+            spread = [f"{v:.6g}" for v in (*one.sigma.tolist(), float(one.covariance[0, 1]), one.size)]
             angle = "" if one.angle is None else f"{math.degrees(one.angle):.5f}"
             number = "" if one.number is None else str(one.number)
-            tail = [angle, number, f"{one.score:.5f}", f"{one.contrast:.5f}", f"{one.blur:.4f}"]
-            quoted = f'"{file}"' if "," in file else file
+            quality = [f"{one.score:.5f}", f"{one.contrast:.5f}", f"{one.blur:.4f}"]
+            flags = " ".join(flag.replace(" ", "-") for flag in one.flags)
+            name = f'"{file}"' if "," in file else file
             lines.append(
-                ",".join(
-                    [
-                        quoted,
-                        str(i + 1),
-                        *(f"{v:.6g}" if k > 1 else f"{v:.5f}" for k, v in enumerate(numbers)),
-                        *tail,
-                        " ".join(f.replace(" ", "-") for f in one.flags),
-                        f'"{one.method}"',
-                    ]
-                )
+                ",".join([name, str(i + 1), *place, *spread, angle, number, *quality, flags, f'"{one.method}"'])
             )
     return "\n".join(lines) + "\n"
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Ids, Mask, Picture
+from cadcam.arrays import Array, Index, Picture
 from cadcam.errors import BadValue
 from cadcam.native.correlate import shrunken
 from cadcam.target.chess import corner_candidates
@@ -25,7 +25,7 @@ _LEVELS = (1.0, 0.5, 0.25)
 _LEAST_SIDE = 120  # px of a reduced picture
 _LEAST_CORRELATION = 0.5
 _LEAST_APPROACHED = 0.6  # score of a fit in a reduced picture
-_LEAST_LIKENESS, _ROUGH_LIKENESS = 0.35, 0.2
+_LEAST_LIKENESS, _ROUGH_LIKENESS = 0.6, 0.2
 _SOFT, _ROUGH_SOFT = 0.15, 0.3  # blur by the radius, of what is compared with places that are not exact yet
 _SMALL, _BLUR = 8.0, 1.5  # px: radius of a mark in the reduced picture, and the blur to start with
 _LEAST_WIDTH = 2.5  # px of a ring or disc whose border spots are looked for by
@@ -43,7 +43,7 @@ class Candidates:
     def __len__(self) -> int:
         return len(self.q)
 
-    def subset(self, which: Ids | Mask) -> Candidates:
+    def subset(self, which: Index) -> Candidates:
         """Return those that `which` selects, in its order."""
         return Candidates(self.q[which], self.shapes[which])
 
@@ -73,7 +73,7 @@ def screened(
 ) -> Candidates:
     """Return at most `most` candidates that look like the mark as they are, best first, one at each place.
 
-    rough: whether places and shapes are known to a fifth of the size only; then their likeness is that of soft pictures.
+    rough: whether places and shapes are known to a fifth of the size only; likeness is then that of soft pictures.
     """
     if not len(seen):
         return seen
@@ -87,7 +87,7 @@ def screened(
 def approached(gray: Picture, mark: Mark, seen: Candidates, margin: float) -> Candidates:
     """Return those candidates that are marks in a picture reduced until they are small, with places and shapes there.
 
-    There a circle at about the right place lies near enough to the ellipse that a tilted mark shows for a fit to settle.
+    There a circle at about the right place is near enough to the ellipse of a tilted mark for a fit to settle.
     """
     if not len(seen):
         return seen
@@ -104,7 +104,7 @@ def approached(gray: Picture, mark: Mark, seen: Candidates, margin: float) -> Ca
     return _joined(parts)
 
 
-def _apart(q: Array, size: Array, order: Ids, most: int) -> Ids:
+def _apart(q: Array, size: Array, order: Index, most: int) -> Index:
     """Return of `order` those with no earlier one nearer than half their size."""
     from scipy.spatial import cKDTree
 
@@ -120,7 +120,7 @@ def _apart(q: Array, size: Array, order: Ids, most: int) -> Ids:
         if len(kept) == most:
             break
         free[tree.query_ball_point(q[order[k]], _SAME * size[order[k]])] = False
-    return np.asarray(order[kept])
+    return np.asarray(order[kept], np.int64)
 
 
 def _spots(gray: Picture, mark: Mark, radius: float) -> Array:

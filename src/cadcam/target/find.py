@@ -95,13 +95,13 @@ def find_marks(
 ) -> list[FoundMark]:
     """Return the marks in a picture (H, W) or (H, W, 3), best first; none is an answer too.
 
-    radius_px: of the outermost border in the picture, or (least, largest); with one number the fast search is used, and
-    without any the size is measured. count: how many there are; `TooFewMarks` if fewer are found, the best if more.
-    method: auto, spots, correlation, blobs (see above). subpixel: photometric; or, for upright marks of known size,
-    parabola, centroid, autocorrelation (EQ 4.1-4.5, continuous) and autocorrelation-grid (in steps of 0.02 px). camera:
-    fits each mark's pose, so that perspective and lens do not shift it; normal (3,): of the marks' plane in the camera's
-    frame, which decides between the two tilts. perspective: without a camera, whether a mark of several borders is fitted
-    with its plane's perspective, which takes the shift of tilted marks off (up to 0.3 px) for twice the noise. margin: ground by the radius that is fitted too: less than the gap to
+    radius_px: of the outermost border in the picture, or (least, largest); with it the fast search is used, without it
+    the size is measured. count: how many there are; `TooFewMarks` if fewer are found, the best if more. method: auto,
+    spots, correlation, blobs (see above). subpixel: photometric; or, for upright marks, parabola, centroid,
+    autocorrelation (EQ 4.1-4.5, continuous), autocorrelation-grid (in steps of 0.02 px). camera: fits each mark's pose,
+    so that perspective and lens do not shift it; normal (3,): of the marks' plane in the camera's frame, which decides
+    between the two tilts. perspective: without a camera, fits the perspective of a plane with several borders: takes
+    the shift of tilted marks off, for more noise. margin: ground by the radius that is fitted too, less than the gap to
     what is next. any_number: of a coded mark, whichever number is read. Raises `BadValue`, `UnknownName`.
     """
     gray = to_gray(checked(picture))
@@ -116,8 +116,9 @@ def find_marks(
         clear = screened(gray, one, _plausible(part, one, radii), most=most, margin=margin)
         fit = fit_marks(gray, one, clear.q, clear.shapes, perspective=perspective, margin=margin)
         fits.append((one, fit.subset(_kept(fit, one, radii, least_score))))
+    toward = None if normal is None else frozen(normal, "normal", (3,))
     if camera is not None:
-        fits = [(one, fit_both_tilts(gray, one, camera, fit, normal=normal, margin=margin)) for one, fit in fits]
+        fits = [(one, fit_both_tilts(gray, one, camera, fit, normal=toward, margin=margin)) for one, fit in fits]
     found = [_found(gray, one, fit, i, search, subpixel) for one, fit in fits for i in range(len(fit))]
     found = _apart(sorted(found, key=lambda f: -f.score))
     if count is not None and len(found) < count:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -251,7 +252,7 @@ class Plate:
             raise BadValue("grid of marks", f"{columns} x {rows} for {len(marks)} marks", "as many places as marks")
         x, y = np.meshgrid(np.arange(columns), np.arange(rows))
         each = marks * (columns * rows) if len(marks) == 1 else marks
-        plate = cls(each, np.column_stack([x.ravel(), y.ravel()]) * spacing_mm)
+        plate = cls(each, np.asarray(np.column_stack([x.ravel(), y.ravel()]) * spacing_mm, np.float64))
         plate.check_apart()
         return plate
 
@@ -301,7 +302,7 @@ class Plate:
 
         p = np.asarray(p, dtype=np.float64)
         inside = np.zeros(p.shape[:-1], dtype=bool)
-        near = cKDTree(self.places).query(p, distance_upper_bound=self.cell_mm * 1.0001)[1]
+        near = np.asarray(cKDTree(self.places).query(p, distance_upper_bound=self.cell_mm * 1.0001)[1])
         kinds: dict[int, Mark] = {id(mark): mark for mark in self.marks}
         which = np.array([id(mark) for mark in self.marks] + [0])[near]
         for key, mark in kinds.items():
@@ -335,7 +336,7 @@ def _concentric(kind: str, diameters: tuple[float, ...], *, first_black: bool = 
 
 def _check_growing(kind: str, diameters: tuple[float, ...]) -> None:
     finite = all(math.isfinite(d) and d > 0 for d in diameters)
-    if not (diameters and finite and all(a < b for a, b in zip(diameters, diameters[1:], strict=False))):
+    if not (diameters and finite and all(a < b for a, b in pairwise(diameters))):
         raise BadValue(
             f"diameters of {kind}", list(diameters), "positive lengths in mm, each larger than the one before"
         )

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Ids, Mask, Picture
+from cadcam.arrays import Array, Index, Mask, Picture
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import BRIGHT, DARK
@@ -35,8 +35,8 @@ class MarkFit:
     """B fitted marks: q (B, 2) px, covariance (B, 2, 2) px^2, and what else the fit says.
 
     image_from_mark (B, 2, 2): px by mm at the centre, its columns the pictures of the mark's x and y (of a concentric
-    mark symmetric: its turn is not seen); contrast (B,) ground minus mark as seen; blur (B,) px; score (B,): of the fitted
-    picture and the grey values, their correlation, less what is hidden; hidden, outside, clipped (B,): shares of the
+    mark symmetric: its turn is not seen); contrast (B,) ground minus mark as seen; blur (B,) px; score (B,):
+    the correlation of the fitted picture with the grey values, less what is hidden; hidden, outside, clipped (B,): shares of the
     window that show something else, that lie beyond the picture's outline, and that are black or white; good (B,);
     poses: camera_from_mark of each, where a camera was given, and doubt (B,): the probability of the other tilt.
     """
@@ -58,7 +58,7 @@ class MarkFit:
     def __len__(self) -> int:
         return len(self.q)
 
-    def subset(self, which: Ids) -> MarkFit:
+    def subset(self, which: Index) -> MarkFit:
         """Return the marks that `which` selects, in its order."""
         arrays = {name: getattr(self, name)[which] for name in MarkFit.__slots__ if name != "poses"}
         return MarkFit(**arrays, poses=None if self.poses is None else tuple(self.poses[i] for i in which))
@@ -90,7 +90,8 @@ def fit_marks(
     start = _start(mark, geometry, g, np.zeros((len(q), 0)), window, blur)
     fit, weight = _robust(mark, geometry, start, window, q, lens=False)
     H = geometry.matrix(fit.parameters[:, geometry.places], np.zeros((len(q), 0)))
-    return _result(fit, weight, np.linalg.inv(H[:, :2, :2]), window, mark_model(mark, geometry))
+    shapes = np.asarray(np.linalg.inv(H[:, :2, :2]), np.float64)
+    return _result(fit, weight, shapes, window, mark_model(mark, geometry))
 
 
 def likeness(
@@ -175,7 +176,6 @@ def tilts(camera: Camera, q: Array, image_from_mark: Array) -> tuple[Rigid, Rigi
     S = np.linalg.solve(J @ toward[:, :2], image_from_mark)  # mark plane -> across the sight, by depth
     U, sizes, Vt = np.linalg.svd(S)
     depth, cosine = 1 / sizes[0], min(sizes[1] / sizes[0], 1.0)
-    flat = np.linalg.det(U @ Vt)
     poses = []
     for sine in (np.sqrt(1 - cosine**2), -np.sqrt(1 - cosine**2)):
         first = np.append(U[:, 0], 0.0)
@@ -183,7 +183,6 @@ def tilts(camera: Camera, q: Array, image_from_mark: Array) -> tuple[Rigid, Rigi
         axes = np.column_stack([first, second]) @ Vt
         R = np.column_stack([axes, np.cross(axes[:, 0], axes[:, 1])])
         poses.append(Rigid(toward @ R, depth * ray))
-    assert flat != 0
     return poses[0], poses[1]
 
 
@@ -224,7 +223,7 @@ class _Window:
             pixels = np.take_along_axis(pixels, kept[..., None], axis=1)
         return cls(values, pixels, weight, outside, minor)
 
-    def subset(self, which: Ids | Mask) -> _Window:
+    def subset(self, which: Index) -> _Window:
         """Return the windows that `which` selects."""
         return _Window(*(getattr(self, name)[which] for name in _Window.__slots__))
 
@@ -281,7 +280,7 @@ def _robust(
     return fit, weight
 
 
-def _with_rows(array: Array, which: Ids, rows: Array) -> Array:
+def _with_rows(array: Array, which: Index, rows: Array) -> Array:
     out = array.copy()
     out[which] = rows
     return out
@@ -378,6 +377,7 @@ def _chosen(first: MarkFit, second: MarkFit, other: Mask, doubt: Array) -> MarkF
     pick["doubt"] = np.where(both, doubt, 0.0)
     spread = pick["doubt"][:, None, None] * apart[:, :, None] * apart[:, None, :]
     pick["covariance"] = pick["covariance"] + spread
-    assert first.poses is not None and second.poses is not None
+    assert first.poses is not None
+    assert second.poses is not None
     poses = tuple(b if o else a for a, b, o in zip(first.poses, second.poses, other, strict=True))
     return MarkFit(**pick, poses=poses)

@@ -22,7 +22,7 @@ _LEVEL = 0.02  # of grey values: below it a ratio says nothing
 def spot_response(gray: Picture, radius: float, across: float, *, dark: bool) -> Picture:
     """Return for each pixel (H, W) the second weakest step in eight directions, -1 to 1.
 
-    The step is that from radius - across to radius + across px. dark: whether the spot is darker than what surrounds it.
+    It goes from radius - across to radius + across px. dark: whether the spot is darker than what surrounds it.
     Where that leaves the picture it is -1.
     """
     turn = np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS)
@@ -33,7 +33,7 @@ def spot_response(gray: Picture, radius: float, across: float, *, dark: bool) ->
 
 
 def reduction(radius: float, width: float) -> int:
-    """Return by what factor the picture can be reduced for a spot whose border has `width` px of one colour inside it."""
+    """Return the factor to reduce a picture by for spots whose border has `width` px of one colour inside it."""
     return max(1, int(min(width / _WIDTH, radius / _RADIUS)))
 
 

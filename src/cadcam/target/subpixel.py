@@ -62,7 +62,9 @@ class Peak:
         y, x = np.mgrid[-l : l + 1, -l : l + 1]
 
         def residuals(parameters: Array) -> Array:
-            return np.asarray((cls(*np.exp(parameters).tolist(), l)(x, y) - window).ravel())
+            return np.asarray(
+                (cls(float(np.exp(parameters[0])), float(np.exp(parameters[1])), l)(x, y) - window).ravel()
+            )
 
         best = least_squares(residuals, np.log([4.0, 1.5]))
         a, p = np.exp(best.x).tolist()
@@ -70,7 +72,7 @@ class Peak:
 
     def rms_at(self, window: Array, shift: Floats) -> float:
         """Return the root mean square of EQ 4.5 between a window (2l+1, 2l+1) and f(x + dx, y + dy)."""
-        dx, dy = shift  # type: ignore[misc]
+        dx, dy = np.asarray(shift, np.float64)
         y, x = np.mgrid[-self.l : self.l + 1, -self.l : self.l + 1]
         return float(np.sqrt(np.mean((self(x + dx, y + dy) - window) ** 2)))
 
