@@ -32,6 +32,7 @@ from cadcam.cli import (
     rig,
     sensor,
     state,
+    targets,
     track,
     variability,
     verify,
@@ -42,6 +43,7 @@ from cadcam.errors import CadcamError
 VERBS = (
     calibrate,
     board,
+    targets,
     rig,
     variability,
     handeye,
