@@ -59,6 +59,7 @@ def grouped_fit(
     group: Longs,
     *,
     usual: float,
+    scale: Array | None = None,
     exact: Mask | None = None,
     robust: bool = True,
     iterations: int = 12,
@@ -69,7 +70,7 @@ def grouped_fit(
     believed as they are. Robust fits start from x = 0, near which half of the other data must lie. Raises
     `DegenerateGeometry` where the data leave a parameter open.
     """
-    sums = _Sums(y, J, group, exact)
+    sums = _Sums(y, J, group, scale, exact)
     free = sums.free[group]
     x, within2, between = np.zeros(J.shape[1]), 0.0, usual
     weight, of_group = np.ones(len(y)), np.ones(sums.n)
@@ -82,14 +83,14 @@ def grouped_fit(
         x, covariance, between = sums.solve(w, of_group, usual)
         r = y - J @ x
         mean, total = sums.means(r, w)
-        within2 = _within(r - mean[group], variance, within2, weight * free, w / np.maximum(total[group], 1e-300))
+        within2 = _within(r - mean[group], variance, within2, weight, free, w / np.maximum(total[group], 1e-300))
         if np.abs(x - x_before).max() <= _SETTLED * np.sqrt(np.diag(covariance)).min():
             break
         if robust:
             v = between**2 * sums.free
             own = v + 1 / np.maximum(total, 1e-300)
-            weight = _counts(free * (r - (mean * v / own)[group]) / np.sqrt(variance + within2))
-            of_group = _counts(sums.free * mean / np.sqrt(own))
+            weight = _counts((free > 0) * (r - (mean * v / own)[group]) / np.sqrt(variance + within2 * free))
+            of_group = _counts((sums.free > 0) * mean / np.sqrt(own))
     sd = 1 / np.sqrt(np.maximum(total, 1e-300))
     gain = sums.gain(w, of_group_then, between)
     return GroupedFit(x, covariance, float(np.sqrt(within2)), between, weight, of_group, mean, sd, group, gain)
@@ -98,11 +99,13 @@ def grouped_fit(
 class _Sums:
     """Sums over groups of one design."""
 
-    def __init__(self, y: Array, J: Array, group: Longs, exact: Mask | None) -> None:
+    def __init__(self, y: Array, J: Array, group: Longs, scale: Array | None, exact: Mask | None) -> None:
         self.y, self.J, self.group = y, J, group
         self.first = np.flatnonzero(np.diff(group, prepend=-1))
         self.n = len(self.first)
         self.free = np.ones(self.n) if exact is None else 1.0 - exact
+        if scale is not None:
+            self.free = self.free * scale**2
         if len(y) < J.shape[1]:
             raise DegenerateGeometry("too few edges were found to determine the pose")
 
@@ -162,11 +165,12 @@ def _first_weights(y: Array, variance: Array, sums: _Sums) -> tuple[Array, Array
     group, free = sums.group, sums.free > 0
     if not free.any():
         return np.ones(len(y)), np.ones(sums.n), 0.0
+    s = np.sqrt(np.where(free, sums.free, 1.0))
     mean, _ = sums.means(y, 1 / variance)
-    within2 = _median_square((y - mean[group])[free[group]])
-    mean, _ = sums.means(y, 1 / (variance + within2))
-    weight = _counts((y - mean[group]) / np.sqrt(variance + within2))
-    of_group = _counts(mean / np.sqrt(max(_median_square(mean[free]), 1e-300)))
+    within2 = _median_square(((y - mean[group]) / s[group])[free[group]])
+    mean, _ = sums.means(y, 1 / (variance + within2 * s[group] ** 2))
+    weight = _counts((y - mean[group]) / np.sqrt(variance + within2 * s[group] ** 2))
+    of_group = _counts(mean / s / np.sqrt(max(_median_square((mean / s)[free]), 1e-300)))
     return np.where(free[group], weight, 1.0), np.where(free, of_group, 1.0), within2
 
 
@@ -175,16 +179,17 @@ def _median_square(d: Array) -> float:
     return float(np.median(d * d)) / 0.455
 
 
-def _within(d: Array, variance: Array, now: float, weight: Array, share: Array) -> float:
+def _within(d: Array, variance: Array, now: float, weight: Array, free: Array, share: Array) -> float:
     """Return the variance within groups beyond the known one: where the weighted squares are as large as expected.
 
     share: of its group's weight that each datum has, the part of its variance that the group's mean takes away.
     """
-    v = weight / (variance + now) ** 2
+    v = weight * free / (variance + now * free) ** 2
     expected = v * (1 - share)
-    if not expected.sum() > 0:
+    total = (expected * free).sum()
+    if not total > 0:
         return now
-    return max(float((v * d * d - expected * variance).sum() / expected.sum()), 0.0)
+    return max(float((v * d * d - expected * variance).sum() / total), 0.0)
 
 
 def _counts(u: Array) -> Array:

@@ -38,6 +38,8 @@ class EdgeSamples:
     line: Ids
     below: Array
     above: Array
+    twins: Array
+    beyond: Array
 
     def __len__(self) -> int:
         return len(self.p)
@@ -99,7 +101,7 @@ def sample_lines(lines: Polylines, camera: Camera, *, step_px: float, reach_px: 
     normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
     line = lines.line_of_point[first[segment]].astype(np.int32)
     chain = np.where(lines.kind[line] == EdgeKind.CONTOUR, -1, lines.chain[line]).astype(np.int32)
-    below, above = clearance(
+    below, above, twins, beyond = clearance(
         at,
         normal,
         run[segment],
@@ -112,7 +114,15 @@ def sample_lines(lines: Polylines, camera: Camera, *, step_px: float, reach_px: 
         most=reach_px,
     )
     samples = EdgeSamples(
-        pa + fraction[:, None] * (pb - pa), tangent, chain, run[segment].astype(np.int32), line, below, above
+        pa + fraction[:, None] * (pb - pa),
+        tangent,
+        chain,
+        run[segment].astype(np.int32),
+        line,
+        below,
+        above,
+        twins,
+        beyond,
     )
     inside = camera.sees(at)
     return samples if inside.all() else samples.select(inside)

@@ -56,7 +56,7 @@ class EdgeOptions:
 
     search_px: float = 8.0
     step_px: float = 4.0
-    reach_px: float = 7.0
+    reach_px: float = 4.5
     room_px: float = 2.5
     group_px: float = 150.0
 
@@ -198,7 +198,21 @@ def _solved(
     edges = int(group[-1]) + 1 if len(group) else 0
     group = np.concatenate([group, edges + np.arange(len(other))])
     exact = np.arange(edges + len(other)) >= edges
-    return grouped_fit(y, J, variance, group, usual=_USUAL_PX, exact=exact, iterations=iterations)
+    scale = np.concatenate([_disturbed(measured, group[: len(group) - len(other)], edges), np.ones(len(other))])
+    return grouped_fit(y, J, variance, group, usual=_USUAL_PX, scale=scale, exact=exact, iterations=iterations)
+
+
+def _disturbed(measured: Sequence[Measured], group: Longs, groups: int) -> Array:
+    """Return how far (G,) groups are off beside an edge of usual contrast.
+
+    What disturbs edges is of two kinds: lines off their place, and light (shadows, texture) that adds to the step and
+    shifts it the less the higher it is. Both count alike at the usual contrast.
+    """
+    contrast = np.concatenate([np.abs(m.contrast[m.usable]) for m in measured])
+    if not groups:
+        return np.zeros(0)
+    mean = np.bincount(group, contrast) / np.bincount(group)
+    return np.sqrt(0.5 + 0.5 * np.mean(contrast**2) / mean**2)
 
 
 def _groups(sights: Sequence[Sight], measured: Sequence[Measured], options: EdgeOptions) -> Longs:

@@ -6,16 +6,16 @@
 #include "internal.h"
 
 void cc_steps(const cc_picture *picture, int64_t n, const double *q, const double *normal, const double *below,
-              const double *above, const double *kink, double half_length, double blur, double dark, double bright,
-              double *out) {
+              const double *above, const double *held, const double *twins, double half_length, double blur, double dark,
+              double bright, double *out) {
     const double levels[3] = {dark, bright, blur};
 #if CC_HAS_V3
     if (variant_in_use() == 1) {
-        steps_v3(picture, n, q, normal, below, above, kink, half_length, levels, out);
+        steps_v3(picture, n, q, normal, below, above, held, twins, half_length, levels, out);
         return;
     }
 #endif
-    steps_baseline(picture, n, q, normal, below, above, kink, half_length, levels, out);
+    steps_baseline(picture, n, q, normal, below, above, held, twins, half_length, levels, out);
 }
 
 static int inside(const cc_picture *p, double x, double y) {
@@ -84,35 +84,84 @@ void cc_candidates(const cc_picture *picture, int64_t n, const double *q, const 
     }
 }
 
-/* Shorten below/above to where segment a-b, in the sample's axes (d along the normal, t along the line), crosses the
- * slab |t| <= half. */
-static inline void shorten(double da, double ta, double db, double tb, double half, double *below, double *above) {
+/* What of a segment lies in the slab |t| <= half around a sample, in its axes: d along the normal, t along the line. */
+typedef struct {
+    double t0, d0, t1, d1;
+} piece;
+
+static inline int clipped(double da, double ta, double db, double tb, double half, piece *out) {
     if (ta > tb) {
         double s = ta;
         ta = tb, tb = s, s = da, da = db, db = s;
     }
-    if (ta > half || tb < -half) return;
+    if (ta > half || tb < -half) return 0;
     double slope = tb > ta ? (db - da) / (tb - ta) : 0;
-    double d0 = ta < -half ? da + slope * (-half - ta) : da, d1 = tb > half ? db + slope * (half - tb) : db;
-    double lo = d0 < d1 ? d0 : d1, hi = d0 < d1 ? d1 : d0;
-    if (hi >= 0 && lo < *above) *above = lo > 0 ? lo : 0;
-    if (lo <= 0 && -hi < *below) *below = hi < 0 ? -hi : 0;
+    out->t0 = ta < -half ? -half : ta, out->d0 = ta < -half ? da + slope * (-half - ta) : da;
+    out->t1 = tb > half ? half : tb, out->d1 = tb > half ? db + slope * (half - tb) : db;
+    return 1;
+}
+
+enum { MET = 64 }; /* pieces that a sample remembers */
+#define PARALLEL 0.4   /* slope up to which a line is a twin */
+#define BESIDE_PX 0.4  /* what lies so near a line is of it */
+#define COVERED 0.9    /* share of the slab that a twin crosses */
+
+/* The room on one side, to the nearest line and to what lies beyond its twin; the nearest line as a twin, if it is one:
+ * straight, about parallel, and through the whole slab. */
+static void side(const piece *met, int n, double sign, double half, double most, double *room, double *twin,
+                 double *beyond) {
+    int nearest = -1;
+    *room = *beyond = most, twin[0] = sign * INFINITY, twin[1] = 0;
+    for (int k = 0; k < n; k++) {
+        double d0 = sign * met[k].d0, d1 = sign * met[k].d1, lo = d0 < d1 ? d0 : d1, hi = d0 < d1 ? d1 : d0;
+        if (hi >= 0 && lo < *room) *room = lo > 0 ? lo : 0, nearest = k;
+    }
+    if (nearest < 0 || *room <= 0) {
+        *beyond = *room;
+        return;
+    }
+    /* the longest piece near the nearest point tells the line */
+    const piece *of = met + nearest;
+    for (int k = 0; k < n; k++) {
+        double lo = sign * met[k].d0 < sign * met[k].d1 ? sign * met[k].d0 : sign * met[k].d1;
+        if (lo >= 0 && lo < *room + BESIDE_PX && met[k].t1 - met[k].t0 > of->t1 - of->t0) of = met + k;
+    }
+    double slope = of->t1 > of->t0 ? (of->d1 - of->d0) / (of->t1 - of->t0) : INFINITY, at = of->d0 - slope * of->t0;
+    if (!(fabs(slope) < PARALLEL)) {
+        *beyond = *room;
+        return;
+    }
+    double across = 0;
+    for (int k = 0; k < n; k++) {
+        double e0 = met[k].d0 - at - slope * met[k].t0, e1 = met[k].d1 - at - slope * met[k].t1;
+        if (fabs(e0) < BESIDE_PX && fabs(e1) < BESIDE_PX) {
+            across += met[k].t1 - met[k].t0;
+            continue;
+        }
+        double d0 = sign * met[k].d0, d1 = sign * met[k].d1, lo = d0 < d1 ? d0 : d1, hi = d0 < d1 ? d1 : d0;
+        if (hi >= 0 && lo < *beyond) *beyond = lo > 0 ? lo : 0;
+    }
+    if (across < COVERED * 2 * half) *beyond = *room;
+    else twin[0] = at, twin[1] = slope;
 }
 
 void cc_clearance(int64_t n, const double *q, const double *normal, const int32_t *run, const double *arc, int64_t m,
                   const double *segments, const int32_t *segment_run, const double *segment_arc, double half_length,
-                  double near, double most, double *below, double *above) {
+                  double near, double most, double *below, double *above, double *twins, double *beyond) {
     for (int64_t i = 0; i < n; i++) {
         double x = q[2 * i], y = q[2 * i + 1], nx = normal[2 * i], ny = normal[2 * i + 1];
-        below[i] = above[i] = most;
-        for (int64_t k = 0; k < m; k++) {
+        piece met[MET];
+        int count = 0;
+        for (int64_t k = 0; k < m && count < MET; k++) {
             const double *s = segments + 4 * k;
-            if (segment_run[k] == run[i] && segment_arc[2 * k] - near < arc[i] && arc[i] < segment_arc[2 * k + 1] + near)
-                continue;
             double ax = s[0] - x, ay = s[1] - y, bx = s[2] - x, by = s[3] - y;
             double da = ax * nx + ay * ny, db = bx * nx + by * ny;
             if ((da > most && db > most) || (da < -most && db < -most)) continue;
-            shorten(da, -ax * ny + ay * nx, db, -bx * ny + by * nx, half_length, below + i, above + i);
+            if (segment_run[k] == run[i] && segment_arc[2 * k] - near < arc[i] && arc[i] < segment_arc[2 * k + 1] + near)
+                continue;
+            count += clipped(da, -ax * ny + ay * nx, db, -bx * ny + by * nx, half_length, met + count);
         }
+        side(met, count, -1, half_length, most, below + i, twins + 4 * i, beyond + 2 * i);
+        side(met, count, 1, half_length, most, above + i, twins + 4 * i + 2, beyond + 2 * i + 1);
     }
 }

@@ -19,17 +19,17 @@ typedef struct {
  * to above[i] along the normal. Least squares of
  *     I(d) = a + b d + h (d Phi(d/blur) + blur phi(d/blur)) + c Phi(d/blur) + g phi(d/blur)/blur
  * at the pixels' distances d from the line: a blurred step on ground of another slope on either side. h is held to 0
- * with the weight kink[i], the variance of a pixel over that of h. Writes CC_STEP_TERMS doubles a sample:
+ * with the weight held[i], the variance of a pixel over that of h. Writes CC_STEP_TERMS doubles a sample:
  * c, g, h, sd of the noise, cofactors Qcc Qgg Qcg Qhh, number of pixels, share of clipped ones (outside dark..bright); all
  * NaN where the cell leaves the picture or its equations are singular. The step lies at -g/c to first order. */
-#define CC_STEP_TERMS 10
+#define CC_STEP_TERMS 11
 CC_API void cc_steps(const cc_picture *picture, int64_t n, const double *q, const double *normal, const double *below,
-                     const double *above, const double *kink, double half_length, double blur, double dark,
-                     double bright, double *out);
+                     const double *above, const double *held, const double *twins, double half_length,
+                     double blur, double dark, double bright, double *out);
 void steps_baseline(const cc_picture *, int64_t, const double *, const double *, const double *, const double *,
-                    const double *, double, const double *levels, double *);
+                    const double *, const double *, double, const double *levels, double *);
 void steps_v3(const cc_picture *, int64_t, const double *, const double *, const double *, const double *,
-              const double *, double, const double *levels, double *);
+              const double *, const double *, double, const double *levels, double *);
 
 /* Extrema of the slope along each profile, smoothed by a Gaussian of 1 px: `most` of them a sample, the strongest
  * first, no weaker than `least`; offset (px along the normal) and slope (brightness a px, with its sign), NaN where
@@ -42,6 +42,6 @@ CC_API void cc_candidates(const cc_picture *picture, int64_t n, const double *q,
  * does not see what lies on its own run within `near` px of arc. */
 CC_API void cc_clearance(int64_t n, const double *q, const double *normal, const int32_t *run, const double *arc,
                          int64_t m, const double *segments, const int32_t *segment_run, const double *segment_arc,
-                         double half_length, double near, double most, double *below, double *above);
+                         double half_length, double near, double most, double *below, double *above, double *twins, double *beyond);
 
 #endif

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Ids, Picture
 from cadcam.native.core import library
 
-STEP_TERMS = 10
+STEP_TERMS = 11
 
 
 class _Picture(c.Structure):
@@ -22,9 +22,9 @@ class _Picture(c.Structure):
 def _core() -> c.CDLL:
     core = library()
     pointer, i64, i32, real, picture = c.c_void_p, c.c_int64, c.c_int32, c.c_double, c.POINTER(_Picture)
-    core.cc_steps.argtypes = [picture, i64, *[pointer] * 5, *[real] * 4, pointer]
+    core.cc_steps.argtypes = [picture, i64, *[pointer] * 6, *[real] * 4, pointer]
     core.cc_candidates.argtypes = [picture, i64, pointer, pointer, real, i32, real, i32, pointer, pointer]
-    core.cc_clearance.argtypes = [i64, *[pointer] * 4, i64, *[pointer] * 3, *[real] * 3, pointer, pointer]
+    core.cc_clearance.argtypes = [i64, *[pointer] * 4, i64, *[pointer] * 3, *[real] * 3, *[pointer] * 4]
     for name in ("cc_steps", "cc_candidates", "cc_clearance"):
         getattr(core, name).restype = None
     return core
@@ -36,7 +36,8 @@ def steps(
     normal: Array,
     below: Array,
     above: Array,
-    kink: Array,
+    held: Array,
+    twins: Array,
     *,
     half_length: float,
     blur: float,
@@ -44,7 +45,7 @@ def steps(
     bright: float,
 ) -> Array:
     """Return (n, 10) of each cell: c, g, h, noise, Qcc, Qgg, Qcg, Qhh, pixels, share clipped (profile.h)."""
-    gray, arrays = np.ascontiguousarray(gray, np.float32), _doubles(q, normal, below, above, kink)
+    gray, arrays = np.ascontiguousarray(gray, np.float32), _doubles(q, normal, below, above, held, twins)
     out = np.zeros((len(arrays[0]), STEP_TERMS))
     places = _at(*arrays)
     _core().cc_steps(_picture(gray), len(out), *places, half_length, blur, dark, bright, out.ctypes.data)
@@ -74,16 +75,24 @@ def clearance(
     half_length: float,
     near: float,
     most: float,
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, Array, Array]:
     """Return how far (n,) px along -normal and +normal each sample is from the next other line, at most `most`."""
     q, normal, arc, segments, segment_arc = _doubles(q, normal, arc, segments, segment_arc)
     run, segment_run = np.ascontiguousarray(run, np.int32), np.ascontiguousarray(segment_run, np.int32)
     below, above = np.zeros(len(q)), np.zeros(len(q))
+    twins, beyond = np.zeros((len(q), 2, 2)), np.zeros((len(q), 2))
     lines = _at(segments, segment_run, segment_arc)
     _core().cc_clearance(
-        len(q), *_at(q, normal, run, arc), len(segments), *lines, half_length, near, most, *_at(below, above)
+        len(q),
+        *_at(q, normal, run, arc),
+        len(segments),
+        *lines,
+        half_length,
+        near,
+        most,
+        *_at(below, above, twins, beyond),
     )
-    return below, above
+    return below, above, twins, beyond
 
 
 def _picture(gray: Picture) -> object:
