@@ -1,8 +1,8 @@
 """Linear regression on data that err in groups: noise of each datum, scatter within groups, an offset for each group.
 
-    y_i = J_i x + e_group(i) + n_i,   var n_i = variance_i + within^2,   var e = between^2
+    y_i = J_i x + e_group(i) + n_i,   var n_i = variance_i + within^2,   var e_g = known_g + between^2
 
-The known variances are the noise of measuring; the two others are estimated with x: the one within groups by moments,
+The known variances are the noise of measuring and what groups are off for known reasons; the two others are estimated with x: the one within groups by moments,
 the one between them by restricted likelihood (Patterson and Thompson, Biometrika 58, 1971). With few groups a large
 variance explains a wrong x as well, and a maximum says little: x and its covariance are averaged over the whole range,
 each variance with its likelihood and a half-Cauchy prior of usual size (Gelman, Bayesian Analysis 1, 2006). Data far
@@ -59,18 +59,19 @@ def grouped_fit(
     group: Longs,
     *,
     usual: float,
-    scale: Array | None = None,
+    known: Array | None = None,
     exact: Mask | None = None,
     robust: bool = True,
     iterations: int = 12,
 ) -> GroupedFit:
     """Return the fit of y (n,) by J (n, k) with known variances (n,) and ascending group numbers (n,), none left out.
 
-    usual: a usual standard deviation between groups. exact (G,): groups without an offset or scatter of their own,
+    usual: a usual standard deviation between groups. known (G,): variance between them that is known, default none.
+    exact (G,): groups without an offset or scatter of their own,
     believed as they are. Robust fits start from x = 0, near which half of the other data must lie. Raises
     `DegenerateGeometry` where the data leave a parameter open.
     """
-    sums = _Sums(y, J, group, scale, exact)
+    sums = _Sums(y, J, group, known, exact)
     free = sums.free[group]
     x, within2, between = np.zeros(J.shape[1]), 0.0, usual
     weight, of_group = np.ones(len(y)), np.ones(sums.n)
@@ -83,14 +84,14 @@ def grouped_fit(
         x, covariance, between = sums.solve(w, of_group, usual)
         r = y - J @ x
         mean, total = sums.means(r, w)
-        within2 = _within(r - mean[group], variance, within2, weight, free, w / np.maximum(total[group], 1e-300))
+        within2 = _within(r - mean[group], variance, within2, weight * free, w / np.maximum(total[group], 1e-300))
         if np.abs(x - x_before).max() <= _SETTLED * np.sqrt(np.diag(covariance)).min():
             break
         if robust:
-            v = between**2 * sums.free
+            v = between**2 * sums.free + sums.known
             own = v + 1 / np.maximum(total, 1e-300)
-            weight = _counts((free > 0) * (r - (mean * v / own)[group]) / np.sqrt(variance + within2 * free))
-            of_group = _counts((sums.free > 0) * mean / np.sqrt(own))
+            weight = _counts(free * (r - (mean * v / own)[group]) / np.sqrt(variance + within2))
+            of_group = _counts(sums.free * mean / np.sqrt(own))
     sd = 1 / np.sqrt(np.maximum(total, 1e-300))
     gain = sums.gain(w, of_group_then, between)
     return GroupedFit(x, covariance, float(np.sqrt(within2)), between, weight, of_group, mean, sd, group, gain)
@@ -99,13 +100,12 @@ def grouped_fit(
 class _Sums:
     """Sums over groups of one design."""
 
-    def __init__(self, y: Array, J: Array, group: Longs, scale: Array | None, exact: Mask | None) -> None:
+    def __init__(self, y: Array, J: Array, group: Longs, known: Array | None, exact: Mask | None) -> None:
         self.y, self.J, self.group = y, J, group
         self.first = np.flatnonzero(np.diff(group, prepend=-1))
         self.n = len(self.first)
         self.free = np.ones(self.n) if exact is None else 1.0 - exact
-        if scale is not None:
-            self.free = self.free * scale**2
+        self.known = np.zeros(self.n) if known is None else known * self.free
         if len(y) < J.shape[1]:
             raise DegenerateGeometry("too few edges were found to determine the pose")
 
@@ -119,7 +119,7 @@ class _Sums:
         JW = self.J * w[:, None]
         sum_J, sum_y = np.add.reduceat(JW, self.first, axis=0), np.add.reduceat(w * self.y, self.first)
         counts = np.maximum(of_group, 1e-12)
-        v = (usual * _TRIED[:, None]) ** 2 * self.free
+        v = (usual * _TRIED[:, None]) ** 2 * self.free + self.known
         grown = 1 + v * total / counts
         f = np.where(total > 0, v / grown / counts, 0.0)
         A = JW.T @ self.J - (f[:, None, :] * sum_J.T) @ sum_J
@@ -136,7 +136,7 @@ class _Sums:
     def gain(self, w: Array, of_group: Array, between: float) -> Array:
         """Return dx/dy (k, n) for given weights and sd between groups."""
         w, counts = w * of_group[self.group], np.maximum(of_group, 1e-12)
-        v = between**2 * self.free
+        v = between**2 * self.free + self.known
         f = v / (1 + v * np.add.reduceat(w, self.first) / counts) / counts
         JW = self.J * w[:, None]
         VJ = JW - w[:, None] * (f[:, None] * np.add.reduceat(JW, self.first, axis=0))[self.group]
@@ -165,12 +165,11 @@ def _first_weights(y: Array, variance: Array, sums: _Sums) -> tuple[Array, Array
     group, free = sums.group, sums.free > 0
     if not free.any():
         return np.ones(len(y)), np.ones(sums.n), 0.0
-    s = np.sqrt(np.where(free, sums.free, 1.0))
     mean, _ = sums.means(y, 1 / variance)
-    within2 = _median_square(((y - mean[group]) / s[group])[free[group]])
-    mean, _ = sums.means(y, 1 / (variance + within2 * s[group] ** 2))
-    weight = _counts((y - mean[group]) / np.sqrt(variance + within2 * s[group] ** 2))
-    of_group = _counts(mean / s / np.sqrt(max(_median_square((mean / s)[free]), 1e-300)))
+    within2 = _median_square((y - mean[group])[free[group]])
+    mean, _ = sums.means(y, 1 / (variance + within2))
+    weight = _counts((y - mean[group]) / np.sqrt(variance + within2))
+    of_group = _counts(mean / np.sqrt(max(_median_square(mean[free]), 1e-300)))
     return np.where(free[group], weight, 1.0), np.where(free, of_group, 1.0), within2
 
 
@@ -179,17 +178,16 @@ def _median_square(d: Array) -> float:
     return float(np.median(d * d)) / 0.455
 
 
-def _within(d: Array, variance: Array, now: float, weight: Array, free: Array, share: Array) -> float:
+def _within(d: Array, variance: Array, now: float, weight: Array, share: Array) -> float:
     """Return the variance within groups beyond the known one: where the weighted squares are as large as expected.
 
     share: of its group's weight that each datum has, the part of its variance that the group's mean takes away.
     """
-    v = weight * free / (variance + now * free) ** 2
+    v = weight / (variance + now) ** 2
     expected = v * (1 - share)
-    total = (expected * free).sum()
-    if not total > 0:
+    if not expected.sum() > 0:
         return now
-    return max(float((v * d * d - expected * variance).sum() / total), 0.0)
+    return max(float((v * d * d - expected * variance).sum() / expected.sum()), 0.0)
 
 
 def _counts(u: Array) -> Array:

@@ -37,8 +37,8 @@ class Steps:
     """N fitted steps; nan where the cell leaves the picture.
 
     contrast (N,): brightness after the step minus before it, along the normal; moment (N,): -contrast times position;
-    slopes (N, 2): of the ground before and after, brightness a px; noise (N,): sd of a pixel. sd_contrast, sd_moment (N,)
-    and sd_slopes (N, 2) follow from it. clipped (N,): share of pixels that are black or white.
+    slopes (N, 2): of the ground before and after, brightness a px; noise (N,): sd of a pixel. sd_contrast (N,) and
+    sd_moment (N,) follow from it. clipped (N,): share of pixels that are black or white.
     """
 
     contrast: Array
@@ -47,7 +47,6 @@ class Steps:
     noise: Array
     sd_contrast: Array
     sd_moment: Array
-    sd_slopes: Array
     clipped: Array
 
 
@@ -69,14 +68,13 @@ def steps(
     below, above (N,): how far the cell reaches against and along the normal, px. blur: s of the step, px. held (N, 2):
     variance of a pixel over that of the slopes below and above, 0 leaves a slope free and inf makes it nil. twins
     (N, 2, 2): other lines that step in the cell, one below and one above, at d = twins[..., 0] + twins[..., 1] t for
-    places t along the line; infinite where there is none. noise: least
-    sd of a pixel.
+    places t along the line; infinite where there is none. noise: least sd of a pixel.
     """
     twins = np.tile(_ALONE, (len(q), 1, 1)) if twins is None else twins
     out = profiles.steps(
         gray, q, normal, below, above, held, twins, half_length=half_length, blur=blur, dark=DARK, bright=BRIGHT
     )
-    c, g, _, _, noise_of_cell, Qcc, Qgg, _, _, _, clipped = out.T
+    c, g, _, _, noise_of_cell, Qcc, Qgg, _, clipped = out.T
     sd = np.maximum(noise_of_cell, max(noise, _QUANTISED))
     return Steps(
         c, g, out[:, 2:4], sd, sd * np.sqrt(Qcc), sd * np.sqrt(Qgg), sd[:, None] * np.sqrt(out[:, 7:9]), clipped

@@ -17,12 +17,14 @@ typedef struct {
 
 /* Steps that the pixels themselves show in cells around the samples: |along the line| <= half_length, and from -below[i]
  * to above[i] along the normal. Least squares of
- *     I(d) = a + b d + h (d Phi(d/blur) + blur phi(d/blur)) + c Phi(d/blur) + g phi(d/blur)/blur
- * at the pixels' distances d from the line: a blurred step on ground of another slope on either side. h is held to 0
- * with the weight held[i], the variance of a pixel over that of h. Writes CC_STEP_TERMS doubles a sample:
- * c, g, h, sd of the noise, cofactors Qcc Qgg Qcg Qhh, number of pixels, share of clipped ones (outside dark..bright); all
- * NaN where the cell leaves the picture or its equations are singular. The step lies at -g/c to first order. */
-#define CC_STEP_TERMS 11
+ *     I(d) = a + b (d - r(d)) + e r(d) + c Phi(d/blur) + g phi(d/blur)/blur,    r(d) = d Phi(d/blur) + blur phi(d/blur)
+ * at the pixels' distances d from the line: a blurred step on ground of another slope on either side. The slopes are held
+ * to 0 with the weights held[2 i], held[2 i + 1], the variance of a pixel over that of the slope. twins: two a sample, one
+ * below and one above, (d, slope): a line of the model that steps at d + slope t, t along the line; infinite where there
+ * is none. Writes CC_STEP_TERMS doubles a sample: c, g, b, e, sd of the noise, cofactors Qcc Qgg, number of pixels, share
+ * of clipped ones (outside dark..bright); all NaN where the cell leaves the picture or its equations are singular. The
+ * step lies at -g/c to first order. */
+#define CC_STEP_TERMS 9
 CC_API void cc_steps(const cc_picture *picture, int64_t n, const double *q, const double *normal, const double *below,
                      const double *above, const double *held, const double *twins, double half_length,
                      double blur, double dark, double bright, double *out);
@@ -39,7 +41,9 @@ CC_API void cc_candidates(const cc_picture *picture, int64_t n, const double *q,
 
 /* How far along the normal, and against it, the nearest other line is: free of lines from -below to above, at most
  * `most`. Segments (m, 4) x0 y0 x1 y1 with the run each belongs to and the arc length along it at its two ends; a sample
- * does not see what lies on its own run within `near` px of arc. */
+ * does not see what lies on its own run within `near` px of arc. twins (n, 2, 2): where the nearest line below and above is
+ * straight, about parallel and crosses the whole slab: (d, slope) as cc_steps takes them, and in beyond (n, 2) how far
+ * there is no line but it; else infinite, and beyond is the room as far as that line. */
 CC_API void cc_clearance(int64_t n, const double *q, const double *normal, const int32_t *run, const double *arc,
                          int64_t m, const double *segments, const int32_t *segment_run, const double *segment_arc,
                          double half_length, double near, double most, double *below, double *above, double *twins, double *beyond);

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Ids, Picture
 from cadcam.native.core import library
 
-STEP_TERMS = 11
+STEP_TERMS = 9
 
 
 class _Picture(c.Structure):
@@ -44,7 +44,7 @@ def steps(
     dark: float,
     bright: float,
 ) -> Array:
-    """Return (n, 10) of each cell: c, g, h, noise, Qcc, Qgg, Qcg, Qhh, pixels, share clipped (profile.h)."""
+    """Return (n, 9) of each cell: c, g, slopes below and above, noise, Qcc, Qgg, pixels, share clipped (profile.h)."""
     gray, arrays = np.ascontiguousarray(gray, np.float32), _doubles(q, normal, below, above, held, twins)
     out = np.zeros((len(arrays[0]), STEP_TERMS))
     places = _at(*arrays)
@@ -76,22 +76,17 @@ def clearance(
     near: float,
     most: float,
 ) -> tuple[Array, Array, Array, Array]:
-    """Return how far (n,) px along -normal and +normal each sample is from the next other line, at most `most`."""
+    """Return how far (n,) px along -normal and +normal each sample is from the next other line, at most `most`.
+
+    And the lines there that are twins (n, 2, 2), with how far (n, 2) px no line beyond them is (profile.h).
+    """
     q, normal, arc, segments, segment_arc = _doubles(q, normal, arc, segments, segment_arc)
     run, segment_run = np.ascontiguousarray(run, np.int32), np.ascontiguousarray(segment_run, np.int32)
     below, above = np.zeros(len(q)), np.zeros(len(q))
     twins, beyond = np.zeros((len(q), 2, 2)), np.zeros((len(q), 2))
-    lines = _at(segments, segment_run, segment_arc)
-    _core().cc_clearance(
-        len(q),
-        *_at(q, normal, run, arc),
-        len(segments),
-        *lines,
-        half_length,
-        near,
-        most,
-        *_at(below, above, twins, beyond),
-    )
+    places, lines = _at(q, normal, run, arc), _at(segments, segment_run, segment_arc)
+    out = _at(below, above, twins, beyond)
+    _core().cc_clearance(len(q), *places, len(segments), *lines, half_length, near, most, *out)
     return below, above, twins, beyond
 
 

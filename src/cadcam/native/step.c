@@ -187,8 +187,7 @@ static void solve(const equations *e, const double *held, double *out) {
     /* a term held by a prior takes no degree of freedom away: its spread is part of the model */
     int freedom = e->count - terms + (held[0] > 0) + (held[1] > 0);
     out[0] = x[1], out[1] = x[2], out[2] = x[3], out[3] = x[4], out[4] = sqrt((rss > 0 ? rss : 0) / freedom);
-    out[5] = A[1][1], out[6] = A[2][2], out[7] = A[3][3], out[8] = A[4][4];
-    out[9] = e->count, out[10] = (double)e->clipped / e->count;
+    out[5] = A[1][1], out[6] = A[2][2], out[7] = e->count, out[8] = (double)e->clipped / e->count;
 }
 
 /* Take up the twins whose steps reach into the cell. */
