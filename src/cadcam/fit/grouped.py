@@ -2,11 +2,11 @@
 
     y_i = J_i x + e_group(i) + n_i,   var n_i = variance_i + within^2,   var e_g = known_g + between^2
 
-The known variances are the noise of measuring and what groups are off for known reasons; the two others are estimated with x: the one within groups by moments,
-the one between them by restricted likelihood (Patterson and Thompson, Biometrika 58, 1971). With few groups a large
-variance explains a wrong x as well, and a maximum says little: x and its covariance are averaged over the whole range,
-each variance with its likelihood and a half-Cauchy prior of usual size (Gelman, Bayesian Analysis 1, 2006). Data far
-off their group and groups far off the rest count less or not at all.
+The known variances are the noise of measuring and what groups are off for known reasons; the two others are estimated
+with x: the one within groups by moments, the one between them by restricted likelihood (Patterson and Thompson,
+Biometrika 58, 1971). With few groups a large variance explains a wrong x as well, and a maximum says little: x and its
+covariance are averaged over the whole range, each variance with its likelihood and a half-Cauchy prior of usual size
+(Gelman, Bayesian Analysis 1, 2006). Data far off their group and groups far off the rest count less or not at all.
 """
 
 from __future__ import annotations

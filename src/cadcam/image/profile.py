@@ -76,9 +76,7 @@ def steps(
     )
     c, g, _, _, noise_of_cell, Qcc, Qgg, _, clipped = out.T
     sd = np.maximum(noise_of_cell, max(noise, _QUANTISED))
-    return Steps(
-        c, g, out[:, 2:4], sd, sd * np.sqrt(Qcc), sd * np.sqrt(Qgg), sd[:, None] * np.sqrt(out[:, 7:9]), clipped
-    )
+    return Steps(c, g, out[:, 2:4], sd, sd * np.sqrt(Qcc), sd * np.sqrt(Qgg), clipped)
 
 
 def noise_of(gray: Picture) -> float:

@@ -29,8 +29,8 @@ class EdgeSamples:
 
     line (N,): number of the polyline that they were drawn from; below, above (N,) px: how far against and along the
     normal no other line of the model is. twins (N, 2, 2): the lines there, below and above, that run about parallel
-    through the whole cell: (d, slope), px from the sample and px a px along the line; infinite where there is none. beyond
-    (N, 2) px: how far no further line is.
+    through the whole cell: (d, slope), px from the sample and px a px along the line; infinite where there is none.
+    beyond (N, 2) px: how far no further line is.
     """
 
     p: Array
