@@ -21,8 +21,8 @@ from cadcam.errors import DegenerateGeometry
 
 Longs = npt.NDArray[np.int64]
 _FULL, _NONE = 2.5, 4.0  # standard deviations: up to the first a datum counts fully, beyond the second not at all
-_SETTLED = 0.01  # standard deviations that x may still move
-_TRIED = np.concatenate([[0.0], np.geomspace(0.05, 20.0, 14)])  # variances between groups, roots, in usual ones
+_SETTLED = 0.02  # standard deviations that x may still move
+_TRIED = np.concatenate([[0.0], np.geomspace(0.1, 60.0, 13)])  # variances between groups, roots, in usual ones
 _MEASURE = np.gradient(_TRIED)  # how much of the range each stands for
 
 
@@ -85,7 +85,7 @@ def grouped_fit(
         r = y - J @ x
         mean, total = sums.means(r, w)
         within2 = _within(r - mean[group], variance, within2, weight * free, w / np.maximum(total[group], 1e-300))
-        if np.abs(x - x_before).max() <= _SETTLED * np.sqrt(np.diag(covariance)).min():
+        if (np.abs(x - x_before) <= _SETTLED * np.sqrt(np.diag(covariance))).all():
             break
         if robust:
             v = between**2 * sums.free + sums.known

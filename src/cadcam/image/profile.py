@@ -109,6 +109,8 @@ def blur_of(gray: Picture, q: Array, normal: Array, *, reach: Array, half_length
         )
         seen = np.isfinite(out[:, 4])
         misfit[k] = np.median(out[seen, 4]) if seen.sum() >= 8 else np.inf
+        if k and misfit[k] > misfit[k - 1]:
+            break
     best = int(np.argmin(misfit))
     if not np.isfinite(misfit[best]):
         return default

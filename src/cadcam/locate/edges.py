@@ -15,7 +15,7 @@ from cadcam.arrays import Array, Ids, Mask
 from cadcam.cad.edges import EdgeKind
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
-from cadcam.native.profiles import clearance
+from cadcam.native.profiles import clearance, edge_rows
 from cadcam.render.wireframe import Polylines
 
 Longs = npt.NDArray[np.int64]
@@ -53,16 +53,14 @@ class EdgeSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Projected:
-    """Samples as a camera sees them: q (N, 2) px, unit normal (N, 2), and dq/dxi (N, 2, 6) by the pose's own twist."""
+    """Samples as a camera sees them: q (N, 2) px, unit normal (N, 2), and row (N, 6).
+
+    row: d(offset along the normal)/dxi by the pose's own twist, how the model's line moves across itself.
+    """
 
     q: Array
     normal: Array
-    by_pose: Array
-
-    @property
-    def row(self) -> Array:
-        """Return d(offset along the normal)/dxi (N, 6): how the model's line moves across itself."""
-        return np.asarray(np.einsum("ni,nij->nj", self.normal, self.by_pose))
+    row: Array
 
 
 def project(samples: EdgeSamples, camera: Camera, camera_from_part: Rigid) -> Projected:
@@ -71,14 +69,8 @@ def project(samples: EdgeSamples, camera: Camera, camera_from_part: Rigid) -> Pr
     xi is the twist of `camera_from_part @ Rigid.exp(xi)`: dp = v + w x p in the part frame, so dq/dxi = D [I, -hat(p)]
     with D = dq/dp.
     """
-    R, p = camera_from_part.rotation, samples.p
-    q, J = camera.project_with_jacobian(camera_from_part @ p)
-    D = J @ R
-    along = np.einsum("nij,nj->ni", D, samples.tangent)
-    normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    normal /= np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-300)[:, None]
-    by_pose = np.concatenate([D, np.cross(p[:, None, :], D)], axis=-1)
-    return Projected(q, normal, by_pose)
+    q, J = camera.project_with_jacobian(camera_from_part @ samples.p)
+    return Projected(q, *edge_rows(J, camera_from_part.rotation, samples.p, samples.tangent))
 
 
 def sample_lines(lines: Polylines, camera: Camera, *, step_px: float, reach_px: float) -> EdgeSamples:

@@ -165,3 +165,69 @@ void cc_clearance(int64_t n, const double *q, const double *normal, const int32_
         side(met, count, 1, half_length, most, above + i, twins + 4 * i + 2, beyond + 2 * i + 1);
     }
 }
+
+void cc_edge_rows(int64_t n, const double *jacobian, const double *rotation, const double *p, const double *tangent,
+                  double *normal, double *row) {
+    const double *R = rotation;
+    for (int64_t i = 0; i < n; i++) {
+        const double *J = jacobian + 6 * i, *t = tangent + 3 * i, *at = p + 3 * i;
+        double D[2][3], along[2];
+        for (int r = 0; r < 2; r++) {
+            for (int k = 0; k < 3; k++) D[r][k] = J[3 * r] * R[k] + J[3 * r + 1] * R[3 + k] + J[3 * r + 2] * R[6 + k];
+            along[r] = D[r][0] * t[0] + D[r][1] * t[1] + D[r][2] * t[2];
+        }
+        double length = hypot(along[0], along[1]);
+        length = length > 1e-300 ? length : 1e-300;
+        double nx = -along[1] / length, ny = along[0] / length, v[3];
+        for (int k = 0; k < 3; k++) v[k] = nx * D[0][k] + ny * D[1][k];
+        normal[2 * i] = nx, normal[2 * i + 1] = ny;
+        double *o = row + 6 * i;
+        o[0] = v[0], o[1] = v[1], o[2] = v[2];
+        o[3] = at[1] * v[2] - at[2] * v[1], o[4] = at[2] * v[0] - at[0] * v[2], o[5] = at[0] * v[1] - at[1] * v[0];
+    }
+}
+
+enum { MOTIONS = 6 };
+
+/* x += A^-1 b for a symmetric positive A, which it spoils (lower half given). */
+static void step_by(double A[MOTIONS][MOTIONS], double *b, int k, double *x) {
+    for (int i = 0; i < k; i++)
+        for (int j = 0; j <= i; j++) {
+            for (int m = 0; m < j; m++) A[i][j] -= A[i][m] * A[j][m];
+            A[i][j] = i == j ? sqrt(A[i][i] > 1e-300 ? A[i][i] : 1e-300) : A[i][j] / A[j][j];
+        }
+    for (int i = 0; i < k; i++) {
+        for (int m = 0; m < i; m++) b[i] -= A[i][m] * b[m];
+        b[i] /= A[i][i];
+    }
+    for (int i = k - 1; i >= 0; i--) {
+        for (int m = i + 1; m < k; m++) b[i] -= A[m][i] * b[m];
+        b[i] /= A[i][i], x[i] += b[i];
+    }
+}
+
+void cc_pull(int64_t n, int32_t most, int32_t k, const double *rows, const double *offset, const double *strength,
+             double soft, double nothing, double held, int32_t pulls, double *x) {
+    const double sharp = -0.5 / (soft * soft);
+    for (int32_t pull = 0; pull < pulls; pull++) {
+        double A[MOTIONS][MOTIONS] = {{0}}, b[MOTIONS] = {0};
+        for (int64_t i = 0; i < n; i++) {
+            const double *J = rows + k * i;
+            double moved = 0, all = 0, far = 0;
+            for (int a = 0; a < k; a++) moved += J[a] * x[a];
+            for (int32_t m = 0; m < most; m++) {
+                double s = strength[most * i + m], r = offset[most * i + m] - moved;
+                if (!(s > 0)) continue;
+                double near = s * exp(sharp * r * r);
+                all += near, far += near * r;
+            }
+            const double weight = all / (all + nothing), shift = far / (all + nothing);
+            for (int a = 0; a < k; a++) {
+                b[a] += J[a] * shift;
+                for (int c = 0; c <= a; c++) A[a][c] += weight * J[a] * J[c];
+            }
+        }
+        for (int a = 0; a < k; a++) A[a][a] += held * A[a][a] + 1e-300;
+        step_by(A, b, k, x);
+    }
+}

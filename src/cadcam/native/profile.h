@@ -48,4 +48,16 @@ CC_API void cc_clearance(int64_t n, const double *q, const double *normal, const
                          int64_t m, const double *segments, const int32_t *segment_run, const double *segment_arc,
                          double half_length, double near, double most, double *below, double *above, double *twins, double *beyond);
 
+/* How lines move across themselves: of n samples with J = dq/d(point in the camera's frame) (n, 2, 3), rotation of the
+ * camera from the part (3, 3), p and tangent (n, 3) in the part's frame, the unit normal (n, 2) in the picture and
+ * d(place along it)/d(twist of the part) (n, 6). */
+CC_API void cc_edge_rows(int64_t n, const double *jacobian, const double *rotation, const double *p,
+                         const double *tangent, double *normal, double *row);
+
+/* Gauss-Newton steps x (k), k <= 6, of lines pulled onto steps near them: offset, strength (n, most), rows (n, k). A step
+ * r away pulls with near = strength exp(-r^2 / (2 soft^2)), all of a sample together with near / (sum near + nothing);
+ * held: what is added to the diagonal, of it. Strengths of 0 are no steps. */
+CC_API void cc_pull(int64_t n, int32_t most, int32_t k, const double *rows, const double *offset, const double *strength,
+                    double soft, double nothing, double held, int32_t pulls, double *x);
+
 #endif

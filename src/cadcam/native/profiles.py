@@ -25,7 +25,9 @@ def _core() -> c.CDLL:
     core.cc_steps.argtypes = [picture, i64, *[pointer] * 6, *[real] * 4, pointer]
     core.cc_candidates.argtypes = [picture, i64, pointer, pointer, real, i32, real, i32, pointer, pointer]
     core.cc_clearance.argtypes = [i64, *[pointer] * 4, i64, *[pointer] * 3, *[real] * 3, *[pointer] * 4]
-    for name in ("cc_steps", "cc_candidates", "cc_clearance"):
+    core.cc_edge_rows.argtypes = [i64, *[pointer] * 6]
+    core.cc_pull.argtypes = [i64, i32, i32, *[pointer] * 3, *[real] * 3, i32, pointer]
+    for name in ("cc_steps", "cc_candidates", "cc_clearance", "cc_edge_rows", "cc_pull"):
         getattr(core, name).restype = None
     return core
 
@@ -88,6 +90,27 @@ def clearance(
     out = _at(below, above, twins, beyond)
     _core().cc_clearance(len(q), *places, len(segments), *lines, half_length, near, most, *out)
     return below, above, twins, beyond
+
+
+def edge_rows(jacobian: Array, rotation: Array, p: Array, tangent: Array) -> tuple[Array, Array]:
+    """Return unit normals (n, 2) and rows (n, 6): how samples of lines move along them by a twist of the part.
+
+    jacobian (n, 2, 3): dq/d(point in the camera's frame). rotation (3, 3): camera from part; p, tangent (n, 3).
+    """
+    arrays = _doubles(jacobian, rotation, p, tangent)
+    normal, row = np.zeros((len(p), 2)), np.zeros((len(p), 6))
+    _core().cc_edge_rows(len(p), *_at(*arrays, normal, row))
+    return normal, row
+
+
+def pulled(
+    rows: Array, offset: Array, strength: Array, *, soft: float, nothing: float, held: float, pulls: int
+) -> Array:
+    """Return the step (k,) by which lines with rows (n, k) are pulled onto steps `offset` (n, m) px off (profile.h)."""
+    rows, offset, strength = arrays = _doubles(rows, offset, strength)
+    x = np.zeros(rows.shape[1])
+    _core().cc_pull(*offset.shape, len(x), *_at(*arrays), soft, nothing, held, pulls, x.ctypes.data)
+    return x
 
 
 def _picture(gray: Picture) -> object:
