@@ -22,7 +22,7 @@ from cadcam.native.profiles import pulled
 
 _SEARCHED = 400  # samples that search, of all photos together
 _SOFTNESS, _REACH = 0.6, 1.5  # of how far off the lines may be: width of the pull, and how far steps are looked for
-_SHRINKS = 0.4  # from one round to the next
+_SHRINKS = 0.5  # from one round to the next
 _LAST = (3, 0.7)  # reach and softness at the width of an edge, px
 _NOTHING = 0.3  # a strong step this far down its bell pulls as much as "none of them"
 _STRONG = 0.75  # quantile of the strongest slopes: what is at least as strong pulls fully
