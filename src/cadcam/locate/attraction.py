@@ -18,6 +18,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import candidates
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.sight import Sight
+from cadcam.native.profiles import pulled
 
 _SEARCHED = 400  # samples that search, of all photos together
 _SOFTNESS, _REACH = 0.6, 1.5  # of how far off the lines may be: width of the pull, and how far steps are looked for
@@ -25,6 +26,7 @@ _SHRINKS = 0.5  # from one round to the next
 _LAST = (3, 0.7)  # reach and softness at the width of an edge, px
 _NOTHING = 0.3  # a strong step this far down its bell pulls as much as "none of them"
 _STRONG = 0.75  # quantile of the strongest slopes: what is at least as strong pulls fully
+_HELD = 1e-3  # of its own weight: what holds every motion
 _PULLS = 4  # Gauss-Newton steps on one set of candidates
 
 
@@ -60,12 +62,6 @@ def _pulled(sights: Sequence[Sight], pose: Rigid, B: Array, *, reach: int, soft:
     if len(J) < 2 * J.shape[1]:
         return pose
     strength = np.minimum(np.abs(slope) / np.quantile(np.abs(slope[:, 0]), _STRONG), 1.0)
-    x = np.zeros(J.shape[1])
-    for _ in range(_PULLS):
-        r = offset - (J @ x)[:, None]
-        near = strength * np.exp(-0.5 * (r / soft) ** 2)
-        share = near / (near.sum(axis=1, keepdims=True) + _NOTHING)
-        A = (J * share.sum(axis=1)[:, None]).T @ J
-        A[np.diag_indices(len(x))] += 1e-3 * np.diag(A) + 1e-300  # what no line tells stays where it is
-        x = x + np.linalg.solve(A, J.T @ (share * r).sum(axis=1))
+    # what no line tells stays where it is
+    x = pulled(J, offset, strength, soft=soft, nothing=_NOTHING, held=_HELD, pulls=_PULLS)
     return pose @ Rigid.exp(B @ x)
