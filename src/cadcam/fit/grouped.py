@@ -22,7 +22,7 @@ from cadcam.errors import DegenerateGeometry
 Longs = npt.NDArray[np.int64]
 _FULL, _NONE = 2.5, 4.0  # standard deviations: up to the first a datum counts fully, beyond the second not at all
 _SETTLED = 0.02  # standard deviations that x may still move
-_TRIED = np.concatenate([[0.0], np.geomspace(0.1, 60.0, 13)])  # variances between groups, roots, in usual ones
+_TRIED = np.concatenate([[0.0], np.geomspace(0.05, 60.0, 17)])  # variances between groups, roots, in usual ones
 _MEASURE = np.gradient(_TRIED)  # how much of the range each stands for
 
 
