@@ -181,7 +181,7 @@ def test_the_map_and_its_residuals_are_those_of_the_order(rng):
     assert abs(sigma - NOISE) < 5 * NOISE / np.sqrt(2 * dof)
 
 
-@pytest.mark.parametrize("count", [6, 8, 30, 120])
+@pytest.mark.parametrize("count", [6, 8, 80])
 def test_a_wrong_plan_is_refused_with_how_near_the_best_order_came(count):
     rng = np.random.default_rng(count)
     q, _ = seen(rng, scattered(rng, count), tilt=20)
@@ -193,7 +193,7 @@ def test_a_wrong_plan_is_refused_with_how_near_the_best_order_came(count):
 
 def test_random_points_are_not_ordered(rng):
     with pytest.raises(NoOrder):
-        order_marks(rng.uniform(0, 500, (40, 2)), scattered(rng, 40))
+        order_marks(rng.uniform(0, 500, (20, 2)), scattered(rng, 20))
 
 
 def test_what_is_no_plan_and_what_are_no_marks_is_refused(rng):
