@@ -14,7 +14,6 @@ from cadcam.camera.sensor_format import CHIPS, FORMATS, SensorFormat
 from cadcam.report.figures import BLUE, INK, ORANGE, figure, write_figure
 from cadcam.report.table import Table
 
-
 _DRAWN_MM = (4.0, 6.0, 8.0, 12.0, 16.0, 25.0, 35.0, 50.0, 75.0, 100.0)
 
 

@@ -10,7 +10,7 @@ part is seen, have several, and all of them are told.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -30,6 +30,7 @@ _LOG_CHANCE = -2.0  # one order by chance in a hundred plans
 _UNDECIDABLE = 5  # marks: under perspective as few fit by chance, and cannot prove anything
 _ENOUGH = {True: 0.7, False: 0.5}  # of the marks explained, few or many: no more starts are tried
 _ODDS = 1000.0
+_SECOND = 0.7  # of the marks of the first plate: a second one that shows as many makes the order ambiguous
 _FEWER = 7  # marks less than the best that an order as good may explain
 
 
@@ -41,7 +42,7 @@ class Ordering:
     similarity, affine map and perspective (`map_kind`) that explains them. residuals: (N, 2) px found minus mapped, NaN
     for false marks: noise, and what the lens distorts. chance: how many orders as good are expected by chance; at most
     0.01, but for four or five marks, all of the plan, that say nothing by themselves. alternatives: other orders (N,)
-    about as likely, the best first.
+    about as likely, the best first; that of a second plate of the same plan, if the marks left over show one, last.
     """
 
     plan_index: Ids
@@ -96,7 +97,24 @@ def order_marks(
     q, places = frozen(pixels, "pixels", (None, 2)), Plan.of(plan)
     if len(q) < FEWEST:
         raise TooFewPoints("the order of marks", len(q), FEWEST)
-    return _chosen(q, places, _found(q, places, SIDES[side], sigma_px), sigma_px, odds)
+    first = _chosen(q, places, _found(q, places, SIDES[side], sigma_px), sigma_px, odds)
+    return replace(first, alternatives=(*first.alternatives, *_among_the_rest(q, places, first, side, sigma_px)))
+
+
+def _among_the_rest(q: Array, plan: Plan, first: Ordering, side: Side, sigma_px: float) -> tuple[Ids, ...]:
+    """Return the order of a second plate like the first, among the marks that this leaves over, if there is one."""
+    rest = np.flatnonzero(first.plan_index < 0)
+    if len(rest) < max(_UNDECIDABLE + 1, _SECOND * len(first)):
+        return ()
+    try:
+        second = _chosen(q[rest], plan, _found(q[rest], plan, SIDES[side], sigma_px), sigma_px, 1.0)
+    except NoOrder:
+        return ()
+    if len(second) < _SECOND * len(first):
+        return ()
+    order = np.full(len(q), -1, dtype=np.int32)
+    order[rest] = second.plan_index
+    return (order,)
 
 
 def _found(q: Array, plan: Plan, signs: tuple[int, ...], sigma_px: float) -> Ids:

@@ -17,6 +17,7 @@ _NEAR = 0.35  # of the plan's spacing: within it a mark is taken while the map g
 _ROUNDS = 30
 _ENOUGH = 7  # marks from which a perspective is fitted
 _MANY = 24  # marks from which a lens' distortion is told from strays by a polynomial
+_REWEIGHTED = 5  # times
 _STRAY = 4.0  # robust sigmas at the end
 
 
@@ -106,7 +107,16 @@ def _like_neighbours(off: Array, plan: Plan, marks: Ids, trusted: Mask) -> Array
 
 
 def _bent(off: Array, plan: Plan, marks: Ids, trusted: Mask) -> Array:
-    """Return residuals (K, 2) as a cubic polynomial of the place: what a first term of radial distortion leaves."""
+    """Return residuals (K, 2) as a cubic polynomial of the place: what a first term of radial distortion leaves.
+
+    Reweighted by 1/(1 + (r/2s)^2), so that strays do not bend it.
+    """
     x, y = ((plan.p[marks] - plan.p[marks].mean(axis=0)) / np.ptp(plan.p, axis=0).max()).T
     A = np.stack([x**i * y**j for i in range(4) for j in range(4 - i)], axis=1)
-    return np.asarray(A @ np.linalg.lstsq(A[trusted], off[trusted], rcond=1e-9)[0])
+    weight, bent = trusted.astype(np.float64), np.zeros_like(off)
+    for _ in range(_REWEIGHTED):
+        root = np.sqrt(weight)[:, None]
+        bent = np.asarray(A @ np.linalg.lstsq(A * root, off * root, rcond=1e-9)[0])
+        r = np.hypot(*(off - bent).T)
+        weight = trusted / (1 + (r / max(2 * float(np.median(r[trusted])), 1e-9)) ** 2)
+    return bent

@@ -142,22 +142,33 @@ def _turns(quads: Array) -> Ids:
 
 
 def _spread_quads(q: Array) -> Ids:
-    """Return groups of four marks (K, 4): all of them or many, those first whose thinnest triangle is largest."""
-    groups = np.array(list(combinations(range(min(len(q), 12)), 4)), dtype=np.int32)
-    if len(q) > 12:
-        groups = np.unique(np.sort(np.concatenate([groups, _local_quads(q)]), axis=1), axis=0)
+    """Return groups of four marks (K, 4), those first whose thinnest triangle is largest; of many, neighbours in turn.
+
+    Wide groups tell more of a perspective; narrow ones lie on one plate where two are in view.
+    """
+    wide = np.array(list(combinations(range(min(len(q), _FEW)), 4)), dtype=np.int32)
+    if len(q) <= _FEW:
+        return _widest(q, wide)[:_QUADS]
+    near, wide = (_widest(q, groups)[:_QUADS] for groups in (_local_quads(q), wide))
+    count = min(len(near), len(wide))
+    turns = np.stack([near[:count], wide[:count]], axis=1).reshape(-1, 4)
+    return np.concatenate([turns, near[count:], wide[count:]])[:_QUADS]
+
+
+def _widest(q: Array, groups: Ids) -> Ids:
     triples = ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3))
     least = np.min([np.abs(areas(q[groups[:, t]])) for t in triples], axis=0)
     order = np.argsort(-least, kind="stable")
     useful = least[order] > _LEAST_AREA * np.prod(np.ptp(q, axis=0)) / len(q)
-    return np.asarray(groups[order][useful][:_QUADS])
+    return np.asarray(groups[order][useful])
 
 
 def _local_quads(q: Array) -> Ids:
     from scipy.spatial import cKDTree
 
     near = np.asarray(cKDTree(q).query(q, 5)[1], np.int32)
-    return np.concatenate([near[:, list(c)] for c in combinations(range(5), 4)])
+    groups = np.concatenate([near[:, list(c)] for c in combinations(range(5), 4)])
+    return np.unique(np.sort(groups, axis=1), axis=0)
 
 
 def _tried(q: Array, plan: Plan, quad: Ids, fours: Ids) -> list[Ids]:
