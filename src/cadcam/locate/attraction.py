@@ -56,16 +56,30 @@ def _pulled(sights: Sequence[Sight], pose: Rigid, B: Array, *, reach: int, soft:
         rows.append(at.row[some] @ B)
         offsets.append(found.offset[some])
         slopes.append(found.slope[some])
-    J, offset, slope = (np.nan_to_num(np.concatenate(a)) for a in (rows, offsets, slopes))
+    J, offset, slope = (np.concatenate(a) for a in (rows, offsets, slopes))
     if len(J) < 2 * J.shape[1]:
         return pose
+    return pose @ Rigid.exp(B @ pull(np.nan_to_num(J), offset, slope, soft))
+
+
+def pull(
+    J: Array, offset: Array, slope: Array, soft: float, *, stiff: Array | None = None, before: Array | None = None
+) -> Array:
+    """Return the step x (k,) by which N lines come onto their steps, of those (N, M) that each one sees.
+
+    J (N, k): how x moves the lines; offset, slope (N, M): where along the normals (px) steps are, and how steep, nan
+    for none. stiff (k, k) holds x + before near nil, in units of a sample's pull.
+    """
+    offset, slope = np.nan_to_num(offset), np.nan_to_num(slope)
     strength = np.minimum(np.abs(slope) / np.quantile(np.abs(slope[:, 0]), _STRONG), 1.0)
     x = np.zeros(J.shape[1])
+    held = np.zeros((len(x), len(x))) if stiff is None else stiff
+    owed = np.zeros(len(x)) if before is None else held @ before
     for _ in range(_PULLS):
         r = offset - (J @ x)[:, None]
         near = strength * np.exp(-0.5 * (r / soft) ** 2)
         share = near / (near.sum(axis=1, keepdims=True) + _NOTHING)
-        A = (J * share.sum(axis=1)[:, None]).T @ J
+        A = (J * share.sum(axis=1)[:, None]).T @ J + held
         A[np.diag_indices(len(x))] += 1e-3 * np.diag(A) + 1e-300  # what no line tells stays where it is
-        x = x + np.linalg.solve(A, J.T @ (share * r).sum(axis=1))
-    return pose @ Rigid.exp(B @ x)
+        x = x + np.linalg.solve(A, J.T @ (share * r).sum(axis=1) - owed - held @ x)
+    return x

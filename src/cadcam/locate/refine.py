@@ -27,7 +27,7 @@ from cadcam.locate.location import FOUND, Location
 from cadcam.locate.matches import EdgeMatches
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality import Seen, seen
+from cadcam.locate.quality import Seen, judged
 from cadcam.locate.sight import Cells, Measured, Sight, measure, nearest_steps
 from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
 
@@ -231,7 +231,7 @@ def _location(part: Part, fitted: _Fitted, freedom: Freedom, chosen: int) -> Loc
     photos = [s.photo for s in sights]
     from_calibration = calibration_covariance(photos, points, normals, gains, pose)
     estimate = PoseEstimate(pose, B @ fit.covariance @ B.T, from_calibration, B, fit.dof)
-    evidence = seen(sights, pose, constraints=B.shape[1] + chosen, scatter=fit.between)
+    evidence = judged(sights, pose, B, chosen=chosen, scatter=fit.between)
     return Location(estimate, _matches(fitted), evidence.quality, _reason(part, estimate, evidence, fit, photos))
 
 
