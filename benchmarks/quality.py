@@ -254,7 +254,9 @@ def main() -> None:
     if a.list:
         for b in answers:
             if (_wrong(b) and b.quality >= FOUND) or (_right(b) and b.quality < FOUND):
-                print(f"{b.set_name}: {b.kind}, {b.error_px:.1f} px off, quality {b.quality:.2f} {b.refused or b.reason}")
+                print(
+                    f"{b.set_name}: {b.kind}, {b.error_px:.1f} px off, quality {b.quality:.2f} {b.refused or b.reason}"
+                )
 
 
 if __name__ == "__main__":

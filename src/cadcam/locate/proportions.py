@@ -3,11 +3,12 @@
 A pose fitted to a model of wrong proportions leaves most lines on edges of the photo; those at one end are off, and a
 robust fit leaves them out. Lengths enter beside the pose, x' = c + diag(f) (x - c) with c the middle of what is seen.
 
-1. Lines that the photo shows from end to end hold the pose: whatever f, it goes where those stay in place, J x = -K (f - 1)
-   by least squares. So an axis has one number, and a range of it is tried on the steps that samples see far along their
-   normals, like a Hough transform; a line counts by a power of its share that meets a step, for pieces of it meet print.
-2. The best is pulled onto the steps (`attraction.pull`), all three lengths free but for their product: one photo does not
-   tell a size from a distance.
+1. Lines that the photo shows from end to end hold the pose: whatever f, it goes where those stay in place,
+   J x = -K (f - 1) by least squares. So an axis has one number, and a range of it is tried on the steps that samples
+   see far along their normals, like a Hough transform; a line counts by a power of its share that meets steps of one
+   sign, for pieces of it meet print.
+2. The best are pulled onto the steps (`attraction.pull`), all three lengths free but for their product: one photo does
+   not tell a size from a distance.
 
 On a model of right proportions nothing fits better than f = 1.
 """
@@ -31,7 +32,8 @@ _STEPS = 8  # steps of a profile that are kept
 _ON_PX, _FAINT, _AROUND_PX = 2.0, 0.4, 6.0  # a sample meets a step so near, of those around nearly the strongest
 _HOLDS, _COUNTS = 8, 3  # powers of a line's share: by which it holds the pose, and counts
 _TRIED = np.exp(np.linspace(-0.25, 0.25, 25)) - 1  # f - 1
-_NONE, _WORTH = 0.05, 0.9  # what is looked at closer: f - 1 so large, and lines that meet steps nearly as well as they do now
+# What is looked at closer: f - 1 so large, and so much of the lines that meet steps now.
+_NONE, _WORTH = 0.05, 0.9
 _LOOKED_AT, _APART = 4, 0.06  # how many such, and how far apart
 _PULLS = ((8, 3.5), (5, 1.5), (3, 0.7))  # reach and softness, px
 _CLOSE = 3  # px: how far from a line its steps may be after it
@@ -66,23 +68,20 @@ def stretched(sights: Sequence[Sight], pose: Rigid, B: Array) -> Stretched:
     """
     few, k = [s.thinned(max(_ASKED // len(sights), 60)) for s in sights], B.shape[1]
     middle = _middle(sights)
-    as_it_is, trials = _tried(_Seen(few, pose, B, middle, np.zeros(3), _far(sights, pose)), k)
-    best, most = None, as_it_is
-    for x, f in trials:
-        pulled, s = _pulled(few, pose @ Rigid.exp(B @ x), np.log1p(f), B, middle)
-        met = _Seen(few, pulled, B, middle, s, _CLOSE).met()
-        if met > most:
-            best, most = (pulled, s), met
-    if best is None:
+    as_it_is, trials = _tried(_Seen(few, pose, np.zeros(3), B, middle, _far(sights, pose)), k)
+    pulled = [_pulled(few, pose @ Rigid.exp(B @ x), np.log1p(f), B, middle) for x, f in trials]
+    met = [float(_Seen(few, *pose_and_s, B, middle).met()) for pose_and_s in pulled]
+    if max(met, default=0.0) <= as_it_is:
         return Stretched(sights, pose, np.ones(3))
-    return Stretched(_scaled(sights, middle, best[1]), best[0], np.exp(best[1] - best[1].mean()))
+    best, s = pulled[int(np.argmax(met))]
+    return Stretched(_scaled(sights, middle, s), best, np.exp(s - s.mean()))
 
 
 def _pulled(sights: Sequence[Sight], pose: Rigid, s: Array, B: Array, middle: Array) -> tuple[Rigid, Array]:
     """Return the pose and logarithms of lengths after pulling the lines onto steps close by."""
     k = B.shape[1]
     for reach, soft in _PULLS:
-        seen = _Seen(sights, pose, B, middle, s, reach)
+        seen = _Seen(sights, pose, s, B, middle, reach)
         stiff = np.zeros((k + 3, k + 3))
         stiff[k:, k:] = _OF_PULL * (soft / _USUAL) ** 2 * (np.eye(3) + _SUM * np.full((3, 3), 1 / 3))
         before = np.append(np.zeros(k), s - s.mean())
@@ -94,7 +93,9 @@ def _pulled(sights: Sequence[Sight], pose: Rigid, s: Array, B: Array, middle: Ar
 class _Seen:
     """How motions and lengths move the lines, J (N, k + 3), and where (N, M) steps are along them and how steep."""
 
-    def __init__(self, sights: Sequence[Sight], pose: Rigid, B: Array, middle: Array, s: Array, reach: int) -> None:
+    def __init__(
+        self, sights: Sequence[Sight], pose: Rigid, s: Array, B: Array, middle: Array, reach: int = _CLOSE
+    ) -> None:
         rows, offsets, slopes, runs, before = [], [], [], [], 0
         for sight in _scaled(sights, middle, s):
             at = sight.project(pose)
@@ -138,7 +139,7 @@ def _tried(seen: _Seen, k: int) -> tuple[float, list[tuple[Array, Array]]]:
     met = np.array([seen.met(_TRIED[:, None] * moved) for moved in (K + J @ follows).T])
     as_it_is = float(seen.met())
     met[:, np.abs(_TRIED) < _NONE] = 0
-    better = []
+    better: list[tuple[Array, Array]] = []
     while len(better) < _LOOKED_AT and met.max() > _WORTH * as_it_is:
         axis, best = np.unravel_index(int(np.argmax(met)), met.shape)
         better.append((follows[:, axis] * _TRIED[best], _TRIED[best] * np.eye(3)[axis]))

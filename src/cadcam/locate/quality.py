@@ -16,7 +16,7 @@ one; lines that lie on one edge of the photo count once. With C constraints in s
 
 A box has nine lines, so a third is free; a part seen edge-on, or cut by the picture's border, has hardly anything left
 that could speak for it. absent: share of the visible length that lies on lines shown nowhere; scatter: by how much
-edges are off as a whole (px), extent: size of what is seen (px). Edges that scatter little must also be met more closely.
+edges are off as a whole (px), extent: size of what is seen (px). Edges that scatter little must also be met closely.
 
 A model of wrong proportions is the hardest case: most lines fit. So where the answer is in doubt other proportions are
 tried (`locate.proportions`), and what they gain counts twice against the model as it is: net - 2 (net' - net). Quality
@@ -95,7 +95,7 @@ class Seen:
         if self.samples < _LEAST or self.free >= 1:
             return "so few edges of the part would be in the picture that any place would fit"
         free = f", {self.free:.0%} could be fitted anywhere" if self.free > 0.2 else ""
-        other = f"; more would be with a model {self.proportions} (other part, unit or scale?)" if self.gain > _TOLD else ""
+        other = f"; more were it {self.proportions} (other part, unit or scale?)" if self.gain > _TOLD else ""
         return f"{self.shown:.0%} of the visible edges are there, {self.by_chance:.0%} would be by chance{free}{other}"
 
 
