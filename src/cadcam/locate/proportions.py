@@ -17,10 +17,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import candidates
 from cadcam.locate.attraction import pull
@@ -115,13 +117,21 @@ class _Seen:
         self.first = np.flatnonzero(np.diff(run, prepend=-1))
         self.of_run = np.diff(self.first, append=len(run))  # samples
 
+    @cached_property
+    def _signed(self) -> tuple[npt.NDArray[np.float32], ...]:
+        """Where (M, N) steps nearly as strong as all close to them are, rising ones and falling ones."""
+        size, off = np.nan_to_num(np.abs(self.slope)), np.nan_to_num(self.offset, nan=np.inf)
+        with np.errstate(invalid="ignore"):
+            close = np.abs(off[:, :, None] - off[:, None]) < _AROUND_PX
+        strong = size > _FAINT * np.where(close, size[:, None], 0.0).max(axis=2)
+        return tuple(
+            np.where(strong & (sign * self.slope > 0), off, np.inf).T.astype(np.float32, order="C") for sign in (1, -1)
+        )
+
     def shares(self, moved: Array | None = None) -> Array:
         """Return the share (..., R) of each line's samples that meet a step, all of one sign, moved by px (..., N)."""
-        off = np.abs(np.nan_to_num(self.offset, nan=1e6) - (0.0 if moved is None else moved[..., None]))
-        size = np.nan_to_num(np.abs(self.slope))
-        strongest = np.where(off < _AROUND_PX, size, 0.0).max(axis=-1, keepdims=True)
-        on: Mask = (off < _ON_PX) & (size > _FAINT * strongest)
-        either = [(on & (sign * self.slope > 0)).any(axis=-1) for sign in (1, -1)]
+        to = np.zeros(len(self.J), np.float32) if moved is None else moved.astype(np.float32)
+        either = [sum(np.abs(one - to) < _ON_PX for one in offsets) > 0 for offsets in self._signed]
         return np.maximum(*(np.add.reduceat(one, self.first, axis=-1, dtype=float) for one in either)) / self.of_run
 
     def met(self, moved: Array | None = None) -> Array:
