@@ -14,7 +14,7 @@ from cadcam.cli.locating import (
     add_view_options,
     freedom_as_asked,
     part_as_asked,
-    prepare,
+    prepared,
     start_as_asked,
     views_as_asked,
 )
@@ -122,8 +122,7 @@ def located(
             location = None
         if location is not None and location.found:
             return location
-    prepare(part, shots.photos, views)
-    with working("looking for the part"):
+    with prepared(part, shots.photos, views), working("looking for the part"):
         return locate(part, shots.photos, views=views, freedom=freedom)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import add_points_options, number, read_points_as_asked
@@ -10,7 +11,7 @@ from cadcam.cli.output import progress, working
 from cadcam.errors import BadValue, UnknownName
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     from cadcam.cad.mesh import Mesh
@@ -92,22 +93,21 @@ def views_as_asked(arguments: argparse.Namespace) -> ViewRange:
     return ViewRange(**around)
 
 
-def prepare(part: Part, photos: Sequence[Photo], views: ViewRange) -> None:
-    """Make what a search of the part needs, from the cache's folder where it is there, and keep it there."""
+@contextmanager
+def prepared(part: Part, photos: Sequence[Photo], views: ViewRange) -> Iterator[None]:
+    """Make what a search of the part needs, or take it from the cache's folder; afterwards keep there what was made."""
     from cadcam.locate.aspect_files import read_aspects, write_aspects
     from cadcam.locate.search import unmade
 
     folder = cache_folder()
-    if folder is not None:
-        read_aspects(part, folder)
-    todo = unmade(part, photos, views)
-    if not todo:
-        return
-    with progress("preparing the part", len(todo)) as step:
-        for key in todo:
-            part.aspects.aspect(*key)
-            step()
-    if folder is not None:
+    kept = 0 if folder is None else read_aspects(part, folder)
+    if todo := unmade(part, photos, views):
+        with progress("preparing the part", len(todo)) as step:
+            for key in todo:
+                part.aspects.aspect(*key)
+                step()
+    yield
+    if folder is not None and len(part.aspects.made) > kept:
         write_aspects(part, folder)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -45,7 +46,7 @@ def read_aspects(part: Part, folder: Path) -> int:
             (int(d), int(s)): Aspect(aspects.net[d], float(far), places.astype(PLACE), chain, line, float(length))
             for (d, s), far, length, (places, chain, line) in of_each
         }
-    except (OSError, ValueError, KeyError, IndexError, TypeError, zipfile.BadZipFile):
+    except (OSError, EOFError, ValueError, KeyError, IndexError, TypeError, zipfile.BadZipFile, zlib.error):
         return 0
     aspects.take(made)
     return len(made)

@@ -29,7 +29,7 @@ from cadcam.locate.attraction import pull
 from cadcam.locate.sight import Sight
 
 _ASKED = 300  # samples, of all photos together
-_FAR, _FAR_PX = 0.09, (12.0, 48.0)  # how far lines are looked for: of the size of what is seen, within these px
+_FAR, _FAR_PX = 0.16, (12.0, 48.0)  # how far lines are looked for: of the size of what is seen, within these px
 _STEPS = 8  # steps of a profile that are kept
 _ON_PX, _FAINT, _AROUND_PX = 2.0, 0.4, 6.0  # a sample meets a step so near, of those around nearly the strongest
 _HOLDS, _COUNTS = 8, 3  # powers of a line's share: by which it holds the pose, and counts
