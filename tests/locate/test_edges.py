@@ -54,17 +54,20 @@ def test_normals_stand_on_the_lines_under_lens_and_skew(part: Part) -> None:
 
 
 def test_twin_lines_know_how_far_apart_they_are() -> None:
-    """Two lines along x, 9 px apart: free on the outside, 9 px to the other; and one that ends before is not met."""
-    segments = np.array([[0, 0, 100, 0], [0, 9, 60, 9]], float)
+    """Two lines along x, 9 px apart: free on the outside, 9 px to the other; and one that ends before is not met.
+
+    The other is a twin: straight through the cell, with room behind it as far as a third line that slants by 0.1.
+    """
+    segments = np.array([[0, 0, 100, 0], [0, 9, 60, 9], [0, 8, 60, 14]], float)
     q, normal = np.array([[30.0, 0.0], [80.0, 0.0]]), np.tile([0.0, 1.0], (2, 1))
-    arcs = np.array([[0.0, 100.0], [0.0, 60.0]])
-    below, above = clearance(
+    arcs = np.array([[0.0, 100.0], [0.0, 60.0], [0.0, 60.3]])
+    below, above, twins, beyond = clearance(
         q,
         normal,
         np.zeros(2, np.int32),
         np.array([30.0, 80.0]),
         segments,
-        np.array([0, 1], np.int32),
+        np.arange(3, dtype=np.int32),
         arcs,
         half_length=3.0,
         near=20.0,
@@ -72,3 +75,26 @@ def test_twin_lines_know_how_far_apart_they_are() -> None:
     )
     np.testing.assert_array_equal(below, 12.0)
     np.testing.assert_allclose(above, [9.0, 12.0])
+    np.testing.assert_allclose(beyond, [[12.0, 10.7], [12.0, 12.0]])
+    np.testing.assert_allclose(twins[0], [[-np.inf, 0.0], [9.0, 0.0]])
+    np.testing.assert_array_equal(twins[1], [[-np.inf, 0.0], [np.inf, 0.0]])
+
+
+def test_a_line_across_the_cell_is_no_twin() -> None:
+    """A line at 45 degrees, and one that ends within the cell, bound the cell: no room beyond them."""
+    for segment in ([20.0, 3.0, 40.0, 23.0], [0.0, 8.0, 31.0, 8.0]):
+        _, above, twins, beyond = clearance(
+            np.array([[30.0, 0.0]]),
+            np.array([[0.0, 1.0]]),
+            np.zeros(1, np.int32),
+            np.array([30.0]),
+            np.array([segment]),
+            np.ones(1, np.int32),
+            np.array([[0.0, 30.0]]),
+            half_length=3.0,
+            near=20.0,
+            most=20.0,
+        )
+        assert np.isinf(twins).any(axis=(1, 2)).all()
+        assert np.isinf(twins[:, 1, 0]).all()
+        assert beyond[0, 1] == above[0] < 20.0

@@ -18,6 +18,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import candidates
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.sight import Sight
+from cadcam.native.profiles import pulled
 
 _SEARCHED = 400  # samples that search, of all photos together
 _SOFTNESS, _REACH = 0.6, 1.5  # of how far off the lines may be: width of the pull, and how far steps are looked for
@@ -25,6 +26,7 @@ _SHRINKS = 0.5  # from one round to the next
 _LAST = (3, 0.7)  # reach and softness at the width of an edge, px
 _NOTHING = 0.3  # a strong step this far down its bell pulls as much as "none of them"
 _STRONG = 0.75  # quantile of the strongest slopes: what is at least as strong pulls fully
+_HELD = 1e-3  # of its own weight: what holds every motion
 _PULLS = 4  # Gauss-Newton steps on one set of candidates
 
 
@@ -56,30 +58,30 @@ def _pulled(sights: Sequence[Sight], pose: Rigid, B: Array, *, reach: int, soft:
         rows.append(at.row[some] @ B)
         offsets.append(found.offset[some])
         slopes.append(found.slope[some])
-    J, offset, slope = (np.concatenate(a) for a in (rows, offsets, slopes))
+    J, offset, slope = (np.nan_to_num(np.concatenate(a)) for a in (rows, offsets, slopes))
     if len(J) < 2 * J.shape[1]:
         return pose
-    return pose @ Rigid.exp(B @ pull(np.nan_to_num(J), offset, slope, soft))
+    strength = np.minimum(np.abs(slope) / np.quantile(np.abs(slope[:, 0]), _STRONG), 1.0)
+    # what no line tells stays where it is
+    x = pulled(J, offset, strength, soft=soft, nothing=_NOTHING, held=_HELD, pulls=_PULLS)
+    return pose @ Rigid.exp(B @ x)
 
 
-def pull(
-    J: Array, offset: Array, slope: Array, soft: float, *, stiff: Array | None = None, before: Array | None = None
-) -> Array:
+def pulled_stiffly(J: Array, offset: Array, slope: Array, soft: float, *, stiff: Array, before: Array) -> Array:
     """Return the step x (k,) by which N lines come onto their steps, of those (N, M) that each one sees.
 
-    J (N, k): how x moves the lines; offset, slope (N, M): where along the normals (px) steps are, and how steep, nan
-    for none. stiff (k, k) holds x + before near nil, in units of a sample's pull.
+    As the core's `pulled`, for any number of unknowns some of which are held: J (N, k) says how x moves the lines;
+    offset, slope (N, M) where along the normals (px) steps are, and how steep, nan for none; stiff (k, k) holds
+    before + x near nil, in units of a sample's pull.
     """
     offset, slope = np.nan_to_num(offset), np.nan_to_num(slope)
     strength = np.minimum(np.abs(slope) / np.quantile(np.abs(slope[:, 0]), _STRONG), 1.0)
     x = np.zeros(J.shape[1])
-    held = np.zeros((len(x), len(x))) if stiff is None else stiff
-    owed = np.zeros(len(x)) if before is None else held @ before
     for _ in range(_PULLS):
         r = offset - (J @ x)[:, None]
         near = strength * np.exp(-0.5 * (r / soft) ** 2)
         share = near / (near.sum(axis=1, keepdims=True) + _NOTHING)
-        A = (J * share.sum(axis=1)[:, None]).T @ J + held
-        A[np.diag_indices(len(x))] += 1e-3 * np.diag(A) + 1e-300  # what no line tells stays where it is
-        x = x + np.linalg.solve(A, J.T @ (share * r).sum(axis=1) - owed - held @ x)
+        A = (J * share.sum(axis=1)[:, None]).T @ J + stiff
+        A[np.diag_indices(len(x))] += _HELD * np.diag(A) + 1e-300
+        x = x + np.linalg.solve(A, J.T @ (share * r).sum(axis=1) - stiff @ (before + x))
     return x

@@ -15,7 +15,7 @@ from cadcam.arrays import Array, Ids, Mask
 from cadcam.cad.edges import EdgeKind
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
-from cadcam.native.profiles import clearance
+from cadcam.native.profiles import clearance, edge_rows
 from cadcam.render.wireframe import Polylines
 
 Longs = npt.NDArray[np.int64]
@@ -28,7 +28,9 @@ class EdgeSamples:
     """N samples: p (N, 3) mm and unit tangent (N, 3) in the part frame, chain (N,; -1 on contours) and run (N,).
 
     line (N,): number of the polyline that they were drawn from; below, above (N,) px: how far against and along the
-    normal no other line of the model is.
+    normal no other line of the model is. twins (N, 2, 2): the lines there, below and above, that run about parallel
+    through the whole cell: (d, slope), px from the sample and px a px along the line; infinite where there is none.
+    beyond (N, 2) px: how far no further line is.
     """
 
     p: Array
@@ -38,6 +40,8 @@ class EdgeSamples:
     line: Ids
     below: Array
     above: Array
+    twins: Array
+    beyond: Array
 
     def __len__(self) -> int:
         return len(self.p)
@@ -49,16 +53,14 @@ class EdgeSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Projected:
-    """Samples as a camera sees them: q (N, 2) px, unit normal (N, 2), and dq/dxi (N, 2, 6) by the pose's own twist."""
+    """Samples as a camera sees them: q (N, 2) px, unit normal (N, 2), and row (N, 6).
+
+    row: d(offset along the normal)/dxi by the pose's own twist, how the model's line moves across itself.
+    """
 
     q: Array
     normal: Array
-    by_pose: Array
-
-    @property
-    def row(self) -> Array:
-        """Return d(offset along the normal)/dxi (N, 6): how the model's line moves across itself."""
-        return np.asarray(np.einsum("ni,nij->nj", self.normal, self.by_pose))
+    row: Array
 
 
 def project(samples: EdgeSamples, camera: Camera, camera_from_part: Rigid) -> Projected:
@@ -67,14 +69,8 @@ def project(samples: EdgeSamples, camera: Camera, camera_from_part: Rigid) -> Pr
     xi is the twist of `camera_from_part @ Rigid.exp(xi)`: dp = v + w x p in the part frame, so dq/dxi = D [I, -hat(p)]
     with D = dq/dp.
     """
-    R, p = camera_from_part.rotation, samples.p
-    q, J = camera.project_with_jacobian(camera_from_part @ p)
-    D = J @ R
-    along = np.einsum("nij,nj->ni", D, samples.tangent)
-    normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    normal /= np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-300)[:, None]
-    by_pose = np.concatenate([D, np.cross(p[:, None, :], D)], axis=-1)
-    return Projected(q, normal, by_pose)
+    q, J = camera.project_with_jacobian(camera_from_part @ samples.p)
+    return Projected(q, *edge_rows(J, camera_from_part.rotation, samples.p, samples.tangent))
 
 
 def sample_lines(lines: Polylines, camera: Camera, *, step_px: float, reach_px: float) -> EdgeSamples:
@@ -99,7 +95,7 @@ def sample_lines(lines: Polylines, camera: Camera, *, step_px: float, reach_px: 
     normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
     line = lines.line_of_point[first[segment]].astype(np.int32)
     chain = np.where(lines.kind[line] == EdgeKind.CONTOUR, -1, lines.chain[line]).astype(np.int32)
-    below, above = clearance(
+    below, above, twins, beyond = clearance(
         at,
         normal,
         run[segment],
@@ -112,7 +108,15 @@ def sample_lines(lines: Polylines, camera: Camera, *, step_px: float, reach_px: 
         most=reach_px,
     )
     samples = EdgeSamples(
-        pa + fraction[:, None] * (pb - pa), tangent, chain, run[segment].astype(np.int32), line, below, above
+        pa + fraction[:, None] * (pb - pa),
+        tangent,
+        chain,
+        run[segment].astype(np.int32),
+        line,
+        below,
+        above,
+        twins,
+        beyond,
     )
     inside = camera.sees(at)
     return samples if inside.all() else samples.select(inside)

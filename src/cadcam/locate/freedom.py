@@ -58,6 +58,8 @@ class Freedom:
 
         A world twist z moves the part by exp(z) T = T exp(Ad(T^-1) z).
         """
+        if self is FREE:
+            return self.basis
         own = self.basis if self.frame == "part" else world_from_part.inv.adjoint() @ self.basis
         return np.asarray(np.linalg.qr(own)[0])
 

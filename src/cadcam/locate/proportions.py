@@ -7,7 +7,7 @@ robust fit leaves them out. Lengths enter beside the pose, x' = c + diag(f) (x -
    J x = -K (f - 1) by least squares. So an axis has one number, and a range of it is tried on the steps that samples
    see far along their normals, like a Hough transform; a line counts by a power of its share that meets steps of one
    sign, for pieces of it meet print.
-2. The best are pulled onto the steps (`attraction.pull`), all three lengths free but for their product: one photo does
+2. The best are pulled onto the steps (as in `locate.attraction`), all three lengths free but for their product: one photo does
    not tell a size from a distance.
 
 On a model of right proportions nothing fits better than f = 1.
@@ -25,7 +25,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import candidates
-from cadcam.locate.attraction import pull
+from cadcam.locate.attraction import pulled_stiffly
 from cadcam.locate.sight import Sight
 
 _ASKED = 300  # samples, of all photos together
@@ -87,7 +87,7 @@ def _pulled(sights: Sequence[Sight], pose: Rigid, s: Array, B: Array, middle: Ar
         stiff = np.zeros((k + 3, k + 3))
         stiff[k:, k:] = _OF_PULL * (soft / _USUAL) ** 2 * (np.eye(3) + _SUM * np.full((3, 3), 1 / 3))
         before = np.append(np.zeros(k), s - s.mean())
-        step = pull(seen.J, seen.offset, seen.slope, soft, stiff=stiff, before=before)
+        step = pulled_stiffly(seen.J, seen.offset, seen.slope, soft, stiff=stiff, before=before)
         pose, s = pose @ Rigid.exp(B @ step[:k]), s + step[k:]
     return pose, s
 

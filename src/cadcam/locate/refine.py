@@ -35,6 +35,7 @@ Longs = npt.NDArray[np.int64]
 _CLOSE = 3  # px: how far from the lines their steps may be after the search
 _ON_LINE = 0.7  # px: steps this near are fitted on the line itself
 _USUAL_PX = 0.05  # by which edges are off as a whole
+_LIGHT_PX = 0.03  # by which light shifts an edge of usual contrast
 _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
 _ROUNDS = (3, 8, 8, 8)  # reweightings in the first measurement, the second, and more where it is not settled
 _SETTLED_PX = 0.2  # by which nine tenths of the lines may move in the last step
@@ -57,7 +58,7 @@ class EdgeOptions:
 
     search_px: float = 8.0
     step_px: float = 4.0
-    reach_px: float = 7.0
+    reach_px: float = 4.5
     room_px: float = 2.5
     group_px: float = 150.0
 
@@ -199,7 +200,18 @@ def _solved(
     edges = int(group[-1]) + 1 if len(group) else 0
     group = np.concatenate([group, edges + np.arange(len(other))])
     exact = np.arange(edges + len(other)) >= edges
-    return grouped_fit(y, J, variance, group, usual=_USUAL_PX, exact=exact, iterations=iterations)
+    known = np.concatenate([_by_light(measured, group[: len(group) - len(other)]), np.zeros(len(other))])
+    return grouped_fit(y, J, variance, group, usual=_USUAL_PX, known=known, exact=exact, iterations=iterations)
+
+
+def _by_light(measured: Sequence[Measured], group: Longs) -> Array:
+    """Return by how much groups are off because of the light (G,), px^2.
+
+    Shadows, reflections and texture add to a step of brightness: they shift it the less the higher it is.
+    """
+    contrast = np.concatenate([np.abs(m.contrast[m.usable]) for m in measured])
+    mean = np.bincount(group, contrast) / np.bincount(group)
+    return np.asarray(_LIGHT_PX**2 * np.mean(contrast**2) / mean**2) if len(mean) else mean
 
 
 def _groups(sights: Sequence[Sight], measured: Sequence[Measured], options: EdgeOptions) -> Longs:

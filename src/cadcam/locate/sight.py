@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -19,14 +19,13 @@ Longs = npt.NDArray[np.int64]
 _LINES = LineOptions(margin_px=0.0)
 _STRONG = 60  # cells that tell the blur
 _APART = 1.5  # blurs: a cell ends that far before the next line
-_NARROW = 3.5  # blurs: reach of a narrow cell
-_BUSY = 1.3  # a wide cell whose noise is this much above the narrow one's holds more than a step
+_PAST, _TWIN = 2.0, 3.0  # blurs: it ends that far beyond a twin, which must be as far away
 _LINEAR = 1.2  # blurs: how far off a linear fit is believed
 _CLEAR = 4.0  # sd of one cell: contrast of an edge that is there
 _SURE = 8.0  # sd of one cell: contrast that needs no neighbours
 _CLIPPED = 0.7  # share of black or white pixels from which a cell tells nothing
 _FAINT = 0.4  # of the strongest slope nearby: weaker ones are no edges
-_CONTRAST, _NOISE = 3, 10  # cells to each side that contrast and noise are averaged with
+_CONTRAST, _STRETCH = 3, 10  # cells to each side that contrast, and noise and slopes are averaged with
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,14 +83,14 @@ class Sight:
 class Cells:
     """Which of a sight's samples have room for a cell, how far the cells reach, and the light they are seen in.
 
-    which (N,): numbers of the samples; below, above (N,) px; half_length, blur (px). kink (N,): variance of a pixel
-    over that of the change of slope at the step (`image.profile.steps`).
+    which (N,): numbers of the samples; below, above (N,) px; held (N, 2): how firmly the slopes are held
+    (`image.profile.steps`); half_length, blur (px).
     """
 
     which: Longs
     below: Array
     above: Array
-    kink: Array
+    held: Array
     half_length: float
     blur: float
 
@@ -110,26 +109,21 @@ class Cells:
 
         where (N,) px along the normals: where the steps are about, default on the lines.
 
-        Where a wide cell holds more than one step on its ground, as on printed or structured faces, it is narrowed.
+        The ground's slopes are held by what they are on average in the stretch of line around each cell, of which noise
+        tells little: where the ground is level they cost nothing, where light bends it they are free.
         """
-        blur = sight.blur(at, half_length=half_length, reach_px=reach_px)
-        below, above = (
-            np.minimum(side - _APART * blur, reach_px) for side in (sight.samples.below, sight.samples.above)
-        )
-        which = np.flatnonzero((below >= room_px) & (above >= room_px) & np.isfinite(at.q).all(axis=1))
-        free = np.zeros(len(which))
-        wide = cls(which, below[which], above[which], free, half_length, blur)
-        narrow_px = max(_NARROW * blur, room_px)
-        narrow = cls(
-            which, np.minimum(wide.below, narrow_px), np.minimum(wide.above, narrow_px), free, half_length, blur
-        )
-        found, close = wide.steps(sight, at, where), narrow.steps(sight, at, where)
-        run = sight.samples.run[which]
-        busy = _along_run(found.noise**2, run, _NOISE) > _BUSY**2 * _along_run(close.noise**2, run, _NOISE)
-        kink = (found.noise / _spread(found)) ** 2
-        kink = np.where(np.isfinite(kink) & ~busy, kink, 0.0)
-        below, above = np.where(busy, narrow.below, wide.below), np.where(busy, narrow.above, wide.above)
-        return cls(which, below, above, kink, half_length, blur)
+        blur, samples = sight.blur(at, half_length=half_length, reach_px=reach_px), sight.samples
+        rooms = ((samples.below, samples.beyond[:, 0]), (samples.above, samples.beyond[:, 1]))
+        below, above = (np.minimum(_room(next_line, beyond, blur), reach_px) for next_line, beyond in rooms)
+        apart = np.abs(samples.twins[:, :, 0]).min(axis=1) > _TWIN * blur
+        enough = (below >= room_px) & (above >= room_px)
+        which = np.flatnonzero(apart & enough & np.isfinite(at.q).all(axis=1))
+        free = np.zeros((len(which), 2))
+        cells = cls(which, below[which], above[which], free, half_length, blur)
+        found, run = cells.steps(sight, at, where), samples.run[which]
+        slope2 = _along_run(found.slopes, run, _STRETCH) ** 2
+        held = _along_run(found.noise**2, run, _STRETCH)[:, None] / np.maximum(slope2, 1e-12)
+        return replace(cells, held=np.where(np.isfinite(held), held, 0.0))
 
     def steps(self, sight: Sight, at: Projected, where: Array | None = None) -> Steps:
         """Return what the photo shows in the cells; where (N,) px: how far along the normal each cell is shifted."""
@@ -142,7 +136,8 @@ class Cells:
             above=self.above,
             half_length=self.half_length,
             blur=self.blur,
-            kink=self.kink,
+            held=self.held,
+            twins=sight.samples.twins[self.which],
             noise=0.5 * sight.noise,
         )
 
@@ -172,7 +167,7 @@ def measure(sight: Sight, at: Projected, cells: Cells, where: Array) -> Measured
     c, sd_c = _along_run(found.contrast, run, _CONTRAST), np.sqrt(_along_run(found.sd_contrast**2, run, _CONTRAST))
     sure = np.abs(found.contrast) > _SURE * found.sd_contrast  # before a chequered ground the sign changes along a line
     c = np.where(sure, found.contrast, c)
-    more = np.sqrt(_along_run(found.noise**2, run, _NOISE)) / found.noise
+    more = np.sqrt(_along_run(found.noise**2, run, _STRETCH)) / found.noise
     with np.errstate(all="ignore"):
         shift, sigma[which] = -found.moment / c, found.sd_moment * more / np.abs(c)
         near = np.abs(shift) < _LINEAR * max(cells.blur, 0.7)
@@ -193,24 +188,25 @@ def nearest_steps(sight: Sight, at: Projected, *, half_length: float, reach: int
     return np.asarray(np.nan_to_num(found.offset[np.arange(len(best)), best]))
 
 
-def _spread(found: Steps) -> float:
-    """Return the sd of the bends in the photo beyond what noise makes of them."""
-    seen = np.isfinite(found.bend)
-    if not seen.any():
-        return 1e-6
-    beyond = float(np.median(found.bend[seen] ** 2)) / 0.455 - float(np.median(found.sd_bend[seen] ** 2))
-    return float(np.sqrt(max(beyond, 1e-12)))
+def _room(next_line: Array, beyond: Array, blur: float) -> Array:
+    """Return how far (N,) px cells may reach: short of the next line, or past it where it is a twin."""
+    return np.maximum(next_line - _APART * blur, np.minimum(next_line + _PAST * blur, beyond - _APART * blur))
 
 
 def _along_run(values: Array, run: Ids, neighbours: int) -> Array:
-    """Return the mean (n,) of each cell's value and those of its neighbours to both sides on the same run.
+    """Return the mean (n, ...) of each cell's value and those of its neighbours to both sides on the same run.
 
     What is averaged is far less noisy than a cell's own, and the weights of an edge's samples then do not flicker.
     """
-    total, count = (np.concatenate([[0.0], np.cumsum(v)]) for v in (np.nan_to_num(values), np.isfinite(values)))
+    known = np.isfinite(values)
+    total, count = (_running(np.where(known, v, 0.0)) for v in (values, 1.0))
     begins = np.flatnonzero(np.diff(run, prepend=-1))
     length = np.diff(begins, append=len(run))
     i = np.arange(len(run))
     low = np.maximum(np.repeat(begins, length), i - neighbours)
     high = np.minimum(np.repeat(begins + length, length), i + neighbours + 1)
     return np.asarray((total[high] - total[low]) / np.maximum(count[high] - count[low], 1e-9))
+
+
+def _running(values: Array) -> Array:
+    return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])

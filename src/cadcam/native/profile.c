@@ -6,16 +6,16 @@
 #include "internal.h"
 
 void cc_steps(const cc_picture *picture, int64_t n, const double *q, const double *normal, const double *below,
-              const double *above, const double *kink, double half_length, double blur, double dark, double bright,
-              double *out) {
+              const double *above, const double *held, const double *twins, double half_length, double blur, double dark,
+              double bright, double *out) {
     const double levels[3] = {dark, bright, blur};
 #if CC_HAS_V3
     if (variant_in_use() == 1) {
-        steps_v3(picture, n, q, normal, below, above, kink, half_length, levels, out);
+        steps_v3(picture, n, q, normal, below, above, held, twins, half_length, levels, out);
         return;
     }
 #endif
-    steps_baseline(picture, n, q, normal, below, above, kink, half_length, levels, out);
+    steps_baseline(picture, n, q, normal, below, above, held, twins, half_length, levels, out);
 }
 
 static int inside(const cc_picture *p, double x, double y) {
@@ -84,35 +84,150 @@ void cc_candidates(const cc_picture *picture, int64_t n, const double *q, const 
     }
 }
 
-/* Shorten below/above to where segment a-b, in the sample's axes (d along the normal, t along the line), crosses the
- * slab |t| <= half. */
-static inline void shorten(double da, double ta, double db, double tb, double half, double *below, double *above) {
+/* What of a segment lies in the slab |t| <= half around a sample, in its axes: d along the normal, t along the line. */
+typedef struct {
+    double t0, d0, t1, d1;
+} piece;
+
+static inline int clipped(double da, double ta, double db, double tb, double half, piece *out) {
     if (ta > tb) {
         double s = ta;
         ta = tb, tb = s, s = da, da = db, db = s;
     }
-    if (ta > half || tb < -half) return;
+    if (ta > half || tb < -half) return 0;
     double slope = tb > ta ? (db - da) / (tb - ta) : 0;
-    double d0 = ta < -half ? da + slope * (-half - ta) : da, d1 = tb > half ? db + slope * (half - tb) : db;
-    double lo = d0 < d1 ? d0 : d1, hi = d0 < d1 ? d1 : d0;
-    if (hi >= 0 && lo < *above) *above = lo > 0 ? lo : 0;
-    if (lo <= 0 && -hi < *below) *below = hi < 0 ? -hi : 0;
+    out->t0 = ta < -half ? -half : ta, out->d0 = ta < -half ? da + slope * (-half - ta) : da;
+    out->t1 = tb > half ? half : tb, out->d1 = tb > half ? db + slope * (half - tb) : db;
+    return 1;
+}
+
+enum { MET = 64 }; /* pieces that a sample remembers */
+#define PARALLEL 0.4   /* slope up to which a line is a twin */
+#define BESIDE_PX 0.4  /* what lies so near a line is of it */
+#define COVERED 0.9    /* share of the slab that a twin crosses */
+
+/* The room on one side, to the nearest line and to what lies beyond its twin; the nearest line as a twin, if it is one:
+ * straight, about parallel, and through the whole slab. */
+static void side(const piece *met, int n, double sign, double half, double most, double *room, double *twin,
+                 double *beyond) {
+    int nearest = -1;
+    *room = *beyond = most, twin[0] = sign * INFINITY, twin[1] = 0;
+    for (int k = 0; k < n; k++) {
+        double d0 = sign * met[k].d0, d1 = sign * met[k].d1, lo = d0 < d1 ? d0 : d1, hi = d0 < d1 ? d1 : d0;
+        if (hi >= 0 && lo < *room) *room = lo > 0 ? lo : 0, nearest = k;
+    }
+    if (nearest < 0 || *room <= 0) {
+        *beyond = *room;
+        return;
+    }
+    /* the longest piece near the nearest point tells the line */
+    const piece *of = met + nearest;
+    for (int k = 0; k < n; k++) {
+        double lo = sign * met[k].d0 < sign * met[k].d1 ? sign * met[k].d0 : sign * met[k].d1;
+        if (lo >= 0 && lo < *room + BESIDE_PX && met[k].t1 - met[k].t0 > of->t1 - of->t0) of = met + k;
+    }
+    double slope = of->t1 > of->t0 ? (of->d1 - of->d0) / (of->t1 - of->t0) : INFINITY, at = of->d0 - slope * of->t0;
+    if (!(fabs(slope) < PARALLEL)) {
+        *beyond = *room;
+        return;
+    }
+    double across = 0;
+    for (int k = 0; k < n; k++) {
+        double e0 = met[k].d0 - at - slope * met[k].t0, e1 = met[k].d1 - at - slope * met[k].t1;
+        if (fabs(e0) < BESIDE_PX && fabs(e1) < BESIDE_PX) {
+            across += met[k].t1 - met[k].t0;
+            continue;
+        }
+        double d0 = sign * met[k].d0, d1 = sign * met[k].d1, lo = d0 < d1 ? d0 : d1, hi = d0 < d1 ? d1 : d0;
+        if (hi >= 0 && lo < *beyond) *beyond = lo > 0 ? lo : 0;
+    }
+    if (across < COVERED * 2 * half) *beyond = *room;
+    else twin[0] = at, twin[1] = slope;
 }
 
 void cc_clearance(int64_t n, const double *q, const double *normal, const int32_t *run, const double *arc, int64_t m,
                   const double *segments, const int32_t *segment_run, const double *segment_arc, double half_length,
-                  double near, double most, double *below, double *above) {
+                  double near, double most, double *below, double *above, double *twins, double *beyond) {
     for (int64_t i = 0; i < n; i++) {
         double x = q[2 * i], y = q[2 * i + 1], nx = normal[2 * i], ny = normal[2 * i + 1];
-        below[i] = above[i] = most;
-        for (int64_t k = 0; k < m; k++) {
+        piece met[MET];
+        int count = 0;
+        for (int64_t k = 0; k < m && count < MET; k++) {
             const double *s = segments + 4 * k;
-            if (segment_run[k] == run[i] && segment_arc[2 * k] - near < arc[i] && arc[i] < segment_arc[2 * k + 1] + near)
-                continue;
             double ax = s[0] - x, ay = s[1] - y, bx = s[2] - x, by = s[3] - y;
             double da = ax * nx + ay * ny, db = bx * nx + by * ny;
             if ((da > most && db > most) || (da < -most && db < -most)) continue;
-            shorten(da, -ax * ny + ay * nx, db, -bx * ny + by * nx, half_length, below + i, above + i);
+            if (segment_run[k] == run[i] && segment_arc[2 * k] - near < arc[i] && arc[i] < segment_arc[2 * k + 1] + near)
+                continue;
+            count += clipped(da, -ax * ny + ay * nx, db, -bx * ny + by * nx, half_length, met + count);
         }
+        side(met, count, -1, half_length, most, below + i, twins + 4 * i, beyond + 2 * i);
+        side(met, count, 1, half_length, most, above + i, twins + 4 * i + 2, beyond + 2 * i + 1);
+    }
+}
+
+void cc_edge_rows(int64_t n, const double *jacobian, const double *rotation, const double *p, const double *tangent,
+                  double *normal, double *row) {
+    const double *R = rotation;
+    for (int64_t i = 0; i < n; i++) {
+        const double *J = jacobian + 6 * i, *t = tangent + 3 * i, *at = p + 3 * i;
+        double D[2][3], along[2];
+        for (int r = 0; r < 2; r++) {
+            for (int k = 0; k < 3; k++) D[r][k] = J[3 * r] * R[k] + J[3 * r + 1] * R[3 + k] + J[3 * r + 2] * R[6 + k];
+            along[r] = D[r][0] * t[0] + D[r][1] * t[1] + D[r][2] * t[2];
+        }
+        double length = hypot(along[0], along[1]);
+        length = length > 1e-300 ? length : 1e-300;
+        double nx = -along[1] / length, ny = along[0] / length, v[3];
+        for (int k = 0; k < 3; k++) v[k] = nx * D[0][k] + ny * D[1][k];
+        normal[2 * i] = nx, normal[2 * i + 1] = ny;
+        double *o = row + 6 * i;
+        o[0] = v[0], o[1] = v[1], o[2] = v[2];
+        o[3] = at[1] * v[2] - at[2] * v[1], o[4] = at[2] * v[0] - at[0] * v[2], o[5] = at[0] * v[1] - at[1] * v[0];
+    }
+}
+
+enum { MOTIONS = 6 };
+
+/* x += A^-1 b for a symmetric positive A, which it spoils (lower half given). */
+static void step_by(double A[MOTIONS][MOTIONS], double *b, int k, double *x) {
+    for (int i = 0; i < k; i++)
+        for (int j = 0; j <= i; j++) {
+            for (int m = 0; m < j; m++) A[i][j] -= A[i][m] * A[j][m];
+            A[i][j] = i == j ? sqrt(A[i][i] > 1e-300 ? A[i][i] : 1e-300) : A[i][j] / A[j][j];
+        }
+    for (int i = 0; i < k; i++) {
+        for (int m = 0; m < i; m++) b[i] -= A[i][m] * b[m];
+        b[i] /= A[i][i];
+    }
+    for (int i = k - 1; i >= 0; i--) {
+        for (int m = i + 1; m < k; m++) b[i] -= A[m][i] * b[m];
+        b[i] /= A[i][i], x[i] += b[i];
+    }
+}
+
+void cc_pull(int64_t n, int32_t most, int32_t k, const double *rows, const double *offset, const double *strength,
+             double soft, double nothing, double held, int32_t pulls, double *x) {
+    const double sharp = -0.5 / (soft * soft);
+    for (int32_t pull = 0; pull < pulls; pull++) {
+        double A[MOTIONS][MOTIONS] = {{0}}, b[MOTIONS] = {0};
+        for (int64_t i = 0; i < n; i++) {
+            const double *J = rows + k * i;
+            double moved = 0, all = 0, far = 0;
+            for (int a = 0; a < k; a++) moved += J[a] * x[a];
+            for (int32_t m = 0; m < most; m++) {
+                double s = strength[most * i + m], r = offset[most * i + m] - moved;
+                if (!(s > 0)) continue;
+                double near = s * exp(sharp * r * r);
+                all += near, far += near * r;
+            }
+            const double weight = all / (all + nothing), shift = far / (all + nothing);
+            for (int a = 0; a < k; a++) {
+                b[a] += J[a] * shift;
+                for (int c = 0; c <= a; c++) A[a][c] += weight * J[a] * J[c];
+            }
+        }
+        for (int a = 0; a < k; a++) A[a][a] += held * A[a][a] + 1e-300;
+        step_by(A, b, k, x);
     }
 }

@@ -17,19 +17,21 @@ typedef struct {
 
 /* Steps that the pixels themselves show in cells around the samples: |along the line| <= half_length, and from -below[i]
  * to above[i] along the normal. Least squares of
- *     I(d) = a + b d + h (d Phi(d/blur) + blur phi(d/blur)) + c Phi(d/blur) + g phi(d/blur)/blur
- * at the pixels' distances d from the line: a blurred step on ground of another slope on either side. h is held to 0
- * with the weight kink[i], the variance of a pixel over that of h. Writes CC_STEP_TERMS doubles a sample:
- * c, g, h, sd of the noise, cofactors Qcc Qgg Qcg Qhh, number of pixels, share of clipped ones (outside dark..bright); all
- * NaN where the cell leaves the picture or its equations are singular. The step lies at -g/c to first order. */
-#define CC_STEP_TERMS 10
+ *     I(d) = a + b (d - r(d)) + e r(d) + c Phi(d/blur) + g phi(d/blur)/blur,    r(d) = d Phi(d/blur) + blur phi(d/blur)
+ * at the pixels' distances d from the line: a blurred step on ground of another slope on either side. The slopes are held
+ * to 0 with the weights held[2 i], held[2 i + 1], the variance of a pixel over that of the slope. twins: two a sample, one
+ * below and one above, (d, slope): a line of the model that steps at d + slope t, t along the line; infinite where there
+ * is none. Writes CC_STEP_TERMS doubles a sample: c, g, b, e, sd of the noise, cofactors Qcc Qgg, number of pixels, share
+ * of clipped ones (outside dark..bright); all NaN where the cell leaves the picture or its equations are singular. The
+ * step lies at -g/c to first order. */
+#define CC_STEP_TERMS 9
 CC_API void cc_steps(const cc_picture *picture, int64_t n, const double *q, const double *normal, const double *below,
-                     const double *above, const double *kink, double half_length, double blur, double dark,
-                     double bright, double *out);
+                     const double *above, const double *held, const double *twins, double half_length,
+                     double blur, double dark, double bright, double *out);
 void steps_baseline(const cc_picture *, int64_t, const double *, const double *, const double *, const double *,
-                    const double *, double, const double *levels, double *);
+                    const double *, const double *, double, const double *levels, double *);
 void steps_v3(const cc_picture *, int64_t, const double *, const double *, const double *, const double *,
-              const double *, double, const double *levels, double *);
+              const double *, const double *, double, const double *levels, double *);
 
 /* Extrema of the slope along each profile, smoothed by a Gaussian of 1 px: `most` of them a sample, the strongest
  * first, no weaker than `least`; offset (px along the normal) and slope (brightness a px, with its sign), NaN where
@@ -39,9 +41,23 @@ CC_API void cc_candidates(const cc_picture *picture, int64_t n, const double *q,
 
 /* How far along the normal, and against it, the nearest other line is: free of lines from -below to above, at most
  * `most`. Segments (m, 4) x0 y0 x1 y1 with the run each belongs to and the arc length along it at its two ends; a sample
- * does not see what lies on its own run within `near` px of arc. */
+ * does not see what lies on its own run within `near` px of arc. twins (n, 2, 2): where the nearest line below and above is
+ * straight, about parallel and crosses the whole slab: (d, slope) as cc_steps takes them, and in beyond (n, 2) how far
+ * there is no line but it; else infinite, and beyond is the room as far as that line. */
 CC_API void cc_clearance(int64_t n, const double *q, const double *normal, const int32_t *run, const double *arc,
                          int64_t m, const double *segments, const int32_t *segment_run, const double *segment_arc,
-                         double half_length, double near, double most, double *below, double *above);
+                         double half_length, double near, double most, double *below, double *above, double *twins, double *beyond);
+
+/* How lines move across themselves: of n samples with J = dq/d(point in the camera's frame) (n, 2, 3), rotation of the
+ * camera from the part (3, 3), p and tangent (n, 3) in the part's frame, the unit normal (n, 2) in the picture and
+ * d(place along it)/d(twist of the part) (n, 6). */
+CC_API void cc_edge_rows(int64_t n, const double *jacobian, const double *rotation, const double *p,
+                         const double *tangent, double *normal, double *row);
+
+/* Gauss-Newton steps x (k), k <= 6, of lines pulled onto steps near them: offset, strength (n, most), rows (n, k). A step
+ * r away pulls with near = strength exp(-r^2 / (2 soft^2)), all of a sample together with near / (sum near + nothing);
+ * held: what is added to the diagonal, of it. Strengths of 0 are no steps. */
+CC_API void cc_pull(int64_t n, int32_t most, int32_t k, const double *rows, const double *offset, const double *strength,
+                    double soft, double nothing, double held, int32_t pulls, double *x);
 
 #endif

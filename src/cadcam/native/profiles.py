@@ -11,7 +11,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Ids, Picture
 from cadcam.native.core import library
 
-STEP_TERMS = 10
+STEP_TERMS = 9
 
 
 class _Picture(c.Structure):
@@ -22,10 +22,12 @@ class _Picture(c.Structure):
 def _core() -> c.CDLL:
     core = library()
     pointer, i64, i32, real, picture = c.c_void_p, c.c_int64, c.c_int32, c.c_double, c.POINTER(_Picture)
-    core.cc_steps.argtypes = [picture, i64, *[pointer] * 5, *[real] * 4, pointer]
+    core.cc_steps.argtypes = [picture, i64, *[pointer] * 6, *[real] * 4, pointer]
     core.cc_candidates.argtypes = [picture, i64, pointer, pointer, real, i32, real, i32, pointer, pointer]
-    core.cc_clearance.argtypes = [i64, *[pointer] * 4, i64, *[pointer] * 3, *[real] * 3, pointer, pointer]
-    for name in ("cc_steps", "cc_candidates", "cc_clearance"):
+    core.cc_clearance.argtypes = [i64, *[pointer] * 4, i64, *[pointer] * 3, *[real] * 3, *[pointer] * 4]
+    core.cc_edge_rows.argtypes = [i64, *[pointer] * 6]
+    core.cc_pull.argtypes = [i64, i32, i32, *[pointer] * 3, *[real] * 3, i32, pointer]
+    for name in ("cc_steps", "cc_candidates", "cc_clearance", "cc_edge_rows", "cc_pull"):
         getattr(core, name).restype = None
     return core
 
@@ -36,15 +38,16 @@ def steps(
     normal: Array,
     below: Array,
     above: Array,
-    kink: Array,
+    held: Array,
+    twins: Array,
     *,
     half_length: float,
     blur: float,
     dark: float,
     bright: float,
 ) -> Array:
-    """Return (n, 10) of each cell: c, g, h, noise, Qcc, Qgg, Qcg, Qhh, pixels, share clipped (profile.h)."""
-    gray, arrays = np.ascontiguousarray(gray, np.float32), _doubles(q, normal, below, above, kink)
+    """Return (n, 9) of each cell: c, g, slopes below and above, noise, Qcc, Qgg, pixels, share clipped (profile.h)."""
+    gray, arrays = np.ascontiguousarray(gray, np.float32), _doubles(q, normal, below, above, held, twins)
     out = np.zeros((len(arrays[0]), STEP_TERMS))
     places = _at(*arrays)
     _core().cc_steps(_picture(gray), len(out), *places, half_length, blur, dark, bright, out.ctypes.data)
@@ -74,16 +77,40 @@ def clearance(
     half_length: float,
     near: float,
     most: float,
-) -> tuple[Array, Array]:
-    """Return how far (n,) px along -normal and +normal each sample is from the next other line, at most `most`."""
+) -> tuple[Array, Array, Array, Array]:
+    """Return how far (n,) px along -normal and +normal each sample is from the next other line, at most `most`.
+
+    And the lines there that are twins (n, 2, 2), with how far (n, 2) px no line beyond them is (profile.h).
+    """
     q, normal, arc, segments, segment_arc = _doubles(q, normal, arc, segments, segment_arc)
     run, segment_run = np.ascontiguousarray(run, np.int32), np.ascontiguousarray(segment_run, np.int32)
     below, above = np.zeros(len(q)), np.zeros(len(q))
-    lines = _at(segments, segment_run, segment_arc)
-    _core().cc_clearance(
-        len(q), *_at(q, normal, run, arc), len(segments), *lines, half_length, near, most, *_at(below, above)
-    )
-    return below, above
+    twins, beyond = np.zeros((len(q), 2, 2)), np.zeros((len(q), 2))
+    places, lines = _at(q, normal, run, arc), _at(segments, segment_run, segment_arc)
+    out = _at(below, above, twins, beyond)
+    _core().cc_clearance(len(q), *places, len(segments), *lines, half_length, near, most, *out)
+    return below, above, twins, beyond
+
+
+def edge_rows(jacobian: Array, rotation: Array, p: Array, tangent: Array) -> tuple[Array, Array]:
+    """Return unit normals (n, 2) and rows (n, 6): how samples of lines move along them by a twist of the part.
+
+    jacobian (n, 2, 3): dq/d(point in the camera's frame). rotation (3, 3): camera from part; p, tangent (n, 3).
+    """
+    arrays = _doubles(jacobian, rotation, p, tangent)
+    normal, row = np.zeros((len(p), 2)), np.zeros((len(p), 6))
+    _core().cc_edge_rows(len(p), *_at(*arrays, normal, row))
+    return normal, row
+
+
+def pulled(
+    rows: Array, offset: Array, strength: Array, *, soft: float, nothing: float, held: float, pulls: int
+) -> Array:
+    """Return the step (k,) by which lines with rows (n, k) are pulled onto steps `offset` (n, m) px off (profile.h)."""
+    rows, offset, strength = arrays = _doubles(rows, offset, strength)
+    x = np.zeros(rows.shape[1])
+    _core().cc_pull(*offset.shape, len(x), *_at(*arrays), soft, nothing, held, pulls, x.ctypes.data)
+    return x
 
 
 def _picture(gray: Picture) -> object:

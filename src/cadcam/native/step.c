@@ -5,19 +5,28 @@
 #include "profile.h"
 #include "vectors.h"
 
-enum { TERMS = 5, CHUNK = 256, SUMS = TERMS * (TERMS + 1) / 2 + TERMS + 1 };
+enum { OWN = 5, TERMS = OWN + 2, CHUNK = 256, SUMS = TERMS * (TERMS + 1) / 2 + TERMS + 1 };
+#define TWIN 1e-4 /* variance of a pixel over that of a twin's contrast: it hardly matters, but for twins out of sight */
+#define HELD 1e12  /* as good as infinite */
+#define SPREAD 3.0 /* blurs beyond which a step is level */
 #define MAGIC 6755399441055744.0 /* 1.5 * 2^52: what is added to it is rounded to a whole number in its low bits */
 
-/* Pixels of a cell: distance from the line, brightness less that of the first. */
+/* Pixels of a cell: distance from the line, place along it, brightness less that of the first. */
 typedef struct {
-    double d[CHUNK + 4], value[CHUNK + 4];
+    double d[CHUNK + 4], t[CHUNK + 4], value[CHUNK + 4];
     int n;
 } pixels;
+
+/* Another line of the model in the cell: it steps where d = at + slope t; side: the one it lies on, -1 or 1. */
+typedef struct {
+    double at, slope, side;
+} twin;
 
 typedef struct {
     d4 sum[SUMS];
     double first;
-    int count, clipped;
+    twin twins[2];
+    int count, clipped, terms;
 } equations;
 
 /* exp(-y), y from 0 on; off by less than 1e-8 of it: 2^k times a polynomial on half a power to both sides. */
@@ -44,39 +53,52 @@ INLINE void bell_and_step(d4 x, d4 *bell, d4 *step) {
     *bell = phi, *step = (d4)(((l4)tail & negative) | ((l4)other & ~negative));
 }
 
-/* Terms: 1, c's step, g's bell, d, h's ramp. */
-static void add(equations *e, pixels *p, double blur) {
+/* Terms: 1, c's step, g's bell, the ramps below and above, the steps of the twins: `terms` of them. */
+INLINE void add_terms(equations *e, pixels *p, double blur, const twin *twins, const int terms) {
     const double sharp = 1 / blur;
+    const int sums = terms * (terms + 1) / 2 + terms + 1;
     d4 sum[SUMS];
     memcpy(sum, e->sum, sizeof sum);
-    for (int k = 0; k < 4; k++) p->d[p->n + k] = p->value[p->n + k] = 0;
+    for (int k = 0; k < 4; k++) p->d[p->n + k] = p->t[p->n + k] = p->value[p->n + k] = 0;
     for (int k = 0; k < p->n; k += 4) {
         d4 f[TERMS], d = *(const d4 *)(p->d + k), value = *(const d4 *)(p->value + k), step, bell;
         bell_and_step(d * sharp, &bell, &step);
         const l4 there = *(const d4 *)COUNT < (double)(p->n - k); /* the last vector may be filled up */
         f[0] = (d4)((l4)(d4){1, 1, 1, 1} & there);
-        f[1] = step * f[0], f[2] = bell * sharp * f[0], f[3] = d, f[4] = d * step + blur * bell * f[0];
+        f[1] = step * f[0], f[2] = bell * sharp * f[0], f[4] = d * step + blur * bell * f[0], f[3] = d - f[4];
+        for (int i = OWN; i < terms; i++) {
+            const twin *w = &twins[i - OWN];
+            bell_and_step((d - w->at - w->slope * *(const d4 *)(p->t + k)) * (sharp * w->side), &bell, &step);
+            f[i] = step * f[0];
+        }
         int s = 0;
-        for (int i = 0; i < TERMS; i++)
+        for (int i = 0; i < terms; i++)
             for (int j = 0; j <= i; j++) sum[s] += f[i] * f[j], s++;
-        for (int i = 0; i < TERMS; i++) sum[s] += f[i] * value, s++;
+        for (int i = 0; i < terms; i++) sum[s] += f[i] * value, s++;
         sum[s] += value * value;
     }
-    memcpy(e->sum, sum, sizeof sum);
+    memcpy(e->sum, sum, sizeof(d4) * (size_t)sums);
     p->n = 0;
 }
 
+static void add(equations *e, pixels *p, double blur) {
+    if (e->terms == OWN) add_terms(e, p, blur, e->twins, OWN);
+    else if (e->terms == OWN + 1) add_terms(e, p, blur, e->twins, OWN + 1);
+    else add_terms(e, p, blur, e->twins, OWN + 2);
+}
+
 /* Add a row's pixels, `count` of them, the first at distance d, each `across` farther. */
-static void add_row(equations *e, pixels *some, const float *row, int count, double d, double across,
-                    const double *levels) {
+static void add_row(equations *e, pixels *some, const float *row, int count, double d, double across, double t,
+                    double along, const double *levels) {
     while (count > 0) {
         if (some->n == CHUNK) add(e, some, levels[2]);
         int n = imin(count, CHUNK - some->n), clipped = 0;
-        double *to_d = some->d + some->n, *to_value = some->value + some->n;
+        double *to_d = some->d + some->n, *to_value = some->value + some->n, *to_t = some->t + some->n;
         for (int k = 0; k < n; k++) to_d[k] = d + k * across, to_value[k] = row[k] - e->first;
+        for (int k = 0; k < n; k++) to_t[k] = t + k * along;
         for (int k = 0; k < n; k++) clipped += (row[k] <= (float)levels[0]) | (row[k] >= (float)levels[1]);
         some->n += n, e->count += n, e->clipped += clipped;
-        row += n, count -= n, d += n * across;
+        row += n, count -= n, d += n * across, t += n * along;
     }
 }
 
@@ -111,7 +133,9 @@ static int gather(const cc_picture *p, const double *q, const double *n, double 
         span(q, n, dy, below, above, half, &lo, &hi);
         if (!(lo <= hi)) continue;
         const int x0 = (int)ceil(lo), count = (int)floor(hi) - x0 + 1;
-        add_row(e, &some, p->pixels + (int64_t)y * p->width + x0, count, (x0 - q[0]) * n[0] + dy * n[1], n[0], levels);
+        const double dx = x0 - q[0];
+        add_row(e, &some, p->pixels + (int64_t)y * p->width + x0, count, dx * n[0] + dy * n[1], n[0], dx * tx + dy * ty, tx,
+                levels);
     }
     add(e, &some, levels[2]);
     return 1;
@@ -143,35 +167,47 @@ static int inverse(double A[TERMS][TERMS], int n) {
     return 1;
 }
 
-static void solve(const equations *e, double kink, double *out) {
+static void solve(const equations *e, const double *held, double *out) {
     double sum[SUMS], A[TERMS][TERMS] = {{0}}, x[TERMS];
-    for (int s = 0; s < SUMS; s++) sum[s] = (e->sum[s][0] + e->sum[s][1]) + (e->sum[s][2] + e->sum[s][3]);
-    const double *y = sum + SUMS - TERMS - 1;
-    double rss = sum[SUMS - 1];
-    for (int i = 0, s = 0; i < TERMS; i++)
+    const int terms = e->terms, sums = terms * (terms + 1) / 2 + terms + 1;
+    for (int s = 0; s < sums; s++) sum[s] = (e->sum[s][0] + e->sum[s][1]) + (e->sum[s][2] + e->sum[s][3]);
+    const double *y = sum + sums - terms - 1;
+    double rss = sum[sums - 1];
+    for (int i = 0, s = 0; i < terms; i++)
         for (int j = 0; j <= i; j++, s++) A[i][j] = sum[s];
-    int n = kink < INFINITY ? TERMS : TERMS - 1;
-    if (n == TERMS) A[4][4] += kink;
-    if (e->count < TERMS + 3 || !inverse(A, n)) return;
+    for (int i = 0; i < 2; i++) A[3 + i][3 + i] += lower(held[i], HELD);
+    for (int i = OWN; i < terms; i++) A[i][i] += TWIN;
+    const int n = terms;
+    if (e->count < terms + 3 || !inverse(A, n)) return;
     for (int i = 0; i < n; i++) {
         x[i] = 0;
         for (int j = 0; j < n; j++) x[i] += A[i][j] * y[j];
     }
     for (int i = 0; i < n; i++) rss -= x[i] * y[i];
     /* a term held by a prior takes no degree of freedom away: its spread is part of the model */
-    int freedom = e->count - (kink == 0 ? TERMS : TERMS - 1);
-    out[0] = x[1], out[1] = x[2], out[2] = n == TERMS ? x[4] : 0, out[3] = sqrt((rss > 0 ? rss : 0) / freedom);
-    out[4] = A[1][1], out[5] = A[2][2], out[6] = A[1][2], out[7] = n == TERMS ? A[4][4] : 0;
-    out[8] = e->count, out[9] = (double)e->clipped / e->count;
+    int freedom = e->count - terms + (held[0] > 0) + (held[1] > 0);
+    out[0] = x[1], out[1] = x[2], out[2] = x[3], out[3] = x[4], out[4] = sqrt((rss > 0 ? rss : 0) / freedom);
+    out[5] = A[1][1], out[6] = A[2][2], out[7] = e->count, out[8] = (double)e->clipped / e->count;
+}
+
+/* Take up the twins whose steps reach into the cell. */
+static void set_twins(equations *e, const double *twins, double below, double above, double half, double blur) {
+    e->terms = OWN;
+    for (int k = 0; k < 2; k++) {
+        const double at = twins[2 * k], slope = twins[2 * k + 1], far = SPREAD * blur + half * fabs(slope);
+        if (k ? at < above + far : at > -below - far) e->twins[e->terms++ - OWN] = (twin){at, slope, k ? 1 : -1};
+    }
 }
 
 void VARIANT(steps)(const cc_picture *picture, int64_t n, const double *q, const double *normal, const double *below,
-                    const double *above, const double *kink, double half_length, const double *levels, double *out) {
+                    const double *above, const double *held, const double *twins, double half_length,
+                    const double *levels, double *out) {
     for (int64_t i = 0; i < n; i++) {
         equations e;
         memset(&e, 0, sizeof e);
         double *o = out + CC_STEP_TERMS * i;
         for (int k = 0; k < CC_STEP_TERMS; k++) o[k] = NAN;
-        if (gather(picture, q + 2 * i, normal + 2 * i, below[i], above[i], half_length, levels, &e)) solve(&e, kink[i], o);
+        set_twins(&e, twins + 4 * i, below[i], above[i], half_length, levels[2]);
+        if (gather(picture, q + 2 * i, normal + 2 * i, below[i], above[i], half_length, levels, &e)) solve(&e, held + 2 * i, o);
     }
 }

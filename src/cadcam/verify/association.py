@@ -122,7 +122,7 @@ def _measured(lines: Sightlines, sights: Sequence[Sight], expected: Array) -> tu
     offset, sigma, step = (np.full(len(lines), np.nan) for _ in range(3))
     for i, sight in enumerate(sights):
         rows = lines.photo == i
-        at = Projected(lines.q[rows], lines.normal[rows], np.zeros((int(rows.sum()), 2, 6)))
+        at = Projected(lines.q[rows], lines.normal[rows], np.zeros((int(rows.sum()), 6)))
         cells = Cells.of(sight, at, half_length=STEP_PX / 2, reach_px=REACH_PX, room_px=ROOM_PX)
         found = measure(sight, at, cells, expected[rows])
         offset[rows] = np.where(found.usable, found.offset, np.nan)
