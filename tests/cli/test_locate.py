@@ -70,7 +70,7 @@ def test_a_declared_range_of_views_is_searched_and_what_that_took_is_kept(
     assert off_mm(read_part_pose("found.json")) < 0.3
     (kept,) = (here / "kept").glob("*.npz")
     monkeypatch.setattr(Aspects, "_drawn", lambda *_: pytest.fail("made again"))
-    assert cadcam(*search).json["pose"] == json.loads(read_text("found.json"))["pose"]
+    assert cadcam(*search).json["pose"] == json.loads(Path("found.json").read_text())["pose"]
     assert kept.exists()
 
 

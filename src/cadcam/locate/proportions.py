@@ -7,8 +7,8 @@ robust fit leaves them out. Lengths enter beside the pose, x' = c + diag(f) (x -
    J x = -K (f - 1) by least squares. So an axis has one number, and a range of it is tried on the steps that samples
    see far along their normals, like a Hough transform; a line counts by a power of its share that meets steps of one
    sign, for pieces of it meet print.
-2. The best are pulled onto the steps (as in `locate.attraction`), all three lengths free but for their product: one photo does
-   not tell a size from a distance.
+2. The best are pulled onto the steps, as in `locate.attraction`, all three lengths free but for their product: one
+   photo does not tell a size from a distance.
 
 On a model of right proportions nothing fits better than f = 1.
 """
@@ -104,7 +104,7 @@ class _Seen:
             found = candidates(
                 sight.photo.gray, at.q, at.normal, half_length=2.0, reach=reach, noise=sight.noise, most=_STEPS
             )
-            by_place = np.einsum("ni,nij->nj", at.normal, at.by_pose[..., :3])
+            by_place = at.row[:, :3]  # a twist's translation moves a point as the point itself
             row = np.concatenate([at.row @ B, by_place * (sight.samples.p - middle)], axis=1)
             some = np.isfinite(row).all(axis=1)
             rows.append(row[some])
