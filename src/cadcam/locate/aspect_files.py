@@ -37,7 +37,7 @@ def read_aspects(part: Part, folder: Path) -> int:
     """Give a part the aspects that are kept of it; return how many, 0 where there is no file or none to be read."""
     aspects = part.aspects
     try:
-        with np.load(file_of(part, folder), allow_pickle=False) as kept:
+        with np.load(io.BytesIO(file_of(part, folder).read_bytes()), allow_pickle=False) as kept:
             rows = {name: kept[name] for name in _NAMES}
         ends = np.cumsum(rows["count"])[:-1]
         runs = zip(*(np.split(rows[name], ends) for name in ("places", "chain", "line")), strict=True)
