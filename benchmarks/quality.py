@@ -58,13 +58,14 @@ class Trial:
 
 @dataclass(frozen=True)
 class Answer:
-    """What came of it: error_px to the truth (inf where nothing is right), quality, what was refused and why."""
+    """What came of it: error_px to the truth (inf where nothing is right), quality, what was refused; and why."""
 
     set_name: str
     kind: str
     error_px: float
     quality: float
     refused: str = ""
+    reason: str = ""
 
 
 def trials(case: Case, others: Sequence[Case], rng: np.random.Generator) -> Iterator[Trial]:
@@ -126,7 +127,7 @@ def answer(case: Case, trial: Trial) -> Answer:
     error_px = vertex_set_error(case, location.pose.world_from_part) if trial.possible else np.inf
     if trial.may_refuse and error_px < LIMITS[case.name in REAL][1]:
         error_px = np.nan
-    return Answer(case.name, trial.kind, error_px, location.quality)
+    return Answer(case.name, trial.kind, error_px, location.quality, reason=location.reason)
 
 
 def explained(case: Case, part: Part, camera: Camera) -> bool:
@@ -253,7 +254,9 @@ def main() -> None:
     if a.list:
         for b in answers:
             if (_wrong(b) and b.quality >= FOUND) or (_right(b) and b.quality < FOUND):
-                print(f"{b.set_name}: {b.kind}, {b.error_px:.1f} px off, quality {b.quality:.2f} {b.refused}")
+                print(
+                    f"{b.set_name}: {b.kind}, {b.error_px:.1f} px off, quality {b.quality:.2f} {b.refused or b.reason}"
+                )
 
 
 if __name__ == "__main__":

@@ -12,6 +12,12 @@ from cadcam.cli.main import main
 from .job import Ran, make_job
 
 
+@pytest.fixture(autouse=True)
+def _cache_of_its_own(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keep nothing in the user's own folders."""
+    monkeypatch.setenv("CADCAM_CACHE", str(tmp_path_factory.getbasetemp() / "cache"))
+
+
 @pytest.fixture
 def cadcam(capsys: pytest.CaptureFixture[str]) -> Callable[..., Ran]:
     """Return a function that runs a command line in this process."""

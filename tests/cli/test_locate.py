@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ from cadcam.files.pose_estimate import pose_estimate_at, read_part_pose
 from cadcam.files.text import read_text
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture, write_picture
+from cadcam.locate.aspects import Aspects
 
 from .job import Ran
 from .locating import CAMERA, MIDDLE, MODELS, POSE, make_photo_job, photo, seen, write_start
@@ -51,12 +53,44 @@ def test_a_rough_start_is_enough(cadcam: Cadcam, here: Path) -> None:
     assert read_picture("overlay.png").shape == (360, 480, 3)
 
 
-@pytest.mark.slow  # what the part looks like from all sides is made first: 20 s
+@pytest.mark.slow  # what the part looks like from all sides is made first: 10 s
 def test_without_a_start_the_part_is_searched_for(cadcam: Cadcam, here: Path) -> None:
     said = cadcam(*LOCATE, "--json").json
     assert said["found"]
     (here / "found.json").write_text(cadcam(*LOCATE, "--json").out)
     assert off_mm(read_part_pose("found.json")) < 0.3
+
+
+def test_a_declared_range_of_views_is_searched_and_what_that_took_is_kept(
+    cadcam: Cadcam, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CADCAM_CACHE", str(here / "kept"))
+    search = (*LOCATE, "--views", "0.45,-0.73,0.51:15", "--roll", "20", "--distance", "270,330", "--json")
+    (here / "found.json").write_text(cadcam(*search).out)
+    assert off_mm(read_part_pose("found.json")) < 0.3
+    (kept,) = (here / "kept").glob("*.npz")
+    monkeypatch.setattr(Aspects, "_drawn", lambda *_: pytest.fail("made again"))
+    assert cadcam(*search).json["pose"] == json.loads(Path("found.json").read_text())["pose"]
+    assert kept.exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--views", "below"), "any, above"),
+        (("--views", "1,0"), "X,Y,Z:DEG"),
+        (("--views", "above:200"), "0 to 180"),
+        (("--distance", "300"), "nearest,farthest"),
+        (("--distance", "300,200"), "least, greatest"),
+        (("--roll", "15", "--start", "start.txt"), "a start is not searched for"),
+    ],
+)
+def test_a_range_of_views_that_means_nothing_is_refused(
+    cadcam: Cadcam, here: Path, words: tuple[str, ...], said: str
+) -> None:
+    ran = cadcam(*LOCATE, *words)
+    assert ran.code == 2
+    assert said in ran.err
 
 
 def test_points_picked_in_the_photo_are_a_start(cadcam: Cadcam, here: Path) -> None:

@@ -22,6 +22,7 @@ from cadcam.locate.freedom import Freedom
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 
+from ..cad.solids import box
 from .photos import CAMERA, photo, view
 
 BRACKET = Part.of(machined_bracket())
@@ -136,3 +137,17 @@ def test_starts_of_the_clean_ship_block_end_where_refinement_takes_over(shared: 
 @pytest.mark.parametrize("level", ["n0", "n3", "n8"])
 def test_97_percent_of_all_starts_end_where_refinement_takes_over(shared: Callable[[str], Path], level: str) -> None:
     assert np.mean(np.array(clean_block(shared, level, 1)) < 5.0) >= 0.97
+
+
+def test_the_mirror_pose_of_a_flat_view_is_tried(rng: np.random.Generator) -> None:
+    """From afar a plate looks nearly the same tilted the other way, 50 degrees from the start: out of its reach."""
+    plate = Part.of(box([0, 0, 0], [120, 70, 2]))
+    pose = view(plate, (0.35, -0.3, 1.0), away=7.0)
+    middle = np.array([60.0, 35, 1])
+    sight = (pose @ middle) / np.linalg.norm(pose @ middle)
+    mirrored = (np.eye(3) - 2 * np.outer(sight, sight)) @ pose.rotation @ np.diag([1.0, 1, -1])
+    start = Rigid(mirrored, pose @ middle - mirrored @ middle)
+    found = approach(plate, [photo(plate, pose, rng)], start)
+    off = [np.linalg.norm(CAMERA.project(h.world_from_part @ middle) - CAMERA.project(pose @ middle)) for h in found]
+    turned = [np.degrees(np.linalg.norm((h.world_from_part.inv @ pose).log()[3:])) for h in found]
+    assert min(t for t, px in zip(turned, off, strict=True) if px < 5) < 8

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -41,3 +43,11 @@ def test_a_mark_breaks_the_symmetry() -> None:
 
     marked = merge([box([0, 0, 0], [50, 50, 10]), box([40, 30, 10], [45, 33, 12], name="mark")])
     assert len(Part.of(marked).symmetries) == 1
+
+
+def test_rotations_that_the_tolerance_cannot_tell_apart_are_one() -> None:
+    """Curved plates in thousands of small edges map onto themselves within the tolerance by turns of a milliradian."""
+    from cadcam.cad.load import load
+
+    block = load(Path(__file__).resolve().parents[2] / "models" / "shipblock_10k.obj", unit="mm")
+    assert len(Part.of(block).symmetries) == 1

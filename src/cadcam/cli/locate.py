@@ -7,7 +7,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import Verbs, add_json, verb
-from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, part_as_asked, start_as_asked
+from cadcam.cli.locating import (
+    START_HELP,
+    VIEWS_HELP,
+    add_start_options,
+    add_view_options,
+    freedom_as_asked,
+    part_as_asked,
+    prepared,
+    start_as_asked,
+    views_as_asked,
+)
 from cadcam.cli.models import add_model_options, load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
 from cadcam.cli.photos import Shots, add_photo_options, read_shots
@@ -24,6 +34,7 @@ if TYPE_CHECKING:
     from cadcam.locate.location import Location
     from cadcam.locate.part import Part
     from cadcam.locate.photo import Photo
+    from cadcam.locate.view_range import ViewRange
 
 NOT_FOUND = 3  # exit code
 _REFUSED = (1.0, 0.15, 0.1)  # colour of lines that are not believed
@@ -31,11 +42,13 @@ _EXAMPLES = f"""\
   cadcam locate photo.png part.step --camera camera.json -o overlay.png
   cadcam locate photo.png part.obj --unit m --camera camera.json --start rough.txt --pose-out pose.json
   cadcam locate photo.png part.stl --camera camera.json --points picked.csv --json
+  cadcam locate photo.png part.stl --camera camera.json --views above --distance 800,1500
   cadcam locate left.png right.png part.stl --camera left.json --camera right.json -o both.png
   cadcam locate left.png right.png part.stl --rig rig.json
   cadcam locate photo.png plate.stl --camera camera.json --start rough.txt --freedom plane:0,0,1@part
 
 {START_HELP}
+{VIEWS_HELP}
 several photos: of a rig's cameras, or of one that was moved: every camera file says where it stood.
 
 exit code: 0 found, 3 not found, 2 wrong input. Not found means that the picture does not show the model's edges where
@@ -55,6 +68,7 @@ def add_to(verbs: Verbs) -> None:
     add_model_options(parser)
     add_photo_options(parser)
     add_start_options(parser)
+    add_view_options(parser)
     group = parser.add_argument_group("results")
     group.add_argument("-o", "--output", metavar="FILE", help="photo with the model's lines on it: .png or .jpg")
     group.add_argument("--pose-out", metavar="FILE", help="write the pose with its covariance: .json")
@@ -71,10 +85,10 @@ def run(arguments: argparse.Namespace) -> int:
         check_target(arguments.pose_out, (".json",))
     shots = read_shots(arguments.photos, arguments.camera, arguments.rig)
     start, freedom = start_as_asked(arguments, shots.photos[0].viewpoint), freedom_as_asked(arguments)
+    views = views_as_asked(arguments)
     mesh, report = load_as_asked(arguments)
     part = part_as_asked(arguments, mesh)
-    with working("looking for the part"):
-        location = located(part, shots, start, freedom)
+    location = located(part, shots, start, freedom, views)
     faults = [] if location.found else faults_in_words(shots)
     if arguments.output:
         _write_overlay(arguments, part, shots, location)
@@ -90,12 +104,17 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if location.found else NOT_FOUND
 
 
-def located(part: Part, shots: Shots, start: Rigid | None, freedom: Freedom) -> Location:
+def located(
+    part: Part, shots: Shots, start: Rigid | None, freedom: Freedom, views: ViewRange | None = None
+) -> Location:
     """Return where the part is: from the start, else from where the camera's file has its world, else searched for."""
     from cadcam.locate.locate import locate
+    from cadcam.locate.view_range import WHOLE_SPHERE
 
+    views = WHOLE_SPHERE if views is None else views
     if start is not None:
-        return locate(part, shots.photos, start, freedom=freedom)
+        with working("looking for the part"):
+            return locate(part, shots.photos, start, freedom=freedom)
     if shots.camera_from_world is not None:
         try:
             location = locate(part, shots.photos, shots.camera_from_world, freedom=freedom)
@@ -103,7 +122,8 @@ def located(part: Part, shots: Shots, start: Rigid | None, freedom: Freedom) -> 
             location = None
         if location is not None and location.found:
             return location
-    return locate(part, shots.photos, freedom=freedom)
+    with prepared(part, shots.photos, views), working("looking for the part"):
+        return locate(part, shots.photos, views=views, freedom=freedom)
 
 
 def faults_in_words(shots: Shots) -> list[str]:

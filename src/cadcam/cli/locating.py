@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import add_points_options, number, read_points_as_asked
-from cadcam.cli.output import working
+from cadcam.cli.output import progress, working
 from cadcam.errors import BadValue, UnknownName
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
 
     from cadcam.cad.mesh import Mesh
     from cadcam.camera.viewpoint import Viewpoint
     from cadcam.geometry.rigid import Rigid
     from cadcam.locate.freedom import Freedom
     from cadcam.locate.part import Part
+    from cadcam.locate.photo import Photo
+    from cadcam.locate.view_range import ViewRange
 
 START_HELP = """\
 start:    --start FILE    where the part is, roughly: some 20 degrees, 40 px and 10 % of the distance off do no harm
@@ -33,6 +37,14 @@ freedom:  free            all six (default)
           start, which is therefore needed.
 """
 
+VIEWS_HELP = """\
+views:    any             from all sides (default), as far away as the part is 0.2 to 1.2 of the photo's shorter side
+          above, above:60   from the side of the model's +z, up to 80 or 60 degrees off it
+          X,Y,Z:30        from the direction X,Y,Z of the model (its middle to the camera), up to 30 degrees off it
+          A narrower range is faster and surer. The first search of a model draws what it shows from there (seconds) and
+          keeps that in the cache folder: CADCAM_CACHE, else ~/.cache/cadcam; CADCAM_CACHE=off keeps nothing.
+"""
+
 
 def add_start_options(parser: argparse.ArgumentParser) -> None:
     """Add where the part is, roughly, and how it may move from there."""
@@ -41,6 +53,77 @@ def add_start_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--points", metavar="FILE", help="points of the model picked in the photo")
     group.add_argument("--freedom", default="free", metavar="F", help="free, plane:..., axis:... or along:... (below)")
     add_points_options(parser)
+
+
+def add_view_options(parser: argparse.ArgumentParser) -> None:
+    """Add from where a part that is searched for may be seen."""
+    group = parser.add_argument_group("search (without a start)")
+    group.add_argument(
+        "--views", default="any", metavar="V", help="from where the part may be seen (below; default any)"
+    )
+    group.add_argument(
+        "--roll", type=float, metavar="DEG", help="the part's z stands upright in the photo within so many degrees"
+    )
+    group.add_argument("--distance", metavar="NEAR,FAR", help="of the camera from the part's middle, mm")
+
+
+def views_as_asked(arguments: argparse.Namespace) -> ViewRange:
+    """Return the range of views that --views, --roll and --distance declare; they need a search, not a start."""
+    from cadcam.locate.view_range import ViewRange
+
+    given = [("--views", arguments.views != "any"), ("--roll", arguments.roll is not None)]
+    given.append(("--distance", arguments.distance is not None))
+    for option, there in given:
+        if there and (arguments.start or arguments.points):
+            raise BadValue(option, "given beside a start", "one of them: a start is not searched for")
+    text, _, angle = arguments.views.partition(":")
+    numbers = [number("--views", v) for v in text.split(",")] if "," in text else []
+    if text not in ("any", "above") and len(numbers) != 3:
+        raise BadValue("--views", repr(arguments.views), "any, above, above:DEG or X,Y,Z:DEG")
+    around: dict[str, Any] = {"half_angle_deg": number("--views", angle) if angle else 180.0 if text == "any" else 80.0}
+    if numbers:
+        around["axis"] = numbers
+    if arguments.roll is not None:
+        around["roll_deg"] = arguments.roll
+    if arguments.distance is not None:
+        ends = [number("--distance", v) for v in arguments.distance.split(",")]
+        if len(ends) != 2:
+            raise BadValue("--distance", repr(arguments.distance), "two numbers: nearest,farthest in mm")
+        around["distance_mm"] = (ends[0], ends[1])
+    return ViewRange(**around)
+
+
+@contextmanager
+def prepared(part: Part, photos: Sequence[Photo], views: ViewRange) -> Iterator[None]:
+    """Make what a search of the part needs, or take it from the cache's folder; afterwards keep there what was made."""
+    from cadcam.locate.aspect_files import read_aspects, write_aspects
+    from cadcam.locate.search import unmade
+
+    folder = cache_folder()
+    kept = 0 if folder is None else read_aspects(part, folder)
+    if todo := unmade(part, photos, views):
+        with progress("preparing the part", len(todo)) as step:
+            for key in todo:
+                part.aspects.aspect(*key)
+                step()
+    yield
+    if folder is not None and len(part.aspects.made) > kept:
+        write_aspects(part, folder)
+
+
+def cache_folder() -> Path | None:
+    """Return the folder of what is kept between runs: CADCAM_CACHE (off: none), else the system's for such files."""
+    import os
+    import sys
+    from pathlib import Path
+
+    asked = os.environ.get("CADCAM_CACHE", "")
+    if asked:
+        return None if asked == "off" else Path(asked)
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData/Local")) / "cadcam" / "aspects"
+    usual = Path.home() / ("Library/Caches" if sys.platform == "darwin" else ".cache")
+    return Path(os.environ.get("XDG_CACHE_HOME") or usual) / "cadcam" / "aspects"
 
 
 def start_as_asked(arguments: argparse.Namespace, view: Viewpoint) -> Rigid | None:

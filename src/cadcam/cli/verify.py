@@ -141,11 +141,11 @@ def _located(arguments: argparse.Namespace, part: Part, shots: Shots) -> Locatio
     view, freedom = shots.photos[0].viewpoint, freedom_as_asked(arguments)
     if arguments.pose and (arguments.start or arguments.points):
         raise BadValue("--pose", "given beside --start or --points", "one of them")
-    with working("finding the part"):
-        if arguments.pose:
-            pose = read_part_pose(arguments.pose, camera_from_world=view.camera_from_world)
-            return refine(part, shots.photos, pose, freedom=freedom, options=EdgeOptions(search_px=_POSED_PX))
+    if not arguments.pose:
         return located(part, shots, start_as_asked(arguments, view), freedom)
+    with working("finding the part"):
+        pose = read_part_pose(arguments.pose, camera_from_world=view.camera_from_world)
+        return refine(part, shots.photos, pose, freedom=freedom, options=EdgeOptions(search_px=_POSED_PX))
 
 
 def _verified(

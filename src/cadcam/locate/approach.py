@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -30,17 +31,19 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 
 _FINE_PX = 300.0  # the part's size in the finest field: enough to tell poses apart, few pixels to look at
-_LEVELS = 3
-_TILT_DEG, _ROLL_DEG, _DEPTH = 7.5, 4.0, 0.045  # steps of the grid: half of one is in reach of the climb
-_SLID = 64  # samples of an aspect that are slid
-_TAKEN = 48  # hypotheses that start climbing
+_COARSE_PX, _LEVELS = 33.0, 3  # its size in the coarsest one at least, and how many fields at most
+_TILT_DEG, _ROLL_DEG, _DEPTH = 9.0, 6.0, 0.07  # steps of the grid: half of one is in reach of the climb
+_SLID = 56  # samples of an aspect that are slid
+_TAKEN = 32  # hypotheses that start climbing
+_FLIPPED, _MOST_FLIPPED = 1, 2  # the climb before which mirror poses are added, and of how many of the best
+_FLAT, _TILTED = 0.3, 0.002  # thickness over breadth of what has a mirror pose; 1 - cosine from which that is another
 _SPREAD, _MOST_SPREAD = 0.12, 1500  # step of restricted motions, in radii of the part's border; the most poses of those
 
 
-_CLIMBS = (
-    Climb(2, 96, (2.0, 1.5, 1.0, 1.0), 24),
-    Climb(1, 128, (2.0, 1.5, 1.0, 1.0), 10),
-    Climb(0, 160, (2.0, 1.5, 1.0, 1.0, 0.7), 10),
+_CLIMBS = (  # from the coarsest field on
+    Climb(0, 96, (2.5, 2.0, 1.5, 1.0, 1.0), 16),
+    Climb(1, 128, (2.0, 1.5, 1.0, 1.0), 6),
+    Climb(2, 160, (1.5, 1.0, 1.0, 0.7), 6),
 )
 
 
@@ -77,8 +80,10 @@ def approach(
         poses = _slid(part.aspects, stages[-1], start, reach)
     else:
         poses = _spread(part.aspects, photos, start, free, reach)
-    for climb in _CLIMBS:
-        stage = stages[min(climb.level, len(stages) - 1)]
+    for number, climb in enumerate(_CLIMBS):
+        if number == _FLIPPED and free.shape[1] == 6:
+            poses = np.concatenate([poses, _flips(part.aspects, stages[0], poses[:_MOST_FLIPPED])])
+        stage = stages[max(len(stages) - 1 - climb.level, 0)]
         poses, score, agreement = climbed(part.aspects, stage, poses, free, climb)
         kept = distinct(part.aspects, poses, score, climb.kept)
         poses, score, agreement = poses[kept], score[kept], agreement[kept]
@@ -96,7 +101,8 @@ def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> 
             continue
         size = float(np.max(span[1] - span[0])) if span is not None else 0.0
         k = max(1, round(size / _FINE_PX))
-        fields.append(direction_fields(photo.gray, photo.camera, reduction=k, levels=_LEVELS, region=region))
+        levels = min(1 + max(int(math.log2(size / k / _COARSE_PX)), 0), _LEVELS) if size else _LEVELS
+        fields.append(direction_fields(photo.gray, photo.camera, reduction=k, levels=levels, region=region))
         places.append(pose)
     if not fields:
         raise NothingInView("the start puts the part outside of every photo; check the start and the part's unit")
@@ -160,6 +166,29 @@ def _spread(aspects: Aspects, photos: Sequence[Photo], start: Rigid, free: Array
     return np.concatenate([moved.rotation.reshape(-1, 9), moved.translation], axis=1)
 
 
+def _flips(aspects: Aspects, stage: Stage, poses: Array) -> Array:
+    """Return the mirror poses (M, 12) of those of poses (N, 12) from which the part's visible edges lie near a plane.
+
+    From far away a plane of normal a looks the same at R and D R A, with the mirrors D = I - 2 v v' across the line of
+    sight v and A = I - 2 a a' across the plane (Necker's reversal).
+    """
+    camera_from_world = stage.cameras_from_world[0]
+    seen, out = composed(camera_from_world, poses), []
+    for row in seen:
+        R, t = row[:9].reshape(3, 3), row[9:]
+        places = aspects.aspect(*(int(k[0]) for k in aspects.nearest(-(t @ R)[None]))).places["p"].astype(float)
+        if len(places) < 3:
+            continue
+        middle = places.mean(axis=0)
+        sd, axes = np.linalg.svd(places - middle, full_matrices=False)[1:]
+        sight = R @ middle + t
+        a, v = axes[2], sight / np.linalg.norm(sight)
+        if sd[2] < _FLAT * sd[1] and 1 - abs(v @ R @ a) > _TILTED:
+            mirrored = (np.eye(3) - 2 * np.outer(v, v)) @ R @ (np.eye(3) - 2 * np.outer(a, a))
+            out.append(np.concatenate([mirrored.ravel(), sight - mirrored @ middle]))
+    return composed(camera_from_world.inv, np.array(out).reshape(-1, 12))
+
+
 def _grid(aspects: Aspects, camera_from_part: Rigid, reach: Reach) -> Array:
     """Return poses (N, 12) camera_from_part around one: turned about the part's middle, nearer and farther."""
     centre = camera_from_part @ aspects.centre
@@ -176,6 +205,7 @@ def _grid(aspects: Aspects, camera_from_part: Rigid, reach: Reach) -> Array:
     return np.concatenate([R.reshape(-1, 9), t.reshape(-1, 3)], axis=1)
 
 
+@lru_cache(maxsize=8)
 def _turns(reach_deg: float) -> Array:
     """Return rotation vectors (N, 3), degrees, in a ball: a hexagonal net of tilts (0, 1), even turns (2) about z."""
     n = math.ceil(reach_deg / _TILT_DEG) + 1

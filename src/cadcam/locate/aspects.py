@@ -9,8 +9,10 @@ and kept: a photo near a known pose needs a few of them, a search over the spher
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,7 +31,8 @@ PLACES = 320  # samples of an aspect
 DIRECTIONS = 400
 _GOLDEN = 0.6180339887498949
 _SIZE, _FILLED = 1000, 0.9  # px of the picture in which lines are drawn, and the share of it that the part takes
-_NEAREST, _FARTHEST, _STEP = 1.3, 12.0, 2.0  # distances in radii at which aspects are made: a geometric series
+# Distances in radii at which aspects are made, a geometric series: from farther than the last a part shows the same.
+_NEAREST, _FARTHEST, _STEP = 1.3, 5.2, 2.0
 _CELLS = 32  # along a side of the cube that finds the nearest direction
 _SHORTEST = 0.004  # of the part's size: visible stretches below it are not worth a sample
 
@@ -71,6 +74,15 @@ class Aspects:
         self.net = sphere_net(DIRECTIONS)
         self._lines = lines
         self._made: dict[tuple[int, int], Aspect] = {}
+
+    @property
+    def made(self) -> Mapping[tuple[int, int], Aspect]:
+        """The aspects made so far, by numbers of direction and of distance."""
+        return MappingProxyType(self._made)
+
+    def take(self, made: Mapping[tuple[int, int], Aspect]) -> None:
+        """Take aspects that were made of this part before."""
+        self._made.update(made)
 
     def nearest(self, eyes: Array) -> tuple[Ids, Ids]:
         """Return the numbers (N,) of net direction and of distance that are nearest to eyes (N, 3) mm, part frame."""

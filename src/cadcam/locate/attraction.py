@@ -65,3 +65,23 @@ def _pulled(sights: Sequence[Sight], pose: Rigid, B: Array, *, reach: int, soft:
     # what no line tells stays where it is
     x = pulled(J, offset, strength, soft=soft, nothing=_NOTHING, held=_HELD, pulls=_PULLS)
     return pose @ Rigid.exp(B @ x)
+
+
+def pulled_stiffly(J: Array, offset: Array, slope: Array, soft: float, *, stiff: Array, before: Array) -> Array:
+    """Return the step x (k,) by which N lines come onto their steps, of those (N, M) that each one sees.
+
+    As the core's `pulled`, for any number of unknowns some of which are held: J (N, k) says how x moves the lines;
+    offset, slope (N, M) where along the normals (px) steps are, and how steep, nan for none; stiff (k, k) holds
+    before + x near nil, in units of a sample's pull.
+    """
+    offset, slope = np.nan_to_num(offset), np.nan_to_num(slope)
+    strength = np.minimum(np.abs(slope) / np.quantile(np.abs(slope[:, 0]), _STRONG), 1.0)
+    x = np.zeros(J.shape[1])
+    for _ in range(_PULLS):
+        r = offset - (J @ x)[:, None]
+        near = strength * np.exp(-0.5 * (r / soft) ** 2)
+        share = near / (near.sum(axis=1, keepdims=True) + _NOTHING)
+        A = (J * share.sum(axis=1)[:, None]).T @ J + stiff
+        A[np.diag_indices(len(x))] += _HELD * np.diag(A) + 1e-300
+        x = x + np.linalg.solve(A, J.T @ (share * r).sum(axis=1) - stiff @ (before + x))
+    return x

@@ -28,6 +28,7 @@ _TOGETHER = 64  # poses that climb in one go
 _SEEN = 0.9  # the share of a part's edges that lighting lets one see
 _EVEN, _NATS, _APART_PX = 0.15, 4.0, 3.0  # certainty that says nothing; nats a sample; px between independent ones
 _MOST_NATS = 4.0  # what one edge can say
+_STEPS = 64  # more than an aspect has distances
 
 
 class Climb(NamedTuple):
@@ -79,9 +80,9 @@ def views_of(aspects: Aspects, stage: Stage, poses: Array, samples: int) -> View
     for e, camera_from_world in enumerate(stage.cameras_from_world):
         eye = np.einsum("nji,nj->ni", R, camera_from_world.origin - t)  # in the part frame
         net, step = aspects.nearest(eye)
-        key, number = np.unique(np.stack([net, step]), axis=1, return_inverse=True)
-        at, n = np.zeros(key.shape[1], np.int64), np.zeros(key.shape[1], np.int32)
-        for k, (direction, distance) in enumerate(key.T.tolist()):
+        key, number = np.unique(net * _STEPS + step, return_inverse=True)
+        at, n = np.zeros(len(key), np.int64), np.zeros(len(key), np.int32)
+        for k, (direction, distance) in enumerate(divmod(int(one), _STEPS) for one in key):
             if (direction, distance) not in runs:
                 places = aspects.aspect(direction, distance).places[:samples]
                 runs[direction, distance] = (used, places)

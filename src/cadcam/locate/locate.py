@@ -20,7 +20,6 @@ from cadcam.locate.refine import EDGES, EdgeOptions, refine
 from cadcam.locate.search import search_once
 from cadcam.locate.view_range import WHOLE_SPHERE, ViewRange
 
-_SURE = 0.7  # quality at which no other hypothesis is tried, unless it is as good as this one
 _RIVAL = 0.85  # share of the best hypothesis' score that makes another one as good
 _TRIED = (4, 8)  # hypotheses that are refined: with a start, without one
 _AS_GOOD = 0.15  # quality that an alternative may lack
@@ -65,17 +64,18 @@ def locate(
     most_score = max(max(score for score, _ in tried), 1e-9)
     ranked = sorted(tried, key=lambda t: -(t[1].quality + _BY_SCORE * t[0] / most_score))
     (score, best), others = ranked[0], [(s, o) for s, o in ranked[1:] if o.quality >= FOUND]
+    alike = _alike(part, best) if start is None else []
     if not best.found:
         why = best.reason.removeprefix("not found: ")
-        return replace(best, reason=f"not found: the best of {len(hypotheses)} hypotheses does not hold: {why}")
+        why = f"not found: the best of {len(hypotheses)} hypotheses does not hold: {why}"
+        return replace(best, reason=why, alternatives=tuple(alike))
     if start is None and not _stands_out(part, best, score, hypotheses):
         why = f"not certain: lines elsewhere in the photos look nearly as much like the part ({best.reason})"
-        return replace(best, quality=min(best.quality, _UNCERTAIN), reason=why)
+        return replace(best, quality=min(best.quality, _UNCERTAIN), reason=why, alternatives=tuple(alike))
     equal = [o for s, o in others if s >= _EQUAL * score and o.quality >= best.quality - _AS_GOOD]
     places = _distinct(
         part, best, [o for o in equal if _elsewhere(part, best.pose.world_from_part, o.pose.world_from_part)]
     )
-    alike = _alike(part, best) if start is None else []
     rivals = tuple(_distinct(part, best, [*alike, *(o for _, o in others if o.quality >= best.quality - _AS_GOOD)]))
     if places:
         why = f"not certain: {len(places)} other places in the photos look as much like the part ({best.reason})"
@@ -121,12 +121,13 @@ def _refined(
     options: EdgeOptions,
     chosen: int,
 ) -> list[tuple[float, Location]]:
-    """Return score and location of the hypotheses refined, until one is sure and no other is as good."""
+    """Return score and location of the hypotheses refined: until one is found, and then those that are as good."""
     done: list[tuple[float, Location]] = []
     for h in hypotheses:
-        if any(o.quality >= _SURE for _, o in done) and h.score < _RIVAL * hypotheses[0].score:
+        found = [o for _, o in done if o.found]
+        if found and h.score < _RIVAL * hypotheses[0].score:
             break
-        if any(o.found and _apart(part, h.world_from_part, o.pose.world_from_part) < _BASIN for _, o in done):
+        if any(_apart(part, h.world_from_part, o.pose.world_from_part) < _BASIN for o in found):
             continue  # it would end there too
         location = refine(part, photos, h.world_from_part, freedom=freedom, options=options, chosen=chosen)
         done.append((h.score, location))

@@ -12,19 +12,21 @@ photo has; a start that was the best of very many poses used up some more. Evide
 Theory to Image Analysis, 2008, ch. 3). A line is worth two constraints, where it lies and how it turns, a short one
 one; lines that lie on one edge of the photo count once. With C constraints in sight
 
-    free = (k + those of the search) / C        net = (share - free) / (1 - free) - 0.4 absent - 20 scatter / extent
+    free = (k + those of the search) / C        net = (share - free) / (1 - free) - 0.6 absent - 20 scatter / extent
 
 A box has nine lines, so a third is free; a part seen edge-on, or cut by the picture's border, has hardly anything left
 that could speak for it. absent: share of the visible length that lies on lines shown nowhere; scatter: by how much
-edges are off as a whole (px), extent: size of what is seen (px). A model of wrong proportions shows in these two. Edges
-that scatter little must also be met more closely. Quality 0.5, one threshold for all parts and photos, is a net share
-of 0.43.
+edges are off as a whole (px), extent: size of what is seen (px). Edges that scatter little must also be met closely.
+
+A model of wrong proportions is the hardest case: most lines fit. So where the answer is in doubt other proportions are
+tried (`locate.proportions`), and what they gain counts twice against the model as it is: net - 2 (net' - net). Quality
+0.5, one threshold for all parts and photos, is a net share of 0.43.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +34,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import candidates
+from cadcam.locate.proportions import stretched
 from cadcam.locate.sight import Sight
 
 Longs = npt.NDArray[np.int64]
@@ -48,7 +51,9 @@ _WORTH_PX = (10.0, 24.0)  # length from which a line is worth one constraint, an
 _ONE_EDGE = 8.0, np.cos(np.radians(4.0))  # px and turn within which lines lie on one edge of the photo
 _STRAIGHT = 0.95  # chord over arc of a line that may lie on another
 _NOWHERE = 0.25  # share of a line's samples below which it is missed
-_ABSENT, _SCATTER = 0.4, 20.0  # what these cost
+_ABSENT, _SCATTER, _GAIN = 0.6, 20.0, 2.0  # what these cost
+_IN_DOUBT, _OTHER = (0.3, 0.75), 0.04  # quality at which other proportions are tried; what makes them others
+_TOLD = 0.05  # gain worth words
 _SHARES = (0.0, 0.43, 0.95)  # net shares that make quality 0, 1/2 and 1
 _LEAST = 12  # samples that can tell anything at all
 
@@ -59,7 +64,8 @@ class Seen:
 
     samples: how many could tell; shown, by_chance: the share of them where the photo shows the edge, and where it would
     anyway; free: the share of their constraints that any pose could be fitted to; absent: the share of samples on lines
-    shown nowhere; scatter: of edges, relative to the size of what is seen.
+    shown nowhere; scatter: of edges, relative to the size of what is seen; gain: how much larger the net share would be
+    with a model of other proportions, and which those are.
     """
 
     samples: int
@@ -68,21 +74,46 @@ class Seen:
     free: float
     absent: float
     scatter: float
+    gain: float = 0.0
+    proportions: str = ""
+
+    @property
+    def net(self) -> float:
+        """Return the share of the edges that speaks for the pose, less what speaks against it."""
+        share = (self.shown - self.by_chance) / (1 - min(self.by_chance, 0.9))
+        net = (share - self.free) / (1 - self.free) - _ABSENT * self.absent - _SCATTER * self.scatter
+        return net - _GAIN * self.gain
 
     @property
     def quality(self) -> float:
         """Return how sure it is that the pose is right, 0 to 1."""
         if self.samples < _LEAST or self.free >= 1:
             return 0.0
-        share = (self.shown - self.by_chance) / (1 - min(self.by_chance, 0.9))
-        net = (share - self.free) / (1 - self.free) - _ABSENT * self.absent - _SCATTER * self.scatter
-        return float(np.interp(net, _SHARES, (0.0, 0.5, 1.0)))
+        return float(np.interp(self.net, _SHARES, (0.0, 0.5, 1.0)))
 
     def __str__(self) -> str:
         if self.samples < _LEAST or self.free >= 1:
             return "so few edges of the part would be in the picture that any place would fit"
         free = f", {self.free:.0%} could be fitted anywhere" if self.free > 0.2 else ""
-        return f"{self.shown:.0%} of the visible edges are there, {self.by_chance:.0%} would be by chance{free}"
+        other = f"; more were it {self.proportions} (other part, unit or scale?)" if self.gain > _TOLD else ""
+        return f"{self.shown:.0%} of the visible edges are there, {self.by_chance:.0%} would be by chance{free}{other}"
+
+
+def judged(sights: Sequence[Sight], world_from_part: Rigid, B: Array, *, chosen: int, scatter: float) -> Seen:
+    """Return what `seen` does for a pose fitted along B (6, k), and in doubt whether other proportions fit better.
+
+    chosen: how many constraints the start met by being the best of many poses.
+    """
+    constraints = B.shape[1] + chosen
+    first = seen(sights, world_from_part, constraints=constraints, scatter=scatter)
+    if not _IN_DOUBT[0] < first.quality < _IN_DOUBT[1]:
+        return first
+    other = stretched(sights, world_from_part, B)
+    if other.by < _OTHER:
+        return first
+    second = seen(other.sights, other.world_from_part, constraints=constraints, scatter=scatter)
+    gain = replace(second, free=first.free, scatter=first.scatter).net - first.net
+    return replace(first, gain=gain, proportions=str(other)) if gain > 0 else first
 
 
 def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, scatter: float) -> Seen:

@@ -27,7 +27,7 @@ from cadcam.locate.location import FOUND, Location
 from cadcam.locate.matches import EdgeMatches
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality import Seen, seen
+from cadcam.locate.quality import Seen, judged
 from cadcam.locate.sight import Cells, Measured, Sight, measure, nearest_steps
 from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
 
@@ -41,6 +41,7 @@ _ROUNDS = (3, 8, 8, 8)  # reweightings in the first measurement, the second, and
 _SETTLED_PX = 0.2  # by which nine tenths of the lines may move in the last step
 _PIECES = 30  # groups that the edges are cut into at least
 _DOUBT = (0.25, 0.62)  # quality of a pose that half of the lines agree with: worth a second, wider search
+_FARTHEST_PX = 3.0  # an edge farther off is another one
 _LOOSE_PX = 0.25  # by which edges of a good pose are seldom off as a whole
 _WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
 _UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose that nothing was measured of
@@ -244,8 +245,14 @@ def _location(part: Part, fitted: _Fitted, freedom: Freedom, chosen: int) -> Loc
     photos = [s.photo for s in sights]
     from_calibration = calibration_covariance(photos, points, normals, gains, pose)
     estimate = PoseEstimate(pose, B @ fit.covariance @ B.T, from_calibration, B, fit.dof)
-    evidence = seen(sights, pose, constraints=B.shape[1] + chosen, scatter=fit.between)
+    evidence = judged(sights, pose, B, chosen=chosen, scatter=_scatter(fit))
     return Location(estimate, _matches(fitted), evidence.quality, _reason(part, estimate, evidence, fit, photos))
+
+
+def _scatter(fit: GroupedFit) -> float:
+    """Return by how much (px, root mean square) edges are off as a whole, whatever they are believed."""
+    samples = np.bincount(fit.group)
+    return float(np.sqrt(samples @ np.minimum(np.abs(fit.offset), _FARTHEST_PX) ** 2 / max(samples.sum(), 1)))
 
 
 def _reason(part: Part, estimate: PoseEstimate, evidence: Seen, fit: GroupedFit, photos: Sequence[Photo]) -> str:

@@ -91,6 +91,15 @@ def search_once(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SP
     return _ranked(aspects, around, found, _judged(aspects, scales, found))
 
 
+def unmade(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE) -> list[tuple[int, int]]:
+    """Return which aspects a search would have to make first, as numbers for `Aspects.aspect`."""
+    aspects = part.aspects
+    numbers = np.unique(_rotations(part, views)[0]).tolist()
+    far = np.array([d for photo in photos for d in _distances(aspects, photo.camera, views)])
+    steps = np.unique(aspects.step_of(far)).tolist()
+    return [key for step in steps for key in ((number, step) for number in numbers) if key not in aspects.made]
+
+
 def _ranked(aspects: Aspects, found: list[Hypothesis], poses: Array, score: Array) -> list[Hypothesis]:
     """Return each pose once, most evidence first; of poses close to each other that which fits the fine field best.
 

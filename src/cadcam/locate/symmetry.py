@@ -12,6 +12,7 @@ from cadcam.geometry.rigid import Rigid
 _SAMPLES = 400
 _MOST = 64  # points that are tried in place of another
 _SAME = 2e-3  # of the part's radius: a rotation that leaves the edges this near to each other is a symmetry
+_APART = 0.01  # rad: rotations nearer to each other are one, known to within _SAME
 
 
 def symmetries(mesh: Mesh, edges: FeatureEdges) -> list[Rigid]:
@@ -34,7 +35,7 @@ def symmetries(mesh: Mesh, edges: FeatureEdges) -> list[Rigid]:
     lines = cKDTree(_dense(mesh, edges, tolerance) - centre)
     found = [np.eye(3)]
     for R in _candidates(corners, tolerance):
-        if any(np.abs(R - known).max() < 1e-3 for known in found):
+        if any(np.abs(R - known).max() < _APART for known in found):
             continue
         moved = rays @ R.T
         if np.max(tree.query(moved)[0]) < spacing and np.max(lines.query(moved)[0]) < 2 * tolerance:

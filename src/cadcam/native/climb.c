@@ -12,11 +12,12 @@ static void add_shifted(const cc_field *f, int sector, int32_t x, int32_t y, int
                         uint16_t *sums) {
     const uint8_t *plane = f->planes + (size_t)sector * (size_t)f->width * (size_t)f->height;
     const int32_t from_y = imax(0, -y), to_y = imin(high, f->height - y);
-    if (stride == LANES && x >= 0 && x + LANES <= f->width) { /* the common case, a small window inside */
+    if (x >= 0 && x + stride <= f->width) { /* the common case, a window inside: what is beyond `wide` is not looked at */
         for (int32_t j = from_y; j < to_y; j++) {
             const uint8_t *row = plane + (ptrdiff_t)(y + j) * f->width + x;
-            uint16_t *restrict out = sums + (size_t)j * LANES;
-            for (int32_t i = 0; i < LANES; i++) out[i] = (uint16_t)(out[i] + row[i]);
+            uint16_t *restrict out = sums + (size_t)j * (size_t)stride;
+            for (int32_t k = 0; k < stride; k += LANES, out += LANES, row += LANES)
+                for (int32_t i = 0; i < LANES; i++) out[i] = (uint16_t)(out[i] + row[i]);
         }
         return;
     }

@@ -1,0 +1,58 @@
+"""A model of wrong proportions is told as that; one of right proportions never is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.locate.proportions import Stretched, stretched
+from cadcam.locate.refine import refine
+from cadcam.locate.sight import Sight
+
+from ..cad.solids import box
+from .photos import photo, view
+
+SIZE = np.array([100.0, 60.0, 40.0])
+BOX = Part.of(box([0, 0, 0], SIZE))
+CORNER = view(BOX, (0.5, 0.7, 1.0), away=5.0)
+
+
+def sights(part: Part, shots: Photo, pose: Rigid) -> list[Sight]:
+    return [Sight.of(part, shots, pose, step_px=4.0, reach_px=14.0)]
+
+
+def fitted(size: np.ndarray, rng: np.random.Generator) -> tuple[Part, Photo, Rigid, str]:
+    """Return a box of another size, the true one's photo, the pose in which it fits best, and what is said of that."""
+    part, shots = Part.of(box([0, 0, 0], size)), photo(BOX, CORNER, rng)
+    found = refine(part, [shots], CORNER)
+    return part, shots, found.pose.world_from_part, found.reason
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("factor", [0.84, 1.17])
+def test_the_lengths_that_the_photo_shows_are_found(axis: int, factor: float, rng: np.random.Generator) -> None:
+    size = SIZE * np.where(np.arange(3) == axis, factor, 1.0)
+    part, shots = Part.of(box([0, 0, 0], size)), photo(BOX, CORNER, rng)
+    lengths = stretched(sights(part, shots, CORNER), CORNER, np.eye(6)).lengths
+    ratio = lengths[axis] / np.sqrt(np.prod(np.delete(lengths, axis)))
+    assert ratio == pytest.approx(1 / factor, rel=0.03)  # a pixel or two on edges of 60 to 150 px
+
+
+def test_a_model_of_right_proportions_fits_best_as_it_is(rng: np.random.Generator) -> None:
+    part, shots, pose, said = fitted(SIZE, rng)
+    assert stretched(sights(part, shots, pose), pose, np.eye(6)).by < 0.02
+    assert "axis (" not in said
+
+
+def test_a_model_of_wrong_proportions_is_not_found_and_the_reason_names_them(rng: np.random.Generator) -> None:
+    _, _, _, said = fitted(SIZE * [1, 1.17, 1], rng)
+    assert said.startswith("not found")
+
+
+def test_lengths_are_told_in_words() -> None:
+    assert str(Stretched([], Rigid(), np.array([0.95, 1.11, 0.95]))) == "17% longer along its y axis"
+    assert str(Stretched([], Rigid(), np.array([1.06, 1.06, 0.89]))) == "16% shorter along its z axis"
+    assert Stretched([], Rigid(), np.array([1.0, 1.1, 1.0])).by == pytest.approx(0.1)
