@@ -10,6 +10,7 @@ from cadcam.report.table import Table
 from cadcam.verify.deviation import FeatureDeviation, State
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.judge import Verification
+from cadcam.verify.measured import Measured
 from cadcam.verify.tolerance import Quantity, Rule
 from cadcam.verify.verdict import SIMPLE_SHARE, Judgement
 
@@ -127,9 +128,9 @@ def assumptions(found: Verification) -> list[str]:
         "Datum: the pose was fitted to " + ", ".join(seen.datum) + "; they are taken to be as the CAD has them.",
         "Each feature is rigid; its displacement is that of all its edges together, against a pose fitted without it.",
     ]
-    if seen.measured.sight is not None:
+    if seen.measured.eye is not None:
         out.append(
-            f"One photo: a displacement along the line of sight {vector(seen.measured.sight)} (part axes) is not seen; "
+            f"One photo: a displacement along the line of sight {vector(_sight(seen.measured))} (part axes) is not seen; "
             "all displacements are those across it."
         )
     out.append(
@@ -143,6 +144,11 @@ def assumptions(found: Verification) -> list[str]:
         "counted at decoys in the same photos."
     )
     return out
+
+
+def _sight(measured: Measured) -> Array:
+    """Return the line of sight (3,) to the middle of all that is seen."""
+    return measured.axis(np.ones(len(measured.lines), bool))
 
 
 def shares_in_words(f: FeatureDeviation) -> str:

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Mask
+from cadcam.arrays import Array, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render.view import Scene
 from cadcam.verify.association import SEARCH_ROOM_PX, Association, associated, nearby_edges
+from cadcam.verify.feet import Feet
 from cadcam.verify.presence import EdgeEvidence, Presence, clutter_of, presence
 from cadcam.verify.sightlines import Sightlines, sightlines
 from cadcam.verify.surroundings import surroundings
@@ -29,7 +30,8 @@ class Survey:
     names: the features asked about, then the model's parts as far as they are none of those; members: the places (N,)
     of each, which may be those of others too. body (N,): what moves as one, each place in one of them: the widest
     feature that has it, or its part. usable (N,): whether its edge can be told from its neighbours; datum (N,): whether
-    the pose may be fitted to it; stated: whether the datum was, by the tolerances.
+    the pose may be fitted to it; stated: whether the datum was, by the tolerances. lever (N,) px/mm and mate (N,): what
+    the place is as a foot (`Feet`), the mate being a body.
     """
 
     lines: Sightlines
@@ -40,6 +42,8 @@ class Survey:
     usable: Mask
     datum: Mask
     stated: bool
+    lever: Array
+    mate: Longs
     evidence: EdgeEvidence
     clutter: float
 
@@ -76,7 +80,9 @@ def surveyed(
     body = _bodies(members)
     usable = lines.room >= SEARCH_ROOM_PX
     moved_as_one = np.where(usable, body, -1)
-    matched = associated(lines, sights, found, moved_as_one, reach_px=reach_px)
+    beside = surroundings(part, photos, world_from_part, lines)
+    matched = associated(lines, sights, found, moved_as_one, reach_px=reach_px, contrast=beside.contrast)
+    feet = Feet.of(lines, beside)
     return Survey(
         lines,
         matched,
@@ -86,7 +92,9 @@ def surveyed(
         usable,
         _datum(part.scene, lines, asked),
         bool(asked.datum),
-        EdgeEvidence.of(lines, usable, matched, surroundings(part, photos, world_from_part, lines)),
+        feet.lever,
+        feet.of_bodies(lines, body),
+        EdgeEvidence.of(lines, usable, matched, beside),
         clutter_of(lines, found, moved_as_one, reach_px=reach_px),
     )
 
