@@ -71,6 +71,7 @@ class Tally:
     error: list[float] = field(default_factory=list)
     z: list[float] = field(default_factory=list)
     within: list[bool] = field(default_factory=list)
+    U: list[float] = field(default_factory=list)
     verdicts: list[Verdict] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
 
@@ -208,6 +209,7 @@ def measure(out: Tally, seen: Inspection, name: str, by: Array | None) -> None:
     root = np.linalg.cholesky(found.displacement.covariance)
     out.error.append(float(np.linalg.norm(off)))
     out.z += np.linalg.solve(root, off).tolist()
+    out.U.append(2 * found.sigma)
     out.within.append(bool(abs(found.size - np.linalg.norm(truth)) <= 2 * found.sigma))
 
 
@@ -219,10 +221,10 @@ def row(case: str, tally: Tally) -> str:
     if tally.error and not np.isnan(size):
         verdicts = [100 * tally.verdicts.count(v) / len(tally.verdicts) for v in (Verdict.PASS, Verdict.FAIL)]
         cells += [f"{np.median(tally.error):.3f}", f"{np.sqrt(np.mean(np.square(tally.z))):.2f}"]
-        cells += [f"{100 * np.mean(tally.within):.0f} %", f"{verdicts[0]:.0f} %", f"{verdicts[1]:.0f} %"]
+        cells += [f"{np.median(tally.U):.2f}", f"{100 * np.mean(tally.within):.0f} %", f"{verdicts[0]:.0f} %", f"{verdicts[1]:.0f} %"]
         cells.append(f"{100 - sum(verdicts):.0f} %")
     else:
-        cells += [""] * 6
+        cells += [""] * 7
     return "| " + " | ".join([*cells, f"{1000 * np.median(tally.seconds):.0f}"]) + " |"
 
 
@@ -232,8 +234,8 @@ def main() -> None:
     parser.add_argument("--case", action="append", choices=CASES)
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
-    print("| pictured | pictures | found | alarms | error mm | z rms | in U | PASS | FAIL | undecided | CPU ms |")
-    print("|---|---|---|---|---|---|---|---|---|---|---|")
+    print("| pictured | pictures | found | alarms | error mm | z rms | U mm | in U | PASS | FAIL | undecided | CPU ms |")
+    print("|---|---|---|---|---|---|---|---|---|---|---|---|")
     for case in arguments.case or CASES:
         print(row(case, study(case, arguments.pictures, arguments.seed)), flush=True)
 

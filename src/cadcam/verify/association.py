@@ -32,7 +32,6 @@ _PARALLEL = np.cos(np.radians(20.0))
 _NEAR_PX = 1.5  # shifts up to this are the nominal place
 _GAIN_SAMPLES, _GAIN_SHARE = 3.0, 0.10  # by which support elsewhere must exceed that of the nominal place
 _STRAYS = 3.5  # robust sigmas
-_FAINT = 0.02  # contrast below which an edge may well not show
 _LEAST_SAMPLES, _LEAST_SHARE = 3, 0.4  # of an edge that must agree before it counts as seen
 
 
@@ -87,15 +86,15 @@ def associated(
     body: Longs,
     *,
     reach_px: float,
-    contrast: Array | None = None,
+    ought: Mask | None = None,
 ) -> Association:
     """Return the photo's edge at each place; body (N,) numbers what moves as one, -1 for what is not looked at.
 
-    found (N, K): see `nearby_edges`; contrast (N,): see `Surroundings`, by default ample. Where bodies are found beside
+    found (N, K): see `nearby_edges`; ought (N,): which should show one, by default all. Where bodies are found beside
     their places, others are looked for once more: their edges are not those of the displaced ones.
     """
     n = len(lines)
-    ought = np.ones(n, bool) if contrast is None else contrast > _FAINT
+    ought = np.ones(n, bool) if ought is None else ought
     free = np.where(_explained(lines, found, body, np.zeros((n, 2))), np.nan, found)
     coarse, shift = _shifted(lines, found, free, body, ought, reach_px=reach_px)
     moved = np.hypot(*shift.T) > _NEAR_PX

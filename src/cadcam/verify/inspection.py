@@ -171,6 +171,7 @@ def _snooped(
 ) -> tuple[Measured, list[int]]:
     """Return what is measured with the pose fitted to the bodies that agree, and those that do not.
 
+    Bodies between which the photos hardly decide are left out together: the rest then tells which of them is in place.
     Feet on a body that does not agree are not used: they move with it.
     """
     left_out: list[int] = []
@@ -187,10 +188,11 @@ def _snooped(
         suspect = [(loss, i) for i, p, loss in told if p <= _OF_DISPLACED * options.alarms / len(told)]
         if not suspect:
             return measured, left_out
-        worst = min(suspect)[1]
-        if measured.pose_without(np.isin(measured.body, [*left_out, worst])) is None:
+        least = min(suspect)[0]
+        worst = [i for loss, i in suspect if loss - least <= -2 * np.log(options.alarms)]
+        if measured.pose_without(np.isin(measured.body, [*left_out, *worst])) is None:
             return measured, left_out  # the others would not hold the part: they cannot outvote it
-        left_out.append(worst)
+        left_out += worst
 
 
 def _against_others(
@@ -199,11 +201,11 @@ def _against_others(
     """Return how a body is displaced against the rest of the datum, and how improbable its being so leaves the photos.
 
     Edges' own errors too are those of the rest. Of several bodies that are displaced against the others the one is to
-    blame that, free to be anywhere, explains most: those that it pulled the pose away from are in place without it.
+    blame whose displacement explains most: those that it pulled the pose away from are in place without it.
     """
     its = (survey.body == body) | (survey.mate == body)
-    others = Measured.of(survey, used, datum, eye, F, free=its)
-    return others.displacement(others.body == body), others.loss
+    others = Measured.of(survey, used, datum & ~its, eye, F)
+    return others.displacement(others.body == body), others.improbability(body)
 
 
 def _reported(

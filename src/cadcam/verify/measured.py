@@ -11,7 +11,7 @@ from cadcam.arrays import Array, Mask
 from cadcam.errors import DegenerateGeometry
 from cadcam.verify.adjustment import CAUSES, Adjustment, Estimate, FittedPose
 from cadcam.verify.alarms import tail_probability
-from cadcam.verify.scatter import EdgeNoise, common_error, white_scale
+from cadcam.verify.scatter import EdgeNoise, common_error, improbability, white_scale
 from cadcam.verify.sightlines import Sightlines
 from cadcam.verify.survey import Survey
 
@@ -35,9 +35,8 @@ class Displacement:
 class Measured:
     """The places where the photos show the part's edges, their errors, and the pose fitted to the datum among them.
 
-    body (N,), lever (N,) and members as in `Survey`; eye (3,): the camera's place in the part frame where one photo
-    sees the part, None where several do; noise_scale: see `white_scale`; tau_px: common error of an edge; loss:
-    how improbable the datum's offsets are (`CommonError`).
+    body, lever, mate (N,) and members as in `Survey`; eye (3,): the camera's place in the part frame where one photo
+    sees the part, None where several do; noise_scale: see `white_scale`; tau_px: common error of an edge.
     """
 
     lines: Sightlines
@@ -45,42 +44,30 @@ class Measured:
     members: tuple[Mask, ...]
     adjustment: Adjustment
     lever: Array
+    mate: Longs
     eye: Array | None
     noise_scale: float
     tau_px: float
-    loss: float
 
     @classmethod
-    def of(
-        cls,
-        survey: Survey,
-        used: Mask,
-        datum: Mask,
-        eye: Array | None,
-        freedom: Array,
-        *,
-        free: Mask | None = None,
-    ) -> Measured:
-        """Return what is measured from the places `used` (N,), the pose fitted to those also in `datum` (N,).
-
-        free (N,): places left out of that, but weighed in `loss` as edges that may be anywhere near.
-        """
-        free = np.zeros(len(used), bool) if free is None else free
+    def of(cls, survey: Survey, used: Mask, datum: Mask, eye: Array | None, freedom: Array) -> Measured:
+        """Return what is measured from the places `used` (N,), the pose fitted to those also in `datum` (N,)."""
         rows = used & survey.matched.measured & survey.usable
         lines, offset = survey.lines.select(rows), survey.matched.offset[rows]
-        sigma, fitted, free = survey.matched.sigma[rows], (datum & ~free)[rows], (datum & free)[rows]
+        sigma, fitted = survey.matched.sigma[rows], datum[rows]
         scale = white_scale(offset, EdgeNoise.of(sigma, lines.edge, lines.along, 0.0))
         sigma = sigma * scale
         J = lines.by_pose
-        asked = fitted | free
-        common = common_error(
-            offset[asked], sigma[asked], lines.edge[asked], lines.along[asked], J[asked] @ freedom, free=free[asked]
-        )
-        noise = EdgeNoise.of(sigma, lines.edge, lines.along, common.tau)
+        tau = 0.0
+        if fitted.any():
+            tau = common_error(
+                offset[fitted], sigma[fitted], lines.edge[fitted], lines.along[fitted], J[fitted] @ freedom
+            )
+        noise = EdgeNoise.of(sigma, lines.edge, lines.along, tau)
         members = tuple(m[rows] for m in survey.members)
         adjustment = Adjustment(offset, J, lines.by_cause, noise, fitted, freedom)
-        body, lever = survey.body[rows], survey.lever[rows]
-        return cls(lines, body, members, adjustment, lever, eye, scale, common.tau, common.loss)
+        lever, mate = survey.lever[rows], survey.mate[rows]
+        return cls(lines, survey.body[rows], members, adjustment, lever, mate, eye, scale, tau)
 
     @property
     def dof(self) -> float:
@@ -124,27 +111,53 @@ class Measured:
         unseen = self._unseen(rows, basis) if along is None else design[:, :0]
         in_place = self.adjustment.estimate(rows, design, pose, unseen=unseen)
         p_value = tail_probability(in_place.value, in_place.covariance, self.dof)
-        slid = np.abs(self.lever[rows]) * self._sunk_at_most(rows, basis, unseen, pose, in_place)
+        slid = np.abs(self.lever[rows]) * self._sunk_at_most(rows, pose, in_place)
         estimate = self.adjustment.estimate(rows, design, pose, unseen=unseen, slid=slid, enlarged=True)
+        if along is None and slid.any():
+            basis = basis @ self._still_seen(rows, estimate)
+            design, unseen = self.lines.by_point[rows] @ basis, self._unseen(rows, basis)
+            estimate = self.adjustment.estimate(rows, design, pose, unseen=unseen, slid=slid, enlarged=True)
         return Displacement(basis, estimate, p_value, len(np.unique(self.lines.edge[rows])))
+
+    def _still_seen(self, rows: Mask, found: Estimate) -> Array:
+        """Return the directions (m, k) in which an estimate is as sure as what is seen has to be; at least the best."""
+        w, V = np.linalg.eigh(found.covariance)
+        seen = w < (SEEN_PX * float(np.median(self.lines.mm_per_px[rows]))) ** 2
+        seen[0] = True
+        return np.asarray(V[:, seen])
+
+    def improbability(self, body: int) -> float:
+        """Return how improbable (`cadcam.verify.scatter`) the datum's offsets, and a body's, are if that is displaced.
+
+        What stands on it then is not told by its feet, nor it by its own.
+        """
+        its = self.body == body
+        rows = self.adjustment.datum | its | (self.mate == body)
+        mm = UNSEEN_PX * float(np.median(self.lines.mm_per_px[rows]))
+        slid = np.where(its | (self.mate == body), np.abs(self.lever) * mm, 0.0)[rows]
+        K = np.where(its[:, None], self.lines.by_point * mm, 0.0)[rows]
+        noise = self.adjustment.errors.of_rows(rows).with_more(slid)
+        return improbability(self.adjustment.offset[rows], noise, self.adjustment.J[rows] @ self.adjustment.freedom, K)
 
     def _unseen(self, rows: Mask, basis: Array) -> Array:
         """Return by how much (n, r) px the places may be moved by what the photos do not show of a displacement."""
         mm = UNSEEN_PX * float(np.median(self.lines.mm_per_px[rows]))
         return np.asarray(self.lines.by_point[rows] @ _perpendicular(basis) * mm)
 
-    def _sunk_at_most(self, rows: Mask, basis: Array, unseen: Array, pose: FittedPose, by_all: Estimate) -> float:
+    def _sunk_at_most(self, rows: Mask, pose: FittedPose, by_all: Estimate) -> float:
         """Return how far (mm) a body may have sunk into what it stands on: as far as it is displaced at all.
 
-        That is told by its other edges as well as they know it; and where it shows no others, by its feet.
+        That is told by its other edges, in the directions that these show; and where it shows no others, by its feet.
         """
         standing = self.lever[rows] != 0
         own = rows.copy()
         own[rows] = ~standing
         size = float(by_all.value @ by_all.value)
         if own.any() and standing.any():
-            design = self.lines.by_point[own] @ basis
-            found = self.adjustment.estimate(own, design, pose, unseen=unseen[~standing])
+            basis = self.directions(own)
+            found = self.adjustment.estimate(
+                own, self.lines.by_point[own] @ basis, pose, unseen=self._unseen(own, basis)
+            )
             size += float(found.value @ found.value) + float(np.trace(found.covariance))
         return float(np.sqrt(size))
 

@@ -17,7 +17,6 @@ from cadcam.arrays import Array, Mask
 
 Longs = npt.NDArray[np.int64]
 _LEAST_PX, _MOST_PX = 1e-4, 3.0  # where tau is looked for
-_FREE_PX = 2.0  # by which edges are off whose body may be anywhere near
 _TRIES = 40
 _LEAST_FOR_SCALE = 5
 _GOLDEN = (np.sqrt(5.0) - 1) / 2
@@ -116,35 +115,32 @@ def white_scale(offset: Array, noise: EdgeNoise) -> float:
     return float(np.sqrt(np.median(ratios))) if ratios else 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class CommonError:
-    """tau (px), and the loss there: minus twice the logarithm of the restricted likelihood, up to a constant."""
+def improbability(offset: Array, noise: EdgeNoise, J: Array, K: Array) -> float:
+    """Return minus twice the logarithm of the restricted likelihood of offsets (N,), up to a constant.
 
-    tau: float
-    loss: float
-
-
-def common_error(
-    offset: Array, sigma: Array, edge: Longs, along: Array, J: Array, *, free: Mask | None = None
-) -> CommonError:
-    """Return tau of offsets (N,) that a motion with Jacobian J (N, k) explains up to their errors.
-
-    The maximum of the restricted likelihood (H. D. Patterson and R. Thompson, Biometrika 58, 1971), which knows that
-    the motion was fitted to the same offsets. 0 where the noise alone explains them. free (N,): places of edges that
-    may lie anywhere near; what sets of them make the offsets most likely is told by the loss.
+    J (N, k): the motion that was fitted to them; K (N, r) px: what else moved them, each column by a unit error. (H. D.
+    Patterson and R. Thompson, Biometrika 58, 1971.)
     """
-    if not len(offset):
-        return CommonError(0.0, 0.0)
+    W = noise.white(np.column_stack([J, offset, K]))
+    inner = np.eye(K.shape[1]) + K.T @ W[:, J.shape[1] + 1 :]
+    W = W[:, : J.shape[1] + 1] - W[:, J.shape[1] + 1 :] @ np.linalg.solve(inner, K.T @ W[:, : J.shape[1] + 1])
+    N = J.T @ W[:, :-1]
+    x = np.linalg.lstsq(N, J.T @ W[:, -1], rcond=None)[0]
+    chi_square = float(offset @ (W[:, -1] - W[:, :-1] @ x))
+    return float(noise.log_determinant() + np.linalg.slogdet(inner)[1] + np.linalg.slogdet(N)[1] + chi_square)
+
+
+def common_error(offset: Array, sigma: Array, edge: Longs, along: Array, J: Array) -> float:
+    """Return tau (px) of offsets (N,) that a motion with Jacobian J (N, k) explains up to their errors.
+
+    Where they are most probable by the restricted likelihood, which knows that the motion was fitted to the same
+    offsets. 0 where the noise alone explains them.
+    """
     plain = EdgeNoise.of(sigma, edge, along, 0.0)
-    anywhere = np.zeros(plain.edges) if free is None else _FREE_PX * np.bincount(plain.edge, free).clip(0, 1)
 
     def loss(log_tau: float) -> float:
-        noise = replace(plain, tau=np.maximum(anywhere, np.exp(log_tau)))
-        WJ = noise.white(J)
-        N = J.T @ WJ
-        x = np.linalg.lstsq(N, WJ.T @ offset, rcond=None)[0]
-        r = (offset - J @ x)[:, None]
-        return float(noise.log_determinant() + np.linalg.slogdet(N)[1] + (r.T @ noise.white(r))[0, 0])
+        noise = replace(plain, tau=np.full(plain.edges, np.exp(log_tau)))
+        return improbability(offset, noise, J, J[:, :0])
 
     low, high = np.log(_LEAST_PX), np.log(_MOST_PX)
     a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
@@ -161,4 +157,4 @@ def common_error(
         if high - low < 1e-2:
             break
     tau = float(np.exp((low + high) / 2))
-    return CommonError(tau if tau > 2 * _LEAST_PX else 0.0, min(at_a, at_b))
+    return tau if tau > 2 * _LEAST_PX else 0.0

@@ -23,6 +23,7 @@ from cadcam.render.view import Channel
 from cadcam.verify.sightlines import Sightlines
 
 Longs = npt.NDArray[np.int64]
+FAINT = 0.02  # contrast below which an edge may well not show
 _ASIDE_PX = 1.5  # where the sides are looked at: twins are farther apart than this
 _EVERY = 5  # px between the pixels that the light is fitted to
 _ROUNDS = 8

@@ -17,7 +17,7 @@ from cadcam.verify.association import SEARCH_ROOM_PX, Association, associated, n
 from cadcam.verify.feet import Feet
 from cadcam.verify.presence import EdgeEvidence, Presence, clutter_of, presence
 from cadcam.verify.sightlines import Sightlines, sightlines
-from cadcam.verify.surroundings import surroundings
+from cadcam.verify.surroundings import FAINT, surroundings
 from cadcam.verify.tolerance import Selection, Tolerances
 
 Longs = npt.NDArray[np.int64]
@@ -31,7 +31,7 @@ class Survey:
     of each, which may be those of others too. body (N,): what moves as one, each place in one of them: the widest
     feature that has it, or its part. usable (N,): whether its edge can be told from its neighbours; datum (N,): whether
     the pose may be fitted to it; stated: whether the datum was, by the tolerances. lever (N,) px/mm and mate (N,): what
-    the place is as a foot (`Feet`), the mate being a body.
+    the place is as a foot (`Feet`), the mate being a body; ought (N,): whether the light gives its edge contrast.
     """
 
     lines: Sightlines
@@ -44,12 +44,18 @@ class Survey:
     stated: bool
     lever: Array
     mate: Longs
+    ought: Mask
     evidence: EdgeEvidence
     clutter: float
 
     def rows(self, number: int) -> Mask:
         """Return the places (N,) of a feature that can be used."""
         return np.asarray(self.members[number] & self.usable)
+
+    def share_seen(self, number: int) -> float:
+        """Return the share of a feature's places with contrast where the photos show an edge; nan where none has."""
+        rows = self.members[number] & self.ought
+        return float(self.matched.support[rows].mean()) if rows.any() else float("nan")
 
     def whole_part(self, number: int) -> int | None:
         """Return the number of the part whose places in view are just those of a feature; None if there is none."""
@@ -81,7 +87,8 @@ def surveyed(
     usable = lines.room >= SEARCH_ROOM_PX
     moved_as_one = np.where(usable, body, -1)
     beside = surroundings(part, photos, world_from_part, lines)
-    matched = associated(lines, sights, found, moved_as_one, reach_px=reach_px, contrast=beside.contrast)
+    ought = usable & (beside.contrast > FAINT)
+    matched = associated(lines, sights, found, moved_as_one, reach_px=reach_px, ought=ought)
     feet = Feet.of(lines, beside)
     return Survey(
         lines,
@@ -94,6 +101,7 @@ def surveyed(
         bool(asked.datum),
         feet.lever,
         feet.of_bodies(lines, body),
+        ought,
         EdgeEvidence.of(lines, usable, matched, beside),
         clutter_of(lines, found, moved_as_one, reach_px=reach_px),
     )
