@@ -10,7 +10,6 @@ from cadcam.report.table import Table
 from cadcam.verify.deviation import FeatureDeviation, State
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.judge import Verification
-from cadcam.verify.measured import Measured
 from cadcam.verify.tolerance import Quantity, Rule
 from cadcam.verify.verdict import SIMPLE_SHARE, Judgement
 
@@ -129,9 +128,15 @@ def assumptions(found: Verification) -> list[str]:
         "Each feature is rigid; its displacement is that of all its edges together, against a pose fitted without it.",
     ]
     if seen.measured.eye is not None:
+        sight = vector(seen.measured.axis(np.ones(len(seen.measured.lines), bool)))
         out.append(
-            f"One photo: a displacement along the line of sight {vector(_sight(seen.measured))} (part axes) is not seen; "
-            "all displacements are those across it."
+            f"One photo: a displacement along the line of sight (about {sight}, part axes) is not seen; all displacements "
+            "are those across it."
+        )
+    if seen.survey.mate.max(initial=-1) >= 0:
+        out.append(
+            "A line where a feature stands on another moves with it, unless it sinks in or the other moves: beside a "
+            "displacement such lines count less, by as much as they may have slid."
         )
     out.append(
         f"Each edge errs as a whole by {seen.tau_px:.3f} px (1 sigma, a shift and a tilt; estimated from the datum's "
@@ -144,11 +149,6 @@ def assumptions(found: Verification) -> list[str]:
         "counted at decoys in the same photos."
     )
     return out
-
-
-def _sight(measured: Measured) -> Array:
-    """Return the line of sight (3,) to the middle of all that is seen."""
-    return measured.axis(np.ones(len(measured.lines), bool))
 
 
 def shares_in_words(f: FeatureDeviation) -> str:
