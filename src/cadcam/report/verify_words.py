@@ -130,8 +130,8 @@ def assumptions(found: Verification) -> list[str]:
     if seen.measured.eye is not None:
         sight = vector(seen.measured.axis(np.ones(len(seen.measured.lines), bool)))
         out.append(
-            f"One photo: a displacement along the line of sight (about {sight}, part axes) is not seen; all displacements "
-            "are those across it."
+            f"One photo: a displacement along the line of sight (about {sight}, part axes) is not seen; all "
+            "displacements are those across it."
         )
     if seen.survey.mate.max(initial=-1) >= 0:
         out.append(

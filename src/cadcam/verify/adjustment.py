@@ -45,8 +45,8 @@ class Estimate:
     def along(self, direction: Array) -> Estimate:
         """Return the estimate of D @ value for D (k, m)."""
         D = np.atleast_2d(direction)
-        parts = (D @ getattr(self, cause) @ D.T for cause in CAUSES)
-        return Estimate(D @ self.value, *parts, misfit=self.misfit)
+        noise, edges, pose, calibration = (D @ getattr(self, cause) @ D.T for cause in CAUSES)
+        return Estimate(D @ self.value, noise, edges, pose, calibration, self.misfit)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
