@@ -10,9 +10,10 @@ refinement, started some pixels off. A picture counts if at least 2500 px of the
 part's own, should be visible in it, and 150 px of those with a step of 8 grey levels (of 255) or more.
 
 found: the part is called displaced (or missing). alarms: pictures in which any other part is. error: of the
-displacement found, in the directions that the photo shows; z: rms of its components over their sigmas; in U: share of
-pictures in which the displacement's length is within U (k = 2) of the truth. PASS, FAIL, undecided: verdicts on a
-position limit of 0.5 mm. What was not as it should be is told on stderr.
+displacement found, in the directions that the photo shows; z: rms of its components over their sigmas; U: median of
+2 sigma, in the worst of these directions; in U: share of pictures in which the displacement's length is within U of
+the truth. PASS, FAIL, undecided: verdicts on a position limit of 0.5 mm. What was not as it should be is told on
+stderr. A picture takes about 0.8 s of CPU time, a third of it to render: 100 of each case ten minutes.
 """
 
 from __future__ import annotations
@@ -71,6 +72,7 @@ class Tally:
     error: list[float] = field(default_factory=list)
     z: list[float] = field(default_factory=list)
     within: list[bool] = field(default_factory=list)
+    U: list[float] = field(default_factory=list)
     verdicts: list[Verdict] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
 
@@ -208,6 +210,7 @@ def measure(out: Tally, seen: Inspection, name: str, by: Array | None) -> None:
     root = np.linalg.cholesky(found.displacement.covariance)
     out.error.append(float(np.linalg.norm(off)))
     out.z += np.linalg.solve(root, off).tolist()
+    out.U.append(2 * found.sigma)
     out.within.append(bool(abs(found.size - np.linalg.norm(truth)) <= 2 * found.sigma))
 
 
@@ -219,10 +222,15 @@ def row(case: str, tally: Tally) -> str:
     if tally.error and not np.isnan(size):
         verdicts = [100 * tally.verdicts.count(v) / len(tally.verdicts) for v in (Verdict.PASS, Verdict.FAIL)]
         cells += [f"{np.median(tally.error):.3f}", f"{np.sqrt(np.mean(np.square(tally.z))):.2f}"]
-        cells += [f"{100 * np.mean(tally.within):.0f} %", f"{verdicts[0]:.0f} %", f"{verdicts[1]:.0f} %"]
+        cells += [
+            f"{np.median(tally.U):.2f}",
+            f"{100 * np.mean(tally.within):.0f} %",
+            f"{verdicts[0]:.0f} %",
+            f"{verdicts[1]:.0f} %",
+        ]
         cells.append(f"{100 - sum(verdicts):.0f} %")
     else:
-        cells += [""] * 6
+        cells += [""] * 7
     return "| " + " | ".join([*cells, f"{1000 * np.median(tally.seconds):.0f}"]) + " |"
 
 
@@ -232,8 +240,10 @@ def main() -> None:
     parser.add_argument("--case", action="append", choices=CASES)
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
-    print("| pictured | pictures | found | alarms | error mm | z rms | in U | PASS | FAIL | undecided | CPU ms |")
-    print("|---|---|---|---|---|---|---|---|---|---|---|")
+    print(
+        "| pictured | pictures | found | alarms | error mm | z rms | U mm | in U | PASS | FAIL | undecided | CPU ms |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|---|---|---|")
     for case in arguments.case or CASES:
         print(row(case, study(case, arguments.pictures, arguments.seed)), flush=True)
 

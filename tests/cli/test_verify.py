@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -89,3 +90,32 @@ def test_an_example_in_the_guide_is_a_valid_file(tmp_path: Path) -> None:
     (tmp_path / "tolerances.yaml").write_text(example)
     found = read_tolerances(tmp_path / "tolerances.yaml")
     assert [f.name for f in found.features] == ["stiffener", "bracket, across", "nose of the bracket"]
+
+
+def test_a_verification_that_is_cut_off_leaves_the_last_report_whole(
+    cadcam: Callable[..., Ran], cell: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Killed while it writes: the report of the part before is still there, to the last byte, and no half file."""
+    report = cell / "report.json"
+    assert verified(cadcam, cell, "good.png", "-o", report).code == 0
+    before, files = report.read_bytes(), sorted(p.name for p in cell.iterdir())
+
+    def killed(self: Path, target: Path) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "replace", killed)
+        with contextlib.suppress(KeyboardInterrupt):
+            verified(cadcam, cell, "bad.png", "-o", report)
+    assert report.read_bytes() == before
+    assert sorted(p.name for p in cell.iterdir()) == files
+
+
+def test_a_part_that_is_not_there_ends_with_3_and_says_so_in_the_report(cadcam: Callable[..., Ran], cell: Path) -> None:
+    write_picture(cell / "empty.png", np.full((360, 480), 0.6, np.float32))
+    ran = verified(cadcam, cell, "empty.png", "-o", cell / "empty.html")
+    assert ran.code == 3
+    assert ran.out.startswith("NOT FOUND")
+    page = (cell / "empty.html").read_text()
+    assert "NOT FOUND" in page
+    assert "PASS:" not in page

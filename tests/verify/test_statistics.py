@@ -7,9 +7,9 @@ import pytest
 
 from cadcam.arrays import Array
 from cadcam.errors import DegenerateGeometry
-from cadcam.verify.adjustment import Adjustment
-from cadcam.verify.alarms import false_discoveries_below, tail_probability
-from cadcam.verify.scatter import EdgeNoise, common_error, white_scale
+from cadcam.verify.adjustment import Adjustment, FittedPose
+from cadcam.verify.alarms import false_discoveries_below, surely_below, tail_probability
+from cadcam.verify.scatter import EdgeNoise, common_error, improbability, white_scale
 
 EDGES, PLACES, SIGMA = 24, 30, 0.15
 
@@ -26,7 +26,7 @@ def geometry(rng: np.random.Generator) -> tuple[Array, Array, Array]:
 
 
 def sampled(rng: np.random.Generator, noise: EdgeNoise, J: Array, C: Array, xi: Array) -> Array:
-    common = noise.tau * np.einsum("ni,ni->n", noise.Z, rng.normal(size=(EDGES, 2))[noise.edge])
+    common = noise.tau[noise.edge] * np.einsum("ni,ni->n", noise.Z, rng.normal(size=(EDGES, 2))[noise.edge])
     return np.asarray(J @ xi + C @ rng.normal(size=C.shape[1]) + rng.normal(0, noise.sigma) + common)
 
 
@@ -134,6 +134,73 @@ def test_real_displacements_do_not_make_the_others_suspect(rng: np.random.Genera
 
 def test_what_was_not_tested_raises_no_alarm() -> None:
     assert false_discoveries_below([np.nan, 1e-9, np.nan], 0.01).tolist() == [False, True, False]
+    assert surely_below([np.nan, 1e-9, np.nan], 0.01).tolist() == [False, True, False]
+
+
+def test_beside_real_displacements_any_false_alarm_is_as_rare_as_asked(rng: np.random.Generator) -> None:
+    """Five of 20 displaced beyond doubt, 4000 pictures, 5 %: the share with an alarm within four standard errors."""
+    false = []
+    for _ in range(4000):
+        found = surely_below(np.concatenate([np.full(5, 1e-12), rng.uniform(size=15)]), 0.05)
+        assert found[:5].all()
+        false.append(found[5:].any())
+    assert abs(np.mean(false) - 0.05) < 4 * np.sqrt(0.05 * 0.95 / 4000)
+
+
+def test_edges_that_disagree_make_the_uncertainty_larger_by_as_much(rng: np.random.Generator) -> None:
+    """Edges ten times worse than they say: chi-square over its degrees of freedom is near 100, sigma ten times larger.
+
+    Eight edges leave 14 degrees of freedom: the ratio scatters by sqrt(2/14) = 0.38, four of that below and above.
+    """
+    edge, along, J = geometry(rng)
+    keep = edge < 8
+    told = EdgeNoise.of(np.full(int(keep.sum()), SIGMA), edge[keep], along[keep], 0.05)
+    y = sampled(rng, EdgeNoise.of(told.sigma, edge[keep], along[keep], 0.5), J[keep], J[keep, :0], np.zeros(6))
+    adjustment = Adjustment(y, J[keep], J[keep, :0], told, np.ones(len(y), bool))
+    rows, fixed = np.ones(len(y), bool), FittedPose(np.zeros(6), np.zeros((6, 6)), np.zeros((6, 0)))
+    plain = adjustment.estimate(rows, J[keep, :2], fixed)
+    enlarged = adjustment.estimate(rows, J[keep, :2], fixed, enlarged=True)
+    assert 100 * (1 - 4 * 0.38) < plain.misfit < 100 * (1 + 4 * 0.38)
+    np.testing.assert_allclose(enlarged.covariance, plain.misfit * plain.covariance, rtol=1e-9)
+
+
+def test_what_the_photos_do_not_show_is_in_the_uncertainty(rng: np.random.Generator) -> None:
+    """A motion along a third direction, of the sigma stated, drawn 400 times: chi-square within four of its sigmas."""
+    edge, along, J = geometry(rng)
+    rows = edge < 4
+    noise = EdgeNoise.of(np.full(len(edge), SIGMA), edge, along, 0.02)
+    fixed = FittedPose(np.zeros(6), np.zeros((6, 6)), np.zeros((6, 0)))
+    square = 0.0
+    for _ in range(400):
+        y = sampled(rng, noise, J, J[:, :0], np.zeros(6)) + J[:, 2] * rng.normal(0, 0.7)
+        adjustment = Adjustment(y, J, J[:, :0], noise, np.ones(len(edge), bool))
+        found = adjustment.estimate(rows, J[rows, :2], fixed, unseen=0.7 * J[rows, 2:3])
+        square += float(found.value @ np.linalg.solve(found.covariance, found.value))
+    assert abs(square / 800 - 1) < 4 * np.sqrt(2 / 800)
+
+
+def test_the_body_that_is_off_explains_most_if_it_may_be_displaced(rng: np.random.Generator) -> None:
+    """Three of 24 edges are displaced by 1 px as one: were it any other three, the offsets would be less probable."""
+    edge, along, J = geometry(rng)
+    noise = EdgeNoise.of(np.full(len(edge), SIGMA), edge, along, 0.02)
+    y = sampled(rng, noise, J, J[:, :0], np.zeros(6)) + J[:, 0] * (edge // 3 == 5)
+    loss = [improbability(y, noise, J, 2.0 * J[:, :3] * (edge // 3 == i)[:, None]) for i in range(EDGES // 3)]
+    assert int(np.argmin(loss)) == 5
+
+
+def test_the_restricted_likelihood_is_that_of_the_full_matrix(rng: np.random.Generator) -> None:
+    edge, along, J = geometry(rng)
+    keep = edge < 6
+    J, K = J[keep], 0.3 * rng.normal(size=(int(keep.sum()), 2))
+    noise = EdgeNoise.of(rng.uniform(0.1, 0.3, len(J)), edge[keep], along[keep], 0.2)
+    y = rng.normal(size=len(J))
+    V = np.diag(noise.sigma**2) + K @ K.T
+    for e in range(6):
+        Z = noise.Z * (noise.edge == e)[:, None]
+        V += 0.2**2 * Z @ Z.T
+    r = y - J @ np.linalg.solve(J.T @ np.linalg.solve(V, J), J.T @ np.linalg.solve(V, y))
+    expected = np.linalg.slogdet(V)[1] + np.linalg.slogdet(J.T @ np.linalg.solve(V, J))[1] + r @ np.linalg.solve(V, r)
+    assert improbability(y, noise, J, K) == pytest.approx(expected, rel=1e-9)
 
 
 def test_tail_probabilities_are_uniform_where_nothing_is_displaced(rng: np.random.Generator) -> None:

@@ -200,9 +200,7 @@ def _edges(seen: Inspection) -> str:
         "Each against a pose fitted without it, ± 2 sigma; the direction (part axes) is that of a positive deviation."
     )
     table = f'{_table(heads, "".join(rows))}<p class="soft">{said}</p>'
-    return _section(
-        "", f'<details><summary>All {len(seen.edges)} edges</summary>{table}<p class="soft">{said}</p></details>'
-    )
+    return _section("", f"<details><summary>All {len(seen.edges)} edges</summary>{table}</details>")
 
 
 def _not_found(photos: Sequence[Photo]) -> str:

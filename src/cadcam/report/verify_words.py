@@ -127,10 +127,16 @@ def assumptions(found: Verification) -> list[str]:
         "Datum: the pose was fitted to " + ", ".join(seen.datum) + "; they are taken to be as the CAD has them.",
         "Each feature is rigid; its displacement is that of all its edges together, against a pose fitted without it.",
     ]
-    if seen.measured.sight is not None:
+    if seen.measured.eye is not None:
+        sight = vector(seen.measured.axis(np.ones(len(seen.measured.lines), bool)))
         out.append(
-            f"One photo: a displacement along the line of sight {vector(seen.measured.sight)} (part axes) is not seen; "
-            "all displacements are those across it."
+            f"One photo: a displacement along the line of sight (about {sight}, part axes) is not seen; all "
+            "displacements are those across it."
+        )
+    if seen.survey.mate.max(initial=-1) >= 0:
+        out.append(
+            "A line where a feature stands on another moves with it, unless it sinks in or the other moves: beside a "
+            "displacement such lines count less, by as much as they may have slid."
         )
     out.append(
         f"Each edge errs as a whole by {seen.tau_px:.3f} px (1 sigma, a shift and a tilt; estimated from the datum's "

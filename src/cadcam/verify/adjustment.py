@@ -25,8 +25,9 @@ _BLIND = 1e-12  # of the largest: information that is rounding
 class Estimate:
     """Values (m,) with the covariance (m, m) that each cause brings, in the unit of the design they were asked in.
 
-    noise: the photos' in these edges; edges: their common errors; pose: both of these in the datum's edges, through
-    the pose; calibration: cameras and their places, through these edges and the pose together.
+    noise: the photos' in these edges; edges: their common errors, and what else may have moved them; pose: noise and
+    common errors of the datum's edges, through the pose; calibration: cameras and their places, through these edges
+    and the pose together. misfit: chi-square over degrees of freedom of the edges as wholes, 1 where there are none.
     """
 
     value: Array
@@ -34,6 +35,7 @@ class Estimate:
     edges: Array
     pose: Array
     calibration: Array
+    misfit: float = 1.0
 
     @property
     def covariance(self) -> Array:
@@ -43,8 +45,8 @@ class Estimate:
     def along(self, direction: Array) -> Estimate:
         """Return the estimate of D @ value for D (k, m)."""
         D = np.atleast_2d(direction)
-        parts = (D @ getattr(self, cause) @ D.T for cause in CAUSES)
-        return Estimate(D @ self.value, *parts)
+        noise, edges, pose, calibration = (D @ getattr(self, cause) @ D.T for cause in CAUSES)
+        return Estimate(D @ self.value, noise, edges, pose, calibration, self.misfit)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,21 +96,52 @@ class Adjustment:
         """Return the information (m, m) that the offsets of `rows` hold on u in their design, whatever the pose."""
         return np.asarray(design.T @ self.errors.of_rows(rows).white(design))
 
-    def estimate(self, rows: Mask, design: Array, pose: FittedPose) -> Estimate:
-        """Return what the offsets of `rows` (N,) say of u in their design (n, m) px, against a pose without them."""
-        errors = self.errors.of_rows(rows)
-        WG = errors.white(design)
+    def estimate(
+        self,
+        rows: Mask,
+        design: Array,
+        pose: FittedPose,
+        *,
+        unseen: Array | None = None,
+        slid: Array | None = None,
+        enlarged: bool = False,
+    ) -> Estimate:
+        """Return what the offsets of `rows` (N,) say of u in their design (n, m) px, against a pose without them.
+
+        unseen (n, r) px: how else they may be moved, each column by a unit error; slid (n,) px: sigma by which each
+        edge may be off besides. enlarged: where the edges disagree with u by more than their errors, these are taken
+        to be larger by as much (R. T. Birge, Phys. Rev. 40, 1932).
+        """
+        errors = self.errors.of_rows(rows) if slid is None else self.errors.of_rows(rows).with_more(slid)
+        K = np.zeros((int(rows.sum()), 0)) if unseen is None else unseen
+        WG = _white(errors, K, design)
         H = np.asarray(np.linalg.pinv(design.T @ WG, rcond=_BLIND, hermitian=True) @ WG.T)
         HJ = H @ self.J[rows]
-        Q = errors.common(H)
+        Q = np.column_stack([errors.common(H), H @ K])
         seen = H @ self.C[rows] - HJ @ pose.by_cause
-        return Estimate(
-            H @ self.offset[rows] - HJ @ pose.xi,
-            (H * errors.sigma**2) @ H.T,
-            Q @ Q.T,
-            HJ @ pose.covariance @ HJ.T,
-            seen @ seen.T,
-        )
+        value, noise, common = H @ self.offset[rows] - HJ @ pose.xi, (H * errors.sigma**2) @ H.T, Q @ Q.T
+        left = self.offset[rows] - design @ value - self.J[rows] @ pose.xi
+        misfit = _misfit(errors, K, left, fitted=design.shape[1])
+        if enlarged:
+            common = common + max(misfit - 1.0, 0.0) * (noise + common)
+        return Estimate(value, noise, common, HJ @ pose.covariance @ HJ.T, seen @ seen.T, misfit)
+
+
+def _white(errors: EdgeNoise, K: Array, X: Array) -> Array:
+    """Return (V + K K^T)^-1 X (Woodbury)."""
+    WX = errors.white(X)
+    if not K.shape[1]:
+        return WX
+    WK = errors.white(K)
+    return np.asarray(WX - WK @ np.linalg.solve(np.eye(K.shape[1]) + K.T @ WK, K.T @ WX))
+
+
+def _misfit(errors: EdgeNoise, K: Array, left: Array, *, fitted: int) -> float:
+    """Return chi-square over degrees of freedom of edges as wholes, what scatters along them taken off; 1 for none."""
+    total = float(left @ _white(errors, K, left[:, None])[:, 0])
+    within, lines = errors.about_lines(left)
+    dof = lines - fitted
+    return (total - within) / dof if dof > 0 else 1.0
 
 
 def _inverse(N: Array, F: Array) -> Array:

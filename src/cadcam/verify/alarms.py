@@ -26,6 +26,20 @@ def false_discoveries_below(p_values: Floats, share: float) -> Mask:
     return out
 
 
+def surely_below(p_values: Floats, share: float) -> Mask:
+    """Return which of the hypotheses (n,) are given up so that, whichever are true, any is in at most `share` of cases.
+
+    S. Holm, Scand. J. Stat. 6 (1979). nan: not tested.
+    """
+    p = np.asarray(p_values, np.float64)
+    tested = np.flatnonzero(np.isfinite(p))
+    order = tested[np.argsort(p[tested])]
+    above = p[order] > share / np.arange(len(order), 0, -1)
+    out = np.zeros(len(p), bool)
+    out[order[: int(np.argmax(above)) if above.any() else len(order)]] = True
+    return out
+
+
 def tail_probability(value: Array, covariance: Array, dof: float) -> float:
     """Return how probable a value (m,) this large is where the truth is zero, its covariance known to `dof` degrees.
 

@@ -80,23 +80,30 @@ def nearby_edges(lines: Sightlines, sights: Sequence[Sight], *, reach_px: float)
 
 
 def associated(
-    lines: Sightlines, sights: Sequence[Sight], found: Array, body: Longs, *, reach_px: float
+    lines: Sightlines,
+    sights: Sequence[Sight],
+    found: Array,
+    body: Longs,
+    *,
+    reach_px: float,
+    ought: Mask | None = None,
 ) -> Association:
     """Return the photo's edge at each place; body (N,) numbers what moves as one, -1 for what is not looked at.
 
-    found (N, K): see `nearby_edges`.
+    found (N, K): see `nearby_edges`; ought (N,): which should show one, by default all. Where bodies are found beside
+    their places, others are looked for once more: their edges are not those of the displaced ones.
     """
     n = len(lines)
-    coarse, shift = np.full(n, np.nan), np.zeros((n, 2))
-    free = np.where(_explained(lines, found), np.nan, found)
-    for number in np.unique(body[body >= 0]):
-        for photo in np.unique(lines.photo[body == number]):
-            rows = np.flatnonzero((body == number) & (lines.photo == photo))
-            s = best_shift(found[rows], lines.normal[rows], free=free[rows], reach_px=reach_px)
-            if np.hypot(*s) > _NEAR_PX and not _believed(free[rows], lines.normal[rows], lines.edge[rows], s):
-                s = best_shift(found[rows], lines.normal[rows], reach_px=_NEAR_PX)
-            shift[rows] = s
-            coarse[rows] = _nearest(found[rows], lines.normal[rows] @ s)
+    ought = np.ones(n, bool) if ought is None else ought
+    free = np.where(_explained(lines, found, body, np.zeros((n, 2))), np.nan, found)
+    coarse, shift = _shifted(lines, found, free, body, ought, reach_px=reach_px)
+    moved = np.hypot(*shift.T) > _NEAR_PX
+    if moved.any():
+        taken = _explained(lines, found, body, shift, by=moved)
+        rest = np.where(np.isin(body, body[moved]), -1, body)
+        left, left_free = np.where(taken, np.nan, found), np.where(taken, np.nan, free)
+        at, by = _shifted(lines, left, left_free, rest, ought, reach_px=reach_px)
+        coarse, shift = np.where(rest >= 0, at, coarse), np.where(rest[:, None] >= 0, by, shift)
     coarse[strays(coarse, np.full(n, _COARSE_PX), lines.edge, lines.along)] = np.nan
     expected = _expected(coarse, lines)
     at_shift = np.einsum("ni,ni->n", lines.normal, shift)
@@ -104,6 +111,23 @@ def associated(
     offset[~np.isfinite(coarse)] = np.nan
     offset[strays(offset, sigma, lines.edge, lines.along)] = np.nan
     return Association(coarse, offset, np.where(np.isfinite(offset), sigma, np.nan), step, shift)
+
+
+def _shifted(
+    lines: Sightlines, found: Array, free: Array, body: Longs, ought: Mask, *, reach_px: float
+) -> tuple[Array, Array]:
+    """Return the coarse offsets (N,) and shifts (N, 2) of bodies, each looked for by itself in each photo."""
+    coarse, shift = np.full(len(lines), np.nan), np.zeros((len(lines), 2))
+    for number in np.unique(body[body >= 0]):
+        for photo in np.unique(lines.photo[body == number]):
+            rows = np.flatnonzero((body == number) & (lines.photo == photo))
+            normal, edge = lines.normal[rows], lines.edge[rows]
+            s = best_shift(found[rows], normal, free=free[rows], reach_px=reach_px)
+            if np.hypot(*s) > _NEAR_PX and not _believed(free[rows], normal, edge, s, ought[rows]):
+                s = best_shift(found[rows], normal, reach_px=_NEAR_PX)
+            shift[rows] = s
+            coarse[rows] = _nearest(found[rows], normal @ s)
+    return coarse, shift
 
 
 def _expected(coarse: Array, lines: Sightlines) -> Array:
@@ -131,22 +155,27 @@ def _measured(lines: Sightlines, sights: Sequence[Sight], expected: Array) -> tu
     return offset, sigma, step
 
 
-def _explained(lines: Sightlines, found: Array) -> Mask:
-    """Return which candidates (N, K) are another line of the model, where that is expected."""
+def _explained(lines: Sightlines, found: Array, body: Longs, shift: Array, *, by: Mask | None = None) -> Mask:
+    """Return which candidates (N, K) are a line of another body of the model, each place shifted by `shift` (N, 2) px.
+
+    by (N,): places of which bodies count, by default of all.
+    """
     from scipy.spatial import cKDTree
 
     out = np.zeros(found.shape, bool)
     row, k = np.nonzero(np.isfinite(found))
     q = lines.q[row] + found[row, k, None] * lines.normal[row]
-    for photo in np.unique(lines.photo):
-        mine, there = np.flatnonzero(lines.photo[row] == photo), np.flatnonzero(lines.photo == photo)
-        _, near = cKDTree(lines.q[there]).query(q[mine], k=_NEIGHBOURS, distance_upper_bound=STEP_PX)
+    places = lines.q + shift
+    counts = np.ones(len(lines), bool) if by is None else by
+    for photo in np.unique(lines.photo[counts]):
+        mine, there = np.flatnonzero(lines.photo[row] == photo), np.flatnonzero((lines.photo == photo) & counts)
+        _, near = cKDTree(places[there]).query(q[mine], k=_NEIGHBOURS, distance_upper_bound=STEP_PX)
         for neighbour in np.asarray(near).T:
             known = np.flatnonzero(neighbour < len(there))
             i, j = mine[known], there[neighbour[known]]
-            across = np.abs(np.einsum("ni,ni->n", q[i] - lines.q[j], lines.normal[j]))
+            across = np.abs(np.einsum("ni,ni->n", q[i] - places[j], lines.normal[j]))
             parallel = np.abs(np.einsum("ni,ni->n", lines.normal[row[i]], lines.normal[j])) > _PARALLEL
-            other = lines.edge[row[i]] != lines.edge[j]
+            other = body[row[i]] != body[j]
             out[row[i], k[i]] |= other & parallel & (across < _ON_LINE_PX)
     return out
 
@@ -169,15 +198,16 @@ def best_shift(offset: Array, normal: Array, *, reach_px: float, free: Array | N
     return np.asarray(grid[best])
 
 
-def _believed(offset: Array, normal: Array, edge: Longs, shift: Array) -> bool:
+def _believed(offset: Array, normal: Array, edge: Longs, shift: Array, ought: Mask) -> bool:
     """Return whether a shift far from the nominal place is that of the feature, not of a line that happens to be there.
 
-    At least two edges must have moved so, and a good part of all places.
+    At least two edges must have moved so, and a good part of all places that ought (n,) to show an edge.
     """
     there = supported(offset, normal, shift)
     at = np.unique(edge, return_inverse=True)[1].reshape(-1)
     n, k = np.bincount(at), np.bincount(at, there)
-    return bool(((k >= n / 2) & (n >= _LEAST_SAMPLES)).sum() >= 2 and there.mean() >= _LEAST_SHARE)
+    share = there[ought].mean() if ought.any() else there.mean()
+    return bool(((k >= n / 2) & (n >= _LEAST_SAMPLES)).sum() >= 2 and share >= _LEAST_SHARE)
 
 
 def supported(offset: Array, normal: Array, shift: Array) -> Mask:

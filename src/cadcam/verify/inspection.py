@@ -14,7 +14,7 @@ from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.verify.alarms import false_discoveries_below
+from cadcam.verify.alarms import false_discoveries_below, surely_below
 from cadcam.verify.deviation import EdgeDeviation, Extra, FeatureDeviation, State
 from cadcam.verify.extra import unexplained
 from cadcam.verify.measured import Displacement, Measured
@@ -24,6 +24,7 @@ from cadcam.verify.tolerance import Tolerances, whole_parts
 from cadcam.verify.uncovered import uncovered_ratio
 
 _LEAST_SEEN = 0.35  # of the datum's places that must show an edge for the pose to be believed
+_THERE = 2.0  # log likelihood ratio from which what is measured is taken to be the feature: 7 to 1
 _DOUBTFUL = -1.0  # log likelihood ratio below which it is asked what a part hides
 _OF_DISPLACED = 0.25  # of the alarms: a displacement that matters is far beyond any doubt, an absence is not
 _CELL_PX = 1.5  # places where a shifted feature is looked for are about this far apart
@@ -33,9 +34,9 @@ _CELL_PX = 1.5  # places where a shifted feature is looked for are about this fa
 class InspectionOptions:
     """reach_px: how far features are looked for beside their places. alarms: share of false ones that is allowed.
 
-    Of pictures in which nothing is wrong at most that share say of any feature that it is displaced (a quarter of it;
-    Benjamini and Hochberg over features) or missing (the rest; Bonferroni over features). The same share holds
-    for edges that are marked as off (Benjamini and Hochberg over edges).
+    At most in that share of pictures any feature is wrongly called displaced (a quarter of it; Holm over features) or
+    missing (the rest; Bonferroni over features). Of the edges that are marked as off at most that share is not
+    (Benjamini and Hochberg over edges).
     """
 
     reach_px: float = 8.0
@@ -109,9 +110,9 @@ def inspect(
         return _not_found(survey, world_from_part, F, reason)
     presence = _presences(part, photos, world_from_part, survey, options)
     there = _there(presence)
-    sight = _sight(photos[0], world_from_part, survey) if len(photos) == 1 else None
+    eye = (photos[0].viewpoint.camera_from_world @ world_from_part).inv.translation if len(photos) == 1 else None
     try:
-        measured, left_out = _snooped(survey, there, sight, F, options)
+        measured, left_out = _snooped(survey, there, eye, F, options)
     except DegenerateGeometry as error:
         return _not_found(survey, world_from_part, F, str(error))
     return _reported(part, photos, world_from_part, survey, presence, measured, left_out, options)
@@ -137,12 +138,12 @@ def _presences(
 
     Of whole parts that are rather not there, it is asked whether what they hide is seen.
     """
-    cells = np.log(max(np.pi * (options.reach_px / _CELL_PX) ** 2, 1.0))
     out = []
     for i in range(len(survey.names)):
         rows = survey.rows(i)
-        moved = rows.any() and np.hypot(*survey.matched.shift[rows].T).max() > _CELL_PX
-        found = survey.presence(i, elsewhere=cells if moved else 0.0)
+        shift = np.hypot(*survey.matched.shift[rows].T).max(initial=0.0)
+        cells = np.pi * (shift / _CELL_PX) ** 2  # looked at before this one, the nearest first
+        found = survey.presence(i, elsewhere=float(np.log(cells)) if shift > _CELL_PX else 0.0)
         if found.expected and found.log_ratio < _DOUBTFUL:
             body = survey.whole_part(i)
             if body is not None:
@@ -165,42 +166,46 @@ def sure(presence: Sequence[Presence], options: InspectionOptions = PLAIN_OPTION
     return float(np.log(max(sum(p.expected > 0 for p in presence), 1) / ((1 - _OF_DISPLACED) * options.alarms)))
 
 
-def _sight(photo: Photo, world_from_part: Rigid, survey: Survey) -> Array:
-    """Return the mean line of sight (3,), a unit vector in the part frame."""
-    part_from_camera = (photo.viewpoint.camera_from_world @ world_from_part).inv
-    mean = survey.lines.p.mean(axis=0) - part_from_camera.translation
-    return np.asarray(mean / np.linalg.norm(mean))
-
-
 def _snooped(
-    survey: Survey, there: Mask, sight: Array | None, F: Array, options: InspectionOptions
+    survey: Survey, there: Mask, eye: Array | None, F: Array, options: InspectionOptions
 ) -> tuple[Measured, list[int]]:
-    """Return what is measured with the pose fitted to the bodies that agree, and those that do not."""
-    used = there[survey.body]
+    """Return what is measured with the pose fitted to the bodies that agree, and those that do not.
+
+    Bodies between which the photos hardly decide are left out together: the rest then tells which of them is in place.
+    Feet on a body that does not agree are not used: they move with it.
+    """
     left_out: list[int] = []
     while True:
+        used = there[survey.body] & ~np.isin(survey.mate, left_out)
         datum = survey.datum & ~np.isin(survey.body, left_out)
-        measured = Measured.of(survey, used, datum, sight, F)
+        measured = Measured.of(survey, used, datum, eye, F)
         measured.adjustment.pose()  # an error here says what is free
         if survey.stated:
             return measured, left_out
         bodies = np.unique(measured.body[measured.adjustment.datum]).tolist()
-        tests = {i: _against_others(survey, used, datum, sight, F, i) for i in bodies}
-        p_values = {i: t.p_value for i, t in tests.items() if t is not None}
-        worst = min(p_values, key=lambda i: p_values[i], default=-1)
-        if worst < 0 or p_values[worst] > _OF_DISPLACED * options.alarms / len(p_values):
+        tests = [(i, *_against_others(survey, used, datum, eye, F, i)) for i in bodies]
+        told = [(i, moved.p_value, loss) for i, moved, loss in tests if moved is not None]
+        suspect = [(loss, i) for i, p, loss in told if p <= _OF_DISPLACED * options.alarms / len(told)]
+        if not suspect:
             return measured, left_out
-        if measured.pose_without(np.isin(measured.body, [*left_out, worst])) is None:
+        least = min(suspect)[0]
+        worst = [i for loss, i in suspect if loss - least <= -2 * np.log(options.alarms)]
+        if measured.pose_without(np.isin(measured.body, [*left_out, *worst])) is None:
             return measured, left_out  # the others would not hold the part: they cannot outvote it
-        left_out.append(worst)
+        left_out += worst
 
 
 def _against_others(
-    survey: Survey, used: Mask, datum: Mask, sight: Array | None, F: Array, body: int
-) -> Displacement | None:
-    """Return how a body is displaced against the rest of the datum, edges' own errors too being those of the rest."""
-    others = Measured.of(survey, used, datum & (survey.body != body), sight, F)
-    return others.displacement(others.body == body)
+    survey: Survey, used: Mask, datum: Mask, eye: Array | None, F: Array, body: int
+) -> tuple[Displacement | None, float]:
+    """Return how a body is displaced against the rest of the datum, and how improbable its being so leaves the photos.
+
+    Edges' own errors too are those of the rest. Of several bodies that are displaced against the others the one is to
+    blame whose displacement explains most: those that it pulled the pose away from are in place without it.
+    """
+    its = (survey.body == body) | (survey.mate == body)
+    others = Measured.of(survey, used, datum & ~its, eye, F)
+    return others.displacement(others.body == body), others.improbability(body)
 
 
 def _reported(
@@ -246,10 +251,12 @@ def _features(
     enough = sure(presence, options)
     moved = [measured.displacement(members) for members in measured.members]
     p_values = [np.nan if m is None else m.p_value for m in moved]
-    alarms = false_discoveries_below(p_values, _OF_DISPLACED * options.alarms)
+    alarms = surely_below(p_values, _OF_DISPLACED * options.alarms)
     out = []
     for i in range(len(survey.names)):
         state = _state(presence[i], moved[i], bool(alarms[i]), enough)
+        if state in (State.DISPLACED, State.IN_PLACE) and _beyond(survey, i, moved[i], options):
+            state = State.UNCLEAR
         out.append(_feature(i, state, presence[i], moved[i], measured, survey))
     return tuple(out)
 
@@ -259,11 +266,17 @@ def _state(presence: Presence, moved: Displacement | None, alarm: bool, enough: 
         return State.OUT_OF_VIEW
     if presence.log_ratio <= -enough:
         return State.MISSING
-    if moved is None or presence.log_ratio <= 0:
-        return State.UNCLEAR
+    if moved is None or presence.log_ratio < (0.0 if alarm else _THERE):
+        return State.UNCLEAR  # what is measured may be something else
     if alarm and moved.edges < 2 and presence.seen < 2:
         return State.UNCLEAR  # a single line there may be another one
     return State.DISPLACED if alarm else State.IN_PLACE
+
+
+def _beyond(survey: Survey, number: int, moved: Displacement | None, options: InspectionOptions) -> bool:
+    """Return whether a displacement is farther than was looked: then its edges are not those that were taken for it."""
+    per_px = survey.lines.mm_per_px[survey.members[number]]
+    return moved is not None and bool(np.linalg.norm(moved.estimate.value) > 2 * options.reach_px * np.median(per_px))
 
 
 def _feature(

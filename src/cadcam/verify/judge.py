@@ -18,6 +18,7 @@ from cadcam.verify.tolerance import Feature, Limit, Quantity, Tolerances
 from cadcam.verify.verdict import Judgement, Verdict, decided, overall
 
 _NAN = float("nan")
+_DISAGREE = 9.0  # misfit from which edges do not tell one displacement
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,13 +93,17 @@ def _presence(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection
 def _position(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
     if limit.direction is not None:
         return _along(name, limit, seen)
+    assert found.displacement is not None  # else the feature is unclear
+    if found.displacement.misfit > _DISAGREE:
+        return Judgement(name, limit, found.size, found.sigma, Verdict.UNDECIDED, "its edges do not agree on one place")
     verdict = decided(found.size, found.sigma, limit)
     reason = f"displaced by {_vector(found.vector)} mm"
-    expected = 2 if seen.measured is not None and seen.measured.sight is not None else 3
+    one_photo = seen.measured is not None and seen.measured.eye is not None
+    expected = 2 if one_photo else 3
     if found.seen.shape[1] < expected and verdict is Verdict.PASS:
         unseen = np.linalg.svd(found.seen)[0][:, -1] if found.seen.shape[1] else np.zeros(3)
-        if seen.measured is not None and seen.measured.sight is not None:
-            unseen = np.cross(seen.measured.sight, found.seen[:, 0])
+        if one_photo and found.seen.shape[1]:
+            unseen = np.cross(found.axis, found.seen[:, 0])
         reason += f", but a displacement along {_vector(unseen)} would not show: judge a direction, or add a photo"
         verdict = Verdict.UNDECIDED
     return Judgement(name, limit, found.size, found.sigma, verdict, reason)

@@ -11,12 +11,13 @@ from cadcam.arrays import Array, Mask
 from cadcam.errors import DegenerateGeometry
 from cadcam.verify.adjustment import CAUSES, Adjustment, Estimate, FittedPose
 from cadcam.verify.alarms import tail_probability
-from cadcam.verify.scatter import EdgeNoise, common_error, white_scale
+from cadcam.verify.scatter import EdgeNoise, common_error, improbability, white_scale
 from cadcam.verify.sightlines import Sightlines
 from cadcam.verify.survey import Survey
 
 Longs = npt.NDArray[np.int64]
 SEEN_PX = 0.5  # standard deviation, in px, up to which a direction of displacement counts as seen
+UNSEEN_PX = 4.0  # standard deviation of a displacement, in px, in directions that are not seen
 STATION_PX = 24.0  # length of the pieces of an edge that are looked at one by one
 
 
@@ -34,23 +35,26 @@ class Displacement:
 class Measured:
     """The places where the photos show the part's edges, their errors, and the pose fitted to the datum among them.
 
-    body (N,) and members as in `Survey`; sight (3,): the mean line of sight in the part frame where one photo sees the
-    part, None where several do; noise_scale: see `white_scale`.
+    body, lever, mate (N,) and members as in `Survey`; eye (3,): the camera's place in the part frame where one photo
+    sees the part, None where several do; noise_scale: see `white_scale`; tau_px: common error of an edge.
     """
 
     lines: Sightlines
     body: Longs
     members: tuple[Mask, ...]
     adjustment: Adjustment
-    sight: Array | None
+    lever: Array
+    mate: Longs
+    eye: Array | None
     noise_scale: float
+    tau_px: float
 
     @classmethod
-    def of(cls, survey: Survey, used: Mask, datum: Mask, sight: Array | None, freedom: Array) -> Measured:
+    def of(cls, survey: Survey, used: Mask, datum: Mask, eye: Array | None, freedom: Array) -> Measured:
         """Return what is measured from the places `used` (N,), the pose fitted to those also in `datum` (N,)."""
         rows = used & survey.matched.measured & survey.usable
         lines, offset = survey.lines.select(rows), survey.matched.offset[rows]
-        sigma, fitted = survey.matched.sigma[rows], (datum & rows)[rows]
+        sigma, fitted = survey.matched.sigma[rows], datum[rows]
         scale = white_scale(offset, EdgeNoise.of(sigma, lines.edge, lines.along, 0.0))
         sigma = sigma * scale
         J = lines.by_pose
@@ -62,12 +66,8 @@ class Measured:
         noise = EdgeNoise.of(sigma, lines.edge, lines.along, tau)
         members = tuple(m[rows] for m in survey.members)
         adjustment = Adjustment(offset, J, lines.by_cause, noise, fitted, freedom)
-        return cls(lines, survey.body[rows], members, adjustment, sight, scale)
-
-    @property
-    def tau_px(self) -> float:
-        """Return the common error of an edge in px."""
-        return self.adjustment.errors.tau
+        lever, mate = survey.lever[rows], survey.mate[rows]
+        return cls(lines, survey.body[rows], members, adjustment, lever, mate, eye, scale, tau)
 
     @property
     def dof(self) -> float:
@@ -89,14 +89,18 @@ class Measured:
         With one photo, none along the line of sight: there only the size of the feature's picture changes.
         """
         G = self.lines.by_point[rows]
-        across = np.eye(3) if self.sight is None else np.linalg.svd(self.sight[None])[2][1:].T
+        across = np.eye(3) if self.eye is None else _perpendicular(self.axis(rows)[:, None])
         w, V = np.linalg.eigh(self.adjustment.information(rows, G @ across))
         px_per_mm = np.median(np.linalg.norm(G, axis=1))
         seen = w > (px_per_mm / SEEN_PX) ** 2
         return np.asarray(across @ V[:, seen][:, ::-1])
 
     def displacement(self, rows: Mask, *, along: Array | None = None) -> Displacement | None:
-        """Return how far the places were displaced as one; along (3,): in that direction alone. None: not told."""
+        """Return how far the places were displaced as one; along (3,): in that direction alone. None: not told.
+
+        The probability is that of all edges where the body is in place; the estimate takes into account that feet
+        (`Feet`) need not follow, and that edges may disagree.
+        """
         if not rows.any():
             return None
         basis = self.directions(rows) if along is None else np.asarray(along, np.float64)[:, None]
@@ -104,9 +108,58 @@ class Measured:
         design = self.lines.by_point[rows] @ basis
         if pose is None or not basis.shape[1] or not np.abs(design).max(initial=0.0) > 0:
             return None
-        estimate = self.adjustment.estimate(rows, design, pose)
-        p_value = tail_probability(estimate.value, estimate.covariance, self.dof)
+        unseen = self._unseen(rows, basis) if along is None else design[:, :0]
+        in_place = self.adjustment.estimate(rows, design, pose, unseen=unseen)
+        p_value = tail_probability(in_place.value, in_place.covariance, self.dof)
+        slid = np.abs(self.lever[rows]) * self._sunk_at_most(rows, pose, in_place)
+        estimate = self.adjustment.estimate(rows, design, pose, unseen=unseen, slid=slid, enlarged=True)
+        if along is None and slid.any():
+            basis = basis @ self._still_seen(rows, estimate)
+            design, unseen = self.lines.by_point[rows] @ basis, self._unseen(rows, basis)
+            estimate = self.adjustment.estimate(rows, design, pose, unseen=unseen, slid=slid, enlarged=True)
         return Displacement(basis, estimate, p_value, len(np.unique(self.lines.edge[rows])))
+
+    def _still_seen(self, rows: Mask, found: Estimate) -> Array:
+        """Return the directions (m, k) in which an estimate is as sure as what is seen has to be; at least the best."""
+        w, V = np.linalg.eigh(found.covariance)
+        seen = w < (SEEN_PX * float(np.median(self.lines.mm_per_px[rows]))) ** 2
+        seen[0] = True
+        return np.asarray(V[:, seen])
+
+    def improbability(self, body: int) -> float:
+        """Return how improbable (`cadcam.verify.scatter`) the datum's offsets, and a body's, are if that is displaced.
+
+        What stands on it then is not told by its feet, nor it by its own.
+        """
+        its = self.body == body
+        rows = self.adjustment.datum | its | (self.mate == body)
+        mm = UNSEEN_PX * float(np.median(self.lines.mm_per_px[rows]))
+        slid = np.where(its | (self.mate == body), np.abs(self.lever) * mm, 0.0)[rows]
+        K = np.where(its[:, None], self.lines.by_point * mm, 0.0)[rows]
+        noise = self.adjustment.errors.of_rows(rows).with_more(slid)
+        return improbability(self.adjustment.offset[rows], noise, self.adjustment.J[rows] @ self.adjustment.freedom, K)
+
+    def _unseen(self, rows: Mask, basis: Array) -> Array:
+        """Return by how much (n, r) px the places may be moved by what the photos do not show of a displacement."""
+        mm = UNSEEN_PX * float(np.median(self.lines.mm_per_px[rows]))
+        return np.asarray(self.lines.by_point[rows] @ _perpendicular(basis) * mm)
+
+    def _sunk_at_most(self, rows: Mask, pose: FittedPose, by_all: Estimate) -> float:
+        """Return how far (mm) a body may have sunk into what it stands on: as far as it is displaced at all.
+
+        That is told by its other edges, in the directions that these show; and where it shows no others, by its feet.
+        """
+        standing = self.lever[rows] != 0
+        own = rows.copy()
+        own[rows] = ~standing
+        size = float(by_all.value @ by_all.value)
+        if own.any() and standing.any():
+            basis = self.directions(own)
+            found = self.adjustment.estimate(
+                own, self.lines.by_point[own] @ basis, pose, unseen=self._unseen(own, basis)
+            )
+            size += float(found.value @ found.value) + float(np.trace(found.covariance))
+        return float(np.sqrt(size))
 
     def turn(self, rows: Mask) -> tuple[float, float, Array]:
         """Return the turn (rad) about the line of sight through the places' middle, its sigma, and that axis (3,)."""
@@ -129,8 +182,9 @@ class Measured:
 
     def axis(self, rows: Mask) -> Array:
         """Return the mean line of sight (3,) of the places, away from the camera, in the part frame."""
-        if self.sight is not None:
-            return self.sight
+        if self.eye is not None:
+            mean = (self.lines.p[rows] - self.eye).mean(axis=0)
+            return np.asarray(mean / np.linalg.norm(mean))
         _, V = np.linalg.eigh(self.lines.by_point[rows].T @ self.lines.by_point[rows])
         return np.asarray(V[:, 0])
 
@@ -152,3 +206,8 @@ class Measured:
             value, sigma, _ = self.across(mine, pose=pose)
             out.append((float(self.lines.along[mine].mean()), value, sigma))
         return np.array(out).reshape(-1, 3)
+
+
+def _perpendicular(basis: Array) -> Array:
+    """Return orthonormal directions (3, 3 - m) perpendicular to those of a basis (3, m)."""
+    return np.asarray(np.linalg.svd(basis)[0][:, basis.shape[1] :])

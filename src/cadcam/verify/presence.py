@@ -1,12 +1,12 @@
 """Is a feature there at all? Edges seen against edges that ought to be, weighed by what this very picture shows.
 
-Edges of a feature that should be visible are seen or not, those between the same two surfaces together: such a group
-is one piece of evidence. Where the feature is, a group is seen with probability `seen`, which depends on the contrast
-that the light gives it (`cadcam.verify.surroundings`); where it is not, clutter supports one with probability
-`clutter`. Both are counted in the picture itself: `seen` over the edges of the other features, by their contrasts;
-`clutter` over decoys, lines shifted to where the model has nothing. The log likelihood ratio L of "there" against
-"not there" is a sum over groups. By Wald's inequality (Sequential Analysis, 1947) a feature that is there gives L <= -T
-with probability of at most exp(-T), and one that is not gives L >= T as rarely.
+Edges of a feature that should be visible are seen or not. Those between the same two surfaces have contrast, or lack
+it, together (`cadcam.verify.surroundings`): such a group is one piece of evidence. With contrast each of its edges is
+seen but for a lapse; without, and where the feature is not there, it seems seen where clutter lies. All three
+probabilities are counted in the picture itself: contrast and lapse over the edges of the other features, clutter over
+decoys, lines shifted to where the model has nothing. The log likelihood ratio L of "there" against "not there" is a sum
+over groups. By Wald's inequality (Sequential Analysis, 1947) a feature that is there gives L <= -T with probability of
+at most exp(-T), and one that is not gives L >= T as rarely.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ _SURE, _LEAST_STEP = 4.0, 0.008  # sigmas and brightness (two steps of eight bit
 _AVERAGED = 5  # places whose steps were averaged
 _STEEP = 4.0  # of the curve from unseen to seen, by the logarithm of the contrast
 _MIDDLES, _USUAL_MIDDLE = np.geomspace(0.004, 0.12, 33), 0.015  # contrasts that are seen half the time
+_SUREST = 0.998  # probability up to which a group is believed to have contrast
 _LAPSE = 0.01  # share of edges with ample contrast that are not seen, before any are counted
 
 
@@ -88,19 +89,38 @@ def presence(evidence: EdgeEvidence, mine: Mask, *, clutter: float, elsewhere: f
 
     elsewhere: logarithm of the number of places where it was looked for, if it was found at another than its own.
     """
-    total, any_seen = 0.0, False
+    total = log_ratio(evidence, mine, visibility(evidence, ~mine), clutter)
+    seen = int(evidence.seen[mine].sum())
+    return Presence(int(mine.sum()), seen, total - (elsewhere if seen else 0.0))
+
+
+def log_ratio(evidence: EdgeEvidence, mine: Mask, seen: Visibility, clutter: float) -> float:
+    """Return L of the edges `mine` (E,), group by group."""
+    total = 0.0
     for group in np.unique(evidence.group[mine]):
         of = (evidence.group == group) & mine
-        seen = visible(evidence, ~mine, float(np.median(evidence.contrast[of])))
-        seen = float(np.clip(seen, clutter + 0.01, 0.995))
-        share = float(evidence.seen[of].mean())
-        any_seen |= share > 0
-        total += share * np.log(seen / clutter) + (1 - share) * np.log((1 - seen) / (1 - clutter))
-    return Presence(int(mine.sum()), int(evidence.seen[mine].sum()), total - (elsewhere if any_seen else 0.0))
+        n, k = int(of.sum()), int(evidence.seen[of].sum())
+        contrast = min(seen.has_contrast(float(np.median(evidence.contrast[of]))), _SUREST)
+        without = clutter**k * (1 - clutter) ** (n - k)
+        hit = max(1 - seen.lapse, clutter + _LAPSE)
+        total += np.log(contrast * hit**k * (1 - hit) ** (n - k) + (1 - contrast) * without) - np.log(without)
+    return float(total)
 
 
-def visible(evidence: EdgeEvidence, others: Mask, contrast: float) -> float:
-    """Return the probability that an edge of this contrast is seen, as it is of the others.
+@dataclass(frozen=True, slots=True)
+class Visibility:
+    """Whether edges are seen, by their contrast: half of those of contrast `middle`, and all but a `lapse` of ample."""
+
+    middle: float
+    lapse: float
+
+    def has_contrast(self, contrast: float) -> float:
+        """Return the probability that an edge of this expected contrast has enough of it."""
+        return float(1.0 / (1.0 + (self.middle / max(contrast, 1e-4)) ** _STEEP))
+
+
+def visibility(evidence: EdgeEvidence, others: Mask) -> Visibility:
+    """Return how well edges are seen, as the others (E,) are.
 
     A logistic curve in the logarithm of the contrast, with a lapse: even ample contrast is now and then not seen, for
     shadows, dirt or something in front. Its middle is the most probable one.
@@ -113,8 +133,7 @@ def visible(evidence: EdgeEvidence, others: Mask, contrast: float) -> float:
     fits = [np.log(np.where(seen, curve(c, m), 1 - curve(c, m)) * (1 - _LAPSE) + _LAPSE / 2).sum() for m in _MIDDLES]
     middle = float(_MIDDLES[int(np.argmax(fits - 0.5 * (np.log(_MIDDLES / _USUAL_MIDDLE)) ** 2))])
     ample = c > 2 * middle
-    lapse = (float((ample & ~seen).sum()) + 0.5) / (float(ample.sum()) + 0.5 / _LAPSE)
-    return float((1 - lapse) * curve(np.array([max(contrast, 1e-4)]), middle)[0])
+    return Visibility(middle, (float((ample & ~seen).sum()) + 0.5) / (float(ample.sum()) + 0.5 / _LAPSE))
 
 
 def edges_seen(lines: Sightlines, rows: Mask, support: Mask) -> Mask:

@@ -8,7 +8,7 @@ from the noise alone is too small by what tau is; it does not fall with more sam
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -24,12 +24,12 @@ _GOLDEN = (np.sqrt(5.0) - 1) / 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgeNoise:
-    """The covariance V (N, N) of offsets: sigma (N,) px, edge (N,) numbers from 0, Z (N, 2), tau px."""
+    """The covariance V (N, N) of offsets: sigma (N,) px, edge (N,) numbers from 0, Z (N, 2), tau (edges,) px."""
 
     sigma: Array
     edge: Longs
     Z: Array
-    tau: float
+    tau: Array
 
     @classmethod
     def of(cls, sigma: Array, edge: Longs, along: Array, tau: float) -> EdgeNoise:
@@ -39,25 +39,32 @@ class EdgeNoise:
         middle = along - (np.bincount(number, along) / count)[number]
         spread = np.sqrt(np.bincount(number, middle**2) / count)[number]
         t = np.divide(middle, spread, out=np.zeros_like(middle), where=spread > 0)
-        return cls(np.asarray(sigma, np.float64), number, np.stack([np.ones_like(t), t], axis=1), float(tau))
+        Z = np.stack([np.ones_like(t), t], axis=1)
+        return cls(np.asarray(sigma, np.float64), number, Z, np.full(len(count), float(tau)))
 
     def of_rows(self, rows: Mask) -> EdgeNoise:
         """Return the errors of some offsets (mask over N); a part of an edge keeps the edge's line."""
-        number = np.unique(self.edge[rows], return_inverse=True)[1].reshape(-1).astype(np.int64)
-        return EdgeNoise(self.sigma[rows], number, self.Z[rows], self.tau)
+        edges, number = np.unique(self.edge[rows], return_inverse=True)
+        return EdgeNoise(self.sigma[rows], number.reshape(-1).astype(np.int64), self.Z[rows], self.tau[edges])
+
+    def with_more(self, more: Array) -> EdgeNoise:
+        """Return the errors with another one common to each edge, more (N,) px at its places."""
+        count = np.maximum(np.bincount(self.edge, minlength=self.edges), 1)
+        square = np.bincount(self.edge, more**2, minlength=self.edges) / count
+        return replace(self, tau=np.sqrt(self.tau**2 + square))
 
     @property
     def edges(self) -> int:
         """Return how many edges there are."""
-        return int(self.edge.max(initial=-1)) + 1
+        return len(self.tau)
 
     def white(self, X: Array) -> Array:
         """Return V^-1 X for X (N, k), edge by edge (Woodbury)."""
         by_noise = X / self.sigma[:, None] ** 2
-        if self.tau == 0 or not len(X):
+        if not len(X) or not self.tau.any():
             return np.asarray(by_noise)
-        M = np.linalg.inv(np.eye(2) / self.tau**2 + self._sums(self.Z / self.sigma[:, None] ** 2))
-        drawn = M @ self._sums(by_noise)
+        T = (self.tau**2)[:, None, None]
+        drawn = T * np.linalg.solve(np.eye(2) + T * self._sums(self.Z / self.sigma[:, None] ** 2), self._sums(by_noise))
         return np.asarray(by_noise - np.einsum("ni,nik->nk", self.Z, drawn[self.edge]) / self.sigma[:, None] ** 2)
 
     def common(self, H: Array) -> Array:
@@ -70,8 +77,16 @@ class EdgeNoise:
 
     def log_determinant(self) -> float:
         """Return log det V."""
-        inner = np.eye(2) + self.tau**2 * self._sums(self.Z / self.sigma[:, None] ** 2)
+        inner = np.eye(2) + (self.tau**2)[:, None, None] * self._sums(self.Z / self.sigma[:, None] ** 2)
         return float(2 * np.log(self.sigma).sum() + np.linalg.slogdet(inner)[1].sum())
+
+    def about_lines(self, X: Array) -> tuple[float, int]:
+        """Return chi-square of values X (N,) about a line along each edge, and how many numbers these lines have."""
+        W = self.Z / self.sigma[:, None] ** 2
+        A, b = self._sums(W), self._sums(X[:, None] / self.sigma[:, None] ** 2)[:, :, 0]
+        numbers = 1 + (A[:, 1, 1] > 0).astype(np.int64)
+        taken = np.einsum("ei,eij,ej->e", b, np.linalg.pinv(A, hermitian=True), b)
+        return float((X / self.sigma) @ (X / self.sigma) - taken.sum()), int(numbers.sum())
 
     def _sums(self, X: Array) -> Array:
         """Return Z^T X of each edge, (edges, 2, k)."""
@@ -100,20 +115,32 @@ def white_scale(offset: Array, noise: EdgeNoise) -> float:
     return float(np.sqrt(np.median(ratios))) if ratios else 1.0
 
 
+def improbability(offset: Array, noise: EdgeNoise, J: Array, K: Array) -> float:
+    """Return minus twice the logarithm of the restricted likelihood of offsets (N,), up to a constant.
+
+    J (N, k): the motion that was fitted to them; K (N, r) px: what else moved them, each column by a unit error. (H. D.
+    Patterson and R. Thompson, Biometrika 58, 1971.)
+    """
+    W = noise.white(np.column_stack([J, offset, K]))
+    inner = np.eye(K.shape[1]) + K.T @ W[:, J.shape[1] + 1 :]
+    W = W[:, : J.shape[1] + 1] - W[:, J.shape[1] + 1 :] @ np.linalg.solve(inner, K.T @ W[:, : J.shape[1] + 1])
+    N = J.T @ W[:, :-1]
+    x = np.linalg.lstsq(N, J.T @ W[:, -1], rcond=None)[0]
+    chi_square = float(offset @ (W[:, -1] - W[:, :-1] @ x))
+    return float(noise.log_determinant() + np.linalg.slogdet(inner)[1] + np.linalg.slogdet(N)[1] + chi_square)
+
+
 def common_error(offset: Array, sigma: Array, edge: Longs, along: Array, J: Array) -> float:
     """Return tau (px) of offsets (N,) that a motion with Jacobian J (N, k) explains up to their errors.
 
-    The maximum of the restricted likelihood (H. D. Patterson and R. Thompson, Biometrika 58, 1971), which knows that
-    the motion was fitted to the same offsets. 0 where the noise alone explains them.
+    Where they are most probable by the restricted likelihood, which knows that the motion was fitted to the same
+    offsets. 0 where the noise alone explains them.
     """
+    plain = EdgeNoise.of(sigma, edge, along, 0.0)
 
     def loss(log_tau: float) -> float:
-        noise = EdgeNoise.of(sigma, edge, along, float(np.exp(log_tau)))
-        WJ = noise.white(J)
-        N = J.T @ WJ
-        x = np.linalg.lstsq(N, WJ.T @ offset, rcond=None)[0]
-        r = (offset - J @ x)[:, None]
-        return float(noise.log_determinant() + np.linalg.slogdet(N)[1] + (r.T @ noise.white(r))[0, 0])
+        noise = replace(plain, tau=np.full(plain.edges, np.exp(log_tau)))
+        return improbability(offset, noise, J, J[:, :0])
 
     low, high = np.log(_LEAST_PX), np.log(_MOST_PX)
     a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)

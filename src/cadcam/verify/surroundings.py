@@ -23,6 +23,7 @@ from cadcam.render.view import Channel
 from cadcam.verify.sightlines import Sightlines
 
 Longs = npt.NDArray[np.int64]
+FAINT = 0.02  # contrast below which an edge may well not show
 _ASIDE_PX = 1.5  # where the sides are looked at: twins are farther apart than this
 _EVERY = 5  # px between the pixels that the light is fitted to
 _ROUNDS = 8
@@ -40,11 +41,13 @@ class Surroundings:
     """What lies beside N places.
 
     normal (N, 2, 3): of the surfaces before and after the place along its normal, in the part frame, zero where there
-    is nothing of the part; color (N, 2): the number of their paint, -1 for nothing; contrast (N,): by how much the
-    brightness should at least change from one to the other, the light being known as well as it is.
+    is nothing of the part; part, color (N, 2): the numbers of their part and of their paint, -1 for nothing; contrast
+    (N,): by how much the brightness should at least change from one to the other, the light being known as well as it
+    is.
     """
 
     normal: Array
+    part: Ids
     color: Ids
     contrast: Array
 
@@ -52,7 +55,8 @@ class Surroundings:
 def surroundings(part: Part, photos: Sequence[Photo], world_from_part: Rigid, lines: Sightlines) -> Surroundings:
     """Return what lies beside each place, the part being at this pose, in the light that the photos show."""
     n = len(lines)
-    normals, colors, contrast = np.zeros((n, 2, 3)), np.full((n, 2), -1, np.int32), np.zeros(n)
+    normals, contrast = np.zeros((n, 2, 3)), np.zeros(n)
+    parts, colors = np.full((n, 2), -1, np.int32), np.full((n, 2), -1, np.int32)
     renderer = open_renderer(part.scene)
     paint = _paint(part)
     for i, photo in enumerate(photos):
@@ -66,8 +70,10 @@ def surroundings(part: Part, photos: Sequence[Photo], world_from_part: Rigid, li
             q = np.rint(lines.q[rows] + sign * _ASIDE_PX * lines.normal[rows]).astype(np.int64)
             x, y = np.clip(q, 0, np.array(photo.camera.size) - 1).T
             normals[rows, side], colors[rows, side] = normal[y, x], color[y, x]
+            face = view.face[y, x]
+            parts[rows, side] = np.where(face >= 0, part.scene.mesh.part[np.maximum(face, 0)], -1)
         contrast[rows] = light.least_contrast(normals[rows], colors[rows])
-    return Surroundings(normals, colors, contrast)
+    return Surroundings(normals, parts, colors, contrast)
 
 
 def alike(normal: Array, color: Ids) -> Longs:

@@ -8,15 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Mask
+from cadcam.arrays import Array, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render.view import Scene
 from cadcam.verify.association import SEARCH_ROOM_PX, Association, associated, nearby_edges
+from cadcam.verify.feet import Feet
 from cadcam.verify.presence import EdgeEvidence, Presence, clutter_of, presence
 from cadcam.verify.sightlines import Sightlines, sightlines
-from cadcam.verify.surroundings import surroundings
+from cadcam.verify.surroundings import FAINT, surroundings
 from cadcam.verify.tolerance import Selection, Tolerances
 
 Longs = npt.NDArray[np.int64]
@@ -29,7 +30,8 @@ class Survey:
     names: the features asked about, then the model's parts as far as they are none of those; members: the places (N,)
     of each, which may be those of others too. body (N,): what moves as one, each place in one of them: the widest
     feature that has it, or its part. usable (N,): whether its edge can be told from its neighbours; datum (N,): whether
-    the pose may be fitted to it; stated: whether the datum was, by the tolerances.
+    the pose may be fitted to it; stated: whether the datum was, by the tolerances. lever (N,) px/mm and mate (N,): what
+    the place is as a foot (`Feet`), the mate being a body; ought (N,): whether the light gives its edge contrast.
     """
 
     lines: Sightlines
@@ -40,12 +42,20 @@ class Survey:
     usable: Mask
     datum: Mask
     stated: bool
+    lever: Array
+    mate: Longs
+    ought: Mask
     evidence: EdgeEvidence
     clutter: float
 
     def rows(self, number: int) -> Mask:
         """Return the places (N,) of a feature that can be used."""
         return np.asarray(self.members[number] & self.usable)
+
+    def share_seen(self, number: int) -> float:
+        """Return the share of a feature's places with contrast where the photos show an edge; nan where none has."""
+        rows = self.members[number] & self.ought
+        return float(self.matched.support[rows].mean()) if rows.any() else float("nan")
 
     def whole_part(self, number: int) -> int | None:
         """Return the number of the part whose places in view are just those of a feature; None if there is none."""
@@ -76,7 +86,10 @@ def surveyed(
     body = _bodies(members)
     usable = lines.room >= SEARCH_ROOM_PX
     moved_as_one = np.where(usable, body, -1)
-    matched = associated(lines, sights, found, moved_as_one, reach_px=reach_px)
+    beside = surroundings(part, photos, world_from_part, lines)
+    ought = usable & (beside.contrast > FAINT)
+    matched = associated(lines, sights, found, moved_as_one, reach_px=reach_px, ought=ought)
+    feet = Feet.of(lines, beside)
     return Survey(
         lines,
         matched,
@@ -86,7 +99,10 @@ def surveyed(
         usable,
         _datum(part.scene, lines, asked),
         bool(asked.datum),
-        EdgeEvidence.of(lines, usable, matched, surroundings(part, photos, world_from_part, lines)),
+        feet.lever,
+        feet.of_bodies(lines, body),
+        ought,
+        EdgeEvidence.of(lines, usable, matched, beside),
         clutter_of(lines, found, moved_as_one, reach_px=reach_px),
     )
 

@@ -13,12 +13,11 @@ from cadcam.locate.photo import Photo
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Scene
 from cadcam.verify.association import SEARCH_ROOM_PX, associated, nearby_edges
-from cadcam.verify.presence import EdgeEvidence, visible
+from cadcam.verify.presence import EdgeEvidence, log_ratio, visibility
 from cadcam.verify.sightlines import Sightlines, sightlines
 from cadcam.verify.surroundings import surroundings
 
 _INSIDE_PX = 3.0  # across the line, that must lie on the part that hides it
-_SURE = 0.99
 
 
 def uncovered_ratio(
@@ -36,14 +35,8 @@ def uncovered_ratio(
     found = nearby_edges(lines, sights, reach_px=2.0)
     matched = associated(lines, sights, found, np.where(behind, 0, -1), reach_px=1.0)
     own = EdgeEvidence.of(lines, behind, matched, surroundings(without, photos, world_from_part, lines))
-    total = 0.0
-    for group in np.unique(own.group):
-        of = own.group == group
-        expected = float(np.median(own.contrast[of]))
-        seen = float(np.clip(visible(evidence, np.ones(len(evidence.seen), bool), expected), clutter + 0.01, _SURE))
-        share = float(own.seen[of].mean())
-        total += share * np.log(clutter / seen) + (1 - share) * np.log((1 - clutter) / (1 - seen))
-    return total
+    seen = visibility(evidence, np.ones(len(evidence.seen), bool))
+    return -log_ratio(own, np.ones(len(own.seen), bool), seen, clutter)
 
 
 def _behind(part: Part, photos: Sequence[Photo], world_from_part: Rigid, body: int, lines: Sightlines) -> Mask:

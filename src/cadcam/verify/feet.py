@@ -1,0 +1,71 @@
+"""Where a body stands on another: the line that the photo shows there belongs to both of them.
+
+A foot is a contact line. A body that is lifted, or slides on the other, takes it along. One that sinks into the other
+does not: what is seen then is where its side meets the other's surface, and that line has slid up the side. The same
+line moves when the other body does. A foot therefore tells of a displacement only up to how far it may have slid.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Mask
+from cadcam.cad.edges import EdgeKind
+from cadcam.verify.sightlines import Sightlines
+from cadcam.verify.surroundings import Surroundings
+
+Longs = npt.NDArray[np.int64]
+_FLAT = 0.95  # cosine between side and ground from which they count as one surface
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Feet:
+    """What N places are as feet.
+
+    lever (N,) px/mm: how far the line in the photo slides across itself where the body sinks by 1 mm, 0 for edges that
+    are no feet; mate (N,): number of the part that it stands on, -1 for none.
+    """
+
+    lever: Array
+    mate: Longs
+
+    @classmethod
+    def of(cls, lines: Sightlines, beside: Surroundings) -> Feet:
+        """Return the feet among places, by what lies to both sides of them."""
+        own = beside.part == lines.part[:, None]
+        ground = (beside.part >= 0) & ~own
+        standing = (lines.kind == EdgeKind.CONTACT) & own.any(axis=1) & ground.any(axis=1)
+        which = np.argmax(own, axis=1)
+        i = np.arange(len(lines))
+        side, floor = beside.normal[i, which], beside.normal[i, 1 - which]
+        mate = np.where(standing, beside.part[i, 1 - which], -1).astype(np.int64)
+        return cls(np.where(standing, _slide(lines.by_point, side, floor), 0.0), mate)
+
+    def of_bodies(self, lines: Sightlines, body: Longs) -> Longs:
+        """Return the body (N,) that each foot stands on, -1 for none: parts in view are bodies, or in one."""
+        out = np.full(len(body), -1, np.int64)
+        for part in np.unique(self.mate[self.mate >= 0]):
+            of = body[(lines.part == part) & (body >= 0)]
+            if len(of):
+                out[self.mate == part] = np.bincount(of).argmax()
+        return out
+
+    @property
+    def standing(self) -> Mask:
+        """Return which places are feet."""
+        return np.asarray(self.mate >= 0)
+
+
+def _slide(by_point: Array, side: Array, ground: Array) -> Array:
+    """Return px/mm by which the crossing of two surfaces slides across itself in the photo, the side sinking.
+
+    It stays on the side and goes up from the ground: along s = a (a . b) - b, for normals a of the side and b of the
+    ground, by -1 / (s . b) for each mm.
+    """
+    cosine = np.einsum("ni,ni->n", side, ground)
+    s = side * cosine[:, None] - ground
+    rise = np.minimum(cosine**2 - 1.0, _FLAT**2 - 1.0)
+    return np.asarray(np.einsum("ni,ni->n", by_point, s) / rise)
