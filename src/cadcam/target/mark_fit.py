@@ -20,8 +20,9 @@ from cadcam.target.mark import Mark
 from cadcam.target.mark_model import Geometry, affine, mark_model, posed, share_of_ink
 from cadcam.target.photometric import BLUR, CONTRAST, Fit, Model, fitted, patches
 
-MARGIN = 0.3  # of the radius: how much ground the window takes in
-_LEAST_MARGIN, _MOST_MARGIN = 2.0, 6.0  # px of it
+MARGIN = 0.7  # of the radius: how much ground the window takes in; it tells varying light from a shift of the mark
+_LEAST_MARGIN, _MOST_MARGIN = 5.0, 12.0  # px of it
+_NORMAL_SD = 0.1  # rad
 _CORNER = 2.0  # px around corners of ink that are left out: there the model's borders meet at no right angle
 _HIDDEN, _SIGMAS = 0.2, 5.0  # residual by contrast, and by noise, of a pixel that shows something else
 _ROUNDS = 6
@@ -142,10 +143,11 @@ def fit_poses(
 def fit_both_tilts(
     gray: Picture, mark: Mark, camera: Camera, fit: MarkFit, *, normal: Array | None = None, margin: float = MARGIN
 ) -> MarkFit:
-    """Return affine fits refined as poses through a camera, the better of the two tilts of each mark.
+    """Return affine fits refined as poses through a camera, from both tilts that a mark's shape allows.
 
-    normal (3,): of the plane in the camera's frame where it is known; the tilt nearer to it is taken. Where the grey
-    values cannot tell the tilts apart, the covariance takes in both.
+    The pose is the likelier one, the place the mean of both by their probabilities, and the covariance takes in how far
+    they lie apart: upright marks do not show which way they lean. normal (3,): of the plane in the camera's frame where
+    it is known to a few degrees; it counts with a standard deviation of 0.1 rad.
     """
     if not len(fit):
         return replace(fit, poses=())
@@ -154,13 +156,19 @@ def fit_both_tilts(
     first, second = (
         fit_poses(gray, mark, camera, tuple(pair[k] for pair in starts), margin=margin, blur=blur) for k in (0, 1)
     )
-    if normal is not None:
-        closeness = [np.array([abs(p.rotation[:, 2] @ normal) for p in f.poses or ()]) for f in (first, second)]
-        return _chosen(first, second, closeness[1] > closeness[0], np.zeros(len(fit)))
     pixels = np.pi * mark.radius**2 * np.abs(np.linalg.det(fit.image_from_mark))
     ratio = np.log(np.maximum(second.misfit, 1e-9) / np.maximum(first.misfit, 1e-9))
-    odds = pixels * np.where(first.good & second.good, ratio, np.where(first.good, 1e3, -1e3))
-    return _chosen(first, second, odds < 0, 1 / (1 + np.exp(np.minimum(np.abs(odds), 500.0))))
+    odds = pixels * ratio  # logarithm of: the first tilt by the second
+    if normal is not None:
+        away = [np.array([_angle(p.rotation[:, 2], normal) for p in f.poses or ()]) for f in (first, second)]
+        odds = odds + (away[1] ** 2 - away[0] ** 2) / (2 * _NORMAL_SD**2)
+    odds = np.where(first.good == second.good, odds, np.where(first.good, 1e3, -1e3)).clip(-500, 500)
+    return _weighed(first, second, 1 / (1 + np.exp(odds)))
+
+
+def _angle(a: Array, b: Array) -> float:
+    """Return the angle between two lines, rad."""
+    return float(np.arccos(min(abs(a @ b) / np.linalg.norm(b), 1.0)))
 
 
 def tilts(camera: Camera, q: Array, image_from_mark: Array) -> tuple[Rigid, Rigid]:
@@ -208,7 +216,7 @@ class _Window:
         radius = mark.radius
         A = np.linalg.inv(image_from_mark)
         major, minor = radius * np.linalg.svd(image_from_mark, compute_uv=False).T
-        reach = 1 + np.clip(margin * minor, _LEAST_MARGIN, _MOST_MARGIN) / minor
+        reach = 1 + np.clip(margin * minor, _LEAST_MARGIN * min(margin / MARGIN, 1.0), _MOST_MARGIN) / minor
         values, pixels, there = patches(gray, q, np.maximum(reach * major, 2.0))
         p = pixels @ np.swapaxes(A, 1, 2) / radius
         wanted = np.sum(p**2, axis=-1) <= reach[:, None] ** 2
@@ -365,19 +373,18 @@ def _poses(fit: Fit, geometry: Geometry, L: Array, R: Array, scale: Array) -> tu
     return tuple(Rigid(so3.nearest(turned[i]), t[i]) for i in range(len(g)))
 
 
-def _chosen(first: MarkFit, second: MarkFit, other: Mask, doubt: Array) -> MarkFit:
-    """Return the second fit where `other`, else the first; `doubt` (B,): the probability that this is wrong."""
-    names = [name for name in MarkFit.__slots__ if name != "poses"]
+def _weighed(first: MarkFit, second: MarkFit, other: Array) -> MarkFit:
+    """Return the likelier fit of each mark, its place the mean of both; other (B,): the probability of the second."""
     pick = {}
-    for name in names:
-        a, b = getattr(first, name), getattr(second, name)
-        pick[name] = np.where(other.reshape(-1, *[1] * (a.ndim - 1)), b, a)
-    apart = first.q - second.q
-    both = first.good & second.good
-    pick["doubt"] = np.where(both, doubt, 0.0)
-    spread = pick["doubt"][:, None, None] * apart[:, :, None] * apart[:, None, :]
-    pick["covariance"] = pick["covariance"] + spread
-    assert first.poses is not None
-    assert second.poses is not None
-    poses = tuple(b if o else a for a, b, o in zip(first.poses, second.poses, other, strict=True))
-    return MarkFit(**pick, poses=poses)
+    for name in MarkFit.__slots__:
+        if name != "poses":
+            a, b = getattr(first, name), getattr(second, name)
+            pick[name] = np.where((other > 0.5).reshape(-1, *[1] * (a.ndim - 1)), b, a)
+    p = np.where(np.isfinite(first.q + second.q).all(axis=1), other, (other > 0.5).astype(float))
+    apart = np.nan_to_num(second.q - first.q)
+    pick["q"] = np.nan_to_num(first.q) * (1 - p)[:, None] + np.nan_to_num(second.q) * p[:, None]
+    spread = (p * (1 - p))[:, None, None] * apart[:, :, None] * apart[:, None, :]
+    both = (1 - p)[:, None, None] * first.covariance + p[:, None, None] * second.covariance
+    pick["covariance"], pick["doubt"] = both + spread, np.minimum(p, 1 - p)
+    pairs = zip(first.poses or (), second.poses or (), other > 0.5, strict=True)
+    return MarkFit(**pick, poses=tuple(b if o else a for a, b, o in pairs))
