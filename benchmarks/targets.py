@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -45,11 +45,13 @@ def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     arguments.add_argument("--only", default="rendered,grid,robust,speed,real")
     arguments.add_argument("--samples", type=int, default=64)
+    arguments.add_argument("--marks", type=int, nargs="+", default=range(len(MARKS)))
+    arguments.add_argument("--tilts", type=float, nargs="+", default=TILTS)
     arguments.add_argument("--data", type=Path)
     arguments.add_argument("--pictures", type=Path)
     given = arguments.parse_args()
     studies: dict[str, Callable[[], None]] = {
-        "rendered": lambda: rendered(given.samples),
+        "rendered": lambda: rendered(given.samples, [MARKS[k] for k in given.marks], given.tilts),
         "grid": grid,
         "robust": robust,
         "speed": speed,
@@ -107,16 +109,15 @@ def bound(mark: Mark, tilt: float, blur: float, noise: float) -> float:
     return float(noise * np.sqrt(np.trace(np.linalg.inv(information)) / 2))
 
 
-def rendered(samples: int) -> None:
-    for mark in MARKS:
-        print(
-            f"{mark}, 12 px radius, contrast {255 * (PAPER - INK):.0f} of 255: rms error by the Cramer-Rao bound (bias px)\n"
-        )
+def rendered(samples: int, marks: Sequence[Mark], tilts: Sequence[float]) -> None:
+    for mark in marks:
+        contrast = 255 * (PAPER - INK)
+        print(f"{mark}, 12 px radius, contrast {contrast:.0f} of 255: rms error by the Cramer-Rao bound (bias px)\n")
         names: list[str] | None = None
-        for tilt in TILTS:
+        for tilt in tilts:
             pictures = [clean(mark, tilt, phase) for phase in _phases(max(8, samples // 8))]
             for level, blur in CASES:
-                errors, told, sigma = _errors(mark, tilt, pictures, level, blur, samples)
+                errors, told = _errors(mark, tilt, pictures, level, blur, samples)
                 least = bound(mark, tilt, blur, np.sqrt(level**2 + 1 / 12) / 255)  # with the rounding
                 if names is None:
                     names = list(errors)
@@ -144,7 +145,7 @@ def _cell(errors: Array, least: float) -> str:
 
 def _errors(
     mark: Mark, tilt: float, pictures: list[tuple[Picture, Camera]], level: float, blur: float, samples: int
-) -> tuple[dict[str, Array], float, float]:
+) -> tuple[dict[str, Array], float]:
     rng = np.random.default_rng(int(1000 * tilt + 10 * level + 100 * blur))
     soft = [blurred(picture, blur) for picture, _ in pictures]
     errors: dict[str, list[Array]] = {"photometric, camera": []}
@@ -166,7 +167,7 @@ def _errors(
     arrays = {name: np.array(e) for name, e in errors.items()}
     rms = np.sqrt(np.mean(arrays["photometric, camera"] ** 2))
     sigma = float(np.sqrt(np.mean(predicted)))
-    return arrays, float(rms / sigma), sigma
+    return arrays, float(rms / sigma)
 
 
 def _rules(mark: Mark, truth: Array, camera: Camera, start: Rigid) -> Iterator[tuple[str, Rule]]:
@@ -270,8 +271,7 @@ def robust() -> None:
     pose = Rigid(np.eye(3), [-90.0, -60.0, 600.0])
     truth = camera.project(pose @ plate.points)
     flat = board_picture(plate, camera, pose, blur_px=0.8, margin_mm=60.0)
-    x, y = np.meshgrid(np.linspace(0, 1, 640), np.linspace(0, 1, 480))
-    light = (1 / (1 + 2 * x)).astype(np.float32)
+    light = (1 / (1 + 2 * np.linspace(0, 1, 640))).astype(np.float32)
     rng = np.random.default_rng(4)
     hidden = flat.copy()
     for q in truth:
@@ -310,7 +310,8 @@ def speed() -> None:
     for radius in (6.0, 12.0, 25.0, 45.0):
         mark = dot_and_ring(40.0, 80.0, 120.0)
         pose = Rigid(np.eye(3), [20.0, 10.0, 800.0 * 60 / radius])
-        picture = marks_picture([mark], camera, [pose], blur_px=0.8, noise=0.01, rng=np.random.default_rng(1))
+        rng = np.random.default_rng(1)
+        picture = marks_picture([mark], camera, [pose], blur_px=0.8, noise=0.01, rng=rng, margin_mm=60.0)
         times = []
         for _ in range(15):
             start = time.process_time()
@@ -322,9 +323,8 @@ def speed() -> None:
 
 def real(data: Path, pictures: Path | None) -> None:
     """Find marks in real photos; where a set names places, compare."""
-    print(
-        "| picture | mark | found | expected | of those | rms to the published px | CPU s |\n|---|---|---|---|---|---|---|"
-    )
+    print("| picture | mark | found | expected | of those | rms to the published px | CPU s |")
+    print("|---|---|---|---|---|---|---|")
     for name, file, mark, options, published, expected in _sets(data):
         start = time.process_time()
         try:

@@ -95,6 +95,7 @@ class Peak:
             return np.asarray((self(x + d[0], y + d[1]) - window).ravel())
 
         start, _ = self._on_grid(window, 0.2)
+        start = start.clip(-0.99 * _REACH, 0.99 * _REACH)
         bounds = (np.minimum(start, -_REACH) - 1e-9, np.maximum(start, _REACH) + 1e-9)
         best = least_squares(residuals, start + 1e-3, bounds=bounds, xtol=1e-10, ftol=1e-12)
         return np.asarray(best.x), float(np.sqrt(np.mean(best.fun**2)))
