@@ -1,9 +1,11 @@
-/* Random and vicious scenes through the core, for a build with sanitizers: fuzz NUMBER.
+/* Random and vicious scenes through the core, for a build with sanitizers: fuzz NUMBER [FIRST]. Scene k is the same in
+ * every run, whatever came before it.
  *
  * Coordinates of every magnitude, shared, repeated and collinear corners, cameras inside the model, lenses with holes,
  * pictures down to one pixel, every channel present or not. Beyond what the sanitizers see, each picture is drawn twice,
  * with one band and with several: both must be equal, and every id in range. Then direction fields of random pictures,
  * and edges with wild places over them: poses stay rotations, scores in range. */
+#include <float.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -12,7 +14,8 @@
 #include "field.h"
 #include "raster.h"
 
-static uint64_t state = 88172645463325252ull;
+static uint64_t state;
+static void start(int scene) { state = 88172645463325252ull + (uint64_t)scene * 0x9E3779B97F4A7C15ull; }
 static uint64_t next(void) { /* xorshift64, Marsaglia 2003 */
     state ^= state << 13, state ^= state >> 7, state ^= state << 17;
     return state;
@@ -24,6 +27,7 @@ static double wild(void) {
     static const double odd[] = {0, 1, -1, 1e-300, 1e300, -1e300, 1e-12, 64, 1e150};
     return upto(9) ? around() * pow(10, upto(3)) : odd[upto(8)];
 }
+static float wild_weight(void) { return (float)fmin(fabs(wild()), FLT_MAX); } /* finite, not negative: as the core asks */
 
 static void rotation(double R[9]) { /* from a random quaternion */
     double q[4], s = 0;
@@ -151,6 +155,16 @@ static cc_field field_of(int width, int height) { /* every buffer exactly as lar
     return (cc_field){.planes = planes, .mean = moments, .variance = moments + CC_SECTORS, .width = width, .height = height};
 }
 
+static int is_rotation(const double R[9]) {
+    double worst = 0;
+    for (int i = 0; i < 9; i++) {
+        const double *a = R + i / 3 * 3, *b = R + i % 3 * 3;
+        worst = fmax(worst, fabs(a[0] * b[0] + a[1] * b[1] + a[2] * b[2] - (i % 4 == 0)));
+        if (!isfinite(R[i])) return 0;
+    }
+    return worst < 1e-12;
+}
+
 static void edges(void) {
     const int n_eyes = 1 + upto(1), n_poses = 1 + upto(3), n_places = upto(60), keep = 1 + upto(2);
     cc_eye *eyes = calloc((size_t)n_eyes, sizeof *eyes);
@@ -167,7 +181,9 @@ static void edges(void) {
         for (int i = 0; i < 3; i++) eyes[e].translation[i] = upto(9) ? around() * 5 : wild();
     }
     for (int i = 0; i < n_places; i++)
-        for (int j = 0; j < 7; j++) ((float *)&places[i])[j] = upto(20) ? (float)around() * 3 : (float)wild();
+        for (int j = 0; j < 6; j++) ((float *)&places[i])[j] = upto(20) ? (float)around() * 3 : (float)wild();
+    const int vicious = upto(2) == 0;
+    for (int i = 0; i < n_places; i++) places[i].weight = vicious ? wild_weight() : (float)unit();
     for (int i = 0; i < n_eyes * n_poses; i++) first[i] = upto(n_places), count[i] = upto(n_places - (int)first[i]);
     for (int k = 0; k < n_poses; k++) {
         rotation(poses + 12 * k);
@@ -190,15 +206,20 @@ static void edges(void) {
         free(sums), free(bytes);
     }
     cc_climb(&v, poses, freedom, n_free, blur, 2, scores);
-    for (int i = 0; i < n_poses * n_eyes; i++)
-        if (isnan(scores[4 * i])) exit(fprintf(stderr, "a score is not a number\n"));
+    for (int i = 0; i < 4 * n_poses * n_eyes; i++)
+        if (!(scores[i] >= 0 && isfinite(scores[i]))) exit(fprintf(stderr, "score %d is %g\n", i % 4, scores[i]));
+    for (int k = 0; k < n_poses; k++)
+        if (!is_rotation(poses + 12 * k)) exit(fprintf(stderr, "a pose is no rotation any more\n"));
     for (int e = 0; e < n_eyes; e++) free((void *)eyes[e].field.planes), free((void *)eyes[e].field.mean);
     free(eyes), free(places), free(first), free(count), free(shift), free(score), free(sure), free(poses), free(scores);
 }
 
 int main(int argc, char **argv) {
-    int n = argc > 1 ? atoi(argv[1]) : 100;
-    for (int i = 0; i < n; i++) one(i), edges();
+    const int n = argc > 1 ? atoi(argv[1]) : 100, first = argc > 2 ? atoi(argv[2]) : 0;
+    for (int i = first; i < first + n; i++) {
+        start(i);
+        one(i), edges();
+    }
     printf("%d scenes drawn with %s\n", n, cc_variant());
     return 0;
 }

@@ -28,7 +28,7 @@ typedef struct {
     double rotation[9], translation[3]; /* camera_from_world, rows */
 } cc_eye;
 
-/* Places on edges of a part: point (mm), unit tangent, weight. */
+/* Places on edges of a part: point (mm), unit tangent, weight: finite, not negative. */
 typedef struct {
     float p[3], tangent[3], weight;
 } cc_place;

@@ -14,7 +14,7 @@
 
 #define STRONG 3.0 /* px */
 
-enum { EVERY = 3 }; /* the rows that maps are made from; their bounds are those of all */
+enum { EVERY = 3 }; /* the rows and columns that maps are made from; their bounds are those of all */
 
 typedef struct { double low, high; } range;
 typedef struct { double sum; int32_t n; } mean;
@@ -60,12 +60,33 @@ static const double *point_at(const cc_lens *l, const double *points, int32_t x,
 }
 static int is_seen(const double *p) { return isfinite(p[0]) && isfinite(p[1]); }
 
+/* What a map, at + slopes, and curvatures leave of coordinate k, 0 or 1, of all points of a rectangle of whole tiles. None
+ * is left out but those without a direction, NaN in the table: the numbers given are finite. */
+static range left_by(const cc_lens *l, rect r, int k, double x0, double y0, const double map[3], const curves *c) {
+    double low[2 * PATCH], high[2 * PATCH], left[2 * PATCH]; /* a bend is not wider */
+    const int32_t n = (r.x1 - r.x0) / TILE * TILE + TILE;
+    range all = {INFINITY, -INFINITY};
+    for (int32_t t = 0; t < n; t++) low[t] = INFINITY, high[t] = -INFINITY;
+    for (int32_t y = r.y0; y <= r.y1; y++) {
+        const double j = y - y0, c0 = map[0] + j * (map[2] + j * (c->q[2] + j * c->t[3]));
+        const double c1 = map[1] + j * (c->q[1] + j * c->t[2]), c2 = c->q[0] + j * c->t[1], c3 = c->t[0];
+        const double *p = l->points + point_of(y / TILE * l->tiles_x + r.x0 / TILE, y % TILE * TILE) + k * TILE;
+        for (int32_t t = 0; t < n; t += TILE) memcpy(left + t, p + 2 * TILE * t, TILE * sizeof *p);
+        for (int32_t t = 0; t < n; t++) {
+            const double i = r.x0 - x0 + t, d = left[t] - (c0 + i * (c1 + i * (c2 + i * c3)));
+            low[t] = d < low[t] ? d : low[t], high[t] = d > high[t] ? d : high[t];
+        }
+    }
+    for (int32_t t = 0; t < n; t++) grow(&all, low[t], high[t]);
+    return all;
+}
+
 /* What is left of the points of a rectangle after curvatures: the mean step from sample to sample, and what it leaves. */
 static patch fitted(const cc_lens *l, const double *points, rect r, double x0, double y0, const curves *u2,
                     const curves *v2) {
     mean u = {0}, v = {0}, x = {0}, y = {0}, ux = {0}, uy = {0}, vx = {0}, vy = {0};
     for (int32_t j = r.y0; j <= r.y1; j += EVERY)
-        for (int32_t i = r.x0; i <= r.x1; i++) {
+        for (int32_t i = r.x0; i <= r.x1; i += EVERY) {
             const double *p = point_at(l, points, i, j), dx = i - x0, dy = j - y0;
             if (!is_seen(p)) continue;
             const double *right = i < r.x1 ? p + 2 : p, *below = j < r.y1 ? point_at(l, points, i, j + 1) : p;
@@ -80,16 +101,11 @@ static patch fitted(const cc_lens *l, const double *points, rect r, double x0, d
     p.map.ux = of(&ux), p.map.uy = of(&uy), p.map.vx = of(&vx), p.map.vy = of(&vy);
     p.map.u = of(&u) - p.map.ux * of(&x) - p.map.uy * of(&y);
     p.map.v = of(&v) - p.map.vx * of(&x) - p.map.vy * of(&y);
-    range in_u = {INFINITY, -INFINITY}, in_v = in_u;
-    for (int32_t j = r.y0; j <= r.y1; j++)
-        for (int32_t i = r.x0; i <= r.x1; i++) {
-            const double *q = point_at(l, points, i, j), dx = i - x0, dy = j - y0;
-            if (!is_seen(q)) continue;
-            p.seen = 1;
-            const double du = flat(q[0], u2, dx, dy) - (p.map.u + p.map.ux * dx + p.map.uy * dy);
-            const double dv = flat(q[1], v2, dx, dy) - (p.map.v + p.map.vx * dx + p.map.vy * dy);
-            grow(&in_u, du, du), grow(&in_v, dv, dv);
-        }
+    const affine *m = &p.map;
+    if (!(fabs(m->u) + fabs(m->v) + fabs(m->ux) + fabs(m->uy) + fabs(m->vx) + fabs(m->vy) < 1e30)) return nowhere(x0, y0, 1);
+    const range in_u = left_by(l, r, 0, x0, y0, (double[]){m->u, m->ux, m->uy}, u2);
+    const range in_v = left_by(l, r, 1, x0, y0, (double[]){m->v, m->vx, m->vy}, v2);
+    p.seen = in_u.low <= in_u.high;
     return p.seen ? completed(p, in_u, in_v, PATCH) : p;
 }
 
@@ -107,7 +123,7 @@ static curves curvature(const cc_lens *l, const double *points, rect r, int k, d
     mean third[4] = {{0}};
     const ptrdiff_t row = 2 * (ptrdiff_t)l->width;
     for (int32_t y = r.y0 + 1; y < r.y1; y += EVERY)
-        for (int32_t x = r.x0 + 1; x < r.x1; x++) {
+        for (int32_t x = r.x0 + 1; x < r.x1; x += EVERY) {
             const double *p = point_at(l, points, x, y) + k, i = x - x0, j = y - y0;
             const double dxx = p[2] - 2 * p[0] + p[-2], dyy = p[row] - 2 * p[0] + p[-row];
             const double dxy = 0.25 * (p[row + 2] - p[row - 2] - p[2 - row] + p[-row - 2]);
