@@ -117,6 +117,17 @@ class NoBoard(CadcamError):
         self.board, self.reason, self.seen = board, reason, seen
 
 
+class TooFewMarks(CadcamError):
+    """A picture shows fewer marks than were asked for."""
+
+    def __init__(self, mark: str, found: int, expected: int) -> None:
+        seen = "none was" if found == 0 else f"only {found} {'was' if found == 1 else 'were'}"
+        super().__init__(
+            f"{seen} found of {expected} marks {mark}; give their radius in the picture, another method, or a lower score"
+        )
+        self.mark, self.found, self.expected = mark, found, expected
+
+
 class MissingOpenGL(CadcamError):
     """OpenGL does not answer: no EGL library, no device, too old, or a driver that fails."""
 

@@ -8,15 +8,16 @@ ink at their centre.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TypeAlias
+from collections.abc import Callable, Sequence
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
 from cadcam.arrays import Array, Mask, Picture
 from cadcam.camera.camera import Camera
+from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
-from cadcam.target.pattern import Pattern
+from cadcam.target.mark import Mark, Plate
 
 Reflectance: TypeAlias = Callable[[Array], Array]
 
@@ -24,8 +25,23 @@ _SAMPLES, _GENERATOR = 233, 144  # consecutive Fibonacci numbers
 _TOGETHER = 4000  # pixels averaged in one go
 
 
+class Printed(Protocol):
+    """What can be drawn: a calibration board, a plate with marks."""
+
+    @property
+    def outline(self) -> tuple[float, float, float, float]:
+        """Return (left, top, right, bottom) of all ink in mm."""
+
+    @property
+    def cell_mm(self) -> float:
+        """Return the white margin around the ink if none is asked for, mm."""
+
+    def black(self, p: Array) -> Mask:
+        """Return whether there is ink at p (..., 2) mm."""
+
+
 def board_picture(
-    pattern: Pattern,
+    pattern: Printed,
     camera: Camera,
     camera_from_board: Rigid,
     *,
@@ -41,6 +57,65 @@ def board_picture(
 
     blur_px: sigma of a Gaussian point spread; noise: sigma of a grey value, with `rng`. Values are not clipped.
     """
+    picture = _sharp(pattern, camera, camera_from_board, (paper, ink, background), margin_mm)
+    return _exposed(picture, blur_px, noise, rng)
+
+
+def marks_picture(
+    marks: Sequence[Mark],
+    camera: Camera,
+    camera_from_marks: Sequence[Rigid],
+    *,
+    paper: float = 0.9,
+    ink: float = 0.1,
+    background: float = 0.5,
+    margin_mm: float | None = None,
+    blur_px: float = 0.0,
+    noise: float = 0.0,
+    rng: np.random.Generator | None = None,
+) -> Picture:
+    """Return the grey picture (H, W) of marks at any poses, each on a square of paper; near ones hide far ones.
+
+    margin_mm: white around each mark (default half its radius). Marks behind the camera are refused, those beside the
+    picture left out. blur_px, noise: as for `board_picture`.
+    """
+    if len(marks) != len(camera_from_marks):
+        raise BadValue("poses", len(camera_from_marks), f"one for each of the {len(marks)} marks")
+    picture = np.full((camera.height, camera.width), float(background))
+    for k in np.argsort([-pose.translation[2] for pose in camera_from_marks]):
+        _paint(picture, marks[k], camera, camera_from_marks[k], (paper, ink), margin_mm)
+    return _exposed(picture, blur_px, noise, rng)
+
+
+def _paint(
+    picture: Array, mark: Mark, camera: Camera, pose: Rigid, levels: tuple[float, float], margin_mm: float | None
+) -> None:
+    """Lay one mark and its paper over a picture."""
+    margin = mark.radius / 2 if margin_mm is None else margin_mm
+    reach = mark.radius + margin + (mark.radius / 2 if mark.light else 0.0)
+    corners = pose @ np.array([[x, y, 0.0] for x in (-reach, reach) for y in (-reach, reach)])
+    if (corners[:, 2] <= 0).any():
+        raise BadValue(f"pose of {mark}", f"z from {corners[:, 2].min():.4g} mm", "in front of the camera")
+    q = camera.project(corners)
+    low = np.floor(np.nan_to_num(q.min(axis=0), nan=0)).astype(int) - 2
+    high = np.ceil(np.nan_to_num(q.max(axis=0), nan=0)).astype(int) + 3
+    (left, top), (right, bottom) = low.clip(0), np.minimum(high, camera.size)
+    if right <= left or bottom <= top:
+        return
+    window, part = camera.crop(left, top, (right - left, bottom - top)), picture[top:bottom, left:right]
+    plate = Plate((mark,), np.zeros((1, 2)))
+    on_black, on_white = (_sharp(plate, window, pose, (*levels, ground), margin) for ground in (0.0, 1.0))
+    part[...] = on_black + (on_white - on_black) * part
+
+
+def _sharp(
+    pattern: Printed,
+    camera: Camera,
+    camera_from_board: Rigid,
+    levels: tuple[float, float, float],
+    margin_mm: float | None,
+) -> Array:
+    paper, ink, background = levels
     corners = _hit(camera, camera_from_board, _pixel_corners(camera))
     place = _hit(camera, camera_from_board, camera.pixel_grid())
     left, top, right, bottom = pattern.outline
@@ -55,6 +130,10 @@ def board_picture(
     picture: Array = reflectance(place)
     mixed = _mixed(reflectance, corners, picture)
     picture[mixed] = _averaged(reflectance, place[mixed], _slope(corners)[mixed])
+    return picture
+
+
+def _exposed(picture: Array, blur_px: float, noise: float, rng: np.random.Generator | None) -> Picture:
     if blur_px:
         from scipy.ndimage import gaussian_filter
 

@@ -8,7 +8,7 @@ Every board also stands on a grid of whole numbers (`cells`), the neighbours of 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -23,14 +23,22 @@ MAX_POINTS = 50_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ink:
-    """Black shapes: rectangles (N, 4) = left, top, right, bottom, and discs (M, 3) = x, y, radius, mm."""
+    """Black shapes: rectangles (N, 4) = left, top, right, bottom, and discs (M, 3) = x, y, radius, mm.
+
+    sectors (K, 6) of rings: x, y, inner and outer radius, from and to in rad. ground (0 or 1, 4): a black rectangle in
+    which the sectors are holes.
+    """
 
     rectangles: Array
     discs: Array
+    sectors: Array = field(default_factory=lambda: np.zeros((0, 6)))
+    ground: Array = field(default_factory=lambda: np.zeros((0, 4)))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rectangles", frozen(self.rectangles, "rectangles", (None, 4)))
         object.__setattr__(self, "discs", frozen(self.discs, "discs", (None, 3)))
+        object.__setattr__(self, "sectors", frozen(self.sectors, "sectors", (None, 6)))
+        object.__setattr__(self, "ground", frozen(self.ground, "ground", (None, 4)))
 
 
 @dataclass(frozen=True)
@@ -362,16 +370,20 @@ def _counts(part: str, text: str, kind: str) -> tuple[int, int]:
 
 
 def _millimetres(part: str, text: str, kind: str) -> float:
+    return length_mm(part, "board", text, FORMS[kind])
+
+
+def length_mm(part: str, what: str, text: str, form: str) -> float:
+    """Return the length of a part such as 25mm of a longer text; `BadValue` naming `what` and its right form."""
     digits = part.rstrip("abcdefghijklmnopqrstuvwxyzµμABCDEFGHIJKLMNOPQRSTUVWXYZ\"'")
     unit = part[len(digits) :].strip()
     try:
-        return float(digits) * MM[unit_name(unit)] if unit else _refuse_bare(part, text, kind)
+        value = float(digits)
     except ValueError:
-        raise BadValue(f"length {part!r} of board", repr(text), f"a length, as in {FORMS[kind]}") from None
-
-
-def _refuse_bare(part: str, text: str, kind: str) -> float:
-    raise BadValue(f"length {part!r} of board", repr(text), f"a length with its unit, as in {FORMS[kind]}")
+        raise BadValue(f"length {part!r} of {what}", repr(text), f"a length, as in {form}") from None
+    if not unit:
+        raise BadValue(f"length {part!r} of {what}", repr(text), f"a length with its unit, as in {form}")
+    return value * MM[unit_name(unit)]
 
 
 def _grid(columns: int, rows: int) -> Ids:

@@ -29,6 +29,7 @@ class Fit:
     """B fitted marks: positions q (B, 2) px, covariance (B, 2, 2) px^2, parameters (B, n), and how well they fit.
 
     misfit: rms of the residuals by the mark's contrast; good: whether the fit ended inside its window, with a contrast.
+    full: covariance (B, m, m) of the first m parameters, those that were fitted.
     """
 
     q: Array
@@ -36,6 +37,7 @@ class Fit:
     parameters: Array
     misfit: Array
     good: Mask
+    full: Array
 
 
 def fit_corners(gray: Picture, q: Array, directions: Array, reach: Array, *, blur: float = 1.0) -> Fit:
@@ -46,7 +48,7 @@ def fit_corners(gray: Picture, q: Array, directions: Array, reach: Array, *, blu
     distance from either edge: the exact picture of a right-angled corner under a Gaussian blur s.
     Parameters: x y angle1 angle2 c s m gx gy.
     """
-    values, pixels, there = _patches(gray, q, reach)
+    values, pixels, there = patches(gray, q, reach)
     wanted = np.hypot(pixels[..., 0], pixels[..., 1]) <= reach[:, None]
     weight = (wanted & there).astype(np.float64)
     start = np.zeros((len(q), 9))
@@ -56,8 +58,8 @@ def fit_corners(gray: Picture, q: Array, directions: Array, reach: Array, *, blu
     start[:, 6] = (values * weight).sum(axis=1) / n
     sign = _corner(start + np.eye(9)[4], pixels)[0] - start[:, 6:7]
     start[:, 4] = (sign * values * weight).sum(axis=1) / np.maximum((sign**2 * weight).sum(axis=1), 1e-9)
-    fit = _fit(_corner, start, values, pixels, weight, q, reach)
-    return replace(fit, good=fit.good & _whole(weight, wanted))
+    fit = fitted(_corner, start, values, pixels, weight, q, reach)
+    return replace(fit, good=fit.good & whole(weight, wanted))
 
 
 def fit_discs(gray: Picture, q: Array, moments: Array, reach: Array) -> Fit:
@@ -69,7 +71,7 @@ def fit_discs(gray: Picture, q: Array, moments: Array, reach: Array) -> Fit:
     """
     A = np.linalg.inv(4 * moments)
     minor, major = 2 * np.sqrt(np.linalg.eigvalsh(moments)).T
-    values, pixels, there = _patches(gray, q, reach * major)
+    values, pixels, there = patches(gray, q, reach * major)
     rho2 = np.einsum("bki,bij,bkj->bk", pixels, A, pixels)
     wanted = rho2 <= reach[:, None] ** 2
     weight = (wanted & there).astype(np.float64)
@@ -79,8 +81,8 @@ def fit_discs(gray: Picture, q: Array, moments: Array, reach: Array) -> Fit:
     inside, outside = (rho2 < 1) & (weight > 0), (rho2 >= 1) & (weight > 0)
     start[:, 6] = (values * outside).sum(axis=1) / np.maximum(outside.sum(axis=1), 1)
     start[:, 4] = (values * inside).sum(axis=1) / np.maximum(inside.sum(axis=1), 1) - start[:, 6]
-    fit = _fit(_disc, start, values, pixels, weight, q, minor)
-    return replace(fit, good=fit.good & _whole(weight, wanted))
+    fit = fitted(_disc, start, values, pixels, weight, q, minor)
+    return replace(fit, good=fit.good & whole(weight, wanted))
 
 
 def _corner(parameters: Array, pixels: Array) -> tuple[Array, Array]:
@@ -135,12 +137,12 @@ def _disc(parameters: Array, pixels: Array) -> tuple[Array, Array]:
     return m + gx * pixels[..., 0] + gy * pixels[..., 1] + c * cover, J
 
 
-def _whole(weight: Array, wanted: Mask) -> Mask:
+def whole(weight: Array, wanted: Mask) -> Mask:
     """Return whether the windows lie nearly wholly in the picture."""
     return np.asarray(weight.sum(axis=1) > 0.7 * wanted.sum(axis=1))
 
 
-def _patches(gray: Picture, q: Array, reach: Array) -> tuple[Array, Array, Mask]:
+def patches(gray: Picture, q: Array, reach: Array) -> tuple[Array, Array, Mask]:
     """Return grey values (B, P), their pixels relative to q (B, P, 2), and which of them the picture has."""
     half = int(np.ceil(reach.max(initial=1.0))) + 1
     dx, dy = (d.ravel() for d in np.meshgrid(np.arange(-half, half + 1), np.arange(-half, half + 1)))
@@ -153,7 +155,12 @@ def _patches(gray: Picture, q: Array, reach: Array) -> tuple[Array, Array, Mask]
     return values, pixels, np.asarray(there)
 
 
-def _fit(model: Model, start: Array, values: Array, pixels: Array, weight: Array, q: Array, size: Array) -> Fit:
+def fitted(model: Model, start: Array, values: Array, pixels: Array, weight: Array, q: Array, size: Array) -> Fit:
+    """Return the fit of a model whose first two parameters are x, y relative to q; size (B,): how far it may go, px.
+
+    pixels (B, P, 2 or more): u, v relative to q, and what else the model wants to know of a pixel. Parameters beyond
+    those by which the model gives slopes are held.
+    """
     count, n = start.shape
     step = max(1, _TOGETHER // (n * values.shape[1]))
     parts = [
@@ -166,20 +173,21 @@ def _fit(model: Model, start: Array, values: Array, pixels: Array, weight: Array
     good = np.isfinite(parameters).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))
     good &= np.hypot(parameters[:, 0], parameters[:, 1]) < 0.5 * size
     good &= parameters[:, BLUR] < size
-    return Fit(q + parameters[:, :2], covariance, parameters, misfit, good)
+    return Fit(q + parameters[:, :2], covariance[:, :2, :2], parameters, misfit, good, covariance)
 
 
 def _minimised(model: Model, start: Array, values: Array, pixels: Array, weight: Array) -> tuple[Array, Array, Array]:
-    """Return parameters, covariance of (x, y) and sum of squares: Levenberg-Marquardt, a damping for each mark."""
-    n = start.shape[1]
+    """Return parameters, their covariance and sum of squares: Levenberg-Marquardt, a damping for each mark."""
     state, damping = start.copy(), np.full(len(start), 1e-3)
     H, g, cost = _normal(model, state, values, pixels, weight)
+    n = H.shape[1]
     going = np.arange(len(start))
     for _ in range(_ITERATIONS):
         D = np.einsum("bii->bi", H[going])
         A = H[going] + np.eye(n) * (damping[going, None] * D + 1e-12)[:, None, :]
         step = -np.linalg.solve(A, g[going, :, None])[..., 0]
-        trial = state[going] + step
+        trial = state[going]
+        trial[:, :n] += step
         trial[:, BLUR] = np.abs(trial[:, BLUR]).clip(0.2, 50.0)
         H2, g2, cost2 = _normal(model, trial, values[going], pixels[going], weight[going])
         better = cost2 <= cost[going]
@@ -195,7 +203,7 @@ def _minimised(model: Model, start: Array, values: Array, pixels: Array, weight:
     cofactor = np.linalg.pinv(H * scale[:, :, None] * scale[:, None, :], rcond=1e-12, hermitian=True)
     scale = np.minimum(scale, 1e6)  # a parameter that the pixels do not see at all
     cofactor = cofactor * scale[:, :, None] * scale[:, None, :]
-    return state, noise[:, None, None] * cofactor[:, :2, :2], cost
+    return state, noise[:, None, None] * cofactor, cost
 
 
 def _normal(model: Model, state: Array, values: Array, pixels: Array, weight: Array) -> tuple[Array, Array, Array]:

@@ -1,0 +1,373 @@
+"""Marks fitted to the grey values: position, shape or pose, levels, light and blur, each with its covariance.
+
+Without a camera the mark's plane is taken as affine (what is measured is the centre of the picture of the borders), or
+with its two perspective terms free where a mark has several borders. With a camera the pose is fitted through the whole
+camera, lens included, and what comes back is where the mark's *centre* is seen: the bias of ellipse centres (Heikkila,
+PAMI 22, 2000) does not arise. A single mark has two tilts that look nearly alike; both are tried.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cadcam.arrays import Array, Ids, Mask, Picture
+from cadcam.camera.camera import Camera
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.profile import BRIGHT, DARK
+from cadcam.target.mark import Mark
+from cadcam.target.mark_model import Geometry, affine, mark_model, posed, share_of_ink
+from cadcam.target.photometric import BLUR, CONTRAST, Fit, Model, fitted, patches
+
+MARGIN = 0.3  # of the radius: how much ground the window takes in
+_LEAST_MARGIN, _MOST_MARGIN = 2.0, 6.0  # px of it
+_CORNER = 2.0  # px around corners of ink that are left out: there the model's borders meet at no right angle
+_HIDDEN, _SIGMAS = 0.2, 5.0  # residual by contrast, and by noise, of a pixel that shows something else
+_ROUNDS = 4
+_MOST_HIDDEN, _MOST_OUTSIDE = 0.6, 0.4  # of a window
+_TOGETHER = 256  # windows looked at in one go
+_SOFT = 0.15  # blur by the size of a mark that is only looked for
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MarkFit:
+    """B fitted marks: q (B, 2) px, covariance (B, 2, 2) px^2, and what else the fit says.
+
+    image_from_mark (B, 2, 2): px by mm at the centre, its columns the pictures of the mark's x and y (of a concentric
+    mark symmetric: its turn is not seen); contrast (B,) ground minus mark as seen; blur (B,) px; score (B,): of the fitted
+    picture and the grey values, their correlation, less what is hidden; hidden, outside, clipped (B,): shares of the
+    window that show something else, that lie beyond the picture's outline, and that are black or white; good (B,);
+    poses: camera_from_mark of each, where a camera was given, and doubt (B,): the probability of the other tilt.
+    """
+
+    q: Array
+    covariance: Array
+    image_from_mark: Array
+    contrast: Array
+    blur: Array
+    misfit: Array
+    score: Array
+    hidden: Array
+    outside: Array
+    clipped: Array
+    good: Mask
+    doubt: Array
+    poses: tuple[Rigid, ...] | None = None
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def subset(self, which: Ids) -> MarkFit:
+        """Return the marks that `which` selects, in its order."""
+        arrays = {name: getattr(self, name)[which] for name in MarkFit.__slots__ if name != "poses"}
+        return MarkFit(**arrays, poses=None if self.poses is None else tuple(self.poses[i] for i in which))
+
+
+def fit_marks(
+    gray: Picture,
+    mark: Mark,
+    q: Array,
+    image_from_mark: Array,
+    *,
+    perspective: bool = False,
+    margin: float = MARGIN,
+    blur: float = 1.0,
+) -> MarkFit:
+    """Return marks fitted near q (B, 2) px, starting from shapes (B, 2, 2) px by mm; no camera is needed.
+
+    perspective: whether the plane's two perspective terms are free; only a mark of several borders shows them. margin:
+    ground that the window takes in, by the radius; keep clear of neighbours. Pixels that contradict the mark (something
+    covers it) are left out.
+    """
+    geometry = affine(turned=not mark.concentric, perspective=perspective)
+    A = np.linalg.inv(_symmetric(image_from_mark) if mark.concentric else image_from_mark)
+    window = _Window.around(gray, q, image_from_mark, mark, margin)
+    g = np.zeros((len(q), geometry.count))
+    g[:, 2], g[:, 3], g[:, 4] = A[:, 0, 0], A[:, 0, 1], A[:, 1, 1]
+    if not mark.concentric:
+        g[:, 5] = A[:, 1, 0]
+    start = _start(mark, geometry, g, np.zeros((len(q), 0)), window, blur)
+    fit, weight = _robust(mark, geometry, start, window, q, lens=False)
+    H = geometry.matrix(fit.parameters[:, geometry.places], np.zeros((len(q), 0)))
+    return _result(fit, weight, np.linalg.inv(H[:, :2, :2]), window, mark_model(mark, geometry))
+
+
+def likeness(gray: Picture, mark: Mark, q: Array, image_from_mark: Array, *, margin: float = MARGIN) -> Array:
+    """Return the correlation (B,) of the mark's picture as it would lie at q (B, 2) with the grey values, unfitted."""
+    window = _Window.around(gray, q, image_from_mark, mark, margin)
+    out = np.zeros(len(q))
+    for i in range(0, len(q), _TOGETHER):
+        part = slice(i, i + _TOGETHER)
+        H = np.zeros((len(q[part]), 3, 3))
+        H[:, :2, :2], H[:, 2, 2] = np.linalg.inv(image_from_mark[part]), 1.0
+        blur = np.maximum(_SOFT * window.size[part], 1.0)
+        share = share_of_ink(mark, H, window.pixels[part], blur)
+        out[part] = _correlation(share if mark.light else -share, window.values[part], window.weight[part])
+    return out
+
+
+def _correlation(a: Array, b: Array, weight: Array) -> Array:
+    n = np.maximum(weight.sum(axis=1, keepdims=True), 1.0)
+    a, b = (weight * (v - (weight * v).sum(axis=1, keepdims=True) / n) for v in (a, b))
+    return np.asarray((a * b).sum(axis=1) / np.sqrt(np.maximum((a * a).sum(axis=1) * (b * b).sum(axis=1), 1e-12)))
+
+
+def fit_poses(
+    gray: Picture, mark: Mark, camera: Camera, starts: tuple[Rigid, ...], *, margin: float = MARGIN, blur: float = 1.0
+) -> MarkFit:
+    """Return marks fitted through a camera from rough poses (camera_from_mark): q is where their centres are seen."""
+    origin = np.array([pose.translation for pose in starts]).reshape(-1, 3)
+    R = np.array([pose.rotation for pose in starts]).reshape(-1, 3, 3)
+    q, J = camera.project_with_jacobian(origin)
+    shapes = J @ R[..., :2]
+    window = _Window.around(gray, q, shapes, mark, margin)
+    L, pixels = _tangent(camera, q, window.pixels)
+    scale = np.linalg.solve(L, origin[..., None])[..., 0][:, 2]  # L (0, 0, 1) by it is the centre
+    geometry = posed(turned=not mark.concentric)
+    held = (np.linalg.solve(L, R) / scale[:, None, None]).reshape(-1, 9)
+    window = replace(window, pixels=pixels)
+    start = _start(mark, geometry, np.zeros((len(q), geometry.count)), held, window, blur)
+    fit, weight = _robust(mark, geometry, start, window, q, lens=True)
+    poses = _poses(fit, geometry, L, R, scale)
+    centre, J = camera.project_with_jacobian(np.array([pose.translation for pose in poses]))
+    shapes = J @ np.array([pose.rotation for pose in poses])[..., :2]
+    model = mark_model(mark, geometry, lens=True)
+    return replace(_result(replace(fit, q=centre), weight, shapes, window, model), poses=poses)
+
+
+def fit_both_tilts(
+    gray: Picture, mark: Mark, camera: Camera, fit: MarkFit, *, normal: Array | None = None, margin: float = MARGIN
+) -> MarkFit:
+    """Return affine fits refined as poses through a camera, the better of the two tilts of each mark.
+
+    normal (3,): of the plane in the camera's frame where it is known; the tilt nearer to it is taken. Where the grey
+    values cannot tell the tilts apart, the covariance takes in both.
+    """
+    if not len(fit):
+        return replace(fit, poses=())
+    starts = [tilts(camera, q, S) for q, S in zip(fit.q, fit.image_from_mark, strict=True)]
+    blur = float(np.median(fit.blur))
+    first, second = (
+        fit_poses(gray, mark, camera, tuple(pair[k] for pair in starts), margin=margin, blur=blur) for k in (0, 1)
+    )
+    if normal is not None:
+        closeness = [np.array([abs(p.rotation[:, 2] @ normal) for p in f.poses or ()]) for f in (first, second)]
+        return _chosen(first, second, closeness[1] > closeness[0], np.zeros(len(fit)))
+    pixels = np.pi * mark.radius**2 * np.abs(np.linalg.det(fit.image_from_mark))
+    ratio = np.log(np.maximum(second.misfit, 1e-9) / np.maximum(first.misfit, 1e-9))
+    odds = pixels * np.where(first.good & second.good, ratio, np.where(first.good, 1e3, -1e3))
+    return _chosen(first, second, odds < 0, 1 / (1 + np.exp(np.minimum(np.abs(odds), 500.0))))
+
+
+def tilts(camera: Camera, q: Array, image_from_mark: Array) -> tuple[Rigid, Rigid]:
+    """Return the two poses (camera_from_mark) whose picture at q (2,) has, to first order, this shape (2, 2) px by mm.
+
+    In the frame of the line of sight the mark's axes are foreshortened: its shape there is R_2x2 / depth, the singular
+    values of which are 1/depth and cos(tilt)/depth; the sign of the tilt stays open (Bouguet's and others' weak
+    perspective two-fold ambiguity).
+    """
+    ray = camera.unproject(q)
+    toward = _turn_to(ray)  # sight frame: z along the ray
+    _, J = camera.project_with_jacobian(ray)
+    S = np.linalg.solve(J @ toward[:, :2], image_from_mark)  # mark plane -> across the sight, by depth
+    U, sizes, Vt = np.linalg.svd(S)
+    depth, cosine = 1 / sizes[0], min(sizes[1] / sizes[0], 1.0)
+    flat = np.linalg.det(U @ Vt)
+    poses = []
+    for sine in (np.sqrt(1 - cosine**2), -np.sqrt(1 - cosine**2)):
+        first = np.append(U[:, 0], 0.0)
+        second = np.append(cosine * U[:, 1], sine)
+        axes = np.column_stack([first, second]) @ Vt
+        R = np.column_stack([axes, np.cross(axes[:, 0], axes[:, 1])])
+        poses.append(Rigid(toward @ R, depth * ray))
+    assert flat != 0
+    return poses[0], poses[1]
+
+
+def _turn_to(ray: Array) -> Array:
+    """Return a rotation whose third column is the unit vector `ray`."""
+    x = np.cross([0.0, 1.0, 0.0] if abs(ray[1]) < 0.9 else [1.0, 0.0, 0.0], ray)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(ray, x), ray])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Window:
+    """Grey values (B, P), pixels (B, P, 2 or 8), weights (B, P), shares of the windows outside the picture, sizes."""
+
+    values: Array
+    pixels: Array
+    weight: Array
+    outside: Array
+    size: Array
+
+    @classmethod
+    def around(cls, gray: Picture, q: Array, image_from_mark: Array, mark: Mark, margin: float) -> _Window:
+        radius = mark.radius
+        A = np.linalg.inv(image_from_mark)
+        major, minor = radius * np.linalg.svd(image_from_mark, compute_uv=False).T
+        reach = 1 + np.clip(margin * minor, _LEAST_MARGIN, _MOST_MARGIN) / minor
+        values, pixels, there = patches(gray, q, np.maximum(reach * major, 2.0))
+        p = pixels @ np.swapaxes(A, 1, 2) / radius
+        wanted = np.sum(p**2, axis=-1) <= reach[:, None] ** 2
+        weight = (wanted & there).astype(np.float64)
+        outside = 1 - weight.sum(axis=1) / np.maximum(wanted.sum(axis=1), 1)
+        for corner in _corners(mark):
+            apart = pixels - (image_from_mark @ corner)[:, None]
+            weight *= np.sum(apart**2, axis=-1) > _CORNER**2
+        if len(q):  # only as many pixels as the largest window has
+            kept = np.argsort(~wanted, axis=1, kind="stable")[:, : wanted.sum(axis=1).max()]
+            values, weight = (np.take_along_axis(a, kept, axis=1) for a in (values, weight))
+            pixels = np.take_along_axis(pixels, kept[..., None], axis=1)
+        return cls(values, pixels, weight, outside, minor)
+
+
+def _corners(mark: Mark) -> Array:
+    """Return where borders end in corners (K, 2), mm; none of a point-symmetric mark, where their errors cancel."""
+    if mark.turns % 2 == 0:
+        return np.zeros((0, 2))
+    parts = mark.sectors[~mark.full]
+    polar = [(r, angle) for inner, outer, a, b in parts.tolist() for r in (inner, outer) for angle in (a, b) if r > 0]
+    return np.array([[r * np.cos(angle), r * np.sin(angle)] for r, angle in polar]).reshape(-1, 2)
+
+
+def _symmetric(S: Array) -> Array:
+    """Return the symmetric P with P P^T = S S^T: the same shape of a mark whose turn is not seen."""
+    U, s, _ = np.linalg.svd(S)
+    return np.asarray((U * s[:, None, :]) @ np.swapaxes(U, 1, 2))
+
+
+def _start(mark: Mark, geometry: Geometry, g: Array, held: Array, window: _Window, blur: float) -> Array:
+    """Return parameters (B, n) at which the levels fit the picture in the least squares sense."""
+    start = np.zeros((len(g), geometry.free + held.shape[1]))
+    start[:, geometry.places], start[:, geometry.free :] = g, held
+    start[:, BLUR] = blur
+    at = window.pixels[..., 2:4] if window.pixels.shape[2] > 2 else window.pixels
+    share = share_of_ink(mark, geometry.matrix(g, held), at, start[:, BLUR])
+    w = window.weight
+    n = np.maximum(w.sum(axis=1), 1.0)
+    mean_share, mean = ((w * v).sum(axis=1) / n for v in (share, window.values))
+    off = (share - mean_share[:, None]) * w
+    start[:, CONTRAST] = (off * window.values).sum(axis=1) / np.maximum((off * off).sum(axis=1), 1e-9)
+    start[:, 6] = mean - start[:, CONTRAST] * mean_share
+    return start
+
+
+def _robust(
+    mark: Mark, geometry: Geometry, start: Array, window: _Window, q: Array, *, lens: bool
+) -> tuple[Fit, Array]:
+    """Return the fit with pixels left out that show something else, and the weights (B, P) of those kept."""
+    model = mark_model(mark, geometry, lens=lens)
+    weight = window.weight
+    fit = fitted(model, start, window.values, window.pixels, weight, q, window.size)
+    for _ in range(_ROUNDS if len(q) else 0):
+        predicted, _ = model(fit.parameters, window.pixels)
+        clear = _clear(predicted - window.values, window.weight, fit.parameters[:, CONTRAST])
+        kept = window.weight * clear
+        again = np.flatnonzero((kept != weight).any(axis=1) & (kept.sum(axis=1) > geometry.free + 5))
+        if not again.size:
+            break
+        weight = np.where(np.isin(np.arange(len(q)), again)[:, None], kept, weight)
+        part = fitted(
+            model, fit.parameters[again], window.values[again], window.pixels[again],
+            weight[again], q[again], window.size[again],
+        )  # fmt: skip
+        fit = _replaced(fit, part, again)
+    return fit, weight
+
+
+def _clear(residual: Array, weight: Array, contrast: Array) -> Mask:
+    """Return which pixels agree with the mark: within 0.2 of its contrast or five robust sigmas."""
+    size = np.where(weight > 0, np.abs(residual), np.nan)
+    with np.errstate(all="ignore"):
+        noise = 1.4826 * np.nanmedian(size, axis=1)
+    limit = np.maximum(_HIDDEN * np.abs(contrast), np.minimum(_SIGMAS * np.nan_to_num(noise), 0.5 * np.abs(contrast)))
+    return np.asarray(np.abs(residual) <= limit[:, None])
+
+
+def _replaced(fit: Fit, part: Fit, index: Array) -> Fit:
+    """Return the fit with the marks of `index` taken from `part`."""
+    arrays = {name: getattr(fit, name).copy() for name in Fit.__slots__}
+    for name in arrays:
+        arrays[name][index] = getattr(part, name)
+    return Fit(**arrays)
+
+
+def _result(fit: Fit, weight: Array, image_from_mark: Array, window: _Window, model: Model) -> MarkFit:
+    c = fit.parameters[:, CONTRAST]
+    total = np.maximum(window.weight.sum(axis=1), 1)
+    hidden = 1 - weight.sum(axis=1) / total
+    predicted = model(fit.parameters, window.pixels)[0] if len(c) else window.values
+    score = _correlation(np.nan_to_num(predicted), window.values, weight) * np.sqrt(1 - hidden)
+    dark_or_white = (window.values <= DARK) | (window.values >= BRIGHT)
+    clipped = (weight * dark_or_white).sum(axis=1) / total
+    good = fit.good & (window.outside < _MOST_OUTSIDE) & (hidden < _MOST_HIDDEN)
+    return MarkFit(
+        fit.q,
+        fit.covariance,
+        image_from_mark,
+        -c,
+        fit.parameters[:, BLUR],
+        fit.misfit,
+        score,
+        hidden,
+        window.outside,
+        clipped,
+        good,
+        np.zeros(len(c)),
+    )
+
+
+def _tangent(camera: Camera, q: Array, pixels: Array) -> tuple[Array, Array]:
+    """Return L (B, 3, 3), rays (up to their length) from local coordinates, and the pixels (B, P, 8) with those.
+
+    Local coordinates are those of the tangent plane at q: (u, v) to first order, and straight lines are straight.
+    """
+    ray = camera.unproject(q)
+    _, J = camera.project_with_jacobian(ray)
+    # dq = J dray; across the ray the minimum-norm inverse
+    B = J @ np.swapaxes(J, 1, 2)
+    across = np.swapaxes(J, 1, 2) @ np.linalg.inv(B)
+    L = np.concatenate([across, ray[..., None]], axis=2)
+    inverse = np.linalg.inv(L)
+
+    def local(pixel: Array) -> Array:
+        v = camera.unproject(q[:, None] + pixel) @ np.swapaxes(inverse, 1, 2)
+        return np.asarray(v[..., :2] / v[..., 2:])
+
+    h = 0.5
+    slope = np.stack([(local(pixels + step) - local(pixels - step)) / (2 * h) for step in h * np.eye(2)], axis=-1)
+    m = local(pixels)
+    flat = slope.reshape(*slope.shape[:2], 4)
+    rays = np.concatenate([pixels, m, flat], axis=2)
+    return L, np.nan_to_num(rays)
+
+
+def _poses(fit: Fit, geometry: Geometry, L: Array, R: Array, scale: Array) -> tuple[Rigid, ...]:
+    from cadcam.geometry import rotation as so3
+
+    g = fit.parameters[:, geometry.places]
+    w = np.zeros((len(g), 3))
+    w[:, : geometry.count - 3] = g[:, 3:]
+    xy1 = np.column_stack([g[:, :2], np.ones(len(g))])
+    t = (scale * np.exp(g[:, 2]))[:, None] * (L @ xy1[..., None])[..., 0]
+    turned = R @ so3.exp(w)
+    return tuple(Rigid(so3.nearest(turned[i]), t[i]) for i in range(len(g)))
+
+
+def _chosen(first: MarkFit, second: MarkFit, other: Mask, doubt: Array) -> MarkFit:
+    """Return the second fit where `other`, else the first; `doubt` (B,): the probability that this is wrong."""
+    names = [name for name in MarkFit.__slots__ if name != "poses"]
+    pick = {}
+    for name in names:
+        a, b = getattr(first, name), getattr(second, name)
+        pick[name] = np.where(other.reshape(-1, *[1] * (a.ndim - 1)), b, a)
+    apart = first.q - second.q
+    both = first.good & second.good
+    pick["doubt"] = np.where(both, doubt, 0.0)
+    spread = pick["doubt"][:, None, None] * apart[:, :, None] * apart[:, None, :]
+    pick["covariance"] = pick["covariance"] + spread
+    assert first.poses is not None and second.poses is not None
+    poses = tuple(b if o else a for a, b, o in zip(first.poses, second.poses, other, strict=True))
+    return MarkFit(**pick, poses=poses)

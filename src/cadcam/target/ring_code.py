@@ -1,0 +1,87 @@
+"""What a mark's ring says, once its ellipse is known: its direction, or the number of a coded mark."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cadcam.arrays import Array, Picture
+from cadcam.target.mark import FULL, Mark, ring_numbers
+
+_SAMPLES = 240  # around a ring
+_CLEAR = 0.15  # of the ring's contrast: bits nearer to the middle are doubtful
+
+
+def oriented(gray: Picture, mark: Mark, q: Array, shapes: Array) -> Array:
+    """Return shapes (B, 2, 2) px by mm, those of ellipses, turned so that the mark's sectors lie where they are seen."""
+    angles = np.arange(_SAMPLES) * (FULL / _SAMPLES)
+    seen, expected = np.zeros((len(q), _SAMPLES)), np.zeros(_SAMPLES)
+    for radius in _radii(mark):
+        inked = mark.inked(radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)) != mark.light
+        expected = np.concatenate([expected, inked]) if expected.any() else inked.astype(float)
+        ring = _ring(gray, q, shapes, radius)
+        seen = np.concatenate([seen, ring], axis=1) if seen.any() else ring
+    score = np.stack([_agreement(seen, expected, k) for k in range(_SAMPLES)], axis=1)
+    return _turned(shapes, score.argmax(axis=1) * (FULL / _SAMPLES))
+
+
+def read(gray: Picture, like: Mark, q: Array, shapes: Array) -> tuple[list[int | None], Array]:
+    """Return the numbers of coded marks of the same family, None where none can be read, and their turned shapes."""
+    bits = code_bits(like)
+    radius = float(np.mean(_radii(like)))
+    ring = _ring(gray, q, shapes, radius, samples=bits * 16)
+    valid = set(ring_numbers(bits))
+    numbers: list[int | None] = []
+    turn = np.zeros(len(q))
+    for i, values in enumerate(ring):
+        number, turn[i] = _number(values if like.light else -values, bits)
+        numbers.append(number if number in valid else None)
+    return numbers, _turned(shapes, turn)
+
+
+def code_bits(mark: Mark) -> int:
+    """Return the number of bits in a coded mark's ring."""
+    last = mark.name.split(":")[-1]
+    return int(last) if last.isdecimal() else 12
+
+
+def _number(values: Array, bits: int) -> tuple[int | None, float]:
+    """Return the number in values around a ring, high where a bit is set, and the angle at which its first bit starts."""
+    each = len(values) // bits
+    middle = (np.percentile(values, 90) + np.percentile(values, 10)) / 2
+    swing = np.ptp(np.percentile(values, [10, 90]))
+    if swing <= 0:
+        return None, 0.0
+    shifted = [np.roll(values, -k).reshape(bits, each).mean(axis=1) - middle for k in range(each)]
+    k = int(np.argmax([np.abs(s).sum() for s in shifted]))
+    if np.abs(shifted[k]).min() < _CLEAR * swing:
+        return None, 0.0
+    on = shifted[k] > 0
+    turned = [int(sum(1 << j for j in range(bits) if on[(j + first) % bits])) for first in range(bits)]
+    first = int(np.argmin(turned))
+    return turned[first], (first * each + k) * (FULL / len(values))
+
+
+def _radii(mark: Mark) -> list[float]:
+    """Return the middles of the rings that have sectors, mm."""
+    rings = np.unique(mark.sectors[~mark.full, :2], axis=0)
+    return [float(np.mean(r)) for r in rings]
+
+
+def _ring(gray: Picture, q: Array, shapes: Array, radius: float, samples: int = _SAMPLES) -> Array:
+    from scipy.ndimage import map_coordinates
+
+    angles = (np.arange(samples) + 0.5 * (samples != _SAMPLES)) * (FULL / samples)
+    circle = radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    at = q[:, None] + circle @ np.swapaxes(shapes, 1, 2)
+    return np.asarray(map_coordinates(gray, [at[..., 1], at[..., 0]], order=1, mode="nearest"), np.float64)
+
+
+def _agreement(seen: Array, expected: Array, by: int) -> Array:
+    rings = expected.reshape(-1, _SAMPLES)
+    turned = np.roll(rings, by, axis=1).ravel()
+    return np.asarray(-(seen @ (turned - turned.mean())))
+
+
+def _turned(shapes: Array, angle: Array) -> Array:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.asarray(shapes @ np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2))
