@@ -146,7 +146,7 @@ def plate_effect(one: PlaneCalibration, by_entry: Array, p: Array) -> Array:
 
 def _by_plate(one: PlaneCalibration) -> Array:
     _, by_entry = one.by_entries(one.centre[None])
-    return plate_effect(one, by_entry, one.centre[None] + one.position)[0]
+    return np.asarray(plate_effect(one, by_entry, one.centre[None] + one.position)[0])
 
 
 def _from_pixels(one: PlaneCalibration) -> Array:
@@ -158,4 +158,4 @@ def _from_pixels(one: PlaneCalibration) -> Array:
 
 def _vision(positions: Sequence[PlaneCalibration]) -> Array:
     """Return the standard deviation (2,) of one cross-prediction that the calibrations' pixels predict."""
-    return np.sqrt(2 * np.mean([np.diag(_from_pixels(one)) for one in positions], axis=0))
+    return np.asarray(np.sqrt(2 * np.mean([np.diag(_from_pixels(one)) for one in positions], axis=0)))

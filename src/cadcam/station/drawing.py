@@ -102,9 +102,7 @@ def trend(differences: Floats, lengths: Floats) -> Trend:
     mean, sd = float(d.mean()), float(d.std(ddof=1))
     t = abs(mean) / (sd / np.sqrt(len(d))) if sd > 0 else np.inf
     slope, slope_sigma, r = _line(d, L / 1000)
-    return Trend(
-        len(d), mean, sd, float(np.abs(d).mean()), 2 * float(stdtr(len(d) - 1, -t)), slope, slope_sigma, r
-    )
+    return Trend(len(d), mean, sd, float(np.abs(d).mean()), 2 * float(stdtr(len(d) - 1, -t)), slope, slope_sigma, r)
 
 
 def _check(measured: Measurement, drawn: Mapping[str, Floats], one: str, other: str) -> DistanceCheck:

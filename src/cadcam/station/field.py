@@ -28,7 +28,8 @@ _LEAST_PROBABLE = 1e-3
 class DeviationField:
     """The field at N positions (N, 2): for each axis its hypotheses and how probable each is.
 
-    hypotheses: two arrays (H, 4) of amplitude, length x, length y in mm, smoothness; probability: two arrays (H,); noise (2, N, N): covariance of the calibrated values.
+    hypotheses: two arrays (H, 4) of amplitude, length x, length y in mm, and smoothness; probability: two arrays (H,);
+    noise (2, N, N): covariance of the calibrated values.
     """
 
     positions: Array

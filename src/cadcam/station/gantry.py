@@ -129,6 +129,8 @@ def calibrate_gantry(
         for other in positions[:i]:
             if np.linalg.norm(one.position - other.position) < 1.0:
                 raise BadValue(f"position of {one.name}", one.position.tolist(), f"another than that of {other.name}")
+        if one.placement.plate is not positions[0].placement.plate:
+            raise BadValue(f"plate of {one.name}", "another one", f"the plate of {positions[0].name}, at all positions")
     deviations = deviation_map(positions).deviation if len(positions) > 1 else np.zeros((1, 2))
     return GantryCalibration(camera, tuple(positions), again, fit_field(grid, deviations, _noise(positions, again)))
 

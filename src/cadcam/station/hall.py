@@ -83,7 +83,9 @@ class Gantry:
         s, t = (p[..., 0] - x0) / (x1 - x0), (p[..., 1] - y0) / (y1 - y0)
         phase = 2 * np.pi * (s[..., None] * self.waves[:, 0] + t[..., None] * self.waves[:, 1]) + self.waves[:, 2]
         twist = np.sin(phase) @ self.waves[:, 3:6]
-        sag = 16 * np.stack([(t * (1 - t)) ** 2, (s * (1 - s)) ** 2, 0 * s], axis=-1)  # a load wandering on two supports
+        sag = 16 * np.stack(
+            [(t * (1 - t)) ** 2, (s * (1 - s)) ** 2, 0 * s], axis=-1
+        )  # a load wandering on two supports
         return np.asarray(twist + sag * np.append(self.bend, 0.0))
 
 
@@ -156,12 +158,14 @@ class Hall:
 
     def project(self, name: str, position: Floats, p: Floats, visit: Visit) -> Array:
         """Return the exact pixels (N, 2) of floor points (N, 2)."""
-        floor = np.column_stack([np.asarray(p, dtype=np.float64), np.zeros(len(np.asarray(p)))])
+        places = frozen(p, "floor points", (None, 2))
+        floor = np.column_stack([places, np.zeros(len(places))])
         return self.camera.project(self.gantry(name).camera_from_world(position, visit) @ floor)
 
     def seen(self, name: str, position: Floats, p: Floats, visit: Visit, rng: np.random.Generator) -> Array:
         """Return the pixels (N, 2) at which floor points are found, with noise."""
-        return np.asarray(self.project(name, position, p, visit) + self.noise_px * rng.normal(size=(len(p), 2)))
+        exact = self.project(name, position, p, visit)
+        return np.asarray(exact + self.noise_px * rng.normal(size=exact.shape))
 
     def lay_plate(self, name: str, position: Floats, rng: np.random.Generator) -> tuple[float, Array]:
         """Return angle and shift (2,) of a plate laid down about the middle of the view, as workers do."""

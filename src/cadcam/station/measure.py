@@ -194,7 +194,7 @@ def _of_gantry(station: GantryCalibration, at: Array, W: Array) -> list[tuple[Er
         for axis in (0, 1):
             visits[:, axis, :N, axis] = W[axis]
             visits[range(n), axis, range(N, N + n), axis] = -1.0
-        covariance = np.kron(np.eye(N + n), again.covariance)
+        covariance = np.asarray(np.kron(np.eye(N + n), again.covariance), dtype=np.float64)
         out.append((ErrorSource(REPEATABILITY, covariance, station.field, again.dof), visits.reshape(n, 2, -1)))
     between = station.field.error_covariance(at, W)
     for axis in (0, 1):

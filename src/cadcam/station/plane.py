@@ -89,7 +89,7 @@ class PlaneCalibration:
     def by_entries(self, p: Floats) -> tuple[Array, Array]:
         """Return how the points p (N, 2), relative, move with their pixels (N, 2, 2) and with H's entries (N, 2, 9)."""
         _, by_point, by_entry = self.camera.project_with_jacobians(p)
-        back = np.linalg.inv(by_point)
+        back = np.asarray(np.linalg.inv(by_point), dtype=np.float64)
         return back, -back @ by_entry
 
     @property
@@ -98,7 +98,7 @@ class PlaneCalibration:
         p = self.estimate.observations.p_world[:, :2]
         _, by_point, by_entry = self.camera.project_with_jacobians(p)
         onto = self.estimate.cofactor @ by_entry.reshape(-1, 9).T  # least squares: entries by pixels
-        return np.einsum("ekx,kxy->eky", onto.reshape(9, -1, 2), by_point).reshape(9, -1)
+        return np.asarray(np.einsum("ekx,kxy->eky", onto.reshape(9, -1, 2), by_point).reshape(9, -1))
 
 
 def calibrate_position(

@@ -132,7 +132,7 @@ def place_plate(plate: Plate, surveyed: Floats, *, sigma_mm: float | None = None
     angle, shift = rigid_fit(p, q)
     fitted = Placement(plate, q, shift, angle, np.zeros((3, 2 * len(p))), 0.0)
     J = fitted.moves(fitted.at(p)).reshape(-1, 3)
-    gain = np.linalg.solve(J.T @ J, J.T)
+    gain = np.asarray(np.linalg.solve(J.T @ J, J.T), dtype=np.float64)
     dof = 2 * len(p) - 3
     noise = float(np.sqrt(np.sum(fitted.residuals**2) / dof))
     allowed = plate.sigma_mm if sigma_mm is None else float(np.hypot(sigma_mm, plate.sigma_mm))

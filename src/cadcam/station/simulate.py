@@ -1,4 +1,4 @@
-"""The whole procedure on a simulated hall, beside its truth: calibrate, map, measure, re-calibrate (6.4.3.4 to 6.4.3.6)."""
+"""The whole procedure on a simulated hall, beside its truth: calibrate, map, measure (sections 6.4.3.4 to 6.4.3.6)."""
 
 from __future__ import annotations
 
