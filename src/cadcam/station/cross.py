@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Array, Floats, frozen
+from cadcam.camera.viewpoint import ErrorSource
 from cadcam.errors import BadValue, TooFewPoints
 from cadcam.station.plane import PlaneCalibration
 
@@ -55,7 +56,8 @@ class DeviationMap:
     """The mechanics' deviation (N, 2) mm at positions (N, 2), its covariance (2 N, 2 N) from survey and vision.
 
     deviation: relative to `reference`, the index of a position; None: to the mean of all (Fig 6-17, 6-18).
-    vision: what the covariance predicts for the error of one cross-prediction, (2,) mm, the survey left out.
+    vision (2,): how far a single mark, predicted from another position, lies from its place once the mechanics are
+    taken off, rms mm; predicted (2,): what pixels and the making of the plate let expect of that.
     """
 
     positions: Array
@@ -63,6 +65,7 @@ class DeviationMap:
     covariance: Array
     split: Split
     vision: Array
+    predicted: Array
     reference: int | None = None
 
     @property
@@ -110,7 +113,8 @@ def deviation_map(positions: Sequence[PlaneCalibration], *, reference: int | Non
     covariance = about @ view_covariance(positions) @ about.T
     m = parts.mechanics if reference is None else parts.mechanics - parts.mechanics[reference]
     grid = np.stack([one.position for one in positions])
-    return DeviationMap(grid, m, covariance, parts, _vision(positions), reference)
+    seen = _vision(positions, parts.mechanics)
+    return DeviationMap(grid, m, covariance, parts, seen, _predicted(positions), reference)
 
 
 def view_covariance(positions: Sequence[PlaneCalibration]) -> Array:
@@ -156,6 +160,38 @@ def _from_pixels(one: PlaneCalibration) -> Array:
     return np.asarray(by_entry[0] @ covariance @ by_entry[0].T)
 
 
-def _vision(positions: Sequence[PlaneCalibration]) -> Array:
-    """Return the standard deviation (2,) of one cross-prediction that the calibrations' pixels predict."""
-    return np.asarray(np.sqrt(2 * np.mean([np.diag(_from_pixels(one)) for one in positions], axis=0)))
+def _vision(positions: Sequence[PlaneCalibration], mechanics: Array) -> Array:
+    """Return the rms (2,) of single marks' errors in all cross-predictions, the mechanics taken off."""
+    squares, count = np.zeros(2), 0
+    for j, seen in enumerate(positions):
+        q, p = seen.estimate.observations.q, seen.placement.marks[list(seen.seen)]
+        for i, one in enumerate(positions):
+            if i != j:
+                off = one.predict(q, seen.position) - p - (mechanics[i] - mechanics[j])
+                squares, count = squares + np.sum(off**2, axis=0), count + len(off)
+    return np.asarray(np.sqrt(squares / count))
+
+
+def _predicted(positions: Sequence[PlaneCalibration]) -> Array:
+    """Return the standard deviation (2,) of single marks' errors about their mean that pixels and plate let expect."""
+    each = [_scatter(one) for one in positions]
+    return np.asarray(np.sqrt(np.concatenate(each).mean(axis=0)))
+
+
+def _scatter(one: PlaneCalibration) -> Array:
+    """Return the variances (K, 2) of the marks of another picture of the plate about their mean, read by this one."""
+    fit, plate = one.estimate, one.placement.plate
+    noise = fit.noise_px if np.isfinite(fit.noise_px) else 0.0
+    back, by_entry = one.by_entries(fit.observations.p_world[:, :2])
+    K = len(back)
+    own = np.einsum("kl,kxy->kxly", np.eye(K), noise * back).reshape(K, 2, 2 * K)
+    calibration = noise * by_entry @ _root(fit.cofactor)
+    itself = np.einsum("kl,xy->kxly", np.eye(K), np.eye(2)).reshape(K, 2, 2 * K)
+    made = plate.sigma_mm * (by_entry @ one.by_marks - itself)
+    all_causes = np.concatenate([own, calibration, made], axis=2)
+    return np.asarray(np.sum((all_causes - all_causes.mean(axis=0)) ** 2, axis=2))
+
+
+def _root(covariance: Array) -> Array:
+    """Return B with B B^T a covariance of entries of very different size."""
+    return ErrorSource("entries", covariance, None).root

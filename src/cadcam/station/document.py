@@ -80,17 +80,18 @@ def plate_as_json(plate: Plate) -> dict[str, Any]:
         "marks_mm": {n: p.tolist() for n, p in zip(plate.mark_names, plate.marks, strict=True)},
         "reflectors_mm": {n: p.tolist() for n, p in zip(plate.reflector_names, plate.reflectors, strict=True)},
         "sigma_mm": plate.sigma_mm,
+        **({"mark": plate.mark} if plate.mark else {}),
     }
 
 
 def read_plate_in(place: Place) -> Plate:
     """Return the plate at a place of a JSON file."""
-    place.only("marks_mm", "reflectors_mm", "sigma_mm")
+    place.only("marks_mm", "reflectors_mm", "sigma_mm", "mark")
     marks, reflectors = place.at("marks_mm"), place.at("reflectors_mm")
     sigma = place.at("sigma_mm").number() if "sigma_mm" in place.object else 0.0
-    return place.build(
-        lambda: Plate(_points(marks), _points(reflectors), tuple(marks.object), tuple(reflectors.object), sigma)
-    )
+    mark = place.at("mark").text() if "mark" in place.object else ""
+    names = tuple(marks.object), tuple(reflectors.object)
+    return place.build(lambda: Plate(_points(marks), _points(reflectors), *names, sigma, mark))
 
 
 def station_as_json(station: GantryCalibration) -> dict[str, Any]:

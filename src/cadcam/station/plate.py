@@ -21,6 +21,7 @@ _GROSS = 5.0  # times the stated noise: no survey of this plate
 
 # Industrial Vision, Tables 6.7 and 6.8; the reflectors' places follow from Table 6.5
 _B4_MARKS = ((0, 0), (0, 280), (460, 280), (460, 0), (260, 0), (130, 140), (260, 280), (360, 140))
+_B4_MARK = "dot-ring:40mm:80mm:120mm"  # its outer diameter is the thesis' (6.3.3), the others are not told
 _B4_REFLECTORS = ((160, 0), (0, 140), (160, 280), (460, 140))
 
 
@@ -28,7 +29,8 @@ _B4_REFLECTORS = ((160, 0), (0, 140), (160, 280), (460, 140))
 class Plate:
     """Marks (K, 2) and reflectors (M, 2) in the plate's axes, mm, x to y counter-clockwise as in the world.
 
-    sigma_mm: how exactly each coordinate of each point was made or known.
+    sigma_mm: how exactly each coordinate of each point was made or known. mark: what the marks look like, as
+    `target.mark.parse_mark` reads it; nothing where it is not said.
     """
 
     marks: Array
@@ -36,6 +38,7 @@ class Plate:
     mark_names: tuple[str, ...] = ()
     reflector_names: tuple[str, ...] = ()
     sigma_mm: float = 0.0
+    mark: str = ""
 
     def __post_init__(self) -> None:
         for what in ("mark", "reflector"):
@@ -50,9 +53,9 @@ class Plate:
 
     @classmethod
     def b4(cls, *, sigma_mm: float = 0.2) -> Plate:
-        """Return the plate of the thesis: eight templates and four reflectors a to d on 460 x 280 mm."""
+        """Return the plate of the thesis: eight templates of 120 mm and four reflectors a to d on 460 x 280 mm."""
         marks, reflectors = np.array(_B4_MARKS, dtype=np.float64), np.array(_B4_REFLECTORS, dtype=np.float64)
-        return cls(marks, reflectors, reflector_names=("a", "b", "c", "d"), sigma_mm=sigma_mm)
+        return cls(marks, reflectors, reflector_names=("a", "b", "c", "d"), sigma_mm=sigma_mm, mark=_B4_MARK)
 
     @property
     def points(self) -> Array:

@@ -4,16 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from cadcam.arrays import Array, Floats
+from cadcam.files.shot import Shot, write_positions
+from cadcam.image.picture import read_picture, to_gray
 from cadcam.station.gantry import GantryCalibration, Repeatability, Sighting, calibrate_gantry
 from cadcam.station.hall import Hall, Visit
-from cadcam.station.measure import measure
-from cadcam.station.plane import PlaneCalibration, calibrate_position
+from cadcam.station.hall_picture import write_hall_picture
+from cadcam.station.marks import MarkLook, find_plate
+from cadcam.station.measure import measure, repeatability
+from cadcam.station.plane import calibrate_position
 from cadcam.station.plate import place_plate
 from cadcam.station.rules import Rule
+from cadcam.station.survey import write_drawing, write_survey
+from cadcam.target.mark import parse_mark
+from cadcam.whole import write_whole
 
 _REPEATED, _VISITS = 5, 6  # marks, and visits of each, that tell the repeatability
 _WITHIN = 250.0  # mm: how far from the middle of the view the daily mark may lie
@@ -56,16 +64,31 @@ class Coverage:
 
 
 def calibrate_robot(
-    hall: Hall, name: str, rng: np.random.Generator, *, columns: int = 3, rows: int = 5, jitter_mm: float = 100.0
+    hall: Hall,
+    name: str,
+    rng: np.random.Generator,
+    *,
+    columns: int = 3,
+    rows: int = 5,
+    jitter_mm: float = 100.0,
+    pictures: Path | None = None,
 ) -> Calibrated:
     """Return the calibration of one robot: the plate laid, surveyed and pictured at columns x rows positions.
 
-    The repeatability is found as in a real hall: marks seen on several visits.
+    The repeatability is found as in a real hall: marks seen on several visits. pictures: a folder, to which each plate's
+    picture is rendered, and in which the marks are then found; without it their pixels are told with noise.
     """
     positions, true = [], []
     for k, at in enumerate(hall.gantry(name).grid(columns, rows, jitter_mm=jitter_mm, rng=rng)):
         visit = hall.visit(rng)
-        positions.append(_position(hall, f"{name}.{k + 1}", name, at, visit, rng))
+        marks, reflectors = hall.survey(*hall.lay_plate(name, at, rng), rng)
+        placement = place_plate(hall.plate, reflectors, sigma_mm=hall.survey_mm)
+        picture = f"plate_{name}_{k + 1:02d}.pgm"
+        if pictures is None:
+            q, sigma = hall.seen(name, at, marks, visit, rng), hall.noise_px
+        else:
+            q, sigma = _pictured(pictures / picture, hall, Shot(*at.tolist(), name), marks, visit, rng)
+        positions.append(calibrate_position(picture, at, q, placement, sigma_px=sigma))
         true.append(hall.deviation(name, at, visit))
     first = calibrate_gantry(name, positions)
     again = repeat_visits(hall, first, rng)
@@ -74,8 +97,6 @@ def calibrate_robot(
 
 def repeat_visits(hall: Hall, station: GantryCalibration, rng: np.random.Generator) -> Repeatability:
     """Return the repeatability by marks each seen on several visits."""
-    from cadcam.station.measure import repeatability
-
     grid, seen = station.grid, []
     for i in range(_REPEATED):
         at = grid[(i * len(grid)) // _REPEATED]
@@ -101,7 +122,7 @@ def day(hall: Hall, rng: np.random.Generator, *, marks: int) -> Day:
         at = np.round(np.array([rng.uniform(x0 + 100, x1 - 100), rng.uniform(y0 + 100, y1 - 100)]), 1)
         p = hall.view_centre(name, at) + rng.uniform(-_WITHIN, _WITHIN, 2)
         points.append(p)
-        sightings.append(sight(hall, str(i + 1), name, at, p, rng))
+        sightings.append(sight(hall, f"mark{i + 1:02d}", name, at, p, rng))
     return Day(tuple(sightings), np.stack(points))
 
 
@@ -120,9 +141,39 @@ def distances(
     return Coverage(columns[:, 0], columns[:, 1], columns[:, 2])
 
 
-def _position(
-    hall: Hall, name: str, camera: str, at: Array, visit: Visit, rng: np.random.Generator
-) -> PlaneCalibration:
-    marks, reflectors = hall.survey(*hall.lay_plate(camera, at, rng), rng)
-    placement = place_plate(hall.plate, reflectors, sigma_mm=hall.survey_mm)
-    return calibrate_position(name, at, hall.seen(camera, at, marks, visit, rng), placement, sigma_px=hall.noise_px)
+def write_inputs(folder: Path, station: GantryCalibration) -> None:
+    """Write what a calibration was made from as the files that `cadcam station calibrate` reads, named by its camera."""
+    fits = {one.name: one for one in station.positions}
+    lines = ["name,view,x_px,y_px"]
+    for view, one in fits.items():
+        seen = one.estimate.observations
+        lines += [f"{n},{view},{x!r},{y!r}" for n, (x, y) in zip(seen.names, seen.q.tolist(), strict=True)]
+    write_whole(folder / f"plate_{station.camera}_pixels.csv", ("\n".join(lines) + "\n").encode())
+    plate = station.positions[0].placement.plate
+    surveyed = {view: one.placement.surveyed for view, one in fits.items()}
+    write_survey(folder / f"survey_{station.camera}.csv", plate, surveyed)
+    shots = {view: Shot(*one.position.tolist(), station.camera) for view, one in fits.items()}
+    write_positions(folder / f"positions_{station.camera}.csv", shots)
+
+
+def write_day(folder: Path, hall: Hall, work: Day, rng: np.random.Generator, *, pictures: bool = False) -> None:
+    """Write a day's marks as pixels with positions, where they truly are as a drawing, and their pictures if asked to."""
+    shots, lines = {}, ["name,view,x_px,y_px"]
+    for s, p in zip(work.sightings, work.points, strict=True):
+        file = f"{s.name}.pgm"
+        shots[file] = Shot(*s.position.tolist(), s.camera)
+        lines.append(",".join([s.name, file, *(repr(v) for v in s.q.tolist())]))
+        if pictures:
+            write_hall_picture(folder / file, hall, shots[file], p[None], hall.visit(rng), rng)
+    write_whole(folder / "day_pixels.csv", ("\n".join(lines) + "\n").encode())
+    write_positions(folder / "day_positions.csv", shots)
+    write_drawing(folder / "day_truth.csv", {s.name: p for s, p in zip(work.sightings, work.points, strict=True)})
+
+
+def _pictured(
+    path: Path, hall: Hall, shot: Shot, marks: Array, visit: Visit, rng: np.random.Generator
+) -> tuple[Array, float]:
+    """Return the plate's pixels found in its rendered picture, and their noise."""
+    write_hall_picture(path, hall, shot, marks, visit, rng)
+    found = find_plate(to_gray(read_picture(path)), hall.plate, MarkLook(parse_mark(hall.plate.mark)))
+    return found.q, found.sigma_px
