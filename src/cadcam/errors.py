@@ -102,6 +102,17 @@ class SizeMismatch(CadcamError):
         self.size, self.expected = size, expected
 
 
+class NoOrder(CadcamError):
+    """Marks in a picture fit their plan in no order better than chance does; the message says how near the best came.
+
+    explained: how many marks the best order has; chance: how many orders as good are to be expected by chance.
+    """
+
+    def __init__(self, message: str, explained: int, chance: float) -> None:
+        super().__init__(message)
+        self.explained, self.chance = explained, chance
+
+
 class NothingInView(CadcamError):
     """The model lies wholly behind the camera or outside its picture."""
 
