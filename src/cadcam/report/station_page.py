@@ -1,4 +1,4 @@
-"""Stations as one HTML file: the map of the mechanics, the calibrations, what was measured; nothing in it is fetched."""
+"""Stations as one HTML file: map of the mechanics, calibrations, what was measured; nothing in it is fetched."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ _STYLE = """
 :root{color-scheme:light}*{box-sizing:border-box}
 body{margin:0;background:#f6f6f4;color:#1c1c1c;font:16px/1.45 system-ui,"DejaVu Sans",sans-serif}
 main{max-width:1180px;margin:0 auto;padding:16px}h1{font-size:1.5rem;margin:0}h2{font-size:1.1rem;margin:1rem 0 .4rem}
-section{background:#fff;border:1px solid #d9d9d9;border-radius:10px;padding:4px 16px 16px;margin-top:16px;overflow-x:auto}
+section{background:#fff;border:1px solid #d9d9d9;border-radius:10px;padding:4px 16px 16px;margin-top:16px}
+section{overflow-x:auto}
 table{border-collapse:collapse;font-size:.9rem;font-variant-numeric:tabular-nums}
 th{text-align:right;color:#5a5a5a;border-bottom:2px solid #d9d9d9;padding:4px 12px 4px 0}
 td{text-align:right;border-bottom:1px solid #eee;padding:4px 12px 4px 0}.left{text-align:left}
@@ -65,7 +66,8 @@ def station_page(report: StationReport) -> str:
         body.append(_section("Log", _table(_log_table(report.log))))
     body.append(f'<p class="soft">cadcam {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC</p>')
     return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width">'
         f"<title>Stations</title><style>{_STYLE}</style></head>\n<body><main>\n"
         + "\n".join(body)
         + "\n</main></body></html>\n"
@@ -105,7 +107,8 @@ def _arrow(q: Any, m: Any, sigma: Any, position: Any, gain: float) -> str:
     return (
         f'<g><title>{said}</title><circle cx="{x:.1f}" cy="{y:.1f}" r="2.5" fill="#222"/>'
         f'<ellipse cx="{tip_x:.1f}" cy="{tip_y:.1f}" rx="{rx:.1f}" ry="{ry:.1f}" fill="#d55e00" fill-opacity="0.25"/>'
-        f'<path d="M{x:.1f} {y:.1f}L{tip_x:.1f} {tip_y:.1f}" stroke="#0072b2" stroke-width="2" marker-end="url(#tip)"/></g>'
+        f'<path d="M{x:.1f} {y:.1f}L{tip_x:.1f} {tip_y:.1f}" stroke="#0072b2" stroke-width="2" '
+        'marker-end="url(#tip)"/></g>'
     )
 
 

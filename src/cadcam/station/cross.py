@@ -187,7 +187,7 @@ def _scatter(one: PlaneCalibration) -> Array:
     own = np.einsum("kl,kxy->kxly", np.eye(K), noise * back).reshape(K, 2, 2 * K)
     calibration = noise * by_entry @ _root(fit.cofactor)
     itself = np.einsum("kl,xy->kxly", np.eye(K), np.eye(2)).reshape(K, 2, 2 * K)
-    made = plate.sigma_mm * (by_entry @ one.by_marks - itself)
+    made = plate.sigma_mm * (by_entry @ one.by_marks + itself)
     all_causes = np.concatenate([own, calibration, made], axis=2)
     return np.asarray(np.sum((all_causes - all_causes.mean(axis=0)) ** 2, axis=2))
 

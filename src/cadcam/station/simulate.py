@@ -75,8 +75,8 @@ def calibrate_robot(
 ) -> Calibrated:
     """Return the calibration of one robot: the plate laid, surveyed and pictured at columns x rows positions.
 
-    The repeatability is found as in a real hall: marks seen on several visits. pictures: a folder, to which each plate's
-    picture is rendered, and in which the marks are then found; without it their pixels are told with noise.
+    The repeatability is found as in a real hall: marks seen on several visits. pictures: a folder to which each
+    plate's picture is rendered, and in which the marks are then found; without it their pixels are told with noise.
     """
     positions, true = [], []
     for k, at in enumerate(hall.gantry(name).grid(columns, rows, jitter_mm=jitter_mm, rng=rng)):
@@ -87,7 +87,7 @@ def calibrate_robot(
         if pictures is None:
             q, sigma = hall.seen(name, at, marks, visit, rng), hall.noise_px
         else:
-            q, sigma = _pictured(pictures / picture, hall, Shot(*at.tolist(), name), marks, visit, rng)
+            q, sigma = _pictured(pictures / picture, hall, _shot(at, name), marks, visit, rng)
         positions.append(calibrate_position(picture, at, q, placement, sigma_px=sigma))
         true.append(hall.deviation(name, at, visit))
     first = calibrate_gantry(name, positions)
@@ -142,7 +142,7 @@ def distances(
 
 
 def write_inputs(folder: Path, station: GantryCalibration) -> None:
-    """Write what a calibration was made from as the files that `cadcam station calibrate` reads, named by its camera."""
+    """Write what a calibration was made from as files that `cadcam station calibrate` reads, named by its camera."""
     fits = {one.name: one for one in station.positions}
     lines = ["name,view,x_px,y_px"]
     for view, one in fits.items():
@@ -152,16 +152,16 @@ def write_inputs(folder: Path, station: GantryCalibration) -> None:
     plate = station.positions[0].placement.plate
     surveyed = {view: one.placement.surveyed for view, one in fits.items()}
     write_survey(folder / f"survey_{station.camera}.csv", plate, surveyed)
-    shots = {view: Shot(*one.position.tolist(), station.camera) for view, one in fits.items()}
+    shots = {view: _shot(one.position, station.camera) for view, one in fits.items()}
     write_positions(folder / f"positions_{station.camera}.csv", shots)
 
 
 def write_day(folder: Path, hall: Hall, work: Day, rng: np.random.Generator, *, pictures: bool = False) -> None:
-    """Write a day's marks as pixels with positions, where they truly are as a drawing, and their pictures if asked to."""
+    """Write a day's marks as pixels with positions, their true places as a drawing, and pictures if asked to."""
     shots, lines = {}, ["name,view,x_px,y_px"]
     for s, p in zip(work.sightings, work.points, strict=True):
         file = f"{s.name}.pgm"
-        shots[file] = Shot(*s.position.tolist(), s.camera)
+        shots[file] = _shot(s.position, s.camera)
         lines.append(",".join([s.name, file, *(repr(v) for v in s.q.tolist())]))
         if pictures:
             write_hall_picture(folder / file, hall, shots[file], p[None], hall.visit(rng), rng)
@@ -177,3 +177,7 @@ def _pictured(
     write_hall_picture(path, hall, shot, marks, visit, rng)
     found = find_plate(to_gray(read_picture(path)), hall.plate, MarkLook(parse_mark(hall.plate.mark)))
     return found.q, found.sigma_px
+
+
+def _shot(position: Array, camera: str) -> Shot:
+    return Shot(float(position[0]), float(position[1]), camera)
