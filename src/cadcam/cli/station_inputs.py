@@ -13,7 +13,7 @@ from cadcam.errors import BadValue, UnreadableFile
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from cadcam.arrays import Array
+    from cadcam.arrays import Array, Picture
     from cadcam.files.pixels import Pixels
     from cadcam.files.shot import Shot
     from cadcam.station.gantry import GantryCalibration, Sighting
@@ -61,7 +61,7 @@ def source(arguments: argparse.Namespace) -> Source:
     return Source(tuple(picture_files(arguments.pictures)), None, positions, arguments.positions or "")
 
 
-def look_of(arguments: argparse.Namespace, plate: Plate, radius_px: tuple[float, float] | None) -> MarkLook:
+def look_of(arguments: argparse.Namespace, plate: Plate, radius_px: float | None) -> MarkLook:
     """Return what the marks look like, by --mark and --radius, else by the plate file and what is known of its size."""
     from cadcam.station.marks import MarkLook
     from cadcam.target.mark import parse_mark
@@ -104,12 +104,12 @@ def numbers(what: str, text: str) -> tuple[float, ...]:
     return tuple(number(what, part) for part in text.split(","))
 
 
-def gray_picture(path: str) -> tuple[Array, str]:
+def gray_picture(path: str) -> tuple[Picture, str]:
     """Return the grey picture in a file and the hash of the file."""
     from cadcam.image.picture import read_picture_with_info, to_gray
 
     picture, info = read_picture_with_info(path)
-    return to_gray(picture), info.sha256  # type: ignore[return-value]
+    return to_gray(picture), info.sha256
 
 
 def _station_of(picture: str, shot: Shot, stations: Mapping[str, GantryCalibration]) -> GantryCalibration:
@@ -135,7 +135,7 @@ def _in_picture(arguments: argparse.Namespace, picture: str, shot: Shot, station
         look = look_of(arguments, plate, station.radius_px(parse_mark(arguments.mark or plate.mark).radius))
     gray, _ = gray_picture(picture)
     try:
-        q, covariance = find_mark(gray, look)  # type: ignore[arg-type]
+        q, covariance = find_mark(gray, look)
     except BadValue as error:
         raise UnreadableFile(picture, str(error)) from error
     name = Path(picture).stem

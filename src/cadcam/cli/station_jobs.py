@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from cadcam.arrays import Array
     from cadcam.camera.measurement import Measurement
+    from cadcam.files.pixels import Pixels
     from cadcam.files.shot import Shot
     from cadcam.station.drawing import DistanceCheck, Trend
     from cadcam.station.gantry import Repeatability, Sighting
@@ -36,9 +37,10 @@ def calibrate(arguments: argparse.Namespace) -> None:
     shots = {picture: given.shot(picture) for picture in given.pictures}
     camera = _one_camera(arguments.camera, shots)
     positions = []
+    find = _Finder(arguments, given, plate)
     with progress("finding the plate", len(shots)) as step:
         for picture, shot in shots.items():
-            positions.append(_position(arguments, given, plate, survey, picture, shot))
+            positions.append(_position(arguments, find, survey, picture, shot))
             step()
     station = calibrate_gantry(camera, positions, repeatability=_repeatability(arguments.repeatability))
     if arguments.json:
@@ -171,8 +173,39 @@ def _one_camera(given: str, shots: Mapping[str, Shot]) -> str:
     return given or camera
 
 
+class _Finder:
+    """Finds the plate in one picture after the other: how large its marks are, the first one tells the others."""
+
+    def __init__(self, arguments: argparse.Namespace, given: Source, plate: Plate) -> None:
+        self.plate, self._given, self._arguments = plate, given, arguments
+        self._radius: float | None = None
+
+    def __call__(self, picture: str) -> tuple[Array, float | None, str]:
+        """Return the plate's pixels in its order, their noise, and the hash of the file they came from."""
+        if self._given.pixels is not None:
+            return *self._listed(self._given.pixels, picture), self._given.pixels.sha256
+        from cadcam.station.marks import find_plate
+
+        gray, sha256 = gray_picture(picture)
+        found = find_plate(gray, self.plate, look_of(self._arguments, self.plate, self._radius))
+        self._radius = found.radius_px
+        return found.q, self._arguments.sigma or found.sigma_px, sha256
+
+    def _listed(self, pixels: Pixels, picture: str) -> tuple[Array, float | None]:
+        import numpy as np
+
+        names = self.plate.mark_names
+        q = np.full((len(names), 2), np.nan)
+        for mark, pixel in zip(pixels.names, pixels.q[pixels.views.index(picture)], strict=True):
+            if np.isfinite(pixel).all():
+                if mark not in names:
+                    raise UnknownName("mark of the plate", mark, names)
+                q[names.index(mark)] = pixel
+        return q, self._arguments.sigma
+
+
 def _position(
-    arguments: argparse.Namespace, given: Source, plate: Plate, survey: Mapping[str, Array], picture: str, shot: Shot
+    arguments: argparse.Namespace, find: _Finder, survey: Mapping[str, Array], picture: str, shot: Shot
 ) -> PlaneCalibration:
     """Return the calibration of one position; what is wrong with its picture names the picture."""
     from cadcam.station.plane import calibrate_position, refuse_misfit
@@ -182,8 +215,8 @@ def _position(
     if name not in survey:
         raise UnreadableFile(arguments.survey, f"has no reflectors for {name}", "survey the plate at every position")
     try:
-        q, sigma, sha256 = _plate_pixels(arguments, given, plate, picture)
-        placement = place_plate(plate, survey[name], sigma_mm=arguments.survey_sigma)
+        q, sigma, sha256 = find(picture)
+        placement = place_plate(find.plate, survey[name], sigma_mm=arguments.survey_sigma)
         one = calibrate_position(name, (shot.x, shot.y), q, placement, sigma_px=sigma, source=picture, sha256=sha256)
         refuse_misfit(one, limit_px=arguments.limit)
     except UnreadableFile:
@@ -191,29 +224,6 @@ def _position(
     except CadcamError as error:
         raise UnreadableFile(picture, str(error)) from error
     return one
-
-
-def _plate_pixels(
-    arguments: argparse.Namespace, given: Source, plate: Plate, picture: str
-) -> tuple[Array, float | None, str]:
-    """Return the plate's pixels in its order, their noise, and the hash of the file they came from."""
-    import numpy as np
-
-    from cadcam.station.marks import find_plate
-
-    if given.pixels is None:
-        gray, sha256 = gray_picture(picture)
-        found = find_plate(gray, plate, look_of(arguments, plate, None))  # type: ignore[arg-type]
-        return found.q, arguments.sigma or found.sigma_px, sha256
-    listed = given.pixels
-    row = listed.q[listed.views.index(picture)]
-    q = np.full((len(plate.marks), 2), np.nan)
-    for mark, pixel in zip(listed.names, row, strict=True):
-        if np.isfinite(pixel).all() and mark not in plate.mark_names:
-            raise UnknownName("mark of the plate", mark, plate.mark_names)
-        if mark in plate.mark_names:
-            q[plate.mark_names.index(mark)] = pixel
-    return q, arguments.sigma, listed.sha256
 
 
 def _repeatability(text: str | None) -> Repeatability | None:

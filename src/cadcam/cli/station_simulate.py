@@ -102,7 +102,7 @@ def _cover_table(cover: Coverage) -> Table:
         ("stated half width of 95 %, median", f"{np.median(cover.half_width):.2f} mm"),
         ("within what is stated", f"{100 * cover.within:.1f} %"),
     )
-    return Table("A day's distances beside the truth", ("", " "), rows, ("", " "))
+    return Table("A day's distances beside the truth", ("", ""), rows, ("",))
 
 
 def _as_json(found: dict[str, Calibrated], cover: Coverage) -> dict[str, Any]:

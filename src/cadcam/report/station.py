@@ -158,7 +158,7 @@ def trend_table(seen: Trend) -> Table:
         ("mean amount", f"{seen.mean_abs:.2f} mm"),
         ("by length", f"{seen.slope:+.3f} +- {seen.slope_sigma:.3f} mm/m (r = {seen.correlation:+.3f})"),
     )
-    return Table(f"{seen.n} differences together", ("", " "), rows, ("", " "), (seen.verdict,))
+    return Table(f"{seen.n} differences together", ("", ""), rows, ("",), (seen.verdict,))
 
 
 def map_as_json(camera: str, names: Sequence[str], deviations: DeviationMap) -> dict[str, Any]:

@@ -45,7 +45,10 @@ def _positions(panel: Axes, name: str, station: GantryCalibration, most: float) 
     long = 1.5 / most  # the largest deviation is drawn 1.5 m long
     u, v = seen.deviation.T * long
     panel.quiver(x, y, u, v, angles="xy", scale_units="xy", scale=1, color=BLUE, width=0.005)
-    panel.annotate(name, (float(x.mean()), float(y.max())), xytext=(0, 6), textcoords="offset points", ha="center")
+    panel.margins(0.07)
+    place = (float(x.min()), float(y.max()))
+    white = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5}
+    panel.annotate(f"camera {name}", place, xytext=(4, -12), textcoords="offset points", bbox=white)
 
 
 def _between(station: GantryCalibration) -> tuple[Array, Array, Array]:

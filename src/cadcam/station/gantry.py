@@ -103,11 +103,10 @@ class GantryCalibration:
         told = [one.estimate for one in self.positions if np.isfinite(one.estimate.noise_px)]
         return float(np.sqrt(np.mean([e.noise_px**2 for e in told]))) if told else np.inf
 
-    def radius_px(self, radius_mm: float) -> tuple[float, float]:
-        """Return the least and the largest radius in px that a circle of the floor may have in a picture."""
-        scales = [one.scale for one in self.positions]
-        each = [radius_mm / s for one in scales for s in (one.scale_x, one.scale_y)]
-        return 0.9 * min(each), 1.1 * max(each)
+    def radius_px(self, radius_mm: float) -> float:
+        """Return the radius in px that a circle of the floor has in a picture, along its longer axis."""
+        scale = self.positions[0].scale
+        return radius_mm / min(scale.scale_x, scale.scale_y)
 
     def map(self, *, reference: int | None = None) -> DeviationMap:
         """Return how the mechanics deviate at the calibrated positions (Tables 6.9 to 6.11, Fig 6-17, 6-18)."""

@@ -28,11 +28,12 @@ _TWO_PLATES = 0.6  # of the plate's marks, seen a second time
 class PlatePicture:
     """Pixels q (K, 2) of the plate's marks in its order, NaN where one was not found, and covariances (K, 2, 2) px^2.
 
-    false: how many things were found that are none of the plate's marks.
+    radius_px: of a mark's outermost border. false: how many things were found that are none of the plate's marks.
     """
 
     q: Array
     covariance: Array
+    radius_px: float
     false: int = 0
 
     def __post_init__(self) -> None:
@@ -81,7 +82,8 @@ def find_plate(gray: Picture, plate: Plate, look: MarkLook) -> PlatePicture:
     pixels, covariance = np.full((len(plate.marks), 2), np.nan), np.full((len(plate.marks), 2, 2), np.nan)
     for i in np.flatnonzero(~left):
         pixels[order.plan_index[i]], covariance[order.plan_index[i]] = q[i], found[i].covariance
-    return PlatePicture(pixels, covariance, int(left.sum()))
+    size = float(np.median([found[i].size for i in np.flatnonzero(~left)]))
+    return PlatePicture(pixels, covariance, size, int(left.sum()))
 
 
 def find_mark(gray: Picture, look: MarkLook) -> tuple[Array, Array]:
@@ -111,7 +113,9 @@ def _found(gray: Picture, look: MarkLook) -> list[FoundMark]:
     small = tuple(float(r) / by for r in np.atleast_1d(np.asarray(radius)))
     sought = small[0] if len(small) == 1 else (small[0], small[1])
     found = find_marks(_reduced(gray, by), look.mark, radius_px=sought)
-    return [replace(f, pixel=f.pixel * by + (by - 1) / 2, covariance=f.covariance * by**2) for f in found]
+    return [
+        replace(f, pixel=f.pixel * by + (by - 1) / 2, covariance=f.covariance * by**2, size=f.size * by) for f in found
+    ]
 
 
 def _reduced(gray: Picture, by: int) -> Picture:
