@@ -19,6 +19,7 @@ from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints, UnknownNam
 from cadcam.station.cross import plate_effect
 from cadcam.station.gantry import GantryCalibration, Repeatability, Sighting
 from cadcam.station.plane import PlaneCalibration
+from cadcam.station.plate import Plate
 from cadcam.station.rules import NEAR_MM, RULES, Rule, check_inside, weights
 
 CALIBRATION, SURVEY, PLATE = "calibration", "survey", "plate"
@@ -222,7 +223,7 @@ def _joined(parts: Sequence[_Rows], index: Sequence[int], sightings: Sequence[Si
     points, pixels = np.zeros((n, 3)), np.zeros((n, 3, 3))
     points[list(index), :2] = np.concatenate([part.points for part in parts])
     pixels[list(index), :2, :2] = np.concatenate([part.pixels for part in parts])
-    merged: dict[int, tuple[ErrorSource, Array]] = {}
+    merged: dict[int | bytes, tuple[ErrorSource, Array]] = {}
     first = 0
     for part in parts:
         rows = list(index[first : first + len(part.points)])
@@ -230,8 +231,9 @@ def _joined(parts: Sequence[_Rows], index: Sequence[int], sightings: Sequence[Si
         for source, effect in part.effects:
             whole = np.zeros((n, 3, effect.shape[-1]))
             whole[rows, :2] = effect
-            before = merged.get(id(source.owner))
-            merged[id(source.owner)] = (source, whole if before is None else before[1] + whole)
+            key = source.owner.key if isinstance(source.owner, Plate) else id(source.owner)
+            before = merged.get(key)
+            merged[key] = (source, whole if before is None else before[1] + whole)
     nothing = np.full(n, np.nan)
     return Measurement(
         names=tuple(s.name for s in sightings),

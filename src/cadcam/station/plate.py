@@ -58,6 +58,11 @@ class Plate:
         return cls(marks, reflectors, reflector_names=("a", "b", "c", "d"), sigma_mm=sigma_mm, mark=_B4_MARK)
 
     @property
+    def key(self) -> bytes:
+        """Return what is the same of two plates that are one, read from two files."""
+        return self.points.tobytes() + np.float64(self.sigma_mm).tobytes()
+
+    @property
     def points(self) -> Array:
         """Return marks and reflectors (K + M, 2), in this order: what `sigma_mm` is about."""
         return np.concatenate([self.marks, self.reflectors])
