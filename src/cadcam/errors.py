@@ -133,9 +133,7 @@ class TooFewMarks(CadcamError):
 
     def __init__(self, mark: str, found: int, expected: int) -> None:
         seen = "none was" if found == 0 else f"only {found} {'was' if found == 1 else 'were'}"
-        super().__init__(
-            f"{seen} found of {expected} marks {mark}; give their radius in the picture, another method, or a lower score"
-        )
+        super().__init__(f"{seen} found of {expected} marks {mark}; give their radius, another method or a lower score")
         self.mark, self.found, self.expected = mark, found, expected
 
 

@@ -79,7 +79,7 @@ def test_marks_are_measured_logged_kept_and_compared(cadcam: Cadcam, folder: Pat
 
 
 def test_each_rule_can_be_asked_for_and_explains_itself(cadcam: Cadcam, folder: Path) -> None:
-    for rule in ("smooth", "bilinear", "linear", "nearest", "b4"):
+    for rule in ("smooth", "b4"):
         ran = cadcam(*MEASURE, *BOTH, "--rule", rule, "--explain")
         assert ran.code == 0
         assert "Mark mark01: estimates of the calibrations" in ran.out
@@ -161,7 +161,7 @@ def unknown_mark(folder: Path) -> None:
 
 
 CASES = {
-    "a camera without a calibration": ((*MEASURE, *BOTH), other_camera, "unknown camera of mark01.pgm"),
+    "a camera without a calibration": ((*MEASURE, *BOTH), other_camera, "it has no calibration"),
     "a position outside the grid": ((*MEASURE, *BOTH), far_away, "extrapolation has to be asked for"),
     "the wrong plan": (CALIBRATE, wrong_plan, "do not fit the plate: residual"),
     "two cameras in one calibration": (CALIBRATE, mixed_cameras, "expected pictures of one camera"),

@@ -31,6 +31,7 @@ from cadcam.cli import (
     rig,
     state,
     station,
+    targets,
     track,
     variability,
     verify,
@@ -41,6 +42,7 @@ from cadcam.errors import CadcamError
 VERBS = (
     calibrate,
     board,
+    targets,
     rig,
     variability,
     handeye,

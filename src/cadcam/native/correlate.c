@@ -64,6 +64,30 @@ void VARIANT(shrink)(const cc_plane *p, int32_t factor, float *out) {
     }
 }
 
+/* The second weakest of eight steps of brightness, by their ratio, as in correlate.h. */
+void VARIANT(spots)(const cc_spots *s) {
+    float least[STRIP], second[STRIP];
+    const size_t w = (size_t)s->plane.width;
+    const float sign = s->dark ? 1.0f : -1.0f, level = s->level;
+    for (int32_t y = s->reach; y < s->plane.height - s->reach; y++)
+        for (int32_t x = s->reach; x < s->plane.width - s->reach; x += STRIP) {
+            const int32_t n = imin(STRIP, s->plane.width - s->reach - x);
+            const float *here = s->plane.pixels + (size_t)y * w + (size_t)x;
+            for (int32_t k = 0; k < n; k++) least[k] = second[k] = 2;
+            for (int d = 0; d < 8; d++) {
+                const float *out = here + s->dy_out[d] * (ptrdiff_t)w + s->dx_out[d];
+                const float *in = here + s->dy_in[d] * (ptrdiff_t)w + s->dx_in[d];
+                for (int32_t k = 0; k < n; k++) {
+                    const float total = out[k] + in[k], step = sign * (out[k] - in[k]) / (total > level ? total : level);
+                    const float more = step > least[k] ? step : least[k];
+                    second[k] = more < second[k] ? more : second[k];
+                    least[k] = step < least[k] ? step : least[k];
+                }
+            }
+            memcpy(s->response + (size_t)y * w + (size_t)x, second, (size_t)n * sizeof *second);
+        }
+}
+
 /* ---- the search */
 
 /* What the search keeps of a block of positions. */

@@ -38,9 +38,21 @@ typedef struct {
     double radius;      /* of the points about their origin, px */
 } cc_register;
 
+/* Steps of brightness from (dx_in, dy_in) to (dx_out, dy_out) about each pixel, in eight directions: (out - in) by
+ * (out + in), or its negative unless `dark`; sums below `level` count as that. */
+typedef struct {
+    cc_plane plane;
+    int32_t dx_in[8], dy_in[8], dx_out[8], dy_out[8];
+    int32_t reach; /* px that no step goes beyond */
+    int32_t dark;
+    float level;
+    float *response; /* (height, width): the second weakest of the eight; not written within `reach` of the outline */
+} cc_spots;
+
 /* Means over blocks of factor x factor pixels; the last ones of a row or column may be smaller. `out` has the size
  * rounded up. */
 CC_API void cc_shrink(const cc_plane *plane, int32_t factor, float *out);
+CC_API void cc_find_spots(const cc_spots *task);
 /* Rows `from` to `to` - 1 of the result; 0, or -1 where memory is short. */
 CC_API int32_t cc_search_rows(const cc_search *search, int32_t from, int32_t to);
 /* Move `count` poses (x, y, angle, scale) to where the correlation is highest near them; score (count) is it there. */

@@ -45,6 +45,17 @@ class _Register(c.Structure):
     )
 
 
+class _Spots(c.Structure):
+    _fields_ = (
+        ("plane", _Plane),
+        *((name, c.c_int32 * 8) for name in ("dx_in", "dy_in", "dx_out", "dy_out")),
+        ("reach", c.c_int32),
+        ("dark", c.c_int32),
+        ("level", c.c_float),
+        ("response", c.c_void_p),
+    )
+
+
 @cache
 def _function(name: str, result: type | None, *arguments: object) -> Callable[..., int]:
     """Return a function of the core; raises `MissingCore`."""
@@ -117,6 +128,23 @@ def shrunken(picture: Picture, factor: int) -> Picture:
     out = np.zeros([-(-n // factor) for n in kept.shape], np.float32)
     _function("cc_shrink", None, c.c_void_p, c.c_int32, c.c_void_p)(c.addressof(plane), factor, out.ctypes.data)
     return out
+
+
+def spot_steps(picture: Picture, inner: Ids, outer: Ids, *, dark: bool, level: float) -> Picture:
+    """Return the second weakest of eight steps of brightness (H, W) from inner to outer (8, 2) px about each pixel.
+
+    A step is (outside - inside) / (outside + inside), or its negative unless `dark`; sums count as `level` at least.
+    Where a step leaves the picture it is -1.
+    """
+    plane, kept = _plane(picture)
+    if inner.shape != (8, 2) or outer.shape != (8, 2):
+        raise BadValue("steps", f"of shapes {inner.shape} and {outer.shape}", "shape (8, 2)")
+    reach = int(max(np.abs(inner).max(), np.abs(outer).max()))
+    response = np.full(kept.shape, -1.0, np.float32)
+    steps = [(c.c_int32 * 8)(*column.tolist()) for column in (*inner.T, *outer.T)]
+    task = _Spots(plane, *steps, reach, dark, level, response.ctypes.data)
+    _function("cc_find_spots", None, c.c_void_p)(c.addressof(task))
+    return response
 
 
 def searched(

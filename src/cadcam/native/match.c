@@ -4,6 +4,7 @@
 
 #define DECLARED(suffix)                                                                          \
     void shrink##suffix(const cc_plane *plane, int32_t factor, float *out);                       \
+    void spots##suffix(const cc_spots *task);                                                     \
     int32_t search_rows##suffix(const cc_search *search, int32_t from, int32_t to);               \
     void register_poses##suffix(const cc_register *task, double *pose, double *score, int32_t count);
 DECLARED(_baseline)
@@ -15,6 +16,8 @@ DECLARED(_v3)
 #endif
 
 CC_API void cc_shrink(const cc_plane *plane, int32_t factor, float *out) { CHOSEN(shrink)(plane, factor, out); }
+
+CC_API void cc_find_spots(const cc_spots *task) { CHOSEN(spots)(task); }
 
 CC_API int32_t cc_search_rows(const cc_search *search, int32_t from, int32_t to) {
     return CHOSEN(search_rows)(search, from, to);

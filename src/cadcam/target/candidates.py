@@ -7,14 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Ids, Picture
+from cadcam.arrays import Array, Index, Picture
 from cadcam.errors import BadValue
+from cadcam.native.correlate import shrunken
 from cadcam.target.chess import corner_candidates
 from cadcam.target.circles import elliptic_blobs
 from cadcam.target.cross import cross, template
 from cadcam.target.levels import reduced
 from cadcam.target.mark import Mark
-from cadcam.target.mark_fit import likeness
+from cadcam.target.mark_fit import fit_marks, likeness
 from cadcam.target.spots import spots
 
 METHODS = ("auto", "spots", "correlation", "blobs", "saddles")
@@ -22,9 +23,13 @@ _STEP = 1.3  # from radius to radius, where a range is given
 _WINDOWS = (0.08, 0.025, 0.25)  # of the picture's longer side, over which blobs are told from their ground
 _LEVELS = (1.0, 0.5, 0.25)
 _LEAST_SIDE = 120  # px of a reduced picture
-_LEAST_CORE = 2.5  # px: a disc in a mark's middle of which spots can be looked for
 _LEAST_CORRELATION = 0.5
-_LEAST_LIKENESS = 0.35
+_LEAST_APPROACHED = 0.6  # score of a fit in a reduced picture
+_LEAST_LIKENESS, _ROUGH_LIKENESS = 0.6, 0.2
+_SOFT, _ROUGH_SOFT = 0.15, 0.3  # blur by the radius, of what is compared with places that are not exact yet
+_SMALL, _BLUR = 8.0, 1.5  # px: radius of a mark in the reduced picture, and the blur to start with
+_LEAST_WIDTH = 2.5  # px of a ring or disc whose border spots are looked for by
+_CHANGE = 3.0  # of the area, in the approach
 _SAME = 0.5  # of the size: candidates nearer than that are one
 
 
@@ -38,7 +43,7 @@ class Candidates:
     def __len__(self) -> int:
         return len(self.q)
 
-    def subset(self, which: Ids) -> Candidates:
+    def subset(self, which: Index) -> Candidates:
         """Return those that `which` selects, in its order."""
         return Candidates(self.q[which], self.shapes[which])
 
@@ -63,18 +68,43 @@ def candidates(gray: Picture, mark: Mark, method: str, radii: tuple[float, float
     return _joined(parts)
 
 
-def screened(gray: Picture, mark: Mark, seen: Candidates, *, most: int, margin: float) -> Candidates:
-    """Return at most `most` candidates that look like the mark as they are, best first, one at each place."""
+def screened(
+    gray: Picture, mark: Mark, seen: Candidates, *, most: int, margin: float, rough: bool = False
+) -> Candidates:
+    """Return at most `most` candidates that look like the mark as they are, best first, one at each place.
+
+    rough: whether places and shapes are known to a fifth of the size only; likeness is then that of soft pictures.
+    """
     if not len(seen):
         return seen
-    alike = likeness(gray, mark, seen.q, seen.shapes, margin=margin)
+    alike = likeness(gray, mark, seen.q, seen.shapes, margin=margin, soft=_ROUGH_SOFT if rough else _SOFT)
     order = np.argsort(-alike, kind="stable")
-    order = order[alike[order] > _LEAST_LIKENESS]
+    order = order[alike[order] > (_ROUGH_LIKENESS if rough else _LEAST_LIKENESS)]
     size = mark.radius * np.sqrt(np.abs(np.linalg.det(seen.shapes)))
     return seen.subset(_apart(seen.q, size, order, most))
 
 
-def _apart(q: Array, size: Array, order: Ids, most: int) -> Ids:
+def approached(gray: Picture, mark: Mark, seen: Candidates, margin: float) -> Candidates:
+    """Return those candidates that are marks in a picture reduced until they are small, with places and shapes there.
+
+    There a circle at about the right place is near enough to the ellipse of a tilted mark for a fit to settle.
+    """
+    if not len(seen):
+        return seen
+    size = mark.radius * np.sqrt(np.abs(np.linalg.det(seen.shapes)))
+    factors = np.maximum(1, (size / _SMALL).astype(int))
+    parts = []
+    for factor in np.unique(factors).tolist():
+        some = seen.subset(np.flatnonzero(factors == factor).astype(np.int32))
+        small = shrunken(gray, factor)
+        fit = fit_marks(small, mark, (some.q + 0.5) / factor - 0.5, some.shapes / factor, margin=margin, blur=_BLUR)
+        change = np.linalg.det(fit.image_from_mark) / np.linalg.det(some.shapes / factor)
+        alike = fit.good & (fit.score > _LEAST_APPROACHED) & (change < _CHANGE) & (change > 1 / _CHANGE)
+        parts.append(Candidates((fit.q + 0.5) * factor - 0.5, fit.image_from_mark * factor).subset(alike))
+    return _joined(parts)
+
+
+def _apart(q: Array, size: Array, order: Index, most: int) -> Index:
     """Return of `order` those with no earlier one nearer than half their size."""
     from scipy.spatial import cKDTree
 
@@ -90,20 +120,24 @@ def _apart(q: Array, size: Array, order: Ids, most: int) -> Ids:
         if len(kept) == most:
             break
         free[tree.query_ball_point(q[order[k]], _SAME * size[order[k]])] = False
-    return np.asarray(order[kept])
+    return np.asarray(order[kept], np.int64)
 
 
 def _spots(gray: Picture, mark: Mark, radius: float) -> Array:
-    core = mark.core
-    scale = radius / mark.radius
-    if core is not None and core[0] * scale >= _LEAST_CORE:
-        return spots(gray, core[0] * scale, dark=core[1] != mark.light)[0]
-    return spots(gray, radius, dark=not mark.light)[0]
+    rings = mark.sectors[mark.full, :2] * (radius / mark.radius)
+    if not len(rings):
+        raise BadValue("method", "spots", f"'saddles' for {mark}, which has no whole ring")
+    clear = rings[:, 1] - rings[:, 0] >= _LEAST_WIDTH
+    part = (rings[:, 1] - rings[:, 0]) / rings[:, 1]  # how much of the radius may change: 1 for a disc
+    inner, outer = rings[np.argmax(np.where(clear, part, part - 1))].tolist()
+    return spots(gray, outer, outer - inner, dark=not mark.light)[0]
 
 
 def _correlation(gray: Picture, mark: Mark, radius: float) -> Array:
     if not mark.concentric:
-        raise BadValue("method", "correlation", f"'spots' or 'blobs' for {mark}, which does not look the same at any turn")
+        raise BadValue(
+            "method", "correlation", f"'spots' or 'blobs' for {mark}, which does not look the same at any turn"
+        )
     return cross(gray, template(mark, radius), least=_LEAST_CORRELATION)[0]
 
 

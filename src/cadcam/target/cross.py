@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask, Picture
+from cadcam.arrays import Array, Index, Mask, Picture
 from cadcam.errors import BadValue
 from cadcam.target.mark import Mark
 from cadcam.target.mark_model import share_of_ink
@@ -66,9 +66,10 @@ def taps(picture: Picture, *, circular: bool = True) -> Taps:
     return Taps(dx[inside], dy[inside], picture[inside].astype(np.float64))
 
 
-def correlation_at(gray: Picture, x: Array, y: Array, of: Taps, *, zero_mean: bool = True) -> Array:
-    """Return the normalised correlation (N,) of a template centred on whole pixels (x, y), -1 to 1; EQ 7.1 of positive
-    values without `zero_mean`. Beyond the outline the picture's last pixels go on.
+def correlation_at(gray: Picture, x: Index, y: Index, of: Taps, *, zero_mean: bool = True) -> Array:
+    """Return the normalised correlation (N,) of a template centred on whole pixels (x, y), -1 to 1.
+
+    Without `zero_mean` it is EQ 7.1 as printed. Beyond the outline the picture's last pixels go on.
     """
     height, width = gray.shape
     x, y = np.asarray(x, np.int64), np.asarray(y, np.int64)
@@ -108,7 +109,7 @@ def cross(
     return peaks(response, least, apart=0.7 * half, most=most)
 
 
-def _grown(x: Array, y: Array, by: int, shape: tuple[int, ...]) -> tuple[Array, Array]:
+def _grown(x: Index, y: Index, by: int, shape: tuple[int, ...]) -> tuple[Index, Index]:
     """Return every pixel within `by` of those given, once."""
     region = np.zeros(shape, bool)
     for dx in range(-by + 1, by):

@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Picture, frozen
+from cadcam.arrays import Array, Ids, Mask, Picture, frozen
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, TooFewMarks, UnknownName
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import checked, to_gray
-from cadcam.target.candidates import METHODS, Candidates, candidates, screened
+from cadcam.target.candidates import METHODS, Candidates, approached, candidates, screened
 from cadcam.target.cross import surface, taps, template
 from cadcam.target.mark import Mark, renumbered
 from cadcam.target.mark_fit import MARGIN, MarkFit, fit_both_tilts, fit_marks
@@ -35,6 +35,7 @@ _SAME = 0.8  # of the larger one's radius: of two fits nearer than that the bett
 _FLAT = 1e-3  # of grey values: a picture without any contrast
 _GRID = 0.02  # px: the dissertation's step
 _MOST, _SPARE = 5000, 6  # candidates that are fitted; beyond twice the count
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundMark:
@@ -73,7 +74,8 @@ class FoundMark:
     def outline(self, radius_mm: float, points: int = 73) -> Array:
         """Return the picture (points, 2) of a circle about the centre, px, to first order."""
         turn = np.linspace(0, 2 * np.pi, points)
-        return np.asarray(self.pixel + radius_mm * np.stack([np.cos(turn), np.sin(turn)], axis=-1) @ self.image_from_mark.T)
+        circle = radius_mm * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+        return np.asarray(self.pixel + circle @ self.image_from_mark.T)
 
 
 def find_marks(
@@ -93,31 +95,30 @@ def find_marks(
 ) -> list[FoundMark]:
     """Return the marks in a picture (H, W) or (H, W, 3), best first; none is an answer too.
 
-    radius_px: of the outermost border in the picture, or (least, largest); with one number the fast search is used, and
-    without any the size is measured. count: how many there are; `TooFewMarks` if fewer are found, the best if more.
-    method: auto, spots, correlation, blobs (see above). subpixel: photometric; or, for upright marks of known size,
-    parabola, centroid, autocorrelation (EQ 4.1-4.5, continuous) and autocorrelation-grid (in steps of 0.02 px). camera:
-    fits each mark's pose, so that perspective and lens do not shift it; normal (3,): of the marks' plane in the camera's
-    frame, which decides between the two tilts. perspective: without a camera, whether a mark of several borders is fitted
-    with its plane's perspective, which takes the shift of tilted marks off (up to 0.3 px) for twice the noise. margin: ground by the radius that is fitted too: less than the gap to
+    radius_px: of the outermost border in the picture, or (least, largest); with it the fast search is used, without it
+    the size is measured. count: how many there are; `TooFewMarks` if fewer are found, the best if more. method: auto,
+    spots, correlation, blobs (see above). subpixel: photometric; or, for upright marks, parabola, centroid,
+    autocorrelation (EQ 4.1-4.5, continuous), autocorrelation-grid (in steps of 0.02 px). camera: fits each mark's pose,
+    so that perspective and lens do not shift it; normal (3,): of the marks' plane in the camera's frame, which decides
+    between the two tilts. perspective: without a camera, fits the perspective of a plane with several borders: takes
+    the shift of tilted marks off, for more noise. margin: ground by the radius that is fitted too, less than the gap to
     what is next. any_number: of a coded mark, whichever number is read. Raises `BadValue`, `UnknownName`.
     """
     gray = to_gray(checked(picture))
     search = _search(gray, mark, method, subpixel, any_number, radius_px is not None)
     radii = _radii(radius_px)
-    seen = screened(
-        gray,
-        mark,
-        candidates(gray, mark, search, radii),
-        most=_MOST if count is None else 2 * count + _SPARE,
-        margin=margin,
-    )
+    most = _MOST if count is None else 2 * count + _SPARE
+    rough = search in ("spots", "correlation")
+    seen = screened(gray, mark, candidates(gray, mark, search, radii), most=most, margin=margin, rough=rough)
+    near = approached(gray, mark.rings, seen, margin) if rough else seen
     fits = []
-    for one, part in _kinds(gray, mark, seen, any_number):
-        fit = fit_marks(gray, one, part.q, part.shapes, perspective=perspective, margin=margin)
+    for one, part in _kinds(gray, mark, near, any_number):
+        clear = screened(gray, one, _plausible(part, one, radii), most=most, margin=margin)
+        fit = fit_marks(gray, one, clear.q, clear.shapes, perspective=perspective, margin=margin)
         fits.append((one, fit.subset(_kept(fit, one, radii, least_score))))
+    toward = None if normal is None else frozen(normal, "normal", (3,))
     if camera is not None:
-        fits = [(one, fit_both_tilts(gray, one, camera, fit, normal=normal, margin=margin)) for one, fit in fits]
+        fits = [(one, fit_both_tilts(gray, one, camera, fit, normal=toward, margin=margin)) for one, fit in fits]
     found = [_found(gray, one, fit, i, search, subpixel) for one, fit in fits for i in range(len(fit))]
     found = _apart(sorted(found, key=lambda f: -f.score))
     if count is not None and len(found) < count:
@@ -165,13 +166,23 @@ def _kinds(gray: Picture, mark: Mark, seen: Candidates, any_number: bool) -> Ite
             yield renumbered(mark, number), replace(seen, shapes=shapes).subset(which)
 
 
+def _plausible(seen: Candidates, mark: Mark, radii: tuple[float, float] | None) -> Candidates:
+    return seen.subset(_right_size(seen.shapes, mark, radii))
+
+
+def _right_size(shapes: Array, mark: Mark, radii: tuple[float, float] | None) -> Mask:
+    """Return which shapes (B, 2, 2) are neither too long nor of another size than was asked for."""
+    axes = mark.radius * np.linalg.svd(shapes, compute_uv=False)
+    right = axes[:, 0] < _LONGEST * axes[:, 1]
+    if radii is None:
+        return np.asarray(right)
+    return np.asarray(right & (axes[:, 0] > radii[0] / _SLACK) & (axes[:, 1] < radii[1] * _SLACK))
+
+
 def _kept(fit: MarkFit, mark: Mark, radii: tuple[float, float] | None, least_score: float) -> Ids:
     """Return the fits that are marks."""
-    axes = mark.radius * np.linalg.svd(fit.image_from_mark, compute_uv=False)
     right = (fit.contrast > 0) != mark.light
-    kept = fit.good & right & (fit.score >= least_score) & (axes[:, 0] < _LONGEST * axes[:, 1])
-    if radii is not None:
-        kept &= (axes[:, 0] > radii[0] / _SLACK) & (axes[:, 1] < radii[1] * _SLACK)
+    kept = fit.good & right & (fit.score >= least_score) & _right_size(fit.image_from_mark, mark, radii)
     return np.flatnonzero(kept).astype(np.int32)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -61,6 +62,11 @@ class Mark:
         return bool(self.full.all())
 
     @property
+    def rings(self) -> Mark:
+        """Return the mark with its whole rings and discs only: what of it looks the same at any turn."""
+        return self if self.concentric else Mark(f"rings of {self.name}", self.sectors[self.full], self.light)
+
+    @property
     def core(self) -> tuple[float, bool] | None:
         """Return (radius mm, inked) of the disc in the mark's middle; None where its middle is no disc."""
         whole = self.sectors[self.full]
@@ -82,7 +88,10 @@ class Mark:
         angles = (np.arange(720) + 0.5) * (FULL / 720)
         radii = np.unique(self.sectors[~self.full, :2])
         middle = (radii[1:] + radii[:-1]) / 2
-        rays = np.stack([np.cos(angles), np.sin(angles)], axis=-1), np.stack([np.cos(angles + by), np.sin(angles + by)], axis=-1)
+        rays = (
+            np.stack([np.cos(angles), np.sin(angles)], axis=-1),
+            np.stack([np.cos(angles + by), np.sin(angles + by)], axis=-1),
+        )
         first, second = (self.inked(middle[:, None, None] * ray) for ray in rays)
         return bool((first != second).mean() < 0.01)
 
@@ -243,7 +252,7 @@ class Plate:
             raise BadValue("grid of marks", f"{columns} x {rows} for {len(marks)} marks", "as many places as marks")
         x, y = np.meshgrid(np.arange(columns), np.arange(rows))
         each = marks * (columns * rows) if len(marks) == 1 else marks
-        plate = cls(each, np.column_stack([x.ravel(), y.ravel()]) * spacing_mm)
+        plate = cls(each, np.asarray(np.column_stack([x.ravel(), y.ravel()]) * spacing_mm, np.float64))
         plate.check_apart()
         return plate
 
@@ -254,7 +263,9 @@ class Plate:
             apart = np.hypot(*(self.places[:i] - self.places[i]).T) - radius[:i] - radius[i]
             if (apart < 0).any():
                 j = int(np.argmin(apart))
-                raise BadValue("marks", f"{self.marks[j]} and {self.marks[i]}, {-apart[j]:.4g} mm into each other", "apart")
+                raise BadValue(
+                    "marks", f"{self.marks[j]} and {self.marks[i]}, {-apart[j]:.4g} mm into each other", "apart"
+                )
 
     @property
     def light(self) -> bool:
@@ -291,7 +302,7 @@ class Plate:
 
         p = np.asarray(p, dtype=np.float64)
         inside = np.zeros(p.shape[:-1], dtype=bool)
-        near = cKDTree(self.places).query(p, distance_upper_bound=self.cell_mm * 1.0001)[1]
+        near = np.asarray(cKDTree(self.places).query(p, distance_upper_bound=self.cell_mm * 1.0001)[1])
         kinds: dict[int, Mark] = {id(mark): mark for mark in self.marks}
         which = np.array([id(mark) for mark in self.marks] + [0])[near]
         for key, mark in kinds.items():
@@ -325,8 +336,10 @@ def _concentric(kind: str, diameters: tuple[float, ...], *, first_black: bool = 
 
 def _check_growing(kind: str, diameters: tuple[float, ...]) -> None:
     finite = all(math.isfinite(d) and d > 0 for d in diameters)
-    if not (diameters and finite and all(a < b for a, b in zip(diameters, diameters[1:], strict=False))):
-        raise BadValue(f"diameters of {kind}", list(diameters), "positive lengths in mm, each larger than the one before")
+    if not (diameters and finite and all(a < b for a, b in pairwise(diameters))):
+        raise BadValue(
+            f"diameters of {kind}", list(diameters), "positive lengths in mm, each larger than the one before"
+        )
 
 
 def _name(kind: str, diameters: tuple[float, ...]) -> str:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Ids, Mask, Picture
+from cadcam.arrays import Array, Index, Mask, Picture
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import BRIGHT, DARK
@@ -24,10 +24,10 @@ MARGIN = 0.3  # of the radius: how much ground the window takes in
 _LEAST_MARGIN, _MOST_MARGIN = 2.0, 6.0  # px of it
 _CORNER = 2.0  # px around corners of ink that are left out: there the model's borders meet at no right angle
 _HIDDEN, _SIGMAS = 0.2, 5.0  # residual by contrast, and by noise, of a pixel that shows something else
-_ROUNDS = 4
+_ROUNDS = 6
+_HOPELESS = 0.35  # rms of the residuals by contrast: nothing that leaving pixels out would mend
 _MOST_HIDDEN, _MOST_OUTSIDE = 0.6, 0.4  # of a window
 _TOGETHER = 256  # windows looked at in one go
-_SOFT = 0.15  # blur by the size of a mark that is only looked for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,8 +35,8 @@ class MarkFit:
     """B fitted marks: q (B, 2) px, covariance (B, 2, 2) px^2, and what else the fit says.
 
     image_from_mark (B, 2, 2): px by mm at the centre, its columns the pictures of the mark's x and y (of a concentric
-    mark symmetric: its turn is not seen); contrast (B,) ground minus mark as seen; blur (B,) px; score (B,): of the fitted
-    picture and the grey values, their correlation, less what is hidden; hidden, outside, clipped (B,): shares of the
+    mark symmetric: its turn is not seen); contrast (B,) ground minus mark as seen; blur (B,) px; score (B,):
+    the correlation of the fitted picture with the grey values, less what is hidden; hidden, outside, clipped (B,): shares of the
     window that show something else, that lie beyond the picture's outline, and that are black or white; good (B,);
     poses: camera_from_mark of each, where a camera was given, and doubt (B,): the probability of the other tilt.
     """
@@ -58,7 +58,7 @@ class MarkFit:
     def __len__(self) -> int:
         return len(self.q)
 
-    def subset(self, which: Ids) -> MarkFit:
+    def subset(self, which: Index) -> MarkFit:
         """Return the marks that `which` selects, in its order."""
         arrays = {name: getattr(self, name)[which] for name in MarkFit.__slots__ if name != "poses"}
         return MarkFit(**arrays, poses=None if self.poses is None else tuple(self.poses[i] for i in which))
@@ -90,18 +90,21 @@ def fit_marks(
     start = _start(mark, geometry, g, np.zeros((len(q), 0)), window, blur)
     fit, weight = _robust(mark, geometry, start, window, q, lens=False)
     H = geometry.matrix(fit.parameters[:, geometry.places], np.zeros((len(q), 0)))
-    return _result(fit, weight, np.linalg.inv(H[:, :2, :2]), window, mark_model(mark, geometry))
+    shapes = np.asarray(np.linalg.inv(H[:, :2, :2]), np.float64)
+    return _result(fit, weight, shapes, window, mark_model(mark, geometry))
 
 
-def likeness(gray: Picture, mark: Mark, q: Array, image_from_mark: Array, *, margin: float = MARGIN) -> Array:
-    """Return the correlation (B,) of the mark's picture as it would lie at q (B, 2) with the grey values, unfitted."""
+def likeness(
+    gray: Picture, mark: Mark, q: Array, image_from_mark: Array, *, margin: float = MARGIN, soft: float
+) -> Array:
+    """Return the correlation (B,) of grey values with the mark as it would lie at q (B, 2), blurred by `soft` radii."""
     window = _Window.around(gray, q, image_from_mark, mark, margin)
     out = np.zeros(len(q))
     for i in range(0, len(q), _TOGETHER):
         part = slice(i, i + _TOGETHER)
         H = np.zeros((len(q[part]), 3, 3))
         H[:, :2, :2], H[:, 2, 2] = np.linalg.inv(image_from_mark[part]), 1.0
-        blur = np.maximum(_SOFT * window.size[part], 1.0)
+        blur = np.maximum(soft * window.size[part], 1.0)
         share = share_of_ink(mark, H, window.pixels[part], blur)
         out[part] = _correlation(share if mark.light else -share, window.values[part], window.weight[part])
     return out
@@ -173,7 +176,6 @@ def tilts(camera: Camera, q: Array, image_from_mark: Array) -> tuple[Rigid, Rigi
     S = np.linalg.solve(J @ toward[:, :2], image_from_mark)  # mark plane -> across the sight, by depth
     U, sizes, Vt = np.linalg.svd(S)
     depth, cosine = 1 / sizes[0], min(sizes[1] / sizes[0], 1.0)
-    flat = np.linalg.det(U @ Vt)
     poses = []
     for sine in (np.sqrt(1 - cosine**2), -np.sqrt(1 - cosine**2)):
         first = np.append(U[:, 0], 0.0)
@@ -181,7 +183,6 @@ def tilts(camera: Camera, q: Array, image_from_mark: Array) -> tuple[Rigid, Rigi
         axes = np.column_stack([first, second]) @ Vt
         R = np.column_stack([axes, np.cross(axes[:, 0], axes[:, 1])])
         poses.append(Rigid(toward @ R, depth * ray))
-    assert flat != 0
     return poses[0], poses[1]
 
 
@@ -222,6 +223,10 @@ class _Window:
             pixels = np.take_along_axis(pixels, kept[..., None], axis=1)
         return cls(values, pixels, weight, outside, minor)
 
+    def subset(self, which: Index) -> _Window:
+        """Return the windows that `which` selects."""
+        return _Window(*(getattr(self, name)[which] for name in _Window.__slots__))
+
 
 def _corners(mark: Mark) -> Array:
     """Return where borders end in corners (K, 2), mm; none of a point-symmetric mark, where their errors cancel."""
@@ -261,20 +266,24 @@ def _robust(
     model = mark_model(mark, geometry, lens=lens)
     weight = window.weight
     fit = fitted(model, start, window.values, window.pixels, weight, q, window.size)
-    for _ in range(_ROUNDS if len(q) else 0):
-        predicted, _ = model(fit.parameters, window.pixels)
-        clear = _clear(predicted - window.values, window.weight, fit.parameters[:, CONTRAST])
-        kept = window.weight * clear
-        again = np.flatnonzero((kept != weight).any(axis=1) & (kept.sum(axis=1) > geometry.free + 5))
-        if not again.size:
+    left = np.flatnonzero(fit.misfit < _HOPELESS)
+    for _ in range(_ROUNDS):
+        if not left.size:
             break
-        weight = np.where(np.isin(np.arange(len(q)), again)[:, None], kept, weight)
-        part = fitted(
-            model, fit.parameters[again], window.values[again], window.pixels[again],
-            weight[again], q[again], window.size[again],
-        )  # fmt: skip
-        fit = _replaced(fit, part, again)
+        some = window.subset(left)
+        predicted, _ = model(fit.parameters[left], some.pixels)
+        kept = some.weight * _clear(predicted - some.values, some.weight, fit.parameters[left, CONTRAST])
+        changed = (kept != weight[left]).any(axis=1) & (kept.sum(axis=1) > geometry.free + 5)
+        left, some, weight = left[changed], some.subset(changed), _with_rows(weight, left[changed], kept[changed])
+        part = fitted(model, fit.parameters[left], some.values, some.pixels, weight[left], q[left], some.size)
+        fit = _replaced(fit, part, left)
     return fit, weight
+
+
+def _with_rows(array: Array, which: Index, rows: Array) -> Array:
+    out = array.copy()
+    out[which] = rows
+    return out
 
 
 def _clear(residual: Array, weight: Array, contrast: Array) -> Mask:
@@ -368,6 +377,7 @@ def _chosen(first: MarkFit, second: MarkFit, other: Mask, doubt: Array) -> MarkF
     pick["doubt"] = np.where(both, doubt, 0.0)
     spread = pick["doubt"][:, None, None] * apart[:, :, None] * apart[:, None, :]
     pick["covariance"] = pick["covariance"] + spread
-    assert first.poses is not None and second.poses is not None
+    assert first.poses is not None
+    assert second.poses is not None
     poses = tuple(b if o else a for a, b, o in zip(first.poses, second.poses, other, strict=True))
     return MarkFit(**pick, poses=poses)

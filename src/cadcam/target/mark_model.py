@@ -1,7 +1,7 @@
 """The picture of a mark as a function of where it lies: the model that is fitted to grey values, with its slopes.
 
 A pixel's place on the mark is p = N_xy / N_z, N = H (m, 1), for the plane's homography H (mark from image, about the
-mark) and the pixel's coordinates m there. A border is blurred by a Gaussian of s px: with e(p) = 0 on it and the pixel's
+mark) and the pixel's coordinates m there. A border is blurred by a Gaussian of s px: with e(p) = 0 on it and a pixel's
 distance d = e / |grad_q e| to first order, the ink's share is Phi(-d / s). Sectors of a ring are products of two such
 borders along the radius and two across it; that is exact for right angles. Then
 
@@ -44,7 +44,7 @@ class Geometry:
     @property
     def places(self) -> Ids:
         """Return where the geometry's parameters stand among all."""
-        return np.r_[0:4, 9 : 5 + self.count].astype(np.int32)
+        return np.array([0, 1, 2, 3, *range(9, 5 + self.count)], dtype=np.int32)
 
     @property
     def free(self) -> int:

@@ -18,7 +18,7 @@ from cadcam.arrays import Array, Mask, Picture
 Model: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]  # (parameters, pixels) -> grey values, their slopes
 
 CONTRAST, BLUR = 4, 5  # their places among the parameters of either model
-_TOGETHER = 2_000_000  # numbers of a Jacobian held at a time
+_TOGETHER = 200_000  # numbers of a Jacobian held at a time: what comes up on the way stays in the cache
 _ITERATIONS = 25
 _CLOSE = 1e-4  # px: a step below it is the last
 _STUCK = 1e7  # of the damping: no step goes down any more
@@ -162,10 +162,10 @@ def fitted(model: Model, start: Array, values: Array, pixels: Array, weight: Arr
     those by which the model gives slopes are held.
     """
     count, n = start.shape
-    step = max(1, _TOGETHER // (n * values.shape[1]))
+    step = max(1, _TOGETHER // max(n * values.shape[1], 1))
     parts = [
         _minimised(model, start[i : i + step], values[i : i + step], pixels[i : i + step], weight[i : i + step])
-        for i in range(0, count, step)
+        for i in range(0, max(count, 1), step)
     ]
     parameters, covariance, cost = (np.concatenate(column) for column in zip(*parts, strict=True))
     rms = np.sqrt(cost / np.maximum(weight.sum(axis=1), 1))

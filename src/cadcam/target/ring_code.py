@@ -12,7 +12,7 @@ _CLEAR = 0.15  # of the ring's contrast: bits nearer to the middle are doubtful
 
 
 def oriented(gray: Picture, mark: Mark, q: Array, shapes: Array) -> Array:
-    """Return shapes (B, 2, 2) px by mm, those of ellipses, turned so that the mark's sectors lie where they are seen."""
+    """Return shapes (B, 2, 2) px by mm, turned so that the mark's sectors lie where they are seen."""
     angles = np.arange(_SAMPLES) * (FULL / _SAMPLES)
     seen, expected = np.zeros((len(q), _SAMPLES)), np.zeros(_SAMPLES)
     for radius in _radii(mark):
@@ -45,7 +45,7 @@ def code_bits(mark: Mark) -> int:
 
 
 def _number(values: Array, bits: int) -> tuple[int | None, float]:
-    """Return the number in values around a ring, high where a bit is set, and the angle at which its first bit starts."""
+    """Return the number in values around a ring, high where a bit is set, and the angle where its first bit starts."""
     each = len(values) // bits
     middle = (np.percentile(values, 90) + np.percentile(values, 10)) / 2
     swing = np.ptp(np.percentile(values, [10, 90]))

@@ -1,16 +1,17 @@
-"""Boards to print: SVG and PDF at true scale, with a line of text that says what the print must measure."""
+"""Boards and marks to print: SVG and PDF at true scale, with a line of text that says what the print must measure."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.errors import BadValue, UnknownName
-from cadcam.target.pattern import Pattern
+from cadcam.target.pattern import Ink
 from cadcam.whole import write_whole
 
 PAGES: dict[str, tuple[float, float]] = {
@@ -28,13 +29,32 @@ _POINTS_PER_MM = 72 / 25.4
 _ARC = 4 / 3 * (np.sqrt(2) - 1)  # of the radius: handles of a quarter circle as a Bezier curve, 0.03 % off
 
 
-def write_sheet(path: str | os.PathLike[str], pattern: Pattern, *, page: str | None = None) -> tuple[float, float]:
-    """Write a board as .svg or .pdf at true scale and return the sheet's (width, height) in mm.
+class Sheet(Protocol):
+    """What can be printed: a calibration board, a plate with marks."""
+
+    @property
+    def outline(self) -> tuple[float, float, float, float]:
+        """Return (left, top, right, bottom) of all ink in mm."""
+
+    @property
+    def size_mm(self) -> tuple[float, float]:
+        """Return width and height of the ink in mm."""
+
+    @property
+    def cell_mm(self) -> float:
+        """Return the white margin around the ink where no page is named, mm."""
+
+    def ink(self) -> Ink:
+        """Return what is printed."""
+
+
+def write_sheet(path: str | os.PathLike[str], pattern: Sheet, *, page: str | None = None) -> tuple[float, float]:
+    """Write a board, or a plate with marks, as .svg or .pdf at true scale and return the sheet's (width, height) in mm.
 
     page: a paper size (a4, letter ...), turned if need be, the board in its middle; None: the board with a white
     margin of one cell. Raises `UnknownName` for another suffix or page, `BadValue` if the board does not fit.
     """
-    writers: dict[str, Callable[[Pattern, tuple[float, float]], bytes]] = {".svg": _svg, ".pdf": _pdf}
+    writers: dict[str, Callable[[Sheet, tuple[float, float]], bytes]] = {".svg": _svg, ".pdf": _pdf}
     suffix = Path(path).suffix.lower()
     if suffix not in writers:
         raise UnknownName("suffix of a sheet", suffix, writers)
@@ -43,7 +63,7 @@ def write_sheet(path: str | os.PathLike[str], pattern: Pattern, *, page: str | N
     return size
 
 
-def sheet_size(pattern: Pattern, page: str | None) -> tuple[float, float]:
+def sheet_size(pattern: Sheet, page: str | None) -> tuple[float, float]:
     """Return the sheet's (width, height) in mm."""
     width, height = (float(n) for n in pattern.size_mm)
     if page is None:
@@ -60,26 +80,29 @@ def sheet_size(pattern: Pattern, page: str | None) -> tuple[float, float]:
     )
 
 
-def _label(pattern: Pattern) -> str:
+def _label(pattern: Sheet) -> str:
     width, height = pattern.size_mm
     return f"{pattern}   the black area measures {width:.2f} x {height:.2f} mm: check it with a ruler"
 
 
-def _shift(pattern: Pattern, size: tuple[float, float]) -> Array:
+def _shift(pattern: Sheet, size: tuple[float, float]) -> Array:
     """Return where the board's origin lies on the sheet, mm from its upper left."""
     left, top, right, bottom = pattern.outline
     return np.array([(size[0] - left - right) / 2, (size[1] - top - bottom) / 2])
 
 
-def _svg(pattern: Pattern, size: tuple[float, float]) -> bytes:
+def _svg(pattern: Sheet, size: tuple[float, float]) -> bytes:
     x, y = _shift(pattern, size)
     ink = pattern.ink()
     path = "".join(f"M{a:.6g} {b:.6g}H{c:.6g}V{d:.6g}H{a:.6g}Z" for a, b, c, d in ink.rectangles.tolist())
     discs = "".join(f'<circle cx="{a:.6g}" cy="{b:.6g}" r="{r:.6g}"/>' for a, b, r in ink.discs.tolist())
+    holes = "".join(f"M{a:.6g} {b:.6g}H{c:.6g}V{d:.6g}H{a:.6g}Z" for a, b, c, d in ink.ground.tolist())
+    holes += "".join(_svg_path(path) for sector in ink.sectors.tolist() for path in _borders(*sector))
     width, height = size
     text = f'<text x="{width / 2:g}" y="{height - 2:g}" font-size="{_TEXT_MM:g}" text-anchor="middle" '
     text += f'font-family="sans-serif">{_label(pattern)}</text>'
     shapes = (f'<path d="{path}"/>' if path else "") + discs
+    shapes += f'<path fill-rule="evenodd" d="{holes}"/>' if holes else ""
     return (
         f'<?xml version="1.0" encoding="UTF-8"?>\n<svg xmlns="http://www.w3.org/2000/svg" width="{width:g}mm" '
         f'height="{height:g}mm" viewBox="0 0 {width:g} {height:g}">\n<rect width="100%" height="100%" fill="white"/>\n'
@@ -87,7 +110,7 @@ def _svg(pattern: Pattern, size: tuple[float, float]) -> bytes:
     ).encode()
 
 
-def _pdf(pattern: Pattern, size: tuple[float, float]) -> bytes:
+def _pdf(pattern: Sheet, size: tuple[float, float]) -> bytes:
     """Return a PDF 1.4 of one page (ISO 32000-1, 7.5 and 8.5): coordinates in mm, y turned down, by one matrix."""
     width, height = (v * _POINTS_PER_MM for v in size)
     x, y = _shift(pattern, size)
@@ -96,7 +119,9 @@ def _pdf(pattern: Pattern, size: tuple[float, float]) -> bytes:
     lines = [f"q {k:.8f} 0 0 {-k:.8f} {k * x:.5f} {height - k * y:.5f} cm 0 g"]
     lines += [f"{a:.6f} {b:.6f} {c - a:.6f} {d - b:.6f} re" for a, b, c, d in ink.rectangles.tolist()]
     lines += [_circle(*disc) for disc in ink.discs.tolist()]
-    lines += ["f Q", f"BT /F1 {k * _TEXT_MM:.3f} Tf {k * 8:.3f} {k * 2:.3f} Td ({_label(pattern)}) Tj ET"]
+    lines += [f"{a:.6f} {b:.6f} {c - a:.6f} {d - b:.6f} re" for a, b, c, d in ink.ground.tolist()]
+    lines += [_pdf_path(path) for sector in ink.sectors.tolist() for path in _borders(*sector)]
+    lines += ["f* Q", f"BT /F1 {k * _TEXT_MM:.3f} Tf {k * 8:.3f} {k * 2:.3f} Td ({_label(pattern)}) Tj ET"]
     stream = "\n".join(lines).encode()
     objects = [
         b"<< /Type /Catalog /Pages 2 0 R >>",
@@ -107,6 +132,43 @@ def _pdf(pattern: Pattern, size: tuple[float, float]) -> bytes:
         b"<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica >>",
     ]
     return _numbered(objects)
+
+
+Border: TypeAlias = list[
+    tuple[float, ...]
+]  # a closed line: (x, y) a straight line there, (x1, y1, x2, y2, x, y) a curve
+
+
+def _borders(x: float, y: float, inner: float, outer: float, start: float, stop: float) -> list[Border]:
+    """Return the closed borders of a sector of a ring: one, or two where it goes all around."""
+    if stop - start < 2 * np.pi - 1e-9:
+        return [[*_arc(x, y, outer, start, stop), *_arc(x, y, inner, stop, start)]]
+    return [_arc(x, y, r, start, stop) for r in (inner, outer) if r > 0]
+
+
+def _arc(x: float, y: float, r: float, start: float, stop: float) -> Border:
+    """Return an arc from its first point on, as Bezier curves over at most 22.5 degrees: within 1e-8 of the radius."""
+    if r == 0:
+        return [(x, y)]
+    count = int(np.ceil(abs(stop - start) / (np.pi / 8) - 1e-9))
+    angles = np.linspace(start, stop, count + 1)
+    h = 4 / 3 * np.tan((angles[1] - angles[0]) / 4) * r
+    at = np.column_stack([x + r * np.cos(angles), y + r * np.sin(angles)])
+    ahead = h * np.column_stack([-np.sin(angles), np.cos(angles)])
+    curves = np.hstack([at[:-1] + ahead[:-1], at[1:] - ahead[1:], at[1:]])
+    return [tuple(at[0].tolist()), *(tuple(curve) for curve in curves.tolist())]
+
+
+def _svg_path(border: Border) -> str:
+    first, *rest = border
+    parts = "".join(("L" if len(p) == 2 else "C") + " ".join(f"{v:.6g}" for v in p) for p in rest)
+    return f"M{first[0]:.6g} {first[1]:.6g}{parts}Z"
+
+
+def _pdf_path(border: Border) -> str:
+    first, *rest = border
+    parts = [" ".join(f"{v:.6f}" for v in p) + (" l" if len(p) == 2 else " c") for p in rest]
+    return "\n".join([f"{first[0]:.6f} {first[1]:.6f} m", *parts, "h"])
 
 
 def _circle(x: float, y: float, r: float) -> str:

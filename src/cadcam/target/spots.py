@@ -10,65 +10,57 @@ from __future__ import annotations
 
 import numpy as np
 
-from cadcam.arrays import Array, Picture
-from cadcam.native.correlate import shrunken
+from cadcam.arrays import Array, Ids, Picture
+from cadcam.native.correlate import shrunken, spot_steps
 
-_RADIUS = 4.5  # px of the reduced picture: what the search is done at
-_ACROSS = 1.6  # px there, to both sides of the border
-_DIRECTIONS = 8
+_RADIUS, _WIDTH = 5.0, 2.0  # px of the reduced picture that a spot's radius, and a ring's width, have at least
+_ACROSS = 0.35  # by the radius, to both sides of the border; at most half of what is inside it
+_DIRECTIONS = 8  # as many as the core takes
 _LEVEL = 0.02  # of grey values: below it a ratio says nothing
 
 
-def spot_response(gray: Picture, radius: float, *, dark: bool) -> Picture:
-    """Return for each pixel (H, W) the second weakest step in eight directions, at `radius` px, -1 to 1.
+def spot_response(gray: Picture, radius: float, across: float, *, dark: bool) -> Picture:
+    """Return for each pixel (H, W) the second weakest step in eight directions, -1 to 1.
 
-    dark: whether the spot is darker than what surrounds it. Within radius + 2 px of the outline it is -1.
+    It goes from radius - across to radius + across px. dark: whether the spot is darker than what surrounds it.
+    Where that leaves the picture it is -1.
     """
     turn = np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS)
     direction = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
-    inner = np.rint(max(radius - _ACROSS, 0.0) * direction).astype(int)
-    outer = np.rint((radius + _ACROSS) * direction).astype(int)
-    reach = int(np.abs(outer).max(initial=0))
-    height, width = gray.shape
-    response = np.full(gray.shape, -1.0, np.float32)
-    if min(height, width) <= 2 * reach:
-        return response
-
-    def shifted(step: np.ndarray) -> Picture:
-        x, y = (int(k) + reach for k in step)
-        return gray[y : y + height - 2 * reach, x : x + width - 2 * reach]
-
-    least = second = np.full((height - 2 * reach, width - 2 * reach), 2.0, np.float32)
-    for a, b in zip(outer, inner, strict=True):
-        out, in_ = shifted(a), shifted(b)
-        step = (out - in_ if dark else in_ - out) / (np.abs(out + in_) + np.float32(_LEVEL))
-        second = np.minimum(second, np.maximum(least, step))
-        least = np.minimum(least, step)
-    response[reach : height - reach, reach : width - reach] = second
-    return response
+    inner = np.rint(max(radius - across, 0.0) * direction).astype(np.int32)
+    outer = np.rint((radius + across) * direction).astype(np.int32)
+    return spot_steps(gray, inner, outer, dark=dark, level=_LEVEL)
 
 
-def spots(gray: Picture, radius: float, *, dark: bool, least: float = 0.04, most: int = 200) -> tuple[Array, Array]:
+def reduction(radius: float, width: float) -> int:
+    """Return the factor to reduce a picture by for spots whose border has `width` px of one colour inside it."""
+    return max(1, int(min(width / _WIDTH, radius / _RADIUS)))
+
+
+def spots(
+    gray: Picture, radius: float, width: float, *, dark: bool, least: float = 0.04, most: int = 200
+) -> tuple[Array, Array]:
     """Return places (N, 2) px of spots of `radius` px, strongest first, to about a fifth of it, and their strength.
 
-    least: of the response, 0.04 is 8 % more light outside than inside.
+    width: px of one colour inside the border, for a disc its radius. least: of the response; 0.04 is 8 % more light
+    outside than inside.
     """
-    factor = max(1, int(radius / _RADIUS))
+    factor = reduction(radius, width)
     small = shrunken(gray, factor) if factor > 1 else np.asarray(gray, np.float32)
-    response = spot_response(small, radius / factor, dark=dark)
+    across = max(1.0, min(_ACROSS * radius, width / 2) / factor)
+    response = spot_response(small, radius / factor, across, dark=dark)
     q, strength = peaks(response, least, apart=0.7 * radius / factor, most=most)
     return (q + 0.5) * factor - 0.5, strength
 
 
 def peaks(response: Picture, least: float, *, apart: float, most: int) -> tuple[Array, Array]:
     """Return the highest places (N, 2) of a response, each the highest within `apart` px, to parts of a pixel."""
-    from scipy.ndimage import maximum_filter
-
-    high = response > least
-    if not high.any():
-        return np.zeros((0, 2)), np.zeros(0)
-    top = (maximum_filter(response, size=3) == response) & high
-    y, x = np.nonzero(top)
+    y, x = np.nonzero(response[1:-1, 1:-1] > least)
+    y, x = y + 1, x + 1
+    top = np.ones(len(x), bool)
+    for dy, dx in ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1)):
+        top &= response[y, x] >= response[y + dy, x + dx]
+    y, x = y[top], x[top]
     order = np.argsort(-response[y, x], kind="stable")[: 20 * most]
     q, value = np.column_stack([x, y])[order].astype(np.float64), response[y, x][order].astype(np.float64)
     kept: list[int] = []
@@ -77,4 +69,13 @@ def peaks(response: Picture, least: float, *, apart: float, most: int) -> tuple[
             break
         if not kept or np.min(np.sum((q[kept] - q[i]) ** 2, axis=1)) > apart**2:
             kept.append(i)
-    return q[kept], value[kept]
+    return _middle(response, q[kept].astype(int)), value[kept]
+
+
+def _middle(response: Picture, q: Ids) -> Array:
+    """Return the middle (N, 2) of what is high within a pixel of each peak."""
+    dy, dx = (d.ravel() for d in np.mgrid[-1:2, -1:2])
+    near = response[q[:, 1:] + dy, q[:, :1] + dx].astype(np.float64)
+    weight = (near - 0.5 * near.max(axis=1, keepdims=True, initial=0.0)).clip(1e-9)
+    weight /= weight.sum(axis=1, keepdims=True)
+    return np.asarray(q + np.column_stack([weight @ dx, weight @ dy]))

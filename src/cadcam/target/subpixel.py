@@ -30,7 +30,7 @@ class Peak:
 
     a: float
     p: float
-    l: int  # noqa: E741 - the dissertation's name
+    l: int
     rms: float | None = None
 
     def __call__(self, x: Floats, y: Floats) -> Array:
@@ -39,7 +39,7 @@ class Peak:
         return np.asarray(np.exp(-self.a * r**self.p))
 
     @classmethod
-    def of_template(cls, picture: Picture, l: int | None = None) -> Peak:  # noqa: E741
+    def of_template(cls, picture: Picture, l: int | None = None) -> Peak:
         """Return the function that fits a template's zero-mean autocorrelation best, within l px along both axes.
 
         l: by default as far as the autocorrelation falls, before it rises again (the "ringing").
@@ -49,20 +49,22 @@ class Peak:
         if l is None:
             fall = np.diff(surface[middle, middle:])
             rises = np.flatnonzero(fall >= 0)
-            l = int(rises[0]) if rises.size else middle  # noqa: E741
+            l = int(rises[0]) if rises.size else middle
         if not 1 <= l <= middle:
             raise BadValue("half-width l", l, f"1 to {middle} px")
         window = surface[middle - l : middle + l + 1, middle - l : middle + l + 1]
         return cls._fitted(window, l)
 
     @classmethod
-    def _fitted(cls, window: Array, l: int) -> Peak:  # noqa: E741
+    def _fitted(cls, window: Array, l: int) -> Peak:
         from scipy.optimize import least_squares
 
         y, x = np.mgrid[-l : l + 1, -l : l + 1]
 
         def residuals(parameters: Array) -> Array:
-            return np.asarray((cls(*np.exp(parameters).tolist(), l)(x, y) - window).ravel())
+            return np.asarray(
+                (cls(float(np.exp(parameters[0])), float(np.exp(parameters[1])), l)(x, y) - window).ravel()
+            )
 
         best = least_squares(residuals, np.log([4.0, 1.5]))
         a, p = np.exp(best.x).tolist()
@@ -70,7 +72,7 @@ class Peak:
 
     def rms_at(self, window: Array, shift: Floats) -> float:
         """Return the root mean square of EQ 4.5 between a window (2l+1, 2l+1) and f(x + dx, y + dy)."""
-        dx, dy = shift  # type: ignore[misc]
+        dx, dy = np.asarray(shift, np.float64)
         y, x = np.mgrid[-self.l : self.l + 1, -self.l : self.l + 1]
         return float(np.sqrt(np.mean((self(x + dx, y + dy) - window) ** 2)))
 
