@@ -77,7 +77,7 @@ def split_table(deviations: DeviationMap) -> Table:
         ("mechanics, standard deviation over the positions mm", f"{m[:, 0].std():.2f}", f"{m[:, 1].std():.2f}"),
         ("mechanics, largest difference in the axis mm", f"{np.ptp(m[:, 0]):.2f}", f"{np.ptp(m[:, 1]):.2f}"),
         ("vision, error of a single mark rms mm", f"{seen[0]:.3f}", f"{seen[1]:.3f}"),
-        ("   as pixels and plate let expect mm", f"{told[0]:.3f}", f"{told[1]:.3f}"),
+        ("   as pixels, survey and plate let expect mm", f"{told[0]:.3f}", f"{told[1]:.3f}"),
         ("vision, by d_ij + d_ji of the plate's mean mm", f"{split.vision[0]:.3f}", f"{split.vision[1]:.3f}"),
         ("left over by m_i - m_j, rms mm", f"{split.closure[0]:.3f}", f"{split.closure[1]:.3f}"),
     )

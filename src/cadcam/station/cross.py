@@ -57,7 +57,7 @@ class DeviationMap:
 
     deviation: relative to `reference`, the index of a position; None: to the mean of all (Fig 6-17, 6-18).
     vision (2,): how far a single mark, predicted from another position, lies from its place once the mechanics are
-    taken off, rms mm; predicted (2,): what pixels and the making of the plate let expect of that.
+    taken off, rms mm; predicted (2,): what pixels, survey and the making of the plate let expect of that.
     """
 
     positions: Array
@@ -173,7 +173,7 @@ def _vision(positions: Sequence[PlaneCalibration], mechanics: Array) -> Array:
 
 
 def _predicted(positions: Sequence[PlaneCalibration]) -> Array:
-    """Return the standard deviation (2,) of single marks' errors about their mean that pixels and plate let expect."""
+    """Return the standard deviation (2,) of single marks' errors about their mean that is to be expected."""
     each = [_scatter(one) for one in positions]
     return np.asarray(np.sqrt(np.concatenate(each).mean(axis=0)))
 
@@ -188,7 +188,11 @@ def _scatter(one: PlaneCalibration) -> Array:
     calibration = noise * by_entry @ _root(fit.cofactor)
     itself = np.einsum("kl,xy->kxly", np.eye(K), np.eye(2)).reshape(K, 2, 2 * K)
     made = plate.sigma_mm * (by_entry @ one.by_marks + itself)
-    all_causes = np.concatenate([own, calibration, made], axis=2)
+    placement = one.placement  # the plate's turn is surveyed twice, for the one picture and for the other
+    surveyed = (
+        np.sqrt(2.0) * placement.moves(fit.observations.p_world[:, :2] + one.position) @ _root(placement.covariance)
+    )
+    all_causes = np.concatenate([own, calibration, made, surveyed], axis=2)
     return np.asarray(np.sum((all_causes - all_causes.mean(axis=0)) ** 2, axis=2))
 
 

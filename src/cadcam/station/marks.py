@@ -1,6 +1,6 @@
 """The station's marks in its pictures: a whole plate in the order of its plan, or the one mark of daily work.
 
-Large marks are looked for in a reduced picture: their borders lose nothing by it that a station could notice (0.01 px),
+Large marks are looked for in a reduced picture: their borders lose nothing by it that a station could notice (0.02 px),
 and a picture takes a tenth of the time.
 """
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cadcam.target.find import FoundMark
     from cadcam.target.mark import Mark
 
-_ENOUGH = 14.0  # px: radius of a mark in the picture it is looked for in
+_ENOUGH = 12.0  # px: radius of a mark in the picture it is looked for in
 _FEWEST = 4
 _TWO_PLATES = 0.6  # of the plate's marks, seen a second time
 

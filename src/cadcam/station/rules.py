@@ -7,6 +7,7 @@ grid: four positions are two triangles joined along the longer of their sides.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
@@ -63,9 +64,12 @@ def check_inside(positions: Array, at: Array, *, extrapolate: bool, near_mm: flo
 
 def surrounded(positions: Array, at: Array) -> bool:
     """Return whether a position (2,) lies between the others (N, 2): in their convex hull, or on their line."""
-    if len(positions) == 1:
-        return bool(np.all(positions[0] == at))
-    return _linear(positions, at) is not None
+    off = positions - at
+    if not np.any(off, axis=1).all():
+        return True
+    around = np.sort(np.arctan2(off[:, 1], off[:, 0]))
+    gaps = np.diff(around, append=around[0] + 2 * np.pi)
+    return bool(gaps.max() <= np.pi + _OUTSIDE)
 
 
 def rectangle_shares(one: Floats, opposite: Floats, at: Floats) -> tuple[float, float]:
@@ -142,9 +146,14 @@ def _linear(grid: Array, at: Array) -> Array | None:
 
 
 def _triangles(grid: Array) -> Delaunay:
+    return _triangles_of(grid.tobytes(), len(grid))
+
+
+@lru_cache(maxsize=16)
+def _triangles_of(grid: bytes, count: int) -> Delaunay:
     from scipy.spatial import Delaunay
 
-    return Delaunay(grid)
+    return Delaunay(np.frombuffer(grid).reshape(count, 2))
 
 
 def _on_a_line(grid: Array) -> bool:

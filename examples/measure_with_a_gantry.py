@@ -1,6 +1,6 @@
 """A gantry's camera calibrated at fifteen positions of a simulated hall, its mechanics mapped, a distance measured.
 
-    python examples/station.py
+    python examples/measure_with_a_gantry.py
 
 In a real hall the pixels come from `cadcam.station.marks.find_plate`, the places from a survey.
 """
