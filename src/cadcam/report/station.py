@@ -1,0 +1,179 @@
+"""A station as tables: calibrated positions, how the mechanics deviate, what was measured, and the drawing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from cadcam.camera.measurement import Measurement
+from cadcam.report.table import Table, with_sigma
+from cadcam.station.budget import budget_of
+from cadcam.station.cross import DeviationMap, Split
+from cadcam.station.drawing import DistanceCheck, Trend
+from cadcam.station.gantry import GantryCalibration, Sighting
+from cadcam.station.measure import Estimate
+
+
+def calibration_tables(station: GantryCalibration) -> list[Table]:
+    """Return one row for each calibrated position: fit, survey, and what a pixel is worth there."""
+    columns = (
+        "position",
+        "x mm",
+        "y mm",
+        "marks",
+        "residual px",
+        "survey rms mm",
+        "mm/px x",
+        "mm/px y",
+        "aspect",
+        "skew deg",
+    )
+    rows = []
+    for one in station.positions:
+        scale, fit = one.scale, one.estimate
+        sigma = np.sqrt(np.diag(scale.covariance))
+        cells = [with_sigma(v, s)[0] for v, s in zip((scale.scale_x, scale.scale_y, scale.aspect), sigma, strict=False)]
+        skew = with_sigma(float(np.degrees(scale.skew)), float(np.degrees(sigma[3])))[0]
+        head = (one.name, f"{one.position[0]:.1f}", f"{one.position[1]:.1f}", str(len(fit.observations)))
+        rows.append((*head, f"{fit.thesis_residual:.3f}", f"{one.placement.rms:.3f}", *cells, skew))
+    again = station.repeatability.sigma
+    notes = [f"noise of one pixel coordinate {station.sigma_px:.3f} px; scales by the Jacobian at the plate"]
+    if station.repeatability.covariance.any():
+        notes.append(f"repeatability of a visit {again[0]:.3f}, {again[1]:.3f} mm (x, y)")
+    else:
+        notes.append("repeatability is not stated: what is measured looks surer than it is")
+    if station.recalibration is not None:
+        notes.append(f"re-calibrated by mark {station.recalibration.sighting.name!r}")
+    return [
+        Table(
+            f"Camera {station.camera}: {len(rows)} calibrated positions",
+            columns,
+            tuple(rows),
+            columns[:1],
+            tuple(notes),
+        )
+    ]
+
+
+def map_tables(names: Sequence[str], deviations: DeviationMap) -> list[Table]:
+    """Return how the mechanics deviate at each position, and how mechanics and vision share in what is seen."""
+    columns = ("position", "x mm", "y mm", "deviation x mm", "sigma", "deviation y mm", "sigma ")
+    rows = tuple(
+        (name, f"{p[0]:.1f}", f"{p[1]:.1f}", f"{m[0]:+.3f}", f"{s[0]:.3f}", f"{m[1]:+.3f}", f"{s[1]:.3f}")
+        for name, p, m, s in zip(names, deviations.positions, deviations.deviation, deviations.sigma, strict=True)
+    )
+    about = "the mean of all" if deviations.reference is None else f"position {names[deviations.reference]}"
+    note = f"where the view really is, less where the controller says, relative to {about}; sigma: survey and vision"
+    return [Table("Deviation of the mechanics", columns, rows, columns[:1], (note,)), split_table(deviations)]
+
+
+def split_table(deviations: DeviationMap) -> Table:
+    """Return what of the cross-predictions is mechanics and what is vision (Table 6.10)."""
+    split = deviations.split
+    m, seen, told = split.mechanics, deviations.vision, deviations.predicted
+    rows = (
+        ("mechanics, standard deviation over the positions mm", f"{m[:, 0].std():.2f}", f"{m[:, 1].std():.2f}"),
+        ("mechanics, largest difference in the axis mm", f"{np.ptp(m[:, 0]):.2f}", f"{np.ptp(m[:, 1]):.2f}"),
+        ("vision, error of a single mark rms mm", f"{seen[0]:.3f}", f"{seen[1]:.3f}"),
+        ("   as pixels, survey and plate let expect mm", f"{told[0]:.3f}", f"{told[1]:.3f}"),
+        ("vision, by d_ij + d_ji of the plate's mean mm", f"{split.vision[0]:.3f}", f"{split.vision[1]:.3f}"),
+        ("left over by m_i - m_j, rms mm", f"{split.closure[0]:.3f}", f"{split.closure[1]:.3f}"),
+    )
+    worst = f"the worst two positions differ by {split.worst:.2f} mm; {split.pairs} pairs of positions"
+    return Table("Mechanics and vision, told apart", ("", "x", "y"), rows, ("",), (worst,))
+
+
+def pairs_table(names: Sequence[str], split: Split) -> Table:
+    """Return all cross-predictions as Table 6.11 has them: the row's calibration, applied at the column's position."""
+    rows = tuple(
+        (name, *("" if i == j else f"{x:+.1f},{y:+.1f}" for j, (x, y) in enumerate(split.deviations[i].tolist())))
+        for i, name in enumerate(names)
+    )
+    return Table("Every calibration at every position, x,y mm", ("", *names), rows, ("",))
+
+
+def sighting_tables(measured: Measurement, sightings: Sequence[Sighting]) -> list[Table]:
+    """Return where the marks are, and what makes their uncertainty."""
+    half = measured.half_width()
+    columns = ("mark", "camera", "x mm", "+-", "y mm", "+- ")
+    rows = tuple(
+        (s.name, s.camera, f"{p[0]:.2f}", f"{h[0]:.2f}", f"{p[1]:.2f}", f"{h[1]:.2f}")
+        for s, p, h in zip(sightings, measured.points, half, strict=True)
+    )
+    points = Table("Measured marks", columns, rows, columns[:2], (f"+-: half of the 95 % interval; {measured.method}",))
+    budgets = {s.name: budget_of(measured, s.name) for s in sightings}
+    causes = list(dict.fromkeys(cause for b in budgets.values() for cause in b.contributions))
+    shares = tuple(
+        (name, *(f"{b.contributions.get(cause, 0.0):.3f}" for cause in causes), f"{b.total:.3f}")
+        for name, b in budgets.items()
+    )
+    note = "standard deviations in mm in each point's worst direction on the floor"
+    return [points, Table("What the uncertainty comes from", ("mark", *causes, "total"), shares, ("mark",), (note,))]
+
+
+def estimates_table(name: str, found: Sequence[Estimate]) -> Table:
+    """Return what each calibration made of one mark and how much it counted, as program bilinear said it (Prog 6)."""
+    rows = tuple(
+        (
+            e.name,
+            f"({e.position[0]:.1f}, {e.position[1]:.1f})",
+            f"({e.point[0]:.1f}, {e.point[1]:.1f})",
+            *(f"{w:+.3f}" for w in e.weight),
+        )
+        for e in found
+    )
+    return Table(
+        f"Mark {name}: estimates of the calibrations",
+        ("calibration", "position mm", "estimate mm", "weight x", "weight y"),
+        rows,
+        ("calibration",),
+    )
+
+
+def distance_tables(checks: Sequence[DistanceCheck], seen: Trend | None) -> list[Table]:
+    """Return distances and angles against the drawing (Table 6.12), and what their differences say together."""
+    columns = ("marks", "measured mm", "+-", "drawn mm", "drawn - measured mm", "angle deg")
+    rows = tuple(
+        (
+            f"{c.one} - {c.other}",
+            f"{c.measured:.2f}",
+            f"{c.half_width:.2f}",
+            f"{c.drawn:.2f}",
+            f"{c.difference:+.2f}",
+            f"{np.degrees(c.angle):+.3f}",
+        )
+        for c in checks
+    )
+    out = [Table("Distances against the drawing", columns, rows, columns[:1], ("+-: half of the 95 % interval",))]
+    return out if seen is None else [*out, trend_table(seen)]
+
+
+def trend_table(seen: Trend) -> Table:
+    """Return the statistics of differences."""
+    rows = (
+        ("mean", f"{seen.mean:+.2f} +- {seen.standard_error:.2f} mm (t = {seen.t:.2f}, p = {seen.p_mean:.2g})"),
+        ("standard deviation", f"{seen.sd:.2f} mm"),
+        ("mean amount", f"{seen.mean_abs:.2f} mm"),
+        ("by length", f"{seen.slope:+.3f} +- {seen.slope_sigma:.3f} mm/m (r = {seen.correlation:+.3f})"),
+    )
+    return Table(f"{seen.n} differences together", ("", ""), rows, ("",), (seen.verdict,))
+
+
+def map_as_json(camera: str, names: Sequence[str], deviations: DeviationMap) -> dict[str, Any]:
+    """Return a deviation map as JSON."""
+    s = deviations.split
+    return {
+        "camera": camera,
+        "reference": None if deviations.reference is None else names[deviations.reference],
+        "positions": [
+            {"name": n, "position_mm": p.tolist(), "deviation_mm": m.tolist(), "sigma_mm": e.tolist()}
+            for n, p, m, e in zip(names, deviations.positions, deviations.deviation, deviations.sigma, strict=True)
+        ],
+        "vision_mm": deviations.vision.tolist(),
+        "vision_predicted_mm": deviations.predicted.tolist(),
+        "vision_by_pairs_mm": s.vision.tolist(),
+        "worst_difference_mm": s.worst,
+        "cross_predictions_mm": s.deviations.tolist(),
+    }

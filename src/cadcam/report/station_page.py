@@ -1,0 +1,150 @@
+"""Stations as one HTML file: map of the mechanics, calibrations, what was measured; nothing in it is fetched."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from cadcam import __version__
+from cadcam.report.station import calibration_tables, map_tables, trend_table
+from cadcam.report.table import Table
+from cadcam.station.cross import DeviationMap
+from cadcam.station.drawing import Trend
+from cadcam.station.gantry import GantryCalibration
+from cadcam.whole import write_whole
+
+_STYLE = """
+:root{color-scheme:light}*{box-sizing:border-box}
+body{margin:0;background:#f6f6f4;color:#1c1c1c;font:16px/1.45 system-ui,"DejaVu Sans",sans-serif}
+main{max-width:1180px;margin:0 auto;padding:16px}h1{font-size:1.5rem;margin:0}h2{font-size:1.1rem;margin:1rem 0 .4rem}
+section{background:#fff;border:1px solid #d9d9d9;border-radius:10px;padding:4px 16px 16px;margin-top:16px}
+section{overflow-x:auto}
+table{border-collapse:collapse;font-size:.9rem;font-variant-numeric:tabular-nums}
+th{text-align:right;color:#5a5a5a;border-bottom:2px solid #d9d9d9;padding:4px 12px 4px 0}
+td{text-align:right;border-bottom:1px solid #eee;padding:4px 12px 4px 0}.left{text-align:left}
+p.soft{color:#5a5a5a;font-size:.9rem;margin:.3rem 0}svg{width:100%;max-width:900px;height:auto;display:block}
+svg text{font-family:system-ui,"DejaVu Sans",sans-serif}@media print{body{background:#fff}section{break-inside:avoid}}
+"""
+_WIDTH, _MARGIN = 900.0, 56.0
+_SIGMAS = 10.0  # by how much the ellipses of uncertainty are drawn larger than the arrows
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StationReport:
+    """What a page shows: calibrations by camera, entries of a log, and the trend of distances, where they are known."""
+
+    stations: Mapping[str, GantryCalibration]
+    log: Sequence[Mapping[str, Any]] = ()
+    trend: Trend | None = None
+
+
+def write_station_page(path: str | os.PathLike[str], report: StationReport) -> None:
+    """Write the report, whole or not at all."""
+    write_whole(path, station_page(report).encode())
+
+
+def station_page(report: StationReport) -> str:
+    """Return the report as one HTML document."""
+    maps = {name: s.map() for name, s in report.stations.items() if len(s.positions) > 1}
+    body = [f"<h1>Stations: {escape(', '.join(report.stations))}</h1>"]
+    if maps:
+        body.append(_section("How the mechanics deviate over the work area", arrows(maps)))
+    for name, station in report.stations.items():
+        tables = calibration_tables(station)
+        if name in maps:
+            tables += map_tables([one.name for one in station.positions], maps[name])
+        body.append(_section(f"Camera {name}", "".join(_table(t) for t in tables)))
+    if report.trend is not None:
+        body.append(_section("Against the drawing", _table(trend_table(report.trend))))
+    if report.log:
+        body.append(_section("Log", _table(_log_table(report.log))))
+    body.append(f'<p class="soft">cadcam {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC</p>')
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width">'
+        f"<title>Stations</title><style>{_STYLE}</style></head>\n<body><main>\n"
+        + "\n".join(body)
+        + "\n</main></body></html>\n"
+    )
+
+
+def arrows(maps: Mapping[str, DeviationMap]) -> str:
+    """Return the deviations of all cameras as arrows on one floor plan, SVG, with ellipses of their uncertainty."""
+    places = np.concatenate([m.positions for m in maps.values()])
+    low, high = places.min(axis=0), places.max(axis=0)
+    px = (_WIDTH - 2 * _MARGIN) / max(float(high[0] - low[0]), 1.0)
+    height = px * float(high[1] - low[1]) + 2 * _MARGIN
+    most = max(float(np.linalg.norm(m.deviation, axis=1).max()) for m in maps.values()) or 1.0
+    gain = _MARGIN * 0.9 / most  # px by mm of deviation
+    body = [
+        '<defs><marker id="tip" viewBox="0 0 6 6" refX="5" refY="3" markerWidth="6" markerHeight="6" orient="auto">'
+    ]
+    body.append('<path d="M0 0L6 3L0 6z" fill="#0072b2"/></marker></defs>')
+    for name, seen in maps.items():
+        q = np.column_stack([(seen.positions[:, 0] - low[0]) * px, (high[1] - seen.positions[:, 1]) * px]) + _MARGIN
+        body.append(_text(float(q[:, 0].mean()), float(q[:, 1].min()) - 30, f"camera {name}", "middle"))
+        body += [_arrow(*row, gain) for row in zip(q, seen.deviation, seen.sigma, seen.positions, strict=True)]
+    body.append(
+        _text(
+            _MARGIN / 2, height - 8, f"longest arrow {most:.1f} mm; ellipses: one sigma, {_SIGMAS:.0f} times", "start"
+        )
+    )
+    label = "deviations of the mechanics as arrows on the floor plan"
+    return f'<svg viewBox="0 0 {_WIDTH:.0f} {height:.0f}" role="img" aria-label="{label}">{"".join(body)}</svg>'
+
+
+def _arrow(q: Any, m: Any, sigma: Any, position: Any, gain: float) -> str:
+    x, y = float(q[0]), float(q[1])
+    tip_x, tip_y = x + gain * float(m[0]), y - gain * float(m[1])
+    rx, ry = (max(0.5, _SIGMAS * gain * float(s)) for s in sigma)
+    said = f"({position[0]:.0f}, {position[1]:.0f}): {m[0]:+.2f}, {m[1]:+.2f} mm, sigma {sigma[0]:.2f}, {sigma[1]:.2f}"
+    return (
+        f'<g><title>{said}</title><circle cx="{x:.1f}" cy="{y:.1f}" r="2.5" fill="#222"/>'
+        f'<ellipse cx="{tip_x:.1f}" cy="{tip_y:.1f}" rx="{rx:.1f}" ry="{ry:.1f}" fill="#d55e00" fill-opacity="0.25"/>'
+        f'<path d="M{x:.1f} {y:.1f}L{tip_x:.1f} {tip_y:.1f}" stroke="#0072b2" stroke-width="2" '
+        'marker-end="url(#tip)"/></g>'
+    )
+
+
+def _log_table(log: Sequence[Mapping[str, Any]]) -> Table:
+    rows = tuple(
+        (
+            str(e.get("time", ""))[:19],
+            str(e["mark"]),
+            str(e.get("camera", "")),
+            *_xy(e["point_mm"]),
+            *_xy(e.get("half_width_95_mm")),
+        )
+        for e in log[-500:]
+    )
+    columns = ("time (UTC)", "mark", "camera", "x mm", "y mm", "+- x", "+- y")
+    return Table(f"{len(log)} measurements", columns, rows, columns[:3])
+
+
+def _xy(value: Any) -> tuple[str, str]:
+    return ("", "") if value is None else (f"{value[0]:.2f}", f"{value[1]:.2f}")
+
+
+def _section(title: str, body: str) -> str:
+    return f"<section><h2>{escape(title)}</h2>{body}</section>"
+
+
+def _table(table: Table) -> str:
+    kinds = ['class="left"' if column in table.left else "" for column in table.columns]
+    head = "".join(f"<th {k}>{escape(c.strip())}</th>" for k, c in zip(kinds, table.columns, strict=True))
+    rows = "".join(
+        "<tr>" + "".join(f"<td {k}>{escape(cell)}</td>" for k, cell in zip(kinds, row, strict=True)) + "</tr>"
+        for row in table.rows
+    )
+    notes = "".join(f'<p class="soft">{escape(note)}</p>' for note in table.notes)
+    return f"<h2>{escape(table.title)}</h2><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>{notes}"
+
+
+def _text(x: float, y: float, text: str, anchor: str) -> str:
+    return f'<text x="{x:.0f}" y="{y:.0f}" font-size="13" text-anchor="{anchor}" fill="#222">{escape(text)}</text>'

@@ -1,0 +1,62 @@
+"""Error budgets: contributions of independent causes and their sum (Tables 6.3 and 6.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from cadcam.camera.measurement import Measurement
+from cadcam.errors import BadValue
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Budget:
+    """Contributions in mm by their cause, all of one kind (standard deviations, or worst cases taken as such)."""
+
+    contributions: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        for cause, value in self.contributions.items():
+            if not (np.isfinite(value) and value >= 0):
+                raise BadValue(f"contribution of {cause!r}", value, "mm, from 0 on")
+        object.__setattr__(self, "contributions", MappingProxyType(dict(self.contributions)))
+
+    @property
+    def total(self) -> float:
+        """Return the root of the sum of squares, mm: the causes are independent."""
+        return float(np.sqrt(sum(v * v for v in self.contributions.values())))
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Return each cause's share in the square of the total, the largest first."""
+        whole = self.total**2 or 1.0
+        return dict(sorted(((c, v * v / whole) for c, v in self.contributions.items()), key=lambda item: -item[1]))
+
+
+LASER = Budget(
+    {
+        "survey of the calibration mark": 3.0,
+        "laser spot set on the calibration mark by hand": 3.0,
+        "laser spot set on the measured point by hand": 3.0,
+        "laser spot where the controller says": 20.0,
+    }
+)  # Industrial Vision, Table 6.3
+VISION = Budget(
+    {"survey of the calibration marks": 1.0, "view where it was at the calibration": 10.0, "pixels": 1.0}
+)  # Industrial Vision, Table 6.4
+
+
+def budget_of(measured: Measurement, name: str) -> Budget:
+    """Return the budget of a measured point, in its worst direction on the floor, by the causes of its covariance."""
+    if name not in measured.names:
+        measured.point(name)  # says what is wrong with the name
+    i = measured.names.index(name)
+    worst = np.linalg.eigh(measured.covariance[i][:2, :2])[1][:, -1]
+    along = {"pixels": float(worst @ measured.from_pixels[i][:2, :2] @ worst)}
+    for source, effect in measured.effects:
+        g = worst @ effect[i, :2]
+        along[source.name] = along.get(source.name, 0.0) + float(g @ source.covariance @ g)
+    return Budget({cause: float(np.sqrt(max(v, 0.0))) for cause, v in along.items()})

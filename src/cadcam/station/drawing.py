@@ -1,0 +1,130 @@
+"""Measured marks against the CAD model: distances, angles, and what all differences together say (Table 6.12)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from cadcam.arrays import Array, Floats, frozen
+from cadcam.camera.measurement import Measurement
+from cadcam.errors import BadValue, TooFewPoints, UnknownName
+
+
+@dataclass(frozen=True, slots=True)
+class DistanceCheck:
+    """Two marks: measured and drawn distance, mm; half the measured one's 95 % interval; the angle between them, rad.
+
+    angle: how far the measured line is turned from the drawn one, counter-clockwise. sigma: of the distance, mm.
+    """
+
+    one: str
+    other: str
+    measured: float
+    sigma: float
+    half_width: float
+    drawn: float
+    angle: float
+
+    @property
+    def difference(self) -> float:
+        """Return drawn minus measured, mm, as the thesis has it."""
+        return self.drawn - self.measured
+
+
+@dataclass(frozen=True, slots=True)
+class Trend:
+    """What n differences say together, mm: mean, standard deviation, mean of the amounts, and tests.
+
+    p_mean: how probable such a mean is if all differences were chance about zero (Student). slope: difference by
+    length, mm per m, with its standard deviation; correlation: of difference and length.
+    """
+
+    n: int
+    mean: float
+    sd: float
+    mean_abs: float
+    p_mean: float
+    slope: float
+    slope_sigma: float
+    correlation: float
+
+    @property
+    def standard_error(self) -> float:
+        """Return the standard deviation of the mean, mm."""
+        return self.sd / float(np.sqrt(self.n))
+
+    @property
+    def t(self) -> float:
+        """Return the mean by its standard deviation."""
+        return self.mean / self.standard_error
+
+    @property
+    def verdict(self) -> str:
+        """Return in words what stands out: a constant offset, a scale, both or neither, at one in a hundred."""
+        scale = abs(self.slope) > 2.6 * self.slope_sigma > 0
+        offset = self.p_mean < 0.01
+        if offset and scale:
+            return "the differences have an offset and grow with the length"
+        if offset:
+            return "a constant offset: the mean is not chance, and does not grow with the length"
+        return "a scale: the differences grow with the length" if scale else "nothing but chance"
+
+
+def check_distances(
+    measured: Measurement, drawn: Mapping[str, Floats], pairs: Sequence[tuple[str, str]] | None = None
+) -> tuple[DistanceCheck, ...]:
+    """Return for each pair of marks (default: all) how their distance and direction compare with the drawing.
+
+    drawn: places (2,) or (3,) mm by name, of which x and y count. Raises `UnknownName`.
+    """
+    names = [n for n in measured.names if n in drawn]
+    for pair in pairs or ():
+        for name in pair:
+            if name not in drawn:
+                raise UnknownName("mark of the drawing", name, drawn)
+    chosen = list(combinations(names, 2)) if pairs is None else list(pairs)
+    if not chosen:
+        raise TooFewPoints("distances between marks of the drawing", len(names), 2)
+    return tuple(_check(measured, drawn, one, other) for one, other in chosen)
+
+
+def trend(differences: Floats, lengths: Floats) -> Trend:
+    """Return what differences (n,) mm of distances of these lengths (n,) mm say together. Raises `TooFewPoints`."""
+    from scipy.special import stdtr
+
+    d = frozen(differences, "differences", (None,))
+    L = frozen(lengths, "lengths", (len(d),))
+    if len(d) < 3:
+        raise TooFewPoints("a trend of distances", len(d), 3)
+    mean, sd = float(d.mean()), float(d.std(ddof=1))
+    t = abs(mean) / (sd / np.sqrt(len(d))) if sd > 0 else np.inf
+    slope, slope_sigma, r = _line(d, L / 1000)
+    return Trend(len(d), mean, sd, float(np.abs(d).mean()), 2 * float(stdtr(len(d) - 1, -t)), slope, slope_sigma, r)
+
+
+def _check(measured: Measurement, drawn: Mapping[str, Floats], one: str, other: str) -> DistanceCheck:
+    a, b = (np.asarray(drawn[name], dtype=np.float64)[:2] for name in (one, other))
+    on_drawing, seen = b - a, (measured.point(other) - measured.point(one))[:2]
+    length = measured.distance(one, other)
+    if not on_drawing.any():
+        raise BadValue(f"distance of {one!r} and {other!r} on the drawing", 0, "two marks at different places")
+    cross, dot = on_drawing[0] * seen[1] - on_drawing[1] * seen[0], on_drawing @ seen
+    drawn_length = float(np.linalg.norm(on_drawing))
+    angle = float(np.arctan2(cross, dot))
+    return DistanceCheck(one, other, length.value, length.sigma, length.half_width, drawn_length, angle)
+
+
+def _line(d: Array, x: Array) -> tuple[float, float, float]:
+    """Return slope, its standard deviation, and the correlation; zeros where all lengths are the same."""
+    about = x - x.mean()
+    spread = float(about @ about)
+    if spread == 0:
+        return 0.0, 0.0, 0.0
+    slope = float(about @ d) / spread
+    left = d - d.mean() - slope * about
+    scatter = float(np.sum((d - d.mean()) ** 2))
+    r = slope * np.sqrt(spread / scatter) if scatter > 0 else 0.0
+    return slope, float(np.sqrt(left @ left / (len(d) - 2) / spread)), float(r)

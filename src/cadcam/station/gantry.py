@@ -1,0 +1,146 @@
+"""A camera on a gantry, calibrated at a grid of positions over its work area (6.4.3.4 to 6.4.3.6)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from cadcam.arrays import Array, Floats, frozen
+from cadcam.errors import BadValue, TooFewPoints
+from cadcam.station.cross import DeviationMap, deviation_map, view_covariance
+from cadcam.station.field import DeviationField, fit_field
+from cadcam.station.plane import PlaneCalibration
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Repeatability:
+    """How well the camera comes back to a position: covariance (2, 2) mm^2 of the view on the floor, of one visit.
+
+    Backlash, vibration, and what else differs from visit to visit. dof: degrees of freedom behind it, inf if stated.
+    """
+
+    covariance: Array = field(default_factory=lambda: np.zeros((2, 2)))
+    dof: float = np.inf
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "covariance", frozen(self.covariance, "repeatability", (2, 2)))
+
+    @classmethod
+    def stated(cls, sigma_x: float, sigma_y: float) -> Repeatability:
+        """Return the repeatability with these standard deviations, mm."""
+        for name, value in (("sigma_x", sigma_x), ("sigma_y", sigma_y)):
+            if not (np.isfinite(value) and value >= 0):
+                raise BadValue(f"{name} of the repeatability", value, "mm, from 0 on")
+        return cls(np.diag([sigma_x**2, sigma_y**2]))
+
+    @property
+    def sigma(self) -> Array:
+        """Return the standard deviations (2,) mm."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sighting:
+    """A mark seen once: by which camera, at which position (2,) of its controller, at which pixel q (2,).
+
+    name: of the mark. covariance (2, 2) px^2 of the pixel. picture: where it was seen.
+    """
+
+    name: str
+    camera: str
+    position: Array
+    q: Array
+    covariance: Array
+    picture: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", frozen(self.position, f"position of {self.name!r}", (2,)))
+        object.__setattr__(self, "q", frozen(self.q, f"pixel of {self.name!r}", (2,)))
+        object.__setattr__(self, "covariance", frozen(self.covariance, f"pixel covariance of {self.name!r}", (2, 2)))
+
+    @classmethod
+    def of(cls, name: str, camera: str, position: Floats, q: Floats, *, sigma_px: float, picture: str = "") -> Sighting:
+        """Return a sighting whose pixel coordinates have this standard deviation each."""
+        if not (np.isfinite(sigma_px) and sigma_px > 0):
+            raise BadValue(f"sigma_px of {name!r}", sigma_px, "a positive number of px")
+        return cls(name, camera, np.asarray(position), np.asarray(q), sigma_px**2 * np.eye(2), picture)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recalibration:
+    """A mark of known place (2,) mm, seen after the calibration: what it is off by is off everywhere (6.4.3.6)."""
+
+    sighting: Sighting
+    known: Array
+    sigma_mm: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "known", frozen(self.known, "known place of the mark", (2,)))
+        if not (np.isfinite(self.sigma_mm) and self.sigma_mm >= 0):
+            raise BadValue("sigma_mm of the known mark", self.sigma_mm, "mm, from 0 on")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GantryCalibration:
+    """All calibrated positions of a camera, and the field of its mechanics' deviation that they speak for."""
+
+    camera: str
+    positions: tuple[PlaneCalibration, ...]
+    repeatability: Repeatability
+    field: DeviationField
+    recalibration: Recalibration | None = None
+
+    @property
+    def grid(self) -> Array:
+        """Return the calibrated positions (N, 2) mm."""
+        return np.stack([one.position for one in self.positions])
+
+    @property
+    def sigma_px(self) -> float:
+        """Return the noise of one pixel coordinate by all calibrations together, inf where none tells it."""
+        told = [one.estimate for one in self.positions if np.isfinite(one.estimate.noise_px)]
+        return float(np.sqrt(np.mean([e.noise_px**2 for e in told]))) if told else np.inf
+
+    def radius_px(self, radius_mm: float) -> float:
+        """Return the radius in px that a circle of the floor has in a picture, along its longer axis."""
+        scale = self.positions[0].scale
+        return radius_mm / min(scale.scale_x, scale.scale_y)
+
+    def map(self, *, reference: int | None = None) -> DeviationMap:
+        """Return how the mechanics deviate at the calibrated positions (Tables 6.9 to 6.11, Fig 6-17, 6-18)."""
+        return deviation_map(self.positions, reference=reference)
+
+    def recalibrated(self, sighting: Sighting, known: Floats, *, sigma_mm: float) -> GantryCalibration:
+        """Return the calibration with what one mark of known place (2,) mm is off by taken off everywhere.
+
+        sigma_mm: of the known place, each coordinate. A former re-calibration is forgotten.
+        """
+        if sighting.camera != self.camera:
+            raise BadValue("camera of the sighting", repr(sighting.camera), f"{self.camera!r}, which is re-calibrated")
+        return replace(self, recalibration=Recalibration(sighting, np.asarray(known, dtype=np.float64), sigma_mm))
+
+
+def calibrate_gantry(
+    camera: str, positions: Sequence[PlaneCalibration], *, repeatability: Repeatability | None = None
+) -> GantryCalibration:
+    """Return the calibration of a camera from those of its positions, one or more, no two of them the same."""
+    if not positions:
+        raise TooFewPoints(f"the calibration of camera {camera!r} (positions)", 0, 1)
+    again = repeatability or Repeatability()
+    grid = np.stack([one.position for one in positions])
+    for i, one in enumerate(positions):
+        for other in positions[:i]:
+            if np.linalg.norm(one.position - other.position) < 1.0:
+                raise BadValue(f"position of {one.name}", one.position.tolist(), f"another than that of {other.name}")
+        if one.placement.plate is not positions[0].placement.plate:
+            raise BadValue(f"plate of {one.name}", "another one", f"the plate of {positions[0].name}, at all positions")
+    deviations = deviation_map(positions).deviation if len(positions) > 1 else np.zeros((1, 2))
+    return GantryCalibration(camera, tuple(positions), again, fit_field(grid, deviations, _noise(positions, again)))
+
+
+def _noise(positions: Sequence[PlaneCalibration], again: Repeatability) -> Array:
+    """Return the covariance (2, N, N) of the views by axis: vision, survey, and the visit of each position."""
+    whole = view_covariance(positions) + np.kron(np.eye(len(positions)), again.covariance)
+    return np.stack([whole[0::2, 0::2], whole[1::2, 1::2]])

@@ -1,0 +1,206 @@
+"""A simulated hall: gantries whose beams bend and whose carts twist, a plate, a surveyor, cameras looking down.
+
+What a station has to live with, with the truth known. The world: x and y on the floor, z up, mm. A camera hangs 6 m
+above the floor and is tilted by its mounting; where it looks deviates smoothly and repeatably with the position of the
+cart (deflection, twist: `Gantry.deviation`), and by chance from visit to visit (backlash, vibration).
+Source: "Industrial Vision" (1997), sections 6.4.2 to 6.4.3.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cadcam.arrays import Array, Floats, frozen
+from cadcam.camera.camera import Camera
+from cadcam.camera.plane_camera import PlaneCamera
+from cadcam.errors import UnknownName
+from cadcam.geometry import rotation as so3
+from cadcam.geometry.rigid import Rigid
+from cadcam.station.plate import Plate, turn
+
+ROBOTS = {"1": (19000.0, 27500.0, 12800.0, 22300.0), "6": (4500.0, 13000.0, 12800.0, 22300.0)}
+ROBOTS |= {"7": (19000.0, 27500.0, 1600.0, 11100.0), "12": (4500.0, 13000.0, 1600.0, 11100.0)}
+_WAVES = 4
+_DOWN = np.diag([-1.0, 1.0, -1.0])  # camera axes in the world: x to -x, y to +y, z down, as in Prog 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Visit:
+    """What is there by chance while the camera stands at a place: shift (2,) mm of its view on the floor."""
+
+    shift: Array = field(default_factory=lambda: np.zeros(2))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gantry:
+    """A gantry over an area (x from, x to, y from, y to) mm, whose view deviates by up to `deflection_mm`.
+
+    waves (W, 8): for shift x, shift y and turn the parts of the cart's twist: two frequencies by the area, a phase,
+    and the shares. bend (2,): shares of the beams' sag in x and y. mounting: tilt of the camera about x, y, z, rad.
+    """
+
+    name: str
+    area: tuple[float, float, float, float]
+    deflection_mm: float
+    twist_rad: float
+    waves: Array
+    bend: Array
+    mounting: Array
+    height_mm: float = 6000.0
+
+    def deviation(self, position: Floats) -> Array:
+        """Return by how much deflection and twist move the view on the floor, (..., 2) mm, at positions (..., 2).
+
+        Straight below the camera; `Hall.deviation` is the view's own, exactly.
+        """
+        return np.asarray(self.deflection_mm * self._shape(position)[..., :2])
+
+    def camera_from_world(self, position: Floats, visit: Visit | None = None) -> Rigid:
+        """Return where the camera truly is when the controller says `position` (2,)."""
+        at = frozen(position, "position", (2,))
+        shift = self.deviation(at) + (Visit() if visit is None else visit).shift
+        tilt = shift / self.height_mm  # a view that moves by d at a height h is a camera turned by d / h
+        yaw = self.twist_rad * float(self._shape(at)[..., 2])
+        swing = so3.exp(np.array([-tilt[1], tilt[0], 0.0])) @ so3.exp(np.array([0.0, 0.0, yaw]))
+        world_from_camera = swing.T @ _DOWN @ so3.exp(self.mounting)
+        eye = np.array([*at, self.height_mm])
+        return Rigid(world_from_camera.T, -world_from_camera.T @ eye)
+
+    def grid(self, columns: int, rows: int, *, jitter_mm: float, rng: np.random.Generator) -> Array:
+        """Return calibration positions (columns rows, 2), nearly evenly spread over the area."""
+        x0, x1, y0, y1 = self.area
+        x, y = np.meshgrid(np.linspace(x0, x1, columns), np.linspace(y0, y1, rows), indexing="ij")
+        even = np.column_stack([x.ravel(), y.ravel()])
+        return np.asarray(np.round(even + rng.uniform(-jitter_mm, jitter_mm, even.shape), 1))
+
+    def _shape(self, position: Floats) -> Array:
+        """Return (..., 3): shift x, shift y, turn, in shares of the largest."""
+        x0, x1, y0, y1 = self.area
+        p = np.asarray(position, dtype=np.float64)
+        s, t = (p[..., 0] - x0) / (x1 - x0), (p[..., 1] - y0) / (y1 - y0)
+        phase = 2 * np.pi * (s[..., None] * self.waves[:, 0] + t[..., None] * self.waves[:, 1]) + self.waves[:, 2]
+        twist = np.sin(phase) @ self.waves[:, 3:6]
+        sag = 16 * np.stack(
+            [(t * (1 - t)) ** 2, (s * (1 - s)) ** 2, 0 * s], axis=-1
+        )  # a load wandering on two supports
+        return np.asarray(twist + sag * np.append(self.bend, 0.0))
+
+
+def gantry(
+    name: str,
+    *,
+    area: tuple[float, float, float, float],
+    deflection_mm: float,
+    twist_rad: float = 3e-4,
+    rng: np.random.Generator,
+) -> Gantry:
+    """Return a gantry of chance whose view's deviations differ by `deflection_mm` between its worst two places."""
+    frequency = rng.uniform(-1.5, 1.5, (_WAVES, 2))
+    shares = rng.normal(size=(_WAVES, 3)) * np.array([0.35, 0.35, 0.5])
+    waves = np.column_stack([frequency, rng.uniform(0, 2 * np.pi, _WAVES), shares])
+    tilt = np.array([*rng.uniform(-0.05, 0.05, 2), rng.uniform(-0.02, 0.02)])
+    raw = Gantry(name, area, 1.0, twist_rad, waves, rng.choice([-1.0, 1.0], 2) * rng.uniform(0.5, 1.0, 2), tilt)
+    x0, x1, y0, y1 = area
+    x, y = np.meshgrid(np.linspace(x0, x1, 15), np.linspace(y0, y1, 15))
+    m = raw.deviation(np.stack([x, y], axis=-1)).reshape(-1, 2)
+    worst = float(np.linalg.norm(m[:, None] - m[None], axis=2).max())
+    return Gantry(name, area, deflection_mm / worst, twist_rad, waves, raw.bend, tilt)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hall:
+    """Gantries, the camera that each of them carries, the plate as drawn and as made, and how good everything is.
+
+    survey_mm: noise of one surveyed coordinate; backlash_mm: width of the play that a visit ends in, each axis;
+    vibration_mm: standard deviation of the view while a picture is taken; noise_px: of one pixel coordinate of a mark.
+    """
+
+    gantries: dict[str, Gantry]
+    camera: Camera
+    plate: Plate
+    made: Array
+    survey_mm: float
+    backlash_mm: float
+    vibration_mm: float
+    noise_px: float
+
+    def gantry(self, name: str) -> Gantry:
+        """Return a gantry by its name. Raises `UnknownName`."""
+        if name not in self.gantries:
+            raise UnknownName("gantry", name, self.gantries)
+        return self.gantries[name]
+
+    @property
+    def repeatability_mm(self) -> float:
+        """Return the standard deviation of the view from visit to visit, each axis."""
+        return float(np.hypot(self.backlash_mm / np.sqrt(12), self.vibration_mm))
+
+    def visit(self, rng: np.random.Generator) -> Visit:
+        """Return a visit: the play taken up anywhere within its width, and vibration."""
+        play = rng.uniform(-0.5, 0.5, 2) * self.backlash_mm
+        return Visit(play + self.vibration_mm * rng.normal(size=2))
+
+    def view_centre(self, name: str, position: Floats) -> Array:
+        """Return the floor point (2,) in the middle of the picture, were the mechanics perfect."""
+        g, at = self.gantry(name), frozen(position, "position", (2,))
+        direction = _DOWN @ so3.exp(g.mounting) @ np.array([0.0, 0.0, 1.0])
+        return np.asarray(at + direction[:2] / -direction[2] * g.height_mm)
+
+    def deviation(self, name: str, position: Floats, visit: Visit | None = None) -> Array:
+        """Return where the view's middle on the floor really is, less where it should be, (2,) mm."""
+        there = self.gantry(name).camera_from_world(position, visit)
+        middle = np.array([[(self.camera.width - 1) / 2, (self.camera.height - 1) / 2]])
+        seen = PlaneCamera.of(self.camera, there).unproject(middle)[0]
+        return np.asarray(seen - self.view_centre(name, position))
+
+    def project(self, name: str, position: Floats, p: Floats, visit: Visit) -> Array:
+        """Return the exact pixels (N, 2) of floor points (N, 2)."""
+        places = frozen(p, "floor points", (None, 2))
+        floor = np.column_stack([places, np.zeros(len(places))])
+        return self.camera.project(self.gantry(name).camera_from_world(position, visit) @ floor)
+
+    def seen(self, name: str, position: Floats, p: Floats, visit: Visit, rng: np.random.Generator) -> Array:
+        """Return the pixels (N, 2) at which floor points are found, with noise."""
+        exact = self.project(name, position, p, visit)
+        return np.asarray(exact + self.noise_px * rng.normal(size=exact.shape))
+
+    def lay_plate(self, name: str, position: Floats, rng: np.random.Generator) -> tuple[float, Array]:
+        """Return angle and shift (2,) of a plate laid down about the middle of the view, as workers do."""
+        angle = rng.uniform(-0.04, 0.04)
+        middle = self.plate.marks.mean(axis=0)
+        return angle, self.view_centre(name, position) + rng.uniform(-30, 30, 2) - turn(angle) @ middle
+
+    def survey(self, angle: float, shift: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Return the marks' true places (K, 2), and the reflectors' (M, 2) as surveyed."""
+        true = self.made @ turn(angle).T + shift
+        K = len(self.plate.marks)
+        return true[:K], true[K:] + self.survey_mm * rng.normal(size=(len(true) - K, 2))
+
+
+def make_hall(
+    rng: np.random.Generator,
+    *,
+    robots: Sequence[str] = tuple(ROBOTS),
+    deflection_mm: float = 20.0,
+    survey_mm: float = 0.1,
+    plate_mm: float = 0.1,
+    backlash_mm: float = 0.5,
+    vibration_mm: float = 0.1,
+    noise_px: float = 0.03,
+    camera: Camera | None = None,
+) -> Hall:
+    """Return a hall as B4 was: 768 x 576 pixels of about 1.3 x 1.2 mm, four robots on 8.5 x 9.5 m each.
+
+    deflection_mm: how far the views' deviations differ between a gantry's worst two places.
+    """
+    for name in robots:
+        if name not in ROBOTS:
+            raise UnknownName("robot", name, ROBOTS)
+    plate = Plate.b4(sigma_mm=plate_mm)
+    made = plate.points + plate_mm * rng.normal(size=plate.points.shape)
+    gantries = {name: gantry(name, area=ROBOTS[name], deflection_mm=deflection_mm, rng=rng) for name in robots}
+    lens = camera or Camera.from_focal((768, 576), 4650.0, fy=5070.0)
+    return Hall(gantries, lens, plate, made, survey_mm, backlash_mm, vibration_mm, noise_px)

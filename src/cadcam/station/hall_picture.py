@@ -1,0 +1,46 @@
+"""Pictures of a simulated hall: the marks as the camera sees them, through gamma, noise and 8 bits."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+
+from cadcam.arrays import Array, Picture
+from cadcam.files.shot import Shot, write_pgm
+from cadcam.geometry.rigid import Rigid
+from cadcam.station.hall import Hall, Visit
+from cadcam.target.ideal import marks_picture
+from cadcam.target.mark import parse_mark
+
+GAMMA, BLUR_PX, NOISE = 1 / 2.2, 0.7, 0.01
+_FLOOR, _PAPER, _INK = 0.35, 0.6, 0.05  # of the light that the sensor takes before it is white
+_FACE_UP = np.diag([1.0, -1.0, -1.0])  # a print's axes in the world: y down the print, z into the floor
+
+
+def hall_picture(
+    hall: Hall, camera: str, position: Array, marks: Array, visit: Visit, rng: np.random.Generator
+) -> Picture:
+    """Return the grey picture (H, W) in [0, 1] of marks at floor points (K, 2), as the camera delivers it."""
+    mark = parse_mark(hall.plate.mark)
+    there = hall.gantry(camera).camera_from_world(position, visit)
+    poses = [there @ Rigid(_FACE_UP, np.array([x, y, 0.0])) for x, y in marks]
+    light = marks_picture(
+        [mark] * len(poses),
+        hall.camera,
+        poses,
+        paper=_PAPER,
+        ink=_INK,
+        background=_FLOOR,
+        margin_mm=8.0,
+        blur_px=BLUR_PX,
+    )
+    seen = np.clip(light, 0.0, 1.0) ** GAMMA + NOISE * rng.normal(size=light.shape)
+    return np.asarray(np.clip(seen, 0.0, 1.0), dtype=np.float32)
+
+
+def write_hall_picture(
+    path: str | os.PathLike[str], hall: Hall, shot: Shot, marks: Array, visit: Visit, rng: np.random.Generator
+) -> None:
+    """Write such a picture as PGM, the shot in its header."""
+    write_pgm(path, hall_picture(hall, shot.camera, np.array([shot.x, shot.y]), marks, visit, rng), shot)

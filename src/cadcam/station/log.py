@@ -1,0 +1,130 @@
+"""What a station measured, kept: a line in its log, and a record in the store of product state.
+
+The log is JSON lines, added to and never changed; once `append_log` has returned, its lines are on the disk.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from cadcam import __version__
+from cadcam.arrays import Floats
+from cadcam.camera.measurement import Measurement
+from cadcam.camera.pose_estimate import PoseEstimate
+from cadcam.errors import UnreadableFile, UnwritableFile
+from cadcam.files.text import read_text
+from cadcam.geometry.rigid import Rigid
+from cadcam.record.record import Deviation, Record, Source
+from cadcam.station.budget import budget_of
+from cadcam.station.gantry import Sighting
+
+_K = 2.0
+
+
+def log_entries(
+    measured: Measurement, sightings: Sequence[Sighting], *, times: Sequence[datetime | None] = (), block: str = ""
+) -> list[dict[str, Any]]:
+    """Return a log entry for each measured mark: where, how sure, by what, and where its uncertainty comes from."""
+    whole, sigma, half = measured.covariance, measured.sigma, measured.half_width()
+    when = list(times) or [None] * len(sightings)
+    return [
+        {
+            "time": (t or datetime.now(UTC)).isoformat(),
+            "block": block,
+            "mark": s.name,
+            "camera": s.camera,
+            "camera_position_mm": s.position.tolist(),
+            "pixel_px": s.q.tolist(),
+            "picture": s.picture,
+            "point_mm": measured.points[i, :2].tolist(),
+            "sigma_mm": sigma[i, :2].tolist(),
+            "half_width_95_mm": half[i, :2].tolist(),
+            "covariance_mm2": whole[i, :2, :2].tolist(),
+            "budget_mm": dict(budget_of(measured, s.name).contributions),
+            "method": measured.method,
+            "software": f"cadcam {__version__}",
+        }
+        for i, (s, t) in enumerate(zip(sightings, when, strict=True))
+    ]
+
+
+def append_log(path: str | os.PathLike[str], entries: Sequence[Mapping[str, Any]]) -> None:
+    """Add entries to a log, all of them in one write, and see them on the disk; the log is made where there is none."""
+    data = "".join(json.dumps(entry, ensure_ascii=False) + "\n" for entry in entries).encode()
+    try:
+        handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
+        try:
+            os.write(handle, data)
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+    except OSError as error:
+        raise UnwritableFile(path, error.strerror or str(error), "choose a place you may write to") from error
+
+
+def read_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
+    """Return the entries of a log, oldest first. Raises `UnreadableFile` naming the line."""
+    out: list[dict[str, Any]] = []
+    for number, line in enumerate(read_text(path).text.splitlines(), start=1):
+        if not line.strip():
+            continue
+        try:
+            entry = json.loads(line)
+        except json.JSONDecodeError:
+            raise UnreadableFile(
+                path, f"line {number} is not JSON", "was the machine stopped while writing it?"
+            ) from None
+        if not isinstance(entry, dict) or "point_mm" not in entry or "mark" not in entry:
+            raise UnreadableFile(path, f"line {number} is no measurement of a station", "is it the right log?")
+        out.append(entry)
+    return out
+
+
+def records(
+    measured: Measurement,
+    sightings: Sequence[Sighting],
+    *,
+    part: str = "mark",
+    serial: str = "",
+    times: Sequence[datetime | None] = (),
+    drawn: Mapping[str, Floats] | None = None,
+    sources: Sequence[Source] = (),
+) -> list[Record]:
+    """Return a product-state record for each measured mark, with its deviation in x and y where it is on the drawing.
+
+    The record's pose is the mark's place on the floor: only shifts along x and y are known of it.
+    """
+    when = list(times) or [None] * len(sightings)
+    return [
+        Record(
+            part=part,
+            serial=serial,
+            station=f"camera {s.camera}",
+            time=t or datetime.now(UTC),
+            pose=_pose(measured, i),
+            reason=f"mark {s.name} measured by camera {s.camera}",
+            deviations=_deviations(measured, i, (drawn or {}).get(s.name)),
+            sources=tuple(sources),
+        )
+        for i, (s, t) in enumerate(zip(sightings, when, strict=True))
+    ]
+
+
+def _pose(measured: Measurement, i: int) -> PoseEstimate:
+    covariance = np.zeros((6, 6))
+    covariance[:2, :2] = measured.covariance[i, :2, :2]
+    return PoseEstimate(Rigid(np.eye(3), measured.points[i]), covariance, freedom=np.eye(6)[:, :2])
+
+
+def _deviations(measured: Measurement, i: int, drawn: Floats | None) -> tuple[Deviation, ...]:
+    if drawn is None:
+        return ()
+    off = measured.points[i, :2] - np.asarray(drawn, dtype=np.float64)[:2]
+    sigma, name = measured.sigma[i], measured.names[i]
+    return tuple(Deviation(name, float(off[a]), float(_K * sigma[a]), kind=f"position {'xy'[a]}", k=_K) for a in (0, 1))

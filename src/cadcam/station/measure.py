@@ -1,0 +1,250 @@
+"""Marks measured by calibrated gantries: where they are, and all that their uncertainty consists of.
+
+Each calibration i around the camera's position gives an estimate p_i = H_i^-1 q + position; their weighted mean is the
+point (6.4.3.5). Errors are shared: by what is measured with one calibration, one survey, one plate, one gantry. The
+`Measurement` keeps how, so that a distance between two marks knows what cancels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.camera.measurement import Measurement, PixelNoise
+from cadcam.camera.viewpoint import ErrorSource
+from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints, UnknownName
+from cadcam.station.cross import plate_effect
+from cadcam.station.gantry import GantryCalibration, Repeatability, Sighting
+from cadcam.station.plane import PlaneCalibration
+from cadcam.station.plate import Plate
+from cadcam.station.rules import NEAR_MM, RULES, Rule, check_inside, weights
+
+CALIBRATION, SURVEY, PLATE = "calibration", "survey", "plate"
+REPEATABILITY, MECHANICS, KNOWN_MARK = "repeatability", "mechanics between positions", "re-calibration mark"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """One calibration's share in a measurement: its position, the point (2,) it estimates, its weights in x and y."""
+
+    name: str
+    position: Array
+    point: Array
+    weight: Array
+
+
+def measure(
+    stations: Mapping[str, GantryCalibration] | GantryCalibration,
+    sightings: Sequence[Sighting],
+    *,
+    rule: Rule = "smooth",
+    extrapolate: bool = False,
+    near_mm: float = NEAR_MM,
+) -> Measurement:
+    """Return the marks' points (N, 3) mm in the survey's world, Z = 0, with every cause of their uncertainty.
+
+    rule: "smooth", the weights with the least predicted error (`DeviationField`), or those of `rules.weights`. Raises
+    `UnknownName` for a camera without a calibration, `BadValue` for a position outside of the calibrated ones, unless
+    `extrapolate`, and `DegenerateGeometry` for a pixel that does not show the floor.
+    """
+    known = {stations.camera: stations} if isinstance(stations, GantryCalibration) else stations
+    if rule not in RULES:
+        raise UnknownName("rule", rule, RULES)
+    if not sightings:
+        raise TooFewPoints("measuring (marks)", 0, 1)
+    for sighting in sightings:
+        if sighting.camera not in known:
+            raise UnknownName("camera (it has no calibration):", sighting.camera, known)
+    index: list[int] = []
+    parts: list[_Rows] = []
+    for camera in dict.fromkeys(s.camera for s in sightings):
+        own = [i for i, s in enumerate(sightings) if s.camera == camera]
+        index += own
+        seen = [sightings[i] for i in own]
+        parts.append(_measured(known[camera], seen, _Choice(rule, extrapolate, near_mm)))
+    return _joined(parts, index, sightings, rule)
+
+
+def estimates(
+    station: GantryCalibration, sighting: Sighting, *, rule: Rule = "smooth", extrapolate: bool = False
+) -> tuple[Estimate, ...]:
+    """Return what each calibration makes of a sighting and how much it counts, most first, as Prog 6 lists them."""
+    W = _weights(station, [sighting], _Choice(rule, extrapolate, NEAR_MM))[:, 0]
+    order = np.argsort(-np.abs(W).sum(axis=0))
+    return tuple(
+        Estimate(one.name, one.position, one.predict(sighting.q[None], sighting.position)[0], W[:, i])
+        for i in order
+        for one in (station.positions[i],)
+        if np.any(W[:, i] != 0)
+    )
+
+
+def repeatability(station: GantryCalibration, sightings: Iterable[Sighting]) -> Repeatability:
+    """Return how well the camera comes back, from marks each seen on several visits, grouped by the mark's name.
+
+    The scatter of each mark's visits about their mean, pooled; the noise of the pixels is in it. Marks do not move.
+    Raises `TooFewPoints` below two visits more than marks.
+    """
+    groups: dict[str, list[Array]] = {}
+    for s in sightings:
+        nearest = station.positions[int(np.argmin(np.linalg.norm(station.grid - s.position, axis=1)))]
+        groups.setdefault(s.name, []).append(nearest.predict(s.q[None], s.position)[0])
+    visits = [np.stack(points) for points in groups.values()]
+    dof = sum(len(points) - 1 for points in visits)
+    if dof < 2:
+        raise TooFewPoints("repeatability (visits beyond the first of each mark)", dof, 2)
+    scatter = [(points - points.mean(axis=0)).T @ (points - points.mean(axis=0)) for points in visits]
+    return Repeatability(np.sum(scatter, axis=0) / dof, float(dof))
+
+
+@dataclass(frozen=True, slots=True)
+class _Choice:
+    rule: Rule
+    extrapolate: bool
+    near_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rows:
+    """Points (n, 2) of one camera, their pixels' covariance (n, 2, 2), and effects (n, 2, k) of the shared sources."""
+
+    points: Array
+    pixels: Array
+    effects: list[tuple[ErrorSource, Array]]
+
+
+def _measured(station: GantryCalibration, seen: Sequence[Sighting], choice: _Choice) -> _Rows:
+    """Return the camera's points, what the re-calibration's mark was off by taken off."""
+    if station.recalibration is None:
+        return _raw(station, seen, choice)
+    mark = station.recalibration
+    raw = _raw(station, [mark.sighting, *seen], choice)
+    effects = [(source, E[1:] - E[:1]) for source, E in raw.effects]
+    pixels = ErrorSource(KNOWN_MARK, raw.pixels[0], mark.sighting)
+    place = ErrorSource(KNOWN_MARK, mark.sigma_mm**2 * np.eye(2), mark)
+    both = np.broadcast_to(np.eye(2), (len(seen), 2, 2))
+    return _Rows(
+        raw.points[1:] - (raw.points[0] - mark.known), raw.pixels[1:], [*effects, (pixels, -both), (place, both)]
+    )
+
+
+def _raw(station: GantryCalibration, seen: Sequence[Sighting], choice: _Choice) -> _Rows:
+    W = _weights(station, seen, choice)
+    n, q, at = len(seen), np.stack([s.q for s in seen]), np.stack([s.position for s in seen])
+    points, by_pixel = np.zeros((n, 2)), np.zeros((n, 2, 2))
+    effects: list[tuple[ErrorSource, Array]] = []
+    plates: dict[int, tuple[ErrorSource, Array]] = {}
+    for i, one in enumerate(station.positions):
+        share = W[:, :, i].T  # (n, 2)
+        if not share.any():
+            continue
+        p = _relative(one, q, seen)
+        back, by_entry = one.by_entries(p)
+        points += share * (p + at)
+        by_pixel += share[:, :, None] * back
+        effects += _of_position(one, share[:, :, None], by_entry, p)
+        _add_plate(plates, one, share[:, :, None] * plate_effect(one, by_entry, p + one.position))
+    noise = by_pixel @ np.stack([s.covariance for s in seen]) @ np.swapaxes(by_pixel, 1, 2)
+    return _Rows(points, noise, [*effects, *plates.values(), *_of_gantry(station, at, W)])
+
+
+def _relative(one: PlaneCalibration, q: Array, seen: Sequence[Sighting]) -> Array:
+    p = one.camera.unproject(q)
+    blind = ~np.isfinite(p).all(axis=1)
+    if blind.any():
+        which = seen[int(np.argmax(blind))]
+        raise DegenerateGeometry(f"the pixel of {which.name!r}, {which.q.tolist()}, does not show the floor")
+    return p
+
+
+def _of_position(one: PlaneCalibration, share: Array, by_entry: Array, p: Array) -> list[tuple[ErrorSource, Array]]:
+    """Return what the pixels and the survey of one calibration do to the points."""
+    fit, placement = one.estimate, one.placement
+    if not np.isfinite(fit.noise_px):
+        raise BadValue(
+            f"pixel noise of the calibration {one.name}", "unknown (four marks only)", "more marks, or sigma_px with it"
+        )
+    dof = float(fit.dof) if fit.stated_px is None else np.inf
+    pixels = ErrorSource(CALIBRATION, fit.covariance, fit, dof)
+    survey = ErrorSource(SURVEY, placement.covariance, placement, placement.dof)
+    return [(pixels, share * by_entry), (survey, share * placement.moves(p + one.position))]
+
+
+def _add_plate(plates: dict[int, tuple[ErrorSource, Array]], one: PlaneCalibration, effect: Array) -> None:
+    """Add what the plate's making does to the points: it is the same plate at all positions."""
+    plate = one.placement.plate
+    if plate.sigma_mm == 0:
+        return
+    if id(plate) in plates:
+        source, before = plates[id(plate)]
+        plates[id(plate)] = source, before + effect
+    else:
+        plates[id(plate)] = ErrorSource(PLATE, plate.sigma_mm**2 * np.eye(effect.shape[-1]), plate), effect
+
+
+def _of_gantry(station: GantryCalibration, at: Array, W: Array) -> list[tuple[ErrorSource, Array]]:
+    """Return what the visits and the mechanics between the positions do to the points."""
+    n, N = len(at), len(station.positions)
+    out: list[tuple[ErrorSource, Array]] = []
+    again = station.repeatability
+    if again.covariance.any():
+        visits = np.zeros((n, 2, N + n, 2))
+        for axis in (0, 1):
+            visits[:, axis, :N, axis] = W[axis]
+            visits[range(n), axis, range(N, N + n), axis] = -1.0
+        covariance = np.asarray(np.kron(np.eye(N + n), again.covariance), dtype=np.float64)
+        out.append((ErrorSource(REPEATABILITY, covariance, station.field, again.dof), visits.reshape(n, 2, -1)))
+    between = station.field.error_covariance(at, W)
+    for axis in (0, 1):
+        effect = np.zeros((n, 2, n))
+        effect[range(n), axis, range(n)] = 1.0
+        out.append((ErrorSource(MECHANICS, between[axis], station.field.hypotheses[axis]), effect))
+    return out
+
+
+def _weights(station: GantryCalibration, seen: Sequence[Sighting], choice: _Choice) -> Array:
+    """Return the weights (2, n, N), for x and y, of the calibrations in each sighting."""
+    grid, at = station.grid, np.stack([s.position for s in seen])
+    if choice.rule == "smooth":
+        for place in at:
+            check_inside(grid, place, extrapolate=choice.extrapolate, near_mm=choice.near_mm)
+        return station.field.weights(at)
+    near, beyond = choice.near_mm, choice.extrapolate
+    each = np.stack([weights(grid, place, choice.rule, extrapolate=beyond, near_mm=near) for place in at])
+    return np.stack([each, each])
+
+
+def _joined(parts: Sequence[_Rows], index: Sequence[int], sightings: Sequence[Sighting], rule: Rule) -> Measurement:
+    """Return all cameras' points in the order of the sightings, sources of one owner taken together."""
+    n = len(sightings)
+    points, pixels = np.zeros((n, 3)), np.zeros((n, 3, 3))
+    points[list(index), :2] = np.concatenate([part.points for part in parts])
+    pixels[list(index), :2, :2] = np.concatenate([part.pixels for part in parts])
+    merged: dict[int | bytes, tuple[ErrorSource, Array]] = {}
+    first = 0
+    for part in parts:
+        rows = list(index[first : first + len(part.points)])
+        first += len(part.points)
+        for source, effect in part.effects:
+            whole = np.zeros((n, 3, effect.shape[-1]))
+            whole[rows, :2] = effect
+            key = source.owner.key if isinstance(source.owner, Plate) else id(source.owner)
+            before = merged.get(key)
+            merged[key] = (source, whole if before is None else before[1] + whole)
+    nothing = np.full(n, np.nan)
+    return Measurement(
+        names=tuple(s.name for s in sightings),
+        points=points,
+        noise=(PixelNoise(pixels),),
+        effects=tuple(merged.values()),
+        seen_by=tuple((s.camera,) for s in sightings),
+        chi2=np.zeros(n),
+        dof=np.zeros(n, dtype=np.int32),
+        gap=nothing,
+        gap_sigma=nothing,
+        angle=nothing,
+        method=f"gantry, {rule}",
+    )

@@ -1,0 +1,175 @@
+"""One calibration position: how the camera sees the floor around it, from one picture of a plate.
+
+The floor is told relative to where the controller says that the camera is: H takes p - position to pixels. A camera
+that were carried perfectly would have the same H everywhere; what H differs by is the mechanics.
+Source: "Industrial Vision" (1997), sections 6.3.2, 6.3.4, EQ 6.2-6.10, program calib.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadcam.arrays import Array, Floats, frozen
+from cadcam.calibrate.flat import calibrate_plane
+from cadcam.camera.observations import Observations
+from cadcam.camera.plane_camera import PlaneCamera, PlaneEstimate
+from cadcam.errors import BadValue, DegenerateGeometry
+from cadcam.station.plate import Placement
+
+_STEP = 1e-30  # of the complex step: derivatives to the last bit
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocalScale:
+    """What one pixel is worth at a place of the plane: mm per pixel along x and y, their ratio, and the skew.
+
+    skew: by how much the pictures of the x and y axes are not perpendicular, pi/2 less the angle between
+    them, rad. covariance (4, 4): of scale_x, scale_y, aspect, skew in this order.
+    """
+
+    scale_x: float
+    scale_y: float
+    skew: float
+    covariance: Array
+
+    @property
+    def aspect(self) -> float:
+        """Return scale_x / scale_y."""
+        return self.scale_x / self.scale_y
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaneCalibration:
+    """The calibration at one position (x, y) of the controller, mm.
+
+    placement: where the plate lay. estimate: the camera of the plane relative to `position`, with its covariance from
+    the pixels. seen: which of the plate's marks were found. name: of the picture.
+    """
+
+    name: str
+    position: Array
+    placement: Placement
+    estimate: PlaneEstimate
+    seen: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", frozen(self.position, "calibration position", (2,)))
+
+    @property
+    def camera(self) -> PlaneCamera:
+        """Return the camera of the plane relative to the position."""
+        return self.estimate.camera
+
+    @property
+    def world_camera(self) -> PlaneCamera:
+        """Return the camera of the plane in world coordinates, while it stands at the position (program calib's C)."""
+        away = np.eye(3)
+        away[:2, 2] = -self.position
+        return PlaneCamera(self.camera.matrix @ away)
+
+    @property
+    def centre(self) -> Array:
+        """Return the middle (2,) of the plate's marks, relative to the position, mm."""
+        return np.asarray(self.estimate.observations.p_world[:, :2].mean(axis=0))
+
+    @property
+    def scale(self) -> LocalScale:
+        """Return what a pixel is worth at the middle of the plate."""
+        return local_scale(self.estimate, self.centre)
+
+    def predict(self, q: Floats, position: Floats) -> Array:
+        """Return the world points (N, 2) mm that pixels (N, 2) show when the controller says `position` (2,).
+
+        The mechanics between the two positions are taken as perfect: p = H^-1 q + position (6.4.3.5, program perspec).
+        """
+        return np.asarray(self.camera.unproject(q) + np.asarray(position, dtype=np.float64))
+
+    def by_entries(self, p: Floats) -> tuple[Array, Array]:
+        """Return how the points p (N, 2), relative, move with their pixels (N, 2, 2) and with H's entries (N, 2, 9)."""
+        _, by_point, by_entry = self.camera.project_with_jacobians(p)
+        back = np.asarray(np.linalg.inv(by_point), dtype=np.float64)
+        return back, -back @ by_entry
+
+    @property
+    def by_marks(self) -> Array:
+        """Return how H's entries move as the seen marks lie beside their places in the world, (9, 2 K)."""
+        p = self.estimate.observations.p_world[:, :2]
+        _, by_point, by_entry = self.camera.project_with_jacobians(p)
+        onto = self.estimate.cofactor @ by_entry.reshape(-1, 9).T  # least squares: entries by pixels
+        return np.asarray(np.einsum("ekx,kxy->eky", onto.reshape(9, -1, 2), by_point).reshape(9, -1))
+
+
+def calibrate_position(
+    name: str,
+    position: Floats,
+    q: Floats,
+    placement: Placement,
+    *,
+    sigma_px: float | None = None,
+    source: str = "memory",
+    sha256: str = "",
+) -> PlaneCalibration:
+    """Return the calibration of a position from the pixels (K, 2) of the plate's marks, in the plate's order.
+
+    A mark that was not found has NaN for its pixel; four are needed. sigma_px: noise of one pixel coordinate, by
+    default from the residuals. Raises `TooFewPoints`, `DegenerateGeometry`.
+    """
+    at, plate = frozen(position, "calibration position", (2,)), placement.plate
+    pixels = frozen(q, "pixels of the marks", (len(plate.marks), 2), finite=False)
+    seen = np.isfinite(pixels).all(axis=1)
+    p = np.column_stack([placement.marks - at, np.zeros(len(pixels))])
+    names = tuple(n for n, s in zip(plate.mark_names, seen, strict=True) if s)
+    observations = Observations(p[seen], pixels[seen], names, sigma_px, source, sha256)
+    return PlaneCalibration(name, at, placement, calibrate_plane(observations), tuple(np.flatnonzero(seen).tolist()))
+
+
+def refuse_misfit(calibration: PlaneCalibration, *, limit_px: float) -> None:
+    """Raise `DegenerateGeometry` where the marks do not fit a plane seen by a camera: wrong plan or order."""
+    residual = calibration.estimate.thesis_residual
+    if residual > limit_px:
+        worst = int(np.argmax(np.linalg.norm(calibration.estimate.residuals, axis=1)))
+        raise DegenerateGeometry(
+            f"the marks in {calibration.name} do not fit the plate: residual {residual:.2f} px, {limit_px:g} allowed; "
+            f"the worst is mark {calibration.estimate.observations.names[worst]!r}. Is it this plate, and each mark "
+            "in its place?"
+        )
+
+
+def local_scale(estimate: PlaneEstimate, p: Floats) -> LocalScale:
+    """Return scales, aspect and skew of a plane's camera at the plane point p (2,), by the Jacobian there.
+
+    The columns of the 3x3 matrix itself (section 6.3.4) give them only where its last row makes t = 1.
+    """
+    at, h = frozen(p, "plane point", (2,)), estimate.camera.matrix.ravel()
+    values = _scales(h.astype(np.complex128), at).real
+    J = np.stack([_scales(h + 1j * _STEP * e, at).imag / _STEP for e in np.eye(9)], axis=1)
+    covariance = estimate.covariance
+    known = J @ np.where(np.isfinite(covariance), covariance, 0.0) @ J.T
+    total = known if np.isfinite(covariance).all() else np.diag(np.full(4, np.inf))
+    return LocalScale(float(values[0]), float(values[1]), float(values[3]), np.asarray(total))
+
+
+def _scales(h: np.typing.NDArray[np.complex128], p: Array) -> np.typing.NDArray[np.complex128]:
+    """Return (scale x, scale y, aspect, skew) of complex matrix entries: analytic, so that a complex step may pass."""
+    H = h.reshape(3, 3)
+    u = H[:, :2] @ p + H[:, 2]
+    J = (H[:2, :2] - np.outer(u[:2] / u[2], H[2, :2])) / u[2]
+    nx, ny = np.sqrt(J[0, 0] ** 2 + J[1, 0] ** 2), np.sqrt(J[0, 1] ** 2 + J[1, 1] ** 2)
+    dot, cross = J[0, 0] * J[0, 1] + J[1, 0] * J[1, 1], J[0, 0] * J[1, 1] - J[0, 1] * J[1, 0]
+    handed = np.sign(cross.real)
+    return np.array([1 / nx, 1 / ny, ny / nx, np.arctan(dot / (handed * cross))])
+
+
+def column_scales(C: Floats) -> tuple[float, float, float, float]:
+    """Return what program calib printed of a (U, V) matrix: scales x and y mm/px, aspect, angle of the columns in rad.
+
+    The norms of the matrix' columns; right only where C22 = 1 stands for t = 1 at the plate. For the local values see
+    `local_scale`.
+    """
+    M = frozen(C, "plane to (U, V) matrix", (3, 3))[:2, :2]
+    nx, ny = np.linalg.norm(M, axis=0)
+    if nx == 0 or ny == 0:
+        raise BadValue("plane to (U, V) matrix", M.tolist(), "two columns that are not zero")
+    return float(1 / nx), float(1 / ny), float(ny / nx), float(np.arccos(np.clip(M[:, 0] @ M[:, 1] / (nx * ny), -1, 1)))

@@ -1,0 +1,245 @@
+"""`cadcam station` as its user meets it: the whole procedure from files, and one clear error for each wrong input."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cadcam.camera.camera import Camera
+from cadcam.cli.main import main
+from cadcam.files.shot import Shot, write_pgm
+from cadcam.record.store import open_store
+from cadcam.station.document import read_station, write_plate
+from cadcam.station.hall import Visit, make_hall
+from cadcam.station.hall_picture import hall_picture
+from cadcam.station.plate import turn
+from cadcam.station.survey import write_survey
+
+from .job import Ran
+
+Cadcam = Callable[..., Ran]
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a simulated hall's files."""
+    folder = tmp_path_factory.mktemp("station") / "hall"
+    assert main(["station", "simulate", str(folder), "--robots", "6,12", "--marks", "12", "--json"]) == 0
+    return folder
+
+
+@pytest.fixture
+def folder(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of it, to work in."""
+    shutil.copytree(made, tmp_path / "hall")
+    monkeypatch.chdir(tmp_path / "hall")
+    return tmp_path / "hall"
+
+
+CALIBRATE = (
+    *("station", "calibrate", "--pixels", "plate_6_pixels.csv", "--positions", "positions_6.csv"),
+    *("--plate", "plate.json", "--survey", "survey_6.csv", "--survey-sigma", "0.1"),
+)
+MEASURE = ("station", "measure", "--pixels", "day_pixels.csv", "--positions", "day_positions.csv")
+BOTH = ("--station", "station_6.json", "--station", "station_12.json")
+
+
+def test_the_simulation_says_how_well_it_went(cadcam: Cadcam) -> None:
+    said = cadcam("station", "simulate", "--robots", "7", "--marks", "12", "--json").json
+    assert said["cameras"]["7"]["map_error_rms_mm"] < 0.1
+    assert 0.5 <= said["within"] <= 1
+
+
+def test_a_calibration_from_files_is_the_simulation_s_own(cadcam: Cadcam, folder: Path) -> None:
+    ran = cadcam(*CALIBRATE, "--sigma", "0.03", "--repeatability", "0.2", "-o", "again.json")
+    assert ran.code == 0
+    assert "Camera 6: 15 calibrated positions" in ran.out
+    one, other = read_station(folder / "again.json"), read_station(folder / "station_6.json")
+    assert one.map().deviation == pytest.approx(other.map().deviation, abs=1e-9)
+    assert one.repeatability.sigma == pytest.approx([0.2, 0.2])
+
+
+def test_marks_are_measured_logged_kept_and_compared(cadcam: Cadcam, folder: Path) -> None:
+    keep = ("--log", "log.jsonl", "--store", "parts.sqlite", "--block", "B1")
+    ran = cadcam(*MEASURE, *BOTH, "--drawing", "day_truth.csv", *keep)
+    assert ran.code == 0
+    assert "Distances against the drawing" in ran.out
+    assert len((folder / "log.jsonl").read_text().splitlines()) == 12
+    with open_store(folder / "parts.sqlite") as store:
+        assert len(store.query(serial="B1")) == 12
+    said = cadcam(*MEASURE, *BOTH, "--drawing", "day_truth.csv", "--distance", "mark01,mark02", "--json").json
+    assert len(said["distances"]) == 1
+    assert len(said["measured"]) == 12
+
+
+def test_each_rule_can_be_asked_for_and_explains_itself(cadcam: Cadcam, folder: Path) -> None:
+    for rule in ("smooth", "b4"):
+        ran = cadcam(*MEASURE, *BOTH, "--rule", rule, "--explain")
+        assert ran.code == 0
+        assert "Mark mark01: estimates of the calibrations" in ran.out
+
+
+def test_the_map_is_printed_and_drawn(cadcam: Cadcam, folder: Path) -> None:
+    pytest.importorskip("matplotlib")
+    ran = cadcam("station", "map", "station_6.json", "station_12.json", "--pairs", "--plot", "map.svg")
+    assert ran.code == 0
+    assert "Every calibration at every position" in ran.out
+    assert (folder / "map.svg").read_text().startswith("<?xml")
+    said = cadcam("station", "map", "station_6.json", "--reference", "plate_6_03.pgm", "--json").json
+    assert said["maps"][0]["positions"][2]["deviation_mm"] == pytest.approx([0, 0])
+
+
+def test_a_known_mark_recalibrates(cadcam: Cadcam, folder: Path) -> None:
+    pixels = (folder / "day_pixels.csv").read_text().splitlines()
+    positions = {line.split(",")[0]: line for line in (folder / "day_positions.csv").read_text().splitlines()[1:]}
+    row = next(line for line in pixels[1:] if positions[line.split(",")[1]].split(",")[1] == "6")
+    (folder / "one.csv").write_text(f"{pixels[0]}\n{row}\n")
+    given = ("--pixels", "one.csv", "--positions", "day_positions.csv", "--known", "5000,20000")
+    ran = cadcam("station", "recalibrate", "station_6.json", *given, "-o", "new.json")
+    assert ran.code == 0
+    assert "taken off everywhere" in ran.out
+    again = cadcam("station", "measure", *given[:4], "--station", "new.json", "--json").json
+    assert again["measured"][0]["point_mm"] == pytest.approx([5000, 20000], abs=1e-6)
+
+
+def test_the_report_stands_by_itself(cadcam: Cadcam, folder: Path) -> None:
+    assert cadcam(*MEASURE, *BOTH, "--log", "log.jsonl").code == 0
+    ran = cadcam(
+        *("station", "report", "station_6.json", "station_12.json", "--log", "log.jsonl"),
+        *("--drawing", "day_truth.csv", "-o", "report.html"),
+    )
+    assert ran.code == 0
+    page = (folder / "report.html").read_text()
+    assert not re.findall(r'(?:src|href)="(?!data:|#)', page)
+    for text in ("Camera 6", "Camera 12", "12 measurements", "differences together", "<svg"):
+        assert text in page
+
+
+def replaced(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+
+
+def other_camera(folder: Path) -> None:
+    text = (folder / "day_positions.csv").read_text()
+    (folder / "day_positions.csv").write_text(text.replace(",6,", ",7,"))
+
+
+def far_away(folder: Path) -> None:
+    lines = (folder / "day_positions.csv").read_text().splitlines()
+    cells = lines[1].split(",")
+    lines[1] = ",".join([*cells[:2], "90000.0", *cells[3:]])
+    (folder / "day_positions.csv").write_text("\n".join(lines) + "\n")
+
+
+def wrong_plan(folder: Path) -> None:
+    replaced(folder / "plate.json", "[460.0, 280.0]", "[460.0, 180.0]")
+
+
+def mixed_cameras(folder: Path) -> None:
+    replaced(folder / "positions_6.csv", "pgm,6,", "pgm,12,")
+
+
+def swapped_reflectors(folder: Path) -> None:
+    text = (folder / "survey_6.csv").read_text()
+    (folder / "survey_6.csv").write_text(text.replace(",a,", ",x,").replace(",b,", ",a,").replace(",x,", ",b,"))
+
+
+def no_survey(folder: Path) -> None:
+    replaced(folder / "survey_6.csv", "plate_6_01.pgm,a", "plate_6_99.pgm,a")
+
+
+def unknown_mark(folder: Path) -> None:
+    replaced(folder / "plate_6_pixels.csv", "\n1,", "\nnine,")
+
+
+CASES = {
+    "a camera without a calibration": ((*MEASURE, *BOTH), other_camera, "it has no calibration"),
+    "a position outside the grid": ((*MEASURE, *BOTH), far_away, "extrapolation has to be asked for"),
+    "the wrong plan": (CALIBRATE, wrong_plan, "do not fit the plate: residual"),
+    "two cameras in one calibration": (CALIBRATE, mixed_cameras, "expected pictures of one camera"),
+    "reflectors in a wrong order": (CALIBRATE, swapped_reflectors, "they would fit in the order"),
+    "a plate that was not surveyed": (CALIBRATE, no_survey, "plate_6_99.pgm"),
+    "a mark that the plate has not": (CALIBRATE, unknown_mark, "unknown mark of the plate 'nine'"),
+    "another camera's name": ((*CALIBRATE, "--camera", "7"), None, "--camera is '7'; expected '6'"),
+    "no pictures at all": (("station", "measure", *BOTH), None, "pictures is none given"),
+    "no station": ((*MEASURE, "--station", "none.json"), None, "none.json: no such file"),
+    "a drawing without the mark": ((*MEASURE, *BOTH, "--drawing", "day_truth.csv", "--distance", "A,B"), None, "'A'"),
+    "a distance without a drawing": ((*MEASURE, *BOTH, "--distance", "A,B"), None, "--distance"),
+    "an unknown reference": (("station", "map", "station_6.json", "--reference", "x"), None, "unknown position 'x'"),
+    "too few marks to simulate": (("station", "simulate", "--marks", "1"), None, "--marks is 1"),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_wrong_input_is_one_clear_error(cadcam: Cadcam, folder: Path, name: str) -> None:
+    words, spoil, says = CASES[name]
+    if spoil is not None:
+        spoil(folder)
+    before = sorted(folder.iterdir())
+    ran = cadcam(*words)
+    assert ran.code == 2
+    assert says in ran.err
+    assert ran.err.count("cadcam station:") == 1
+    assert "Traceback" not in ran.err
+    assert sorted(folder.iterdir()) == before
+
+
+@pytest.fixture(scope="session")
+def pictured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with pictures of the plate at four positions and of one mark, half the usual size."""
+    folder = tmp_path_factory.mktemp("pictured")
+    rng = np.random.default_rng(3)
+    hall = make_hall(rng, robots=("6",), camera=Camera.from_focal((384, 288), 2325.0, fy=2535.0))
+    surveyed = {}
+    for k, at in enumerate(np.array([[6000.0, 15000.0], [9000.0, 15000.0], [6000.0, 17000.0], [9000.0, 17000.0]])):
+        middle = hall.plate.marks.mean(axis=0)
+        marks, reflectors = hall.survey(0.02, hall.view_centre("6", at) - turn(0.02) @ middle, rng)
+        name = f"p{k + 1}.pgm"
+        surveyed[name] = reflectors
+        write_pgm(folder / name, hall_picture(hall, "6", at, marks, hall.visit(rng), rng), Shot(*at.tolist(), "6"))
+    at = np.array([7400.0, 16100.0])
+    mark = hall.view_centre("6", at)[None] + 40.0
+    write_pgm(folder / "A.pgm", hall_picture(hall, "6", at, mark, Visit(), rng), Shot(*at.tolist(), "6"))
+    write_plate(folder / "plate.json", hall.plate)
+    write_survey(folder / "survey.csv", hall.plate, surveyed)
+    (folder / "truth.json").write_text(json.dumps(mark[0].tolist()))
+    return folder
+
+
+def test_pictures_are_enough(cadcam: Cadcam, pictured: Path, tmp_path: Path) -> None:
+    pictures = sorted(pictured.glob("p*.pgm"))
+    given = ("--plate", pictured / "plate.json", "--survey", pictured / "survey.csv", "--survey-sigma", "0.1")
+    ran = cadcam("station", "calibrate", *pictures, *given, "--repeatability", "0.2", "-o", tmp_path / "s.json")
+    assert ran.code == 0, ran.err
+    measured = cadcam("station", "measure", pictured / "A.pgm", "--station", tmp_path / "s.json", "--json")
+    assert measured.code == 0, measured.err
+    entry = measured.json["measured"][0]
+    off = np.array(entry["point_mm"]) - json.loads((pictured / "truth.json").read_text())
+    assert (np.abs(off) < 4 * np.array(entry["sigma_mm"])).all()
+    assert entry["mark"] == "A"
+
+
+def test_a_position_file_that_disagrees_with_the_header_is_refused(
+    cadcam: Cadcam, pictured: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "positions.csv").write_text("picture,camera,x_mm,y_mm\np1.pgm,6,6001.0,15000.0\n")
+    given = ("--plate", pictured / "plate.json", "--survey", pictured / "survey.csv")
+    ran = cadcam("station", "calibrate", pictured / "p1.pgm", *given, "--positions", tmp_path / "positions.csv")
+    assert ran.code == 2
+    assert "has for p1.pgm the camera at (6001.00, 15000.00) mm" in ran.err
+
+
+def test_a_plate_picture_is_no_daily_picture(cadcam: Cadcam, pictured: Path, tmp_path: Path) -> None:
+    given = ("--plate", pictured / "plate.json", "--survey", pictured / "survey.csv", "--survey-sigma", "0.1")
+    assert cadcam("station", "calibrate", pictured / "p1.pgm", *given, "-o", tmp_path / "s.json").code == 0
+    ran = cadcam("station", "measure", pictured / "p1.pgm", "--station", tmp_path / "s.json")
+    assert ran.code == 2
+    assert "number of marks in the picture is 8" in ran.err

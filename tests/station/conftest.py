@@ -1,0 +1,52 @@
+"""The dissertation's numbers on stations, and a small hall that is calibrated once for all tests."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cadcam.station.hall import make_hall
+from cadcam.station.simulate import calibrate_robot
+
+
+@pytest.fixture(scope="session")
+def golden(shared: Callable[[str], Path]) -> Callable[[str], dict[str, Any]]:
+    """Return a function giving an entry of the golden file by its id."""
+    entries = {e["id"]: e for e in json.loads(shared("thesis/golden.json").read_text())["results"]}
+    return lambda name: entries[name]
+
+
+@pytest.fixture(scope="session")
+def table(shared: Callable[[str], Path]) -> Callable[[str], list[dict[str, str]]]:
+    """Return a function giving the rows of one of the dissertation's tables."""
+
+    def rows(name: str) -> list[dict[str, str]]:
+        text = shared(f"thesis/tables/{name}.csv").read_text().splitlines()
+        return list(csv.DictReader(line for line in text if not line.startswith("#")))
+
+    return rows
+
+
+@pytest.fixture(scope="session")
+def hall():
+    """Return a hall with two robots."""
+    return make_hall(np.random.default_rng(4), robots=("6", "12"))
+
+
+@pytest.fixture(scope="session")
+def calibrated(hall):
+    """Return both robots' calibrations beside their truth."""
+    rng = np.random.default_rng(5)
+    return {name: calibrate_robot(hall, name, rng) for name in hall.gantries}
+
+
+@pytest.fixture(scope="session")
+def stations(calibrated):
+    """Return both calibrations by camera."""
+    return {name: one.station for name, one in calibrated.items()}

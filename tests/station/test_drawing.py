@@ -1,0 +1,53 @@
+"""Distances and angles against the drawing, and what their differences say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cadcam.errors import BadValue, TooFewPoints, UnknownName
+from cadcam.station.drawing import check_distances, trend
+from cadcam.station.measure import measure
+from cadcam.station.plate import turn
+from cadcam.station.simulate import day
+
+
+def test_a_turned_block_shows_its_angle_and_no_difference(hall, stations, rng):
+    work = day(hall, rng, marks=3)
+    found = measure(stations, work.sightings)
+    drawn = {n: p[:2] @ turn(0.01) + [100, 200] for n, p in zip(found.names, found.points, strict=True)}
+    for check in check_distances(found, drawn):
+        assert check.difference == pytest.approx(0, abs=1e-6)
+        assert check.angle == pytest.approx(0.01, abs=1e-9)
+        assert 1.9 < check.half_width / check.sigma < 2.2
+
+
+def test_marks_that_are_not_drawn_are_named(hall, stations, rng):
+    found = measure(stations, day(hall, rng, marks=2).sightings)
+    with pytest.raises(UnknownName, match="mark of the drawing 'B'"):
+        check_distances(found, {"mark01": [0, 0]}, [("mark01", "B")])
+    with pytest.raises(TooFewPoints):
+        check_distances(found, {"mark01": [0, 0]})
+    with pytest.raises(BadValue, match="different places"):
+        check_distances(found, {"mark01": [0, 0], "mark02": [0, 0]})
+
+
+def test_a_scale_is_told_from_an_offset(rng):
+    lengths = rng.uniform(2000, 30000, 40)
+    noise = rng.normal(size=40)
+    assert trend(noise, lengths).verdict == "nothing but chance"
+    assert trend(1e-3 * (lengths - lengths.mean()) + noise, lengths).verdict.startswith("a scale")
+    assert trend(5 + noise, lengths).verdict.startswith("a constant offset")
+    assert trend(1e-3 * lengths + noise, lengths).verdict.endswith("grow with the length")
+    with pytest.raises(TooFewPoints):
+        trend([1.0, 2.0], [1.0, 2.0])
+
+
+def test_the_slope_is_known_as_well_as_it_says(rng):
+    """600 draws: a standard deviation good to 2.9 %."""
+    lengths = np.linspace(2000, 30000, 30)
+    z = [
+        (s.slope - 0.2) / s.slope_sigma
+        for s in (trend(2e-4 * lengths + rng.normal(size=30), lengths) for _ in range(600))
+    ]
+    assert np.std(z) == pytest.approx(1.04, abs=0.12)  # Student, 28 degrees of freedom

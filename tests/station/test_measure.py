@@ -1,0 +1,168 @@
+"""Marks measured in a hall: errors are those that the covariance says, and what cannot be measured is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cadcam.errors import BadValue, TooFewPoints, UnknownName
+from cadcam.station.budget import LASER, VISION, Budget, budget_of
+from cadcam.station.gantry import Repeatability, Sighting, calibrate_gantry
+from cadcam.station.hall import Visit, make_hall
+from cadcam.station.measure import estimates, measure, repeatability
+from cadcam.station.rules import RULES
+from cadcam.station.simulate import calibrate_robot, day, distances, sight
+
+
+def stiff(rng):
+    """A hall whose mechanics does not bend: what is left are pixels, survey, plate and repeatability."""
+    return make_hall(rng, robots=("6",), deflection_mm=1e-6)
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_errors_are_those_of_the_covariance_in_a_stiff_hall(rule):
+    """Twelve halls, one mark each: 24 errors, an rms of 1 +- 0.14."""
+    z = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        hall = stiff(rng)
+        one = calibrate_robot(hall, "6", rng, columns=2, rows=2).station
+        again = Repeatability.stated(hall.repeatability_mm, hall.repeatability_mm)
+        station = calibrate_gantry("6", one.positions, repeatability=again)
+        work = day(hall, rng, marks=1)
+        found = measure(station, work.sightings, rule=rule)
+        z.append((found.points[:, :2] - work.points) / found.sigma[:, :2])
+    assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1, abs=0.45)
+
+
+def test_distances_know_what_two_marks_have_in_common(hall, stations, rng):
+    at = stations["6"].grid[7]
+    p = hall.view_centre("6", at)
+    seen = [sight(hall, name, "6", at, p + off, rng) for name, off in (("A", [0, 0]), ("B", [60, 0]))]
+    found = measure(stations["6"], seen)
+    alone = np.hypot(*found.sigma[:, 0])
+    assert found.distance("A", "B").sigma < 0.9 * alone
+
+
+def test_a_day_s_distances_are_within_what_is_stated(hall, stations, rng):
+    """One hall: how rough its mechanics is between the positions is a matter of luck, see the slow test for many."""
+    cover = distances(stations, day(hall, rng, marks=120))
+    assert 0.7 < cover.within <= 1
+    assert cover.length.max() > 10_000
+
+
+def test_the_smooth_rule_is_the_best_of_all(hall, stations, rng):
+    work = day(hall, rng, marks=30)
+    off = {r: np.mean((measure(stations, work.sightings, rule=r).points[:, :2] - work.points) ** 2) for r in RULES}
+    assert off["smooth"] <= 1.1 * min(off.values())
+    assert off["bilinear"] < off["nearest"]
+
+
+def test_the_budget_adds_up_to_the_covariance(hall, stations, rng):
+    work = day(hall, rng, marks=2)
+    found = measure(stations, work.sightings)
+    budget = budget_of(found, "mark01")
+    assert budget.total**2 == pytest.approx(np.linalg.eigvalsh(found.covariance[0][:2, :2])[-1])
+    assert set(budget.contributions) == {
+        "pixels",
+        "calibration",
+        "survey",
+        "plate",
+        "repeatability",
+        "mechanics between positions",
+    }
+
+
+def test_tables_6_3_and_6_4_are_sums_of_squares():
+    assert LASER.total == pytest.approx(np.sqrt(3 * 9 + 400))  # "> 20 mm"
+    assert VISION.total == pytest.approx(np.sqrt(102))  # "ca. 10 mm"
+    assert next(iter(VISION.shares)) == "view where it was at the calibration"
+    with pytest.raises(BadValue, match="contribution of 'x'"):
+        Budget({"x": -1.0})
+
+
+def test_one_known_mark_takes_a_bumped_camera_s_offset_off_everywhere(hall, stations, rng):
+    """The camera was knocked: all views moved by (9, -6) mm. Away from the known mark the mechanics' doubt is left."""
+    station, bump = stations["6"], Visit(np.array([9.0, -6.0]))
+
+    def seen(name, at, p):
+        q = hall.project("6", at, p[None], bump)[0]
+        return Sighting.of(name, "6", at, q, sigma_px=hall.noise_px)
+
+    first, second = station.grid[7], station.grid[6]
+    known, mark = hall.view_centre("6", first), hall.view_centre("6", second)
+    off = measure(station, [seen("A", second, mark)]).points[0, :2] - mark
+    assert off == pytest.approx([-9, 6], abs=1.0)
+    again = station.recalibrated(seen("known", first, known), known, sigma_mm=0.1)
+    after = measure(again, [seen("A", second, mark)])
+    assert (np.abs(after.points[0, :2] - mark) < 4 * after.sigma[0, :2]).all()
+    assert np.abs(after.points[0, :2] - mark).max() < 1.0
+    itself = measure(again, [seen("known", first, known)])
+    assert itself.points[0, :2] == pytest.approx(known, abs=1e-6)
+
+
+def test_repeatability_is_found_from_visits(hall, stations, rng):
+    """200 visits beyond the first of 10 marks, and pixels: sigma is good to 3.5 % in each axis."""
+    at, seen = stations["6"].grid[3], []
+    for i in range(10):
+        p = hall.view_centre("6", at) + 10.0 * i
+        seen += [sight(hall, f"m{i}", "6", at, p, rng) for _ in range(21)]
+    found = repeatability(stations["6"], seen)
+    assert found.dof == 200
+    assert found.sigma == pytest.approx(np.hypot(hall.repeatability_mm, 1.25 * hall.noise_px), rel=0.15)
+    with pytest.raises(TooFewPoints):
+        repeatability(stations["6"], seen[:2])
+
+
+def test_each_calibration_s_estimate_is_told_as_program_bilinear_did(hall, stations, rng):
+    at = stations["6"].grid[:2].mean(axis=0)
+    seen = sight(hall, "A", "6", at, hall.view_centre("6", at), rng)
+    found = estimates(stations["6"], seen, rule="linear")
+    total = sum(e.weight * e.point for e in found)
+    assert total == pytest.approx(measure(stations["6"], [seen], rule="linear").points[0, :2])
+
+
+def test_what_cannot_be_measured_is_refused(hall, stations, rng):
+    seen = sight(hall, "A", "6", stations["6"].grid[0], hall.view_centre("6", stations["6"].grid[0]), rng)
+    with pytest.raises(UnknownName, match=r"camera \(it has no calibration\): '6'"):
+        measure(stations["12"], [seen])
+    outside = Sighting.of("A", "6", [20_000.0, 20_000.0], seen.q, sigma_px=0.1)
+    for rule in RULES:
+        with pytest.raises(BadValue, match="extrapolation has to be asked for"):
+            measure(stations["6"], [outside], rule=rule)
+        far = measure(stations["6"], [outside], rule=rule, extrapolate=True)
+        assert far.sigma[0, 0] > 1.0
+    with pytest.raises(TooFewPoints):
+        measure(stations, [])
+    with pytest.raises(BadValue, match="sigma_px"):
+        Sighting.of("A", "6", [0, 0], [0, 0], sigma_px=0.0)
+    with pytest.raises(BadValue, match="which is re-calibrated"):
+        stations["12"].recalibrated(seen, [0, 0], sigma_mm=0.1)
+
+
+def test_a_position_calibrated_twice_is_refused(stations):
+    positions = stations["6"].positions
+    with pytest.raises(BadValue, match="another than that of"):
+        calibrate_gantry("6", [*positions, positions[0]])
+    with pytest.raises(TooFewPoints):
+        calibrate_gantry("6", [])
+
+
+def test_one_position_alone_measures_nearby(hall, stations, rng):
+    station = calibrate_gantry("6", stations["6"].positions[:1])
+    at = station.grid[0]
+    seen = sight(hall, "A", "6", at, hall.view_centre("6", at), rng)
+    assert measure(station, [seen]).points[0, :2] == pytest.approx(hall.view_centre("6", at), abs=1.5)
+
+
+@pytest.mark.slow
+def test_distances_are_within_their_stated_interval_in_93_to_97_percent():
+    """Twenty halls, 24 distances a day each: the share is good to 1 % if halls are alike."""
+    within = []
+    for seed in range(20):
+        rng = np.random.default_rng(7000 + seed)
+        hall = make_hall(rng)
+        stations = {n: calibrate_robot(hall, n, rng).station for n in hall.gantries}
+        cover = distances(stations, day(hall, rng, marks=48))
+        within += (np.abs(cover.error) <= cover.half_width).tolist()
+    assert 0.93 <= np.mean(within) <= 0.97
