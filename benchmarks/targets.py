@@ -28,7 +28,7 @@ from cadcam.image.picture import read_picture, to_gray, write_picture
 from cadcam.target.cross import surface, taps, template
 from cadcam.target.find import FoundMark, find_marks
 from cadcam.target.ideal import board_picture, marks_picture
-from cadcam.target.mark import Mark, Plate, bulls_eye, dot, dot_and_ring, inverted
+from cadcam.target.mark import Mark, Plate, dot, dot_and_ring, inverted, ring
 from cadcam.target.mark_fit import fit_both_tilts, fit_marks
 from cadcam.target.opencv import has_opencv
 from cadcam.target.subpixel import Peak, centroid, parabola
@@ -49,13 +49,16 @@ def main() -> None:
     arguments.add_argument("--tilts", type=float, nargs="+", default=TILTS)
     arguments.add_argument("--data", type=Path)
     arguments.add_argument("--pictures", type=Path)
+    arguments.add_argument(
+        "--sets", nargs="+", default=[], help="of the real ones, such as visp_circles dbat_camcal/P8250021"
+    )
     given = arguments.parse_args()
     studies: dict[str, Callable[[], None]] = {
         "rendered": lambda: rendered(given.samples, [MARKS[k] for k in given.marks], given.tilts),
         "grid": grid,
         "robust": robust,
         "speed": speed,
-        "real": lambda: real(given.data, given.pictures),
+        "real": lambda: real(given.data, given.pictures, given.sets),
     }
     if not has_opencv():
         print("OpenCV is not installed: its columns are left out\n")
@@ -321,11 +324,13 @@ def speed() -> None:
     print()
 
 
-def real(data: Path, pictures: Path | None) -> None:
+def real(data: Path, pictures: Path | None, sets: Sequence[str]) -> None:
     """Find marks in real photos; where a set names places, compare."""
     print("| picture | mark | found | expected | of those | rms to the published px | CPU s |")
     print("|---|---|---|---|---|---|---|")
     for name, file, mark, options, published, expected in _sets(data):
+        if sets and not name.startswith(tuple(sets)):
+            continue
         start = time.process_time()
         try:
             found = find_marks(to_gray(read_picture(file)), mark, **options)  # type: ignore[arg-type]
@@ -363,7 +368,14 @@ Set = tuple[str, Path, Mark, dict[str, object], "Array | None", str]
 
 def _sets(data: Path) -> Iterator[Set]:
     for k in (1, 3, 5):
-        yield f"visp_circles/0{k}", data / f"visp_circles/circles-0{k}.jpg", dot(20.0), {"margin": 0.2}, None, "36"
+        yield (
+            f"visp_circles/0{k}",
+            data / f"visp_circles/circles-0{k}.jpg",
+            dot(20.0),
+            {"radius_px": (6.0, 40.0), "method": "blobs"},
+            None,
+            "36",
+        )
     for k in (1, 2, 3, 4):
         file = data / f"openptv_cavity/cal/cam{k}.tif"
         listed = np.loadtxt(file.with_suffix(".tif_targets"), skiprows=1, usecols=(1, 2))
@@ -384,11 +396,9 @@ def _sets(data: Path) -> Iterator[Set]:
         "opencsp_dots/DSC03992", data / "opencsp_dots/data_measurement/images/DSC03992.JPG", dot(10.0),
         {"radius_px": (2.5, 12.0), "method": "blobs"}, None, "about 4000",
     )  # fmt: skip
-    for k in (1, 2):
-        yield f"cctag_rings/0{k}", data / f"cctag_rings/0{k}.png", bulls_eye(*CCTAG), {"least_score": 0.85}, None, ""
-
-
-CCTAG = (40.0, 60.0, 100.0)
+    for k in (1, 2):  # the innermost of three rings, the widths of which differ from mark to mark
+        rings: dict[str, object] = {"radius_px": (8.0, 60.0), "method": "blobs", "margin": 0.15}
+        yield f"cctag_rings/0{k}", data / f"cctag_rings/0{k}.png", ring(14.0, 20.0), rings, None, "see below"
 
 
 def _dbat(path: Path) -> dict[int, Array]:

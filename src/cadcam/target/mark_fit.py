@@ -15,7 +15,7 @@ import numpy as np
 from cadcam.arrays import Array, Index, Mask, Picture
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.profile import BRIGHT, DARK
+from cadcam.image.profile import BRIGHT, DARK, noise_of
 from cadcam.target.mark import Mark
 from cadcam.target.mark_model import Geometry, affine, mark_model, posed, predicted, share_of_ink
 from cadcam.target.photometric import BLUR, CONTRAST, Fit, fitted, patches
@@ -90,7 +90,7 @@ def fit_marks(
     if not mark.concentric:
         g[:, 5] = A[:, 1, 0]
     start = _start(mark, geometry, g, np.zeros((len(q), 0)), window, blur)
-    fit, weight = _robust(mark, geometry, start, window, q, lens=False)
+    fit, weight = _robust(mark, geometry, start, window, q, noise=noise_of(gray), lens=False)
     H = geometry.matrix(fit.parameters[:, geometry.places], np.zeros((len(q), 0)))
     shapes = np.asarray(np.linalg.inv(H[:, :2, :2]), np.float64)
     seen = predicted(mark, geometry, fit.parameters, window.pixels)
@@ -134,7 +134,7 @@ def fit_poses(
     held = (np.linalg.solve(L, R) / scale[:, None, None]).reshape(-1, 9)
     window = replace(window, pixels=pixels)
     start = _start(mark, geometry, np.zeros((len(q), geometry.count)), held, window, blur)
-    fit, weight = _robust(mark, geometry, start, window, q, lens=True)
+    fit, weight = _robust(mark, geometry, start, window, q, noise=noise_of(gray), lens=True)
     poses = _poses(fit, geometry, L, R, scale)
     centre, J = camera.project_with_jacobian(np.array([pose.translation for pose in poses]))
     shapes = J @ np.array([pose.rotation for pose in poses])[..., :2]
@@ -282,7 +282,7 @@ def _start(mark: Mark, geometry: Geometry, g: Array, held: Array, window: _Windo
 
 
 def _robust(
-    mark: Mark, geometry: Geometry, start: Array, window: _Window, q: Array, *, lens: bool
+    mark: Mark, geometry: Geometry, start: Array, window: _Window, q: Array, *, noise: float, lens: bool
 ) -> tuple[Fit, Array]:
     """Return the fit with pixels left out that show something else, and the weights (B, P) of those kept."""
     model = mark_model(mark, geometry, lens=lens)
@@ -294,7 +294,7 @@ def _robust(
             break
         some = window.subset(left)
         off = predicted(mark, geometry, fit.parameters[left], some.pixels) - some.values
-        kept = some.weight * _clear(off, some.weight, fit.parameters[left, CONTRAST])
+        kept = some.weight * _clear(off, noise, fit.parameters[left, CONTRAST])
         changed = (kept != weight[left]).mean(axis=1) > _FEW
         changed &= kept.sum(axis=1) > geometry.free + 5
         left, some, weight = left[changed], some.subset(changed), _with_rows(weight, left[changed], kept[changed])
@@ -309,12 +309,9 @@ def _with_rows(array: Array, which: Index, rows: Array) -> Array:
     return out
 
 
-def _clear(residual: Array, weight: Array, contrast: Array) -> Mask:
-    """Return which pixels agree with the mark: within 0.2 of its contrast or five robust sigmas."""
-    size = np.where(weight > 0, np.abs(residual), np.nan)
-    with np.errstate(all="ignore"):
-        noise = 1.4826 * np.nanmedian(size, axis=1)
-    limit = np.maximum(_HIDDEN * np.abs(contrast), np.minimum(_SIGMAS * np.nan_to_num(noise), 0.5 * np.abs(contrast)))
+def _clear(residual: Array, noise: float, contrast: Array) -> Mask:
+    """Return which pixels agree with the mark: within 0.12 of its contrast or five sigmas of the picture's noise."""
+    limit = np.maximum(_HIDDEN * np.abs(contrast), _SIGMAS * noise)
     return np.asarray(np.abs(residual) <= limit[:, None])
 
 
