@@ -93,9 +93,7 @@ def arrows(maps: Mapping[str, DeviationMap]) -> str:
         body.append(_area(q, seen.positions, name))
         body += [_arrow(*row, gain) for row in zip(q, seen.deviation, seen.sigma, seen.positions, strict=True)]
     body.append(
-        _text(
-            _MARGIN / 2, height - 8, f"longest arrow {most:.1f} mm; ellipses: one sigma, {_SIGMAS:.0f} times", "start"
-        )
+        _text(_MARGIN / 2, 20.0, f"longest arrow {most:.1f} mm; ellipses: one sigma, {_SIGMAS:.0f} times", "start")
     )
     label = "deviations of the mechanics as arrows on the floor plan"
     return f'<svg viewBox="0 0 {_WIDTH:.0f} {height:.0f}" role="img" aria-label="{label}">{"".join(body)}</svg>'
