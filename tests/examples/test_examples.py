@@ -17,6 +17,7 @@ RUNS: dict[str, tuple[list[str], list[str], str]] = {
     "calibrate_from_board.py": ([], [], "next: hold the board"),
     "calibrate_from_points.py": ([], ["camera.json"], "focal"),
     "decompose_matrix.py": ([], [], "-3 P has the same parameters"),
+    "find_targets.py": ([], [], "through the camera: 6 marks"),
     "hand_eye.py": ([], [], "off the truth by"),
     "overlay_on_photo.py": ([], ["overlay.png"], "median distance"),
     "pose_of_a_flat_target.py": ([], [], "Two poses explain these points"),

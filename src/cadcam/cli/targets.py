@@ -74,7 +74,7 @@ def add_to(verbs: Verbs) -> None:
     find.add_argument("--camera", metavar="FILE", help="camera file: fit poses through it")
     find.add_argument("--perspective", action="store_true", help="no camera: fit the perspective of several borders")
     find.add_argument("--any-number", action="store_true", help="coded marks: whichever number is read")
-    find.add_argument("--margin", type=float, default=0.3, metavar="M", help="ground fitted too, by the radius (0.3)")
+    find.add_argument("--margin", type=float, default=0.7, metavar="M", help="ground fitted too, by the radius (0.7)")
     find.add_argument("--least-score", type=float, default=0.8, metavar="S", help="of a mark, 0 to 1 (default 0.8)")
     find.add_argument("--csv", metavar="FILE", help="write all marks: .csv")
     find.add_argument("-o", "--output", metavar="FILE", help="write the (one) picture with its marks: .png or .jpg")

@@ -24,6 +24,7 @@ _WINDOWS = (0.08, 0.025, 0.25)  # of the picture's longer side, over which blobs
 _LEVELS = (1.0, 0.5, 0.25)
 _LEAST_SIDE = 120  # px of a reduced picture
 _LEAST_CORRELATION = 0.5
+_NEAR = 0.85  # likeness from which a candidate is near enough as it is
 _LEAST_APPROACHED = 0.6  # score of a fit in a reduced picture
 _LEAST_LIKENESS, _ROUGH_LIKENESS = 0.6, 0.2
 _SOFT, _ROUGH_SOFT = 0.15, 0.3  # blur by the radius, of what is compared with places that are not exact yet
@@ -93,8 +94,10 @@ def approached(gray: Picture, mark: Mark, seen: Candidates, margin: float) -> Ca
         return seen
     size = mark.radius * np.sqrt(np.abs(np.linalg.det(seen.shapes)))
     factors = np.maximum(1, (size / _SMALL).astype(int))
-    parts = []
-    for factor in np.unique(factors).tolist():
+    alike = likeness(gray, mark, seen.q, seen.shapes, margin=margin, soft=_SOFT)
+    factors[alike > _NEAR] = 0
+    parts = [seen.subset(factors == 0)]
+    for factor in np.unique(factors[factors > 0]).tolist():
         some = seen.subset(np.flatnonzero(factors == factor).astype(np.int32))
         small = shrunken(gray, factor)
         fit = fit_marks(small, mark, (some.q + 0.5) / factor - 0.5, some.shapes / factor, margin=margin, blur=_BLUR)

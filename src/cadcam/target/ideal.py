@@ -92,7 +92,7 @@ def _paint(
 ) -> None:
     """Lay one mark and its paper over a picture."""
     margin = mark.radius / 2 if margin_mm is None else margin_mm
-    reach = mark.radius + margin + (mark.radius / 2 if mark.light else 0.0)
+    reach = mark.radius + margin + (mark.radius if mark.light else 0.0)
     corners = pose @ np.array([[x, y, 0.0] for x in (-reach, reach) for y in (-reach, reach)])
     if (corners[:, 2] <= 0).any():
         raise BadValue(f"pose of {mark}", f"z from {corners[:, 2].min():.4g} mm", "in front of the camera")

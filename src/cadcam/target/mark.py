@@ -286,7 +286,7 @@ class Plate:
     def outline(self) -> tuple[float, float, float, float]:
         """Return (left, top, right, bottom) of all ink, mm."""
         radius = np.array([[mark.radius] for mark in self.marks])
-        ground = self.cell_mm / 2 if self.light else 0.0
+        ground = self.cell_mm if self.light else 0.0
         low, high = (self.places - radius).min(axis=0) - ground, (self.places + radius).max(axis=0) + ground
         return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 

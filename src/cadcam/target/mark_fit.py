@@ -15,16 +15,18 @@ import numpy as np
 from cadcam.arrays import Array, Index, Mask, Picture
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.profile import BRIGHT, DARK
+from cadcam.image.profile import BRIGHT, DARK, noise_of
 from cadcam.target.mark import Mark
-from cadcam.target.mark_model import Geometry, affine, mark_model, posed, share_of_ink
-from cadcam.target.photometric import BLUR, CONTRAST, Fit, Model, fitted, patches
+from cadcam.target.mark_model import Geometry, affine, mark_model, posed, predicted, share_of_ink
+from cadcam.target.photometric import BLUR, CONTRAST, Fit, fitted, patches
 
-MARGIN = 0.3  # of the radius: how much ground the window takes in
-_LEAST_MARGIN, _MOST_MARGIN = 2.0, 6.0  # px of it
+MARGIN = 0.7  # of the radius: how much ground the window takes in; it tells varying light from a shift of the mark
+_LEAST_MARGIN, _MOST_MARGIN = 5.0, 12.0  # px of it
+_NORMAL_SD = 0.1  # rad
+_PLAIN = 5.0  # px from all borders, beyond which ground and ink are plain
 _CORNER = 2.0  # px around corners of ink that are left out: there the model's borders meet at no right angle
-_HIDDEN, _SIGMAS = 0.2, 5.0  # residual by contrast, and by noise, of a pixel that shows something else
-_ROUNDS = 6
+_HIDDEN, _SIGMAS = 0.12, 5.0  # residual by contrast, and by noise, of a pixel that shows something else
+_ROUNDS, _FEW = 4, 0.003  # at most; and a share of the window that is worth another
 _HOPELESS = 0.35  # rms of the residuals by contrast: nothing that leaving pixels out would mend
 _MOST_HIDDEN, _MOST_OUTSIDE = 0.6, 0.4  # of a window
 _TOGETHER = 256  # windows looked at in one go
@@ -35,9 +37,9 @@ class MarkFit:
     """B fitted marks: q (B, 2) px, covariance (B, 2, 2) px^2, and what else the fit says.
 
     image_from_mark (B, 2, 2): px by mm at the centre, its columns the pictures of the mark's x and y (of a concentric
-    mark symmetric: its turn is not seen); contrast (B,) ground minus mark as seen; blur (B,) px; score (B,):
-    the correlation of the fitted picture with the grey values, less what is hidden; hidden, outside, clipped (B,): shares of the
-    window that show something else, that lie beyond the picture's outline, and that are black or white; good (B,);
+    mark symmetric: its turn is not seen); contrast (B,) ground minus mark as seen; blur (B,) px. score (B,): of the
+    fitted picture and the grey values, their correlation, less what is hidden. hidden, outside, clipped (B,): shares of
+    the window that show something else, that lie beyond the picture's outline, that are black or white. good (B,);
     poses: camera_from_mark of each, where a camera was given, and doubt (B,): the probability of the other tilt.
     """
 
@@ -88,10 +90,11 @@ def fit_marks(
     if not mark.concentric:
         g[:, 5] = A[:, 1, 0]
     start = _start(mark, geometry, g, np.zeros((len(q), 0)), window, blur)
-    fit, weight = _robust(mark, geometry, start, window, q, lens=False)
+    fit, weight = _robust(mark, geometry, start, window, q, noise=noise_of(gray), lens=False)
     H = geometry.matrix(fit.parameters[:, geometry.places], np.zeros((len(q), 0)))
     shapes = np.asarray(np.linalg.inv(H[:, :2, :2]), np.float64)
-    return _result(fit, weight, shapes, window, mark_model(mark, geometry))
+    seen = predicted(mark, geometry, fit.parameters, window.pixels)
+    return _result(fit, weight, shapes, window, seen)
 
 
 def likeness(
@@ -131,21 +134,22 @@ def fit_poses(
     held = (np.linalg.solve(L, R) / scale[:, None, None]).reshape(-1, 9)
     window = replace(window, pixels=pixels)
     start = _start(mark, geometry, np.zeros((len(q), geometry.count)), held, window, blur)
-    fit, weight = _robust(mark, geometry, start, window, q, lens=True)
+    fit, weight = _robust(mark, geometry, start, window, q, noise=noise_of(gray), lens=True)
     poses = _poses(fit, geometry, L, R, scale)
     centre, J = camera.project_with_jacobian(np.array([pose.translation for pose in poses]))
     shapes = J @ np.array([pose.rotation for pose in poses])[..., :2]
-    model = mark_model(mark, geometry, lens=True)
-    return replace(_result(replace(fit, q=centre), weight, shapes, window, model), poses=poses)
+    seen = predicted(mark, geometry, fit.parameters, window.pixels)
+    return replace(_result(replace(fit, q=centre), weight, shapes, window, seen), poses=poses)
 
 
 def fit_both_tilts(
     gray: Picture, mark: Mark, camera: Camera, fit: MarkFit, *, normal: Array | None = None, margin: float = MARGIN
 ) -> MarkFit:
-    """Return affine fits refined as poses through a camera, the better of the two tilts of each mark.
+    """Return affine fits refined as poses through a camera, from both tilts that a mark's shape allows.
 
-    normal (3,): of the plane in the camera's frame where it is known; the tilt nearer to it is taken. Where the grey
-    values cannot tell the tilts apart, the covariance takes in both.
+    The pose is the likelier one, the place the mean of both by their probabilities, and the covariance takes in how far
+    they lie apart: upright marks do not show which way they lean. normal (3,): of the plane in the camera's frame where
+    it is known to a few degrees; it counts with a standard deviation of 0.1 rad.
     """
     if not len(fit):
         return replace(fit, poses=())
@@ -154,13 +158,19 @@ def fit_both_tilts(
     first, second = (
         fit_poses(gray, mark, camera, tuple(pair[k] for pair in starts), margin=margin, blur=blur) for k in (0, 1)
     )
-    if normal is not None:
-        closeness = [np.array([abs(p.rotation[:, 2] @ normal) for p in f.poses or ()]) for f in (first, second)]
-        return _chosen(first, second, closeness[1] > closeness[0], np.zeros(len(fit)))
     pixels = np.pi * mark.radius**2 * np.abs(np.linalg.det(fit.image_from_mark))
     ratio = np.log(np.maximum(second.misfit, 1e-9) / np.maximum(first.misfit, 1e-9))
-    odds = pixels * np.where(first.good & second.good, ratio, np.where(first.good, 1e3, -1e3))
-    return _chosen(first, second, odds < 0, 1 / (1 + np.exp(np.minimum(np.abs(odds), 500.0))))
+    odds = pixels * ratio  # logarithm of: the first tilt by the second
+    if normal is not None:
+        away = [np.array([_angle(p.rotation[:, 2], normal) for p in f.poses or ()]) for f in (first, second)]
+        odds = odds + (away[1] ** 2 - away[0] ** 2) / (2 * _NORMAL_SD**2)
+    odds = np.where(first.good == second.good, odds, np.where(first.good, 1e3, -1e3)).clip(-500, 500)
+    return _weighed(first, second, 1 / (1 + np.exp(odds)))
+
+
+def _angle(a: Array, b: Array) -> float:
+    """Return the angle between two lines, rad."""
+    return float(np.arccos(min(abs(a @ b) / np.linalg.norm(b), 1.0)))
 
 
 def tilts(camera: Camera, q: Array, image_from_mark: Array) -> tuple[Rigid, Rigid]:
@@ -208,10 +218,11 @@ class _Window:
         radius = mark.radius
         A = np.linalg.inv(image_from_mark)
         major, minor = radius * np.linalg.svd(image_from_mark, compute_uv=False).T
-        reach = 1 + np.clip(margin * minor, _LEAST_MARGIN, _MOST_MARGIN) / minor
+        reach = 1 + np.clip(margin * minor, _LEAST_MARGIN * min(margin / MARGIN, 1.0), _MOST_MARGIN) / minor
         values, pixels, there = patches(gray, q, np.maximum(reach * major, 2.0))
         p = pixels @ np.swapaxes(A, 1, 2) / radius
-        wanted = np.sum(p**2, axis=-1) <= reach[:, None] ** 2
+        rho = np.sqrt(np.sum(p**2, axis=-1))
+        wanted = (rho <= reach[:, None]) & _telling(mark, rho, pixels, q, minor)
         weight = (wanted & there).astype(np.float64)
         outside = 1 - weight.sum(axis=1) / np.maximum(wanted.sum(axis=1), 1)
         for corner in _corners(mark):
@@ -226,6 +237,18 @@ class _Window:
     def subset(self, which: Index) -> _Window:
         """Return the windows that `which` selects."""
         return _Window(*(getattr(self, name)[which] for name in _Window.__slots__))
+
+
+def _telling(mark: Mark, rho: Array, pixels: Array, q: Array, minor: Array) -> Mask:
+    """Return which pixels are near a border, and of the plain rest every fifth: enough for its level and light."""
+    if not mark.concentric or not len(q) or minor.min() < 3 * _PLAIN:
+        return np.ones(rho.shape, bool)
+    borders = np.unique(mark.sectors[:, :2]) / mark.radius
+    near = np.zeros(rho.shape, bool)
+    for r in borders[borders > 0]:
+        near |= np.abs(rho - r) * minor[:, None] < _PLAIN
+    x, y = (np.rint(pixels[..., i] + q[:, None, i]).astype(int) for i in (0, 1))
+    return np.asarray(near | ((x + 2 * y) % 5 == 0))
 
 
 def _corners(mark: Mark) -> Array:
@@ -248,8 +271,7 @@ def _start(mark: Mark, geometry: Geometry, g: Array, held: Array, window: _Windo
     start = np.zeros((len(g), geometry.free + held.shape[1]))
     start[:, geometry.places], start[:, geometry.free :] = g, held
     start[:, BLUR] = blur
-    at = window.pixels[..., 2:4] if window.pixels.shape[2] > 2 else window.pixels
-    share = share_of_ink(mark, geometry.matrix(g, held), at, start[:, BLUR])
+    share = share_of_ink(mark, geometry.matrix(g, held), window.pixels, start[:, BLUR])
     w = window.weight
     n = np.maximum(w.sum(axis=1), 1.0)
     mean_share, mean = ((w * v).sum(axis=1) / n for v in (share, window.values))
@@ -260,7 +282,7 @@ def _start(mark: Mark, geometry: Geometry, g: Array, held: Array, window: _Windo
 
 
 def _robust(
-    mark: Mark, geometry: Geometry, start: Array, window: _Window, q: Array, *, lens: bool
+    mark: Mark, geometry: Geometry, start: Array, window: _Window, q: Array, *, noise: float, lens: bool
 ) -> tuple[Fit, Array]:
     """Return the fit with pixels left out that show something else, and the weights (B, P) of those kept."""
     model = mark_model(mark, geometry, lens=lens)
@@ -271,9 +293,10 @@ def _robust(
         if not left.size:
             break
         some = window.subset(left)
-        predicted, _ = model(fit.parameters[left], some.pixels)
-        kept = some.weight * _clear(predicted - some.values, some.weight, fit.parameters[left, CONTRAST])
-        changed = (kept != weight[left]).any(axis=1) & (kept.sum(axis=1) > geometry.free + 5)
+        off = predicted(mark, geometry, fit.parameters[left], some.pixels) - some.values
+        kept = some.weight * _clear(off, noise, fit.parameters[left, CONTRAST])
+        changed = (kept != weight[left]).mean(axis=1) > _FEW
+        changed &= kept.sum(axis=1) > geometry.free + 5
         left, some, weight = left[changed], some.subset(changed), _with_rows(weight, left[changed], kept[changed])
         part = fitted(model, fit.parameters[left], some.values, some.pixels, weight[left], q[left], some.size)
         fit = _replaced(fit, part, left)
@@ -286,12 +309,9 @@ def _with_rows(array: Array, which: Index, rows: Array) -> Array:
     return out
 
 
-def _clear(residual: Array, weight: Array, contrast: Array) -> Mask:
-    """Return which pixels agree with the mark: within 0.2 of its contrast or five robust sigmas."""
-    size = np.where(weight > 0, np.abs(residual), np.nan)
-    with np.errstate(all="ignore"):
-        noise = 1.4826 * np.nanmedian(size, axis=1)
-    limit = np.maximum(_HIDDEN * np.abs(contrast), np.minimum(_SIGMAS * np.nan_to_num(noise), 0.5 * np.abs(contrast)))
+def _clear(residual: Array, noise: float, contrast: Array) -> Mask:
+    """Return which pixels agree with the mark: within 0.12 of its contrast or five sigmas of the picture's noise."""
+    limit = np.maximum(_HIDDEN * np.abs(contrast), _SIGMAS * noise)
     return np.asarray(np.abs(residual) <= limit[:, None])
 
 
@@ -303,12 +323,11 @@ def _replaced(fit: Fit, part: Fit, index: Array) -> Fit:
     return Fit(**arrays)
 
 
-def _result(fit: Fit, weight: Array, image_from_mark: Array, window: _Window, model: Model) -> MarkFit:
+def _result(fit: Fit, weight: Array, image_from_mark: Array, window: _Window, seen: Array) -> MarkFit:
     c = fit.parameters[:, CONTRAST]
     total = np.maximum(window.weight.sum(axis=1), 1)
     hidden = 1 - weight.sum(axis=1) / total
-    predicted = model(fit.parameters, window.pixels)[0] if len(c) else window.values
-    score = _correlation(np.nan_to_num(predicted), window.values, weight) * np.sqrt(1 - hidden)
+    score = _correlation(np.nan_to_num(seen), window.values, weight) * np.sqrt(1 - hidden)
     dark_or_white = (window.values <= DARK) | (window.values >= BRIGHT)
     clipped = (weight * dark_or_white).sum(axis=1) / total
     good = fit.good & (window.outside < _MOST_OUTSIDE) & (hidden < _MOST_HIDDEN)
@@ -365,19 +384,18 @@ def _poses(fit: Fit, geometry: Geometry, L: Array, R: Array, scale: Array) -> tu
     return tuple(Rigid(so3.nearest(turned[i]), t[i]) for i in range(len(g)))
 
 
-def _chosen(first: MarkFit, second: MarkFit, other: Mask, doubt: Array) -> MarkFit:
-    """Return the second fit where `other`, else the first; `doubt` (B,): the probability that this is wrong."""
-    names = [name for name in MarkFit.__slots__ if name != "poses"]
+def _weighed(first: MarkFit, second: MarkFit, other: Array) -> MarkFit:
+    """Return the likelier fit of each mark, its place the mean of both; other (B,): the probability of the second."""
     pick = {}
-    for name in names:
-        a, b = getattr(first, name), getattr(second, name)
-        pick[name] = np.where(other.reshape(-1, *[1] * (a.ndim - 1)), b, a)
-    apart = first.q - second.q
-    both = first.good & second.good
-    pick["doubt"] = np.where(both, doubt, 0.0)
-    spread = pick["doubt"][:, None, None] * apart[:, :, None] * apart[:, None, :]
-    pick["covariance"] = pick["covariance"] + spread
-    assert first.poses is not None
-    assert second.poses is not None
-    poses = tuple(b if o else a for a, b, o in zip(first.poses, second.poses, other, strict=True))
-    return MarkFit(**pick, poses=poses)
+    for name in MarkFit.__slots__:
+        if name != "poses":
+            a, b = getattr(first, name), getattr(second, name)
+            pick[name] = np.where((other > 0.5).reshape(-1, *[1] * (a.ndim - 1)), b, a)
+    p = np.where(np.isfinite(first.q + second.q).all(axis=1), other, (other > 0.5).astype(float))
+    apart = np.nan_to_num(second.q - first.q)
+    pick["q"] = np.nan_to_num(first.q) * (1 - p)[:, None] + np.nan_to_num(second.q) * p[:, None]
+    spread = (p * (1 - p))[:, None, None] * apart[:, :, None] * apart[:, None, :]
+    both = (1 - p)[:, None, None] * first.covariance + p[:, None, None] * second.covariance
+    pick["covariance"], pick["doubt"] = both + spread, np.minimum(p, 1 - p)
+    pairs = zip(first.poses or (), second.poses or (), other > 0.5, strict=True)
+    return MarkFit(**pick, poses=tuple(b if o else a for a, b, o in pairs))

@@ -116,9 +116,19 @@ def mark_model(mark: Mark, geometry: Geometry, *, lens: bool = False) -> Model:
     return model
 
 
+def predicted(mark: Mark, geometry: Geometry, parameters: Array, pixels: Array) -> Array:
+    """Return the grey values (B, P) that `mark_model` gives, without their slopes."""
+    H = geometry.matrix(parameters[:, geometry.places], parameters[:, geometry.free :])
+    share = share_of_ink(mark, H, pixels, parameters[:, BLUR])
+    light = 1 + parameters[:, 7, None] * pixels[..., 0] + parameters[:, 8, None] * pixels[..., 1]
+    return np.asarray((parameters[:, 6, None] + parameters[:, CONTRAST, None] * share) * light)
+
+
 def share_of_ink(mark: Mark, H: Array, pixels: Array, s: Array) -> Array:
-    """Return the share of ink (B, P) at pixels (B, P, 2) for H (B, 3, 3) and blurs s (B,) px."""
-    return _share(mark, _Place(H, np.zeros((len(H), 0, 3, 3)), pixels, None), s[:, None])[0]
+    """Return the share of ink (B, P) at pixels (B, P, 2 or 8) for H (B, 3, 3) and blurs s (B,) px."""
+    lens = pixels.shape[2] > 2
+    m, dm = (pixels[..., 2:4], pixels[..., 4:8]) if lens else (pixels, None)
+    return _share(mark, _Place(H, np.zeros((len(H), 0, 3, 3)), m, dm), s[:, None])[0]
 
 
 def _with_slopes(geometry: Geometry, g: Array, held: Array) -> tuple[Array, Array]:

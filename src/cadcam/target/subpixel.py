@@ -95,6 +95,7 @@ class Peak:
             return np.asarray((self(x + d[0], y + d[1]) - window).ravel())
 
         start, _ = self._on_grid(window, 0.2)
+        start = start.clip(-0.99 * _REACH, 0.99 * _REACH)
         bounds = (np.minimum(start, -_REACH) - 1e-9, np.maximum(start, _REACH) + 1e-9)
         best = least_squares(residuals, start + 1e-3, bounds=bounds, xtol=1e-10, ftol=1e-12)
         return np.asarray(best.x), float(np.sqrt(np.mean(best.fun**2)))
@@ -102,16 +103,21 @@ class Peak:
     def _on_grid(self, window: Array, grid: float) -> tuple[Array, float]:
         if not 0 < grid <= 1:
             raise BadValue("grid", grid, "a step in px, at most 1")
-        steps = np.arange(-round(_REACH / grid), round(_REACH / grid) + 1) * grid
+        whole = round(_REACH / grid)
+        rough = max(1, whole // 10)
+        middle = self._best_step(window, grid, np.zeros(2, int), whole // rough * rough, rough)
+        best = self._best_step(window, grid, middle, rough, 1)
+        where = best * grid
+        return where, self.rms_at(window, where)
+
+    def _best_step(self, window: Array, grid: float, about: Array, reach: int, every: int) -> Array:
+        """Return the whole numbers (2,) of steps with the least sum of squares, `every` apart within `reach`."""
         y, x = np.mgrid[-self.l : self.l + 1, -self.l : self.l + 1]
-        best, where = np.inf, np.zeros(2)
-        for dy in steps:
-            f = self(x + steps[:, None, None], y + dy)
-            square = np.mean((f - window) ** 2, axis=(1, 2))
-            k = int(np.argmin(square))
-            if square[k] < best:
-                best, where = float(square[k]), np.array([steps[k], dy])
-        return where, float(np.sqrt(best))
+        steps = np.arange(-reach, reach + 1, every)
+        dx, dy = (a.ravel() for a in np.meshgrid(about[0] + steps, about[1] + steps))
+        f = self(x + grid * dx[:, None, None], y + grid * dy[:, None, None])
+        k = int(np.argmin(np.mean((f - window) ** 2, axis=(1, 2))))
+        return np.array([dx[k], dy[k]])
 
 
 def autocorrelation(picture: Picture, *, zero_mean: bool = True) -> Array:
