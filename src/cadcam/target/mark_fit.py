@@ -163,9 +163,9 @@ def fit_both_tilts(
     odds = pixels * ratio  # logarithm of: the first tilt by the second
     if normal is not None:
         away = [np.array([_angle(p.rotation[:, 2], normal) for p in f.poses or ()]) for f in (first, second)]
-        odds = odds + (away[1] ** 2 - away[0] ** 2) / (2 * _NORMAL_SD**2)
-    odds = np.where(first.good == second.good, odds, np.where(first.good, 1e3, -1e3)).clip(-500, 500)
-    return _weighed(first, second, 1 / (1 + np.exp(odds)))
+        odds += (away[1] ** 2 - away[0] ** 2) / (2 * _NORMAL_SD**2)
+    odds = np.asarray(np.where(first.good == second.good, odds, np.where(first.good, 1e3, -1e3)))
+    return _weighed(first, second, np.asarray(1 / (1 + np.exp(odds.clip(-500.0, 500.0)))))
 
 
 def _angle(a: Array, b: Array) -> float:
