@@ -113,7 +113,9 @@ def find_marks(
     near = approached(gray, mark.rings, seen, margin, enough=count) if rough else seen
     fits = []
     for one, part in _kinds(gray, mark, near, any_number):
-        clear = screened(gray, one, _plausible(part, one, radii), most=fitted, margin=margin)
+        clear = _plausible(part, one, radii)
+        if len(clear) > fitted or not rough:
+            clear = screened(gray, one, clear, most=fitted, margin=margin)
         fit = fit_marks(gray, one, clear.q, clear.shapes, perspective=perspective, margin=margin)
         fits.append((one, fit.subset(_kept(fit, one, radii, least_score))))
     toward = None if normal is None else frozen(normal, "normal", (3,))
