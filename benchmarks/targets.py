@@ -82,7 +82,7 @@ def camera_at(phase: Array) -> Camera:
 def pose_of(tilt: float, turn: float = 0.7) -> Rigid:
     """Return camera_from_mark of a mark of 12 px radius if upright, tilted about an axis `turn` rad in the picture."""
     tilted = Rigid.exp([0, 0, 0, 0, 0, turn]) @ Rigid.exp([0, 0, 0, np.radians(tilt), 0, 0])
-    return Rigid(tilted.rotation, [0.0, 0.0, FOCAL * 12.0 / RADIUS])
+    return Rigid(tilted.rotation, np.array([0.0, 0.0, FOCAL * 12.0 / RADIUS]))
 
 
 def clean(mark: Mark, tilt: float, phase: Array) -> tuple[Picture, Camera]:
@@ -156,17 +156,17 @@ def _errors(
     for k in range(samples):
         picture, camera = soft[k % len(soft)], pictures[k % len(soft)][1]
         noisy = np.clip(picture + rng.normal(0, level / 255, picture.shape), 0, 1)
-        noisy = (np.rint(noisy * 255) / 255).astype(np.float32)
+        noisy8: Picture = (np.rint(noisy * 255) / 255).astype(np.float32)
         truth = camera.principal_point
         start = pose_of(tilt + rng.normal(0, 3), 0.7 + rng.normal(0, 0.05))
         S = (camera.project_with_jacobian(start.translation)[1] @ start.rotation[:, :2])[None]
-        affine = fit_marks(noisy, mark, truth[None] + np.array([0.4, -0.3]), S)
+        affine = fit_marks(noisy8, mark, truth[None] + np.array([0.4, -0.3]), S)
         errors.setdefault("photometric, affine", []).append(affine.q[0] - truth)
-        fit = fit_both_tilts(noisy, mark, camera, affine, normal=start.rotation[:, 2])
+        fit = fit_both_tilts(noisy8, mark, camera, affine, normal=start.rotation[:, 2])
         predicted.append(fit.covariance[0].trace() / 2)
         errors.setdefault("photometric, camera", []).append(fit.q[0] - truth)
         for name, rule in _rules(mark, truth, camera, start):
-            errors.setdefault(name, []).append(rule(noisy) - truth)
+            errors.setdefault(name, []).append(rule(noisy8) - truth)
     arrays = {name: np.array(e) for name, e in errors.items()}
     rms = np.sqrt(np.mean(arrays["photometric, camera"] ** 2))
     sigma = float(np.sqrt(np.mean(predicted)))
@@ -236,8 +236,8 @@ def grid() -> None:
     print("7 x 5 dots of 10 px radius or less, 640 x 480, noise 5, blur 1: rms error px (found of 35)\n")
     print("| tilt | find_marks with the camera | find_marks | cv2.findCirclesGrid |\n|---|---|---|---|")
     for tilt in TILTS:
-        middle = Rigid(np.eye(3), [-90.0, -60.0, 0.0])
-        pose = Rigid(np.eye(3), [0.0, 0.0, 500.0]) @ Rigid.exp([0, 0, 0, np.radians(tilt), 0, 0]) @ middle
+        middle = Rigid(np.eye(3), np.array([-90.0, -60.0, 0.0]))
+        pose = Rigid(np.eye(3), np.array([0.0, 0.0, 500.0])) @ Rigid.exp([0, 0, 0, np.radians(tilt), 0, 0]) @ middle
         rng = np.random.default_rng(3)
         picture = board_picture(plate, camera, pose, blur_px=1.0, noise=5 / 255, rng=rng).clip(0, 1)
         truth = camera.project(pose @ plate.points)
@@ -271,7 +271,7 @@ def robust() -> None:
     camera = Camera.from_focal((640, 480), 800.0)
     mark = dot_and_ring(10.0, 20.0, 30.0)
     plate = Plate.grid((mark,), 4, 3, 60.0)
-    pose = Rigid(np.eye(3), [-90.0, -60.0, 600.0])
+    pose = Rigid(np.eye(3), np.array([-90.0, -60.0, 600.0]))
     truth = camera.project(pose @ plate.points)
     flat = board_picture(plate, camera, pose, blur_px=0.8, margin_mm=60.0)
     light = (1 / (1 + 2 * np.linspace(0, 1, 640))).astype(np.float32)
@@ -312,7 +312,7 @@ def speed() -> None:
     print("| radius px | spots + fit |\n|---|---|")
     for radius in (6.0, 12.0, 25.0, 45.0):
         mark = dot_and_ring(40.0, 80.0, 120.0)
-        pose = Rigid(np.eye(3), [20.0, 10.0, 800.0 * 60 / radius])
+        pose = Rigid(np.eye(3), np.array([20.0, 10.0, 800.0 * 60 / radius]))
         rng = np.random.default_rng(1)
         picture = marks_picture([mark], camera, [pose], blur_px=0.8, noise=0.01, rng=rng, margin_mm=60.0)
         times = []

@@ -23,7 +23,8 @@ from cadcam.target.photometric import BLUR, CONTRAST, Fit, fitted, patches
 MARGIN = 0.7  # of the radius: how much ground the window takes in; it tells varying light from a shift of the mark
 _LEAST_MARGIN, _MOST_MARGIN = 5.0, 12.0  # px of it
 _NORMAL_SD = 0.1  # rad
-_PLAIN = 5.0  # px from all borders, beyond which ground and ink are plain
+_PLAIN = 4.0  # px from all borders, beyond which ground and ink are plain
+_LARGE = 30.0  # px of radius, from which every second pixel near borders is enough
 _CORNER = 2.0  # px around corners of ink that are left out: there the model's borders meet at no right angle
 _HIDDEN, _SIGMAS = 0.12, 5.0  # residual by contrast, and by noise, of a pixel that shows something else
 _ROUNDS, _FEW = 4, 0.003  # at most; and a share of the window that is worth another
@@ -164,8 +165,9 @@ def fit_both_tilts(
     if normal is not None:
         away = [np.array([_angle(p.rotation[:, 2], normal) for p in f.poses or ()]) for f in (first, second)]
         odds = odds + (away[1] ** 2 - away[0] ** 2) / (2 * _NORMAL_SD**2)
-    odds = np.where(first.good == second.good, odds, np.where(first.good, 1e3, -1e3)).clip(-500, 500)
-    return _weighed(first, second, 1 / (1 + np.exp(odds)))
+    sure = np.where(first.good, 500.0, -500.0)
+    odds = np.asarray(np.where(first.good == second.good, odds, sure), np.float64).clip(-500.0, 500.0)
+    return _weighed(first, second, np.asarray(1.0 / (1.0 + np.exp(odds)), np.float64))
 
 
 def _angle(a: Array, b: Array) -> float:
@@ -248,6 +250,7 @@ def _telling(mark: Mark, rho: Array, pixels: Array, q: Array, minor: Array) -> M
     for r in borders[borders > 0]:
         near |= np.abs(rho - r) * minor[:, None] < _PLAIN
     x, y = (np.rint(pixels[..., i] + q[:, None, i]).astype(int) for i in (0, 1))
+    near &= (minor[:, None] < _LARGE) | ((x + y) % 2 == 0)
     return np.asarray(near | ((x + 2 * y) % 5 == 0))
 
 
