@@ -30,7 +30,8 @@ _TWO_PLATES = 0.6  # of the plate's marks, seen a second time
 class PlatePicture:
     """Pixels q (K, 2) of the plate's marks in its order, NaN where one was not found, and covariances (K, 2, 2) px^2.
 
-    radius_px: of a mark's outermost border. false: how many things were found that are none of the plate's marks.
+    radius_px: of a mark's outermost border, the mean of both axes. false: how many things were found that are none of
+    the plate's marks.
     """
 
     q: Array
@@ -86,7 +87,8 @@ def find_plate(gray: Picture, plate: Plate, look: MarkLook) -> PlatePicture:
     pixels, covariance = np.full((len(plate.marks), 2), np.nan), np.full((len(plate.marks), 2, 2), np.nan)
     for i in np.flatnonzero(~left):
         pixels[index[i]], covariance[index[i]] = q[i], found[i].covariance
-    size = float(np.median([found[i].size for i in np.flatnonzero(~left)]))
+    area = [abs(float(np.linalg.det(found[i].image_from_mark))) for i in np.flatnonzero(~left)]
+    size = look.mark.radius * float(np.sqrt(np.median(area)))
     return PlatePicture(pixels, covariance, size, int(left.sum()))
 
 
@@ -127,7 +129,13 @@ def _found(gray: Picture, look: MarkLook) -> list[FoundMark]:
     sought = small[0] if len(small) == 1 else (small[0], small[1])
     found = find_marks(_reduced(gray, by), look.mark, radius_px=sought)
     return [
-        replace(f, pixel=f.pixel * by + (by - 1) / 2, covariance=f.covariance * by**2, size=f.size * by) for f in found
+        replace(
+            f,
+            pixel=f.pixel * by + (by - 1) / 2,
+            covariance=f.covariance * by**2,
+            image_from_mark=f.image_from_mark * by,
+        )
+        for f in found
     ]
 
 
@@ -138,8 +146,11 @@ def _reduced(gray: Picture, by: int) -> Picture:
         raise BadValue(
             "picture", f"of {gray.shape[1]} x {gray.shape[0]} px", f"one that holds a mark of {by * _ENOUGH:.0f} px"
         )
-    whole = gray[: height * by, : width * by].reshape(height, by, width, by)
-    return np.asarray(whole.mean(axis=(1, 3), dtype=np.float64), dtype=np.float32)
+    out = np.zeros((height, width), dtype=np.float32)
+    for dy in range(by):
+        for dx in range(by):
+            out += gray[dy : height * by : by, dx : width * by : by]
+    return np.asarray(out / np.float32(by * by))
 
 
 def _refuse_saturated(found: list[FoundMark]) -> None:
