@@ -22,6 +22,7 @@ from cadcam.verify.sightlines import REACH_PX, STEP_PX, Sightlines
 Longs = npt.NDArray[np.int64]
 CAPTURE_PX = 1.5  # how far an edge may be from the shifted model's and still support it
 ROOM_PX = 2.5  # beside a place that must be free of other lines, for a step to be fitted to the pixels there
+_APART = 1.5  # blurs: as far again, for other lines' own steps
 SEARCH_ROOM_PX = 1.5  # the same for an edge to be looked for
 _MOST = 6  # candidates a place
 _COARSE_PX = 0.3  # sigma of a candidate, about
@@ -142,16 +143,22 @@ def _expected(coarse: Array, lines: Sightlines) -> Array:
 
 
 def _measured(lines: Sightlines, sights: Sequence[Sight], expected: Array) -> tuple[Array, Array, Array]:
-    """Return offsets (N,), sigmas and steps of brightness, fitted to the pixels about where the edges are expected."""
+    """Return offsets (N,), sigmas and steps of brightness, fitted to the pixels about where the edges are expected.
+
+    Of twins, which a fit would know how far apart they are, one may be taken for the other, or be another body's that
+    stands elsewhere: they are not measured.
+    """
     offset, sigma, step = (np.full(len(lines), np.nan) for _ in range(3))
     for i, sight in enumerate(sights):
         rows = lines.photo == i
         at = Projected(lines.q[rows], lines.normal[rows], np.zeros((int(rows.sum()), 6)))
         cells = Cells.of(sight, at, half_length=STEP_PX / 2, reach_px=REACH_PX, room_px=ROOM_PX)
         found = measure(sight, at, cells, expected[rows])
-        offset[rows] = np.where(found.usable, found.offset, np.nan)
-        sigma[rows] = np.where(found.usable, found.sigma, np.nan)
-        step[rows] = found.contrast
+        clear = lines.room[rows] >= ROOM_PX + _APART * cells.blur
+        usable = found.usable & clear
+        offset[rows] = np.where(usable, found.offset, np.nan)
+        sigma[rows] = np.where(usable, found.sigma, np.nan)
+        step[rows] = np.where(clear, found.contrast, np.nan)
     return offset, sigma, step
 
 

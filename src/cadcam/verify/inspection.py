@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array
 from cadcam.cad.edges import EdgeKind
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
@@ -17,17 +17,14 @@ from cadcam.locate.photo import Photo
 from cadcam.verify.alarms import false_discoveries_below, surely_below
 from cadcam.verify.deviation import EdgeDeviation, Extra, FeatureDeviation, State
 from cadcam.verify.extra import unexplained
+from cadcam.verify.look import OF_DISPLACED, Case, Look, looked, looked_again
 from cadcam.verify.measured import Displacement, Measured
 from cadcam.verify.presence import Presence
 from cadcam.verify.survey import Survey, surveyed
 from cadcam.verify.tolerance import Tolerances, whole_parts
-from cadcam.verify.uncovered import uncovered_ratio
 
 _LEAST_SEEN = 0.35  # of the datum's places that must show an edge for the pose to be believed
 _THERE = 2.0  # log likelihood ratio from which what is measured is taken to be the feature: 7 to 1
-_DOUBTFUL = -1.0  # log likelihood ratio below which it is asked what a part hides
-_OF_DISPLACED = 0.25  # of the alarms: a displacement that matters is far beyond any doubt, an absence is not
-_CELL_PX = 1.5  # places where a shifted feature is looked for are about this far apart
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,18 +101,16 @@ def inspect(
     asked = whole_parts(part.scene) if tolerances is None else tolerances
     asked.check(part.scene)
     F = np.eye(6) if freedom is None else np.asarray(freedom, np.float64)
+    case = Case(part, photos, world_from_part, asked, F, options.reach_px, options.alarms)
     survey = surveyed(part, photos, world_from_part, asked, reach_px=options.reach_px)
     reason = _why_not(survey)
     if reason:
         return _not_found(survey, world_from_part, F, reason)
-    presence = _presences(part, photos, world_from_part, survey, options)
-    there = _there(presence)
-    eye = (photos[0].viewpoint.camera_from_world @ world_from_part).inv.translation if len(photos) == 1 else None
     try:
-        measured, left_out = _snooped(survey, there, eye, F, options)
+        look = looked(case, part, survey)
     except DegenerateGeometry as error:
         return _not_found(survey, world_from_part, F, str(error))
-    return _reported(part, photos, world_from_part, survey, presence, measured, left_out, options)
+    return _reported(case, looked_again(case, look), options)
 
 
 def _why_not(survey: Survey) -> str:
@@ -131,99 +126,23 @@ def _why_not(survey: Survey) -> str:
     return ""
 
 
-def _presences(
-    part: Part, photos: Sequence[Photo], world_from_part: Rigid, survey: Survey, options: InspectionOptions
-) -> list[Presence]:
-    """Return the evidence for each feature; where it was looked for at many places, that is taken off.
-
-    Of whole parts that are rather not there, it is asked whether what they hide is seen.
-    """
-    out = []
-    for i in range(len(survey.names)):
-        rows = survey.rows(i)
-        shift = np.hypot(*survey.matched.shift[rows].T).max(initial=0.0)
-        cells = np.pi * (shift / _CELL_PX) ** 2  # looked at before this one, the nearest first
-        found = survey.presence(i, elsewhere=float(np.log(cells)) if shift > _CELL_PX else 0.0)
-        if found.expected and found.log_ratio < _DOUBTFUL:
-            body = survey.whole_part(i)
-            if body is not None:
-                behind = uncovered_ratio(part, photos, world_from_part, body, survey.evidence, clutter=survey.clutter)
-                found = replace(found, log_ratio=found.log_ratio + behind)
-        out.append(found)
-    return out
-
-
-def _there(presence: Sequence[Presence]) -> Mask:
-    """Return which bodies are rather there than not: those whose edges are measured."""
-    return np.array([p.seen > 0 and p.log_ratio > 0 for p in presence], bool)
-
-
 def sure(presence: Sequence[Presence], options: InspectionOptions = PLAIN_OPTIONS) -> float:
     """Return the log likelihood ratio beyond which a body is called missing (-) or there (+), none of all wrongly.
 
     Bonferroni over the bodies in view.
     """
-    return float(np.log(max(sum(p.expected > 0 for p in presence), 1) / ((1 - _OF_DISPLACED) * options.alarms)))
+    return float(np.log(max(sum(p.expected > 0 for p in presence), 1) / ((1 - OF_DISPLACED) * options.alarms)))
 
 
-def _snooped(
-    survey: Survey, there: Mask, eye: Array | None, F: Array, options: InspectionOptions
-) -> tuple[Measured, list[int]]:
-    """Return what is measured with the pose fitted to the bodies that agree, and those that do not.
-
-    Bodies between which the photos hardly decide are left out together: the rest then tells which of them is in place.
-    Feet on a body that does not agree are not used: they move with it.
-    """
-    left_out: list[int] = []
-    while True:
-        used = there[survey.body] & ~np.isin(survey.mate, left_out)
-        datum = survey.datum & ~np.isin(survey.body, left_out)
-        measured = Measured.of(survey, used, datum, eye, F)
-        measured.adjustment.pose()  # an error here says what is free
-        if survey.stated:
-            return measured, left_out
-        bodies = np.unique(measured.body[measured.adjustment.datum]).tolist()
-        tests = [(i, *_against_others(survey, used, datum, eye, F, i)) for i in bodies]
-        told = [(i, moved.p_value, loss) for i, moved, loss in tests if moved is not None]
-        suspect = [(loss, i) for i, p, loss in told if p <= _OF_DISPLACED * options.alarms / len(told)]
-        if not suspect:
-            return measured, left_out
-        least = min(suspect)[0]
-        worst = [i for loss, i in suspect if loss - least <= -2 * np.log(options.alarms)]
-        if measured.pose_without(np.isin(measured.body, [*left_out, *worst])) is None:
-            return measured, left_out  # the others would not hold the part: they cannot outvote it
-        left_out += worst
-
-
-def _against_others(
-    survey: Survey, used: Mask, datum: Mask, eye: Array | None, F: Array, body: int
-) -> tuple[Displacement | None, float]:
-    """Return how a body is displaced against the rest of the datum, and how improbable its being so leaves the photos.
-
-    Edges' own errors too are those of the rest. Of several bodies that are displaced against the others the one is to
-    blame whose displacement explains most: those that it pulled the pose away from are in place without it.
-    """
-    its = (survey.body == body) | (survey.mate == body)
-    others = Measured.of(survey, used, datum & ~its, eye, F)
-    return others.displacement(others.body == body), others.improbability(body)
-
-
-def _reported(
-    part: Part,
-    photos: Sequence[Photo],
-    world_from_part: Rigid,
-    survey: Survey,
-    presence: Sequence[Presence],
-    measured: Measured,
-    left_out: Sequence[int],
-    options: InspectionOptions,
-) -> Inspection:
+def _reported(case: Case, look: Look, options: InspectionOptions) -> Inspection:
+    part, photos = look.drawn, case.photos
+    survey, presence, measured = look.survey, look.presence, look.measured
     names = survey.names
     features = _features(survey, presence, measured, options)
     edges = _edges(part, survey, measured, options)
     fitted = measured.adjustment.pose()
     by_calibration = fitted.by_cause @ fitted.by_cause.T
-    moved = world_from_part @ Rigid.exp(fitted.xi)
+    moved = case.world_from_part @ Rigid.exp(fitted.xi)
     pose = PoseEstimate(moved, fitted.covariance, by_calibration, measured.adjustment.freedom, measured.dof)
     shifted = [_shifted(survey, i) for i in range(len(photos))]
     return Inspection(
@@ -232,7 +151,7 @@ def _reported(
         edges=edges,
         extra=tuple(unexplained(part, photos, pose.world_from_part, shifted=shifted)),
         datum=tuple(names[i] for i in np.unique(measured.body[measured.adjustment.datum])),
-        left_out=tuple(names[i] for i in left_out),
+        left_out=tuple(names[i] for i in look.left_out),
         tau_px=measured.tau_px,
         noise_scale=measured.noise_scale,
         clutter=survey.clutter,
@@ -251,7 +170,7 @@ def _features(
     enough = sure(presence, options)
     moved = [measured.displacement(members) for members in measured.members]
     p_values = [np.nan if m is None else m.p_value for m in moved]
-    alarms = surely_below(p_values, _OF_DISPLACED * options.alarms)
+    alarms = surely_below(p_values, OF_DISPLACED * options.alarms)
     out = []
     for i in range(len(survey.names)):
         state = _state(presence[i], moved[i], bool(alarms[i]), enough)

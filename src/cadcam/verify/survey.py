@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +47,7 @@ class Survey:
     ought: Mask
     evidence: EdgeEvidence
     clutter: float
+    by: Array
 
     def rows(self, number: int) -> Mask:
         """Return the places (N,) of a feature that can be used."""
@@ -77,12 +78,23 @@ class Survey:
 
 
 def surveyed(
-    part: Part, photos: Sequence[Photo], world_from_part: Rigid, asked: Tolerances, *, reach_px: float
+    part: Part,
+    photos: Sequence[Photo],
+    world_from_part: Rigid,
+    asked: Tolerances,
+    *,
+    reach_px: float,
+    by: Array | None = None,
 ) -> Survey:
-    """Return what the photos show along the part's lines, within `reach_px` of them."""
+    """Return what the photos show along the part's lines, within `reach_px` of them.
+
+    by (P, 3) mm: how far its bodies stand beside where the CAD has them; default nothing.
+    """
+    by = np.zeros((len(part.scene.mesh.part_names), 3)) if by is None else by
     lines, sights = sightlines(part, photos, world_from_part)
     found = nearby_edges(lines, sights, reach_px=reach_px)
-    names, members = _members(part.scene, lines, asked)
+    in_place = replace(lines, p=lines.p - by[lines.part])
+    names, members = _members(part.scene, in_place, asked)
     body = _bodies(members)
     usable = lines.room >= SEARCH_ROOM_PX
     moved_as_one = np.where(usable, body, -1)
@@ -92,19 +104,36 @@ def surveyed(
     feet = Feet.of(lines, beside)
     return Survey(
         lines,
-        matched,
+        _from_place(matched, lines, photos, world_from_part, by),
         names,
         members,
         body,
         usable,
-        _datum(part.scene, lines, asked),
+        _datum(part.scene, in_place, asked),
         bool(asked.datum),
         feet.lever,
         feet.of_bodies(lines, body),
         ought,
         EdgeEvidence.of(lines, usable, matched, beside),
         clutter_of(lines, found, moved_as_one, reach_px=reach_px),
+        by,
     )
+
+
+def _from_place(
+    matched: Association, lines: Sightlines, photos: Sequence[Photo], world_from_part: Rigid, by: Array
+) -> Association:
+    """Return offsets and shifts from where the CAD has the bodies, which were drawn `by` (P, 3) mm beside."""
+    if not by.any():
+        return matched
+    mm = by[lines.part]
+    shift = matched.shift.copy()
+    for i, photo in enumerate(photos):
+        rows = lines.photo == i
+        camera_from_part = photo.viewpoint.camera_from_world @ world_from_part
+        at, place = (photo.camera.project(camera_from_part @ p) for p in (lines.p[rows], (lines.p - mm)[rows]))
+        shift[rows] += at - place
+    return replace(matched, offset=matched.offset + np.einsum("ni,ni->n", lines.by_point, mm), shift=shift)
 
 
 def _members(scene: Scene, lines: Sightlines, asked: Tolerances) -> tuple[tuple[str, ...], tuple[Mask, ...]]:

@@ -1,0 +1,187 @@
+"""What the photos show of a part's bodies: which of them are there, which agree on a pose, where the others stand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cadcam.arrays import Array, Mask
+from cadcam.errors import DegenerateGeometry
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.verify.measured import Displacement, Measured
+from cadcam.verify.presence import Presence, Visibility, log_ratio, visibility
+from cadcam.verify.redrawn import AGREES_PX, measured_at, off_px, redrawn
+from cadcam.verify.survey import Survey, surveyed
+from cadcam.verify.tolerance import Tolerances
+from cadcam.verify.uncovered import uncovered_ratio
+
+OF_DISPLACED = 0.25  # of the alarms: a displacement that matters is far beyond any doubt, an absence is not
+_DOUBTFUL = -1.0  # log likelihood ratio below which it is asked what a part hides
+_CELL_PX = 1.5  # places where a shifted feature is looked for are about this far apart
+_ROUNDS = 4  # of drawing displaced bodies again where they were found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Case:
+    """What is inspected, and how.
+
+    freedom (6, k): motions that are free; reach_px: how far bodies are looked for; alarms: share of false ones allowed.
+    """
+
+    part: Part
+    photos: Sequence[Photo]
+    world_from_part: Rigid
+    asked: Tolerances
+    freedom: Array
+    reach_px: float
+    alarms: float
+
+    @property
+    def eye(self) -> Array | None:
+        """Return the camera's place (3,) in the part frame; None where there are several photos."""
+        if len(self.photos) > 1:
+            return None
+        return np.asarray((self.photos[0].viewpoint.camera_from_world @ self.world_from_part).inv.translation)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """What is seen with the bodies drawn in some places: is each of them there, what is measured, who disagrees."""
+
+    drawn: Part
+    survey: Survey
+    presence: Sequence[Presence]
+    measured: Measured
+    left_out: Sequence[int]
+
+    def explained(self, seen: Visibility, clutter: float) -> float:
+        """Return how much more probable the photos' edges are with all bodies there than with none (logarithm).
+
+        Looks compare by one measure of how well edges are seen.
+        """
+        evidence = self.survey.evidence
+        return log_ratio(evidence, np.ones(len(evidence.seen), bool), seen, clutter)
+
+
+def looked(case: Case, drawn: Part, survey: Survey) -> Look:
+    """Return what a survey of the part, drawn in whatever places, shows.
+
+    Raises `DegenerateGeometry` where what is seen of the datum does not hold the part.
+    """
+    presence = _presences(drawn, case.photos, case.world_from_part, survey)
+    measured, left_out = _snooped(survey, _there(presence), case)
+    return Look(drawn, survey, presence, measured, left_out)
+
+
+def looked_again(case: Case, look: Look) -> Look:
+    """Return the look with displaced bodies drawn where they stand, as far as that explains more of the photos.
+
+    One body at a time, the one farthest from where it is drawn first.
+    """
+    seen, clutter = visibility(look.survey.evidence, np.ones(len(look.survey.evidence.seen), bool)), look.survey.clutter
+    for _ in range(_ROUNDS):
+        tries = (_redrawn_look(case, look, part, to) for part, to in _elsewhere(look))
+        before = look.explained(seen, clutter)
+        better = next((t for t in tries if t is not None and t.explained(seen, clutter) > before), None)
+        if better is None:
+            return look
+        look = better
+    return look
+
+
+def _elsewhere(look: Look) -> list[tuple[int, Array]]:
+    """Return the parts that were measured beside where they are drawn, and their displacements (3,) mm."""
+    out = []
+    for i in range(len(look.presence)):
+        part, to = look.survey.whole_part(i), measured_at(look.measured, i)
+        if part is None or to is None:
+            continue
+        px = off_px(look.survey, look.survey.rows(i), to - look.survey.by[part])
+        if px > AGREES_PX:
+            out.append((px, part, to))
+    return [(part, to) for _, part, to in sorted(out, key=lambda each: -each[0])]
+
+
+def _redrawn_look(case: Case, look: Look, part: int, to: Array) -> Look | None:
+    """Return the look with a part drawn `to` (3,) mm beside its place; None where nothing can be measured then."""
+    by = look.survey.by.copy()
+    by[part] = to
+    drawn = redrawn(case.part, by)
+    if drawn is None:
+        return None
+    survey = surveyed(drawn, case.photos, case.world_from_part, case.asked, reach_px=case.reach_px, by=by)
+    try:
+        again = looked(case, drawn, survey)
+    except DegenerateGeometry:
+        return None
+    return again if survey.names == look.survey.names else None
+
+
+def _presences(part: Part, photos: Sequence[Photo], world_from_part: Rigid, survey: Survey) -> list[Presence]:
+    """Return the evidence for each feature; where it was looked for at many places, that is taken off.
+
+    Of whole parts that are rather not there, it is asked whether what they hide is seen.
+    """
+    out = []
+    for i in range(len(survey.names)):
+        rows = survey.rows(i)
+        shift = np.hypot(*survey.matched.shift[rows].T).max(initial=0.0)
+        cells = np.pi * (shift / _CELL_PX) ** 2  # looked at before this one, the nearest first
+        found = survey.presence(i, elsewhere=float(np.log(cells)) if shift > _CELL_PX else 0.0)
+        if found.expected and found.log_ratio < _DOUBTFUL:
+            body = survey.whole_part(i)
+            if body is not None:
+                behind = uncovered_ratio(part, photos, world_from_part, body, survey.evidence, clutter=survey.clutter)
+                found = replace(found, log_ratio=found.log_ratio + behind)
+        out.append(found)
+    return out
+
+
+def _there(presence: Sequence[Presence]) -> Mask:
+    """Return which bodies are rather there than not: those whose edges are measured."""
+    return np.array([p.seen > 0 and p.log_ratio > 0 for p in presence], bool)
+
+
+def _snooped(survey: Survey, there: Mask, case: Case) -> tuple[Measured, list[int]]:
+    """Return what is measured with the pose fitted to the bodies that agree, and those that do not.
+
+    Bodies between which the photos hardly decide are left out together: the rest then tells which of them is in place.
+    Feet on a body that does not agree are not used: they move with it.
+    """
+    eye, F = case.eye, case.freedom
+    left_out: list[int] = []
+    while True:
+        used = there[survey.body] & ~np.isin(survey.mate, left_out)
+        datum = survey.datum & ~np.isin(survey.body, left_out)
+        measured = Measured.of(survey, used, datum, eye, F)
+        measured.adjustment.pose()  # an error here says what is free
+        if survey.stated:
+            return measured, left_out
+        bodies = np.unique(measured.body[measured.adjustment.datum]).tolist()
+        tests = [(i, *_against_others(survey, used, datum, eye, F, i)) for i in bodies]
+        told = [(i, moved.p_value, loss) for i, moved, loss in tests if moved is not None]
+        suspect = [(loss, i) for i, p, loss in told if p <= OF_DISPLACED * case.alarms / len(told)]
+        if not suspect:
+            return measured, left_out
+        least = min(suspect)[0]
+        worst = [i for loss, i in suspect if loss - least <= -2 * np.log(case.alarms)]
+        if measured.pose_without(np.isin(measured.body, [*left_out, *worst])) is None:
+            return measured, left_out  # the others would not hold the part: they cannot outvote it
+        left_out += worst
+
+
+def _against_others(
+    survey: Survey, used: Mask, datum: Mask, eye: Array | None, F: Array, body: int
+) -> tuple[Displacement | None, float]:
+    """Return how a body is displaced against the rest of the datum, and how improbable its being so leaves the photos.
+
+    Edges' own errors too are those of the rest. Of several bodies that are displaced against the others the one is to
+    blame whose displacement explains most: those that it pulled the pose away from are in place without it.
+    """
+    its = (survey.body == body) | (survey.mate == body)
+    others = Measured.of(survey, used, datum & ~its, eye, F)
+    return others.displacement(others.body == body), others.improbability(body)

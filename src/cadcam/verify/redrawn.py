@@ -1,0 +1,42 @@
+"""The part drawn with displaced bodies where they seem to stand, so that edges are looked for where they then are.
+
+A body that stands some pixels beside its place hides other edges than the CAD has it, shows other ones of its own, and
+its edges pass those of its neighbours on the way there: seen from its own place they are taken for each other. Drawn
+where it stands none of this is left, and its edges are as near to their lines as those of bodies in place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cadcam.arrays import Array, Mask
+from cadcam.locate.part import Part
+from cadcam.verify.measured import Measured
+from cadcam.verify.survey import Survey
+
+AGREES_PX = 1.0  # up to which a body is drawn where it was found: its edges are then surely told from others
+
+
+def redrawn(part: Part, by: Array) -> Part | None:
+    """Return the part with each of its bodies moved by `by` (P, 3) mm; None where bodies share vertices."""
+    mesh = part.scene.mesh
+    owner = np.full(len(mesh.vertices), -1, np.int64)
+    owner[mesh.faces.ravel()] = np.repeat(mesh.part, 3)
+    if (owner[mesh.faces] != mesh.part[:, None]).any():
+        return None
+    vertices = mesh.vertices + np.where(owner[:, None] >= 0, by[owner], 0.0)
+    return Part(replace(part.scene, mesh=replace(mesh, vertices=vertices)))
+
+
+def measured_at(measured: Measured, number: int) -> Array | None:
+    """Return the displacement (3,) mm at which a feature was measured; None where it was not."""
+    rows = measured.members[number]
+    moved = measured.displacement(rows) if rows.any() else None
+    return None if moved is None else np.asarray(moved.basis @ moved.estimate.value)
+
+
+def off_px(survey: Survey, rows: Mask, by: Array) -> float:
+    """Return by how many px, at most, a displacement (3,) mm moves the lines of places `rows` (N,) in the photos."""
+    return float(np.abs(survey.lines.by_point[rows] @ by).max(initial=0.0))

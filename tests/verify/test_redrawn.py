@@ -1,0 +1,57 @@
+"""Bodies drawn where they stand, deviations still from where the CAD has them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cadcam.cad.parts.shape import box
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.part import Part
+from cadcam.verify.redrawn import redrawn
+from cadcam.verify.survey import surveyed
+from cadcam.verify.tolerance import whole_parts
+
+from .scene import displaced, part, photo, plate
+
+
+def test_a_body_is_drawn_where_it_stands_and_all_else_stays() -> None:
+    mesh, by = plate(), np.zeros((5, 3))
+    by[mesh.part_names.index("block")] = 1.0, -2.0, 3.0
+    drawn = redrawn(part(), by)
+    assert drawn is not None
+    np.testing.assert_array_equal(drawn.scene.mesh.vertices, displaced("block", np.array([1.0, -2.0, 3.0])).vertices)
+    assert drawn.scene.edges is part().scene.edges  # edges keep their numbers
+
+
+def test_bodies_that_share_vertices_are_not_drawn_apart() -> None:
+    mesh = box((0, 0, 0), (10, 10, 10), name="one")
+    half = replace(
+        mesh,
+        part=(np.arange(mesh.n_faces) % 2).astype(np.int32),
+        part_names=("one", "two"),
+        part_colors=np.repeat(mesh.part_colors, 2, axis=0),
+    )
+    assert redrawn(Part.of(half), np.ones((2, 3))) is None
+
+
+def test_offsets_are_from_the_place_in_the_cad_wherever_a_body_is_drawn(rng: np.random.Generator) -> None:
+    """The block stands 4 mm off and is drawn there: its offsets are those of 4 mm, its edges near their lines.
+
+    0.1 px: an edge's own error in these pictures is a third of that at most. Its neighbours' offsets are not touched.
+    """
+    by, moved = np.zeros((5, 3)), np.array([3.0, 2.0, 0.0])
+    by[plate().part_names.index("block")] = moved
+    drawn = redrawn(part(), by)
+    assert drawn is not None
+    shot = photo(displaced("block", moved), rng)
+    seen = surveyed(drawn, [shot], Rigid(), whole_parts(part().scene), reach_px=8.0, by=by)
+    own = seen.members[seen.names.index("block")] & seen.matched.measured
+    assert own.sum() > 20
+    assert abs(np.median(seen.matched.offset[own] - seen.lines.by_point[own] @ moved)) < 0.1
+    assert np.nanmedian(np.abs(seen.matched.coarse[own])) < 0.5
+    shift = np.linalg.norm(seen.matched.shift[own], axis=1)
+    assert np.all(shift > 2.0)
+    others = ~seen.members[seen.names.index("block")] & seen.matched.measured
+    assert abs(np.median(seen.matched.offset[others])) < 0.1
