@@ -15,7 +15,9 @@ import argparse
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -202,8 +204,7 @@ def _by_parabola(gray: Picture, at: Array, of: object, zero_mean: bool) -> Array
 
 
 def _cv2_blob(gray: Picture, truth: Array) -> Array:
-    import cv2
-
+    cv2: Any = import_module("cv2")  # its stubs do not know the detector
     parameters = cv2.SimpleBlobDetector_Params()
     parameters.minArea, parameters.maxArea = 20, 5000
     parameters.filterByConvexity = parameters.filterByInertia = parameters.filterByCircularity = False
