@@ -147,7 +147,7 @@ def edges(row: Row, pictures: int, seed: int) -> tuple[str, str]:
         seen = row.seen(radiance, rng)
         n, reach = np.broadcast_to(normal, q.shape), np.full(len(q), 8.0)
         blur = blur_of(seen, q, n, reach=reach, half_length=8.0)
-        found = steps(seen, q, n, below=reach, above=reach, half_length=8.0, blur=blur, kink=np.full(len(q), np.inf))
+        found = steps(seen, q, n, below=reach, above=reach, half_length=8.0, blur=blur, held=np.zeros((len(q), 2)))
         shifts.append(found.moment / found.contrast)
     return f"{np.mean(shifts):+.3f}", f"{np.std(shifts):.4f}"
 

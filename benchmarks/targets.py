@@ -15,7 +15,9 @@ import argparse
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -28,7 +30,7 @@ from cadcam.image.picture import read_picture, to_gray, write_picture
 from cadcam.target.cross import surface, taps, template
 from cadcam.target.find import FoundMark, find_marks
 from cadcam.target.ideal import board_picture, marks_picture
-from cadcam.target.mark import Mark, Plate, bulls_eye, dot, dot_and_ring, inverted
+from cadcam.target.mark import Mark, Plate, dot, dot_and_ring, inverted, ring
 from cadcam.target.mark_fit import fit_both_tilts, fit_marks
 from cadcam.target.opencv import has_opencv
 from cadcam.target.subpixel import Peak, centroid, parabola
@@ -49,13 +51,16 @@ def main() -> None:
     arguments.add_argument("--tilts", type=float, nargs="+", default=TILTS)
     arguments.add_argument("--data", type=Path)
     arguments.add_argument("--pictures", type=Path)
+    arguments.add_argument(
+        "--sets", nargs="+", default=[], help="of the real ones, such as visp_circles dbat_camcal/P8250021"
+    )
     given = arguments.parse_args()
     studies: dict[str, Callable[[], None]] = {
         "rendered": lambda: rendered(given.samples, [MARKS[k] for k in given.marks], given.tilts),
         "grid": grid,
         "robust": robust,
         "speed": speed,
-        "real": lambda: real(given.data, given.pictures),
+        "real": lambda: real(given.data, given.pictures, given.sets),
     }
     if not has_opencv():
         print("OpenCV is not installed: its columns are left out\n")
@@ -79,7 +84,7 @@ def camera_at(phase: Array) -> Camera:
 def pose_of(tilt: float, turn: float = 0.7) -> Rigid:
     """Return camera_from_mark of a mark of 12 px radius if upright, tilted about an axis `turn` rad in the picture."""
     tilted = Rigid.exp([0, 0, 0, 0, 0, turn]) @ Rigid.exp([0, 0, 0, np.radians(tilt), 0, 0])
-    return Rigid(tilted.rotation, [0.0, 0.0, FOCAL * 12.0 / RADIUS])
+    return Rigid(tilted.rotation, np.array([0.0, 0.0, FOCAL * 12.0 / RADIUS]))
 
 
 def clean(mark: Mark, tilt: float, phase: Array) -> tuple[Picture, Camera]:
@@ -153,17 +158,17 @@ def _errors(
     for k in range(samples):
         picture, camera = soft[k % len(soft)], pictures[k % len(soft)][1]
         noisy = np.clip(picture + rng.normal(0, level / 255, picture.shape), 0, 1)
-        noisy = (np.rint(noisy * 255) / 255).astype(np.float32)
+        noisy8: Picture = (np.rint(noisy * 255) / 255).astype(np.float32)
         truth = camera.principal_point
         start = pose_of(tilt + rng.normal(0, 3), 0.7 + rng.normal(0, 0.05))
         S = (camera.project_with_jacobian(start.translation)[1] @ start.rotation[:, :2])[None]
-        affine = fit_marks(noisy, mark, truth[None] + np.array([0.4, -0.3]), S)
+        affine = fit_marks(noisy8, mark, truth[None] + np.array([0.4, -0.3]), S)
         errors.setdefault("photometric, affine", []).append(affine.q[0] - truth)
-        fit = fit_both_tilts(noisy, mark, camera, affine, normal=start.rotation[:, 2])
+        fit = fit_both_tilts(noisy8, mark, camera, affine, normal=start.rotation[:, 2])
         predicted.append(fit.covariance[0].trace() / 2)
         errors.setdefault("photometric, camera", []).append(fit.q[0] - truth)
         for name, rule in _rules(mark, truth, camera, start):
-            errors.setdefault(name, []).append(rule(noisy) - truth)
+            errors.setdefault(name, []).append(rule(noisy8) - truth)
     arrays = {name: np.array(e) for name, e in errors.items()}
     rms = np.sqrt(np.mean(arrays["photometric, camera"] ** 2))
     sigma = float(np.sqrt(np.mean(predicted)))
@@ -199,8 +204,7 @@ def _by_parabola(gray: Picture, at: Array, of: object, zero_mean: bool) -> Array
 
 
 def _cv2_blob(gray: Picture, truth: Array) -> Array:
-    import cv2
-
+    cv2: Any = import_module("cv2")  # its stubs do not know the detector
     parameters = cv2.SimpleBlobDetector_Params()
     parameters.minArea, parameters.maxArea = 20, 5000
     parameters.filterByConvexity = parameters.filterByInertia = parameters.filterByCircularity = False
@@ -233,8 +237,8 @@ def grid() -> None:
     print("7 x 5 dots of 10 px radius or less, 640 x 480, noise 5, blur 1: rms error px (found of 35)\n")
     print("| tilt | find_marks with the camera | find_marks | cv2.findCirclesGrid |\n|---|---|---|---|")
     for tilt in TILTS:
-        middle = Rigid(np.eye(3), [-90.0, -60.0, 0.0])
-        pose = Rigid(np.eye(3), [0.0, 0.0, 500.0]) @ Rigid.exp([0, 0, 0, np.radians(tilt), 0, 0]) @ middle
+        middle = Rigid(np.eye(3), np.array([-90.0, -60.0, 0.0]))
+        pose = Rigid(np.eye(3), np.array([0.0, 0.0, 500.0])) @ Rigid.exp([0, 0, 0, np.radians(tilt), 0, 0]) @ middle
         rng = np.random.default_rng(3)
         picture = board_picture(plate, camera, pose, blur_px=1.0, noise=5 / 255, rng=rng).clip(0, 1)
         truth = camera.project(pose @ plate.points)
@@ -268,7 +272,7 @@ def robust() -> None:
     camera = Camera.from_focal((640, 480), 800.0)
     mark = dot_and_ring(10.0, 20.0, 30.0)
     plate = Plate.grid((mark,), 4, 3, 60.0)
-    pose = Rigid(np.eye(3), [-90.0, -60.0, 600.0])
+    pose = Rigid(np.eye(3), np.array([-90.0, -60.0, 600.0]))
     truth = camera.project(pose @ plate.points)
     flat = board_picture(plate, camera, pose, blur_px=0.8, margin_mm=60.0)
     light = (1 / (1 + 2 * np.linspace(0, 1, 640))).astype(np.float32)
@@ -309,7 +313,7 @@ def speed() -> None:
     print("| radius px | spots + fit |\n|---|---|")
     for radius in (6.0, 12.0, 25.0, 45.0):
         mark = dot_and_ring(40.0, 80.0, 120.0)
-        pose = Rigid(np.eye(3), [20.0, 10.0, 800.0 * 60 / radius])
+        pose = Rigid(np.eye(3), np.array([20.0, 10.0, 800.0 * 60 / radius]))
         rng = np.random.default_rng(1)
         picture = marks_picture([mark], camera, [pose], blur_px=0.8, noise=0.01, rng=rng, margin_mm=60.0)
         times = []
@@ -321,11 +325,13 @@ def speed() -> None:
     print()
 
 
-def real(data: Path, pictures: Path | None) -> None:
+def real(data: Path, pictures: Path | None, sets: Sequence[str]) -> None:
     """Find marks in real photos; where a set names places, compare."""
     print("| picture | mark | found | expected | of those | rms to the published px | CPU s |")
     print("|---|---|---|---|---|---|---|")
     for name, file, mark, options, published, expected in _sets(data):
+        if sets and not name.startswith(tuple(sets)):
+            continue
         start = time.process_time()
         try:
             found = find_marks(to_gray(read_picture(file)), mark, **options)  # type: ignore[arg-type]
@@ -363,7 +369,14 @@ Set = tuple[str, Path, Mark, dict[str, object], "Array | None", str]
 
 def _sets(data: Path) -> Iterator[Set]:
     for k in (1, 3, 5):
-        yield f"visp_circles/0{k}", data / f"visp_circles/circles-0{k}.jpg", dot(20.0), {"margin": 0.2}, None, "36"
+        yield (
+            f"visp_circles/0{k}",
+            data / f"visp_circles/circles-0{k}.jpg",
+            dot(20.0),
+            {"radius_px": (6.0, 40.0), "method": "blobs"},
+            None,
+            "36",
+        )
     for k in (1, 2, 3, 4):
         file = data / f"openptv_cavity/cal/cam{k}.tif"
         listed = np.loadtxt(file.with_suffix(".tif_targets"), skiprows=1, usecols=(1, 2))
@@ -384,11 +397,9 @@ def _sets(data: Path) -> Iterator[Set]:
         "opencsp_dots/DSC03992", data / "opencsp_dots/data_measurement/images/DSC03992.JPG", dot(10.0),
         {"radius_px": (2.5, 12.0), "method": "blobs"}, None, "about 4000",
     )  # fmt: skip
-    for k in (1, 2):
-        yield f"cctag_rings/0{k}", data / f"cctag_rings/0{k}.png", bulls_eye(*CCTAG), {"least_score": 0.85}, None, ""
-
-
-CCTAG = (40.0, 60.0, 100.0)
+    for k in (1, 2):  # the innermost of three rings, the widths of which differ from mark to mark
+        rings: dict[str, object] = {"radius_px": (8.0, 60.0), "method": "blobs", "margin": 0.15}
+        yield f"cctag_rings/0{k}", data / f"cctag_rings/0{k}.png", ring(14.0, 20.0), rings, None, "see below"
 
 
 def _dbat(path: Path) -> dict[int, Array]:

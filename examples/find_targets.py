@@ -21,7 +21,9 @@ def main() -> None:
     plate = Plate.grid((mark,), 3, 2, 60.0)
     camera = Camera.from_focal((480, 360), 700.0)
     tilted = Rigid.exp([0, 0, 0, np.radians(40), 0, 0])
-    camera_from_plate = Rigid(np.eye(3), [0, 0, 600.0]) @ tilted @ Rigid(np.eye(3), [-60.0, -30.0, 0.0])
+    camera_from_plate = (
+        Rigid(np.eye(3), np.array([0, 0, 600.0])) @ tilted @ Rigid(np.eye(3), np.array([-60.0, -30.0, 0.0]))
+    )
     rng = np.random.default_rng(1)
     picture = board_picture(plate, camera, camera_from_plate, blur_px=0.8, noise=0.01, rng=rng)
     truth = camera.project(camera_from_plate @ plate.points)

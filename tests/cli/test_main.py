@@ -46,6 +46,8 @@ def test_every_example_in_a_help_text_is_accepted(verb: str) -> None:
     parser = cli.parser()
     action = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
     lines = (action.choices[verb].epilog or "").splitlines() + (parser.epilog or "").splitlines()
+    for actions in (a for a in action.choices[verb]._actions if isinstance(a, argparse._SubParsersAction)):
+        lines += [line for part in actions.choices.values() for line in (part.epilog or "").splitlines()]
     commands = [re.split(r"\s{3,}", line.strip())[0] for line in lines if line.strip().startswith(f"cadcam {verb}")]
     assert len(commands) >= 2
     for command in commands:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -24,6 +25,7 @@ from cadcam.station.survey import write_survey
 from .job import Ran
 
 Cadcam = Callable[..., Ran]
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "station.md").read_text()
 
 
 @pytest.fixture(scope="session")
@@ -119,6 +121,20 @@ def test_the_report_stands_by_itself(cadcam: Cadcam, folder: Path) -> None:
     assert not re.findall(r'(?:src|href)="(?!data:|#)', page)
     for text in ("Camera 6", "Camera 12", "12 measurements", "differences together", "<svg"):
         assert text in page
+
+
+def test_the_page_on_stations_runs_as_printed(cadcam: Cadcam, folder: Path) -> None:
+    pytest.importorskip("matplotlib")
+    shell, python = (re.search(rf"```{kind}\n(.*?)```", PAGE, re.DOTALL) for kind in ("sh", "python"))
+    assert shell is not None
+    assert python is not None
+    lines = shell[1].replace("\\\n", " ").splitlines()
+    commands = [shlex.split(line, comments=True) for line in lines if line.startswith("cadcam")]
+    assert [command[2] for command in commands] == ["simulate", "calibrate", "map", "measure", "report"]
+    for command in commands[1:]:
+        ran = cadcam(*command[1:])
+        assert ran.code == 0, ran.err
+    exec(python[1], {})
 
 
 def replaced(path: Path, old: str, new: str) -> None:

@@ -102,17 +102,29 @@ def test_what_the_data_leave_open_is_refused(rng: np.random.Generator) -> None:
         grouped_fit(y[:2], J[:2], variance[:2], group[:2], usual=0.05)
 
 
-def test_groups_known_to_be_off_count_less_and_the_covariance_knows(rng: np.random.Generator) -> None:
+def test_groups_expected_to_be_off_count_less_and_the_covariance_knows(rng: np.random.Generator) -> None:
     """Half of the groups are off by 0.3, the others by 0.02: told of it, the fit has less than half the variance."""
     off = np.repeat([0.3, 0.02], 20)
     z2, gain = [], []
     for _ in range(120):
         y, J, variance, group = data(rng, between=0.0)
         y = y + (off * rng.normal(size=40))[group]
-        fits = [grouped_fit(y, J, variance, group, usual=0.05, known=known) for known in (off**2, None)]
+        fits = [grouped_fit(y, J, variance, group, usual=0.05, expected=expected) for expected in (off**2, None)]
         errors = [fit.x - TRUTH for fit in fits]
         z2.append(errors[0] @ np.linalg.solve(fits[0].covariance, errors[0]) / 3)
         gain.append([e @ e for e in errors])
     assert np.mean(z2) < 1.0 + 4 * np.sqrt(2 / 360)
     told, untold = np.mean(gain, axis=0)
     assert told < untold / 2
+
+
+def test_what_is_expected_of_groups_but_is_not_there_costs_nothing(rng: np.random.Generator) -> None:
+    """Groups are off by nothing: told that half of them are, the fit is as good as untold. Believing it costs half."""
+    off = np.repeat([0.3, 0.02], 20)
+    squares = []
+    for _ in range(120):
+        y, J, variance, group = data(rng, between=0.0)
+        fits = [grouped_fit(y, J, variance, group, usual=0.05, expected=expected) for expected in (off**2, None)]
+        squares.append([float(np.sum((fit.x - TRUTH) ** 2)) for fit in fits])
+    told, untold = np.mean(squares, axis=0)
+    assert told < 1.1 * untold

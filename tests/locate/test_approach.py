@@ -147,7 +147,7 @@ def test_the_mirror_pose_of_a_flat_view_is_tried(rng: np.random.Generator) -> No
     sight = (pose @ middle) / np.linalg.norm(pose @ middle)
     mirrored = (np.eye(3) - 2 * np.outer(sight, sight)) @ pose.rotation @ np.diag([1.0, 1, -1])
     start = Rigid(mirrored, pose @ middle - mirrored @ middle)
-    found = approach(plate, [photo(plate, pose, rng)], start)
+    found = approach(plate, [photo(plate, pose, rng)], start, reach=Reach(rotation_deg=3.0))
     off = [np.linalg.norm(CAMERA.project(h.world_from_part @ middle) - CAMERA.project(pose @ middle)) for h in found]
     turned = [np.degrees(np.linalg.norm((h.world_from_part.inv @ pose).log()[3:])) for h in found]
     assert min(t for t, px in zip(turned, off, strict=True) if px < 5) < 8

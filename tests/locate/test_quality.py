@@ -11,15 +11,17 @@ from cadcam.locate.freedom import Freedom
 from cadcam.locate.locate import locate
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality import SEARCHED, Seen, _lines
+from cadcam.locate.quality import SEARCHED, Seen, _behind, _lines
 from cadcam.locate.refine import refine
 from cadcam.locate.view_range import ViewRange
 
 from ..cad.solids import box
 from .photos import CAMERA, noisy, photo, view
+from .scene import block
 from .test_search import clutter
 
 BOX = Part.of(box([0, 0, 0], [100, 60, 40]))
+BLOCK = block()
 CORNER = (0.5, 0.7, 1.0)
 
 
@@ -76,10 +78,10 @@ def test_the_fewer_motions_are_free_the_more_the_same_edges_prove(rng: np.random
 
 
 def test_what_a_fit_meets_for_nothing_proves_nothing() -> None:
-    assert Seen(100, 1.0, 0.1, 1.0, 0.0, 0.0).quality == 0.0
-    one_third = Seen(100, 1 / 3, 0.0, 1 / 3, 0.0, 0.0)
+    assert Seen(100, 1.0, 0.1, 1.0, 0.0, 0.0, 0.0).quality == 0.0
+    one_third = Seen(100, 1 / 3, 0.0, 1 / 3, 0.0, 0.0, 0.0)
     assert one_third.quality == pytest.approx(0.0, abs=1e-12)
-    assert Seen(100, 1.0, 0.1, 0.6, 0.0, 0.0).quality == 1.0
+    assert Seen(100, 1.0, 0.1, 0.6, 0.0, 0.0, 0.0).quality == 1.0
 
 
 def test_lines_on_one_edge_of_the_photo_count_once() -> None:
@@ -92,6 +94,29 @@ def test_lines_on_one_edge_of_the_photo_count_once() -> None:
     one = line.reshape(5, -1)[:, 0]
     assert one[0] == one[1] == one[2]
     assert len({one[0], one[3], one[4]}) == 3
+
+
+def test_what_lies_bare_to_one_side_of_a_border_is_hidden_and_nothing_else(rng: np.random.Generator) -> None:
+    q = rng.uniform(0, 400, (300, 2))
+    beyond = q @ [0.8, 0.6] > 350
+    hidden = _behind(q, ~beyond)
+    assert hidden[beyond].mean() > 0.95  # borders are tried every 11 degrees
+    assert beyond[hidden].mean() >= 0.85  # what is allowed to be shown behind one
+    scattered = rng.random(300) < beyond.mean()
+    assert _behind(q, ~scattered).mean() < 0.05
+    assert not _behind(q, np.ones(300, bool)).any()
+
+
+def test_a_part_half_behind_a_board_is_found(rng: np.random.Generator) -> None:
+    """Nothing speaks against a pose because of lines that may be hidden; where as many are bare all over, much does."""
+    pose = view(BLOCK, (-0.4, -0.8, 0.7), away=5.0)
+    picture = photo(BLOCK, pose, rng).gray.copy()
+    middle = float(CAMERA.project(pose @ BLOCK.aspects.centre)[0])
+    picture[:, round(middle) :] = 0.8
+    half = refine(BLOCK, [Photo.of(picture, CAMERA)], pose)
+    assert half.found, half.reason
+    seen = Seen(300, 0.7, 0.06, 0.15, 0.38, 0.38, 0.0)
+    assert seen.quality > 0.5 > Seen(300, 0.7, 0.06, 0.15, 0.38, 0.0, 0.0).quality
 
 
 def test_a_start_away_from_the_part_is_not_found(rng: np.random.Generator) -> None:

@@ -61,6 +61,7 @@ static void draw(const cc_scene *scene, cc_view *v, picture *p, int mask, int ba
         v->part = mask & 16 ? p->part : NULL, v->face = mask & 32 ? p->face : NULL;
     }
     cc_frame *frame = cc_frame_new(scene, v);
+    if (frame) cc_frame_look(frame);
     if (!frame || cc_frame_work(frame, worker)) exit(fprintf(stderr, "out of memory\n"));
     cc_frame_free(frame);
 }

@@ -209,6 +209,24 @@ def test_pictures_do_not_depend_on_threads_nor_on_batches(camera: Camera, block:
     assert list(one.render_batch(camera, [])) == []
 
 
+def test_threads_that_look_for_triangles_together_miss_none() -> None:
+    """Enough of them that several threads look; each twice, so that ties show who came first."""
+    rng = np.random.default_rng(7)
+    corners = rng.uniform([-60, -40, 80], [60, 40, 200], (140_000, 1, 3)) + rng.normal(size=(140_000, 3, 3)) * 0.3
+    faces = np.tile(np.arange(420_000).reshape(-1, 3), (2, 1))
+    scene = scene_of(Mesh.single(corners.reshape(-1, 3), faces))
+    one, three = RasterRenderer(scene, threads=1), RasterRenderer(scene, threads=3)
+    for name in ("plain", "Brown-Conrady"):
+        for pose in (HERE, Rigid.exp([0.0, 0, -120, 0, 0.3, 0])):
+            first, *others = (
+                r.render(CAMERAS[name], pose, channels=Channel.FACE | Channel.DEPTH) for r in (one, *[three] * 10)
+            )
+            assert first.face.max() < 140_000
+            for other in others:
+                assert np.array_equal(first.face, other.face)
+                assert np.array_equal(first.depth, other.depth)
+
+
 def test_a_view_keeps_its_numbers_while_others_are_rendered(block: Mesh) -> None:
     """Buffers are used again; not while any slice of them is alive."""
     renderer, camera = RasterRenderer(scene_of(block)), BLOCK_CAMERAS["plain"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cadcam.errors import BadValue, TooFewPoints, UnknownName
-from cadcam.station.drawing import check_distances, trend
+from cadcam.station.drawing import check_distances, independent, trend
 from cadcam.station.measure import measure
 from cadcam.station.plate import turn
 from cadcam.station.simulate import day
@@ -30,6 +30,14 @@ def test_marks_that_are_not_drawn_are_named(hall, stations, rng):
         check_distances(found, {"mark01": [0, 0]})
     with pytest.raises(BadValue, match="different places"):
         check_distances(found, {"mark01": [0, 0], "mark02": [0, 0]})
+
+
+def test_only_distances_without_a_common_mark_are_taken_together(hall, stations, rng):
+    work = day(hall, rng, marks=6)
+    found = measure(stations, work.sightings)
+    apart = independent(check_distances(found, dict(zip(found.names, work.points, strict=True))))
+    assert len(apart) == 3
+    assert len({name for c in apart for name in (c.one, c.other)}) == 6
 
 
 def test_a_scale_is_told_from_an_offset(rng):

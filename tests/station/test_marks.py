@@ -48,7 +48,7 @@ def test_all_marks_of_the_plate_are_found_in_their_order(small, marks, picture):
     true = small.project("6", AT, marks, Visit())
     assert np.abs(found.q - true).max() < 0.05
     assert found.false == 0
-    assert found.radius_px == pytest.approx(60 / 2.37, rel=0.05)
+    assert found.radius_px == pytest.approx(60 / np.sqrt(2.58 * 2.37), rel=0.02)
     assert 0.001 < found.sigma_px < 0.03
 
 

@@ -34,17 +34,17 @@ def test_the_local_scale_is_the_jacobian_s():
 
 
 def test_scales_and_skew_scatter_as_their_covariance_says(rng):
-    """800 calibrations: variances are good to 5 %, so 20 % is four sigma of them."""
+    """400 calibrations: variances are good to 7 %, so 25 % is more than three sigma of them."""
     exact, found = position(), []
     q = exact.estimate.observations.q
-    for _ in range(800):
+    for _ in range(400):
         scale = position(q + 0.05 * rng.normal(size=q.shape)).estimate
         local = local_scale(scale, exact.centre)
         found.append([local.scale_x, local.scale_y, local.aspect, local.skew])
     sigma = np.sqrt(np.diag(exact.scale.covariance))
-    assert np.std(found, axis=0) / sigma == pytest.approx(1, abs=0.1)
+    assert np.std(found, axis=0) / sigma == pytest.approx(1, abs=0.12)
     assert np.cov(np.array(found).T) / np.outer(sigma, sigma) == pytest.approx(
-        exact.scale.covariance / np.outer(sigma, sigma), abs=0.2
+        exact.scale.covariance / np.outer(sigma, sigma), abs=0.25
     )
 
 

@@ -142,7 +142,7 @@ def test_what_covers_a_part_is_left_out() -> None:
     picture = marks_picture([mark], CAMERA, [pose], blur_px=0.8, background=0.9)
     truth = CAMERA.project(pose.translation)
     x, y = (round(v) for v in truth)
-    picture[y - 20 : y + 20, x + 6 : x + 20] = 0.45
+    picture[y - 20 : y + 20, x + 10 : x + 26] = 0.45
     fit = fit_marks(picture, mark, truth[None] + 0.3, 0.85 * np.eye(2)[None])
     assert fit.hidden[0] > 0.03
     assert np.abs(fit.q[0] - truth).max() < 0.05

@@ -155,6 +155,25 @@ def test_four_marks_fit_in_four_ways_under_perspective_but_in_one_from_the_front
     assert found.chance > 0.01
 
 
+def test_an_order_that_no_camera_could_see_is_not_named(rng):
+    """Four marks of a rectangle of 6:1 fit turned by a quarter as well, but squeezed by 36: that is no view of them."""
+    plan = np.array([[-0.5, -1 / 12], [0.5, -1 / 12], [0.5, 1 / 12], [-0.5, 1 / 12]])
+    q, truth = seen(rng, plan, tilt=30, turn=15)
+    found = order_marks(q, plan, side="kept")
+    assert len(found.alternatives) == 1  # turned by half
+    assert any(np.array_equal(order, truth) for order in (found.plan_index, *found.alternatives))
+
+
+def test_a_false_mark_a_few_pixels_from_where_one_is_missing_is_not_taken_for_it(rng):
+    plan = scattered(rng, 60)
+    q, truth = seen(rng, plan, tilt=30)
+    spoilt = rng.permutation(60)[:10]
+    q[spoilt] += 5.0 * np.array([0.6, 0.8])  # 17 sigma, an eighth of the spacing
+    found = order_marks(q, plan)
+    assert (found.plan_index[spoilt] == -1).all()
+    assert np.array_equal(np.delete(found.plan_index, spoilt), np.delete(truth, spoilt))
+
+
 def test_the_side_from_which_a_plan_is_seen_decides_between_it_and_its_mirror_image(shared):
     lines = shared("thesis/tables/prog4_points.csv").read_text().splitlines()
     rows = [r for r in csv.reader(lines) if r[0][:1].isdigit()]

@@ -14,9 +14,9 @@ each gives a 3x3 matrix with its covariance. What the calibrations say of each o
 twist apart from the vision's own error. A mark anywhere in the area is then measured by the calibrations around it,
 with an uncertainty that knows of pixels, survey, plate, repeatability, and of the mechanics between the positions."""
 _EXAMPLES = """\
-  cadcam station simulate hall                        a simulated hall: its files, and how well it measures
+  cadcam station simulate hall                      a simulated hall: its files, and how well it measures
   cadcam station calibrate p*.pgm --camera 12 --plate plate.json --survey survey.csv --survey-sigma 0.2 -o s12.json
-  cadcam station map s12.json --pairs --plot map.svg  deflection and twist; every calibration at every position
+  cadcam station map s12.json --pairs --plot map.svg      deflection and twist, every pair of positions
   cadcam station measure A.pgm B.pgm --station s12.json --log station.jsonl --drawing marks.csv
   cadcam station recalibrate s12.json ref.pgm --known 5077.3,4763.1 -o s12-today.json
   cadcam station report s12.json s6.json --log station.jsonl -o report.html

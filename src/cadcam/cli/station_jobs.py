@@ -247,7 +247,7 @@ def _refuse_twice(seen: Sequence[Sighting]) -> None:
 def _against_drawing(
     arguments: argparse.Namespace, measured: Measurement
 ) -> tuple[tuple[DistanceCheck, ...], Trend | None]:
-    from cadcam.station.drawing import check_distances, trend
+    from cadcam.station.drawing import check_distances, independent, trend
     from cadcam.station.survey import read_drawing
 
     if not arguments.drawing:
@@ -259,8 +259,8 @@ def _against_drawing(
             raise BadValue("--distance", ",".join(pair), "two mark names such as A,B")
     pairs = [(pair[0], pair[1]) for pair in arguments.distance] or None
     checks = check_distances(measured, read_drawing(arguments.drawing), pairs)
-    enough = len(checks) >= 3
-    return checks, trend([c.difference for c in checks], [c.drawn for c in checks]) if enough else None
+    apart = independent(checks)
+    return checks, trend([c.difference for c in apart], [c.drawn for c in apart]) if len(apart) >= 3 else None
 
 
 def _check_as_json(check: DistanceCheck) -> dict[str, Any]:
@@ -292,7 +292,7 @@ def _keep(
 
 
 def _trend_of_log(log: Sequence[Mapping[str, Any]], drawing: str) -> Trend | None:
-    """Return the trend of distances between the marks of each block, each mark's latest measurement."""
+    """Return the trend of distances between marks of one block, by each mark's latest measurement, no mark twice."""
     from itertools import combinations
 
     import numpy as np
@@ -302,7 +302,14 @@ def _trend_of_log(log: Sequence[Mapping[str, Any]], drawing: str) -> Trend | Non
 
     drawn = read_drawing(drawing)
     latest = {(e.get("block", ""), e["mark"]): np.array(e["point_mm"]) for e in log if e["mark"] in drawn}
-    pairs = [(a, b) for a, b in combinations(latest, 2) if a[0] == b[0]]
-    lengths = [float(np.linalg.norm(drawn[b[1]] - drawn[a[1]])) for a, b in pairs]
-    off = [length - float(np.linalg.norm(latest[b] - latest[a])) for (a, b), length in zip(pairs, lengths, strict=True)]
+    pairs = {
+        (a, b): float(np.linalg.norm(drawn[b[1]] - drawn[a[1]])) for a, b in combinations(latest, 2) if a[0] == b[0]
+    }
+    used: set[tuple[str, str]] = set()
+    lengths, off = [], []
+    for (a, b), length in sorted(pairs.items(), key=lambda item: -item[1]):
+        if not {a, b} & used:
+            used |= {a, b}
+            lengths.append(length)
+            off.append(length - float(np.linalg.norm(latest[b] - latest[a])))
     return trend(off, lengths) if len(off) >= 3 else None

@@ -28,6 +28,12 @@ marks (diameters, with their unit; light- before a mark: white on black):
   chess:60mm                       two black and two white quarters
   coded:37:30mm:45mm:60mm          a disc in a ring of coded sectors: number, disc, white, ring
 """
+_EXAMPLES = """\
+  cadcam targets print dot-ring:40mm:80mm:120mm mark.pdf --page a4
+  cadcam targets find photo.png --mark dot-ring:40mm:80mm:120mm -o found.png
+
+`cadcam targets find --help` and `cadcam targets print --help` list the marks.
+"""
 _FIND_EXAMPLES = f"""\
   cadcam targets find photo.png --mark dot-ring:40mm:80mm:120mm --csv marks.csv -o found.png
   cadcam targets find photo.png --mark dot-ring:40mm:80mm:120mm --radius 46 --count 8
@@ -58,7 +64,9 @@ Print without "fit to page" and measure what is printed below the marks. --plan 
 def add_to(verbs: Verbs) -> None:
     """Add the verb and its two actions."""
     short = "marks: find them in pictures to hundredths of a pixel; print them at true scale"
-    parser = verbs.add_parser("targets", help=short, description=short, formatter_class=Help)
+    parser = verbs.add_parser(
+        "targets", help=short, description=short, epilog=f"examples:\n{_EXAMPLES}", formatter_class=Help
+    )
     actions = parser.add_subparsers(dest="action", metavar="find | print", required=True)
     find = _action(actions, "find", run_find, "pictures -> marks, with standard deviations", _FIND_EXAMPLES)
     find.add_argument("pictures", nargs="+", metavar="PICTURE", help="pictures, patterns ('images/*.png'), or folders")

@@ -1,12 +1,13 @@
 """Linear regression on data that err in groups: noise of each datum, scatter within groups, an offset for each group.
 
-    y_i = J_i x + e_group(i) + n_i,   var n_i = variance_i + within^2,   var e_g = known_g + between^2
+    y_i = J_i x + e_group(i) + n_i,   var n_i = variance_i + within^2,   var e_g = share expected_g + between^2
 
-The known variances are the noise of measuring and what groups are off for known reasons; the two others are estimated
-with x: the one within groups by moments, the one between them by restricted likelihood (Patterson and Thompson,
-Biometrika 58, 1971). With few groups a large variance explains a wrong x as well, and a maximum says little: x and its
-covariance are averaged over the whole range, each variance with its likelihood and a half-Cauchy prior of usual size
-(Gelman, Bayesian Analysis 1, 2006). Data far off their group and groups far off the rest count less or not at all.
+The noise of measuring is known. By what groups are off for a reason that they do not share alike is expected, but may
+not be there: share is 0 or 1. The other variances are estimated with x: the one within groups by moments, the one
+between them by restricted likelihood (Patterson and Thompson, Biometrika 58, 1971). With few groups a large variance
+explains a wrong x as well, and a maximum says little: x and its covariance are averaged over the whole range and both
+shares, each with its likelihood and a half-Cauchy prior of usual size (Gelman, Bayesian Analysis 1, 2006). Data far off
+their group and groups far off the rest count less or not at all.
 """
 
 from __future__ import annotations
@@ -22,8 +23,9 @@ from cadcam.errors import DegenerateGeometry
 Longs = npt.NDArray[np.int64]
 _FULL, _NONE = 2.5, 4.0  # standard deviations: up to the first a datum counts fully, beyond the second not at all
 _SETTLED = 0.02  # standard deviations that x may still move
-_TRIED = np.concatenate([[0.0], np.geomspace(0.05, 60.0, 17)])  # variances between groups, roots, in usual ones
-_MEASURE = np.gradient(_TRIED)  # how much of the range each stands for
+_RANGE = np.concatenate([[0.0], np.geomspace(0.05, 60.0, 17)])  # variances between groups, roots, in usual ones
+_TRIED, _SHARE = np.tile(_RANGE, 2), np.repeat([0.0, 1.0], len(_RANGE))  # each without and with what is expected
+_MEASURE = np.tile(np.gradient(_RANGE), 2)  # how much of the range each stands for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,21 +61,21 @@ def grouped_fit(
     group: Longs,
     *,
     usual: float,
-    known: Array | None = None,
+    expected: Array | None = None,
     exact: Mask | None = None,
     robust: bool = True,
     iterations: int = 12,
 ) -> GroupedFit:
     """Return the fit of y (n,) by J (n, k) with known variances (n,) and ascending group numbers (n,), none left out.
 
-    usual: a usual standard deviation between groups. known (G,): variance between them that is known, default none.
-    exact (G,): groups without an offset or scatter of their own,
-    believed as they are. Robust fits start from x = 0, near which half of the other data must lie. Raises
-    `DegenerateGeometry` where the data leave a parameter open.
+    usual: a usual standard deviation between groups. expected (G,): variance between them that is to be expected,
+    default none. exact (G,): groups without an offset or scatter of their own, believed as they are. Robust fits start
+    from x = 0, near which half of the other data must lie. Raises `DegenerateGeometry` where the data leave a parameter
+    open.
     """
-    sums = _Sums(y, J, group, known, exact)
+    sums = _Sums(y, J, group, expected, exact)
     free = sums.free[group]
-    x, within2, between = np.zeros(J.shape[1]), 0.0, usual
+    x, within2, between, own = np.zeros(J.shape[1]), 0.0, usual, np.zeros(sums.n)
     weight, of_group = np.ones(len(y)), np.ones(sums.n)
     if robust:
         weight, of_group, within2 = _first_weights(y, variance, sums)
@@ -81,36 +83,35 @@ def grouped_fit(
     w, of_group_then = weight / (variance + within2 * free), of_group
     for _ in range(iterations):
         w, of_group_then, x_before = weight / (variance + within2 * free), of_group, x
-        x, covariance, between = sums.solve(w, of_group, usual)
+        x, covariance, between, own = sums.solve(w, of_group, usual)
         r = y - J @ x
         mean, total = sums.means(r, w)
         within2 = _within(r - mean[group], variance, within2, weight * free, w / np.maximum(total[group], 1e-300))
         if (np.abs(x - x_before) <= _SETTLED * np.sqrt(np.diag(covariance))).all():
             break
         if robust:
-            v = between**2 * sums.free + sums.known
-            own = v + 1 / np.maximum(total, 1e-300)
-            weight = _counts(free * (r - (mean * v / own)[group]) / np.sqrt(variance + within2))
-            of_group = _counts(sums.free * mean / np.sqrt(own))
+            seen = own + 1 / np.maximum(total, 1e-300)
+            weight = _counts(free * (r - (mean * own / seen)[group]) / np.sqrt(variance + within2))
+            of_group = _counts(sums.free * mean / np.sqrt(seen))
     sd = 1 / np.sqrt(np.maximum(total, 1e-300))
-    gain = sums.gain(w, of_group_then, between)
+    gain = sums.gain(w, of_group_then, own)
     return GroupedFit(x, covariance, float(np.sqrt(within2)), between, weight, of_group, mean, sd, group, gain)
 
 
 class _Sums:
     """Sums over groups of one design."""
 
-    def __init__(self, y: Array, J: Array, group: Longs, known: Array | None, exact: Mask | None) -> None:
+    def __init__(self, y: Array, J: Array, group: Longs, expected: Array | None, exact: Mask | None) -> None:
         self.y, self.J, self.group = y, J, group
         self.first = np.flatnonzero(np.diff(group, prepend=-1))
         self.n = len(self.first)
         self.free = np.ones(self.n) if exact is None else 1.0 - exact
-        self.known = np.zeros(self.n) if known is None else known * self.free
+        self.expected = np.zeros(self.n) if expected is None else expected * self.free
         if len(y) < J.shape[1]:
             raise DegenerateGeometry("too few edges were found to determine the pose")
 
-    def solve(self, w: Array, of_group: Array, usual: float) -> tuple[Array, Array, float]:
-        """Return x, its covariance and the sd between groups, averaged over what that may be.
+    def solve(self, w: Array, of_group: Array, usual: float) -> tuple[Array, Array, float, Array]:
+        """Return x, its covariance, the sd between groups and all variance of each (G,), averaged over what it may be.
 
         With offsets of variance v, a group's weights W become W - f W 1 1' W with f = v / (1 + v 1' W 1).
         """
@@ -119,7 +120,7 @@ class _Sums:
         JW = self.J * w[:, None]
         sum_J, sum_y = np.add.reduceat(JW, self.first, axis=0), np.add.reduceat(w * self.y, self.first)
         counts = np.maximum(of_group, 1e-12)
-        v = (usual * _TRIED[:, None]) ** 2 * self.free + self.known
+        v = (usual * _TRIED[:, None]) ** 2 * self.free + _SHARE[:, None] * self.expected
         grown = 1 + v * total / counts
         f = np.where(total > 0, v / grown / counts, 0.0)
         A = JW.T @ self.J - (f[:, None, :] * sum_J.T) @ sum_J
@@ -131,12 +132,11 @@ class _Sums:
         p /= p.sum()
         mean = p @ x
         covariance = np.tensordot(p, inverse, 1) + (p[:, None] * (x - mean)).T @ (x - mean)
-        return mean, covariance, float(usual * np.sqrt(p @ _TRIED**2))
+        return mean, covariance, float(usual * np.sqrt(p @ _TRIED**2)), p @ v
 
-    def gain(self, w: Array, of_group: Array, between: float) -> Array:
-        """Return dx/dy (k, n) for given weights and sd between groups."""
+    def gain(self, w: Array, of_group: Array, v: Array) -> Array:
+        """Return dx/dy (k, n) for given weights and variances of groups (G,)."""
         w, counts = w * of_group[self.group], np.maximum(of_group, 1e-12)
-        v = between**2 * self.free + self.known
         f = v / (1 + v * np.add.reduceat(w, self.first) / counts) / counts
         JW = self.J * w[:, None]
         VJ = JW - w[:, None] * (f[:, None] * np.add.reduceat(JW, self.first, axis=0))[self.group]

@@ -17,10 +17,13 @@ one; lines that lie on one edge of the photo count once. With C constraints in s
 A box has nine lines, so a third is free; a part seen edge-on, or cut by the picture's border, has hardly anything left
 that could speak for it. absent: share of the visible length that lies on lines shown nowhere; scatter: by how much
 edges are off as a whole (px), extent: size of what is seen (px). Edges that scatter little must also be met closely.
+What stands before a part, or shade, takes all that lies to one side of a border; a wrong pose misses lines among others
+that it meets. So lines absent behind a straight border do not count against the pose, nor do they count for it.
 
-A model of wrong proportions is the hardest case: most lines fit. So where the answer is in doubt other proportions are
-tried (`locate.proportions`), and what they gain counts twice against the model as it is: net - 2 (net' - net). Quality
-0.5, one threshold for all parts and photos, is a net share of 0.43.
+A model of wrong proportions is the hardest case: most lines fit, and the others may lie to one side. So where the
+answer is in doubt other proportions are tried (`locate.proportions`), and what they gain counts twice against the model
+as it is: net - 2 (net' - net), with nothing excused. Quality 0.5, one threshold for all parts and photos, is a net
+share of 0.43.
 """
 
 from __future__ import annotations
@@ -51,6 +54,7 @@ _WORTH_PX = (10.0, 24.0)  # length from which a line is worth one constraint, an
 _ONE_EDGE = 8.0, np.cos(np.radians(4.0))  # px and turn within which lines lie on one edge of the photo
 _STRAIGHT = 0.95  # chord over arc of a line that may lie on another
 _NOWHERE = 0.25  # share of a line's samples below which it is missed
+_BORDERS, _BEHIND = 32, 0.15  # directions of borders that are tried; share of the samples behind one that may be shown
 _ABSENT, _SCATTER, _GAIN = 0.6, 20.0, 2.0  # what these cost
 _IN_DOUBT, _OTHER = (0.3, 0.75), 0.04  # quality at which other proportions are tried; what makes them others
 _TOLD = 0.05  # gain worth words
@@ -64,8 +68,8 @@ class Seen:
 
     samples: how many could tell; shown, by_chance: the share of them where the photo shows the edge, and where it would
     anyway; free: the share of their constraints that any pose could be fitted to; absent: the share of samples on lines
-    shown nowhere; scatter: of edges, relative to the size of what is seen; gain: how much larger the net share would be
-    with a model of other proportions, and which those are.
+    shown nowhere, hidden: what of it lies behind a border; scatter: of edges, relative to the size of what is seen;
+    gain: how much larger the net share would be with a model of other proportions, and which those are.
     """
 
     samples: int
@@ -73,6 +77,7 @@ class Seen:
     by_chance: float
     free: float
     absent: float
+    hidden: float
     scatter: float
     gain: float = 0.0
     proportions: str = ""
@@ -81,8 +86,8 @@ class Seen:
     def net(self) -> float:
         """Return the share of the edges that speaks for the pose, less what speaks against it."""
         share = (self.shown - self.by_chance) / (1 - min(self.by_chance, 0.9))
-        net = (share - self.free) / (1 - self.free) - _ABSENT * self.absent - _SCATTER * self.scatter
-        return net - _GAIN * self.gain
+        net = (share - self.free) / (1 - self.free) - _ABSENT * (self.absent - self.hidden)
+        return net - _SCATTER * self.scatter - _GAIN * self.gain
 
     @property
     def quality(self) -> float:
@@ -112,8 +117,9 @@ def judged(sights: Sequence[Sight], world_from_part: Rigid, B: Array, *, chosen:
     if other.by < _OTHER:
         return first
     second = seen(other.sights, other.world_from_part, constraints=constraints, scatter=scatter)
-    gain = replace(second, free=first.free, scatter=first.scatter).net - first.net
-    return replace(first, gain=gain, proportions=str(other)) if gain > 0 else first
+    unexcused = replace(first, hidden=0.0)
+    gain = replace(second, free=first.free, scatter=first.scatter, hidden=0.0).net - unexcused.net
+    return replace(unexcused, gain=gain, proportions=str(other)) if gain > 0 else first
 
 
 def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, scatter: float) -> Seen:
@@ -123,7 +129,7 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, s
     edges are off as a whole.
     """
     near = float(np.clip(_SCATTERS * scatter, *_NEAR_PX))
-    told, shown, by_chance, worth, extent, absent = 0, 0.0, 0.0, 0.0, 0.0, 0.0
+    told, shown, by_chance, worth, extent, absent, hidden = 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for sight in (s.thinned(_ASKED // len(sights), together=_TOGETHER) for s in sights):
         at, samples = sight.project(world_from_part), sight.samples
         room = np.minimum(np.minimum(samples.below, samples.above) - 1.0, _REACH)
@@ -140,10 +146,12 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, s
         by_chance += len(which) * float(np.mean([share for _, share in elsewhere]))
         worth += float(np.searchsorted(_WORTH_PX, length, side="right").sum())
         extent = max(extent, float(np.hypot(*np.ptp(q, axis=0))))
-        absent += _missed(here[0], lines)
+        missed = _missed(here[0], lines)
+        absent += float(missed.sum())
+        hidden += float(missed[_behind(q, here[0])].sum())
     n = max(told, 1)
     free = constraints / max(worth, 1e-9)
-    return Seen(told, shown / n, by_chance / n, free, absent / n, scatter / max(extent, 1.0))
+    return Seen(told, shown / n, by_chance / n, free, absent / n, hidden / n, scatter / max(extent, 1.0))
 
 
 def _shown(sight: Sight, q: Array, normal: Array, run: Ids, room: Array, near_px: float) -> tuple[Mask, float]:
@@ -192,7 +200,23 @@ def _lines(q: Array, run: Ids) -> tuple[Longs, Array]:
     return np.repeat(line, last - first + 1), np.bincount(line, arc).astype(np.float64)
 
 
-def _missed(shown: Mask, line: Longs) -> float:
-    """Return the number of samples on lines that are nowhere shown; a few shown make a line count less."""
-    n = np.bincount(line)
-    return float((n * np.clip(1 - np.bincount(line, shown) / n / _NOWHERE, 0, None)).sum())
+def _missed(shown: Mask, line: Longs) -> Array:
+    """Return which samples (n,) lie on lines that are nowhere shown, 0 to 1; a few shown make a line count less."""
+    share = np.bincount(line, shown) / np.bincount(line)
+    return np.asarray(np.clip(1 - share / _NOWHERE, 0, None)[line])
+
+
+def _behind(q: Array, shown: Mask) -> Mask:
+    """Return which samples (n,) at q (n, 2) px lie on that side of a straight border where hardly any is shown.
+
+    Of all borders that have such a side, the one with most samples there.
+    """
+    angle = 2 * np.pi * np.arange(_BORDERS) / _BORDERS
+    order = np.argsort(-(q @ np.stack([np.cos(angle), np.sin(angle)])), axis=0)
+    count = np.arange(1, len(q) + 1)[:, None]
+    bare = np.cumsum(shown[order], axis=0) <= _BEHIND * count
+    behind = np.where(bare, count, 0).max(axis=0)
+    best = int(np.argmax(behind))
+    out = np.zeros(len(q), bool)
+    out[order[: behind[best], best]] = True
+    return out

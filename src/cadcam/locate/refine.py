@@ -201,8 +201,8 @@ def _solved(
     edges = int(group[-1]) + 1 if len(group) else 0
     group = np.concatenate([group, edges + np.arange(len(other))])
     exact = np.arange(edges + len(other)) >= edges
-    known = np.concatenate([_by_light(measured, group[: len(group) - len(other)]), np.zeros(len(other))])
-    return grouped_fit(y, J, variance, group, usual=_USUAL_PX, known=known, exact=exact, iterations=iterations)
+    expected = np.concatenate([_by_light(measured, group[: len(group) - len(other)]), np.zeros(len(other))])
+    return grouped_fit(y, J, variance, group, usual=_USUAL_PX, expected=expected, exact=exact, iterations=iterations)
 
 
 def _by_light(measured: Sequence[Measured], group: Longs) -> Array:

@@ -65,6 +65,7 @@ def library() -> c.CDLL:
         "cc_worker_new": (pointer, []),
         "cc_worker_free": (None, [pointer]),
         "cc_frame_new": (pointer, [pointer, c.POINTER(Request)]),
+        "cc_frame_look": (None, [pointer]),
         "cc_frame_work": (i32, [pointer, pointer]),
         "cc_frame_free": (None, [pointer]),
         "cc_variant": (c.c_char_p, []),
@@ -138,12 +139,16 @@ class Worker(Handle):
 
 
 class Frame(Handle):
-    """One picture under way; `work` may be called from several threads, each with its own worker."""
+    """One picture under way: `look`, from any number of threads; when all are back `work`, each with its own worker."""
 
     def __init__(self, scene: NativeScene, request: Request) -> None:
         self._kept = (scene, request)  # the core points into them
         made = library().cc_frame_new(scene.address, c.byref(request))
         super().__init__(made, "cc_frame_free", f"a picture of {request.width} x {request.height} px")
+
+    def look(self) -> None:
+        """Find out which triangles may be seen, until no share of them is left."""
+        library().cc_frame_look(self.address)
 
     def work(self, worker: Worker) -> None:
         """Render bands until none is left."""

@@ -65,27 +65,40 @@ void VARIANT(shrink)(const cc_plane *p, int32_t factor, float *out) {
 }
 
 /* The second weakest of eight steps of brightness, by their ratio, as in correlate.h. */
+static float spot_at(const cc_spots *s, const float *here, ptrdiff_t w) {
+    float least = 2, second = 2;
+    for (int d = 0; d < 8; d++) {
+        const float out = here[s->dy_out[d] * w + s->dx_out[d]], in = here[s->dy_in[d] * w + s->dx_in[d]];
+        const float total = out + in, step = (s->dark ? out - in : in - out) / (total > s->level ? total : s->level);
+        const float more = step > least ? step : least;
+        second = more < second ? more : second, least = step < least ? step : least;
+    }
+    return second;
+}
+
+static f8 eight_spots_at(const cc_spots *s, const float *here, ptrdiff_t w) {
+    const f8 sign = eight(s->dark ? 1.0f : -1.0f), level = eight(s->level);
+    f8 least = eight(2), second = eight(2);
+    for (int d = 0; d < 8; d++) {
+        const f8 out = load(here + s->dy_out[d] * w + s->dx_out[d]), in = load(here + s->dy_in[d] * w + s->dx_in[d]);
+        const f8 step = sign * (out - in) / most_of(out + in, level);
+        second = least_of(second, most_of(least, step)), least = least_of(least, step);
+    }
+    return second;
+}
+
 void VARIANT(spots)(const cc_spots *s) {
-    float least[STRIP], second[STRIP];
-    const size_t w = (size_t)s->plane.width;
-    const float sign = s->dark ? 1.0f : -1.0f, level = s->level;
-    for (int32_t y = s->reach; y < s->plane.height - s->reach; y++)
-        for (int32_t x = s->reach; x < s->plane.width - s->reach; x += STRIP) {
-            const int32_t n = imin(STRIP, s->plane.width - s->reach - x);
-            const float *here = s->plane.pixels + (size_t)y * w + (size_t)x;
-            for (int32_t k = 0; k < n; k++) least[k] = second[k] = 2;
-            for (int d = 0; d < 8; d++) {
-                const float *out = here + s->dy_out[d] * (ptrdiff_t)w + s->dx_out[d];
-                const float *in = here + s->dy_in[d] * (ptrdiff_t)w + s->dx_in[d];
-                for (int32_t k = 0; k < n; k++) {
-                    const float total = out[k] + in[k], step = sign * (out[k] - in[k]) / (total > level ? total : level);
-                    const float more = step > least[k] ? step : least[k];
-                    second[k] = more < second[k] ? more : second[k];
-                    least[k] = step < least[k] ? step : least[k];
-                }
-            }
-            memcpy(s->response + (size_t)y * w + (size_t)x, second, (size_t)n * sizeof *second);
+    const ptrdiff_t w = s->plane.width;
+    for (int32_t y = s->reach; y < s->plane.height - s->reach; y++) {
+        const float *row = s->plane.pixels + y * w;
+        float *response = s->response + y * w;
+        int32_t x = s->reach;
+        for (; x + 8 <= s->plane.width - s->reach; x += 8) {
+            const f8 found = eight_spots_at(s, row + x, w);
+            memcpy(response + x, &found, sizeof found);
         }
+        for (; x < s->plane.width - s->reach; x++) response[x] = spot_at(s, row + x, w);
+    }
 }
 
 /* ---- the search */

@@ -1,7 +1,7 @@
 /* Which clusters a picture may show, nearest first. */
 #include "hot.h"
 
-enum { GROUP = 8 }; /* clusters placed together */
+enum { GROUP = 8 }; /* clusters placed together: SHARE is a multiple */
 
 #define ROUGH 400.0 /* px: where the patch of a group is off by more, its clusters are looked up one by one */
 
@@ -68,16 +68,16 @@ static rect looking_at(const cc_frame *f, const box *b) {
 
 static inline int empty(rect r) { return r.x0 > r.x1 || r.y0 > r.y1; }
 
-/* Append the clusters from `first` on, GROUP of them, that may be seen. They are neighbours: with a lens, its cells are
- * asked once for all of them, its patches then for each. */
-static void locate_group(cc_frame *f, int64_t first, double *depth) {
+/* Put the clusters from `first` on, GROUP of them, that may be seen at `out`, with their depths; how many. They are
+ * neighbours: with a lens, its cells are asked once for all of them, its patches then for each. */
+static int locate_group(const cc_frame *f, int64_t first, candidate *out, double *depth) {
     const cc_scene *s = f->scene;
     const int64_t end = first + GROUP < s->n_clusters ? first + GROUP : s->n_clusters;
     candidate found[GROUP];
     box b[GROUP], all = {INFINITY, -INFINITY, INFINITY, -INFINITY};
     double z[GROUP];
     sight how[GROUP];
-    int n = 0;
+    int n = 0, kept = 0;
     for (int64_t i = first; i < end; i++) {
         found[n].index = (uint32_t)i;
         how[n] = project_cluster(f, &s->clusters[i], &found[n], &z[n], &b[n]);
@@ -99,45 +99,47 @@ static void locate_group(cc_frame *f, int64_t first, double *depth) {
             if (empty(r)) continue;
             found[k].where = r;
         }
-        depth[f->n_candidates] = z[k];
-        f->candidates[f->n_candidates++] = found[k];
+        depth[kept] = z[k], out[kept++] = found[k];
+    }
+    return kept;
+}
+
+/* What the shares hold, side by side. */
+static void gather(cc_frame *f) {
+    for (int32_t k = 0; k < f->n_shares; k++) {
+        const size_t from = (size_t)k * SHARE, to = (size_t)f->n_candidates, n = (size_t)f->found[k];
+        memmove(f->located + to, f->located + from, n * sizeof *f->located);
+        memmove(f->depth + to, f->depth + from, n * sizeof *f->depth);
+        f->n_candidates += f->found[k];
     }
 }
 
 /* Nearest first, roughly: a counting sort over 4096 steps of depth, enough for hidden clusters to come last. */
-static int sort_by_depth(cc_frame *f, double *depth) {
+static void sort_by_depth(cc_frame *f) {
     enum { STEPS = 4096 };
     uint32_t at[STEPS + 1] = {0};
-    size_t n = (size_t)f->n_candidates;
-    candidate *sorted = malloc((n + 1) * sizeof *sorted);
-    if (!sorted) return 0;
-    double low = INFINITY, high = -INFINITY;
+    const size_t n = (size_t)f->n_candidates;
+    double low = INFINITY, high = -INFINITY, *depth = f->depth;
     for (size_t i = 0; i < n; i++) depth[i] = upper(depth[i], 0), low = lower(low, depth[i]), high = upper(high, depth[i]);
     double scale = high > low ? (STEPS - 1) / (high - low) : 0;
     if (!(scale < INFINITY)) scale = 0;
     for (size_t i = 0; i < n; i++) at[(uint32_t)((depth[i] - low) * scale) + 1]++;
     for (int k = 0; k < STEPS; k++) at[k + 1] += at[k];
-    for (size_t i = 0; i < n; i++) sorted[at[(uint32_t)((depth[i] - low) * scale)]++] = f->candidates[i];
-    free(f->candidates);
-    f->candidates = sorted;
-    return 1;
+    for (size_t i = 0; i < n; i++) f->candidates[at[(uint32_t)((depth[i] - low) * scale)]++] = f->located[i];
 }
 
-int VARIANT(frame_prepare)(cc_frame *f) {
-    const cc_scene *s = f->scene;
-    if (f->view->lens) {
-        box a = f->view->lens->all;
-        double mx = 1e-6 * (fabs(a.x0) + fabs(a.x1)), my = 1e-6 * (fabs(a.y0) + fabs(a.y1));
-        f->limits = (box){a.x0 - mx, a.x1 + mx, a.y0 - my, a.y1 + my};
-        if (!(a.x0 <= a.x1)) return 1; /* no pixel sees anything */
-    } else
-        f->limits = (box){-0.5, f->width - 0.5, -0.5, f->height - 0.5};
-    f->far_x = 1.01 * upper(fabs(f->limits.x0), fabs(f->limits.x1));
-    f->far_y = 1.01 * upper(fabs(f->limits.y0), fabs(f->limits.y1));
-    double *depth = malloc(((size_t)s->n_clusters + 1) * sizeof *depth);
-    if (!depth) return 0;
-    for (int64_t i = 0; i < s->n_clusters; i += GROUP) locate_group(f, i, depth);
-    int sorted = sort_by_depth(f, depth);
-    free(depth);
-    return sorted;
+/* Shares until none is left; whether this was the last to be done. Candidates stand in the order of their clusters,
+ * whoever found them. */
+int VARIANT(frame_look)(cc_frame *f) {
+    for (;;) {
+        const int32_t k = atomic_fetch_add(&f->next_share, 1);
+        if (k >= f->n_shares) return 0;
+        const int64_t first = (int64_t)k * SHARE, end = first + SHARE < f->n_clusters ? first + SHARE : f->n_clusters;
+        int32_t n = 0;
+        for (int64_t i = first; i < end; i += GROUP) n += locate_group(f, i, f->located + first + n, f->depth + first + n);
+        f->found[k] = n;
+        if (atomic_fetch_sub(&f->shares_left, 1) > 1) continue;
+        gather(f), sort_by_depth(f);
+        return 1;
+    }
 }

@@ -19,6 +19,7 @@ enum {
     TILE = 8,        /* tiles are TILE x TILE samples: one row is one 512-bit vector of doubles */
     TILE_AREA = 64,
     CLUSTER = 64,    /* triangles of a cluster, at most */
+    SHARE = 512,     /* clusters that a thread looks through at a time */
     CORNERS = 192,   /* vertices of a cluster, at most: an index fits a byte */
     PATCH = 32,      /* samples along the smallest patch of a lens */
     PATCH_LEVELS = 16,
@@ -130,6 +131,12 @@ struct cc_frame {
     int32_t width, height, tiles_x, tiles_y; /* of the samples */
     box limits;                              /* of the plane points of all samples, slightly widened */
     double far_x, far_y;                     /* bounds of |x| and |y| there */
+    int64_t n_clusters;                      /* of the scene; 0 where no sample sees anything */
+    int32_t n_shares;                        /* parts of them that threads look through, each by itself */
+    int32_t *found;                          /* candidates of each share, */
+    candidate *located;                      /* which stand where its clusters stand in the scene, */
+    double *depth;                           /* and how near they come */
+    atomic_int next_share, shares_left;
     candidate *candidates;                   /* nearest first */
     int64_t n_candidates;
     int32_t band_rows;                       /* rows of tiles in a band */
@@ -149,10 +156,10 @@ struct cc_worker {
 };
 
 int variant_in_use(void); /* the instruction set in use: 0 baseline, 1 x86-64-v3 */
-int frame_prepare_baseline(cc_frame *frame);
+int frame_look_baseline(cc_frame *frame);
 int frame_work_baseline(cc_frame *frame, cc_worker *worker);
 #if CC_HAS_V3
-int frame_prepare_v3(cc_frame *frame);
+int frame_look_v3(cc_frame *frame);
 int frame_work_v3(cc_frame *frame, cc_worker *worker);
 #endif
 

@@ -5,8 +5,9 @@
  * the pixels (plane = K [R|t], the centre of the top-left pixel at (0, 0)); with one it is the undistorted plane
  * (plane = [R|t]) and the table says where in it each pixel's centre lies. No vertex is ever distorted or clipped.
  *
- * Threads: scenes and lenses are read-only once made. One thread calls cc_frame_new; then any number call
- * cc_frame_work, each with a worker of its own, until all have returned; then cc_frame_free.
+ * Threads: scenes and lenses are read-only once made. One thread calls cc_frame_new; then any number call cc_frame_look,
+ * until all have returned; then any number cc_frame_work, each with a worker of its own, until all have returned; then
+ * cc_frame_free.
  */
 #ifndef CADCAM_RASTER_H
 #define CADCAM_RASTER_H
@@ -55,6 +56,8 @@ CC_API void cc_worker_free(cc_worker *worker);
 
 /* NULL where memory is short. `view` and all it points to must outlive the frame. */
 CC_API cc_frame *cc_frame_new(const cc_scene *scene, const cc_view *view);
+/* Find out which triangles may be seen. */
+CC_API void cc_frame_look(cc_frame *frame);
 /* Render bands until none is left; 0, or -1 where memory is short (then the frame is incomplete). */
 CC_API int32_t cc_frame_work(cc_frame *frame, cc_worker *worker);
 CC_API void cc_frame_free(cc_frame *frame);

@@ -267,6 +267,19 @@ static void order_bands(cc_frame *f) {
     qsort(f->bands, (size_t)f->n_bands, sizeof *f->bands, by_load);
 }
 
+/* The part of the plane that samples see; without any, no cluster is looked at. */
+static void set_limits(cc_frame *f) {
+    f->limits = (box){-0.5, f->width - 0.5, -0.5, f->height - 0.5}, f->n_clusters = f->scene->n_clusters;
+    if (f->view->lens) {
+        const box a = f->view->lens->all;
+        const double mx = 1e-6 * (fabs(a.x0) + fabs(a.x1)), my = 1e-6 * (fabs(a.y0) + fabs(a.y1));
+        f->limits = (box){a.x0 - mx, a.x1 + mx, a.y0 - my, a.y1 + my};
+        if (!(a.x0 <= a.x1)) f->n_clusters = 0;
+    }
+    f->far_x = 1.01 * fmax(fabs(f->limits.x0), fabs(f->limits.x1));
+    f->far_y = 1.01 * fmax(fabs(f->limits.y0), fabs(f->limits.y1));
+}
+
 CC_API cc_frame *cc_frame_new(const cc_scene *scene, const cc_view *view) {
     cc_frame *f = calloc(1, sizeof *f);
     if (!f) return NULL;
@@ -279,22 +292,27 @@ CC_API cc_frame *cc_frame_new(const cc_scene *scene, const cc_view *view) {
     f->band_rows = (rows + unit - 1) / unit * unit;
     if (f->band_rows >= 8 * unit) f->band_rows -= f->band_rows % (8 * unit); /* and blocks of strip.c, where it can */
     f->n_bands = (f->tiles_y + f->band_rows - 1) / f->band_rows;
+    set_limits(f);
+    const size_t room = (size_t)f->n_clusters + 1;
+    f->n_shares = (int32_t)(room / SHARE) + 1; /* one at least: whoever ends the last puts the bands in order */
+    atomic_init(&f->next_share, 0), atomic_init(&f->shares_left, f->n_shares), atomic_init(&f->next_band, 0);
     f->bands = malloc((size_t)f->n_bands * sizeof *f->bands);
-    f->candidates = malloc(((size_t)scene->n_clusters + 1) * sizeof *f->candidates);
-    if (f->candidates && f->bands) {
-        int ready;
-#if CC_HAS_V3
-        if (variant_in_use() == 1) ready = frame_prepare_v3(f);
-        else
-#endif
-            ready = frame_prepare_baseline(f);
-        if (ready) {
-            order_bands(f);
-            return f;
-        }
-    }
+    f->found = malloc((size_t)f->n_shares * sizeof *f->found);
+    f->located = malloc(room * sizeof *f->located), f->candidates = malloc(room * sizeof *f->candidates);
+    f->depth = malloc(room * sizeof *f->depth);
+    if (f->bands && f->found && f->located && f->candidates && f->depth) return f;
     cc_frame_free(f);
     return NULL;
+}
+
+CC_API void cc_frame_look(cc_frame *f) {
+    int last;
+#if CC_HAS_V3
+    if (variant_in_use() == 1) last = frame_look_v3(f);
+    else
+#endif
+        last = frame_look_baseline(f);
+    if (last) order_bands(f);
 }
 
 CC_API int32_t cc_frame_work(cc_frame *f, cc_worker *worker) {
@@ -306,5 +324,5 @@ CC_API int32_t cc_frame_work(cc_frame *f, cc_worker *worker) {
 
 CC_API void cc_frame_free(cc_frame *f) {
     if (!f) return;
-    free(f->candidates), free(f->bands), free(f);
+    free(f->bands), free(f->found), free(f->located), free(f->candidates), free(f->depth), free(f);
 }

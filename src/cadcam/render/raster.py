@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -29,7 +29,7 @@ from cadcam.render.view import PLAIN, Channel, Look, Scene, View
 
 _CACHED = 1 << 14  # pixels unprojected at a time
 _BAND = 1 << 17  # samples drawn at a time, of 8 bytes: they stay in the second-level cache
-_MANY = 1 << 18  # faces from which finer bands, which threads share more evenly, are worth what they draw twice
+_MANY = 1 << 18  # faces from which threads look for them together, and finer bands are worth what they draw twice
 _BYTES_A_PIXEL = {"image": 12, "coverage": 4, "depth": 4, "normal": 12, "part": 4, "face": 4, "rgb": 3}
 _LENS_BYTES = 48  # a pixel of the lens table: the points, their copies in tiles, the way back
 _OF_CHANNEL = {
@@ -131,10 +131,16 @@ class RasterRenderer:
 
     def _draw(self, request: Request, threads: int) -> None:
         frame = Frame(self._native, request)
-        helpers = [self._pool.submit(self._workers.run, frame) for _ in range(threads - 1)]
-        self._workers.run(frame)
+        self._together(frame.look, threads if self._scene.mesh.n_faces > _MANY else 1)
+        self._together(lambda: self._workers.run(frame), threads)
+
+    def _together(self, task: Callable[[], None], threads: int) -> None:
+        """Do a task of many parts on some threads: each takes parts until none is left."""
+        helpers = [self._pool.submit(task) for _ in range(threads - 1)]
+        task()
         for helper in helpers:
-            helper.result()
+            if not helper.cancel():  # one that has not begun has nothing left to do
+                helper.result()
 
     def _request(
         self, camera: Camera, pose: Rigid, look: Look, n: int, layers: dict[str, npt.NDArray[Any]], threads: int

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from cadcam import __version__
+from cadcam.arrays import Array
 from cadcam.report.station import calibration_tables, map_tables, trend_table
 from cadcam.report.table import Table
 from cadcam.station.cross import DeviationMap
@@ -31,7 +32,7 @@ td{text-align:right;border-bottom:1px solid #eee;padding:4px 12px 4px 0}.left{te
 p.soft{color:#5a5a5a;font-size:.9rem;margin:.3rem 0}svg{width:100%;max-width:900px;height:auto;display:block}
 svg text{font-family:system-ui,"DejaVu Sans",sans-serif}@media print{body{background:#fff}section{break-inside:avoid}}
 """
-_WIDTH, _MARGIN = 900.0, 56.0
+_WIDTH, _HEIGHT, _MARGIN = 900.0, 620.0, 60.0
 _SIGMAS = 10.0  # by how much the ellipses of uncertainty are drawn larger than the arrows
 
 
@@ -78,25 +79,39 @@ def arrows(maps: Mapping[str, DeviationMap]) -> str:
     """Return the deviations of all cameras as arrows on one floor plan, SVG, with ellipses of their uncertainty."""
     places = np.concatenate([m.positions for m in maps.values()])
     low, high = places.min(axis=0), places.max(axis=0)
-    px = (_WIDTH - 2 * _MARGIN) / max(float(high[0] - low[0]), 1.0)
-    height = px * float(high[1] - low[1]) + 2 * _MARGIN
+    extent = np.maximum(high - low, 1.0)
+    px = float(min((_WIDTH - 2 * _MARGIN) / extent[0], _HEIGHT / extent[1]))
+    height = px * float(extent[1]) + 2 * _MARGIN
     most = max(float(np.linalg.norm(m.deviation, axis=1).max()) for m in maps.values()) or 1.0
-    gain = _MARGIN * 0.9 / most  # px by mm of deviation
+    gain = min(0.6 * px * min(_spacing(m.positions) for m in maps.values()), _MARGIN) / most  # px by mm of deviation
     body = [
         '<defs><marker id="tip" viewBox="0 0 6 6" refX="5" refY="3" markerWidth="6" markerHeight="6" orient="auto">'
     ]
     body.append('<path d="M0 0L6 3L0 6z" fill="#0072b2"/></marker></defs>')
     for name, seen in maps.items():
         q = np.column_stack([(seen.positions[:, 0] - low[0]) * px, (high[1] - seen.positions[:, 1]) * px]) + _MARGIN
-        body.append(_text(float(q[:, 0].mean()), float(q[:, 1].min()) - 30, f"camera {name}", "middle"))
+        body.append(_area(q, seen.positions, name))
         body += [_arrow(*row, gain) for row in zip(q, seen.deviation, seen.sigma, seen.positions, strict=True)]
     body.append(
-        _text(
-            _MARGIN / 2, height - 8, f"longest arrow {most:.1f} mm; ellipses: one sigma, {_SIGMAS:.0f} times", "start"
-        )
+        _text(_MARGIN / 2, 20.0, f"longest arrow {most:.1f} mm; ellipses: one sigma, {_SIGMAS:.0f} times", "start")
     )
     label = "deviations of the mechanics as arrows on the floor plan"
     return f'<svg viewBox="0 0 {_WIDTH:.0f} {height:.0f}" role="img" aria-label="{label}">{"".join(body)}</svg>'
+
+
+def _spacing(positions: Array) -> float:
+    """Return the least distance of two positions, mm."""
+    apart = np.linalg.norm(positions[:, None] - positions[None], axis=2)
+    return float(apart[~np.eye(len(positions), dtype=bool)].min())
+
+
+def _area(q: Array, positions: Array, name: str) -> str:
+    """Return a camera's area as a rectangle with its name and, in m, its corners."""
+    (x0, y0), (x1, y1) = q.min(axis=0), q.max(axis=0)
+    low, high = positions.min(axis=0) / 1000, positions.max(axis=0) / 1000
+    box = f'<rect x="{x0:.1f}" y="{y0:.1f}" width="{x1 - x0:.1f}" height="{y1 - y0:.1f}" fill="#f2f5f8" stroke="#ccd"/>'
+    said = f"camera {name}: x {low[0]:.1f} to {high[0]:.1f}, y {low[1]:.1f} to {high[1]:.1f} m"
+    return box + _text(float(x0), float(y1) + 34, said, "start")
 
 
 def _arrow(q: Any, m: Any, sigma: Any, position: Any, gain: float) -> str:

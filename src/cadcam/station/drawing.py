@@ -91,8 +91,22 @@ def check_distances(
     return tuple(_check(measured, drawn, one, other) for one, other in chosen)
 
 
+def independent(checks: Sequence[DistanceCheck]) -> tuple[DistanceCheck, ...]:
+    """Return checks that share no mark, long ones first: those whose differences may be taken together by `trend`."""
+    used: set[str] = set()
+    out = []
+    for check in sorted(checks, key=lambda c: -c.drawn):
+        if not {check.one, check.other} & used:
+            used |= {check.one, check.other}
+            out.append(check)
+    return tuple(out)
+
+
 def trend(differences: Floats, lengths: Floats) -> Trend:
-    """Return what differences (n,) mm of distances of these lengths (n,) mm say together. Raises `TooFewPoints`."""
+    """Return what differences (n,) mm of distances of these lengths (n,) mm say together.
+
+    They have to be independent: no mark in two of them (`independent`). Raises `TooFewPoints` below three.
+    """
     from scipy.special import stdtr
 
     d = frozen(differences, "differences", (None,))

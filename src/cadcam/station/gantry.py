@@ -104,9 +104,9 @@ class GantryCalibration:
         return float(np.sqrt(np.mean([e.noise_px**2 for e in told]))) if told else np.inf
 
     def radius_px(self, radius_mm: float) -> float:
-        """Return the radius in px that a circle of the floor has in a picture, along its longer axis."""
+        """Return the radius in px that a circle of the floor has in a picture, the mean of both axes."""
         scale = self.positions[0].scale
-        return radius_mm / min(scale.scale_x, scale.scale_y)
+        return radius_mm / float(np.sqrt(scale.scale_x * scale.scale_y))
 
     def map(self, *, reference: int | None = None) -> DeviationMap:
         """Return how the mechanics deviate at the calibrated positions (Tables 6.9 to 6.11, Fig 6-17, 6-18)."""

@@ -25,14 +25,16 @@ def hall_picture(
     mark = parse_mark(hall.plate.mark)
     there = hall.gantry(camera).camera_from_world(position, visit)
     poses = [there @ Rigid(_FACE_UP, np.array([x, y, 0.0])) for x, y in marks]
+    alone = len(marks) == 1  # on its own piece of paper; the marks of a plate share the plate's white
+    ground, margin = (_FLOOR, 0.8 * mark.radius) if alone else (_PAPER, 1.0)
     light = marks_picture(
         [mark] * len(poses),
         hall.camera,
         poses,
         paper=_PAPER,
         ink=_INK,
-        background=_FLOOR,
-        margin_mm=8.0,
+        background=ground,
+        margin_mm=margin,
         blur_px=BLUR_PX,
     )
     seen = np.clip(light, 0.0, 1.0) ** GAMMA + NOISE * rng.normal(size=light.shape)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cadcam.arrays import Array, Picture, frozen
+from cadcam.arrays import Array, Ids, Picture, frozen
 from cadcam.errors import BadValue, DegenerateGeometry, TooFewMarks
 from cadcam.station.plate import Plate
 
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 _ENOUGH = 12.0  # px: radius of a mark in the picture it is looked for in
 _FEWEST = 4
+_LONGEST = 1.5  # stretch of a plate seen nearly straight on, by pixels that are not quite square
+_ORDER_PX = 0.3  # what noise and lens may leave of a plate's marks
 _TWO_PLATES = 0.6  # of the plate's marks, seen a second time
 
 
@@ -28,7 +30,8 @@ _TWO_PLATES = 0.6  # of the plate's marks, seen a second time
 class PlatePicture:
     """Pixels q (K, 2) of the plate's marks in its order, NaN where one was not found, and covariances (K, 2, 2) px^2.
 
-    radius_px: of a mark's outermost border. false: how many things were found that are none of the plate's marks.
+    radius_px: of a mark's outermost border, the mean of both axes. false: how many things were found that are none of
+    the plate's marks.
     """
 
     q: Array
@@ -67,23 +70,35 @@ def find_plate(gray: Picture, plate: Plate, look: MarkLook) -> PlatePicture:
         raise TooFewMarks(str(look.mark), len(found), len(plate.marks))
     _refuse_saturated(found)
     q = np.stack([one.pixel for one in found])
-    order = order_marks(q, plate.marks, side="mirrored")
-    left = order.plan_index < 0
+    order = order_marks(q, plate.marks, side="mirrored", sigma_px=_ORDER_PX)
+    orders = [one for one in (order.plan_index, *order.alternatives) if _long_by_wide(plate, q, one) < _LONGEST]
+    index = orders[0] if orders else order.plan_index
+    left = index < 0
     if left.sum() >= max(_FEWEST, _TWO_PLATES * len(plate.marks)):
         raise DegenerateGeometry(
             f"two plates in view, it seems: {len(found)} marks are found, {int(left.sum())} more than belong to one "
             f"plate of {len(plate.marks)}; cover one of them"
         )
-    if order.ambiguous:
+    if len(orders) != 1:
         raise DegenerateGeometry(
-            f"which mark is which cannot be told from the {len(order)} found of {len(plate.marks)}: another order fits "
-            "as well"
+            f"which mark is which cannot be told from the {len(order)} found of {len(plate.marks)}: "
+            + ("another order fits as well" if orders else "seen straight on, no order fits")
         )
     pixels, covariance = np.full((len(plate.marks), 2), np.nan), np.full((len(plate.marks), 2, 2), np.nan)
     for i in np.flatnonzero(~left):
-        pixels[order.plan_index[i]], covariance[order.plan_index[i]] = q[i], found[i].covariance
-    size = float(np.median([found[i].size for i in np.flatnonzero(~left)]))
+        pixels[index[i]], covariance[index[i]] = q[i], found[i].covariance
+    area = [abs(float(np.linalg.det(found[i].image_from_mark))) for i in np.flatnonzero(~left)]
+    size = look.mark.radius * float(np.sqrt(np.median(area)))
     return PlatePicture(pixels, covariance, size, int(left.sum()))
+
+
+def _long_by_wide(plate: Plate, q: Array, index: Ids) -> float:
+    """Return by how much the plate would be stretched more one way than the other, were this the marks' order."""
+    known = index >= 0
+    p = plate.marks[index[known]]
+    linear = np.linalg.lstsq(p - p.mean(axis=0), q[known] - q[known].mean(axis=0), rcond=None)[0]
+    s = np.linalg.svd(linear, compute_uv=False)
+    return float(s[0] / s[1]) if s[1] > 0 else np.inf
 
 
 def find_mark(gray: Picture, look: MarkLook) -> tuple[Array, Array]:
@@ -114,7 +129,13 @@ def _found(gray: Picture, look: MarkLook) -> list[FoundMark]:
     sought = small[0] if len(small) == 1 else (small[0], small[1])
     found = find_marks(_reduced(gray, by), look.mark, radius_px=sought)
     return [
-        replace(f, pixel=f.pixel * by + (by - 1) / 2, covariance=f.covariance * by**2, size=f.size * by) for f in found
+        replace(
+            f,
+            pixel=f.pixel * by + (by - 1) / 2,
+            covariance=f.covariance * by**2,
+            image_from_mark=f.image_from_mark * by,
+        )
+        for f in found
     ]
 
 
@@ -125,8 +146,11 @@ def _reduced(gray: Picture, by: int) -> Picture:
         raise BadValue(
             "picture", f"of {gray.shape[1]} x {gray.shape[0]} px", f"one that holds a mark of {by * _ENOUGH:.0f} px"
         )
-    whole = gray[: height * by, : width * by].reshape(height, by, width, by)
-    return np.asarray(whole.mean(axis=(1, 3), dtype=np.float64), dtype=np.float32)
+    out = np.zeros((height, width), dtype=np.float32)
+    for dy in range(by):
+        for dx in range(by):
+            out += gray[dy : height * by : by, dx : width * by : by]
+    return np.asarray(out / np.float32(by * by))
 
 
 def _refuse_saturated(found: list[FoundMark]) -> None:

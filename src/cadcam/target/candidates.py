@@ -85,10 +85,11 @@ def screened(
     return seen.subset(_apart(seen.q, size, order, most))
 
 
-def approached(gray: Picture, mark: Mark, seen: Candidates, margin: float) -> Candidates:
+def approached(gray: Picture, mark: Mark, seen: Candidates, margin: float, *, enough: int | None) -> Candidates:
     """Return those candidates that are marks in a picture reduced until they are small, with places and shapes there.
 
     There a circle at about the right place is near enough to the ellipse of a tilted mark for a fit to settle.
+    enough: marks that are there; where as many look like them at once, the others are not tried.
     """
     if not len(seen):
         return seen
@@ -97,6 +98,8 @@ def approached(gray: Picture, mark: Mark, seen: Candidates, margin: float) -> Ca
     alike = likeness(gray, mark, seen.q, seen.shapes, margin=margin, soft=_SOFT)
     factors[alike > _NEAR] = 0
     parts = [seen.subset(factors == 0)]
+    if enough is not None and len(parts[0]) >= enough:
+        return parts[0]
     for factor in np.unique(factors[factors > 0]).tolist():
         some = seen.subset(np.flatnonzero(factors == factor).astype(np.int32))
         small = shrunken(gray, factor)

@@ -34,7 +34,7 @@ _OPEN = 0.05  # probability of the other tilt worth a flag
 _SAME = 0.8  # of the larger one's radius: of two fits nearer than that the better one is kept
 _FLAT = 1e-3  # of grey values: a picture without any contrast
 _GRID = 0.02  # px: the dissertation's step
-_MOST, _SPARE = 5000, 6  # candidates that are fitted; beyond twice the count
+_MOST, _SPARE, _FITTED = 5000, 6, 2  # candidates at most; looked at beyond twice the count; fitted beyond the count
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,13 +107,15 @@ def find_marks(
     gray = to_gray(checked(picture))
     search = _search(gray, mark, method, subpixel, any_number, radius_px is not None)
     radii = _radii(radius_px)
-    most = _MOST if count is None else 2 * count + _SPARE
+    most, fitted = (_MOST, _MOST) if count is None else (2 * count + _SPARE, count + _FITTED)
     rough = search in ("spots", "correlation")
     seen = screened(gray, mark, candidates(gray, mark, search, radii), most=most, margin=margin, rough=rough)
-    near = approached(gray, mark.rings, seen, margin) if rough else seen
+    near = approached(gray, mark.rings, seen, margin, enough=count) if rough else seen
     fits = []
     for one, part in _kinds(gray, mark, near, any_number):
-        clear = screened(gray, one, _plausible(part, one, radii), most=most, margin=margin)
+        clear = _plausible(part, one, radii)
+        if len(clear) > fitted or not rough:
+            clear = screened(gray, one, clear, most=fitted, margin=margin)
         fit = fit_marks(gray, one, clear.q, clear.shapes, perspective=perspective, margin=margin)
         fits.append((one, fit.subset(_kept(fit, one, radii, least_score))))
     toward = None if normal is None else frozen(normal, "normal", (3,))

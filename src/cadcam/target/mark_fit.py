@@ -15,7 +15,7 @@ import numpy as np
 from cadcam.arrays import Array, Index, Mask, Picture
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.profile import BRIGHT, DARK
+from cadcam.image.profile import BRIGHT, DARK, noise_of
 from cadcam.target.mark import Mark
 from cadcam.target.mark_model import Geometry, affine, mark_model, posed, predicted, share_of_ink
 from cadcam.target.photometric import BLUR, CONTRAST, Fit, fitted, patches
@@ -23,10 +23,13 @@ from cadcam.target.photometric import BLUR, CONTRAST, Fit, fitted, patches
 MARGIN = 0.7  # of the radius: how much ground the window takes in; it tells varying light from a shift of the mark
 _LEAST_MARGIN, _MOST_MARGIN = 5.0, 12.0  # px of it
 _NORMAL_SD = 0.1  # rad
-_PLAIN = 5.0  # px from all borders, beyond which ground and ink are plain
+_SURE = 500.0  # logarithm of odds
+_PLAIN = 4.0  # px from all borders, beyond which ground and ink are plain
+_LARGE = 30.0  # px of radius, from which every second pixel near borders is enough
 _CORNER = 2.0  # px around corners of ink that are left out: there the model's borders meet at no right angle
-_HIDDEN, _SIGMAS = 0.12, 5.0  # residual by contrast, and by noise, of a pixel that shows something else
-_ROUNDS, _FEW = 4, 0.003  # at most; and a share of the window that is worth another
+_HIDDEN, _ROUNDS = 0.12, 4  # residual by contrast of a pixel that shows something else; fits without those
+_SIGMAS = 5.0  # and by the noise
+_FEW = 0.003  # share of the window that may disagree without another fit
 _HOPELESS = 0.35  # rms of the residuals by contrast: nothing that leaving pixels out would mend
 _MOST_HIDDEN, _MOST_OUTSIDE = 0.6, 0.4  # of a window
 _TOGETHER = 256  # windows looked at in one go
@@ -90,7 +93,7 @@ def fit_marks(
     if not mark.concentric:
         g[:, 5] = A[:, 1, 0]
     start = _start(mark, geometry, g, np.zeros((len(q), 0)), window, blur)
-    fit, weight = _robust(mark, geometry, start, window, q, lens=False)
+    fit, weight = _robust(mark, geometry, start, window, q, noise=noise_of(gray), lens=False)
     H = geometry.matrix(fit.parameters[:, geometry.places], np.zeros((len(q), 0)))
     shapes = np.asarray(np.linalg.inv(H[:, :2, :2]), np.float64)
     seen = predicted(mark, geometry, fit.parameters, window.pixels)
@@ -134,7 +137,7 @@ def fit_poses(
     held = (np.linalg.solve(L, R) / scale[:, None, None]).reshape(-1, 9)
     window = replace(window, pixels=pixels)
     start = _start(mark, geometry, np.zeros((len(q), geometry.count)), held, window, blur)
-    fit, weight = _robust(mark, geometry, start, window, q, lens=True)
+    fit, weight = _robust(mark, geometry, start, window, q, noise=noise_of(gray), lens=True)
     poses = _poses(fit, geometry, L, R, scale)
     centre, J = camera.project_with_jacobian(np.array([pose.translation for pose in poses]))
     shapes = J @ np.array([pose.rotation for pose in poses])[..., :2]
@@ -164,13 +167,14 @@ def fit_both_tilts(
     if normal is not None:
         away = [np.array([_angle(p.rotation[:, 2], normal) for p in f.poses or ()]) for f in (first, second)]
         odds = odds + (away[1] ** 2 - away[0] ** 2) / (2 * _NORMAL_SD**2)
-    odds = np.where(first.good == second.good, odds, np.where(first.good, 1e3, -1e3)).clip(-500, 500)
-    return _weighed(first, second, 1 / (1 + np.exp(odds)))
+    sure = np.where(first.good, _SURE, -_SURE)
+    decided: Array = np.where(first.good == second.good, odds, sure).clip(-_SURE, _SURE).astype(np.float64)
+    return _weighed(first, second, np.asarray(1.0 / (1.0 + np.exp(decided))))
 
 
 def _angle(a: Array, b: Array) -> float:
     """Return the angle between two lines, rad."""
-    return float(np.arccos(min(abs(a @ b) / np.linalg.norm(b), 1.0)))
+    return float(np.arccos(min(float(abs(a @ b) / np.linalg.norm(b)), 1.0)))
 
 
 def tilts(camera: Camera, q: Array, image_from_mark: Array) -> tuple[Rigid, Rigid]:
@@ -248,6 +252,7 @@ def _telling(mark: Mark, rho: Array, pixels: Array, q: Array, minor: Array) -> M
     for r in borders[borders > 0]:
         near |= np.abs(rho - r) * minor[:, None] < _PLAIN
     x, y = (np.rint(pixels[..., i] + q[:, None, i]).astype(int) for i in (0, 1))
+    near &= (minor[:, None] < _LARGE) | ((x + y) % 2 == 0)
     return np.asarray(near | ((x + 2 * y) % 5 == 0))
 
 
@@ -282,22 +287,25 @@ def _start(mark: Mark, geometry: Geometry, g: Array, held: Array, window: _Windo
 
 
 def _robust(
-    mark: Mark, geometry: Geometry, start: Array, window: _Window, q: Array, *, lens: bool
+    mark: Mark, geometry: Geometry, start: Array, window: _Window, q: Array, *, noise: float, lens: bool
 ) -> tuple[Fit, Array]:
     """Return the fit with pixels left out that show something else, and the weights (B, P) of those kept."""
     model = mark_model(mark, geometry, lens=lens)
     weight = window.weight
     fit = fitted(model, start, window.values, window.pixels, weight, q, window.size)
+
+    def kept(which: Index) -> Array:
+        some, parameters = window.subset(which), fit.parameters[which]
+        off = predicted(mark, geometry, parameters, some.pixels) - some.values
+        return np.asarray(some.weight * _clear(off, noise, _HIDDEN * np.abs(parameters[:, CONTRAST])))
+
     left = np.flatnonzero(fit.misfit < _HOPELESS)
-    for _ in range(_ROUNDS):
-        if not left.size:
-            break
+    left = left[(kept(left) != window.weight[left]).mean(axis=1) > _FEW]
+    for _ in range(_ROUNDS if left.size else 0):
+        clear = kept(left)
+        enough = clear.sum(axis=1) > geometry.free + 5
+        left, weight = left[enough], _with_rows(weight, left[enough], clear[enough])
         some = window.subset(left)
-        off = predicted(mark, geometry, fit.parameters[left], some.pixels) - some.values
-        kept = some.weight * _clear(off, some.weight, fit.parameters[left, CONTRAST])
-        changed = (kept != weight[left]).mean(axis=1) > _FEW
-        changed &= kept.sum(axis=1) > geometry.free + 5
-        left, some, weight = left[changed], some.subset(changed), _with_rows(weight, left[changed], kept[changed])
         part = fitted(model, fit.parameters[left], some.values, some.pixels, weight[left], q[left], some.size)
         fit = _replaced(fit, part, left)
     return fit, weight
@@ -309,13 +317,9 @@ def _with_rows(array: Array, which: Index, rows: Array) -> Array:
     return out
 
 
-def _clear(residual: Array, weight: Array, contrast: Array) -> Mask:
-    """Return which pixels agree with the mark: within 0.2 of its contrast or five robust sigmas."""
-    size = np.where(weight > 0, np.abs(residual), np.nan)
-    with np.errstate(all="ignore"):
-        noise = 1.4826 * np.nanmedian(size, axis=1)
-    limit = np.maximum(_HIDDEN * np.abs(contrast), np.minimum(_SIGMAS * np.nan_to_num(noise), 0.5 * np.abs(contrast)))
-    return np.asarray(np.abs(residual) <= limit[:, None])
+def _clear(residual: Array, noise: float, limit: Array) -> Mask:
+    """Return which pixels agree with the mark: within a limit (B,), or five sigmas of the picture's noise."""
+    return np.asarray(np.abs(residual) <= np.maximum(limit, _SIGMAS * noise)[:, None])
 
 
 def _replaced(fit: Fit, part: Fit, index: Array) -> Fit:

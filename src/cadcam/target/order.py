@@ -18,7 +18,7 @@ import numpy as np
 from cadcam.arrays import Array, Floats, Ids, frozen
 from cadcam.errors import BadValue, NoOrder, TooFewPoints, UnknownName
 from cadcam.fit.plane_maps import mapped
-from cadcam.target.order_grow import grown
+from cadcam.target.order_grow import grown, without_strays
 from cadcam.target.order_judge import Judged, costs, judged, log_chance
 from cadcam.target.order_rivals import rivals
 from cadcam.target.order_seeds import by_quads, seeds
@@ -31,7 +31,7 @@ _UNDECIDABLE = 5  # marks: under perspective as few fit by chance, and cannot pr
 _ENOUGH = {True: 0.7, False: 0.5}  # of the marks explained, few or many: no more starts are tried
 _ODDS = 1000.0
 _SECOND = 0.7  # of the marks of the first plate: a second one that shows as many makes the order ambiguous
-_FEWER = 7  # marks less than the best that an order as good may explain
+_FEWER = 7  # marks less than the best that an order as good may explain, at most a quarter of them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,7 +132,9 @@ def _found(q: Array, plan: Plan, signs: tuple[int, ...], sigma_px: float) -> Ids
             continue
         first, log = _first(q, plan, orders, sigma_px)
         if log < _LOG_CHANCE:  # it shows the perspective, if not yet the place: a grid may be met beside it
-            orders = np.unique([*orders, *rivals(q, plan, first, signs, fewer=_FEWER)], axis=0)
+            fewer = min(_FEWER, int((first >= 0).sum()) // 4)
+            others = [without_strays(q, plan, other, sigma_px) for other in rivals(q, plan, first, signs, fewer=fewer)]
+            orders = np.unique([*orders, *(o for o in others if (o >= 0).sum() >= FEWEST)], axis=0)
             first, log = _first(q, plan, orders, sigma_px)
         marks = int((first >= 0).sum())
         rank = (log < _LOG_CHANCE, marks - 0.01 * log)
@@ -156,7 +158,8 @@ def _grown(q: Array, plan: Plan, starts: list[Ids], sigma_px: float, *, until: f
     orders = []
     for start in starts:
         order = grown(q, plan, start, sigma_px=sigma_px)
-        orders += [o for o in (start, order) if (o >= 0).sum() >= FEWEST]  # a few in strong perspective do not grow
+        # a few in strong perspective do not grow
+        orders += [o for o in (without_strays(q, plan, start, sigma_px), order) if (o >= 0).sum() >= FEWEST]
         if (order >= 0).sum() >= until:
             break
     return np.unique(orders, axis=0) if orders else np.zeros((0, len(q)), np.int32)

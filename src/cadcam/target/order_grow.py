@@ -39,9 +39,7 @@ def grown(q: Array, plan: Plan, start: Ids, *, sigma_px: float) -> Ids:
         if (index >= 0).sum() < 3 or any(np.array_equal(index, old) for old in seen[-3:]):
             break
         seen.append(index)
-    if (index >= 0).sum() < 3:
-        return index
-    return _without_strays(q, plan, index, sigma_px)
+    return without_strays(q, plan, index, sigma_px)
 
 
 def _in_plan(q: Array, plan: Plan, index: Ids) -> Array:
@@ -81,14 +79,16 @@ def _medians(values: Array) -> Array:
     return np.where(count[:, None] > 2, middle, 0.0)
 
 
-def _without_strays(q: Array, plan: Plan, index: Ids, sigma_px: float) -> Ids:
+def without_strays(q: Array, plan: Plan, index: Ids, sigma_px: float) -> Ids:
+    """Return the order (N,) without marks that lie beside their places; as it is where too few tell what beside is."""
+    if (index >= 0).sum() < _ENOUGH:
+        return index
     out = index
     for _ in range(2):  # the second time with a map that strays no longer bend
         known, fitted = np.flatnonzero(index >= 0), np.flatnonzero(out >= 0)
-        if len(fitted) < 3:
+        if len(fitted) < _ENOUGH:
             return out
-        fit = perspectives if len(fitted) >= _ENOUGH else affinities
-        H = fit(plan.p[None, out[fitted]], q[None, fitted], np.ones((1, len(fitted))))[0]
+        H = perspectives(plan.p[None, out[fitted]], q[None, fitted], np.ones((1, len(fitted))))[0]
         off = q[known] - mapped(H, plan.p[index[known]])
         smooth = _bent if len(fitted) >= _MANY else _like_neighbours
         rest = off - smooth(off, plan, index[known], np.isin(known, fitted))
