@@ -29,6 +29,7 @@ _LARGE = 30.0  # px of radius, from which every second pixel near borders is eno
 _CORNER = 2.0  # px around corners of ink that are left out: there the model's borders meet at no right angle
 _HIDDEN, _ROUNDS = 0.12, 4  # residual by contrast of a pixel that shows something else; fits without those
 _SIGMAS = 5.0  # and by the noise
+_MIDDLE, _ALSO_PLAIN = 0.45, 0.1  # grey values so far from the middle are plain; of what a cover hides as many are
 _FEW = 0.003  # share of the window that may disagree without another fit
 _HOPELESS = 0.35  # rms of the residuals by contrast: nothing that leaving pixels out would mend
 _MOST_HIDDEN, _MOST_OUTSIDE = 0.6, 0.4  # of a window
@@ -296,8 +297,9 @@ def _robust(
 
     def kept(which: Index) -> Array:
         some, parameters = window.subset(which), fit.parameters[which]
-        off = predicted(mark, geometry, parameters, some.pixels) - some.values
-        return np.asarray(some.weight * _clear(off, noise, _HIDDEN * np.abs(parameters[:, CONTRAST])))
+        seen = predicted(mark, geometry, parameters, some.pixels)
+        clear = _clear(seen - some.values, noise, _HIDDEN * np.abs(parameters[:, CONTRAST]))
+        return np.asarray(some.weight * (clear | ~_covered(clear, seen, some.weight)[:, None]))
 
     left = np.flatnonzero(fit.misfit < _HOPELESS)
     left = left[(kept(left) != window.weight[left]).mean(axis=1) > _FEW]
@@ -320,6 +322,14 @@ def _with_rows(array: Array, which: Index, rows: Array) -> Array:
 def _clear(residual: Array, noise: float, limit: Array) -> Mask:
     """Return which pixels agree with the mark: within a limit (B,), or five sigmas of the picture's noise."""
     return np.asarray(np.abs(residual) <= np.maximum(limit, _SIGMAS * noise)[:, None])
+
+
+def _covered(clear: Mask, seen: Array, weight: Array) -> Mask:
+    """Return for which marks (B,) plain pixels disagree too: on borders alone it is a gamma, or the fit's own blur."""
+    low, high = (np.nanquantile(seen, q, axis=1, keepdims=True) for q in (0.05, 0.95))
+    plain = np.abs(seen - (low + high) / 2) > _MIDDLE * (high - low)
+    odd = (weight > 0) & ~clear
+    return np.asarray((odd & plain).sum(axis=1) > _ALSO_PLAIN * odd.sum(axis=1))
 
 
 def _replaced(fit: Fit, part: Fit, index: Array) -> Fit:
