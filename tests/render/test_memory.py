@@ -58,9 +58,10 @@ def growth(name: str, frames: int, *, warm: int) -> float:
 
 
 @needs_proc
-@pytest.mark.parametrize("name", ["raster", "gl"])
-def test_memory_stays_flat_over_hundreds_of_frames(name: str) -> None:
-    assert growth(name, 240, warm=100) < 0.01
+@pytest.mark.parametrize(("name", "frames"), [("raster", 1200), ("gl", 240)])
+def test_memory_stays_flat_over_hundreds_of_frames(name: str, frames: int) -> None:
+    """A thread that lends a hand takes a megabyte and gives it back, as chance has it: medians of 15 renderers."""
+    assert growth(name, frames, warm=100) < 0.01
 
 
 @needs_proc
