@@ -80,6 +80,22 @@ def test_marks_are_measured_logged_kept_and_compared(cadcam: Cadcam, folder: Pat
     assert len(said["measured"]) == 12
 
 
+def test_what_was_measured_is_kept_even_if_nobody_reads_the_tables(
+    cadcam: Cadcam, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in `cadcam station measure ... --log FILE | head -3`: the reader goes away, the measurements stay."""
+
+    def gone(*_: object) -> None:
+        raise RuntimeError
+
+    monkeypatch.setattr("cadcam.cli.station_jobs.print_tables", gone)
+    ran = cadcam(*MEASURE, *BOTH, "--log", "unread.jsonl", "--store", "unread.sqlite", "--block", "B1")
+    assert ran.code != 0
+    assert len((folder / "unread.jsonl").read_text().splitlines()) == 12
+    with open_store(folder / "unread.sqlite") as store:
+        assert len(store.query(serial="B1")) == 12
+
+
 def test_each_rule_can_be_asked_for_and_explains_itself(cadcam: Cadcam, folder: Path) -> None:
     for rule in ("smooth", "b4"):
         ran = cadcam(*MEASURE, *BOTH, "--rule", rule, "--explain")

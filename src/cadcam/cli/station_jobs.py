@@ -95,6 +95,11 @@ def measure_marks(arguments: argparse.Namespace) -> None:
     measured = measure(stations, seen, rule=arguments.rule, extrapolate=arguments.extrapolate)
     checks, together = _against_drawing(arguments, measured)
     entries = log_entries(measured, seen, times=[shot.time for shot in shots], block=arguments.block)
+    if arguments.log:  # kept before anything is printed: whoever reads the tables may go away
+        append_log(arguments.log, entries)
+        say(f"added {len(entries)} lines to {arguments.log}")
+    if arguments.store:
+        _keep(arguments, measured, seen, shots)
     if arguments.json:
         print_json({"measured": entries, "distances": [_check_as_json(c) for c in checks]})
     else:
@@ -105,11 +110,6 @@ def measure_marks(arguments: argparse.Namespace) -> None:
             print_tables([estimates_table(s.name, found) for s, found in each])
         if checks:
             print_tables(distance_tables(checks, together))
-    if arguments.log:
-        append_log(arguments.log, entries)
-        say(f"added {len(entries)} lines to {arguments.log}")
-    if arguments.store:
-        _keep(arguments, measured, seen, shots)
 
 
 def recalibrate(arguments: argparse.Namespace) -> None:

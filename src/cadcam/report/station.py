@@ -59,7 +59,7 @@ def calibration_tables(station: GantryCalibration) -> list[Table]:
 
 def map_tables(names: Sequence[str], deviations: DeviationMap) -> list[Table]:
     """Return how the mechanics deviate at each position, and how mechanics and vision share in what is seen."""
-    columns = ("position", "x mm", "y mm", "deviation x mm", "sigma", "deviation y mm", "sigma ")
+    columns = ("position", "x mm", "y mm", "deviation x mm", "sigma mm", "deviation y mm", "sigma mm ")
     rows = tuple(
         (name, f"{p[0]:.1f}", f"{p[1]:.1f}", f"{m[0]:+.3f}", f"{s[0]:.3f}", f"{m[1]:+.3f}", f"{s[1]:.3f}")
         for name, p, m, s in zip(names, deviations.positions, deviations.deviation, deviations.sigma, strict=True)
