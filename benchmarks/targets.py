@@ -27,7 +27,7 @@ from cadcam.errors import CadcamError
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.draw import draw_points, draw_polylines
 from cadcam.image.picture import read_picture, to_gray, write_picture
-from cadcam.target.cross import surface, taps, template
+from cadcam.target.cross import Taps, surface, taps, template
 from cadcam.target.find import FoundMark, find_marks
 from cadcam.target.ideal import board_picture, marks_picture
 from cadcam.target.mark import Mark, Plate, dot, dot_and_ring, inverted, ring
@@ -193,13 +193,13 @@ def _rules(mark: Mark, truth: Array, camera: Camera, start: Rigid) -> Iterator[t
         yield "cv2 fitEllipse", lambda g: _cv2_ellipse(g, truth)
 
 
-def _by_peak(gray: Picture, at: Array, of: object, peak: Peak, step: float | None) -> Array:
-    window, top = surface(gray, at[None], of, peak.l)  # type: ignore[arg-type]
+def _by_peak(gray: Picture, at: Array, of: Taps, peak: Peak, step: float | None) -> Array:
+    window, top = surface(gray, at[None], of, peak.l)
     return np.asarray(top[0] - peak.shift(window[0], grid=step)[0])
 
 
-def _by_parabola(gray: Picture, at: Array, of: object, zero_mean: bool) -> Array:
-    window, top = surface(gray, at[None], of, 1, zero_mean=zero_mean)  # type: ignore[arg-type]
+def _by_parabola(gray: Picture, at: Array, of: Taps, zero_mean: bool) -> Array:
+    window, top = surface(gray, at[None], of, 1, zero_mean=zero_mean)
     return np.asarray(top[0] + parabola(window)[0])
 
 
@@ -334,7 +334,7 @@ def real(data: Path, pictures: Path | None, sets: Sequence[str]) -> None:
             continue
         start = time.process_time()
         try:
-            found = find_marks(to_gray(read_picture(file)), mark, **options)  # type: ignore[arg-type]
+            found = find_marks(to_gray(read_picture(file)), mark, **options)
         except CadcamError as error:
             print(f"| {name} | {mark} | {error} | {expected} | | | |")
             continue
@@ -364,7 +364,7 @@ def _draw(path: Path, file: Path, mark: Mark, found: list[FoundMark]) -> None:
     write_picture(path, picture)
 
 
-Set = tuple[str, Path, Mark, dict[str, object], "Array | None", str]
+Set = tuple[str, Path, Mark, dict[str, Any], "Array | None", str]
 
 
 def _sets(data: Path) -> Iterator[Set]:

@@ -63,7 +63,8 @@ def write_sensor(path: str | os.PathLike[str], sensor: Sensor) -> None:
 
 def sensor_as_json(sensor: Sensor) -> dict[str, Any]:
     """Return the JSON document that `write_sensor` writes: all numbers of every effect that is there."""
-    effects = {name: _plain(asdict(effect)) for name, effect in sensor.effects.items()}  # type: ignore[call-overload]
+    numbers = asdict(sensor)
+    effects = {name: _plain(numbers[name]) for name in sensor.effects}
     return {"format": FORMAT, "version": VERSION, "name": sensor.name, **effects}
 
 

@@ -69,14 +69,12 @@ class Sensor:
         Each effect draws from a stream of its own: one effect more or less leaves the others' noise as it is. Another
         picture size comes back only with `pixel_aspect`. Raises `BadValue` for what is no picture.
         """
-        streams = dict(zip(_EFFECTS, rng.spawn(len(_EFFECTS)), strict=True))
+        streams = dict(zip(EFFECTS, rng.spawn(len(EFFECTS)), strict=True))
         picture = checked(radiance)
         for name, effect in self.effects.items():
             picture = effect.apply(picture, streams[name])
         return np.clip(picture, np.float32(0.0), np.float32(1.0))
 
-
-_EFFECTS = tuple(f.name for f in fields(Sensor) if f.name != "name")
 
 EFFECTS: dict[str, type[Effect]] = {
     "vignetting": Vignetting,
