@@ -54,6 +54,8 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.camera.line_camera import LineObservations as LineObservations
     from cadcam.camera.measurement import Measurement as Measurement
     from cadcam.camera.observations import Observations as Observations
+    from cadcam.camera.optics import Optics as Optics
+    from cadcam.camera.optics import solve_optics as solve_optics
     from cadcam.camera.plane_camera import PlaneCamera as PlaneCamera
     from cadcam.camera.pose_estimate import PoseEstimate as PoseEstimate
     from cadcam.camera.rig_estimate import RigEstimate as RigEstimate
@@ -81,6 +83,9 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.files.rig import read_rig as read_rig
     from cadcam.files.rig import write_rig as write_rig
     from cadcam.files.robot_poses import read_robot_poses as read_robot_poses
+    from cadcam.files.sensor import read_sensor as read_sensor
+    from cadcam.files.sensor import sensor_named as sensor_named
+    from cadcam.files.sensor import write_sensor as write_sensor
     from cadcam.fit.compare import compare as _compare
     from cadcam.fit.robust import Loss as Loss
     from cadcam.geometry.plane import Plane as Plane
@@ -92,6 +97,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.image.exr import write_exr as write_exr
     from cadcam.image.picture import read_picture as read_picture
     from cadcam.image.picture import write_picture as write_picture
+    from cadcam.image.sensor.sensor import Sensor as Sensor
     from cadcam.image.template import Template as Template
     from cadcam.locate.closeness import Closeness as Closeness
     from cadcam.locate.closeness import closeness as closeness
@@ -135,11 +141,36 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.render.visible import visible_wireframe as visible_wireframe
     from cadcam.render.wireframe import LineOptions as LineOptions
     from cadcam.render.wireframe import Wireframe as Wireframe
+    from cadcam.station.document import read_plate as read_plate
+    from cadcam.station.document import read_station as read_station
+    from cadcam.station.document import read_stations as read_stations
+    from cadcam.station.document import write_plate as write_plate
+    from cadcam.station.document import write_station as write_station
+    from cadcam.station.gantry import GantryCalibration as GantryCalibration
+    from cadcam.station.gantry import Sighting as Sighting
+    from cadcam.station.gantry import calibrate_gantry as calibrate_gantry
+    from cadcam.station.measure import measure as _measure
+    from cadcam.station.plane import calibrate_position as calibrate_position
+    from cadcam.station.plate import Plate as Plate
+    from cadcam.station.plate import place_plate as place_plate
+    from cadcam.target.find import FoundMark as FoundMark
+    from cadcam.target.find import find_marks as find_marks
+    from cadcam.target.mark import Mark as Mark
+    from cadcam.target.mark import parse_mark as parse_mark
+    from cadcam.target.order import Ordering as Ordering
+    from cadcam.target.order import order_marks as order_marks
     from cadcam.target.pattern import parse_pattern as parse_pattern
+    from cadcam.verify.judge import Verification as Verification
+    from cadcam.verify.judge import verify as _verify
+    from cadcam.verify.tolerance import Tolerances as Tolerances
+    from cadcam.verify.tolerance import whole_parts as whole_parts
+    from cadcam.verify.tolerance_file import read_tolerances as read_tolerances
 
     calibrate_camera = _calibrate  # `cadcam.calibrate` is the package
     compare_cameras = _compare
     locate_part = _locate
+    measure_marks = _measure
+    verify_part = _verify
 
 __version__ = "0.1.0"
 
@@ -161,8 +192,10 @@ _HOME = {
     "ExtendedUnified": "cadcam.camera.lens",
     "FieldOfView": "cadcam.camera.lens",
     "Fisheye": "cadcam.camera.lens",
+    "FoundMark": "cadcam.target.find",
     "Frames": "cadcam.locate.frames",
     "Freedom": "cadcam.locate.freedom",
+    "GantryCalibration": "cadcam.station.gantry",
     "HandEyeEstimate": "cadcam.calibrate.handeye_estimate",
     "Ideal": "cadcam.camera.lens",
     "InverseBrownConrady": "cadcam.camera.lens",
@@ -175,16 +208,20 @@ _HOME = {
     "Location": "cadcam.locate.location",
     "Look": "cadcam.render.view",
     "Loss": "cadcam.fit.robust",
+    "Mark": "cadcam.target.mark",
     "Measurement": "cadcam.camera.measurement",
     "Mesh": "cadcam.cad.mesh",
     "NamedCamera": "cadcam.files.foreign.model",
     "Observations": "cadcam.camera.observations",
     "OddRadial": "cadcam.camera.lens",
+    "Optics": "cadcam.camera.optics",
+    "Ordering": "cadcam.target.order",
     "Part": "cadcam.locate.part",
     "Peaks": "cadcam.image.correlate",
     "Photo": "cadcam.locate.photo",
     "Plane": "cadcam.geometry.plane",
     "PlaneCamera": "cadcam.camera.plane_camera",
+    "Plate": "cadcam.station.plate",
     "PoseEstimate": "cadcam.camera.pose_estimate",
     "Ray": "cadcam.geometry.ray",
     "Record": "cadcam.record.record",
@@ -192,12 +229,16 @@ _HOME = {
     "RigEstimate": "cadcam.camera.rig_estimate",
     "Rigid": "cadcam.geometry.rigid",
     "Scene": "cadcam.render.view",
+    "Sensor": "cadcam.image.sensor.sensor",
+    "Sighting": "cadcam.station.gantry",
     "Source": "cadcam.record.record",
     "Template": "cadcam.image.template",
     "TemplateMatches": "cadcam.locate.templates",
     "TemplateOptions": "cadcam.locate.templates",
     "TiltedBrownConrady": "cadcam.camera.lens",
+    "Tolerances": "cadcam.verify.tolerance",
     "TrackLog": "cadcam.locate.track_log",
+    "Verification": "cadcam.verify.judge",
     "Viewpoint": "cadcam.camera.viewpoint",
     "Wireframe": "cadcam.render.wireframe",
     "added": "cadcam.render.overlay",
@@ -205,11 +246,13 @@ _HOME = {
     "blended": "cadcam.render.overlay",
     "calibrate_boards": "cadcam.calibrate.boards",
     "calibrate_camera": "cadcam.calibrate.points:calibrate",
+    "calibrate_gantry": "cadcam.station.gantry",
     "calibrate_hand_eye": "cadcam.calibrate.handeye",
     "calibrate_hand_eye_from_poses": "cadcam.calibrate.handeye",
     "calibrate_jointly": "cadcam.calibrate.joint",
     "calibrate_line": "cadcam.calibrate.flat",
     "calibrate_plane": "cadcam.calibrate.flat",
+    "calibrate_position": "cadcam.station.plane",
     "calibrate_rig": "cadcam.calibrate.rig",
     "calibrate_rig_boards": "cadcam.calibrate.rig_boards",
     "closeness": "cadcam.locate.closeness",
@@ -218,6 +261,7 @@ _HOME = {
     "edge_distances": "cadcam.render.overlay",
     "feature_edges": "cadcam.cad.edges",
     "find_board": "cadcam.calibrate.boards",
+    "find_marks": "cadcam.target.find",
     "first_order": "cadcam.calibrate.variability",
     "fit_jointly": "cadcam.calibrate.joint",
     "load": "cadcam.cad.load",
@@ -226,15 +270,19 @@ _HOME = {
     "locate_part": "cadcam.locate.locate:locate",
     "markov_chain": "cadcam.calibrate.variability",
     "match_templates": "cadcam.locate.templates",
+    "measure_marks": "cadcam.station.measure:measure",
     "measure_points": "cadcam.calibrate.measure",
     "monte_carlo": "cadcam.calibrate.variability",
     "named_look": "cadcam.render.looks",
     "nested_advice": "cadcam.calibrate.nested",
     "open_renderer": "cadcam.render",
     "open_store": "cadcam.record.store",
+    "order_marks": "cadcam.target.order",
     "over_edges": "cadcam.render.overlay",
     "overlay": "cadcam.render.overlay",
+    "parse_mark": "cadcam.target.mark",
     "parse_pattern": "cadcam.target.pattern",
+    "place_plate": "cadcam.station.plate",
     "projection_map": "cadcam.calibrate.projection_map",
     "read_camera": "cadcam.files.camera",
     "read_cameras": "cadcam.files.foreign.registry",
@@ -243,23 +291,32 @@ _HOME = {
     "read_part_pose": "cadcam.files.pose_estimate",
     "read_picture": "cadcam.image.picture",
     "read_pixels": "cadcam.files.pixels",
+    "read_plate": "cadcam.station.document",
     "read_points": "cadcam.files.points",
     "read_pose": "cadcam.files.matrix",
     "read_poses": "cadcam.files.poses",
     "read_records": "cadcam.record.export",
     "read_rig": "cadcam.files.rig",
     "read_robot_poses": "cadcam.files.robot_poses",
+    "read_sensor": "cadcam.files.sensor",
+    "read_station": "cadcam.station.document",
+    "read_stations": "cadcam.station.document",
+    "read_tolerances": "cadcam.verify.tolerance_file",
     "read_track": "cadcam.locate.track_log",
     "refine": "cadcam.locate.refine",
     "repainted": "cadcam.render.looks",
+    "sensor_named": "cadcam.files.sensor",
     "side_by_side": "cadcam.render.overlay",
+    "solve_optics": "cadcam.camera.optics",
     "standard_view": "cadcam.render.standard_view",
     "track": "cadcam.locate.track",
     "track_to": "cadcam.locate.track_log",
     "trend": "cadcam.record.trend",
     "uv_from_pixel_matrix": "cadcam.camera.extended_pinhole",
+    "verify_part": "cadcam.verify.judge:verify",
     "viewer_parameters": "cadcam.files.foreign.viewers",
     "visible_wireframe": "cadcam.render.visible",
+    "whole_parts": "cadcam.verify.tolerance",
     "write_camera": "cadcam.files.camera",
     "write_cameras": "cadcam.files.foreign.registry",
     "write_exr": "cadcam.image.exr",
@@ -267,10 +324,13 @@ _HOME = {
     "write_overlay_svg": "cadcam.render.overlay",
     "write_part_pose": "cadcam.files.pose_estimate",
     "write_picture": "cadcam.image.picture",
+    "write_plate": "cadcam.station.document",
     "write_points": "cadcam.files.points",
     "write_poses": "cadcam.files.poses",
     "write_records": "cadcam.record.export",
     "write_rig": "cadcam.files.rig",
+    "write_sensor": "cadcam.files.sensor",
+    "write_station": "cadcam.station.document",
 }
 __all__ = ["__version__", *_HOME]
 

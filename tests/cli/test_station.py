@@ -207,6 +207,12 @@ CASES = {
     "a distance without a drawing": ((*MEASURE, *BOTH, "--distance", "A,B"), None, "--distance"),
     "an unknown reference": (("station", "map", "station_6.json", "--reference", "x"), None, "unknown position 'x'"),
     "too few marks to simulate": (("station", "simulate", "--marks", "1"), None, "--marks is 1"),
+    "a sensor without a picture": (("station", "simulate", "--sensor", "phone"), None, "--sensor"),
+    "an unknown sensor": (
+        ("station", "simulate", "x", "--pictures", "--sensor", "fone"),
+        None,
+        "did you mean 'phone'?",
+    ),
 }
 
 

@@ -9,6 +9,9 @@ import pytest
 
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, DegenerateGeometry, NoOrder, TooFewMarks
+from cadcam.image.sensor.light import PixelAspect
+from cadcam.image.sensor.presets import PRESETS, preset
+from cadcam.image.sensor.sensor import Sensor
 from cadcam.station.hall import Visit, make_hall
 from cadcam.station.hall_picture import hall_picture
 from cadcam.station.marks import MarkLook, find_mark, find_plate
@@ -74,6 +77,19 @@ def test_an_empty_picture_has_no_marks(small):
         find_plate(empty, small.plate, LOOK)
     with pytest.raises(TooFewMarks, match="none was found of 1"):
         find_mark(empty, LOOK)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_marks_are_found_through_every_sensor(small, marks, name):
+    """0.05 px: a gamma moves the two borders of a ring apart, and its centre only by what tilt and noise make of it."""
+    seen = hall_picture(replace(small, sensor=preset(name)), "6", AT, marks, Visit(), np.random.default_rng(1))
+    found = find_plate(seen, small.plate, LOOK)
+    assert np.abs(found.q - small.project("6", AT, marks, Visit())).max() < 0.05
+
+
+def test_a_sensor_that_changes_the_pictures_size_is_refused():
+    with pytest.raises(BadValue, match="pixel_aspect of the hall's sensor"):
+        make_hall(np.random.default_rng(0), sensor=Sensor(pixel_aspect=PixelAspect(1.1)))
 
 
 def test_three_marks_are_too_few(small, marks):

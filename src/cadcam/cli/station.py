@@ -169,6 +169,7 @@ def _simulate(todo: Verbs) -> argparse.ArgumentParser:
     )
     parser.add_argument("--marks", type=int, default=40, metavar="N", help="marks of a day's work (default 40)")
     parser.add_argument("--pictures", action="store_true", help="render pictures and find the marks in them (slow)")
+    parser.add_argument("--sensor", metavar="PROFILE", help="of those pictures: a file or a preset (`cadcam sensor`)")
     parser.add_argument("--seed", type=int, default=1, help="of the simulation's chance (default 1)")
     _rule_only(parser)
     return parser

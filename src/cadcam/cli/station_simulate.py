@@ -20,14 +20,18 @@ def simulate(arguments: argparse.Namespace) -> None:
     """Make the hall, calibrate it, measure in it, say how well; write its files."""
     import numpy as np
 
+    from cadcam.files.sensor import sensor_named
     from cadcam.station.document import write_plate, write_station
-    from cadcam.station.hall import make_hall
+    from cadcam.station.hall import SENSOR, make_hall
     from cadcam.station.simulate import calibrate_robot, day, distances, write_day, write_inputs
 
     if arguments.marks < 4:
         raise BadValue("--marks", arguments.marks, "4 or more")
     if arguments.pictures and not arguments.folder:
         raise BadValue("--pictures", "given without a folder", "a folder to write them to")
+    if arguments.sensor and not arguments.pictures:
+        raise BadValue("--sensor", "given without --pictures", "both: only a picture goes through a sensor")
+    sensor = sensor_named(arguments.sensor) if arguments.sensor else SENSOR
     folder = _folder(arguments.folder)
     rng = np.random.default_rng(arguments.seed)
     hall = make_hall(
@@ -36,6 +40,7 @@ def simulate(arguments: argparse.Namespace) -> None:
         deflection_mm=arguments.deflection,
         survey_mm=arguments.survey_sigma,
         noise_px=arguments.noise,
+        sensor=sensor,
     )
     with working("calibrating the hall"):
         found = {

@@ -16,13 +16,18 @@ import numpy as np
 from cadcam.arrays import Array, Floats, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.plane_camera import PlaneCamera
-from cadcam.errors import UnknownName
+from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
+from cadcam.image.sensor.charge import Noise
+from cadcam.image.sensor.sensor import Sensor
+from cadcam.image.sensor.video import Gamma, Quantisation
 from cadcam.station.plate import Plate, turn
 
 ROBOTS = {"1": (19000.0, 27500.0, 12800.0, 22300.0), "6": (4500.0, 13000.0, 12800.0, 22300.0)}
 ROBOTS |= {"7": (19000.0, 27500.0, 1600.0, 11100.0), "12": (4500.0, 13000.0, 1600.0, 11100.0)}
+SENSOR = Sensor(name="hall", noise=Noise(10_000.0, 60.0), gamma=Gamma(1 / 2.2), quantisation=Quantisation(8))
+"""The camera of the hall unless told otherwise: 40 dB at white, bent for the eye."""
 _WAVES = 4
 _DOWN = np.diag([-1.0, 1.0, -1.0])  # camera axes in the world: x to -x, y to +y, z down, as in Prog 4
 
@@ -115,7 +120,8 @@ class Hall:
     """Gantries, the camera that each of them carries, the plate as drawn and as made, and how good everything is.
 
     survey_mm: noise of one surveyed coordinate; backlash_mm: width of the play that a visit ends in, each axis;
-    vibration_mm: standard deviation of the view while a picture is taken; noise_px: of one pixel coordinate of a mark.
+    vibration_mm: standard deviation of the view while a picture is taken; noise_px: of one pixel coordinate of a mark,
+    where no picture is made of it; sensor: what makes a picture of the light where one is.
     """
 
     gantries: dict[str, Gantry]
@@ -126,6 +132,7 @@ class Hall:
     backlash_mm: float
     vibration_mm: float
     noise_px: float
+    sensor: Sensor = SENSOR
 
     def gantry(self, name: str) -> Gantry:
         """Return a gantry by its name. Raises `UnknownName`."""
@@ -191,16 +198,20 @@ def make_hall(
     vibration_mm: float = 0.1,
     noise_px: float = 0.03,
     camera: Camera | None = None,
+    sensor: Sensor = SENSOR,
 ) -> Hall:
     """Return a hall as B4 was: 768 x 576 pixels of about 1.3 x 1.2 mm, four robots on 8.5 x 9.5 m each.
 
-    deflection_mm: how far the views' deviations differ between a gantry's worst two places.
+    deflection_mm: how far the views' deviations differ between a gantry's worst two places. sensor: of its cameras.
+    Raises `UnknownName`, and `BadValue` for a sensor that would change the pictures' size.
     """
     for name in robots:
         if name not in ROBOTS:
             raise UnknownName("robot", name, ROBOTS)
+    if sensor.pixel_aspect is not None:
+        raise BadValue("pixel_aspect of the hall's sensor", "given", "none: the camera's fx and fy hold it already")
     plate = Plate.b4(sigma_mm=plate_mm)
     made = plate.points + plate_mm * rng.normal(size=plate.points.shape)
     gantries = {name: gantry(name, area=ROBOTS[name], deflection_mm=deflection_mm, rng=rng) for name in robots}
     lens = camera or Camera.from_focal((768, 576), 4650.0, fy=5070.0)
-    return Hall(gantries, lens, plate, made, survey_mm, backlash_mm, vibration_mm, noise_px)
+    return Hall(gantries, lens, plate, made, survey_mm, backlash_mm, vibration_mm, noise_px, sensor)

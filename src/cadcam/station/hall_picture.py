@@ -1,4 +1,4 @@
-"""Pictures of a simulated hall: the marks as the camera sees them, through gamma, noise and 8 bits."""
+"""Pictures of a simulated hall: the marks as the hall's camera sees them, through its lens and its sensor."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cadcam.station.hall import Hall, Visit
 from cadcam.target.ideal import marks_picture
 from cadcam.target.mark import parse_mark
 
-GAMMA, BLUR_PX, NOISE = 1 / 2.2, 0.7, 0.01
+_LENS_PX = 0.7  # standard deviation of the lens' blur
 _FLOOR, _PAPER, _INK = 0.35, 0.6, 0.05  # of the light that the sensor takes before it is white
 _FACE_UP = np.diag([1.0, -1.0, -1.0])  # a print's axes in the world: y down the print, z into the floor
 
@@ -35,10 +35,9 @@ def hall_picture(
         ink=_INK,
         background=ground,
         margin_mm=margin,
-        blur_px=BLUR_PX,
+        blur_px=_LENS_PX,
     )
-    seen = np.clip(light, 0.0, 1.0) ** GAMMA + NOISE * rng.normal(size=light.shape)
-    return np.asarray(np.clip(seen, 0.0, 1.0), dtype=np.float32)
+    return hall.sensor.apply(light, rng=rng)
 
 
 def write_hall_picture(
