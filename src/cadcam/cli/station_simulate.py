@@ -10,7 +10,11 @@ from cadcam.cli.output import print_json, print_tables, say, working
 from cadcam.errors import BadValue, UnwritableFile
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from cadcam.report.table import Table
+    from cadcam.station.gantry import GantryCalibration
+    from cadcam.station.hall import Hall
     from cadcam.station.simulate import Calibrated, Coverage
 
 _LONGEST = 30_000.0
@@ -20,28 +24,12 @@ def simulate(arguments: argparse.Namespace) -> None:
     """Make the hall, calibrate it, measure in it, say how well; write its files."""
     import numpy as np
 
-    from cadcam.files.sensor import sensor_named
-    from cadcam.station.document import write_plate, write_station
-    from cadcam.station.hall import SENSOR, make_hall
-    from cadcam.station.simulate import calibrate_robot, day, distances, write_day, write_inputs
+    from cadcam.station.simulate import calibrate_robot, day, distances, write_day
 
-    if arguments.marks < 4:
-        raise BadValue("--marks", arguments.marks, "4 or more")
-    if arguments.pictures and not arguments.folder:
-        raise BadValue("--pictures", "given without a folder", "a folder to write them to")
-    if arguments.sensor and not arguments.pictures:
-        raise BadValue("--sensor", "given without --pictures", "both: only a picture goes through a sensor")
-    sensor = sensor_named(arguments.sensor) if arguments.sensor else SENSOR
-    folder = _folder(arguments.folder)
+    _refuse(arguments)
     rng = np.random.default_rng(arguments.seed)
-    hall = make_hall(
-        rng,
-        robots=arguments.robots,
-        deflection_mm=arguments.deflection,
-        survey_mm=arguments.survey_sigma,
-        noise_px=arguments.noise,
-        sensor=sensor,
-    )
+    hall = _hall(arguments, rng)
+    folder = _folder(arguments.folder)
     with working("calibrating the hall"):
         found = {
             name: calibrate_robot(hall, name, rng, pictures=folder if arguments.pictures else None)
@@ -51,10 +39,7 @@ def simulate(arguments: argparse.Namespace) -> None:
         work = day(hall, rng, marks=arguments.marks)
         cover = distances(stations, work, rule=arguments.rule, longest_mm=_LONGEST)
     if folder is not None:
-        write_plate(folder / "plate.json", hall.plate)
-        for name, station in stations.items():
-            write_station(folder / f"station_{name}.json", station)
-            write_inputs(folder, station)
+        _write(folder, hall, stations)
         write_day(folder, hall, work, rng, pictures=arguments.pictures)
     if arguments.json:
         print_json(_as_json(found, cover))
@@ -62,6 +47,39 @@ def simulate(arguments: argparse.Namespace) -> None:
         print_tables([_map_table(found), _cover_table(cover)])
     if folder is not None:
         say(f"wrote plate, surveys, pixels, stations and a day's marks into {folder}")
+
+
+def _refuse(arguments: argparse.Namespace) -> None:
+    if arguments.marks < 4:
+        raise BadValue("--marks", arguments.marks, "4 or more")
+    if arguments.pictures and not arguments.folder:
+        raise BadValue("--pictures", "given without a folder", "a folder to write them to")
+    if arguments.sensor and not arguments.pictures:
+        raise BadValue("--sensor", "given without --pictures", "both: only a picture goes through a sensor")
+
+
+def _hall(arguments: argparse.Namespace, rng: np.random.Generator) -> Hall:
+    from cadcam.files.sensor import sensor_named
+    from cadcam.station.hall import SENSOR, make_hall
+
+    return make_hall(
+        rng,
+        robots=arguments.robots,
+        deflection_mm=arguments.deflection,
+        survey_mm=arguments.survey_sigma,
+        noise_px=arguments.noise,
+        sensor=sensor_named(arguments.sensor) if arguments.sensor else SENSOR,
+    )
+
+
+def _write(folder: Path, hall: Hall, stations: dict[str, GantryCalibration]) -> None:
+    from cadcam.station.document import write_plate, write_station
+    from cadcam.station.simulate import write_inputs
+
+    write_plate(folder / "plate.json", hall.plate)
+    for name, station in stations.items():
+        write_station(folder / f"station_{name}.json", station)
+        write_inputs(folder, station)
 
 
 def _folder(name: str | None) -> Path | None:
