@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from cadcam.camera.camera import Camera
+from cadcam.camera.lens import Ideal
 from cadcam.errors import BadValue
 
 from .cameras import CAMERAS
@@ -40,6 +43,15 @@ def test_resize_keeps_the_pictures_corners(camera: Camera) -> None:
     p = np.array([[10.0, -20.0, 400.0], [-31.0, 5.0, 300.0]])
     expected = (camera.project(p) + 0.5) * [0.5, 0.25] - 0.5
     assert np.allclose(small.project(p), expected, rtol=0, atol=1e-9)
+
+
+@every_camera
+def test_undistorted_pixels_are_those_of_the_camera_without_its_lens(camera: Camera) -> None:
+    """Points near the axis, which every lens sees; 1e-9 px: the lens' inverse is iterated."""
+    p = np.array([[10.0, -20.0, 400.0], [-31.0, 5.0, 300.0]])
+    q = camera.project(p)
+    assert np.allclose(camera.undistorted(q), replace(camera, lens=Ideal()).project(p), rtol=0, atol=1e-9)
+    assert np.allclose(camera.distorted(camera.undistorted(q)), q, rtol=0, atol=1e-9)
 
 
 def test_what_is_not_a_camera_is_refused() -> None:

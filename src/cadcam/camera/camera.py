@@ -117,6 +117,16 @@ class Camera:
         y = centred[..., 1] / self.fy
         return np.stack([(centred[..., 0] - self.skew * y) / self.fx, y], axis=-1)
 
+    def undistorted(self, q: Floats) -> Array:
+        """Return where a camera of this K without distortion sees what pixels q (..., 2) show; NaN where none does."""
+        d = self.unproject(q)
+        return self.pixel_of(d[..., :2] / np.where(d[..., 2:] > 0, d[..., 2:], np.nan))
+
+    def distorted(self, q: Floats) -> Array:
+        """Return the pixels of what a camera of this K without distortion sees at q (..., 2): `undistorted` undone."""
+        m = self.normalised(q)
+        return self.project(np.concatenate([m, np.ones((*m.shape[:-1], 1))], axis=-1))
+
     def sees(self, q: Floats) -> Mask:
         """Return which pixels q (..., 2) lie in the picture, [-1/2, W - 1/2] x [-1/2, H - 1/2]."""
         q = np.asarray(q, dtype=np.float64)

@@ -88,6 +88,9 @@ def _calibrate(todo: Verbs) -> argparse.ArgumentParser:
         "--repeatability", metavar="MM[,MM]", help="standard deviation of the view from visit to visit, x and y"
     )
     parser.add_argument(
+        "--lens", metavar="FILE", help="camera file: its lens distortion is taken off all pixels (default: none)"
+    )
+    parser.add_argument(
         "--limit", type=float, default=2.0, metavar="PX", help="largest residual of a plate (default 2)"
     )
     parser.add_argument("-o", "--output", metavar="FILE", help="station file to write (.json)")

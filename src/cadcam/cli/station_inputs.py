@@ -135,7 +135,7 @@ def _in_picture(arguments: argparse.Namespace, picture: str, shot: Shot, station
         look = look_of(arguments, plate, station.radius_px(parse_mark(arguments.mark or plate.mark).radius))
     gray, _ = gray_picture(picture)
     try:
-        q, covariance = find_mark(gray, look)
+        q, covariance = find_mark(gray, look, lens=station.lens)
     except BadValue as error:
         raise UnreadableFile(picture, str(error)) from error
     name = Path(picture).stem

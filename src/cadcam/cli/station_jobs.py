@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cadcam.arrays import Array
+    from cadcam.camera.camera import Camera
     from cadcam.camera.measurement import Measurement
     from cadcam.files.pixels import Pixels
     from cadcam.files.shot import Shot
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 def calibrate(arguments: argparse.Namespace) -> None:
     """Calibrate all positions of a camera; print, write."""
+    from cadcam.files.camera import read_camera
     from cadcam.report.station import calibration_tables, map_tables
     from cadcam.station.document import read_plate, station_as_json, write_station
     from cadcam.station.gantry import calibrate_gantry
@@ -36,8 +38,9 @@ def calibrate(arguments: argparse.Namespace) -> None:
     survey, given = read_survey(arguments.survey, plate), source(arguments)
     shots = {picture: given.shot(picture) for picture in given.pictures}
     camera = _one_camera(arguments.camera, shots)
+    lens = read_camera(arguments.lens).camera if arguments.lens else None
     positions = []
-    find = _Finder(arguments, given, plate)
+    find = _Finder(arguments, given, plate, lens)
     with progress("finding the plate", len(shots)) as step:
         for picture, shot in shots.items():
             positions.append(_position(arguments, find, survey, picture, shot))
@@ -176,8 +179,8 @@ def _one_camera(given: str, shots: Mapping[str, Shot]) -> str:
 class _Finder:
     """Finds the plate in one picture after the other: how large its marks are, the first one tells the others."""
 
-    def __init__(self, arguments: argparse.Namespace, given: Source, plate: Plate) -> None:
-        self.plate, self._given, self._arguments = plate, given, arguments
+    def __init__(self, arguments: argparse.Namespace, given: Source, plate: Plate, lens: Camera | None) -> None:
+        self.plate, self.lens, self._given, self._arguments = plate, lens, given, arguments
         self._radius: float | None = None
 
     def __call__(self, picture: str) -> tuple[Array, float | None, str]:
@@ -187,7 +190,7 @@ class _Finder:
         from cadcam.station.marks import find_plate
 
         gray, sha256 = gray_picture(picture)
-        found = find_plate(gray, self.plate, look_of(self._arguments, self.plate, self._radius))
+        found = find_plate(gray, self.plate, look_of(self._arguments, self.plate, self._radius), lens=self.lens)
         self._radius = found.radius_px
         return found.q, self._arguments.sigma or found.sigma_px, sha256
 
@@ -217,7 +220,8 @@ def _position(
     try:
         q, sigma, sha256 = find(picture)
         placement = place_plate(find.plate, survey[name], sigma_mm=arguments.survey_sigma)
-        one = calibrate_position(name, (shot.x, shot.y), q, placement, sigma_px=sigma, source=picture, sha256=sha256)
+        at = (shot.x, shot.y)
+        one = calibrate_position(name, at, q, placement, sigma_px=sigma, lens=find.lens, source=picture, sha256=sha256)
         refuse_misfit(one, limit_px=arguments.limit)
     except UnreadableFile:
         raise

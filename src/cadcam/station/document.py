@@ -14,7 +14,9 @@ import numpy as np
 
 from cadcam import __version__
 from cadcam.arrays import Array
+from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, UnreadableFile
+from cadcam.files.camera import bare_camera_as_json, camera_at
 from cadcam.files.jsontext import Place, as_json, parsed
 from cadcam.files.text import read_text
 from cadcam.station.gantry import GantryCalibration, Repeatability, Sighting, calibrate_gantry
@@ -39,7 +41,8 @@ def read_station(path: str | os.PathLike[str]) -> GantryCalibration:
     if place.object.get("version") != VERSION:
         raise place.error(f"has version {place.object.get('version')}", f"this cadcam reads version {VERSION}")
     plate = read_plate_in(place.at("plate"))
-    positions = [_position(one, plate) for one in _items(place.at("positions"))]
+    lens = camera_at(place.at("lens")) if "lens" in place.object else None
+    positions = [_position(one, plate, lens) for one in _items(place.at("positions"))]
     station = place.build(
         lambda: calibrate_gantry(place.at("camera").text(), positions, repeatability=_again(place.at("repeatability")))
     )
@@ -105,6 +108,7 @@ def station_as_json(station: GantryCalibration) -> dict[str, Any]:
         "plate": plate_as_json(station.positions[0].placement.plate),
         "repeatability": {"covariance_mm2": again.covariance.tolist()}
         | ({"dof": again.dof} if np.isfinite(again.dof) else {}),
+        **({} if station.lens is None else {"lens": bare_camera_as_json(station.lens)}),
         "positions": [_position_as_json(one) for one in station.positions],
     }
     if (mark := station.recalibration) is not None:
@@ -117,7 +121,7 @@ def station_as_json(station: GantryCalibration) -> dict[str, Any]:
 
 def _position_as_json(one: PlaneCalibration) -> dict[str, Any]:
     fit, placement = one.estimate, one.placement
-    seen = {n: q.tolist() for n, q in zip(fit.observations.names, fit.observations.q, strict=True)}
+    seen = {n: q.tolist() for n, q in zip(fit.observations.names, one.pixels, strict=True)}
     names = placement.plate.reflector_names
     survey: dict[str, Any] = {n: p.tolist() for n, p in zip(names, placement.surveyed, strict=True)}
     return {
@@ -132,7 +136,7 @@ def _position_as_json(one: PlaneCalibration) -> dict[str, Any]:
     }
 
 
-def _position(place: Place, plate: Plate) -> PlaneCalibration:
+def _position(place: Place, plate: Plate, lens: Camera | None) -> PlaneCalibration:
     name, at = place.at("name").text(), place.at("position_mm").array((2,))
     placement = place.build(lambda: _placement(place, plate))
     seen = place.at("pixels_px")
@@ -143,7 +147,9 @@ def _position(place: Place, plate: Plate) -> PlaneCalibration:
         q[plate.mark_names.index(mark)] = seen.at(mark).array((2,))
     sigma = place.at("sigma_px").number() if "sigma_px" in place.object else None
     source, sha256 = place.at("source").text(), place.at("sha256").text()
-    return place.build(lambda: calibrate_position(name, at, q, placement, sigma_px=sigma, source=source, sha256=sha256))
+    return place.build(
+        lambda: calibrate_position(name, at, q, placement, sigma_px=sigma, lens=lens, source=source, sha256=sha256)
+    )
 
 
 def _placement(place: Place, plate: Plate) -> Placement:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cadcam.arrays import Array, Floats, frozen
+from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, TooFewPoints
 from cadcam.station.cross import DeviationMap, deviation_map, view_covariance
 from cadcam.station.field import DeviationField, fit_field
@@ -98,6 +99,11 @@ class GantryCalibration:
         return np.stack([one.position for one in self.positions])
 
     @property
+    def lens(self) -> Camera | None:
+        """Return the camera whose distortion is taken off all pixels, None for none."""
+        return self.positions[0].lens
+
+    @property
     def sigma_px(self) -> float:
         """Return the noise of one pixel coordinate by all calibrations together, inf where none tells it."""
         told = [one.estimate for one in self.positions if np.isfinite(one.estimate.noise_px)]
@@ -136,6 +142,8 @@ def calibrate_gantry(
                 raise BadValue(f"position of {one.name}", one.position.tolist(), f"another than that of {other.name}")
         if one.placement.plate is not positions[0].placement.plate:
             raise BadValue(f"plate of {one.name}", "another one", f"the plate of {positions[0].name}, at all positions")
+        if one.lens is not positions[0].lens:
+            raise BadValue(f"lens of {one.name}", "another one", f"the lens of {positions[0].name}, at all positions")
     deviations = deviation_map(positions).deviation if len(positions) > 1 else np.zeros((1, 2))
     return GantryCalibration(camera, tuple(positions), again, fit_field(grid, deviations, _noise(positions, again)))
 

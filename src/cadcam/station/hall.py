@@ -9,12 +9,13 @@ Source: "Industrial Vision" (1997), sections 6.4.2 to 6.4.3.2.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from cadcam.arrays import Array, Floats, frozen
 from cadcam.camera.camera import Camera
+from cadcam.camera.lens import Ideal
 from cadcam.camera.plane_camera import PlaneCamera
 from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry import rotation as so3
@@ -160,7 +161,7 @@ class Hall:
         """Return where the view's middle on the floor really is, less where it should be, (2,) mm."""
         there = self.gantry(name).camera_from_world(position, visit)
         middle = np.array([[(self.camera.width - 1) / 2, (self.camera.height - 1) / 2]])
-        seen = PlaneCamera.of(self.camera, there).unproject(middle)[0]
+        seen = PlaneCamera.of(replace(self.camera, lens=Ideal()), there).unproject(self.camera.undistorted(middle))[0]
         return np.asarray(seen - self.view_centre(name, position))
 
     def project(self, name: str, position: Floats, p: Floats, visit: Visit) -> Array:

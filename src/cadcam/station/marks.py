@@ -16,6 +16,7 @@ from cadcam.errors import BadValue, DegenerateGeometry, TooFewMarks
 from cadcam.station.plate import Plate
 
 if TYPE_CHECKING:
+    from cadcam.camera.camera import Camera
     from cadcam.target.find import FoundMark
     from cadcam.target.mark import Mark
 
@@ -57,21 +58,22 @@ class MarkLook:
     radius_px: float | tuple[float, float] | None = None
 
 
-def find_plate(gray: Picture, plate: Plate, look: MarkLook) -> PlatePicture:
-    """Return where a picture (H, W) shows the plate's marks.
+def find_plate(gray: Picture, plate: Plate, look: MarkLook, *, lens: Camera | None = None) -> PlatePicture:
+    """Return where a picture (H, W) shows the plate's marks. lens: what bends them and their pattern.
 
     Raises `TooFewMarks` below four, `NoOrder` where what is found is not this plate, `DegenerateGeometry` for two
     plates in view or an order that cannot be told, `BadValue` for marks that are burnt out.
     """
     from cadcam.target.order import order_marks
 
-    found = _found(gray, look)
+    found = _found(gray, look, lens)
     if len(found) < _FEWEST:
         raise TooFewMarks(str(look.mark), len(found), len(plate.marks))
     _refuse_saturated(found)
     q = np.stack([one.pixel for one in found])
-    order = order_marks(q, plate.marks, side="mirrored", sigma_px=_ORDER_PX)
-    orders = [one for one in (order.plan_index, *order.alternatives) if _long_by_wide(plate, q, one) < _LONGEST]
+    straight = q if lens is None else lens.undistorted(q)
+    order = order_marks(straight, plate.marks, side="mirrored", sigma_px=_ORDER_PX)
+    orders = [one for one in (order.plan_index, *order.alternatives) if _long_by_wide(plate, straight, one) < _LONGEST]
     index = orders[0] if orders else order.plan_index
     left = index < 0
     if left.sum() >= max(_FEWEST, _TWO_PLATES * len(plate.marks)):
@@ -101,12 +103,12 @@ def _long_by_wide(plate: Plate, q: Array, index: Ids) -> float:
     return float(s[0] / s[1]) if s[1] > 0 else np.inf
 
 
-def find_mark(gray: Picture, look: MarkLook) -> tuple[Array, Array]:
-    """Return pixel (2,) and covariance (2, 2) px^2 of the one mark in a picture (H, W).
+def find_mark(gray: Picture, look: MarkLook, *, lens: Camera | None = None) -> tuple[Array, Array]:
+    """Return pixel (2,) and covariance (2, 2) px^2 of the one mark in a picture (H, W). lens: what bends the mark.
 
     Raises `TooFewMarks` for none, `BadValue` for several, or one that is burnt out.
     """
-    found = _found(gray, look)
+    found = _found(gray, look, lens)
     if not found:
         raise TooFewMarks(str(look.mark), 0, 1)
     if len(found) > 1:
@@ -116,7 +118,7 @@ def find_mark(gray: Picture, look: MarkLook) -> tuple[Array, Array]:
     return found[0].pixel, found[0].covariance
 
 
-def _found(gray: Picture, look: MarkLook) -> list[FoundMark]:
+def _found(gray: Picture, look: MarkLook, lens: Camera | None) -> list[FoundMark]:
     from dataclasses import replace
 
     from cadcam.target.find import find_marks
@@ -124,10 +126,12 @@ def _found(gray: Picture, look: MarkLook) -> list[FoundMark]:
     radius = look.radius_px
     by = 1 if radius is None else max(1, int(np.min(radius) / _ENOUGH))
     if by == 1:
-        return find_marks(gray, look.mark, radius_px=radius)
+        return find_marks(gray, look.mark, radius_px=radius, camera=lens)
     small = tuple(float(r) / by for r in np.atleast_1d(np.asarray(radius)))
     sought = small[0] if len(small) == 1 else (small[0], small[1])
-    found = find_marks(_reduced(gray, by), look.mark, radius_px=sought)
+    reduced = _reduced(gray, by)
+    camera = None if lens is None else _camera_of(reduced, lens, by)
+    found = find_marks(reduced, look.mark, radius_px=sought, camera=camera)
     return [
         replace(
             f,
@@ -151,6 +155,12 @@ def _reduced(gray: Picture, by: int) -> Picture:
         for dx in range(by):
             out += gray[dy : height * by : by, dx : width * by : by]
     return np.asarray(out / np.float32(by * by))
+
+
+def _camera_of(reduced: Picture, camera: Camera, by: int) -> Camera:
+    """Return the camera of a reduced picture: what does not fill a whole pixel of it is cut off."""
+    height, width = reduced.shape
+    return camera.crop(0, 0, (width * by, height * by)).resize((width, height))
 
 
 def _refuse_saturated(found: list[FoundMark]) -> None:

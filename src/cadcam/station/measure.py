@@ -75,7 +75,7 @@ def estimates(
     W = _weights(station, [sighting], _Choice(rule, extrapolate, NEAR_MM))[:, 0]
     order = np.argsort(-np.abs(W).sum(axis=0))
     return tuple(
-        Estimate(one.name, one.position, one.predict(sighting.q[None], sighting.position)[0], W[:, i])
+        Estimate(one.name, one.position, one.predict(one.straight(sighting.q[None]), sighting.position)[0], W[:, i])
         for i in order
         for one in (station.positions[i],)
         if np.any(W[:, i] != 0)
@@ -91,7 +91,7 @@ def repeatability(station: GantryCalibration, sightings: Iterable[Sighting]) -> 
     groups: dict[str, list[Array]] = {}
     for s in sightings:
         nearest = station.positions[int(np.argmin(np.linalg.norm(station.grid - s.position, axis=1)))]
-        groups.setdefault(s.name, []).append(nearest.predict(s.q[None], s.position)[0])
+        groups.setdefault(s.name, []).append(nearest.predict(nearest.straight(s.q[None]), s.position)[0])
     visits = [np.stack(points) for points in groups.values()]
     dof = sum(len(points) - 1 for points in visits)
     if dof < 2:
@@ -141,7 +141,7 @@ def _raw(station: GantryCalibration, seen: Sequence[Sighting], choice: _Choice) 
         share = W[:, :, i].T  # (n, 2)
         if not share.any():
             continue
-        p = _relative(one, q, seen)
+        p = _relative(one, one.straight(q), seen)
         back, by_entry = one.by_entries(p)
         points += share * (p + at)
         by_pixel += share[:, :, None] * back

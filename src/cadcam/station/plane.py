@@ -13,6 +13,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Floats, frozen
 from cadcam.calibrate.flat import calibrate_plane
+from cadcam.camera.camera import Camera
 from cadcam.camera.observations import Observations
 from cadcam.camera.plane_camera import PlaneCamera, PlaneEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
@@ -45,7 +46,8 @@ class PlaneCalibration:
     """The calibration at one position (x, y) of the controller, mm.
 
     placement: where the plate lay. estimate: the camera of the plane relative to `position`, with its covariance from
-    the pixels. seen: which of the plate's marks were found. name: of the picture.
+    the pixels, distortion taken off. seen: which of the plate's marks were found. name: of the picture. lens: whose
+    distortion that was; None where a matrix is taken to be all that there is.
     """
 
     name: str
@@ -53,6 +55,7 @@ class PlaneCalibration:
     placement: Placement
     estimate: PlaneEstimate
     seen: tuple[int, ...]
+    lens: Camera | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", frozen(self.position, "calibration position", (2,)))
@@ -79,8 +82,18 @@ class PlaneCalibration:
         """Return what a pixel is worth at the middle of the plate."""
         return local_scale(self.estimate, self.centre)
 
+    @property
+    def pixels(self) -> Array:
+        """Return the pixels (N, 2) of the seen marks, as they were found."""
+        q = self.estimate.observations.q
+        return q if self.lens is None else self.lens.distorted(q)
+
+    def straight(self, q: Floats) -> Array:
+        """Return pixels (N, 2) without the lens' distortion: those that `camera` speaks of."""
+        return np.asarray(q, dtype=np.float64) if self.lens is None else self.lens.undistorted(q)
+
     def predict(self, q: Floats, position: Floats) -> Array:
-        """Return the world points (N, 2) mm that pixels (N, 2) show when the controller says `position` (2,).
+        """Return the world points (N, 2) mm that straight pixels (N, 2) show when the controller says `position` (2,).
 
         The mechanics between the two positions are taken as perfect: p = H^-1 q + position (6.4.3.5, program perspec).
         """
@@ -108,21 +121,26 @@ def calibrate_position(
     placement: Placement,
     *,
     sigma_px: float | None = None,
+    lens: Camera | None = None,
     source: str = "memory",
     sha256: str = "",
 ) -> PlaneCalibration:
     """Return the calibration of a position from the pixels (K, 2) of the plate's marks, in the plate's order.
 
     A mark that was not found has NaN for its pixel; four are needed. sigma_px: noise of one pixel coordinate, by
-    default from the residuals. Raises `TooFewPoints`, `DegenerateGeometry`.
+    default from the residuals. lens: the camera by its own calibration, whose distortion is taken off the pixels (only
+    that: what else is known of it does not enter). Raises `TooFewPoints`, `DegenerateGeometry`.
     """
     at, plate = frozen(position, "calibration position", (2,)), placement.plate
     pixels = frozen(q, "pixels of the marks", (len(plate.marks), 2), finite=False)
     seen = np.isfinite(pixels).all(axis=1)
     p = np.column_stack([placement.marks - at, np.zeros(len(pixels))])
     names = tuple(n for n, s in zip(plate.mark_names, seen, strict=True) if s)
-    observations = Observations(p[seen], pixels[seen], names, sigma_px, source, sha256)
-    return PlaneCalibration(name, at, placement, calibrate_plane(observations), tuple(np.flatnonzero(seen).tolist()))
+    straight = pixels[seen] if lens is None else lens.undistorted(pixels[seen])
+    observations = Observations(p[seen], straight, names, sigma_px, source, sha256)
+    return PlaneCalibration(
+        name, at, placement, calibrate_plane(observations), tuple(np.flatnonzero(seen).tolist()), lens
+    )
 
 
 def refuse_misfit(calibration: PlaneCalibration, *, limit_px: float) -> None:

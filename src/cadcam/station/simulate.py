@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from cadcam.arrays import Array, Floats
+from cadcam.camera.camera import Camera
+from cadcam.camera.lens import Ideal
 from cadcam.files.shot import Shot, write_positions
 from cadcam.image.picture import read_picture, to_gray
 from cadcam.station.gantry import GantryCalibration, Repeatability, Sighting, calibrate_gantry
@@ -88,7 +90,7 @@ def calibrate_robot(
             q, sigma = hall.seen(name, at, marks, visit, rng), hall.noise_px
         else:
             q, sigma = _pictured(pictures / picture, hall, _shot(at, name), marks, visit, rng)
-        positions.append(calibrate_position(picture, at, q, placement, sigma_px=sigma))
+        positions.append(calibrate_position(picture, at, q, placement, sigma_px=sigma, lens=_lens(hall)))
         true.append(hall.deviation(name, at, visit))
     first = calibrate_gantry(name, positions)
     again = repeat_visits(hall, first, rng)
@@ -147,7 +149,7 @@ def write_inputs(folder: Path, station: GantryCalibration) -> None:
     lines = ["name,view,x_px,y_px"]
     for view, one in fits.items():
         seen = one.estimate.observations
-        lines += [f"{n},{view},{x!r},{y!r}" for n, (x, y) in zip(seen.names, seen.q.tolist(), strict=True)]
+        lines += [f"{n},{view},{x!r},{y!r}" for n, (x, y) in zip(seen.names, one.pixels.tolist(), strict=True)]
     write_whole(folder / f"plate_{station.camera}_pixels.csv", ("\n".join(lines) + "\n").encode())
     plate = station.positions[0].placement.plate
     surveyed = {view: one.placement.surveyed for view, one in fits.items()}
@@ -175,8 +177,12 @@ def _pictured(
 ) -> tuple[Array, float]:
     """Return the plate's pixels found in its rendered picture, and their noise."""
     write_hall_picture(path, hall, shot, marks, visit, rng)
-    found = find_plate(to_gray(read_picture(path)), hall.plate, MarkLook(parse_mark(hall.plate.mark)))
+    found = find_plate(to_gray(read_picture(path)), hall.plate, MarkLook(parse_mark(hall.plate.mark)), lens=_lens(hall))
     return found.q, found.sigma_px
+
+
+def _lens(hall: Hall) -> Camera | None:
+    return None if isinstance(hall.camera.lens, Ideal) else hall.camera
 
 
 def _shot(position: Array, camera: str) -> Shot:
