@@ -1,8 +1,9 @@
 """What is asked of features, as quadratic forms of their covariance: the limits in one list, over all poses.
 
-A limit of a position is judged by the worst direction in which the feature can be displaced at all (not along a straight
-edge; not along the normal of a known plane, where its height is given and not measured), or along the direction that it
-names; a limit of an angle by the worst turn of the edge. With U = k sigma, the test uncertainty ratio is limit/U.
+A limit of a position is judged by the worst direction in which the feature can be displaced at all (not along a
+straight edge; not along the normal of a known plane, where its height is given and not measured), or along the
+direction that it names; a limit of an angle by the worst turn of the edge. With U = k sigma, the test uncertainty ratio
+is limit/U.
 """
 
 from __future__ import annotations
@@ -62,10 +63,10 @@ class Asked:
         return np.asarray(self.prior + out / (self.value**2)[:, None, None])
 
     def worst(self, covariance: Array) -> tuple[Array, Array]:
-        """Return the largest sigma (..., L) that is judged, in mm or rad, and its direction (..., L, 3); NaN if none."""
+        """Return the largest sigma (..., L) that is judged, mm or rad, and its direction (..., L, 3); NaN if none."""
         B = self.basis
         inner = np.swapaxes(B, -1, -2) @ covariance @ B
-        known = np.isfinite(inner).all(axis=(-2, -1))
+        known = np.asarray(np.isfinite(inner).all(axis=(-2, -1)))
         w, V = np.linalg.eigh(np.where(known[..., None, None], inner, 0.0))
         sigma = np.where(known, np.sqrt(np.maximum(w[..., -1], 0.0)), np.nan)
         return np.asarray(sigma), np.asarray((B @ V[..., -1:])[..., 0])

@@ -130,7 +130,7 @@ def _shifts(
     poses: Sequence[Rigid],
     asked: Asked,
 ) -> tuple[Array, list[slice]]:
-    """Return how numbers of unit variance shift each limit's picture, E (V, P * L, 2, P'); of slopes, along the edge."""
+    """Return how numbers of unit variance shift each limit's picture, (V, P * L, 2, n); of slopes, by mm of edge."""
     ends = places.ends[asked.feature]
     at_ends = []
     for k in range(2):

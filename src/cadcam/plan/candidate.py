@@ -52,9 +52,8 @@ def candidates(scene: LayoutScene) -> tuple[Candidate, ...]:
     out: list[Candidate] = []
     for mount in scene.mounts:
         homes: dict[str, tuple[ErrorSource, Rigid]] = {}
-        several, i = len(mount.cameras) > 1, 0
-        for eye, aim in zip(mount.eyes, mount.aims, strict=True):
-            i += 1
+        several = len(mount.cameras) > 1
+        for i, (eye, aim) in enumerate(zip(mount.eyes, mount.aims, strict=True), 1):
             for kind in mount.cameras:
                 name = f"{mount.name} {i}" if len(mount.eyes) > 1 else mount.name
                 name += f" ({kind})" if several else ""
@@ -103,7 +102,7 @@ def aimed(eye: Array, aim: Array, up: tuple[float, float, float]) -> Rigid:
 
 
 def _calibration(scene: LayoutScene, kind: CameraType, camera: Camera, pose: Rigid) -> ErrorSource:
-    """Return what a calibration leaves unknown: by the scene's assumptions, internals by the camera's own calibration."""
+    """Return what a calibration leaves unknown: as the scene assumes, internals as the camera's own estimate says."""
     n = 11 + len(camera.lens.parameters)
     covariance = np.zeros((n, n))
     if isinstance(scene.calibration, CalibratedFrom):

@@ -58,8 +58,9 @@ def coverage(layout: Layout) -> Coverage:
     """Return how the chosen cameras cover the part."""
     mesh = divided(layout.survey.scene.part)
     middle, normal = mesh.vertices[mesh.faces].mean(axis=1), mesh.face_normals
-    counts = [sum(_seen(layout, c, i, middle, normal) for c in layout.cameras) for i in range(len(layout.survey.poses))]
-    return Coverage(mesh, np.min(counts, axis=0), mesh.face_areas)
+    poses = range(len(layout.survey.poses))
+    counts = [np.sum([_seen(layout, c, i, middle, normal) for c in layout.cameras], axis=0) for i in poses]
+    return Coverage(mesh, np.min(np.stack(counts), axis=0), mesh.face_areas)
 
 
 def _seen(layout: Layout, candidate: Candidate, pose: int, p: Array, normal: Array) -> Longs:
@@ -99,7 +100,7 @@ def divided(mesh: Mesh) -> Mesh:
     points, face = np.concatenate(done), np.concatenate(owners)
     return Mesh(
         points.reshape(-1, 3),
-        np.arange(3 * len(points)).reshape(-1, 3),
+        np.arange(3 * len(points), dtype=np.int32).reshape(-1, 3),
         mesh.part[face],
         mesh.surface[face],
         mesh.part_names,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Mask
 from cadcam.errors import BadValue, UnseenFeatures
 from cadcam.geometry.rigid import Rigid
 from cadcam.plan.ask import Asked, asked_of
@@ -185,7 +185,7 @@ def _role(seen: Survey, chosen: Sequence[int], i: int) -> Role:
     )
 
 
-def _measured(seen: Survey, chosen: Sequence[int], poses: int) -> Array:
+def _measured(seen: Survey, chosen: Sequence[int], poses: int) -> Mask:
     return np.asarray((as_targets(seen.problem.ratios(chosen), poses) > MEASURED).all(axis=0))
 
 
@@ -228,7 +228,7 @@ def _refuse_unseen(scene: LayoutScene, looks: Sequence[Look]) -> None:
     names = tuple(scene.features[i].name for i in np.flatnonzero(~seen))
     shown = "; ".join(lines[:5]) + (f"; and {len(lines) - 5} more" if len(lines) > 5 else "")
     raise UnseenFeatures(
-        f"no candidate sees {len(lines)} of {len(seen)} features: {shown}; check place and normal of each, or add mounts",
+        f"no candidate sees {len(lines)} of {len(seen)} features: {shown}; check their places and normals, or add mounts",
         names,
     )
 

@@ -59,8 +59,8 @@ class Look:
 
     why (P, F) codes of `Why`; mm_per_px, incidence (rad; NaN without a normal), blur_px (diameter of a point's disc),
     distance (mm), sigma_px (of the measured place in the picture, its worst direction), each (P, F). evidence: of the
-    features' displacements in part axes, (P, F); turns: of straight edges' slopes, (P, F). shift, bend (P, F, 2, 2): the
-    covariance of the picture's shift there by the camera's own errors, px^2, and of its change along an edge, (px/mm)^2.
+    features' displacements in part axes, (P, F); turns: of straight edges' slopes, (P, F). shift, bend (P, F, 2, 2):
+    covariance of the picture's shift there by the camera's own errors, px^2, and of its change along an edge, px^2/mm^2.
     """
 
     why: Codes
@@ -188,7 +188,7 @@ class _View:
 
 @dataclass(slots=True, eq=False)
 class _Share:
-    """Which places are in sight and in the picture (P, S); by feature the share in sight, and whether all are inside."""
+    """Which places are in sight and in the picture (P, S); by feature the shares (P, F) in sight and in the picture."""
 
     visible: Mask
     seen: Array

@@ -12,9 +12,9 @@ _MOST = 5000
 
 
 def in_box(box: Array, count: int) -> Array:
-    """Return about `count` places (n, 3) on a grid in a box (2, 3), corners included; its sides may be 0 (a line, a wall).
+    """Return at most `count` places (n, 3) on a grid in a box (2, 3), corners included.
 
-    The spacing is about the same along all sides.
+    Sides may be 0: a wall, a line. The spacing is about the same along all sides.
     """
     _check(count)
     size = box[1] - box[0]

@@ -1,4 +1,4 @@
-"""Two scenes to start from: the ship block under four fixed cameras at 6 m; one camera that a robot carries round it."""
+"""Two scenes to start from: the ship block under four fixed cameras at 6 m; one camera that a robot carries."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ features:                # limits as in the tolerance file of `cadcam verify`
   tank top fore: {circle_mm: [2650, 150, 12], normal: [0, 0, 1], diameter_mm: 40, position_mm: 1.2}
   shell aft: {circle_mm: [600, 2200, 2000], normal: [0, 0, 1], diameter_mm: 40, position_mm: 1.2}
   shell fore: {circle_mm: [3400, 2200, 2000], normal: [0, 0, 1], diameter_mm: 40, position_mm: 1.2}
-  height of the shell: {circle_mm: [2000, 1800, 2000], normal: [0, 0, 1], diameter_mm: 40, position_mm: 1, direction: [0, 0, 1]}
+  height of the shell: {circle_mm: [2000, 1800, 2000], normal: [0, 0, 1], diameter_mm: 40, position_mm: 1,
+                        direction: [0, 0, 1]}
   edge of the tank top: {edge_mm: [[200, 0, 12], [3800, 0, 12]], position_mm: 1.2, angle_deg: 0.05}
   edge of the shell: {edge_mm: [[200, 1493, 2000], [3800, 1493, 2000]], position_mm: 1.2, angle_deg: 0.05}
 """

@@ -146,9 +146,10 @@ class Seeing:
 class LayoutScene:
     """All that a layout is planned from; poses are world_from_part by name, obstacles a mesh in the world, or None.
 
-    calibration: of every camera's place and internals, as sigmas or by what they are calibrated from; motion: of a camera that is moved, at each place; placement: of
-    the part in its pose, which counts for features on known planes, seen by one camera.
-    tur: the test uncertainty ratio limit/U that every limit should reach. sources: (role, path, sha256) of files.
+    calibration: of every camera's place and internals, as sigmas or by what they are calibrated from; motion: of a
+    camera that is moved, at each place; placement: of the part in its pose, which counts for features on known planes,
+    seen by one camera. tur: the test uncertainty ratio limit/U that every limit should reach. choose: how many cameras
+    to choose beside the fixed ones. sources: (role, path, sha256) of files.
     """
 
     part: Mesh

@@ -36,6 +36,7 @@ import os
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -56,8 +57,8 @@ from cadcam.verify.tolerance import Limit, Quantity, Rule, Selection
 from cadcam.verify.tolerance_file import limits_at, rule_at, selection_at
 
 _TOP = (
-    "part", "obstacles", "poses", "cameras", "mounts", "features", "noise", "calibration", "motion", "placement", "seen",
-    "k", "rule", "tur", "choose",
+    "part", "obstacles", "poses", "cameras", "mounts", "features", "noise", "calibration", "motion", "placement",
+    "seen", "k", "rule", "tur", "choose",
 )  # fmt: skip
 _MODEL = ("model", "unit", "tolerance_mm")
 _POSE = ("position_mm", "rotation_deg")
@@ -172,10 +173,15 @@ def _combinations(entry: Place) -> list[tuple[Array, Array]]:
             raise place.error("is no list of three", "numbers, or ranges [low, high]")
         for i, value in enumerate(place.value):
             one = Place(place.path, (*place.keys, str(i)), value)
-            axes.append(np.linspace(*one.array((2,)), steps) if isinstance(value, list) else one.array(())[None])
+            axes.append(_range(one, steps) if isinstance(value, list) else one.array(())[None])
     if np.prod([len(a) for a in axes]) > _MOST_POSES:
         raise entry.error("has too many combinations", f"at most {_MOST_POSES}: fewer ranges, or steps: 2")
     return [(np.array(v[:3]), np.array(v[3:])) for v in product(*axes)]
+
+
+def _range(place: Place, steps: int) -> Array:
+    low, high = place.array((2,)).tolist()
+    return np.linspace(low, high, steps)
 
 
 def _pose(place: Place) -> Rigid:
@@ -196,7 +202,7 @@ def _camera(place: Place, folder: Path, name: str, sources: Sources) -> CameraTy
 
     place.only(*_CAMERA)
     given = place.object
-    numbers = {key: place.at(key).number() for key in _CAMERA[3:] if key in given}
+    numbers: dict[str, Any] = {key: place.at(key).number() for key in _CAMERA[3:] if key in given}
     sensor = place.build(lambda: sensor_format(_word(place.at("sensor")))) if "sensor" in given else None
     if "pixels" in given and sensor is not None:
         width, height = (int(n) for n in place.at("pixels").array((2,)))

@@ -33,7 +33,7 @@ Choice = tuple[int, ...]
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """How good a set is: limits without a measurement (fewer is better), the worst ratio of the others, their mean log."""
+    """How good a set is: limits not measured (fewer is better), the worst ratio of the others, the mean log of all."""
 
     unmeasured: int
     worst: float
@@ -63,7 +63,7 @@ class Problem:
 
     def ratios(self, chosen: Sequence[int]) -> Array:
         """Return the ratios (T,) of a set."""
-        return self._ratios(self.sum(chosen)[None])[0]
+        return np.asarray(self._ratios(self.sum(chosen)[None])[0])
 
     def sum(self, chosen: Sequence[int]) -> Array:
         """Return the information (6, T) of a set, with what is known before."""
@@ -193,7 +193,7 @@ def _scores(ratios: Array) -> list[Score]:
 
 
 def _by_information(total: Array, ratios: Array) -> Array:
-    return np.log(np.maximum(_determinant(total), 1e-300)).mean(axis=-1)
+    return np.asarray(np.log(np.maximum(_determinant(total), 1e-300)).mean(axis=-1))
 
 
 def _by_mean(total: Array, ratios: Array) -> Array:
@@ -267,7 +267,7 @@ def _inverse(S: Array) -> Array:
     a, b, c = yy * zz - yz * yz, yz * xz - xy * zz, xy * yz - yy * xz
     # scaled information is at least _WEAK in every direction; rounding must not make it less
     det = np.maximum(xx * a + xy * b + xz * c, _WEAK * 1e-3 * np.maximum(a, 1e-300))
-    return np.stack([a, xx * zz - xz * xz, xx * yy - xy * xy, b, c, xy * xz - xx * yz]) / det
+    return np.asarray(np.stack([a, xx * zz - xz * xz, xx * yy - xy * xy, b, c, xy * xz - xx * yz]) / det
 
 
 def _largest(C: Array) -> Array:

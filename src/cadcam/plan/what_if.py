@@ -23,7 +23,7 @@ _NEARER, _FARTHER = 0.8, 1.25
 
 @dataclass(frozen=True, slots=True)
 class WhatIf:
-    """One change, and what the chosen cameras measure with it: the worst ratio, limits by outcome; or why it cannot be."""
+    """One change, and what the chosen cameras measure with it: the worst ratio, limits by outcome; or why it cannot."""
 
     change: str
     worst: float = 0.0
@@ -115,7 +115,7 @@ def _said(layout: Layout, change: str, found: Assessment) -> WhatIf:
 
 
 def _other_lens(kind: CameraType, index: int) -> CameraType:
-    """Return the type with the next shorter (-1) or longer (0) focal length that makers offer; itself if there is none."""
+    """Return the type with the next shorter (-1) or longer (0) focal length on offer; itself if there is none."""
     if kind.own is not None or kind.focal_mm is None:
         return kind
     f = kind.focal_mm
