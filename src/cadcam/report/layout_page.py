@@ -61,13 +61,14 @@ svg{width:100%;height:auto;display:block}svg.bar{width:150px;height:24px}
 svg text{font-family:system-ui,"DejaVu Sans",sans-serif}
 table{border-collapse:collapse;width:100%;font-size:.92rem;font-variant-numeric:tabular-nums}
 th{text-align:left;color:var(--soft);font-weight:600;border-bottom:2px solid var(--line);padding:6px 10px 6px 0}
-td{padding:7px 10px 7px 0;border-bottom:1px solid var(--line);vertical-align:top;overflow-wrap:anywhere}
+td{padding:7px 10px 7px 0;border-bottom:1px solid var(--line);vertical-align:top}.free{overflow-wrap:anywhere}
+.num{white-space:nowrap}
 .tag{font-weight:700;white-space:nowrap}.soft{color:var(--soft);font-size:.9rem}
 .two{display:grid;grid-template-columns:1fr 1fr;gap:16px}
 .legend{display:flex;flex-wrap:wrap;gap:6px 18px;font-size:.9rem;color:var(--soft);margin:.6rem 0}
 .legend i{display:inline-block;width:16px;height:16px;border:1px solid #888;margin-right:6px;vertical-align:-3px}
 .sign{display:grid;grid-template-columns:repeat(3,1fr);gap:24px}.sign div{padding-top:56px;border-bottom:1px solid #333}
-.sign p{margin:.3rem 0 0;font-size:.9rem;color:var(--soft)}code{overflow-wrap:anywhere;font-size:.82rem}
+.sign p{margin:.3rem 0 0;font-size:.9rem;color:var(--soft)}code,.files td{overflow-wrap:anywhere}code{font-size:.82rem}
 @media(max-width:720px){
 main{padding:8px}header .verdict{font-size:1.9rem}section{padding:2px 12px 12px}.two,.sign{grid-template-columns:1fr}
 table.cards thead{display:none}
@@ -138,7 +139,8 @@ def _limits(layout: Layout) -> str:
         least = float(layout.assessment.ratio[:, i].min())
         bar = ratio_bar(least, layout.survey.scene.tur, COLORS[outcome])
         plain = (escape(t) for t in (by, direction, pose))
-        cells = [f"<b>{escape(name)}</b>", escape(what), limit, f"± {U}" if U else "", ratio, bar, cameras, tag, *plain]
+        numbers = (_number(limit), _number(f"± {U}" if U else ""), _number(ratio))
+        cells = [f"<b>{escape(name)}</b>", escape(what), *numbers, bar, cameras, tag, *plain]
         rows.append(_row(heads, cells))
     note = f'<p class="soft">{escape(rule_words(layout.survey.scene))}. Directions are in part axes.</p>'
     return _section("What will be measured", _table(heads, "".join(rows)) + note)
@@ -147,11 +149,11 @@ def _limits(layout: Layout) -> str:
 def _cameras(layout: Layout) -> str:
     heads = ("camera", "lens", "position mm", "aims at mm", "pan, tilt", "focus", "field", "sharp", "sees", "why")
     rows = []
-    for camera, role, look in zip(layout.cameras, layout.roles, layout.looks, strict=True):
+    for number, (camera, role, look) in enumerate(zip(layout.cameras, layout.roles, layout.looks, strict=True), 1):
         pan, tilt = pan_tilt(camera)
         focus, field_of_view, sharp = _optics(camera)
         cells = [
-            f"<b>{escape(camera.name)}</b>",
+            f"<b>{number}: {escape(camera.name)}</b>",
             escape(lens_words(camera)),
             _xyz(camera.eye),
             _xyz(camera.aim),
@@ -164,8 +166,8 @@ def _cameras(layout: Layout) -> str:
         ]
         rows.append(_row(heads, cells))
     notes = (
-        "World axes, mm. Pan turns from the world's x towards y, tilt upwards; the camera's own x axis is level. Field: "
-        "what is seen at the distance in focus; sharp: where a point blurs by a pixel at most.",
+        "World axes, mm. Pan turns from the world's x towards y, tilt upwards; the camera's own x axis is level. "
+        "Field: what is seen at the distance in focus; sharp: where a point blurs by a pixel at most.",
         f"How they were found: {search_words(layout)}; {growth_words(layout)}.",
     )
     said = "".join(f'<p class="soft">{escape(note)}</p>' for note in notes)
@@ -198,7 +200,7 @@ _PLANS = (("From above (x to the right, y up)", (0, 1)), ("From the side (x to t
 def _views(report: LayoutReport) -> str:
     if not report.views:
         return ""
-    names = [c.name for c in report.layout.cameras]
+    names = [f"{number}: {c.name}" for number, c in enumerate(report.layout.cameras, 1)]
     pose = next(iter(report.layout.survey.scene.poses))
     cells = "".join(
         f"<div><h3>{escape(name)}</h3>{_image(picture, f'what {name} sees')}</div>"
@@ -274,6 +276,10 @@ def _table(heads: Sequence[str], rows: str) -> str:
 def _row(heads: Sequence[str], cells: Sequence[str]) -> str:
     pairs = zip(heads, cells, strict=True)
     return "<tr>" + "".join(f'<td data-head="{escape(h)}">{c}</td>' for h, c in pairs) + "</tr>"
+
+
+def _number(text: str) -> str:
+    return f'<span class="num">{escape(text)}</span>' if text else ""
 
 
 def _xyz(p: np.typing.NDArray[np.float64]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from html import escape
 
 import numpy as np
@@ -11,6 +12,8 @@ from cadcam.plan.candidate import Candidate
 from cadcam.plan.layout import Layout
 from cadcam.report.figures import BLUE, GREEN, ORANGE, PURPLE, SKY
 
+Point = tuple[float, float]
+ToPaper = Callable[[Array], Point]
 _WIDTH, _MARGIN = 560.0, 34.0
 _TALLEST = 520.0
 _HUES = (BLUE, ORANGE, GREEN, PURPLE, SKY, "#7a6500")
@@ -36,8 +39,8 @@ def floor_plan(layout: Layout, axes: tuple[int, int]) -> str:
     """Return the part, the chosen cameras with their views, and the other candidates, along two axes of the world."""
     lines = _part_lines(layout, axes)
     eyes = np.array([c.eye for c in layout.survey.candidates])[:, axes]
-    aims = np.array([c.aim for c in layout.cameras])[:, axes]
-    every = np.concatenate([lines.reshape(-1, 2), eyes, aims])
+    fields = [_field(c)[:, axes] for c in layout.cameras]
+    every = np.concatenate([lines.reshape(-1, 2), eyes, *fields])
     low, high = every.min(axis=0), every.max(axis=0)
     extent = np.maximum(high - low, 1.0)
     scale = float(min((_WIDTH - 2 * _MARGIN) / extent[0], (_TALLEST - 2 * _MARGIN) / extent[1]))
@@ -51,7 +54,7 @@ def floor_plan(layout: Layout, axes: tuple[int, int]) -> str:
     body = [_path(lines, at)]
     body += ['<circle cx="{:.1f}" cy="{:.1f}" r="1.6" fill="#bbb"/>'.format(*at(e)) for e in np.unique(eyes, axis=0)]
     for i, camera in enumerate(layout.cameras):
-        body.append(_camera(camera, axes, at, _HUES[i % len(_HUES)], i + 1))
+        body.append(_camera(camera, fields[i], at(camera.eye[list(axes)]), at, _HUES[i % len(_HUES)], i + 1))
     body.append(_scale_bar(scale, height))
     head = f'<svg viewBox="0 0 {_WIDTH:.0f} {height:.0f}" role="img" aria-label="where cameras stand">'
     return head + "".join(body) + "</svg>"
@@ -69,23 +72,24 @@ def _part_lines(layout: Layout, axes: tuple[int, int]) -> Array:
     return np.asarray((layout.survey.poses[0] @ longest)[..., axes])
 
 
-def _path(lines: Array, at: object) -> str:
-    assert callable(at)
+def _path(lines: Array, at: ToPaper) -> str:
     d = "".join("M{:.1f} {:.1f}L{:.1f} {:.1f}".format(*at(a), *at(b)) for a, b in lines)
     return f'<path d="{d}" stroke="#8a8a8a" stroke-width="0.6" fill="none"/>'
 
 
-def _camera(camera: Candidate, axes: tuple[int, int], at: object, color: str, number: int) -> str:
-    """Return a camera with the outline of what it sees at the distance in focus."""
-    assert callable(at)
+def _field(camera: Candidate) -> Array:
+    """Return the corners (4, 3) of what a camera sees at the distance of its aim, in the world."""
     w, h = camera.camera.size
     corners = np.array([[-0.5, -0.5], [w - 0.5, -0.5], [w - 0.5, h - 0.5], [-0.5, h - 0.5]])
     rays = camera.viewpoint.rays(corners)
     distance = float(np.linalg.norm(camera.aim - camera.eye))
     axis = camera.viewpoint.camera_from_world.rotation[2]
-    far = rays.origin + rays.direction * (distance / (rays.direction @ axis))[:, None]
-    q = [at(p) for p in far[:, axes]]
-    x, y = at(camera.eye[list(axes)])
+    return np.asarray(rays.origin + rays.direction * (distance / (rays.direction @ axis))[:, None])
+
+
+def _camera(camera: Candidate, far: Array, eye: Point, at: ToPaper, color: str, number: int) -> str:
+    """Return a camera at `eye` on paper, with the outline of what it sees."""
+    q, (x, y) = [at(p) for p in far], eye
     field = "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in q) + "Z"
     rays_drawn = "".join(f"M{x:.1f} {y:.1f}L{a:.1f} {b:.1f}" for a, b in q)
     return (

@@ -132,7 +132,7 @@ def limit_cells(layout: Layout, i: int) -> tuple[str, ...]:
     by = f"{CAUSES.get(cause, cause)} {shares[cause]:.0%}"
     direction = vector(found.direction[pose, i])
     U = in_unit(limit, limit.k * sigma)
-    return (name, what, in_unit(limit, limit.value), U, f"{ratio:.2f}", str(cameras), outcome.value, by, direction,
+    return (name, what, in_unit(limit, limit.value), U, tur_words(ratio), str(cameras), outcome.value, by, direction,
             poses[pose])  # fmt: skip
 
 
@@ -225,6 +225,11 @@ def rule_words(scene: LayoutScene) -> str:
         "could ever PASS"
     )
     return said + (", or, with simple acceptance, more than a third of it" if simple else "")
+
+
+def tur_words(ratio: float) -> str:
+    """Return a test uncertainty ratio to two digits behind the point below 10, else to one."""
+    return f"{ratio:.2f}" if ratio < 10 else f"{ratio:.1f}"
 
 
 def ratio_words(ratio: float) -> str:
