@@ -288,5 +288,9 @@ def _edges(view: _View, finder: Finder, seen: Mask, visible: Mask) -> tuple[Arra
     with np.errstate(invalid="ignore"):
         variance = edge_variance(finder, total, view.blur, sharp_px=view.sharp)
         weight = np.where(use, length / (total * variance)[:, places.feature], 0.0)
-    nn = np.nan_to_num(weight)[..., None, None] * (n[..., :, None] * n[..., None, :])
-    return view.sums(nn), view.sums(nn * (places.from_middle**2)[:, None, None]), np.asarray(np.sqrt(variance))
+    weight = np.nan_to_num(weight)
+    nn = weight[..., None, None] * (n[..., :, None] * n[..., None, :])
+    # a line turns about the middle of what is seen of it
+    middle = view.sums(weight * places.from_middle) / np.maximum(view.sums(weight), 1e-300)
+    lever = places.from_middle - middle[:, places.feature]
+    return view.sums(nn), view.sums(nn * (lever**2)[..., None, None]), np.asarray(np.sqrt(variance))

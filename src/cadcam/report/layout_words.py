@@ -89,7 +89,7 @@ def search_words(layout: Layout) -> str:
     how = (
         f"all {found.sets} sets were tried: no other is better"
         if found.complete
-        else f"three greedy starts, {found.exchanges} exchanges; not every set was tried"
+        else f"{found.sets} starts, {found.exchanges} exchanges; not every set was tried"
     )
     unmeasured = f", {all_of_them.unmeasured} not measured even then" if all_of_them.unmeasured else ""
     return f"{how}; with every candidate at once the worst TUR would be {all_of_them.worst:.2f}{unmeasured}"
