@@ -29,9 +29,9 @@ def headline(layout: Layout) -> str:
     """Return the verdict's reason, one sentence."""
     outcomes, wanted = layout.outcomes, layout.survey.scene.tur
     n, total = outcomes.count(Outcome.SUITABLE), len(outcomes)
-    cameras = _cameras(layout)
+    cameras, one = _cameras(layout), _cameras(layout).startswith(("one", "1 "))
     if n == total:
-        return f"{cameras} measure all {total} limits with U at most 1/{wanted:g} of each, in every pose"
+        return f"{cameras} measure{'s' * one} all {total} limits with U at most 1/{wanted:g} of each, in every pose"
     worst = int(np.argmin(layout.assessment.ratio.min(axis=0)))
     name = layout.survey.scene.features[layout.survey.asked.feature[worst]].name
     said = (
