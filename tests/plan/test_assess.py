@@ -57,6 +57,17 @@ def test_a_shared_calibration_is_not_averaged_away() -> None:
     assert (together.sigma > apart.sigma).all()
 
 
+def test_the_search_and_the_assessment_agree_where_no_errors_are_shared() -> None:
+    seen = survey(scene(9))
+    chosen = (0, 2, 4, 7)
+    exact, summed = seen.assess(chosen), seen.problem.ratios(chosen).reshape(2, -1)
+    measured = np.isfinite(exact.sigma)
+    assert measured.sum() >= 8
+    np.testing.assert_allclose(summed[measured], exact.ratio[measured], rtol=1e-5)
+    shared = survey(scene(9, mounts=(replace(ring(9), one_camera=True),)))
+    assert not np.allclose(shared.problem.ratios(chosen).reshape(2, -1)[measured], shared.assess(chosen).ratio[measured])
+
+
 def test_the_shares_of_the_causes_add_up() -> None:
     seen = survey(scene(9, mounts=(replace(ring(9), one_camera=True),)))
     found = seen.assess((0, 2, 4, 7))
