@@ -15,7 +15,7 @@ from cadcam.plan.finding import Finder
 from cadcam.plan.layout import Survey, plan_layout, survey
 from cadcam.plan.predict import predict_points
 from cadcam.plan.scene import CalibratedFrom, Sigmas
-from cadcam.plan.what_if import what_if
+from cadcam.plan.what_if import rebuilt, what_if
 from cadcam.verify.tolerance import Limit, Quantity, Rule
 from cadcam.verify.verdict import Verdict, decided
 
@@ -65,7 +65,9 @@ def test_the_search_and_the_assessment_agree_where_no_errors_are_shared() -> Non
     assert measured.sum() >= 8
     np.testing.assert_allclose(summed[measured], exact.ratio[measured], rtol=1e-5)
     shared = survey(scene(9, mounts=(replace(ring(9), one_camera=True),)))
-    assert not np.allclose(shared.problem.ratios(chosen).reshape(2, -1)[measured], shared.assess(chosen).ratio[measured])
+    assert not np.allclose(
+        shared.problem.ratios(chosen).reshape(2, -1)[measured], shared.assess(chosen).ratio[measured]
+    )
 
 
 def test_the_shares_of_the_causes_add_up() -> None:
@@ -174,6 +176,13 @@ def test_an_outcome_promises_what_verify_would_decide(rule: Rule, ratio: float) 
     assert (said in (Outcome.SUITABLE, Outcome.MARGINAL)) == can_pass
     assert (said is Outcome.SUITABLE) == (can_pass and ratio >= 5.0)
     assert outcome(0.0, limit, wanted=3.0) is Outcome.NOT_MEASURED
+
+
+def test_another_distance_moves_cameras_along_their_axes() -> None:
+    layout = plan_layout(scene(8))
+    for before, after in zip(layout.cameras, rebuilt(layout.survey.scene, layout.cameras, stretch=0.8), strict=True):
+        np.testing.assert_allclose(after.eye - after.aim, 0.8 * (before.eye - before.aim), atol=1e-9)
+        assert (after.optics.distance_mm, before.optics.distance_mm) == pytest.approx((912.1, 1140.2), abs=0.1)
 
 
 def test_what_if_says_what_planning_anew_says() -> None:

@@ -37,7 +37,8 @@ def test_visible_is_what_the_renderer_draws(obstacle: bool, rng: np.random.Gener
     normal = mesh.face_normals[face]
     points = tuple(LayoutFeature(f"p{i}", Kind.POINT, p[i], position(1.0), normal=normal[i]) for i in range(n))
     screen = box((-100, -250, 0), (350, -240, 260), name="screen", color=COLOR) if obstacle else None
-    made = scene(5, features=points, obstacles=screen)
+    turned = cadcam.Rigid.exp([80.0, -60.0, 20.0, 0.05, 0.1, 0.7])
+    made = scene(5, features=points, obstacles=screen, poses={"here": cadcam.Rigid(), "turned": turned})
     judged = 0
     for candidate in candidates(made):
         seen = looked(made, candidate, ALL_ROUND).seen
