@@ -36,10 +36,10 @@ def test_visible_is_what_the_renderer_draws(obstacle: bool, rng: np.random.Gener
     p = np.einsum("nk,nkj->nj", rng.dirichlet([1, 1, 1], n), mesh.vertices[mesh.faces[face]])
     normal = mesh.face_normals[face]
     points = tuple(LayoutFeature(f"p{i}", Kind.POINT, p[i], position(1.0), normal=normal[i]) for i in range(n))
-    screen = box((-100, -250, 0), (350, -240, 260), name="screen", color=COLOR) if obstacle else None
+    screen = box((-100, -250, 0), (350, -240, 420), name="screen", color=COLOR) if obstacle else None
     turned = cadcam.Rigid.exp([80.0, -60.0, 20.0, 0.05, 0.1, 0.7])
     made = scene(5, features=points, obstacles=screen, poses={"here": cadcam.Rigid(), "turned": turned})
-    judged = 0
+    judged = behind = 0
     for candidate in candidates(made):
         seen = looked(made, candidate, ALL_ROUND).seen
         for i, pose in enumerate(made.poses.values()):
@@ -56,7 +56,9 @@ def test_visible_is_what_the_renderer_draws(obstacle: bool, rng: np.random.Gener
             assert seen[i, inside][surely].all()
             assert not seen[i, inside][never].any()
             judged += int(surely.sum() + never.sum())
+            behind += int((drawn >= mesh.n_faces).sum())
     assert judged > 0.7 * 5 * 2 * n
+    assert (behind > 0) == obstacle
 
 
 def one(eye: tuple[float, float, float], feature: LayoutFeature, seeing: Seeing, **lens: float) -> Look:

@@ -14,8 +14,8 @@ _MOST = 5000
 def in_box(box: Array, count: int) -> Array:
     """Return at most `count` places (n, 3) on a grid in a box (2, 3).
 
-    Sides may be 0: a wall, a line. The spacing is about the same along all sides, whose ends hold places; of a side that
-    is shorter than the spacing the middle does.
+    Sides may be 0: a wall, a line. The spacing is about the same along all sides, whose ends hold places; of a side
+    shorter than the spacing the middle does.
     """
     _check(count)
     size = box[1] - box[0]
