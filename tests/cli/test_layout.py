@@ -52,6 +52,15 @@ def test_a_layout_that_suffices_exits_with_0_and_says_where_to_mount(cadcam: Cad
     assert "without ring" in ran.out
 
 
+def test_each_feature_is_listed_from_each_camera(cadcam: Cadcam, small: Path) -> None:
+    small.write_text(SCENE.replace("choose: 3", "choose: 8\nseen: {incidence_deg: 45}"))
+    out = cadcam("layout", small, "--each", "--no-what-if").out
+    table = out[out.index("Each feature from each camera") :]
+    assert len(re.findall(r"^ +(?:mark|edge) +ring \d", table, re.M)) == 2 * 8
+    assert 0 < table.count("seen too obliquely") < 8
+    assert "What if" not in out
+
+
 def test_a_limit_that_is_too_tight_is_answered_with_3(cadcam: Cadcam, small: Path) -> None:
     small.write_text(SCENE.replace("diameter_mm: 10, position_mm: 0.1", "diameter_mm: 10, position_mm: 0.001"))
     ran = cadcam("layout", small, "--json")

@@ -10,6 +10,7 @@ from cadcam.arrays import Array
 from cadcam.plan.assess import Outcome
 from cadcam.plan.candidate import Candidate
 from cadcam.plan.layout import Layout, Survey
+from cadcam.plan.look import Why
 from cadcam.plan.scene import CalibratedFrom, LayoutScene, Sigmas
 from cadcam.plan.search import Score
 from cadcam.plan.what_if import WhatIf
@@ -134,6 +135,26 @@ def limit_cells(layout: Layout, i: int) -> tuple[str, ...]:
     U = in_unit(limit, limit.k * sigma)
     return (name, what, in_unit(limit, limit.value), U, tur_words(ratio), str(cameras), outcome.value, by, direction,
             poses[pose])  # fmt: skip
+
+
+def sight_table(layout: Layout, *, pose: int = 0) -> Table:
+    """Return what each chosen camera makes of each feature in a pose: scale, slant, blur, sigma; or why it does not."""
+    rows = []
+    names = [f.name for f in layout.survey.scene.features]
+    for f, name in enumerate(names):
+        for camera, look in zip(layout.cameras, layout.looks, strict=True):
+            why_not = Why(int(look.why[pose, f]))
+            if why_not is not Why.SEEN:
+                rows.append((name, camera.name, why_not.words, "", "", "", ""))
+                continue
+            slant = float(np.degrees(look.incidence[pose, f]))
+            numbers = (look.mm_per_px[pose, f], look.blur_px[pose, f], look.sigma_px[pose, f])
+            scale, blur, sigma = (f"{x:.3f}" for x in numbers)
+            rows.append((name, camera.name, "seen", scale, "" if np.isnan(slant) else f"{slant:.0f}", blur, sigma))
+    heads = ("feature", "camera", "", "mm per px", "slant deg", "defocus px", "sigma px")
+    note = "sigma: of the place in this picture by noise, blur and slant alone, its worst direction"
+    name = list(layout.survey.scene.poses)[pose]
+    return Table(f"Each feature from each camera (pose {name})", heads, tuple(rows), heads[:3], (note,))
 
 
 def what_if_table(changes: Sequence[WhatIf]) -> Table:
