@@ -53,7 +53,7 @@ def test_a_layout_that_suffices_exits_with_0_and_says_where_to_mount(cadcam: Cad
 
 
 def test_each_feature_is_listed_from_each_camera(cadcam: Cadcam, small: Path) -> None:
-    small.write_text(SCENE.replace("choose: 3", "choose: 8\nseen: {incidence_deg: 45}"))
+    small.write_text(SCENE.replace("choose: 3", "choose: 8\nseen: {incidence_deg: 46}"))
     out = cadcam("layout", small, "--each", "--no-what-if").out
     table = out[out.index("Each feature from each camera") :]
     assert len(re.findall(r"^ +(?:mark|edge) +ring \d", table, re.M)) == 2 * 8

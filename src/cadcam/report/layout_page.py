@@ -70,7 +70,8 @@ td{padding:7px 10px 7px 0;border-bottom:1px solid var(--line);vertical-align:top
 .legend i{display:inline-block;width:16px;height:16px;border:1px solid #888;margin-right:6px;vertical-align:-3px}
 .sign{display:grid;grid-template-columns:repeat(3,1fr);gap:24px}.sign div{padding-top:56px;border-bottom:1px solid #333}
 .sign p{margin:.3rem 0 0;font-size:.9rem;color:var(--soft)}
-summary{cursor:pointer;font-weight:600;padding:.6rem 0 .2rem}code,.files td{overflow-wrap:anywhere}code{font-size:.82rem}
+summary{cursor:pointer;font-weight:600;padding:.6rem 0 .2rem}
+code,.files td{overflow-wrap:anywhere}code{font-size:.82rem}
 @media(max-width:720px){
 main{padding:8px}header .verdict{font-size:1.9rem}section{padding:2px 12px 12px}.two,.sign{grid-template-columns:1fr}
 table.cards thead{display:none}
