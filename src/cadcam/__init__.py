@@ -115,6 +115,14 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.locate.track_log import TrackLog as TrackLog
     from cadcam.locate.track_log import read_track as read_track
     from cadcam.locate.track_log import track_to as track_to
+    from cadcam.plan.layout import Layout as Layout
+    from cadcam.plan.layout import next_views as next_views
+    from cadcam.plan.layout import plan_layout as plan_layout
+    from cadcam.plan.predict import Prediction as Prediction
+    from cadcam.plan.predict import predict_points as predict_points
+    from cadcam.plan.scene import LayoutScene as LayoutScene
+    from cadcam.plan.scene_file import read_scene as read_scene
+    from cadcam.plan.what_if import what_if as what_if
     from cadcam.record.export import read_records as read_records
     from cadcam.record.export import write_records as write_records
     from cadcam.record.record import Deviation as Deviation
@@ -201,6 +209,8 @@ _HOME = {
     "InverseBrownConrady": "cadcam.camera.lens",
     "JointEstimate": "cadcam.camera.joint_estimate",
     "KnownMotion": "cadcam.camera.viewpoint",
+    "Layout": "cadcam.plan.layout",
+    "LayoutScene": "cadcam.plan.scene",
     "LineCamera": "cadcam.camera.line_camera",
     "LineObservations": "cadcam.camera.line_camera",
     "LineOptions": "cadcam.render.wireframe",
@@ -223,6 +233,7 @@ _HOME = {
     "PlaneCamera": "cadcam.camera.plane_camera",
     "Plate": "cadcam.station.plate",
     "PoseEstimate": "cadcam.camera.pose_estimate",
+    "Prediction": "cadcam.plan.predict",
     "Ray": "cadcam.geometry.ray",
     "Record": "cadcam.record.record",
     "RigCamera": "cadcam.calibrate.rig",
@@ -275,6 +286,7 @@ _HOME = {
     "monte_carlo": "cadcam.calibrate.variability",
     "named_look": "cadcam.render.looks",
     "nested_advice": "cadcam.calibrate.nested",
+    "next_views": "cadcam.plan.layout",
     "open_renderer": "cadcam.render",
     "open_store": "cadcam.record.store",
     "order_marks": "cadcam.target.order",
@@ -283,6 +295,8 @@ _HOME = {
     "parse_mark": "cadcam.target.mark",
     "parse_pattern": "cadcam.target.pattern",
     "place_plate": "cadcam.station.plate",
+    "plan_layout": "cadcam.plan.layout",
+    "predict_points": "cadcam.plan.predict",
     "projection_map": "cadcam.calibrate.projection_map",
     "read_camera": "cadcam.files.camera",
     "read_cameras": "cadcam.files.foreign.registry",
@@ -298,6 +312,7 @@ _HOME = {
     "read_records": "cadcam.record.export",
     "read_rig": "cadcam.files.rig",
     "read_robot_poses": "cadcam.files.robot_poses",
+    "read_scene": "cadcam.plan.scene_file",
     "read_sensor": "cadcam.files.sensor",
     "read_station": "cadcam.station.document",
     "read_stations": "cadcam.station.document",
@@ -316,6 +331,7 @@ _HOME = {
     "verify_part": "cadcam.verify.judge:verify",
     "viewer_parameters": "cadcam.files.foreign.viewers",
     "visible_wireframe": "cadcam.render.visible",
+    "what_if": "cadcam.plan.what_if",
     "whole_parts": "cadcam.verify.tolerance",
     "write_camera": "cadcam.files.camera",
     "write_cameras": "cadcam.files.foreign.registry",
