@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +23,9 @@ def read_record(folder: Path, layout: Layout, index: int) -> dict[str, Any]:
     return record
 
 
-def assemble(folder: Path, layout: Layout, views: int, *, name: str, key_points: tuple[str, ...]) -> int:
-    """Write BOP's files of every scene and COCO's of all views; return how many views show something of the part."""
+def assemble(folder: Path, layout: Layout, views: int, *, name: str, key_points: tuple[str, ...]) -> list[float]:
+    """Write BOP's files of every scene and COCO's of all views; return the visible share of the part in each view."""
+    visible: list[float] = []
     images: list[str] = []
     annotations: list[str] = []
     for first in range(0, views, VIEWS_A_SCENE):
@@ -34,6 +34,7 @@ def assemble(folder: Path, layout: Layout, views: int, *, name: str, key_points:
         for key, file in _BOP.items():
             write_whole(scene / file, _bop(records, key))
         for record in records:
+            visible.append(record["bop"]["info"]["visib_fract"])
             images.append(_text(_image(record, layout)))
             if record["coco"] is not None:
                 annotations.append(_text(_annotation(record)))
@@ -43,7 +44,7 @@ def assemble(folder: Path, layout: Layout, views: int, *, name: str, key_points:
     sections |= {"images": _list(images), "annotations": _list(annotations)}
     body = ",\n".join(f'"{key}": {value}' for key, value in sections.items())
     write_whole(folder / layout.coco, f"{{{body}}}\n".encode())
-    return len(annotations)
+    return visible
 
 
 def _bop(records: list[dict[str, Any]], key: str) -> bytes:
@@ -69,5 +70,3 @@ def _text(value: Any) -> str:
 
 def _list(items: list[str]) -> str:
     return "[" + ",\n".join(items) + "]"
-
-

@@ -10,6 +10,7 @@ from cadcam.dataset.plan import NOISE, PLAIN
 from cadcam.dataset.shot import Backdrop
 
 _CELLS_PX = (128, 32, 8)  # of the noise; each octave half as strong as the one before
+_COLOR = 0.35  # how far the noise of red, green and blue go apart
 
 
 def backdrop_picture(backdrop: Backdrop, size: tuple[int, int], photo: bytes | None) -> Picture:
@@ -26,8 +27,9 @@ def _noise(backdrop: Backdrop, size: tuple[int, int]) -> Picture:
     rng = np.random.default_rng(backdrop.seed)
     out = np.full((size[1], size[0], 3), backdrop.level, np.float32)
     for octave, cell in enumerate(_CELLS_PX):
-        grid = rng.uniform(-0.5, 0.5, (size[1] // cell + 2, size[0] // cell + 2, 3)).astype(np.float32)
-        rows = _between(grid, np.arange(size[1]) / cell)
+        shape = (size[1] // cell + 2, size[0] // cell + 2)
+        grid = rng.uniform(-0.4, 0.4, (*shape, 1)) + _COLOR * rng.uniform(-0.4, 0.4, (*shape, 3))
+        rows = _between(grid.astype(np.float32), np.arange(size[1]) / cell)
         out += _between(rows.transpose(1, 0, 2), np.arange(size[0]) / cell).transpose(1, 0, 2) / np.float32(2**octave)
     return np.asarray(np.clip(out, 0, 1), np.float32)
 

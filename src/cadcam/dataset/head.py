@@ -57,7 +57,9 @@ def begin(folder: Path, head: dict[str, Any]) -> None:
             was = _flat(old | {"views": 0}).get(key)
             if was != value:
                 raise BadValue(
-                    f"{key} of the data set in {folder}", _short(was), f"{_short(value)}, as asked for now; or another folder"
+                    f"{key} of the data set in {folder}",
+                    _short(was),
+                    f"{_short(value)}, as asked for now; or another folder",
                 )
     elif folder.is_dir() and any(folder.iterdir()):
         raise BadValue(f"folder {folder}", "not empty, and no data set", "an empty folder, or one that is not there")

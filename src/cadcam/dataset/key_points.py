@@ -47,12 +47,14 @@ def read_key_points(path: str | os.PathLike[str], *, unit: str = "mm") -> tuple[
 def corners(scene: Scene, count: int = 12) -> tuple[tuple[str, ...], Array]:
     """Return names and places (K, 3) mm of corners, where other than two features meet, as far apart as can be.
 
-    Fewer than `count` where the part has fewer; places on a part without corners are any of its vertices.
+    Of a part with fewer corners, places along its edges; without edges, any vertices.
     """
     mesh, edges = scene.mesh, scene.edges
     met = np.bincount(edges.vertices.ravel(), minlength=len(mesh.vertices))
-    chosen = np.flatnonzero((met > 0) & (met != 2))
-    places = mesh.vertices[chosen] if len(chosen) else mesh.vertices[used_vertices(mesh)]
+    for candidates in ((met > 0) & (met != 2), met > 0, used_vertices(mesh)):
+        places = mesh.vertices[candidates]
+        if len(places) >= count:
+            break
     places = np.unique(np.round(places, 6), axis=0) + 0.0
     spread = _spread(places, count)
     return tuple(f"corner {i + 1}" for i in range(len(spread))), spread

@@ -1,15 +1,15 @@
 """Where everything of a data set lies, and how numbers of views become those of BOP's scenes and pictures.
 
-    dataset.json                       the plan it was made from, with hashes of its inputs
-    camera.json                        BOP: the internals
-    models/obj_000001.ply              BOP: the part, mm; models_info.json: its size and diameter
-    models/obj_000001_edges.npz        the part's edges in space, by the numbers that the labels use
-    SPLIT/000000/                      BOP: a scene, a thousand views
-        rgb|gray/000000.png  depth/  mask/000000_000000.png  mask_visib/  normal/  edges/000000.npz
-        view/000000.json               all else that is known of a view; written last: what has one is done
-        scene_camera.json  scene_gt.json  scene_gt_info.json
-    SPLIT_coco.json                    COCO: boxes, masks and key points of all views
-    contact.png                        some of the views with their labels drawn
+dataset.json                       the plan it was made from, with hashes of its inputs
+camera.json                        BOP: the internals
+models/obj_000001.ply              BOP: the part, mm; models_info.json: its size and diameter
+models/obj_000001_edges.npz        the part's edges in space, by the numbers that the labels use
+SPLIT/000000/                      BOP: a scene, a thousand views
+rgb|gray/000000.png  depth/  mask/000000_000000.png  mask_visib/  normal/  edges/000000.npz
+view/000000.json               all else that is known of a view; written last: what has one is done
+scene_camera.json  scene_gt.json  scene_gt_info.json
+SPLIT_coco.json                    COCO: boxes, masks and key points of all views
+contact.png                        some of the views with their labels drawn
 """
 
 from __future__ import annotations

@@ -36,14 +36,23 @@ _STEPS_MM = tuple(m * 10.0**e for e in range(-3, 4) for m in (1, 2, 5))
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """What a run did: views in the data set, those made now, those that show something of the part, its files' names."""
+    """What a run did: how many views it made, the visible share of the part in each of all, mm of a step of depth."""
 
     folder: Path
     layout: Layout
-    views: int
     new: int
-    shown: int
+    visible: tuple[float, ...]
     depth_step: float
+
+    @property
+    def contact(self) -> Path:
+        """Return the contact sheet."""
+        return self.folder / CONTACT
+
+    @property
+    def scenes(self) -> list[Path]:
+        """Return the folders of BOP's scenes."""
+        return [self.folder / self.layout.scene(i) for i in range(-(-len(self.visible) // VIEWS_A_SCENE))]
 
 
 def make_dataset(
@@ -82,9 +91,9 @@ def make_dataset(
             write_whole(folder / path, content)
         if on_view:
             on_view()
-    shown = assemble(folder, layout, plan.views, name=name, key_points=names)
+    visible = assemble(folder, layout, plan.views, name=name, key_points=names)
     write_whole(folder / CONTACT, contact_sheet(folder, layout, plan.views))
-    return Made(folder, layout, plan.views, len(todo), shown, stage.depth_step)
+    return Made(folder, layout, len(todo), tuple(visible), stage.depth_step)
 
 
 def missing(folder: Path, layout: Layout, views: int) -> list[int]:

@@ -15,7 +15,6 @@ from cadcam.dataset.record import arrays_file
 from cadcam.render.view import Scene
 from cadcam.whole import write_whole
 
-
 _FEW = 1000
 
 

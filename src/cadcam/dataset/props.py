@@ -33,8 +33,11 @@ def props_of(occluders: Occluders, diameter: float, seed: int) -> tuple[Prop, ..
     if not occluders.count[1]:
         return ()
     rng = np.random.default_rng([seed, 0x0CC1])
-    made = [_shape(occluders.shapes[i % len(occluders.shapes)], occluders.size, diameter, rng) for i in range(_SHAPES)] \
-        if occluders.shapes else []
+    made = (
+        [_shape(occluders.shapes[i % len(occluders.shapes)], occluders.size, diameter, rng) for i in range(_SHAPES)]
+        if occluders.shapes
+        else []
+    )
     return tuple(_prop(mesh) for mesh in (*made, *occluders.meshes))
 
 

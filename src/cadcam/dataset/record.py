@@ -48,7 +48,10 @@ def record_of(take: Take, stage: Stage, layout: Layout) -> dict[str, Any]:
         "view": shot.index,
         "bop": {"camera": _bop_camera(shot.camera, stage), "gt": _bop_pose(shot), "info": _bop_info(take)},
         "coco": _coco(take),
-        "key_points": {"q": np.round(take.q, _PX).tolist() if np.isfinite(take.q).all() else _or_none(take), "seen": take.seen.tolist()},
+        "key_points": {
+            "q": np.round(take.q, _PX).tolist() if np.isfinite(take.q).all() else _or_none(take),
+            "seen": take.seen.tolist(),
+        },
         "camera": bare_camera_as_json(shot.camera, None),
         "camera_from_part": pose_as_json(shot.camera_from_part),
         "made": _made(shot, stage),
@@ -158,10 +161,12 @@ def _made(shot: Shot, stage: Stage) -> dict[str, Any]:
         "light": {name: getattr(look, name) for name in ("head", "fill", "back", "ambient", "fill_from", "back_from")},
         "background": backdrop,
         "occluders": [
-            {"name": stage.props[o.prop].name, "prop": o.prop, "camera_from_occluder": pose_as_json(o.camera_from_occluder)}
+            {
+                "name": stage.props[o.prop].name,
+                "prop": o.prop,
+                "camera_from_occluder": pose_as_json(o.camera_from_occluder),
+            }
             for o in shot.occluders
         ],
         "sensor": None if stage.sensor is None else stage.sensor.name,
     }
-
-

@@ -11,7 +11,7 @@ from cadcam.arrays import Array, Ids, Mask, Picture
 from cadcam.camera.camera import Camera
 from cadcam.dataset.backdrop import backdrop_picture
 from cadcam.dataset.plan import PLAIN
-from cadcam.dataset.props import NO_EDGES, Prop
+from cadcam.dataset.props import Prop
 from cadcam.dataset.shot import Shot
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import to_gray
@@ -87,7 +87,17 @@ class Studio:
         picture = part.rgb if quick else self._developed(shot, part, before, photo)
         box, count = self._silhouette(shot, mask)
         return Take(
-            shot, picture, view.depth, view.normal, mask, visible, box, count, self._edges.draw(view), q, _seen(view, p, q)
+            shot,
+            picture,
+            view.depth,
+            view.normal,
+            mask,
+            visible,
+            box,
+            count,
+            self._edges.draw(view),
+            q,
+            _seen(view, p, q),
         )
 
     def _prop(self, number: int, camera: Camera, pose: Rigid, look: Look) -> View:

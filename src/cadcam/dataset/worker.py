@@ -59,7 +59,6 @@ class Maker:
         """Return the content of the view's files by path, its record last."""
         return files_of(self._studio.take(task.shot, task.photo), self._job.stage, self._job.layout)
 
-
     def answer(self, task: Task) -> Answer:
         """Return the files, or what went wrong: for another process to read."""
         try:

@@ -29,7 +29,5 @@ def seen(
     out = np.zeros(len(p), np.uint8)
     height, width = depth.shape
     places = (array.ctypes.data for array in (p, q, out))
-    _core().cc_seen(
-        depth.ctypes.data, normal.ctypes.data, width, height, *focal, slack, steepest, len(p), *places
-    )
+    _core().cc_seen(depth.ctypes.data, normal.ctypes.data, width, height, *focal, slack, steepest, len(p), *places)
     return out.astype(bool)

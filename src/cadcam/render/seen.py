@@ -13,7 +13,6 @@ import numpy as np
 
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.cad.edges import EdgeKind, edge_table
-from cadcam.camera.camera import Camera
 from cadcam.native.seen import seen as _seen
 from cadcam.render.clip import FlatSegments, Frustum
 from cadcam.render.occlusion import solid_parts
@@ -21,7 +20,7 @@ from cadcam.render.segments import Segments
 from cadcam.render.stretches import Stretches
 from cadcam.render.trace import Tracer
 from cadcam.render.view import Scene, View
-from cadcam.render.wireframe import Longs, Polylines
+from cadcam.render.wireframe import Polylines
 
 _SLACK_PX = 0.5  # by how much of a pixel's width a surface may stand in front of a point and not hide it
 _STEEPEST = 0.5  # a face's plane is continued by at most this share of its depth
