@@ -153,10 +153,9 @@ def run(arguments: argparse.Namespace) -> None:
 def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     from cadcam.dataset.plan_file import KEYS
 
-    given = {key: getattr(arguments, "from_" if key == "from" else key) for key in KEYS}
-    return {
-        key: list(value) if isinstance(value, tuple) else value for key, value in given.items() if value is not None
-    }
+    named = {key: getattr(arguments, "from_" if key == "from" else key) for key in KEYS}
+    given = {key: value for key, value in named.items() if value is not None}
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in given.items()}
 
 
 @contextmanager

@@ -48,7 +48,7 @@ def assemble(folder: Path, layout: Layout, views: int, *, name: str, key_points:
 
 
 def _bop(records: list[dict[str, Any]], key: str) -> bytes:
-    """Return a file of a scene: an entry a picture; labels stand in a list, one for each object, of which there is one."""
+    """Return a file of a scene: an entry a picture; labels stand in a list of objects, of which there is one."""
     entries = ((r["view"] % VIEWS_A_SCENE, r["bop"][key]) for r in records)
     lines = [f'"{image}": {_text(entry if key == "camera" else [entry])}' for image, entry in entries]
     return ("{\n" + ",\n".join(lines) + "\n}\n").encode()

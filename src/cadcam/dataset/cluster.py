@@ -21,7 +21,7 @@ _kept = threading.local()  # the maker of a thread, and its job
 def on_cluster(job: Job, tasks: Iterable[Task], address: str) -> Iterator[Files]:
     """Yield the files of each task as they come, in any order, made by the cluster at `address`.
 
-    Raises `MissingExtra` without Dask, `UnreachableCluster`, the `CadcamError` that a task ended with, and `WorkerDied`.
+    Raises `MissingExtra` without Dask, `UnreachableCluster`, `WorkerDied`, and the error that a task ended with.
     """
     try:
         from distributed import Client, KilledWorker, as_completed
@@ -31,7 +31,7 @@ def on_cluster(job: Job, tasks: Iterable[Task], address: str) -> Iterator[Files]
         client = Client(address, timeout=_PATIENCE_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise UnreachableCluster(address, str(error) or type(error).__name__) from None
-    with client:
+    with client, client.as_current():
         threads = sum(client.nthreads().values())
         if not threads:
             raise UnreachableCluster(address, "it has no workers")

@@ -8,10 +8,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 import cadcam
-from cadcam.arrays import Array
 from cadcam.cad.mesh import Mesh
 from cadcam.dataset.layout import DATASET, OBJECT, Layout
 from cadcam.dataset.plan import Plan
@@ -53,14 +50,11 @@ def begin(folder: Path, head: dict[str, Any]) -> None:
         old = _read(path)
         if isinstance(old.get("views"), int) and old["views"] > head["views"]:
             raise BadValue("views", head["views"], f"at least {old['views']}, which {folder} has, or another folder")
-        for key, value in _flat(head | {"views": 0}).items():
-            was = _flat(old | {"views": 0}).get(key)
-            if was != value:
-                raise BadValue(
-                    f"{key} of the data set in {folder}",
-                    _short(was),
-                    f"{_short(value)}, as asked for now; or another folder",
-                )
+        was = _flat(old)
+        for key, value in _flat(head).items():
+            if key != "views" and was.get(key) != value:
+                expected = f"{_short(value)}, as asked for now; or another folder"
+                raise BadValue(f"{key} of the data set in {folder}", _short(was.get(key)), expected)
     elif folder.is_dir() and any(folder.iterdir()):
         raise BadValue(f"folder {folder}", "not empty, and no data set", "an empty folder, or one that is not there")
     write_whole(path, as_json(head))
@@ -108,8 +102,8 @@ def _hash_of_poses(poses: tuple[Rigid, ...]) -> str | None:
 
 
 def _hash(mesh: Mesh) -> str:
-    arrays: tuple[Array, ...] = (mesh.vertices, mesh.faces, mesh.part, mesh.part_colors)
-    return sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)).hexdigest()
+    arrays = (mesh.vertices.tobytes(), mesh.faces.tobytes(), mesh.part.tobytes(), mesh.part_colors.tobytes())
+    return sha256(b"".join(arrays)).hexdigest()
 
 
 def _flat(value: Any, name: str = "") -> dict[str, Any]:

@@ -86,13 +86,15 @@ class _Worker:
 
     def files(self, task: Task) -> Files:
         """Return the files of a task, however often the process dies, within reason."""
+        code = 0
         for _ in range(_TRIES):
             try:
                 return files_in(self._asked(task))
             except (OSError, EOFError, pickle.UnpicklingError):  # its pipes are closed, or broke off within an answer
-                code = self._process.wait()
+                self._gone()
                 if self._ended:
                     break
+                code = self._process.returncode
                 self._process, self._new = self._start(), True
         raise WorkerDied(
             f"view {task.shot.index}: {_TRIES} processes one after the other died over it (the last with {code}); "
@@ -110,8 +112,15 @@ class _Worker:
         return pickle.load(answers)
 
     def end(self) -> None:
-        """Let the process end: kindly where it waits, at once where it works."""
+        """End the process: what it is at is not wanted."""
         self._ended = True
-        with suppress(OSError):
-            self._process.kill()
+        self._process.kill()
+        self._gone()
+
+    def _gone(self) -> None:
+        """Wait for the end of the process and close its pipes, with what nobody will read in them."""
         self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            with suppress(OSError):
+                if pipe is not None:
+                    pipe.close()

@@ -33,11 +33,8 @@ def props_of(occluders: Occluders, diameter: float, seed: int) -> tuple[Prop, ..
     if not occluders.count[1]:
         return ()
     rng = np.random.default_rng([seed, 0x0CC1])
-    made = (
-        [_shape(occluders.shapes[i % len(occluders.shapes)], occluders.size, diameter, rng) for i in range(_SHAPES)]
-        if occluders.shapes
-        else []
-    )
+    kinds = [occluders.shapes[i % len(occluders.shapes)] for i in range(_SHAPES)] if occluders.shapes else []
+    made = [_shape(kind, occluders.size, diameter, rng) for kind in kinds]
     return tuple(_prop(mesh) for mesh in (*made, *occluders.meshes))
 
 
@@ -48,7 +45,7 @@ def _shape(kind: str, size: tuple[float, float], diameter: float, rng: np.random
     color = PALETTE[int(rng.integers(len(PALETTE)))] * rng.uniform(0.3, 1.0)
     paint = (float(color[0]), float(color[1]), float(color[2]))
     if kind == BOX:
-        return box(-sides / 2, sides / 2, name=BOX, color=paint)
+        return box((-sides / 2).tolist(), (sides / 2).tolist(), name=BOX, color=paint)
     radius = float(np.hypot(*sides[:2])) / 2
     return prism(circle((0.0, 0.0), radius, _SIDES), -sides[2] / 2, sides[2] / 2, name=kind, color=paint)
 

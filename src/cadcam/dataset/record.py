@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import io
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cadcam.arrays import Mask
+from cadcam.arrays import Array, Mask
 from cadcam.camera.camera import Camera
 from cadcam.dataset.layout import OBJECT, Layout
-from cadcam.dataset.plan import PLAIN
-from cadcam.dataset.shot import Shot
+from cadcam.dataset.shot import Placed, Shot
 from cadcam.dataset.studio import Stage, Take, bounds_of
 from cadcam.files.camera import bare_camera_as_json
 from cadcam.files.matrix import pose_as_json
@@ -48,10 +48,7 @@ def record_of(take: Take, stage: Stage, layout: Layout) -> dict[str, Any]:
         "view": shot.index,
         "bop": {"camera": _bop_camera(shot.camera, stage), "gt": _bop_pose(shot), "info": _bop_info(take)},
         "coco": _coco(take),
-        "key_points": {
-            "q": np.round(take.q, _PX).tolist() if np.isfinite(take.q).all() else _or_none(take),
-            "seen": take.seen.tolist(),
-        },
+        "key_points": {"q": [_pixel(q) for q in take.q], "seen": take.seen.tolist()},
         "camera": bare_camera_as_json(shot.camera, None),
         "camera_from_part": pose_as_json(shot.camera_from_part),
         "made": _made(shot, stage),
@@ -146,27 +143,22 @@ def _white(mask: Mask) -> np.ndarray[Any, np.dtype[np.uint8]]:
     return mask.view(np.uint8) * np.uint8(255)
 
 
-def _or_none(take: Take) -> list[list[float] | None]:
-    """Return the pixels of key points, null for those behind the camera or beyond its lens."""
-    return [np.round(q, _PX).tolist() if np.isfinite(q).all() else None for q in take.q]
+def _pixel(q: Array) -> list[float] | None:
+    """Return a key point's pixel, None where it is behind the camera or beyond its lens."""
+    return [round(x, _PX) for x in q.tolist()] if np.isfinite(q).all() else None
 
 
 def _made(shot: Shot, stage: Stage) -> dict[str, Any]:
     """Return how the view was made: light, background, occluders."""
-    look = shot.look
-    backdrop: dict[str, Any] = {"kind": str(shot.backdrop.kind), "level": shot.backdrop.level}
-    if shot.backdrop.kind != PLAIN:
-        backdrop |= {"place": list(shot.backdrop.place)}
+    names = ("head", "fill", "back", "ambient", "fill_from", "back_from")
+    behind = shot.backdrop
     return {
-        "light": {name: getattr(look, name) for name in ("head", "fill", "back", "ambient", "fill_from", "back_from")},
-        "background": backdrop,
-        "occluders": [
-            {
-                "name": stage.props[o.prop].name,
-                "prop": o.prop,
-                "camera_from_occluder": pose_as_json(o.camera_from_occluder),
-            }
-            for o in shot.occluders
-        ],
+        "light": {name: getattr(shot.look, name) for name in names},
+        "background": {"kind": Path(behind.kind).name, "level": behind.level, "place": list(behind.place)},
+        "occluders": [_occluder(stage.props[at.prop].name, at) for at in shot.occluders],
         "sensor": None if stage.sensor is None else stage.sensor.name,
     }
+
+
+def _occluder(name: str, at: Placed) -> dict[str, Any]:
+    return {"name": name, "prop": at.prop, "camera_from_occluder": pose_as_json(at.camera_from_occluder)}

@@ -109,11 +109,9 @@ class Director:
         """Return a distance drawn: evenly, or so that the part's size in the picture is even."""
         low, high = self.plan.distances(2 * self.radius)
         share = rng.uniform()
-        return (
-            low + (high - low) * share
-            if self.plan.around.distance_mm
-            else 1 / (1 / high + (1 / low - 1 / high) * share)
-        )
+        if self.plan.around.distance_mm is not None:
+            return low + (high - low) * share
+        return 1 / (1 / high + (1 / low - 1 / high) * share)
 
     def _look(self, rng: np.random.Generator) -> Look:
         lights = self.plan.lights

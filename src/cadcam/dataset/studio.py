@@ -1,4 +1,4 @@
-"""Makes the views: a shot -> the picture and all of its labels, as arrays. A worker has one studio for all its views."""
+"""Makes the views: a shot -> the picture and all of its labels, as arrays; one studio a worker."""
 
 from __future__ import annotations
 
@@ -16,9 +16,12 @@ from cadcam.dataset.shot import Shot
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import to_gray
 from cadcam.image.sensor.sensor import Sensor
+from cadcam.render.embree import Caster
+from cadcam.render.occlusion import Occluders
 from cadcam.render.raster import RasterRenderer
 from cadcam.render.seen import SeenEdges, seen_points
 from cadcam.render.view import Channel, Look, Scene, View
+from cadcam.render.visible import COINCIDENT_SHARE
 from cadcam.render.wireframe import Polylines
 
 _GEOMETRY = Channel.DEPTH | Channel.NORMAL
@@ -45,8 +48,8 @@ class Take:
     """A view and its labels, all at pixel centres, occluders included in all but `mask` and `silhouette`.
 
     picture: uint8 (H, W) or (H, W, 3). depth (H, W) mm, inf behind everything; normal (H, W, 3) in the camera frame.
-    mask: where the part is, hidden or not; visible: where it is seen. silhouette: (x, y) (N, 2) of the part's pixels,
-    those beyond the picture's border too (up to its size on each side, as BOP counts them), as bounds and count.
+    mask: where the part is, hidden or not; visible: where it is seen. whole_box (first and last column and row: x0, y0,
+    x1, y1) and whole_count: of the part's pixels, those up to a picture's size beyond its border too, as BOP counts.
     edges: visible stretches. q (K, 2) px and seen (K,) of the key points: ABSENT, HIDDEN, VISIBLE.
     """
 
@@ -71,6 +74,9 @@ class Studio:
         self._part = RasterRenderer(stage.scene, threads=1)
         self._props: dict[int, RasterRenderer] = {}
         self._edges = SeenEdges(stage.scene)
+        caster = Caster(stage.scene.mesh)
+        self._occluders = Occluders(stage.scene.mesh, caster)
+        self._tolerance = COINCIDENT_SHARE * 2 * caster.radius
 
     def take(self, shot: Shot, photo: bytes | None = None) -> Take:
         """Return the labelled view of a shot; `photo`: content of the background's file, where it is one."""
@@ -86,19 +92,8 @@ class Studio:
         q = shot.camera.project(p)
         picture = part.rgb if quick else self._developed(shot, part, before, photo)
         box, count = self._silhouette(shot, mask)
-        return Take(
-            shot,
-            picture,
-            view.depth,
-            view.normal,
-            mask,
-            visible,
-            box,
-            count,
-            self._edges.draw(view),
-            q,
-            _seen(view, p, q),
-        )
+        edges, seen = self._edges.draw(view), self._seen(view, p, q)
+        return Take(shot, picture, view.depth, view.normal, mask, visible, box, count, edges, q, seen)
 
     def _prop(self, number: int, camera: Camera, pose: Rigid, look: Look) -> View:
         if number not in self._props:
@@ -116,14 +111,21 @@ class Studio:
             image = self.stage.sensor.apply(image, rng=np.random.default_rng(shot.sensor_seed))
         return (np.clip(image, 0, 1) * np.float32(255) + np.float32(0.5)).astype(np.uint8)
 
+    def _seen(self, view: View, p: Array, q: Array) -> Ids:
+        """Return how key points are seen: the part hides them by rays in space, all else in the view by its depth."""
+        eye, tolerance = view.camera_from_world.origin, np.full(len(p), self._tolerance)
+        hidden = self._occluders.hidden(self.stage.key_points, eye, tolerance) | ~seen_points(view, p, q)
+        inside = view.camera.sees(np.nan_to_num(q, nan=-1e9))
+        return np.where(~inside, ABSENT, np.where(hidden, HIDDEN, VISIBLE)).astype(np.int32)
+
     def _silhouette(self, shot: Shot, mask: Mask) -> tuple[tuple[int, int, int, int], int]:
         """Return bounds x0, y0, x1, y1 (inclusive) and count of the part's pixels, those outside the picture too."""
         width, height = shot.camera.size
         if not _touches_border(mask) and mask.any():
-            return _bounds(mask), int(mask.sum())
+            return bounds_of(mask), int(mask.sum())
         wide = shot.camera.crop(-width, -height, (3 * width, 3 * height))
         whole = np.isfinite(self._part.render(wide, shot.camera_from_part, channels=Channel.DEPTH).depth)
-        x0, y0, x1, y1 = _bounds(whole)
+        x0, y0, x1, y1 = bounds_of(whole)
         return (x0 - width, y0 - height, x1 - width, y1 - height), int(whole.sum())
 
 
@@ -139,19 +141,11 @@ def _in_front(views: list[View]) -> View:
     return View(first.camera, first.camera_from_world, {"depth": depth, "normal": normal})
 
 
-def _seen(view: View, p: Array, q: Array) -> Ids:
-    inside = view.camera.sees(np.nan_to_num(q, nan=-1e9))
-    return np.where(seen_points(view, p, q), VISIBLE, np.where(inside, HIDDEN, ABSENT)).astype(np.int32)
-
-
 def _touches_border(mask: Mask) -> bool:
     return bool(mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any())
 
 
-def _bounds(mask: Mask) -> tuple[int, int, int, int]:
+def bounds_of(mask: Mask) -> tuple[int, int, int, int]:
     """Return x0, y0, x1, y1 of the pixels that are set, inclusive; -1 throughout where none is."""
     x, y = np.flatnonzero(mask.any(axis=0)), np.flatnonzero(mask.any(axis=1))
     return (int(x[0]), int(y[0]), int(x[-1]), int(y[-1])) if len(x) else (-1, -1, -1, -1)
-
-
-bounds_of = _bounds

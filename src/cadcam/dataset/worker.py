@@ -84,7 +84,7 @@ def main() -> None:
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever prints, prints elsewhere
     requests = sys.stdin.buffer
-    with suppress(EOFError):
+    with suppress(EOFError, BrokenPipeError):
         maker = Maker(pickle.load(requests))
         while True:
             pickle.dump(maker.answer(pickle.load(requests)), answers, protocol=pickle.HIGHEST_PROTOCOL)

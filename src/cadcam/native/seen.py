@@ -23,7 +23,7 @@ def _core() -> c.CDLL:
 def seen(
     depth: Picture, normal: Picture, focal: tuple[float, float], p: Array, q: Array, *, slack: float, steepest: float
 ) -> Mask:
-    """Return which points (n,) a view of depth (H, W) and normals (H, W, 3) shows; p (n, 3) mm, q (n, 2) px (seen.h)."""
+    """Return which points (n,) a view of depth (H, W) and normals (H, W, 3) shows: p (n, 3) mm, q (n, 2) px."""
     depth, normal = np.ascontiguousarray(depth, np.float32), np.ascontiguousarray(normal, np.float32)
     p, q = np.ascontiguousarray(p, np.float64), np.ascontiguousarray(q, np.float64)
     out = np.zeros(len(p), np.uint8)
