@@ -92,7 +92,7 @@ def test_poses_and_a_camera_say_how_many_views_there_are(here: Path) -> None:
         ({"background": ["pics/"]}, "pics/: no such file or folder"),
         ({"occluders": [3, 1]}, "occluders is .3, 1."),
         ({"occluders": [0, 1], "occluder_shapes": ["bax"]}, "unknown occluder shape 'bax'; did you mean 'box'"),
-        ({"occluder_shapes": ["lost.stl"]}, "lost.stl: no such file"),
+        ({"occluder_shapes": ["lost.stl"]}, "lost.stl: does not exist"),
         ({"occluder_size": [0, 1]}, "occluder_size is .0.0, 1.0."),
         ({"sensor": "phon"}, "unknown sensor 'phon'; did you mean 'phone'"),
         ({"samples": 9}, "samples is 9"),

@@ -96,7 +96,7 @@ def test_a_worker_that_is_killed_is_replaced_and_nothing_is_lost(
 
 def test_a_view_that_kills_every_worker_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processes, "_COMMAND", (sys.executable, "-c", "raise SystemExit(3)"))
-    with pytest.raises(WorkerDied, match="view 0: 3 processes one after the other died over it .the last with 3"):
+    with pytest.raises(WorkerDied, match=r"view 0: 3 processes one after the other died over it .the last with 3"):
         make_dataset(tmp_path / "set", scene(), plan(), workers=1)
 
 
@@ -105,7 +105,7 @@ def test_a_mistake_of_ours_in_a_worker_is_told_with_its_traceback(tmp_path: Path
     broken = plan(1, sensor="no sensor")
     stage, director = stage_and_director(broken)
     job = Job(stage, Layout("train", "rgb"))
-    with pytest.raises(RuntimeError, match="in a worker:\nTraceback(.|\n)*has no attribute 'apply'"):
+    with pytest.raises(RuntimeError, match=r"in a worker:\nTraceback(.|\n)*has no attribute 'apply'"):
         list(processes.on_processes(job, [Task(director.shot(0))], 1))
 
 
