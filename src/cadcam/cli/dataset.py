@@ -123,6 +123,8 @@ def run(arguments: argparse.Namespace) -> None:
     from cadcam.dataset.plan_file import read_plan
 
     plan = read_plan(arguments.plan, _options(arguments))
+    if plan.camera.lens.parameters:
+        say("pictures and labels are as seen through a lens, for which BOP has no place: it stands in view/*.json")
     mesh, report = load_as_asked(arguments)
     with working("looking for edges"):
         from cadcam.dataset.make import make_dataset

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from cadcam.arrays import Array, Mask
 from cadcam.camera.camera import Camera
@@ -29,12 +30,13 @@ _PX = 4  # decimals of pixels in records: far below what any measurement resolve
 
 def files_of(take: Take, stage: Stage, layout: Layout) -> dict[str, bytes]:
     """Return the content of a view's files by their paths, the record last."""
+    mask = packed(_white(take.mask))
     content = {
         layout.picture: packed(take.picture),
         "depth": packed(_steps(take, stage.depth_step)),
         "normal": packed(_normals(take)),
-        "mask": packed(_white(take.mask)),
-        "mask_visib": packed(_white(take.visible)),
+        "mask": mask,
+        "mask_visib": packed(_white(take.visible)) if take.shot.occluders else mask,
         "edges": edges_file(take.edges, stage),
         "view": json.dumps(record_of(take, stage, layout), separators=(",", ":")).encode() + b"\n",
     }
@@ -127,19 +129,30 @@ def arrays_file(**arrays: np.ndarray[Any, Any]) -> bytes:
     return file.getvalue()
 
 
-def _steps(take: Take, step: float) -> np.ndarray[Any, np.dtype[np.uint16]]:
-    depth = np.where(np.isfinite(take.depth), take.depth, 0)
-    return np.clip(np.rint(depth / np.float32(step)), 0, DEEPEST).astype(np.uint16)
+def _steps(take: Take, step: float) -> npt.NDArray[np.uint16]:
+    out = np.zeros(take.depth.shape, np.uint16)
+    rows = _filled(take)
+    depth = take.depth[rows]
+    out[rows] = np.clip(np.rint(np.where(np.isfinite(depth), depth, 0) / np.float32(step)), 0, DEEPEST)
+    return out
 
 
-def _normals(take: Take) -> np.ndarray[Any, np.dtype[np.uint8]]:
+def _normals(take: Take) -> npt.NDArray[np.uint8]:
     """Return (n + 1)/2 in steps of 1/255, and 0 where there is nothing."""
-    coded = (take.normal * np.float32(127.5) + np.float32(128)).astype(np.uint8)
-    coded[~np.isfinite(take.depth)] = 0
-    return coded
+    out = np.zeros(take.normal.shape, np.uint8)
+    rows = _filled(take)
+    coded = (take.normal[rows] * np.float32(127.5) + np.float32(128)).astype(np.uint8)
+    out[rows] = coded * np.isfinite(take.depth[rows])[..., None]
+    return out
 
 
-def _white(mask: Mask) -> np.ndarray[Any, np.dtype[np.uint8]]:
+def _filled(take: Take) -> tuple[slice, slice]:
+    """Return the rows and columns outside which there is nothing: most of a picture is often empty."""
+    x0, y0, x1, y1 = bounds_of(np.isfinite(take.depth))
+    return slice(max(y0, 0), y1 + 1), slice(max(x0, 0), x1 + 1)
+
+
+def _white(mask: Mask) -> npt.NDArray[np.uint8]:
     return mask.view(np.uint8) * np.uint8(255)
 
 

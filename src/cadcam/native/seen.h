@@ -15,4 +15,11 @@
 CC_API void cc_seen(const float *depth, const float *normal, int32_t width, int32_t height, double fx, double fy,
                     double slack, double steepest, int64_t n, const double *p, const double *q, uint8_t *out);
 
+/* The same for samples along lines, straight in the pixel plane of a camera without distortion: a, b (n, 2) the ends of
+ * lines in the plane u = (x, y)/z, wa, wb (n) their 1/z; K (2, 3) takes u to pixels. Line i has samples[i] of them, in
+ * the middles of as many equal shares. */
+CC_API void cc_seen_lines(const float *depth, const float *normal, int32_t width, int32_t height, const double *K,
+                          double slack, double steepest, int64_t n, const double *a, const double *b, const double *wa,
+                          const double *wb, const int64_t *samples, uint8_t *out);
+
 #endif

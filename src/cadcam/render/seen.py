@@ -13,14 +13,17 @@ import numpy as np
 
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.cad.edges import EdgeKind, edge_table
+from cadcam.camera.camera import Camera
+from cadcam.camera.lens import Ideal
 from cadcam.native.seen import seen as _seen
+from cadcam.native.seen import seen_lines
 from cadcam.render.clip import FlatSegments, Frustum
 from cadcam.render.occlusion import solid_parts
 from cadcam.render.segments import Segments
 from cadcam.render.stretches import Stretches
 from cadcam.render.trace import Tracer
 from cadcam.render.view import Scene, View
-from cadcam.render.wireframe import Polylines
+from cadcam.render.wireframe import Longs, Polylines
 
 _SLACK_PX = 0.5  # by how much of a pixel's width a surface may stand in front of a point and not hide it
 _STEEPEST = 0.5  # a face's plane is continued by at most this share of its depth
@@ -54,7 +57,8 @@ class SeenEdges:
         table = edge_table(mesh)
         self._solid = solid_parts(mesh, table)[edges.part] & (edges.faces[:, 1] >= 0)
         smooth = (table.count == 2) & (table.angle > _FLAT) & ~_among(table.vertices, edges.vertices, mesh.vertices)
-        self._curved, self._beside = table.vertices[smooth], table.faces[smooth]
+        self._curved, self._beside = table.vertices[smooth], np.ascontiguousarray(table.faces[smooth].T)
+        self._faces = np.ascontiguousarray(edges.faces.T)
 
     def draw(self, view: View) -> Polylines:
         """Return the visible stretches of features and contours, cut at the picture's border.
@@ -63,28 +67,36 @@ class SeenEdges:
         frame. Contours come edge by edge, each a chain of its own. Raises `MissingCore` without the compiled core.
         """
         camera, pose = view.camera, view.camera_from_world
-        every = self._facing(pose.origin)
-        p = pose @ self.scene.mesh.vertices
-        a, b = p[every.vertices[:, 0]], p[every.vertices[:, 1]]
-        t0, t1, kept = Frustum.of(camera, near=self._near, margin_px=0.0).clip(a, b)
-        segments, lines = every.select(kept), FlatSegments.of(a[kept], b[kept], t0[kept], t1[kept])
-        trace = Tracer(self.scene, camera, segments, np.flatnonzero(kept), lines, _CHORD_PX)
-        found = trace.polylines(_shown(view, lines))
+        segments, kept, lines = self._in_view(self._facing(pose.origin), pose @ self.scene.mesh.vertices, camera)
+        found = Tracer(self.scene, camera, segments, kept, lines, _CHORD_PX).polylines(_shown(view, lines))
         return found.select(found.length_px >= _SHORTEST_PX)
+
+    def _in_view(self, every: Segments, p: Array, camera: Camera) -> tuple[Segments, Longs, FlatSegments]:
+        """Return the segments that reach into the picture, their numbers, and their images; p (V, 3) camera frame."""
+        frustum = Frustum.of(camera, near=self._near, margin_px=0.0)
+        first, second = every.vertices[:, 0], every.vertices[:, 1]
+        if isinstance(camera.lens, Ideal) and frustum.holds(p):
+            w = 1 / p[:, 2]
+            u, n = p[:, :2] * w[:, None], len(first)
+            lines = FlatSegments(u[first], u[second], w[first], w[second], np.zeros(n), np.ones(n))
+            return every, np.arange(n), lines
+        a, b = p[first], p[second]
+        t0, t1, kept = frustum.clip(a, b)
+        return every.select(kept), np.flatnonzero(kept), FlatSegments.of(a[kept], b[kept], t0[kept], t1[kept])
 
     def _facing(self, eye: Array) -> Segments:
         """Return the features but those whose solid turns both their faces away, and this view's contours."""
         front = self._normals @ eye > self._heights
         edges = self.scene.edges
-        kept = np.flatnonzero(front[edges.faces].any(axis=1) | ~self._solid)
-        turning = front[self._beside[:, 0]] != front[self._beside[:, 1]]
+        kept = np.flatnonzero(front[self._faces[0]] | front[self._faces[1]] | ~self._solid)
+        turning = np.flatnonzero(front[self._beside[0]] != front[self._beside[1]])
         contours = self._curved[turning]
         n, none = len(contours), np.full(len(contours), -1, np.int32)
         after = int(edges.chain.max(initial=-1)) + 1
         return Segments(
             vertices=np.concatenate([edges.vertices[kept], contours]),
             kind=np.concatenate([edges.kind[kept], np.full(n, EdgeKind.CONTOUR, np.int32)]),
-            part=np.concatenate([edges.part[kept], self.scene.mesh.part[self._beside[turning, 0]]]),
+            part=np.concatenate([edges.part[kept], self.scene.mesh.part[self._beside[0][turning]]]),
             chain=np.concatenate([edges.chain[kept], np.arange(after, after + n, dtype=np.int32)]),
             edge=np.concatenate([none, np.full(len(kept), -1, np.int32)]),
             feature=np.concatenate([kept.astype(np.int32), none]),
@@ -94,20 +106,32 @@ class SeenEdges:
 
 def _shown(view: View, lines: FlatSegments) -> Stretches:
     """Return the stretches of the lines that the view shows: runs of samples a pixel apart, each for its share."""
-    camera = view.camera
-    ends = [camera.project(np.column_stack([u, np.ones(len(u))])) for u in (lines.a, lines.b)]
-    n = np.maximum(np.ceil(np.linalg.norm(ends[1] - ends[0], axis=1) / _STEP_PX), 1).astype(np.int64)
+    ends = [_pixels(view.camera, u) for u in (lines.a, lines.b)]
+    n = np.maximum(np.ceil(np.hypot(*(ends[1] - ends[0]).T) / _STEP_PX), 1).astype(np.int64)
     line = np.repeat(np.arange(len(n)), n)
-    step = np.arange(len(line)) - (np.cumsum(n) - n)[line]
-    s = (step + 0.5) / n[line]
+    shown = _shown_samples(view, lines, n, line)
+    another = line[1:] != line[:-1]
+    first = np.flatnonzero(shown & np.append(True, ~shown[:-1] | another)[: len(shown)])
+    last = np.flatnonzero(shown & np.append(~shown[1:] | another, True)[: len(shown)])
+    before = (np.cumsum(n) - n)[line[first]]
+    return Stretches(line[first], (first - before) / n[line[first]], (last + 1 - before) / n[line[first]])
+
+
+def _shown_samples(view: View, lines: FlatSegments, n: Longs, line: Longs) -> Mask:
+    """Return which samples the view shows: n (N,) of them on each line, in the middles of its shares."""
+    camera = view.camera
+    how = {"slack": _SLACK_PX / min(camera.fx, camera.fy), "steepest": _STEEPEST}
+    if isinstance(camera.lens, Ideal):
+        return seen_lines(view.depth, view.normal, camera.K[:2], (lines.a, lines.b, lines.wa, lines.wb), n, **how)
+    s = (np.arange(len(line)) - (np.cumsum(n) - n)[line] + 0.5) / n[line]
     u = lines.a[line] + s[:, None] * (lines.b - lines.a)[line]
     z = 1 / (lines.wa[line] + s * (lines.wb - lines.wa)[line])
-    ray = np.column_stack([u, np.ones(len(u))])
-    shown = seen_points(view, ray * z[:, None], camera.project(ray))
-    begins = shown & np.append(True, ~shown[:-1] | (line[1:] != line[:-1]))
-    ends_here = shown & np.append(~shown[1:] | (line[1:] != line[:-1]), True)
-    first, last = np.flatnonzero(begins), np.flatnonzero(ends_here)
-    return Stretches(line[first], step[first] / n[line[first]], (step[last] + 1) / n[line[last]])
+    return seen_points(view, np.column_stack([u * z[:, None], z]), _pixels(camera, u))
+
+
+def _pixels(camera: Camera, u: Array) -> Array:
+    """Return the pixels of points u (N, 2) of the plane (x, y)/z."""
+    return camera.project(np.column_stack([u, np.ones(len(u))]))
 
 
 def _among(edges: Ids, chosen: Ids, vertices: Array) -> Mask:
