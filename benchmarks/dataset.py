@@ -80,17 +80,8 @@ def _cpu() -> float:
 
 def by_processes(name: str, count: int, processes: int, fill: Span) -> Rate:
     """Return the rate of processes that each render `count` views of their own, all at once."""
-    command = [
-        sys.executable,
-        __file__,
-        "--measure",
-        name,
-        "--peer-views",
-        str(count),
-        "--fill",
-        *map(str, fill),
-        "--start",
-    ]
+    options = ["--peer-views", str(count), "--fill", *map(str, fill)]
+    command = [sys.executable, __file__, "--measure", name, *options]
     env = {**os.environ, "PYOPENGL_PLATFORM": "egl"}
     running = [
         subprocess.Popen([*command, "--start", str(k * count)], stdout=subprocess.PIPE, text=True, env=env)

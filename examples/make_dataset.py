@@ -1,7 +1,7 @@
 """Make a small data set of a sample part, then read it as anybody would: with json, numpy and Pillow alone.
 
-Run it as `python examples/make_dataset.py [FOLDER]`. It prints how far each view's key points, projected by the pose and
-camera matrix that BOP's files hold, lie from the pixels that COCO's file labels, and how much of the part is seen.
+Run it as `python examples/make_dataset.py [FOLDER]`. It prints how far each view's key points, projected by pose and
+camera matrix of BOP's files, lie from the pixels that COCO's file labels, and how much of the part is seen.
 """
 
 from __future__ import annotations
