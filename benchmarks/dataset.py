@@ -21,8 +21,8 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from cadcam.cad.parts import ship_block
 from cadcam.camera.camera import Camera
@@ -50,23 +50,23 @@ def shots(count: int, start: int, fill: Span) -> list[Shot]:
 
 def rendered(name: str, views: list[Shot]) -> Rate:
     """Return the rate of a renderer that hands colour and depth to numpy."""
+    frame = _frames(name)
+    for shot in views[:2]:
+        frame(shot)
+    return timed(lambda: [frame(shot) for shot in views[2:]], len(views) - 2)
+
+
+def _frames(name: str) -> Callable[[Shot], object]:
+    """Return what renders the picture and depth of a shot."""
     mesh = ship_block(triangles=TRIANGLES)
     if name == "pyrender":
-        other = peer("pyrender", mesh)
-        frames = [lambda shot=shot: other.frame(shot.camera, shot.camera_from_part, color=True) for shot in views]
-    else:
-        ours = RasterRenderer(Scene.of(mesh, edges=NO_EDGES))
-        wanted = Channel.RGB | Channel.DEPTH
-        frames = [
-            lambda shot=shot: ours.render(shot.camera, shot.camera_from_part, channels=wanted, look=shot.look)
-            for shot in views
-        ]
-    for frame in frames[:2]:
-        frame()
-    return timed(lambda: [frame() for frame in frames[2:]], len(frames) - 2)
+        other = peer(name, mesh)
+        return lambda shot: other.frame(shot.camera, shot.camera_from_part, color=True)
+    ours, wanted = RasterRenderer(Scene.of(mesh, edges=NO_EDGES)), Channel.RGB | Channel.DEPTH
+    return lambda shot: ours.render(shot.camera, shot.camera_from_part, channels=wanted, look=shot.look)
 
 
-def timed(work: Any, count: int) -> Rate:
+def timed(work: Callable[[], object], count: int) -> Rate:
     """Return the rate of some work on so many views, with the CPU time of this process and of those it started."""
     before, start = _cpu(), time.perf_counter()
     work()

@@ -77,7 +77,9 @@ def test_poses_and_a_camera_say_how_many_views_there_are(here: Path) -> None:
     [
         ({"views": 0}, "views is 0; expected a whole number from 1"),
         ({"seed": -1}, "seed is -1"),
-        ({"size": [0, 240]}, "picture size is .0, 240."),
+        ({"size": [0, 240]}, "picture size is .0.0, 240.0."),
+        ({"size": [320.5, 240]}, "picture size is .320.5, 240"),
+        ({"occluders": [0.5, 2]}, "occluders is .0.5, 2.0.; expected whole numbers"),
         ({"view_angle_deg": 0}, "view_angle_deg is 0.0; expected 1 to 150 degrees"),
         ({"camera": "camera.json", "size": [10, 10]}, "size is given beside a camera"),
         ({"camera": "none.json"}, "none.json: no such file"),

@@ -6,8 +6,8 @@ not matter who makes a view, in what order, or how often the work was cut off.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,8 +26,9 @@ from cadcam.dataset.sheet import contact_sheet
 from cadcam.dataset.shot import Director
 from cadcam.dataset.studio import Stage
 from cadcam.dataset.worker import Files, Job, Task
-from cadcam.errors import BadValue, UnreadableFile
+from cadcam.errors import BadValue, MissingCore, UnreadableFile
 from cadcam.files.jsontext import as_json
+from cadcam.native.core import library
 from cadcam.render.view import Scene
 from cadcam.whole import write_whole
 
@@ -76,6 +77,7 @@ def make_dataset(
     folder, layout = Path(folder), Layout(_named(split), "gray" if plan.gray else "rgb")
     if workers is not None and workers < 1:
         raise BadValue("workers", workers, "a whole number of at least 1")
+    _check_core()
     names, points = corners(scene) if plan.key_points is None else (plan.key_point_names, plan.key_points)
     props = props_of(plan.occluders, 2 * middle_and_radius(scene.mesh)[1], plan.seed)
     director = Director(plan, scene, props)
@@ -86,28 +88,33 @@ def make_dataset(
     todo = missing(folder, layout, plan.views)
     if on_start:
         on_start(len(todo), plan.views - len(todo))
-    for files in _made(Job(stage, layout), director, todo, workers or cores(), cluster):
-        for path, content in files.items():
-            write_whole(folder / path, content)
-        if on_view:
-            on_view()
+    with closing(_made(Job(stage, layout), director, todo, workers or cores(), cluster)) as made:
+        for files in made:
+            for path, content in files.items():
+                write_whole(folder / path, content)
+            if on_view:
+                on_view()
     visible = assemble(folder, layout, plan.views, name=name, key_points=names)
     write_whole(folder / CONTACT, contact_sheet(folder, layout, plan.views))
     return Made(folder, layout, len(todo), tuple(visible), stage.depth_step)
 
 
+def _check_core() -> None:
+    """Say now what every worker would."""
+    try:
+        library()
+    except MissingCore as error:
+        raise MissingCore(error.why, "the renderer of data sets", "reinstall") from None
+
+
 def missing(folder: Path, layout: Layout, views: int) -> list[int]:
     """Return the views of which a file is missing; half-written files of a run that was cut off are removed."""
-    there: dict[str, set[str]] = {}
-    for scene in range(-(-views // VIEWS_A_SCENE)):
-        for kind in layout.kinds():
-            place = f"{layout.scene(scene)}/{kind}"
-            there[place] = set(_swept(folder / place))
-    out = []
-    for index in range(views):
-        paths = (layout.path(kind, index).rsplit("/", 1) for kind in layout.kinds())
-        if not all(name in there[place] for place, name in paths):
-            out.append(index)
+    out: list[int] = []
+    for first in range(0, views, VIEWS_A_SCENE):
+        scene = folder / layout.scene(first // VIEWS_A_SCENE)
+        there = {kind: set(_swept(scene / kind)) for kind in layout.kinds()}
+        own = range(first, min(first + VIEWS_A_SCENE, views))
+        out += [i for i in own if any(Path(layout.path(kind, i)).name not in names for kind, names in there.items())]
     return out
 
 
@@ -123,12 +130,13 @@ def _swept(folder: Path) -> Iterator[str]:
             yield file.name
 
 
-def _made(job: Job, director: Director, todo: list[int], workers: int, cluster: str | None) -> Iterator[Files]:
-    """Return the files of views as they come."""
-    if not todo:
-        return iter(())
-    tasks = _tasks(director, todo)
-    return on_cluster(job, tasks, cluster) if cluster else on_processes(job, tasks, min(workers, len(todo)))
+def _made(
+    job: Job, director: Director, todo: list[int], workers: int, cluster: str | None
+) -> Generator[Files, None, None]:
+    """Yield the files of views as they come."""
+    if todo:
+        tasks = _tasks(director, todo)
+        yield from on_cluster(job, tasks, cluster) if cluster else on_processes(job, tasks, min(workers, len(todo)))
 
 
 def _tasks(director: Director, todo: Iterable[int]) -> Iterator[Task]:

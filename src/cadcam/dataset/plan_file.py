@@ -149,7 +149,7 @@ class _Given:
                 raise BadValue(beside[0], "given beside a camera", "one of them: the camera file says it")
             return read_camera(file).camera
         place = self.place("size")
-        width, height = _SIZE if place is None else (int(v) for v in place.array((2,)).tolist())
+        width, height = _SIZE if place is None else place.array((2,)).tolist()
         angle = self.number("view_angle_deg", _ANGLE_DEG)
         if not 1 <= angle <= 150:
             raise BadValue("view_angle_deg", angle, "1 to 150 degrees over the picture's shorter side")
@@ -174,6 +174,8 @@ class _Given:
 
     def _occluders(self) -> Occluders:
         low, high = self.span("occluders", (0.0, 0.0))
+        if low != int(low) or high != int(high):
+            raise BadValue("occluders", (low, high), "whole numbers: (fewest, most)")
         words = self.words("occluder_shapes", (BOX, CYLINDER))
         files = [word for word in words if word not in (BOX, CYLINDER)]
         for word in files:

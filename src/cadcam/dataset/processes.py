@@ -18,7 +18,7 @@ from cadcam.errors import WorkerDied
 _TRIES = 3  # processes that may die over one view
 _AHEAD = 2  # views under way or waiting, a worker: enough to keep them busy
 # not -m: as __main__ the module would hold a second set of the classes that its input is made of
-_COMMAND = (sys.executable, "-c", "from cadcam.dataset.worker import main; main()")
+_COMMAND = (sys.executable, "-P", "-c", "from cadcam.dataset.worker import main; main()")
 # One thread a process: the processes are the parallelism, and sums of matrix products depend on how they are shared.
 _ENVIRONMENT = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 

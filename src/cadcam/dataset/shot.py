@@ -77,8 +77,7 @@ class Director:
         """Return a depth (mm) that no surface of any view exceeds."""
         if self.plan.poses:
             return max(float((pose @ self.middle)[2]) for pose in self.plan.poses) + self.radius
-        longest = self.plan.distances(2 * self.radius)[1]
-        return longest * (1 + 6 * self.plan.focal_jitter) + self.radius
+        return self.plan.distances(2 * self.radius)[1] + self.radius
 
     def _camera(self, rng: np.random.Generator) -> Camera:
         camera, plan = self.plan.camera, self.plan
