@@ -43,8 +43,14 @@ def bop(folder: Path) -> list[tuple[int, dict[str, Any], dict[str, Any], dict[st
     return [(int(key), camera[key], gt[key][0], info[key][0]) for key in gt]
 
 
+def arrays(path: Path) -> dict[str, Any]:
+    with np.load(path) as file:
+        return dict(file)
+
+
 def picture(folder: Path, kind: str, index: int, tail: str = "") -> np.ndarray[Any, Any]:
-    return np.asarray(Image.open(folder / f"train/000000/{kind}/{index:06d}{tail}.png"))
+    with Image.open(folder / f"train/000000/{kind}/{index:06d}{tail}.png") as image:
+        return np.asarray(image)
 
 
 def matrices(camera: dict[str, Any], pose: dict[str, Any]) -> tuple[np.ndarray[Any, Any], ...]:
@@ -90,9 +96,9 @@ def test_depth_taken_into_the_model_lies_on_it(made: Path) -> None:
 def test_pictures_are_of_the_types_that_bop_reads(made: Path) -> None:
     for index, *_ in bop(made):
         assert picture(made, "rgb", index).shape == (72, 96, 3)
-        for kind, tail, mode in (("depth", "", "I;16"), ("mask", "_000000", "L"), ("mask_visib", "_000000", "L")):
-            assert Image.open(made / f"train/000000/{kind}/{index:06d}{tail}.png").mode == mode
+        assert picture(made, "depth", index).dtype == np.uint16
         full, seen = (picture(made, kind, index, "_000000") for kind in ("mask", "mask_visib"))
+        assert (full.dtype, full.shape) == (np.uint8, (72, 96))
         assert set(np.unique(full)) <= {0, 255}
         assert not ((seen > 0) & (full == 0)).any()
 
@@ -117,7 +123,7 @@ def test_the_models_info_is_the_boxs_own(made: Path) -> None:
 
 def test_normals_and_edges_are_told_as_documented(made: Path) -> None:
     """A normal coded in bytes is one of the box's six, to the rounding; an edge's pixels are the CAD edge's own."""
-    model = np.load(made / "models/obj_000001_edges.npz")
+    model = arrays(made / "models/obj_000001_edges.npz")
     for index, camera, pose, _ in bop(made):
         K, R, t = matrices(camera, pose)
         seen = picture(made, "mask_visib", index, "_000000") > 0
@@ -125,7 +131,7 @@ def test_normals_and_edges_are_told_as_documented(made: Path) -> None:
         axes = np.round(own)
         assert (np.abs(axes).sum(axis=1) == 1).all()
         assert np.abs(own - axes).max(initial=0) < np.sqrt(3) / 127.5
-        edges = np.load(made / f"train/000000/edges/{index:06d}.npz")
+        edges = arrays(made / f"train/000000/edges/{index:06d}.npz")
         for number, first, last in zip(edges["edge"], edges["start"][:-1], edges["start"][1:], strict=True):
             at = int(np.flatnonzero(model["edge"] == number)[0])
             a, b = (model["p"][model["start"][at] : model["start"][at + 1]] @ R.T + t)[[0, -1]] @ K.T
