@@ -10,14 +10,17 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cadcam import whole
 from cadcam.dataset import processes
 from cadcam.dataset.layout import Layout
 from cadcam.dataset.make import make_dataset
+from cadcam.dataset.plan import Occluders
 from cadcam.dataset.worker import Job, Task
-from cadcam.errors import BadValue, MissingExtra, UnreachableCluster, UnwritableFile, WorkerDied
+from cadcam.errors import BadValue, MissingExtra, UnreachableCluster, UnreadableFile, UnwritableFile, WorkerDied
+from cadcam.image.picture import read_picture, write_picture
 
 from .sets import contents, plan, same, scene, stage_and_director
 
@@ -126,6 +129,18 @@ def test_a_full_disk_is_one_error_and_the_run_goes_on_when_there_is_room(
             make_dataset(tmp_path / "set", scene(), plan(), workers=2)
     assert 0 < make_dataset(tmp_path / "set", scene(), plan(), workers=2).new < 8
     same(tmp_path / "set", straight)
+
+
+def test_photos_travel_to_workers_and_a_damaged_one_is_named(tmp_path: Path) -> None:
+    photo = tmp_path / "hall.png"
+    write_picture(photo, np.full((90, 200, 3), (0.2, 0.4, 0.6)))
+    made = plan(1, backgrounds=(photo,), occluders=Occluders())
+    make_dataset(tmp_path / "set", scene(), made, workers=1)
+    picture = read_picture(tmp_path / "set/train/000000/rgb/000000.png")
+    assert picture[0, 0] == pytest.approx((0.2, 0.4, 0.6))
+    photo.write_bytes(photo.read_bytes()[:60])
+    with pytest.raises(UnreadableFile, match=r"hall.png: is cut off or damaged"):
+        make_dataset(tmp_path / "other", scene(), made, workers=1)
 
 
 def test_more_views_are_added_to_those_there(straight: Path, tmp_path: Path) -> None:
