@@ -12,8 +12,10 @@ from cadcam.dataset.plan import Occluders
 from cadcam.dataset.studio import ABSENT, HIDDEN, VISIBLE, Studio, Take
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.sensor.presets import PRESETS
+from cadcam.render.raster import RasterRenderer
+from cadcam.render.view import Channel
 
-from .sets import CAMERA, HALF, plan, stage_and_director
+from .sets import CAMERA, HALF, plan, scene, stage_and_director
 
 PLANS = {
     "bare": plan(occluders=Occluders()),
@@ -68,6 +70,19 @@ def test_boxes_bound_the_masks(takes: list[Take]) -> None:
         if take.whole_count == take.mask.sum() and take.mask.any():
             y, x = np.nonzero(take.mask)
             assert (x.min(), y.min(), x.max(), y.max()) == take.whole_box
+
+
+def test_a_silhouette_counts_what_is_up_to_a_pictures_size_beyond_the_border(takes: list[Take]) -> None:
+    """As BOP's own tool does it: the part alone on a canvas of three times the size."""
+    width, height = CAMERA.size
+    for take in takes:
+        wide = take.shot.camera.crop(-width, -height, (3 * width, 3 * height))
+        depth = (
+            RasterRenderer(scene(), threads=1).render(wide, take.shot.camera_from_part, channels=Channel.DEPTH).depth
+        )
+        y, x = np.nonzero(np.isfinite(depth))
+        assert take.whole_count == len(x)
+        assert take.whole_box == (x.min() - width, y.min() - height, x.max() - width, y.max() - height)
 
 
 def test_key_points_are_where_the_camera_projects_them_and_seen_where_a_face_of_theirs_is(takes: list[Take]) -> None:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Mask, Picture
 from cadcam.camera.camera import Camera
+from cadcam.camera.lens import Ideal
 from cadcam.dataset.backdrop import backdrop_picture
 from cadcam.dataset.plan import PLAIN
 from cadcam.dataset.props import Prop
@@ -25,6 +26,7 @@ from cadcam.render.visible import COINCIDENT_SHARE
 from cadcam.render.wireframe import Polylines
 
 _GEOMETRY = Channel.DEPTH | Channel.NORMAL
+NOWHERE = (-1, -1, -1, -1)
 ABSENT, HIDDEN, VISIBLE = 0, 1, 2  # COCO's words for key points
 
 
@@ -120,13 +122,28 @@ class Studio:
 
     def _silhouette(self, shot: Shot, mask: Mask) -> tuple[tuple[int, int, int, int], int]:
         """Return bounds x0, y0, x1, y1 (inclusive) and count of the part's pixels, those outside the picture too."""
-        width, height = shot.camera.size
         if not _touches_border(mask) and mask.any():
             return bounds_of(mask), int(mask.sum())
-        wide = shot.camera.crop(-width, -height, (3 * width, 3 * height))
+        left, top, right, bottom = self._reach(shot)
+        if left >= right or top >= bottom:
+            return NOWHERE, 0
+        wide = shot.camera.crop(left, top, (right - left, bottom - top))
         whole = np.isfinite(self._part.render(wide, shot.camera_from_part, channels=Channel.DEPTH).depth)
+        if not whole.any():
+            return NOWHERE, 0
         x0, y0, x1, y1 = bounds_of(whole)
-        return (x0 - width, y0 - height, x1 - width, y1 - height), int(whole.sum())
+        return (x0 + left, y0 + top, x1 + left, y1 + top), int(whole.sum())
+
+    def _reach(self, shot: Shot) -> tuple[int, int, int, int]:
+        """Return left, top, right, bottom (exclusive) of what the part may cover, to a picture's size outside, px."""
+        width, height = shot.camera.size
+        low, high = np.array([-width, -height]), np.array([2 * width, 2 * height])
+        q = shot.camera.project(shot.camera_from_part @ self.stage.scene.mesh.vertices)
+        # through a lens edges bow out from between their ends, and what passes the camera may be anywhere
+        if isinstance(shot.camera.lens, Ideal) and np.isfinite(q).all():
+            low, high = np.maximum(low, np.floor(q.min(axis=0)) - 1), np.minimum(high, np.ceil(q.max(axis=0)) + 2)
+        left, top, right, bottom = (int(v) for v in (*low, *high))
+        return left, top, right, bottom
 
 
 def _in_front(views: list[View]) -> View:
@@ -148,4 +165,4 @@ def _touches_border(mask: Mask) -> bool:
 def bounds_of(mask: Mask) -> tuple[int, int, int, int]:
     """Return x0, y0, x1, y1 of the pixels that are set, inclusive; -1 throughout where none is."""
     x, y = np.flatnonzero(mask.any(axis=0)), np.flatnonzero(mask.any(axis=1))
-    return (int(x[0]), int(y[0]), int(x[-1]), int(y[-1])) if len(x) else (-1, -1, -1, -1)
+    return (int(x[0]), int(y[0]), int(x[-1]), int(y[-1])) if len(x) else NOWHERE
