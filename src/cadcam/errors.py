@@ -9,10 +9,21 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 from os import PathLike
+from typing import Any
 
 
 class CadcamError(Exception):
     """Something the caller can put right; the message says how."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what pickle needs to hand the error, as it is, to another process."""
+        return _again, (type(self), self.args, self.__dict__)
+
+
+def _again(kind: type[CadcamError], words: tuple[Any, ...], known: dict[str, Any]) -> CadcamError:
+    error = kind.__new__(kind, *words)
+    error.__dict__.update(known)
+    return error
 
 
 class BadValue(CadcamError):
@@ -181,6 +192,21 @@ class MissingCore(CadcamError):
 
 class NotEnoughMemory(CadcamError):
     """Something would not fit into memory; said before it is tried."""
+
+
+class WorkerDied(CadcamError):
+    """A process that works for this one died again and again over the same piece of work."""
+
+
+class UnreachableCluster(CadcamError):
+    """A cluster does not answer at its address, or has nobody to work."""
+
+    def __init__(self, address: str, reason: str) -> None:
+        super().__init__(
+            f"no work can be done at {address!r}: {reason}; give the address that the cluster's scheduler prints, "
+            "such as tcp://10.0.0.1:8786"
+        )
+        self.address, self.reason = address, reason
 
 
 class UnusableStore(CadcamError):

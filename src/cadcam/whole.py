@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import tempfile
 from pathlib import Path
@@ -22,7 +23,12 @@ def write_whole(path: str | os.PathLike[str], data: bytes) -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
         _replace(target, data)
     except OSError as error:
-        raise UnwritableFile(path, error.strerror or str(error), "choose a folder you may write to") from error
+        raise UnwritableFile(path, error.strerror or str(error), _remedy(error)) from error
+
+
+def _remedy(error: OSError) -> str:
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+    return "free some space, then run it again" if full else "choose a folder you may write to"
 
 
 def _replace(target: Path, data: bytes) -> None:

@@ -88,7 +88,17 @@ def read_picture_with_info(
     """Return the picture as `read_picture` does, and where it came from."""
     if full_scale is not None and not (np.isfinite(full_scale) and full_scale > 0):
         raise BadValue("full_scale", full_scale, "a positive number: the stored value that means white")
-    data = _file_bytes(path)
+    return _picture_in(path, _file_bytes(path), max_pixels, full_scale)
+
+
+def picture_in(data: bytes, name: str) -> Picture:
+    """Return the picture in the content of a file, as `read_picture` does; errors call it `name`."""
+    return _picture_in(name, data, MAX_PIXELS, None)[0]
+
+
+def _picture_in(
+    path: str | os.PathLike[str], data: bytes, max_pixels: int, full_scale: float | None
+) -> tuple[Picture, PictureInfo]:
     try:
         stored = _decoded(path, data, max_pixels)
     except UnreadableFile:
@@ -146,6 +156,21 @@ def encoded(
     file = io.BytesIO()
     Image.fromarray(stored.astype(dtype)).save(file, form, quality=quality, subsampling=0)
     return file.getvalue()
+
+
+def covering(picture: npt.ArrayLike, size: tuple[int, int], place: tuple[float, float]) -> Picture:
+    """Return the picture in colour, scaled to cover `size` (width, height) px, cut where it is too long.
+
+    place: which part of what is too long is cut off at the left or top, a share in [0, 1]. In steps of 1/255.
+    """
+    from PIL import Image
+
+    rgb = (np.clip(to_rgb(picture), 0, 1) * 255 + 0.5).astype(np.uint8)
+    scale = min(rgb.shape[1] / size[0], rgb.shape[0] / size[1])
+    width, height = scale * size[0], scale * size[1]
+    x, y = place[0] * (rgb.shape[1] - width), place[1] * (rgb.shape[0] - height)
+    cut = Image.fromarray(rgb).resize(size, Image.Resampling.BILINEAR, box=(x, y, x + width, y + height))
+    return np.asarray(np.asarray(cut), np.float32) / np.float32(255)
 
 
 def decoded_jpeg(data: bytes) -> Picture:

@@ -48,6 +48,10 @@ class Frustum:
             t0, t1 = _clip_to_cone(a, b - a, t0, t1, self.radius)
         return t0, t1, t0 < t1
 
+    def holds(self, p: Array) -> bool:
+        """Return whether all points p (N, 3) mm lie inside, so that nothing between them need be cut."""
+        return not np.isfinite(self.radius) and all(bool((side >= 0).all()) for side in self._inside(p))
+
     def _inside(self, p: Array) -> list[Array]:
         """Signed, linear in p, and >= 0 on the inner side of each plane."""
         x, y, z = p[:, 0], p[:, 1], p[:, 2]

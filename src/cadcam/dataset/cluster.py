@@ -1,0 +1,56 @@
+"""Views made on a Dask cluster: the same files, from as many machines as it has. The only file that imports Dask.
+
+Workers need cadcam installed and nothing else: the model, the shots and the photos travel to them, the files back.
+Dask itself gives the work of a worker that dies to another; a worker that joins is told the job as it does.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable, Iterator
+from itertools import islice
+
+from cadcam.dataset.worker import Answer, Files, Job, Maker, Task, files_in
+from cadcam.errors import MissingExtra, UnreachableCluster, WorkerDied
+
+_AHEAD = 4  # views under way or waiting, a thread of the cluster
+_PATIENCE_S = 20
+_kept = threading.local()  # the maker of a thread, and its job
+
+
+def on_cluster(job: Job, tasks: Iterable[Task], address: str) -> Iterator[Files]:
+    """Yield the files of each task as they come, in any order, made by the cluster at `address`.
+
+    Raises `MissingExtra` without Dask, `UnreachableCluster`, `WorkerDied`, and the error that a task ended with.
+    """
+    try:
+        from distributed import Client, KilledWorker, as_completed
+    except ImportError:
+        raise MissingExtra("a data set on a cluster", "cluster", "distributed") from None
+    try:
+        client = Client(address, timeout=_PATIENCE_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise UnreachableCluster(address, str(error) or type(error).__name__) from None
+    with client, client.as_current():
+        threads = sum(client.nthreads().values())
+        if not threads:
+            raise UnreachableCluster(address, "it has no workers")
+        told = client.scatter(job, broadcast=True, hash=False)
+        work = (client.submit(_answer, told, task, pure=False) for task in tasks)
+        running = as_completed(islice(work, _AHEAD * threads))
+        for future in running:
+            try:
+                answer = future.result()
+            except KilledWorker as error:
+                raise WorkerDied(f"on the cluster: {error}; what is done is kept") from None
+            yield files_in(answer)
+            for more in islice(work, 1):
+                running.add(more)
+
+
+def _answer(job: Job, task: Task) -> Answer:
+    """Make a view on a worker, where each thread keeps what it needs for the views of one job."""
+    if getattr(_kept, "job", None) is not job:
+        _kept.job, _kept.maker = job, Maker(job)
+    answer: Answer = _kept.maker.answer(task)
+    return answer

@@ -1,0 +1,118 @@
+"""The head of a data set: everything its bytes depend on, so that a run goes on with its own data set and no other."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import cadcam
+from cadcam.cad.mesh import Mesh
+from cadcam.dataset.layout import DATASET, OBJECT, Layout
+from cadcam.dataset.plan import Plan
+from cadcam.dataset.studio import Stage
+from cadcam.errors import BadValue, UnreadableFile
+from cadcam.files.camera import bare_camera_as_json
+from cadcam.files.jsontext import as_json
+from cadcam.files.sensor import sensor_as_json
+from cadcam.geometry.rigid import Rigid
+from cadcam.whole import write_whole
+
+FORMAT, VERSION = "cadcam data set", 1
+
+
+def head_of(plan: Plan, stage: Stage, layout: Layout, *, name: str, key_point_names: tuple[str, ...]) -> dict[str, Any]:
+    """Return the document that `dataset.json` holds."""
+    mesh = stage.scene.mesh
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "made_by": f"cadcam {cadcam.__version__}",
+        "views": plan.views,
+        "split": layout.split,
+        "part": {"obj_id": OBJECT, "name": name, "sha256": _hash(mesh), "parts": list(mesh.part_names)},
+        "key_points": {"names": list(key_point_names), "p_mm": stage.key_points.tolist()},
+        "depth_scale": stage.depth_step,
+        "plan": _plan(plan),
+        "props": [{"name": prop.name, "sha256": _hash(prop.scene.mesh)} for prop in stage.props],
+    }
+
+
+def begin(folder: Path, head: dict[str, Any]) -> None:
+    """Write the head, or see that the folder holds this data set already, with as many views or fewer.
+
+    Raises `BadValue` naming the first thing that differs.
+    """
+    path = folder / DATASET
+    if path.exists():
+        old = _read(path)
+        if isinstance(old.get("views"), int) and old["views"] > head["views"]:
+            raise BadValue("views", head["views"], f"at least {old['views']}, which {folder} has, or another folder")
+        was = _flat(old)
+        for key, value in _flat(head).items():
+            if key != "views" and was.get(key) != value:
+                expected = f"{_short(value)}, as asked for now; or another folder"
+                raise BadValue(f"{key} of the data set in {folder}", _short(was.get(key)), expected)
+    elif folder.is_dir() and any(folder.iterdir()):
+        raise BadValue(f"folder {folder}", "not empty, and no data set", "an empty folder, or one that is not there")
+    write_whole(path, as_json(head))
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        old = json.loads(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise UnreadableFile(path, f"cannot be read ({error})", "choose another folder") from None
+    if not isinstance(old, dict) or old.get("format") != FORMAT:
+        raise UnreadableFile(path, "is no data set of cadcam", "choose another folder")
+    return old
+
+
+def _plan(plan: Plan) -> dict[str, Any]:
+    """Return the plan as JSON; photos by name and size."""
+    around = plan.around
+    return {
+        "seed": plan.seed,
+        "camera": bare_camera_as_json(plan.camera),
+        "focal_jitter": plan.focal_jitter,
+        "centre_jitter_px": plan.centre_jitter_px,
+        "poses_sha256": _hash_of_poses(plan.poses),
+        "around": {
+            "axis": around.axis.tolist(),
+            "half_angle_deg": around.half_angle_deg,
+            "up": around.up.tolist(),
+            "roll_deg": around.roll_deg,
+            "distance_mm": None if around.distance_mm is None else list(around.distance_mm),
+        },
+        "fill": list(plan.fill),
+        "off_centre": plan.off_centre,
+        "lights": {key: list(span) for key, span in asdict(plan.lights).items()},
+        "backgrounds": [b if isinstance(b, str) else f"{b.name}, {b.stat().st_size} bytes" for b in plan.backgrounds],
+        "occluders": {"count": list(plan.occluders.count), "size": list(plan.occluders.size)},
+        "sensor": None if plan.sensor is None else sensor_as_json(plan.sensor),
+        "samples": plan.samples,
+        "gray": plan.gray,
+    }
+
+
+def _hash_of_poses(poses: tuple[Rigid, ...]) -> str | None:
+    return sha256(b"".join(pose.matrix.tobytes() for pose in poses)).hexdigest() if poses else None
+
+
+def _hash(mesh: Mesh) -> str:
+    arrays = (mesh.vertices.tobytes(), mesh.faces.tobytes(), mesh.part.tobytes(), mesh.part_colors.tobytes())
+    return sha256(b"".join(arrays)).hexdigest()
+
+
+def _flat(value: Any, name: str = "") -> dict[str, Any]:
+    """Return the leaves of a document by their dotted names."""
+    if not isinstance(value, dict):
+        return {name: value}
+    return {k: v for key, inner in value.items() for k, v in _flat(inner, f"{name}.{key}" if name else key).items()}
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 60 else text[:57] + "..."

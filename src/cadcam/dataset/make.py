@@ -1,0 +1,170 @@
+"""A data set made, or gone on with: what is there is kept, what is missing is made, then all is put together.
+
+A view's files are a function of plan, part and the view's number; each is written whole, its record last. So it does
+not matter who makes a view, in what order, or how often the work was cut off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import closing, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from cadcam.camera.camera import Camera
+from cadcam.dataset.assembly import assemble
+from cadcam.dataset.cluster import on_cluster
+from cadcam.dataset.head import begin, head_of
+from cadcam.dataset.key_points import corners
+from cadcam.dataset.layout import CAMERA, CONTACT, VIEWS_A_SCENE, Layout
+from cadcam.dataset.model_files import write_model
+from cadcam.dataset.plan import Plan, middle_and_radius
+from cadcam.dataset.processes import cores, on_processes
+from cadcam.dataset.props import props_of
+from cadcam.dataset.record import DEEPEST
+from cadcam.dataset.sheet import contact_sheet
+from cadcam.dataset.shot import Director
+from cadcam.dataset.studio import Stage
+from cadcam.dataset.worker import Files, Job, Task
+from cadcam.errors import BadValue, MissingCore, UnreadableFile
+from cadcam.files.jsontext import as_json
+from cadcam.native.core import library
+from cadcam.render.view import Scene
+from cadcam.whole import write_whole
+
+_STEPS_MM = tuple(m * 10.0**e for e in range(-3, 4) for m in (1, 2, 5))
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """What a run did: how many views it made, the visible share of the part in each of all, mm of a step of depth."""
+
+    folder: Path
+    layout: Layout
+    new: int
+    visible: tuple[float, ...]
+    depth_step: float
+
+    @property
+    def contact(self) -> Path:
+        """Return the contact sheet."""
+        return self.folder / CONTACT
+
+    @property
+    def scenes(self) -> list[Path]:
+        """Return the folders of BOP's scenes."""
+        return [self.folder / self.layout.scene(i) for i in range(-(-len(self.visible) // VIEWS_A_SCENE))]
+
+
+def make_dataset(
+    folder: str | Path,
+    scene: Scene,
+    plan: Plan,
+    *,
+    name: str = "part",
+    split: str = "train",
+    workers: int | None = None,
+    cluster: str | None = None,
+    on_view: Callable[[], None] | None = None,
+    on_start: Callable[[int, int], None] | None = None,
+) -> Made:
+    """Make the data set in a folder, or go on where it was left; the same bytes whatever `workers` and `cluster` are.
+
+    workers: processes, by default one a core. cluster: address of a Dask scheduler, in place of processes. on_start is
+    told how many views are to be made and how many are there; on_view is called after each. Raises `BadValue` for a
+    folder that holds another data set, `UnwritableFile`, `WorkerDied`, `UnreachableCluster`.
+    """
+    folder, layout = Path(folder), Layout(_named(split), "gray" if plan.gray else "rgb")
+    if workers is not None and workers < 1:
+        raise BadValue("workers", workers, "a whole number of at least 1")
+    _check_core()
+    names, points = corners(scene) if plan.key_points is None else (plan.key_point_names, plan.key_points)
+    props = props_of(plan.occluders, 2 * middle_and_radius(scene.mesh)[1], plan.seed)
+    director = Director(plan, scene, props)
+    stage = Stage(scene, props, points, plan.sensor, plan.gray, _depth_step(director.farthest()))
+    begin(folder, head_of(plan, stage, layout, name=name, key_point_names=names))
+    write_model(folder, scene)
+    write_whole(folder / CAMERA, _bop_camera(plan.camera, stage))
+    todo = missing(folder, layout, plan.views)
+    if on_start:
+        on_start(len(todo), plan.views - len(todo))
+    with closing(_made(Job(stage, layout), director, todo, workers or cores(), cluster)) as made:
+        for files in made:
+            for path, content in files.items():
+                write_whole(folder / path, content)
+            if on_view:
+                on_view()
+    visible = assemble(folder, layout, plan.views, name=name, key_points=names)
+    write_whole(folder / CONTACT, contact_sheet(folder, layout, plan.views))
+    return Made(folder, layout, len(todo), tuple(visible), stage.depth_step)
+
+
+def _check_core() -> None:
+    """Say now what every worker would."""
+    try:
+        library()
+    except MissingCore as error:
+        raise MissingCore(error.why, "the renderer of data sets", "reinstall") from None
+
+
+def missing(folder: Path, layout: Layout, views: int) -> list[int]:
+    """Return the views of which a file is missing; half-written files of a run that was cut off are removed."""
+    out: list[int] = []
+    for first in range(0, views, VIEWS_A_SCENE):
+        scene = folder / layout.scene(first // VIEWS_A_SCENE)
+        there = {kind: set(_swept(scene / kind)) for kind in layout.kinds()}
+        own = range(first, min(first + VIEWS_A_SCENE, views))
+        out += [i for i in own if any(Path(layout.path(kind, i)).name not in names for kind, names in there.items())]
+    return out
+
+
+def _swept(folder: Path) -> Iterator[str]:
+    """Yield the names of files in a folder; those whose writing was cut off go (see `whole`)."""
+    if not folder.is_dir():
+        return
+    for file in folder.iterdir():
+        if file.name.startswith("."):
+            with suppress(OSError):
+                file.unlink()
+        else:
+            yield file.name
+
+
+def _made(
+    job: Job, director: Director, todo: list[int], workers: int, cluster: str | None
+) -> Generator[Files, None, None]:
+    """Yield the files of views as they come."""
+    if todo:
+        tasks = _tasks(director, todo)
+        yield from on_cluster(job, tasks, cluster) if cluster else on_processes(job, tasks, min(workers, len(todo)))
+
+
+def _tasks(director: Director, todo: Iterable[int]) -> Iterator[Task]:
+    for index in todo:
+        shot = director.shot(index)
+        photo = _content(shot.backdrop.kind) if isinstance(shot.backdrop.kind, Path) else None
+        yield Task(shot, photo)
+
+
+def _content(photo: Path) -> bytes:
+    try:
+        return photo.read_bytes()
+    except OSError as error:
+        raise UnreadableFile(photo, error.strerror or str(error), "put the photo back, or leave it out") from None
+
+
+def _named(split: str) -> str:
+    if not split or set(split) & set("/\\:.\0 ") or split == "models":
+        raise BadValue("split", repr(split), "a word that can be a folder's name, such as train, val or test_hall")
+    return split
+
+
+def _depth_step(farthest: float) -> float:
+    """Return the smallest round number of mm in which 16 bits hold the depth."""
+    return next((step for step in _STEPS_MM if farthest / step <= DEEPEST), _STEPS_MM[-1])
+
+
+def _bop_camera(camera: Camera, stage: Stage) -> bytes:
+    cx, cy = camera.principal_point.tolist()
+    values = {"cx": cx, "cy": cy, "depth_scale": stage.depth_step, "fx": camera.fx, "fy": camera.fy}
+    return as_json(values | {"height": camera.height, "width": camera.width})

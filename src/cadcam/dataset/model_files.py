@@ -1,0 +1,53 @@
+"""The part as files of a data set: BOP's model, its size and diameter, and its edges in space."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.cad.mesh import compacted
+from cadcam.cad.write import write
+from cadcam.dataset.layout import MODEL, MODEL_EDGES, MODELS_INFO, OBJECT
+from cadcam.dataset.record import arrays_file
+from cadcam.render.view import Scene
+from cadcam.whole import write_whole
+
+_FEW = 1000
+
+
+def write_model(folder: Path, scene: Scene) -> None:
+    """Write the model's files into a data set."""
+    write(scene.mesh, folder / MODEL)
+    (low, high), points = scene.mesh.bounds, compacted(scene.mesh).vertices
+    info = {"diameter": diameter(points)}
+    info |= {f"min_{axis}": value for axis, value in zip("xyz", low.tolist(), strict=True)}
+    info |= {f"size_{axis}": value for axis, value in zip("xyz", (high - low).tolist(), strict=True)}
+    write_whole(folder / MODELS_INFO, (json.dumps({str(OBJECT): info}, indent=2) + "\n").encode())
+    write_whole(folder / MODEL_EDGES, _edges(scene))
+
+
+def diameter(points: Array) -> float:
+    """Return the largest distance (mm) between two of the points (N, 3)."""
+    from scipy.spatial import ConvexHull
+    from scipy.spatial.distance import cdist
+
+    corners = points[ConvexHull(points, qhull_options="QJ").vertices] if len(points) > _FEW else points  # QJ: flat too
+    blocks = (corners[i : i + _FEW] for i in range(0, len(corners), _FEW))
+    return max(float(cdist(block, corners).max()) for block in blocks)
+
+
+def _edges(scene: Scene) -> bytes:
+    """Return every feature edge as a polyline: p (N, 3) mm, start (M + 1,), its number (M,), kind, part."""
+    edges = scene.edges
+    lines = edges.polylines(scene.mesh)
+    first = np.flatnonzero(np.diff(edges.chain, prepend=-1)) if len(edges) else np.zeros(0, np.int64)
+    return arrays_file(
+        p=np.concatenate(lines) if lines else np.zeros((0, 3)),
+        start=np.cumsum([0, *(len(line) for line in lines)]).astype(np.int32),
+        edge=edges.chain[first],
+        kind=edges.kind[first],
+        part=edges.part[first],
+    )

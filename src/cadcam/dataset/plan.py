@@ -1,0 +1,128 @@
+"""What a data set is to show: every choice that chance has within it, as one value.
+
+A span (low, high) is a number drawn evenly between the two for each view; low = high leaves it fixed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.cad.mesh import Mesh
+from cadcam.camera.camera import Camera
+from cadcam.errors import BadValue
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.sensor.sensor import Sensor
+from cadcam.locate.view_range import WHOLE_SPHERE, ViewRange
+
+Span: TypeAlias = tuple[float, float]
+
+PLAIN, NOISE = "plain", "noise"
+BOX, CYLINDER = "box", "cylinder"
+
+
+@dataclass(frozen=True, slots=True)
+class Lights:
+    """Strengths of what lights a view: `head` at the camera, two `distant` ones from anywhere, `ambient` without."""
+
+    head: Span = (0.1, 0.5)
+    distant: Span = (0.1, 0.5)
+    ambient: Span = (0.1, 0.3)
+
+    def __post_init__(self) -> None:
+        for name in ("head", "distant", "ambient"):
+            check_span(f"strength of the {name} light", getattr(self, name), 0.0, 10.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Occluders:
+    """What stands between camera and part: how many, of which shapes, how large (share of the part's diameter).
+
+    shapes: BOX and CYLINDER. meshes: CAD parts, taken at their true size. None of it is labelled: it hides.
+    """
+
+    count: tuple[int, int] = (0, 0)
+    shapes: tuple[str, ...] = (BOX, CYLINDER)
+    size: Span = (0.1, 0.3)
+    meshes: tuple[Mesh, ...] = ()
+
+    def __post_init__(self) -> None:
+        low, high = self.count
+        if not 0 <= low <= high <= 50:
+            raise BadValue("occluders", self.count, "(fewest, most), from 0 to 50")
+        check_span("occluder_size", self.size, 1e-3, 10.0)
+        if high and not (self.shapes or self.meshes):
+            raise BadValue("occluder_shapes", "empty", f"{BOX}, {CYLINDER} or CAD files")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """The choices of a data set.
+
+    camera: its internals; focal_jitter is a share of the focal length (sigma), centre_jitter_px moves the principal
+    point (sigma). Where the camera stands: `poses`, camera_from_part one after the other and again from the first, or
+    drawn: from `around`, at a distance (its own, or so that the part's diameter is `fill` of the picture's shorter
+    side), the part's middle off the picture's by up to `off_centre` of that side. backgrounds: PLAIN, NOISE or photos,
+    of which each view takes one. samples: n x n rays a pixel for the picture. key_points (K, 3) mm in the part frame,
+    with their names. Raises `BadValue`.
+    """
+
+    views: int
+    camera: Camera
+    seed: int = 0
+    focal_jitter: float = 0.0
+    centre_jitter_px: float = 0.0
+    poses: tuple[Rigid, ...] = ()
+    around: ViewRange = WHOLE_SPHERE
+    fill: Span = (0.4, 0.9)
+    off_centre: float = 0.1
+    lights: Lights = field(default_factory=Lights)
+    backgrounds: tuple[str | Path, ...] = (PLAIN,)
+    occluders: Occluders = field(default_factory=Occluders)
+    sensor: Sensor | None = None
+    samples: int = 2
+    gray: bool = False
+    key_points: Array | None = None
+    key_point_names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.views <= 10_000_000:
+            raise BadValue("views", self.views, "a whole number from 1 to 10 million")
+        if not 0 <= self.seed < 2**63:
+            raise BadValue("seed", self.seed, "a whole number of at least 0")
+        if not 0 <= self.focal_jitter <= 0.2:
+            raise BadValue("focal_jitter_percent", 100 * self.focal_jitter, "0 to 20")
+        if not 0 <= self.centre_jitter_px < math.inf:
+            raise BadValue("centre_jitter_px", self.centre_jitter_px, "a number of px, at least 0")
+        check_span("fill", self.fill, 0.01, 20.0)
+        if not 0 <= self.off_centre <= 1:
+            raise BadValue("off_centre", self.off_centre, "a share of the picture's shorter side, 0 to 1")
+        if not self.backgrounds:
+            raise BadValue("background", "empty", f"{PLAIN}, {NOISE} or a folder of photos")
+        if not 1 <= self.samples <= 4:
+            raise BadValue("samples", self.samples, "1 to 4: n x n rays a pixel")
+
+    def distances(self, diameter: float) -> Span:
+        """Return the least and greatest distance (mm) of a part's middle that is drawn."""
+        if self.around.distance_mm is not None:
+            return self.around.distance_mm
+        focal = min(self.camera.fx, self.camera.fy) * diameter / min(self.camera.size)
+        return focal / self.fill[1], focal / self.fill[0]
+
+
+def check_span(what: str, span: Sequence[float], low: float, high: float) -> None:
+    """Raise `BadValue` unless low <= span[0] <= span[1] <= high."""
+    if len(span) != 2 or not low <= span[0] <= span[1] <= high:
+        raise BadValue(what, tuple(span), f"(least, greatest), from {low:g} to {high:g}")
+
+
+def middle_and_radius(mesh: Mesh) -> tuple[Array, float]:
+    """Return the middle (3,) of a mesh's box and half of its diagonal, mm."""
+    low, high = mesh.bounds
+    return (low + high) / 2, float(np.linalg.norm(high - low)) / 2

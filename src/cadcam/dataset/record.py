@@ -1,0 +1,177 @@
+"""A take as files: pictures and labels as bytes, and the record that says all the rest of the view.
+
+Where formats differ each is followed as its own tools do: BOP's boxes are (x, y, last - first), COCO's (x, y, number of
+pixels); both count pixels from (0, 0), the top-left one, which as a point is the pixel's centre, as ours.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Mask
+from cadcam.camera.camera import Camera
+from cadcam.dataset.layout import OBJECT, Layout
+from cadcam.dataset.shot import Placed, Shot
+from cadcam.dataset.studio import Stage, Take, bounds_of
+from cadcam.files.camera import bare_camera_as_json
+from cadcam.files.matrix import pose_as_json
+from cadcam.image.png import packed
+from cadcam.render.wireframe import Polylines
+
+DEEPEST = 65535
+_PX = 4  # decimals of pixels in records: far below what any measurement resolves
+
+
+def files_of(take: Take, stage: Stage, layout: Layout) -> dict[str, bytes]:
+    """Return the content of a view's files by their paths, the record last."""
+    mask = packed(_white(take.mask))
+    content = {
+        layout.picture: packed(take.picture),
+        "depth": packed(_steps(take, stage.depth_step)),
+        "normal": packed(_normals(take)),
+        "mask": mask,
+        "mask_visib": packed(_white(take.visible)) if take.shot.occluders else mask,
+        "edges": edges_file(take.edges, stage),
+        "view": json.dumps(record_of(take, stage, layout), separators=(",", ":")).encode() + b"\n",
+    }
+    return {layout.path(kind, take.shot.index): content[kind] for kind in layout.kinds()}
+
+
+def record_of(take: Take, stage: Stage, layout: Layout) -> dict[str, Any]:
+    """Return what is told of a view: its BOP and COCO entries as they stand in those files, and how it was made."""
+    shot = take.shot
+    return {
+        "view": shot.index,
+        "bop": {"camera": _bop_camera(shot.camera, stage), "gt": _bop_pose(shot), "info": _bop_info(take)},
+        "coco": _coco(take),
+        "key_points": {"q": [_pixel(q) for q in take.q], "seen": take.seen.tolist()},
+        "camera": bare_camera_as_json(shot.camera, None),
+        "camera_from_part": pose_as_json(shot.camera_from_part),
+        "made": _made(shot, stage),
+    }
+
+
+def _bop_camera(camera: Camera, stage: Stage) -> dict[str, Any]:
+    return {"cam_K": camera.K.ravel().tolist(), "depth_scale": stage.depth_step}
+
+
+def _bop_pose(shot: Shot) -> dict[str, Any]:
+    pose = shot.camera_from_part
+    return {
+        "cam_R_m2c": pose.rotation.ravel().tolist(),
+        "cam_t_m2c": pose.translation.tolist(),
+        "obj_id": OBJECT,
+    }
+
+
+def _bop_info(take: Take) -> dict[str, Any]:
+    """Return BOP's counts and boxes; a part of which nothing is seen has no boxes, as in BOP's own tool."""
+    seen = int(take.visible.sum())
+    nothing = [-1, -1, -1, -1]
+    return {
+        "bbox_obj": _spanned(take.whole_box) if seen else nothing,
+        "bbox_visib": _spanned(bounds_of(take.visible)) if seen else nothing,
+        "px_count_all": take.whole_count,
+        "px_count_valid": int(take.mask.sum()),
+        "px_count_visib": seen,
+        "visib_fract": seen / take.whole_count if take.whole_count else 0.0,
+    }
+
+
+def _spanned(box: tuple[int, int, int, int]) -> list[int]:
+    x0, y0, x1, y1 = box
+    return [x0, y0, x1 - x0, y1 - y0]
+
+
+def _coco(take: Take) -> dict[str, Any] | None:
+    """Return the annotation without its ids; None where nothing of the part is seen."""
+    if not take.visible.any():
+        return None
+    x0, y0, x1, y1 = bounds_of(take.visible)
+    flat: list[float] = []
+    for (x, y), seen in zip(np.nan_to_num(take.q).tolist(), take.seen.tolist(), strict=True):
+        flat += [round(x, _PX), round(y, _PX), seen] if seen else [0, 0, 0]
+    return {
+        "area": int(take.visible.sum()),
+        "bbox": [x0, y0, x1 - x0 + 1, y1 - y0 + 1],
+        "iscrowd": 0,
+        "keypoints": flat,
+        "num_keypoints": int((take.seen > 0).sum()),
+        "segmentation": {"counts": run_lengths(take.visible), "size": list(take.visible.shape)},
+    }
+
+
+def run_lengths(mask: Mask) -> list[int]:
+    """Return COCO's run lengths of a mask (H, W): column by column, beginning with those not set."""
+    flat = mask.ravel(order="F")
+    changes = np.flatnonzero(flat[1:] != flat[:-1]) + 1
+    runs = np.diff(changes, prepend=0, append=flat.size)
+    return [0, *runs.tolist()] if flat[0] else runs.tolist()
+
+
+def edges_file(lines: Polylines, stage: Stage) -> bytes:
+    """Return visible edges: q (N, 2) px, start (M + 1,), and for each polyline its edge (-1: a contour), kind, part."""
+    last = int(stage.scene.edges.chain.max(initial=-1))
+    edge = np.where(lines.chain > last, -1, lines.chain).astype(np.int32)
+    return arrays_file(q=lines.q.astype(np.float32), start=lines.start, edge=edge, kind=lines.kind, part=lines.part)
+
+
+def arrays_file(**arrays: np.ndarray[Any, Any]) -> bytes:
+    """Return the bytes of a .npz file; the same arrays give the same bytes."""
+    file = io.BytesIO()
+    np.savez(file, **arrays)  # type: ignore[arg-type]  # its stubs take the names for options of its own
+    return file.getvalue()
+
+
+def _steps(take: Take, step: float) -> npt.NDArray[np.uint16]:
+    out = np.zeros(take.depth.shape, np.uint16)
+    rows = _filled(take)
+    depth = take.depth[rows]
+    out[rows] = np.clip(np.rint(np.where(np.isfinite(depth), depth, 0) / np.float32(step)), 0, DEEPEST)
+    return out
+
+
+def _normals(take: Take) -> npt.NDArray[np.uint8]:
+    """Return (n + 1)/2 in steps of 1/255, and 0 where there is nothing."""
+    out = np.zeros(take.normal.shape, np.uint8)
+    rows = _filled(take)
+    coded = (take.normal[rows] * np.float32(127.5) + np.float32(128)).astype(np.uint8)
+    out[rows] = coded * np.isfinite(take.depth[rows])[..., None]
+    return out
+
+
+def _filled(take: Take) -> tuple[slice, slice]:
+    """Return the rows and columns outside which there is nothing: most of a picture is often empty."""
+    x0, y0, x1, y1 = bounds_of(np.isfinite(take.depth))
+    return slice(max(y0, 0), y1 + 1), slice(max(x0, 0), x1 + 1)
+
+
+def _white(mask: Mask) -> npt.NDArray[np.uint8]:
+    return mask.view(np.uint8) * np.uint8(255)
+
+
+def _pixel(q: Array) -> list[float] | None:
+    """Return a key point's pixel, None where it is behind the camera or beyond its lens."""
+    return [round(x, _PX) for x in q.tolist()] if np.isfinite(q).all() else None
+
+
+def _made(shot: Shot, stage: Stage) -> dict[str, Any]:
+    """Return how the view was made: light, background, occluders."""
+    names = ("head", "fill", "back", "ambient", "fill_from", "back_from")
+    behind = shot.backdrop
+    return {
+        "light": {name: getattr(shot.look, name) for name in names},
+        "background": {"kind": Path(behind.kind).name, "level": behind.level, "place": list(behind.place)},
+        "occluders": [_occluder(stage.props[at.prop].name, at) for at in shot.occluders],
+        "sensor": None if stage.sensor is None else stage.sensor.name,
+    }
+
+
+def _occluder(name: str, at: Placed) -> dict[str, Any]:
+    return {"name": name, "prop": at.prop, "camera_from_occluder": pose_as_json(at.camera_from_occluder)}

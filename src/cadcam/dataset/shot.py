@@ -1,0 +1,195 @@
+"""One view of the plan, drawn: all that a worker needs to make it. Chance comes from (seed, number of the view) alone.
+
+Each topic draws from a stream of its own, so that another light or one occluder more leaves the poses as they are.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.camera.camera import Camera
+from cadcam.dataset.plan import PLAIN, Plan, Span, middle_and_radius
+from cadcam.dataset.props import Prop
+from cadcam.geometry import rotation
+from cadcam.geometry.rigid import Rigid
+from cadcam.render.view import Look, Scene
+
+_TRIES = 20  # places tried for an occluder that would touch another
+_CLEAR = 1.05  # how far apart two bounding spheres stay, by their radii
+_TOPICS = ("pose", "camera", "light", "background", "occluders", "sensor")
+
+
+@dataclass(frozen=True, slots=True)
+class Backdrop:
+    """What is behind the part: a grey `level`, noise around it, or a photo cut at `place` (shares of what is left)."""
+
+    kind: str | Path
+    level: float
+    place: tuple[float, float]
+    seed: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placed:
+    """An occluder where it stands: its number among the props, camera_from_occluder."""
+
+    prop: int
+    camera_from_occluder: Rigid
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shot:
+    """A view to make. Occluders stand nearest first; none touches another or the part."""
+
+    index: int
+    camera: Camera
+    camera_from_part: Rigid
+    look: Look
+    backdrop: Backdrop
+    occluders: tuple[Placed, ...]
+    sensor_seed: int
+
+
+class Director:
+    """Draws the shots of a plan: what does not depend on the view is computed once."""
+
+    def __init__(self, plan: Plan, scene: Scene, props: tuple[Prop, ...]) -> None:
+        self.plan, self.props = plan, props
+        self.middle, self.radius = middle_and_radius(scene.mesh)
+
+    def shot(self, index: int) -> Shot:
+        """Return view `index`, the same whenever and wherever it is drawn."""
+        streams = dict(zip(_TOPICS, np.random.default_rng([self.plan.seed, index]).spawn(len(_TOPICS)), strict=True))
+        camera = self._camera(streams["camera"])
+        pose = self._pose(index, camera, streams["pose"])
+        look, backdrop = self._look(streams["light"]), self._backdrop(streams["background"])
+        if backdrop.kind == PLAIN:
+            look = replace(look, background=(backdrop.level,) * 3)
+        occluders = self._occluders(pose, streams["occluders"])
+        return Shot(index, camera, pose, look, backdrop, occluders, int(streams["sensor"].integers(2**63)))
+
+    def farthest(self) -> float:
+        """Return a depth (mm) that no surface of any view exceeds."""
+        if self.plan.poses:
+            return max(float((pose @ self.middle)[2]) for pose in self.plan.poses) + self.radius
+        return self.plan.distances(2 * self.radius)[1] + self.radius
+
+    def _camera(self, rng: np.random.Generator) -> Camera:
+        camera, plan = self.plan.camera, self.plan
+        zoom = 1 + plan.focal_jitter * float(np.clip(rng.standard_normal(), -3, 3))
+        shift = plan.centre_jitter_px * rng.standard_normal(2)
+        if zoom == 1 and not shift.any():
+            return camera
+        K = camera.K.copy()
+        K[:2, :2] *= zoom
+        K[:2, 2] += shift
+        return replace(camera, K=K)
+
+    def _pose(self, index: int, camera: Camera, rng: np.random.Generator) -> Rigid:
+        plan = self.plan
+        if plan.poses:
+            return plan.poses[index % len(plan.poses)]
+        away = _in_cap(plan.around.axis, math.radians(plan.around.half_angle_deg), rng)
+        roll = math.radians(plan.around.roll_deg) * rng.uniform(-1, 1)
+        distance = self._distance(rng)
+        eye = self.middle + distance * away
+        upright = Rigid.look_at(eye, self.middle, up=_not_along(plan.around.up, away))
+        turned = rotation.exp([0.0, 0.0, roll]) @ upright.rotation
+        off = plan.off_centre * min(camera.size) * rng.uniform(-1, 1, 2)
+        aside = distance * np.append(off / (camera.fx, camera.fy), 0.0)
+        return Rigid(turned, -turned @ eye + aside)
+
+    def _distance(self, rng: np.random.Generator) -> float:
+        """Return a distance drawn: evenly, or so that the part's size in the picture is even."""
+        low, high = self.plan.distances(2 * self.radius)
+        share = rng.uniform()
+        if self.plan.around.distance_mm is not None:
+            return low + (high - low) * share
+        return 1 / (1 / high + (1 / low - 1 / high) * share)
+
+    def _look(self, rng: np.random.Generator) -> Look:
+        lights = self.plan.lights
+        head, ambient = (_drawn(span, rng) for span in (lights.head, lights.ambient))
+        fill, back = (_drawn(lights.distant, rng) for _ in range(2))
+        fill_from, back_from = (_unit(rng) for _ in range(2))
+        fill_from[2] = -abs(fill_from[2])  # one of the two comes from the camera's side
+        return Look(
+            head=head,
+            fill=fill,
+            back=back,
+            ambient=ambient,
+            fill_from=(float(fill_from[0]), float(fill_from[1]), float(fill_from[2])),
+            back_from=(float(back_from[0]), float(back_from[1]), float(back_from[2])),
+            background=(0.0, 0.0, 0.0),
+            supersampling=self.plan.samples,
+        )
+
+    def _backdrop(self, rng: np.random.Generator) -> Backdrop:
+        kind = self.plan.backgrounds[int(rng.integers(len(self.plan.backgrounds)))]
+        level, x, y = rng.uniform(0.05, 0.95), rng.uniform(), rng.uniform()
+        return Backdrop(kind, float(level), (float(x), float(y)), int(rng.integers(2**63)))
+
+    def _occluders(self, camera_from_part: Rigid, rng: np.random.Generator) -> tuple[Placed, ...]:
+        """Return occluders on the way to places of the part, nearest first; one that finds no room is left out."""
+        low, high = self.plan.occluders.count
+        if not self.props or not high:
+            return ()
+        part = camera_from_part @ self.middle
+        taken = [(part, self.radius)]
+        placed: list[tuple[float, Placed]] = []
+        for _ in range(int(rng.integers(low, high + 1))):
+            number = int(rng.integers(len(self.props)))
+            prop = self.props[number]
+            centre = _free_place(part, self.radius, prop.radius, taken, rng)
+            turned = rotation.from_quaternion(rng.standard_normal(4))
+            if centre is None:
+                continue
+            taken.append((centre, prop.radius))
+            # By the power of the eye to the bounding spheres: what is nearer by it is never behind (all are disjoint).
+            power = float(centre @ centre) - prop.radius**2
+            placed.append((power, Placed(number, Rigid(turned, centre - turned @ prop.middle))))
+        return tuple(one for _, one in sorted(placed, key=lambda item: item[0]))
+
+
+def _free_place(
+    part: Array, part_radius: float, radius: float, taken: list[tuple[Array, float]], rng: np.random.Generator
+) -> Array | None:
+    """Return a middle for an occluder, between the camera and some place of the part; None where there is no room."""
+    for _ in range(_TRIES):
+        aim = part + 0.7 * part_radius * rng.uniform() ** (1 / 3) * _unit(rng)
+        centre = aim * rng.uniform(0.35, 1.0)
+        apart = all(np.linalg.norm(centre - other) > _CLEAR * (radius + size) for other, size in taken)
+        if apart and centre[2] > 1.5 * radius and np.linalg.norm(centre) < np.linalg.norm(part):
+            return np.asarray(centre)
+    return None
+
+
+def _drawn(span: Span, rng: np.random.Generator) -> float:
+    return float(rng.uniform(*span))
+
+
+def _unit(rng: np.random.Generator) -> Array:
+    """Return a direction, evenly drawn."""
+    v = rng.standard_normal(3)
+    return np.asarray(v / np.linalg.norm(v))
+
+
+def _in_cap(axis: Array, half_angle: float, rng: np.random.Generator) -> Array:
+    """Return a direction at most half_angle from the axis, evenly drawn over the sphere."""
+    cosine = rng.uniform(math.cos(half_angle), 1.0)
+    turn = rng.uniform(0.0, 2 * math.pi)
+    x = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    x /= np.linalg.norm(x)
+    y = np.cross(axis, x)
+    sine = math.sqrt(max(1 - cosine * cosine, 0.0))
+    return np.asarray(cosine * axis + sine * (math.cos(turn) * x + math.sin(turn) * y))
+
+
+def _not_along(up: Array, away: Array) -> Array:
+    """Return `up`, or, where one looks along it, another axis of the part."""
+    return up if np.linalg.norm(np.cross(up, away)) > 1e-6 else np.eye(3)[int(np.argmin(np.abs(away)))]

@@ -1,0 +1,168 @@
+"""Makes the views: a shot -> the picture and all of its labels, as arrays; one studio a worker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Ids, Mask, Picture
+from cadcam.camera.camera import Camera
+from cadcam.camera.lens import Ideal
+from cadcam.dataset.backdrop import backdrop_picture
+from cadcam.dataset.plan import PLAIN
+from cadcam.dataset.props import Prop
+from cadcam.dataset.shot import Shot
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.picture import to_gray
+from cadcam.image.sensor.sensor import Sensor
+from cadcam.render.embree import Caster
+from cadcam.render.occlusion import Occluders
+from cadcam.render.raster import RasterRenderer
+from cadcam.render.seen import SeenEdges, seen_points
+from cadcam.render.view import Channel, Look, Scene, View
+from cadcam.render.visible import COINCIDENT_SHARE
+from cadcam.render.wireframe import Polylines
+
+_GEOMETRY = Channel.DEPTH | Channel.NORMAL
+NOWHERE = (-1, -1, -1, -1)
+ABSENT, HIDDEN, VISIBLE = 0, 1, 2  # COCO's words for key points
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stage:
+    """What all views of a data set share, and all that a worker has to be told once.
+
+    depth_step: mm of a step of the depth files.
+    """
+
+    scene: Scene
+    props: tuple[Prop, ...]
+    key_points: Array
+    sensor: Sensor | None
+    gray: bool
+    depth_step: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Take:
+    """A view and its labels, all at pixel centres, occluders included in all but `mask` and `silhouette`.
+
+    picture: uint8 (H, W) or (H, W, 3). depth (H, W) mm, inf behind everything; normal (H, W, 3) in the camera frame.
+    mask: where the part is, hidden or not; visible: where it is seen. whole_box (first and last column and row: x0, y0,
+    x1, y1) and whole_count: of the part's pixels, those up to a picture's size beyond its border too, as BOP counts.
+    edges: visible stretches. q (K, 2) px and seen (K,) of the key points: ABSENT, HIDDEN, VISIBLE.
+    """
+
+    shot: Shot
+    picture: npt.NDArray[np.uint8]
+    depth: Picture
+    normal: Picture
+    mask: Mask
+    visible: Mask
+    whole_box: tuple[int, int, int, int]
+    whole_count: int
+    edges: Polylines
+    q: Array
+    seen: Ids
+
+
+class Studio:
+    """Renders and labels the shots of one stage; one thread at a time."""
+
+    def __init__(self, stage: Stage) -> None:
+        self.stage = stage
+        self._part = RasterRenderer(stage.scene, threads=1)
+        self._props: dict[int, RasterRenderer] = {}
+        self._edges = SeenEdges(stage.scene)
+        caster = Caster(stage.scene.mesh)
+        self._occluders = Occluders(stage.scene.mesh, caster)
+        self._tolerance = COINCIDENT_SHARE * 2 * caster.radius
+
+    def take(self, shot: Shot, photo: bytes | None = None) -> Take:
+        """Return the labelled view of a shot; `photo`: content of the background's file, where it is one."""
+        quick = shot.backdrop.kind == PLAIN and not shot.occluders and self.stage.sensor is None and not self.stage.gray
+        color = Channel.RGB if quick else Channel.IMAGE
+        look = shot.look if quick else replace(shot.look, background=(0.0, 0.0, 0.0))
+        part = self._part.render(shot.camera, shot.camera_from_part, channels=_GEOMETRY | color, look=look)
+        before = [self._prop(placed.prop, shot.camera, placed.camera_from_occluder, look) for placed in shot.occluders]
+        view = _in_front([part, *before])
+        mask = np.isfinite(part.depth)
+        visible = mask & (view.depth == part.depth)
+        p = shot.camera_from_part @ self.stage.key_points
+        q = shot.camera.project(p)
+        picture = part.rgb if quick else self._developed(shot, part, before, photo)
+        box, count = self._silhouette(shot, mask)
+        edges, seen = self._edges.draw(view), self._seen(view, p, q)
+        return Take(shot, picture, view.depth, view.normal, mask, visible, box, count, edges, q, seen)
+
+    def _prop(self, number: int, camera: Camera, pose: Rigid, look: Look) -> View:
+        if number not in self._props:
+            self._props[number] = RasterRenderer(self.stage.props[number].scene, threads=1)
+        return self._props[number].render(camera, pose, channels=_GEOMETRY | Channel.IMAGE, look=look)
+
+    def _developed(self, shot: Shot, part: View, before: list[View], photo: bytes | None) -> npt.NDArray[np.uint8]:
+        """Return the picture: part and occluders over the background, as the sensor sees it."""
+        image = backdrop_picture(shot.backdrop, shot.camera.size, photo)
+        for layer in (part, *reversed(before)):  # rendered over black: colours are multiplied by coverage already
+            image = image * (1 - layer.coverage[..., None]) + layer.image
+        if self.stage.gray:
+            image = to_gray(image)
+        if self.stage.sensor is not None:
+            image = self.stage.sensor.apply(image, rng=np.random.default_rng(shot.sensor_seed))
+        return (np.clip(image, 0, 1) * np.float32(255) + np.float32(0.5)).astype(np.uint8)
+
+    def _seen(self, view: View, p: Array, q: Array) -> Ids:
+        """Return how key points are seen: the part hides them by rays in space, all else in the view by its depth."""
+        eye, tolerance = view.camera_from_world.origin, np.full(len(p), self._tolerance)
+        hidden = self._occluders.hidden(self.stage.key_points, eye, tolerance) | ~seen_points(view, p, q)
+        inside = view.camera.sees(np.nan_to_num(q, nan=-1e9))
+        return np.where(~inside, ABSENT, np.where(hidden, HIDDEN, VISIBLE)).astype(np.int32)
+
+    def _silhouette(self, shot: Shot, mask: Mask) -> tuple[tuple[int, int, int, int], int]:
+        """Return bounds x0, y0, x1, y1 (inclusive) and count of the part's pixels, those outside the picture too."""
+        if not _touches_border(mask) and mask.any():
+            return bounds_of(mask), int(mask.sum())
+        left, top, right, bottom = self._reach(shot)
+        if left >= right or top >= bottom:
+            return NOWHERE, 0
+        wide = shot.camera.crop(left, top, (right - left, bottom - top))
+        whole = np.isfinite(self._part.render(wide, shot.camera_from_part, channels=Channel.DEPTH).depth)
+        if not whole.any():
+            return NOWHERE, 0
+        x0, y0, x1, y1 = bounds_of(whole)
+        return (x0 + left, y0 + top, x1 + left, y1 + top), int(whole.sum())
+
+    def _reach(self, shot: Shot) -> tuple[int, int, int, int]:
+        """Return left, top, right, bottom (exclusive) of what the part may cover, to a picture's size outside, px."""
+        width, height = shot.camera.size
+        low, high = np.array([-width, -height]), np.array([2 * width, 2 * height])
+        q = shot.camera.project(shot.camera_from_part @ self.stage.scene.mesh.vertices)
+        # through a lens edges bow out from between their ends, and what passes the camera may be anywhere
+        if isinstance(shot.camera.lens, Ideal) and np.isfinite(q).all():
+            low, high = np.maximum(low, np.floor(q.min(axis=0)) - 1), np.minimum(high, np.ceil(q.max(axis=0)) + 2)
+        left, top, right, bottom = (int(v) for v in (*low, *high))
+        return left, top, right, bottom
+
+
+def _in_front(views: list[View]) -> View:
+    """Return depth and normals of what is nearest, view by view of the same camera."""
+    first, *others = views
+    if not others:
+        return first
+    depth, normal = first.depth.copy(), first.normal.copy()
+    for other in others:
+        nearer = other.depth < depth
+        depth[nearer], normal[nearer] = other.depth[nearer], other.normal[nearer]
+    return View(first.camera, first.camera_from_world, {"depth": depth, "normal": normal})
+
+
+def _touches_border(mask: Mask) -> bool:
+    return bool(mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any())
+
+
+def bounds_of(mask: Mask) -> tuple[int, int, int, int]:
+    """Return x0, y0, x1, y1 of the pixels that are set, inclusive; -1 throughout where none is."""
+    x, y = np.flatnonzero(mask.any(axis=0)), np.flatnonzero(mask.any(axis=1))
+    return (int(x[0]), int(y[0]), int(x[-1]), int(y[-1])) if len(x) else NOWHERE

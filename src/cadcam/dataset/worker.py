@@ -1,0 +1,91 @@
+"""A worker process: reads a stage, then shots, from its standard input, and writes the files of each to its output.
+
+`dataset.processes` starts it. It ends with its input, so it outlives nobody.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import sys
+import traceback
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from cadcam.dataset.layout import Layout
+from cadcam.dataset.record import files_of
+from cadcam.dataset.shot import Shot
+from cadcam.dataset.studio import Stage, Studio
+from cadcam.errors import CadcamError
+
+Files: TypeAlias = dict[str, bytes]  # content by path, the record of the view last
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Job:
+    """What a worker has to know of a data set."""
+
+    stage: Stage
+    layout: Layout
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Task:
+    """A view to make; `photo` is the content of its background's file."""
+
+    shot: Shot
+    photo: bytes | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Bug:
+    """A mistake of ours in a worker, with its traceback."""
+
+    text: str
+
+
+Answer: TypeAlias = Files | CadcamError | Bug
+
+
+class Maker:
+    """Makes the files of one view after the other; one thread at a time."""
+
+    def __init__(self, job: Job) -> None:
+        self._job, self._studio = job, Studio(job.stage)
+
+    def files(self, task: Task) -> Files:
+        """Return the content of the view's files by path, its record last."""
+        return files_of(self._studio.take(task.shot, task.photo), self._job.stage, self._job.layout)
+
+    def answer(self, task: Task) -> Answer:
+        """Return the files, or what went wrong: for another process to read."""
+        try:
+            return self.files(task)
+        except CadcamError as error:
+            return error
+        except Exception:
+            return Bug(traceback.format_exc())
+
+
+def files_in(answer: Answer) -> Files:
+    """Return the files in an answer; raise the error that it is otherwise."""
+    if isinstance(answer, CadcamError):
+        raise answer
+    if isinstance(answer, Bug):
+        raise RuntimeError(f"in a worker:\n{answer.text}")
+    return answer
+
+
+def main() -> None:
+    """Work until the input ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that started this one
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # whatever prints, prints elsewhere
+    requests = sys.stdin.buffer
+    with suppress(EOFError, BrokenPipeError):
+        maker = Maker(pickle.load(requests))
+        while True:
+            pickle.dump(maker.answer(pickle.load(requests)), answers, protocol=pickle.HIGHEST_PROTOCOL)
+            answers.flush()
