@@ -262,7 +262,7 @@ def _robust(
     mark: Mark, geometry: Geometry, start: Array, window: _Window, q: Array, *, noise: float, lens: bool
 ) -> tuple[Fit, Array]:
     """Return the fit with pixels left out that show something else, and the weights (B, P) of those kept."""
-    model = mark_model(mark, geometry, lens=lens)
+    model = mark_model(mark, geometry)
     weight = window.weight
     fit = fitted(model, start, window.values, window.pixels, weight, q, window.size)
 
