@@ -35,6 +35,7 @@ _FEW = 0.003  # share of the window that may disagree without another fit
 _HOPELESS = 0.35  # rms of the residuals by contrast: nothing that leaving pixels out would mend
 _MOST_HIDDEN, _MOST_OUTSIDE = 0.6, 0.4  # of a window
 _TOGETHER = 256  # windows looked at in one go
+_SPARSE = 1.5  # by the blur: steps between the pixels by which soft pictures are compared
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,7 +107,11 @@ def likeness(
     gray: Picture, mark: Mark, q: Array, image_from_mark: Array, *, margin: float = MARGIN, soft: float
 ) -> Array:
     """Return the correlation (B,) of grey values with the mark as it would lie at q (B, 2), blurred by `soft` radii."""
-    window = _Window.around(gray, q, image_from_mark, mark, margin)
+    if not len(q):
+        return np.zeros(0)
+    minor = mark.radius * np.linalg.svd(image_from_mark, compute_uv=False)[:, 1].min()
+    step = max(1, int(soft * minor / _SPARSE))
+    window = _Window.around(gray, q, image_from_mark, mark, margin, step)
     out = np.zeros(len(q))
     for i in range(0, len(q), _TOGETHER):
         part = slice(i, i + _TOGETHER)
@@ -190,15 +195,19 @@ class _Window:
     size: Array
 
     @classmethod
-    def around(cls, gray: Picture, q: Array, image_from_mark: Array, mark: Mark, margin: float) -> _Window:
+    def around(
+        cls, gray: Picture, q: Array, image_from_mark: Array, mark: Mark, margin: float, step: int = 1
+    ) -> _Window:
         radius = mark.radius
         A = np.linalg.inv(image_from_mark)
         major, minor = radius * np.linalg.svd(image_from_mark, compute_uv=False).T
         reach = 1 + np.clip(margin * minor, _LEAST_MARGIN * min(margin / MARGIN, 1.0), _MOST_MARGIN) / minor
-        values, pixels, there = patches(gray, q, np.maximum(reach * major, 2.0))
+        values, pixels, there = patches(gray, q, np.maximum(reach * major, 2.0), step)
         p = pixels @ np.swapaxes(A, 1, 2) / radius
         rho = np.sqrt(np.sum(p**2, axis=-1))
-        wanted = (rho <= reach[:, None]) & _telling(mark, rho, pixels, q, minor)
+        wanted = rho <= reach[:, None]
+        if step == 1:
+            wanted &= _telling(mark, rho, pixels, q, minor)
         weight = (wanted & there).astype(np.float64)
         outside = 1 - weight.sum(axis=1) / np.maximum(wanted.sum(axis=1), 1)
         for corner in _corners(mark):

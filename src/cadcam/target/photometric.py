@@ -142,10 +142,14 @@ def whole(weight: Array, wanted: Mask) -> Mask:
     return np.asarray(weight.sum(axis=1) > 0.7 * wanted.sum(axis=1))
 
 
-def patches(gray: Picture, q: Array, reach: Array) -> tuple[Array, Array, Mask]:
-    """Return grey values (B, P), their pixels relative to q (B, P, 2), and which of them the picture has."""
-    half = int(np.ceil(reach.max(initial=1.0))) + 1
-    dx, dy = (d.ravel() for d in np.meshgrid(np.arange(-half, half + 1), np.arange(-half, half + 1)))
+def patches(gray: Picture, q: Array, reach: Array, step: int = 1) -> tuple[Array, Array, Mask]:
+    """Return grey values (B, P), their pixels relative to q (B, P, 2), and which of them the picture has.
+
+    step: of the rows and columns that are taken.
+    """
+    half = int(np.ceil((reach.max(initial=1.0) + 1) / step)) * step
+    side = np.arange(-half, half + 1, step)
+    dx, dy = (d.ravel() for d in np.meshgrid(side, side))
     middle = np.rint(q).astype(np.int64)
     x, y = middle[:, :1] + dx, middle[:, 1:] + dy
     height, width = gray.shape
