@@ -30,8 +30,9 @@ from cadcam.image.picture import read_picture, to_gray, write_picture
 from cadcam.target.cross import Taps, surface, taps, template
 from cadcam.target.find import FoundMark, find_marks
 from cadcam.target.ideal import board_picture, marks_picture
+from cadcam.target.leaning import fit_both_tilts
 from cadcam.target.mark import Mark, Plate, dot, dot_and_ring, inverted, ring
-from cadcam.target.mark_fit import fit_both_tilts, fit_marks
+from cadcam.target.mark_fit import fit_marks
 from cadcam.target.opencv import has_opencv
 from cadcam.target.subpixel import Peak, centroid, parabola
 

@@ -9,9 +9,11 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady
 from cadcam.geometry.rigid import Rigid
 from cadcam.target.ideal import marks_picture
+from cadcam.target.leaning import fit_both_tilts
 from cadcam.target.mark import Mark, angle_mark, chess_mark, coded_ring, dot, dot_and_ring, ring
-from cadcam.target.mark_fit import fit_both_tilts, fit_marks, fit_poses, tilts
+from cadcam.target.mark_fit import fit_marks, fit_poses
 from cadcam.target.mark_model import affine, mark_model, posed
+from cadcam.target.tilts import tilts
 
 MARKS = [dot(20.0), ring(10.0, 20.0), dot_and_ring(10.0, 20.0, 30.0), angle_mark(10.0, 20.0, 30.0), chess_mark(30.0)]
 CAMERA = Camera.from_focal((160, 120), 600.0, fy=604.0, cx=30.0, cy=100.0, lens=BrownConrady(k1=-0.2, k2=0.05))

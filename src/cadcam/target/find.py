@@ -20,8 +20,9 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import checked, to_gray
 from cadcam.target.candidates import METHODS, Candidates, approached, candidates, screened
 from cadcam.target.cross import surface, taps, template
+from cadcam.target.leaning import NORMAL_SD, fit_both_tilts
 from cadcam.target.mark import Mark, renumbered
-from cadcam.target.mark_fit import MARGIN, MarkFit, fit_both_tilts, fit_marks
+from cadcam.target.mark_fit import MARGIN, MarkFit, fit_marks
 from cadcam.target.ring_code import oriented, read
 from cadcam.target.subpixel import Peak, centroid, parabola
 

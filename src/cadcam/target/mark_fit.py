@@ -19,12 +19,9 @@ from cadcam.image.profile import BRIGHT, DARK, noise_of
 from cadcam.target.mark import Mark
 from cadcam.target.mark_model import Geometry, affine, mark_model, posed, predicted, share_of_ink
 from cadcam.target.photometric import BLUR, CONTRAST, Fit, fitted, patches
-from cadcam.target.tilts import tilts
 
 MARGIN = 0.7  # of the radius: how much ground the window takes in; it tells varying light from a shift of the mark
 _LEAST_MARGIN, _MOST_MARGIN = 5.0, 12.0  # px of it
-_NORMAL_SD = 0.1  # rad
-_SURE = 500.0  # logarithm of odds
 _PLAIN = 4.0  # px from all borders, beyond which ground and ink are plain
 _LARGE = 30.0  # px of radius, from which every second pixel near borders is enough
 _CORNER = 2.0  # px around corners of ink that are left out: there the model's borders meet at no right angle
@@ -90,13 +87,13 @@ def fit_marks(
     """
     geometry = affine(turned=not mark.concentric, perspective=perspective)
     A = np.linalg.inv(_symmetric(image_from_mark) if mark.concentric else image_from_mark)
-    window = _Window.around(gray, q, image_from_mark, mark, margin)
+    window = Window.around(gray, q, image_from_mark, mark, margin)
     g = np.zeros((len(q), geometry.count))
     g[:, 2], g[:, 3], g[:, 4] = A[:, 0, 0], A[:, 0, 1], A[:, 1, 1]
     if not mark.concentric:
         g[:, 5] = A[:, 1, 0]
     start = _start(mark, geometry, g, np.zeros((len(q), 0)), window, blur)
-    fit, weight = _robust(mark, geometry, start, window, q, noise=noise_of(gray), lens=False)
+    fit, weight = _robust(mark, geometry, start, window, q, noise=noise_of(gray))
     H = geometry.matrix(fit.parameters[:, geometry.places], np.zeros((len(q), 0)))
     shapes = np.asarray(np.linalg.inv(H[:, :2, :2]), np.float64)
     seen = predicted(mark, geometry, fit.parameters, window.pixels)
@@ -111,7 +108,7 @@ def likeness(
         return np.zeros(0)
     minor = mark.radius * np.linalg.svd(image_from_mark, compute_uv=False)[:, 1].min()
     step = max(1, int(soft * minor / _SPARSE))
-    window = _Window.around(gray, q, image_from_mark, mark, margin, step)
+    window = Window.around(gray, q, image_from_mark, mark, margin, step)
     out = np.zeros(len(q))
     for i in range(0, len(q), _TOGETHER):
         part = slice(i, i + _TOGETHER)
@@ -129,63 +126,8 @@ def _correlation(a: Array, b: Array, weight: Array) -> Array:
     return np.asarray((a * b).sum(axis=1) / np.sqrt(np.maximum((a * a).sum(axis=1) * (b * b).sum(axis=1), 1e-12)))
 
 
-def fit_poses(
-    gray: Picture, mark: Mark, camera: Camera, starts: tuple[Rigid, ...], *, margin: float = MARGIN, blur: float = 1.0
-) -> MarkFit:
-    """Return marks fitted through a camera from rough poses (camera_from_mark): q is where their centres are seen."""
-    origin = np.array([pose.translation for pose in starts]).reshape(-1, 3)
-    R = np.array([pose.rotation for pose in starts]).reshape(-1, 3, 3)
-    q, J = camera.project_with_jacobian(origin)
-    shapes = J @ R[..., :2]
-    window = _Window.around(gray, q, shapes, mark, margin)
-    L, pixels = _tangent(camera, q, window.pixels)
-    scale = np.linalg.solve(L, origin[..., None])[..., 0][:, 2]  # L (0, 0, 1) by it is the centre
-    geometry = posed(turned=not mark.concentric)
-    held = (np.linalg.solve(L, R) / scale[:, None, None]).reshape(-1, 9)
-    window = replace(window, pixels=pixels)
-    start = _start(mark, geometry, np.zeros((len(q), geometry.count)), held, window, blur)
-    fit, weight = _robust(mark, geometry, start, window, q, noise=noise_of(gray), lens=True)
-    poses = _poses(fit, geometry, L, R, scale)
-    centre, J = camera.project_with_jacobian(np.array([pose.translation for pose in poses]))
-    shapes = J @ np.array([pose.rotation for pose in poses])[..., :2]
-    seen = predicted(mark, geometry, fit.parameters, window.pixels)
-    return replace(_result(replace(fit, q=centre), weight, shapes, window, seen), poses=poses)
-
-
-def fit_both_tilts(
-    gray: Picture, mark: Mark, camera: Camera, fit: MarkFit, *, normal: Array | None = None, margin: float = MARGIN
-) -> MarkFit:
-    """Return affine fits refined as poses through a camera, from both tilts that a mark's shape allows.
-
-    The pose is the likelier one, the place the mean of both by their probabilities, and the covariance takes in how far
-    they lie apart: upright marks do not show which way they lean. normal (3,): of the plane in the camera's frame where
-    it is known to a few degrees; it counts with a standard deviation of 0.1 rad.
-    """
-    if not len(fit):
-        return replace(fit, poses=())
-    starts = [tilts(camera, q, S) for q, S in zip(fit.q, fit.image_from_mark, strict=True)]
-    blur = float(np.median(fit.blur))
-    first, second = (
-        fit_poses(gray, mark, camera, tuple(pair[k] for pair in starts), margin=margin, blur=blur) for k in (0, 1)
-    )
-    pixels = np.pi * mark.radius**2 * np.abs(np.linalg.det(fit.image_from_mark))
-    ratio = np.log(np.maximum(second.misfit, 1e-9) / np.maximum(first.misfit, 1e-9))
-    odds = pixels * ratio  # logarithm of: the first tilt by the second
-    if normal is not None:
-        away = [np.array([_angle(p.rotation[:, 2], normal) for p in f.poses or ()]) for f in (first, second)]
-        odds = odds + (away[1] ** 2 - away[0] ** 2) / (2 * _NORMAL_SD**2)
-    sure = np.where(first.good, _SURE, -_SURE)
-    decided: Array = np.where(first.good == second.good, odds, sure).clip(-_SURE, _SURE).astype(np.float64)
-    return _weighed(first, second, np.asarray(1.0 / (1.0 + np.exp(decided))))
-
-
-def _angle(a: Array, b: Array) -> float:
-    """Return the angle between two lines, rad."""
-    return float(np.arccos(min(float(abs(a @ b) / np.linalg.norm(b)), 1.0)))
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class _Window:
+class Window:
     """Grey values (B, P), pixels (B, P, 2 or 8), weights (B, P), shares of the windows outside the picture, sizes."""
 
     values: Array
@@ -197,7 +139,7 @@ class _Window:
     @classmethod
     def around(
         cls, gray: Picture, q: Array, image_from_mark: Array, mark: Mark, margin: float, step: int = 1
-    ) -> _Window:
+    ) -> Window:
         radius = mark.radius
         A = np.linalg.inv(image_from_mark)
         major, minor = radius * np.linalg.svd(image_from_mark, compute_uv=False).T
@@ -219,9 +161,55 @@ class _Window:
             pixels = np.take_along_axis(pixels, kept[..., None], axis=1)
         return cls(values, pixels, weight, outside, minor)
 
-    def subset(self, which: Index) -> _Window:
+    def subset(self, which: Index) -> Window:
         """Return the windows that `which` selects."""
-        return _Window(*(getattr(self, name)[which] for name in _Window.__slots__))
+        return Window(*(getattr(self, name)[which] for name in Window.__slots__))
+
+
+def fit_poses(
+    gray: Picture, mark: Mark, camera: Camera, starts: tuple[Rigid, ...], *, margin: float = MARGIN, blur: float = 1.0
+) -> MarkFit:
+    """Return marks fitted through a camera from rough poses (camera_from_mark): q is where their centres are seen."""
+    return seen_through(gray, mark, camera, starts, margin=margin, blur=blur)[0]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """What a fit through a camera leaves: windows about q (B, 2), pixels kept in weight (B, P), parameters (B, n).
+
+    L (B, 3, 3): rays from local coordinates about q; scale (B,): by which the start's centre is L (0, 0, 1).
+    """
+
+    window: Window
+    weight: Array
+    parameters: Array
+    q: Array
+    L: Array
+    scale: Array
+
+
+def seen_through(
+    gray: Picture, mark: Mark, camera: Camera, starts: tuple[Rigid, ...], *, margin: float, blur: float
+) -> tuple[MarkFit, Seen]:
+    """Return `fit_poses` with what it leaves for a closer look."""
+    origin = np.array([pose.translation for pose in starts]).reshape(-1, 3)
+    R = np.array([pose.rotation for pose in starts]).reshape(-1, 3, 3)
+    q, J = camera.project_with_jacobian(origin)
+    shapes = J @ R[..., :2]
+    window = Window.around(gray, q, shapes, mark, margin)
+    L, pixels = tangent(camera, q, window.pixels)
+    scale = np.linalg.solve(L, origin[..., None])[..., 0][:, 2]  # L (0, 0, 1) by it is the centre
+    geometry = posed(turned=not mark.concentric)
+    held = (np.linalg.solve(L, R) / scale[:, None, None]).reshape(-1, 9)
+    window = replace(window, pixels=pixels)
+    start = _start(mark, geometry, np.zeros((len(q), geometry.count)), held, window, blur)
+    fit, weight = _robust(mark, geometry, start, window, q, noise=noise_of(gray))
+    poses = _poses(fit, geometry, L, R, scale)
+    centre, J = camera.project_with_jacobian(np.array([pose.translation for pose in poses]).reshape(-1, 3))
+    shapes = J @ np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)[..., :2]
+    seen = predicted(mark, geometry, fit.parameters, window.pixels)
+    result = replace(_result(replace(fit, q=centre), weight, shapes, window, seen), poses=poses)
+    return result, Seen(window, weight, fit.parameters, q, L, scale)
 
 
 def _telling(mark: Mark, rho: Array, pixels: Array, q: Array, minor: Array) -> Mask:
@@ -252,7 +240,7 @@ def _symmetric(S: Array) -> Array:
     return np.asarray((U * s[:, None, :]) @ np.swapaxes(U, 1, 2))
 
 
-def _start(mark: Mark, geometry: Geometry, g: Array, held: Array, window: _Window, blur: float) -> Array:
+def _start(mark: Mark, geometry: Geometry, g: Array, held: Array, window: Window, blur: float) -> Array:
     """Return parameters (B, n) at which the levels fit the picture in the least squares sense."""
     start = np.zeros((len(g), geometry.free + held.shape[1]))
     start[:, geometry.places], start[:, geometry.free :] = g, held
@@ -268,7 +256,7 @@ def _start(mark: Mark, geometry: Geometry, g: Array, held: Array, window: _Windo
 
 
 def _robust(
-    mark: Mark, geometry: Geometry, start: Array, window: _Window, q: Array, *, noise: float, lens: bool
+    mark: Mark, geometry: Geometry, start: Array, window: Window, q: Array, *, noise: float
 ) -> tuple[Fit, Array]:
     """Return the fit with pixels left out that show something else, and the weights (B, P) of those kept."""
     model = mark_model(mark, geometry)
@@ -320,7 +308,7 @@ def _replaced(fit: Fit, part: Fit, index: Array) -> Fit:
     return Fit(**arrays)
 
 
-def _result(fit: Fit, weight: Array, image_from_mark: Array, window: _Window, seen: Array) -> MarkFit:
+def _result(fit: Fit, weight: Array, image_from_mark: Array, window: Window, seen: Array) -> MarkFit:
     c = fit.parameters[:, CONTRAST]
     total = np.maximum(window.weight.sum(axis=1), 1)
     hidden = 1 - weight.sum(axis=1) / total
@@ -344,7 +332,7 @@ def _result(fit: Fit, weight: Array, image_from_mark: Array, window: _Window, se
     )
 
 
-def _tangent(camera: Camera, q: Array, pixels: Array) -> tuple[Array, Array]:
+def tangent(camera: Camera, q: Array, pixels: Array) -> tuple[Array, Array]:
     """Return L (B, 3, 3), rays (up to their length) from local coordinates, and the pixels (B, P, 8) with those.
 
     Local coordinates are those of the tangent plane at q: (u, v) to first order, and straight lines are straight.
@@ -379,20 +367,3 @@ def _poses(fit: Fit, geometry: Geometry, L: Array, R: Array, scale: Array) -> tu
     t = (scale * np.exp(g[:, 2]))[:, None] * (L @ xy1[..., None])[..., 0]
     turned = R @ so3.exp(w)
     return tuple(Rigid(so3.nearest(turned[i]), t[i]) for i in range(len(g)))
-
-
-def _weighed(first: MarkFit, second: MarkFit, other: Array) -> MarkFit:
-    """Return the likelier fit of each mark, its place the mean of both; other (B,): the probability of the second."""
-    pick = {}
-    for name in MarkFit.__slots__:
-        if name != "poses":
-            a, b = getattr(first, name), getattr(second, name)
-            pick[name] = np.where((other > 0.5).reshape(-1, *[1] * (a.ndim - 1)), b, a)
-    p = np.where(np.isfinite(first.q + second.q).all(axis=1), other, (other > 0.5).astype(float))
-    apart = np.nan_to_num(second.q - first.q)
-    pick["q"] = np.nan_to_num(first.q) * (1 - p)[:, None] + np.nan_to_num(second.q) * p[:, None]
-    spread = (p * (1 - p))[:, None, None] * apart[:, :, None] * apart[:, None, :]
-    both = (1 - p)[:, None, None] * first.covariance + p[:, None, None] * second.covariance
-    pick["covariance"], pick["doubt"] = both + spread, np.minimum(p, 1 - p)
-    pairs = zip(first.poses or (), second.poses or (), other > 0.5, strict=True)
-    return MarkFit(**pick, poses=tuple(b if o else a for a, b, o in pairs))

@@ -98,7 +98,7 @@ def mark_model(mark: Mark, geometry: Geometry) -> Model:
     borders = Borders.of(mark.sectors, mark.full)
 
     def model(parameters: Array, pixels: Array) -> tuple[Array, Array]:
-        H, dH = _with_slopes(geometry, parameters[:, geometry.places], parameters[:, geometry.free :])
+        H, dH = with_slopes(geometry, parameters[:, geometry.places], parameters[:, geometry.free :])
         return picture_with_slopes(borders, pixels, H, dH, parameters[:, _LEVELS])
 
     return model
@@ -117,7 +117,7 @@ def share_of_ink(mark: Mark, H: Array, pixels: Array, s: Array) -> Array:
     return picture(Borders.of(mark.sectors, mark.full), pixels, H, levels)
 
 
-def _with_slopes(geometry: Geometry, g: Array, held: Array) -> tuple[Array, Array]:
+def with_slopes(geometry: Geometry, g: Array, held: Array) -> tuple[Array, Array]:
     """Return H (B, 3, 3) and its slopes (B, k, 3, 3), by central differences: exact to 1e-10 for these functions."""
     k = geometry.count
     shifted = g[:, None] + _STEP * np.concatenate([np.eye(k), -np.eye(k)])
