@@ -27,7 +27,10 @@ def _pose(tilt: float, turn: float = 0.4) -> Rigid:
 @pytest.mark.parametrize("mark", [*MARKS, coded_ring(37, 30.0, 45.0, 60.0)], ids=str)
 @pytest.mark.parametrize("through_camera", [False, True])
 def test_slopes_are_derivatives(mark: Mark, through_camera: bool, rng: np.random.Generator) -> None:
-    """Central differences of step 1e-6: derivatives of values of order 1 to 1e-8 or so; 3e-8 of the largest slope."""
+    """Central differences of step 1e-6, 0.2 % of the largest slope: the quadrature's lines turn with the mark, its error too.
+
+    Within 2 px of the centre, where all directions are across the border, that error is larger and left out.
+    """
     turned = not mark.concentric
     scale = mark.radius / 10  # mm by px
     A = scale * np.array([[1.0, 0.1], [0.15, 1.1]])
@@ -42,19 +45,20 @@ def test_slopes_are_derivatives(mark: Mark, through_camera: bool, rng: np.random
     p = np.zeros((1, geometry.free + len(held)))
     p[0, 4:9], p[0, geometry.places], p[0, geometry.free :] = [-0.7, 0.8, 0.85, 0.002, -0.003], g, held
     model, pixels = mark_model(mark, geometry), rng.uniform(-15, 15, (1, 200, 2))
+    pixels = pixels[:, np.hypot(*(pixels[0] - g[:2]).T) > 2]
     J = model(p, pixels)[1]
     for k in range(geometry.free):
         h = np.zeros_like(p)
         h[0, k] = 1e-6
         slope = (model(p + h, pixels)[0] - model(p - h, pixels)[0]) / 2e-6
-        assert np.allclose(J[..., k], slope, atol=3e-4 * max(1.0, np.abs(slope).max()))
+        assert np.allclose(J[..., k], slope, atol=2e-3 * max(0.1, np.abs(slope).max()))
 
 
 @pytest.mark.parametrize("mark", [dot(20.0), dot_and_ring(10.0, 20.0, 30.0)], ids=str)
 def test_the_covariance_is_that_of_repeated_pictures(mark: Mark, rng: np.random.Generator) -> None:
     """225 upright marks alike but for noise: variances by chi-square of 225 within 4 sqrt(2/225) = 0.38 of those told.
 
-    The mean error stays within 4 of its standard deviations and 0.003 px of drawing (one of 233 samples a pixel).
+    The mean error stays within 4 of its standard deviations and 0.003 px of drawing.
     """
     camera = Camera.from_focal((48, 48), 700.0, cx=23.3, cy=23.6)
     clean = marks_picture([mark], camera, [Rigid(np.eye(3), [0, 0, 700.0])], blur_px=0.8, background=0.9)
@@ -71,7 +75,7 @@ def test_the_covariance_is_that_of_repeated_pictures(mark: Mark, rng: np.random.
 @pytest.mark.parametrize("mark", MARKS, ids=str)
 @pytest.mark.parametrize("tilt", [0.0, 30.0, 50.0])
 def test_a_fit_through_the_camera_meets_the_centre_at_any_tilt(mark: Mark, tilt: float) -> None:
-    """Without noise: within 0.01 px (drawing; a mark open to one side has corners that the model only approximates).
+    """Without noise: within 0.004 px, of which 0.001 px is drawing; the rest a border's bend where a ray meets it.
 
     Without the camera a tilted mark's picture is off by several times as much: the control.
     """
@@ -80,7 +84,7 @@ def test_a_fit_through_the_camera_meets_the_centre_at_any_tilt(mark: Mark, tilt:
     truth, J = CAMERA.project_with_jacobian(pose.translation)
     start = Rigid(np.eye(3), [0.2, 0.2, 6.0]) @ pose @ Rigid.exp([0, 0, 0, 0.04, 0.04, 0.03])
     fit = fit_poses(picture, mark, CAMERA, (start,))
-    assert np.abs(fit.q[0] - truth).max() < (0.01 if mark.turns != 1 else 0.025)
+    assert np.abs(fit.q[0] - truth).max() < 0.004
     if tilt:
         plain = fit_marks(picture, mark, truth[None] + 0.3, (J @ pose.rotation[:, :2])[None])
         assert np.abs(plain.q[0] - truth).max() > 0.02

@@ -24,7 +24,6 @@ MARGIN = 0.7  # of the radius: how much ground the window takes in; it tells var
 _LEAST_MARGIN, _MOST_MARGIN = 5.0, 12.0  # px of it
 _PLAIN = 4.0  # px from all borders, beyond which ground and ink are plain
 _LARGE = 30.0  # px of radius, from which every second pixel near borders is enough
-_CORNER = 2.0  # px around corners of ink that are left out: there the model's borders meet at no right angle
 _HIDDEN, _ROUNDS = 0.12, 4  # residual by contrast of a pixel that shows something else; fits without those
 _SIGMAS = 5.0  # and by the noise
 _MIDDLE, _ALSO_PLAIN = 0.45, 0.1  # grey values so far from the middle are plain; of what a cover hides as many are
@@ -152,9 +151,6 @@ class Window:
             wanted &= _telling(mark, rho, pixels, q, minor)
         weight = (wanted & there).astype(np.float64)
         outside = 1 - weight.sum(axis=1) / np.maximum(wanted.sum(axis=1), 1)
-        for corner in _corners(mark):
-            apart = pixels - (image_from_mark @ corner)[:, None]
-            weight *= np.sum(apart**2, axis=-1) > _CORNER**2
         if len(q):  # only as many pixels as the largest window has
             kept = np.argsort(~wanted, axis=1, kind="stable")[:, : wanted.sum(axis=1).max()]
             values, weight = (np.take_along_axis(a, kept, axis=1) for a in (values, weight))
@@ -223,15 +219,6 @@ def _telling(mark: Mark, rho: Array, pixels: Array, q: Array, minor: Array) -> M
     x, y = (np.rint(pixels[..., i] + q[:, None, i]).astype(int) for i in (0, 1))
     near &= (minor[:, None] < _LARGE) | ((x + y) % 2 == 0)
     return np.asarray(near | ((x + 2 * y) % 5 == 0))
-
-
-def _corners(mark: Mark) -> Array:
-    """Return where borders end in corners (K, 2), mm; none of a point-symmetric mark, where their errors cancel."""
-    if mark.turns % 2 == 0:
-        return np.zeros((0, 2))
-    parts = mark.sectors[~mark.full]
-    polar = [(r, angle) for inner, outer, a, b in parts.tolist() for r in (inner, outer) for angle in (a, b) if r > 0]
-    return np.array([[r * np.cos(angle), r * np.sin(angle)] for r, angle in polar]).reshape(-1, 2)
 
 
 def _symmetric(S: Array) -> Array:
