@@ -30,6 +30,7 @@ _MIDDLE, _ALSO_PLAIN = 0.45, 0.1  # grey values so far from the middle are plain
 _FEW = 0.003  # share of the window that may disagree without another fit
 _HOPELESS = 0.35  # rms of the residuals by contrast: nothing that leaving pixels out would mend
 _MOST_HIDDEN, _MOST_OUTSIDE = 0.6, 0.4  # of a window
+_SOFTEST = 0.6  # blur by the smaller radius, beyond which anything smooth would be a mark
 _TOGETHER = 256  # windows looked at in one go
 _SPARSE = 1.5  # by the blur: steps between the pixels by which soft pictures are compared
 
@@ -40,7 +41,7 @@ class MarkFit:
 
     image_from_mark (B, 2, 2): px by mm at the centre, its columns the pictures of the mark's x and y (of a concentric
     mark symmetric: its turn is not seen); contrast (B,) ground minus mark as seen; blur (B,) px. score (B,): of the
-    fitted picture and the grey values, their correlation, less what is hidden. hidden, outside, clipped (B,): shares of
+    fitted picture and the grey values, their correlation, less what is hidden or cut off. hidden, outside, clipped (B,): shares of
     the window that show something else, that lie beyond the picture's outline, that are black or white. good (B,);
     poses: camera_from_mark of each, where a camera was given, and doubt (B,): the probability of the other tilt.
     """
@@ -299,10 +300,11 @@ def _result(fit: Fit, weight: Array, image_from_mark: Array, window: Window, see
     c = fit.parameters[:, CONTRAST]
     total = np.maximum(window.weight.sum(axis=1), 1)
     hidden = 1 - weight.sum(axis=1) / total
-    score = _correlation(np.nan_to_num(seen), window.values, weight) * np.sqrt(1 - hidden)
+    score = _correlation(np.nan_to_num(seen), window.values, weight) * np.sqrt((1 - hidden) * (1 - window.outside))
     dark_or_white = (window.values <= DARK) | (window.values >= BRIGHT)
     clipped = (weight * dark_or_white).sum(axis=1) / total
-    good = fit.good & (window.outside < _MOST_OUTSIDE) & (hidden < _MOST_HIDDEN)
+    good = fit.good & (fit.parameters[:, BLUR] < _SOFTEST * window.size)
+    good &= (window.outside < _MOST_OUTSIDE) & (hidden < _MOST_HIDDEN)
     return MarkFit(
         fit.q,
         fit.covariance,
