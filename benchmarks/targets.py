@@ -5,8 +5,8 @@
 
 rendered: single marks, exact area coverage, Gaussian blur, uniform noise; the truth is where the camera sees the mark's
 centre. The bound is that of the grey values with all but the position known, from differences of the renderer's own
-pictures. "ratio" is rms error by bound, "bias" the mean error's length, "told" the rms error by the one predicted, through
-the camera and without it.
+pictures. "ratio" is rms error by bound, "bias" the mean error's length, "told" the rms error by the one predicted,
+through the camera and, of upright marks, without it.
 Peers: OpenCV (extra `boards`), left out where it is not installed.
 """
 

@@ -27,7 +27,7 @@ def _pose(tilt: float, turn: float = 0.4) -> Rigid:
 @pytest.mark.parametrize("mark", [*MARKS, coded_ring(37, 30.0, 45.0, 60.0)], ids=str)
 @pytest.mark.parametrize("through_camera", [False, True])
 def test_slopes_are_derivatives(mark: Mark, through_camera: bool, rng: np.random.Generator) -> None:
-    """Central differences of step 1e-6, 0.2 % of the largest slope: the quadrature's lines turn with the mark, its error too.
+    """Central differences of step 1e-6, to 0.2 % of the largest slope: the quadrature's lines turn with the mark.
 
     Within 2 px of the centre, where all directions are across the border, that error is larger and left out.
     """

@@ -80,9 +80,7 @@ def picture_with_slopes(borders: Borders, places: Array, H: Array, dH: Array, le
     return _drawn(borders, places, H, dH, levels, slopes=True)
 
 
-def _drawn(
-    borders: Borders, places: Array, H: Array, dH: Array, levels: Array, *, slopes: bool
-) -> tuple[Array, Array]:
+def _drawn(borders: Borders, places: Array, H: Array, dH: Array, levels: Array, *, slopes: bool) -> tuple[Array, Array]:
     count, pixels, width = places.shape
     if width not in (2, 8) or H.shape != (count, 3, 3) or levels.shape != (count, _LEVELS):
         raise BadValue("places", f"of shape {places.shape} for H {H.shape}", "(B, P, 2 or 8), H (B, 3, 3)")

@@ -22,7 +22,8 @@ from cadcam.target.candidates import METHODS, Candidates, approached, candidates
 from cadcam.target.cross import surface, taps, template
 from cadcam.target.leaning import NORMAL_SD, fit_both_tilts
 from cadcam.target.mark import Mark, renumbered
-from cadcam.target.mark_fit import MARGIN, MarkFit, fit_marks
+from cadcam.target.mark_fit import MarkFit, fit_marks
+from cadcam.target.mark_window import MARGIN
 from cadcam.target.ring_code import oriented, read
 from cadcam.target.subpixel import Peak, centroid, parabola
 
@@ -102,9 +103,9 @@ def find_marks(
     spots, correlation, blobs (see above). subpixel: photometric; or, for upright marks, parabola, centroid,
     autocorrelation (EQ 4.1-4.5, continuous), autocorrelation-grid (in steps of 0.02 px). camera: fits each mark's pose,
     so that perspective and lens do not shift it; normal (3,): of the marks' plane in the camera's frame, known to
-    normal_sd rad, which decides between the two tilts. perspective: without a camera, fits the perspective of a plane with several borders: takes
-    the shift of tilted marks off, for more noise. margin: ground by the radius that is fitted too, less than the gap to
-    what is next. any_number: of a coded mark, whichever number is read. Raises `BadValue`, `UnknownName`.
+    normal_sd rad, which decides between the two tilts. perspective: without a camera, fits the perspective of a plane
+    with several borders: takes the shift of tilted marks off, for more noise. margin: ground by the radius that is
+    fitted too, less than the gap to what is next. any_number: of a coded mark, whichever number is read. Raises `BadValue`, `UnknownName`.
     """
     gray = to_gray(checked(picture))
     search = _search(gray, mark, method, subpixel, any_number, radius_px is not None)

@@ -15,11 +15,11 @@ import numpy as np
 from cadcam.arrays import Array, Picture
 from cadcam.camera.camera import Camera
 from cadcam.geometry import rotation as so3
-from cadcam.geometry.rigid import Rigid
 from cadcam.native.marks import Borders, picture_with_slopes
 from cadcam.target.mark import Mark
-from cadcam.target.mark_fit import MARGIN, MarkFit, Seen, seen_through
+from cadcam.target.mark_fit import MarkFit, Seen, seen_through
 from cadcam.target.mark_model import Geometry, posed, with_slopes
+from cadcam.target.mark_window import MARGIN
 from cadcam.target.tilts import tilts, toward
 
 NORMAL_SD = 0.1  # rad
@@ -43,8 +43,8 @@ def fit_both_tilts(
 ) -> MarkFit:
     """Return affine fits refined as poses through a camera, from both tilts that a mark's shape allows.
 
-    The pose is the likelier one, the place the mean over all by their probabilities, and the covariance takes in how far
-    they lie apart: upright marks do not show which way they lean. normal (3,): of the plane in the camera's frame, with
+    The pose is the likelier one, the place the mean over all by their probabilities, and the covariance takes in how
+    far they lie apart: upright marks do not show which way they lean. normal (3,): of the plane in the camera's frame, with
     a standard deviation of normal_sd rad about each axis.
     """
     if not len(fit):

@@ -17,18 +17,11 @@ from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import BRIGHT, DARK, noise_of
 from cadcam.target.mark import Mark
-from cadcam.target.mark_model import Geometry, affine, mark_model, posed, predicted, share_of_ink
-from cadcam.target.photometric import BLUR, CONTRAST, Fit, fitted, patches
+from cadcam.target.mark_model import Geometry, affine, posed, predicted, share_of_ink
+from cadcam.target.mark_window import MARGIN, Window
+from cadcam.target.photometric import BLUR, CONTRAST, Fit
+from cadcam.target.uncovered import clear_fit
 
-MARGIN = 0.7  # of the radius: how much ground the window takes in; it tells varying light from a shift of the mark
-_LEAST_MARGIN, _MOST_MARGIN = 5.0, 12.0  # px of it
-_PLAIN = 4.0  # px from all borders, beyond which ground and ink are plain
-_LARGE = 30.0  # px of radius, from which every second pixel near borders is enough
-_HIDDEN, _ROUNDS = 0.12, 4  # residual by contrast of a pixel that shows something else; fits without those
-_SIGMAS = 5.0  # and by the noise
-_MIDDLE, _ALSO_PLAIN = 0.45, 0.1  # grey values so far from the middle are plain; of what a cover hides as many are
-_FEW = 0.003  # share of the window that may disagree without another fit
-_HOPELESS = 0.35  # rms of the residuals by contrast: nothing that leaving pixels out would mend
 _MOST_HIDDEN, _MOST_OUTSIDE = 0.6, 0.4  # of a window
 _SOFTEST = 0.6  # blur by the smaller radius, beyond which anything smooth would be a mark
 _TOGETHER = 256  # windows looked at in one go
@@ -41,9 +34,10 @@ class MarkFit:
 
     image_from_mark (B, 2, 2): px by mm at the centre, its columns the pictures of the mark's x and y (of a concentric
     mark symmetric: its turn is not seen); contrast (B,) ground minus mark as seen; blur (B,) px. score (B,): of the
-    fitted picture and the grey values, their correlation, less what is hidden or cut off. hidden, outside, clipped (B,): shares of
-    the window that show something else, that lie beyond the picture's outline, that are black or white. good (B,);
-    poses: camera_from_mark of each, where a camera was given, and doubt (B,): the probability of the other tilt.
+    fitted picture and the grey values, their correlation, less what is hidden or cut off. hidden, outside, clipped
+    (B,): shares of the window that show something else, that lie beyond the picture's outline, that are black or white.
+    good (B,); poses: camera_from_mark of each, where a camera was given, and doubt (B,): the probability of the other
+    tilt.
     """
 
     q: Array
@@ -93,7 +87,7 @@ def fit_marks(
     if not mark.concentric:
         g[:, 5] = A[:, 1, 0]
     start = _start(mark, geometry, g, np.zeros((len(q), 0)), window, blur)
-    fit, weight = _robust(mark, geometry, start, window, q, noise=noise_of(gray))
+    fit, weight = clear_fit(mark, geometry, start, window, q, noise=noise_of(gray))
     H = geometry.matrix(fit.parameters[:, geometry.places], np.zeros((len(q), 0)))
     shapes = np.asarray(np.linalg.inv(H[:, :2, :2]), np.float64)
     seen = predicted(mark, geometry, fit.parameters, window.pixels)
@@ -124,43 +118,6 @@ def _correlation(a: Array, b: Array, weight: Array) -> Array:
     n = np.maximum(weight.sum(axis=1, keepdims=True), 1.0)
     a, b = (weight * (v - (weight * v).sum(axis=1, keepdims=True) / n) for v in (a, b))
     return np.asarray((a * b).sum(axis=1) / np.sqrt(np.maximum((a * a).sum(axis=1) * (b * b).sum(axis=1), 1e-12)))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Window:
-    """Grey values (B, P), pixels (B, P, 2 or 8), weights (B, P), shares of the windows outside the picture, sizes."""
-
-    values: Array
-    pixels: Array
-    weight: Array
-    outside: Array
-    size: Array
-
-    @classmethod
-    def around(
-        cls, gray: Picture, q: Array, image_from_mark: Array, mark: Mark, margin: float, step: int = 1
-    ) -> Window:
-        radius = mark.radius
-        A = np.linalg.inv(image_from_mark)
-        major, minor = radius * np.linalg.svd(image_from_mark, compute_uv=False).T
-        reach = 1 + np.clip(margin * minor, _LEAST_MARGIN * min(margin / MARGIN, 1.0), _MOST_MARGIN) / minor
-        values, pixels, there = patches(gray, q, np.maximum(reach * major, 2.0), step)
-        p = pixels @ np.swapaxes(A, 1, 2) / radius
-        rho = np.sqrt(np.sum(p**2, axis=-1))
-        wanted = rho <= reach[:, None]
-        if step == 1:
-            wanted &= _telling(mark, rho, pixels, q, minor)
-        weight = (wanted & there).astype(np.float64)
-        outside = 1 - weight.sum(axis=1) / np.maximum(wanted.sum(axis=1), 1)
-        if len(q):  # only as many pixels as the largest window has
-            kept = np.argsort(~wanted, axis=1, kind="stable")[:, : wanted.sum(axis=1).max()]
-            values, weight = (np.take_along_axis(a, kept, axis=1) for a in (values, weight))
-            pixels = np.take_along_axis(pixels, kept[..., None], axis=1)
-        return cls(values, pixels, weight, outside, minor)
-
-    def subset(self, which: Index) -> Window:
-        """Return the windows that `which` selects."""
-        return Window(*(getattr(self, name)[which] for name in Window.__slots__))
 
 
 def fit_poses(
@@ -200,26 +157,13 @@ def seen_through(
     held = (np.linalg.solve(L, R) / scale[:, None, None]).reshape(-1, 9)
     window = replace(window, pixels=pixels)
     start = _start(mark, geometry, np.zeros((len(q), geometry.count)), held, window, blur)
-    fit, weight = _robust(mark, geometry, start, window, q, noise=noise_of(gray))
+    fit, weight = clear_fit(mark, geometry, start, window, q, noise=noise_of(gray))
     poses = _poses(fit, geometry, L, R, scale)
     centre, J = camera.project_with_jacobian(np.array([pose.translation for pose in poses]).reshape(-1, 3))
     shapes = J @ np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)[..., :2]
     seen = predicted(mark, geometry, fit.parameters, window.pixels)
     result = replace(_result(replace(fit, q=centre), weight, shapes, window, seen), poses=poses)
     return result, Seen(window, weight, fit.parameters, q, L, scale)
-
-
-def _telling(mark: Mark, rho: Array, pixels: Array, q: Array, minor: Array) -> Mask:
-    """Return which pixels are near a border, and of the plain rest every fifth: enough for its level and light."""
-    if not mark.concentric or not len(q) or minor.min() < 3 * _PLAIN:
-        return np.ones(rho.shape, bool)
-    borders = np.unique(mark.sectors[:, :2]) / mark.radius
-    near = np.zeros(rho.shape, bool)
-    for r in borders[borders > 0]:
-        near |= np.abs(rho - r) * minor[:, None] < _PLAIN
-    x, y = (np.rint(pixels[..., i] + q[:, None, i]).astype(int) for i in (0, 1))
-    near &= (minor[:, None] < _LARGE) | ((x + y) % 2 == 0)
-    return np.asarray(near | ((x + 2 * y) % 5 == 0))
 
 
 def _symmetric(S: Array) -> Array:
@@ -241,59 +185,6 @@ def _start(mark: Mark, geometry: Geometry, g: Array, held: Array, window: Window
     start[:, CONTRAST] = (off * window.values).sum(axis=1) / np.maximum((off * off).sum(axis=1), 1e-9)
     start[:, 6] = mean - start[:, CONTRAST] * mean_share
     return start
-
-
-def _robust(
-    mark: Mark, geometry: Geometry, start: Array, window: Window, q: Array, *, noise: float
-) -> tuple[Fit, Array]:
-    """Return the fit with pixels left out that show something else, and the weights (B, P) of those kept."""
-    model = mark_model(mark, geometry)
-    weight = window.weight
-    fit = fitted(model, start, window.values, window.pixels, weight, q, window.size)
-
-    def kept(which: Index) -> Array:
-        some, parameters = window.subset(which), fit.parameters[which]
-        seen = predicted(mark, geometry, parameters, some.pixels)
-        clear = _clear(seen - some.values, noise, _HIDDEN * np.abs(parameters[:, CONTRAST]))
-        return np.asarray(some.weight * (clear | ~_covered(clear, seen, some.weight)[:, None]))
-
-    left = np.flatnonzero(fit.misfit < _HOPELESS)
-    left = left[(kept(left) != window.weight[left]).mean(axis=1) > _FEW]
-    for _ in range(_ROUNDS if left.size else 0):
-        clear = kept(left)
-        enough = clear.sum(axis=1) > geometry.free + 5
-        left, weight = left[enough], _with_rows(weight, left[enough], clear[enough])
-        some = window.subset(left)
-        part = fitted(model, fit.parameters[left], some.values, some.pixels, weight[left], q[left], some.size)
-        fit = _replaced(fit, part, left)
-    return fit, weight
-
-
-def _with_rows(array: Array, which: Index, rows: Array) -> Array:
-    out = array.copy()
-    out[which] = rows
-    return out
-
-
-def _clear(residual: Array, noise: float, limit: Array) -> Mask:
-    """Return which pixels agree with the mark: within a limit (B,), or five sigmas of the picture's noise."""
-    return np.asarray(np.abs(residual) <= np.maximum(limit, _SIGMAS * noise)[:, None])
-
-
-def _covered(clear: Mask, seen: Array, weight: Array) -> Mask:
-    """Return for which marks (B,) plain pixels disagree too: on borders alone it is a gamma, or the fit's own blur."""
-    low, high = (np.nanquantile(seen, q, axis=1, keepdims=True) for q in (0.05, 0.95))
-    plain = np.abs(seen - (low + high) / 2) > _MIDDLE * (high - low)
-    odd = (weight > 0) & ~clear
-    return np.asarray((odd & plain).sum(axis=1) > _ALSO_PLAIN * odd.sum(axis=1))
-
-
-def _replaced(fit: Fit, part: Fit, index: Array) -> Fit:
-    """Return the fit with the marks of `index` taken from `part`."""
-    arrays = {name: getattr(fit, name).copy() for name in Fit.__slots__}
-    for name in arrays:
-        arrays[name][index] = getattr(part, name)
-    return Fit(**arrays)
 
 
 def _result(fit: Fit, weight: Array, image_from_mark: Array, window: Window, seen: Array) -> MarkFit:

@@ -13,7 +13,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask, Picture
+from cadcam.arrays import Array, Index, Mask, Picture
 
 Model: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]  # (parameters, pixels) -> grey values, their slopes
 
@@ -38,6 +38,10 @@ class Fit:
     misfit: Array
     good: Mask
     full: Array
+
+    def subset(self, which: Index | slice) -> Fit:
+        """Return the marks that `which` selects."""
+        return Fit(*(getattr(self, name)[which] for name in Fit.__slots__))
 
 
 def fit_corners(gray: Picture, q: Array, directions: Array, reach: Array, *, blur: float = 1.0) -> Fit:
