@@ -32,7 +32,7 @@ from cadcam.target.cross import Taps, surface, taps, template
 from cadcam.target.find import FoundMark, find_marks
 from cadcam.target.ideal import board_picture, marks_picture
 from cadcam.target.leaning import fit_both_tilts
-from cadcam.target.mark import Mark, Plate, dot, dot_and_ring, inverted, ring
+from cadcam.target.mark import Mark, Plate, dot, dot_and_ring, inverted
 from cadcam.target.mark_fit import fit_marks
 from cadcam.target.opencv import has_opencv
 from cadcam.target.subpixel import Peak, centroid, parabola
@@ -400,9 +400,9 @@ def _sets(data: Path) -> Iterator[Set]:
         "opencsp_dots/DSC03992", data / "opencsp_dots/data_measurement/images/DSC03992.JPG", dot(10.0),
         {"radius_px": (2.5, 12.0), "method": "blobs"}, None, "about 4000",
     )  # fmt: skip
-    for k in (1, 2):  # the innermost of three rings, the widths of which differ from mark to mark
-        rings: dict[str, object] = {"radius_px": (8.0, 60.0), "method": "blobs", "margin": 0.15}
-        yield f"cctag_rings/0{k}", data / f"cctag_rings/0{k}.png", ring(14.0, 20.0), rings, None, "see below"
+    for k in (1, 2):  # the white disc inside three rings, the widths of which differ from mark to mark
+        rings: dict[str, object] = {"radius_px": (6.0, 60.0), "method": "blobs", "margin": 0.15}
+        yield f"cctag_rings/0{k}", data / f"cctag_rings/0{k}.png", inverted(dot(20.0)), rings, None, f"{4 + k}"
 
 
 def _dbat(path: Path) -> dict[int, Array]:

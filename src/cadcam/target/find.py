@@ -105,7 +105,8 @@ def find_marks(
     so that perspective and lens do not shift it; normal (3,): of the marks' plane in the camera's frame, known to
     normal_sd rad, which decides between the two tilts. perspective: without a camera, fits the perspective of a plane
     with several borders: takes the shift of tilted marks off, for more noise. margin: ground by the radius that is
-    fitted too, less than the gap to what is next. any_number: of a coded mark, whichever number is read. Raises `BadValue`, `UnknownName`.
+    fitted too, less than the gap to what is next. any_number: of a coded mark, whichever number is read. Raises
+    `BadValue`, `UnknownName`.
     """
     gray = to_gray(checked(picture))
     search = _search(gray, mark, method, subpixel, any_number, radius_px is not None)

@@ -44,8 +44,8 @@ def fit_both_tilts(
     """Return affine fits refined as poses through a camera, from both tilts that a mark's shape allows.
 
     The pose is the likelier one, the place the mean over all by their probabilities, and the covariance takes in how
-    far they lie apart: upright marks do not show which way they lean. normal (3,): of the plane in the camera's frame, with
-    a standard deviation of normal_sd rad about each axis.
+    far they lie apart: upright marks do not show which way they lean. normal (3,): of the plane in the camera's frame,
+    with a standard deviation of normal_sd rad about each axis.
     """
     if not len(fit):
         return replace(fit, poses=())

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Index, Mask, Picture
+from cadcam.arrays import Array, Ids, Index, Mask, Picture
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import BRIGHT, DARK, noise_of
 from cadcam.target.mark import Mark
 from cadcam.target.mark_model import Geometry, affine, posed, predicted, share_of_ink
-from cadcam.target.mark_window import MARGIN, Window
+from cadcam.target.mark_window import MARGIN, Window, by_size
 from cadcam.target.photometric import BLUR, CONTRAST, Fit
 from cadcam.target.uncovered import clear_fit
 
@@ -79,6 +79,11 @@ def fit_marks(
     ground that the window takes in, by the radius; keep clear of neighbours. Pixels that contradict the mark (something
     covers it) are left out.
     """
+    major = mark.radius * np.linalg.svd(image_from_mark, compute_uv=False)[:, 0]
+    groups = by_size(major)
+    if len(groups) > 1:
+        how = {"perspective": perspective, "margin": margin, "blur": blur}
+        return _joined([fit_marks(gray, mark, q[k], image_from_mark[k], **how) for k in groups], groups)
     geometry = affine(turned=not mark.concentric, perspective=perspective)
     A = np.linalg.inv(_symmetric(image_from_mark) if mark.concentric else image_from_mark)
     window = Window.around(gray, q, image_from_mark, mark, margin)
@@ -94,23 +99,29 @@ def fit_marks(
     return _result(fit, weight, shapes, window, seen)
 
 
+def _joined(parts: list[MarkFit], groups: list[Ids]) -> MarkFit:
+    """Return the fits of groups of marks in the marks' own order."""
+    back = np.argsort(np.concatenate(groups))
+    names = [name for name in MarkFit.__slots__ if name != "poses"]
+    return MarkFit(**{name: np.concatenate([getattr(part, name) for part in parts])[back] for name in names})
+
+
 def likeness(
     gray: Picture, mark: Mark, q: Array, image_from_mark: Array, *, margin: float = MARGIN, soft: float
 ) -> Array:
     """Return the correlation (B,) of grey values with the mark as it would lie at q (B, 2), blurred by `soft` radii."""
     if not len(q):
         return np.zeros(0)
-    minor = mark.radius * np.linalg.svd(image_from_mark, compute_uv=False)[:, 1].min()
-    step = max(1, int(soft * minor / _SPARSE))
-    window = Window.around(gray, q, image_from_mark, mark, margin, step)
+    major, minor = mark.radius * np.linalg.svd(image_from_mark, compute_uv=False).T
     out = np.zeros(len(q))
-    for i in range(0, len(q), _TOGETHER):
-        part = slice(i, i + _TOGETHER)
-        H = np.zeros((len(q[part]), 3, 3))
-        H[:, :2, :2], H[:, 2, 2] = np.linalg.inv(image_from_mark[part]), 1.0
-        blur = np.maximum(soft * window.size[part], 1.0)
-        share = share_of_ink(mark, H, window.pixels[part], blur)
-        out[part] = _correlation(share if mark.light else -share, window.values[part], window.weight[part])
+    for group in by_size(major):
+        for some in np.array_split(group, 1 + len(group) // _TOGETHER):
+            step = max(1, int(soft * minor[some].min(initial=np.inf) / _SPARSE))
+            window = Window.around(gray, q[some], image_from_mark[some], mark, margin, step)
+            H = np.zeros((len(some), 3, 3))
+            H[:, :2, :2], H[:, 2, 2] = np.linalg.inv(image_from_mark[some]), 1.0
+            share = share_of_ink(mark, H, window.pixels, np.maximum(soft * window.size, 1.0))
+            out[some] = _correlation(share if mark.light else -share, window.values, window.weight)
     return out
 
 

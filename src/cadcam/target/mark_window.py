@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Index, Mask, Picture
+from cadcam.arrays import Array, Ids, Index, Mask, Picture
 from cadcam.target.mark import Mark
 from cadcam.target.photometric import patches
 
 MARGIN = 0.7  # of the radius: how much ground the window takes in; it tells varying light from a shift of the mark
 _LEAST_MARGIN, _MOST_MARGIN = 5.0, 12.0  # px of it
 _PLAIN = 4.0  # px from all borders, beyond which ground and ink are plain
+_ALIKE = 1.5  # sizes within this ratio are handled together
 _LARGE = 30.0  # px of radius, from which every second pixel near borders is enough
 
 
@@ -52,6 +53,18 @@ class Window:
     def subset(self, which: Index) -> Window:
         """Return the windows that `which` selects."""
         return Window(*(getattr(self, name)[which] for name in Window.__slots__))
+
+    def only(self, i: Index) -> tuple[Window, Mask]:
+        """Return the i-th window alone, with as many pixels as it has, and which of all (P,) those are."""
+        there = self.weight[i] > 0
+        one = self.subset([i])
+        return Window(one.values[:, there], one.pixels[:, there], one.weight[:, there], one.outside, one.size), there
+
+
+def by_size(size: Array) -> list[Ids]:
+    """Return the numbers of the windows of about one size, group by group: side by side they have as many pixels."""
+    octave = np.floor(np.log(np.maximum(size, 1.0)) / np.log(_ALIKE))
+    return [np.flatnonzero(octave == k).astype(np.int32) for k in np.unique(octave)]
 
 
 def _telling(mark: Mark, rho: Array, pixels: Array, q: Array, minor: Array) -> Mask:

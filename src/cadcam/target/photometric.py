@@ -163,16 +163,26 @@ def patches(gray: Picture, q: Array, reach: Array, step: int = 1) -> tuple[Array
     return values, pixels, np.asarray(there)
 
 
-def fitted(model: Model, start: Array, values: Array, pixels: Array, weight: Array, q: Array, size: Array) -> Fit:
+def fitted(
+    model: Model,
+    start: Array,
+    values: Array,
+    pixels: Array,
+    weight: Array,
+    q: Array,
+    size: Array,
+    *,
+    iterations: int = _ITERATIONS,
+) -> Fit:
     """Return the fit of a model whose first two parameters are x, y relative to q; size (B,): how far it may go, px.
 
     pixels (B, P, 2 or more): u, v relative to q, and what else the model wants to know of a pixel. Parameters beyond
-    those by which the model gives slopes are held.
+    those by which the model gives slopes are held. iterations: at most.
     """
     count, n = start.shape
     step = max(1, _TOGETHER // max(n * values.shape[1], 1))
     parts = [
-        _minimised(model, start[i : i + step], values[i : i + step], pixels[i : i + step], weight[i : i + step])
+        _minimised(model, *(a[i : i + step] for a in (start, values, pixels, weight)), iterations)
         for i in range(0, max(count, 1), step)
     ]
     parameters, covariance, cost = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -184,13 +194,15 @@ def fitted(model: Model, start: Array, values: Array, pixels: Array, weight: Arr
     return Fit(q + parameters[:, :2], covariance[:, :2, :2], parameters, misfit, good, covariance)
 
 
-def _minimised(model: Model, start: Array, values: Array, pixels: Array, weight: Array) -> tuple[Array, Array, Array]:
+def _minimised(
+    model: Model, start: Array, values: Array, pixels: Array, weight: Array, iterations: int
+) -> tuple[Array, Array, Array]:
     """Return parameters, their covariance and sum of squares: Levenberg-Marquardt, a damping for each mark."""
     state, damping = start.copy(), np.full(len(start), 1e-3)
     H, g, cost = _normal(model, state, values, pixels, weight)
     n = H.shape[1]
     going = np.arange(len(start))
-    for _ in range(_ITERATIONS):
+    for _ in range(iterations):
         D = np.einsum("bii->bi", H[going])
         A = H[going] + np.eye(n) * (damping[going, None] * D + 1e-12)[:, None, :]
         step = -np.linalg.solve(A, g[going, :, None])[..., 0]

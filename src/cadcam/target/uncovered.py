@@ -26,6 +26,7 @@ _HOPELESS = 0.45  # rms of the residuals by contrast: nothing that leaving pixel
 _ONE_SIDED, _CHANCE = 0.08, 1.5  # resultant of the directions of odd pixels, and by what chance makes of so many
 _MIDDLE, _ALSO_PLAIN = 0.45, 0.1  # grey values so far from the middle are plain; of what a cover hides as many are
 _BETTER = 0.9  # of the misfit: what leaving out a wedge must bring
+_QUICK = 8  # iterations of a fit without a wedge
 _WEDGES = ((8, np.radians(75.0)), (8, np.radians(110.0)))  # how many, and how far to either side they reach
 
 
@@ -43,11 +44,12 @@ def clear_fit(
     suspect = (odd.mean(axis=1) > _FEW) & (fit.misfit < _HOPELESS)
     plain = _also_plain(odd, seen, window)
     for i in np.flatnonzero(suspect & (plain | _one_sided(odd, window))):
-        one = window.subset([i])
+        one, there = window.only(i)
         begun, gain = _most_agreed(mark, geometry, model, start[i : i + 1], one, q[i : i + 1], noise)
         if plain[i] or gain < _BETTER:
             part, clear = _cleared(mark, geometry, model, begun, one, q[i : i + 1], noise)
-            fit, weight = _replaced(fit, part, i), _with_row(weight, i, clear)
+            fit, weight = _replaced(fit, part, i), weight.copy()
+            weight[i, there] = clear
     return fit, weight
 
 
@@ -83,7 +85,7 @@ def _most_agreed(
     many = window.subset([0] * n)
     weight = many.weight * np.array(masks)
     starts, about = np.repeat(start, n, axis=0), np.repeat(q, n, axis=0)
-    fit = fitted(model, starts, many.values, many.pixels, weight, about, many.size)
+    fit = fitted(model, starts, many.values, many.pixels, weight, about, many.size, iterations=_QUICK)
     r = (predicted(mark, geometry, fit.parameters, many.pixels) - many.values) * many.weight
     limit = _limit(fit.parameters[:1], noise)
     cost = (r**2 / (r**2 + limit[:, None] ** 2)).sum(axis=1)
