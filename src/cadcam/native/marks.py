@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from cadcam.arrays import Array, Ids
+from cadcam.arrays import Array, Ids, Mask
 from cadcam.errors import BadValue
 from cadcam.native.core import library
 
@@ -46,7 +46,7 @@ class Borders:
     span: Array
 
     @classmethod
-    def of(cls, sectors: Array, whole: Array) -> Borders:
+    def of(cls, sectors: Array, whole: Mask) -> Borders:
         """Return the borders of sectors (K, 4): inner and outer radius, from and to in rad; whole (K,): no rays."""
         radii, at = np.unique(sectors[:, :2], return_inverse=True)
         at = at.reshape(-1, 2)
@@ -55,7 +55,7 @@ class Borders:
         if len(radii) > _MOST_RADII:
             raise BadValue("radii", f"{len(radii)} different ones", f"at most {_MOST_RADII} borders of a mark")
         turn = sectors[:, 2:].ravel()
-        rays = np.where(np.asarray(whole)[:, None], -1, np.arange(len(turn)).reshape(-1, 2))
+        rays = np.where(whole[:, None], -1, np.arange(len(turn)).reshape(-1, 2))
         return cls(
             np.ascontiguousarray(radii, np.float64),
             np.ascontiguousarray(np.stack([np.cos(turn), np.sin(turn)], axis=-1), np.float64),

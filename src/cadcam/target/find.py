@@ -124,8 +124,10 @@ def find_marks(
         fits.append((one, fit.subset(_kept(fit, one, radii, least_score))))
     toward = None if normal is None else frozen(normal, "normal", (3,))
     if camera is not None:
-        plane = {"normal": toward, "normal_sd": normal_sd}
-        fits = [(one, fit_both_tilts(gray, one, camera, fit, **plane, margin=margin)) for one, fit in fits]
+        fits = [
+            (one, fit_both_tilts(gray, one, camera, fit, normal=toward, normal_sd=normal_sd, margin=margin))
+            for one, fit in fits
+        ]
     found = [_found(gray, one, fit, i, search, subpixel) for one, fit in fits for i in range(len(fit))]
     found = _apart(sorted(found, key=lambda f: -f.score))
     if count is not None and len(found) < count:

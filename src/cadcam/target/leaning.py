@@ -148,7 +148,7 @@ class Tilt:
     def at(self, lean: Array) -> tuple[Array, Array, Array]:
         """Return chi-squares (G,) of tilts (G, 2) at their best places, those (G, 2) from q, and their covariances."""
         geometry, R = posed(turned=self.turned), self._rotations(lean)
-        held = (np.linalg.solve(self.L, R) / self.scale).reshape(-1, 9)
+        held = np.asarray(np.linalg.solve(self.L, R) / self.scale, np.float64).reshape(-1, 9)
         g = np.zeros((len(lean), geometry.count))
         g[:, :3] = self.places
         H, D = _unit(geometry, g, held)
@@ -158,7 +158,7 @@ class Tilt:
         push = off @ self.curve + self.slope
         A = np.swapaxes(D, 1, 2) @ self.curve @ D
         A = (A + np.swapaxes(A, 1, 2)) / 2
-        inverse = np.linalg.pinv(A, hermitian=True)
+        inverse = np.asarray(np.linalg.pinv(A, hermitian=True), np.float64)
         b = (np.swapaxes(D, 1, 2) @ push[..., None])[..., 0]
         step = -(inverse @ b[..., None])[..., 0]
         chi2 = np.einsum("gi,gi->g", off, push + self.slope) + np.einsum("gi,gi->g", b, step)

@@ -23,7 +23,7 @@ from cadcam.target.photometric import BLUR, CONTRAST, Fit
 from cadcam.target.uncovered import clear_fit
 
 _MOST_HIDDEN, _MOST_OUTSIDE = 0.6, 0.4  # of a window
-_SOFTEST = 0.6  # blur by the smaller radius, beyond which anything smooth would be a mark
+_SOFTEST, _SOFT = 0.6, 3.0  # blur by the smaller radius, and px: beyond both anything smooth would be a mark
 _TOGETHER = 256  # windows looked at in one go
 _SPARSE = 1.5  # by the blur: steps between the pixels by which soft pictures are compared
 
@@ -79,11 +79,13 @@ def fit_marks(
     ground that the window takes in, by the radius; keep clear of neighbours. Pixels that contradict the mark (something
     covers it) are left out.
     """
-    major = mark.radius * np.linalg.svd(image_from_mark, compute_uv=False)[:, 0]
-    groups = by_size(major)
+    groups = by_size(np.asarray(mark.radius * np.linalg.svd(image_from_mark, compute_uv=False)[:, 0]))
     if len(groups) > 1:
-        how = {"perspective": perspective, "margin": margin, "blur": blur}
-        return _joined([fit_marks(gray, mark, q[k], image_from_mark[k], **how) for k in groups], groups)
+        parts = [
+            fit_marks(gray, mark, q[k], image_from_mark[k], perspective=perspective, margin=margin, blur=blur)
+            for k in groups
+        ]
+        return _joined(parts, groups)
     geometry = affine(turned=not mark.concentric, perspective=perspective)
     A = np.linalg.inv(_symmetric(image_from_mark) if mark.concentric else image_from_mark)
     window = Window.around(gray, q, image_from_mark, mark, margin)
@@ -103,7 +105,8 @@ def _joined(parts: list[MarkFit], groups: list[Ids]) -> MarkFit:
     """Return the fits of groups of marks in the marks' own order."""
     back = np.argsort(np.concatenate(groups))
     names = [name for name in MarkFit.__slots__ if name != "poses"]
-    return MarkFit(**{name: np.concatenate([getattr(part, name) for part in parts])[back] for name in names})
+    arrays = {name: np.concatenate([getattr(part, name) for part in parts])[back] for name in names}
+    return MarkFit(**arrays, poses=None)
 
 
 def likeness(
@@ -114,7 +117,7 @@ def likeness(
         return np.zeros(0)
     major, minor = mark.radius * np.linalg.svd(image_from_mark, compute_uv=False).T
     out = np.zeros(len(q))
-    for group in by_size(major):
+    for group in by_size(np.asarray(major)):
         for some in np.array_split(group, 1 + len(group) // _TOGETHER):
             step = max(1, int(soft * minor[some].min(initial=np.inf) / _SPARSE))
             window = Window.around(gray, q[some], image_from_mark[some], mark, margin, step)
@@ -205,7 +208,7 @@ def _result(fit: Fit, weight: Array, image_from_mark: Array, window: Window, see
     score = _correlation(np.nan_to_num(seen), window.values, weight) * np.sqrt((1 - hidden) * (1 - window.outside))
     dark_or_white = (window.values <= DARK) | (window.values >= BRIGHT)
     clipped = (weight * dark_or_white).sum(axis=1) / total
-    good = fit.good & (fit.parameters[:, BLUR] < _SOFTEST * window.size)
+    good = fit.good & (fit.parameters[:, BLUR] < np.maximum(_SOFTEST * window.size, _SOFT))
     good &= (window.outside < _MOST_OUTSIDE) & (hidden < _MOST_HIDDEN)
     return MarkFit(
         fit.q,

@@ -54,10 +54,10 @@ class Window:
         """Return the windows that `which` selects."""
         return Window(*(getattr(self, name)[which] for name in Window.__slots__))
 
-    def only(self, i: Index) -> tuple[Window, Mask]:
+    def only(self, i: int) -> tuple[Window, Mask]:
         """Return the i-th window alone, with as many pixels as it has, and which of all (P,) those are."""
         there = self.weight[i] > 0
-        one = self.subset([i])
+        one = self.subset(np.array([i]))
         return Window(one.values[:, there], one.pixels[:, there], one.weight[:, there], one.outside, one.size), there
 
 

@@ -182,7 +182,14 @@ def fitted(
     count, n = start.shape
     step = max(1, _TOGETHER // max(n * values.shape[1], 1))
     parts = [
-        _minimised(model, *(a[i : i + step] for a in (start, values, pixels, weight)), iterations)
+        _minimised(
+            model,
+            start[i : i + step],
+            values[i : i + step],
+            pixels[i : i + step],
+            weight[i : i + step],
+            iterations=iterations,
+        )
         for i in range(0, max(count, 1), step)
     ]
     parameters, covariance, cost = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -195,7 +202,7 @@ def fitted(
 
 
 def _minimised(
-    model: Model, start: Array, values: Array, pixels: Array, weight: Array, iterations: int
+    model: Model, start: Array, values: Array, pixels: Array, weight: Array, *, iterations: int
 ) -> tuple[Array, Array, Array]:
     """Return parameters, their covariance and sum of squares: Levenberg-Marquardt, a damping for each mark."""
     state, damping = start.copy(), np.full(len(start), 1e-3)

@@ -8,11 +8,9 @@ all borders alike: that shifts nothing, and those pixels stay.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from cadcam.arrays import Array, Index, Mask
+from cadcam.arrays import Array, Mask
 from cadcam.target.mark import Mark
 from cadcam.target.mark_model import Geometry, mark_model, predicted
 from cadcam.target.mark_window import Window
@@ -43,7 +41,7 @@ def clear_fit(
     odd, seen = _odd(mark, geometry, fit, window, noise)
     suspect = (odd.mean(axis=1) > _FEW) & (fit.misfit < _HOPELESS)
     plain = _also_plain(odd, seen, window)
-    for i in np.flatnonzero(suspect & (plain | _one_sided(odd, window))):
+    for i in np.flatnonzero(suspect & (plain | _one_sided(odd, window))).tolist():
         one, there = window.only(i)
         begun, gain = _most_agreed(mark, geometry, model, start[i : i + 1], one, q[i : i + 1], noise)
         if plain[i] or gain < _BETTER:
@@ -82,7 +80,7 @@ def _most_agreed(
             away = np.abs(np.mod(angle - 2 * np.pi * k / count + np.pi, 2 * np.pi) - np.pi)
             masks.append(away > half)
     n = len(masks)
-    many = window.subset([0] * n)
+    many = window.subset(np.zeros(n, np.int32))
     weight = many.weight * np.array(masks)
     starts, about = np.repeat(start, n, axis=0), np.repeat(q, n, axis=0)
     fit = fitted(model, starts, many.values, many.pixels, weight, about, many.size, iterations=_QUICK)
@@ -137,12 +135,9 @@ def _widened(odd: Mask, window: Window) -> Mask:
     return np.asarray(binary_dilation(crowded, np.ones((side, side), bool))[y, x] | odd)
 
 
-def _with_row(array: Array, i: Index, row: Array) -> Array:
-    out = array.copy()
-    out[i] = row
-    return out
-
-
-def _replaced(fit: Fit, part: Fit, i: Index) -> Fit:
+def _replaced(fit: Fit, part: Fit, i: int) -> Fit:
     """Return the fit with the i-th mark taken from `part`."""
-    return replace(fit, **{name: _with_row(getattr(fit, name), i, getattr(part, name)[0]) for name in Fit.__slots__})
+    arrays = {name: getattr(fit, name).copy() for name in Fit.__slots__}
+    for name in arrays:
+        arrays[name][i] = getattr(part, name)[0]
+    return Fit(**arrays)
