@@ -130,8 +130,7 @@ class Tilt:
         variance = max(float(r @ r), 1e-12) / max(float(weight.sum()) - geometry.free, 1.0)
         shape, levels = J[:, _SHAPE], J[:, 4:9]
         clear = shape - levels @ np.linalg.lstsq(levels.T @ levels, levels.T @ shape, rcond=None)[0]
-        assert fit.poses is not None
-        pose = fit.poses[i]
+        pose = (fit.poses or ())[i]
         sight, lean = _leaning(pose.rotation, camera.unproject(seen.q[i]))
         at = np.linalg.solve(seen.L[i], pose.translation)
         places = np.array([at[0] / at[2], at[1] / at[2], np.log(at[2] / seen.scale[i])])

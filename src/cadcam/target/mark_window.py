@@ -54,6 +54,12 @@ class Window:
         """Return the windows that `which` selects."""
         return Window(*(getattr(self, name)[which] for name in Window.__slots__))
 
+    def thinned(self, pixels: int) -> Window:
+        """Return the windows with about so many of their pixels at most, evenly spread."""
+        step = max(1, round(self.values.shape[1] / pixels))
+        kept = slice(None, None, step)
+        return Window(self.values[:, kept], self.pixels[:, kept], self.weight[:, kept], self.outside, self.size)
+
     def only(self, i: int) -> tuple[Window, Mask]:
         """Return the i-th window alone, with as many pixels as it has, and which of all (P,) those are."""
         there = self.weight[i] > 0
