@@ -33,11 +33,12 @@ from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture, to_gray
 from cadcam.target import opencv
+from cadcam.target.board import Pattern
 from cadcam.target.circles import disc_grid, disc_shift
 from cadcam.target.detect import detect
 from cadcam.target.grid import Grid
 from cadcam.target.ideal import board_picture
-from cadcam.target.pattern import Chessboard, CircleGrid, Pattern, parse_pattern
+from cadcam.target.pattern import Chessboard, CircleGrid, parse_pattern
 
 CAMERA = Camera.from_focal((640, 480), 560.0, cx=325.0, cy=236.0, lens=BrownConrady(k1=-0.22, k2=0.07))
 RENDERED = ("chessboard:9x6:25mm", "charuco:8x6:30mm:22mm:5X5_100", "circles:8x6:26mm:14mm",

@@ -28,9 +28,10 @@ from cadcam.image.sensor.light import Blur, Interlace, Motion, Vignetting
 from cadcam.image.sensor.presets import PRESETS
 from cadcam.image.sensor.sensor import Exposure, Sensor
 from cadcam.image.sensor.video import EdgeEnhancement, Gain, Gamma, Jitter, Jpeg, Quantisation
+from cadcam.target.board import Pattern
 from cadcam.target.detect import detect
 from cadcam.target.ideal import board_picture
-from cadcam.target.pattern import Pattern, parse_pattern
+from cadcam.target.pattern import parse_pattern
 
 CAMERA = Camera.from_focal((480, 360), 500.0)
 CORNERS, DISCS = parse_pattern("chessboard:9x6:25mm"), parse_pattern("circles:9x6:25mm:14mm")

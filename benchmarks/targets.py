@@ -5,7 +5,8 @@
 
 rendered: single marks, exact area coverage, Gaussian blur, uniform noise; the truth is where the camera sees the mark's
 centre. The bound is that of the grey values with all but the position known, from differences of the renderer's own
-pictures. "ratio" is rms error by bound, "bias" the mean error's length, "told" the rms error by the one predicted.
+pictures. "ratio" is rms error by bound, "bias" the mean error's length, "told" the rms error by the one predicted,
+through the camera and, of upright marks, without it.
 Peers: OpenCV (extra `boards`), left out where it is not installed.
 """
 
@@ -30,8 +31,9 @@ from cadcam.image.picture import read_picture, to_gray, write_picture
 from cadcam.target.cross import Taps, surface, taps, template
 from cadcam.target.find import FoundMark, find_marks
 from cadcam.target.ideal import board_picture, marks_picture
-from cadcam.target.mark import Mark, Plate, dot, dot_and_ring, inverted, ring
-from cadcam.target.mark_fit import fit_both_tilts, fit_marks
+from cadcam.target.leaning import fit_both_tilts
+from cadcam.target.mark import Mark, Plate, dot, dot_and_ring, inverted
+from cadcam.target.mark_fit import fit_marks
 from cadcam.target.opencv import has_opencv
 from cadcam.target.subpixel import Peak, centroid, parabola
 
@@ -39,6 +41,7 @@ SIDE, FOCAL, RADIUS = 72, 800.0, 12.0  # px
 PAPER, INK = 0.8, 0.2
 MARKS = (dot(24.0), dot_and_ring(8.0, 16.0, 24.0))
 TILTS = (0.0, 30.0, 45.0, 60.0)
+NORMAL_SD = np.radians(3.0)  # of what is known of the plane
 CASES = ((2, 1.0), (5, 1.0), (15, 1.0), (5, 0.5), (5, 1.5))  # noise in grey levels of 255, blur in px
 Rule = Callable[[Picture], Array]
 
@@ -126,10 +129,10 @@ def rendered(samples: int, marks: Sequence[Mark], tilts: Sequence[float]) -> Non
                 least = bound(mark, tilt, blur, np.sqrt(level**2 + 1 / 12) / 255)  # with the rounding
                 if names is None:
                     names = list(errors)
-                    print("| tilt | noise | blur | bound px | " + " | ".join(names) + " | told |")
-                    print("|" + "---|" * (5 + len(names)))
+                    print("| tilt | noise | blur | bound px | " + " | ".join(names) + " | told | affine |")
+                    print("|" + "---|" * (6 + len(names)))
                 cells = [_cell(errors[name], least) for name in names]
-                print(f"| {tilt:.0f} | {level} | {blur} | {least:.4f} | " + " | ".join(cells) + f" | {told:.2f} |")
+                print(f"| {tilt:.0f} | {level} | {blur} | {least:.4f} | " + " | ".join(cells) + f" | {told} |")
                 sys.stdout.flush()
         print()
 
@@ -150,29 +153,29 @@ def _cell(errors: Array, least: float) -> str:
 
 def _errors(
     mark: Mark, tilt: float, pictures: list[tuple[Picture, Camera]], level: float, blur: float, samples: int
-) -> tuple[dict[str, Array], float]:
+) -> tuple[dict[str, Array], str]:
     rng = np.random.default_rng(int(1000 * tilt + 10 * level + 100 * blur))
     soft = [blurred(picture, blur) for picture, _ in pictures]
     errors: dict[str, list[Array]] = {"photometric, camera": []}
-    predicted = []
+    predicted: dict[str, list[float]] = {"photometric, camera": [], "photometric, affine": []}
     for k in range(samples):
         picture, camera = soft[k % len(soft)], pictures[k % len(soft)][1]
         noisy = np.clip(picture + rng.normal(0, level / 255, picture.shape), 0, 1)
         noisy8: Picture = (np.rint(noisy * 255) / 255).astype(np.float32)
         truth = camera.principal_point
-        start = pose_of(tilt + rng.normal(0, 3), 0.7 + rng.normal(0, 0.05))
+        start = pose_of(tilt + np.degrees(rng.normal(0, NORMAL_SD)), 0.7 + rng.normal(0, 0.05))
         S = (camera.project_with_jacobian(start.translation)[1] @ start.rotation[:, :2])[None]
         affine = fit_marks(noisy8, mark, truth[None] + np.array([0.4, -0.3]), S)
         errors.setdefault("photometric, affine", []).append(affine.q[0] - truth)
-        fit = fit_both_tilts(noisy8, mark, camera, affine, normal=start.rotation[:, 2])
-        predicted.append(fit.covariance[0].trace() / 2)
+        fit = fit_both_tilts(noisy8, mark, camera, affine, normal=start.rotation[:, 2], normal_sd=NORMAL_SD)
+        for name, one in (("photometric, camera", fit), ("photometric, affine", affine)):
+            predicted[name].append(one.covariance[0].trace() / 2)
         errors.setdefault("photometric, camera", []).append(fit.q[0] - truth)
         for name, rule in _rules(mark, truth, camera, start):
             errors.setdefault(name, []).append(rule(noisy8) - truth)
     arrays = {name: np.array(e) for name, e in errors.items()}
-    rms = np.sqrt(np.mean(arrays["photometric, camera"] ** 2))
-    sigma = float(np.sqrt(np.mean(predicted)))
-    return arrays, float(rms / sigma)
+    told = [np.sqrt(np.mean(arrays[name] ** 2) / np.mean(sigma2)) for name, sigma2 in predicted.items()]
+    return arrays, f"{told[0]:.2f} | {told[1]:.2f}" if tilt == 0 else f"{told[0]:.2f} | "
 
 
 def _rules(mark: Mark, truth: Array, camera: Camera, start: Rigid) -> Iterator[tuple[str, Rule]]:
@@ -397,9 +400,9 @@ def _sets(data: Path) -> Iterator[Set]:
         "opencsp_dots/DSC03992", data / "opencsp_dots/data_measurement/images/DSC03992.JPG", dot(10.0),
         {"radius_px": (2.5, 12.0), "method": "blobs"}, None, "about 4000",
     )  # fmt: skip
-    for k in (1, 2):  # the innermost of three rings, the widths of which differ from mark to mark
-        rings: dict[str, object] = {"radius_px": (8.0, 60.0), "method": "blobs", "margin": 0.15}
-        yield f"cctag_rings/0{k}", data / f"cctag_rings/0{k}.png", ring(14.0, 20.0), rings, None, "see below"
+    for k in (1, 2):  # the white disc inside three rings, the widths of which differ from mark to mark
+        rings: dict[str, object] = {"radius_px": (6.0, 60.0), "method": "blobs", "margin": 0.15}
+        yield f"cctag_rings/0{k}", data / f"cctag_rings/0{k}.png", inverted(dot(20.0)), rings, None, ("4, 1 cut", "6")[k - 1]
 
 
 def _dbat(path: Path) -> dict[int, Array]:

@@ -78,7 +78,7 @@ def test_corners_need_their_size() -> None:
 def test_marks_with_a_direction_tell_it() -> None:
     picture, _ = _plate(angle_mark(8.0, 16.0, 24.0))
     angles = [one.angle for one in find_marks(picture, angle_mark(8.0, 16.0, 24.0))]
-    assert np.allclose(angles, 0.3, atol=0.01)  # rad: the plate's turn
+    assert np.allclose(angles, 0.3, atol=0.003)  # rad: the plate's turn; four to five times their scatter
 
 
 def test_coded_marks_tell_their_numbers() -> None:

@@ -19,16 +19,16 @@ def test_a_border_through_a_pixel_shows_its_share_of_ink() -> None:
     """
     at = Rigid(np.eye(3), [0.0, 0.0, 100.0])
     picture = board_picture(parse_pattern("chessboard:2x2:10mm"), CAMERA, at, paper=1.0, ink=0.0)
-    assert np.allclose(picture[12, 19:22], [0.0, 0.5, 1.0], atol=1 / 233)
-    assert np.allclose(picture[19:22, 12], [0.0, 0.5, 1.0], atol=1 / 233)
+    assert np.allclose(picture[12, 19:22], [0.0, 0.5, 1.0], atol=1 / 377)
+    assert np.allclose(picture[19:22, 12], [0.0, 0.5, 1.0], atol=1 / 377)
 
 
 def test_the_share_of_ink_is_exact_to_the_sampling_anywhere() -> None:
-    """Shifted by any part of a pixel: error at most one of 233 samples (evenly spaced along x)."""
+    """Shifted by any part of a pixel: error at most one of 377 samples (evenly spaced along x)."""
     for shift in (0.1, 0.25, 0.37, 0.49):
         at = Rigid(np.eye(3), [shift, 0.0, 100.0])
         picture = board_picture(parse_pattern("chessboard:2x2:10mm"), CAMERA, at, paper=1.0, ink=0.0)
-        assert abs(picture[12, 20] - (0.5 - shift)) < 1.5 / 233
+        assert abs(picture[12, 20] - (0.5 - shift)) < 1.5 / 377
 
 
 def test_discs_have_their_area_at_any_tilt() -> None:
@@ -44,4 +44,4 @@ def test_discs_have_their_area_at_any_tilt() -> None:
     area = np.abs(np.linalg.det(np.stack([np.gradient(p, axis=1), np.gradient(p, axis=0)], axis=-1)))
     near = (np.abs(p - 8.0) < 20.0).all(axis=-1)
     seen = ((1 - picture) * area)[near].sum()
-    assert abs(seen / (4 * np.pi * 4.5**2) - 1) < 2e-3  # 1/sqrt(233 samples x 150 border pixels) of the border's share
+    assert abs(seen / (4 * np.pi * 4.5**2) - 1) < 2e-3  # 1/sqrt(377 samples x 150 border pixels) of the border's share

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady
 from cadcam.geometry.rigid import Rigid
 from cadcam.target.ideal import marks_picture
+from cadcam.target.leaning import fit_both_tilts
 from cadcam.target.mark import Mark, angle_mark, chess_mark, coded_ring, dot, dot_and_ring, ring
-from cadcam.target.mark_fit import fit_both_tilts, fit_marks, fit_poses, tilts
-from cadcam.target.mark_model import affine, mark_model, posed
+from cadcam.target.mark_fit import fit_marks, fit_poses
+from cadcam.target.mark_model import affine, mark_model, posed, share_of_ink
+from cadcam.target.tilts import tilts
 
 MARKS = [dot(20.0), ring(10.0, 20.0), dot_and_ring(10.0, 20.0, 30.0), angle_mark(10.0, 20.0, 30.0), chess_mark(30.0)]
 CAMERA = Camera.from_focal((160, 120), 600.0, fy=604.0, cx=30.0, cy=100.0, lens=BrownConrady(k1=-0.2, k2=0.05))
@@ -25,7 +28,10 @@ def _pose(tilt: float, turn: float = 0.4) -> Rigid:
 @pytest.mark.parametrize("mark", [*MARKS, coded_ring(37, 30.0, 45.0, 60.0)], ids=str)
 @pytest.mark.parametrize("through_camera", [False, True])
 def test_slopes_are_derivatives(mark: Mark, through_camera: bool, rng: np.random.Generator) -> None:
-    """Central differences of step 1e-6: derivatives of values of order 1 to 1e-8 or so; 3e-8 of the largest slope."""
+    """Central differences of step 1e-6, to 0.2 % of the largest slope: the quadrature's lines turn with the mark.
+
+    Within 2 px of the centre, where all directions are across the border, that error is larger and left out.
+    """
     turned = not mark.concentric
     scale = mark.radius / 10  # mm by px
     A = scale * np.array([[1.0, 0.1], [0.15, 1.1]])
@@ -40,19 +46,78 @@ def test_slopes_are_derivatives(mark: Mark, through_camera: bool, rng: np.random
     p = np.zeros((1, geometry.free + len(held)))
     p[0, 4:9], p[0, geometry.places], p[0, geometry.free :] = [-0.7, 0.8, 0.85, 0.002, -0.003], g, held
     model, pixels = mark_model(mark, geometry), rng.uniform(-15, 15, (1, 200, 2))
+    pixels = pixels[:, np.hypot(*(pixels[0] - g[:2]).T) > 2]
     J = model(p, pixels)[1]
     for k in range(geometry.free):
         h = np.zeros_like(p)
         h[0, k] = 1e-6
         slope = (model(p + h, pixels)[0] - model(p - h, pixels)[0]) / 2e-6
-        assert np.allclose(J[..., k], slope, atol=3e-8 * max(1.0, np.abs(slope).max()))
+        assert np.allclose(J[..., k], slope, atol=2e-3 * max(0.1, np.abs(slope).max()))
+
+
+@pytest.mark.parametrize(
+    ("minor", "blur", "off"), [(12.0, 0.6, 1e-4), (6.0, 1.0, 1e-4), (3.0, 1.0, 2e-3), (2.0, 1.5, 2e-3)]
+)
+def test_blur_moves_ink_and_loses_none(minor: float, blur: float, off: float) -> None:
+    """An ellipse of 12 px by less: the shares of all pixels add up to its area, to the quadrature's error.
+
+    Straight borders in the place of bent ones would be off by half of curvature by blur squared, 2 % in the second row.
+    """
+    H = np.zeros((1, 3, 3))
+    H[0] = np.diag([12.0 / minor, 1.0, 1.0]) @ np.array([[0.8, 0.6, 0.1], [-0.6, 0.8, 0.3], [0, 0, 1]])
+    y, x = np.mgrid[-25:26, -25:26].astype(np.float64)
+    share = share_of_ink(dot(24.0), H, np.stack([x.ravel(), y.ravel()], axis=-1)[None], np.array([blur]))
+    assert abs(share.sum() / (np.pi * 12 * minor) - 1) < off
+
+
+def test_four_corners_that_meet_share_the_blur_by_their_angles() -> None:
+    """At the centre of a chess mark in a sheared picture the ink's share is its two angles of the full turn: exact."""
+    A = np.array([[1.0, 0.8], [0.0, 1.0]])
+    H = np.zeros((1, 3, 3))
+    H[0, :2, :2], H[0, 2, 2] = A, 1.0
+    first, second = np.linalg.inv(A).T
+    angle = np.arccos(first @ second / np.linalg.norm(first) / np.linalg.norm(second))
+    share = share_of_ink(chess_mark(60.0), H, np.zeros((1, 1, 2)), np.array([1.0]))
+    assert share[0, 0] == pytest.approx(angle / np.pi, abs=1e-7)
+
+
+@pytest.mark.parametrize("mark", [*MARKS, coded_ring(37, 12.0, 20.0, 30.0)], ids=str)
+@pytest.mark.parametrize("tilt", [0.0, 60.0])
+def test_the_model_is_the_picture_that_is_drawn(mark: Mark, tilt: float) -> None:
+    """To 0.3 % of the contrast rms, 0.6 % with bent corners of narrow rings; it is 3 to 5 % if borders are straight."""
+    camera = Camera.from_focal((72, 72), 800.0, cx=35.2, cy=35.9)
+    turned = Rigid.exp([0, 0, 0, 0, 0, 0.7]) @ Rigid.exp([0, 0, 0, np.radians(tilt), 0, 0])
+    pose = Rigid(turned.rotation, [0.0, 0.0, 800.0 * mark.radius / 12.0])
+    picture = marks_picture([mark], camera, [pose], blur_px=1.0, background=0.9)
+    fit = fit_poses(picture, mark, camera, (pose @ Rigid.exp([0, 0, 0, 0.01, 0.01, 0.0]),))
+    assert fit.misfit[0] < (0.003 if mark.concentric or mark.core is None else 0.006)
+
+
+def test_marks_that_look_upright_tell_what_their_tilt_leaves_open(rng: np.random.Generator) -> None:
+    """20 tilts of 3 degrees sd, the plane known to as much: chi-square of 40 within four standard deviations, 36.
+
+    The covariance of the likelier tilt alone would be a quarter to a half of that of the mean over all.
+    """
+    mark = dot(24.0)
+    camera = Camera.from_focal((72, 72), 800.0, cx=35.2, cy=35.9)
+    chi2 = 0.0
+    for _ in range(20):
+        lean, told = np.radians(3.0) * rng.normal(size=(2, 2))
+        pose = Rigid(Rigid.exp([0, 0, 0, *lean, 0]).rotation, [0.0, 0.0, 800.0])
+        picture = marks_picture([mark], camera, [pose], blur_px=1.0, background=0.9, noise=2 / 255, rng=rng)
+        fit = fit_marks(picture, mark, np.array([[35.5, 35.6]]), np.eye(2)[None])
+        normal = (pose @ Rigid.exp([0, 0, 0, *told, 0])).rotation[:, 2]
+        fit = fit_both_tilts(picture, mark, camera, fit, normal=normal, normal_sd=np.radians(3.0))
+        error = fit.q[0] - camera.principal_point
+        chi2 += float(error @ np.linalg.solve(fit.covariance[0], error))
+    assert 12 < chi2 < 76
 
 
 @pytest.mark.parametrize("mark", [dot(20.0), dot_and_ring(10.0, 20.0, 30.0)], ids=str)
 def test_the_covariance_is_that_of_repeated_pictures(mark: Mark, rng: np.random.Generator) -> None:
     """225 upright marks alike but for noise: variances by chi-square of 225 within 4 sqrt(2/225) = 0.38 of those told.
 
-    The mean error stays within 4 of its standard deviations and 0.003 px of drawing (one of 233 samples a pixel).
+    The mean error stays within 4 of its standard deviations and 0.003 px of drawing.
     """
     camera = Camera.from_focal((48, 48), 700.0, cx=23.3, cy=23.6)
     clean = marks_picture([mark], camera, [Rigid(np.eye(3), [0, 0, 700.0])], blur_px=0.8, background=0.9)
@@ -69,7 +134,7 @@ def test_the_covariance_is_that_of_repeated_pictures(mark: Mark, rng: np.random.
 @pytest.mark.parametrize("mark", MARKS, ids=str)
 @pytest.mark.parametrize("tilt", [0.0, 30.0, 50.0])
 def test_a_fit_through_the_camera_meets_the_centre_at_any_tilt(mark: Mark, tilt: float) -> None:
-    """Without noise: within 0.01 px (drawing; a mark open to one side has corners that the model only approximates).
+    """Without noise: within 0.004 px, of which 0.001 px is drawing; the rest a border's bend where a ray meets it.
 
     Without the camera a tilted mark's picture is off by several times as much: the control.
     """
@@ -78,7 +143,7 @@ def test_a_fit_through_the_camera_meets_the_centre_at_any_tilt(mark: Mark, tilt:
     truth, J = CAMERA.project_with_jacobian(pose.translation)
     start = Rigid(np.eye(3), [0.2, 0.2, 6.0]) @ pose @ Rigid.exp([0, 0, 0, 0.04, 0.04, 0.03])
     fit = fit_poses(picture, mark, CAMERA, (start,))
-    assert np.abs(fit.q[0] - truth).max() < (0.01 if mark.turns != 1 else 0.025)
+    assert np.abs(fit.q[0] - truth).max() < 0.004
     if tilt:
         plain = fit_marks(picture, mark, truth[None] + 0.3, (J @ pose.rotation[:, :2])[None])
         assert np.abs(plain.q[0] - truth).max() > 0.02
@@ -137,15 +202,24 @@ def test_light_that_varies_over_the_mark_does_not_shift_it() -> None:
     assert np.abs(fit.q - plain.q).max() < 0.003
 
 
-def test_what_covers_a_part_is_left_out() -> None:
-    mark, pose = dot_and_ring(10.0, 20.0, 30.0), Rigid(np.eye(3), [60.0, -40.0, 700.0])
-    picture = marks_picture([mark], CAMERA, [pose], blur_px=0.8, background=0.9)
-    truth = CAMERA.project(pose.translation)
-    x, y = (round(v) for v in truth)
-    picture[y - 20 : y + 20, x + 10 : x + 26] = 0.45
-    fit = fit_marks(picture, mark, truth[None] + 0.3, 0.85 * np.eye(2)[None])
-    assert fit.hidden[0] > 0.03
-    assert np.abs(fit.q[0] - truth).max() < 0.05
+@pytest.mark.parametrize("level", [0.2, 0.45, 0.9])
+@pytest.mark.parametrize(("mark", "share"), [(dot_and_ring(13.0, 26.0, 40.0), 0.3), (dot(40.0), 0.15)], ids=str)
+def test_what_covers_a_part_is_left_out(mark: Mark, share: float, level: float, rng: np.random.Generator) -> None:
+    """A blurred straight cover, dark, grey or white as the paper, over a share of the width: five sigmas of those told.
+
+    A fit to all pixels is off by 0.2 to 1.5 px here, ten to a hundred times what it tells.
+    """
+    camera = Camera.from_focal((100, 100), 700.0)
+    picture = marks_picture([mark], camera, [Rigid(np.eye(3), [0.2, -0.3, 700.0])], blur_px=0.8, background=0.9)
+    truth = camera.project([0.2, -0.3, 700.0])
+    y, x = np.mgrid[0:100, 0:100]
+    across = 0.8 * (x - truth[0]) + 0.6 * (y - truth[1]) - 20 * (1 - 2 * share)
+    cover = ndtr(across / 0.8)
+    noisy = (picture * (1 - cover) + level * cover + rng.normal(0, 3 / 255, picture.shape)).astype(np.float32)
+    fit = fit_marks(noisy, mark, truth[None] + 0.5, np.eye(2)[None])
+    assert fit.hidden[0] > 0.1
+    assert (np.abs(fit.q[0] - truth) < 5 * np.sqrt(np.diag(fit.covariance[0])) + 0.002).all()
+    assert np.sqrt(fit.covariance[0].max()) < 0.02
 
 
 @pytest.mark.parametrize("blur", [0.4, 0.6])

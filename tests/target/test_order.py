@@ -13,6 +13,7 @@ from cadcam.errors import BadValue, DegenerateGeometry, NoOrder, TooFewPoints, U
 from cadcam.fit.plane_maps import mapped
 from cadcam.geometry.rigid import Rigid
 from cadcam.target.order import order_marks
+from cadcam.target.order_seeds import seeds
 
 NOISE = 0.3  # px
 CAMERA = Camera.from_focal((768, 576), 900.0)
@@ -222,6 +223,22 @@ def test_a_wrong_plan_is_refused_with_how_near_the_best_order_came(count):
         order_marks(q, scattered(rng, count))
     assert refused.value.explained < count
     assert refused.value.chance > 0.01
+
+
+def test_the_search_in_a_wrong_plan_ends(rng, monkeypatch):
+    """Of 300 marks there are some 600 triangles; it gives up after 128, which are 16 lists of starts."""
+    tried = []
+
+    def counted(*given):
+        for starts in seeds(*given):
+            tried.append(1)
+            yield starts
+
+    monkeypatch.setattr("cadcam.target.order.seeds", counted)
+    q, _ = seen(rng, scattered(rng, 300), tilt=20)
+    with pytest.raises(NoOrder):
+        order_marks(q, scattered(rng, 300))
+    assert 16 <= len(tried) <= 17
 
 
 def test_random_points_are_not_ordered(rng):

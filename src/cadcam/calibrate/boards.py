@@ -23,9 +23,10 @@ from cadcam.errors import CadcamError, NoBoard, TooFewPoints
 from cadcam.fit.many_poses import Views, poses_of_views
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture_with_info
+from cadcam.target.board import Pattern
 from cadcam.target.circles import disc_shift
 from cadcam.target.detect import Detection, detect
-from cadcam.target.pattern import CircleGrid, Pattern
+from cadcam.target.pattern import CircleGrid
 
 USUAL_TERMS = ("k1", "k2", "p1", "p2")
 _LEAST_VIEWS = 3

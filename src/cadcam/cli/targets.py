@@ -130,7 +130,7 @@ def run_print(arguments: argparse.Namespace) -> None:
 
 
 def _grid(text: str | None) -> tuple[int, int, float]:
-    from cadcam.target.pattern import length_mm
+    from cadcam.target.board import length_mm
 
     if text is None:
         return 1, 1, 1.0

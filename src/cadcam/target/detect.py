@@ -12,13 +12,14 @@ from cadcam.arrays import Array, Picture, frozen
 from cadcam.errors import NoBoard
 from cadcam.image.picture import checked, to_gray
 from cadcam.target import opencv
+from cadcam.target.board import Pattern
 from cadcam.target.charuco import charuco_grid
 from cadcam.target.chess import corner_grid, fitted_corners
 from cadcam.target.circles import disc_grid, fitted_discs, radius_by_cell
 from cadcam.target.grid import Grid
 from cadcam.target.lattice import Placed, placed
 from cadcam.target.levels import scales
-from cadcam.target.pattern import Charuco, Chessboard, CircleGrid, Pattern
+from cadcam.target.pattern import Charuco, Chessboard, CircleGrid
 
 _SMOOTHINGS = (1.5, 1.0, 2.5, 4.0)  # px of the reduced picture
 _WINDOWS = (0.08, 0.03, 0.2)  # of the reduced picture's longer side

@@ -20,8 +20,10 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import checked, to_gray
 from cadcam.target.candidates import METHODS, Candidates, approached, candidates, screened
 from cadcam.target.cross import surface, taps, template
+from cadcam.target.leaning import NORMAL_SD, fit_both_tilts
 from cadcam.target.mark import Mark, renumbered
-from cadcam.target.mark_fit import MARGIN, MarkFit, fit_both_tilts, fit_marks
+from cadcam.target.mark_fit import MarkFit, fit_marks
+from cadcam.target.mark_window import MARGIN
 from cadcam.target.ring_code import oriented, read
 from cadcam.target.subpixel import Peak, centroid, parabola
 
@@ -88,6 +90,7 @@ def find_marks(
     subpixel: str = "photometric",
     camera: Camera | None = None,
     normal: npt.ArrayLike | None = None,
+    normal_sd: float = NORMAL_SD,
     perspective: bool = False,
     least_score: float = _LEAST_SCORE,
     margin: float = MARGIN,
@@ -99,10 +102,11 @@ def find_marks(
     the size is measured. count: how many there are; `TooFewMarks` if fewer are found, the best if more. method: auto,
     spots, correlation, blobs (see above). subpixel: photometric; or, for upright marks, parabola, centroid,
     autocorrelation (EQ 4.1-4.5, continuous), autocorrelation-grid (in steps of 0.02 px). camera: fits each mark's pose,
-    so that perspective and lens do not shift it; normal (3,): of the marks' plane in the camera's frame, which decides
-    between the two tilts. perspective: without a camera, fits the perspective of a plane with several borders: takes
-    the shift of tilted marks off, for more noise. margin: ground by the radius that is fitted too, less than the gap to
-    what is next. any_number: of a coded mark, whichever number is read. Raises `BadValue`, `UnknownName`.
+    so that perspective and lens do not shift it; normal (3,): of the marks' plane in the camera's frame, known to
+    normal_sd rad, which decides between the two tilts. perspective: without a camera, fits the perspective of a plane
+    with several borders: takes the shift of tilted marks off, for more noise. margin: ground by the radius that is
+    fitted too, less than the gap to what is next. any_number: of a coded mark, whichever number is read. Raises
+    `BadValue`, `UnknownName`.
     """
     gray = to_gray(checked(picture))
     search = _search(gray, mark, method, subpixel, any_number, radius_px is not None)
@@ -120,7 +124,10 @@ def find_marks(
         fits.append((one, fit.subset(_kept(fit, one, radii, least_score))))
     toward = None if normal is None else frozen(normal, "normal", (3,))
     if camera is not None:
-        fits = [(one, fit_both_tilts(gray, one, camera, fit, normal=toward, margin=margin)) for one, fit in fits]
+        fits = [
+            (one, fit_both_tilts(gray, one, camera, fit, normal=toward, normal_sd=normal_sd, margin=margin))
+            for one, fit in fits
+        ]
     found = [_found(gray, one, fit, i, search, subpixel) for one, fit in fits for i in range(len(fit))]
     found = _apart(sorted(found, key=lambda f: -f.score))
     if count is not None and len(found) < count:

@@ -2,7 +2,8 @@
 
 Within a pixel the map from picture to board is taken as linear; its curvature there is below 1e-4 px for any lens of
 use. Pixels that an ink border may cross are averaged over a lattice of `_SAMPLES` points (a Fibonacci lattice: its
-projections on both axes are evenly spaced, so that upright borders are as exact as slanted ones); all others take the
+projections on both axes are evenly spaced, so that upright borders are as exact as slanted ones, and it is symmetric
+about the pixel's centre, so that what is off here is made up for across a mark); all others take the
 ink at their centre.
 """
 
@@ -21,7 +22,7 @@ from cadcam.target.mark import Mark, Plate
 
 Reflectance: TypeAlias = Callable[[Array], Array]
 
-_SAMPLES, _GENERATOR = 233, 144  # consecutive Fibonacci numbers
+_SAMPLES, _GENERATOR = 377, 233  # consecutive Fibonacci numbers, odd ones
 _TOGETHER = 4000  # pixels averaged in one go
 
 
@@ -177,8 +178,8 @@ def _mixed(reflectance: Reflectance, corners: Array, middle: Array) -> Mask:
 
 
 def _averaged(reflectance: Reflectance, place: Array, slope: Array) -> Array:
-    index = np.arange(_SAMPLES)
-    within = np.column_stack([(index + 0.5) / _SAMPLES, (index * _GENERATOR % _SAMPLES + 0.5) / _SAMPLES]) - 0.5
+    index = np.arange(_SAMPLES) + 0.5  # by the half the points are symmetric about the pixel's centre
+    within = np.column_stack([index / _SAMPLES, index * _GENERATOR % _SAMPLES / _SAMPLES]) - 0.5
     out = np.zeros(len(place))
     for first in range(0, len(place), _TOGETHER):
         block = slice(first, first + _TOGETHER)

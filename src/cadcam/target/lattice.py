@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids
-from cadcam.target.pattern import Pattern
+from cadcam.target.board import Pattern
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree

@@ -15,7 +15,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Floats, Mask, frozen
 from cadcam.errors import BadValue, UnknownName
-from cadcam.target.pattern import Ink, length_mm
+from cadcam.target.board import Ink, length_mm
 
 Sector: TypeAlias = tuple[float, float, float, float]  # inner and outer radius, mm; from and to, rad
 

@@ -12,29 +12,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Index, Mask, Picture
+from cadcam.arrays import Array, Ids, Index, Mask, Picture
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import BRIGHT, DARK, noise_of
 from cadcam.target.mark import Mark
-from cadcam.target.mark_model import Geometry, affine, mark_model, posed, predicted, share_of_ink
-from cadcam.target.photometric import BLUR, CONTRAST, Fit, fitted, patches
-from cadcam.target.tilts import tilts
+from cadcam.target.mark_model import Geometry, affine, posed, predicted, share_of_ink
+from cadcam.target.mark_window import MARGIN, Window, by_size
+from cadcam.target.photometric import BLUR, CONTRAST, Fit
+from cadcam.target.uncovered import clear_fit
 
-MARGIN = 0.7  # of the radius: how much ground the window takes in; it tells varying light from a shift of the mark
-_LEAST_MARGIN, _MOST_MARGIN = 5.0, 12.0  # px of it
-_NORMAL_SD = 0.1  # rad
-_SURE = 500.0  # logarithm of odds
-_PLAIN = 4.0  # px from all borders, beyond which ground and ink are plain
-_LARGE = 30.0  # px of radius, from which every second pixel near borders is enough
-_CORNER = 2.0  # px around corners of ink that are left out: there the model's borders meet at no right angle
-_HIDDEN, _ROUNDS = 0.12, 4  # residual by contrast of a pixel that shows something else; fits without those
-_SIGMAS = 5.0  # and by the noise
-_MIDDLE, _ALSO_PLAIN = 0.45, 0.1  # grey values so far from the middle are plain; of what a cover hides as many are
-_FEW = 0.003  # share of the window that may disagree without another fit
-_HOPELESS = 0.35  # rms of the residuals by contrast: nothing that leaving pixels out would mend
 _MOST_HIDDEN, _MOST_OUTSIDE = 0.6, 0.4  # of a window
+_SOFTEST, _SOFT = 0.6, 3.0  # blur by the smaller radius, and px: beyond both anything smooth would be a mark
 _TOGETHER = 256  # windows looked at in one go
+_SPARSE = 1.5  # by the blur: steps between the pixels by which soft pictures are compared
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,9 +34,10 @@ class MarkFit:
 
     image_from_mark (B, 2, 2): px by mm at the centre, its columns the pictures of the mark's x and y (of a concentric
     mark symmetric: its turn is not seen); contrast (B,) ground minus mark as seen; blur (B,) px. score (B,): of the
-    fitted picture and the grey values, their correlation, less what is hidden. hidden, outside, clipped (B,): shares of
-    the window that show something else, that lie beyond the picture's outline, that are black or white. good (B,);
-    poses: camera_from_mark of each, where a camera was given, and doubt (B,): the probability of the other tilt.
+    fitted picture and the grey values, their correlation, less what is hidden or cut off. hidden, outside, clipped
+    (B,): shares of the window that show something else, that lie beyond the picture's outline, that are black or white.
+    good (B,); poses: camera_from_mark of each, where a camera was given, and doubt (B,): the probability of the other
+    tilt.
     """
 
     q: Array
@@ -87,34 +79,52 @@ def fit_marks(
     ground that the window takes in, by the radius; keep clear of neighbours. Pixels that contradict the mark (something
     covers it) are left out.
     """
+    groups = by_size(np.asarray(mark.radius * np.linalg.svd(image_from_mark, compute_uv=False)[:, 0]))
+    if len(groups) > 1:
+        parts = [
+            fit_marks(gray, mark, q[k], image_from_mark[k], perspective=perspective, margin=margin, blur=blur)
+            for k in groups
+        ]
+        return _joined(parts, groups)
     geometry = affine(turned=not mark.concentric, perspective=perspective)
     A = np.linalg.inv(_symmetric(image_from_mark) if mark.concentric else image_from_mark)
-    window = _Window.around(gray, q, image_from_mark, mark, margin)
+    window = Window.around(gray, q, image_from_mark, mark, margin)
     g = np.zeros((len(q), geometry.count))
     g[:, 2], g[:, 3], g[:, 4] = A[:, 0, 0], A[:, 0, 1], A[:, 1, 1]
     if not mark.concentric:
         g[:, 5] = A[:, 1, 0]
     start = _start(mark, geometry, g, np.zeros((len(q), 0)), window, blur)
-    fit, weight = _robust(mark, geometry, start, window, q, noise=noise_of(gray), lens=False)
+    fit, weight = clear_fit(mark, geometry, start, window, q, noise=noise_of(gray))
     H = geometry.matrix(fit.parameters[:, geometry.places], np.zeros((len(q), 0)))
     shapes = np.asarray(np.linalg.inv(H[:, :2, :2]), np.float64)
     seen = predicted(mark, geometry, fit.parameters, window.pixels)
     return _result(fit, weight, shapes, window, seen)
 
 
+def _joined(parts: list[MarkFit], groups: list[Ids]) -> MarkFit:
+    """Return the fits of groups of marks in the marks' own order."""
+    back = np.argsort(np.concatenate(groups))
+    names = [name for name in MarkFit.__slots__ if name != "poses"]
+    arrays = {name: np.concatenate([getattr(part, name) for part in parts])[back] for name in names}
+    return MarkFit(**arrays, poses=None)
+
+
 def likeness(
     gray: Picture, mark: Mark, q: Array, image_from_mark: Array, *, margin: float = MARGIN, soft: float
 ) -> Array:
     """Return the correlation (B,) of grey values with the mark as it would lie at q (B, 2), blurred by `soft` radii."""
-    window = _Window.around(gray, q, image_from_mark, mark, margin)
+    if not len(q):
+        return np.zeros(0)
+    major, minor = mark.radius * np.linalg.svd(image_from_mark, compute_uv=False).T
     out = np.zeros(len(q))
-    for i in range(0, len(q), _TOGETHER):
-        part = slice(i, i + _TOGETHER)
-        H = np.zeros((len(q[part]), 3, 3))
-        H[:, :2, :2], H[:, 2, 2] = np.linalg.inv(image_from_mark[part]), 1.0
-        blur = np.maximum(soft * window.size[part], 1.0)
-        share = share_of_ink(mark, H, window.pixels[part], blur)
-        out[part] = _correlation(share if mark.light else -share, window.values[part], window.weight[part])
+    for group in by_size(np.asarray(major)):
+        for some in np.array_split(group, 1 + len(group) // _TOGETHER):
+            step = max(1, int(soft * minor[some].min(initial=np.inf) / _SPARSE))
+            window = Window.around(gray, q[some], image_from_mark[some], mark, margin, step)
+            H = np.zeros((len(some), 3, 3))
+            H[:, :2, :2], H[:, 2, 2] = np.linalg.inv(image_from_mark[some]), 1.0
+            share = share_of_ink(mark, H, window.pixels, np.maximum(soft * window.size, 1.0))
+            out[some] = _correlation(share if mark.light else -share, window.values, window.weight)
     return out
 
 
@@ -128,113 +138,46 @@ def fit_poses(
     gray: Picture, mark: Mark, camera: Camera, starts: tuple[Rigid, ...], *, margin: float = MARGIN, blur: float = 1.0
 ) -> MarkFit:
     """Return marks fitted through a camera from rough poses (camera_from_mark): q is where their centres are seen."""
+    return seen_through(gray, mark, camera, starts, margin=margin, blur=blur)[0]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """What a fit through a camera leaves: windows about q (B, 2), pixels kept in weight (B, P), parameters (B, n).
+
+    L (B, 3, 3): rays from local coordinates about q; scale (B,): by which the start's centre is L (0, 0, 1).
+    """
+
+    window: Window
+    weight: Array
+    parameters: Array
+    q: Array
+    L: Array
+    scale: Array
+
+
+def seen_through(
+    gray: Picture, mark: Mark, camera: Camera, starts: tuple[Rigid, ...], *, margin: float, blur: float
+) -> tuple[MarkFit, Seen]:
+    """Return `fit_poses` with what it leaves for a closer look."""
     origin = np.array([pose.translation for pose in starts]).reshape(-1, 3)
     R = np.array([pose.rotation for pose in starts]).reshape(-1, 3, 3)
     q, J = camera.project_with_jacobian(origin)
     shapes = J @ R[..., :2]
-    window = _Window.around(gray, q, shapes, mark, margin)
-    L, pixels = _tangent(camera, q, window.pixels)
+    window = Window.around(gray, q, shapes, mark, margin)
+    L, pixels = tangent(camera, q, window.pixels)
     scale = np.linalg.solve(L, origin[..., None])[..., 0][:, 2]  # L (0, 0, 1) by it is the centre
     geometry = posed(turned=not mark.concentric)
     held = (np.linalg.solve(L, R) / scale[:, None, None]).reshape(-1, 9)
     window = replace(window, pixels=pixels)
     start = _start(mark, geometry, np.zeros((len(q), geometry.count)), held, window, blur)
-    fit, weight = _robust(mark, geometry, start, window, q, noise=noise_of(gray), lens=True)
+    fit, weight = clear_fit(mark, geometry, start, window, q, noise=noise_of(gray))
     poses = _poses(fit, geometry, L, R, scale)
-    centre, J = camera.project_with_jacobian(np.array([pose.translation for pose in poses]))
-    shapes = J @ np.array([pose.rotation for pose in poses])[..., :2]
+    centre, J = camera.project_with_jacobian(np.array([pose.translation for pose in poses]).reshape(-1, 3))
+    shapes = J @ np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)[..., :2]
     seen = predicted(mark, geometry, fit.parameters, window.pixels)
-    return replace(_result(replace(fit, q=centre), weight, shapes, window, seen), poses=poses)
-
-
-def fit_both_tilts(
-    gray: Picture, mark: Mark, camera: Camera, fit: MarkFit, *, normal: Array | None = None, margin: float = MARGIN
-) -> MarkFit:
-    """Return affine fits refined as poses through a camera, from both tilts that a mark's shape allows.
-
-    The pose is the likelier one, the place the mean of both by their probabilities, and the covariance takes in how far
-    they lie apart: upright marks do not show which way they lean. normal (3,): of the plane in the camera's frame where
-    it is known to a few degrees; it counts with a standard deviation of 0.1 rad.
-    """
-    if not len(fit):
-        return replace(fit, poses=())
-    starts = [tilts(camera, q, S) for q, S in zip(fit.q, fit.image_from_mark, strict=True)]
-    blur = float(np.median(fit.blur))
-    first, second = (
-        fit_poses(gray, mark, camera, tuple(pair[k] for pair in starts), margin=margin, blur=blur) for k in (0, 1)
-    )
-    pixels = np.pi * mark.radius**2 * np.abs(np.linalg.det(fit.image_from_mark))
-    ratio = np.log(np.maximum(second.misfit, 1e-9) / np.maximum(first.misfit, 1e-9))
-    odds = pixels * ratio  # logarithm of: the first tilt by the second
-    if normal is not None:
-        away = [np.array([_angle(p.rotation[:, 2], normal) for p in f.poses or ()]) for f in (first, second)]
-        odds = odds + (away[1] ** 2 - away[0] ** 2) / (2 * _NORMAL_SD**2)
-    sure = np.where(first.good, _SURE, -_SURE)
-    decided: Array = np.where(first.good == second.good, odds, sure).clip(-_SURE, _SURE).astype(np.float64)
-    return _weighed(first, second, np.asarray(1.0 / (1.0 + np.exp(decided))))
-
-
-def _angle(a: Array, b: Array) -> float:
-    """Return the angle between two lines, rad."""
-    return float(np.arccos(min(float(abs(a @ b) / np.linalg.norm(b)), 1.0)))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Window:
-    """Grey values (B, P), pixels (B, P, 2 or 8), weights (B, P), shares of the windows outside the picture, sizes."""
-
-    values: Array
-    pixels: Array
-    weight: Array
-    outside: Array
-    size: Array
-
-    @classmethod
-    def around(cls, gray: Picture, q: Array, image_from_mark: Array, mark: Mark, margin: float) -> _Window:
-        radius = mark.radius
-        A = np.linalg.inv(image_from_mark)
-        major, minor = radius * np.linalg.svd(image_from_mark, compute_uv=False).T
-        reach = 1 + np.clip(margin * minor, _LEAST_MARGIN * min(margin / MARGIN, 1.0), _MOST_MARGIN) / minor
-        values, pixels, there = patches(gray, q, np.maximum(reach * major, 2.0))
-        p = pixels @ np.swapaxes(A, 1, 2) / radius
-        rho = np.sqrt(np.sum(p**2, axis=-1))
-        wanted = (rho <= reach[:, None]) & _telling(mark, rho, pixels, q, minor)
-        weight = (wanted & there).astype(np.float64)
-        outside = 1 - weight.sum(axis=1) / np.maximum(wanted.sum(axis=1), 1)
-        for corner in _corners(mark):
-            apart = pixels - (image_from_mark @ corner)[:, None]
-            weight *= np.sum(apart**2, axis=-1) > _CORNER**2
-        if len(q):  # only as many pixels as the largest window has
-            kept = np.argsort(~wanted, axis=1, kind="stable")[:, : wanted.sum(axis=1).max()]
-            values, weight = (np.take_along_axis(a, kept, axis=1) for a in (values, weight))
-            pixels = np.take_along_axis(pixels, kept[..., None], axis=1)
-        return cls(values, pixels, weight, outside, minor)
-
-    def subset(self, which: Index) -> _Window:
-        """Return the windows that `which` selects."""
-        return _Window(*(getattr(self, name)[which] for name in _Window.__slots__))
-
-
-def _telling(mark: Mark, rho: Array, pixels: Array, q: Array, minor: Array) -> Mask:
-    """Return which pixels are near a border, and of the plain rest every fifth: enough for its level and light."""
-    if not mark.concentric or not len(q) or minor.min() < 3 * _PLAIN:
-        return np.ones(rho.shape, bool)
-    borders = np.unique(mark.sectors[:, :2]) / mark.radius
-    near = np.zeros(rho.shape, bool)
-    for r in borders[borders > 0]:
-        near |= np.abs(rho - r) * minor[:, None] < _PLAIN
-    x, y = (np.rint(pixels[..., i] + q[:, None, i]).astype(int) for i in (0, 1))
-    near &= (minor[:, None] < _LARGE) | ((x + y) % 2 == 0)
-    return np.asarray(near | ((x + 2 * y) % 5 == 0))
-
-
-def _corners(mark: Mark) -> Array:
-    """Return where borders end in corners (K, 2), mm; none of a point-symmetric mark, where their errors cancel."""
-    if mark.turns % 2 == 0:
-        return np.zeros((0, 2))
-    parts = mark.sectors[~mark.full]
-    polar = [(r, angle) for inner, outer, a, b in parts.tolist() for r in (inner, outer) for angle in (a, b) if r > 0]
-    return np.array([[r * np.cos(angle), r * np.sin(angle)] for r, angle in polar]).reshape(-1, 2)
+    result = replace(_result(replace(fit, q=centre), weight, shapes, window, seen), poses=poses)
+    return result, Seen(window, weight, fit.parameters, q, L, scale)
 
 
 def _symmetric(S: Array) -> Array:
@@ -243,7 +186,7 @@ def _symmetric(S: Array) -> Array:
     return np.asarray((U * s[:, None, :]) @ np.swapaxes(U, 1, 2))
 
 
-def _start(mark: Mark, geometry: Geometry, g: Array, held: Array, window: _Window, blur: float) -> Array:
+def _start(mark: Mark, geometry: Geometry, g: Array, held: Array, window: Window, blur: float) -> Array:
     """Return parameters (B, n) at which the levels fit the picture in the least squares sense."""
     start = np.zeros((len(g), geometry.free + held.shape[1]))
     start[:, geometry.places], start[:, geometry.free :] = g, held
@@ -258,67 +201,15 @@ def _start(mark: Mark, geometry: Geometry, g: Array, held: Array, window: _Windo
     return start
 
 
-def _robust(
-    mark: Mark, geometry: Geometry, start: Array, window: _Window, q: Array, *, noise: float, lens: bool
-) -> tuple[Fit, Array]:
-    """Return the fit with pixels left out that show something else, and the weights (B, P) of those kept."""
-    model = mark_model(mark, geometry, lens=lens)
-    weight = window.weight
-    fit = fitted(model, start, window.values, window.pixels, weight, q, window.size)
-
-    def kept(which: Index) -> Array:
-        some, parameters = window.subset(which), fit.parameters[which]
-        seen = predicted(mark, geometry, parameters, some.pixels)
-        clear = _clear(seen - some.values, noise, _HIDDEN * np.abs(parameters[:, CONTRAST]))
-        return np.asarray(some.weight * (clear | ~_covered(clear, seen, some.weight)[:, None]))
-
-    left = np.flatnonzero(fit.misfit < _HOPELESS)
-    left = left[(kept(left) != window.weight[left]).mean(axis=1) > _FEW]
-    for _ in range(_ROUNDS if left.size else 0):
-        clear = kept(left)
-        enough = clear.sum(axis=1) > geometry.free + 5
-        left, weight = left[enough], _with_rows(weight, left[enough], clear[enough])
-        some = window.subset(left)
-        part = fitted(model, fit.parameters[left], some.values, some.pixels, weight[left], q[left], some.size)
-        fit = _replaced(fit, part, left)
-    return fit, weight
-
-
-def _with_rows(array: Array, which: Index, rows: Array) -> Array:
-    out = array.copy()
-    out[which] = rows
-    return out
-
-
-def _clear(residual: Array, noise: float, limit: Array) -> Mask:
-    """Return which pixels agree with the mark: within a limit (B,), or five sigmas of the picture's noise."""
-    return np.asarray(np.abs(residual) <= np.maximum(limit, _SIGMAS * noise)[:, None])
-
-
-def _covered(clear: Mask, seen: Array, weight: Array) -> Mask:
-    """Return for which marks (B,) plain pixels disagree too: on borders alone it is a gamma, or the fit's own blur."""
-    low, high = (np.nanquantile(seen, q, axis=1, keepdims=True) for q in (0.05, 0.95))
-    plain = np.abs(seen - (low + high) / 2) > _MIDDLE * (high - low)
-    odd = (weight > 0) & ~clear
-    return np.asarray((odd & plain).sum(axis=1) > _ALSO_PLAIN * odd.sum(axis=1))
-
-
-def _replaced(fit: Fit, part: Fit, index: Array) -> Fit:
-    """Return the fit with the marks of `index` taken from `part`."""
-    arrays = {name: getattr(fit, name).copy() for name in Fit.__slots__}
-    for name in arrays:
-        arrays[name][index] = getattr(part, name)
-    return Fit(**arrays)
-
-
-def _result(fit: Fit, weight: Array, image_from_mark: Array, window: _Window, seen: Array) -> MarkFit:
+def _result(fit: Fit, weight: Array, image_from_mark: Array, window: Window, seen: Array) -> MarkFit:
     c = fit.parameters[:, CONTRAST]
     total = np.maximum(window.weight.sum(axis=1), 1)
     hidden = 1 - weight.sum(axis=1) / total
-    score = _correlation(np.nan_to_num(seen), window.values, weight) * np.sqrt(1 - hidden)
+    score = _correlation(np.nan_to_num(seen), window.values, weight) * np.sqrt((1 - hidden) * (1 - window.outside))
     dark_or_white = (window.values <= DARK) | (window.values >= BRIGHT)
     clipped = (weight * dark_or_white).sum(axis=1) / total
-    good = fit.good & (window.outside < _MOST_OUTSIDE) & (hidden < _MOST_HIDDEN)
+    good = fit.good & (fit.parameters[:, BLUR] < np.maximum(_SOFTEST * window.size, _SOFT))
+    good &= (window.outside < _MOST_OUTSIDE) & (hidden < _MOST_HIDDEN)
     return MarkFit(
         fit.q,
         fit.covariance,
@@ -335,7 +226,7 @@ def _result(fit: Fit, weight: Array, image_from_mark: Array, window: _Window, se
     )
 
 
-def _tangent(camera: Camera, q: Array, pixels: Array) -> tuple[Array, Array]:
+def tangent(camera: Camera, q: Array, pixels: Array) -> tuple[Array, Array]:
     """Return L (B, 3, 3), rays (up to their length) from local coordinates, and the pixels (B, P, 8) with those.
 
     Local coordinates are those of the tangent plane at q: (u, v) to first order, and straight lines are straight.
@@ -370,20 +261,3 @@ def _poses(fit: Fit, geometry: Geometry, L: Array, R: Array, scale: Array) -> tu
     t = (scale * np.exp(g[:, 2]))[:, None] * (L @ xy1[..., None])[..., 0]
     turned = R @ so3.exp(w)
     return tuple(Rigid(so3.nearest(turned[i]), t[i]) for i in range(len(g)))
-
-
-def _weighed(first: MarkFit, second: MarkFit, other: Array) -> MarkFit:
-    """Return the likelier fit of each mark, its place the mean of both; other (B,): the probability of the second."""
-    pick = {}
-    for name in MarkFit.__slots__:
-        if name != "poses":
-            a, b = getattr(first, name), getattr(second, name)
-            pick[name] = np.where((other > 0.5).reshape(-1, *[1] * (a.ndim - 1)), b, a)
-    p = np.where(np.isfinite(first.q + second.q).all(axis=1), other, (other > 0.5).astype(float))
-    apart = np.nan_to_num(second.q - first.q)
-    pick["q"] = np.nan_to_num(first.q) * (1 - p)[:, None] + np.nan_to_num(second.q) * p[:, None]
-    spread = (p * (1 - p))[:, None, None] * apart[:, :, None] * apart[:, None, :]
-    both = (1 - p)[:, None, None] * first.covariance + p[:, None, None] * second.covariance
-    pick["covariance"], pick["doubt"] = both + spread, np.minimum(p, 1 - p)
-    pairs = zip(first.poses or (), second.poses or (), other > 0.5, strict=True)
-    return MarkFit(**pick, poses=tuple(b if o else a for a, b, o in pairs))

@@ -1,107 +1,16 @@
-"""Calibration boards as geometry: where their points are, and where their ink is.
-
-A board's frame: the origin is its first point, x along a row to the right, y down the printed board, z into the paper,
-all in mm; so a camera that looks at the upright board sees x to its right and y downwards. Points run along the rows.
-Every board also stands on a grid of whole numbers (`cells`), the neighbours of which `cadcam.target.lattice` finds.
-"""
+"""Calibration boards as geometry: where their points are, and where their ink is (`board` has what they share)."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Floats, Ids, Mask, frozen
-from cadcam.cad.units import MM, unit_name
+from cadcam.arrays import Array, Floats, Ids, Mask
 from cadcam.errors import BadValue, UnknownName
-
-MAX_POINTS = 50_000
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Ink:
-    """Black shapes: rectangles (N, 4) = left, top, right, bottom, and discs (M, 3) = x, y, radius, mm.
-
-    sectors (K, 6) of rings: x, y, inner and outer radius, from and to in rad. ground (0 or 1, 4): a black rectangle in
-    which the sectors are holes.
-    """
-
-    rectangles: Array
-    discs: Array
-    sectors: Array = field(default_factory=lambda: np.zeros((0, 6)))
-    ground: Array = field(default_factory=lambda: np.zeros((0, 4)))
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "rectangles", frozen(self.rectangles, "rectangles", (None, 4)))
-        object.__setattr__(self, "discs", frozen(self.discs, "discs", (None, 3)))
-        object.__setattr__(self, "sectors", frozen(self.sectors, "sectors", (None, 6)))
-        object.__setattr__(self, "ground", frozen(self.ground, "ground", (None, 4)))
-
-
-@dataclass(frozen=True)
-class Pattern(ABC):
-    """What all boards share; `columns` and `rows` count points (for ChArUco boards: squares)."""
-
-    columns: int
-    rows: int
-
-    kind: ClassVar[str]
-
-    @property
-    @abstractmethod
-    def cells(self) -> Ids:
-        """Return each point's place (N, 2) as whole numbers (column, row); a cell's size is `cell_mm`."""
-
-    @property
-    @abstractmethod
-    def cell_mm(self) -> float:
-        """Return the distance of neighbouring cells in mm."""
-
-    @property
-    @abstractmethod
-    def outline(self) -> tuple[float, float, float, float]:
-        """Return (left, top, right, bottom) of all ink in mm."""
-
-    @abstractmethod
-    def black(self, p: Floats) -> Mask:
-        """Return whether the board's plane is inked at p (..., 2) mm."""
-
-    @property
-    def points(self) -> Array:
-        """Return the points (N, 3) in the board's frame, mm, z = 0."""
-        return np.column_stack([self.cells * self.cell_mm, np.zeros(len(self.cells))])
-
-    @property
-    def size_mm(self) -> tuple[float, float]:
-        """Return width and height of the ink in mm."""
-        left, top, right, bottom = self.outline
-        return right - left, bottom - top
-
-    @property
-    def turns(self) -> int:
-        """Return how many turns of the board look the same: 1 if its picture says which corner is the first."""
-        places = {tuple(c) for c in self.cells.tolist()}
-        high = self.cells.max(axis=0)
-        return 1 + sum(self._same_when(turn, places, high) for turn in (1, 2, 3))
-
-    def _same_when(self, turn: int, places: set[tuple[int, ...]], high: npt.NDArray[np.int32]) -> bool:
-        turned = {_turned(place, turn, high) for place in places}
-        return turned == places and all(self.color(place) == self.color(_turned(place, turn, high)) for place in places)
-
-    def color(self, cell: tuple[int, ...]) -> int:
-        """Return 0 or 1: kinds of points that a picture tells apart once the board's turn is given."""
-        return 0
-
-    @abstractmethod
-    def ink(self) -> Ink:
-        """Return what is printed."""
-
-    @abstractmethod
-    def __str__(self) -> str:
-        """Return the text that `parse_pattern` reads."""
+from cadcam.target.board import Ink, Pattern, check_counts, check_length, grid, length_mm
 
 
 @dataclass(frozen=True)
@@ -113,13 +22,13 @@ class Chessboard(Pattern):
     kind: ClassVar[str] = "chessboard"
 
     def __post_init__(self) -> None:
-        _check_counts(self.columns, self.rows, 2)
-        _check_length("square", self.square_mm)
+        check_counts(self.columns, self.rows, 2)
+        check_length("square", self.square_mm)
 
     @property
     def cells(self) -> Ids:
         """Return (column, row) of each inner corner."""
-        return _grid(self.columns, self.rows)
+        return grid(self.columns, self.rows)
 
     @property
     def cell_mm(self) -> float:
@@ -150,7 +59,7 @@ class Chessboard(Pattern):
 
     def ink(self) -> Ink:
         """Return the black squares."""
-        square = _grid(self.columns + 1, self.rows + 1)
+        square = grid(self.columns + 1, self.rows + 1)
         black = square[square.sum(axis=1) % 2 == 0] - 1
         return Ink(np.hstack([black, black + 1]) * self.square_mm, np.zeros((0, 3)))
 
@@ -174,16 +83,16 @@ class Charuco(Pattern):
     kind: ClassVar[str] = "charuco"
 
     def __post_init__(self) -> None:
-        _check_counts(self.columns, self.rows, 3)
-        _check_length("square", self.square_mm)
-        _check_length("marker", self.marker_mm)
+        check_counts(self.columns, self.rows, 3)
+        check_length("square", self.square_mm)
+        check_length("marker", self.marker_mm)
         if self.marker_mm >= self.square_mm:
             raise BadValue("marker", f"{self.marker_mm:g} mm", f"less than the square's {self.square_mm:g} mm")
 
     @property
     def cells(self) -> Ids:
         """Return (column, row) of each inner corner."""
-        return _grid(self.columns - 1, self.rows - 1)
+        return grid(self.columns - 1, self.rows - 1)
 
     @property
     def cell_mm(self) -> float:
@@ -208,7 +117,7 @@ class Charuco(Pattern):
     @property
     def marker_squares(self) -> Ids:
         """Return the square (column, row), counted from (0, 0), of each marker in the order of their numbers."""
-        square = _grid(self.columns, self.rows)
+        square = grid(self.columns, self.rows)
         return np.asarray(square[(square.sum(axis=1) + self._white_first) % 2 == 1])
 
     def black(self, p: Floats) -> Mask:
@@ -241,7 +150,7 @@ class Charuco(Pattern):
 
     def ink(self) -> Ink:
         """Return the black squares and the black modules of the markers, those side by side joined."""
-        square = _grid(self.columns, self.rows)
+        square = grid(self.columns, self.rows)
         black = square[(square.sum(axis=1) + self._white_first) % 2 == 0] - 1
         shapes = [np.hstack([black, black + 1]) * self.square_mm]
         for (column, row), bits in zip(self.marker_squares.tolist(), self.marker_bits(), strict=True):
@@ -270,17 +179,17 @@ class CircleGrid(Pattern):
     kind: ClassVar[str] = "circles"
 
     def __post_init__(self) -> None:
-        _check_counts(self.columns, self.rows, 2)
-        _check_length("spacing", self.spacing_mm)
+        check_counts(self.columns, self.rows, 2)
+        check_length("spacing", self.spacing_mm)
         if self.diameter_mm is not None:
-            _check_length("diameter", self.diameter_mm)
+            check_length("diameter", self.diameter_mm)
             if self.diameter_mm >= self.nearest_mm:
                 raise BadValue("diameter", f"{self.diameter_mm:g} mm", f"less than {self.nearest_mm:g} mm: discs touch")
 
     @property
     def cells(self) -> Ids:
         """Return (column, row) of each disc; in a staggered grid columns count half steps."""
-        cells = _grid(self.columns, self.rows)
+        cells = grid(self.columns, self.rows)
         if self.staggered:
             cells[:, 0] = 2 * cells[:, 0] + cells[:, 1] % 2
         return cells
@@ -373,24 +282,6 @@ def _millimetres(part: str, text: str, kind: str) -> float:
     return length_mm(part, "board", text, FORMS[kind])
 
 
-def length_mm(part: str, what: str, text: str, form: str) -> float:
-    """Return the length of a part such as 25mm of a longer text; `BadValue` naming `what` and its right form."""
-    digits = part.rstrip("abcdefghijklmnopqrstuvwxyzµμABCDEFGHIJKLMNOPQRSTUVWXYZ\"'")
-    unit = part[len(digits) :].strip()
-    try:
-        value = float(digits)
-    except ValueError:
-        raise BadValue(f"length {part!r} of {what}", repr(text), f"a length, as in {form}") from None
-    if not unit:
-        raise BadValue(f"length {part!r} of {what}", repr(text), f"a length with its unit, as in {form}")
-    return value * MM[unit_name(unit)]
-
-
-def _grid(columns: int, rows: int) -> Ids:
-    row, column = np.divmod(np.arange(columns * rows, dtype=np.int32), np.int32(columns))
-    return np.column_stack([column, row]).astype(np.int32)
-
-
 def _runs(bits: Mask) -> list[tuple[int, int, int, int]]:
     """Return the runs of black modules along the rows, (left, top, right, bottom) in modules."""
     out = []
@@ -398,20 +289,3 @@ def _runs(bits: Mask) -> list[tuple[int, int, int, int]]:
         change = np.flatnonzero(np.diff(np.concatenate([[False], row, [False]]).astype(np.int8)))
         out += [(int(a), y, int(b), y + 1) for a, b in change.reshape(-1, 2)]
     return out
-
-
-def _turned(cell: tuple[int, ...], turn: int, high: npt.NDArray[np.int32]) -> tuple[int, int]:
-    x, y = cell
-    for k in range(turn):
-        x, y = int(high[1 - k % 2]) - y, x
-    return x, y
-
-
-def _check_counts(columns: int, rows: int, least: int) -> None:
-    if min(columns, rows) < least or columns * rows > MAX_POINTS:
-        raise BadValue("board size", f"{columns} x {rows}", f"{least} x {least} at least, {MAX_POINTS} points at most")
-
-
-def _check_length(what: str, value: float) -> None:
-    if not (np.isfinite(value) and value > 0):
-        raise BadValue(what, f"{value:g} mm", "a positive length")

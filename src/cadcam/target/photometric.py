@@ -13,7 +13,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask, Picture
+from cadcam.arrays import Array, Index, Mask, Picture
 
 Model: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]  # (parameters, pixels) -> grey values, their slopes
 
@@ -38,6 +38,10 @@ class Fit:
     misfit: Array
     good: Mask
     full: Array
+
+    def subset(self, which: Index | slice) -> Fit:
+        """Return the marks that `which` selects."""
+        return Fit(*(getattr(self, name)[which] for name in Fit.__slots__))
 
 
 def fit_corners(gray: Picture, q: Array, directions: Array, reach: Array, *, blur: float = 1.0) -> Fit:
@@ -142,10 +146,14 @@ def whole(weight: Array, wanted: Mask) -> Mask:
     return np.asarray(weight.sum(axis=1) > 0.7 * wanted.sum(axis=1))
 
 
-def patches(gray: Picture, q: Array, reach: Array) -> tuple[Array, Array, Mask]:
-    """Return grey values (B, P), their pixels relative to q (B, P, 2), and which of them the picture has."""
-    half = int(np.ceil(reach.max(initial=1.0))) + 1
-    dx, dy = (d.ravel() for d in np.meshgrid(np.arange(-half, half + 1), np.arange(-half, half + 1)))
+def patches(gray: Picture, q: Array, reach: Array, step: int = 1) -> tuple[Array, Array, Mask]:
+    """Return grey values (B, P), their pixels relative to q (B, P, 2), and which of them the picture has.
+
+    step: of the rows and columns that are taken.
+    """
+    half = int(np.ceil((reach.max(initial=1.0) + 1) / step)) * step
+    side = np.arange(-half, half + 1, step)
+    dx, dy = (d.ravel() for d in np.meshgrid(side, side))
     middle = np.rint(q).astype(np.int64)
     x, y = middle[:, :1] + dx, middle[:, 1:] + dy
     height, width = gray.shape
@@ -155,16 +163,33 @@ def patches(gray: Picture, q: Array, reach: Array) -> tuple[Array, Array, Mask]:
     return values, pixels, np.asarray(there)
 
 
-def fitted(model: Model, start: Array, values: Array, pixels: Array, weight: Array, q: Array, size: Array) -> Fit:
+def fitted(
+    model: Model,
+    start: Array,
+    values: Array,
+    pixels: Array,
+    weight: Array,
+    q: Array,
+    size: Array,
+    *,
+    iterations: int = _ITERATIONS,
+) -> Fit:
     """Return the fit of a model whose first two parameters are x, y relative to q; size (B,): how far it may go, px.
 
     pixels (B, P, 2 or more): u, v relative to q, and what else the model wants to know of a pixel. Parameters beyond
-    those by which the model gives slopes are held.
+    those by which the model gives slopes are held. iterations: at most.
     """
     count, n = start.shape
     step = max(1, _TOGETHER // max(n * values.shape[1], 1))
     parts = [
-        _minimised(model, start[i : i + step], values[i : i + step], pixels[i : i + step], weight[i : i + step])
+        _minimised(
+            model,
+            start[i : i + step],
+            values[i : i + step],
+            pixels[i : i + step],
+            weight[i : i + step],
+            iterations=iterations,
+        )
         for i in range(0, max(count, 1), step)
     ]
     parameters, covariance, cost = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -176,13 +201,15 @@ def fitted(model: Model, start: Array, values: Array, pixels: Array, weight: Arr
     return Fit(q + parameters[:, :2], covariance[:, :2, :2], parameters, misfit, good, covariance)
 
 
-def _minimised(model: Model, start: Array, values: Array, pixels: Array, weight: Array) -> tuple[Array, Array, Array]:
+def _minimised(
+    model: Model, start: Array, values: Array, pixels: Array, weight: Array, *, iterations: int
+) -> tuple[Array, Array, Array]:
     """Return parameters, their covariance and sum of squares: Levenberg-Marquardt, a damping for each mark."""
     state, damping = start.copy(), np.full(len(start), 1e-3)
     H, g, cost = _normal(model, state, values, pixels, weight)
     n = H.shape[1]
     going = np.arange(len(start))
-    for _ in range(_ITERATIONS):
+    for _ in range(iterations):
         D = np.einsum("bii->bi", H[going])
         A = H[going] + np.eye(n) * (damping[going, None] * D + 1e-12)[:, None, :]
         step = -np.linalg.solve(A, g[going, :, None])[..., 0]

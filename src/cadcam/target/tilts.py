@@ -17,9 +17,9 @@ def tilts(camera: Camera, q: Array, image_from_mark: Array) -> tuple[Rigid, Rigi
     perspective two-fold ambiguity).
     """
     ray = camera.unproject(q)
-    toward = _turn_to(ray)  # sight frame: z along the ray
+    sight = toward(ray)
     _, J = camera.project_with_jacobian(ray)
-    S = np.linalg.solve(J @ toward[:, :2], image_from_mark)  # mark plane -> across the sight, by depth
+    S = np.linalg.solve(J @ sight[:, :2], image_from_mark)  # mark plane -> across the sight, by depth
     U, sizes, Vt = np.linalg.svd(S)
     depth, cosine = 1 / sizes[0], min(sizes[1] / sizes[0], 1.0)
     poses = []
@@ -28,11 +28,11 @@ def tilts(camera: Camera, q: Array, image_from_mark: Array) -> tuple[Rigid, Rigi
         second = np.append(cosine * U[:, 1], sine)
         axes = np.column_stack([first, second]) @ Vt
         R = np.column_stack([axes, np.cross(axes[:, 0], axes[:, 1])])
-        poses.append(Rigid(toward @ R, depth * ray))
+        poses.append(Rigid(sight @ R, depth * ray))
     return poses[0], poses[1]
 
 
-def _turn_to(ray: Array) -> Array:
+def toward(ray: Array) -> Array:
     """Return a rotation whose third column is the unit vector `ray`."""
     x = np.cross([0.0, 1.0, 0.0] if abs(ray[1]) < 0.9 else [1.0, 0.0, 0.0], ray)
     x /= np.linalg.norm(x)
