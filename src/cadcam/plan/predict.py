@@ -1,0 +1,140 @@
+"""The uncertainty of points before they are measured: what `measure_points` would state, from where cameras stand.
+
+The same first-order propagation as `cadcam.calibrate.intersect`, without pixels: noise may differ from point to point
+and be larger along one axis of the picture than along the other, as blur and slant make it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from cadcam.arrays import Array, Floats, Mask, frozen
+from cadcam.camera.measurement import PIXELS
+from cadcam.camera.viewpoint import ErrorSource, Viewpoint
+from cadcam.errors import BadValue
+from cadcam.geometry.plane import Plane
+from cadcam.plan.evidence import Evidence, symmetric, together
+
+HEIGHT = "height of the plane"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prediction:
+    """Points (N, 3) mm and the covariance (N, 3, 3) mm^2 with which they would be measured, NaN where they cannot be.
+
+    by_cause: the covariances that add up to it, by cause: pixels, each calibration, each motion, the plane's height.
+    cameras (N,): how many viewpoints see each point.
+    """
+
+    points: Array
+    covariance: Array
+    by_cause: Mapping[str, Array]
+    cameras: Array
+
+    def __post_init__(self) -> None:
+        n = len(self.points)
+        object.__setattr__(self, "points", frozen(self.points, "points", (None, 3)))
+        object.__setattr__(self, "covariance", frozen(self.covariance, "covariance", (n, 3, 3), finite=False))
+        object.__setattr__(self, "by_cause", MappingProxyType(dict(self.by_cause)))
+        object.__setattr__(self, "cameras", frozen(self.cameras, "cameras", (n,), np.int32))
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @property
+    def sigma(self) -> Array:
+        """Return the standard deviations (N, 3) mm of X, Y, Z."""
+        return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)))
+
+    @property
+    def worst(self) -> Array:
+        """Return the standard deviation (N,) mm along the direction in which each point is known worst."""
+        known = np.isfinite(self.covariance).all(axis=(-2, -1))
+        w = np.linalg.eigvalsh(np.where(known[:, None, None], self.covariance, 0.0))[:, -1]
+        return np.asarray(np.where(known, np.sqrt(np.maximum(w, 0.0)), np.nan))
+
+
+def predict_points(
+    viewpoints: Sequence[Viewpoint],
+    p: Floats,
+    *,
+    noise: Floats | None = None,
+    seen: Mask | None = None,
+    plane: Plane | None = None,
+    plane_sigma_mm: float = 0.0,
+) -> Prediction:
+    """Return how well points p (N, 3) mm will be measured from V viewpoints, or from one, on a known plane.
+
+    noise (V, N, 2, 2) px^2: covariance of each point's pixels, such as `circle_covariance`; default sigma_px^2 of the
+    viewpoint. seen (V, N): which viewpoint sees which point; default: where it lies in the picture. Nothing is hidden
+    here: ask `cadcam.plan.sight`. plane, plane_sigma_mm: as in `measure_points`. Raises `BadValue`.
+    """
+    points = frozen(p, "points", (None, 3))
+    if not viewpoints:
+        raise BadValue("viewpoints", "none", "at least one")
+    if not (np.isfinite(plane_sigma_mm) and plane_sigma_mm >= 0):
+        raise BadValue("plane_sigma_mm", plane_sigma_mm, "a number of mm from 0 on")
+    views = [view.project(points) for view in viewpoints]
+    q, J = np.stack([v[0] for v in views]), np.stack([v[1] for v in views])
+    in_picture = np.stack([view.camera.sees(at) for view, at in zip(viewpoints, q, strict=True)])
+    shown = in_picture if seen is None else np.asarray(seen, bool) & np.isfinite(q).all(axis=-1)
+    if shown.shape != q.shape[:2]:
+        raise BadValue("seen", f"of shape {shown.shape}", f"({len(viewpoints)} viewpoints, {len(points)} points)")
+    evidence = Evidence.of_points(J, _noise(viewpoints, noise, len(points))).where(shown)
+    sources = distinct_sources(viewpoints)
+    E, at = shifts(viewpoints, [v[2] for v in views], sources, len(points))
+    E = np.where(shown[..., None, None], E, 0.0)
+    exact = plane is not None and plane_sigma_mm == 0
+    prior = np.zeros((len(points), 3, 3))
+    if plane is not None and not exact:
+        prior += np.outer(plane.normal, plane.normal) / plane_sigma_mm**2
+    found = together(evidence, E, prior, basis=plane.basis if plane is not None and exact else None)
+    cameras = shown.sum(axis=0)
+    enough = cameras >= (2 if plane is None else 1)
+    causes = _causes(sources, at, found.by_number) | {PIXELS: found.from_pixels}
+    if plane is not None and not exact:
+        causes[HEIGHT] = symmetric(found.covariance @ prior @ found.covariance)
+    covariance = np.where(enough[:, None, None], found.covariance, np.nan)
+    return Prediction(points, covariance, causes, cameras)
+
+
+def shifts(
+    viewpoints: Sequence[Viewpoint], effects: Sequence[tuple[Array, ...]], sources: Sequence[ErrorSource], n: int
+) -> tuple[Array, list[slice]]:
+    """Return E (V, n, 2, P), how each picture moves with the sources' numbers of unit variance, and whose they are."""
+    sizes = np.cumsum([0] + [len(s.covariance) for s in sources])
+    at = [slice(int(a), int(b)) for a, b in zip(sizes[:-1], sizes[1:], strict=True)]
+    E = np.zeros((len(viewpoints), n, 2, int(sizes[-1])))
+    owners = [id(s.owner) for s in sources]
+    for v, (view, of_view) in enumerate(zip(viewpoints, effects, strict=True)):
+        for (source, _), D in zip(view.errors, of_view, strict=True):
+            E[v, :, :, at[owners.index(id(source.owner))]] += D @ source.root
+    return E, at
+
+
+def _noise(viewpoints: Sequence[Viewpoint], noise: Floats | None, n: int) -> Array:
+    if noise is None:
+        own = np.array([view.sigma_px**2 for view in viewpoints])
+        return np.asarray(own[:, None, None, None] * np.broadcast_to(np.eye(2), (len(viewpoints), n, 2, 2)))
+    return frozen(noise, "noise (viewpoints, points, 2, 2)", (len(viewpoints), n, 2, 2))
+
+
+def distinct_sources(viewpoints: Sequence[Viewpoint]) -> list[ErrorSource]:
+    """Return the error sources of the viewpoints, those of one owner once."""
+    sources: dict[int, ErrorSource] = {}
+    for view in viewpoints:
+        for source, _ in view.errors:
+            sources.setdefault(id(source.owner), source)
+    return list(sources.values())
+
+
+def _causes(sources: Sequence[ErrorSource], at: Sequence[slice], by_number: Array) -> dict[str, Array]:
+    out: dict[str, Array] = {}
+    for source, columns in zip(sources, at, strict=True):
+        G = by_number[..., columns]
+        out[source.name] = out.get(source.name, np.zeros((1, 3, 3))) + G @ np.swapaxes(G, -1, -2)
+    return out
