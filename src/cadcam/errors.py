@@ -117,6 +117,14 @@ class NothingInView(CadcamError):
     """The model lies wholly behind the camera or outside its picture."""
 
 
+class UnseenFeatures(CadcamError):
+    """Features that have to be measured are seen by no candidate camera; names: which."""
+
+    def __init__(self, message: str, names: tuple[str, ...]) -> None:
+        super().__init__(message)
+        self.names = names
+
+
 class NoBoard(CadcamError):
     """A picture does not show the calibration board that was asked for.
 

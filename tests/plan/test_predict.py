@@ -78,7 +78,7 @@ def _trial(views: list[cadcam.Viewpoint], noise: Array, rng: np.random.Generator
     """Return the points that a weighted least squares finds from true pixels of cameras that err."""
     q, J = [], []
     for v, view in enumerate(views):
-        seen, by_point, effects = view.project(POINTS)
+        _, by_point, effects = view.project(POINTS)
         error = sum(
             D @ source.root @ rng.normal(size=len(source.covariance))
             for (source, _), D in zip(view.errors, effects, strict=True)

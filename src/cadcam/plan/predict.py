@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from types import MappingProxyType
 
 import numpy as np
@@ -53,7 +54,7 @@ class Prediction:
     @property
     def worst(self) -> Array:
         """Return the standard deviation (N,) mm along the direction in which each point is known worst."""
-        known = np.isfinite(self.covariance).all(axis=(-2, -1))
+        known = np.asarray(np.isfinite(self.covariance).all(axis=(-2, -1)))
         w = np.linalg.eigvalsh(np.where(known[:, None, None], self.covariance, 0.0))[:, -1]
         return np.asarray(np.where(known, np.sqrt(np.maximum(w, 0.0)), np.nan))
 
@@ -84,7 +85,8 @@ def predict_points(
     shown = in_picture if seen is None else np.asarray(seen, bool) & np.isfinite(q).all(axis=-1)
     if shown.shape != q.shape[:2]:
         raise BadValue("seen", f"of shape {shown.shape}", f"({len(viewpoints)} viewpoints, {len(points)} points)")
-    evidence = Evidence.of_points(J, _noise(viewpoints, noise, len(points))).where(shown)
+    W = np.asarray(np.linalg.inv(_noise(viewpoints, noise, len(points))))
+    evidence = Evidence(J, W).where(shown)
     sources = distinct_sources(viewpoints)
     E, at = shifts(viewpoints, [v[2] for v in views], sources, len(points))
     E = np.where(shown[..., None, None], E, 0.0)
@@ -106,9 +108,9 @@ def shifts(
     viewpoints: Sequence[Viewpoint], effects: Sequence[tuple[Array, ...]], sources: Sequence[ErrorSource], n: int
 ) -> tuple[Array, list[slice]]:
     """Return E (V, n, 2, P), how each picture moves with the sources' numbers of unit variance, and whose they are."""
-    sizes = np.cumsum([0] + [len(s.covariance) for s in sources])
-    at = [slice(int(a), int(b)) for a, b in zip(sizes[:-1], sizes[1:], strict=True)]
-    E = np.zeros((len(viewpoints), n, 2, int(sizes[-1])))
+    sizes = [0, *np.cumsum([len(s.covariance) for s in sources]).tolist()]
+    at = [slice(a, b) for a, b in pairwise(sizes)]
+    E = np.zeros((len(viewpoints), n, 2, sizes[-1]))
     owners = [id(s.owner) for s in sources]
     for v, (view, of_view) in enumerate(zip(viewpoints, effects, strict=True)):
         for (source, _), D in zip(view.errors, of_view, strict=True):

@@ -35,8 +35,14 @@ class Occluders:
         return np.asarray(np.einsum("ij,ij->i", self.normals[faces], points - self._corners[faces, 0]))
 
     def hidden(self, points: Array, eye: Array, tolerance: Array) -> Mask:
-        """Return which points (N, 3) mm are hidden from the eye (3,), with a tolerance (N,) in mm for each."""
-        return np.concatenate(on_all_cores(lambda b: self._hidden(points[b], eye, tolerance[b]), blocks(len(points))))
+        """Return which points (N, 3) mm are hidden from the eye (3,), or each from its own (N, 3).
+
+        tolerance (N,): in mm for each.
+        """
+        eyes = np.broadcast_to(eye, points.shape)
+        return np.concatenate(
+            on_all_cores(lambda b: self._hidden(points[b], eyes[b], tolerance[b]), blocks(len(points)))
+        )
 
     def _hidden(self, points: Array, eye: Array, tolerance: Array) -> Mask:
         sight = eye - points

@@ -50,7 +50,7 @@ def read_tolerances(path: str | os.PathLike[str]) -> Tolerances:
     place = parsed_yaml(file)
     place.only("k", "rule", "datum", "features")
     k = place.at("k").number() if "k" in place.object else _K
-    rule = _rule(place.at("rule")) if "rule" in place.object else Rule.GUARD_BAND
+    rule = rule_at(place.at("rule")) if "rule" in place.object else Rule.GUARD_BAND
     datum = tuple(_datum(item) for item in _items(place.at("datum"))) if "datum" in place.object else ()
     listed = place.at("features")
     features = tuple(_feature(name, listed.at(name), k, rule) for name in listed.object)
@@ -95,19 +95,24 @@ def _items(place: Place) -> list[Place]:
 
 def _datum(place: Place) -> Selection:
     place.only(*_WHERE)
-    return _selection(place)
+    return selection_at(place)
 
 
 def _feature(name: str, place: Place, k: float, rule: Rule) -> Feature:
     place.only(*_WHERE, *_HOW, *(q.value for q in Quantity))
+    return Feature(name, selection_at(place), limits_at(place, k, rule))
+
+
+def limits_at(place: Place, k: float, rule: Rule) -> tuple[Limit, ...]:
+    """Return a feature's limits; k and rule are those of the file, which it may overrule."""
     k = place.at("k").number() if "k" in place.object else k
-    rule = _rule(place.at("rule")) if "rule" in place.object else rule
+    rule = rule_at(place.at("rule")) if "rule" in place.object else rule
     direction = place.at("direction").array((3,)) if "direction" in place.object else None
     stated = [q for q in Quantity if q.value in place.object]
     limits = tuple(place.build(partial(_limit, place.at(q.value), q, k, rule, direction)) for q in stated)
     if not limits:
         raise place.error("has no limit", f"give one of {', '.join(q.value for q in Quantity)}")
-    return Feature(name, _selection(place), limits)
+    return limits
 
 
 def _limit(place: Place, quantity: Quantity, k: float, rule: Rule, direction: Any) -> Limit:
@@ -121,7 +126,8 @@ def _limit(place: Place, quantity: Quantity, k: float, rule: Rule, direction: An
     return Limit(quantity, value, k, rule, direction if quantity is Quantity.POSITION else None)
 
 
-def _selection(place: Place) -> Selection:
+def selection_at(place: Place) -> Selection:
+    """Return which edges a feature or datum names."""
     given = place.object
     part = place.at("part").text() if "part" in given else "*"
     chains = tuple(int(c) for c in place.at("chains").array((None,))) if "chains" in given else ()
@@ -139,7 +145,8 @@ def _kind(place: Place, name: str) -> EdgeKind:
     return known[name]
 
 
-def _rule(place: Place) -> Rule:
+def rule_at(place: Place) -> Rule:
+    """Return a decision rule."""
     known = {rule.value: rule for rule in Rule}
     if place.text() not in known:
         raise place.error(f"is an {UnknownName('decision rule', place.text(), known)}")

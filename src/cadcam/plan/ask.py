@@ -1,0 +1,99 @@
+"""What is asked of features, as quadratic forms of their covariance: the limits in one list, over all poses.
+
+A limit of a position is judged by the worst direction in which the feature can be displaced at all (not along a
+straight edge; not along the normal of a known plane, where its height is given and not measured), or along the
+direction that it names; a limit of an angle by the worst turn of the edge. With U = k sigma, the test uncertainty ratio
+is limit/U.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Mask
+from cadcam.plan.feature import LayoutFeature, plane_axes
+from cadcam.verify.tolerance import Limit, Quantity
+
+Longs = npt.NDArray[np.int64]
+_FREE = 1.0  # information, in units of a limit, along a straight edge: nothing is asked of it there
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Asked:
+    """L limits: whose (L,), the limits, and the basis (L, 3, 3) whose columns span what is judged, zero beyond.
+
+    turns (L,): whether it is the edge's slope that is judged. prior (L, 3, 3): what is known without a camera, 1/mm^2.
+    """
+
+    feature: Longs
+    limits: tuple[Limit, ...]
+    basis: Array
+    turns: Mask
+    prior: Array
+
+    def __len__(self) -> int:
+        return len(self.limits)
+
+    @property
+    def value(self) -> Array:
+        """Return the limits (L,) in mm and rad."""
+        return np.array([limit.value for limit in self.limits])
+
+    @property
+    def k(self) -> Array:
+        """Return their coverage factors (L,)."""
+        return np.array([limit.k for limit in self.limits])
+
+    def scaled(self, information: Array) -> Array:
+        """Return information (..., L, 3, 3) in units of each limit, with what is known before, and along edges."""
+        return np.asarray((information + self.known) * (self.value**2)[:, None, None])
+
+    @property
+    def known(self) -> Array:
+        """Return what is known without a camera (L, 3, 3), and along straight edges what leaves nothing singular."""
+        out = np.zeros((len(self), 3, 3))
+        spanned = self.basis @ np.swapaxes(self.basis, -1, -2)
+        rank = np.rint(np.trace(spanned, axis1=-2, axis2=-1))
+        edge = (rank == 2) & (self.prior == 0).all(axis=(-2, -1))
+        out[edge] = _FREE * (np.eye(3) - spanned[edge])
+        return np.asarray(self.prior + out / (self.value**2)[:, None, None])
+
+    def worst(self, covariance: Array) -> tuple[Array, Array]:
+        """Return the largest sigma (..., L) that is judged, mm or rad, and its direction (..., L, 3); NaN if none."""
+        B = self.basis
+        inner = np.swapaxes(B, -1, -2) @ covariance @ B
+        known = np.asarray(np.isfinite(inner).all(axis=(-2, -1)))
+        w, V = np.linalg.eigh(np.where(known[..., None, None], inner, 0.0))
+        sigma = np.where(known, np.sqrt(np.maximum(w[..., -1], 0.0)), np.nan)
+        return np.asarray(sigma), np.asarray((B @ V[..., -1:])[..., 0])
+
+
+def asked_of(features: Sequence[LayoutFeature], plane_mm: Array) -> Asked:
+    """Return the limits of some features; plane_mm (F,): sigma of the height of their known planes, NaN for none."""
+    owner, limits, bases, turns, prior = [], [], [], [], []
+    for i, feature in enumerate(features):
+        for limit in feature.limits:
+            owner.append(i)
+            limits.append(limit)
+            bases.append(_basis(feature, limit))
+            turns.append(limit.quantity is Quantity.ANGLE)
+            n = feature.normal
+            height = np.isfinite(plane_mm[i]) and n is not None
+            prior.append(np.outer(n, n) / plane_mm[i] ** 2 if height and n is not None else np.zeros((3, 3)))
+    return Asked(np.array(owner), tuple(limits), np.array(bases), np.array(turns, bool), np.array(prior))
+
+
+def _basis(feature: LayoutFeature, limit: Limit) -> Array:
+    out = np.zeros((3, 3))
+    if limit.direction is not None:
+        out[:, 0] = limit.direction
+        return out
+    along = feature.along if feature.along is not None else feature.normal if feature.plane_mm is not None else None
+    if along is None:
+        return np.eye(3)
+    out[:, 0], out[:, 1] = plane_axes(along)
+    return out

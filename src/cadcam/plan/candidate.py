@@ -1,0 +1,156 @@
+"""Candidate cameras: every place of every mount with every camera type that may be there, as viewpoints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.camera.camera import Camera
+from cadcam.camera.optics import Optics
+from cadcam.camera.sensitivity import project_with_sensitivity
+from cadcam.camera.viewpoint import ErrorSource, KnownMotion, Viewpoint
+from cadcam.errors import DegenerateGeometry
+from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rotation import hat
+from cadcam.plan.scene import CalibratedFrom, CameraType, LayoutScene, Mount, Sigmas
+
+_ALONG = 1e-6  # sine of the angle to "up" from which a view is taken for vertical
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """A camera that could be mounted: its viewpoint, with all that will be uncertain about it, and its optics.
+
+    shared: the name of the mount if its cameras are one camera that is moved; else "".
+    """
+
+    name: str
+    mount: str
+    type: CameraType
+    viewpoint: Viewpoint
+    aim: Array
+    optics: Optics | None
+    fixed: bool = False
+    shared: str = ""
+    spread: bool = False
+
+    @property
+    def eye(self) -> Array:
+        """Return where it stands (3,), mm."""
+        return self.viewpoint.camera_from_world.origin
+
+    @property
+    def camera(self) -> Camera:
+        """Return its camera."""
+        return self.viewpoint.camera
+
+
+def candidates(scene: LayoutScene) -> tuple[Candidate, ...]:
+    """Return all candidates of a scene, in the order of its mounts; names count on within a mount."""
+    out: list[Candidate] = []
+    for mount in scene.mounts:
+        homes: dict[str, tuple[ErrorSource, Rigid]] = {}
+        several = len(mount.cameras) > 1
+        for i, (eye, aim) in enumerate(zip(mount.eyes, mount.aims, strict=True), 1):
+            for kind in mount.cameras:
+                name = f"{mount.name} {i}" if len(mount.eyes) > 1 else mount.name
+                name += f" ({kind})" if several else ""
+                out.append(placed(scene, mount, name, scene.cameras[kind], eye, aim, homes=homes))
+    return tuple(out)
+
+
+def placed(
+    scene: LayoutScene,
+    mount: Mount,
+    name: str,
+    kind: CameraType,
+    eye: Array,
+    aim: Array,
+    *,
+    homes: dict[str, tuple[ErrorSource, Rigid]],
+) -> Candidate:
+    """Return one candidate of a mount.
+
+    homes: the calibration of each camera type that is moved, and where it was calibrated: its first place.
+    """
+    distance = float(np.linalg.norm(np.asarray(aim) - np.asarray(eye)))
+    if not distance > 0:
+        raise DegenerateGeometry(f"candidate {name!r} aims at itself: position and aim are both {eye.tolist()}")
+    pose = aimed(eye, aim, mount.up)
+    camera = kind.camera(distance)
+    sigma = scene.finder.sigma_px or 1.0
+    if mount.one_camera:
+        source, home = homes.setdefault(kind.name, (_calibration(scene, kind, camera, pose), pose))
+        errors = _moved(source, home, pose, scene.motion, name)
+    else:
+        source = _calibration(scene, kind, camera, pose)
+        errors = ((source, np.eye(len(source.covariance))),)
+    viewpoint = Viewpoint(name, camera, pose, sigma, errors)
+    shared = mount.name if mount.one_camera else ""
+    return Candidate(name, mount.name, kind, viewpoint, aim, kind.optics(distance), mount.fixed, shared, mount.spread)
+
+
+def aimed(eye: Array, aim: Array, up: tuple[float, float, float]) -> Rigid:
+    """Return camera_from_world of a camera that looks at a point, `up` upwards; looking along it, y or x is up."""
+    forward = np.asarray(aim) - np.asarray(eye)
+    for direction in (up, (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)):
+        if np.linalg.norm(np.cross(forward, direction)) > _ALONG * np.linalg.norm(forward) * np.linalg.norm(direction):
+            return Rigid.look_at(eye, aim, up=direction)
+    raise DegenerateGeometry(f"no direction is up for a camera at {eye} that looks at {aim}")
+
+
+def _calibration(scene: LayoutScene, kind: CameraType, camera: Camera, pose: Rigid) -> ErrorSource:
+    """Return what a calibration leaves unknown: as the scene assumes, internals as the camera's own estimate says."""
+    n = 11 + len(camera.lens.parameters)
+    covariance = np.zeros((n, n))
+    if isinstance(scene.calibration, CalibratedFrom):
+        covariance[:11, :11] = calibrated(scene, scene.calibration, camera, pose, internals=kind.estimate is None)
+    else:
+        covariance[:11, :11] = np.diag(scene.calibration.variances)
+    if kind.estimate is not None:
+        covariance[6:] = covariance[:, 6:] = 0.0
+        covariance[6:, 6:] = (kind.estimate.noise_px**2 * kind.estimate.cofactor)[6:, 6:]
+    return ErrorSource("calibration", covariance, object())
+
+
+def calibrated(scene: LayoutScene, assumed: CalibratedFrom, camera: Camera, pose: Rigid, *, internals: bool) -> Array:
+    """Return the covariance (11, 11) of a calibration's local coordinates, from points over the picture and the depth.
+
+    internals: whether focal length and principal point are found too, or only the place.
+    """
+    world = next(iter(scene.poses.values()))
+    low, high = scene.part.bounds
+    corners = np.array([[(low, high)[i][0], (low, high)[j][1], (low, high)[k][2]] for i, j, k in np.ndindex(2, 2, 2)])
+    depth = (pose @ (world @ corners))[:, 2]
+    near, far = max(float(depth.min()), 0.05 * float(depth.max())), float(depth.max())
+    if not far > 0:
+        near, far = 1000.0, 2000.0  # it looks away from the part: nothing will be asked of it
+    i = np.arange(assumed.points) + 0.5  # evenly in three dimensions (Roberts' sequence, the plastic number's powers)
+    u = (i[:, None] * np.array([0.8191725134, 0.6710436067, 0.5497004779])) % 1
+    rays = camera.unproject(u[:, :2] * np.array(camera.size) - 0.5)
+    z = near + u[:, 2] * (far - near)
+    points = rays / rays[:, 2:] * z[:, None]
+    _, J = project_with_sensitivity(camera, pose, pose.inv @ points[np.isfinite(points).all(axis=1)])
+    sigma = np.hypot(assumed.sigma_px, assumed.points_mm * np.linalg.norm(J[..., :3], axis=(1, 2)) / np.sqrt(2))
+    free = [*range(6), 7, 9, 10] if internals else list(range(6))
+    A = (J[..., free] / sigma[:, None, None]).reshape(-1, len(free))
+    scale = np.linalg.norm(A, axis=0)
+    out = np.zeros((11, 11))
+    inverse = np.linalg.pinv(A / scale)
+    out[np.ix_(free, free)] = inverse @ inverse.T / np.outer(scale, scale)
+    return out
+
+
+def _moved(
+    source: ErrorSource, home: Rigid, pose: Rigid, sigmas: Sigmas, name: str
+) -> tuple[tuple[ErrorSource, Array], ...]:
+    """Return the errors of a camera that was calibrated at `home` and moved from there (`Viewpoint.moved`)."""
+    motion = KnownMotion(pose.inv @ home).known_to(sigmas.position_mm, sigmas.rotation, about=home.origin)
+    R, F = motion.new_from_old.rotation, home.origin
+    of_home = np.eye(len(source.covariance))
+    of_home[:3, :3] = of_home[3:6, 3:6] = R
+    of_motion = np.zeros((len(of_home), 6))
+    of_motion[:3, :3], of_motion[:3, 3:], of_motion[3:6, 3:] = R, -R @ hat(F), -R
+    return (source, of_home), (ErrorSource("motion", motion.covariance, motion), of_motion)

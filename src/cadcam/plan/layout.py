@@ -1,0 +1,245 @@
+"""The layout of a scene: which cameras to take, what they will measure, why these."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cadcam.arrays import Array, Mask
+from cadcam.errors import BadValue, UnseenFeatures
+from cadcam.geometry.rigid import Rigid
+from cadcam.plan.ask import Asked, asked_of
+from cadcam.plan.assess import Assessment, Outcome, assess, informations
+from cadcam.plan.candidate import Candidate, candidates
+from cadcam.plan.feature import Places
+from cadcam.plan.look import Look, Why, look
+from cadcam.plan.scene import LayoutScene
+from cadcam.plan.search import MEASURED, Found, Problem, Score, as_targets, best_set, one_fewer, one_more, ranked
+from cadcam.plan.surroundings import Surroundings
+
+Step = Callable[[], None]
+
+
+def _nothing() -> None: ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Survey:
+    """All candidates of a scene with what each sees: made once, asked many times.
+
+    left_out: candidates of zones that would stand inside of something, with what.
+    """
+
+    scene: LayoutScene
+    candidates: tuple[Candidate, ...]
+    looks: tuple[Look, ...]
+    places: Places
+    asked: Asked
+    surroundings: Surroundings
+    problem: Problem
+    left_out: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def poses(self) -> tuple[Rigid, ...]:
+        """Return world_from_part of all poses."""
+        return tuple(self.scene.poses.values())
+
+    @property
+    def fixed(self) -> tuple[int, ...]:
+        """Return the numbers of the candidates that are there already."""
+        return tuple(i for i, c in enumerate(self.candidates) if c.fixed)
+
+    def assess(self, chosen: Sequence[int]) -> Assessment:
+        """Return what some candidates measure together."""
+        return assess(
+            [self.candidates[i] for i in chosen],
+            [self.looks[i] for i in chosen],
+            self.places,
+            self.poses,
+            self.asked,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Role:
+    """What a chosen camera is there for: features it sees in all poses and in some, and what is lost without it.
+
+    without: the score of the set without it; only_it: limits that are measured in all poses only because of it.
+    """
+
+    sees: int
+    sees_in_some: int
+    without: Score
+    only_it: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """The chosen cameras of a scene, what they measure, and how they were found.
+
+    chosen: numbers of candidates, the fixed ones first. all_of_them: the score with every candidate at once, which no
+    choice can beat. growth: the score by number of cameras around the chosen one.
+    """
+
+    survey: Survey
+    chosen: tuple[int, ...]
+    assessment: Assessment
+    found: Found
+    roles: tuple[Role, ...]
+    all_of_them: Score
+    growth: tuple[tuple[int, Score], ...] = field(default=())
+
+    @property
+    def cameras(self) -> tuple[Candidate, ...]:
+        """Return the chosen cameras."""
+        return tuple(self.survey.candidates[i] for i in self.chosen)
+
+    @property
+    def looks(self) -> tuple[Look, ...]:
+        """Return what each of them sees."""
+        return tuple(self.survey.looks[i] for i in self.chosen)
+
+    @property
+    def outcomes(self) -> list[Outcome]:
+        """Return what can be said of each limit, in its worst pose."""
+        return self.assessment.outcomes(self.survey.scene.tur)
+
+    @property
+    def outcome(self) -> Outcome:
+        """Return the worst of all outcomes."""
+        return max(self.outcomes, key=lambda o: o.rank)
+
+
+def survey(scene: LayoutScene, *, step: Step = _nothing) -> Survey:
+    """Return what every candidate of a scene sees; step is called after each.
+
+    Raises `BadValue` for a camera inside of the part or an obstacle, `UnseenFeatures` for features that none sees.
+    """
+    around = Surroundings(scene.part, scene.obstacles)
+    chosen, left_out = _outside(candidates(scene), around, scene)
+    places = Places.of(scene.features)
+    poses = tuple(scene.poses.values())
+    looks = []
+    for candidate in chosen:
+        looks.append(
+            look(candidate.viewpoint, candidate.optics, places, poses, around, finder=scene.finder, seeing=scene.seeing)
+        )
+        step()
+    _refuse_unseen(scene, looks)
+    asked = asked_of(scene.features, _plane_sigmas(scene))
+    return Survey(
+        scene, chosen, tuple(looks), places, asked, around, Problem(informations(looks, asked), asked), left_out
+    )
+
+
+def plan_layout(scene: LayoutScene | Survey, k: int | None = None, *, step: Step = _nothing) -> Layout:
+    """Return the best k cameras (default: what the scene says) beside the fixed ones, and what they measure.
+
+    The worst limit's test uncertainty ratio decides, over all poses. The search takes each camera's errors for its own;
+    what is stated of the chosen ones knows which they share. Raises as `survey`.
+    """
+    seen = survey(scene, step=step) if isinstance(scene, LayoutScene) else scene
+    fixed, problem = seen.fixed, seen.problem
+    k = min(seen.scene.choose, problem.candidates - len(fixed)) if k is None else k
+    if k == 0 and not fixed:
+        raise BadValue("number of cameras", 0, "at least 1, where none is fixed")
+    found = best_set(problem, k, fixed=fixed, step=step)
+    chosen = (*fixed, *found.chosen)
+    growth = {len(chosen): found.score}
+    if len(chosen) > 2 and found.chosen:
+        growth[len(chosen) - 1] = one_fewer(problem, found.chosen, fixed=fixed)
+    if len(chosen) < problem.candidates:
+        growth[len(chosen) + 1] = one_more(problem, found.chosen, fixed=fixed)
+    step()
+    return Layout(
+        seen,
+        chosen,
+        seen.assess(chosen),
+        found,
+        tuple(_role(seen, chosen, i) for i in chosen),
+        problem.score(range(problem.candidates)),
+        tuple(sorted(growth.items())),
+    )
+
+
+def next_views(seen: Survey, have: Sequence[int]) -> list[tuple[Candidate, Score]]:
+    """Return the other candidates with the score that each would bring to the cameras `have`, the best first."""
+    order = ranked(seen.problem, have, range(len(seen.candidates)))
+    return [(seen.candidates[i], score) for i, score in order]
+
+
+def _role(seen: Survey, chosen: Sequence[int], i: int) -> Role:
+    sees = seen.looks[i].seen
+    without = [c for c in chosen if c != i]
+    poses = len(seen.poses)
+    measured = _measured(seen, chosen, poses)
+    left = _measured(seen, without, poses)
+    return Role(
+        int(sees.all(axis=0).sum()),
+        int(sees.any(axis=0).sum()),
+        seen.problem.score(without),
+        int((measured & ~left).sum()),
+    )
+
+
+def _measured(seen: Survey, chosen: Sequence[int], poses: int) -> Mask:
+    return np.asarray((as_targets(seen.problem.ratios(chosen), poses) > MEASURED).all(axis=0))
+
+
+def _outside(
+    every: Sequence[Candidate], around: Surroundings, scene: LayoutScene
+) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...]]:
+    """Return the candidates that stand in free space, and those of zones that do not, with what they are inside of."""
+    inside: dict[bytes, str] = {}
+    kept, left_out = [], []
+    for candidate in every:
+        eye = candidate.eye
+        key = np.round(eye, 6).tobytes()
+        if key not in inside:
+            inside[key] = around.holds(eye, dict(scene.poses))
+        if not inside[key]:
+            kept.append(candidate)
+        elif candidate.spread:
+            left_out.append((candidate.name, inside[key]))
+        else:
+            raise BadValue(
+                f"position of camera {candidate.name!r}",
+                f"{np.round(eye, 3).tolist()} mm, inside of {inside[key]}",
+                "a place in free space; are part, pose and mount in the same world?",
+            )
+    if not kept:
+        raise BadValue("candidates", f"{len(every)}, all inside of {left_out[0][1]}", "mounts in free space")
+    return tuple(kept), tuple(left_out)
+
+
+def _refuse_unseen(scene: LayoutScene, looks: Sequence[Look]) -> None:
+    seen = np.any([o.seen.any(axis=0) for o in looks], axis=0)
+    if seen.all():
+        return
+    lines = []
+    for i in np.flatnonzero(~seen):
+        codes = Counter(int(c) for o in looks for c in o.why[:, i])
+        total = sum(codes.values())
+        said = ", ".join(f"{Why(c).words} {n / total:.0%}" for c, n in codes.most_common())
+        lines.append(f"{scene.features[i].name!r} ({said})")
+    names = tuple(scene.features[i].name for i in np.flatnonzero(~seen))
+    shown = "; ".join(lines[:5]) + (f"; and {len(lines) - 5} more" if len(lines) > 5 else "")
+    raise UnseenFeatures(
+        f"no candidate sees {len(lines)} of {len(seen)} features: {shown}; check their places and normals, or add mounts",
+        names,
+    )
+
+
+def _plane_sigmas(scene: LayoutScene) -> Array:
+    """Return the sigma (F,) mm of each known plane's height: its own, and how well the part lies in its pose."""
+    middle = scene.part.bounds.mean(axis=0)
+    out = np.full(len(scene.features), np.nan)
+    for i, feature in enumerate(scene.features):
+        if feature.plane_mm is not None and feature.normal is not None:
+            lever = np.linalg.norm(np.cross(feature.p - middle, feature.normal))
+            lies = scene.placement
+            out[i] = np.sqrt(feature.plane_mm**2 + lies.position_mm**2 + (lies.rotation * lever) ** 2)
+    return out

@@ -1,0 +1,292 @@
+"""What one camera sees of all features in all poses of the part, how well, and what its picture tells of them.
+
+Seen is what lies in the picture, away from its border; faces the camera; is sharp and large enough; and is hidden
+neither by the part itself nor by what stands around: of a point itself, of a circle's rim and an edge's stations a
+share. Rays are cast in the part's frame against the part, and in the world against the rest, so that nothing is built
+anew for a pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Mask
+from cadcam.camera.optics import Optics
+from cadcam.camera.viewpoint import Viewpoint
+from cadcam.geometry.rigid import Rigid
+from cadcam.plan.evidence import Evidence
+from cadcam.plan.feature import Places
+from cadcam.plan.finding import Finder, blur_sigmas, circle_covariance, defocus, edge_variance, point_covariance
+from cadcam.plan.scene import Seeing
+from cadcam.plan.surroundings import Surroundings
+
+Codes = npt.NDArray[np.int8]
+_FLAT = 0.05  # px: a station's piece of an edge that is seen along itself is shorter
+
+
+class Why(IntEnum):
+    """Why a camera does not see a feature; the first that applies."""
+
+    SEEN = 0
+    OUTSIDE = 1
+    OBLIQUE = 2
+    SMALL = 3
+    BLURRED = 4
+    HIDDEN = 5
+
+    @property
+    def words(self) -> str:
+        """Return it in words."""
+        return (
+            "seen",
+            "out of the picture",
+            "seen too obliquely or from behind",
+            "too small",
+            "out of focus",
+            "hidden",
+        )[self]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """What a camera sees of F features in P poses.
+
+    why (P, F) codes of `Why`; mm_per_px, incidence (rad; NaN without a normal), blur_px (diameter of a point's disc),
+    distance (mm), sigma_px (of the measured place in the picture, its worst direction), each (P, F). evidence: of the
+    features' displacements in part axes, (P, F); turns: of straight edges' slopes, (P, F). shift, bend (P, F, 2, 2):
+    covariance of the picture's shift there by the camera's own errors, px^2, and of its change along an edge, px^2/mm^2.
+    """
+
+    why: Codes
+    mm_per_px: Array
+    incidence: Array
+    blur_px: Array
+    distance: Array
+    sigma_px: Array
+    evidence: Evidence
+    turns: Evidence
+    shift: Array
+    bend: Array
+
+    @property
+    def seen(self) -> Mask:
+        """Return which features are seen (P, F)."""
+        return np.asarray(self.why == Why.SEEN)
+
+
+def look(
+    viewpoint: Viewpoint,
+    optics: Optics | None,
+    places: Places,
+    poses: Sequence[Rigid],
+    surroundings: Surroundings,
+    *,
+    finder: Finder,
+    seeing: Seeing,
+) -> Look:
+    """Return what a camera sees of the features at some places of the part in some poses (world_from_part)."""
+    view = _View(viewpoint, optics, places, poses)
+    share = _share_seen(view, surroundings, seeing)
+    why = _why(view, share, seeing)
+    seen = why == Why.SEEN
+    evidence, turns, sigma = _evidence(view, finder, seen, share.visible)
+    J = view.J[:, view.central]
+    return Look(
+        why=why,
+        mm_per_px=np.sqrt(2) / np.linalg.norm(J, axis=(-2, -1)),
+        incidence=view.incidence,
+        blur_px=view.defocus,
+        distance=view.distance,
+        sigma_px=np.where(seen, sigma, np.nan),
+        evidence=evidence.where(seen),
+        turns=turns.where(seen),
+        shift=view.shift(),
+        bend=view.bend(),
+    )
+
+
+class _View:
+    """The places as the camera has them: q (P, S, 2) px, J (P, S, 2, 3) by the part's own axes."""
+
+    def __init__(self, viewpoint: Viewpoint, optics: Optics | None, places: Places, poses: Sequence[Rigid]) -> None:
+        self.viewpoint, self.optics, self.places = viewpoint, optics, places
+        self.R = np.stack([pose.rotation for pose in poses])
+        self.t = np.stack([pose.translation for pose in poses])
+        camera, pose = viewpoint.camera, viewpoint.camera_from_world
+        p_world = self.world(places.p)
+        self.in_camera = pose @ p_world
+        self.q, J = camera.project_with_jacobian(self.in_camera)
+        self.J = J @ pose.rotation @ self.R[:, None]
+        inside = self.q + 0.5
+        border = np.minimum(inside, np.array(camera.size) - inside).min(axis=-1)
+        self.border = np.where(np.isfinite(border), border, -np.inf)
+        eye = pose.origin - self.t
+        self.eye = np.einsum("pji,pj->pi", self.R, eye)  # in the part frame
+        towards = self.eye[:, None] - places.centre
+        self.distance = np.linalg.norm(towards, axis=-1)
+        cosine = np.einsum("pfi,fi->pf", towards, places.normal) / self.distance
+        self.incidence = np.arccos(np.clip(cosine, -1, 1))
+        z = (pose @ self.world(places.centre))[..., 2]
+        z = np.where(z > 0, z, np.nan)
+        self.defocus = defocus(optics, z)
+        self.blur = blur_sigmas(optics, z)
+        self.sharp = (
+            float(blur_sigmas(optics, optics.distance_mm)) if optics is not None else float(blur_sigmas(None, 1.0))
+        )
+        # the picture of the unit circle in each feature's own plane, where it has one
+        self._first = np.flatnonzero(np.diff(places.feature, prepend=-1))
+        self.central = self._central()
+        radius = np.where(places.is_circle, places.diameter / 2, 1.0)
+        self.A = self.J[:, self.central] @ (places.axes * radius[:, None, None])
+
+    def world(self, p: Array) -> Array:
+        """Return part points (n, 3) in the world (P, n, 3)."""
+        return np.asarray(np.einsum("pij,nj->pni", self.R, p) + self.t[:, None])
+
+    def shift(self) -> Array:
+        """Return the covariance (P, F, 2, 2) px^2 of the picture's shift at each feature, by the camera's errors."""
+        return self._squared(self._moves(self.places.centre))
+
+    def bend(self) -> Array:
+        """Return the covariance (P, F, 2, 2) (px/mm)^2 of its change along straight edges; 0 elsewhere."""
+        out = np.zeros((len(self.R), len(self.places.centre), 2, 2))
+        straight = self.places.is_straight
+        if straight.any():
+            a, b = self.places.ends[straight, 0], self.places.ends[straight, 1]
+            length = np.linalg.norm(b - a, axis=1)[:, None, None]
+            out[:, straight] = self._squared(
+                [(v - u) / length for u, v in zip(self._moves(a), self._moves(b), strict=True)]
+            )
+        return out
+
+    def _moves(self, p: Array) -> list[Array]:
+        """Return how each error source of unit variance moves the picture of part points: (P, n, 2, k) each."""
+        _, _, effects = self.viewpoint.project(self.world(p).reshape(-1, 3))
+        sources = [source for source, _ in self.viewpoint.errors]
+        roots = [np.nan_to_num(D @ source.root) for source, D in zip(sources, effects, strict=True)]
+        return [E.reshape(len(self.R), len(p), 2, E.shape[-1]) for E in roots]
+
+    def _squared(self, moves: list[Array]) -> Array:
+        none = np.zeros((1, 1, 2, 2))
+        return np.asarray(sum((E @ np.swapaxes(E, -1, -2) for E in moves), none))
+
+    def sums(self, values: Array) -> Array:
+        """Return the sums (P, F, ...) over each feature's places of values (P, S, ...)."""
+        return np.asarray(np.add.reduceat(values, self._first, axis=1))
+
+    def _central(self) -> npt.NDArray[np.int64]:
+        """Return the place (F,) next to each feature's middle: where it is measured, or the middle of its stations."""
+        last = np.append(self._first[1:], len(self.places.feature)) - 1
+        return np.where(self.places.is_edge, (self._first + last) // 2, last)
+
+
+@dataclass(slots=True, eq=False)
+class _Share:
+    """Which places are in sight and in the picture (P, S); by feature the shares (P, F) in sight and in the picture."""
+
+    visible: Mask
+    seen: Array
+    inside: Array
+
+
+def _share_seen(view: _View, surroundings: Surroundings, seeing: Seeing) -> _Share:
+    places = view.places
+    inside = view.border >= seeing.border_px
+    sighted = np.broadcast_to(places.sighted, inside.shape)
+    count = view.sums(sighted.astype(float))
+    share_inside = view.sums((inside & sighted).astype(float)) / count
+    facing = ~(view.incidence > seeing.incidence)  # NaN: any side
+    ask = inside & sighted & facing[:, places.feature]
+    pose, place = np.nonzero(ask)
+    visible = np.zeros_like(ask)
+    hidden = surroundings.hidden(view.R, view.t, view.eye, pose, places.p[place])
+    visible[pose, place] = ~hidden
+    return _Share(visible, view.sums(visible.astype(float)) / count, share_inside)
+
+
+def _why(view: _View, share: _Share, seeing: Seeing) -> Codes:
+    places = view.places
+    needed = np.where(places.is_edge | places.is_circle, seeing.share, 1.0)
+    inside_needed = np.where(places.is_edge, seeing.share, 1.0)
+    small = np.zeros(share.seen.shape, bool)
+    minor = np.abs(np.linalg.det(view.A)) / np.maximum(np.linalg.norm(view.A, axis=(-2, -1)), 1e-300)
+    small[:, places.is_circle] = 2 * minor[:, places.is_circle] < seeing.least_px
+    length = view.sums(np.nan_to_num(np.linalg.norm(_along(view), axis=-1)) * share.visible)
+    small[:, places.is_edge] = (length < seeing.least_px)[:, places.is_edge]
+    tests: tuple[tuple[Why, Any], ...] = (
+        (Why.HIDDEN, share.seen < needed - 1e-9),
+        (Why.BLURRED, view.defocus > seeing.blur_px),
+        (Why.SMALL, small & (share.seen >= needed - 1e-9)),
+        (Why.OBLIQUE, view.incidence > seeing.incidence),
+        (Why.OUTSIDE, share.inside < inside_needed - 1e-9),
+    )
+    why = np.zeros(share.seen.shape, np.int8)
+    for code, applies in tests:
+        why[applies] = code
+    return why
+
+
+def _along(view: _View) -> Array:
+    """Return the picture (P, S, 2) of the piece of edge that each station stands for, px; NaN elsewhere."""
+    return np.asarray((view.J @ (view.places.tangent * view.places.length[:, None])[..., None])[..., 0])
+
+
+def _evidence(view: _View, finder: Finder, seen: Mask, visible: Mask) -> tuple[Evidence, Evidence, Array]:
+    """Return evidence of displacements and of slopes (P, F), and the worst sigma (P, F) px in the picture."""
+    places, P, F = view.places, len(view.R), len(view.places.centre)
+    W, slope, sigma = np.zeros((P, F, 2, 2)), np.zeros((P, F, 2, 2)), np.full((P, F), np.nan)
+    marks, edges = ~places.is_edge, places.is_edge
+    if marks.any():
+        noise = _mark_noise(view, finder, marks)
+        usable = seen[:, marks] & np.isfinite(noise).all(axis=(-2, -1))
+        noise = np.where(usable[..., None, None], noise, np.eye(2))
+        W[:, marks] = np.linalg.inv(noise)
+        sigma[:, marks] = np.sqrt(np.linalg.eigvalsh(noise)[..., -1])
+    if edges.any():
+        along, across, own = _edges(view, finder, seen, visible)
+        W[:, edges], slope[:, edges], sigma[:, edges] = along[:, edges], across[:, edges], own[:, edges]
+    J = view.J[:, view.central]
+    J = np.where(np.isfinite(J), J, 0.0)
+    return Evidence(J, W), Evidence(J, slope), sigma
+
+
+def _mark_noise(view: _View, finder: Finder, marks: Mask) -> Array:
+    """Return the covariance (P, M, 2, 2) px^2 of points and circles."""
+    places, blur = view.places, view.blur[:, marks]
+    noise = np.full((*blur.shape, 2, 2), np.nan)
+    faced = np.isfinite(places.normal[marks]).all(axis=1)
+    sized = places.is_circle[marks] | np.isfinite(places.diameter[marks])
+    A = np.where(np.isfinite(view.A[:, marks]), view.A[:, marks], 1.0)
+    for which, known in ((faced & sized, True), (faced & ~sized, False)):
+        if which.any():
+            noise[:, which] = circle_covariance(finder, A[:, which], blur[:, which], sharp_px=view.sharp, sized=known)
+    if (~faced).any():
+        noise[:, ~faced] = point_covariance(finder, blur[:, ~faced], sharp_px=view.sharp)
+    return noise
+
+
+def _edges(view: _View, finder: Finder, seen: Mask, visible: Mask) -> tuple[Array, Array, Array]:
+    """Return W (P, F, 2, 2) of edges' displacements and slopes, and the sigma (P, F) px of each as a whole.
+
+    Every station tells across its piece of edge; of a straight one all across the same direction.
+    """
+    places = view.places
+    along = np.nan_to_num(_along(view))
+    length = np.linalg.norm(along, axis=-1)
+    use = visible & seen[:, places.feature] & places.is_edge[places.feature] & (length > _FLAT)
+    whole = view.sums(np.where(use[..., None], along, 0.0))
+    along = np.where(places.is_straight[places.feature][:, None], whole[:, places.feature], along)
+    n = np.stack([-along[..., 1], along[..., 0]], axis=-1)
+    n = n / np.maximum(np.linalg.norm(n, axis=-1, keepdims=True), 1e-12)
+    total = np.maximum(view.sums(np.where(use, length, 0.0)), 1e-12)
+    with np.errstate(invalid="ignore"):
+        variance = edge_variance(finder, total, view.blur, sharp_px=view.sharp)
+        weight = np.where(use, length / (total * variance)[:, places.feature], 0.0)
+    nn = np.nan_to_num(weight)[..., None, None] * (n[..., :, None] * n[..., None, :])
+    return view.sums(nn), view.sums(nn * (places.from_middle**2)[:, None, None]), np.asarray(np.sqrt(variance))

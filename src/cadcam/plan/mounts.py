@@ -1,0 +1,58 @@
+"""Places for cameras spread over zones: boxes and arcs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.errors import BadValue
+from cadcam.plan.feature import plane_axes
+
+_MOST = 5000
+
+
+def in_box(box: Array, count: int) -> Array:
+    """Return at most `count` places (n, 3) on a grid in a box (2, 3), corners included.
+
+    Sides may be 0: a wall, a line. The spacing is about the same along all sides.
+    """
+    _check(count)
+    size = box[1] - box[0]
+    if (size < 0).any():
+        raise BadValue("box_mm", box.tolist(), "[lowest corner, highest corner], x, y, z in mm")
+    long = size > 0
+    if not long.any():
+        return box[:1].copy()
+    n = np.ones(3, int)
+    low, high = 1e-6 * size.max(), float(size.max())
+    for _ in range(60):  # the spacing of a grid with at most `count` places, by halving
+        spacing = np.sqrt(low * high)
+        n[long] = np.maximum(np.floor(size[long] / spacing).astype(int) + 1, 1)
+        low, high = (spacing, high) if n.prod() > count else (low, spacing)
+    n[long] = np.maximum(np.floor(size[long] / high + 1e-9).astype(int) + 1, 1)
+    axes = [np.linspace(box[0, i], box[1, i], n[i]) if n[i] > 1 else box[:, i].mean(keepdims=True) for i in range(3)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def arc(centre: Array, radius: float, start_deg: float, end_deg: float, count: int, *, axis: Array) -> Array:
+    """Return `count` places (n, 3) on an arc around an axis through its centre; angles from x towards y about z.
+
+    About another axis they count from the direction across it that is nearest to x. A whole turn has no place twice.
+    """
+    _check(count)
+    if not radius > 0:
+        raise BadValue("radius_mm", radius, "a positive number")
+    length = float(np.linalg.norm(axis))
+    if not length > 0:
+        raise BadValue("axis", axis.tolist(), "a vector that is not zero")
+    z = axis / length
+    x = np.array([1.0, 0, 0]) - z[0] * z
+    x = x / np.linalg.norm(x) if np.linalg.norm(x) > 1e-6 else plane_axes(z)[0]
+    whole = abs(abs(end_deg - start_deg) - 360) < 1e-9
+    angle = np.radians(np.linspace(start_deg, end_deg, count, endpoint=not whole))
+    return np.asarray(centre + radius * (np.cos(angle)[:, None] * x + np.sin(angle)[:, None] * np.cross(z, x)))
+
+
+def _check(count: int) -> None:
+    if not 1 <= count <= _MOST:
+        raise BadValue("count", count, f"a whole number from 1 to {_MOST}")

@@ -1,0 +1,186 @@
+"""The scene of a layout: the part and its poses, what stands around, where cameras may be, what has to be measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from cadcam.arrays import Array, frozen
+from cadcam.cad.mesh import Mesh
+from cadcam.camera.camera import Camera
+from cadcam.camera.estimate import CameraEstimate
+from cadcam.camera.optics import Optics
+from cadcam.camera.sensor_format import SensorFormat
+from cadcam.errors import BadValue
+from cadcam.geometry.rigid import Rigid
+from cadcam.plan.feature import LayoutFeature
+from cadcam.plan.finding import Finder
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraType:
+    """A camera with its lens that can be bought, or one that is calibrated.
+
+    focus_mm: what distance it is focused at; None: each at what it aims at. estimate: its calibration, whose covariance
+    then counts in place of the scene's assumptions about internals; with one, `sensor` is only needed for blur.
+    """
+
+    name: str
+    sensor: SensorFormat | None = None
+    focal_mm: float | None = None
+    f_number: float | None = None
+    focus_mm: float | None = None
+    image_circle_mm: float | None = None
+    own: Camera | None = None
+    estimate: CameraEstimate | None = None
+
+    def __post_init__(self) -> None:
+        if self.own is None and (self.sensor is None or self.focal_mm is None):
+            raise BadValue(
+                f"camera {self.name!r}", "without sensor or focal_mm", "both, or the file of a calibrated one"
+            )
+        if self.sensor is not None and self.own is None and self.sensor.pixels is None:
+            raise BadValue(f"pixels of camera {self.name!r}", "not known", "pixels: [columns, rows]")
+        self.optics(self.focus_mm if self.focus_mm is not None else 1e9)  # refuses what no lens does
+
+    def optics(self, distance_mm: float) -> Optics | None:
+        """Return the optics focused at its own distance, or at this one; None where the lens is not known."""
+        if self.sensor is None or self.focal_mm is None:
+            return None
+        focus = distance_mm if self.focus_mm is None else self.focus_mm
+        return Optics(self.sensor, self.focal_mm, focus, self.f_number, self.image_circle_mm)
+
+    def camera(self, distance_mm: float) -> Camera:
+        """Return the camera, focused as `optics` is."""
+        if self.own is not None:
+            return self.own
+        optics = self.optics(distance_mm)
+        assert optics is not None  # by __post_init__
+        return optics.camera()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mount:
+    """Where cameras can be: eyes (N, 3) mm in the world, each aimed at a point (N, 3), with these camera types.
+
+    fixed: these cameras are there already and always among the chosen. one_camera: they are the places of one camera,
+    carried there by a known motion: its calibration errs alike at all of them, its motion at each by itself. spread:
+    places were spread over a zone, so that those inside of something are left out and not refused.
+    """
+
+    name: str
+    eyes: Array
+    aims: Array
+    cameras: tuple[str, ...]
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    fixed: bool = False
+    one_camera: bool = False
+    spread: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "eyes", frozen(self.eyes, f"positions of mount {self.name!r}", (None, 3)))
+        object.__setattr__(self, "aims", frozen(self.aims, f"aims of mount {self.name!r}", (len(self.eyes), 3)))
+
+
+@dataclass(frozen=True, slots=True)
+class Sigmas:
+    """Standard deviations of what is not known exactly: position of each axis, mm; rotation about each, rad; px."""
+
+    position_mm: float = 0.0
+    rotation: float = 0.0
+    focal_px: float = 0.0
+    principal_point_px: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise BadValue(name, value, "a number from 0 on")
+
+    @property
+    def variances(self) -> Array:
+        """Return the variances (11,) of the local coordinates of `cadcam.camera.sensitivity`."""
+        p, r, f, c = self.position_mm, self.rotation, self.focal_px, self.principal_point_px
+        return np.array([p, p, p, r, r, r, 0.0, f, 0.0, c, c]) ** 2
+
+
+@dataclass(frozen=True, slots=True)
+class CalibratedFrom:
+    """A calibration of each camera by itself, from points spread over its picture and the part's depth.
+
+    points: how many; sigma_px: noise of one pixel coordinate; points_mm: how well each coordinate of them is known.
+    Place, focal length and principal point are then known with the covariance that these leave, correlations included.
+    """
+
+    points: int = 30
+    sigma_px: float = 0.1
+    points_mm: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.points < 8:
+            raise BadValue("points of a calibration", self.points, "at least 8")
+        if not (np.isfinite(self.sigma_px) and self.sigma_px > 0):
+            raise BadValue("sigma_px of a calibration", self.sigma_px, "a positive number of px")
+        if not (np.isfinite(self.points_mm) and self.points_mm >= 0):
+            raise BadValue("points_mm of a calibration", self.points_mm, "a number of mm from 0 on")
+
+
+@dataclass(frozen=True, slots=True)
+class Seeing:
+    """When a feature counts as seen: at most this slant (rad) and blur, this far from the border, at least this large.
+
+    share: of a feature's places that have to be in sight: its rim, the stations of its edge.
+    """
+
+    incidence: float = float(np.radians(70.0))
+    blur_px: float = 4.0
+    border_px: float = 4.0
+    least_px: float = 6.0
+    share: float = 0.6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LayoutScene:
+    """All that a layout is planned from; poses are world_from_part by name, obstacles a mesh in the world, or None.
+
+    calibration: of every camera's place and internals, as sigmas or by what they are calibrated from; motion: of a
+    camera that is moved, at each place; placement: of the part in its pose, which counts for features on known planes,
+    seen by one camera. tur: the test uncertainty ratio limit/U that every limit should reach. choose: how many cameras
+    to choose beside the fixed ones. sources: (role, path, sha256) of files.
+    """
+
+    part: Mesh
+    poses: Mapping[str, Rigid]
+    cameras: Mapping[str, CameraType]
+    mounts: tuple[Mount, ...]
+    features: tuple[LayoutFeature, ...]
+    finder: Finder
+    obstacles: Mesh | None = None
+    calibration: Sigmas | CalibratedFrom = field(default_factory=Sigmas)
+    motion: Sigmas = field(default_factory=Sigmas)
+    placement: Sigmas = field(default_factory=Sigmas)
+    seeing: Seeing = field(default_factory=Seeing)
+    tur: float = 3.0
+    choose: int = 4
+    name: str = "layout"
+    sources: tuple[tuple[str, str, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        for what in ("poses", "cameras"):
+            if not getattr(self, what):
+                raise BadValue(f"{what} of the scene", "none", "at least one")
+            object.__setattr__(self, what, MappingProxyType(dict(getattr(self, what))))
+        for what in ("mounts", "features"):
+            things = getattr(self, what)
+            names = [t.name for t in things]
+            if not names:
+                raise BadValue(f"{what} of the scene", "none", "at least one")
+            if len(set(names)) != len(names):
+                raise BadValue(f"{what} of the scene", ", ".join(names), "each name once")
+        if not (np.isfinite(self.tur) and self.tur > 0):
+            raise BadValue("tur", self.tur, "a positive number: limit/U that every limit should reach")
+        if self.choose < 1:
+            raise BadValue("choose", self.choose, "at least 1 camera")

@@ -1,0 +1,306 @@
+"""The best set of k cameras: information adds up, so sets are compared by sums of 3x3 matrices.
+
+What is wanted is that the worst of all limits, in all poses, has the largest test uncertainty ratio: a criterion that a
+person understands, but one that says nothing while a feature cannot be measured at all, as with the first camera of a
+pair. So three greedy starts that always make headway (the logarithm of the determinant of the information, whose gains
+shrink as cameras are added; the mean logarithm of the ratios; a soft minimum of them), each then improved by exchanging
+one camera, and at last two, as long as that helps the criterion itself. Few candidates are tried out completely.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from math import comb
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Mask
+from cadcam.errors import BadValue
+from cadcam.plan.ask import Asked
+
+_WEAK = 1e-8  # information in units of a limit that keeps what no camera tells finite: a sigma of 10 000 limits
+MEASURED = 0.1  # ratio below which nothing was measured: U is ten times the limit
+_SHARP = 4.0  # power of the soft minimum
+_TRIED = 4000  # sets that are tried out completely
+_PAIRS = 3000  # exchanges of two that are tried
+_TOGETHER = 16_000  # ratios at a time: they stay in the cache
+
+Choice = tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """How good a set is: limits not measured (fewer is better), the worst ratio of the others, the mean log of all."""
+
+    unmeasured: int
+    worst: float
+    mean_log: float
+
+    @property
+    def value(self) -> tuple[float, float, float]:
+        """Return it as numbers of which larger is better, the first that differs deciding."""
+        return -float(self.unmeasured), self.worst, self.mean_log
+
+
+class Problem:
+    """Candidates' information on the limits in all poses, ready to be added up; poses and limits become T targets."""
+
+    def __init__(self, information: Array, asked: Asked) -> None:
+        """Take information (C, P, L, 3, 3) 1/mm^2 of each candidate by itself."""
+        C, P, L = information.shape[:3]
+        unit = (asked.value**2)[:, None, None]
+        self._each = _six((information * unit).reshape(C, P * L, 3, 3))
+        base = asked.scaled(np.zeros((L, 3, 3))) + _WEAK * np.eye(3)
+        self._base = _six(np.tile(base, (P, 1, 1)))
+        self._k = np.tile(asked.k, P)
+        self._basis = np.tile(asked.basis, (P, 1, 1))
+        rank = np.rint((self._basis**2).sum(axis=(-2, -1)))
+        self._groups = [(r, np.flatnonzero(rank == r)) for r in (1, 2, 3)]
+        self.candidates = C
+
+    def ratios(self, chosen: Sequence[int]) -> Array:
+        """Return the ratios (T,) of a set."""
+        return np.asarray(self._ratios(self.sum(chosen)[None])[0])
+
+    def sum(self, chosen: Sequence[int]) -> Array:
+        """Return the information (6, T) of a set, with what is known before."""
+        return np.asarray(self._base + self._each[list(chosen)].sum(axis=0))
+
+    def score(self, chosen: Sequence[int]) -> Score:
+        """Return how good a set is."""
+        return _scores(self.ratios(chosen)[None])[0]
+
+    def with_each(self, before: Array, added: Sequence[int], judge: Callable[[Array, Array], Array]) -> Array:
+        """Return judge(information (n, 6, T), ratios (n, T)) of each candidate that is added to a sum `before`."""
+        out = []
+        step = max(1, _TOGETHER // before.shape[-1])
+        for first in range(0, len(added), step):
+            total = before + self._each[list(added[first : first + step])]
+            out.append(judge(total, self._ratios(total)))
+        return np.concatenate(out)
+
+    def _ratios(self, total: Array) -> Array:
+        """Return the ratios (n, T) of information (n, 6, T)."""
+        out = np.zeros((total.shape[0], total.shape[2]))
+        for rank, at in self._groups:
+            if len(at):
+                C = _inverse(total[..., at])
+                variance = _largest(C) if rank == 3 else _spanned(C, self._basis[at], int(rank))
+                out[:, at] = 1 / (self._k[at] * np.sqrt(variance))
+        return out
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """The best set found, its score, and how: whether all sets were tried, the three starts' scores, exchanges made."""
+
+    chosen: Choice
+    score: Score
+    complete: bool
+    sets: int
+    exchanges: int
+
+
+def best_set(
+    problem: Problem,
+    k: int,
+    *,
+    fixed: Sequence[int] = (),
+    step: Callable[[], None] = lambda: None,
+    complete: bool | None = None,
+) -> Found:
+    """Return the best set of k candidates, those of `fixed` among them and not counted; k may be 0.
+
+    complete: try all sets; default where they are few. step: called at each stage, for a display of progress.
+    """
+    free = [c for c in range(problem.candidates) if c not in set(fixed)]
+    if not 0 <= k <= len(free):
+        raise BadValue("number of cameras", k, f"at most the {len(free)} candidates that there are")
+    if complete or (complete is None and comb(len(free), k) <= _TRIED):
+        return exhausted(problem, k, fixed=fixed)
+    best: tuple[Score, Choice] | None = None
+    exchanges = 0
+    for judge in (_by_information, _by_mean, _by_softest):
+        chosen, n = _exchanged(problem, _greedy(problem, k, tuple(fixed), free, judge), tuple(fixed), free)
+        score = problem.score((*fixed, *chosen))
+        exchanges += n
+        if best is None or score.value > best[0].value:
+            best = score, chosen
+        step()
+    assert best is not None
+    chosen, n = _pairs_exchanged(problem, best[1], tuple(fixed), free)
+    step()
+    return Found(tuple(sorted(chosen)), problem.score((*fixed, *chosen)), False, 0, exchanges + n)
+
+
+def exhausted(problem: Problem, k: int, *, fixed: Sequence[int] = ()) -> Found:
+    """Return the best of all sets of k candidates."""
+    free = [c for c in range(problem.candidates) if c not in set(fixed)]
+    best: tuple[Score, Choice] | None = None
+    tried = 0
+    for head in combinations(free, max(k - 1, 0)):
+        after = [c for c in free if not head or c > head[-1]]
+        if k and not after:
+            continue
+        before = problem.sum((*fixed, *head))
+        scores = _scores(problem.with_each(before, after, _ratios_only)) if k else [problem.score(tuple(fixed))]
+        tried += len(scores)
+        i = max(range(len(scores)), key=lambda j: scores[j].value)
+        if best is None or scores[i].value > best[0].value:
+            best = scores[i], (*head, after[i]) if k else ()
+    assert best is not None
+    return Found(best[1], best[0], True, tried, 0)
+
+
+def one_fewer(problem: Problem, chosen: Sequence[int], *, fixed: Sequence[int] = ()) -> Score:
+    """Return the score of a good set with one camera less than `chosen`: without its least needed, then exchanged."""
+    free = [c for c in range(problem.candidates) if c not in set(fixed)]
+    sets = [tuple(c for c in chosen if c != gone) for gone in chosen]
+    kept = max(sets, key=lambda s: problem.score((*fixed, *s)).value)
+    return problem.score((*fixed, *_exchanged(problem, kept, tuple(fixed), free)[0]))
+
+
+def one_more(problem: Problem, chosen: Sequence[int], *, fixed: Sequence[int] = ()) -> Score:
+    """Return the score of a good set with one camera more: with the one that helps most, then exchanged."""
+    free = [c for c in range(problem.candidates) if c not in set(fixed)]
+    first = ranked(problem, (*fixed, *chosen), free)[0][0]
+    return problem.score((*fixed, *_exchanged(problem, (*chosen, first), tuple(fixed), free)[0]))
+
+
+def ranked(problem: Problem, chosen: Sequence[int], among: Iterable[int]) -> list[tuple[int, Score]]:
+    """Return candidates with the score of the set that each makes with the chosen ones, the best first."""
+    added = [c for c in among if c not in set(chosen)]
+    if not added:
+        return []
+    scores = _scores(problem.with_each(problem.sum(chosen), added, _ratios_only))
+    return sorted(zip(added, scores, strict=True), key=lambda item: item[1].value, reverse=True)
+
+
+def _ratios_only(total: Array, ratios: Array) -> Array:
+    return ratios
+
+
+def _scores(ratios: Array) -> list[Score]:
+    measured: Mask = ratios > MEASURED
+    worst = np.where(measured, ratios, np.inf).min(axis=-1)
+    worst = np.where(np.isfinite(worst), worst, 0.0)
+    mean = np.log(np.maximum(ratios, 1e-9)).mean(axis=-1)
+    unmeasured = (~measured).sum(axis=-1)
+    return [Score(int(u), float(w), float(m)) for u, w, m in zip(unmeasured, worst, mean, strict=True)]
+
+
+def _by_information(total: Array, ratios: Array) -> Array:
+    return np.asarray(np.log(np.maximum(_determinant(total), 1e-300)).mean(axis=-1))
+
+
+def _by_mean(total: Array, ratios: Array) -> Array:
+    return np.asarray(np.log(ratios).mean(axis=-1))
+
+
+def _by_softest(total: Array, ratios: Array) -> Array:
+    return np.asarray(-np.mean(np.maximum(ratios, 1e-3) ** -_SHARP, axis=-1))
+
+
+def _greedy(
+    problem: Problem, k: int, fixed: Choice, free: Sequence[int], judge: Callable[[Array, Array], Array]
+) -> Choice:
+    chosen: Choice = ()
+    for _ in range(k):
+        left = [c for c in free if c not in chosen]
+        gains = problem.with_each(problem.sum((*fixed, *chosen)), left, judge)
+        chosen = (*chosen, left[int(np.argmax(gains))])
+    return chosen
+
+
+def _exchanged(problem: Problem, chosen: Choice, fixed: Choice, free: Sequence[int]) -> tuple[Choice, int]:
+    """Return the set after the best exchanges of one camera, as long as one helps, and how many were made."""
+    score, n = problem.score((*fixed, *chosen)), 0
+    while True:
+        best: tuple[Score, Choice] | None = None
+        for i in range(len(chosen)):
+            kept = chosen[:i] + chosen[i + 1 :]
+            order = ranked(problem, (*fixed, *kept), [c for c in free if c not in chosen])
+            if order and (best is None or order[0][1].value > best[0].value):
+                best = order[0][1], (*kept, order[0][0])
+        if best is None or best[0].value <= score.value:
+            return chosen, n
+        score, chosen = best
+        n += 1
+
+
+def _pairs_exchanged(problem: Problem, chosen: Choice, fixed: Choice, free: Sequence[int]) -> tuple[Choice, int]:
+    """Return the set after exchanges of two cameras at once, one of the new ones among the best by itself."""
+    score, n = problem.score((*fixed, *chosen)), 0
+    pairs = list(combinations(range(len(chosen)), 2))
+    if not pairs:
+        return chosen, n
+    promising = max(1, _PAIRS // (len(pairs) * max(len(free), 1)))
+    for i, j in pairs:
+        kept = tuple(c for place, c in enumerate(chosen) if place not in (i, j))
+        left = [c for c in free if c not in kept]
+        for first, _ in ranked(problem, (*fixed, *kept), left)[:promising]:
+            order = ranked(problem, (*fixed, *kept, first), left)
+            if order and order[0][1].value > score.value:
+                score, chosen, n = order[0][1], (*kept, first, order[0][0]), n + 1
+                again, more = _exchanged(problem, chosen, fixed, free)
+                return again, n + more
+    return chosen, n
+
+
+def _six(M: Array) -> Array:
+    """Return xx yy zz xy xz yz (..., 6, T) of symmetric matrices (..., T, 3, 3), each a run of memory."""
+    parts = [M[..., i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    return np.ascontiguousarray(np.stack(parts, axis=-2))
+
+
+def _determinant(S: Array) -> Array:
+    xx, yy, zz, xy, xz, yz = np.moveaxis(S, -2, 0)
+    return np.asarray(xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz))
+
+
+def _inverse(S: Array) -> Array:
+    """Return the inverses (6, ...) of (..., 6, T)."""
+    xx, yy, zz, xy, xz, yz = np.moveaxis(S, -2, 0)
+    a, b, c = yy * zz - yz * yz, yz * xz - xy * zz, xy * yz - yy * xz
+    # scaled information is at least _WEAK in every direction; rounding must not make it less
+    det = np.maximum(xx * a + xy * b + xz * c, _WEAK * 1e-3 * np.maximum(a, 1e-300))
+    return np.asarray(np.stack([a, xx * zz - xz * xz, xx * yy - xy * xy, b, c, xy * xz - xx * yz]) / det
+
+
+def _largest(C: Array) -> Array:
+    """Return the largest eigenvalue of symmetric matrices (6, ...), by the cosine of a third of an angle."""
+    xx, yy, zz, xy, xz, yz = C
+    mean = (xx + yy + zz) / 3
+    a, b, c = xx - mean, yy - mean, zz - mean
+    p = np.sqrt(np.maximum((a * a + b * b + c * c) / 6 + (xy * xy + xz * xz + yz * yz) / 3, 1e-200))
+    half = (a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz)) / (2 * p**3)
+    return np.asarray(mean + 2 * p * np.cos(np.arccos(np.clip(half, -1, 1)) / 3))
+
+
+def _spanned(C: Array, basis: Array, rank: int) -> Array:
+    """Return the largest variance within the first `rank` columns of a basis (T, 3, 3), of covariances (6, n, T)."""
+
+    def form(u: Array, v: Array) -> Array:
+        xx, yy, zz, xy, xz, yz = C
+        return np.asarray(
+            xx * (u[:, 0] * v[:, 0])
+            + yy * (u[:, 1] * v[:, 1])
+            + zz * (u[:, 2] * v[:, 2])
+            + xy * (u[:, 0] * v[:, 1] + u[:, 1] * v[:, 0])
+            + xz * (u[:, 0] * v[:, 2] + u[:, 2] * v[:, 0])
+            + yz * (u[:, 1] * v[:, 2] + u[:, 2] * v[:, 1])
+        )
+
+    one = form(basis[:, :, 0], basis[:, :, 0])
+    if rank == 1:
+        return np.maximum(one, 1e-300)
+    two, mixed = form(basis[:, :, 1], basis[:, :, 1]), form(basis[:, :, 0], basis[:, :, 1])
+    return np.maximum((one + two) / 2 + np.hypot((one - two) / 2, mixed), 1e-300)
+
+
+def as_targets(array: npt.NDArray[np.float64], poses: int) -> Array:
+    """Return ratios (T,) as (poses, limits)."""
+    return array.reshape(poses, -1)

@@ -1,0 +1,141 @@
+"""What if: the chosen cameras with another lens, distance, noise or calibration, or one of them lost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cadcam.camera.optics import STANDARD_MM
+from cadcam.camera.viewpoint import ErrorSource
+from cadcam.errors import CadcamError
+from cadcam.geometry.rigid import Rigid
+from cadcam.plan.assess import Assessment, Outcome, assess
+from cadcam.plan.candidate import Candidate, placed
+from cadcam.plan.finding import Finder
+from cadcam.plan.layout import Layout
+from cadcam.plan.look import Look, look
+from cadcam.plan.scene import CalibratedFrom, CameraType, LayoutScene, Sigmas
+
+_NEARER, _FARTHER = 0.8, 1.25
+
+
+@dataclass(frozen=True, slots=True)
+class WhatIf:
+    """One change, and what the chosen cameras measure with it: the worst ratio, limits by outcome; or why it cannot."""
+
+    change: str
+    worst: float = 0.0
+    mean_log: float = 0.0
+    suitable: int = 0
+    marginal: int = 0
+    failed: int = 0
+    impossible: str = ""
+
+
+def what_if(layout: Layout, *, step: Callable[[], None] = lambda: None) -> tuple[WhatIf, ...]:
+    """Return the table, the layout as planned first. The cameras stay where they are, but where distance is changed."""
+    scene = layout.survey.scene
+    out = [_said(layout, "as planned", layout.assessment)]
+    if len(layout.chosen) > 1:
+        for i, camera in enumerate(layout.cameras):
+            rest = [c for c in layout.chosen if c != layout.chosen[i]]
+            out.append(_said(layout, f"without {camera.name}", layout.survey.assess(rest)))
+    for change, changed, stretch in _changes(scene, layout.cameras):
+        try:
+            cameras = rebuilt(changed, layout.cameras, stretch=stretch)
+            out.append(_said(layout, change, _assessed(layout, changed, cameras)))
+        except CadcamError as error:
+            out.append(WhatIf(change, impossible=str(error)))
+        step()
+    return tuple(out)
+
+
+def _changes(scene: LayoutScene, cameras: Sequence[Candidate]) -> Iterator[tuple[str, LayoutScene, float]]:
+    """Yield each change in words, the scene with it, and by how much the cameras are farther from their aims."""
+    used = {c.type.name for c in cameras}
+    for word, index in (("shorter", -1), ("longer", 0)):
+        types = {name: _other_lens(kind, index) if name in used else kind for name, kind in scene.cameras.items()}
+        said = ", ".join(
+            sorted({f"{t.focal_mm:g} mm" for n, t in types.items() if n in used and t is not scene.cameras[n]})
+        )
+        if said:
+            yield f"next {word} lens ({said})", replace(scene, cameras=types), 1.0
+    yield f"{_NEARER:g} of the distance", scene, _NEARER
+    yield f"{_FARTHER:g} times the distance", scene, _FARTHER
+    yield "half the noise", replace(scene, finder=_noisier(scene.finder, 0.5)), 1.0
+    yield "twice the noise", replace(scene, finder=_noisier(scene.finder, 2.0)), 1.0
+    if scene.calibration != Sigmas():
+        yield "a perfect calibration", replace(scene, calibration=Sigmas()), 1.0
+        yield "a calibration half as good", replace(scene, calibration=_worse_calibrated(scene.calibration)), 1.0
+    if scene.motion != Sigmas() and any(c.shared for c in cameras):
+        yield "motions known half as well", replace(scene, motion=_worse(scene.motion)), 1.0
+
+
+def rebuilt(scene: LayoutScene, cameras: Sequence[Candidate], *, stretch: float = 1.0) -> tuple[Candidate, ...]:
+    """Return the cameras with the types and assumptions of a scene, moved along their axes to or from their aims."""
+    mounts = {mount.name: mount for mount in scene.mounts}
+    homes: dict[tuple[str, str], dict[str, tuple[ErrorSource, Rigid]]] = {}
+    return tuple(
+        placed(
+            scene,
+            mounts[c.mount],
+            c.name,
+            scene.cameras[c.type.name],
+            c.aim + stretch * (c.eye - c.aim),
+            c.aim,
+            homes=homes.setdefault((c.mount, c.type.name), {}),
+        )
+        for c in cameras
+    )
+
+
+def looks_of(layout: Layout, scene: LayoutScene, cameras: Sequence[Candidate]) -> tuple[Look, ...]:
+    """Return what some cameras see in the surroundings of a layout."""
+    seen = layout.survey
+    return tuple(
+        look(
+            c.viewpoint, c.optics, seen.places, seen.poses, seen.surroundings, finder=scene.finder, seeing=scene.seeing
+        )
+        for c in cameras
+    )
+
+
+def _assessed(layout: Layout, scene: LayoutScene, cameras: Sequence[Candidate]) -> Assessment:
+    seen = layout.survey
+    return assess(cameras, looks_of(layout, scene, cameras), seen.places, seen.poses, seen.asked)
+
+
+def _said(layout: Layout, change: str, found: Assessment) -> WhatIf:
+    outcomes = found.outcomes(layout.survey.scene.tur)
+    suitable, marginal = (outcomes.count(o) for o in (Outcome.SUITABLE, Outcome.MARGINAL))
+    mean = float(np.log(np.maximum(found.ratio, 1e-3)).mean())
+    return WhatIf(change, found.worst, mean, suitable, marginal, len(outcomes) - suitable - marginal)
+
+
+def _other_lens(kind: CameraType, index: int) -> CameraType:
+    """Return the type with the next shorter (-1) or longer (0) focal length on offer; itself if there is none."""
+    if kind.own is not None or kind.focal_mm is None:
+        return kind
+    f = kind.focal_mm
+    offered = [s for s in STANDARD_MM if (s < f * (1 - 1e-9) if index else s > f * (1 + 1e-9))]
+    return replace(kind, focal_mm=offered[index]) if offered else kind
+
+
+def _noisier(finder: Finder, times: float) -> Finder:
+    return replace(
+        finder,
+        sigma_px=None if finder.sigma_px is None else times * finder.sigma_px,
+        grey=None if finder.grey is None else times * finder.grey,
+    )
+
+
+def _worse(sigmas: Sigmas) -> Sigmas:
+    return Sigmas(*(2 * getattr(sigmas, name) for name in Sigmas.__slots__))
+
+
+def _worse_calibrated(assumed: Sigmas | CalibratedFrom) -> Sigmas | CalibratedFrom:
+    if isinstance(assumed, Sigmas):
+        return _worse(assumed)
+    return CalibratedFrom(assumed.points, 2 * assumed.sigma_px, 2 * assumed.points_mm)
