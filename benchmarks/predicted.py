@@ -45,7 +45,7 @@ from cadcam.image.sensor.video import Gain
 from cadcam.plan.finding import Finder, circle_covariance
 from cadcam.plan.predict import predict_points
 from cadcam.render.light import LIGHTS
-from cadcam.render.photograph import Photographer, behind
+from cadcam.render.photograph import Photographer, behind, blur_before
 from cadcam.render.view import Scene
 from cadcam.target.find import find_marks
 from cadcam.target.mark import dot
@@ -93,7 +93,7 @@ class Eye:
     def seen(self, cutout: Picture, at: tuple[int, int], rng: np.random.Generator) -> Picture:
         """Return the grey picture of a crop of radiance, with noise."""
         crop = self.camera.crop(*at, (cutout.shape[1], cutout.shape[0]))
-        return behind(SENSOR, crop, self.aperture).apply(cutout, rng=rng)
+        return behind(SENSOR, crop).apply(cutout, rng=rng)
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,10 @@ def _crop(layout: Layout, eye: Eye, feature: Feature, shift: Rigid) -> tuple[tup
         half = int(ROOM * RADIUS * eye.camera.fx / pose.translation[2]) + 6
     at = (round(q[0]) - half, round(q[1]) - half)
     crop = eye.camera.crop(*at, (2 * half + 1, 2 * half + 1))
-    cutout = layout.photographer.radiance(crop, eye.pose @ shift, light=LIGHT, aperture=eye.aperture, samples=SAMPLES)
+    blur = blur_before(SENSOR, crop, eye.aperture)
+    cutout = layout.photographer.radiance(
+        crop, eye.pose @ shift, light=LIGHT, aperture=eye.aperture, blur_px=blur, samples=SAMPLES
+    )
     return at, to_gray(cutout.over((0.0, 0.0, 0.0)))
 
 

@@ -1,13 +1,18 @@
 """What each effect of a sensor does to the sub-pixel position of marks and edges.
 
-    python benchmarks/sensor_effects.py --pictures 6
+    python benchmarks/sensor_effects.py --pictures 6 [--only effects,depth]
 
+effects:
 Boards are seen from the front, turned by 7 degrees, at a random place of the pixel grid, through a sensor with nothing
 but a blur of 0.7 px and the noise of 10500 electrons; then with one effect more. Found are chessboard corners and discs
 (`target.detect`, photometric fits) and a straight step edge (`image.profile`, cells of 17 x 17 px). Printed: rms
 distance to the truth of corners and of discs; how much too large the discs' radius is, black on white; how far the edge
 lies on its dark side, and how much that varies between cells. "common" is the shift of all marks of a picture alike,
-which a calibration takes up, and is taken off the rms beside it.
+which a calibration takes up, and is taken off the rms beside it. Rings are single marks, a disc in a ring, found by
+`find_marks` through the camera; "told" is the rms that their covariances foretell.
+
+depth: the same boards tilted by 40 degrees and photographed through openings focused on their middle (`Photographer`):
+blur that grows to both sides, and within each mark.
 """
 
 from __future__ import annotations
@@ -33,6 +38,9 @@ from cadcam.target.ideal import board_picture
 from cadcam.target.pattern import Pattern, parse_pattern
 
 CAMERA = Camera.from_focal((480, 360), 500.0)
+RING = dot_and_ring(7.0, 14.0, 21.0)
+RINGS = [((i - 2.5) * 40.0, (j - 1.5) * 40.0) for j in range(4) for i in range(6)]
+TILT = np.radians(40.0)
 CORNERS, DISCS = parse_pattern("chessboard:9x6:25mm"), parse_pattern("circles:9x6:25mm:14mm")
 DISTANCE = 340.0  # mm: a cell is 37 px
 DARK, LIGHT = 0.1, 0.8  # radiance of ink and paper
@@ -123,6 +131,87 @@ def marks(row: Row, pattern: Pattern, pictures: int, seed: int) -> tuple[str, st
     rms = float(np.sqrt(np.mean(np.sum(np.concatenate(off) ** 2, axis=1))))
     shift = np.mean(common, axis=0)
     return f"{rms:.4f}", "{:+.3f} {:+.3f}".format(*shift), f"{np.mean(radius):+.3f}" if radius else ""
+
+
+def rings(row: Row, pictures: int, seed: int) -> tuple[str, str, str]:
+    """Return rms, the common shift and the rms told of single marks found by `find_marks`, px."""
+    off, common, told = [], [], []
+    for k in range(pictures):
+        rng = np.random.default_rng([seed, k])
+        at = pose_about(np.zeros(2), rng)
+        poses = [at @ Rigid(translation=np.array([*place, 0.0])) for place in RINGS]
+        radiance = marks_picture([RING] * len(poses), CAMERA, poses, paper=LIGHT, ink=DARK, background=LIGHT)
+        size = RING.radius * CAMERA.fx / DISTANCE
+        seen = row.seen(radiance, rng)
+        try:
+            found = find_marks(seen, RING, radius_px=size, count=len(RINGS), camera=CAMERA, normal=at.rotation[:, 2])
+        except CadcamError:
+            return "lost", "", ""
+        truth = CAMERA.project(np.array([p.translation for p in poses]))
+        error = np.array([f.pixel - truth[np.argmin(np.sum((truth - f.pixel) ** 2, axis=1))] for f in found])
+        common.append(error.mean(axis=0))
+        off.append(error - common[-1])
+        told.append(np.array([np.trace(f.covariance) for f in found]))
+    rms = float(np.sqrt(np.mean(np.sum(np.concatenate(off) ** 2, axis=1))))
+    shift = "{:+.3f} {:+.3f}".format(*np.mean(common, axis=0))
+    return f"{rms:.4f}", shift, f"{np.sqrt(np.mean(np.concatenate(told))):.4f}"
+
+
+def board_scene(pattern: Pattern) -> Scene:
+    """Return a board as a mesh: its black squares, or discs of 96 sides, before a sheet of paper."""
+    left, top, right, bottom = pattern.outline
+    sheet = np.array([[left, top, 0.01], [right, top, 0.01], [right, bottom, 0.01], [left, bottom, 0.01]])
+    faces = np.array([[0, 2, 1], [0, 3, 2]])
+    meshes = [Mesh.single(sheet, faces, name="paper")]
+    square = 25.0
+    if pattern is DISCS:
+        turn = np.linspace(0, 2 * np.pi, 97)[:-1]
+        circle = 7.0 * np.stack([np.cos(turn), np.sin(turn), np.zeros(96)], axis=1)
+        fan = np.stack([np.full(96, 96), np.roll(np.arange(96), -1), np.arange(96)], axis=1)
+        shapes = [(np.concatenate([circle + p, [p]]), fan) for p in pattern.points]
+    else:
+        places = [(i, j) for j in range(-1, 6) for i in range(-1, 9) if pattern_black(pattern, i, j)]
+        corner = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]])
+        shapes = [(square * (corner + [i, j, 0]) + pattern.points[0], faces) for i, j in places]
+    meshes += [Mesh.single(v, f, name=f"ink {k}") for k, (v, f) in enumerate(shapes)]
+    grey = np.array([LIGHT] + [DARK] * len(shapes))
+    return Scene.of(merge(meshes), colors=np.repeat(grey[:, None], 3, axis=1))
+
+
+def pattern_black(pattern: Pattern, i: int, j: int) -> bool:
+    """Return whether the square right below inner corner (i, j) is black."""
+    middle = pattern.points[0][:2] + 25.0 * np.array([i + 0.5, j + 0.5])
+    return bool(pattern.black(middle[None])[0])
+
+
+def depth(pictures: int, seed: int) -> None:
+    """Print the table of tilted boards through openings."""
+    print("| opening | blur at the near and far side, px | corners rms | common x y | discs rms | common x y |")
+    print("|---|---|---|---|---|---|")
+    photographers = {kind: Photographer(board_scene(board)) for kind, board in (("c", CORNERS), ("d", DISCS))}
+    for diameter in (None, 2.0, 5.0, 10.0):
+        aperture = None if diameter is None else Aperture(diameter, DISTANCE)
+        reach = 80.0 * np.sin(TILT)
+        blur = [0.0 if aperture is None else float(aperture.defocus_px(CAMERA, DISTANCE + s * reach)) for s in (-1, 1)]
+        cells = []
+        for kind, board in (("c", CORNERS), ("d", DISCS)):
+            off, common = [], []
+            for k in range(pictures):
+                rng = np.random.default_rng([seed, k])
+                middle = (np.array(board.outline[:2]) + np.array(board.outline[2:])) / 2
+                at = pose_about(np.zeros(2), rng) @ Rigid.exp([0, 0, 0, 0, TILT, 0])
+                at = at @ Rigid(translation=-np.append(middle, 0.0))
+                cutout = photographers[kind].radiance(CAMERA, at, light=LIGHTS["even"], aperture=aperture, samples=128)
+                radiance = to_gray(cutout.over((LIGHT, LIGHT, LIGHT)))
+                seen = behind(BASE, CAMERA, aperture).apply(radiance, rng=rng)
+                found = detect(seen, board, camera=CAMERA)
+                error = found.q - CAMERA.project(at @ board.points)[found.points]
+                common.append(error.mean(axis=0))
+                off.append(error - common[-1])
+            rms = float(np.sqrt(np.mean(np.sum(np.concatenate(off) ** 2, axis=1))))
+            cells += [f"{rms:.4f}", "{:+.3f} {:+.3f}".format(*np.mean(common, axis=0))]
+        name = "pinhole" if diameter is None else f"{diameter:g} mm, f/{DISTANCE_FOCAL / diameter:.2g}"
+        print(f"| {name} | {blur[0]:.1f} {blur[1]:.1f} | {' | '.join(cells)} |", flush=True)
 
 
 def edge_picture(offset: float) -> tuple[Picture, Array, Array]:

@@ -92,7 +92,7 @@ def test_formats_are_as_lens_makers_state_them(name, circle, width, height):
 
 def test_a_printed_example_of_the_lens_formula_without_its_one_comes_out_as_an_approximation():
     """Vico Imaging: 1/3 inch, 305 mm away, 64 mm wide: 23 mm; they leave out the 1 of W = w (D/f - 1)."""
-    assert 4.8 * 305 / 64 == pytest.approx(23, abs=0.5)
+    assert pytest.approx(23, abs=0.5) == 4.8 * 305 / 64
     exact = 305 * 4.8 / (64 + 4.8)
     assert Optics(FORMATS["1/3"], exact, 305).field_mm[0] == pytest.approx(64)
     assert exact == pytest.approx(21.3, abs=0.05)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from cadcam.cad.mesh import Mesh, merge
 from cadcam.camera.aperture import Aperture
@@ -20,7 +21,7 @@ from cadcam.image.sensor.presets import GLOBAL_SHUTTER
 from cadcam.image.sensor.sensor import Sensor
 from cadcam.render import open_renderer
 from cadcam.render.light import LIGHTS, Lamp, Light, named_light
-from cadcam.render.photograph import Photographer, behind
+from cadcam.render.photograph import Photographer, behind, blur_before
 from cadcam.render.samples import sample_points
 from cadcam.render.view import Channel, Scene
 
@@ -186,14 +187,25 @@ def test_points_of_samples_lie_round_their_middle_with_the_moments_of_square_and
 
 def test_a_sensor_behind_a_lens_does_not_blur_by_the_pixel_s_area_twice():
     aperture = Aperture(0.4, 1000.0)
-    sensor = behind(GLOBAL_SHUTTER, CAMERA, None)
-    assert sensor.blur.sigma_px**2 + 1 / 12 == pytest.approx(0.6**2)
-    assert behind(Sensor(), CAMERA, None).blur is None
-    assert behind(Sensor(blur=Blur(0.2, 3.0)), CAMERA, None).blur == Blur(0.0, 3.0)
-    assert behind(Sensor(), CAMERA, aperture).blur.sigma_px == pytest.approx(0.42 * 0.55e-3 * 400 / 0.4)
+    assert blur_before(GLOBAL_SHUTTER, CAMERA, None) ** 2 + 1 / 12 == pytest.approx(0.6**2)
+    assert blur_before(Sensor(), CAMERA, None) == 0
+    assert blur_before(Sensor(), CAMERA, aperture) == pytest.approx(0.42 * 0.55e-3 * 400 / 0.4)
+    assert behind(GLOBAL_SHUTTER, CAMERA).blur is None
+    assert behind(Sensor(blur=Blur(0.2, 3.0)), CAMERA).blur == Blur(0.0, 3.0)
     off = Camera.from_focal((64, 48), 400.0, cx=35.5)
-    assert behind(GLOBAL_SHUTTER, off, None).vignetting == Vignetting(400.0, offset_px=(4.0, 0.0))
-    assert behind(Sensor(), off, None).vignetting is None
+    assert behind(GLOBAL_SHUTTER, off).vignetting == Vignetting(400.0, offset_px=(4.0, 0.0))
+    assert behind(Sensor(), off).vignetting is None
+
+
+@pytest.mark.parametrize("sigma", [0.3, 0.53, 2.0])
+def test_blur_by_parts_of_a_pixel_is_that_of_a_gaussian_and_a_square_pixel(sigma):
+    """At every phase of the grid: a kernel of pixels of 0.53 px would be off by 0.03 of the step."""
+    for phase in (0.0, 0.3, 0.5):
+        edge = step_edge(700.0, at_px=phase)
+        row = row_of(Photographer(edge).radiance(CAMERA, HERE, light=EVEN, blur_px=sigma, samples=128).color)
+        d = np.arange(64) - 31.5 - phase
+        truth = np.mean([ndtr((d + h) / sigma) for h in (np.arange(200) + 0.5) / 200 - 0.5], axis=0)
+        assert np.abs(row - truth).max() < 0.6 / 128
 
 
 def test_a_photograph_is_the_radiance_seen_by_the_sensor_and_the_same_again_for_the_same_seed():

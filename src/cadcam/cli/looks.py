@@ -14,7 +14,6 @@ from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
     from cadcam.arrays import Picture
-    from cadcam.camera.aperture import Aperture
     from cadcam.image.sensor.sensor import Sensor
     from cadcam.render.cutout import Cutout
     from cadcam.render.overlay import LineStyle
@@ -104,16 +103,10 @@ class Dress:
             options = LineOptions(hidden=self._arguments.hidden)
             wireframe = self._drawer.draw(view.camera, view.camera_from_world, options=options)
             model = model.with_lines(wireframe, style=_soft(self._arguments))
-        return self._write(path, model, self._sensor)
+        return self.write_model(path, model, self._sensor)
 
-    def write_photograph(self, path: str, model: Cutout, aperture: Aperture | None) -> dict[str, Any]:
-        """Write a photograph, taken through an opening; return how many pixels saw the model."""
-        from cadcam.image.sensor.sensor import Sensor
-        from cadcam.render.photograph import behind
-
-        return self._write(path, model, behind(self._sensor or Sensor(), model.camera, aperture))
-
-    def _write(self, path: str, model: Cutout, sensor: Sensor | None) -> dict[str, Any]:
+    def write_model(self, path: str, model: Cutout, sensor: Sensor | None) -> dict[str, Any]:
+        """Write a model on its background as the sensor sees it; return how many pixels saw the model."""
         import numpy as np
 
         from cadcam.image.picture import write_picture

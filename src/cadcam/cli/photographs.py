@@ -77,20 +77,28 @@ class Photographs:
     """Photographs of a scene, dressed with background and sensor; an `Output` of `render`."""
 
     def __init__(self, scene: Scene, arguments: argparse.Namespace, dress: Dress) -> None:
+        from cadcam.files.sensor import sensor_named
+        from cadcam.image.sensor.sensor import Sensor
         from cadcam.render.light import named_light
         from cadcam.render.photograph import Photographer
 
         self._photographer = Photographer(scene, renderer=arguments.renderer, threads=arguments.threads)
         self._light = named_light(arguments.light or "hall")
         self._samples = _SAMPLES if arguments.samples is None else arguments.samples
+        self._sensor = Sensor() if arguments.sensor is None else sensor_named(arguments.sensor)
         self._arguments, self._dress = arguments, dress
 
     def frames(self, camera: Camera, poses: Iterable[Rigid]) -> Iterator[tuple[Cutout, Aperture | None]]:
         """Yield the radiance from each pose, and the opening through which it came."""
+        from cadcam.render.photograph import blur_before
+
         for pose in poses:
             aperture = self._aperture(pose)
+            blur = blur_before(self._sensor, camera, aperture)
             yield (
-                self._photographer.radiance(camera, pose, light=self._light, aperture=aperture, samples=self._samples),
+                self._photographer.radiance(
+                    camera, pose, light=self._light, aperture=aperture, blur_px=blur, samples=self._samples
+                ),
                 aperture,
             )
 
@@ -100,8 +108,10 @@ class Photographs:
 
     def write(self, path: str, frame: tuple[Cutout, Aperture | None]) -> dict[str, Any]:
         """Write the photograph."""
+        from cadcam.render.photograph import behind
+
         cutout, aperture = frame
-        said = self._dress.write_photograph(path, cutout, aperture)
+        said = self._dress.write_model(path, cutout, behind(self._sensor, cutout.camera))
         if aperture is not None:
             said |= {"aperture_mm": aperture.diameter_mm, "focus_mm": aperture.focus_mm}
         return said

@@ -65,9 +65,10 @@ class Photographer:
 
         background: linear RGB, or a picture of the camera's size, which keeps the blur that it has.
         """
-        cutout = self.radiance(camera, camera_from_world, light=light, aperture=aperture, samples=samples)
+        blur = blur_before(sensor, camera, aperture)
+        cutout = self.radiance(camera, camera_from_world, light=light, aperture=aperture, blur_px=blur, samples=samples)
         over = cutout.over(background) if isinstance(background, tuple) else cutout.over_photo(background)
-        return behind(sensor, camera, aperture).apply(over, rng=rng)
+        return behind(sensor, camera).apply(over, rng=rng)
 
     def radiance(
         self,
@@ -76,14 +77,16 @@ class Photographer:
         *,
         light: Light = HALL,
         aperture: Aperture | None = None,
+        blur_px: float = 0.0,
         samples: int = SAMPLES,
     ) -> Cutout:
         """Return the linear radiance that falls on the pixels, cut out of its background; 1 is white at exposure 1.
 
-        aperture: by default a pinhole, sharp at every depth. samples: renderings that are averaged, rounded up to a
-        power of two; 16 do for edges, discs of blur of d px want some d^2. Whatever its number, nothing is moved.
+        aperture: by default a pinhole, sharp at every depth. blur_px: sigma of all blur but the opening's disc and the
+        pixel's area, see `blur_before`. samples: renderings that are averaged, rounded up to a power of two; 16 do for
+        edges, discs of blur of d px want some d^2. Whatever its number, nothing is moved.
         """
-        points, lens = sample_points(samples), ThinLens(camera, aperture)
+        points, lens = sample_points(samples, blur_px), ThinLens(camera, aperture)
         color = np.zeros((camera.height, camera.width, 3), np.float32)
         alpha = np.zeros((camera.height, camera.width), np.float32)
         for k in range(len(points)):
@@ -147,18 +150,25 @@ class Photographer:
         return np.concatenate(on_all_cores(cast, blocks(len(points))))
 
 
-def behind(sensor: Sensor, camera: Camera, aperture: Aperture | None) -> Sensor:
-    """Return what a sensor has still to do to a radiance from `Photographer`, which lies behind a certain lens.
+def blur_before(sensor: Sensor, camera: Camera, aperture: Aperture | None) -> float:
+    """Return the sigma in px of the blur that a radiance behind a lens needs beside disc and pixel for a sensor's.
 
-    Of its blur the pixel's area is in the radiance already; what remains is at least the diffraction of the opening.
+    The sensor's own, which stands for diffraction, lens and pixel together, less the pixel's 1/12 px^2; no less than
+    the diffraction of the opening. It is taken with the light, since kernels of pixels cannot blur by half a pixel.
+    """
+    own = 0.0 if sensor.blur is None else sensor.blur.sigma_px
+    least = 0.0 if aperture is None else aperture.diffraction_px(camera)
+    return float(max(np.sqrt(max(own**2 - _PIXEL, 0.0)), least))
+
+
+def behind(sensor: Sensor, camera: Camera) -> Sensor:
+    """Return what a sensor has still to do to a radiance that was blurred as `blur_before` says.
+
     Its natural vignetting becomes that of the camera, about the principal point.
     """
-    variance = -_PIXEL + (0.0 if sensor.blur is None else sensor.blur.sigma_px**2)
-    sigma = max(np.sqrt(max(variance, 0.0)), 0.0 if aperture is None else aperture.diffraction_px(camera))
     disc = 0.0 if sensor.blur is None else sensor.blur.defocus_px
     vignetting = sensor.vignetting
     if vignetting is not None and vignetting.focal_px:
         off = camera.principal_point - (np.array(camera.size) - 1) / 2
         vignetting = replace(vignetting, focal_px=camera.fx, offset_px=(float(off[0]), float(off[1])))
-    blur = Blur(float(sigma), disc) if sigma or disc else None
-    return replace(sensor, blur=blur, vignetting=vignetting)
+    return replace(sensor, blur=Blur(0.0, disc) if disc else None, vignetting=vignetting)

@@ -14,11 +14,12 @@ from cadcam.arrays import Array, frozen
 from cadcam.errors import BadValue
 
 MOST = 4096
+MOST_BLUR = 50.0  # px
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SamplePoints:
-    """For each of n renderings points (n, 2): `pixel` in [-1/2, 1/2]^2, `opening` and `lamp` in the unit disc."""
+    """For each of n renderings points (n, 2): `pixel` px about the centre, `opening` and `lamp` in the unit disc."""
 
     pixel: Array
     opening: Array
@@ -32,8 +33,13 @@ class SamplePoints:
         return len(self.pixel)
 
 
-def sample_points(n: int) -> SamplePoints:
-    """Return n points of each kind: the middle of everything for 1, else n rounded up to a power of two; `BadValue`."""
+def sample_points(n: int, blur_px: float = 0.0) -> SamplePoints:
+    """Return n points of each kind: the middle of everything for 1, else n rounded up to a power of two.
+
+    blur_px: sigma of the Gaussian that spreads a pixel beyond its own square. Raises `BadValue`.
+    """
+    if not 0 <= blur_px <= MOST_BLUR:
+        raise BadValue("blur_px", blur_px, f"a number from 0 to {MOST_BLUR:g}")
     if n != int(n) or not 1 <= n <= MOST:
         raise BadValue("samples", n, f"a whole number from 1 to {MOST}")
     if n == 1:
@@ -46,7 +52,26 @@ def sample_points(n: int) -> SamplePoints:
         4 * half
     )  # with the mirrored: each number in the middle of n shares
     x = np.concatenate([x, 1 - x])
-    return SamplePoints(x[:, :2] - 0.5, on_disc(x[:, 2:4]), on_disc(x[:, 4:6]))
+    return SamplePoints(in_pixel(x[:, :2], blur_px), on_disc(x[:, 2:4]), on_disc(x[:, 4:6]))
+
+
+def in_pixel(x: Array, blur_px: float) -> Array:
+    """Return points (n, 2) of the unit square as places, px about a pixel's centre, that light counts by.
+
+    As often as a square pixel behind a Gaussian of sigma blur_px counts it: the inverse of that distribution, by axis.
+    """
+    if not blur_px:
+        return x - 0.5
+    from scipy.special import ndtr
+
+    d = np.linspace(-0.5 - 8 * blur_px, 0.5 + 8 * blur_px, 4001)
+    # the integral of Phi(d/s) is d Phi + s phi; its difference over a pixel is the share to the left of d
+    left, right = ((d + h) * ndtr((d + h) / blur_px) + _bell(d + h, blur_px) for h in (-0.5, 0.5))
+    return np.asarray(np.interp(x, right - left, d))
+
+
+def _bell(d: Array, s: float) -> Array:
+    return np.asarray(s * np.exp(-0.5 * (d / s) ** 2) / np.sqrt(2 * np.pi))
 
 
 def on_disc(x: Array) -> Array:
