@@ -61,6 +61,11 @@ def candidates(scene: LayoutScene) -> tuple[Candidate, ...]:
     return tuple(out)
 
 
+def count_candidates(scene: LayoutScene) -> int:
+    """Return how many candidates a scene has."""
+    return sum(len(mount.eyes) * len(mount.cameras) for mount in scene.mounts)
+
+
 def placed(
     scene: LayoutScene,
     mount: Mount,

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array
+from cadcam.cad.edges import FeatureEdges
 from cadcam.cad.mesh import Mesh
 from cadcam.plan.candidate import Candidate
 from cadcam.plan.layout import Layout
@@ -50,8 +51,9 @@ class Coverage:
         """Return the part with each piece in the colour of its count, for a renderer."""
         colors = np.concatenate([np.ones((len(self.mesh.part_names), 3)), COLORS]).astype(np.float32)
         level = np.minimum(self.cameras, len(COLORS) - 1)
-        whole = Scene.of(self.mesh, edges=None)
-        return Scene(self.mesh, whole.edges, colors, (len(self.mesh.part_names) + level).astype(np.int32))
+        none = np.zeros((0, 2), np.int32)
+        edges = FeatureEdges(none, none, none[:, 0], none[:, 0], none[:, 0])  # those of pieces mean nothing
+        return Scene(self.mesh, edges, colors, (len(self.mesh.part_names) + level).astype(np.int32))
 
 
 def coverage(layout: Layout) -> Coverage:

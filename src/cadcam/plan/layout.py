@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cadcam.arrays import Array, Mask
-from cadcam.errors import BadValue, UnseenFeatures
+from cadcam.errors import BadValue, UnknownName, UnseenFeatures
 from cadcam.geometry.rigid import Rigid
 from cadcam.plan.ask import Asked, asked_of
 from cadcam.plan.assess import Assessment, Outcome, assess, informations
@@ -47,10 +47,13 @@ class Survey:
         """Return world_from_part of all poses."""
         return tuple(self.scene.poses.values())
 
-    @property
-    def fixed(self) -> tuple[int, ...]:
-        """Return the numbers of the candidates that are there already."""
-        return tuple(i for i, c in enumerate(self.candidates) if c.fixed)
+    def kept(self, names: Sequence[str] = ()) -> tuple[int, ...]:
+        """Return the numbers of the candidates that are there already and of those named; `UnknownName`."""
+        every = [c.name for c in self.candidates]
+        for name in names:
+            if name not in every:
+                raise UnknownName("candidate", name, every)
+        return tuple(i for i, c in enumerate(self.candidates) if c.fixed or c.name in names)
 
     def assess(self, chosen: Sequence[int]) -> Assessment:
         """Return what some candidates measure together."""
@@ -135,14 +138,17 @@ def survey(scene: LayoutScene, *, step: Step = _nothing) -> Survey:
     )
 
 
-def plan_layout(scene: LayoutScene | Survey, k: int | None = None, *, step: Step = _nothing) -> Layout:
+def plan_layout(
+    scene: LayoutScene | Survey, k: int | None = None, *, keep: Sequence[str] = (), step: Step = _nothing
+) -> Layout:
     """Return the best k cameras (default: what the scene says) beside the fixed ones, and what they measure.
 
+    keep: names of candidates that are taken as fixed too.
     The worst limit's test uncertainty ratio decides, over all poses. The search takes each camera's errors for its own;
     what is stated of the chosen ones knows which they share. Raises as `survey`.
     """
     seen = survey(scene, step=step) if isinstance(scene, LayoutScene) else scene
-    fixed, problem = seen.fixed, seen.problem
+    fixed, problem = seen.kept(keep), seen.problem
     k = min(seen.scene.choose, problem.candidates - len(fixed)) if k is None else k
     if k == 0 and not fixed:
         raise BadValue("number of cameras", 0, "at least 1, where none is fixed")
@@ -228,7 +234,7 @@ def _refuse_unseen(scene: LayoutScene, looks: Sequence[Look]) -> None:
     names = tuple(scene.features[i].name for i in np.flatnonzero(~seen))
     shown = "; ".join(lines[:5]) + (f"; and {len(lines) - 5} more" if len(lines) > 5 else "")
     raise UnseenFeatures(
-        f"no candidate sees {len(lines)} of {len(seen)} features: {shown}; check their places and normals, or add mounts",
+        f"no candidate sees {len(lines)} of {len(seen)} features: {shown}; check places and normals, or add mounts",
         names,
     )
 

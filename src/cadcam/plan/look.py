@@ -60,7 +60,7 @@ class Look:
     why (P, F) codes of `Why`; mm_per_px, incidence (rad; NaN without a normal), blur_px (diameter of a point's disc),
     distance (mm), sigma_px (of the measured place in the picture, its worst direction), each (P, F). evidence: of the
     features' displacements in part axes, (P, F); turns: of straight edges' slopes, (P, F). shift, bend (P, F, 2, 2):
-    covariance of the picture's shift there by the camera's own errors, px^2, and of its change along an edge, px^2/mm^2.
+    covariance of the picture's shift there by the camera's errors, px^2, and of its change along an edge, px^2/mm^2.
     """
 
     why: Codes

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from cadcam.arrays import Array, Picture
-from cadcam.cad.edges import FeatureEdges
 from cadcam.cad.mesh import Mesh, merge
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
@@ -71,19 +70,12 @@ def _smaller(camera: Camera) -> Camera:
 def coverage_pictures(layout: Layout, covered: Coverage) -> list[tuple[str, Picture]]:
     """Return the coverage painted on the part, from the side of the cameras and from behind."""
     part = layout.survey.scene.part
-    painted, drawn = covered.painted(), LineDrawer(Scene.of(part))
-    bare = Scene(painted.mesh, _no_edges(), painted.colors, painted.paint)
-    renderer = open_renderer(bare)
+    renderer, drawn = open_renderer(covered.painted()), LineDrawer(Scene.of(part))
     out = []
     for title, camera, pose in _sides(layout, part):
         view = renderer.render(camera, pose, channels=Channel.IMAGE, look=_FLAT)
         out.append((title, overlay(view.image, drawn.draw(camera, pose), style=_LINES)))
     return out
-
-
-def _no_edges() -> FeatureEdges:
-    none = np.zeros((0, 2), np.int32)
-    return FeatureEdges(none, none, none[:, 0], none[:, 0], none[:, 0])
 
 
 def _sides(layout: Layout, part: Mesh) -> list[tuple[str, Camera, Rigid]]:

@@ -36,8 +36,8 @@ cameras:
   12 mm: {sensor: IMX304, focal_mm: 12, f_number: 8, image_circle_mm: 17.6}
   16 mm: {sensor: IMX304, focal_mm: 16, f_number: 8, image_circle_mm: 17.6}
 mounts:
-  gallery: {box_mm: [[-2500, -4500, 3200], [6500, -3500, 5200]], count: 36, aim_mm: [2000, 1200, 900]}
-  columns: {positions_mm: [[-3500, -2500, 4000], [7500, -2500, 4000], [-3500, 4000, 5500], [7500, 4000, 5500]],
+  gallery: {box_mm: [[-1500, -4200, 2600], [5500, -3400, 4600]], count: 36, aim_mm: [2000, 1200, 900]}
+  columns: {positions_mm: [[-2600, -2200, 3900], [6600, -2200, 3900], [-2600, 3800, 4900], [6600, 3800, 4900]],
             aim_mm: [2000, 1200, 900]}
 """
 _ROBOT = """\

@@ -267,7 +267,7 @@ def _inverse(S: Array) -> Array:
     a, b, c = yy * zz - yz * yz, yz * xz - xy * zz, xy * yz - yy * xz
     # scaled information is at least _WEAK in every direction; rounding must not make it less
     det = np.maximum(xx * a + xy * b + xz * c, _WEAK * 1e-3 * np.maximum(a, 1e-300))
-    return np.asarray(np.stack([a, xx * zz - xz * xz, xx * yy - xy * xy, b, c, xy * xz - xx * yz]) / det
+    return np.asarray(np.stack([a, xx * zz - xz * xz, xx * yy - xy * xy, b, c, xy * xz - xx * yz]) / det)
 
 
 def _largest(C: Array) -> Array:

@@ -1,0 +1,287 @@
+"""A layout in words and tables: what a person reads, on a terminal and in the report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.plan.assess import Outcome
+from cadcam.plan.candidate import Candidate
+from cadcam.plan.layout import Layout, Survey
+from cadcam.plan.scene import CalibratedFrom, LayoutScene, Sigmas
+from cadcam.plan.search import Score
+from cadcam.plan.what_if import WhatIf
+from cadcam.report.table import Table
+from cadcam.verify.tolerance import Limit, Quantity, Rule
+
+CAUSES = {"pixels": "pixel noise", "calibration": "calibration", "motion": "motion", "plane": "height of the plane"}
+
+
+def layout_tables(layout: Layout, changes: Sequence[WhatIf] = ()) -> list[Table]:
+    """Return the cameras, the limits, and what if."""
+    tables = [camera_table(layout), limit_table(layout)]
+    return [*tables, what_if_table(changes)] if changes else tables
+
+
+def headline(layout: Layout) -> str:
+    """Return the verdict's reason, one sentence."""
+    outcomes, wanted = layout.outcomes, layout.survey.scene.tur
+    n, total = outcomes.count(Outcome.SUITABLE), len(outcomes)
+    cameras = _cameras(layout)
+    if n == total:
+        return f"{cameras} measure all {total} limits with U at most 1/{wanted:g} of each, in every pose"
+    worst = int(np.argmin(layout.assessment.ratio.min(axis=0)))
+    name = layout.survey.scene.features[layout.survey.asked.feature[worst]].name
+    said = (
+        f"{cameras} reach 1/{wanted:g} for {n} of {total} limits; worst: {name}, {ratio_words(_least(layout, worst))}"
+    )
+    if layout.outcome is Outcome.MARGINAL:
+        return said + "; parts near a limit will stay undecided"
+    return said
+
+
+def _cameras(layout: Layout) -> str:
+    n = len(layout.chosen)
+    moved = {c.shared for c in layout.cameras}
+    if len(moved) == 1 and "" not in moved:
+        return f"one camera at {n} places"
+    return f"{n} cameras" if n > 1 else "1 camera"
+
+
+def camera_table(layout: Layout) -> Table:
+    """Return where to mount each chosen camera, with which lens, and what it is there for."""
+    rows = []
+    for camera, role, look in zip(layout.cameras, layout.roles, layout.looks, strict=True):
+        pan, tilt = pan_tilt(camera)
+        seen = look.seen
+        scale = f"{np.median(look.mm_per_px[seen]):.3f}" if seen.any() else ""
+        of = f"{role.sees} of {seen.shape[1]}"
+        places = (_xyz(camera.eye), _xyz(camera.aim), f"{pan:.1f}", f"{tilt:.1f}")
+        said = why(role.without, role.only_it, camera)
+        rows.append((camera.name, lens_words(camera), *places, scale, of, said))
+    heads = ("camera", "lens", "position mm", "aims at mm", "pan deg", "tilt deg", "mm per px", "sees", "why")
+    notes = [
+        "world axes; pan from x towards y, tilt up; every camera's own x axis is level, but where it looks straight up "
+        "or down",
+        search_words(layout),
+        growth_words(layout),
+    ]
+    return Table(f"Cameras: {_cameras(layout)} of {len(layout.survey.candidates)} candidates", heads, tuple(rows),
+                 ("camera", "lens", "why"), tuple(notes))  # fmt: skip
+
+
+def why(without: Score, only_it: int, camera: Candidate) -> str:
+    """Return what is lost without a camera."""
+    if camera.fixed:
+        return "is there already"
+    if only_it:
+        return f"{only_it} limit{'s' * (only_it > 1)} measured only with it"
+    return f"without it the worst TUR is {without.worst:.2g}"
+
+
+def search_words(layout: Layout) -> str:
+    """Return how the set was found."""
+    found, all_of_them = layout.found, layout.all_of_them
+    if not found.chosen:
+        return "nothing was chosen: the cameras are those that are there"
+    how = (
+        f"all {found.sets} sets were tried: no other is better"
+        if found.complete
+        else f"three greedy starts, {found.exchanges} exchanges; not every set was tried"
+    )
+    unmeasured = f", {all_of_them.unmeasured} not measured even then" if all_of_them.unmeasured else ""
+    return f"{how}; with every candidate at once the worst TUR would be {all_of_them.worst:.2f}{unmeasured}"
+
+
+def growth_words(layout: Layout) -> str:
+    """Return what one camera less or more would do."""
+    said = [
+        f"{n} cameras {score.worst:.2f}" + (f" ({score.unmeasured} limits not measured)" if score.unmeasured else "")
+        for n, score in layout.growth
+    ]
+    return f"worst TUR by number of cameras: {', '.join(said)}"
+
+
+def limit_table(layout: Layout) -> Table:
+    """Return a line for each limit, in the pose where it is judged worst; the outcome in the title."""
+    rows = [limit_cells(layout, i) for i in range(len(layout.survey.asked))]
+    heads = ("feature", "what", "limit", "U", "TUR", "cameras", "outcome", "mostly by", "direction", "pose")
+    left = ("feature", "what", "outcome", "mostly by", "direction", "pose")
+    return Table(
+        f"{layout.outcome.value}: {headline(layout)}", heads, tuple(rows), left, (rule_words(layout.survey.scene),)
+    )
+
+
+def limit_cells(layout: Layout, i: int) -> tuple[str, ...]:
+    """Return what is said of one limit."""
+    seen, found = layout.survey, layout.assessment
+    limit, pose = seen.asked.limits[i], int(found.worst_pose[i])
+    sigma, ratio = float(found.sigma[pose, i]), float(found.ratio[pose, i])
+    outcome = layout.outcomes[i]
+    what = limit.quantity.name.lower() + (" along" if limit.direction is not None else "")
+    name = seen.scene.features[seen.asked.feature[i]].name
+    cameras = int(found.cameras[pose, i])
+    poses = list(seen.scene.poses)
+    if outcome is Outcome.NOT_MEASURED:
+        said = "no camera sees it" if cameras == 0 else "its rays do not fix it"
+        return (name, what, in_unit(limit, limit.value), "", "", str(cameras), outcome.value, said, "", poses[pose])
+    shares = {cause: float(s[pose, i]) for cause, s in found.shares.items()}
+    cause = max(shares, key=lambda c: shares[c])
+    by = f"{CAUSES.get(cause, cause)} {shares[cause]:.0%}"
+    direction = vector(found.direction[pose, i])
+    U = in_unit(limit, limit.k * sigma)
+    return (name, what, in_unit(limit, limit.value), U, tur_words(ratio), str(cameras), outcome.value, by, direction,
+            poses[pose])  # fmt: skip
+
+
+def what_if_table(changes: Sequence[WhatIf]) -> Table:
+    """Return the table of changes."""
+    rows = [
+        (w.change, "", "", "", "", w.impossible)
+        if w.impossible
+        else (w.change, f"{w.worst:.2f}", str(w.suitable), str(w.marginal), str(w.failed), "")
+        for w in changes
+    ]
+    heads = ("what if", "worst TUR", "suitable", "marginal", "fail", "")
+    note = "limits by outcome; the cameras stay where they are unless the distance is changed, and are focused anew"
+    return Table("What if", heads, tuple(rows), ("what if", ""), (note,))
+
+
+def next_table(seen: Survey, have: Sequence[int], order: Sequence[tuple[Candidate, Score]], *, most: int = 10) -> Table:
+    """Return the candidates that add most to the cameras there are."""
+    now = seen.problem.score(have)
+    rows = [("(as it is)", "", "", f"{now.worst:.2f}", str(now.unmeasured), "")]
+    for camera, score in list(order)[:most]:
+        better = f"{np.exp(score.mean_log - now.mean_log):.2f} times"
+        rows.append(
+            (camera.name, lens_words(camera), _xyz(camera.eye), f"{score.worst:.2f}", str(score.unmeasured), better)
+        )
+    names = ", ".join(seen.candidates[i].name for i in have)
+    heads = ("next camera", "lens", "position mm", "worst TUR", "not measured", "TUR, mean")
+    note = "each by itself beside them; not measured: limits, over all poses"
+    return Table(f"Next camera beside {names or 'none'}", heads, tuple(rows), ("next camera", "lens"), (note,))
+
+
+def assumptions(layout: Layout) -> list[str]:
+    """Return what the prediction rests on, a sentence each."""
+    scene = layout.survey.scene
+    finder, seeing = scene.finder, scene.seeing
+    out = []
+    if finder.sigma_px is not None:
+        out.append(
+            f"A feature that faces the camera in focus is found to {finder.sigma_px:g} px (sigma of each coordinate)."
+        )
+    if finder.by_grey:
+        out.append(
+            f"Marks and edges of known size are found as well as noise of {finder.grey:g} and contrast "
+            f"{finder.contrast:g} (white = 1) allow (Cramer-Rao bound)."
+        )
+    if finder.floor_px:
+        out.append(f"No feature is found better than to {finder.floor_px:g} px.")
+    out.append(calibration_words(scene.calibration))
+    if any(c.shared for c in layout.cameras):
+        out.append(
+            f"Each motion of the camera is known to {_sigmas(scene.motion)}; its calibration errs alike everywhere."
+        )
+    if scene.placement != Sigmas():
+        out.append(f"The part lies in its pose to {_sigmas(scene.placement)}: counts for features on known planes.")
+    out.append(
+        f"Seen: at most {np.degrees(seeing.incidence):g} deg from the normal, defocus at most {seeing.blur_px:g} px, "
+        f"{seeing.border_px:g} px from the border, at least {seeing.least_px:g} px large, {seeing.share:.0%} of a rim "
+        "or an edge unhidden."
+    )
+    poses = ", ".join(list(scene.poses)[:6]) + (" ..." if len(scene.poses) > 6 else "")
+    out.append(
+        f"The part is as drawn and lies in one of {len(scene.poses)} poses ({poses}); light and contrast suffice."
+    )
+    out.append("Features found wrongly, vibration, temperature and the part's own deformation are not in the numbers.")
+    if layout.survey.left_out:
+        n = len(layout.survey.left_out)
+        out.append(f"{n} places of zones lie inside of {layout.survey.left_out[0][1]} and were left out.")
+    return out
+
+
+def calibration_words(assumed: Sigmas | CalibratedFrom) -> str:
+    """Return what is assumed of calibrations."""
+    if isinstance(assumed, CalibratedFrom):
+        known = f", known to {assumed.points_mm:g} mm each" if assumed.points_mm else ""
+        return (
+            f"Each camera is calibrated where it stands from {assumed.points} points over its picture and the part's "
+            f"depth, seen to {assumed.sigma_px:g} px{known}: place, focal length and principal point."
+        )
+    if assumed == Sigmas():
+        return "Calibrations are taken as perfect."
+    return f"Calibrations are known to {_sigmas(assumed)}, independently."
+
+
+def rule_words(scene: LayoutScene) -> str:
+    """Return how outcomes are decided."""
+    simple = any(limit.rule is Rule.SIMPLE for f in scene.features for limit in f.limits)
+    said = (
+        f"U = k sigma of the worst direction, TUR = limit/U. SUITABLE: TUR at least {scene.tur:g} in every pose; "
+        "MARGINAL: parts within limit - U can PASS (ISO 14253-1); UNSUITABLE: U is as large as the limit, nothing "
+        "could ever PASS"
+    )
+    return said + (", or, with simple acceptance, more than a third of it" if simple else "")
+
+
+def tur_words(ratio: float) -> str:
+    """Return a test uncertainty ratio to two digits behind the point below 10, else to one."""
+    return f"{ratio:.2f}" if ratio < 10 else f"{ratio:.1f}"
+
+
+def ratio_words(ratio: float) -> str:
+    """Return a ratio in words."""
+    return f"TUR {ratio:.2f}" if ratio > 0 else "not measured"
+
+
+def lens_words(camera: Candidate) -> str:
+    """Return sensor and lens, short."""
+    optics = camera.optics
+    if optics is None:
+        return camera.type.name
+    aperture = f" f/{optics.f_number:g}" if optics.f_number is not None else ""
+    return f"{optics.sensor.name}, {optics.focal_mm:g} mm{aperture}"
+
+
+def pan_tilt(camera: Candidate) -> tuple[float, float]:
+    """Return the direction of view in degrees: pan from the world's x towards y, tilt upwards."""
+    x, y, z = camera.viewpoint.camera_from_world.rotation[2]
+    return float(np.degrees(np.arctan2(y, x))), float(np.degrees(np.arcsin(np.clip(z, -1, 1))))
+
+
+def in_unit(limit: Limit, value: float) -> str:
+    """Return a value of a limit's quantity with its unit."""
+    if limit.quantity is Quantity.ANGLE:
+        return f"{np.degrees(value):.3g} deg"
+    return f"{value:.3g} mm"
+
+
+def vector(v: Array) -> str:
+    """Return a direction; the sign does not matter, its largest number is shown positive."""
+    v = v * np.sign(v[np.argmax(np.abs(v))])
+    return "(" + ", ".join(f"{0.0 if abs(x) < 5e-3 else x:.2f}" for x in v) + ")"
+
+
+def _least(layout: Layout, i: int) -> float:
+    return float(layout.assessment.ratio[:, i].min())
+
+
+def _xyz(p: Array) -> str:
+    return " ".join(f"{x:.0f}" for x in p)
+
+
+def _sigmas(s: Sigmas) -> str:
+    said = [
+        f"{value:g} {unit}" + (f" ({what})" if what else "")
+        for value, unit, what in (
+            (s.position_mm, "mm", ""),
+            (float(np.degrees(s.rotation)), "deg", ""),
+            (s.focal_px, "px", "focal length"),
+            (s.principal_point_px, "px", "principal point"),
+        )
+        if value
+    ]
+    return ", ".join(said) or "exactly"
