@@ -1,6 +1,6 @@
 """What each effect of a sensor does to the sub-pixel position of marks and edges.
 
-    python benchmarks/sensor_effects.py --pictures 6 [--only effects,depth]
+    python benchmarks/sensor_effects.py --pictures 6 [--only effects,rings,depth] [--rows "gamma,JPEG 75"]
 
 effects:
 Boards are seen from the front, turned by 7 degrees, at a random place of the pixel grid, through a sensor with nothing
@@ -8,11 +8,13 @@ but a blur of 0.7 px and the noise of 10500 electrons; then with one effect more
 (`target.detect`, photometric fits) and a straight step edge (`image.profile`, cells of 17 x 17 px). Printed: rms
 distance to the truth of corners and of discs; how much too large the discs' radius is, black on white; how far the edge
 lies on its dark side, and how much that varies between cells. "common" is the shift of all marks of a picture alike,
-which a calibration takes up, and is taken off the rms beside it. Rings are single marks, a disc in a ring, found by
-`find_marks` through the camera; "told" is the rms that their covariances foretell.
+which a calibration takes up, and is taken off the rms beside it.
 
-depth: the same boards tilted by 40 degrees and photographed through openings focused on their middle (`Photographer`):
-blur that grows to both sides, and within each mark.
+rings: the same with single marks, discs in rings, found by `find_marks` through the camera; "told" is the rms that
+their covariances foretell.
+
+depth: chessboard and rings tilted by 40 degrees and photographed (`Photographer`) through openings focused on their
+middle: blur that grows to both sides, and within each mark.
 """
 
 from __future__ import annotations
@@ -287,23 +289,29 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pictures", type=int, default=6, help="pictures a row")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", default="effects,depth")
+    parser.add_argument("--only", default="effects,rings,depth")
+    parser.add_argument("--rows", default="", help="sensors to look at: parts of their names, with commas between")
     arguments = parser.parse_args()
+    wanted = arguments.rows.split(",")
+    chosen = [row for row in rows() if any(part in row.name for part in wanted)]
     if "effects" in arguments.only:
-        effects(arguments.pictures, arguments.seed)
+        effects(chosen, arguments.pictures, arguments.seed)
+    if "rings" in arguments.only:
+        print("| sensor | rings rms | common x y | told |")
+        print("|---|---|---|---|")
+        for row in chosen:
+            print(f"| {row.name} | {' | '.join(rings(row, arguments.pictures, arguments.seed))} |", flush=True)
     if "depth" in arguments.only:
         depth(arguments.pictures, arguments.seed)
 
 
-def effects(pictures: int, seed: int) -> None:
-    """Print the table of effects."""
-    heads = ("corners rms", "common x y", "discs rms", "common x y", "disc radius", "rings rms", "common x y", "told")
-    print(f"| sensor | {' | '.join(heads)} | edge to dark | edge spread |")
-    print("|---|" + "---|" * (len(heads) + 2))
-    for row in rows():
+def effects(chosen: list[Row], pictures: int, seed: int) -> None:
+    """Print the table of effects on boards and edges."""
+    print("| sensor | corners rms | common x y | discs rms | common x y | disc radius | edge to dark | edge spread |")
+    print("|---|---|---|---|---|---|---|---|")
+    for row in chosen:
         corner, disc = marks(row, CORNERS, pictures, seed), marks(row, DISCS, pictures, seed)
-        cells = (*corner[:2], *disc, *rings(row, pictures, seed), *edges(row, pictures, seed))
-        print(f"| {row.name} | {' | '.join(cells)} |", flush=True)
+        print(f"| {row.name} | {' | '.join((*corner[:2], *disc, *edges(row, pictures, seed)))} |", flush=True)
 
 
 if __name__ == "__main__":
