@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -221,6 +223,18 @@ def test_a_photograph_is_the_radiance_seen_by_the_sensor_and_the_same_again_for_
     ]
     assert np.array_equal(*twice)
     assert 0.001 < np.std(twice[0][10:20, 30:40] - 0.5) < 0.2
+
+
+def test_the_document_s_lines_run_as_printed():
+    text = (Path(__file__).resolve().parents[2] / "docs" / "photographs.md").read_text()
+    (lines,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    box = plate(-300.0, 300.0, 3000.0, y=(-200.0, 200.0))
+    names = {"mesh": box, "camera_from_world": HERE}
+    exec(lines, names)
+    picture = names["picture"]
+    assert picture.shape == (270, 360, 3)
+    assert 0.3 < picture[0, 0, 0] < 0.5  # the background, vignetted
+    assert picture[135, 180].max() > 0.05
 
 
 @pytest.mark.parametrize(

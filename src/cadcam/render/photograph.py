@@ -23,7 +23,7 @@ from cadcam.render.cores import blocks, on_all_cores
 from cadcam.render.cutout import Cutout
 from cadcam.render.embree import Caster
 from cadcam.render.light import LIGHTS, Light
-from cadcam.render.samples import SamplePoints, sample_points
+from cadcam.render.samples import sample_points
 from cadcam.render.thin_lens import Pinhole, ThinLens
 from cadcam.render.view import Channel, Scene, View
 
@@ -89,18 +89,16 @@ class Photographer:
         points, lens = sample_points(samples, blur_px), ThinLens(camera, aperture)
         color = np.zeros((camera.height, camera.width, 3), np.float32)
         alpha = np.zeros((camera.height, camera.width), np.float32)
-        for k in range(len(points)):
-            self._add(
-                color, alpha, lens.pinhole(camera_from_world, points.pixel[k], points.opening[k]), light, points, k
-            )
+        for pixel, opening, lamp in zip(points.pixel, points.opening, points.lamp, strict=True):
+            self._add(color, alpha, lens.pinhole(camera_from_world, pixel, opening), light, lamp)
         n = np.float32(len(points))
         return Cutout(camera, np.divide(color, n, dtype=np.float32), np.divide(alpha, n, dtype=np.float32))
 
-    def _add(self, color: Picture, alpha: Picture, seen: Pinhole, light: Light, points: SamplePoints, k: int) -> None:
-        """Add what one pinhole sees by one point of each lamp."""
+    def _add(self, color: Picture, alpha: Picture, seen: Pinhole, light: Light, lamp_point: Array) -> None:
+        """Add what one pinhole sees by one point of each lamp's disc."""
         view = self._renderer.render(seen.camera, seen.camera_from_world, channels=_SEEN)
         at = np.nonzero(view.mask)
-        irradiance = self._irradiance(view, seen, at, light, points.lamp[k])
+        irradiance = self._irradiance(view, seen, at, light, lamp_point)
         color[at] += self._reflectance[view.face[at]] * irradiance[:, None]
         alpha[at] += 1
 
