@@ -1,13 +1,20 @@
 """What each effect of a sensor does to the sub-pixel position of marks and edges.
 
-    python benchmarks/sensor_effects.py --pictures 6
+    python benchmarks/sensor_effects.py --pictures 6 [--only effects,rings,depth] [--rows "gamma,JPEG 75"]
 
+effects:
 Boards are seen from the front, turned by 7 degrees, at a random place of the pixel grid, through a sensor with nothing
 but a blur of 0.7 px and the noise of 10500 electrons; then with one effect more. Found are chessboard corners and discs
 (`target.detect`, photometric fits) and a straight step edge (`image.profile`, cells of 17 x 17 px). Printed: rms
 distance to the truth of corners and of discs; how much too large the discs' radius is, black on white; how far the edge
 lies on its dark side, and how much that varies between cells. "common" is the shift of all marks of a picture alike,
 which a calibration takes up, and is taken off the rms beside it.
+
+rings: the same with single marks, discs in rings, found by `find_marks` through the camera; "told" is the rms that
+their covariances foretell.
+
+depth: chessboard and rings tilted by 40 degrees and photographed (`Photographer`) through openings focused on their
+middle: blur that grows to both sides, and within each mark.
 """
 
 from __future__ import annotations
@@ -17,23 +24,37 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from cadcam.arrays import Array, Picture
+from cadcam.cad.mesh import Mesh, merge
+from cadcam.camera.aperture import Aperture
 from cadcam.camera.camera import Camera
 from cadcam.errors import CadcamError
 from cadcam.geometry.rigid import Rigid
+from cadcam.image.picture import to_gray
 from cadcam.image.profile import blur_of, steps
 from cadcam.image.sensor.charge import Blooming, Noise, Smear
 from cadcam.image.sensor.light import Blur, Interlace, Motion, Vignetting
 from cadcam.image.sensor.presets import PRESETS
 from cadcam.image.sensor.sensor import Exposure, Sensor
 from cadcam.image.sensor.video import EdgeEnhancement, Gain, Gamma, Jitter, Jpeg, Quantisation
+from cadcam.render.light import LIGHTS
+from cadcam.render.photograph import Photographer, behind, blur_before
+from cadcam.render.view import Scene
 from cadcam.target.board import Pattern
 from cadcam.target.detect import detect
-from cadcam.target.ideal import board_picture
+from cadcam.target.find import find_marks
+from cadcam.target.ideal import board_picture, marks_picture
+from cadcam.target.mark import dot_and_ring
 from cadcam.target.pattern import parse_pattern
 
 CAMERA = Camera.from_focal((480, 360), 500.0)
+RING = dot_and_ring(7.0, 14.0, 21.0)
+RINGS = [((i - 2.5) * 40.0, (j - 1.5) * 40.0) for j in range(4) for i in range(6)]
+TILT = np.radians(40.0)
+DEPTH_SAMPLES = 128
+SHEET = np.array([[0, 2, 1], [0, 3, 2]])
 CORNERS, DISCS = parse_pattern("chessboard:9x6:25mm"), parse_pattern("circles:9x6:25mm:14mm")
 DISTANCE = 340.0  # mm: a cell is 37 px
 DARK, LIGHT = 0.1, 0.8  # radiance of ink and paper
@@ -99,10 +120,14 @@ def rows() -> Iterator[Row]:
 
 def pose(pattern: Pattern, rng: np.random.Generator) -> Rigid:
     """Return camera_from_board: in front, turned, the middle anywhere within a pixel of the centre."""
-    middle = -np.append((np.array(pattern.outline[:2]) + np.array(pattern.outline[2:])) / 2, 0.0)
+    return pose_about((np.array(pattern.outline[:2]) + np.array(pattern.outline[2:])) / 2, rng)
+
+
+def pose_about(middle: Array, rng: np.random.Generator, tilt: float = 0.0) -> Rigid:
+    """Return camera_from_board with the board's `middle` (2,) mm on the axis, tilted about the picture's vertical."""
     aside = (rng.uniform(-0.5, 0.5, 2)) * DISTANCE / CAMERA.fx
-    turned = Rigid.exp([0, 0, 0, 0, 0, np.radians(7.0)])
-    return Rigid(translation=np.array([*aside, DISTANCE])) @ turned @ Rigid(translation=middle)
+    turned = Rigid.exp([0, 0, 0, 0, tilt, 0]) @ Rigid.exp([0, 0, 0, 0, 0, np.radians(7.0)])
+    return Rigid(translation=np.array([*aside, DISTANCE])) @ turned @ Rigid(translation=-np.append(middle, 0.0))
 
 
 def marks(row: Row, pattern: Pattern, pictures: int, seed: int) -> tuple[str, str, str]:
@@ -124,6 +149,114 @@ def marks(row: Row, pattern: Pattern, pictures: int, seed: int) -> tuple[str, st
     rms = float(np.sqrt(np.mean(np.sum(np.concatenate(off) ** 2, axis=1))))
     shift = np.mean(common, axis=0)
     return f"{rms:.4f}", "{:+.3f} {:+.3f}".format(*shift), f"{np.mean(radius):+.3f}" if radius else ""
+
+
+def rings(row: Row, pictures: int, seed: int) -> tuple[str, str, str]:
+    """Return rms, the common shift and the rms told of single marks found by `find_marks`, px."""
+    errors, told = [], []
+    for k in range(pictures):
+        rng = np.random.default_rng([seed, k])
+        at = pose_about(np.zeros(2), rng)
+        poses = [at @ Rigid(translation=np.array([*place, 0.0])) for place in RINGS]
+        radiance = marks_picture([RING] * len(poses), CAMERA, poses, paper=LIGHT, ink=DARK, background=LIGHT)
+        seen, size = row.seen(radiance, rng), RING.radius * CAMERA.fx / DISTANCE
+        try:
+            found = find_marks(seen, RING, radius_px=size, count=len(RINGS), camera=CAMERA, normal=at.rotation[:, 2])
+        except CadcamError:
+            return "lost", "", ""
+        truth = CAMERA.project(np.array([p.translation for p in poses]))
+        errors.append(np.array([f.pixel - truth[np.argmin(np.sum((truth - f.pixel) ** 2, axis=1))] for f in found]))
+        told += [np.trace(f.covariance) for f in found]
+    return *scattered(errors), f"{np.sqrt(np.mean(told)):.4f}"
+
+
+def chess_scene() -> Scene:
+    """Return the chessboard as a mesh: black squares just before a sheet of paper."""
+    side = 25.0
+    ij = np.array([(i, j) for j in range(-1, CORNERS.rows) for i in range(-1, CORNERS.columns)])
+    black = ij[CORNERS.black(side * (ij + 0.5))]
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]])
+    return inked([(side * (square + np.array([i, j, 0])), SHEET) for i, j in black], CORNERS.outline)
+
+
+def ring_scene() -> Scene:
+    """Return the rings as a mesh: discs and rings of 96 sides just before a sheet of paper."""
+    turn = np.linspace(0, 2 * np.pi, 97)[:-1]
+    circle = np.stack([np.cos(turn), np.sin(turn), np.zeros(96)], axis=1) / np.sinc(1 / 96)  # as large as a true circle
+    k, n = np.arange(96), np.roll(np.arange(96), -1)
+    fan = np.stack([np.full(96, 96), n, k], axis=1)
+    band = np.concatenate([np.stack([k, n, n + 96], axis=1), np.stack([k, n + 96, k + 96], axis=1)])
+    disc = np.concatenate([3.5 * circle, np.zeros((1, 3))])
+    ring = np.concatenate([10.5 * circle, 7.0 * circle])
+    places = [np.array([x, y, 0.0]) for x, y in RINGS]
+    shapes = [(vertices + p, faces) for p in places for vertices, faces in ((disc, fan), (ring, band))]
+    return inked(shapes, (-140.0, -100.0, 140.0, 100.0))
+
+
+def inked(shapes: list[tuple[Array, npt.NDArray[np.int64]]], outline: tuple[float, float, float, float]) -> Scene:
+    """Return black shapes, counter-clockwise as the camera sees them, before a sheet of paper."""
+    left, top, right, bottom = outline
+    sheet = np.array([[left, top, 0.01], [right, top, 0.01], [right, bottom, 0.01], [left, bottom, 0.01]])
+    meshes = [Mesh.single(sheet, SHEET, name="paper")]
+    meshes += [Mesh.single(v, f, name=f"ink {k}") for k, (v, f) in enumerate(shapes)]
+    grey = np.array([LIGHT] + [DARK] * len(shapes))
+    return Scene.of(merge(meshes), colors=np.repeat(grey[:, None], 3, axis=1))
+
+
+def depth(pictures: int, seed: int) -> None:
+    """Print the table of tilted boards through openings."""
+    print("| opening | blur on the near and far side, px | corners rms | common x y | rings rms | common x y |")
+    print("|---|---|---|---|---|---|")
+    chess, plate = Photographer(chess_scene()), Photographer(ring_scene())
+    for diameter in (None, 4.0, 8.0, 16.0):
+        aperture = None if diameter is None else Aperture(diameter, DISTANCE)
+        reach = 100.0 * np.sin(TILT)
+        blur = [0.0 if aperture is None else float(aperture.defocus_px(CAMERA, DISTANCE + s * reach)) for s in (-1, 1)]
+        cells = [*tilted_corners(chess, aperture, pictures, seed), *tilted_rings(plate, aperture, pictures, seed)]
+        name = "pinhole" if diameter is None else f"{diameter:g} mm"
+        print(f"| {name} | {blur[0]:.1f} {blur[1]:.1f} | {' | '.join(cells)} |", flush=True)
+
+
+def tilted_corners(photographer: Photographer, aperture: Aperture | None, pictures: int, seed: int) -> tuple[str, str]:
+    """Return rms and common shift of corners on a tilted chessboard."""
+    errors = []
+    middle = (np.array(CORNERS.outline[:2]) + np.array(CORNERS.outline[2:])) / 2
+    for k in range(pictures):
+        rng = np.random.default_rng([seed, k])
+        at = pose_about(middle, rng, TILT)
+        found = detect(photographed(photographer, at, aperture, rng), CORNERS)
+        errors.append(found.q - CAMERA.project(at @ CORNERS.points)[found.points])
+    return scattered(errors)
+
+
+def tilted_rings(photographer: Photographer, aperture: Aperture | None, pictures: int, seed: int) -> tuple[str, str]:
+    """Return rms and common shift of single marks on a tilted plate."""
+    errors = []
+    for k in range(pictures):
+        rng = np.random.default_rng([seed, k])
+        at = pose_about(np.zeros(2), rng, TILT)
+        seen = photographed(photographer, at, aperture, rng)
+        truth = CAMERA.project(at @ np.array([[*place, 0.0] for place in RINGS]))
+        size = (8.0, 22.0)
+        found = find_marks(seen, RING, radius_px=size, count=len(RINGS), camera=CAMERA, normal=at.rotation[:, 2])
+        errors.append(np.array([f.pixel - truth[np.argmin(np.sum((truth - f.pixel) ** 2, axis=1))] for f in found]))
+    return scattered(errors)
+
+
+def photographed(photographer: Photographer, at: Rigid, aperture: Aperture | None, rng: np.random.Generator) -> Picture:
+    """Return the grey picture of a board through an opening, with the base sensor's blur and noise."""
+    blur = blur_before(BASE, CAMERA, aperture)
+    cutout = photographer.radiance(
+        CAMERA, at, light=LIGHTS["even"], aperture=aperture, blur_px=blur, samples=DEPTH_SAMPLES
+    )
+    return behind(BASE, CAMERA).apply(to_gray(cutout.over((LIGHT, LIGHT, LIGHT))), rng=rng)
+
+
+def scattered(errors: list[Array]) -> tuple[str, str]:
+    """Return the rms of errors (N, 2) of each picture about their common shift, and that shift, px."""
+    common = [e.mean(axis=0) for e in errors]
+    off = np.concatenate([e - c for e, c in zip(errors, common, strict=True)])
+    return f"{np.sqrt(np.mean(np.sum(off**2, axis=1))):.4f}", "{:+.3f} {:+.3f}".format(*np.mean(common, axis=0))
 
 
 def edge_picture(offset: float) -> tuple[Picture, Array, Array]:
@@ -157,14 +290,29 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pictures", type=int, default=6, help="pictures a row")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--only", default="effects,rings,depth")
+    parser.add_argument("--rows", default="", help="sensors to look at: parts of their names, with commas between")
     arguments = parser.parse_args()
+    wanted = arguments.rows.split(",")
+    chosen = [row for row in rows() if any(part in row.name for part in wanted)]
+    if "effects" in arguments.only:
+        effects(chosen, arguments.pictures, arguments.seed)
+    if "rings" in arguments.only:
+        print("| sensor | rings rms | common x y | told |")
+        print("|---|---|---|---|")
+        for row in chosen:
+            print(f"| {row.name} | {' | '.join(rings(row, arguments.pictures, arguments.seed))} |", flush=True)
+    if "depth" in arguments.only:
+        depth(arguments.pictures, arguments.seed)
+
+
+def effects(chosen: list[Row], pictures: int, seed: int) -> None:
+    """Print the table of effects on boards and edges."""
     print("| sensor | corners rms | common x y | discs rms | common x y | disc radius | edge to dark | edge spread |")
     print("|---|---|---|---|---|---|---|---|")
-    for row in rows():
-        corner = marks(row, CORNERS, arguments.pictures, arguments.seed)
-        disc = marks(row, DISCS, arguments.pictures, arguments.seed)
-        edge = edges(row, arguments.pictures, arguments.seed)
-        print(f"| {row.name} | {' | '.join((*corner[:2], *disc, *edge))} |", flush=True)
+    for row in chosen:
+        corner, disc = marks(row, CORNERS, pictures, seed), marks(row, DISCS, pictures, seed)
+        print(f"| {row.name} | {' | '.join((*corner[:2], *disc, *edges(row, pictures, seed)))} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -35,6 +35,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.calibrate.variability import first_order as first_order
     from cadcam.calibrate.variability import markov_chain as markov_chain
     from cadcam.calibrate.variability import monte_carlo as monte_carlo
+    from cadcam.camera.aperture import Aperture as Aperture
     from cadcam.camera.camera import Camera as Camera
     from cadcam.camera.estimate import CameraEstimate as CameraEstimate
     from cadcam.camera.extended_pinhole import ExtendedPinhole as ExtendedPinhole
@@ -132,6 +133,9 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.record.trend import trend as trend
     from cadcam.render import open_renderer as open_renderer
     from cadcam.render.cutout import Cutout as Cutout
+    from cadcam.render.light import Lamp as Lamp
+    from cadcam.render.light import Light as Light
+    from cadcam.render.light import named_light as named_light
     from cadcam.render.looks import named_look as named_look
     from cadcam.render.looks import repainted as repainted
     from cadcam.render.overlay import LineStyle as LineStyle
@@ -142,6 +146,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.render.overlay import overlay as overlay
     from cadcam.render.overlay import side_by_side as side_by_side
     from cadcam.render.overlay import write_overlay_svg as write_overlay_svg
+    from cadcam.render.photograph import Photographer as Photographer
     from cadcam.render.standard_view import standard_view as standard_view
     from cadcam.render.view import Channel as Channel
     from cadcam.render.view import Look as Look
@@ -183,6 +188,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
 __version__ = "0.1.0"
 
 _HOME = {
+    "Aperture": "cadcam.camera.aperture",
     "BrownConrady": "cadcam.camera.lens",
     "CadcamError": "cadcam.errors",
     "Camera": "cadcam.camera.camera",
@@ -209,8 +215,10 @@ _HOME = {
     "InverseBrownConrady": "cadcam.camera.lens",
     "JointEstimate": "cadcam.camera.joint_estimate",
     "KnownMotion": "cadcam.camera.viewpoint",
+    "Lamp": "cadcam.render.light",
     "Layout": "cadcam.plan.layout",
     "LayoutScene": "cadcam.plan.scene",
+    "Light": "cadcam.render.light",
     "LineCamera": "cadcam.camera.line_camera",
     "LineObservations": "cadcam.camera.line_camera",
     "LineOptions": "cadcam.render.wireframe",
@@ -229,6 +237,7 @@ _HOME = {
     "Part": "cadcam.locate.part",
     "Peaks": "cadcam.image.correlate",
     "Photo": "cadcam.locate.photo",
+    "Photographer": "cadcam.render.photograph",
     "Plane": "cadcam.geometry.plane",
     "PlaneCamera": "cadcam.camera.plane_camera",
     "Plate": "cadcam.station.plate",
@@ -284,6 +293,7 @@ _HOME = {
     "measure_marks": "cadcam.station.measure:measure",
     "measure_points": "cadcam.calibrate.measure",
     "monte_carlo": "cadcam.calibrate.variability",
+    "named_light": "cadcam.render.light",
     "named_look": "cadcam.render.looks",
     "nested_advice": "cadcam.calibrate.nested",
     "next_views": "cadcam.plan.layout",

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.cli.looks import Dress, look_of
+from cadcam.cli.photographs import Photographs, is_photograph
 from cadcam.cli.wires import INK, lines_as_json, style_of
 from cadcam.errors import BadValue, UnknownName
 from cadcam.image.exr import write_exr
@@ -108,6 +109,8 @@ def output_of(arguments: argparse.Namespace, scene: Scene, poses: Iterable[Rigid
     """Return the channel asked for."""
     views = partial(Views, scene, arguments)
     match arguments.channel:
+        case "shaded" if is_photograph(arguments):
+            return Photographs(scene, arguments, Dress(arguments, scene))
         case "shaded":
             return views(Channel.IMAGE, Dress(arguments, scene).write, look_of(arguments))
         case "wireframe":

@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import color, named_color
+from cadcam.cli.photographs import WALL, add_photograph_options, check_photograph_options, is_photograph
 from cadcam.cli.sensor import add_sensor_options, generator
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
     from cadcam.arrays import Picture
     from cadcam.image.sensor.sensor import Sensor
+    from cadcam.render.cutout import Cutout
     from cadcam.render.overlay import LineStyle
     from cadcam.render.view import Look, Scene, View
     from cadcam.render.visible import LineDrawer
@@ -46,6 +48,7 @@ def add_look_options(parser: argparse.ArgumentParser) -> None:
         help="'#rrggbb', white (default), black, or a photo of the camera's size",
     )
     group.add_argument("--transparent", action="store_true", help="no background at all: .png with alpha")
+    add_photograph_options(parser)
     add_sensor_options(parser)
 
 
@@ -69,6 +72,7 @@ def check_look_options(arguments: argparse.Namespace) -> None:
         raise BadValue("--sensor", "given beside --transparent", "one of them: a camera sees some background")
     if arguments.transparent and not arguments.output.lower().endswith(".png"):
         raise BadValue("--transparent", f"given for {arguments.output}", "an output .png: no other format has alpha")
+    check_photograph_options(arguments)
 
 
 def look_of(arguments: argparse.Namespace) -> Look:
@@ -84,15 +88,13 @@ class Dress:
 
     def __init__(self, arguments: argparse.Namespace, scene: Scene) -> None:
         self._arguments = arguments
-        self._background = None if arguments.transparent else background(arguments.background or "white")
+        usual = WALL if is_photograph(arguments) else "white"
+        self._background = None if arguments.transparent else background(arguments.background or usual)
         self._drawer = _drawer(scene) if arguments.edges else None
         self._sensor = None if arguments.sensor is None else _sensor(arguments.sensor)
 
     def write(self, path: str, view: View) -> dict[str, Any]:
         """Write the picture; return how many pixels saw the model."""
-        import numpy as np
-
-        from cadcam.image.picture import write_picture
         from cadcam.render.cutout import Cutout
         from cadcam.render.wireframe import LineOptions
 
@@ -101,19 +103,23 @@ class Dress:
             options = LineOptions(hidden=self._arguments.hidden)
             wireframe = self._drawer.draw(view.camera, view.camera_from_world, options=options)
             model = model.with_lines(wireframe, style=_soft(self._arguments))
-        if self._background is None:
-            write_picture(path, model.straight, alpha=model.alpha)
-        elif isinstance(self._background, tuple):
-            write_picture(path, self._seen(model.over(self._background), path))
-        else:
-            write_picture(path, self._seen(model.over_photo(self._background), path))
-        return {"seen_pixels": int(np.count_nonzero(view.coverage))}
+        return self.write_model(path, model, self._sensor)
 
-    def _seen(self, picture: Picture, path: str) -> Picture:
-        """Return what the sensor makes of the picture; each file has noise of its own."""
-        if self._sensor is None:
-            return picture
-        return self._sensor.apply(picture, rng=generator(self._arguments.seed, path))
+    def write_model(self, path: str, model: Cutout, sensor: Sensor | None) -> dict[str, Any]:
+        """Write a model on its background as the sensor sees it; return how many pixels saw the model."""
+        import numpy as np
+
+        from cadcam.image.picture import write_picture
+
+        if self._background is None:
+            write_picture(path, np.clip(model.straight, 0, 1), alpha=model.alpha)
+        else:
+            behind_it = self._background
+            picture = model.over(behind_it) if isinstance(behind_it, tuple) else model.over_photo(behind_it)
+            if sensor is not None:  # each file has noise of its own
+                picture = sensor.apply(picture, rng=generator(self._arguments.seed, path))
+            write_picture(path, picture)
+        return {"seen_pixels": int(np.count_nonzero(model.alpha))}
 
 
 def _sensor(name: str) -> Sensor:

@@ -37,6 +37,7 @@ _EXAMPLES = f"""\
   cadcam render part.step --camera camera.json --background photo.png -o in_place.png
   cadcam render part.step --camera camera.json --channel depth -o depth.npy
   cadcam render part.step --camera internals.json --pose pose.txt -o as_seen.png
+  cadcam render part.step --camera cam.json --light hall --lens 16 --f-number 2 --sensor ccir-1996 -o as_taken.png
   cadcam render part.step --camera internals.json --poses poses.csv -o 'views/{{name}}.png'
 
 {POSE_HELP}
@@ -148,6 +149,8 @@ def in_words(channel: str, result: Mapping[str, Any]) -> str:
     words = [f"the model covers {result['seen_pixels']} px"]
     if "depth_mm" in result:
         words.append("depth {:.3f} to {:.3f} mm".format(*result["depth_mm"]))
+    if "aperture_mm" in result:
+        words.append(f"opening {result['aperture_mm']:.4g} mm, focused at {result['focus_mm']:.6g} mm")
     if "depth_mm_per_step" in result:
         words.append(f"{result['depth_mm_per_step']:g} mm a step, 0 for the background")
     parts = [f"  {at['number']:4d}  {at['pixels']:8d} px  {name}" for name, at in result.get("seen_parts", {}).items()]

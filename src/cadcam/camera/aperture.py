@@ -1,0 +1,52 @@
+"""The opening of a thin lens: how wide, and the distance that is in focus. Together with a camera that is all of blur.
+
+A point of the opening at (u, v) from its middle sees the scene as a pinhole there would, on a sensor shifted so that
+what lies at the focus distance D stays where it is. Of a point at depth z it sees the picture shifted by
+
+    dq = K (u, v) (1/D - 1/z),
+
+so the whole opening of diameter A makes a disc of it, of diameter A f |1/D - 1/z| px with the camera's f in px (thin
+lens; Potmesil and Chakravarty, "A lens and aperture camera model", 1981).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+
+from cadcam.arrays import Array, Floats
+from cadcam.camera.camera import Camera
+from cadcam.camera.optics import WAVELENGTH_UM, Optics
+from cadcam.errors import BadValue
+
+_AIRY_SIGMA = 0.42  # of wavelength by f-number: the Gaussian nearest to the Airy disc's core
+
+
+@dataclass(frozen=True, slots=True)
+class Aperture:
+    """A round opening of diameter_mm, of a lens focused at focus_mm (z-depth from the lens; inf: far away)."""
+
+    diameter_mm: float
+    focus_mm: float
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.diameter_mm) and self.diameter_mm > 0):
+            raise BadValue("diameter of the aperture", f"{self.diameter_mm:g} mm", "a positive number of mm")
+        if not self.focus_mm > 0:
+            raise BadValue("focus distance", f"{self.focus_mm:g} mm", "a positive number of mm, from the lens")
+
+    @classmethod
+    def of(cls, optics: Optics) -> Aperture:
+        """Return the opening f/N of some optics at their distance; `BadValue` without an f-number."""
+        return cls(optics.aperture_mm, optics.distance_mm)
+
+    def defocus_px(self, camera: Camera, z_mm: Floats) -> Array:
+        """Return the diameter along x, in px, of the discs that points at depths z_mm (...) become."""
+        z = np.asarray(z_mm, dtype=np.float64)
+        return np.asarray(self.diameter_mm * camera.fx * np.abs(1 / self.focus_mm - 1 / z))
+
+    def diffraction_px(self, camera: Camera, wavelength_um: float = WAVELENGTH_UM) -> float:
+        """Return the sigma in px of the Gaussian like the Airy disc's core: 0.42 lambda N (1 + m) = 0.42 lambda f/A."""
+        return _AIRY_SIGMA * wavelength_um / 1000 * camera.fx / self.diameter_mm

@@ -1,0 +1,99 @@
+"""The pinhole at one point of a camera's opening, through one point of its pixels: what a photograph is a mean of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cadcam.arrays import Array, Floats
+from cadcam.camera.aperture import Aperture
+from cadcam.camera.camera import Camera
+from cadcam.camera.lens import Ideal, Lens
+from cadcam.camera.perspective import direction
+from cadcam.geometry.rigid import Rigid
+from cadcam.render.raster import plane_points
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pinhole:
+    """A camera without an opening that stands at a point of another's; `plane` (H, W, 2): x/z, y/z of its pixels."""
+
+    camera: Camera
+    camera_from_world: Rigid
+    plane: Array
+
+    @property
+    def directions(self) -> Array:
+        """Return the unit directions (H, W, 3) of its pixels in its own frame."""
+        return direction(self.plane)
+
+
+class ThinLens:
+    """A camera with an opening, or None for a pinhole: gives the pinholes that make it up."""
+
+    def __init__(self, camera: Camera, aperture: Aperture | None) -> None:
+        self._camera, self._aperture = camera, aperture
+        self._plane = plane_points(camera)
+        self._per_x = np.gradient(self._plane, axis=1) if camera.width > 1 else np.zeros_like(self._plane)
+        self._per_y = np.gradient(self._plane, axis=0) if camera.height > 1 else np.zeros_like(self._plane)
+
+    def pinhole(self, camera_from_world: Rigid, pixel: Array, opening: Array) -> Pinhole:
+        """Return the pinhole at a point (2,) of the opening, a unit disc, looking through `pixel` beside the centres.
+
+        Beside the centres a lens' plane is extrapolated linearly: off by less than 1e-3 px, without a lens by nothing.
+        """
+        at, shift = self._at(opening), self._shift(opening)
+        plane = self._plane + pixel[0] * self._per_x + pixel[1] * self._per_y - shift
+        pose = Rigid(translation=np.array([-at[0], -at[1], 0.0])) @ camera_from_world
+        if isinstance(self._camera.lens, Ideal):
+            K = self._camera.K.copy()
+            K[:2, 2] += K[:2, :2] @ shift - pixel
+            return Pinhole(Camera(self._camera.size, K), pose, plane)
+        return Pinhole(Camera(self._camera.size, np.eye(3), _Known(self._camera, plane, pixel, shift)), pose, plane)
+
+    def _at(self, opening: Array) -> Array:
+        return np.zeros(2) if self._aperture is None else opening * (self._aperture.diameter_mm / 2)
+
+    def _shift(self, opening: Array) -> Array:
+        """Return by how much x/z, y/z of what is in focus changes, seen from a point of the opening."""
+        return np.zeros(2) if self._aperture is None else self._at(opening) / self._aperture.focus_mm
+
+
+@dataclass(frozen=True, eq=False)
+class _Known(Lens):
+    """The lens of a pinhole, told in pixels: its camera's K is one. Known are the pixels' own points of the plane."""
+
+    whole: Camera = field(repr=False)
+    plane: Array = field(repr=False)
+    pixel: Array = field(repr=False)
+    shift: Array = field(repr=False)
+
+    __eq__, __hash__ = object.__eq__, object.__hash__  # no two are alike: renderers keep tables by lens
+
+    def __post_init__(self) -> None:
+        pass
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        return {}
+
+    @property
+    def valid_radius(self) -> float:
+        return self.whole.lens.valid_radius
+
+    def project(self, p: Floats) -> Array:
+        return np.asarray(self.whole.project(np.asarray(p) @ self._shear.T) - self.pixel)
+
+    def project_with_jacobians(self, p: Floats, terms: Sequence[int] | None = None) -> tuple[Array, Array, Array]:
+        q, J = self.whole.project_with_jacobian(np.asarray(p) @ self._shear.T)
+        return q - self.pixel, J @ self._shear, np.zeros((*q.shape, 0))
+
+    def unproject(self, m: Floats) -> Array:
+        column, row = np.rint(np.moveaxis(np.asarray(m), -1, 0)).astype(np.int64)
+        return direction(self.plane[row, column])
+
+    @property
+    def _shear(self) -> Array:
+        return np.array([[1.0, 0.0, self.shift[0]], [0.0, 1.0, self.shift[1]], [0.0, 0.0, 1.0]])
