@@ -110,6 +110,14 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.locate.track_log import TrackLog as TrackLog
     from cadcam.locate.track_log import read_track as read_track
     from cadcam.locate.track_log import track_to as track_to
+    from cadcam.plan.layout import Layout as Layout
+    from cadcam.plan.layout import next_views as next_views
+    from cadcam.plan.layout import plan_layout as plan_layout
+    from cadcam.plan.predict import Prediction as Prediction
+    from cadcam.plan.predict import predict_points as predict_points
+    from cadcam.plan.scene import LayoutScene as LayoutScene
+    from cadcam.plan.scene_file import read_scene as read_scene
+    from cadcam.plan.what_if import what_if as what_if
     from cadcam.record.export import read_records as read_records
     from cadcam.record.export import write_records as write_records
     from cadcam.record.record import Deviation as Deviation
@@ -175,6 +183,8 @@ _HOME = {
     "JointEstimate": "cadcam.camera.joint_estimate",
     "KnownMotion": "cadcam.camera.viewpoint",
     "Lamp": "cadcam.render.light",
+    "Layout": "cadcam.plan.layout",
+    "LayoutScene": "cadcam.plan.scene",
     "Light": "cadcam.render.light",
     "LineCamera": "cadcam.camera.line_camera",
     "LineObservations": "cadcam.camera.line_camera",
@@ -195,6 +205,7 @@ _HOME = {
     "Plane": "cadcam.geometry.plane",
     "PlaneCamera": "cadcam.camera.plane_camera",
     "PoseEstimate": "cadcam.camera.pose_estimate",
+    "Prediction": "cadcam.plan.predict",
     "Ray": "cadcam.geometry.ray",
     "Record": "cadcam.record.record",
     "RigCamera": "cadcam.calibrate.rig",
@@ -240,11 +251,14 @@ _HOME = {
     "named_light": "cadcam.render.light",
     "named_look": "cadcam.render.looks",
     "nested_advice": "cadcam.calibrate.nested",
+    "next_views": "cadcam.plan.layout",
     "open_renderer": "cadcam.render",
     "open_store": "cadcam.record.store",
     "over_edges": "cadcam.render.overlay",
     "overlay": "cadcam.render.overlay",
     "parse_pattern": "cadcam.target.pattern",
+    "plan_layout": "cadcam.plan.layout",
+    "predict_points": "cadcam.plan.predict",
     "projection_map": "cadcam.calibrate.projection_map",
     "read_camera": "cadcam.files.camera",
     "read_cameras": "cadcam.files.foreign.registry",
@@ -259,6 +273,7 @@ _HOME = {
     "read_records": "cadcam.record.export",
     "read_rig": "cadcam.files.rig",
     "read_robot_poses": "cadcam.files.robot_poses",
+    "read_scene": "cadcam.plan.scene_file",
     "read_track": "cadcam.locate.track_log",
     "refine": "cadcam.locate.refine",
     "repainted": "cadcam.render.looks",
@@ -270,6 +285,7 @@ _HOME = {
     "uv_from_pixel_matrix": "cadcam.camera.extended_pinhole",
     "viewer_parameters": "cadcam.files.foreign.viewers",
     "visible_wireframe": "cadcam.render.visible",
+    "what_if": "cadcam.plan.what_if",
     "write_camera": "cadcam.files.camera",
     "write_cameras": "cadcam.files.foreign.registry",
     "write_exr": "cadcam.image.exr",

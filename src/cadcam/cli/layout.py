@@ -74,6 +74,11 @@ def add_to(verbs: Verbs) -> None:
     parser.add_argument(
         "--pictures", metavar="FOLDER", help="write what each chosen camera sees, and the coverage, as PNG"
     )
+    parser.add_argument(
+        "--each",
+        action="store_true",
+        help="also list each feature from each camera: scale, slant, blur, sigma, or why not",
+    )
     parser.add_argument("--no-what-if", action="store_true", help="leave the table of changes out")
     parser.add_argument("--sample", metavar="FOLDER", help="only write two sample scenes and their model into a folder")
     add_json(parser)
@@ -152,7 +157,7 @@ def _report(arguments: argparse.Namespace, layout: Layout, following: list[tuple
     from cadcam.plan.assess import Outcome
     from cadcam.plan.what_if import what_if
     from cadcam.report.layout_json import layout_as_json
-    from cadcam.report.layout_words import layout_tables, next_table
+    from cadcam.report.layout_words import layout_tables, next_table, sight_table
     from cadcam.whole import write_whole
 
     with working("trying changes"):
@@ -169,7 +174,11 @@ def _report(arguments: argparse.Namespace, layout: Layout, following: list[tuple
         print_json(document)
     else:
         tables = layout_tables(layout, changes)
-        print_tables([*tables, next_table(layout.survey, layout.chosen, following)] if following else tables)
+        if arguments.each:
+            tables.insert(2, sight_table(layout))
+        if following:
+            tables.append(next_table(layout.survey, layout.chosen, following))
+        print_tables(tables)
         for path in arguments.output:
             say(f"wrote {path}")
     return 0 if layout.outcome is Outcome.SUITABLE else 3

@@ -18,7 +18,6 @@ from cadcam.plan.evidence import Evidence, Together, symmetric, together
 from cadcam.plan.feature import Places
 from cadcam.plan.look import Look
 from cadcam.plan.predict import distinct_sources, shifts
-from cadcam.plan.search import MEASURED
 from cadcam.verify.tolerance import Limit, Rule
 from cadcam.verify.verdict import SIMPLE_SHARE
 
@@ -46,7 +45,7 @@ def outcome(ratio: float, limit: Limit, wanted: float) -> Outcome:
     With a guard band nothing can pass from U = limit on (ratio 1), and parts within limit - U pass below; simple
     acceptance decides nothing where U is more than a third of the limit. SUITABLE: the ratio is as large as wanted.
     """
-    if not ratio > MEASURED:
+    if not ratio > 0:
         return Outcome.NOT_MEASURED
     least = 1 / SIMPLE_SHARE if limit.rule is Rule.SIMPLE else 1.0
     if ratio <= least * (1 if limit.rule is not Rule.SIMPLE else 1 - 1e-12):
@@ -179,4 +178,4 @@ def _assessed(
     shares = {name: np.nan_to_num(v / total).reshape(poses, L) for name, v in variance.items()}
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.nan_to_num(asked.value / (asked.k * sigma), nan=0.0)
-    return Assessment(asked, sigma, direction, np.where(ratio > MEASURED, ratio, 0.0), cameras, shares)
+    return Assessment(asked, sigma, direction, ratio, cameras, shares)

@@ -16,7 +16,7 @@ from cadcam.plan.layout import Layout
 from cadcam.render.view import Scene
 
 Longs = npt.NDArray[np.int64]
-_PIECE = 1 / 60  # of the part's diagonal: longest side of a piece that is painted
+_PIECE = 1 / 45  # of the part's diagonal: longest side of a piece that is painted
 _MOST = 400_000  # pieces
 # dark blue to yellow, told apart in grey and by people with any colour vision; grey for what no camera sees
 COLORS = np.array(

@@ -151,7 +151,7 @@ class _View:
 
     def shift(self) -> Array:
         """Return the covariance (P, F, 2, 2) px^2 of the picture's shift at each feature, by the camera's errors."""
-        return self._squared(self._moves(self.places.centre))
+        return self._squared(self._moves(self.places.centre), len(self.places.centre))
 
     def bend(self) -> Array:
         """Return the covariance (P, F, 2, 2) (px/mm)^2 of its change along straight edges; 0 elsewhere."""
@@ -160,9 +160,8 @@ class _View:
         if straight.any():
             a, b = self.places.ends[straight, 0], self.places.ends[straight, 1]
             length = np.linalg.norm(b - a, axis=1)[:, None, None]
-            out[:, straight] = self._squared(
-                [(v - u) / length for u, v in zip(self._moves(a), self._moves(b), strict=True)]
-            )
+            pairs = zip(self._moves(a), self._moves(b), strict=True)
+            out[:, straight] = self._squared([(v - u) / length for u, v in pairs], len(a))
         return out
 
     def _moves(self, p: Array) -> list[Array]:
@@ -172,9 +171,9 @@ class _View:
         roots = [np.nan_to_num(D @ source.root) for source, D in zip(sources, effects, strict=True)]
         return [E.reshape(len(self.R), len(p), 2, E.shape[-1]) for E in roots]
 
-    def _squared(self, moves: list[Array]) -> Array:
-        none = np.zeros((1, 1, 2, 2))
-        return np.asarray(sum((E @ np.swapaxes(E, -1, -2) for E in moves), none))
+    def _squared(self, moves: list[Array], n: int) -> Array:
+        """Return the sum (P, n, 2, 2) of their outer products; zero where nothing errs."""
+        return np.asarray(sum((E @ np.swapaxes(E, -1, -2) for E in moves), np.zeros((len(self.R), n, 2, 2))))
 
     def sums(self, values: Array) -> Array:
         """Return the sums (P, F, ...) over each feature's places of values (P, S, ...)."""
@@ -288,5 +287,9 @@ def _edges(view: _View, finder: Finder, seen: Mask, visible: Mask) -> tuple[Arra
     with np.errstate(invalid="ignore"):
         variance = edge_variance(finder, total, view.blur, sharp_px=view.sharp)
         weight = np.where(use, length / (total * variance)[:, places.feature], 0.0)
-    nn = np.nan_to_num(weight)[..., None, None] * (n[..., :, None] * n[..., None, :])
-    return view.sums(nn), view.sums(nn * (places.from_middle**2)[:, None, None]), np.asarray(np.sqrt(variance))
+    weight = np.nan_to_num(weight)
+    nn = weight[..., None, None] * (n[..., :, None] * n[..., None, :])
+    # a line turns about the middle of what is seen of it
+    middle = view.sums(weight * places.from_middle) / np.maximum(view.sums(weight), 1e-300)
+    lever = places.from_middle - middle[:, places.feature]
+    return view.sums(nn), view.sums(nn * (lever**2)[..., None, None]), np.asarray(np.sqrt(variance))

@@ -12,9 +12,10 @@ _MOST = 5000
 
 
 def in_box(box: Array, count: int) -> Array:
-    """Return at most `count` places (n, 3) on a grid in a box (2, 3), corners included.
+    """Return at most `count` places (n, 3) on a grid in a box (2, 3).
 
-    Sides may be 0: a wall, a line. The spacing is about the same along all sides.
+    Sides may be 0: a wall, a line. The spacing is about the same along all sides, whose ends hold places; of a side
+    shorter than the spacing the middle does.
     """
     _check(count)
     size = box[1] - box[0]
@@ -24,12 +25,12 @@ def in_box(box: Array, count: int) -> Array:
     if not long.any():
         return box[:1].copy()
     n = np.ones(3, int)
-    low, high = 1e-6 * size.max(), float(size.max())
+    low, high = 1e-6 * size.max(), 2.1 * float(size.max())
     for _ in range(60):  # the spacing of a grid with at most `count` places, by halving
         spacing = np.sqrt(low * high)
-        n[long] = np.maximum(np.floor(size[long] / spacing).astype(int) + 1, 1)
+        n[long] = np.floor(size[long] / spacing).astype(int) + 1
         low, high = (spacing, high) if n.prod() > count else (low, spacing)
-    n[long] = np.maximum(np.floor(size[long] / high + 1e-9).astype(int) + 1, 1)
+    n[long] = np.floor(size[long] / high).astype(int) + 1
     axes = [np.linspace(box[0, i], box[1, i], n[i]) if n[i] > 1 else box[:, i].mean(keepdims=True) for i in range(3)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 

@@ -3,8 +3,9 @@
 What is wanted is that the worst of all limits, in all poses, has the largest test uncertainty ratio: a criterion that a
 person understands, but one that says nothing while a feature cannot be measured at all, as with the first camera of a
 pair. So three greedy starts that always make headway (the logarithm of the determinant of the information, whose gains
-shrink as cameras are added; the mean logarithm of the ratios; a soft minimum of them), each then improved by exchanging
-one camera, and at last two, as long as that helps the criterion itself. Few candidates are tried out completely.
+shrink as cameras are added; the mean logarithm of the ratios; a soft minimum of them), and where they cost little some
+at random, each then improved by exchanging one camera, the best at last by exchanging two, as long as that helps the
+criterion itself. Few candidates are tried out completely.
 """
 
 from __future__ import annotations
@@ -23,9 +24,11 @@ from cadcam.plan.ask import Asked
 
 _WEAK = 1e-8  # information in units of a limit that keeps what no camera tells finite: a sigma of 10 000 limits
 MEASURED = 0.1  # ratio below which nothing was measured: U is ten times the limit
+_ROUNDING = 1e-9
 _SHARP = 4.0  # power of the soft minimum
 _TRIED = 4000  # sets that are tried out completely
-_PAIRS = 3000  # exchanges of two that are tried
+_PAIRS = 3000  # exchanges of two that are tried at a time
+_STARTS, _WORK = 12, 2_000_000  # starts at random, at most, and ratios that they may cost in one round of exchanges
 _TOGETHER = 16_000  # ratios at a time: they stay in the cache
 
 Choice = tuple[int, ...]
@@ -44,6 +47,14 @@ class Score:
         """Return it as numbers of which larger is better, the first that differs deciding."""
         return -float(self.unmeasured), self.worst, self.mean_log
 
+    def beats(self, other: Score) -> bool:
+        """Return whether it is better by more than rounding: sums in another order are no improvement."""
+        if self.unmeasured != other.unmeasured:
+            return self.unmeasured < other.unmeasured
+        if abs(self.worst - other.worst) > _ROUNDING * max(self.worst, other.worst):
+            return self.worst > other.worst
+        return self.mean_log > other.mean_log + _ROUNDING
+
 
 class Problem:
     """Candidates' information on the limits in all poses, ready to be added up; poses and limits become T targets."""
@@ -59,7 +70,7 @@ class Problem:
         self._basis = np.tile(asked.basis, (P, 1, 1))
         rank = np.rint((self._basis**2).sum(axis=(-2, -1)))
         self._groups = [(r, np.flatnonzero(rank == r)) for r in (1, 2, 3)]
-        self.candidates = C
+        self.candidates, self.targets = C, P * L
 
     def ratios(self, chosen: Sequence[int]) -> Array:
         """Return the ratios (T,) of a set."""
@@ -95,7 +106,7 @@ class Problem:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """The best set found, its score, and how: whether all sets were tried, the three starts' scores, exchanges made."""
+    """The best set found and its score; whether all sets were tried, how many or from how many starts; exchanges."""
 
     chosen: Choice
     score: Score
@@ -123,8 +134,12 @@ def best_set(
         return exhausted(problem, k, fixed=fixed)
     best: tuple[Score, Choice] | None = None
     exchanges = 0
-    for judge in (_by_information, _by_mean, _by_softest):
-        chosen, n = _exchanged(problem, _greedy(problem, k, tuple(fixed), free, judge), tuple(fixed), free)
+    starts = [_greedy(problem, k, tuple(fixed), free, judge) for judge in (_by_information, _by_mean, _by_softest)]
+    rng = np.random.default_rng(len(free))  # a fixed seed: the same scene gives the same set
+    spare = min(_STARTS, _WORK // max(len(free) * k * problem.targets, 1))
+    starts += [tuple(int(c) for c in rng.choice(free, k, replace=False)) for _ in range(spare)]
+    for start in starts:
+        chosen, n = _exchanged(problem, start, tuple(fixed), free)
         score = problem.score((*fixed, *chosen))
         exchanges += n
         if best is None or score.value > best[0].value:
@@ -133,7 +148,7 @@ def best_set(
     assert best is not None
     chosen, n = _pairs_exchanged(problem, best[1], tuple(fixed), free)
     step()
-    return Found(tuple(sorted(chosen)), problem.score((*fixed, *chosen)), False, 0, exchanges + n)
+    return Found(tuple(sorted(chosen)), problem.score((*fixed, *chosen)), False, len(starts), exchanges + n)
 
 
 def exhausted(problem: Problem, k: int, *, fixed: Sequence[int] = ()) -> Found:
@@ -225,29 +240,36 @@ def _exchanged(problem: Problem, chosen: Choice, fixed: Choice, free: Sequence[i
             order = ranked(problem, (*fixed, *kept), [c for c in free if c not in chosen])
             if order and (best is None or order[0][1].value > best[0].value):
                 best = order[0][1], (*kept, order[0][0])
-        if best is None or best[0].value <= score.value:
+        if best is None or not best[0].beats(score):
             return chosen, n
         score, chosen = best
         n += 1
 
 
 def _pairs_exchanged(problem: Problem, chosen: Choice, fixed: Choice, free: Sequence[int]) -> tuple[Choice, int]:
-    """Return the set after exchanges of two cameras at once, one of the new ones among the best by itself."""
-    score, n = problem.score((*fixed, *chosen)), 0
-    pairs = list(combinations(range(len(chosen)), 2))
-    if not pairs:
-        return chosen, n
-    promising = max(1, _PAIRS // (len(pairs) * max(len(free), 1)))
+    """Return the set after exchanges of two cameras at once, as long as one helps.
+
+    Of the new pair the first is among the best by itself: how many of these are tried depends on how many there are.
+    """
+    n = 0
+    while (better := _pair_exchanged(problem, chosen, fixed, free)) is not None:
+        chosen, more = _exchanged(problem, better, fixed, free)
+        n += 1 + more
+    return chosen, n
+
+
+def _pair_exchanged(problem: Problem, chosen: Choice, fixed: Choice, free: Sequence[int]) -> Choice | None:
+    """Return a better set with two cameras exchanged, or None."""
+    score, pairs = problem.score((*fixed, *chosen)), list(combinations(range(len(chosen)), 2))
+    promising = max(1, _PAIRS // max(len(pairs) * len(free), 1))
     for i, j in pairs:
         kept = tuple(c for place, c in enumerate(chosen) if place not in (i, j))
         left = [c for c in free if c not in kept]
         for first, _ in ranked(problem, (*fixed, *kept), left)[:promising]:
             order = ranked(problem, (*fixed, *kept, first), left)
-            if order and order[0][1].value > score.value:
-                score, chosen, n = order[0][1], (*kept, first, order[0][0]), n + 1
-                again, more = _exchanged(problem, chosen, fixed, free)
-                return again, n + more
-    return chosen, n
+            if order and order[0][1].beats(score):
+                return (*kept, first, order[0][0])
+    return None
 
 
 def _six(M: Array) -> Array:

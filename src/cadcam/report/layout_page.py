@@ -34,6 +34,7 @@ from cadcam.report.layout_words import (
     pan_tilt,
     rule_words,
     search_words,
+    sight_table,
     what_if_table,
     why,
 )
@@ -68,7 +69,9 @@ td{padding:7px 10px 7px 0;border-bottom:1px solid var(--line);vertical-align:top
 .legend{display:flex;flex-wrap:wrap;gap:6px 18px;font-size:.9rem;color:var(--soft);margin:.6rem 0}
 .legend i{display:inline-block;width:16px;height:16px;border:1px solid #888;margin-right:6px;vertical-align:-3px}
 .sign{display:grid;grid-template-columns:repeat(3,1fr);gap:24px}.sign div{padding-top:56px;border-bottom:1px solid #333}
-.sign p{margin:.3rem 0 0;font-size:.9rem;color:var(--soft)}code,.files td{overflow-wrap:anywhere}code{font-size:.82rem}
+.sign p{margin:.3rem 0 0;font-size:.9rem;color:var(--soft)}
+summary{cursor:pointer;font-weight:600;padding:.6rem 0 .2rem}
+code,.files td{overflow-wrap:anywhere}code{font-size:.82rem}
 @media(max-width:720px){
 main{padding:8px}header .verdict{font-size:1.9rem}section{padding:2px 12px 12px}.two,.sign{grid-template-columns:1fr}
 table.cards thead{display:none}
@@ -108,7 +111,7 @@ def layout_page(report: LayoutReport) -> str:
     if report.following:
         table = next_table(layout.survey, layout.chosen, report.following, most=5)
         parts.append(_section("If one camera more were bought", _as_cards(table)))
-    parts += [_assumed(layout), _signatures(), _provenance(report)]
+    parts += [_each(layout), _assumed(layout), _signatures(), _provenance(report)]
     title = escape(f"{layout.outcome.value}: {layout.survey.scene.name}")
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -234,6 +237,11 @@ def _coverage(report: LayoutReport) -> str:
     return _section("Coverage", body)
 
 
+def _each(layout: Layout) -> str:
+    table = sight_table(layout)
+    return _section("", f"<details><summary>{escape(table.title)}</summary>{_as_cards(table)}</details>")
+
+
 def _assumed(layout: Layout) -> str:
     lines = "".join(f"<li>{escape(s)}</li>" for s in assumptions(layout))
     return _section("What was assumed", f"<ul>{lines}</ul>")
@@ -265,7 +273,8 @@ def _as_cards(table: Table) -> str:
 
 
 def _section(title: str, body: str) -> str:
-    return f"<section><h2>{escape(title)}</h2>{body}</section>"
+    head = f"<h2>{escape(title)}</h2>" if title else ""
+    return f"<section>{head}{body}</section>"
 
 
 def _table(heads: Sequence[str], rows: str) -> str:

@@ -10,6 +10,7 @@ from cadcam.arrays import Array
 from cadcam.plan.assess import Outcome
 from cadcam.plan.candidate import Candidate
 from cadcam.plan.layout import Layout, Survey
+from cadcam.plan.look import Why
 from cadcam.plan.scene import CalibratedFrom, LayoutScene, Sigmas
 from cadcam.plan.search import Score
 from cadcam.plan.what_if import WhatIf
@@ -29,9 +30,9 @@ def headline(layout: Layout) -> str:
     """Return the verdict's reason, one sentence."""
     outcomes, wanted = layout.outcomes, layout.survey.scene.tur
     n, total = outcomes.count(Outcome.SUITABLE), len(outcomes)
-    cameras = _cameras(layout)
+    cameras, one = _cameras(layout), _cameras(layout).startswith(("one", "1 "))
     if n == total:
-        return f"{cameras} measure all {total} limits with U at most 1/{wanted:g} of each, in every pose"
+        return f"{cameras} measure{'s' * one} all {total} limits with U at most 1/{wanted:g} of each, in every pose"
     worst = int(np.argmin(layout.assessment.ratio.min(axis=0)))
     name = layout.survey.scene.features[layout.survey.asked.feature[worst]].name
     said = (
@@ -86,10 +87,12 @@ def search_words(layout: Layout) -> str:
     found, all_of_them = layout.found, layout.all_of_them
     if not found.chosen:
         return "nothing was chosen: the cameras are those that are there"
+    if found.complete and found.sets == 1:
+        return f"all candidates are taken; the worst TUR is {all_of_them.worst:.2f}"
     how = (
         f"all {found.sets} sets were tried: no other is better"
         if found.complete
-        else f"three greedy starts, {found.exchanges} exchanges; not every set was tried"
+        else f"{found.sets} starts, {found.exchanges} exchanges; not every set was tried"
     )
     unmeasured = f", {all_of_them.unmeasured} not measured even then" if all_of_them.unmeasured else ""
     return f"{how}; with every candidate at once the worst TUR would be {all_of_them.worst:.2f}{unmeasured}"
@@ -134,6 +137,26 @@ def limit_cells(layout: Layout, i: int) -> tuple[str, ...]:
     U = in_unit(limit, limit.k * sigma)
     return (name, what, in_unit(limit, limit.value), U, tur_words(ratio), str(cameras), outcome.value, by, direction,
             poses[pose])  # fmt: skip
+
+
+def sight_table(layout: Layout, *, pose: int = 0) -> Table:
+    """Return what each chosen camera makes of each feature in a pose: scale, slant, blur, sigma; or why it does not."""
+    rows = []
+    names = [f.name for f in layout.survey.scene.features]
+    for f, name in enumerate(names):
+        for camera, look in zip(layout.cameras, layout.looks, strict=True):
+            why_not = Why(int(look.why[pose, f]))
+            if why_not is not Why.SEEN:
+                rows.append((name, camera.name, why_not.words, "", "", "", ""))
+                continue
+            slant = float(np.degrees(look.incidence[pose, f]))
+            numbers = (look.mm_per_px[pose, f], look.blur_px[pose, f], look.sigma_px[pose, f])
+            scale, blur, sigma = (f"{x:.3f}" for x in numbers)
+            rows.append((name, camera.name, "seen", scale, "" if np.isnan(slant) else f"{slant:.0f}", blur, sigma))
+    heads = ("feature", "camera", "", "mm per px", "slant deg", "defocus px", "sigma px")
+    note = "sigma: of the place in this picture by noise, blur and slant alone, its worst direction"
+    name = list(layout.survey.scene.poses)[pose]
+    return Table(f"Each feature from each camera (pose {name})", heads, tuple(rows), heads[:3], (note,))
 
 
 def what_if_table(changes: Sequence[WhatIf]) -> Table:

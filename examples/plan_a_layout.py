@@ -1,0 +1,31 @@
+"""Plan cameras before there is a factory: four fixed ones around a ship's block, and six stations of one on a robot.
+
+Run it as `python examples/plan_a_layout.py [FOLDER]`: the scenes and their CAD model are written there, to be edited.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import cadcam
+from cadcam.plan.samples import write_samples
+from cadcam.report.layout_words import layout_tables, next_table
+from cadcam.report.table import show
+
+
+def main(folder: str) -> None:
+    """Plan both scenes; print what they measure, what if, and which camera would come next."""
+    _, fixed, robot = write_samples(Path(folder))
+    for scene in (fixed, robot):
+        layout = cadcam.plan_layout(cadcam.read_scene(scene))
+        following = cadcam.next_views(layout.survey, layout.chosen)
+        tables = [
+            *layout_tables(layout, cadcam.what_if(layout)),
+            next_table(layout.survey, layout.chosen, following, most=3),
+        ]
+        show(tables, sys.stdout)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:] or ["scenes"])
