@@ -87,6 +87,8 @@ def search_words(layout: Layout) -> str:
     found, all_of_them = layout.found, layout.all_of_them
     if not found.chosen:
         return "nothing was chosen: the cameras are those that are there"
+    if found.complete and found.sets == 1:
+        return f"all candidates are taken; the worst TUR is {all_of_them.worst:.2f}"
     how = (
         f"all {found.sets} sets were tried: no other is better"
         if found.complete
