@@ -126,7 +126,8 @@ def test_edges_of_a_part_are_measured_in_all_directions(folder: Path) -> None:
     scene = read_layout_scene(folder / "scene.yaml")
     seen = survey(scene)
     i = [f.name for f in scene.features].index("post edges")
-    found = seen.assess(range(len(seen.candidates)))
+    sees = [c for c, look in enumerate(seen.looks) if look.seen[:, i].all()]
+    found = seen.assess(sees[:6])
     limit = int(np.flatnonzero(seen.asked.feature == i)[0])
     assert np.isfinite(found.sigma[:, limit]).all()
     np.testing.assert_allclose(seen.asked.basis[limit], np.eye(3))
