@@ -18,7 +18,7 @@ def main(folder: str) -> None:
     """Plan both scenes; print what they measure, what if, and which camera would come next."""
     _, fixed, robot = write_samples(Path(folder))
     for scene in (fixed, robot):
-        layout = cadcam.plan_layout(cadcam.read_scene(scene))
+        layout = cadcam.plan_layout(cadcam.read_layout_scene(scene))
         following = cadcam.next_views(layout.survey, layout.chosen)
         tables = [
             *layout_tables(layout, cadcam.what_if(layout)),

@@ -122,7 +122,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.plan.predict import Prediction as Prediction
     from cadcam.plan.predict import predict_points as predict_points
     from cadcam.plan.scene import LayoutScene as LayoutScene
-    from cadcam.plan.scene_file import read_scene as read_scene
+    from cadcam.plan.scene_file import read_layout_scene as read_layout_scene
     from cadcam.plan.what_if import what_if as what_if
     from cadcam.record.export import read_records as read_records
     from cadcam.record.export import write_records as write_records
@@ -310,6 +310,7 @@ _HOME = {
     "projection_map": "cadcam.calibrate.projection_map",
     "read_camera": "cadcam.files.camera",
     "read_cameras": "cadcam.files.foreign.registry",
+    "read_layout_scene": "cadcam.plan.scene_file",
     "read_matrix": "cadcam.files.matrix",
     "read_motion": "cadcam.files.matrix",
     "read_part_pose": "cadcam.files.pose_estimate",
@@ -322,7 +323,6 @@ _HOME = {
     "read_records": "cadcam.record.export",
     "read_rig": "cadcam.files.rig",
     "read_robot_poses": "cadcam.files.robot_poses",
-    "read_scene": "cadcam.plan.scene_file",
     "read_sensor": "cadcam.files.sensor",
     "read_station": "cadcam.station.document",
     "read_stations": "cadcam.station.document",

@@ -113,10 +113,10 @@ def _sample(folder: str) -> None:
 def _survey(path: str) -> Survey:
     from cadcam.plan.candidate import count_candidates
     from cadcam.plan.layout import survey
-    from cadcam.plan.scene_file import read_scene
+    from cadcam.plan.scene_file import read_layout_scene
 
     with working(f"reading {path}"):
-        scene = read_scene(path)
+        scene = read_layout_scene(path)
     with progress("candidates", count_candidates(scene)) as step:
         return survey(scene, step=step)
 

@@ -21,7 +21,7 @@ from cadcam.plan.predict import distinct_sources, shifts
 from cadcam.verify.tolerance import Limit, Rule
 from cadcam.verify.verdict import SIMPLE_SHARE
 
-_AT_ONCE = 256  # limits at a time: their tables of shared errors are quadratic in the number of cameras
+_AT_ONCE = 5_000_000  # numbers in the tables of shared errors: they are quadratic in the number of cameras
 PIXELS, HEIGHT = "pixels", "plane"
 
 
@@ -98,8 +98,9 @@ def assess(
     evidence = _of_limits(looks, asked)
     prior = np.tile(asked.known, (P, 1, 1))
     parts = []
-    for first in range(0, P * L, _AT_ONCE):
-        part = slice(first, min(first + _AT_ONCE, P * L))
+    step = max(1, _AT_ONCE // max(E.shape[-1], 1) ** 2)
+    for first in range(0, P * L, step):
+        part = slice(first, min(first + step, P * L))
         own = Evidence(evidence.J[:, part], evidence.W[:, part])
         parts.append(together(own, E[:, part], prior[part]))
     found = Together(*(np.concatenate([getattr(p, n) for p in parts]) for n in Together.__slots__))

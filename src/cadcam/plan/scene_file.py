@@ -74,7 +74,7 @@ _MOST_POSES = 400
 Sources = list[tuple[str, str, str]]
 
 
-def read_scene(path: str | os.PathLike[str]) -> LayoutScene:
+def read_layout_scene(path: str | os.PathLike[str]) -> LayoutScene:
     """Return the scene in a file (layout: see this module); paths in it are relative to it.
 
     Raises `UnreadableFile` naming the key that is wrong and what is known, and as the models' and cameras' readers.

@@ -28,7 +28,9 @@ _ROUNDING = 1e-9
 _SHARP = 4.0  # power of the soft minimum
 _TRIED = 4000  # sets that are tried out completely
 _PAIRS = 3000  # exchanges of two that are tried at a time
-_STARTS, _WORK = 12, 2_000_000  # starts at random, at most, and ratios that they may cost in one round of exchanges
+_STARTS, _WORK = 12, 1_000_000  # starts at random, at most, and ratios that they may cost in one round of exchanges
+_HARDEST, _SHARE = 64, 10  # targets that a change is tried on first, at least, and their share of all, one in so many
+_FULLY = 6  # candidates that are tried on all targets at a time
 _TOGETHER = 16_000  # ratios at a time: they stay in the cache
 
 Choice = tuple[int, ...]
@@ -63,14 +65,24 @@ class Problem:
         """Take information (C, P, L, 3, 3) 1/mm^2 of each candidate by itself."""
         C, P, L = information.shape[:3]
         unit = (asked.value**2)[:, None, None]
-        self._each = _six((information * unit).reshape(C, P * L, 3, 3))
+        each = _six((information * unit).reshape(C, P * L, 3, 3))
         base = asked.scaled(np.zeros((L, 3, 3))) + _WEAK * np.eye(3)
-        self._base = _six(np.tile(base, (P, 1, 1)))
-        self._k = np.tile(asked.k, P)
-        self._basis = np.tile(asked.basis, (P, 1, 1))
-        rank = np.rint((self._basis**2).sum(axis=(-2, -1)))
+        self._take(each, _six(np.tile(base, (P, 1, 1))), np.tile(asked.k, P), np.tile(asked.basis, (P, 1, 1)))
+
+    def _take(self, each: Array, base: Array, k: Array, basis: Array) -> None:
+        self._each, self._base, self._k, self._basis = each, base, k, basis
+        rank = np.rint((basis**2).sum(axis=(-2, -1)))
         self._groups = [(r, np.flatnonzero(rank == r)) for r in (1, 2, 3)]
-        self.candidates, self.targets = C, P * L
+        self.candidates, _, self.targets = each.shape
+
+    def hardest(self, chosen: Sequence[int]) -> Problem:
+        """Return the problem of the targets that a set does worst alone: no set scores better on all than on these."""
+        if self.targets <= _HARDEST * _SHARE:
+            return self
+        at = np.sort(np.argsort(self.ratios(chosen))[: max(_HARDEST, self.targets // _SHARE)])
+        part = object.__new__(Problem)
+        part._take(np.ascontiguousarray(self._each[..., at]), self._base[:, at], self._k[at], self._basis[at])
+        return part
 
     def ratios(self, chosen: Sequence[int]) -> Array:
         """Return the ratios (T,) of a set."""
@@ -234,16 +246,44 @@ def _exchanged(problem: Problem, chosen: Choice, fixed: Choice, free: Sequence[i
     """Return the set after the best exchanges of one camera, as long as one helps, and how many were made."""
     score, n = problem.score((*fixed, *chosen)), 0
     while True:
-        best: tuple[Score, Choice] | None = None
+        before, hard = score, problem.hardest((*fixed, *chosen))
+        others, better = [c for c in free if c not in chosen], chosen
         for i in range(len(chosen)):
             kept = chosen[:i] + chosen[i + 1 :]
-            order = ranked(problem, (*fixed, *kept), [c for c in free if c not in chosen])
-            if order and (best is None or order[0][1].value > best[0].value):
-                best = order[0][1], (*kept, order[0][0])
-        if best is None or not best[0].beats(score):
+            found = _best_addition(problem, hard, (*fixed, *kept), others, score)
+            if found is not None:
+                score, better = found[1], (*kept, found[0])
+        if not score.beats(before):
             return chosen, n
-        score, chosen = best
-        n += 1
+        chosen, n = better, n + 1
+
+
+def _best_addition(
+    problem: Problem, hard: Problem, kept: Choice, added: Sequence[int], floor: Score
+) -> tuple[int, Score] | None:
+    """Return the candidate that makes the best set with the kept ones, if that beats a score.
+
+    What cannot beat it on the hardest targets cannot on all: most candidates are settled by these. Not so while some
+    are not measured at all: then all targets count.
+    """
+    if floor.unmeasured or hard is problem:
+        order = ranked(problem, kept, added)
+        return order[0] if order and order[0][1].beats(floor) else None
+    bounds, best = ranked(hard, kept, added), None
+    for first in range(0, len(bounds), _FULLY):
+        few = [c for c, bound in bounds[first : first + _FULLY] if _may_beat(bound, floor)]
+        if not few:
+            break
+        c, score = ranked(problem, kept, few)[0]
+        if score.beats(floor):
+            best, floor = (c, score), score
+    return best
+
+
+def _may_beat(bound: Score, floor: Score) -> bool:
+    if bound.unmeasured != floor.unmeasured:
+        return bound.unmeasured < floor.unmeasured
+    return bound.worst >= floor.worst * (1 - _ROUNDING)
 
 
 def _pairs_exchanged(problem: Problem, chosen: Choice, fixed: Choice, free: Sequence[int]) -> tuple[Choice, int]:
@@ -261,14 +301,14 @@ def _pairs_exchanged(problem: Problem, chosen: Choice, fixed: Choice, free: Sequ
 def _pair_exchanged(problem: Problem, chosen: Choice, fixed: Choice, free: Sequence[int]) -> Choice | None:
     """Return a better set with two cameras exchanged, or None."""
     score, pairs = problem.score((*fixed, *chosen)), list(combinations(range(len(chosen)), 2))
-    promising = max(1, _PAIRS // max(len(pairs) * len(free), 1))
+    promising, hard = max(1, _PAIRS // max(len(pairs) * len(free), 1)), problem.hardest((*fixed, *chosen))
     for i, j in pairs:
         kept = tuple(c for place, c in enumerate(chosen) if place not in (i, j))
         left = [c for c in free if c not in kept]
-        for first, _ in ranked(problem, (*fixed, *kept), left)[:promising]:
-            order = ranked(problem, (*fixed, *kept, first), left)
-            if order and order[0][1].beats(score):
-                return (*kept, first, order[0][0])
+        for first, _ in ranked(hard, (*fixed, *kept), left)[:promising]:
+            found = _best_addition(problem, hard, (*fixed, *kept, first), left, score)
+            if found is not None:
+                return (*kept, first, found[0])
     return None
 
 
