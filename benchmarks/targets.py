@@ -402,7 +402,14 @@ def _sets(data: Path) -> Iterator[Set]:
     )  # fmt: skip
     for k in (1, 2):  # the white disc inside three rings, the widths of which differ from mark to mark
         rings: dict[str, object] = {"radius_px": (6.0, 60.0), "method": "blobs", "margin": 0.15}
-        yield f"cctag_rings/0{k}", data / f"cctag_rings/0{k}.png", inverted(dot(20.0)), rings, None, ("4, 1 cut", "6")[k - 1]
+        yield (
+            f"cctag_rings/0{k}",
+            data / f"cctag_rings/0{k}.png",
+            inverted(dot(20.0)),
+            rings,
+            None,
+            ("4, 1 cut", "6")[k - 1],
+        )
 
 
 def _dbat(path: Path) -> dict[int, Array]:
