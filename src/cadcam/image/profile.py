@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Picture
+from cadcam.arrays import Array, Picture, quantile
 from cadcam.native import profiles
 
 DARK, BRIGHT = 0.002, 0.998  # beyond these a pixel is clipped
@@ -88,12 +88,12 @@ def noise_of(gray: Picture) -> float:
     height, width = gray.shape
     if min(height, width) < 3:
         return float(_QUANTISED)
-    row = np.arange(0, height - 2, max(1, (height - 2) // _ROWS))
-    column = np.arange(0, width - 2, max(1, (width - 2) // (4 * _ROWS)))
-    rows = [np.asarray(gray[row + k], np.float32) for k in range(3)]
-    down = rows[0] - 2 * rows[1] + rows[2]
-    both = down[:, column] - 2 * down[:, column + 1] + down[:, column + 2]
-    return float(max(np.median(np.abs(both)) / 0.6745 / 6.0, _QUANTISED))
+    down_by, right_by = max(1, (height - 2) // _ROWS), max(1, (width - 2) // (4 * _ROWS))
+    above, here, below = (gray[k : height - 2 + k : down_by].astype(np.float32, copy=False) for k in range(3))
+    down = above - 2 * here + below
+    left, middle, right = (down[:, k : width - 2 + k : right_by] for k in range(3))
+    both = np.abs(left - 2 * middle + right)
+    return max(quantile(both, 0.5) / 0.6745 / 6.0, _QUANTISED)
 
 
 def blur_of(gray: Picture, q: Array, normal: Array, *, reach: Array, half_length: float, default: float = 0.8) -> float:

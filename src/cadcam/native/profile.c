@@ -18,70 +18,15 @@ void cc_steps(const cc_picture *picture, int64_t n, const double *q, const doubl
     steps_baseline(picture, n, q, normal, below, above, held, twins, half_length, levels, out);
 }
 
-static int inside(const cc_picture *p, double x, double y) {
-    return x >= 0 && y >= 0 && x < p->width - 1 && y < p->height - 1;
-}
-
-/* Between the four pixels around (x, y), which must lie inside. */
-static inline float bilinear(const cc_picture *p, float x, float y) {
-    int i = (int)x, j = (int)y;
-    float u = x - (float)i, v = y - (float)j;
-    const float *a = p->pixels + (int64_t)j * p->width + i, *b = a + p->width;
-    float top = a[0] + u * (a[1] - a[0]), bottom = b[0] + u * (b[1] - b[0]);
-    return top + v * (bottom - top);
-}
-
-enum { LONGEST = 128, SIDE = 3 }; /* px of a profile; of the smoothing kernel on each side */
-
-/* Brightness at -reach .. reach px along the normal, averaged along the line; NaN outside the picture. */
-static void profile(const cc_picture *p, const double *q, const double *n, double half_length, int32_t reach,
-                    float *out) {
-    int along = (int)ceil(2 * half_length);
-    along = along < 1 ? 1 : along;
-    double pace = 2 * half_length / along, first = 0.5 * pace - half_length;
-    double ax = q[0] - first * n[1], ay = q[1] + first * n[0], bx = q[0] + first * n[1], by = q[1] - first * n[0];
-    for (int32_t k = -reach; k <= reach; k++) {
-        double dx = k * n[0], dy = k * n[1];
-        float sum = 0, x = (float)(ax + dx), y = (float)(ay + dy);
-        float step_x = (float)(-pace * n[1]), step_y = (float)(pace * n[0]);
-        int whole = inside(p, ax + dx, ay + dy) && inside(p, bx + dx, by + dy);
-        for (int j = 0; whole && j < along; j++) sum += bilinear(p, x, y), x += step_x, y += step_y;
-        out[k + reach] = whole ? sum / (float)along : NAN;
-    }
-}
-
-/* Put an extremum in its place among the strongest. */
-static void insert(double at, double slope, int32_t most, double *offset, double *slopes) {
-    for (int32_t i = 0; i < most; i++)
-        if (isnan(slopes[i]) || fabs(slopes[i]) < fabs(slope)) {
-            double o = offset[i], s = slopes[i];
-            offset[i] = at, slopes[i] = slope, at = o, slope = s;
-            if (isnan(slope)) return;
-        }
-}
-
 void cc_candidates(const cc_picture *picture, int64_t n, const double *q, const double *normal, double half_length,
                    int32_t reach, double least, int32_t most, double *offset, double *slope) {
-    float values[LONGEST];
-    double kernel[SIDE + 1], r[LONGEST];
-    for (int k = 0; k <= SIDE; k++) kernel[k] = k * 0.39894228040143267794 * exp(-0.5 * k * k);
-    int32_t within = reach > LONGEST / 2 - SIDE - 2 ? LONGEST / 2 - SIDE - 2 : reach;
-    for (int64_t i = 0; i < n; i++) {
-        double *o = offset + i * most, *s = slope + i * most;
-        for (int32_t k = 0; k < most; k++) o[k] = s[k] = NAN;
-        const int count = 2 * (within + SIDE + 1) + 1;
-        profile(picture, q + 2 * i, normal + 2 * i, half_length, within + SIDE + 1, values);
-        for (int k = SIDE; k < count - SIDE; k++) {
-            r[k] = 0;
-            for (int j = 1; j <= SIDE; j++) r[k] += kernel[j] * (values[k + j] - values[k - j]);
-        }
-        for (int k = SIDE + 1; k < count - SIDE - 1; k++) {
-            double here = fabs(r[k]), sign = r[k] < 0 ? -1 : 1, before = sign * r[k - 1], after = sign * r[k + 1];
-            if (!(here >= least && here > before && here >= after)) continue;
-            double bend = before + after - 2 * here, shift = bend < 0 ? 0.5 * (before - after) / bend : 0;
-            insert(k - (within + SIDE + 1) + shift, r[k], most, o, s);
-        }
+#if CC_HAS_V3
+    if (variant_in_use() == 1) {
+        slope_extrema_v3(picture, n, q, normal, half_length, reach, least, most, offset, slope);
+        return;
     }
+#endif
+    slope_extrema_baseline(picture, n, q, normal, half_length, reach, least, most, offset, slope);
 }
 
 /* What of a segment lies in the slab |t| <= half around a sample, in its axes: d along the normal, t along the line. */

@@ -38,6 +38,10 @@ void steps_v3(const cc_picture *, int64_t, const double *, const double *, const
  * there is no more. The profile is averaged over 2 half_length along the line and reaches from -reach to reach px. */
 CC_API void cc_candidates(const cc_picture *picture, int64_t n, const double *q, const double *normal,
                           double half_length, int32_t reach, double least, int32_t most, double *offset, double *slope);
+void slope_extrema_baseline(const cc_picture *, int64_t, const double *, const double *, double, int32_t, double, int32_t,
+                            double *, double *);
+void slope_extrema_v3(const cc_picture *, int64_t, const double *, const double *, double, int32_t, double, int32_t,
+                      double *, double *);
 
 /* How far along the normal, and against it, the nearest other line is: free of lines from -below to above, at most
  * `most`. Segments (m, 4) x0 y0 x1 y1 with the run each belongs to and the arc length along it at its two ends; a sample
