@@ -50,6 +50,49 @@ class Steps:
     clipped: Array
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class StepSums:
+    """What the pixels of N cells add up to: their steps but for how firmly slopes are held."""
+
+    sums: Array
+
+    def solved(self, held: Array, *, noise: float = 0.0) -> Steps:
+        """Return the steps.
+
+        held (N, 2): variance of a pixel over that of the slopes below and above, 0 leaves a slope free and inf makes it
+        nil. noise: least sd of a pixel.
+        """
+        out = profiles.steps(self.sums, held)
+        c, g, _, _, noise_of_cell, Qcc, Qgg, _, clipped = out.T
+        sd = np.maximum(noise_of_cell, max(noise, _QUANTISED))
+        return Steps(c, g, out[:, 2:4], sd, sd * np.sqrt(Qcc), sd * np.sqrt(Qgg), clipped)
+
+
+def step_sums(
+    gray: Picture,
+    q: Array,
+    normal: Array,
+    *,
+    below: Array,
+    above: Array,
+    half_length: float,
+    blur: float,
+    twins: Array | None = None,
+) -> StepSums:
+    """Return the sums over cells at q (N, 2) px, `half_length` to both sides along the line.
+
+    below, above (N,): how far the cell reaches against and along the normal, px. blur: s of the step, px. twins
+    (N, 2, 2): other lines that step in the cell, one below and one above, at d = twins[..., 0] + twins[..., 1] t for
+    places t along the line; infinite where there is none.
+    """
+    twins = np.tile(_ALONE, (len(q), 1, 1)) if twins is None else twins
+    return StepSums(
+        profiles.step_sums(
+            gray, q, normal, below, above, twins, half_length=half_length, blur=blur, dark=DARK, bright=BRIGHT
+        )
+    )
+
+
 def steps(
     gray: Picture,
     q: Array,
@@ -63,20 +106,9 @@ def steps(
     twins: Array | None = None,
     noise: float = 0.0,
 ) -> Steps:
-    """Return the steps in cells at q (N, 2) px, `half_length` to both sides along the line.
-
-    below, above (N,): how far the cell reaches against and along the normal, px. blur: s of the step, px. held (N, 2):
-    variance of a pixel over that of the slopes below and above, 0 leaves a slope free and inf makes it nil. twins
-    (N, 2, 2): other lines that step in the cell, one below and one above, at d = twins[..., 0] + twins[..., 1] t for
-    places t along the line; infinite where there is none. noise: least sd of a pixel.
-    """
-    twins = np.tile(_ALONE, (len(q), 1, 1)) if twins is None else twins
-    out = profiles.steps(
-        gray, q, normal, below, above, held, twins, half_length=half_length, blur=blur, dark=DARK, bright=BRIGHT
-    )
-    c, g, _, _, noise_of_cell, Qcc, Qgg, _, clipped = out.T
-    sd = np.maximum(noise_of_cell, max(noise, _QUANTISED))
-    return Steps(c, g, out[:, 2:4], sd, sd * np.sqrt(Qcc), sd * np.sqrt(Qgg), clipped)
+    """Return the steps in cells: `step_sums`, solved at once."""
+    sums = step_sums(gray, q, normal, below=below, above=above, half_length=half_length, blur=blur, twins=twins)
+    return sums.solved(held, noise=noise)
 
 
 def noise_of(gray: Picture) -> float:
@@ -101,14 +133,13 @@ def blur_of(gray: Picture, q: Array, normal: Array, *, reach: Array, half_length
 
     reach (N,): how far the cells reach along the normal, both ways.
     """
-    free, alone = np.zeros((len(q), 2)), np.tile(_ALONE, (len(q), 1, 1))
+    free = np.zeros((len(q), 2))
     misfit = np.full(len(_BLURS), np.inf)
     for k, blur in enumerate(_BLURS if len(q) >= 8 else ()):
-        out = profiles.steps(
-            gray, q, normal, reach, reach, free, alone, half_length=half_length, blur=blur, dark=DARK, bright=BRIGHT
-        )
-        seen = np.isfinite(out[:, 4])
-        misfit[k] = np.median(out[seen, 4]) if seen.sum() >= 8 else np.inf
+        sums = step_sums(gray, q, normal, below=reach, above=reach, half_length=half_length, blur=blur)
+        noise = profiles.steps(sums.sums, free)[:, 4]
+        noise = noise[np.isfinite(noise)]
+        misfit[k] = quantile(noise, 0.5) if len(noise) >= 8 else np.inf
         if k and misfit[k] > misfit[k - 1]:
             break
     best = int(np.argmin(misfit))

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, quantile
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import candidates
 from cadcam.locate.freedom import Freedom
@@ -58,13 +58,19 @@ def _pulled(sights: Sequence[Sight], pose: Rigid, B: Array, *, reach: int, soft:
         rows.append(at.row[some] @ B)
         offsets.append(found.offset[some])
         slopes.append(found.slope[some])
-    J, offset, slope = (np.nan_to_num(np.concatenate(a)) for a in (rows, offsets, slopes))
+    J, offset, slope = (np.concatenate(a) for a in (rows, offsets, slopes))
     if len(J) < 2 * J.shape[1]:
         return pose
-    strength = np.minimum(np.abs(slope) / np.quantile(np.abs(slope[:, 0]), _STRONG), 1.0)
+    strength = _strength(slope)
     # what no line tells stays where it is
     x = pulled(J, offset, strength, soft=soft, nothing=_NOTHING, held=_HELD, pulls=_PULLS)
     return pose @ Rigid.exp(B @ x)
+
+
+def _strength(slope: Array) -> Array:
+    """Return how strongly steps (N, M) pull, the first of each sample being its strongest; nan stays nan."""
+    size = np.abs(slope)
+    return np.minimum(size / quantile(size[:, 0], _STRONG), 1.0)
 
 
 def pulled_stiffly(J: Array, offset: Array, slope: Array, soft: float, *, stiff: Array, before: Array) -> Array:
@@ -74,8 +80,7 @@ def pulled_stiffly(J: Array, offset: Array, slope: Array, soft: float, *, stiff:
     offset, slope (N, M) where along the normals (px) steps are, and how steep, nan for none; stiff (k, k) holds
     before + x near nil, in units of a sample's pull.
     """
-    offset, slope = np.nan_to_num(offset), np.nan_to_num(slope)
-    strength = np.minimum(np.abs(slope) / np.quantile(np.abs(slope[:, 0]), _STRONG), 1.0)
+    offset, strength = np.nan_to_num(offset), _strength(np.nan_to_num(slope))
     x = np.zeros(J.shape[1])
     for _ in range(_PULLS):
         r = offset - (J @ x)[:, None]

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, quantile
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.grouped import GroupedFit, grouped_fit
@@ -159,9 +159,10 @@ def _fitted(
     places = [s.project(pose) for s in sights]
     room = {"half_length": half, "reach_px": options.reach_px, "room_px": options.room_px}
     where = [nearest_steps(s, at, half_length=half, reach=_CLOSE) for s, at in zip(sights, places, strict=True)]
-    cells = [Cells.of(s, at, where=w, **room) for s, at, w in zip(sights, places, where, strict=True)]
+    first = [Cells.of(s, at, where=w, **room) for s, at, w in zip(sights, places, where, strict=True)]
+    cells, sums = [c for c, _ in first], [s for _, s in first]
     for number, iterations in enumerate(_ROUNDS):
-        measured = [measure(*all_of) for all_of in zip(sights, places, cells, where, strict=True)]
+        measured = [measure(*all_of) for all_of in zip(sights, cells, where, sums, strict=True)]
         B = freedom.at(pose)
         fit = _solved(
             sights, places, measured, rows_of(evidence, [s.photo for s in sights], pose), B, iterations, options
@@ -169,9 +170,10 @@ def _fitted(
         last = _Fitted(sights, pose, pose @ Rigid.exp(B @ fit.x), B, places, measured, fit)
         pose = last.pose
         where = [_left(m, moved) for m, moved in zip(measured, last.moved, strict=True)]
-        if number and np.quantile(np.abs(np.concatenate(last.moved)), 0.9) < _SETTLED_PX:
+        if number and quantile(np.abs(np.concatenate(last.moved)), 0.9) < _SETTLED_PX:
             break
         places = [s.project(pose) for s in sights]
+        sums = [c.sums_at(*all_of) for c, *all_of in zip(cells, sights, places, where, strict=True)]
     return last
 
 

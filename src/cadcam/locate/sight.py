@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.profile import Steps, blur_of, candidates, noise_of, steps
+from cadcam.image.profile import StepSums, blur_of, candidates, noise_of, step_sums
 from cadcam.locate.edges import EdgeSamples, Projected, project, sample_lines
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -84,7 +84,7 @@ class Cells:
     """Which of a sight's samples have room for a cell, how far the cells reach, and the light they are seen in.
 
     which (N,): numbers of the samples; below, above (N,) px; held (N, 2): how firmly the slopes are held
-    (`image.profile.steps`); half_length, blur (px).
+    (`image.profile.StepSums`); half_length, blur (px).
     """
 
     which: Longs
@@ -104,8 +104,8 @@ class Cells:
         reach_px: float,
         room_px: float,
         where: Array | None = None,
-    ) -> Cells:
-        """Return the cells of a sight; room_px is what a cell needs on each side of its line.
+    ) -> tuple[Cells, StepSums]:
+        """Return the cells of a sight and what their pixels add up to; room_px: what a cell needs beside its line.
 
         where (N,) px along the normals: where the steps are about, default on the lines.
 
@@ -120,15 +120,16 @@ class Cells:
         which = np.flatnonzero(apart & enough & np.isfinite(at.q).all(axis=1))
         free = np.zeros((len(which), 2))
         cells = cls(which, below[which], above[which], free, half_length, blur)
-        found, run = cells.steps(sight, at, where), samples.run[which]
+        sums = cells.sums_at(sight, at, where)
+        found, run = sums.solved(free, noise=0.5 * sight.noise), samples.run[which]
         slope2 = _along_run(found.slopes, run, _STRETCH) ** 2
         held = _along_run(found.noise**2, run, _STRETCH)[:, None] / np.maximum(slope2, 1e-12)
-        return replace(cells, held=np.where(np.isfinite(held), held, 0.0))
+        return replace(cells, held=np.where(np.isfinite(held), held, 0.0)), sums
 
-    def steps(self, sight: Sight, at: Projected, where: Array | None = None) -> Steps:
-        """Return what the photo shows in the cells; where (N,) px: how far along the normal each cell is shifted."""
+    def sums_at(self, sight: Sight, at: Projected, where: Array | None) -> StepSums:
+        """Return what the cells' pixels add up to; where (N,) px: how far along the normal each cell is shifted."""
         q, normal = at.q[self.which], at.normal[self.which]
-        return steps(
+        return step_sums(
             sight.photo.gray,
             q if where is None else q + where[self.which, None] * normal,
             normal,
@@ -136,9 +137,7 @@ class Cells:
             above=self.above,
             half_length=self.half_length,
             blur=self.blur,
-            held=self.held,
             twins=sight.samples.twins[self.which],
-            noise=0.5 * sight.noise,
         )
 
 
@@ -152,8 +151,8 @@ class Measured:
     usable: Mask
 
 
-def measure(sight: Sight, at: Projected, cells: Cells, where: Array) -> Measured:
-    """Return the steps' offsets by a linear fit at places `where` (N,) px along the samples' normals.
+def measure(sight: Sight, cells: Cells, where: Array, sums: StepSums) -> Measured:
+    """Return the steps' offsets by a linear fit at places `where` (N,) px along the samples' normals, from sums there.
 
     The fit holds near the step: a place must be right to about the blur.
     """
@@ -163,7 +162,7 @@ def measure(sight: Sight, at: Projected, cells: Cells, where: Array) -> Measured
     which = cells.which
     if not len(which):
         return Measured(offset, sigma, contrast, usable)
-    found, run = cells.steps(sight, at, where), sight.samples.run[which]
+    found, run = sums.solved(cells.held, noise=0.5 * sight.noise), sight.samples.run[which]
     c, sd_c = _along_run(found.contrast, run, _CONTRAST), np.sqrt(_along_run(found.sd_contrast**2, run, _CONTRAST))
     sure = np.abs(found.contrast) > _SURE * found.sd_contrast  # before a chequered ground the sign changes along a line
     c = np.where(sure, found.contrast, c)

@@ -3,22 +3,6 @@
 
 #include "internal.h"
 
-#if CC_HAS_V3
-#define IN_USE(function, parameters, arguments) \
-    {                                           \
-        void function##_baseline parameters;    \
-        void function##_v3 parameters;          \
-        if (variant_in_use() == 1) function##_v3 arguments; \
-        else function##_baseline arguments;     \
-    }
-#else
-#define IN_USE(function, parameters, arguments) \
-    {                                           \
-        void function##_baseline parameters;    \
-        function##_baseline arguments;          \
-    }
-#endif
-
 CC_API void cc_reduce(const float *in, int32_t width, int32_t height, int32_t k, float *out)
     IN_USE(field_reduce, (const float *, int32_t, int32_t, int32_t, float *), (in, width, height, k, out))
 

@@ -5,29 +5,22 @@
 
 #include "internal.h"
 
-void cc_steps(const cc_picture *picture, int64_t n, const double *q, const double *normal, const double *below,
-              const double *above, const double *held, const double *twins, double half_length, double blur, double dark,
-              double bright, double *out) {
-    const double levels[3] = {dark, bright, blur};
-#if CC_HAS_V3
-    if (variant_in_use() == 1) {
-        steps_v3(picture, n, q, normal, below, above, held, twins, half_length, levels, out);
-        return;
-    }
-#endif
-    steps_baseline(picture, n, q, normal, below, above, held, twins, half_length, levels, out);
-}
+CC_API void cc_step_sums(const cc_picture *picture, int64_t n, const double *q, const double *normal, const double *below,
+                         const double *above, const double *twins, double half_length, double blur, double dark,
+                         double bright, double *sums)
+    IN_USE(step_sums,
+           (const cc_picture *, int64_t, const double *, const double *, const double *, const double *, const double *,
+            double, double, double, double, double *),
+           (picture, n, q, normal, below, above, twins, half_length, blur, dark, bright, sums))
 
-void cc_candidates(const cc_picture *picture, int64_t n, const double *q, const double *normal, double half_length,
-                   int32_t reach, double least, int32_t most, double *offset, double *slope) {
-#if CC_HAS_V3
-    if (variant_in_use() == 1) {
-        slope_extrema_v3(picture, n, q, normal, half_length, reach, least, most, offset, slope);
-        return;
-    }
-#endif
-    slope_extrema_baseline(picture, n, q, normal, half_length, reach, least, most, offset, slope);
-}
+CC_API void cc_steps(int64_t n, const double *sums, const double *held, double *out)
+    IN_USE(steps, (int64_t, const double *, const double *, double *), (n, sums, held, out))
+
+CC_API void cc_candidates(const cc_picture *picture, int64_t n, const double *q, const double *normal, double half_length,
+                          int32_t reach, double least, int32_t most, double *offset, double *slope)
+    IN_USE(slope_extrema,
+           (const cc_picture *, int64_t, const double *, const double *, double, int32_t, double, int32_t, double *, double *),
+           (picture, n, q, normal, half_length, reach, least, most, offset, slope))
 
 /* What of a segment lies in the slab |t| <= half around a sample, in its axes: d along the normal, t along the line. */
 typedef struct {

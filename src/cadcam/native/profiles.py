@@ -11,7 +11,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Ids, Picture
 from cadcam.native.core import library
 
-STEP_TERMS = 9
+STEP_SUMS, STEP_TERMS = 39, 9  # CC_STEP_SUMS, CC_STEP_TERMS
 
 
 class _Picture(c.Structure):
@@ -22,23 +22,23 @@ class _Picture(c.Structure):
 def _core() -> c.CDLL:
     core = library()
     pointer, i64, i32, real, picture = c.c_void_p, c.c_int64, c.c_int32, c.c_double, c.POINTER(_Picture)
-    core.cc_steps.argtypes = [picture, i64, *[pointer] * 6, *[real] * 4, pointer]
+    core.cc_step_sums.argtypes = [picture, i64, *[pointer] * 5, *[real] * 4, pointer]
+    core.cc_steps.argtypes = [i64, *[pointer] * 3]
     core.cc_candidates.argtypes = [picture, i64, pointer, pointer, real, i32, real, i32, pointer, pointer]
     core.cc_clearance.argtypes = [i64, *[pointer] * 4, i64, *[pointer] * 3, *[real] * 3, *[pointer] * 4]
     core.cc_edge_rows.argtypes = [i64, *[pointer] * 6]
     core.cc_pull.argtypes = [i64, i32, i32, *[pointer] * 3, *[real] * 3, i32, pointer]
-    for name in ("cc_steps", "cc_candidates", "cc_clearance", "cc_edge_rows", "cc_pull"):
+    for name in ("cc_step_sums", "cc_steps", "cc_candidates", "cc_clearance", "cc_edge_rows", "cc_pull"):
         getattr(core, name).restype = None
     return core
 
 
-def steps(
+def step_sums(
     gray: Picture,
     q: Array,
     normal: Array,
     below: Array,
     above: Array,
-    held: Array,
     twins: Array,
     *,
     half_length: float,
@@ -46,11 +46,19 @@ def steps(
     dark: float,
     bright: float,
 ) -> Array:
-    """Return (n, 9) of each cell: c, g, slopes below and above, noise, Qcc, Qgg, pixels, share clipped (profile.h)."""
-    gray, arrays = np.ascontiguousarray(gray, np.float32), _doubles(q, normal, below, above, held, twins)
-    out = np.zeros((len(arrays[0]), STEP_TERMS))
+    """Return what the pixels of each cell add up to (n, STEP_SUMS): what `steps` takes (profile.h)."""
+    gray, arrays = np.ascontiguousarray(gray, np.float32), _doubles(q, normal, below, above, twins)
+    out = np.empty((len(arrays[0]), STEP_SUMS))
     places = _at(*arrays)
-    _core().cc_steps(_picture(gray), len(out), *places, half_length, blur, dark, bright, out.ctypes.data)
+    _core().cc_step_sums(_picture(gray), len(out), *places, half_length, blur, dark, bright, out.ctypes.data)
+    return out
+
+
+def steps(sums: Array, held: Array) -> Array:
+    """Return (n, 9) of each cell: c, g, slopes below and above, noise, Qcc, Qgg, pixels, share clipped (profile.h)."""
+    sums, held = arrays = _doubles(sums, held)
+    out = np.empty((len(sums), STEP_TERMS))
+    _core().cc_steps(len(out), *_at(*arrays, out))
     return out
 
 
