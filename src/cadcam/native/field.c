@@ -107,6 +107,23 @@ static void certainty(const float *m, const float *gx, const float *gy, int32_t 
     row[0] = row[width - 1] = 0;
 }
 
+/* A row's certainties over the sectors, by the fourth power of the cosine of twice the angle to them: sector s is across
+ * from s + CC_SECTORS / 2, where the cosine is that of the other sign. */
+static void spread(const float *gx, const float *gy, const float *m, const float *sure, int32_t width, size_t n, uint8_t *row) {
+    static const float cosine[] = {1, 0.70710678f, 0, -0.70710678f}, sine[] = {0, 0.70710678f, 1, 0.70710678f};
+    for (int s = 0; s < CC_SECTORS / 2; s++) {
+        uint8_t *restrict out = row + (size_t)s * n, *restrict across = row + (size_t)(s + CC_SECTORS / 2) * n;
+        const float c = cosine[s], d = sine[s];
+        for (int32_t x = 0; x < width; x++) {
+            const float a = gx[x], b = gy[x];
+            const float turn = ((a * a - b * b) * c + 2 * a * b * d) / (m[x] * m[x] + 1e-20f), near = turn * turn;
+            const float value = 255.0f * FULL * sure[x] * near * near;
+            const int32_t grey = (int32_t)(value < 255.0f ? value : 255.0f);
+            out[x] = (uint8_t)(turn > 0 ? grey : 0), across[x] = (uint8_t)(turn > 0 ? 0 : grey);
+        }
+    }
+}
+
 static void moments(const uint8_t *plane, size_t n, float *mean, float *variance) {
     uint64_t sum = 0, squares = 0;
     for (size_t i = 0; i < n; i += 4096) {
@@ -123,8 +140,6 @@ void VARIANT(field_directions)(const float *in, int32_t width, int32_t height, f
                                uint8_t *planes, float *mean, float *variance) {
     const size_t w = (size_t)width, n = w * (size_t)height;
     float *gx = scratch, *gy = gx + n, *m = gy + n, *sure = m + n;
-    static const float cosine[CC_SECTORS] = {1, 0.70710678f, 0, -0.70710678f, -1, -0.70710678f, 0, 0.70710678f};
-    static const float sine[CC_SECTORS] = {0, 0.70710678f, 1, 0.70710678f, 0, -0.70710678f, -1, -0.70710678f};
     memset(planes, 0, n * CC_SECTORS);
     if (width > 2 && height > 2) {
         gradient(in, width, height, gx, gy, m);
@@ -134,17 +149,7 @@ void VARIANT(field_directions)(const float *in, int32_t width, int32_t height, f
         for (int32_t y = 1; y < height - 1; y++) {
             const size_t at = (size_t)y * w;
             certainty(m + at, gx + at, gy + at, width, noise * noise, sure + at);
-            for (int s = 0; s < CC_SECTORS; s++) {
-                uint8_t *restrict out = planes + (size_t)s * n + at;
-                const float c = cosine[s], d = sine[s];
-                for (int32_t x = 0; x < width; x++) {
-                    const float a = gx[at + (size_t)x], b = gy[at + (size_t)x];
-                    const float turn = ((a * a - b * b) * c + 2 * a * b * d) / (m[at + (size_t)x] * m[at + (size_t)x] + 1e-20f);
-                    const float near = turn > 0 ? turn * turn : 0;
-                    const float value = 255.0f * FULL * sure[at + (size_t)x] * near * near;
-                    out[x] = (uint8_t)(int32_t)(value < 255.0f ? value : 255.0f);
-                }
-            }
+            spread(gx + at, gy + at, m + at, sure + at, width, n, planes + at);
         }
     }
     for (int s = 0; s < CC_SECTORS; s++) moments(planes + (size_t)s * n, n, mean + s, variance + s);
