@@ -31,20 +31,21 @@ void VARIANT(field_reduce)(const float *in, int32_t width, int32_t height, int32
     }
 }
 
-/* gx, gy by Sobel / 8 and m = |g|; the border has none. */
-static void gradient(const float *in, int32_t width, int32_t height, float *gx, float *gy, float *m) {
-    const size_t w = (size_t)width;
-    memset(gx, 0, w * (size_t)height * sizeof *gx), memset(gy, 0, w * (size_t)height * sizeof *gy);
-    memset(m, 0, w * (size_t)height * sizeof *m);
-    for (int32_t y = 1; y < height - 1; y++) {
-        const float *b = in + (size_t)y * w, *a = b - w, *c = b + w;
-        float *restrict x_ = gx + (size_t)y * w, *restrict y_ = gy + (size_t)y * w, *restrict m_ = m + (size_t)y * w;
-        for (int32_t x = 1; x < width - 1; x++) {
-            const float dx = (a[x + 1] - a[x - 1]) + 2 * (b[x + 1] - b[x - 1]) + (c[x + 1] - c[x - 1]);
-            const float dy = (c[x - 1] - a[x - 1]) + 2 * (c[x] - a[x]) + (c[x + 1] - a[x + 1]);
-            x_[x] = 0.125f * dx, y_[x] = 0.125f * dy, m_[x] = 0.125f * sqrtf(dx * dx + dy * dy);
-        }
+/* gx, gy by Sobel / 8 and m = |g| of the row b between a and c; its ends have none. */
+static void gradient_row(const float *a, const float *b, const float *c, int32_t width, float *restrict gx,
+                         float *restrict gy, float *restrict m) {
+    for (int32_t x = 1; x < width - 1; x++) {
+        const float dx = (a[x + 1] - a[x - 1]) + 2 * (b[x + 1] - b[x - 1]) + (c[x + 1] - c[x - 1]);
+        const float dy = (c[x - 1] - a[x - 1]) + 2 * (c[x] - a[x]) + (c[x + 1] - a[x + 1]);
+        gx[x] = 0.125f * dx, gy[x] = 0.125f * dy, m[x] = 0.125f * sqrtf(dx * dx + dy * dy);
     }
+    gx[0] = gy[0] = m[0] = gx[width - 1] = gy[width - 1] = m[width - 1] = 0;
+}
+
+static void gradient(const float *in, int32_t width, int32_t height, float *gx, float *gy, float *m) {
+    const size_t w = (size_t)width, last = ((size_t)height - 1) * w;
+    for (size_t y = w; y < last; y += w) gradient_row(in + y - w, in + y, in + y + w, width, gx + y, gy + y, m + y);
+    for (size_t x = 0; x < w; x++) gx[x] = gy[x] = m[x] = gx[last + x] = gy[last + x] = m[last + x] = 0;
 }
 
 /* What QUIET of all m lie below, by counting in bins of its logarithm: the exponent and the upper bits of the number. */

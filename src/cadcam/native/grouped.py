@@ -58,7 +58,7 @@ def averaged_fit(
     number = np.ascontiguousarray(group, np.int64)
     at = [a.ctypes.data for a in doubles]
     data = _Grouped(*at[:3], number.ctypes.data, *at[3:], len(y), groups, k, tried)
-    scratch = np.empty(groups * ((k + 1) * (k + 4) // 2 + 1) + tried * k * (k + 1))
-    out = np.empty(k), np.empty((k, k)), np.empty(tried)
+    scratch = np.zeros(groups * ((k + 1) * (k + 4) // 2 + 1) + tried * k * (k + 1))
+    out = np.zeros(k), np.zeros((k, k)), np.zeros(tried)
     found = _core().cc_grouped_fit(c.byref(data), scratch.ctypes.data, *(a.ctypes.data for a in out))
     return out if found else None

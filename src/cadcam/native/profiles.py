@@ -48,7 +48,7 @@ def step_sums(
 ) -> Array:
     """Return what the pixels of each cell add up to (n, STEP_SUMS): what `steps` takes (profile.h)."""
     gray, arrays = np.ascontiguousarray(gray, np.float32), _doubles(q, normal, below, above, twins)
-    out = np.empty((len(arrays[0]), STEP_SUMS))
+    out = np.zeros((len(arrays[0]), STEP_SUMS))
     places = _at(*arrays)
     _core().cc_step_sums(_picture(gray), len(out), *places, half_length, blur, dark, bright, out.ctypes.data)
     return out
@@ -57,7 +57,7 @@ def step_sums(
 def steps(sums: Array, held: Array) -> Array:
     """Return (n, 9) of each cell: c, g, slopes below and above, noise, Qcc, Qgg, pixels, share clipped (profile.h)."""
     sums, held = arrays = _doubles(sums, held)
-    out = np.empty((len(sums), STEP_TERMS))
+    out = np.zeros((len(sums), STEP_TERMS))
     _core().cc_steps(len(out), *_at(*arrays, out))
     return out
 
