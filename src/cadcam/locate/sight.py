@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask
+from cadcam.arrays import Array, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import StepSums, blur_of, candidates, noise_of, step_sums
 from cadcam.locate.edges import EdgeSamples, Projected, project, sample_lines
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.native.profiles import along_runs
 from cadcam.render.wireframe import LineOptions
 
 Longs = npt.NDArray[np.int64]
@@ -25,7 +26,9 @@ _CLEAR = 4.0  # sd of one cell: contrast of an edge that is there
 _SURE = 8.0  # sd of one cell: contrast that needs no neighbours
 _CLIPPED = 0.7  # share of black or white pixels from which a cell tells nothing
 _FAINT = 0.4  # of the strongest slope nearby: weaker ones are no edges
-_CONTRAST, _STRETCH = 3, 10  # cells to each side that contrast, and noise and slopes are averaged with
+# Cells to each side on the same run that contrast, and noise and slopes are averaged with. What is averaged is far less
+# noisy than a cell's own, and the weights of an edge's samples then do not flicker.
+_CONTRAST, _STRETCH = 3, 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,8 +125,8 @@ class Cells:
         cells = cls(which, below[which], above[which], free, half_length, blur)
         sums = cells.sums_at(sight, at, where)
         found, run = sums.solved(free, noise=0.5 * sight.noise), samples.run[which]
-        slope2 = _along_run(found.slopes, run, _STRETCH) ** 2
-        held = _along_run(found.noise**2, run, _STRETCH)[:, None] / np.maximum(slope2, 1e-12)
+        slope2 = along_runs(found.slopes, run, _STRETCH) ** 2
+        held = along_runs(found.noise**2, run, _STRETCH)[:, None] / np.maximum(slope2, 1e-12)
         return replace(cells, held=np.where(np.isfinite(held), held, 0.0)), sums
 
     def sums_at(self, sight: Sight, at: Projected, where: Array | None) -> StepSums:
@@ -163,10 +166,10 @@ def measure(sight: Sight, cells: Cells, where: Array, sums: StepSums) -> Measure
     if not len(which):
         return Measured(offset, sigma, contrast, usable)
     found, run = sums.solved(cells.held, noise=0.5 * sight.noise), sight.samples.run[which]
-    c, sd_c = _along_run(found.contrast, run, _CONTRAST), np.sqrt(_along_run(found.sd_contrast**2, run, _CONTRAST))
+    c, sd_c = along_runs(found.contrast, run, _CONTRAST), np.sqrt(along_runs(found.sd_contrast**2, run, _CONTRAST))
     sure = np.abs(found.contrast) > _SURE * found.sd_contrast  # before a chequered ground the sign changes along a line
     c = np.where(sure, found.contrast, c)
-    more = np.sqrt(_along_run(found.noise**2, run, _STRETCH)) / found.noise
+    more = np.sqrt(along_runs(found.noise**2, run, _STRETCH)) / found.noise
     with np.errstate(all="ignore"):
         shift, sigma[which] = -found.moment / c, found.sd_moment * more / np.abs(c)
         near = np.abs(shift) < _LINEAR * max(cells.blur, 0.7)
@@ -190,22 +193,3 @@ def nearest_steps(sight: Sight, at: Projected, *, half_length: float, reach: int
 def _room(next_line: Array, beyond: Array, blur: float) -> Array:
     """Return how far (N,) px cells may reach: short of the next line, or past it where it is a twin."""
     return np.maximum(next_line - _APART * blur, np.minimum(next_line + _PAST * blur, beyond - _APART * blur))
-
-
-def _along_run(values: Array, run: Ids, neighbours: int) -> Array:
-    """Return the mean (n, ...) of each cell's value and those of its neighbours to both sides on the same run.
-
-    What is averaged is far less noisy than a cell's own, and the weights of an edge's samples then do not flicker.
-    """
-    known = np.isfinite(values)
-    total, count = (_running(np.where(known, v, 0.0)) for v in (values, 1.0))
-    begins = np.flatnonzero(np.diff(run, prepend=-1))
-    length = np.diff(begins, append=len(run))
-    i = np.arange(len(run))
-    low = np.maximum(np.repeat(begins, length), i - neighbours)
-    high = np.minimum(np.repeat(begins + length, length), i + neighbours + 1)
-    return np.asarray((total[high] - total[low]) / np.maximum(count[high] - count[low], 1e-9))
-
-
-def _running(values: Array) -> Array:
-    return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])

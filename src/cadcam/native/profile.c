@@ -104,24 +104,60 @@ void cc_clearance(int64_t n, const double *q, const double *normal, const int32_
     }
 }
 
+/* The unit normal of a line in the picture and how it moves along that with its part; D = dq/dp in the part's frame. */
+static void edge_row(const double D[2][3], const double *p, const double *t, double *normal, double *row) {
+    const double x = D[0][0] * t[0] + D[0][1] * t[1] + D[0][2] * t[2], y = D[1][0] * t[0] + D[1][1] * t[1] + D[1][2] * t[2];
+    double length = hypot(x, y), v[3];
+    length = length > 1e-300 ? length : 1e-300;
+    normal[0] = -y / length, normal[1] = x / length;
+    for (int k = 0; k < 3; k++) v[k] = normal[0] * D[0][k] + normal[1] * D[1][k];
+    row[0] = v[0], row[1] = v[1], row[2] = v[2];
+    row[3] = p[1] * v[2] - p[2] * v[1], row[4] = p[2] * v[0] - p[0] * v[2], row[5] = p[0] * v[1] - p[1] * v[0];
+}
+
+/* dq/dp in the part's frame: that in the camera's, times the rotation. */
+static void turned(const double *J, const double *R, double D[2][3]) {
+    for (int r = 0; r < 2; r++)
+        for (int k = 0; k < 3; k++) D[r][k] = J[3 * r] * R[k] + J[3 * r + 1] * R[3 + k] + J[3 * r + 2] * R[6 + k];
+}
+
 void cc_edge_rows(int64_t n, const double *jacobian, const double *rotation, const double *p, const double *tangent,
                   double *normal, double *row) {
-    const double *R = rotation;
     for (int64_t i = 0; i < n; i++) {
-        const double *J = jacobian + 6 * i, *t = tangent + 3 * i, *at = p + 3 * i;
-        double D[2][3], along[2];
-        for (int r = 0; r < 2; r++) {
-            for (int k = 0; k < 3; k++) D[r][k] = J[3 * r] * R[k] + J[3 * r + 1] * R[3 + k] + J[3 * r + 2] * R[6 + k];
-            along[r] = D[r][0] * t[0] + D[r][1] * t[1] + D[r][2] * t[2];
+        double D[2][3];
+        turned(jacobian + 6 * i, rotation, D);
+        edge_row(D, p + 3 * i, tangent + 3 * i, normal + 2 * i, row + 6 * i);
+    }
+}
+
+void cc_pinhole_rows(int64_t n, const double *K, const double *rotation, const double *translation, const double *p,
+                     const double *tangent, double *q, double *normal, double *row) {
+    const double *R = rotation, *T = translation, fx = K[0], skew = K[1], cx = K[2], fy = K[4], cy = K[5];
+    for (int64_t i = 0; i < n; i++) {
+        const double *at = p + 3 * i;
+        const double z = R[6] * at[0] + R[7] * at[1] + R[8] * at[2] + T[2], k = z > 0 ? 1 / z : NAN;
+        const double u = k * (R[0] * at[0] + R[1] * at[1] + R[2] * at[2] + T[0]);
+        const double v = k * (R[3] * at[0] + R[4] * at[1] + R[5] * at[2] + T[1]);
+        const double J[6] = {fx * k, skew * k, -(fx * u + skew * v) * k, 0, fy * k, -fy * v * k};
+        double D[2][3];
+        q[2 * i] = fx * u + skew * v + cx, q[2 * i + 1] = fy * v + cy;
+        turned(J, R, D);
+        edge_row(D, at, tangent + 3 * i, normal + 2 * i, row + 6 * i);
+    }
+}
+
+void cc_along_runs(int64_t n, int32_t wide, const double *values, const int32_t *run, int64_t neighbours, double *out) {
+    for (int32_t c = 0; c < wide; c++) {
+        int64_t from = 0, to = 0, count = 0; /* what is summed up: all of one run */
+        double sum = 0;
+        for (int64_t i = 0; i < n; i++) {
+            if (i && run[i] != run[i - 1]) from = to = i, count = 0, sum = 0;
+            for (; to < n && to <= i + neighbours && run[to] == run[i]; to++)
+                if (isfinite(values[to * wide + c])) sum += values[to * wide + c], count++;
+            for (; from < i - neighbours; from++)
+                if (isfinite(values[from * wide + c])) sum -= values[from * wide + c], count--;
+            out[i * wide + c] = count ? sum / (double)count : 0;
         }
-        double length = hypot(along[0], along[1]);
-        length = length > 1e-300 ? length : 1e-300;
-        double nx = -along[1] / length, ny = along[0] / length, v[3];
-        for (int k = 0; k < 3; k++) v[k] = nx * D[0][k] + ny * D[1][k];
-        normal[2 * i] = nx, normal[2 * i + 1] = ny;
-        double *o = row + 6 * i;
-        o[0] = v[0], o[1] = v[1], o[2] = v[2];
-        o[3] = at[1] * v[2] - at[2] * v[1], o[4] = at[2] * v[0] - at[0] * v[2], o[5] = at[0] * v[1] - at[1] * v[0];
     }
 }
 

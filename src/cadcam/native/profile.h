@@ -55,6 +55,15 @@ CC_API void cc_clearance(int64_t n, const double *q, const double *normal, const
 CC_API void cc_edge_rows(int64_t n, const double *jacobian, const double *rotation, const double *p,
                          const double *tangent, double *normal, double *row);
 
+/* The same of a pinhole, K (3, 3), with the part standing at rotation (3, 3), translation (3) in its frame, and where the
+ * samples are: q (n, 2); all NaN where they are not in front. */
+CC_API void cc_pinhole_rows(int64_t n, const double *K, const double *rotation, const double *translation, const double *p,
+                            const double *tangent, double *q, double *normal, double *row);
+
+/* Means (n, wide) of values (n, wide) over the samples up to `neighbours` before and after that are on the same run, a
+ * number of consecutive ones; of the finite ones, 0 where none is. */
+CC_API void cc_along_runs(int64_t n, int32_t wide, const double *values, const int32_t *run, int64_t neighbours, double *out);
+
 /* Gauss-Newton steps x (k), k <= 6, of lines pulled onto steps near them: offset, strength (n, most), rows (n, k). A step
  * r away pulls with near = strength exp(-r^2 / (2 soft^2)), all of a sample together with near / (sum near + nothing);
  * held: what is added to the diagonal, of it. Strengths of 0 or NaN are no steps. */

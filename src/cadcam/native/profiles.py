@@ -27,8 +27,11 @@ def _core() -> c.CDLL:
     core.cc_candidates.argtypes = [picture, i64, pointer, pointer, real, i32, real, i32, pointer, pointer]
     core.cc_clearance.argtypes = [i64, *[pointer] * 4, i64, *[pointer] * 3, *[real] * 3, *[pointer] * 4]
     core.cc_edge_rows.argtypes = [i64, *[pointer] * 6]
+    core.cc_pinhole_rows.argtypes = [i64, *[pointer] * 8]
+    core.cc_along_runs.argtypes = [i64, i32, pointer, pointer, i64, pointer]
     core.cc_pull.argtypes = [i64, i32, i32, *[pointer] * 3, *[real] * 3, i32, pointer]
-    for name in ("cc_step_sums", "cc_steps", "cc_candidates", "cc_clearance", "cc_edge_rows", "cc_pull"):
+    names = ("step_sums", "steps", "candidates", "clearance", "edge_rows", "pinhole_rows", "along_runs", "pull")
+    for name in (f"cc_{name}" for name in names):
         getattr(core, name).restype = None
     return core
 
@@ -109,6 +112,28 @@ def edge_rows(jacobian: Array, rotation: Array, p: Array, tangent: Array) -> tup
     normal, row = np.zeros((len(p), 2)), np.zeros((len(p), 6))
     _core().cc_edge_rows(len(p), *_at(*arrays, normal, row))
     return normal, row
+
+
+def pinhole_rows(
+    K: Array, rotation: Array, translation: Array, p: Array, tangent: Array
+) -> tuple[Array, Array, Array]:
+    """Return pixels (n, 2), unit normals (n, 2) and rows (n, 6) as `edge_rows` of what a pinhole sees; nan behind it."""
+    arrays = _doubles(K, rotation, translation, p, tangent)
+    q, normal, row = np.zeros((len(p), 2)), np.zeros((len(p), 2)), np.zeros((len(p), 6))
+    _core().cc_pinhole_rows(len(p), *_at(*arrays, q, normal, row))
+    return q, normal, row
+
+
+def along_runs(values: Array, run: Ids, neighbours: int) -> Array:
+    """Return the means (n, ...) of values and of up to so many neighbours on each side that are on the same run (n,).
+
+    What is not finite does not count; 0 where nothing does.
+    """
+    (values,), run = _doubles(values), np.ascontiguousarray(run, np.int32)
+    out = np.zeros(values.shape)
+    wide = out.size // max(len(out), 1)
+    _core().cc_along_runs(len(out), wide, *_at(values, run), neighbours, out.ctypes.data)
+    return out
 
 
 def pulled(
