@@ -31,6 +31,43 @@ void VARIANT(field_reduce)(const float *in, int32_t width, int32_t height, int32
     }
 }
 
+/* A row of places, from (x, y) on by (dx, dy). */
+static void straighten_run(const float *in, int32_t width, int32_t height, float x, float y, float dx, float dy, int32_t n,
+                           float *restrict out, uint8_t *restrict seen) {
+    const float right = (float)width - 0.5f, bottom = (float)height - 0.5f;
+    const int32_t last_x = width > 1 ? width - 2 : 0, last_y = height > 1 ? height - 2 : 0;
+    const int32_t next = width > 1, below = height > 1 ? width : 0;
+    for (int32_t k = 0; k < n; k++) {
+        const float px = x + (float)k * dx, py = y + (float)k * dy;
+        seen[k] = px >= -0.5f && py >= -0.5f && px <= right && py <= bottom;
+        if (!seen[k]) continue;
+        const int32_t i = imin((int32_t)larger(px, 0), last_x), j = imin((int32_t)larger(py, 0), last_y);
+        const float u = larger(0, px - (float)i < 1 ? px - (float)i : 1), v = larger(0, py - (float)j < 1 ? py - (float)j : 1);
+        const float *a = in + (size_t)j * (size_t)width + (size_t)i, *b = a + below;
+        const float top = a[0] + u * (a[next] - a[0]);
+        out[k] = top + v * (b[0] + u * (b[next] - b[0]) - top);
+    }
+}
+
+void VARIANT(field_straighten)(const float *in, int32_t width, int32_t height, const float *nodes, int32_t step,
+                               int32_t wide, int32_t high, float *out, uint8_t *seen) {
+    const int32_t across = (wide - 1) / step + 2;
+    const float share = 1.0f / (float)step;
+    memset(out, 0, (size_t)wide * (size_t)high * sizeof *out);
+    for (int32_t y = 0; y < high; y++) {
+        const float *upper_row = nodes + 2 * (size_t)(y / step) * (size_t)across, *lower_row = upper_row + 2 * across;
+        const float t = (float)(y % step) * share;
+        for (int32_t x = 0; x < wide; x += step) {
+            const float *a = upper_row + 2 * (x / step), *b = lower_row + 2 * (x / step);
+            const float x0 = a[0] + t * (b[0] - a[0]), y0 = a[1] + t * (b[1] - a[1]);
+            const float x1 = a[2] + t * (b[2] - a[2]), y1 = a[3] + t * (b[3] - a[3]);
+            const size_t at = (size_t)y * (size_t)wide + (size_t)x;
+            straighten_run(in, width, height, x0, y0, (x1 - x0) * share, (y1 - y0) * share, imin(step, wide - x), out + at,
+                           seen + at);
+        }
+    }
+}
+
 /* gx, gy by Sobel / 8 and m = |g| of the row b between a and c; its ends have none. */
 static void gradient_row(const float *a, const float *b, const float *c, int32_t width, float *restrict gx,
                          float *restrict gy, float *restrict m) {
