@@ -63,7 +63,7 @@ def direction_fields(
     small, seen, camera = _straightened(_even(gray, reduction), _reduced(camera, reduction))
     planes = directions(small, _FLOOR)
     if seen is not None:
-        planes.values[:, ~seen] = 0
+        np.multiply(planes.values, seen, out=planes.values)
     fields = [DirectionField(camera, planes, reduction)]
     while len(fields) < levels and min(fields[-1].camera.size) >= 2 * _LEAST:
         last = fields[-1]

@@ -61,32 +61,19 @@ def _pulled(sights: Sequence[Sight], pose: Rigid, B: Array, *, reach: int, soft:
     J, offset, slope = (np.concatenate(a) for a in (rows, offsets, slopes))
     if len(J) < 2 * J.shape[1]:
         return pose
-    strength = _strength(slope)
-    # what no line tells stays where it is
-    x = pulled(J, offset, strength, soft=soft, nothing=_NOTHING, held=_HELD, pulls=_PULLS)
-    return pose @ Rigid.exp(B @ x)
+    return pose @ Rigid.exp(B @ pulled_onto(J, offset, slope, soft=soft))
 
 
-def _strength(slope: Array) -> Array:
-    """Return how strongly steps (N, M) pull, the first of each sample being its strongest; nan stays nan."""
-    size = np.abs(slope)
-    return np.minimum(size / quantile(size[:, 0], _STRONG), 1.0)
-
-
-def pulled_stiffly(J: Array, offset: Array, slope: Array, soft: float, *, stiff: Array, before: Array) -> Array:
+def pulled_onto(
+    J: Array, offset: Array, slope: Array, *, soft: float, stiff: tuple[Array, Array] | None = None
+) -> Array:
     """Return the step x (k,) by which N lines come onto their steps, of those (N, M) that each one sees.
 
-    As the core's `pulled`, for any number of unknowns some of which are held: J (N, k) says how x moves the lines;
-    offset, slope (N, M) where along the normals (px) steps are, and how steep, nan for none; stiff (k, k) holds
-    before + x near nil, in units of a sample's pull.
+    J (N, k) says how x moves the lines; offset, slope (N, M) where along the normals (px) steps are, and how steep, the
+    steepest first, nan for none. stiff: weights (k, k) and the vector `before` (k,): they hold before + x near nil, in
+    units of a sample's pull.
     """
-    offset, strength = np.nan_to_num(offset), _strength(np.nan_to_num(slope))
-    x = np.zeros(J.shape[1])
-    for _ in range(_PULLS):
-        r = offset - (J @ x)[:, None]
-        near = strength * np.exp(-0.5 * (r / soft) ** 2)
-        share = near / (near.sum(axis=1, keepdims=True) + _NOTHING)
-        A = (J * share.sum(axis=1)[:, None]).T @ J + stiff
-        A[np.diag_indices(len(x))] += _HELD * np.diag(A) + 1e-300
-        x = x + np.linalg.solve(A, J.T @ (share * r).sum(axis=1) - stiff @ (before + x))
-    return x
+    size = np.abs(slope)
+    strength = np.minimum(size / quantile(np.nan_to_num(size[:, 0]), _STRONG), 1.0)
+    # what no line tells stays where it is
+    return pulled(J, offset, strength, soft=soft, nothing=_NOTHING, held=_HELD, pulls=_PULLS, stiff=stiff)

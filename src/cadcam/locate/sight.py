@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Mask, quantile
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import StepSums, blur_of, candidates, noise_of, step_sums
 from cadcam.locate.edges import EdgeSamples, Projected, project, sample_lines
@@ -54,13 +54,14 @@ class Sight:
         """Return the samples in the photo."""
         return project(self.samples, self.photo.camera, self.photo.viewpoint.camera_from_world @ world_from_part)
 
-    def moved_px(self, world_from_part: Rigid) -> float:
-        """Return how far the lines moved since they were drawn: nine tenths of them at most that far."""
+    def moved_px(self, one: Rigid, other: Rigid) -> float:
+        """Return how far the lines lie apart between two poses: nine tenths of them at most that far."""
         p = self.samples.p[:: max(1, len(self.samples) // 60)]
         of_camera = self.photo.viewpoint.camera_from_world
-        now, before = (self.photo.camera.project((of_camera @ pose) @ p) for pose in (world_from_part, self.drawn))
-        shift = np.hypot(*(now - before).T)
-        return float(np.nanquantile(shift, 0.9)) if np.isfinite(shift).any() else 0.0
+        now, before = (self.photo.camera.project((of_camera @ pose) @ p) for pose in (one, other))
+        apart = np.hypot(*(now - before).T)
+        apart = apart[np.isfinite(apart)]
+        return quantile(apart, 0.9) if len(apart) else 0.0
 
     def thinned(self, most: int, *, together: int = 1) -> Sight:
         """Return the sight with about `most` of its samples, `together` neighbours at a time."""

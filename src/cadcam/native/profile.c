@@ -161,10 +161,10 @@ void cc_along_runs(int64_t n, int32_t wide, const double *values, const int32_t 
     }
 }
 
-enum { MOTIONS = 6 };
+enum { UNKNOWNS = 9 };
 
 /* x += A^-1 b for a symmetric positive A, which it spoils (lower half given). */
-static void step_by(double A[MOTIONS][MOTIONS], double *b, int k, double *x) {
+static void step_by(double A[UNKNOWNS][UNKNOWNS], double *b, int k, double *x) {
     for (int i = 0; i < k; i++)
         for (int j = 0; j <= i; j++) {
             for (int m = 0; m < j; m++) A[i][j] -= A[i][m] * A[j][m];
@@ -181,10 +181,10 @@ static void step_by(double A[MOTIONS][MOTIONS], double *b, int k, double *x) {
 }
 
 void cc_pull(int64_t n, int32_t most, int32_t k, const double *rows, const double *offset, const double *strength,
-             double soft, double nothing, double held, int32_t pulls, double *x) {
+             const double *stiff, const double *before, double soft, double nothing, double held, int32_t pulls, double *x) {
     const double sharp = -0.5 / (soft * soft);
     for (int32_t pull = 0; pull < pulls; pull++) {
-        double A[MOTIONS][MOTIONS] = {{0}}, b[MOTIONS] = {0};
+        double A[UNKNOWNS][UNKNOWNS] = {{0}}, b[UNKNOWNS] = {0};
         for (int64_t i = 0; i < n; i++) {
             const double *J = rows + k * i;
             double moved = 0, all = 0, far = 0;
@@ -201,6 +201,11 @@ void cc_pull(int64_t n, int32_t most, int32_t k, const double *rows, const doubl
                 for (int c = 0; c <= a; c++) A[a][c] += weight * J[a] * J[c];
             }
         }
+        for (int a = 0; stiff && a < k; a++)
+            for (int c = 0; c < k; c++) {
+                b[a] -= stiff[a * k + c] * (before[c] + x[c]);
+                if (c <= a) A[a][c] += stiff[a * k + c];
+            }
         for (int a = 0; a < k; a++) A[a][a] += held * A[a][a] + 1e-300;
         step_by(A, b, k, x);
     }

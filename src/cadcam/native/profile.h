@@ -64,10 +64,12 @@ CC_API void cc_pinhole_rows(int64_t n, const double *K, const double *rotation, 
  * number of consecutive ones; of the finite ones, 0 where none is. */
 CC_API void cc_along_runs(int64_t n, int32_t wide, const double *values, const int32_t *run, int64_t neighbours, double *out);
 
-/* Gauss-Newton steps x (k), k <= 6, of lines pulled onto steps near them: offset, strength (n, most), rows (n, k). A step
+/* Gauss-Newton steps x (k), k <= 9, of lines pulled onto steps near them: offset, strength (n, most), rows (n, k). A step
  * r away pulls with near = strength exp(-r^2 / (2 soft^2)), all of a sample together with near / (sum near + nothing);
- * held: what is added to the diagonal, of it. Strengths of 0 or NaN are no steps. */
+ * held: what is added to the diagonal, of it. Strengths of 0 or NaN are no steps.
+ * stiff (k, k) holds before (k) + x near nil, in units of a sample's pull; null: nothing does. */
 CC_API void cc_pull(int64_t n, int32_t most, int32_t k, const double *rows, const double *offset, const double *strength,
-                    double soft, double nothing, double held, int32_t pulls, double *x);
+                    const double *stiff, const double *before, double soft, double nothing, double held, int32_t pulls,
+                    double *x);
 
 #endif

@@ -9,9 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Picture
+from cadcam.errors import BadValue
 from cadcam.native.core import library
 
 STEP_SUMS, STEP_TERMS = 39, 9  # CC_STEP_SUMS, CC_STEP_TERMS
+PULLED = 9  # motions of cc_pull
 
 
 class _Picture(c.Structure):
@@ -29,7 +31,7 @@ def _core() -> c.CDLL:
     core.cc_edge_rows.argtypes = [i64, *[pointer] * 6]
     core.cc_pinhole_rows.argtypes = [i64, *[pointer] * 8]
     core.cc_along_runs.argtypes = [i64, i32, pointer, pointer, i64, pointer]
-    core.cc_pull.argtypes = [i64, i32, i32, *[pointer] * 3, *[real] * 3, i32, pointer]
+    core.cc_pull.argtypes = [i64, i32, i32, *[pointer] * 5, *[real] * 3, i32, pointer]
     names = ("step_sums", "steps", "candidates", "clearance", "edge_rows", "pinhole_rows", "along_runs", "pull")
     for name in (f"cc_{name}" for name in names):
         getattr(core, name).restype = None
@@ -137,12 +139,27 @@ def along_runs(values: Array, run: Ids, neighbours: int) -> Array:
 
 
 def pulled(
-    rows: Array, offset: Array, strength: Array, *, soft: float, nothing: float, held: float, pulls: int
+    rows: Array,
+    offset: Array,
+    strength: Array,
+    *,
+    soft: float,
+    nothing: float,
+    held: float,
+    pulls: int,
+    stiff: tuple[Array, Array] | None = None,
 ) -> Array:
-    """Return the step (k,) by which lines with rows (n, k) are pulled onto steps `offset` (n, m) px off (profile.h)."""
+    """Return the step (k,) by which lines with rows (n, k) are pulled onto steps `offset` (n, m) px off (profile.h).
+
+    stiff: weights (k, k) that hold before (k,) + step near nil, and `before`.
+    """
     rows, offset, strength = arrays = _doubles(rows, offset, strength)
+    if not rows.shape[1] <= PULLED:
+        raise BadValue("motions of lines that are pulled", rows.shape[1], f"at most {PULLED}")
+    prior = _doubles(*(stiff or ()))
     x = np.zeros(rows.shape[1])
-    _core().cc_pull(*offset.shape, len(x), *_at(*arrays), soft, nothing, held, pulls, x.ctypes.data)
+    weights = _at(*prior) if prior else [None, None]
+    _core().cc_pull(*offset.shape, len(x), *_at(*arrays), *weights, soft, nothing, held, pulls, x.ctypes.data)
     return x
 
 
