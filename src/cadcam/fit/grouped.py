@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Mask, quantile
 from cadcam.errors import DegenerateGeometry
 from cadcam.native.grouped import averaged_fit
 
@@ -141,7 +141,7 @@ class _Sums:
         f = v / (1 + v * np.add.reduceat(w, self.first) / counts) / counts
         JW = self.J * w[:, None]
         VJ = JW - w[:, None] * (f[:, None] * np.add.reduceat(JW, self.first, axis=0))[self.group]
-        return np.asarray(np.linalg.solve(VJ.T @ self.J, VJ.T))
+        return np.asarray(np.linalg.inv(VJ.T @ self.J) @ VJ.T)
 
     def means(self, r: Array, w: Array) -> tuple[Array, Array]:
         """Return the weighted mean of each group and its total weight."""
@@ -164,7 +164,7 @@ def _first_weights(y: Array, variance: Array, sums: _Sums) -> tuple[Array, Array
 
 def _median_square(d: Array) -> float:
     """Return the variance of the good half of deviations."""
-    return float(np.median(d * d)) / 0.455
+    return quantile(d * d, 0.5) / 0.455
 
 
 def _within(d: Array, variance: Array, now: float, weight: Array, share: Array) -> float:

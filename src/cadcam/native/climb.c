@@ -85,12 +85,27 @@ void VARIANT(climb_slide)(const cc_views *v, int32_t eye, const double *poses, i
 
 typedef struct { double A[6][6], b[6]; } equations;
 
-static void add_row(equations *q, const double *J, int n, double weight, double offset) {
-    for (int i = 0; i < n; i++) {
+static inline void add_row(equations *q, const double J[6], double weight, double offset) {
+    for (int i = 0; i < 6; i++) {
         const double wj = weight * J[i];
         for (int j = 0; j <= i; j++) q->A[i][j] += wj * J[j];
         q->b[i] += wj * offset;
     }
+}
+
+/* The equations of the motions F x, F (6, n). */
+static equations along(const equations *q, const double *F, int n) {
+    equations out = {0};
+    double AF[6][6] = {{0}};
+    for (int i = 0; i < 6; i++)
+        for (int k = 0; k < 6; k++)
+            for (int j = 0; j < n; j++) AF[i][j] += (i >= k ? q->A[i][k] : q->A[k][i]) * F[k * n + j];
+    for (int k = 0; k < 6; k++)
+        for (int i = 0; i < n; i++) {
+            for (int j = 0; j <= i; j++) out.A[i][j] += F[k * n + i] * AF[k][j];
+            out.b[i] += F[k * n + i] * q->b[k];
+        }
+    return out;
 }
 
 /* Solve the damped equations into x; 0 where they are singular. */
@@ -174,8 +189,7 @@ INLINE d4 four_of(const walk *w, int o) {
 
 INLINE double sum_of(d4 v) { return (v[0] + v[1]) + (v[2] + v[3]); }
 
-static void add_place(const cc_eye *e, const rigid *c, const cc_place *place, const kernel *k, const double *freedom, int n,
-                      equations *q) {
+static void add_place(const cc_eye *e, const rigid *c, const cc_place *place, const kernel *k, equations *q) {
     spot s;
     if (!image_of(e, c, place, &s) || !inside(&e->field, s.x, s.y)) return;
     const double length = sqrt(s.dx * s.dx + s.dy * s.dy);
@@ -194,16 +208,12 @@ static void add_place(const cc_eye *e, const rigid *c, const cc_place *place, co
     if (!(sum > 0)) return;
     /* g: how the spot moves along its normal with the place, in the part's frame */
     const double gx = nx * e->fx * s.over_z, gy = (nx * e->skew + ny * e->fy) * s.over_z, gz = -(gx * s.u + gy * s.v);
-    double g[3], J[6], free[6];
+    double g[3], J[6];
     for (int i = 0; i < 3; i++) g[i] = gx * c->R[i] + gy * c->R[3 + i] + gz * c->R[6 + i];
     const float *p = place->p;
     J[0] = g[0], J[1] = g[1], J[2] = g[2];
     J[3] = p[1] * g[2] - p[2] * g[1], J[4] = p[2] * g[0] - p[0] * g[2], J[5] = p[0] * g[1] - p[1] * g[0];
-    for (int j = 0; j < n; j++) {
-        free[j] = 0;
-        for (int i = 0; i < 6; i++) free[j] += J[i] * freedom[i * n + j];
-    }
-    add_row(q, free, n, place->weight * sum, moment / sum);
+    add_row(q, J, place->weight * sum, moment / sum);
 }
 
 static void step(const cc_views *v, int64_t k, double *pose, const kernel *kernel, const double *freedom, int n) {
@@ -211,9 +221,10 @@ static void step(const cc_views *v, int64_t k, double *pose, const kernel *kerne
     for (int32_t e = 0; e < v->n_eyes; e++) {
         const rigid c = seen_by(&v->eyes[e], pose);
         const cc_place *places = v->places + v->first[k * v->n_eyes + e];
-        for (int32_t i = 0; i < v->count[k * v->n_eyes + e]; i++) add_place(&v->eyes[e], &c, &places[i], kernel, freedom, n, &q);
+        for (int32_t i = 0; i < v->count[k * v->n_eyes + e]; i++) add_place(&v->eyes[e], &c, &places[i], kernel, &q);
     }
     double x[6], xi[6] = {0};
+    q = along(&q, freedom, n);
     if (!solved(&q, n, x)) return;
     for (int i = 0; i < 6; i++)
         for (int j = 0; j < n; j++) xi[i] += freedom[i * n + j] * x[j];
