@@ -147,7 +147,7 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, s
         extent = max(extent, float(np.hypot(*np.ptp(q, axis=0))))
         missed = _missed(here, lines)
         absent += float(missed.sum())
-        hidden += float(missed[_behind(q, here)].sum())
+        hidden += float(missed[_behind(q, here)].sum()) if missed.any() else 0.0
     n = max(told, 1)
     free = constraints / max(worth, 1e-9)
     return Seen(told, shown / n, by_chance / n, free, absent / n, hidden / n, scatter / max(extent, 1.0))

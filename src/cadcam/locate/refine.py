@@ -269,10 +269,9 @@ def _scatter(fit: GroupedFit) -> float:
 
 
 def _reason(part: Part, estimate: PoseEstimate, evidence: Seen, fit: GroupedFit, photos: Sequence[Photo]) -> str:
-    vertices = part.scene.mesh.vertices
     if evidence.quality < FOUND:
         return f"not found: {evidence}"
-    weakest = weakest_direction(estimate, 0.5 * (vertices.min(axis=0) + vertices.max(axis=0)), photos)
+    weakest = weakest_direction(estimate, part.aspects.centre, photos)
     return f"{evidence}; edges are off by {fit.between:.2f} px as a whole; {weakest}"
 
 
