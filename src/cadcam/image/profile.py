@@ -152,8 +152,11 @@ def _parabola(x: Array, y: Array, best: int) -> float:
     """Return where the parabola through the lowest of equally important places and its neighbours is lowest."""
     if not 0 < best < len(x) - 1 or not np.isfinite(y[best - 1 : best + 2]).all():
         return float(x[best])
-    a, b, _ = np.polyfit(x[best - 1 : best + 2] - x[best], y[best - 1 : best + 2], 2)
-    return float(x[best] + (np.clip(-b / (2 * a), x[best - 1] - x[best], x[best + 1] - x[best]) if a > 0 else 0.0))
+    before, after = x[best] - x[best - 1], x[best + 1] - x[best]
+    falls, rises = (y[best] - y[best - 1]) / before, (y[best + 1] - y[best]) / after
+    bend = (rises - falls) / (before + after)
+    shift = -0.5 * (falls + bend * before) / bend if bend > 0 else 0.0
+    return float(x[best] + min(max(shift, -before), after))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,7 +24,7 @@ from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.direction_field import direction_fields
 from cadcam.locate.aspects import Aspects
-from cadcam.locate.climb import Climb, Stage, climbed, composed, distinct, rigid_of, turned, views_of
+from cadcam.locate.climb import Climb, Stage, climbed, composed, distinct, rigids_of, turned, views_of
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.hypothesis import Hypothesis
 from cadcam.locate.part import Part
@@ -87,7 +87,7 @@ def approach(
         poses, score, agreement = climbed(part.aspects, stage, poses, free, climb)
         kept = distinct(part.aspects, poses, score, climb.kept)
         poses, score, agreement = poses[kept], score[kept], agreement[kept]
-    return [Hypothesis(rigid_of(p), float(s), float(a)) for p, s, a in zip(poses, score, agreement, strict=True)]
+    return [Hypothesis(*h) for h in zip(rigids_of(poses), score.tolist(), agreement.tolist(), strict=True)]
 
 
 def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> list[Stage]:
@@ -193,9 +193,9 @@ def _grid(aspects: Aspects, camera_from_part: Rigid, reach: Reach) -> Array:
     """Return poses (N, 12) camera_from_part around one: turned about the part's middle, nearer and farther."""
     centre = camera_from_part @ aspects.centre
     axis = centre / np.linalg.norm(centre)
-    side = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    side = so3.hat(axis) @ np.eye(3)[np.argmin(np.abs(axis))]
     side /= np.linalg.norm(side)
-    axes = np.stack([side, np.cross(axis, side), axis])
+    axes = np.stack([side, so3.hat(axis) @ side, axis])
     R = axes.T @ _turns(reach.rotation_deg) @ (axes @ camera_from_part.rotation)
     n = round(reach.depth / _DEPTH)
     depth = np.exp(np.linspace(-1, 1, 2 * n + 1) * math.log1p(reach.depth)) if n else np.ones(1)

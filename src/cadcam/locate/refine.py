@@ -190,7 +190,7 @@ def _fitted(
 
 def _left(measured: Measured, moved: Array) -> Array:
     """Return where to fit the steps after the lines moved: on the lines, but for edges that stay away from them."""
-    left = np.nan_to_num(measured.offset) - moved
+    left = np.where(measured.usable, measured.offset, 0.0) - moved
     return np.where(np.abs(left) < _ON_LINE, 0.0, left) * measured.usable
 
 
