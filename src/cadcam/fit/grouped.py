@@ -107,7 +107,7 @@ class _Sums:
         self.y, self.J, self.group = y, J, group
         self.first = np.flatnonzero(np.diff(group, prepend=-1))
         self.n = len(self.first)
-        self.free = np.ones(self.n) if exact is None else 1.0 - exact
+        self.free = np.ones(self.n) if exact is None else np.asarray(1.0 - exact, np.float64)
         self.expected = np.zeros(self.n) if expected is None else expected * self.free
         if len(y) < J.shape[1]:
             raise DegenerateGeometry("too few edges were found to determine the pose")

@@ -18,6 +18,7 @@ Cramer-Rao bound; the fit reaches 1.1 times its root on wide cells with level gr
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +30,7 @@ DARK, BRIGHT = 0.002, 0.998  # beyond these a pixel is clipped
 _ROWS = 48  # rows of a photo that tell its noise
 _BLURS = np.array([0.5, 0.7, 0.95, 1.3, 1.8, 2.5, 3.5])  # px, tried in `blur_of`
 _ALONE = np.array([[-np.inf, 0.0], [np.inf, 0.0]])  # no twins
-_QUANTISED = 1.0 / 255 / np.sqrt(12.0)  # the least noise of an eight-bit photo
+_QUANTISED = 1.0 / 255 / math.sqrt(12.0)  # the least noise of an eight-bit photo
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -167,7 +167,8 @@ def _shown(sight: Sight, q: Array, normal: Array, run: Ids, room: Array, near_px
     near = (offset < near_px) & (slope > _FAINT * strongest[:, :, None])
     best = np.argmax(np.where(near, slope, 0.0), axis=2).ravel() + np.arange(len(places)) * offset.shape[2]
     at, sign = found.offset.ravel()[best], np.sign(found.slope.ravel()[best])
-    shown = _continued(*(a.reshape(len(_SHIFTS), -1) for a in (near.ravel()[best], at, sign)), run)
+    good, at, sign = (a.reshape(len(_SHIFTS), -1) for a in (near.ravel()[best], at, sign))
+    shown = _continued(good, at, sign, run)
     return shown[0], 2 * shown.sum(axis=1) / ((strongest > 0).sum(axis=1) + len(q))
 
 

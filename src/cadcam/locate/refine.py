@@ -170,10 +170,12 @@ def _fitted(
     places = [s.project(pose) for s in sights]
     room = {"half_length": half, "reach_px": options.reach_px, "room_px": options.room_px}
     where = [nearest_steps(s, at, half_length=half, reach=_CLOSE) for s, at in zip(sights, places, strict=True)]
-    first = [Cells.of(s, at, where=w, **room) for s, at, w in zip(sights, places, where, strict=True)]
-    cells, sums = [c for c, _ in first], [s for _, s in first]
+    cells = [Cells.of(s, at, where=w, **room) for s, at, w in zip(sights, places, where, strict=True)]
     for number, iterations in enumerate(_ROUNDS):
-        measured = [measure(*all_of) for all_of in zip(sights, cells, where, sums, strict=True)]
+        measured = [
+            measure(s, at, c, w, sums=None if number else c.first)
+            for s, at, c, w in zip(sights, places, cells, where, strict=True)
+        ]
         B = freedom.at(pose)
         fit = _solved(
             sights, places, measured, rows_of(evidence, [s.photo for s in sights], pose), B, iterations, options
@@ -184,7 +186,6 @@ def _fitted(
         if number and quantile(np.abs(np.concatenate(last.moved)), 0.9) < _SETTLED_PX:
             break
         places = [s.project(pose) for s in sights]
-        sums = [c.sums_at(*all_of) for c, *all_of in zip(cells, sights, places, where, strict=True)]
     return last
 
 

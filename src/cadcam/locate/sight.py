@@ -88,7 +88,8 @@ class Cells:
     """Which of a sight's samples have room for a cell, how far the cells reach, and the light they are seen in.
 
     which (N,): numbers of the samples; below, above (N,) px; held (N, 2): how firmly the slopes are held
-    (`image.profile.StepSums`); half_length, blur (px).
+    (`image.profile.StepSums`); half_length, blur (px). first: their sums at the places where they were
+    laid out, which the first measurement needs again.
     """
 
     which: Longs
@@ -97,6 +98,7 @@ class Cells:
     held: Array
     half_length: float
     blur: float
+    first: StepSums | None = None
 
     @classmethod
     def of(
@@ -108,8 +110,8 @@ class Cells:
         reach_px: float,
         room_px: float,
         where: Array | None = None,
-    ) -> tuple[Cells, StepSums]:
-        """Return the cells of a sight and what their pixels add up to; room_px: what a cell needs beside its line.
+    ) -> Cells:
+        """Return the cells of a sight; room_px is what a cell needs on each side of its line.
 
         where (N,) px along the normals: where the steps are about, default on the lines.
 
@@ -128,7 +130,7 @@ class Cells:
         found, run = sums.solved(free, noise=0.5 * sight.noise), samples.run[which]
         slope2 = along_runs(found.slopes, run, _STRETCH) ** 2
         held = along_runs(found.noise**2, run, _STRETCH)[:, None] / np.maximum(slope2, 1e-12)
-        return replace(cells, held=np.where(np.isfinite(held), held, 0.0)), sums
+        return replace(cells, held=np.where(np.isfinite(held), held, 0.0), first=sums)
 
     def sums_at(self, sight: Sight, at: Projected, where: Array | None) -> StepSums:
         """Return what the cells' pixels add up to; where (N,) px: how far along the normal each cell is shifted."""
@@ -155,8 +157,10 @@ class Measured:
     usable: Mask
 
 
-def measure(sight: Sight, cells: Cells, where: Array, sums: StepSums) -> Measured:
-    """Return the steps' offsets by a linear fit at places `where` (N,) px along the samples' normals, from sums there.
+def measure(sight: Sight, at: Projected, cells: Cells, where: Array, *, sums: StepSums | None = None) -> Measured:
+    """Return the steps' offsets by a linear fit at places `where` (N,) px along the samples' normals.
+
+    sums: of the cells there, if known.
 
     The fit holds near the step: a place must be right to about the blur.
     """
@@ -166,6 +170,7 @@ def measure(sight: Sight, cells: Cells, where: Array, sums: StepSums) -> Measure
     which = cells.which
     if not len(which):
         return Measured(offset, sigma, contrast, usable)
+    sums = cells.sums_at(sight, at, where) if sums is None else sums
     found, run = sums.solved(cells.held, noise=0.5 * sight.noise), sight.samples.run[which]
     c, sd_c = along_runs(found.contrast, run, _CONTRAST), np.sqrt(along_runs(found.sd_contrast**2, run, _CONTRAST))
     sure = np.abs(found.contrast) > _SURE * found.sd_contrast  # before a chequered ground the sign changes along a line

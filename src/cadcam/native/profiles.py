@@ -116,10 +116,8 @@ def edge_rows(jacobian: Array, rotation: Array, p: Array, tangent: Array) -> tup
     return normal, row
 
 
-def pinhole_rows(
-    K: Array, rotation: Array, translation: Array, p: Array, tangent: Array
-) -> tuple[Array, Array, Array]:
-    """Return pixels (n, 2), unit normals (n, 2) and rows (n, 6) as `edge_rows` of what a pinhole sees; nan behind it."""
+def pinhole_rows(K: Array, rotation: Array, translation: Array, p: Array, tangent: Array) -> tuple[Array, Array, Array]:
+    """Return pixels (n, 2), unit normals (n, 2) and rows (n, 6), as `edge_rows`, of a pinhole; nan behind it."""
     arrays = _doubles(K, rotation, translation, p, tangent)
     q, normal, row = np.zeros((len(p), 2)), np.zeros((len(p), 2)), np.zeros((len(p), 6))
     _core().cc_pinhole_rows(len(p), *_at(*arrays, q, normal, row))
