@@ -157,12 +157,18 @@ def generate(out: Path, part: str, *, views_n: int, starts_n: int, rounds: int, 
         float(np.linalg.norm(model.size_mm) / 2),
         seed,
     )
-    light = pictures(bench, setting.camera, [pose @ Rigid(translation=-centred) for pose in poses], rounds)
-    for k, radiance in enumerate(light):
+    todo = [k for k in range(views_n) if not all(photo(out, noise, k).exists() for noise in NOISES)]
+    light = pictures(bench, setting.camera, [poses[k] @ Rigid(translation=-centred) for k in todo], rounds)
+    for k, radiance in zip(todo, light, strict=True):
+        rng = np.random.default_rng([seed, k])
         clean = WHITE * radiance / np.quantile(radiance, 0.99)
         for noise in NOISES:
-            noisy = clean + noise / 255 * rng.standard_normal(clean.shape)
-            write_picture(out / f"n{noise}/images/{k:04d}.png", noisy)
+            write_picture(photo(out, noise, k), clean + noise / 255 * rng.standard_normal(clean.shape))
+        print(f"view {k} of {views_n} written", flush=True)
+
+
+def photo(out: Path, noise: int, view: int) -> Path:
+    return out / f"n{noise}/images/{view:04d}.png"
 
 
 def main() -> None:

@@ -84,13 +84,15 @@ class Cells:
     """Which of a sight's samples have room for a cell, how far the cells reach, and the light they are seen in.
 
     which (N,): numbers of the samples; below, above (N,) px; held (N, 2): how firmly the slopes are held
-    (`image.profile.steps`); half_length, blur (px).
+    (`image.profile.steps`); bow (N,) px: how far along the normal a curved line lies beyond its tangent, on the mean of
+    the cell; half_length, blur (px).
     """
 
     which: Longs
     below: Array
     above: Array
     held: Array
+    bow: Array
     half_length: float
     blur: float
 
@@ -118,8 +120,8 @@ class Cells:
         apart = np.abs(samples.twins[:, :, 0]).min(axis=1) > _TWIN * blur
         enough = (below >= room_px) & (above >= room_px)
         which = np.flatnonzero(apart & enough & np.isfinite(at.q).all(axis=1))
-        free = np.zeros((len(which), 2))
-        cells = cls(which, below[which], above[which], free, half_length, blur)
+        free, bow = np.zeros((len(which), 2)), _bow(at, samples.run, half_length)
+        cells = cls(which, below[which], above[which], free, bow[which], half_length, blur)
         found, run = cells.steps(sight, at, where), samples.run[which]
         slope2 = _along_run(found.slopes, run, _STRETCH) ** 2
         held = _along_run(found.noise**2, run, _STRETCH)[:, None] / np.maximum(slope2, 1e-12)
@@ -128,9 +130,10 @@ class Cells:
     def steps(self, sight: Sight, at: Projected, where: Array | None = None) -> Steps:
         """Return what the photo shows in the cells; where (N,) px: how far along the normal each cell is shifted."""
         q, normal = at.q[self.which], at.normal[self.which]
+        aside = self.bow if where is None else self.bow + where[self.which]
         return steps(
             sight.photo.gray,
-            q if where is None else q + where[self.which, None] * normal,
+            q + aside[:, None] * normal,
             normal,
             below=self.below,
             above=self.above,
@@ -191,6 +194,23 @@ def nearest_steps(sight: Sight, at: Projected, *, half_length: float, reach: int
 def _room(next_line: Array, beyond: Array, blur: float) -> Array:
     """Return how far (N,) px cells may reach: short of the next line, or past it where it is a twin."""
     return np.maximum(next_line - _APART * blur, np.minimum(next_line + _PAST * blur, beyond - _APART * blur))
+
+
+def _bow(at: Projected, run: Ids, half_length: float) -> Array:
+    """Return how far (N,) px along their normals lines lie beyond their tangents, mean over `half_length` to both sides.
+
+    A line of curvature k is k t^2 / 2 off its tangent at t, k half_length^2 / 6 on the mean; neighbours on the line,
+    s away, are k s^2 / 2 off.
+    """
+    before, here, after = at.q[:-2], at.q[1:-1], at.q[2:]
+    apart2 = 0.5 * (((after - here) ** 2).sum(axis=1) + ((before - here) ** 2).sum(axis=1))
+    off = 0.5 * ((before + after - 2 * here) * at.normal[1:-1]).sum(axis=1)
+    bow = np.zeros(len(run))
+    whole = (run[2:] == run[:-2]) & np.isfinite(off) & (apart2 > 0)
+    bow[1:-1][whole] = off[whole] * half_length**2 / (3 * apart2[whole])
+    ends = np.flatnonzero(np.diff(run, prepend=-1, append=-1))
+    bow[ends[:-1]], bow[ends[1:] - 1] = bow[np.minimum(ends[:-1] + 1, ends[1:] - 1)], bow[np.maximum(ends[1:] - 2, ends[:-1])]
+    return bow
 
 
 def _along_run(values: Array, run: Ids, neighbours: int) -> Array:
