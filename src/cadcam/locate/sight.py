@@ -84,8 +84,8 @@ class Cells:
     """Which of a sight's samples have room for a cell, how far the cells reach, and the light they are seen in.
 
     which (N,): numbers of the samples; below, above (N,) px; held (N, 2): how firmly the slopes are held
-    (`image.profile.steps`); bow (N,) px: how far along the normal a curved line lies beyond its tangent, on the mean of
-    the cell; half_length, blur (px).
+    (`image.profile.steps`); bow (N,) px: how far along the normal the step of a curved line lies beyond its
+    tangent, on the mean of the cell; half_length, blur (px).
     """
 
     which: Longs
@@ -120,7 +120,7 @@ class Cells:
         apart = np.abs(samples.twins[:, :, 0]).min(axis=1) > _TWIN * blur
         enough = (below >= room_px) & (above >= room_px)
         which = np.flatnonzero(apart & enough & np.isfinite(at.q).all(axis=1))
-        free, bow = np.zeros((len(which), 2)), _bow(at, samples.run, half_length)
+        free, bow = np.zeros((len(which), 2)), _bow(at, samples.run, half_length, blur)
         cells = cls(which, below[which], above[which], free, bow[which], half_length, blur)
         found, run = cells.steps(sight, at, where), samples.run[which]
         slope2 = _along_run(found.slopes, run, _STRETCH) ** 2
@@ -196,21 +196,21 @@ def _room(next_line: Array, beyond: Array, blur: float) -> Array:
     return np.maximum(next_line - _APART * blur, np.minimum(next_line + _PAST * blur, beyond - _APART * blur))
 
 
-def _bow(at: Projected, run: Ids, half_length: float) -> Array:
-    """Return how far (N,) px along their normals lines lie beyond their tangents, mean over `half_length` to both sides.
+def _bow(at: Projected, run: Ids, half_length: float, blur: float) -> Array:
+    """Return how far (N,) px along the normals the steps of curved lines lie beyond their tangents, on their cells' mean.
 
-    A line of curvature k is k t^2 / 2 off its tangent at t, k half_length^2 / 6 on the mean; neighbours on the line,
-    s away, are k s^2 / 2 off.
+    A line of curvature k is k t^2 / 2 off its tangent at t, so k half_length^2 / 6 on the mean, and blur moves its step
+    towards the inside of the bend, by k blur^2 / 2. The neighbours on the line, s away, are k s^2 / 2 off.
     """
     before, here, after = at.q[:-2], at.q[1:-1], at.q[2:]
     apart2 = 0.5 * (((after - here) ** 2).sum(axis=1) + ((before - here) ** 2).sum(axis=1))
-    off = 0.5 * ((before + after - 2 * here) * at.normal[1:-1]).sum(axis=1)
-    bow = np.zeros(len(run))
-    whole = (run[2:] == run[:-2]) & np.isfinite(off) & (apart2 > 0)
-    bow[1:-1][whole] = off[whole] * half_length**2 / (3 * apart2[whole])
-    ends = np.flatnonzero(np.diff(run, prepend=-1, append=-1))
-    bow[ends[:-1]], bow[ends[1:] - 1] = bow[np.minimum(ends[:-1] + 1, ends[1:] - 1)], bow[np.maximum(ends[1:] - 2, ends[:-1])]
-    return bow
+    curvature = np.zeros(len(run))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        bent = ((before + after - 2 * here) * at.normal[1:-1]).sum(axis=1) / apart2
+    curvature[1:-1] = np.where((run[2:] == run[:-2]) & np.isfinite(bent), bent, 0.0)
+    first, last = np.flatnonzero(np.diff(run, prepend=-1)), np.flatnonzero(np.diff(run, append=-1))
+    curvature[first], curvature[last] = curvature[np.minimum(first + 1, last)], curvature[np.maximum(last - 1, first)]
+    return curvature * (half_length**2 / 6 + blur**2 / 2)
 
 
 def _along_run(values: Array, run: Ids, neighbours: int) -> Array:
