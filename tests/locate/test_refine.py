@@ -206,8 +206,8 @@ def test_options_and_inputs_that_mean_nothing_are_refused(part: Part, pose: Rigi
 
 
 def test_light_at_the_border_of_a_round_surface_hardly_moves_the_pose(rng: np.random.Generator) -> None:
-    """Light that falls off towards them puts both borders of a shaft 0.27 px inside: believed like any edge, they put it
-    0.25 mm farther away, 0.76 per mille of its distance.
+    """Light that falls off towards them puts both borders of a shaft 0.27 px inside: believed like any edge, they put
+    it 0.25 mm farther away, 0.76 per mille of its distance.
     """
 
     def body(radius: float) -> Part:

@@ -90,8 +90,8 @@ def locate(
 def _near(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach, freedom: Freedom) -> list[Hypothesis]:
     """Return what is found around a start; nothing where the photos show little of a part that is larger than they are.
 
-    An approach moves the part as a whole about its middle. Where the camera stands within it, that is no small motion of
-    the few lines in view.
+    An approach moves the part as a whole about its middle. Where the camera stands within it, that is no small motion
+    of the few lines in view.
     """
     try:
         return approach(part, photos, start, reach=reach, freedom=freedom)

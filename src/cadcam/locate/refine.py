@@ -170,7 +170,7 @@ def _beside(fitted: _Fitted) -> list[Rigid]:
         by_twist = pose_jacobian(sight.samples.p, J @ camera_from_part.rotation)
         moved.append(by_twist[np.isfinite(q).all(axis=1)])
     every = np.concatenate(moved) @ fitted.B
-    r = np.linalg.qr(every.reshape(-1, every.shape[2]) / np.sqrt(len(every)), mode="r")  # |r x|: px, root mean square
+    r = np.linalg.qr(every.reshape(-1, every.shape[2]) / np.sqrt(len(every)))[1]  # |r x|: px, root mean square
     axes = np.linalg.eigh(r @ fitted.fit.covariance @ r.T)[1][:, -_WEAKEST:]
     steps = fitted.B @ np.linalg.solve(r, _BESIDE_PX * axes)
     return [fitted.pose @ Rigid.exp(sign * step) for step in steps.T for sign in (1, -1)]

@@ -84,7 +84,7 @@ class Cells:
     """Which of a sight's samples have room for a cell, how far the cells reach, and the light they are seen in.
 
     which (N,): numbers of the samples; below, above (N,) px; held (N, 2): how firmly the slopes are held
-    (`image.profile.steps`); bow (N,) px: how far along the normal the step of a curved line lies beyond its
+    (`image.profile.steps`); bow (N,) px: how far along the normal the step of a bent line lies beyond its
     tangent, on the mean of the cell; half_length, blur (px).
     """
 
@@ -197,7 +197,7 @@ def _room(next_line: Array, beyond: Array, blur: float) -> Array:
 
 
 def _bow(at: Projected, run: Ids, half_length: float, blur: float) -> Array:
-    """Return how far (N,) px along the normals the steps of curved lines lie beyond their tangents, on their cells' mean.
+    """Return how far (N,) px along the normals the steps of bent lines lie beyond their tangents, on their cells' mean.
 
     A line of curvature k is k t^2 / 2 off its tangent at t, so k half_length^2 / 6 on the mean, and blur moves its step
     towards the inside of the bend, by k blur^2 / 2. The neighbours on the line, s away, are k s^2 / 2 off.
