@@ -7,7 +7,7 @@ normally distributed blur of the optics, so that edges look like those of a real
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,9 +39,10 @@ class Bench:
     seed: int
 
 
-def pictures(bench: Bench, camera: Camera, poses: Sequence[Rigid], rounds: int) -> Iterator[Array]:
-    """Yield the radiance (H, W) of each view camera_from_part, a path for each lamp in `rounds` places a pixel.
+def pictures(bench: Bench, camera: Camera, poses: Mapping[int, Rigid], rounds: int) -> Iterator[tuple[int, Array]]:
+    """Yield number and radiance (H, W) of each view camera_from_part, a path for each lamp in `rounds` places a pixel.
 
+    Farther than `AROUND_PX` from the part there are fewer. What a view looks like depends on its number and pose only.
     Light adds up: with one lamp burning at a time, none is drawn by chance, and pictures are several times less grainy.
     """
     mi = module("mitsuba")
@@ -51,7 +52,7 @@ def pictures(bench: Bench, camera: Camera, poses: Sequence[Rigid], rounds: int) 
     integrator = mi.load_dict({"type": "path", "max_depth": DEPTH})
     grid = camera.pixel_grid()
     shift = np.random.default_rng(bench.seed).random(grid.shape)
-    for i, pose in enumerate(poses):
+    for i, pose in poses.items():
         total, places = np.zeros((2, camera.height, camera.width))
         for k in range(rounds):
             window = _around(bench.part, camera, pose) if k * ELSEWHERE >= rounds else np.s_[:, :]
@@ -60,7 +61,7 @@ def pictures(bench: Bench, camera: Camera, poses: Sequence[Rigid], rounds: int) 
             for j, scene in enumerate(scenes):
                 seed = (i * rounds + k) * len(LAMPS) + j
                 total[window] += _radiance(mi, scene, integrator, rays, pose, seed=seed).reshape(places[window].shape)
-        yield total / places
+        yield i, total / places
 
 
 def _around(part: Mesh, camera: Camera, pose: Rigid) -> tuple[slice, slice]:
