@@ -22,6 +22,7 @@ from cadcam.locate.evidence import LineEvidence, PointEvidence
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.locate.quality import SEARCHED
 from cadcam.locate.refine import EdgeOptions, refine
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Look
@@ -237,7 +238,7 @@ def test_plates_seen_edge_on_are_not_taken_for_each_other(shared, rng: np.random
     bright = 0.8 * np.asarray(view.gray, float) * cover + (1 - cover) * (0.3 + 0.06 * ground)
     picture = Photo.of(noisy(gaussian_filter(bright, 0.6), 3 / 255, rng), camera)
     start = pose @ Rigid.exp([1.1, -2.58, -4.64, -0.0488, -0.0073, -0.001])
-    found = refine(block, [picture], start)
+    found = refine(block, [picture], start, chosen=SEARCHED)
     v = block.scene.mesh.vertices
     off_px = np.linalg.norm(camera.project(found.pose.world_from_part @ v) - camera.project(pose @ v), axis=1)
     assert found.found

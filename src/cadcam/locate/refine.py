@@ -91,8 +91,8 @@ def refine(
     lines of the part that are known otherwise. chosen: how many constraints the start met by being the best of many
     poses in these photos; they prove nothing (`locate.quality`). Where too little is seen to tell the pose the answer
     has quality 0. wider: whether a doubtful answer is searched for once more, wider, from where it ended; lines of a
-    wrong pose often half agree. What edges still fit only loosely is searched for beside it too, narrowly. Not where
-    the start is known to be good: farther off there are only other lines.
+    wrong pose often half agree. Where the start was the best of many and edges still fit only loosely, poses beside it
+    are tried too, narrowly. Not where the start is known to be good: farther off there are only other lines.
     """
     if not photos:
         raise BadValue("photos", "none", "at least one photo")
@@ -106,10 +106,10 @@ def refine(
     second, other = searched(best.pose.world_from_part, max(_WIDER * options.search_px, _WIDER_PX))
     if second.quality > best.quality or (_loose(fitted) and not _loose(other) and second.found):
         best, fitted = second, other
-    for pose in _beside(fitted) if fitted is not None and _loose(fitted) else ():
+    for pose in _beside(fitted) if chosen and fitted is not None and _loose(fitted) else ():
         second, other = searched(pose, _CLOSE)
         if second.quality > best.quality and not _loose(other):
-            best = second
+            return second
     return best
 
 
