@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, quantile
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.grouped import GroupedFit, grouped_fit
@@ -46,6 +46,7 @@ _FARTHEST_PX = 3.0  # an edge farther off is another one
 _LOOSE_PX = 0.25  # by which edges of a good pose are seldom off as a whole
 _WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
 _WEAKEST, _BESIDE_PX = 3, 4.0  # motions along which a loose pose may be another one, and how far lines move by them
+_SAME_PX = 0.5  # a search that ends this near to where it began, at a pose that was found, finds the same again
 _UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose that nothing was measured of
 
 
@@ -97,36 +98,47 @@ def refine(
     if not photos:
         raise BadValue("photos", "none", "at least one photo")
 
-    def searched(pose: Rigid, search_px: float) -> tuple[Location, _Fitted | None]:
-        return _refined(part, photos, pose, freedom, evidence, replace(options, search_px=search_px), chosen)
+    def measured(sights: Sequence[Sight], pose: Rigid) -> tuple[Location, _Fitted | None]:
+        return _measured(part, sights, pose, freedom, evidence, options, chosen)
 
-    best, fitted = searched(start, options.search_px)
+    sights, pose = _attracted(part, photos, _sights(part, photos, start, options), start, freedom, options)
+    best, fitted = measured(sights, pose)
     if not wider or best.quality <= _DOUBT[0] or (best.quality >= _DOUBT[1] and not _loose(fitted)):
         return best
-    second, other = searched(best.pose.world_from_part, max(_WIDER * options.search_px, _WIDER_PX))
-    if second.quality > best.quality or (_loose(fitted) and not _loose(other) and second.found):
-        best, fitted = second, other
-    for pose in _beside(fitted) if chosen and fitted is not None and _loose(fitted) else ():
-        second, other = searched(pose, _CLOSE)
+    ended = best.pose.world_from_part
+    wide = replace(options, search_px=max(_WIDER * options.search_px, _WIDER_PX))
+    sights, pose = _attracted(part, photos, sights, ended, freedom, wide)
+    if not best.found or max(s.moved_px(ended, pose) for s in sights) >= _SAME_PX:
+        second, other = measured(sights, pose)
+        if second.quality > best.quality or (_loose(fitted) and not _loose(other) and second.found):
+            best, fitted = second, other
+    narrow = replace(options, search_px=_CLOSE)
+    for beside in _beside(fitted) if chosen else ():
+        second, other = measured(*_attracted(part, photos, sights, beside, freedom, narrow))
         if second.quality > best.quality and not _loose(other):
             return second
     return best
 
 
-def _refined(
+def _attracted(
+    part: Part, photos: Sequence[Photo], sights: Sequence[Sight], start: Rigid, freedom: Freedom, options: EdgeOptions
+) -> tuple[Sequence[Sight], Rigid]:
+    """Return the pose whose lines lie on steps of the photos near those at the start, and its sights."""
+    pose = attracted(sights, start, freedom, search_px=options.search_px)
+    moved = max(s.moved_px(s.drawn, pose) for s in sights) > _REDRAW_PX
+    return _sights(part, photos, pose, options, sights) if moved else sights, pose
+
+
+def _measured(
     part: Part,
-    photos: Sequence[Photo],
-    start: Rigid,
+    sights: Sequence[Sight],
+    pose: Rigid,
     freedom: Freedom,
     evidence: Sequence[Evidence],
     options: EdgeOptions,
     chosen: int,
 ) -> tuple[Location, _Fitted | None]:
-    """Return what one search from `start` and the measurement after it find, and what was measured, if anything."""
-    sights = _sights(part, photos, start, options)
-    pose = attracted(sights, start, freedom, search_px=options.search_px)
-    if max(s.moved_px(pose) for s in sights) > _REDRAW_PX:
-        sights = _sights(part, photos, pose, options, sights)
+    """Return what the measurement of a pose close by finds, and what was measured, if anything."""
     try:
         fitted = _fitted(sights, pose, freedom, evidence, options)
     except DegenerateGeometry as error:
@@ -157,12 +169,14 @@ def _loose(fitted: _Fitted | None) -> bool:
     return fitted is not None and fitted.fit.between > _LOOSE_PX
 
 
-def _beside(fitted: _Fitted) -> list[Rigid]:
-    """Return poses beside that of a fit, along the motions of the lines in the photos that it tells least.
+def _beside(fitted: _Fitted | None) -> list[Rigid]:
+    """Return poses beside that of a loose fit, along the motions of the lines in the photos that it tells least.
 
     Lines of thin plates seen edge-on may be taken for each other, all in the same sense: that too is a fit, if a loose
     one. Between it and the right pose lies a hill that no search from either climbs.
     """
+    if fitted is None or not _loose(fitted):
+        return []
     moved = []
     for sight in fitted.sights:
         camera_from_part = sight.photo.viewpoint.camera_from_world @ fitted.pose
@@ -196,7 +210,10 @@ def _fitted(
     where = [nearest_steps(s, at, half_length=half, reach=_CLOSE) for s, at in zip(sights, places, strict=True)]
     cells = [Cells.of(s, at, where=w, **room) for s, at, w in zip(sights, places, where, strict=True)]
     for number, iterations in enumerate(_ROUNDS):
-        measured = [measure(*all_of) for all_of in zip(sights, places, cells, where, strict=True)]
+        measured = [
+            measure(s, at, c, w, sums=None if number else c.first)
+            for s, at, c, w in zip(sights, places, cells, where, strict=True)
+        ]
         B = freedom.at(pose)
         fit = _solved(
             sights, places, measured, rows_of(evidence, [s.photo for s in sights], pose), B, iterations, options
@@ -204,7 +221,7 @@ def _fitted(
         last = _Fitted(sights, pose, pose @ Rigid.exp(B @ fit.x), B, places, measured, fit)
         pose = last.pose
         where = [_left(m, moved) for m, moved in zip(measured, last.moved, strict=True)]
-        if number and np.quantile(np.abs(np.concatenate(last.moved)), 0.9) < _SETTLED_PX:
+        if number and quantile(np.abs(np.concatenate(last.moved)), 0.9) < _SETTLED_PX:
             break
         places = [s.project(pose) for s in sights]
     return last
@@ -212,7 +229,7 @@ def _fitted(
 
 def _left(measured: Measured, moved: Array) -> Array:
     """Return where to fit the steps after the lines moved: on the lines, but for edges that stay away from them."""
-    left = np.nan_to_num(measured.offset) - moved
+    left = np.where(measured.usable, measured.offset, 0.0) - moved
     return np.where(np.abs(left) < _ON_LINE, 0.0, left) * measured.usable
 
 
@@ -296,10 +313,9 @@ def _scatter(fit: GroupedFit) -> float:
 
 
 def _reason(part: Part, estimate: PoseEstimate, evidence: Seen, fit: GroupedFit, photos: Sequence[Photo]) -> str:
-    vertices = part.scene.mesh.vertices
     if evidence.quality < FOUND:
         return f"not found: {evidence}"
-    weakest = weakest_direction(estimate, 0.5 * (vertices.min(axis=0) + vertices.max(axis=0)), photos)
+    weakest = weakest_direction(estimate, part.aspects.centre, photos)
     return f"{evidence}; edges are off by {fit.between:.2f} px as a whole; {weakest}"
 
 
