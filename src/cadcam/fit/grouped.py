@@ -1,10 +1,11 @@
-"""Linear regression on data that err in groups: noise of each datum, scatter within groups, an offset for each group.
+"""Linear regression on data that err in groups: noise of each datum, an offset for each group.
 
-    y_i = J_i x + e_group(i) + n_i,   var n_i = variance_i + within^2,   var e_g = share expected_g + between^2
+    y_i = J_i x + e_group(i) + n_i,   var n_i = (1 + excess) variance_i,   var e_g = share expected_g + between^2
 
-The noise of measuring is known. By what groups are off for a reason that they do not share alike is expected, but may
-not be there: share is 0 or 1. The other variances are estimated with x: the one within groups by moments, the one
-between them by restricted likelihood (Patterson and Thompson, Biometrika 58, 1971). With few groups a large variance
+The noise of measuring is known but for a factor: what else acts on the brightness beside an edge, grain and texture,
+shifts faint edges more than clear ones, as noise does. By what groups are off for a reason that they do not share alike is expected, but may
+not be there: share is 0 or 1. The excess and the variance between groups are estimated with x: the one by moments, the
+other by restricted likelihood (Patterson and Thompson, Biometrika 58, 1971). With few groups a large variance
 explains a wrong x as well, and a maximum says little: x and its covariance are averaged over the whole range and both
 shares, each with its likelihood and a half-Cauchy prior of usual size (Gelman, Bayesian Analysis 1, 2006). Data far off
 their group and groups far off the rest count less or not at all.
@@ -32,14 +33,15 @@ _MEASURE = np.tile(np.gradient(_RANGE), 2)  # how much of the range each stands 
 class GroupedFit:
     """The parameters x (k,), their covariance (k, k), and what the data say about themselves.
 
-    within, between: standard deviations beyond the known noise. weight (n,) in [0, 1]: how far each datum counts by
+    excess: share by which variances within groups exceed the known ones; between: standard deviation of the groups'
+    offsets. weight (n,) in [0, 1]: how far each datum counts by
     itself; of_group (G,) the same of each group; offset (G,) each group's mean residual, sd_offset (G,) its noise.
     group (n,): of each datum. gain (k, n): dx/dy, by which anything that shifts the data shifts x.
     """
 
     x: Array
     covariance: Array
-    within: float
+    excess: float
     between: float
     weight: Array
     of_group: Array
@@ -75,27 +77,27 @@ def grouped_fit(
     """
     sums = _Sums(y, J, group, expected, exact)
     free = sums.free[group]
-    x, within2, between, own = np.zeros(J.shape[1]), 0.0, usual, np.zeros(sums.n)
+    x, excess, between, own = np.zeros(J.shape[1]), 0.0, usual, np.zeros(sums.n)
     weight, of_group = np.ones(len(y)), np.ones(sums.n)
     if robust:
-        weight, of_group, within2 = _first_weights(y, variance, sums)
+        weight, of_group, excess = _first_weights(y, variance, sums)
     covariance, mean, total = np.eye(len(x)), np.zeros(sums.n), np.ones(sums.n)
-    w, of_group_then = weight / (variance + within2 * free), of_group
+    w, of_group_then = weight / (variance * (1 + excess * free)), of_group
     for _ in range(iterations):
-        w, of_group_then, x_before = weight / (variance + within2 * free), of_group, x
+        w, of_group_then, x_before = weight / (variance * (1 + excess * free)), of_group, x
         x, covariance, between, own = sums.solve(w, of_group, usual)
         r = y - J @ x
         mean, total = sums.means(r, w)
-        within2 = _within(r - mean[group], variance, within2, weight * free, w / np.maximum(total[group], 1e-300))
+        excess = _excess((r - mean[group]) ** 2 / variance, weight * free, w / np.maximum(total[group], 1e-300))
         if (np.abs(x - x_before) <= _SETTLED * np.sqrt(np.diag(covariance))).all():
             break
         if robust:
             seen = own + 1 / np.maximum(total, 1e-300)
-            weight = _counts(free * (r - (mean * own / seen)[group]) / np.sqrt(variance + within2))
+            weight = _counts(free * (r - (mean * own / seen)[group]) / np.sqrt(variance * (1 + excess)))
             of_group = _counts(sums.free * mean / np.sqrt(seen))
     sd = 1 / np.sqrt(np.maximum(total, 1e-300))
     gain = sums.gain(w, of_group_then, own)
-    return GroupedFit(x, covariance, float(np.sqrt(within2)), between, weight, of_group, mean, sd, group, gain)
+    return GroupedFit(x, covariance, excess, between, weight, of_group, mean, sd, group, gain)
 
 
 class _Sums:
@@ -161,16 +163,16 @@ def _solved(A: Array, b: Array) -> tuple[Array, Array, Array]:
 
 
 def _first_weights(y: Array, variance: Array, sums: _Sums) -> tuple[Array, Array, float]:
-    """Return weights of data and groups, and the variance within groups, as they look from x = 0, by medians."""
+    """Return weights of data and groups, and the excess within groups, as they look from x = 0, by medians."""
     group, free = sums.group, sums.free > 0
     if not free.any():
         return np.ones(len(y)), np.ones(sums.n), 0.0
     mean, _ = sums.means(y, 1 / variance)
-    within2 = _median_square((y - mean[group])[free[group]])
-    mean, _ = sums.means(y, 1 / (variance + within2))
-    weight = _counts((y - mean[group]) / np.sqrt(variance + within2))
+    u = (y - mean[group]) / np.sqrt(variance)
+    excess = _median_square(u[free[group]])
+    weight = _counts(u / np.sqrt(1 + excess))
     of_group = _counts(mean / np.sqrt(max(_median_square(mean[free]), 1e-300)))
-    return np.where(free[group], weight, 1.0), np.where(free, of_group, 1.0), within2
+    return np.where(free[group], weight, 1.0), np.where(free, of_group, 1.0), excess
 
 
 def _median_square(d: Array) -> float:
@@ -178,16 +180,13 @@ def _median_square(d: Array) -> float:
     return float(np.median(d * d)) / 0.455
 
 
-def _within(d: Array, variance: Array, now: float, weight: Array, share: Array) -> float:
-    """Return the variance within groups beyond the known one: where the weighted squares are as large as expected.
+def _excess(squares: Array, weight: Array, share: Array) -> float:
+    """Return by which share variances within groups exceed the known ones, from squares in units of these.
 
     share: of its group's weight that each datum has, the part of its variance that the group's mean takes away.
     """
-    v = weight / (variance + now) ** 2
-    expected = v * (1 - share)
-    if not expected.sum() > 0:
-        return now
-    return max(float((v * d * d - expected * variance).sum() / expected.sum()), 0.0)
+    expected = float((weight * (1 - share)).sum())
+    return max(float(weight @ squares) / expected - 1, 0.0) if expected > 0 else 0.0
 
 
 def _counts(u: Array) -> Array:

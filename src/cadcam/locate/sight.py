@@ -25,7 +25,7 @@ _CLEAR = 4.0  # sd of one cell: contrast of an edge that is there
 _SURE = 8.0  # sd of one cell: contrast that needs no neighbours
 _CLIPPED = 0.7  # share of black or white pixels from which a cell tells nothing
 _FAINT = 0.4  # of the strongest slope nearby: weaker ones are no edges
-_CONTRAST, _STRETCH = 3, 10  # cells to each side that contrast, and noise and slopes are averaged with
+_CONTRAST, _STRETCH = 3, 25  # cells to each side that contrast, and noise and slopes are averaged with
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,8 +109,8 @@ class Cells:
 
         where (N,) px along the normals: where the steps are about, default on the lines.
 
-        The ground's slopes are held by what they are on average in the stretch of line around each cell, of which noise
-        tells little: where the ground is level they cost nothing, where light bends it they are free.
+        The ground's slopes are held by what they are on average in the stretch of line around each cell, long enough that
+        noise tells little of it: where the ground is level they cost nothing, where light bends it they are free.
         """
         blur, samples = sight.blur(at, half_length=half_length, reach_px=reach_px), sight.samples
         rooms = ((samples.below, samples.beyond[:, 0]), (samples.above, samples.beyond[:, 1]))
