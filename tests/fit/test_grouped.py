@@ -52,7 +52,7 @@ def test_both_variances_are_found(rng: np.random.Generator) -> None:
 
 
 def test_noise_told_too_small_by_one_factor_changes_nothing(rng: np.random.Generator) -> None:
-    """A quarter of the variance, noisy and clear data alike: the excess makes up for it, each datum in its own measure."""
+    """A quarter of the variance, noisy and clear data alike: the excess makes up for it."""
     y, J, variance, group = data(rng, groups=100, excess=1.0)
     right, told_less = (grouped_fit(y, J, variance / k, group, usual=0.05) for k in (1, 4))
     assert 1 + told_less.excess == pytest.approx(4 * (1 + right.excess), rel=0.01)

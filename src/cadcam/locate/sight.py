@@ -109,8 +109,8 @@ class Cells:
 
         where (N,) px along the normals: where the steps are about, default on the lines.
 
-        The ground's slopes are held by what they are on average in the stretch of line around each cell, long enough that
-        noise tells little of it: where the ground is level they cost nothing, where light bends it they are free.
+        The ground's slopes are held by what they are on average in the stretch of line around each cell, of which noise
+        tells little: where the ground is level they cost nothing, where light bends it they are free.
         """
         blur, samples = sight.blur(at, half_length=half_length, reach_px=reach_px), sight.samples
         rooms = ((samples.below, samples.beyond[:, 0]), (samples.above, samples.beyond[:, 1]))
