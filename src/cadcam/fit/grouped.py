@@ -4,11 +4,11 @@
 
 The noise of measuring is known but for a factor: what else acts on the brightness beside an edge, grain and texture,
 shifts faint edges more than clear ones, as noise does. By what groups are off for a reason that they do not share alike
-is expected, but may not be there: share is 0 or 1. The excess and the variance between groups are estimated with x: the
-one by moments, the other by restricted likelihood (Patterson and Thompson, Biometrika 58, 1971). With few groups a large
-variance explains a wrong x as well, and a maximum says little: x and its covariance are averaged over the whole range
-and both shares, each with its likelihood and a half-Cauchy prior of usual size (Gelman, Bayesian Analysis 1, 2006). Data
-far off their group and groups far off the rest count less or not at all.
+is expected, but may not be there: share is 0 or 1. The excess and the variance between groups are estimated with x:
+the one by moments, the other by restricted likelihood (Patterson and Thompson, Biometrika 58, 1971). With few groups a
+large variance explains a wrong x as well, and a maximum says little: x and its covariance are averaged over the whole
+range and both shares, each with its likelihood and a half-Cauchy prior of usual size (Gelman, Bayesian Analysis 1,
+2006). Data far off their group and groups far off the rest count less or not at all.
 """
 
 from __future__ import annotations
