@@ -74,6 +74,23 @@ def test_groups_and_data_that_lie_far_off_do_not_count(rng: np.random.Generator)
     assert np.abs(grouped_fit(y, J, variance, group, usual=0.05, robust=False).x - TRUTH).max() > np.abs(e).max()
 
 
+def test_groups_that_turn_as_well_are_met_better_where_they_are_taken_to_be_uneven(rng: np.random.Generator) -> None:
+    """Offsets of sd 0.3 that change by 0.15 to both ends of a group; its design changes from end to end as well."""
+    squares, z2 = [], []
+    for _ in range(80):
+        group, along = np.repeat(np.arange(30), 12), np.tile(np.linspace(-1, 1, 12), 30)
+        turn, offset, tilt = rng.normal(size=(30, 3))[group], 0.3 * rng.normal(size=30), 0.15 * rng.normal(size=30)
+        J = rng.normal(size=(30, 3))[group] + 0.3 * along[:, None] * turn
+        y = J @ TRUTH + offset[group] + along * tilt[group] + 0.02 * rng.normal(size=360)
+        fits = [grouped_fit(y, J, np.full(360, 4e-4), group, usual=0.05, uneven=share) for share in (0.4, 0.0)]
+        errors = [fit.x - TRUTH for fit in fits]
+        squares.append([e @ e for e in errors])
+        z2.append([e @ np.linalg.solve(fit.covariance, e) / 3 for e, fit in zip(errors, fits, strict=True)])
+    told, untold = np.mean(squares, axis=0)
+    assert told < 0.75 * untold
+    assert np.mean(z2, axis=0)[0] < 0.5 * np.mean(z2, axis=0)[1]
+
+
 def test_few_groups_do_not_run_away(rng: np.random.Generator) -> None:
     """With nine groups and six parameters a huge variance between groups and a huge error explain each other."""
     worst = 0.0

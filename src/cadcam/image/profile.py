@@ -28,7 +28,7 @@ from cadcam.native import profiles
 DARK, BRIGHT = 0.002, 0.998  # beyond these a pixel is clipped
 _ROWS = 48  # rows of a photo that tell its noise
 _BLURS = np.array([0.5, 0.7, 0.95, 1.3, 1.8, 2.5, 3.5])  # px, tried in `blur_of`
-_FEW, _UNFIT = 8, 3.0  # cells that tell the blur at least; of the median variance left over: what does not fit at all
+_FEW = 8  # cells that tell the blur at least
 _ALONE = np.array([[-np.inf, 0.0], [np.inf, 0.0]])  # no twins
 _QUANTISED = 1.0 / 255 / np.sqrt(12.0)  # the least noise of an eight-bit photo
 
@@ -100,19 +100,17 @@ def noise_of(gray: Picture) -> float:
 def blur_of(gray: Picture, q: Array, normal: Array, *, reach: Array, half_length: float, default: float = 0.8) -> float:
     """Return the blur s (px) at which steps fit best in cells that lie on strong edges; `default` where none do.
 
-    reach (N,): how far the cells reach along the normal, both ways. All cells together tell it, but those that no blur
-    would fit: what is left over in a cell varies far more from cell to cell than with the blur.
+    reach (N,): how far the cells reach along the normal, both ways. What a fit leaves over varies far more from cell to
+    cell than with the blur, and cells that no blur fits leave most: only by which share it changes is asked of each.
     """
     free, alone = np.zeros((len(q), 2)), np.tile(_ALONE, (len(q), 1, 1))
-    misfit, kept = np.full(len(_BLURS), np.inf), np.zeros(len(q), bool)
+    misfit = np.full(len(_BLURS), np.inf)
     for k, blur in enumerate(_BLURS if len(q) >= _FEW else ()):
         out = profiles.steps(
             gray, q, normal, reach, reach, free, alone, half_length=half_length, blur=blur, dark=DARK, bright=BRIGHT
         )
-        left = np.where(np.isfinite(out[:, 4]), out[:, 4], np.inf) ** 2
-        if not k:
-            kept = np.isfinite(left) & (left <= _UNFIT * np.median(left))
-        misfit[k] = np.mean(left[kept]) if kept.sum() >= _FEW else np.inf
+        left = out[np.isfinite(out[:, 4]), 4]
+        misfit[k] = np.mean(np.log(left + _QUANTISED)) if len(left) >= _FEW else np.inf
         if k and misfit[k] > misfit[k - 1]:
             break
     best = int(np.argmin(misfit))

@@ -25,7 +25,7 @@ _CLEAR = 4.0  # sd of one cell: contrast of an edge that is there
 _SURE = 8.0  # sd of one cell: contrast that needs no neighbours
 _CLIPPED = 0.7  # share of black or white pixels from which a cell tells nothing
 _FAINT = 0.4  # of the strongest slope nearby: weaker ones are no edges
-_CONTRAST, _STRETCH = 3, 25  # cells to each side that contrast, and noise and slopes are averaged with
+_CONTRAST, _STRETCH = 3, 10  # cells to each side that contrast, and noise and slopes are averaged with
 
 
 @dataclass(frozen=True, slots=True, eq=False)
