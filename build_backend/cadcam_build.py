@@ -36,8 +36,8 @@ FLAGS += ["-ffp-contract=off"]  # without fused multiply-adds a shared edge is t
 FLAGS += ["-fno-math-errno", "-fno-trapping-math"]  # these change no number; loops vectorise
 # The hot files, once for each instruction set; the choice is made at run time (best_level in scene.c).
 HOT = ("cull.c", "raster.c", "strip.c", "tile.c", "tile_plain.c", "shade.c", "correlate.c", "step.c")
-HOT += ("field.c", "climb.c", "sweep.c")
-ONCE = ("scene.c", "lens.c", "patch.c", "match.c", "profile.c", "field_calls.c")
+HOT += ("field.c", "climb.c", "sweep.c", "slope.c")
+ONCE = ("scene.c", "lens.c", "patch.c", "match.c", "profile.c", "field_calls.c", "grouped.c")
 VARIANTS = {"_baseline": [], "_v3": ["-mavx2", "-mfma", "-mbmi", "-mbmi2"]}
 X86_64 = platform.machine().lower() in ("x86_64", "amd64")
 PROBE = "#include <math.h>\n#include <stdint.h>\n#include <stdlib.h>\ndouble probe(double x) { return sqrt(x); }\n"

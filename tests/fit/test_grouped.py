@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.errors import DegenerateGeometry
+from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.grouped import grouped_fit
+from cadcam.native.grouped import averaged_fit
 
 TRUTH = np.array([0.3, -0.2, 0.1])
 
@@ -118,6 +119,64 @@ def test_gain_is_how_x_follows_the_data(rng: np.random.Generator) -> None:
     step = 1e-4 * rng.normal(size=len(y))
     moved = grouped_fit(y + step, J, variance, group, usual=0.05).x - fit.x
     assert np.abs(fit.gain @ step - moved).max() < 0.3 * np.abs(moved).max()  # the weights follow the data a little
+
+
+def plain_average(
+    y: np.ndarray,
+    J: np.ndarray,
+    w: np.ndarray,
+    group: np.ndarray,
+    counts: np.ndarray,
+    tried: np.ndarray,
+    prior: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what `averaged_fit` does, from whole covariance matrices; groups that count half are half as many."""
+    each = []
+    for v in tried:
+        N, b, misfit, log_det = np.zeros((J.shape[1],) * 2), np.zeros(J.shape[1]), 0.0, 0.0
+        for g, count in enumerate(counts):
+            own = group == g
+            S = np.diag(1 / w[own]) + v[g]
+            W = np.linalg.inv(S)
+            N, b = N + count * J[own].T @ W @ J[own], b + count * J[own].T @ W @ y[own]
+            misfit += count * y[own] @ W @ y[own]
+            log_det += count * (np.linalg.slogdet(S)[1] + np.log(w[own]).sum())
+        x = np.linalg.solve(N, b)
+        each.append((x, np.linalg.inv(N), -0.5 * (log_det + np.linalg.slogdet(N)[1] + misfit - b @ x)))
+    score = np.array([s for _, _, s in each]) + prior
+    p = np.exp(score - score.max())
+    p /= p.sum()
+    mean = sum(p_ * x for p_, (x, _, _) in zip(p, each, strict=True))
+    covariance = sum(p_ * (C + np.outer(x - mean, x - mean)) for p_, (x, C, _) in zip(p, each, strict=True))
+    return mean, covariance, p
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e4])
+def test_the_core_averages_as_plain_matrices_do(unit: float, rng: np.random.Generator) -> None:
+    """unit: of one parameter; rotations and lengths differ as much."""
+    y, J, variance, group = data(rng, groups=15, size=6, between=0.1)
+    J[:, 1] *= unit
+    counts, free, expected = rng.uniform(0.2, 1, 15), np.arange(15.0) < 12, rng.uniform(0, 0.1, 15)
+    counts[3:9] = 1.0
+    tried, share, prior = np.array([0.0, 1e-4, 0.01, 1.0]), np.array([0.0, 1.0, 0.0, 1.0]), rng.uniform(-1, 0, 4)
+    found = averaged_fit(
+        y, J, 1 / variance, group, of_group=counts, free=free * 1.0, expected=expected,
+        variance=tried, share=share, prior=prior,
+    )  # fmt: skip
+    v = tried[:, None] * free + share[:, None] * expected
+    plain = plain_average(y, J, 1 / variance, group, counts, v, prior)
+    assert found is not None
+    scale = np.array([1, unit, 1])
+    np.testing.assert_allclose(found[0] * scale, plain[0] * scale, rtol=0, atol=1e-11)
+    size = np.outer(scale, scale)
+    np.testing.assert_allclose(found[1] * size, plain[1] * size, rtol=1e-10, atol=1e-14)
+    np.testing.assert_allclose(found[2], plain[2], rtol=1e-9)
+
+
+def test_more_parameters_than_the_core_takes_are_refused(rng: np.random.Generator) -> None:
+    group = np.repeat(np.arange(30), 3)
+    with pytest.raises(BadValue, match="at most 16"):
+        grouped_fit(rng.normal(size=90), rng.normal(size=(90, 17)), np.ones(90), group, usual=0.05)
 
 
 def test_what_the_data_leave_open_is_refused(rng: np.random.Generator) -> None:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.ndimage import map_coordinates
 from scipy.special import ndtr
 
-from cadcam.image.profile import blur_of, candidates, noise_of, steps
+from cadcam.image.profile import blur_of, candidates, noise_of, step_sums, steps
 from cadcam.native import profiles
 from cadcam.native.core import choose_variant
 
@@ -118,10 +119,67 @@ def test_every_instruction_set_gives_the_same_steps(rng: np.random.Generator) ->
     each = []
     for level in (0, -1):
         choose_variant(level)
-        each.append(
-            profiles.steps(gray, q, normal, side, side, held, twins, half_length=2.0, blur=BLUR, dark=-1.0, bright=2.0)
-        )
+        sums = profiles.step_sums(gray, q, normal, side, side, twins, half_length=2.0, blur=BLUR, dark=-1.0, bright=2.0)
+        each.append(profiles.steps(sums, held))
     np.testing.assert_allclose(each[0], each[1], rtol=1e-6, atol=1e-9)
+
+
+def test_every_instruction_set_finds_the_same_candidates(rng: np.random.Generator) -> None:
+    gray = np.tile(picture(0.5, 0.3), (2, 2)) + 0.02 * rng.random((128, 128)).astype(np.float32)
+    q, angle = rng.uniform(-3, 130, (400, 2)), rng.uniform(0, 2 * np.pi, 400)  # some leave the picture
+    normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    each = []
+    for level in (0, -1):
+        choose_variant(level)
+        each.append(candidates(gray, q, normal, half_length=2.0, reach=9, noise=1e-3))
+    slow, fast = each
+    assert 0.5 < np.isfinite(slow.slope[:, 0]).mean() < 1
+    np.testing.assert_allclose(fast.slope, slow.slope, rtol=0, atol=1e-6)  # float32 pictures
+    np.testing.assert_allclose(fast.offset, slow.offset, rtol=0, atol=1e-3)  # at least 0.002 steep: a flat top of it
+
+
+def plain_candidate(gray: np.ndarray, q: np.ndarray, normal: np.ndarray, reach: int) -> tuple[float, float]:
+    """Return offset and slope of the steepest place, in numpy: linear between pixels, four places along the line."""
+    d, t = np.arange(-reach - 4, reach + 5)[:, None], np.arange(4) - 1.5
+    x, y = q[0] + d * normal[0] - t * normal[1], q[1] + d * normal[1] + t * normal[0]
+    profile = map_coordinates(gray.astype(float), [y, x], order=1).mean(axis=1)
+    k = np.arange(-3, 4)
+    slope = np.correlate(profile, k * np.exp(-0.5 * k**2) / np.sqrt(2 * np.pi), "valid")
+    best = 1 + int(np.argmax(np.abs(slope[1:-1])))
+    before, here, after = slope[best - 1 : best + 2]
+    return best - reach - 1 + 0.5 * (before - after) / (before + after - 2 * here), here
+
+
+def test_candidates_are_what_a_profile_read_plainly_shows(rng: np.random.Generator) -> None:
+    gray = picture(0.7, 0.4)
+    q, angle = rng.uniform(28, 35, (40, 2)), 0.7 + rng.uniform(-0.5, 0.5, 40)
+    normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    found = candidates(gray, q, normal, half_length=2.0, reach=8, noise=1e-3)
+    expected = np.array([plain_candidate(gray, *place, 8) for place in zip(q, normal, strict=True)])
+    np.testing.assert_allclose(found.offset[:, 0], expected[:, 0], rtol=0, atol=1e-3)
+    np.testing.assert_allclose(found.slope[:, 0], expected[:, 1], rtol=0, atol=1e-6)
+
+
+def test_sums_of_pixels_give_any_steps_that_a_fit_from_the_pixels_would(rng: np.random.Generator) -> None:
+    """One gather, solved for several slopes held: as many fits, each by numpy's own least squares."""
+    gray, reach, half = picture(0.6, 0.2, bend=0.01), 5.0, 2.0
+    q, normal = np.array([[31.5, 31.5]]), np.array([[np.cos(0.6), np.sin(0.6)]])
+    side = np.array([reach])
+    sums = step_sums(gray, q, normal, below=side, above=side, half_length=half, blur=BLUR)
+    y, x = np.mgrid[:64, :64]
+    d = (x - 31.5) * normal[0, 0] + (y - 31.5) * normal[0, 1]
+    t = (y - 31.5) * normal[0, 0] - (x - 31.5) * normal[0, 1]
+    inside = (np.abs(d) <= reach) & (np.abs(t) <= half)
+    d, ramp = d[inside], blurred_ramp(d[inside], BLUR)
+    bell = np.exp(-0.5 * (d / BLUR) ** 2) / np.sqrt(2 * np.pi) / BLUR
+    A = np.column_stack([np.ones(len(d)), ndtr(d / BLUR), bell, d - ramp, ramp])
+    for held in rng.uniform(0, 50, (4, 2)):
+        prior = np.zeros((2, 5))
+        prior[[0, 1], [3, 4]] = np.sqrt(held)
+        own = np.linalg.lstsq(np.vstack([A, prior]), np.append(gray[inside], [0, 0]), rcond=None)[0]
+        found = sums.solved(held[None])
+        got = [found.contrast[0], found.moment[0], *found.slopes[0]]
+        np.testing.assert_allclose(got, own[1:], rtol=0, atol=1e-5)  # the normal distribution there is good to 8e-8
 
 
 @pytest.mark.parametrize("sigma", [0.004, 0.02])

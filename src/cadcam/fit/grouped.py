@@ -15,20 +15,22 @@ rest count less or not at all.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Mask, quantile
 from cadcam.errors import DegenerateGeometry
+from cadcam.native.grouped import averaged_fit
 
 Longs = npt.NDArray[np.int64]
 _FULL, _NONE = 2.5, 4.0  # standard deviations: up to the first a datum counts fully, beyond the second not at all
 _SETTLED = 0.02  # standard deviations that x may still move
 _RANGE = np.concatenate([[0.0], np.geomspace(0.05, 60.0, 17)])  # variances between groups, roots, in usual ones
 _TRIED, _SHARE = np.tile(_RANGE, 2), np.repeat([0.0, 1.0], len(_RANGE))  # each without and with what is expected
-_MEASURE = np.tile(np.gradient(_RANGE), 2)  # how much of the range each stands for
+_PRIOR = np.log(np.tile(np.gradient(_RANGE), 2)) - np.log1p(_TRIED**2)  # how much of the range each stands for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +119,7 @@ class _Sums:
         self.y, self.J, self.group = y, J, group
         self.first = np.flatnonzero(np.diff(group, prepend=-1))
         self.n = len(self.first)
-        self.free = np.ones(self.n) if exact is None else 1.0 - exact
+        self.free = np.ones(self.n) if exact is None else np.asarray(1.0 - exact, np.float64)
         self.expected = np.zeros(self.n) if expected is None else expected * self.free
         if len(y) < J.shape[1]:
             raise DegenerateGeometry("too few edges were found to determine the pose")
@@ -127,24 +129,23 @@ class _Sums:
 
         With offsets of variance v, a group's weights W become W - f W 1 1' W with f = v / (1 + v 1' W 1).
         """
-        w = w * of_group[self.group]
-        total = np.add.reduceat(w, self.first)
-        JW = self.J * w[:, None]
-        sum_J, sum_y = np.add.reduceat(JW, self.first, axis=0), np.add.reduceat(w * self.y, self.first)
-        counts = np.maximum(of_group, 1e-12)
-        v = (usual * _TRIED[:, None]) ** 2 * self.free + _SHARE[:, None] * self.expected
-        grown = 1 + v * total / counts
-        f = np.where(total > 0, v / grown / counts, 0.0)
-        A = JW.T @ self.J - (f[:, None, :] * sum_J.T) @ sum_J
-        b = JW.T @ self.y - (f * sum_y) @ sum_J
-        x, inverse, log_det = _solved(A, b)
-        misfit = w @ self.y**2 - f @ sum_y**2 - (b * x).sum(axis=1)
-        likelihood = -0.5 * ((np.log(grown) * counts).sum(axis=1) + log_det + misfit) - np.log1p(_TRIED**2)
-        p = np.exp(likelihood - likelihood.max()) * _MEASURE
-        p /= p.sum()
-        mean = p @ x
-        covariance = np.tensordot(p, inverse, 1) + (p[:, None] * (x - mean)).T @ (x - mean)
-        return mean, covariance, float(usual * np.sqrt(p @ _TRIED**2)), p @ v
+        found = averaged_fit(
+            self.y,
+            self.J,
+            w,
+            self.group,
+            of_group=of_group,
+            free=self.free,
+            expected=self.expected,
+            variance=(usual * _TRIED) ** 2,
+            share=_SHARE,
+            prior=_PRIOR,
+        )
+        if found is None:
+            raise DegenerateGeometry("the edges found do not determine the pose; restrict the motion or add photos")
+        x, covariance, p = found
+        between2 = float(p @ (usual * _TRIED) ** 2)
+        return x, covariance, math.sqrt(between2), between2 * self.free + float(p @ _SHARE) * self.expected
 
     def gain(self, w: Array, of_group: Array, v: Array) -> Array:
         """Return dx/dy (k, n) for given weights and variances of groups (G,)."""
@@ -152,24 +153,12 @@ class _Sums:
         f = v / (1 + v * np.add.reduceat(w, self.first) / counts) / counts
         JW = self.J * w[:, None]
         VJ = JW - w[:, None] * (f[:, None] * np.add.reduceat(JW, self.first, axis=0))[self.group]
-        return np.asarray(np.linalg.solve(VJ.T @ self.J, VJ.T))
+        return np.asarray(np.linalg.inv(VJ.T @ self.J) @ VJ.T)
 
     def means(self, r: Array, w: Array) -> tuple[Array, Array]:
         """Return the weighted mean of each group and its total weight."""
         total = np.add.reduceat(w, self.first)
         return np.add.reduceat(w * r, self.first) / np.maximum(total, 1e-300), total
-
-
-def _solved(A: Array, b: Array) -> tuple[Array, Array, Array]:
-    """Return A^-1 b, A^-1 and log det A for a batch of normal equations (K, k, k)."""
-    scale = np.sqrt(np.maximum(np.einsum("kii->ki", A), 1e-300))
-    size = scale[:, :, None] * scale[:, None, :]
-    A = A / size
-    if not np.linalg.eigvalsh(A[0])[0] > 1e-12:  # the first has no variance between groups
-        raise DegenerateGeometry("the edges found do not determine the pose; restrict the motion or add photos")
-    A[:, range(A.shape[1]), range(A.shape[1])] += 1e-13
-    inverse, log_det = np.linalg.inv(A) / size, np.linalg.slogdet(A)[1]
-    return (inverse @ b[:, :, None])[..., 0], inverse, log_det + 2 * np.log(scale).sum(axis=1)
 
 
 def _first_weights(y: Array, variance: Array, sums: _Sums) -> tuple[Array, Array, tuple[float, float]]:
@@ -187,7 +176,7 @@ def _first_weights(y: Array, variance: Array, sums: _Sums) -> tuple[Array, Array
 
 def _median_square(d: Array) -> float:
     """Return the variance of the good half of deviations, 0 of none."""
-    return float(np.median(d * d)) / 0.455 if len(d) else 0.0
+    return quantile(d * d, 0.5) / 0.455 if len(d) else 0.0
 
 
 def _grown(variance: Array, free: npt.NDArray[np.floating], spread: tuple[float, float]) -> Array:

@@ -39,6 +39,15 @@ class Rigid:
         object.__setattr__(self, "translation", t)
 
     @classmethod
+    def _made(cls, rotation: Array, translation: Array) -> Rigid:
+        """Return the motion of new arrays that come out of motions: right because those were, nothing is checked."""
+        motion = object.__new__(cls)
+        for name, array in (("rotation", rotation), ("translation", translation)):
+            array.setflags(write=False)
+            object.__setattr__(motion, name, array)
+        return motion
+
+    @classmethod
     def from_matrix(cls, matrix: Floats) -> Rigid:
         """Return the motion of a homogeneous (..., 4, 4) or (..., 3, 4) matrix, mm."""
         matrix = np.asarray(matrix, dtype=np.float64)
@@ -66,9 +75,9 @@ class Rigid:
     @classmethod
     def exp(cls, xi: Floats) -> Rigid:
         """Return the motion of the twist xi = (translation, rotation), shape (..., 6)."""
-        xi = np.asarray(xi, dtype=np.float64)
-        v, w = xi[..., :3], xi[..., 3:]
-        return cls(so3.exp(w), _apply(so3.left_jacobian(w), v))
+        xi = frozen(xi, "twist", (6,), batched=True)
+        R, V = so3.exp_and_left_jacobian(xi[..., 3:])
+        return cls._made(R, _apply(V, xi[..., :3]))
 
     def log(self) -> Array:
         """Return the twist (..., 6) with `Rigid.exp(T.log())` equal to T, rotation angle <= pi."""
@@ -80,7 +89,7 @@ class Rigid:
     def inv(self) -> Rigid:
         """Return a_from_b."""
         Rt = np.swapaxes(self.rotation, -1, -2)
-        return Rigid(Rt, -_apply(Rt, self.translation))
+        return Rigid._made(Rt, -_apply(Rt, self.translation))
 
     @property
     def matrix(self) -> Array:
@@ -115,7 +124,8 @@ class Rigid:
         axes (so N motions by N points pair up; add an axis to apply each motion to every point).
         """
         if isinstance(other, Rigid):
-            return Rigid(self.rotation @ other.rotation, _apply(self.rotation, other.translation) + self.translation)
+            t = _apply(self.rotation, other.translation) + self.translation
+            return Rigid._made(self.rotation @ other.rotation, t)
         return _apply(self.rotation, np.asarray(other, dtype=np.float64)) + self.translation
 
     def __repr__(self) -> str:

@@ -48,10 +48,17 @@ def left_jacobian(w: Floats) -> Array:
 
     It is also the V of the rigid motion's exponential.
     """
+    return exp_and_left_jacobian(w)[1]
+
+
+def exp_and_left_jacobian(w: Floats) -> tuple[Array, Array]:
+    """Return `exp(w)` and `left_jacobian(w)`, both (..., 3, 3), which have most of their terms in common."""
     w = np.asarray(w, dtype=np.float64)
     theta = np.linalg.norm(w, axis=-1)[..., None, None]
     W = hat(w)
-    return np.eye(3) + _versine_over(theta) * W + _theta_minus_sin_over(theta) * (W @ W)
+    WW, versine = W @ W, _versine_over(theta)
+    one = np.eye(3)
+    return one + _sin_over(theta) * W + versine * WW, one + versine * W + _theta_minus_sin_over(theta) * WW
 
 
 def inverse_left_jacobian(w: Floats) -> Array:

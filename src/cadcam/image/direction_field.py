@@ -14,20 +14,20 @@ Fields are those of an ideal camera: through a lens the picture is straightened 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
 from cadcam.arrays import Array, Mask, Picture
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal
-from cadcam.native.fields import SECTORS, Planes, directions, halve, reduce, sample
+from cadcam.native.fields import SECTORS, Planes, directions, halve, reduce, straighten
 
 __all__ = ["SECTORS", "DirectionField", "direction_fields"]
 
 _FLOOR = 0.5 / 255  # grey value per pixel: below it gradients are quantisation
 _WIDEST = 1.5  # a straightened picture is at most so many times as large as the photo
 _LEAST = 4  # px along the shorter side of a field
+_STEP = 8  # px between places whose image the lens tells; between them it is straight to hundredths of a pixel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +63,7 @@ def direction_fields(
     small, seen, camera = _straightened(_even(gray, reduction), _reduced(camera, reduction))
     planes = directions(small, _FLOOR)
     if seen is not None:
-        planes.values[:, ~seen] = 0
+        np.multiply(planes.values, seen, out=planes.values)
     fields = [DirectionField(camera, planes, reduction)]
     while len(fields) < levels and min(fields[-1].camera.size) >= 2 * _LEAST:
         last = fields[-1]
@@ -85,36 +85,11 @@ def _straightened(gray: Picture, camera: Camera) -> tuple[Picture, Mask | None, 
     """Return the picture as an ideal camera with the same K sees it, which pixels the photo shows, and that camera."""
     if isinstance(camera.lens, Ideal):
         return gray, None, camera
-    places, seen, ideal = _straightening(camera.size, camera.K.tobytes(), camera)
-    return sample(gray, places), seen, ideal
-
-
-class _Same:
-    """A camera that is not looked at when calls are compared."""
-
-    def __init__(self, camera: Camera) -> None:
-        self.camera = camera
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and other.camera.lens == self.camera.lens
-
-    def __hash__(self) -> int:
-        return 0
-
-
-def _straightening(size: tuple[int, int], K: bytes, camera: Camera) -> tuple[Picture, Mask, Camera]:
-    return _straightening_of(size, K, _Same(camera))
-
-
-@lru_cache(maxsize=8)
-def _straightening_of(size: tuple[int, int], K: bytes, same: _Same) -> tuple[Picture, Mask, Camera]:
-    """Return where the ideal camera's pixels lie in the photo (H, W, 2), which of them are in it, and that camera."""
-    camera = same.camera
     low, high = _bounds(camera)
     ideal = replace(camera, lens=Ideal()).crop(int(low[0]), int(low[1]), (int(high[0] - low[0]), int(high[1] - low[1])))
-    q = camera.project(ideal.unproject(ideal.pixel_grid()))
-    seen = camera.sees(np.nan_to_num(q, nan=-9.0))
-    return np.nan_to_num(q, nan=0.0).astype(np.float32), seen, ideal
+    columns, rows = (_STEP * np.arange((n - 1) // _STEP + 2.0) for n in ideal.size)
+    nodes = camera.project(ideal.unproject(np.stack(np.meshgrid(columns, rows), axis=-1)))
+    return (*straighten(gray, nodes.astype(np.float32), _STEP, ideal.size), ideal)
 
 
 def _bounds(camera: Camera) -> tuple[Array, Array]:

@@ -18,11 +18,12 @@ Cramer-Rao bound; the fit reaches 1.1 times its root on wide cells with level gr
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Picture
+from cadcam.arrays import Array, Picture, quantile
 from cadcam.native import profiles
 
 DARK, BRIGHT = 0.002, 0.998  # beyond these a pixel is clipped
@@ -30,7 +31,7 @@ _ROWS = 48  # rows of a photo that tell its noise
 _BLURS = np.array([0.5, 0.7, 0.95, 1.3, 1.8, 2.5, 3.5])  # px, tried in `blur_of`
 _FEW = 8  # cells that tell the blur at least
 _ALONE = np.array([[-np.inf, 0.0], [np.inf, 0.0]])  # no twins
-_QUANTISED = 1.0 / 255 / np.sqrt(12.0)  # the least noise of an eight-bit photo
+_QUANTISED = 1.0 / 255 / math.sqrt(12.0)  # the least noise of an eight-bit photo
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,6 +52,49 @@ class Steps:
     clipped: Array
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class StepSums:
+    """What the pixels of N cells add up to: their steps but for how firmly slopes are held."""
+
+    sums: Array
+
+    def solved(self, held: Array, *, noise: float = 0.0) -> Steps:
+        """Return the steps.
+
+        held (N, 2): variance of a pixel over that of the slopes below and above, 0 leaves a slope free and inf makes it
+        nil. noise: least sd of a pixel.
+        """
+        out = profiles.steps(self.sums, held)
+        c, g, _, _, noise_of_cell, Qcc, Qgg, _, clipped = out.T
+        sd = np.maximum(noise_of_cell, max(noise, _QUANTISED))
+        return Steps(c, g, out[:, 2:4], sd, sd * np.sqrt(Qcc), sd * np.sqrt(Qgg), clipped)
+
+
+def step_sums(
+    gray: Picture,
+    q: Array,
+    normal: Array,
+    *,
+    below: Array,
+    above: Array,
+    half_length: float,
+    blur: float,
+    twins: Array | None = None,
+) -> StepSums:
+    """Return the sums over cells at q (N, 2) px, `half_length` to both sides along the line.
+
+    below, above (N,): how far the cell reaches against and along the normal, px. blur: s of the step, px. twins
+    (N, 2, 2): other lines that step in the cell, one below and one above, at d = twins[..., 0] + twins[..., 1] t for
+    places t along the line; infinite where there is none.
+    """
+    twins = np.tile(_ALONE, (len(q), 1, 1)) if twins is None else twins
+    return StepSums(
+        profiles.step_sums(
+            gray, q, normal, below, above, twins, half_length=half_length, blur=blur, dark=DARK, bright=BRIGHT
+        )
+    )
+
+
 def steps(
     gray: Picture,
     q: Array,
@@ -64,20 +108,9 @@ def steps(
     twins: Array | None = None,
     noise: float = 0.0,
 ) -> Steps:
-    """Return the steps in cells at q (N, 2) px, `half_length` to both sides along the line.
-
-    below, above (N,): how far the cell reaches against and along the normal, px. blur: s of the step, px. held (N, 2):
-    variance of a pixel over that of the slopes below and above, 0 leaves a slope free and inf makes it nil. twins
-    (N, 2, 2): other lines that step in the cell, one below and one above, at d = twins[..., 0] + twins[..., 1] t for
-    places t along the line; infinite where there is none. noise: least sd of a pixel.
-    """
-    twins = np.tile(_ALONE, (len(q), 1, 1)) if twins is None else twins
-    out = profiles.steps(
-        gray, q, normal, below, above, held, twins, half_length=half_length, blur=blur, dark=DARK, bright=BRIGHT
-    )
-    c, g, _, _, noise_of_cell, Qcc, Qgg, _, clipped = out.T
-    sd = np.maximum(noise_of_cell, max(noise, _QUANTISED))
-    return Steps(c, g, out[:, 2:4], sd, sd * np.sqrt(Qcc), sd * np.sqrt(Qgg), clipped)
+    """Return the steps in cells: `step_sums`, solved at once."""
+    sums = step_sums(gray, q, normal, below=below, above=above, half_length=half_length, blur=blur, twins=twins)
+    return sums.solved(held, noise=noise)
 
 
 def noise_of(gray: Picture) -> float:
@@ -89,12 +122,12 @@ def noise_of(gray: Picture) -> float:
     height, width = gray.shape
     if min(height, width) < 3:
         return float(_QUANTISED)
-    row = np.arange(0, height - 2, max(1, (height - 2) // _ROWS))
-    column = np.arange(0, width - 2, max(1, (width - 2) // (4 * _ROWS)))
-    rows = [np.asarray(gray[row + k], np.float32) for k in range(3)]
-    down = rows[0] - 2 * rows[1] + rows[2]
-    both = down[:, column] - 2 * down[:, column + 1] + down[:, column + 2]
-    return float(max(np.median(np.abs(both)) / 0.6745 / 6.0, _QUANTISED))
+    down_by, right_by = max(1, (height - 2) // _ROWS), max(1, (width - 2) // (4 * _ROWS))
+    above, here, below = (gray[k : height - 2 + k : down_by].astype(np.float32, copy=False) for k in range(3))
+    down = above - 2 * here + below
+    left, middle, right = (down[:, k : width - 2 + k : right_by] for k in range(3))
+    both = np.abs(left - 2 * middle + right)
+    return max(quantile(both, 0.5) / 0.6745 / 6.0, _QUANTISED)
 
 
 def blur_of(gray: Picture, q: Array, normal: Array, *, reach: Array, half_length: float, default: float = 0.8) -> float:
@@ -103,13 +136,12 @@ def blur_of(gray: Picture, q: Array, normal: Array, *, reach: Array, half_length
     reach (N,): how far the cells reach along the normal, both ways. What a fit leaves over varies far more from cell to
     cell than with the blur, and cells that no blur fits leave most: only by which share it changes is asked of each.
     """
-    free, alone = np.zeros((len(q), 2)), np.tile(_ALONE, (len(q), 1, 1))
+    free = np.zeros((len(q), 2))
     misfit = np.full(len(_BLURS), np.inf)
     for k, blur in enumerate(_BLURS if len(q) >= _FEW else ()):
-        out = profiles.steps(
-            gray, q, normal, reach, reach, free, alone, half_length=half_length, blur=blur, dark=DARK, bright=BRIGHT
-        )
-        left = out[np.isfinite(out[:, 4]), 4]
+        sums = step_sums(gray, q, normal, below=reach, above=reach, half_length=half_length, blur=blur)
+        left = profiles.steps(sums.sums, free)[:, 4]
+        left = left[np.isfinite(left)]
         misfit[k] = np.mean(np.log(left + _QUANTISED)) if len(left) >= _FEW else np.inf
         if k and misfit[k] > misfit[k - 1]:
             break
@@ -123,8 +155,11 @@ def _parabola(x: Array, y: Array, best: int) -> float:
     """Return where the parabola through the lowest of equally important places and its neighbours is lowest."""
     if not 0 < best < len(x) - 1 or not np.isfinite(y[best - 1 : best + 2]).all():
         return float(x[best])
-    a, b, _ = np.polyfit(x[best - 1 : best + 2] - x[best], y[best - 1 : best + 2], 2)
-    return float(x[best] + (np.clip(-b / (2 * a), x[best - 1] - x[best], x[best + 1] - x[best]) if a > 0 else 0.0))
+    before, after = x[best] - x[best - 1], x[best + 1] - x[best]
+    falls, rises = (y[best] - y[best - 1]) / before, (y[best + 1] - y[best]) / after
+    bend = (rises - falls) / (before + after)
+    shift = -0.5 * (falls + bend * before) / bend if bend > 0 else 0.0
+    return float(x[best] + min(max(shift, -before), after))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

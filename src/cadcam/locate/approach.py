@@ -24,7 +24,7 @@ from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.direction_field import direction_fields
 from cadcam.locate.aspects import Aspects
-from cadcam.locate.climb import Climb, Stage, climbed, composed, distinct, rigid_of, turned, views_of
+from cadcam.locate.climb import Climb, Stage, climbed, composed, distinct, rigids_of, turned, views_of
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.hypothesis import Hypothesis
 from cadcam.locate.part import Part
@@ -87,7 +87,7 @@ def approach(
         poses, score, agreement = climbed(part.aspects, stage, poses, free, climb)
         kept = distinct(part.aspects, poses, score, climb.kept)
         poses, score, agreement = poses[kept], score[kept], agreement[kept]
-    return [Hypothesis(rigid_of(p), float(s), float(a)) for p, s, a in zip(poses, score, agreement, strict=True)]
+    return [Hypothesis(*h) for h in zip(rigids_of(poses), score.tolist(), agreement.tolist(), strict=True)]
 
 
 def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> list[Stage]:
@@ -193,10 +193,10 @@ def _grid(aspects: Aspects, camera_from_part: Rigid, reach: Reach) -> Array:
     """Return poses (N, 12) camera_from_part around one: turned about the part's middle, nearer and farther."""
     centre = camera_from_part @ aspects.centre
     axis = centre / np.linalg.norm(centre)
-    side = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    side = so3.hat(axis) @ np.eye(3)[np.argmin(np.abs(axis))]
     side /= np.linalg.norm(side)
-    vectors = _turns(reach.rotation_deg) @ np.stack([side, np.cross(axis, side), axis])
-    R = so3.exp(np.radians(vectors)) @ camera_from_part.rotation
+    axes = np.stack([side, so3.hat(axis) @ side, axis])
+    R = axes.T @ _turns(reach.rotation_deg) @ (axes @ camera_from_part.rotation)
     n = round(reach.depth / _DEPTH)
     depth = np.exp(np.linspace(-1, 1, 2 * n + 1) * math.log1p(reach.depth)) if n else np.ones(1)
     middle = depth[:, None, None] * centre
@@ -207,11 +207,11 @@ def _grid(aspects: Aspects, camera_from_part: Rigid, reach: Reach) -> Array:
 
 @lru_cache(maxsize=8)
 def _turns(reach_deg: float) -> Array:
-    """Return rotation vectors (N, 3), degrees, in a ball: a hexagonal net of tilts (0, 1), even turns (2) about z."""
+    """Return rotations (N, 3, 3) whose vectors fill a ball: a hexagonal net of tilts (0, 1), even turns (2) about z."""
     n = math.ceil(reach_deg / _TILT_DEG) + 1
     i, j = (a.ravel() for a in np.meshgrid(np.arange(-2 * n, 2 * n + 1), np.arange(-2 * n, 2 * n + 1)))
     tilt = _TILT_DEG * np.stack([i + 0.5 * j, math.sqrt(0.75) * j], axis=1)
     m = round(reach_deg / _ROLL_DEG)
     roll = _ROLL_DEG * np.arange(-m, m + 1)
     every = np.column_stack([np.repeat(tilt, len(roll), axis=0), np.tile(roll, len(tilt))])
-    return np.asarray(every[np.linalg.norm(every, axis=1) <= reach_deg + 0.25 * _TILT_DEG])
+    return so3.exp(np.radians(every[np.linalg.norm(every, axis=1) <= reach_deg + 0.25 * _TILT_DEG]))

@@ -135,7 +135,7 @@ def _cube_cell(sight: Array) -> npt.NDArray[np.int64]:
     top = sight[at, major]
     scale = (0.5 * _CELLS) / np.maximum(np.abs(top), 1e-300)
     u, v = (
-        np.clip((sight[at, (major + k) % 3] * scale + 0.5 * _CELLS).astype(np.int64), 0, _CELLS - 1) for k in (1, 2)
+        np.minimum((sight[at, (major + k) % 3] * scale + 0.5 * _CELLS).astype(np.int64), _CELLS - 1) for k in (1, 2)
     )
     return np.asarray(((2 * major + (top < 0)) * _CELLS + u) * _CELLS + v)
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, quantile
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import candidates
 from cadcam.locate.freedom import Freedom
@@ -58,30 +58,22 @@ def _pulled(sights: Sequence[Sight], pose: Rigid, B: Array, *, reach: int, soft:
         rows.append(at.row[some] @ B)
         offsets.append(found.offset[some])
         slopes.append(found.slope[some])
-    J, offset, slope = (np.nan_to_num(np.concatenate(a)) for a in (rows, offsets, slopes))
+    J, offset, slope = (np.concatenate(a) for a in (rows, offsets, slopes))
     if len(J) < 2 * J.shape[1]:
         return pose
-    strength = np.minimum(np.abs(slope) / np.quantile(np.abs(slope[:, 0]), _STRONG), 1.0)
-    # what no line tells stays where it is
-    x = pulled(J, offset, strength, soft=soft, nothing=_NOTHING, held=_HELD, pulls=_PULLS)
-    return pose @ Rigid.exp(B @ x)
+    return pose @ Rigid.exp(B @ pulled_onto(J, offset, slope, soft=soft))
 
 
-def pulled_stiffly(J: Array, offset: Array, slope: Array, soft: float, *, stiff: Array, before: Array) -> Array:
+def pulled_onto(
+    J: Array, offset: Array, slope: Array, *, soft: float, stiff: tuple[Array, Array] | None = None
+) -> Array:
     """Return the step x (k,) by which N lines come onto their steps, of those (N, M) that each one sees.
 
-    As the core's `pulled`, for any number of unknowns some of which are held: J (N, k) says how x moves the lines;
-    offset, slope (N, M) where along the normals (px) steps are, and how steep, nan for none; stiff (k, k) holds
-    before + x near nil, in units of a sample's pull.
+    J (N, k) says how x moves the lines; offset, slope (N, M) where along the normals (px) steps are, and how steep, the
+    steepest first, nan for none. stiff: weights (k, k) and the vector `before` (k,): they hold before + x near nil, in
+    units of a sample's pull.
     """
-    offset, slope = np.nan_to_num(offset), np.nan_to_num(slope)
-    strength = np.minimum(np.abs(slope) / np.quantile(np.abs(slope[:, 0]), _STRONG), 1.0)
-    x = np.zeros(J.shape[1])
-    for _ in range(_PULLS):
-        r = offset - (J @ x)[:, None]
-        near = strength * np.exp(-0.5 * (r / soft) ** 2)
-        share = near / (near.sum(axis=1, keepdims=True) + _NOTHING)
-        A = (J * share.sum(axis=1)[:, None]).T @ J + stiff
-        A[np.diag_indices(len(x))] += _HELD * np.diag(A) + 1e-300
-        x = x + np.linalg.solve(A, J.T @ (share * r).sum(axis=1) - stiff @ (before + x))
-    return x
+    size = np.abs(slope)
+    strength = np.minimum(size / quantile(np.fmax(size[:, 0], 0.0), _STRONG), 1.0)
+    # what no line tells stays where it is
+    return pulled(J, offset, strength, soft=soft, nothing=_NOTHING, held=_HELD, pulls=_PULLS, stiff=stiff)

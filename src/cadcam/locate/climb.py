@@ -59,7 +59,7 @@ def turned(aspects: Aspects, camera: Camera, seen: Array, shift: Array) -> Array
     R, t = seen[:, :9].reshape(-1, 3, 3), seen[:, 9:]
     q = camera.project(R @ aspects.centre + t)
     one, other = camera.unproject(q), camera.unproject(q + shift)
-    axis = np.cross(one, other)
+    axis = (so3.hat(one) @ other[..., None])[..., 0]
     sine = np.linalg.norm(axis, axis=1, keepdims=True)
     turn = so3.exp(axis * (np.arcsin(np.minimum(sine, 1.0)) / np.maximum(sine, 1e-300)))
     return np.concatenate([(turn @ R).reshape(-1, 9), np.einsum("nij,nj->ni", turn, t)], axis=1)
@@ -89,7 +89,7 @@ def views_of(aspects: Aspects, stage: Stage, poses: Array, samples: int) -> View
                 used += len(places)
             at[k], n[k] = runs[direction, distance][0], len(runs[direction, distance][1])
         first[:, e], count[:, e] = at[number.ravel()], n[number.ravel()]
-    places = np.concatenate([np.zeros(0, PLACE), *(p for _, p in runs.values())])
+    places = np.concatenate([np.zeros(0, np.float32), *(p.view(np.float32) for _, p in runs.values())]).view(PLACE)
     return Views(stage.eyes, places, first, count)
 
 
@@ -177,6 +177,7 @@ def row_of(pose: Rigid) -> Array:
     return np.concatenate([pose.rotation.ravel(), pose.translation])
 
 
-def rigid_of(row: Array) -> Rigid:
-    """Return the pose of a row (12,)."""
-    return Rigid(so3.nearest(row[:9].reshape(3, 3)), row[9:])
+def rigids_of(rows: Array) -> list[Rigid]:
+    """Return the poses of rows (N, 12)."""
+    rotations = so3.nearest(rows[:, :9].reshape(-1, 3, 3))
+    return [Rigid(R, t) for R, t in zip(rotations, rows[:, 9:], strict=True)]

@@ -14,8 +14,9 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.cad.edges import EdgeKind
 from cadcam.camera.camera import Camera
+from cadcam.camera.lens import Ideal
 from cadcam.geometry.rigid import Rigid
-from cadcam.native.profiles import clearance, edge_rows
+from cadcam.native.profiles import clearance, edge_rows, pinhole_rows
 from cadcam.render.wireframe import Polylines
 
 Longs = npt.NDArray[np.int64]
@@ -69,8 +70,11 @@ def project(samples: EdgeSamples, camera: Camera, camera_from_part: Rigid) -> Pr
     xi is the twist of `camera_from_part @ Rigid.exp(xi)`: dp = v + w x p in the part frame, so dq/dxi = D [I, -hat(p)]
     with D = dq/dp.
     """
+    R, t = camera_from_part.rotation, camera_from_part.translation
+    if isinstance(camera.lens, Ideal):
+        return Projected(*pinhole_rows(camera.K, R, t, samples.p, samples.tangent))
     q, J = camera.project_with_jacobian(camera_from_part @ samples.p)
-    return Projected(q, *edge_rows(J, camera_from_part.rotation, samples.p, samples.tangent))
+    return Projected(q, *edge_rows(J, R, samples.p, samples.tangent))
 
 
 def sample_lines(lines: Polylines, camera: Camera, *, step_px: float, reach_px: float) -> EdgeSamples:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from cadcam.arrays import quantile
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.approach import REACH, Reach, approach
@@ -30,6 +32,7 @@ _EQUAL, _ELSEWHERE = 0.9, 0.5  # share of its score, and distance in radii, that
 _STANDS_OUT, _CLEAR = (1.25, 1.1), 0.75
 _UNCERTAIN = 0.45  # quality of a pose that may as well be at another place
 _SAME, _BASIN = 0.02, 0.1  # radii: refined poses nearer to each other are one; starts nearer to a pose end in it
+_LOOKED_AT = 20_000  # pixels of a photo that tell whether anything can be seen in it
 _FLAT, _CLIPPED = 2.0 / 255.0, 0.98  # contrast below which a photo is empty; share of pixels at black or white
 
 
@@ -104,8 +107,9 @@ def _check(photos: Sequence[Photo]) -> None:
     if not photos:
         raise BadValue("photos", "none", "at least one photo")
     for photo in photos:
-        name, gray = f"photo {photo.viewpoint.name!r}", photo.gray[::2, ::2]
-        low, high = np.percentile(gray, [1, 99])
+        every = max(1, math.isqrt(photo.gray.size // _LOOKED_AT))
+        name, gray = f"photo {photo.viewpoint.name!r}", photo.gray[::every, ::every].copy()
+        low, high = quantile(gray, 0.01), quantile(gray, 0.99)
         if high - low < _FLAT:
             raise BadValue(name, f"empty: 98 % of it lies within {low:.3f} to {high:.3f}", "a picture with contrast")
         clipped = float(np.mean((gray <= 0.001) | (gray >= 0.999)))

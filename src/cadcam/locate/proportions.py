@@ -25,7 +25,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import candidates
-from cadcam.locate.attraction import pulled_stiffly
+from cadcam.locate.attraction import pulled_onto
 from cadcam.locate.sight import Sight
 
 _ASKED = 300  # samples, of all photos together
@@ -87,7 +87,7 @@ def _pulled(sights: Sequence[Sight], pose: Rigid, s: Array, B: Array, middle: Ar
         stiff = np.zeros((k + 3, k + 3))
         stiff[k:, k:] = _OF_PULL * (soft / _USUAL) ** 2 * (np.eye(3) + _SUM * np.full((3, 3), 1 / 3))
         before = np.append(np.zeros(k), s - s.mean())
-        step = pulled_stiffly(seen.J, seen.offset, seen.slope, soft, stiff=stiff, before=before)
+        step = pulled_onto(seen.J, seen.offset, seen.slope, soft=soft, stiff=(stiff, before))
         pose, s = pose @ Rigid.exp(B @ step[:k]), s + step[k:]
     return pose, s
 

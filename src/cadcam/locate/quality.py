@@ -49,7 +49,8 @@ _REACH = 6  # px: how far around a line its step is compared
 _ROOM_PX = 2.5  # a sample nearer than this to another line says nothing
 _AGREE_PX = 0.5  # by which neighbours on a line may differ
 _FAINT = 0.4  # of the strongest slope nearby
-_SHIFTS = [(0.0, 0.0), (14.0, 0.3), (22.0, 1.9), (14.0, 3.4), (22.0, 5.0)]  # px, rad: in place, then elsewhere
+_FAR, _AT = np.array([0.0, 14.0, 22.0, 14.0, 22.0]), np.array([0.0, 0.3, 1.9, 3.4, 5.0])  # px, rad
+_SHIFTS = _FAR[:, None] * np.stack([np.cos(_AT), np.sin(_AT)], axis=1)  # px: in place, then elsewhere
 _WORTH_PX = (10.0, 24.0)  # length from which a line is worth one constraint, and two
 _ONE_EDGE = 8.0, np.cos(np.radians(4.0))  # px and turn within which lines lie on one edge of the photo
 _STRAIGHT = 0.95  # chord over arc of a line that may lie on another
@@ -138,42 +139,46 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, s
             continue
         q, normal, run, room = at.q[which], at.normal[which], samples.run[which], room[which]
         lines, length = _lines(q, run)
-        here, *elsewhere = (
-            _shown(sight, q + r * np.array([np.cos(a), np.sin(a)]), normal, run, room, near) for r, a in _SHIFTS
-        )
+        here, share = _shown(sight, q, normal, run, room, near)
         told += len(which)
-        shown += len(which) * here[1]
-        by_chance += len(which) * float(np.mean([share for _, share in elsewhere]))
+        shown += len(which) * float(share[0])
+        by_chance += len(which) * float(share[1:].mean())
         worth += float(np.searchsorted(_WORTH_PX, length, side="right").sum())
         extent = max(extent, float(np.hypot(*np.ptp(q, axis=0))))
-        missed = _missed(here[0], lines)
+        missed = _missed(here, lines)
         absent += float(missed.sum())
-        hidden += float(missed[_behind(q, here[0])].sum())
+        hidden += float(missed[_behind(q, here)].sum()) if missed.any() else 0.0
     n = max(told, 1)
     free = constraints / max(worth, 1e-9)
     return Seen(told, shown / n, by_chance / n, free, absent / n, hidden / n, scatter / max(extent, 1.0))
 
 
-def _shown(sight: Sight, q: Array, normal: Array, run: Ids, room: Array, near_px: float) -> tuple[Mask, float]:
-    """Return which samples show an edge, and their share; those near which there is none at all count half."""
-    found = candidates(sight.photo.gray, q, normal, half_length=2.0, reach=_REACH, noise=sight.noise)
-    offset = np.where(np.abs(found.offset) <= room[:, None], found.offset, np.nan)
-    slope = np.where(np.isfinite(offset), np.abs(found.slope), 0.0)
-    strongest = slope.max(axis=1)
-    near = (np.abs(offset) < near_px) & (slope > _FAINT * strongest[:, None])
-    best = np.argmax(np.where(near, slope, 0.0), axis=1)
-    here = np.arange(len(q)), best
-    shown = _continued(near[here], np.nan_to_num(offset[here]), np.nan_to_num(np.sign(found.slope[here])), run)
-    return shown, float(2 * shown.sum() / ((strongest > 0).sum() + len(q)))
+def _shown(sight: Sight, q: Array, normal: Array, run: Ids, room: Array, near_px: float) -> tuple[Mask, Array]:
+    """Return which samples (n,) show an edge, and the share that does in place and after each shift.
+
+    Samples near which there is no step at all count half.
+    """
+    places = (q + _SHIFTS[:, None]).reshape(-1, 2)
+    normals = np.tile(normal, (len(_SHIFTS), 1))
+    found = candidates(sight.photo.gray, places, normals, half_length=2.0, reach=_REACH, noise=sight.noise)
+    offset = np.abs(found.offset).reshape(len(_SHIFTS), len(q), -1)
+    slope = np.where(offset <= room[:, None], np.abs(found.slope).reshape(offset.shape), 0.0)
+    strongest = slope.max(axis=2)
+    near = (offset < near_px) & (slope > _FAINT * strongest[:, :, None])
+    best = np.argmax(np.where(near, slope, 0.0), axis=2).ravel() + np.arange(len(places)) * offset.shape[2]
+    at, sign = found.offset.ravel()[best], np.sign(found.slope.ravel()[best])
+    good, at, sign = (a.reshape(len(_SHIFTS), -1) for a in (near.ravel()[best], at, sign))
+    shown = _continued(good, at, sign, run)
+    return shown[0], 2 * shown.sum(axis=1) / ((strongest > 0).sum(axis=1) + len(q))
 
 
 def _continued(good: Mask, offset: Array, sign: Array, run: Ids) -> Mask:
-    """Return which good samples have a neighbour on their run that is good, of the same sign and distance."""
-    same = (run[1:] == run[:-1]) & (sign[1:] == sign[:-1])
-    pair = good[1:] & good[:-1] & same & (np.abs(np.diff(offset)) < _AGREE_PX)
-    out = np.zeros(len(good), bool)
-    out[1:] |= pair
-    out[:-1] |= pair
+    """Return which good samples (..., n) have a neighbour on their run that is good, of the same sign and distance."""
+    same = (run[1:] == run[:-1]) & (sign[..., 1:] == sign[..., :-1])
+    pair = good[..., 1:] & good[..., :-1] & same & (np.abs(np.diff(offset)) < _AGREE_PX)
+    out = np.zeros(good.shape, bool)
+    out[..., 1:] |= pair
+    out[..., :-1] |= pair
     return out
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, quantile
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.grouped import GroupedFit, grouped_fit
@@ -45,6 +45,7 @@ _DOUBT = (0.25, 0.62)  # quality of a pose that half of the lines agree with: wo
 _FARTHEST_PX = 3.0  # an edge farther off is another one
 _LOOSE_PX = 0.25  # by which edges of a good pose are seldom off as a whole
 _WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
+_SAME_PX = 0.5  # a search that ends this near to where it began, at a pose that was found, finds the same again
 _UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose that nothing was measured of
 
 
@@ -94,29 +95,39 @@ def refine(
     """
     if not photos:
         raise BadValue("photos", "none", "at least one photo")
-    first, loose = _refined(part, photos, start, freedom, evidence, options, chosen)
+    sights, pose = _attracted(part, photos, _sights(part, photos, start, options), start, freedom, options)
+    first, loose = _measured(part, sights, pose, freedom, evidence, options, chosen)
     if not wider or first.quality <= _DOUBT[0] or (first.quality >= _DOUBT[1] and not loose):
         return first
+    ended = first.pose.world_from_part
     again = replace(options, search_px=max(_WIDER * options.search_px, _WIDER_PX))
-    second, still_loose = _refined(part, photos, first.pose.world_from_part, freedom, evidence, again, chosen)
+    sights, pose = _attracted(part, photos, sights, ended, freedom, again)
+    if first.found and max(s.moved_px(ended, pose) for s in sights) < _SAME_PX:
+        return first
+    second, still_loose = _measured(part, sights, pose, freedom, evidence, again, chosen)
     tighter = loose and not still_loose and second.found
     return second if tighter or second.quality > first.quality else first
 
 
-def _refined(
+def _attracted(
+    part: Part, photos: Sequence[Photo], sights: Sequence[Sight], start: Rigid, freedom: Freedom, options: EdgeOptions
+) -> tuple[Sequence[Sight], Rigid]:
+    """Return the pose whose lines lie on steps of the photos near those at the start, and its sights."""
+    pose = attracted(sights, start, freedom, search_px=options.search_px)
+    moved = max(s.moved_px(s.drawn, pose) for s in sights) > _REDRAW_PX
+    return _sights(part, photos, pose, options, sights) if moved else sights, pose
+
+
+def _measured(
     part: Part,
-    photos: Sequence[Photo],
-    start: Rigid,
+    sights: Sequence[Sight],
+    pose: Rigid,
     freedom: Freedom,
     evidence: Sequence[Evidence],
     options: EdgeOptions,
     chosen: int,
 ) -> tuple[Location, bool]:
-    """Return what one search from `start` and the measurement after it find, and whether edges fit it only loosely."""
-    sights = _sights(part, photos, start, options)
-    pose = attracted(sights, start, freedom, search_px=options.search_px)
-    if max(s.moved_px(pose) for s in sights) > _REDRAW_PX:
-        sights = _sights(part, photos, pose, options, sights)
+    """Return what the measurement of a pose close by finds, and whether edges fit it only loosely."""
     try:
         fitted = _fitted(sights, pose, freedom, evidence, options)
     except DegenerateGeometry as error:
@@ -162,7 +173,10 @@ def _fitted(
     where = [nearest_steps(s, at, half_length=half, reach=_CLOSE) for s, at in zip(sights, places, strict=True)]
     cells = [Cells.of(s, at, where=w, **room) for s, at, w in zip(sights, places, where, strict=True)]
     for number, iterations in enumerate(_ROUNDS):
-        measured = [measure(*all_of) for all_of in zip(sights, places, cells, where, strict=True)]
+        measured = [
+            measure(s, at, c, w, sums=None if number else c.first)
+            for s, at, c, w in zip(sights, places, cells, where, strict=True)
+        ]
         B = freedom.at(pose)
         fit = _solved(
             sights, places, measured, rows_of(evidence, [s.photo for s in sights], pose), B, iterations, options
@@ -170,7 +184,7 @@ def _fitted(
         last = _Fitted(sights, pose, pose @ Rigid.exp(B @ fit.x), B, places, measured, fit)
         pose = last.pose
         where = [_left(m, moved) for m, moved in zip(measured, last.moved, strict=True)]
-        if number and np.quantile(np.abs(np.concatenate(last.moved)), 0.9) < _SETTLED_PX:
+        if number and quantile(np.abs(np.concatenate(last.moved)), 0.9) < _SETTLED_PX:
             break
         places = [s.project(pose) for s in sights]
     return last
@@ -178,7 +192,7 @@ def _fitted(
 
 def _left(measured: Measured, moved: Array) -> Array:
     """Return where to fit the steps after the lines moved: on the lines, but for edges that stay away from them."""
-    left = np.nan_to_num(measured.offset) - moved
+    left = np.where(measured.usable, measured.offset, 0.0) - moved
     return np.where(np.abs(left) < _ON_LINE, 0.0, left) * measured.usable
 
 
@@ -267,10 +281,9 @@ def _scatter(fit: GroupedFit) -> float:
 
 
 def _reason(part: Part, estimate: PoseEstimate, evidence: Seen, fit: GroupedFit, photos: Sequence[Photo]) -> str:
-    vertices = part.scene.mesh.vertices
     if evidence.quality < FOUND:
         return f"not found: {evidence}"
-    weakest = weakest_direction(estimate, 0.5 * (vertices.min(axis=0) + vertices.max(axis=0)), photos)
+    weakest = weakest_direction(estimate, part.aspects.centre, photos)
     return f"{evidence}; edges are off by {fit.between:.2f} px as a whole; {weakest}"
 
 

@@ -31,7 +31,7 @@ from cadcam.locate.climb import (
     evidence,
     in_threads,
     near,
-    rigid_of,
+    rigids_of,
     row_of,
     turned,
 )
@@ -86,7 +86,7 @@ def search_once(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SP
     ]
     found = np.concatenate([np.zeros((0, 12)), *rows])
     starts = distinct(aspects, found, _judged(aspects, scales, found), _APPROACHED, within=_NEIGHBOURS)
-    around = _approached(part, photos, [rigid_of(found[k]) for k in starts])
+    around = _approached(part, photos, rigids_of(found[starts]))
     found = np.array([row_of(h.world_from_part) for h in around]).reshape(-1, 12)
     return _ranked(aspects, around, found, _judged(aspects, scales, found))
 

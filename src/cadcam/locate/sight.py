@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask
+from cadcam.arrays import Array, Mask, quantile
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.profile import Steps, blur_of, candidates, noise_of, steps
+from cadcam.image.profile import StepSums, blur_of, candidates, noise_of, step_sums
 from cadcam.locate.edges import EdgeSamples, Projected, project, sample_lines
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.native.profiles import along_runs
 from cadcam.render.wireframe import LineOptions
 
 Longs = npt.NDArray[np.int64]
@@ -25,7 +26,9 @@ _CLEAR = 4.0  # sd of one cell: contrast of an edge that is there
 _SURE = 8.0  # sd of one cell: contrast that needs no neighbours
 _CLIPPED = 0.7  # share of black or white pixels from which a cell tells nothing
 _FAINT = 0.4  # of the strongest slope nearby: weaker ones are no edges
-_CONTRAST, _STRETCH = 3, 10  # cells to each side that contrast, and noise and slopes are averaged with
+# Cells to each side on the same run that contrast, and noise and slopes are averaged with. What is averaged is far less
+# noisy than a cell's own, and the weights of an edge's samples then do not flicker.
+_CONTRAST, _STRETCH = 3, 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,13 +54,14 @@ class Sight:
         """Return the samples in the photo."""
         return project(self.samples, self.photo.camera, self.photo.viewpoint.camera_from_world @ world_from_part)
 
-    def moved_px(self, world_from_part: Rigid) -> float:
-        """Return how far the lines moved since they were drawn: nine tenths of them at most that far."""
+    def moved_px(self, one: Rigid, other: Rigid) -> float:
+        """Return how far the lines lie apart between two poses: nine tenths of them at most that far."""
         p = self.samples.p[:: max(1, len(self.samples) // 60)]
         of_camera = self.photo.viewpoint.camera_from_world
-        now, before = (self.photo.camera.project((of_camera @ pose) @ p) for pose in (world_from_part, self.drawn))
-        shift = np.hypot(*(now - before).T)
-        return float(np.nanquantile(shift, 0.9)) if np.isfinite(shift).any() else 0.0
+        now, before = (self.photo.camera.project((of_camera @ pose) @ p) for pose in (one, other))
+        apart = np.hypot(*(now - before).T)
+        apart = apart[np.isfinite(apart)]
+        return quantile(apart, 0.9) if len(apart) else 0.0
 
     def thinned(self, most: int, *, together: int = 1) -> Sight:
         """Return the sight with about `most` of its samples, `together` neighbours at a time."""
@@ -84,7 +88,8 @@ class Cells:
     """Which of a sight's samples have room for a cell, how far the cells reach, and the light they are seen in.
 
     which (N,): numbers of the samples; below, above (N,) px; held (N, 2): how firmly the slopes are held
-    (`image.profile.steps`); half_length, blur (px).
+    (`image.profile.StepSums`); half_length, blur (px). first: their sums at the places where they were
+    laid out, which the first measurement needs again.
     """
 
     which: Longs
@@ -93,6 +98,7 @@ class Cells:
     held: Array
     half_length: float
     blur: float
+    first: StepSums | None = None
 
     @classmethod
     def of(
@@ -120,15 +126,16 @@ class Cells:
         which = np.flatnonzero(apart & enough & np.isfinite(at.q).all(axis=1))
         free = np.zeros((len(which), 2))
         cells = cls(which, below[which], above[which], free, half_length, blur)
-        found, run = cells.steps(sight, at, where), samples.run[which]
-        slope2 = _along_run(found.slopes, run, _STRETCH) ** 2
-        held = _along_run(found.noise**2, run, _STRETCH)[:, None] / np.maximum(slope2, 1e-12)
-        return replace(cells, held=np.where(np.isfinite(held), held, 0.0))
+        sums = cells.sums_at(sight, at, where)
+        found, run = sums.solved(free, noise=0.5 * sight.noise), samples.run[which]
+        slope2 = along_runs(found.slopes, run, _STRETCH) ** 2
+        held = along_runs(found.noise**2, run, _STRETCH)[:, None] / np.maximum(slope2, 1e-12)
+        return replace(cells, held=np.where(np.isfinite(held), held, 0.0), first=sums)
 
-    def steps(self, sight: Sight, at: Projected, where: Array | None = None) -> Steps:
-        """Return what the photo shows in the cells; where (N,) px: how far along the normal each cell is shifted."""
+    def sums_at(self, sight: Sight, at: Projected, where: Array | None) -> StepSums:
+        """Return what the cells' pixels add up to; where (N,) px: how far along the normal each cell is shifted."""
         q, normal = at.q[self.which], at.normal[self.which]
-        return steps(
+        return step_sums(
             sight.photo.gray,
             q if where is None else q + where[self.which, None] * normal,
             normal,
@@ -136,9 +143,7 @@ class Cells:
             above=self.above,
             half_length=self.half_length,
             blur=self.blur,
-            held=self.held,
             twins=sight.samples.twins[self.which],
-            noise=0.5 * sight.noise,
         )
 
 
@@ -152,8 +157,10 @@ class Measured:
     usable: Mask
 
 
-def measure(sight: Sight, at: Projected, cells: Cells, where: Array) -> Measured:
+def measure(sight: Sight, at: Projected, cells: Cells, where: Array, *, sums: StepSums | None = None) -> Measured:
     """Return the steps' offsets by a linear fit at places `where` (N,) px along the samples' normals.
+
+    sums: of the cells there, if known.
 
     The fit holds near the step: a place must be right to about the blur.
     """
@@ -163,11 +170,12 @@ def measure(sight: Sight, at: Projected, cells: Cells, where: Array) -> Measured
     which = cells.which
     if not len(which):
         return Measured(offset, sigma, contrast, usable)
-    found, run = cells.steps(sight, at, where), sight.samples.run[which]
-    c, sd_c = _along_run(found.contrast, run, _CONTRAST), np.sqrt(_along_run(found.sd_contrast**2, run, _CONTRAST))
+    sums = cells.sums_at(sight, at, where) if sums is None else sums
+    found, run = sums.solved(cells.held, noise=0.5 * sight.noise), sight.samples.run[which]
+    c, sd_c = along_runs(found.contrast, run, _CONTRAST), np.sqrt(along_runs(found.sd_contrast**2, run, _CONTRAST))
     sure = np.abs(found.contrast) > _SURE * found.sd_contrast  # before a chequered ground the sign changes along a line
     c = np.where(sure, found.contrast, c)
-    more = np.sqrt(_along_run(found.noise**2, run, _STRETCH)) / found.noise
+    more = np.sqrt(along_runs(found.noise**2, run, _STRETCH)) / found.noise
     with np.errstate(all="ignore"):
         shift, sigma[which] = -found.moment / c, found.sd_moment * more / np.abs(c)
         near = np.abs(shift) < _LINEAR * max(cells.blur, 0.7)
@@ -191,22 +199,3 @@ def nearest_steps(sight: Sight, at: Projected, *, half_length: float, reach: int
 def _room(next_line: Array, beyond: Array, blur: float) -> Array:
     """Return how far (N,) px cells may reach: short of the next line, or past it where it is a twin."""
     return np.maximum(next_line - _APART * blur, np.minimum(next_line + _PAST * blur, beyond - _APART * blur))
-
-
-def _along_run(values: Array, run: Ids, neighbours: int) -> Array:
-    """Return the mean (n, ...) of each cell's value and those of its neighbours to both sides on the same run.
-
-    What is averaged is far less noisy than a cell's own, and the weights of an edge's samples then do not flicker.
-    """
-    known = np.isfinite(values)
-    total, count = (_running(np.where(known, v, 0.0)) for v in (values, 1.0))
-    begins = np.flatnonzero(np.diff(run, prepend=-1))
-    length = np.diff(begins, append=len(run))
-    i = np.arange(len(run))
-    low = np.maximum(np.repeat(begins, length), i - neighbours)
-    high = np.minimum(np.repeat(begins + length, length), i + neighbours + 1)
-    return np.asarray((total[high] - total[low]) / np.maximum(count[high] - count[low], 1e-9))
-
-
-def _running(values: Array) -> Array:
-    return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])

@@ -1,5 +1,6 @@
 /* Edges of a part over direction fields: sliding and climbing, see field.h. Compiled once for each instruction set. */
 #include "place.h"
+#include "vectors.h"
 
 #define TAPS 16          /* at most, to either side of a place */
 #define REACH 2.5        /* blurs, to either side */
@@ -84,12 +85,27 @@ void VARIANT(climb_slide)(const cc_views *v, int32_t eye, const double *poses, i
 
 typedef struct { double A[6][6], b[6]; } equations;
 
-static void add_row(equations *q, const double *J, int n, double weight, double offset) {
-    for (int i = 0; i < n; i++) {
+static inline void add_row(equations *q, const double J[6], double weight, double offset) {
+    for (int i = 0; i < 6; i++) {
         const double wj = weight * J[i];
         for (int j = 0; j <= i; j++) q->A[i][j] += wj * J[j];
         q->b[i] += wj * offset;
     }
+}
+
+/* The equations of the motions F x, F (6, n). */
+static equations along(const equations *q, const double *F, int n) {
+    equations out = {0};
+    double AF[6][6] = {{0}};
+    for (int i = 0; i < 6; i++)
+        for (int k = 0; k < 6; k++)
+            for (int j = 0; j < n; j++) AF[i][j] += (i >= k ? q->A[i][k] : q->A[k][i]) * F[k * n + j];
+    for (int k = 0; k < 6; k++)
+        for (int i = 0; i < n; i++) {
+            for (int j = 0; j <= i; j++) out.A[i][j] += F[k * n + i] * AF[k][j];
+            out.b[i] += F[k * n + i] * q->b[k];
+        }
+    return out;
 }
 
 /* Solve the damped equations into x; 0 where they are singular. */
@@ -135,13 +151,12 @@ static void moved(double *pose, const double *xi) {
     memcpy(pose, R, sizeof R);
 }
 
-/* A Gaussian at places `step` px apart, `taps` of them to either side. */
-typedef struct { double bell[2 * TAPS + 1]; int taps; double step; } kernel;
+/* A Gaussian at places 1 px apart, `taps` of them to either side; nil beyond, as far as vectors reach. */
+typedef struct { double bell[2 * TAPS + 4]; int taps; } kernel;
 
 static kernel kernel_of(double blur) {
-    kernel k = {.step = 1};
-    k.taps = (int)lower(TAPS, ceil(REACH * blur / k.step));
-    for (int i = -k.taps; i <= k.taps; i++) k.bell[i + k.taps] = exp(-0.5 * i * i * k.step * k.step / (blur * blur));
+    kernel k = {.taps = (int)lower(TAPS, ceil(REACH * blur))};
+    for (int i = -k.taps; i <= k.taps; i++) k.bell[i + k.taps] = exp(-0.5 * i * i / (blur * blur));
     return k;
 }
 
@@ -149,20 +164,32 @@ static int inside(const cc_field *f, double x, double y) {
     return x >= -0.5 && y >= -0.5 && x < f->width - 0.5 && y < f->height - 0.5;
 }
 
-/* The certainties of a sector along the normal (nx, ny) of a spot, 2 taps + 1 of them, 0 outside the picture. */
-static inline void along_normal(const cc_field *f, const spot *s, const kernel *k, double nx, double ny, int sector, int *out) {
-    const uint8_t *plane = f->planes + (size_t)sector * (size_t)f->width * (size_t)f->height;
-    const double dx = nx * k->step, dy = ny * k->step, x = s->x - k->taps * dx, y = s->y - k->taps * dy;
-    const int n = 2 * k->taps + 1;
-    const int whole = inside(f, x, y) && inside(f, s->x + k->taps * dx, s->y + k->taps * dy);
-    for (int o = 0; o < n; o++) {
-        const int32_t i = nearest(x + o * dx), j = nearest(y + o * dy);
-        out[o] = whole || (i >= 0 && j >= 0 && i < f->width && j < f->height) ? plane[j * f->width + i] : 0;
-    }
+/* The places along the normal (nx, ny) of a spot in a plane of the field, `n` of them. */
+typedef struct {
+    const uint8_t *plane;
+    double x, y, nx, ny;
+    int32_t width, height, n;
+} walk;
+
+static inline walk walk_of(const cc_field *f, const spot *s, const kernel *k, double nx, double ny, int sector) {
+    return (walk){f->planes + (size_t)sector * (size_t)f->width * (size_t)f->height, s->x - k->taps * nx, s->y - k->taps * ny,
+                  nx, ny, f->width, f->height, 2 * k->taps + 1};
 }
 
-static void add_place(const cc_eye *e, const rigid *c, const cc_place *place, const kernel *k, const double *freedom, int n,
-                      equations *q) {
+/* The certainties at places o to o + 3 of a walk, 0 outside the picture and beyond the last place. */
+INLINE d4 four_of(const walk *w, int o) {
+    const d4 number = o + *(const d4 *)COUNT; /* rounded as `nearest` does */
+    const i4 column = __builtin_convertvector(w->x + number * w->nx + (1048576 + 0.5), i4) - 1048576;
+    const i4 row = __builtin_convertvector(w->y + number * w->ny + (1048576 + 0.5), i4) - 1048576;
+    const i4 there = (column >= 0) & (column < w->width) & (row >= 0) & (row < w->height) & (o + *(const i4 *)LANE < w->n);
+    const i4 at = (row * w->width + column) & there;
+    const i4 found = {w->plane[at[0]], w->plane[at[1]], w->plane[at[2]], w->plane[at[3]]};
+    return __builtin_convertvector(found & there, d4);
+}
+
+INLINE double sum_of(d4 v) { return (v[0] + v[1]) + (v[2] + v[3]); }
+
+static void add_place(const cc_eye *e, const rigid *c, const cc_place *place, const kernel *k, equations *q) {
     spot s;
     if (!image_of(e, c, place, &s) || !inside(&e->field, s.x, s.y)) return;
     const double length = sqrt(s.dx * s.dx + s.dy * s.dy);
@@ -170,27 +197,23 @@ static void add_place(const cc_eye *e, const rigid *c, const cc_place *place, co
     const double nx = -s.dy / length, ny = s.dx / length;
     const int sector = sector_of(s.dx, s.dy);
     const double mean = e->field.mean[sector];
-    int found[2 * TAPS + 1];
-    double sum = 0, moment = 0;
-    along_normal(&e->field, &s, k, nx, ny, sector, found);
-    for (int o = 0; o <= 2 * k->taps; o++) {
-        const double over = found[o] > mean ? k->bell[o] * (found[o] - mean) : 0;
-        sum += over, moment += (o - k->taps) * over;
+    const walk along = walk_of(&e->field, &s, k, nx, ny, sector);
+    d4 sums = {0}, moments = {0};
+    for (int o = 0; o < along.n; o += 4) {
+        const d4 excess = four_of(&along, o) - mean;
+        const d4 over = *(const d4 *)(k->bell + o) * (d4)((l4)excess & (excess > 0.0));
+        sums += over, moments += (o - k->taps + *(const d4 *)COUNT) * over;
     }
+    const double sum = sum_of(sums), moment = sum_of(moments);
     if (!(sum > 0)) return;
-    moment *= k->step;
     /* g: how the spot moves along its normal with the place, in the part's frame */
     const double gx = nx * e->fx * s.over_z, gy = (nx * e->skew + ny * e->fy) * s.over_z, gz = -(gx * s.u + gy * s.v);
-    double g[3], J[6], free[6];
+    double g[3], J[6];
     for (int i = 0; i < 3; i++) g[i] = gx * c->R[i] + gy * c->R[3 + i] + gz * c->R[6 + i];
     const float *p = place->p;
     J[0] = g[0], J[1] = g[1], J[2] = g[2];
     J[3] = p[1] * g[2] - p[2] * g[1], J[4] = p[2] * g[0] - p[0] * g[2], J[5] = p[0] * g[1] - p[1] * g[0];
-    for (int j = 0; j < n; j++) {
-        free[j] = 0;
-        for (int i = 0; i < 6; i++) free[j] += J[i] * freedom[i * n + j];
-    }
-    add_row(q, free, n, place->weight * sum, moment / sum);
+    add_row(q, J, place->weight * sum, moment / sum);
 }
 
 static void step(const cc_views *v, int64_t k, double *pose, const kernel *kernel, const double *freedom, int n) {
@@ -198,9 +221,10 @@ static void step(const cc_views *v, int64_t k, double *pose, const kernel *kerne
     for (int32_t e = 0; e < v->n_eyes; e++) {
         const rigid c = seen_by(&v->eyes[e], pose);
         const cc_place *places = v->places + v->first[k * v->n_eyes + e];
-        for (int32_t i = 0; i < v->count[k * v->n_eyes + e]; i++) add_place(&v->eyes[e], &c, &places[i], kernel, freedom, n, &q);
+        for (int32_t i = 0; i < v->count[k * v->n_eyes + e]; i++) add_place(&v->eyes[e], &c, &places[i], kernel, &q);
     }
     double x[6], xi[6] = {0};
+    q = along(&q, freedom, n);
     if (!solved(&q, n, x)) return;
     for (int i = 0; i < 6; i++)
         for (int j = 0; j < n; j++) xi[i] += freedom[i * n + j] * x[j];
@@ -212,11 +236,13 @@ static double best_at(const cc_eye *e, const rigid *c, const cc_place *place, co
     spot s;
     if (!image_of(e, c, place, &s) || !inside(&e->field, s.x, s.y)) return -1;
     const double length = sqrt(s.dx * s.dx + s.dy * s.dy) + 1e-12;
-    int found[2 * TAPS + 1];
-    double best = 0;
     *sector = sector_of(s.dx, s.dy);
-    along_normal(&e->field, &s, k, -s.dy / length, s.dx / length, *sector, found);
-    for (int o = 0; o <= 2 * k->taps; o++) best = upper(best, k->bell[o] * found[o]);
+    const walk along = walk_of(&e->field, &s, k, -s.dy / length, s.dx / length, *sector);
+    double best = 0;
+    for (int o = 0; o < along.n; o += 4) {
+        const d4 found = *(const d4 *)(k->bell + o) * four_of(&along, o);
+        best = upper(best, upper(upper(found[0], found[1]), upper(found[2], found[3])));
+    }
     return best;
 }
 
@@ -250,13 +276,11 @@ void VARIANT(climb_certainties)(const cc_views *v, int32_t eye, const double *po
 
 void VARIANT(climb_poses)(const cc_views *v, double *poses, const double *freedom, int32_t n_free, const double *blur,
                           int32_t steps, double *scores) {
-    for (int64_t k = 0; k < v->n_poses; k++) {
-        double *pose = poses + 12 * k;
-        for (int32_t i = 0; i < steps; i++) {
-            const kernel now = kernel_of(blur[i]);
-            step(v, k, pose, &now, freedom, n_free);
-        }
-        const kernel last = kernel_of(blur[steps]);
-        for (int32_t e = 0; e < v->n_eyes; e++) judge(v, k, e, pose, &last, scores + 4 * (k * v->n_eyes + e));
+    for (int32_t i = 0; i < steps; i++) {
+        const kernel now = kernel_of(blur[i]);
+        for (int64_t k = 0; k < v->n_poses; k++) step(v, k, poses + 12 * k, &now, freedom, n_free);
     }
+    const kernel last = kernel_of(blur[steps]);
+    for (int64_t k = 0; k < v->n_poses; k++)
+        for (int32_t e = 0; e < v->n_eyes; e++) judge(v, k, e, poses + 12 * k, &last, scores + 4 * (k * v->n_eyes + e));
 }

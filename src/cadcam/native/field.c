@@ -31,20 +31,58 @@ void VARIANT(field_reduce)(const float *in, int32_t width, int32_t height, int32
     }
 }
 
-/* gx, gy by Sobel / 8 and m = |g|; the border has none. */
-static void gradient(const float *in, int32_t width, int32_t height, float *gx, float *gy, float *m) {
-    const size_t w = (size_t)width;
-    memset(gx, 0, w * (size_t)height * sizeof *gx), memset(gy, 0, w * (size_t)height * sizeof *gy);
-    memset(m, 0, w * (size_t)height * sizeof *m);
-    for (int32_t y = 1; y < height - 1; y++) {
-        const float *b = in + (size_t)y * w, *a = b - w, *c = b + w;
-        float *restrict x_ = gx + (size_t)y * w, *restrict y_ = gy + (size_t)y * w, *restrict m_ = m + (size_t)y * w;
-        for (int32_t x = 1; x < width - 1; x++) {
-            const float dx = (a[x + 1] - a[x - 1]) + 2 * (b[x + 1] - b[x - 1]) + (c[x + 1] - c[x - 1]);
-            const float dy = (c[x - 1] - a[x - 1]) + 2 * (c[x] - a[x]) + (c[x + 1] - a[x + 1]);
-            x_[x] = 0.125f * dx, y_[x] = 0.125f * dy, m_[x] = 0.125f * sqrtf(dx * dx + dy * dy);
+/* A row of places, from (x, y) on by (dx, dy). */
+static void straighten_run(const float *in, int32_t width, int32_t height, float x, float y, float dx, float dy, int32_t n,
+                           float *restrict out, uint8_t *restrict seen) {
+    const float right = (float)width - 0.5f, bottom = (float)height - 0.5f;
+    const int32_t last_x = width > 1 ? width - 2 : 0, last_y = height > 1 ? height - 2 : 0;
+    const int32_t next = width > 1, below = height > 1 ? width : 0;
+    for (int32_t k = 0; k < n; k++) {
+        const float px = x + (float)k * dx, py = y + (float)k * dy;
+        seen[k] = px >= -0.5f && py >= -0.5f && px <= right && py <= bottom;
+        if (!seen[k]) continue;
+        const int32_t i = imin((int32_t)larger(px, 0), last_x), j = imin((int32_t)larger(py, 0), last_y);
+        const float u = larger(0, px - (float)i < 1 ? px - (float)i : 1), v = larger(0, py - (float)j < 1 ? py - (float)j : 1);
+        const float *a = in + (size_t)j * (size_t)width + (size_t)i, *b = a + below;
+        const float top = a[0] + u * (a[next] - a[0]);
+        out[k] = top + v * (b[0] + u * (b[next] - b[0]) - top);
+    }
+}
+
+void VARIANT(field_straighten)(const float *in, int32_t width, int32_t height, const float *nodes, int32_t step,
+                               int32_t wide, int32_t high, float *out, uint8_t *seen) {
+    const int32_t across = (wide - 1) / step + 2;
+    const float share = 1.0f / (float)step;
+    memset(out, 0, (size_t)wide * (size_t)high * sizeof *out);
+    for (int32_t y = 0; y < high; y++) {
+        const float *upper_row = nodes + 2 * (size_t)(y / step) * (size_t)across, *lower_row = upper_row + 2 * across;
+        const float t = (float)(y % step) * share;
+        for (int32_t x = 0; x < wide; x += step) {
+            const float *a = upper_row + 2 * (x / step), *b = lower_row + 2 * (x / step);
+            const float x0 = a[0] + t * (b[0] - a[0]), y0 = a[1] + t * (b[1] - a[1]);
+            const float x1 = a[2] + t * (b[2] - a[2]), y1 = a[3] + t * (b[3] - a[3]);
+            const size_t at = (size_t)y * (size_t)wide + (size_t)x;
+            straighten_run(in, width, height, x0, y0, (x1 - x0) * share, (y1 - y0) * share, imin(step, wide - x), out + at,
+                           seen + at);
         }
     }
+}
+
+/* gx, gy by Sobel / 8 and m = |g| of the row b between a and c; its ends have none. */
+static void gradient_row(const float *a, const float *b, const float *c, int32_t width, float *restrict gx,
+                         float *restrict gy, float *restrict m) {
+    for (int32_t x = 1; x < width - 1; x++) {
+        const float dx = (a[x + 1] - a[x - 1]) + 2 * (b[x + 1] - b[x - 1]) + (c[x + 1] - c[x - 1]);
+        const float dy = (c[x - 1] - a[x - 1]) + 2 * (c[x] - a[x]) + (c[x + 1] - a[x + 1]);
+        gx[x] = 0.125f * dx, gy[x] = 0.125f * dy, m[x] = 0.125f * sqrtf(dx * dx + dy * dy);
+    }
+    gx[0] = gy[0] = m[0] = gx[width - 1] = gy[width - 1] = m[width - 1] = 0;
+}
+
+static void gradient(const float *in, int32_t width, int32_t height, float *gx, float *gy, float *m) {
+    const size_t w = (size_t)width, last = ((size_t)height - 1) * w;
+    for (size_t y = w; y < last; y += w) gradient_row(in + y - w, in + y, in + y + w, width, gx + y, gy + y, m + y);
+    for (size_t x = 0; x < w; x++) gx[x] = gy[x] = m[x] = gx[last + x] = gy[last + x] = m[last + x] = 0;
 }
 
 /* What QUIET of all m lie below, by counting in bins of its logarithm: the exponent and the upper bits of the number. */
@@ -107,6 +145,23 @@ static void certainty(const float *m, const float *gx, const float *gy, int32_t 
     row[0] = row[width - 1] = 0;
 }
 
+/* A row's certainties over the sectors, by the fourth power of the cosine of twice the angle to them: sector s is across
+ * from s + CC_SECTORS / 2, where the cosine is that of the other sign. */
+static void spread(const float *gx, const float *gy, const float *m, const float *sure, int32_t width, size_t n, uint8_t *row) {
+    static const float cosine[] = {1, 0.70710678f, 0, -0.70710678f}, sine[] = {0, 0.70710678f, 1, 0.70710678f};
+    for (int s = 0; s < CC_SECTORS / 2; s++) {
+        uint8_t *restrict out = row + (size_t)s * n, *restrict across = row + (size_t)(s + CC_SECTORS / 2) * n;
+        const float c = cosine[s], d = sine[s];
+        for (int32_t x = 0; x < width; x++) {
+            const float a = gx[x], b = gy[x];
+            const float turn = ((a * a - b * b) * c + 2 * a * b * d) / (m[x] * m[x] + 1e-20f), near = turn * turn;
+            const float value = 255.0f * FULL * sure[x] * near * near;
+            const int32_t grey = (int32_t)(value < 255.0f ? value : 255.0f);
+            out[x] = (uint8_t)(turn > 0 ? grey : 0), across[x] = (uint8_t)(turn > 0 ? 0 : grey);
+        }
+    }
+}
+
 static void moments(const uint8_t *plane, size_t n, float *mean, float *variance) {
     uint64_t sum = 0, squares = 0;
     for (size_t i = 0; i < n; i += 4096) {
@@ -123,8 +178,6 @@ void VARIANT(field_directions)(const float *in, int32_t width, int32_t height, f
                                uint8_t *planes, float *mean, float *variance) {
     const size_t w = (size_t)width, n = w * (size_t)height;
     float *gx = scratch, *gy = gx + n, *m = gy + n, *sure = m + n;
-    static const float cosine[CC_SECTORS] = {1, 0.70710678f, 0, -0.70710678f, -1, -0.70710678f, 0, 0.70710678f};
-    static const float sine[CC_SECTORS] = {0, 0.70710678f, 1, 0.70710678f, 0, -0.70710678f, -1, -0.70710678f};
     memset(planes, 0, n * CC_SECTORS);
     if (width > 2 && height > 2) {
         gradient(in, width, height, gx, gy, m);
@@ -134,17 +187,7 @@ void VARIANT(field_directions)(const float *in, int32_t width, int32_t height, f
         for (int32_t y = 1; y < height - 1; y++) {
             const size_t at = (size_t)y * w;
             certainty(m + at, gx + at, gy + at, width, noise * noise, sure + at);
-            for (int s = 0; s < CC_SECTORS; s++) {
-                uint8_t *restrict out = planes + (size_t)s * n + at;
-                const float c = cosine[s], d = sine[s];
-                for (int32_t x = 0; x < width; x++) {
-                    const float a = gx[at + (size_t)x], b = gy[at + (size_t)x];
-                    const float turn = ((a * a - b * b) * c + 2 * a * b * d) / (m[at + (size_t)x] * m[at + (size_t)x] + 1e-20f);
-                    const float near = turn > 0 ? turn * turn : 0;
-                    const float value = 255.0f * FULL * sure[at + (size_t)x] * near * near;
-                    out[x] = (uint8_t)(int32_t)(value < 255.0f ? value : 255.0f);
-                }
-            }
+            spread(gx + at, gy + at, m + at, sure + at, width, n, planes + at);
         }
     }
     for (int s = 0; s < CC_SECTORS; s++) moments(planes + (size_t)s * n, n, mean + s, variance + s);

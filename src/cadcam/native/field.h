@@ -46,8 +46,11 @@ typedef struct {
 /* Means over boxes of k x k pixels: out (height / k, width / k), what is over at the right and below is left out. */
 CC_API void cc_reduce(const float *in, int32_t width, int32_t height, int32_t k, float *out);
 
-/* The picture at n places (x, y), between pixels linearly, beyond the border as at the border. */
-CC_API void cc_sample(const float *in, int32_t width, int32_t height, const float *places, int64_t n, float *out);
+/* A picture (wide, high) whose pixels lie in another at places that are known at every `step`-th pixel of every
+ * `step`-th row, from (0, 0) to beyond the last: nodes (x, y), NaN for nowhere; between nodes linearly. seen: 1 where the
+ * place is in the picture, out: its value there, between pixels linearly; 0 elsewhere. */
+CC_API void cc_straighten(const float *in, int32_t width, int32_t height, const float *nodes, int32_t step, int32_t wide,
+                          int32_t high, float *out, uint8_t *seen);
 
 /* The field of a picture: planes (CC_SECTORS, height, width), mean and variance (CC_SECTORS,). `floor` is the gradient
  * (grey value per pixel) that counts as noise at least. Scratch of 4 (width * height) floats. */

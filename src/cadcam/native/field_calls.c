@@ -3,22 +3,6 @@
 
 #include "internal.h"
 
-#if CC_HAS_V3
-#define IN_USE(function, parameters, arguments) \
-    {                                           \
-        void function##_baseline parameters;    \
-        void function##_v3 parameters;          \
-        if (variant_in_use() == 1) function##_v3 arguments; \
-        else function##_baseline arguments;     \
-    }
-#else
-#define IN_USE(function, parameters, arguments) \
-    {                                           \
-        void function##_baseline parameters;    \
-        function##_baseline arguments;          \
-    }
-#endif
-
 CC_API void cc_reduce(const float *in, int32_t width, int32_t height, int32_t k, float *out)
     IN_USE(field_reduce, (const float *, int32_t, int32_t, int32_t, float *), (in, width, height, k, out))
 
@@ -53,13 +37,7 @@ CC_API void cc_certainties(const cc_views *views, int32_t eye, const double *pos
     IN_USE(climb_certainties, (const cc_views *, int32_t, const double *, double, int64_t, float *),
            (views, eye, poses, blur, stride, out))
 
-CC_API void cc_sample(const float *in, int32_t width, int32_t height, const float *places, int64_t n, float *out) {
-    for (int64_t k = 0; k < n; k++) {
-        float x = places[2 * k], y = places[2 * k + 1];
-        x = x > 0 ? x < (float)(width - 1) ? x : (float)(width - 1) : 0; /* not a number: 0 */
-        y = y > 0 ? y < (float)(height - 1) ? y : (float)(height - 1) : 0;
-        const int32_t i = (int32_t)x, j = (int32_t)y, right = i + 1 < width, down = j + 1 < height;
-        const float *a = in + (size_t)j * (size_t)width + (size_t)i, *b = a + (down ? width : 0), s = x - (float)i;
-        out[k] = (1 - (y - (float)j)) * (a[0] + s * (a[right] - a[0])) + (y - (float)j) * (b[0] + s * (b[right] - b[0]));
-    }
-}
+CC_API void cc_straighten(const float *in, int32_t width, int32_t height, const float *nodes, int32_t step, int32_t wide,
+                          int32_t high, float *out, uint8_t *seen)
+    IN_USE(field_straighten, (const float *, int32_t, int32_t, const float *, int32_t, int32_t, int32_t, float *, uint8_t *),
+           (in, width, height, nodes, step, wide, high, out, seen))

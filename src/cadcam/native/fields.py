@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Picture
+from cadcam.arrays import Array, Ids, Mask, Picture
+from cadcam.errors import BadValue
 from cadcam.native.core import library
 
 SECTORS = 8
@@ -59,7 +60,7 @@ def _core() -> c.CDLL:
     at, i64, i32, views = c.c_void_p, c.c_int64, c.c_int32, c.POINTER(_Views)
     signatures: dict[str, list[object]] = {
         "cc_reduce": [at, i32, i32, i32, at],
-        "cc_sample": [at, i32, i32, at, i64, at],
+        "cc_straighten": [at, i32, i32, at, *[i32] * 3, at, at],
         "cc_directions": [at, i32, i32, c.c_float, *[at] * 4],
         "cc_halve": [at, i32, i32, *[at] * 3],
         "cc_slide": [views, i32, at, *[i32] * 6, *[at] * 3],
@@ -82,13 +83,20 @@ def reduce(gray: Picture, k: int) -> Picture:
     return out
 
 
-def sample(gray: Picture, places: Picture) -> Picture:
-    """Return the picture at places (..., 2), between pixels linearly, beyond the border as at the border."""
-    gray, places = np.ascontiguousarray(gray, np.float32), np.ascontiguousarray(places, np.float32)
-    out = np.zeros(places.shape[:-1], np.float32)
-    height, width = gray.shape
-    _core().cc_sample(gray.ctypes.data, width, height, places.ctypes.data, out.size, out.ctypes.data)
-    return out
+def straighten(gray: Picture, nodes: Picture, step: int, size: tuple[int, int]) -> tuple[Picture, Mask]:
+    """Return a picture of `size` whose pixels lie in another at places known on a grid, and which of them it shows.
+
+    nodes (rows, columns, 2): where every `step`-th pixel of every `step`-th row lies, from (0, 0) to beyond the last;
+    nan for nowhere. Between nodes and between pixels linearly; what is not shown is 0.
+    """
+    gray, nodes = np.ascontiguousarray(gray, np.float32), np.ascontiguousarray(nodes, np.float32)
+    (width, height), (rows, columns) = size, nodes.shape[:2]
+    if (columns, rows) != ((width - 1) // step + 2, (height - 1) // step + 2):
+        raise BadValue("nodes", f"{columns} x {rows}", f"one every {step} px of {width} x {height} px and beyond")
+    out, seen = np.zeros((height, width), np.float32), np.zeros((height, width), bool)
+    here = (gray.ctypes.data, gray.shape[1], gray.shape[0], nodes.ctypes.data)
+    _core().cc_straighten(*here, step, width, height, *_at(out, seen))
+    return out, seen
 
 
 def directions(gray: Picture, floor: float) -> Planes:

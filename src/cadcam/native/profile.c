@@ -5,84 +5,22 @@
 
 #include "internal.h"
 
-void cc_steps(const cc_picture *picture, int64_t n, const double *q, const double *normal, const double *below,
-              const double *above, const double *held, const double *twins, double half_length, double blur, double dark,
-              double bright, double *out) {
-    const double levels[3] = {dark, bright, blur};
-#if CC_HAS_V3
-    if (variant_in_use() == 1) {
-        steps_v3(picture, n, q, normal, below, above, held, twins, half_length, levels, out);
-        return;
-    }
-#endif
-    steps_baseline(picture, n, q, normal, below, above, held, twins, half_length, levels, out);
-}
+CC_API void cc_step_sums(const cc_picture *picture, int64_t n, const double *q, const double *normal, const double *below,
+                         const double *above, const double *twins, double half_length, double blur, double dark,
+                         double bright, double *sums)
+    IN_USE(step_sums,
+           (const cc_picture *, int64_t, const double *, const double *, const double *, const double *, const double *,
+            double, double, double, double, double *),
+           (picture, n, q, normal, below, above, twins, half_length, blur, dark, bright, sums))
 
-static int inside(const cc_picture *p, double x, double y) {
-    return x >= 0 && y >= 0 && x < p->width - 1 && y < p->height - 1;
-}
+CC_API void cc_steps(int64_t n, const double *sums, const double *held, double *out)
+    IN_USE(steps, (int64_t, const double *, const double *, double *), (n, sums, held, out))
 
-/* Between the four pixels around (x, y), which must lie inside. */
-static inline float bilinear(const cc_picture *p, float x, float y) {
-    int i = (int)x, j = (int)y;
-    float u = x - (float)i, v = y - (float)j;
-    const float *a = p->pixels + (int64_t)j * p->width + i, *b = a + p->width;
-    float top = a[0] + u * (a[1] - a[0]), bottom = b[0] + u * (b[1] - b[0]);
-    return top + v * (bottom - top);
-}
-
-enum { LONGEST = 128, SIDE = 3 }; /* px of a profile; of the smoothing kernel on each side */
-
-/* Brightness at -reach .. reach px along the normal, averaged along the line; NaN outside the picture. */
-static void profile(const cc_picture *p, const double *q, const double *n, double half_length, int32_t reach,
-                    float *out) {
-    int along = (int)ceil(2 * half_length);
-    along = along < 1 ? 1 : along;
-    double pace = 2 * half_length / along, first = 0.5 * pace - half_length;
-    double ax = q[0] - first * n[1], ay = q[1] + first * n[0], bx = q[0] + first * n[1], by = q[1] - first * n[0];
-    for (int32_t k = -reach; k <= reach; k++) {
-        double dx = k * n[0], dy = k * n[1];
-        float sum = 0, x = (float)(ax + dx), y = (float)(ay + dy);
-        float step_x = (float)(-pace * n[1]), step_y = (float)(pace * n[0]);
-        int whole = inside(p, ax + dx, ay + dy) && inside(p, bx + dx, by + dy);
-        for (int j = 0; whole && j < along; j++) sum += bilinear(p, x, y), x += step_x, y += step_y;
-        out[k + reach] = whole ? sum / (float)along : NAN;
-    }
-}
-
-/* Put an extremum in its place among the strongest. */
-static void insert(double at, double slope, int32_t most, double *offset, double *slopes) {
-    for (int32_t i = 0; i < most; i++)
-        if (isnan(slopes[i]) || fabs(slopes[i]) < fabs(slope)) {
-            double o = offset[i], s = slopes[i];
-            offset[i] = at, slopes[i] = slope, at = o, slope = s;
-            if (isnan(slope)) return;
-        }
-}
-
-void cc_candidates(const cc_picture *picture, int64_t n, const double *q, const double *normal, double half_length,
-                   int32_t reach, double least, int32_t most, double *offset, double *slope) {
-    float values[LONGEST];
-    double kernel[SIDE + 1], r[LONGEST];
-    for (int k = 0; k <= SIDE; k++) kernel[k] = k * 0.39894228040143267794 * exp(-0.5 * k * k);
-    int32_t within = reach > LONGEST / 2 - SIDE - 2 ? LONGEST / 2 - SIDE - 2 : reach;
-    for (int64_t i = 0; i < n; i++) {
-        double *o = offset + i * most, *s = slope + i * most;
-        for (int32_t k = 0; k < most; k++) o[k] = s[k] = NAN;
-        const int count = 2 * (within + SIDE + 1) + 1;
-        profile(picture, q + 2 * i, normal + 2 * i, half_length, within + SIDE + 1, values);
-        for (int k = SIDE; k < count - SIDE; k++) {
-            r[k] = 0;
-            for (int j = 1; j <= SIDE; j++) r[k] += kernel[j] * (values[k + j] - values[k - j]);
-        }
-        for (int k = SIDE + 1; k < count - SIDE - 1; k++) {
-            double here = fabs(r[k]), sign = r[k] < 0 ? -1 : 1, before = sign * r[k - 1], after = sign * r[k + 1];
-            if (!(here >= least && here > before && here >= after)) continue;
-            double bend = before + after - 2 * here, shift = bend < 0 ? 0.5 * (before - after) / bend : 0;
-            insert(k - (within + SIDE + 1) + shift, r[k], most, o, s);
-        }
-    }
-}
+CC_API void cc_candidates(const cc_picture *picture, int64_t n, const double *q, const double *normal, double half_length,
+                          int32_t reach, double least, int32_t most, double *offset, double *slope)
+    IN_USE(slope_extrema,
+           (const cc_picture *, int64_t, const double *, const double *, double, int32_t, double, int32_t, double *, double *),
+           (picture, n, q, normal, half_length, reach, least, most, offset, slope))
 
 /* What of a segment lies in the slab |t| <= half around a sample, in its axes: d along the normal, t along the line. */
 typedef struct {
@@ -166,31 +104,67 @@ void cc_clearance(int64_t n, const double *q, const double *normal, const int32_
     }
 }
 
+/* The unit normal of a line in the picture and how it moves along that with its part; D = dq/dp in the part's frame. */
+static void edge_row(const double D[2][3], const double *p, const double *t, double *normal, double *row) {
+    const double x = D[0][0] * t[0] + D[0][1] * t[1] + D[0][2] * t[2], y = D[1][0] * t[0] + D[1][1] * t[1] + D[1][2] * t[2];
+    double length = hypot(x, y), v[3];
+    length = length > 1e-300 ? length : 1e-300;
+    normal[0] = -y / length, normal[1] = x / length;
+    for (int k = 0; k < 3; k++) v[k] = normal[0] * D[0][k] + normal[1] * D[1][k];
+    row[0] = v[0], row[1] = v[1], row[2] = v[2];
+    row[3] = p[1] * v[2] - p[2] * v[1], row[4] = p[2] * v[0] - p[0] * v[2], row[5] = p[0] * v[1] - p[1] * v[0];
+}
+
+/* dq/dp in the part's frame: that in the camera's, times the rotation. */
+static void turned(const double *J, const double *R, double D[2][3]) {
+    for (int r = 0; r < 2; r++)
+        for (int k = 0; k < 3; k++) D[r][k] = J[3 * r] * R[k] + J[3 * r + 1] * R[3 + k] + J[3 * r + 2] * R[6 + k];
+}
+
 void cc_edge_rows(int64_t n, const double *jacobian, const double *rotation, const double *p, const double *tangent,
                   double *normal, double *row) {
-    const double *R = rotation;
     for (int64_t i = 0; i < n; i++) {
-        const double *J = jacobian + 6 * i, *t = tangent + 3 * i, *at = p + 3 * i;
-        double D[2][3], along[2];
-        for (int r = 0; r < 2; r++) {
-            for (int k = 0; k < 3; k++) D[r][k] = J[3 * r] * R[k] + J[3 * r + 1] * R[3 + k] + J[3 * r + 2] * R[6 + k];
-            along[r] = D[r][0] * t[0] + D[r][1] * t[1] + D[r][2] * t[2];
-        }
-        double length = hypot(along[0], along[1]);
-        length = length > 1e-300 ? length : 1e-300;
-        double nx = -along[1] / length, ny = along[0] / length, v[3];
-        for (int k = 0; k < 3; k++) v[k] = nx * D[0][k] + ny * D[1][k];
-        normal[2 * i] = nx, normal[2 * i + 1] = ny;
-        double *o = row + 6 * i;
-        o[0] = v[0], o[1] = v[1], o[2] = v[2];
-        o[3] = at[1] * v[2] - at[2] * v[1], o[4] = at[2] * v[0] - at[0] * v[2], o[5] = at[0] * v[1] - at[1] * v[0];
+        double D[2][3];
+        turned(jacobian + 6 * i, rotation, D);
+        edge_row(D, p + 3 * i, tangent + 3 * i, normal + 2 * i, row + 6 * i);
     }
 }
 
-enum { MOTIONS = 6 };
+void cc_pinhole_rows(int64_t n, const double *K, const double *rotation, const double *translation, const double *p,
+                     const double *tangent, double *q, double *normal, double *row) {
+    const double *R = rotation, *T = translation, fx = K[0], skew = K[1], cx = K[2], fy = K[4], cy = K[5];
+    for (int64_t i = 0; i < n; i++) {
+        const double *at = p + 3 * i;
+        const double z = R[6] * at[0] + R[7] * at[1] + R[8] * at[2] + T[2], k = z > 0 ? 1 / z : NAN;
+        const double u = k * (R[0] * at[0] + R[1] * at[1] + R[2] * at[2] + T[0]);
+        const double v = k * (R[3] * at[0] + R[4] * at[1] + R[5] * at[2] + T[1]);
+        const double J[6] = {fx * k, skew * k, -(fx * u + skew * v) * k, 0, fy * k, -fy * v * k};
+        double D[2][3];
+        q[2 * i] = fx * u + skew * v + cx, q[2 * i + 1] = fy * v + cy;
+        turned(J, R, D);
+        edge_row(D, at, tangent + 3 * i, normal + 2 * i, row + 6 * i);
+    }
+}
+
+void cc_along_runs(int64_t n, int32_t wide, const double *values, const int32_t *run, int64_t neighbours, double *out) {
+    for (int32_t c = 0; c < wide; c++) {
+        int64_t from = 0, to = 0, count = 0; /* what is summed up: all of one run */
+        double sum = 0;
+        for (int64_t i = 0; i < n; i++) {
+            if (i && run[i] != run[i - 1]) from = to = i, count = 0, sum = 0;
+            for (; to < n && to <= i + neighbours && run[to] == run[i]; to++)
+                if (isfinite(values[to * wide + c])) sum += values[to * wide + c], count++;
+            for (; from < i - neighbours; from++)
+                if (isfinite(values[from * wide + c])) sum -= values[from * wide + c], count--;
+            out[i * wide + c] = count ? sum / (double)count : 0;
+        }
+    }
+}
+
+enum { UNKNOWNS = 9 };
 
 /* x += A^-1 b for a symmetric positive A, which it spoils (lower half given). */
-static void step_by(double A[MOTIONS][MOTIONS], double *b, int k, double *x) {
+static void step_by(double A[UNKNOWNS][UNKNOWNS], double *b, int k, double *x) {
     for (int i = 0; i < k; i++)
         for (int j = 0; j <= i; j++) {
             for (int m = 0; m < j; m++) A[i][j] -= A[i][m] * A[j][m];
@@ -207,10 +181,10 @@ static void step_by(double A[MOTIONS][MOTIONS], double *b, int k, double *x) {
 }
 
 void cc_pull(int64_t n, int32_t most, int32_t k, const double *rows, const double *offset, const double *strength,
-             double soft, double nothing, double held, int32_t pulls, double *x) {
+             const double *stiff, const double *before, double soft, double nothing, double held, int32_t pulls, double *x) {
     const double sharp = -0.5 / (soft * soft);
     for (int32_t pull = 0; pull < pulls; pull++) {
-        double A[MOTIONS][MOTIONS] = {{0}}, b[MOTIONS] = {0};
+        double A[UNKNOWNS][UNKNOWNS] = {{0}}, b[UNKNOWNS] = {0};
         for (int64_t i = 0; i < n; i++) {
             const double *J = rows + k * i;
             double moved = 0, all = 0, far = 0;
@@ -227,6 +201,11 @@ void cc_pull(int64_t n, int32_t most, int32_t k, const double *rows, const doubl
                 for (int c = 0; c <= a; c++) A[a][c] += weight * J[a] * J[c];
             }
         }
+        for (int a = 0; stiff && a < k; a++)
+            for (int c = 0; c < k; c++) {
+                b[a] -= stiff[a * k + c] * (before[c] + x[c]);
+                if (c <= a) A[a][c] += stiff[a * k + c];
+            }
         for (int a = 0; a < k; a++) A[a][a] += held * A[a][a] + 1e-300;
         step_by(A, b, k, x);
     }

@@ -18,20 +18,21 @@ typedef struct {
 /* Steps that the pixels themselves show in cells around the samples: |along the line| <= half_length, and from -below[i]
  * to above[i] along the normal. Least squares of
  *     I(d) = a + b (d - r(d)) + e r(d) + c Phi(d/blur) + g phi(d/blur)/blur,    r(d) = d Phi(d/blur) + blur phi(d/blur)
- * at the pixels' distances d from the line: a blurred step on ground of another slope on either side. The slopes are held
- * to 0 with the weights held[2 i], held[2 i + 1], the variance of a pixel over that of the slope. twins: two a sample, one
- * below and one above, (d, slope): a line of the model that steps at d + slope t, t along the line; infinite where there
- * is none. Writes CC_STEP_TERMS doubles a sample: c, g, b, e, sd of the noise, cofactors Qcc Qgg, number of pixels, share
- * of clipped ones (outside dark..bright); all NaN where the cell leaves the picture or its equations are singular. The
- * step lies at -g/c to first order. */
+ * at the pixels' distances d from the line: a blurred step on ground of another slope on either side. twins: two a sample,
+ * one below and one above, (d, slope): a line of the model that steps at d + slope t, t along the line; infinite where
+ * there is none. Pixels outside dark..bright count as clipped.
+ *
+ * cc_step_sums writes what the pixels of each cell add up to, CC_STEP_SUMS doubles; cc_steps solves for the steps. There
+ * the slopes are held to 0 with the weights held[2 i], held[2 i + 1], the variance of a pixel over that of the slope. It
+ * writes CC_STEP_TERMS doubles a sample: c, g, b, e, sd of the noise, cofactors Qcc Qgg, number of pixels, share of
+ * clipped ones; all NaN where the cell leaves the picture or its equations are singular. The step lies at -g/c to first
+ * order. */
+#define CC_STEP_SUMS 39
 #define CC_STEP_TERMS 9
-CC_API void cc_steps(const cc_picture *picture, int64_t n, const double *q, const double *normal, const double *below,
-                     const double *above, const double *held, const double *twins, double half_length,
-                     double blur, double dark, double bright, double *out);
-void steps_baseline(const cc_picture *, int64_t, const double *, const double *, const double *, const double *,
-                    const double *, const double *, double, const double *levels, double *);
-void steps_v3(const cc_picture *, int64_t, const double *, const double *, const double *, const double *,
-              const double *, const double *, double, const double *levels, double *);
+CC_API void cc_step_sums(const cc_picture *picture, int64_t n, const double *q, const double *normal, const double *below,
+                         const double *above, const double *twins, double half_length, double blur, double dark,
+                         double bright, double *sums);
+CC_API void cc_steps(int64_t n, const double *sums, const double *held, double *out);
 
 /* Extrema of the slope along each profile, smoothed by a Gaussian of 1 px: `most` of them a sample, the strongest
  * first, no weaker than `least`; offset (px along the normal) and slope (brightness a px, with its sign), NaN where
@@ -54,10 +55,21 @@ CC_API void cc_clearance(int64_t n, const double *q, const double *normal, const
 CC_API void cc_edge_rows(int64_t n, const double *jacobian, const double *rotation, const double *p,
                          const double *tangent, double *normal, double *row);
 
-/* Gauss-Newton steps x (k), k <= 6, of lines pulled onto steps near them: offset, strength (n, most), rows (n, k). A step
+/* The same of a pinhole, K (3, 3), with the part standing at rotation (3, 3), translation (3) in its frame, and where the
+ * samples are: q (n, 2); all NaN where they are not in front. */
+CC_API void cc_pinhole_rows(int64_t n, const double *K, const double *rotation, const double *translation, const double *p,
+                            const double *tangent, double *q, double *normal, double *row);
+
+/* Means (n, wide) of values (n, wide) over the samples up to `neighbours` before and after that are on the same run, a
+ * number of consecutive ones; of the finite ones, 0 where none is. */
+CC_API void cc_along_runs(int64_t n, int32_t wide, const double *values, const int32_t *run, int64_t neighbours, double *out);
+
+/* Gauss-Newton steps x (k), k <= 9, of lines pulled onto steps near them: offset, strength (n, most), rows (n, k). A step
  * r away pulls with near = strength exp(-r^2 / (2 soft^2)), all of a sample together with near / (sum near + nothing);
- * held: what is added to the diagonal, of it. Strengths of 0 are no steps. */
+ * held: what is added to the diagonal, of it. Strengths of 0 or NaN are no steps.
+ * stiff (k, k) holds before (k) + x near nil, in units of a sample's pull; null: nothing does. */
 CC_API void cc_pull(int64_t n, int32_t most, int32_t k, const double *rows, const double *offset, const double *strength,
-                    double soft, double nothing, double held, int32_t pulls, double *x);
+                    const double *stiff, const double *before, double soft, double nothing, double held, int32_t pulls,
+                    double *x);
 
 #endif

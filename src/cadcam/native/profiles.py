@@ -9,9 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Picture
+from cadcam.errors import BadValue
 from cadcam.native.core import library
 
-STEP_TERMS = 9
+STEP_SUMS, STEP_TERMS = 39, 9  # CC_STEP_SUMS, CC_STEP_TERMS
+PULLED = 9  # motions of cc_pull
 
 
 class _Picture(c.Structure):
@@ -22,23 +24,26 @@ class _Picture(c.Structure):
 def _core() -> c.CDLL:
     core = library()
     pointer, i64, i32, real, picture = c.c_void_p, c.c_int64, c.c_int32, c.c_double, c.POINTER(_Picture)
-    core.cc_steps.argtypes = [picture, i64, *[pointer] * 6, *[real] * 4, pointer]
+    core.cc_step_sums.argtypes = [picture, i64, *[pointer] * 5, *[real] * 4, pointer]
+    core.cc_steps.argtypes = [i64, *[pointer] * 3]
     core.cc_candidates.argtypes = [picture, i64, pointer, pointer, real, i32, real, i32, pointer, pointer]
     core.cc_clearance.argtypes = [i64, *[pointer] * 4, i64, *[pointer] * 3, *[real] * 3, *[pointer] * 4]
     core.cc_edge_rows.argtypes = [i64, *[pointer] * 6]
-    core.cc_pull.argtypes = [i64, i32, i32, *[pointer] * 3, *[real] * 3, i32, pointer]
-    for name in ("cc_steps", "cc_candidates", "cc_clearance", "cc_edge_rows", "cc_pull"):
+    core.cc_pinhole_rows.argtypes = [i64, *[pointer] * 8]
+    core.cc_along_runs.argtypes = [i64, i32, pointer, pointer, i64, pointer]
+    core.cc_pull.argtypes = [i64, i32, i32, *[pointer] * 5, *[real] * 3, i32, pointer]
+    names = ("step_sums", "steps", "candidates", "clearance", "edge_rows", "pinhole_rows", "along_runs", "pull")
+    for name in (f"cc_{name}" for name in names):
         getattr(core, name).restype = None
     return core
 
 
-def steps(
+def step_sums(
     gray: Picture,
     q: Array,
     normal: Array,
     below: Array,
     above: Array,
-    held: Array,
     twins: Array,
     *,
     half_length: float,
@@ -46,11 +51,19 @@ def steps(
     dark: float,
     bright: float,
 ) -> Array:
-    """Return (n, 9) of each cell: c, g, slopes below and above, noise, Qcc, Qgg, pixels, share clipped (profile.h)."""
-    gray, arrays = np.ascontiguousarray(gray, np.float32), _doubles(q, normal, below, above, held, twins)
-    out = np.zeros((len(arrays[0]), STEP_TERMS))
+    """Return what the pixels of each cell add up to (n, STEP_SUMS): what `steps` takes (profile.h)."""
+    gray, arrays = np.ascontiguousarray(gray, np.float32), _doubles(q, normal, below, above, twins)
+    out = np.zeros((len(arrays[0]), STEP_SUMS))
     places = _at(*arrays)
-    _core().cc_steps(_picture(gray), len(out), *places, half_length, blur, dark, bright, out.ctypes.data)
+    _core().cc_step_sums(_picture(gray), len(out), *places, half_length, blur, dark, bright, out.ctypes.data)
+    return out
+
+
+def steps(sums: Array, held: Array) -> Array:
+    """Return (n, 9) of each cell: c, g, slopes below and above, noise, Qcc, Qgg, pixels, share clipped (profile.h)."""
+    sums, held = arrays = _doubles(sums, held)
+    out = np.zeros((len(sums), STEP_TERMS))
+    _core().cc_steps(len(out), *_at(*arrays, out))
     return out
 
 
@@ -103,13 +116,48 @@ def edge_rows(jacobian: Array, rotation: Array, p: Array, tangent: Array) -> tup
     return normal, row
 
 
+def pinhole_rows(K: Array, rotation: Array, translation: Array, p: Array, tangent: Array) -> tuple[Array, Array, Array]:
+    """Return pixels (n, 2), unit normals (n, 2) and rows (n, 6), as `edge_rows`, of a pinhole; nan behind it."""
+    arrays = _doubles(K, rotation, translation, p, tangent)
+    q, normal, row = np.zeros((len(p), 2)), np.zeros((len(p), 2)), np.zeros((len(p), 6))
+    _core().cc_pinhole_rows(len(p), *_at(*arrays, q, normal, row))
+    return q, normal, row
+
+
+def along_runs(values: Array, run: Ids, neighbours: int) -> Array:
+    """Return the means (n, ...) of values and of up to so many neighbours on each side that are on the same run (n,).
+
+    What is not finite does not count; 0 where nothing does.
+    """
+    (values,), run = _doubles(values), np.ascontiguousarray(run, np.int32)
+    out = np.zeros(values.shape)
+    wide = out.size // max(len(out), 1)
+    _core().cc_along_runs(len(out), wide, *_at(values, run), neighbours, out.ctypes.data)
+    return out
+
+
 def pulled(
-    rows: Array, offset: Array, strength: Array, *, soft: float, nothing: float, held: float, pulls: int
+    rows: Array,
+    offset: Array,
+    strength: Array,
+    *,
+    soft: float,
+    nothing: float,
+    held: float,
+    pulls: int,
+    stiff: tuple[Array, Array] | None = None,
 ) -> Array:
-    """Return the step (k,) by which lines with rows (n, k) are pulled onto steps `offset` (n, m) px off (profile.h)."""
+    """Return the step (k,) by which lines with rows (n, k) are pulled onto steps `offset` (n, m) px off (profile.h).
+
+    stiff: weights (k, k) that hold before (k,) + step near nil, and `before`.
+    """
     rows, offset, strength = arrays = _doubles(rows, offset, strength)
+    if not rows.shape[1] <= PULLED:
+        raise BadValue("motions of lines that are pulled", rows.shape[1], f"at most {PULLED}")
+    prior = _doubles(*(stiff or ()))
     x = np.zeros(rows.shape[1])
-    _core().cc_pull(*offset.shape, len(x), *_at(*arrays), soft, nothing, held, pulls, x.ctypes.data)
+    weights = _at(*prior) if prior else [None, None]
+    _core().cc_pull(*offset.shape, len(x), *_at(*arrays), *weights, soft, nothing, held, pulls, x.ctypes.data)
     return x
 
 

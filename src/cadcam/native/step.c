@@ -1,17 +1,18 @@
-/* Steps fitted to the pixels of cells along lines: cc_steps of profile.h, compiled once for each instruction set. */
-#include <string.h>
-
+/* Steps fitted to the pixels of cells along lines: cc_step_sums and cc_steps of profile.h, compiled once for each
+ * instruction set. */
 #include "hot.h"
 #include "profile.h"
 #include "vectors.h"
 
 enum { OWN = 5, TERMS = OWN + 2, CHUNK = 256, SUMS = TERMS * (TERMS + 1) / 2 + TERMS + 1 };
+enum { COUNTED = SUMS, CLIPPED, OF_TERMS }; /* what follows the sums in the caller's memory: CC_STEP_SUMS in all */
 #define TWIN 1e-4 /* variance of a pixel over that of a twin's contrast: it hardly matters, but for twins out of sight */
 #define HELD 1e12  /* as good as infinite */
 #define SPREAD 3.0 /* blurs beyond which a step is level */
 #define MAGIC 6755399441055744.0 /* 1.5 * 2^52: what is added to it is rounded to a whole number in its low bits */
 
-/* Pixels of a cell: distance from the line, place along it, brightness less that of the first. */
+/* Pixels of a cell: distance from the line, place along it, brightness less that of the first. Rows are written as
+ * vectors: there is room for the rest of one. */
 typedef struct {
     double d[CHUNK + 4], t[CHUNK + 4], value[CHUNK + 4];
     int n;
@@ -24,9 +25,10 @@ typedef struct {
 
 typedef struct {
     d4 sum[SUMS];
-    double first;
+    double first, dark, bright;
     twin twins[2];
-    int count, clipped, terms;
+    l4 clipped;
+    int count, terms;
 } equations;
 
 /* exp(-y), y from 0 on; off by less than 1e-8 of it: 2^k times a polynomial on half a power to both sides. */
@@ -57,6 +59,7 @@ INLINE void bell_and_step(d4 x, d4 *bell, d4 *step) {
 INLINE void add_terms(equations *e, pixels *p, double blur, const twin *twins, const int terms) {
     const double sharp = 1 / blur;
     const int sums = terms * (terms + 1) / 2 + terms + 1;
+    const double dark = e->dark - e->first, bright = e->bright - e->first;
     d4 sum[SUMS];
     memcpy(sum, e->sum, sizeof sum);
     for (int k = 0; k < 4; k++) p->d[p->n + k] = p->t[p->n + k] = p->value[p->n + k] = 0;
@@ -76,9 +79,10 @@ INLINE void add_terms(equations *e, pixels *p, double blur, const twin *twins, c
             for (int j = 0; j <= i; j++) sum[s] += f[i] * f[j], s++;
         for (int i = 0; i < terms; i++) sum[s] += f[i] * value, s++;
         sum[s] += value * value;
+        e->clipped -= ((value <= dark) | (value >= bright)) & there;
     }
     memcpy(e->sum, sum, sizeof(d4) * (size_t)sums);
-    p->n = 0;
+    e->count += p->n, p->n = 0;
 }
 
 static void add(equations *e, pixels *p, double blur) {
@@ -87,18 +91,26 @@ static void add(equations *e, pixels *p, double blur) {
     else add_terms(e, p, blur, e->twins, OWN + 2);
 }
 
+/* Four numbers of a picture that ends at `end`. */
+INLINE d4 four(const float *at, const float *end) {
+    if (end - at >= 4) return (d4){at[0], at[1], at[2], at[3]};
+    d4 v = {at[0], 0, 0, 0};
+    for (int k = 1; at + k < end; k++) v[k] = at[k];
+    return v;
+}
+
 /* Add a row's pixels, `count` of them, the first at distance d, each `across` farther. */
-static void add_row(equations *e, pixels *some, const float *row, int count, double d, double across, double t,
-                    double along, const double *levels) {
+static void add_row(equations *e, pixels *some, const float *row, const float *end, int count, double d, double across,
+                    double t, double along, double blur) {
     while (count > 0) {
-        if (some->n == CHUNK) add(e, some, levels[2]);
-        int n = imin(count, CHUNK - some->n), clipped = 0;
-        double *to_d = some->d + some->n, *to_value = some->value + some->n, *to_t = some->t + some->n;
-        for (int k = 0; k < n; k++) to_d[k] = d + k * across, to_value[k] = row[k] - e->first;
-        for (int k = 0; k < n; k++) to_t[k] = t + k * along;
-        for (int k = 0; k < n; k++) clipped += (row[k] <= (float)levels[0]) | (row[k] >= (float)levels[1]);
-        some->n += n, e->count += n, e->clipped += clipped;
-        row += n, count -= n, d += n * across, t += n * along;
+        if (some->n == CHUNK) add(e, some, blur);
+        const int n = imin(count, CHUNK - some->n);
+        for (int k = 0; k < n; k += 4) {
+            const d4 further = k + *(const d4 *)COUNT;
+            *(d4 *)(some->d + some->n + k) = d + further * across, *(d4 *)(some->t + some->n + k) = t + further * along;
+            *(d4 *)(some->value + some->n + k) = four(row + k, end) - e->first;
+        }
+        some->n += n, row += n, count -= n, d += n * across, t += n * along;
     }
 }
 
@@ -120,7 +132,7 @@ static void span(const double *q, const double *n, double dy, double below, doub
 
 /* Add the pixels of the cell; 0 where it leaves the picture. */
 static int gather(const cc_picture *p, const double *q, const double *n, double below, double above, double half,
-                  const double *levels, equations *e) {
+                  double blur, equations *e) {
     pixels some;
     some.n = 0;
     double tx = -n[1], ty = n[0], middle = 0.5 * (above - below), reach = 0.5 * (above + below);
@@ -134,60 +146,59 @@ static int gather(const cc_picture *p, const double *q, const double *n, double 
         if (!(lo <= hi)) continue;
         const int x0 = (int)ceil(lo), count = (int)floor(hi) - x0 + 1;
         const double dx = x0 - q[0];
-        add_row(e, &some, p->pixels + (int64_t)y * p->width + x0, count, dx * n[0] + dy * n[1], n[0], dx * tx + dy * ty, tx,
-                levels);
+        add_row(e, &some, p->pixels + (int64_t)y * p->width + x0, p->pixels + (int64_t)p->height * p->width, count,
+                dx * n[0] + dy * n[1], n[0], dx * tx + dy * ty, tx, blur);
     }
-    add(e, &some, levels[2]);
+    add(e, &some, blur);
     return 1;
 }
 
-/* In-place inverse of the first n rows of a symmetric positive matrix (lower half given); 0 where it is none. */
-static int inverse(double A[TERMS][TERMS], int n) {
-    double L[TERMS][TERMS], R[TERMS][TERMS] = {{0}};
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j <= i; j++) {
-            double s = A[i][j];
-            for (int k = 0; k < j; k++) s -= L[i][k] * L[j][k];
-            if (i == j) {
-                if (!(s > 1e-9 * A[i][i])) return 0;
-                L[i][i] = sqrt(s);
-            } else L[i][j] = s / L[j][j];
+/* x of A x = y for the first n rows of a symmetric positive A (lower half given, spoilt: its factor), y' A^-1 y, and
+ * numbers 1 and 2 of the inverse's diagonal; 0 where A is not positive. */
+INLINE int solved(double A[TERMS][TERMS], const double *y, const int n, double *x, double *explained, double *Q) {
+    double over[TERMS], z[TERMS];
+    *explained = 0;
+    for (int i = 0; i < n; i++) {
+        double right = y[i];
+        for (int j = 0; j < i; j++) {
+            for (int k = 0; k < j; k++) A[i][j] -= A[i][k] * A[j][k];
+            A[i][j] *= over[j], right -= A[i][j] * z[j];
         }
-    for (int j = 0; j < n; j++)
-        for (int i = j; i < n; i++) {
-            double s = i == j ? 1.0 : 0.0;
-            for (int k = j; k < i; k++) s -= L[i][k] * R[k][j];
-            R[i][j] = s / L[i][i];
+        double s = A[i][i];
+        for (int k = 0; k < i; k++) s -= A[i][k] * A[i][k];
+        if (!(s > 1e-9 * A[i][i])) return 0;
+        over[i] = 1 / sqrt(s), z[i] = right * over[i], *explained += z[i] * z[i];
+    }
+    for (int i = n - 1; i >= 0; i--) {
+        double s = z[i];
+        for (int k = i + 1; k < n; k++) s -= A[k][i] * x[k];
+        x[i] = s * over[i];
+    }
+    for (int of = 1; of <= 2; of++) {
+        double column[TERMS], sum = 0;
+        for (int i = of; i < n; i++) {
+            double s = i == of;
+            for (int k = of; k < i; k++) s -= A[i][k] * column[k];
+            column[i] = s * over[i], sum += column[i] * column[i];
         }
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j < n; j++) {
-            A[i][j] = 0;
-            for (int k = i > j ? i : j; k < n; k++) A[i][j] += R[k][i] * R[k][j];
-        }
+        Q[of - 1] = sum;
+    }
     return 1;
 }
 
-static void solve(const equations *e, const double *held, double *out) {
-    double sum[SUMS], A[TERMS][TERMS] = {{0}}, x[TERMS];
-    const int terms = e->terms, sums = terms * (terms + 1) / 2 + terms + 1;
-    for (int s = 0; s < sums; s++) sum[s] = (e->sum[s][0] + e->sum[s][1]) + (e->sum[s][2] + e->sum[s][3]);
-    const double *y = sum + sums - terms - 1;
-    double rss = sum[sums - 1];
+INLINE void solve(const double *sum, const int terms, const double *held, double *out) {
+    double A[TERMS][TERMS], x[TERMS], explained, Q[2];
+    const double *y = sum + terms * (terms + 1) / 2, count = sum[COUNTED];
     for (int i = 0, s = 0; i < terms; i++)
         for (int j = 0; j <= i; j++, s++) A[i][j] = sum[s];
     for (int i = 0; i < 2; i++) A[3 + i][3 + i] += lower(held[i], HELD);
     for (int i = OWN; i < terms; i++) A[i][i] += TWIN;
-    const int n = terms;
-    if (e->count < terms + 3 || !inverse(A, n)) return;
-    for (int i = 0; i < n; i++) {
-        x[i] = 0;
-        for (int j = 0; j < n; j++) x[i] += A[i][j] * y[j];
-    }
-    for (int i = 0; i < n; i++) rss -= x[i] * y[i];
+    if (count < terms + 3 || !solved(A, y, terms, x, &explained, Q)) return;
+    const double rss = upper(y[terms] - explained, 0);
     /* a term held by a prior takes no degree of freedom away: its spread is part of the model */
-    int freedom = e->count - terms + (held[0] > 0) + (held[1] > 0);
-    out[0] = x[1], out[1] = x[2], out[2] = x[3], out[3] = x[4], out[4] = sqrt((rss > 0 ? rss : 0) / freedom);
-    out[5] = A[1][1], out[6] = A[2][2], out[7] = e->count, out[8] = (double)e->clipped / e->count;
+    const double freedom = count - terms + (held[0] > 0) + (held[1] > 0);
+    out[0] = x[1], out[1] = x[2], out[2] = x[3], out[3] = x[4], out[4] = sqrt(rss / freedom);
+    out[5] = Q[0], out[6] = Q[1], out[7] = count, out[8] = sum[CLIPPED] / count;
 }
 
 /* Take up the twins whose steps reach into the cell. */
@@ -199,15 +210,31 @@ static void set_twins(equations *e, const double *twins, double below, double ab
     }
 }
 
-void VARIANT(steps)(const cc_picture *picture, int64_t n, const double *q, const double *normal, const double *below,
-                    const double *above, const double *held, const double *twins, double half_length,
-                    const double *levels, double *out) {
+void VARIANT(step_sums)(const cc_picture *picture, int64_t n, const double *q, const double *normal, const double *below,
+                        const double *above, const double *twins, double half_length, double blur, double dark,
+                        double bright, double *sums) {
     for (int64_t i = 0; i < n; i++) {
         equations e;
         memset(&e, 0, sizeof e);
+        e.dark = (float)dark, e.bright = (float)bright;
+        double *o = sums + CC_STEP_SUMS * i;
+        memset(o, 0, CC_STEP_SUMS * sizeof *o);
+        set_twins(&e, twins + 4 * i, below[i], above[i], half_length, blur);
+        if (!gather(picture, q + 2 * i, normal + 2 * i, below[i], above[i], half_length, blur, &e)) continue;
+        const int used = e.terms * (e.terms + 1) / 2 + e.terms + 1;
+        for (int s = 0; s < used; s++) o[s] = (e.sum[s][0] + e.sum[s][1]) + (e.sum[s][2] + e.sum[s][3]);
+        o[COUNTED] = e.count, o[OF_TERMS] = e.terms;
+        o[CLIPPED] = (double)((e.clipped[0] + e.clipped[1]) + (e.clipped[2] + e.clipped[3]));
+    }
+}
+
+void VARIANT(steps)(int64_t n, const double *sums, const double *held, double *out) {
+    for (int64_t i = 0; i < n; i++) {
+        const double *s = sums + CC_STEP_SUMS * i;
         double *o = out + CC_STEP_TERMS * i;
         for (int k = 0; k < CC_STEP_TERMS; k++) o[k] = NAN;
-        set_twins(&e, twins + 4 * i, below[i], above[i], half_length, levels[2]);
-        if (gather(picture, q + 2 * i, normal + 2 * i, below[i], above[i], half_length, levels, &e)) solve(&e, held + 2 * i, o);
+        if (s[OF_TERMS] == OWN) solve(s, OWN, held + 2 * i, o);
+        else if (s[OF_TERMS] == OWN + 1) solve(s, OWN + 1, held + 2 * i, o);
+        else if (s[OF_TERMS] == OWN + 2) solve(s, OWN + 2, held + 2 * i, o);
     }
 }

@@ -64,6 +64,15 @@ INLINE void three_bytes(i8 v, uint8_t out[24]) {
     _mm_storel_epi64((__m128i *)(void *)(out + 12), high);
     __builtin_memcpy(out + 20, &last, sizeof last);
 }
+
+/* Numbers p[at], and their neighbours p[at + 1]. */
+INLINE void pairs(const float *p, i8 at, f8 *one, f8 *next) {
+    const __m256i i = (__m256i)at;
+    const __m256 a = (__m256)_mm256_i32gather_pd((const double *)(const void *)p, _mm256_castsi256_si128(i), 4);
+    const __m256 b = (__m256)_mm256_i32gather_pd((const double *)(const void *)p, _mm256_extracti128_si256(i, 1), 4);
+    *one = (f8)_mm256_permute4x64_pd((__m256d)_mm256_shuffle_ps(a, b, 0x88), 0xD8); /* 0 1 4 5 2 3 6 7 in order */
+    *next = (f8)_mm256_permute4x64_pd((__m256d)_mm256_shuffle_ps(a, b, 0xDD), 0xD8);
+}
 #else
 INLINE f8 choose(i8 mask, f8 yes, f8 no) { return (f8)(((i8)yes & mask) | ((i8)no & ~mask)); }
 INLINE f8 least_of(f8 a, f8 b) { return choose(a < b, a, b); }
@@ -81,6 +90,9 @@ INLINE f8 floats(d4 a, d4 b) {
     f8 v;
     for (int i = 0; i < 4; i++) v[i] = (float)a[i], v[i + 4] = (float)b[i];
     return v;
+}
+INLINE void pairs(const float *p, i8 at, f8 *one, f8 *next) {
+    for (int i = 0; i < 8; i++) (*one)[i] = p[at[i]], (*next)[i] = p[at[i] + 1];
 }
 INLINE void transposed(const float *const r[8], f8 out[4]) {
     for (int i = 0; i < 8; i++)

@@ -6,6 +6,7 @@ The lens bends lines only from u to pixels; all that is decided here is decided 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -55,7 +56,9 @@ class Frustum:
         return [z - self.near, *sides]
 
 
+@lru_cache(maxsize=8)
 def _border_directions(camera: Camera, margin: float) -> Array:
+    """Return the directions (N, 3) of points around the picture, kept for cameras that are asked again."""
     x0, x1 = -0.5 - margin, camera.width - 0.5 + margin
     y0, y1 = -0.5 - margin, camera.height - 0.5 + margin
     x = np.linspace(x0, x1, int((x1 - x0) / _BORDER_STEP) + 2)

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.topology import EdgeTable
+from cadcam.geometry.rotation import hat
 from cadcam.render.cores import blocks, on_all_cores
 from cadcam.render.embree import Caster
 
@@ -78,8 +79,8 @@ class Occluders:
         inside = np.ones(len(faces), bool)
         for k in range(3):
             side = corners[:, (k + 1) % 3] - corners[:, k]
-            turn = np.cross(side, points - corners[:, k])
-            inside &= np.einsum("ij,ij->i", turn, normals) >= -1e-9 * np.einsum("ij,ij->i", side, side)
+            turn = np.einsum("ijk,ik,ij->i", hat(side), points - corners[:, k], normals)
+            inside &= turn >= -1e-9 * np.einsum("ij,ij->i", side, side)
         return inside
 
     def piercings(self, starts: Array, ends: Array, tolerance: float) -> tuple[Longs, Array]:

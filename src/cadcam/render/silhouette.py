@@ -18,7 +18,7 @@ class Topology:
     """The edges of a mesh with what does not depend on the view."""
 
     def __init__(self, mesh: Mesh) -> None:
-        self.mesh = mesh
+        self.mesh, self.bounds = mesh, mesh.bounds
         self.table = edge_table(mesh)
         self.pair = np.maximum(self.table.faces, 0)  # (E, 2): at a boundary the second is any face
         self.solid = solid_parts(mesh, self.table)
@@ -62,7 +62,7 @@ class Turn:
         self.silhouette: Mask = topology.two & (one != (other ^ topology.flipped))
         shut = topology.shut(eye)[topology.owner]
         self.away: Mask = topology.two & shut & ~np.where(table.convex, one | other, one & other)
-        edge_on = np.abs(height) <= _EDGE_ON * np.abs(topology.mesh.bounds - eye).max()
+        edge_on = np.abs(height) <= _EDGE_ON * np.abs(topology.bounds - eye).max()
         self.borders: Mask = (self.silhouette & ~self.away) | ~topology.two
         if edge_on.any():
             self.borders |= edge_on[pair].any(axis=1)

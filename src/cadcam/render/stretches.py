@@ -37,11 +37,6 @@ class Stretches:
         same = line[1:] == line[:-1]
         return cls(line[:-1][same], s[:-1][same], s[1:][same])
 
-    @classmethod
-    def none(cls) -> Stretches:
-        """Return no stretches."""
-        return cls(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
-
     def middle(self, lines: FlatSegments) -> Array:
         """Return t in space, on the unclipped line, of the middle of each stretch's image."""
         return lines.in_space(self.line, (self.s0 + self.s1) / 2)

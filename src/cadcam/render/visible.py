@@ -38,7 +38,7 @@ from cadcam.render.silhouette import Topology, Turn
 from cadcam.render.stretches import Stretches
 from cadcam.render.trace import Tracer
 from cadcam.render.view import Scene, nothing_in_view
-from cadcam.render.wireframe import PLAIN_LINES, LineOptions, Wireframe
+from cadcam.render.wireframe import NO_LINES, PLAIN_LINES, LineOptions, Wireframe
 
 COINCIDENT_SHARE = 1e-6  # of the scene's diagonal
 
@@ -85,10 +85,8 @@ class LineDrawer:
         stretches = Stretches.between(*self._cuts(segments, lines, borders), lines)
         hidden = self._hidden(segments, lines, stretches, camera_from_world.origin, options)
         trace = Tracer(self.scene, camera, segments, np.flatnonzero(kept), lines, options.chord_px)
-        unseen = stretches.merged(hidden, True) if options.hidden else Stretches.none()
-        return Wireframe(
-            camera, camera_from_world, trace.polylines(stretches.merged(hidden, False)), trace.polylines(unseen)
-        )
+        unseen = trace.polylines(stretches.merged(hidden, True)) if options.hidden else NO_LINES
+        return Wireframe(camera, camera_from_world, trace.polylines(stretches.merged(hidden, False)), unseen)
 
     def _segments(self, turn: Turn, options: LineOptions) -> Segments:
         """Return the feature segments and, if asked for, this view's contours."""

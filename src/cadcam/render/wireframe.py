@@ -114,6 +114,10 @@ class Polylines:
         return q, normal[index], line[first[index]]
 
 
+_NONE = np.zeros(0, np.int32)
+NO_LINES = Polylines(np.zeros((0, 2)), np.zeros((0, 3)), _NONE, np.zeros(1, np.int32), _NONE, _NONE, _NONE)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Wireframe:
     """The lines of a scene as `camera` sees them from `camera_from_world`; `hidden` is empty unless asked for."""

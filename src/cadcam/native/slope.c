@@ -1,0 +1,102 @@
+/* Extrema of the slope along profiles: cc_candidates of profile.h, compiled once for each instruction set. */
+#include "hot.h"
+#include "profile.h"
+#include "vectors.h"
+
+enum { LONGEST = 128, SIDE = 3 }; /* px of a profile; of the smoothing kernel to each side */
+
+static int inside(const cc_picture *p, double x, double y) {
+    return x >= 0 && y >= 0 && x < p->width - 1 && y < p->height - 1;
+}
+
+/* Places across a line from -reach to reach px, each the mean over `along` places beside each other. */
+typedef struct {
+    double x, y;         /* the first of the places along, at the line */
+    double pace_x, pace_y;
+    int along;
+} strip;
+
+static strip strip_of(const double *q, const double *n, double half_length) {
+    const int along = imax((int)ceil(2 * half_length), 1);
+    const double pace = 2 * half_length / along, first = 0.5 * pace - half_length;
+    return (strip){q[0] - first * n[1], q[1] + first * n[0], -pace * n[1], pace * n[0], along};
+}
+
+/* Which places -reach + *from .. -reach + *to - 1 lie in the picture, with all that is averaged there. */
+static void part_inside(const cc_picture *p, const strip *s, const double *n, int reach, int *from, int *to) {
+    const double bx = s->x + (s->along - 1) * s->pace_x, by = s->y + (s->along - 1) * s->pace_y;
+    *from = 0, *to = 2 * reach + 1;
+    for (int k; *from < *to; ++*from) {
+        k = *from - reach;
+        if (inside(p, s->x + k * n[0], s->y + k * n[1]) && inside(p, bx + k * n[0], by + k * n[1])) break;
+    }
+    for (int k; *to > *from; --*to) {
+        k = *to - 1 - reach;
+        if (inside(p, s->x + k * n[0], s->y + k * n[1]) && inside(p, bx + k * n[0], by + k * n[1])) break;
+    }
+}
+
+INLINE i8 at_most(i8 v, int32_t most) { return v - ((v > most) & (v - most)); }
+
+/* Brightness at -reach .. reach px along the normal, averaged along the line; NaN outside the picture. `out` has room for
+ * a vector more. */
+static void profile(const cc_picture *p, const double *q, const double *n, double half_length, int reach, float *out) {
+    const strip s = strip_of(q, n, half_length);
+    int from, to;
+    part_inside(p, &s, n, reach, &from, &to);
+    for (int k = 0; k <= 2 * reach; k++) out[k] = NAN;
+    const int far = reach + (int)half_length + 2; /* places are counted from a pixel near by: a float has few bits */
+    const int32_t left = imax((int32_t)q[0] - far, 0), top = imax((int32_t)q[1] - far, 0);
+    const int32_t right = p->width - 2 - left, bottom = p->height - 2 - top; /* rounding must not lead out of the picture */
+    const float *pixels = p->pixels + (int64_t)top * p->width + left, share = 1.0f / (float)s.along;
+    for (int k = from; k < to; k += 8) {
+        const i8 place = at_most(k + *(const i8 *)LANE, to - 1); /* the last vector may be filled up */
+        const f8 across = __builtin_convertvector(place - reach, f8);
+        f8 x = across * (float)n[0] + (float)(s.x - left), y = across * (float)n[1] + (float)(s.y - top), sum = eight(0);
+        for (int j = 0; j < s.along; j++, x += (float)s.pace_x, y += (float)s.pace_y) {
+            const i8 column = at_most(__builtin_convertvector(x, i8), right), row = at_most(__builtin_convertvector(y, i8), bottom);
+            const i8 at = row * p->width + column;
+            const f8 u = x - __builtin_convertvector(column, f8), v = y - __builtin_convertvector(row, f8);
+            f8 a, b, c, d;
+            pairs(pixels, at, &a, &b), pairs(pixels + p->width, at, &c, &d);
+            const f8 above = a + u * (b - a), below = c + u * (d - c);
+            sum += above + v * (below - above);
+        }
+        *(f8 *)(out + k) = sum * share;
+    }
+    for (int k = to; k <= 2 * reach; k++) out[k] = NAN;
+}
+
+/* Put an extremum in its place among the strongest. */
+static void insert(double at, double slope, int32_t most, double *offset, double *slopes) {
+    for (int32_t i = 0; i < most; i++)
+        if (isnan(slopes[i]) || fabs(slopes[i]) < fabs(slope)) {
+            double o = offset[i], s = slopes[i];
+            offset[i] = at, slopes[i] = slope, at = o, slope = s;
+            if (isnan(slope)) return;
+        }
+}
+
+void VARIANT(slope_extrema)(const cc_picture *picture, int64_t n, const double *q, const double *normal, double half_length,
+                            int32_t reach, double least, int32_t most, double *offset, double *slope) {
+    float values[LONGEST + 8];
+    double r[LONGEST], kernel[SIDE + 1];
+    for (int k = 0; k <= SIDE; k++) kernel[k] = k * 0.39894228040143267794 * exp(-0.5 * k * k);
+    const int within = imin(reach, LONGEST / 2 - SIDE - 2) + SIDE + 1, count = 2 * within + 1;
+    for (int64_t i = 0; i < n; i++) {
+        double *o = offset + i * most, *s = slope + i * most;
+        for (int32_t k = 0; k < most; k++) o[k] = s[k] = NAN;
+        profile(picture, q + 2 * i, normal + 2 * i, half_length, within, values);
+        for (int k = SIDE; k < count - SIDE; k++)
+            r[k] = kernel[1] * (double)(values[k + 1] - values[k - 1]) + kernel[2] * (double)(values[k + 2] - values[k - 2]) +
+                   kernel[3] * (double)(values[k + 3] - values[k - 3]);
+        for (int k = SIDE + 1; k < count - SIDE - 1; k++) {
+            const double here = fabs(r[k]);
+            if (!(here >= least)) continue;
+            const double sign = r[k] < 0 ? -1 : 1, before = sign * r[k - 1], after = sign * r[k + 1];
+            if (!(here > before && here >= after)) continue;
+            const double bend = before + after - 2 * here, shift = bend < 0 ? 0.5 * (before - after) / bend : 0;
+            insert(k - within + shift, r[k], most, o, s);
+        }
+    }
+}
