@@ -37,6 +37,7 @@ _ON_LINE = 0.7  # px: steps this near are fitted on the line itself
 _USUAL_PX = 0.05  # by which edges are off as a whole
 _LIGHT_PX = 0.03  # by which light shifts an edge of usual contrast
 _LIMB_PX = 0.2  # by which the border of a round surface is off: it darkens ever faster towards it, or brightens
+_UNEVEN = 0.4  # of what edges are off by as a whole: they are off by that beside, they turn and bend too
 _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
 _ROUNDS = (3, 8, 8, 8)  # reweightings in the first measurement, the second, and more where it is not settled
 _SETTLED_PX = 0.2  # by which nine tenths of the lines may move in the last step
@@ -254,7 +255,17 @@ def _solved(
     group = np.concatenate([group, edges + np.arange(len(other))])
     exact = np.arange(edges + len(other)) >= edges
     expected = np.concatenate([_by_light(sights, measured, group[: len(group) - len(other)]), np.zeros(len(other))])
-    return grouped_fit(y, J, variance, group, usual=_USUAL_PX, expected=expected, exact=exact, iterations=iterations)
+    return grouped_fit(
+        y,
+        J,
+        variance,
+        group,
+        usual=_USUAL_PX,
+        uneven=_UNEVEN,
+        expected=expected,
+        exact=exact,
+        iterations=iterations,
+    )
 
 
 def _by_light(sights: Sequence[Sight], measured: Sequence[Measured], group: Longs) -> Array:
