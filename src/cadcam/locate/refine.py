@@ -36,6 +36,7 @@ _CLOSE = 3  # px: how far from the lines their steps may be after the search
 _ON_LINE = 0.7  # px: steps this near are fitted on the line itself
 _USUAL_PX = 0.05  # by which edges are off as a whole
 _LIGHT_PX = 0.03  # by which light shifts an edge of usual contrast
+_TOGETHER_PX = 0.005  # by which all edges of a photo are off together: pixels do not collect light to less
 _UNEVEN = 0.4  # of what edges are off by as a whole: they are off by that beside, they turn and bend too
 _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
 _ROUNDS = (3, 8, 8, 8)  # reweightings in the first measurement, the second, and more where it is not settled
@@ -269,7 +270,10 @@ def _location(part: Part, fitted: _Fitted, freedom: Freedom, chosen: int) -> Loc
     normals = [at.normal[m.usable] for at, m in zip(fitted.places, fitted.measured, strict=True)]
     photos = [s.photo for s in sights]
     from_calibration = calibration_covariance(photos, points, normals, gains, pose)
-    estimate = PoseEstimate(pose, B @ fit.covariance @ B.T, from_calibration, B, fit.dof)
+    together = sum(
+        (_TOGETHER_PX**2 * (G @ n) @ (G @ n).T for G, n in zip(gains, normals, strict=True)), np.zeros((6, 6))
+    )
+    estimate = PoseEstimate(pose, B @ fit.covariance @ B.T + together, from_calibration, B, fit.dof)
     evidence = judged(sights, pose, B, chosen=chosen, scatter=_scatter(fit))
     return Location(estimate, _matches(fitted), evidence.quality, _reason(part, estimate, evidence, fit, photos))
 
