@@ -4,7 +4,8 @@
  * Coordinates of every magnitude, shared, repeated and collinear corners, cameras inside the model, lenses with holes,
  * pictures down to one pixel, every channel present or not. Beyond what the sanitizers see, each picture is drawn twice,
  * with one band and with several: both must be equal, and every id in range. Then direction fields of random pictures,
- * and edges with wild places over them: poses stay rotations, scores in range. */
+ * and edges with wild places over them: poses stay rotations, scores in range. Then steps along lines in and out of a
+ * picture, and regressions by groups. */
 #include <float.h>
 #include <math.h>
 #include <stdio.h>
@@ -12,6 +13,8 @@
 #include <string.h>
 
 #include "field.h"
+#include "grouped.h"
+#include "profile.h"
 #include "raster.h"
 
 static uint64_t state;
@@ -147,9 +150,15 @@ static cc_field field_of(int width, int height) { /* every buffer exactly as lar
     const int k = 1 + upto(3);
     float *small = malloc((size_t)(width / k) * (size_t)(height / k) * 4 + 1), *half = malloc(CC_SECTORS * 8);
     cc_reduce(picture, width, height, k, small);
-    float places[8];
-    for (int i = 0; i < 8; i++) places[i] = upto(5) ? (float)wild() : NAN;
-    cc_sample(picture, width, height, places, 4, scratch);
+    const int wide = 1 + upto(40), high = 1 + upto(40), step = 1 + upto(8), across = (wide - 1) / step + 2;
+    const int n_nodes = 2 * across * ((high - 1) / step + 2);
+    float *nodes = malloc((size_t)n_nodes * 4), *straight = malloc((size_t)(wide * high) * 4);
+    uint8_t *seen = malloc((size_t)(wide * high));
+    for (int i = 0; i < n_nodes; i++) nodes[i] = upto(20) ? (float)(around() * 40 + 20) : upto(1) ? (float)wild() : NAN;
+    cc_straighten(picture, width, height, nodes, step, wide, high, straight, seen);
+    for (int i = 0; i < wide * high; i++)
+        if (seen[i] > 1 || !(straight[i] >= 0 && straight[i] <= 1.0001f)) exit(fprintf(stderr, "straightened to %g\n", straight[i]));
+    free(nodes), free(straight), free(seen);
     uint8_t *halved = malloc((size_t)(width / 2) * (size_t)(height / 2) * CC_SECTORS + 1);
     cc_halve(planes, width, height, halved, half, half + CC_SECTORS);
     free(picture), free(scratch), free(small), free(half), free(halved);
@@ -215,11 +224,66 @@ static void edges(void) {
     free(eyes), free(places), free(first), free(count), free(shift), free(score), free(sure), free(poses), free(scores);
 }
 
+static double *doubles(int n, double scale) { /* a few of them wild, or no numbers */
+    double *a = malloc((size_t)n * 8 + 1);
+    for (int i = 0; i < n; i++) a[i] = upto(30) ? around() * scale : upto(1) ? wild() : NAN;
+    return a;
+}
+
+/* Profiles and steps at places in and out of a picture, and what lines are pulled and projected by. */
+static void along_lines(void) {
+    const int width = 1 + upto(60), height = 1 + upto(60), n = upto(40), most = 1 + upto(4), reach = upto(70);
+    float *pixels = malloc((size_t)(width * height) * 4);
+    for (int i = 0, kind = upto(2); i < width * height; i++) pixels[i] = gray(kind);
+    const cc_picture picture = {pixels, width, height};
+    double *q = doubles(2 * n, 70), *normal = malloc((size_t)n * 16 + 1), *twins = doubles(4 * n, 8), *held = doubles(2 * n, 5);
+    double *below = malloc((size_t)n * 8 + 1), *above = malloc((size_t)n * 8 + 1);
+    for (int i = 0; i < n; i++) {
+        const double angle = 7 * unit();
+        normal[2 * i] = cos(angle), normal[2 * i + 1] = sin(angle);
+        below[i] = 30 * unit(), above[i] = 30 * unit(), held[2 * i] = fabs(held[2 * i]), held[2 * i + 1] = fabs(held[2 * i + 1]);
+    }
+    double *offset = malloc((size_t)(n * most) * 8 + 1), *slope = malloc((size_t)(n * most) * 8 + 1);
+    cc_candidates(&picture, n, q, normal, 8 * unit(), reach, 0.002, most, offset, slope);
+    for (int i = 0; i < n * most; i++)
+        if (!(isnan(offset[i]) ? isnan(slope[i]) : fabs(offset[i]) <= reach + 1)) exit(fprintf(stderr, "offset %g\n", offset[i]));
+    double *sums = malloc((size_t)(n * CC_STEP_SUMS) * 8 + 1), *steps = malloc((size_t)(n * CC_STEP_TERMS) * 8 + 1);
+    cc_step_sums(&picture, n, q, normal, below, above, twins, 4 * unit(), 0.3 + 3 * unit(), 0.002, 0.998, sums);
+    cc_steps(n, sums, held, steps);
+    double K[9] = {100, 1, 30, 0, 90, 30, 0, 0, 1}, R[9], *p = doubles(3 * n, 9), *t = doubles(3 * n, 1), x[9];
+    double *row = malloc((size_t)n * 48 + 1), *mean = malloc((size_t)n * 16 + 1), *stiff = doubles(36, 1);
+    int32_t *run = malloc((size_t)n * 4 + 1);
+    for (int i = 0; i < n; i++) run[i] = i / 5;
+    rotation(R);
+    cc_pinhole_rows(n, K, R, (double[3]){0, 0, 9}, p, t, q, normal, row);
+    cc_along_runs(n, 2, held, run, upto(12), mean);
+    for (int i = 0; i < 6; i++) x[i] = 0;
+    cc_pull(n, most, 6, row, offset, slope, upto(1) ? stiff : NULL, x, 1.0, 0.3, 1e-3, 2, x);
+    free(pixels), free(q), free(normal), free(twins), free(held), free(below), free(above), free(offset), free(slope);
+    free(sums), free(steps), free(p), free(t), free(row), free(mean), free(stiff), free(run);
+}
+
+static void grouped(void) {
+    const int groups = 1 + upto(12), k = 1 + upto(upto(9) ? 5 : CC_UNKNOWNS - 1), n = groups + upto(60), tried = 1 + upto(6);
+    double *y = doubles(n, 1), *J = doubles(n * k, 5), *w = malloc((size_t)n * 8), *of = malloc((size_t)groups * 24);
+    double *what = malloc((size_t)tried * 24), *x = malloc((size_t)k * 8), *C = malloc((size_t)(k * k) * 8), *p = malloc((size_t)tried * 8);
+    double *scratch = malloc((size_t)(groups * ((k + 1) * (k + 4) / 2 + 1) + tried * k * (k + 1)) * 8);
+    int64_t *group = malloc((size_t)n * 8);
+    for (int i = 0; i < n; i++) w[i] = unit(), group[i] = i * groups / n;
+    for (int i = 0; i < 3 * groups; i++) of[i] = upto(3) ? unit() : upto(1);
+    for (int i = 0; i < 3 * tried; i++) what[i] = unit();
+    const cc_grouped data = {.y = y, .J = J, .w = w, .group = group, .of_group = of, .free = of + groups, .expected = of + 2 * groups,
+                             .variance = what, .share = what + tried, .prior = what + 2 * tried, .n = n, .groups = groups, .k = k,
+                             .tried = tried};
+    cc_grouped_fit(&data, scratch, x, C, p);
+    free(y), free(J), free(w), free(of), free(what), free(x), free(C), free(p), free(scratch), free(group);
+}
+
 int main(int argc, char **argv) {
     const int n = argc > 1 ? atoi(argv[1]) : 100, first = argc > 2 ? atoi(argv[2]) : 0;
     for (int i = first; i < first + n; i++) {
         start(i);
-        one(i), edges();
+        one(i), edges(), along_lines(), grouped();
     }
     printf("%d scenes drawn with %s\n", n, cc_variant());
     return 0;

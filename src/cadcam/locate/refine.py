@@ -37,6 +37,7 @@ _ON_LINE = 0.7  # px: steps this near are fitted on the line itself
 _USUAL_PX = 0.05  # by which edges are off as a whole
 _LIGHT_PX = 0.03  # by which light shifts an edge of usual contrast
 _LIMB_PX = 0.2  # by which the border of a round surface is off: it darkens ever faster towards it, or brightens
+_TOGETHER_PX = 0.005  # by which all edges of a photo are off together: pixels do not collect light to less
 _UNEVEN = 0.4  # of what edges are off by as a whole: they are off by that beside, they turn and bend too
 _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
 _ROUNDS = (3, 8, 8, 8)  # reweightings in the first measurement, the second, and more where it is not settled
@@ -312,7 +313,10 @@ def _location(part: Part, fitted: _Fitted, freedom: Freedom, chosen: int) -> Loc
     normals = [at.normal[m.usable] for at, m in zip(fitted.places, fitted.measured, strict=True)]
     photos = [s.photo for s in sights]
     from_calibration = calibration_covariance(photos, points, normals, gains, pose)
-    estimate = PoseEstimate(pose, B @ fit.covariance @ B.T, from_calibration, B, fit.dof)
+    together = sum(
+        (_TOGETHER_PX**2 * (G @ n) @ (G @ n).T for G, n in zip(gains, normals, strict=True)), np.zeros((6, 6))
+    )
+    estimate = PoseEstimate(pose, B @ fit.covariance @ B.T + together, from_calibration, B, fit.dof)
     evidence = judged(sights, pose, B, chosen=chosen, scatter=_scatter(fit))
     return Location(estimate, _matches(fitted), evidence.quality, _reason(part, estimate, evidence, fit, photos))
 

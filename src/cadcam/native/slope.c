@@ -45,6 +45,7 @@ static void profile(const cc_picture *p, const double *q, const double *n, doubl
     int from, to;
     part_inside(p, &s, n, reach, &from, &to);
     for (int k = 0; k <= 2 * reach; k++) out[k] = NAN;
+    if (from >= to) return;
     const int far = reach + (int)half_length + 2; /* places are counted from a pixel near by: a float has few bits */
     const int32_t left = imax((int32_t)q[0] - far, 0), top = imax((int32_t)q[1] - far, 0);
     const int32_t right = p->width - 2 - left, bottom = p->height - 2 - top; /* rounding must not lead out of the picture */
