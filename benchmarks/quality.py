@@ -163,7 +163,7 @@ def _its_own_mirror_image(mesh: Mesh) -> bool:
 
     p = mesh.vertices - mesh.bounds.mean(axis=0)
     tree, near = cKDTree(p), 1e-3 * float(np.linalg.norm(mesh.size_mm))
-    return any(float(tree.query(p * flip)[0].max()) < near for flip in 1 - 2 * np.eye(3))
+    return any(bool(np.all(tree.query(p * flip)[0] < near)) for flip in 1 - 2 * np.eye(3))
 
 
 def _with(photo: Photo, gray: Array) -> Photo:
