@@ -6,7 +6,8 @@
 Scenes have exact poses: the path-traced ship block, or what benchmarks/locate_scene.py writes. For each noise level:
 shares of starts that end below 2 and 5 px (largest reprojection error of a corner); error of the centroid; its mean
 over the photos (bias) in camera axes; scatter with fresh noise on the noise-free photos against the intensity
-Cramer-Rao bound (benchmarks/locate_bound.py); normalised pose error; quality of right and wrong poses; CPU time of
+Cramer-Rao bound (benchmarks/locate_bound.py), and against what the photos' uneven ground leaves of it
+(benchmarks/locate_ground.py); normalised pose error; quality of right and wrong poses; CPU time of
 the whole call, from rough start to covariance. What is computed once for a part is timed apart.
 """
 
@@ -25,12 +26,14 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.locate.locate import locate
 from cadcam.locate.photo import Photo
-from locate_bound import bound, information
-from locate_errors import Outcome, auc, judged, summary
+from locate_bound import REACH, bound, information
+from locate_errors import Outcome, Summary, auc, judged, summary
+from locate_ground import best_fit, ground_of, unknown_levels
 from locate_sets import PhotoSet, Start
 
 PROFILED = 24  # starts
 FRESH = 6  # noisy pictures of each frame, for scatter
+ROUNDED = 1 / np.sqrt(12)  # grey levels: the noise of a picture without any
 
 
 def outcome(photos: PhotoSet, photo: Photo, start: Start) -> Outcome:
@@ -54,13 +57,13 @@ def preparation(photos: PhotoSet) -> float:
     return first - second
 
 
-def fresh_scatter(photos: PhotoSet, noise: int, frames: Sequence[int]) -> tuple[Array, Array]:
-    """Return scatter (3,) mm of the centroid by noise alone, and its bound (3,), root mean squares over frames.
+def fresh_scatter(photos: PhotoSet, noise: int, frames: Sequence[int]) -> Array:
+    """Return the scatter (3,) mm of the centroid by noise alone, root mean square over frames.
 
     `FRESH` pictures of each frame with new noise on the one without, all started at the true pose.
     """
     rng = np.random.default_rng(noise)
-    variances, bounds = [], []
+    variances = []
     for frame in frames:
         clean, truth = photos.gray(0, frame), photos.truth[frame]
         start = Start(-1, frame, truth)
@@ -70,8 +73,38 @@ def fresh_scatter(photos: PhotoSet, noise: int, frames: Sequence[int]) -> tuple[
             photo = Photo.of(np.round(255 * noisy) / 255, photos.camera)
             shifts.append(outcome(photos, photo, start).shift)
         variances.append(np.var(shifts, axis=0, ddof=1))
-        bounds.append(bound(information(clean, photos.part, photos.camera, truth, noise / 255))[:3])
-    return np.sqrt(np.mean(variances, axis=0)), np.sqrt(np.mean(np.square(bounds), axis=0))
+    return np.asarray(np.sqrt(np.mean(variances, axis=0)))
+
+
+def least_scatter(photos: PhotoSet, frames: Sequence[int]) -> Array:
+    """Return the intensity bound (3,) mm of the centroid at a noise of one grey level, root mean square over frames."""
+    least = [
+        bound(information(photos.gray(0, k), photos.part, photos.camera, photos.truth[k], 1 / 255)) for k in frames
+    ]
+    return np.asarray(np.sqrt(np.mean(np.square(least), axis=0))[:3])
+
+
+def against_bounds(
+    photos: PhotoSet, noises: Sequence[int], frames: Sequence[int], found: dict[int, Summary]
+) -> Iterator[str]:
+    """Yield tables of scatter by noise and errors over photos, against the bound and the best fit on this ground."""
+    least, (ground, blur) = least_scatter(photos, frames), ground_of(photos, frames)
+    levels = unknown_levels(blur, REACH)
+    yield (
+        "\n| noise | scatter by noise x, y, z, mm | bound, mm | ratio | ratio to the bound with levels unknown"
+        " | of the best fit on this ground: ratio |\n|---|---|---|---|---|---|"
+    )
+    for noise in (n for n in noises if n):
+        scatter, at_noise = fresh_scatter(photos, noise, frames), noise * least
+        yield (
+            f"| {noise} | {_row(scatter, 4)} | {_row(at_noise, 4)} | {_row(scatter / at_noise, 2)}"
+            f" | {_row(scatter / at_noise / levels, 2)} | {best_fit(ground, blur, noise / 255).by_noise:.2f} |"
+        )
+    yield "\n| noise | error of a photo, rms x, y, z, mm | best fit on this ground, mm | ratio |\n|---|---|---|---|"
+    for noise in noises:
+        s, sigma = found[noise], max(noise, ROUNDED)
+        error, best = np.hypot(s.bias, s.scatter), sigma * least * best_fit(ground, blur, sigma / 255).total
+        yield f"| {noise} | {_row(error)} | {_row(best)} | {_row(error / best, 2)} |"
 
 
 def report(photos: PhotoSet, noises: Sequence[int], starts: Sequence[Start], save: Path | None) -> Iterator[str]:
@@ -83,9 +116,10 @@ def report(photos: PhotoSet, noises: Sequence[int], starts: Sequence[Start], sav
         " | lowest quality right / highest wrong | AUC | CPU mean / 95 %, ms |"
         "\n|---|---|---|---|---|---|---|---|---|---|"
     )
+    found = {}
     for noise in noises:
         results = outcomes(photos, noise, starts)
-        s = summary(results)
+        found[noise] = s = summary(results)
         times = [o.cpu_s for o in results]
         area = auc([o.quality for o in results if o.right], [o.quality for o in results if not o.right])
         yield (
@@ -95,12 +129,7 @@ def report(photos: PhotoSet, noises: Sequence[int], starts: Sequence[Start], sav
         )
         if save is not None:
             write(save.with_name(f"{save.stem}_n{noise}.csv"), results)
-    yield "\n| noise | scatter by noise x, y, z, mm | bound, mm | ratio |\n|---|---|---|---|"
-    for noise in (n for n in noises if n):
-        scatter, least = fresh_scatter(photos, noise, frames)
-        yield f"| {noise} | {_row(scatter, 4)} | {_row(least, 4)} | {_row(scatter / least, 2)} |"
-    if 0 in noises:
-        yield "\nNoise 0 has no bound: its photo to photo scatter is to be read beside that of noise 3."
+    yield from against_bounds(photos, noises, frames, found)
 
 
 def profile(photos: PhotoSet, noise: int, starts: Sequence[Start]) -> Iterator[str]:

@@ -106,6 +106,11 @@ def blur_of(means: Array, lengths: Array) -> float:
     return float(np.sqrt(max(np.median(fits) ** 2 - interpolation, 0.04)))
 
 
+def photo_blur(gray: Picture, part: Part, camera: Camera, camera_from_part: Rigid) -> float:
+    """Return the blur in px of a photo's edges at the true pose."""
+    return blur_of(*profiles(gray, samples(part, camera, camera_from_part)))
+
+
 def contrasts(means: Array, blur_px: float) -> Array:
     """Return the step (P,) in grey of each piece at its true place, beside a level and a slope."""
     design = _design(PROFILE, np.hypot(blur_px, np.sqrt(1 / 6)))

@@ -6,8 +6,9 @@ A machined bracket (or a small ship block) on a bench among clutter, a cable ove
 lens. Writes into OUT what benchmarks/locate.py --scene reads: model.obj (metres), camera.json and K.txt, gt.csv
 (camera_from_model, metres), n0, n3, n8/images (noise of 0, 3 and 8 grey levels of 255), starts.txt and
 starts.meta.csv. The same seed gives the same scene. Mitsuba compiles by LLVM: with LLVM 14 or 15 take
-`pip install mitsuba==3.6.4`; later ones ask for instructions that these do not know. Twelve views take about 25 minutes
-of CPU time.
+`pip install mitsuba==3.6.4`; later ones ask for instructions that these do not know. A view of the bracket takes some 5
+seconds of CPU time a round. Views are written one by one; called again with the same arguments, those that are there
+are kept.
 """
 
 from __future__ import annotations
@@ -141,7 +142,10 @@ def generate(out: Path, part: str, *, views_n: int, starts_n: int, rounds: int, 
     write_camera(out / "camera.json", setting.camera)
     np.savetxt(out / "K.txt", setting.camera.K)
     head = "frame," + ",".join(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)) + ",tx,ty,tz"
-    (out / "gt.csv").write_text("\n".join([head, *(f"{k},{row(pose)}" for k, pose in enumerate(poses))]) + "\n")
+    truth = "\n".join([head, *(f"{k},{row(pose)}" for k, pose in enumerate(poses))]) + "\n"
+    if (out / "gt.csv").exists() and (out / "gt.csv").read_text() != truth:
+        raise SystemExit(f"{out} holds other views; give another folder")
+    (out / "gt.csv").write_text(truth)
     rows: list[str] = []
     meta = ["row,frame,rot_deg,disp_px"]
     for k, pose in enumerate(poses):
@@ -157,12 +161,21 @@ def generate(out: Path, part: str, *, views_n: int, starts_n: int, rounds: int, 
         float(np.linalg.norm(model.size_mm) / 2),
         seed,
     )
-    light = pictures(bench, setting.camera, [pose @ Rigid(translation=-centred) for pose in poses], rounds)
-    for k, radiance in enumerate(light):
+    todo = {
+        k: pose @ Rigid(translation=-centred)
+        for k, pose in enumerate(poses)
+        if not all(photo(out, noise, k).exists() for noise in NOISES)
+    }
+    for k, radiance in pictures(bench, setting.camera, todo, rounds):
+        rng = np.random.default_rng([seed, k])
         clean = WHITE * radiance / np.quantile(radiance, 0.99)
         for noise in NOISES:
-            noisy = clean + noise / 255 * rng.standard_normal(clean.shape)
-            write_picture(out / f"n{noise}/images/{k:04d}.png", noisy)
+            write_picture(photo(out, noise, k), clean + noise / 255 * rng.standard_normal(clean.shape))
+        print(f"view {k} of {views_n} written", flush=True)
+
+
+def photo(out: Path, noise: int, view: int) -> Path:
+    return out / f"n{noise}/images/{view:04d}.png"
 
 
 def main() -> None:
@@ -171,7 +184,12 @@ def main() -> None:
     parser.add_argument("--part", choices=SETTINGS, default="bracket", help="what to look at (default %(default)s)")
     parser.add_argument("--views", type=int, default=12, help="photos at each noise (default %(default)s)")
     parser.add_argument("--starts", type=int, default=24, help="rough poses of each photo (default %(default)s)")
-    parser.add_argument("--rounds", type=int, default=48, help="places in a pixel (default %(default)s)")
+    parser.add_argument(
+        "--rounds",
+        type=int,
+        default=48,
+        help="places in a pixel near the part, a third of it elsewhere (default %(default)s)",
+    )
     parser.add_argument("--seed", type=int, default=1, help="of views, starts, clutter and noise (default %(default)s)")
     a = parser.parse_args()
     generate(a.out, a.part, views_n=a.views, starts_n=a.starts, rounds=a.rounds, seed=a.seed)

@@ -7,7 +7,7 @@ normally distributed blur of the optics, so that edges look like those of a real
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +24,7 @@ from render_peers import module
 
 BLUR_PX = 0.45  # standard deviation of the optics' blur, before the pixel's own width
 DEPTH = 4  # segments of a path
+ELSEWHERE, AROUND_PX = 3, 40  # of the rounds, so many fewer farther than that from the part
 LAMPS = (((-4, -3, 7), 1.3, 9.0), ((5, -2, 5), 0.8, 8.0), ((1, 6, 6), 1.0, 5.0), ((0, 0, 12), 9.0, 0.25))
 _GOLDEN = np.array([0.7548776662466927, 0.5698402909980532])  # the R2 sequence of M. Roberts (2018)
 
@@ -38,9 +39,10 @@ class Bench:
     seed: int
 
 
-def pictures(bench: Bench, camera: Camera, poses: Sequence[Rigid], rounds: int) -> Array:
-    """Return radiances (N, H, W) of the views camera_from_part, a path for each lamp in `rounds` places a pixel.
+def pictures(bench: Bench, camera: Camera, poses: Mapping[int, Rigid], rounds: int) -> Iterator[tuple[int, Array]]:
+    """Yield number and radiance (H, W) of each view camera_from_part, a path for each lamp in `rounds` places a pixel.
 
+    Farther than `AROUND_PX` from the part there are fewer. What a view looks like depends on its number and pose only.
     Light adds up: with one lamp burning at a time, none is drawn by chance, and pictures are several times less grainy.
     """
     mi = module("mitsuba")
@@ -48,16 +50,26 @@ def pictures(bench: Bench, camera: Camera, poses: Sequence[Rigid], rounds: int) 
     things = _things(mi, bench)
     scenes = [mi.load_dict({"type": "scene", "lamp": _lamp(mi, *lamp, bench.reach), **things}) for lamp in LAMPS]
     integrator = mi.load_dict({"type": "path", "max_depth": DEPTH})
-    rng = np.random.default_rng(bench.seed)
-    shift = rng.random((camera.height, camera.width, 2))
-    total = np.zeros((len(poses), camera.height, camera.width))
-    for k in range(rounds):
-        rays = camera.unproject(camera.pixel_grid() + _spread((shift + k * _GOLDEN) % 1.0)).reshape(-1, 3)
-        for i, pose in enumerate(poses):
+    grid = camera.pixel_grid()
+    shift = np.random.default_rng(bench.seed).random(grid.shape)
+    for i, pose in poses.items():
+        total, places = np.zeros((2, camera.height, camera.width))
+        for k in range(rounds):
+            window = _around(bench.part, camera, pose) if k * ELSEWHERE >= rounds else np.s_[:, :]
+            rays = camera.unproject(grid[window] + _spread((shift[window] + k * _GOLDEN) % 1.0)).reshape(-1, 3)
+            places[window] += 1
             for j, scene in enumerate(scenes):
-                seed = (k * len(poses) + i) * len(LAMPS) + j
-                total[i] += _radiance(mi, scene, integrator, rays, pose, seed=seed).reshape(total.shape[1:])
-    return total / rounds
+                seed = (i * rounds + k) * len(LAMPS) + j
+                total[window] += _radiance(mi, scene, integrator, rays, pose, seed=seed).reshape(places[window].shape)
+        yield i, total / places
+
+
+def _around(part: Mesh, camera: Camera, pose: Rigid) -> tuple[slice, slice]:
+    """Return the rows and columns that show a part and what is near it."""
+    q = camera.project(pose @ part.vertices)
+    low = np.maximum(np.floor(q.min(axis=0)) - AROUND_PX, 0).astype(int)
+    high = np.ceil(q.max(axis=0)).astype(int) + AROUND_PX
+    return slice(low[1], high[1]), slice(low[0], high[0])
 
 
 def _spread(u: Array) -> Array:

@@ -16,6 +16,7 @@ from cadcam.locate.part import Part
 
 bound = importlib.import_module("locate_bound")
 errors = importlib.import_module("locate_errors")
+ground = importlib.import_module("locate_ground")
 
 CAMERA = Camera.from_focal((640, 480), 700.0, fy=690.0, skew=1.5, lens=BrownConrady(-0.2, 0.1, 1e-3, -5e-4))
 POSE = Rigid.exp(np.array([0.0, 0, 0, 0.5, -0.6, 0.2])) @ Rigid()
@@ -103,3 +104,49 @@ def test_normalised_errors_of_a_true_covariance_have_mean_square_one(rng):
     squares = [errors.squared(x, root @ root.T) for x in xi[:2000]]
     assert np.mean(squares) / 6 == pytest.approx(1, abs=4.5 * np.sqrt(2 / 6 / 2000))
     assert errors.squared(xi[0], np.zeros((6, 6))) == np.inf
+
+
+@pytest.mark.parametrize(("blur", "reach"), [(0.6, 3.0), (0.9, 4.0), (0.9, 9.0)])
+@pytest.mark.parametrize("slopes", [False, True])
+def test_unknown_levels_cost_a_fit_as_much_as_they_are_said_to(blur, reach, slopes):
+    """The variance of the place in a linear fit with fine pixels: 40 in a px, which is 1e-3 of an integral."""
+    d = np.arange(-reach, reach, 0.025) + 0.0125
+    bell, step = np.exp(-0.5 * (d / blur) ** 2) / (np.sqrt(2 * np.pi) * blur), ndtr(d / blur)
+    ramp = d * step + blur**2 * bell
+    columns = [bell, np.ones_like(d), step, *([ramp, d - ramp] if slopes else [])]
+    design = np.column_stack(columns)
+    variance = np.linalg.inv(design.T @ design)[0, 0] / 0.025  # noise 1 in a px of profile
+    least = 1 / float(bound.edge_information(np.ones(1), blur, 1.0)[0])
+    assert ground.unknown_levels(blur, reach, slopes=slopes) == pytest.approx(np.sqrt(variance / least), rel=3e-3)
+
+
+def test_on_level_ground_the_best_fit_knows_all_but_the_levels():
+    """Pixels a px apart, blurred by 1 px, sample the step as well as a continuum to 1e-3; 12 px to each side."""
+    level = ground.Ground(np.zeros((13, 13)), 40.0)
+    best = ground.best_fit(level, 1.0, 0.01)
+    assert best.total == pytest.approx(best.by_noise)
+    assert best.by_noise == pytest.approx(ground.unknown_levels(1.0, 12.5), rel=3e-3)
+
+
+def test_the_best_fit_on_rough_ground_errs_as_its_samples_do(rng):
+    """Ground that strays at random from the edge on, 6000 stretches fitted by the weights that it must lead to.
+
+    No other linear fit, of known ground or straight, does better: the negative control is a fit that ignores it.
+    """
+    n, noise, blur = 12, 0.01, 0.9
+    i = np.arange(n + 1)
+    walk = ground.Ground(4e-4 * np.minimum.outer(i, i), 40.0)
+    best = ground.best_fit(walk, blur, noise)
+    d = np.arange(-n, n + 1)
+    side = [np.cumsum(0.02 * rng.standard_normal((6000, n + 1)) * (i > 0), axis=1)[:, np.abs(d)] for _ in range(2)]
+    rough = side[0] * ndtr(-d / blur) + side[1] * ndtr(d / blur)
+    y = rough + noise / np.sqrt(40) * rng.standard_normal(rough.shape)
+    bell = np.exp(-0.5 * (d / blur) ** 2) / (np.sqrt(2 * np.pi) * blur)
+    design = np.column_stack([np.ones(len(d)), ndtr(d / blur), bell])
+    least = 1 / np.sqrt(float(bound.edge_information(np.ones(1), blur, noise)[0]) * 40)
+    plain = np.std(np.linalg.lstsq(design, y.T)[0][2]) / least
+    weight = np.linalg.inv(np.cov(y.T))
+    fitted = np.linalg.solve(design.T @ weight @ design, design.T @ weight @ y.T)[2]
+    assert np.std(fitted) / least == pytest.approx(best.total, rel=4.5 / np.sqrt(2 * 6000))
+    assert plain > 1.5 * best.total
+    assert best.by_noise < best.total

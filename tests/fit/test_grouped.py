@@ -12,23 +12,23 @@ from cadcam.native.grouped import averaged_fit
 TRUTH = np.array([0.3, -0.2, 0.1])
 
 
-def data(rng: np.random.Generator, *, groups: int = 40, size: int = 12, between: float = 0.05, within: float = 0.0):
+def data(rng: np.random.Generator, *, groups: int = 40, size: int = 12, between: float = 0.05, excess: float = 0.0):
     """Return y, J, variance, group: lines through TRUTH, each group with a design of its own and an offset."""
     group = np.repeat(np.arange(groups), size)
     J = np.repeat(rng.normal(size=(groups, 3)), size, axis=0) + 0.2 * rng.normal(size=(groups * size, 3))
     sigma = rng.uniform(0.02, 0.06, groups * size)
-    noise = np.hypot(sigma, within) * rng.normal(size=len(group))
+    noise = np.sqrt(1 + excess) * sigma * rng.normal(size=len(group))
     y = J @ TRUTH + between * rng.normal(size=groups)[group] + noise
     return y, J, sigma**2, group
 
 
-@pytest.mark.parametrize(("between", "within"), [(0.0, 0.0), (0.05, 0.0), (0.2, 0.05)])
+@pytest.mark.parametrize(("between", "excess"), [(0.0, 0.0), (0.05, 0.0), (0.2, 1.5)])
 def test_the_covariance_is_the_scatter_whatever_the_groups_do(
-    between: float, within: float, rng: np.random.Generator
+    between: float, excess: float, rng: np.random.Generator
 ) -> None:
     z2 = []
     for _ in range(120):
-        fit = grouped_fit(*data(rng, between=between, within=within), usual=0.05)
+        fit = grouped_fit(*data(rng, between=between, excess=excess), usual=0.05)
         e = fit.x - TRUTH
         z2.append(e @ np.linalg.solve(fit.covariance, e) / 3)
     assert np.mean(z2) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 360))  # chi-square of 360: four of its sd
@@ -46,10 +46,20 @@ def test_leaving_the_groups_out_would_make_the_covariance_too_small(rng: np.rand
 
 
 def test_both_variances_are_found(rng: np.random.Generator) -> None:
-    fit = grouped_fit(*data(rng, groups=200, between=0.1, within=0.08), usual=0.05)
+    fit = grouped_fit(*data(rng, groups=200, between=0.1, excess=3.0), usual=0.05)
     assert fit.between == pytest.approx(0.1, rel=0.2)  # 200 groups: 5 percent; the grid of variances: 30
-    assert fit.within == pytest.approx(0.08, rel=0.15)
+    assert fit.excess == pytest.approx(3.0, rel=0.15)  # 2200 squares: 3 percent of 4
     assert fit.dof == pytest.approx(197, abs=8)
+
+
+def test_noise_told_too_small_by_one_factor_changes_nothing(rng: np.random.Generator) -> None:
+    """A quarter of the variance, noisy and clear data alike: the excess makes up for it."""
+    y, J, variance, group = data(rng, groups=100, excess=1.0)
+    right, told_less = (grouped_fit(y, J, variance / k, group, usual=0.05) for k in (1, 4))
+    assert 1 + told_less.excess == pytest.approx(4 * (1 + right.excess), rel=0.01)
+    sd = np.sqrt(np.diag(right.covariance))
+    assert (np.abs(told_less.x - right.x) < 0.1 * sd).all()  # they stop within 0.02 of each other's answers
+    np.testing.assert_allclose(np.sqrt(np.diag(told_less.covariance)), sd, rtol=0.03)
 
 
 def test_groups_and_data_that_lie_far_off_do_not_count(rng: np.random.Generator) -> None:
@@ -63,6 +73,23 @@ def test_groups_and_data_that_lie_far_off_do_not_count(rng: np.random.Generator)
     e = fit.x - TRUTH
     assert e @ np.linalg.solve(fit.covariance, e) / 3 < 3
     assert np.abs(grouped_fit(y, J, variance, group, usual=0.05, robust=False).x - TRUTH).max() > np.abs(e).max()
+
+
+def test_groups_that_turn_as_well_are_met_better_where_they_are_taken_to_be_uneven(rng: np.random.Generator) -> None:
+    """Offsets of sd 0.3 that change by 0.15 to both ends of a group; its design changes from end to end as well."""
+    squares, z2 = [], []
+    for _ in range(80):
+        group, along = np.repeat(np.arange(30), 12), np.tile(np.linspace(-1, 1, 12), 30)
+        turn, offset, tilt = rng.normal(size=(30, 3))[group], 0.3 * rng.normal(size=30), 0.15 * rng.normal(size=30)
+        J = rng.normal(size=(30, 3))[group] + 0.3 * along[:, None] * turn
+        y = J @ TRUTH + offset[group] + along * tilt[group] + 0.02 * rng.normal(size=360)
+        fits = [grouped_fit(y, J, np.full(360, 4e-4), group, usual=0.05, uneven=share) for share in (0.4, 0.0)]
+        errors = [fit.x - TRUTH for fit in fits]
+        squares.append([e @ e for e in errors])
+        z2.append([e @ np.linalg.solve(fit.covariance, e) / 3 for e, fit in zip(errors, fits, strict=True)])
+    told, untold = np.mean(squares, axis=0)
+    assert told < 0.75 * untold
+    assert np.mean(z2, axis=0)[0] < 0.5 * np.mean(z2, axis=0)[1]
 
 
 def test_few_groups_do_not_run_away(rng: np.random.Generator) -> None:

@@ -199,6 +199,15 @@ def test_blur_is_told_by_how_well_steps_fit(blur: float, rng: np.random.Generato
     assert found == pytest.approx(blur, rel=0.12)  # half a step of the blurs tried is 17 percent
 
 
+def test_cells_full_of_texture_hardly_change_the_blur(rng: np.random.Generator) -> None:
+    """Four of twelve cells have texture of half the step; by the squares they leave they alone would tell it."""
+    y = np.mgrid[:64, :64][0] - 31.5
+    gray = picture(0.0, 0.0, blur=0.9) + np.where(y > 5.5, 0.2, 0.01) * rng.normal(size=(64, 64))
+    q = np.stack([np.full(12, 31.5), 31.5 + np.linspace(-16, 16, 12)], axis=1)
+    found = blur_of(gray.astype(np.float32), q, np.tile([1.0, 0.0], (12, 1)), reach=np.full(12, 6.0), half_length=2.0)
+    assert found == pytest.approx(0.9, rel=0.15)
+
+
 def test_twin_edges_are_two_candidates_of_opposite_sign() -> None:
     gray = picture(0.0, -2.0) - picture(0.0, 3.0)  # a bright strip 5 px wide
     found = candidates(gray, np.array([[31.5, 31.5]]), np.array([[1.0, 0.0]]), half_length=2.0, reach=8, noise=1e-3)

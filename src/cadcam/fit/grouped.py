@@ -1,13 +1,16 @@
 """Linear regression on data that err in groups: noise of each datum, scatter within groups, an offset for each group.
 
-    y_i = J_i x + e_group(i) + n_i,   var n_i = variance_i + within^2,   var e_g = share expected_g + between^2
+    y_i = J_i x + e_group(i) + n_i
+    var n_i = (1 + excess) variance_i + within^2,   var e_g = share expected_g + between^2
 
-The noise of measuring is known. By what groups are off for a reason that they do not share alike is expected, but may
-not be there: share is 0 or 1. The other variances are estimated with x: the one within groups by moments, the one
-between them by restricted likelihood (Patterson and Thompson, Biometrika 58, 1971). With few groups a large variance
-explains a wrong x as well, and a maximum says little: x and its covariance are averaged over the whole range and both
-shares, each with its likelihood and a half-Cauchy prior of usual size (Gelman, Bayesian Analysis 1, 2006). Data far off
-their group and groups far off the rest count less or not at all.
+The noise of measuring is known but for a factor: what else acts on the brightness beside an edge, grain and texture,
+shifts faint edges more than clear ones, as noise does; what a model lacks shifts all alike. By what groups are off
+for a reason that they do not share alike is expected, but may not be there: share is 0 or 1. The other variances are
+estimated with x: those within groups by moments, the one between them by restricted likelihood (Patterson and
+Thompson, Biometrika 58, 1971). With few groups a large variance explains a wrong x as well, and a maximum says
+little: x and its covariance are averaged over the whole range and both shares, each with its likelihood and a
+half-Cauchy prior of usual size (Gelman, Bayesian Analysis 1, 2006). Data far off their group and groups far off the
+rest count less or not at all.
 """
 
 from __future__ import annotations
@@ -34,13 +37,15 @@ _PRIOR = np.log(np.tile(np.gradient(_RANGE), 2)) - np.log1p(_TRIED**2)  # how mu
 class GroupedFit:
     """The parameters x (k,), their covariance (k, k), and what the data say about themselves.
 
-    within, between: standard deviations beyond the known noise. weight (n,) in [0, 1]: how far each datum counts by
-    itself; of_group (G,) the same of each group; offset (G,) each group's mean residual, sd_offset (G,) its noise.
+    excess: share by which variances within groups exceed the known ones; within, between: standard deviations beyond
+    that, within groups and of their offsets. weight (n,) in [0, 1]: how far each datum counts by itself; of_group (G,)
+    the same of each group; offset (G,) each group's mean residual, sd_offset (G,) its noise.
     group (n,): of each datum. gain (k, n): dx/dy, by which anything that shifts the data shifts x.
     """
 
     x: Array
     covariance: Array
+    excess: float
     within: float
     between: float
     weight: Array
@@ -65,39 +70,46 @@ def grouped_fit(
     usual: float,
     expected: Array | None = None,
     exact: Mask | None = None,
+    uneven: float = 0.0,
     robust: bool = True,
     iterations: int = 12,
 ) -> GroupedFit:
     """Return the fit of y (n,) by J (n, k) with known variances (n,) and ascending group numbers (n,), none left out.
 
     usual: a usual standard deviation between groups. expected (G,): variance between them that is to be expected,
-    default none. exact (G,): groups without an offset or scatter of their own, believed as they are. Robust fits start
-    from x = 0, near which half of the other data must lie. Raises `DegenerateGeometry` where the data leave a parameter
-    open.
+    default none. exact (G,): groups without an offset or scatter of their own, believed as they are. uneven: groups
+    that are off are so unevenly: within is at least this share of between. Robust fits start from x = 0, near which
+    half of the other data must lie. Raises `DegenerateGeometry` where the data leave a parameter open.
     """
     sums = _Sums(y, J, group, expected, exact)
     free = sums.free[group]
-    x, within2, between, own = np.zeros(J.shape[1]), 0.0, usual, np.zeros(sums.n)
+    x, spread, between, own = np.zeros(J.shape[1]), (0.0, 0.0), usual, np.zeros(sums.n)
     weight, of_group = np.ones(len(y)), np.ones(sums.n)
     if robust:
-        weight, of_group, within2 = _first_weights(y, variance, sums)
+        weight, of_group, spread = _first_weights(y, variance, sums)
     covariance, mean, total = np.eye(len(x)), np.zeros(sums.n), np.ones(sums.n)
-    w, of_group_then = weight / (variance + within2 * free), of_group
+    seen_variance = _grown(variance, free, spread)
+    w, of_group_then = weight / seen_variance, of_group
     for _ in range(iterations):
-        w, of_group_then, x_before = weight / (variance + within2 * free), of_group, x
+        w, of_group_then, x_before = weight / seen_variance, of_group, x
         x, covariance, between, own = sums.solve(w, of_group, usual)
         r = y - J @ x
         mean, total = sums.means(r, w)
-        within2 = _within(r - mean[group], variance, within2, weight * free, w / np.maximum(total[group], 1e-300))
+        share = w / np.maximum(total[group], 1e-300)
+        excess, within2 = _spread((r - mean[group]) ** 2, variance, weight * free / seen_variance**2, share)
+        spread = excess, max(within2, uneven**2 * min(between**2, _median_square(mean[sums.free > 0])))
+        seen_variance = _grown(variance, free, spread)
         if (np.abs(x - x_before) <= _SETTLED * np.sqrt(np.diag(covariance))).all():
             break
         if robust:
             seen = own + 1 / np.maximum(total, 1e-300)
-            weight = _counts(free * (r - (mean * own / seen)[group]) / np.sqrt(variance + within2))
+            weight = _counts(free * (r - (mean * own / seen)[group]) / np.sqrt(seen_variance))
             of_group = _counts(sums.free * mean / np.sqrt(seen))
     sd = 1 / np.sqrt(np.maximum(total, 1e-300))
     gain = sums.gain(w, of_group_then, own)
-    return GroupedFit(x, covariance, float(np.sqrt(within2)), between, weight, of_group, mean, sd, group, gain)
+    return GroupedFit(
+        x, covariance, spread[0], float(np.sqrt(spread[1])), between, weight, of_group, mean, sd, group, gain
+    )
 
 
 class _Sums:
@@ -149,34 +161,47 @@ class _Sums:
         return np.add.reduceat(w * r, self.first) / np.maximum(total, 1e-300), total
 
 
-def _first_weights(y: Array, variance: Array, sums: _Sums) -> tuple[Array, Array, float]:
-    """Return weights of data and groups, and the variance within groups, as they look from x = 0, by medians."""
+def _first_weights(y: Array, variance: Array, sums: _Sums) -> tuple[Array, Array, tuple[float, float]]:
+    """Return weights of data and groups, and the spread within groups, as they look from x = 0, by medians."""
     group, free = sums.group, sums.free > 0
     if not free.any():
-        return np.ones(len(y)), np.ones(sums.n), 0.0
+        return np.ones(len(y)), np.ones(sums.n), (0.0, 0.0)
     mean, _ = sums.means(y, 1 / variance)
     within2 = _median_square((y - mean[group])[free[group]])
     mean, _ = sums.means(y, 1 / (variance + within2))
     weight = _counts((y - mean[group]) / np.sqrt(variance + within2))
     of_group = _counts(mean / np.sqrt(max(_median_square(mean[free]), 1e-300)))
-    return np.where(free[group], weight, 1.0), np.where(free, of_group, 1.0), within2
+    return np.where(free[group], weight, 1.0), np.where(free, of_group, 1.0), (0.0, within2)
 
 
 def _median_square(d: Array) -> float:
-    """Return the variance of the good half of deviations."""
-    return quantile(d * d, 0.5) / 0.455
+    """Return the variance of the good half of deviations, 0 of none."""
+    return quantile(d * d, 0.5) / 0.455 if len(d) else 0.0
 
 
-def _within(d: Array, variance: Array, now: float, weight: Array, share: Array) -> float:
-    """Return the variance within groups beyond the known one: where the weighted squares are as large as expected.
+def _grown(variance: Array, free: npt.NDArray[np.floating], spread: tuple[float, float]) -> Array:
+    """Return all variance (n,) of data within their group, from the known and the spread: excess and within^2."""
+    return np.asarray(variance * (1 + spread[0] * free) + spread[1] * free)
+
+
+def _spread(squares: Array, known: Array, weight: Array, share: Array) -> tuple[float, float]:
+    """Return excess and variance within groups beyond the known one: where weighted squares are as large as expected.
 
     share: of its group's weight that each datum has, the part of its variance that the group's mean takes away.
     """
-    v = weight / (variance + now) ** 2
-    expected = v * (1 - share)
-    if not expected.sum() > 0:
-        return now
-    return max(float((v * d * d - expected * variance).sum() / expected.sum()), 0.0)
+    left = weight * (1 - share)
+    a, b, c = float(left @ known**2), float(left @ known), float(left.sum())
+    beyond = weight * squares - left * known
+    p, q = float(beyond @ known), float(beyond.sum())
+    if not c > 0:
+        return 0.0, 0.0
+    det = a * c - b * b
+    if det > 1e-9 * a * c:
+        excess, within2 = (c * p - b * q) / det, (a * q - b * p) / det
+        if excess >= 0 and within2 >= 0:
+            return excess, within2
+    gain_p, gain_q = max(p, 0.0) ** 2 / a, max(q, 0.0) ** 2 / c
+    return (max(p, 0.0) / a, 0.0) if gain_p >= gain_q else (0.0, max(q, 0.0) / c)
 
 
 def _counts(u: Array) -> Array:

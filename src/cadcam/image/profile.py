@@ -29,6 +29,7 @@ from cadcam.native import profiles
 DARK, BRIGHT = 0.002, 0.998  # beyond these a pixel is clipped
 _ROWS = 48  # rows of a photo that tell its noise
 _BLURS = np.array([0.5, 0.7, 0.95, 1.3, 1.8, 2.5, 3.5])  # px, tried in `blur_of`
+_FEW = 8  # cells that tell the blur at least
 _ALONE = np.array([[-np.inf, 0.0], [np.inf, 0.0]])  # no twins
 _QUANTISED = 1.0 / 255 / math.sqrt(12.0)  # the least noise of an eight-bit photo
 
@@ -132,21 +133,22 @@ def noise_of(gray: Picture) -> float:
 def blur_of(gray: Picture, q: Array, normal: Array, *, reach: Array, half_length: float, default: float = 0.8) -> float:
     """Return the blur s (px) at which steps fit best in cells that lie on strong edges; `default` where none do.
 
-    reach (N,): how far the cells reach along the normal, both ways.
+    reach (N,): how far the cells reach along the normal, both ways. What a fit leaves over varies far more from cell to
+    cell than with the blur, and cells that no blur fits leave most: only by which share it changes is asked of each.
     """
     free = np.zeros((len(q), 2))
     misfit = np.full(len(_BLURS), np.inf)
-    for k, blur in enumerate(_BLURS if len(q) >= 8 else ()):
+    for k, blur in enumerate(_BLURS if len(q) >= _FEW else ()):
         sums = step_sums(gray, q, normal, below=reach, above=reach, half_length=half_length, blur=blur)
-        noise = profiles.steps(sums.sums, free)[:, 4]
-        noise = noise[np.isfinite(noise)]
-        misfit[k] = quantile(noise, 0.5) if len(noise) >= 8 else np.inf
+        left = profiles.steps(sums.sums, free)[:, 4]
+        left = left[np.isfinite(left)]
+        misfit[k] = np.mean(np.log(left + _QUANTISED)) if len(left) >= _FEW else np.inf
         if k and misfit[k] > misfit[k - 1]:
             break
     best = int(np.argmin(misfit))
     if not np.isfinite(misfit[best]):
         return default
-    return float(np.exp(_parabola(np.log(_BLURS), misfit**2, best)))
+    return float(np.exp(_parabola(np.log(_BLURS), misfit, best)))
 
 
 def _parabola(x: Array, y: Array, best: int) -> float:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from cadcam.arrays import quantile
-from cadcam.errors import BadValue
+from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.approach import REACH, Reach, approach
 from cadcam.locate.freedom import FREE, Freedom
@@ -59,11 +59,14 @@ def locate(
     if start is None:
         hypotheses, most = search_once(part, photos, views), _TRIED[1]
     else:
-        hypotheses, most = approach(part, photos, start, reach=reach, freedom=freedom), _TRIED[0]
+        hypotheses, most = _near(part, photos, start, reach, freedom), _TRIED[0]
     if not hypotheses:
         hypotheses = [Hypothesis(Rigid() if start is None else start, 0.0, 0.0)]
     chosen = SEARCHED if start is None else 0
     tried = _refined(part, photos, hypotheses[:most], freedom, options, chosen)
+    if start is not None and not any(location.found for _, location in tried):
+        far = replace(options, search_px=max(options.search_px, reach.shift_px))
+        tried.append((0.0, refine(part, photos, start, freedom=freedom, options=far)))
     most_score = max(max(score for score, _ in tried), 1e-9)
     ranked = sorted(tried, key=lambda t: -(t[1].quality + _BY_SCORE * t[0] / most_score))
     (score, best), others = ranked[0], [(s, o) for s, o in ranked[1:] if o.quality >= FOUND]
@@ -85,6 +88,21 @@ def locate(
         return replace(best, quality=min(best.quality, _UNCERTAIN), reason=why, alternatives=rivals)
     told = f"; {len(rivals)} other poses look as good" if rivals else ""
     return replace(best, reason=best.reason + told, alternatives=rivals)
+
+
+def _near(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach, freedom: Freedom) -> list[Hypothesis]:
+    """Return what is found around a start; nothing where the photos show little of a part that is larger than they are.
+
+    An approach moves the part as a whole about its middle. Where the camera stands within it, that is no small motion
+    of the few lines in view.
+    """
+    try:
+        return approach(part, photos, start, reach=reach, freedom=freedom)
+    except NothingInView:
+        poses = [(photo.camera, photo.viewpoint.camera_from_world @ start) for photo in photos]
+        if not any(len(part.lines.draw(*pose).visible.q) for pose in poses):
+            raise
+        return []
 
 
 def _elsewhere(part: Part, one: Rigid, other: Rigid) -> bool:

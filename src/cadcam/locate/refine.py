@@ -21,7 +21,7 @@ from cadcam.fit.grouped import GroupedFit, grouped_fit
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.attraction import attracted
 from cadcam.locate.edges import Projected
-from cadcam.locate.evidence import Evidence, rows_of
+from cadcam.locate.evidence import Evidence, pose_jacobian, rows_of
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.location import FOUND, Location
 from cadcam.locate.matches import EdgeMatches
@@ -36,6 +36,9 @@ _CLOSE = 3  # px: how far from the lines their steps may be after the search
 _ON_LINE = 0.7  # px: steps this near are fitted on the line itself
 _USUAL_PX = 0.05  # by which edges are off as a whole
 _LIGHT_PX = 0.03  # by which light shifts an edge of usual contrast
+_LIMB_PX = 0.2  # by which the border of a round surface is off: it darkens ever faster towards it, or brightens
+_TOGETHER_PX = 0.005  # by which all edges of a photo are off together: pixels do not collect light to less
+_UNEVEN = 0.4  # of what edges are off by as a whole: they are off by that beside, they turn and bend too
 _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
 _ROUNDS = (3, 8, 8, 8)  # reweightings in the first measurement, the second, and more where it is not settled
 _SETTLED_PX = 0.2  # by which nine tenths of the lines may move in the last step
@@ -44,6 +47,7 @@ _DOUBT = (0.25, 0.62)  # quality of a pose that half of the lines agree with: wo
 _FARTHEST_PX = 3.0  # an edge farther off is another one
 _LOOSE_PX = 0.25  # by which edges of a good pose are seldom off as a whole
 _WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
+_WEAKEST, _BESIDE_PX = 3, 4.0  # motions along which a loose pose may be another one, and how far lines move by them
 _SAME_PX = 0.5  # a search that ends this near to where it began, at a pose that was found, finds the same again
 _UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose that nothing was measured of
 
@@ -90,22 +94,32 @@ def refine(
     lines of the part that are known otherwise. chosen: how many constraints the start met by being the best of many
     poses in these photos; they prove nothing (`locate.quality`). Where too little is seen to tell the pose the answer
     has quality 0. wider: whether a doubtful answer is searched for once more, wider, from where it ended; lines of a
-    wrong pose often half agree. Not where the start is known to be good: farther off there are only other lines.
+    wrong pose often half agree. Where the start was the best of many and edges still fit only loosely, poses beside it
+    are tried too, narrowly. Not where the start is known to be good: farther off there are only other lines.
     """
     if not photos:
         raise BadValue("photos", "none", "at least one photo")
+
+    def measured(sights: Sequence[Sight], pose: Rigid) -> tuple[Location, _Fitted | None]:
+        return _measured(part, sights, pose, freedom, evidence, options, chosen)
+
     sights, pose = _attracted(part, photos, _sights(part, photos, start, options), start, freedom, options)
-    first, loose = _measured(part, sights, pose, freedom, evidence, options, chosen)
-    if not wider or first.quality <= _DOUBT[0] or (first.quality >= _DOUBT[1] and not loose):
-        return first
-    ended = first.pose.world_from_part
-    again = replace(options, search_px=max(_WIDER * options.search_px, _WIDER_PX))
-    sights, pose = _attracted(part, photos, sights, ended, freedom, again)
-    if first.found and max(s.moved_px(ended, pose) for s in sights) < _SAME_PX:
-        return first
-    second, still_loose = _measured(part, sights, pose, freedom, evidence, again, chosen)
-    tighter = loose and not still_loose and second.found
-    return second if tighter or second.quality > first.quality else first
+    best, fitted = measured(sights, pose)
+    if not wider or best.quality <= _DOUBT[0] or (best.quality >= _DOUBT[1] and not _loose(fitted)):
+        return best
+    ended = best.pose.world_from_part
+    wide = replace(options, search_px=max(_WIDER * options.search_px, _WIDER_PX))
+    sights, pose = _attracted(part, photos, sights, ended, freedom, wide)
+    if not best.found or max(s.moved_px(ended, pose) for s in sights) >= _SAME_PX:
+        second, other = measured(sights, pose)
+        if second.quality > best.quality or (_loose(fitted) and not _loose(other) and second.found):
+            best, fitted = second, other
+    narrow = replace(options, search_px=_CLOSE)
+    for beside in _beside(fitted) if chosen else ():
+        second, other = measured(*_attracted(part, photos, sights, beside, freedom, narrow))
+        if second.quality > best.quality and not _loose(other):
+            return second
+    return best
 
 
 def _attracted(
@@ -125,13 +139,13 @@ def _measured(
     evidence: Sequence[Evidence],
     options: EdgeOptions,
     chosen: int,
-) -> tuple[Location, bool]:
-    """Return what the measurement of a pose close by finds, and whether edges fit it only loosely."""
+) -> tuple[Location, _Fitted | None]:
+    """Return what the measurement of a pose close by finds, and what was measured, if anything."""
     try:
         fitted = _fitted(sights, pose, freedom, evidence, options)
     except DegenerateGeometry as error:
-        return _lost(sights, pose, freedom, str(error)), False
-    return _location(part, fitted, freedom, chosen), fitted.fit.between > _LOOSE_PX
+        return _lost(sights, pose, freedom, str(error)), None
+    return _location(part, fitted, freedom, chosen), fitted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,6 +164,32 @@ class _Fitted:
     def moved(self) -> list[Array]:
         """Return by how much (n,) px the last step moved the samples of each photo along their normals."""
         return [at.row @ (self.B @ self.fit.x) for at in self.places]
+
+
+def _loose(fitted: _Fitted | None) -> bool:
+    """Return whether edges fit a pose only loosely."""
+    return fitted is not None and fitted.fit.between > _LOOSE_PX
+
+
+def _beside(fitted: _Fitted | None) -> list[Rigid]:
+    """Return poses beside that of a loose fit, along the motions of the lines in the photos that it tells least.
+
+    Lines of thin plates seen edge-on may be taken for each other, all in the same sense: that too is a fit, if a loose
+    one. Between it and the right pose lies a hill that no search from either climbs.
+    """
+    if fitted is None or not _loose(fitted):
+        return []
+    moved = []
+    for sight in fitted.sights:
+        camera_from_part = sight.photo.viewpoint.camera_from_world @ fitted.pose
+        q, J = sight.photo.camera.project_with_jacobian(camera_from_part @ sight.samples.p)
+        by_twist = pose_jacobian(sight.samples.p, J @ camera_from_part.rotation)
+        moved.append(by_twist[np.isfinite(q).all(axis=1)])
+    every = np.concatenate(moved) @ fitted.B
+    r = np.linalg.qr(every.reshape(-1, every.shape[2]) / np.sqrt(len(every)))[1]  # |r x|: px, root mean square
+    axes = np.linalg.eigh(r @ fitted.fit.covariance @ r.T)[1][:, -_WEAKEST:]
+    steps = fitted.B @ np.linalg.solve(r, _BESIDE_PX * axes)
+    return [fitted.pose @ Rigid.exp(sign * step) for step in steps.T for sign in (1, -1)]
 
 
 def _sights(
@@ -215,18 +255,33 @@ def _solved(
     edges = int(group[-1]) + 1 if len(group) else 0
     group = np.concatenate([group, edges + np.arange(len(other))])
     exact = np.arange(edges + len(other)) >= edges
-    expected = np.concatenate([_by_light(measured, group[: len(group) - len(other)]), np.zeros(len(other))])
-    return grouped_fit(y, J, variance, group, usual=_USUAL_PX, expected=expected, exact=exact, iterations=iterations)
+    expected = np.concatenate([_by_light(sights, measured, group[: len(group) - len(other)]), np.zeros(len(other))])
+    return grouped_fit(
+        y,
+        J,
+        variance,
+        group,
+        usual=_USUAL_PX,
+        uneven=_UNEVEN,
+        expected=expected,
+        exact=exact,
+        iterations=iterations,
+    )
 
 
-def _by_light(measured: Sequence[Measured], group: Longs) -> Array:
+def _by_light(sights: Sequence[Sight], measured: Sequence[Measured], group: Longs) -> Array:
     """Return by how much groups are off because of the light (G,), px^2.
 
-    Shadows, reflections and texture add to a step of brightness: they shift it the less the higher it is.
+    Shadows, reflections and texture add to a step of brightness: they shift it the less the higher it is. Towards the
+    border of a round surface brightness changes with the root of the distance, which no slope of the ground describes.
     """
+    if not len(group):
+        return np.zeros(0)
     contrast = np.concatenate([np.abs(m.contrast[m.usable]) for m in measured])
-    mean = np.bincount(group, contrast) / np.bincount(group)
-    return np.asarray(_LIGHT_PX**2 * np.mean(contrast**2) / mean**2) if len(mean) else mean
+    round_off = np.concatenate([s.samples.chain[m.usable] < 0 for s, m in zip(sights, measured, strict=True)])
+    count = np.bincount(group)
+    of_contrast = _LIGHT_PX**2 * np.mean(contrast**2) / (np.bincount(group, contrast) / count) ** 2
+    return np.asarray(of_contrast + _LIMB_PX**2 * np.bincount(group, round_off) / count)
 
 
 def _groups(sights: Sequence[Sight], measured: Sequence[Measured], options: EdgeOptions) -> Longs:
@@ -258,7 +313,10 @@ def _location(part: Part, fitted: _Fitted, freedom: Freedom, chosen: int) -> Loc
     normals = [at.normal[m.usable] for at, m in zip(fitted.places, fitted.measured, strict=True)]
     photos = [s.photo for s in sights]
     from_calibration = calibration_covariance(photos, points, normals, gains, pose)
-    estimate = PoseEstimate(pose, B @ fit.covariance @ B.T, from_calibration, B, fit.dof)
+    together = sum(
+        (_TOGETHER_PX**2 * (G @ n) @ (G @ n).T for G, n in zip(gains, normals, strict=True)), np.zeros((6, 6))
+    )
+    estimate = PoseEstimate(pose, B @ fit.covariance @ B.T + together, from_calibration, B, fit.dof)
     evidence = judged(sights, pose, B, chosen=chosen, scatter=_scatter(fit))
     return Location(estimate, _matches(fitted), evidence.quality, _reason(part, estimate, evidence, fit, photos))
 

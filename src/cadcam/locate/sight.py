@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask, quantile
+from cadcam.arrays import Array, Ids, Mask, quantile
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import StepSums, blur_of, candidates, noise_of, step_sums
 from cadcam.locate.edges import EdgeSamples, Projected, project, sample_lines
@@ -88,7 +88,8 @@ class Cells:
     """Which of a sight's samples have room for a cell, how far the cells reach, and the light they are seen in.
 
     which (N,): numbers of the samples; below, above (N,) px; held (N, 2): how firmly the slopes are held
-    (`image.profile.StepSums`); half_length, blur (px). first: their sums at the places where they were
+    (`image.profile.StepSums`); bow (N,) px: how far along the normal the step of a bent line lies beyond its
+    tangent, on the mean of the cell; half_length, blur (px). first: their sums at the places where they were
     laid out, which the first measurement needs again.
     """
 
@@ -96,6 +97,7 @@ class Cells:
     below: Array
     above: Array
     held: Array
+    bow: Array
     half_length: float
     blur: float
     first: StepSums | None = None
@@ -124,8 +126,8 @@ class Cells:
         apart = np.abs(samples.twins[:, :, 0]).min(axis=1) > _TWIN * blur
         enough = (below >= room_px) & (above >= room_px)
         which = np.flatnonzero(apart & enough & np.isfinite(at.q).all(axis=1))
-        free = np.zeros((len(which), 2))
-        cells = cls(which, below[which], above[which], free, half_length, blur)
+        free, bow = np.zeros((len(which), 2)), _bow(at, samples.run, half_length, blur)
+        cells = cls(which, below[which], above[which], free, bow[which], half_length, blur)
         sums = cells.sums_at(sight, at, where)
         found, run = sums.solved(free, noise=0.5 * sight.noise), samples.run[which]
         slope2 = along_runs(found.slopes, run, _STRETCH) ** 2
@@ -135,9 +137,10 @@ class Cells:
     def sums_at(self, sight: Sight, at: Projected, where: Array | None) -> StepSums:
         """Return what the cells' pixels add up to; where (N,) px: how far along the normal each cell is shifted."""
         q, normal = at.q[self.which], at.normal[self.which]
+        aside = self.bow if where is None else self.bow + where[self.which]
         return step_sums(
             sight.photo.gray,
-            q if where is None else q + where[self.which, None] * normal,
+            q + aside[:, None] * normal,
             normal,
             below=self.below,
             above=self.above,
@@ -199,3 +202,20 @@ def nearest_steps(sight: Sight, at: Projected, *, half_length: float, reach: int
 def _room(next_line: Array, beyond: Array, blur: float) -> Array:
     """Return how far (N,) px cells may reach: short of the next line, or past it where it is a twin."""
     return np.maximum(next_line - _APART * blur, np.minimum(next_line + _PAST * blur, beyond - _APART * blur))
+
+
+def _bow(at: Projected, run: Ids, half_length: float, blur: float) -> Array:
+    """Return how far (N,) px along the normals the steps of bent lines lie beyond their tangents, on their cells' mean.
+
+    A line of curvature k is k t^2 / 2 off its tangent at t, so k half_length^2 / 6 on the mean, and blur moves its step
+    towards the inside of the bend, by k blur^2 / 2. The neighbours on the line, s away, are k s^2 / 2 off.
+    """
+    before, here, after = at.q[:-2], at.q[1:-1], at.q[2:]
+    apart2 = 0.5 * (((after - here) ** 2).sum(axis=1) + ((before - here) ** 2).sum(axis=1))
+    curvature = np.zeros(len(run))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        bent = ((before + after - 2 * here) * at.normal[1:-1]).sum(axis=1) / apart2
+    curvature[1:-1] = np.where((run[2:] == run[:-2]) & np.isfinite(bent), bent, 0.0)
+    first, last = np.flatnonzero(np.diff(run, prepend=-1)), np.flatnonzero(np.diff(run, append=-1))
+    curvature[first], curvature[last] = curvature[np.minimum(first + 1, last)], curvature[np.maximum(last - 1, first)]
+    return curvature * (half_length**2 / 6 + blur**2 / 2)
