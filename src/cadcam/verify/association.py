@@ -63,21 +63,26 @@ class Association:
         return np.isfinite(self.offset)
 
 
-def nearby_edges(lines: Sightlines, sights: Sequence[Sight], *, reach_px: float) -> Array:
-    """Return the offsets (N, K) px along the normals of the photos' edges within `reach_px`, nan where no more are."""
-    found = [
-        candidates(
+def nearby_edges(lines: Sightlines, sights: Sequence[Sight], *, reach_px: float, way: Array | None = None) -> Array:
+    """Return the offsets (N, K) px along the normals of the photos' edges within `reach_px`, nan where no more are.
+
+    way (N,): sign of the change of brightness that is looked for, 0 for either; by default either.
+    """
+    out = []
+    for i, sight in enumerate(sights):
+        rows = lines.photo == i
+        found = candidates(
             sight.photo.gray,
-            lines.q[lines.photo == i],
-            lines.normal[lines.photo == i],
+            lines.q[rows],
+            lines.normal[rows],
             half_length=STEP_PX / 2,
             reach=int(np.ceil(reach_px)),
             noise=sight.noise,
             most=_MOST,
-        ).offset
-        for i, sight in enumerate(sights)
-    ]
-    return np.concatenate(found)
+        )
+        wrong = np.zeros(found.slope.shape, bool) if way is None else found.slope * way[rows, None] < 0
+        out.append(np.where(wrong, np.nan, found.offset))
+    return np.concatenate(out)
 
 
 def associated(
@@ -127,8 +132,15 @@ def _shifted(
             if np.hypot(*s) > _NEAR_PX and not _believed(free[rows], normal, edge, s, ought[rows]):
                 s = best_shift(found[rows], normal, reach_px=_NEAR_PX)
             shift[rows] = s
-            coarse[rows] = _nearest(found[rows], normal @ s)
+            coarse[rows] = _own(_nearest(found[rows], normal @ s), normal @ s, lines.select(rows))
     return coarse, shift
+
+
+def _own(coarse: Array, expected: Array, lines: Sightlines) -> Array:
+    """Return the offsets (n,), without those that are nearer to where a twin is expected than to the line's own place."""
+    off = coarse - expected
+    twins = np.abs(off[:, None] - lines.twin).min(axis=1) < np.abs(off)
+    return np.where(twins & (lines.middle == 0), np.nan, coarse)
 
 
 def _expected(coarse: Array, lines: Sightlines) -> Array:
@@ -145,8 +157,7 @@ def _expected(coarse: Array, lines: Sightlines) -> Array:
 def _measured(lines: Sightlines, sights: Sequence[Sight], expected: Array) -> tuple[Array, Array, Array]:
     """Return offsets (N,), sigmas and steps of brightness, fitted to the pixels about where the edges are expected.
 
-    Of twins, which a fit would know how far apart they are, one may be taken for the other, or be another body's that
-    stands elsewhere: they are not measured.
+    Beside a line of another body, which may stand elsewhere or be taken for the edge, nothing is measured.
     """
     offset, sigma, step = (np.full(len(lines), np.nan) for _ in range(3))
     for i, sight in enumerate(sights):
@@ -156,7 +167,7 @@ def _measured(lines: Sightlines, sights: Sequence[Sight], expected: Array) -> tu
         found = measure(sight, at, cells, expected[rows])
         clear = lines.room[rows] >= ROOM_PX + _APART * cells.blur
         usable = found.usable & clear
-        offset[rows] = np.where(usable, found.offset, np.nan)
+        offset[rows] = np.where(usable, found.offset - lines.middle[rows], np.nan)
         sigma[rows] = np.where(usable, found.sigma, np.nan)
         step[rows] = np.where(clear, found.contrast, np.nan)
     return offset, sigma, step

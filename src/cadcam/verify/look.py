@@ -12,15 +12,16 @@ from cadcam.errors import DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.verify.measured import Displacement, Measured
+from cadcam.verify.measured import Measured
 from cadcam.verify.presence import Presence, Visibility, log_ratio, visibility
 from cadcam.verify.redrawn import AGREES_PX, measured_at, off_px, redrawn
 from cadcam.verify.survey import Survey, surveyed
 from cadcam.verify.tolerance import Tolerances
+from cadcam.verify.tones import Tones
 from cadcam.verify.uncovered import uncovered_ratio
 
 OF_DISPLACED = 0.25  # of the alarms: a displacement that matters is far beyond any doubt, an absence is not
-_DOUBTFUL = -1.0  # log likelihood ratio below which it is asked what a part hides
+DOUBTFUL = 2.0  # log likelihood ratio, 7 to 1, below which a part may not be there
 _CELL_PX = 1.5  # places where a shifted feature is looked for are about this far apart
 _ROUNDS = 4  # of drawing displaced bodies again where they were found
 
@@ -72,7 +73,7 @@ def looked(case: Case, drawn: Part, survey: Survey) -> Look:
 
     Raises `DegenerateGeometry` where what is seen of the datum does not hold the part.
     """
-    presence = _presences(drawn, case.photos, case.world_from_part, survey)
+    presence = _presences(case, drawn, survey)
     measured, left_out = _snooped(survey, _there(presence), case)
     return Look(drawn, survey, presence, measured, left_out)
 
@@ -121,24 +122,39 @@ def _redrawn_look(case: Case, look: Look, part: int, to: Array) -> Look | None:
     return again if survey.names == look.survey.names else None
 
 
-def _presences(part: Part, photos: Sequence[Photo], world_from_part: Rigid, survey: Survey) -> list[Presence]:
+def sure(presence: Sequence[Presence], alarms: float) -> float:
+    """Return the log likelihood ratio beyond which a body is called missing (-) or there (+), none of all wrongly.
+
+    Bonferroni over the bodies in view.
+    """
+    return float(np.log(max(sum(p.expected > 0 for p in presence), 1) / ((1 - OF_DISPLACED) * alarms)))
+
+
+def _presences(case: Case, drawn: Part, survey: Survey) -> list[Presence]:
     """Return the evidence for each feature; where it was looked for at many places, that is taken off.
 
-    Of whole parts that are rather not there, it is asked whether what they hide is seen.
+    Of whole parts that are not clearly there, it is asked how bright they are, and if that does not settle it, whether
+    what they hide is seen.
     """
-    out = []
-    for i in range(len(survey.names)):
-        rows = survey.rows(i)
-        shift = np.hypot(*survey.matched.shift[rows].T).max(initial=0.0)
-        cells = np.pi * (shift / _CELL_PX) ** 2  # looked at before this one, the nearest first
-        found = survey.presence(i, elsewhere=float(np.log(cells)) if shift > _CELL_PX else 0.0)
-        if found.expected and found.log_ratio < _DOUBTFUL:
-            body = survey.whole_part(i)
-            if body is not None:
-                behind = uncovered_ratio(part, photos, world_from_part, body, survey.evidence, clutter=survey.clutter)
-                found = replace(found, log_ratio=found.log_ratio + behind)
-        out.append(found)
+    out = [_by_its_edges(survey, i) for i in range(len(survey.names))]
+    missing, tones = -sure(out, case.alarms), Tones(drawn, case.photos, case.world_from_part)
+    for i, found in enumerate(out):
+        body = survey.whole_part(i) if found.expected and found.log_ratio < DOUBTFUL else None
+        if body is None:
+            continue
+        told = found.log_ratio + tones.log_ratio(body)
+        if missing < told < DOUBTFUL:
+            told += uncovered_ratio(
+                drawn, case.photos, case.world_from_part, body, survey.evidence, clutter=survey.clutter
+            )
+        out[i] = replace(found, log_ratio=told)
     return out
+
+
+def _by_its_edges(survey: Survey, number: int) -> Presence:
+    shift = np.hypot(*survey.matched.shift[survey.rows(number)].T).max(initial=0.0)
+    cells = np.pi * (shift / _CELL_PX) ** 2  # looked at before this one, the nearest first
+    return survey.presence(number, elsewhere=float(np.log(cells)) if shift > _CELL_PX else 0.0)
 
 
 def _there(presence: Sequence[Presence]) -> Mask:
@@ -163,7 +179,7 @@ def _snooped(survey: Survey, there: Mask, case: Case) -> tuple[Measured, list[in
             return measured, left_out
         bodies = np.unique(measured.body[measured.adjustment.datum]).tolist()
         tests = [(i, *_against_others(survey, used, datum, eye, F, i)) for i in bodies]
-        told = [(i, moved.p_value, loss) for i, moved, loss in tests if moved is not None]
+        told = [(i, p, loss) for i, p, loss in tests if np.isfinite(p)]
         suspect = [(loss, i) for i, p, loss in told if p <= OF_DISPLACED * case.alarms / len(told)]
         if not suspect:
             return measured, left_out
@@ -176,12 +192,12 @@ def _snooped(survey: Survey, there: Mask, case: Case) -> tuple[Measured, list[in
 
 def _against_others(
     survey: Survey, used: Mask, datum: Mask, eye: Array | None, F: Array, body: int
-) -> tuple[Displacement | None, float]:
-    """Return how a body is displaced against the rest of the datum, and how improbable its being so leaves the photos.
+) -> tuple[float, float]:
+    """Return how probable a body is in place by the rest of the datum, and how improbable its being off leaves the photos.
 
     Edges' own errors too are those of the rest. Of several bodies that are displaced against the others the one is to
     blame whose displacement explains most: those that it pulled the pose away from are in place without it.
     """
     its = (survey.body == body) | (survey.mate == body)
     others = Measured.of(survey, used, datum & ~its, eye, F)
-    return others.displacement(others.body == body), others.improbability(body)
+    return others.p_value(others.body == body), others.improbability(body)

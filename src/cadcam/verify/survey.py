@@ -30,8 +30,9 @@ class Survey:
     names: the features asked about, then the model's parts as far as they are none of those; members: the places (N,)
     of each, which may be those of others too. body (N,): what moves as one, each place in one of them: the widest
     feature that has it, or its part. usable (N,): whether its edge can be told from its neighbours; datum (N,): whether
-    the pose may be fitted to it; stated: whether the datum was, by the tolerances. lever (N,) px/mm and mate (N,): what
-    the place is as a foot (`Feet`), the mate being a body; ought (N,): whether the light gives its edge contrast.
+    the pose may be fitted to it; stated: whether the datum was, by the tolerances. lever (N,) px/mm, mate (N,) and
+    ground (N, 3): what the place is as a foot (`Feet`), the mate being a body; vague (N,) px: sigma by which
+    its edge is off as a whole, being two; ought (N,): whether the light gives its edge contrast.
     """
 
     lines: Sightlines
@@ -44,6 +45,8 @@ class Survey:
     stated: bool
     lever: Array
     mate: Longs
+    ground: Array
+    vague: Array
     ought: Mask
     evidence: EdgeEvidence
     clutter: float
@@ -92,13 +95,13 @@ def surveyed(
     """
     by = np.zeros((len(part.scene.mesh.part_names), 3)) if by is None else by
     lines, sights = sightlines(part, photos, world_from_part)
-    found = nearby_edges(lines, sights, reach_px=reach_px)
     in_place = replace(lines, p=lines.p - by[lines.part])
     names, members = _members(part.scene, in_place, asked)
     body = _bodies(members)
-    usable = lines.room >= SEARCH_ROOM_PX
+    usable = (lines.room >= SEARCH_ROOM_PX) & ~lines.second
     moved_as_one = np.where(usable, body, -1)
     beside = surroundings(part, photos, world_from_part, lines)
+    found = nearby_edges(lines, sights, reach_px=reach_px, way=beside.way)
     ought = usable & (beside.contrast > FAINT)
     matched = associated(lines, sights, found, moved_as_one, reach_px=reach_px, ought=ought)
     feet = Feet.of(lines, beside)
@@ -113,11 +116,23 @@ def surveyed(
         bool(asked.datum),
         feet.lever,
         feet.of_bodies(lines, body),
+        feet.ground,
+        _vague(lines, matched.step, beside.spread),
         ought,
         EdgeEvidence.of(lines, usable, matched, beside),
         clutter_of(lines, found, moved_as_one, reach_px=reach_px),
         by,
     )
+
+
+def _vague(lines: Sightlines, step: Array, spread: Array) -> Array:
+    """Return by how much (N,) px, one sigma, places that step as one with a twin are off their middle.
+
+    Half of the twins' distance if the face between them is as bright as one of the sides, d (t - m) / c if its tone is
+    t, that of the sides on average m, and their step c: tones are taken to scatter as the photo's do.
+    """
+    tone = spread / np.maximum(np.abs(np.nan_to_num(step)), FAINT)
+    return np.asarray(2 * np.abs(lines.middle) * np.hypot(0.5, tone))
 
 
 def _from_place(

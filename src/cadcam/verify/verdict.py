@@ -12,9 +12,12 @@ from enum import Enum
 
 import numpy as np
 
+from cadcam.arrays import Array
 from cadcam.verify.tolerance import Limit, Rule
 
 SIMPLE_SHARE = 1 / 3  # of the limit that U may be where simple acceptance decides (JCGM 106:2012, 8.2)
+
+_FLAT, _CENTRED = 1e-12, 1e-9  # variance, of the largest, and distance from the centre in sigmas that count as zero
 
 
 class Verdict(Enum):
@@ -47,6 +50,48 @@ def decided(deviation: float, sigma: float, limit: Limit) -> Verdict:
     if size <= limit.value - U:
         return Verdict.PASS
     return Verdict.FAIL if size > limit.value + U else Verdict.UNDECIDED
+
+
+def towards(value: Array, covariance: Array, limit: Limit) -> float:
+    """Return the standard deviation of a displacement's length, its components being value (m,) and covariance (m, m).
+
+    That by which it is decided, so that it errs as rarely as that of a single component. PASS: the longest displacement
+    in the k sigma ellipsoid keeps the limit. If the true one does not, some direction alone shows that, and errs by k
+    sigma as rarely as any. FAIL: the shortest in the ellipsoid that misses the true one as rarely as that is beyond it.
+    """
+    from scipy.stats import chi2, norm
+
+    size, m = float(np.linalg.norm(value)), len(value)
+    if size <= limit.value:
+        return (lengths(value, covariance, limit.k)[1] - size) / limit.k
+    k = limit.k if m == 1 else float(np.sqrt(chi2.isf(norm.sf(limit.k), m)))
+    return (size - lengths(value, covariance, k)[0]) / limit.k
+
+
+def lengths(value: Array, covariance: Array, k: float) -> tuple[float, float]:
+    """Return the lengths of the shortest and the longest vector d with (d - value)^T V^-1 (d - value) <= k^2.
+
+    At both (V - l) d = -l value: one unknown l, beyond the largest variance for the longest, below zero for the shortest.
+    """
+    from scipy.optimize import brentq
+
+    c, axes = np.linalg.eigh(covariance)
+    largest = float(c[-1])
+    if largest <= 0:
+        return float(np.linalg.norm(value)), float(np.linalg.norm(value))
+    c, v = np.maximum(c, _FLAT * largest), axes.T @ value
+    v[-1] = np.copysign(max(abs(v[-1]), _CENTRED * np.sqrt(largest)), v[-1])  # a centred one has two longest vectors
+
+    def beyond(at: float) -> float:
+        return float((v**2 * c / (at - c) ** 2).sum() - k**2)
+
+    width = np.sqrt(largest) / k
+    longest = brentq(beyond, largest + 0.5 * width * abs(v[-1]), largest + 2 * width * np.linalg.norm(v), xtol=1e-300)
+    long = float(np.linalg.norm(longest * v / (longest - c)))
+    if beyond(0.0) <= 0:
+        return 0.0, long
+    shortest = brentq(beyond, -2 * width * np.linalg.norm(v), 0.0, xtol=1e-300)
+    return float(np.linalg.norm(shortest * v / (shortest - c))), long
 
 
 def overall(verdicts: Iterable[Verdict]) -> Verdict:
