@@ -32,6 +32,7 @@ _ON_LINE_PX = 1.2  # across a line, that a candidate may be off to be taken for 
 _PARALLEL = np.cos(np.radians(20.0))
 _NEAR_PX = 1.5  # shifts up to this are the nominal place
 _GAIN_SAMPLES, _GAIN_SHARE = 3.0, 0.10  # by which support elsewhere must exceed that of the nominal place
+_GUESSES, _GUESS_SHARE, _GUESS_APART_PX = 6, 0.5, 2.0  # of a body's place: how many, how well supported, how far apart
 _STRAYS = 3.5  # robust sigmas
 _LEAST_SAMPLES, _LEAST_SHARE = 3, 0.4  # of an edge that must agree before it counts as seen
 
@@ -110,12 +111,13 @@ def associated(
         left, left_free = np.where(taken, np.nan, found), np.where(taken, np.nan, free)
         at, by = _shifted(lines, left, left_free, rest, ought, reach_px=reach_px)
         coarse, shift = np.where(rest >= 0, at, coarse), np.where(rest[:, None] >= 0, by, shift)
-    coarse[strays(coarse, np.full(n, _COARSE_PX), lines.edge, lines.along)] = np.nan
+    asked = body >= 0
+    coarse[strays(coarse, np.full(n, _COARSE_PX), lines.edge, lines.along, asked)] = np.nan
     expected = _expected(coarse, lines)
     at_shift = np.einsum("ni,ni->n", lines.normal, shift)
     offset, sigma, step = _measured(lines, sights, np.where(np.isfinite(expected), expected, at_shift))
     offset[~np.isfinite(coarse)] = np.nan
-    offset[strays(offset, sigma, lines.edge, lines.along)] = np.nan
+    offset[strays(offset, sigma, lines.edge, lines.along, asked)] = np.nan
     return Association(coarse, offset, np.where(np.isfinite(offset), sigma, np.nan), step, shift)
 
 
@@ -132,15 +134,8 @@ def _shifted(
             if np.hypot(*s) > _NEAR_PX and not _believed(free[rows], normal, edge, s, ought[rows]):
                 s = best_shift(found[rows], normal, reach_px=_NEAR_PX)
             shift[rows] = s
-            coarse[rows] = _own(_nearest(found[rows], normal @ s), normal @ s, lines.select(rows))
+            coarse[rows] = _nearest(found[rows], normal @ s)
     return coarse, shift
-
-
-def _own(coarse: Array, expected: Array, lines: Sightlines) -> Array:
-    """Return the offsets (n,), without those that are nearer to where a twin is expected than to the line's own place."""
-    off = coarse - expected
-    twins = np.abs(off[:, None] - lines.twin).min(axis=1) < np.abs(off)
-    return np.where(twins & (lines.middle == 0), np.nan, coarse)
 
 
 def _expected(coarse: Array, lines: Sightlines) -> Array:
@@ -157,7 +152,8 @@ def _expected(coarse: Array, lines: Sightlines) -> Array:
 def _measured(lines: Sightlines, sights: Sequence[Sight], expected: Array) -> tuple[Array, Array, Array]:
     """Return offsets (N,), sigmas and steps of brightness, fitted to the pixels about where the edges are expected.
 
-    Beside a line of another body, which may stand elsewhere or be taken for the edge, nothing is measured.
+    Of twins, which a fit would know how far apart they are, one may be taken for the other, or be another body's that
+    stands elsewhere: they are not measured.
     """
     offset, sigma, step = (np.full(len(lines), np.nan) for _ in range(3))
     for i, sight in enumerate(sights):
@@ -167,7 +163,7 @@ def _measured(lines: Sightlines, sights: Sequence[Sight], expected: Array) -> tu
         found = measure(sight, at, cells, expected[rows])
         clear = lines.room[rows] >= ROOM_PX + _APART * cells.blur
         usable = found.usable & clear
-        offset[rows] = np.where(usable, found.offset - lines.middle[rows], np.nan)
+        offset[rows] = np.where(usable, found.offset, np.nan)
         sigma[rows] = np.where(usable, found.sigma, np.nan)
         step[rows] = np.where(clear, found.contrast, np.nan)
     return offset, sigma, step
@@ -216,6 +212,18 @@ def best_shift(offset: Array, normal: Array, *, reach_px: float, free: Array | N
     return np.asarray(grid[best])
 
 
+def guessed_shifts(offset: Array, normal: Array, *, reach_px: float) -> Array:
+    """Return shifts (k, 2) px that many of the candidates `offset` (n, K) support, best first, clearly apart."""
+    grid = _grid(reach_px)
+    score = support(offset, normal, grid) - 1e-6 * np.hypot(*grid.T)
+    out: list[Array] = []
+    least = _GUESS_SHARE * score.max()
+    while len(out) < _GUESSES and score.max() >= least:
+        out.append(grid[int(np.argmax(score))])
+        score[np.hypot(*(grid - out[-1]).T) < _GUESS_APART_PX] = -np.inf
+    return np.array(out).reshape(-1, 2)
+
+
 def _believed(offset: Array, normal: Array, edge: Longs, shift: Array, ought: Mask) -> bool:
     """Return whether a shift far from the nominal place is that of the feature, not of a line that happens to be there.
 
@@ -246,11 +254,11 @@ def support(offset: Array, normal: Array, shifts: Array) -> Array:
     return np.asarray(np.maximum(1 - (off / CAPTURE_PX) ** 2, 0).sum(axis=1))
 
 
-def strays(offset: Array, sigma: Array, edge: Longs, along: Array) -> Mask:
-    """Return the offsets that do not lie with those of their edge, and those of edges that are hardly seen."""
+def strays(offset: Array, sigma: Array, edge: Longs, along: Array, asked: Mask) -> Mask:
+    """Return the offsets that do not lie with those of their edge, and those of edges hardly seen where `asked` (N,)."""
     out = np.zeros(len(offset), bool)
-    for e in np.unique(edge):
-        rows = np.flatnonzero(edge == e)
+    for e in np.unique(edge[asked]):
+        rows = np.flatnonzero((edge == e) & asked)
         have = rows[np.isfinite(offset[rows])]
         if len(have) < max(_LEAST_SAMPLES, _LEAST_SHARE * len(rows)):
             out[have] = True

@@ -12,9 +12,10 @@ from cadcam.errors import DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.verify.likeness import Likeness
 from cadcam.verify.measured import Measured
 from cadcam.verify.presence import Presence, Visibility, log_ratio, visibility
-from cadcam.verify.redrawn import AGREES_PX, measured_at, off_px, redrawn
+from cadcam.verify.redrawn import AGREES_PX, displaced, off_px, redrawn
 from cadcam.verify.survey import Survey, surveyed
 from cadcam.verify.tolerance import Tolerances
 from cadcam.verify.tones import Tones
@@ -81,36 +82,76 @@ def looked(case: Case, drawn: Part, survey: Survey) -> Look:
 def looked_again(case: Case, look: Look) -> Look:
     """Return the look with displaced bodies drawn where they stand, as far as that explains more of the photos.
 
-    One body at a time, the one farthest from where it is drawn first.
+    One body at a time, the one farthest from where it is drawn first. Where a body stands is measured, or guessed from
+    the edges nearby; of these places that one is tried which the photos look most like.
     """
     seen, clutter = visibility(look.survey.evidence, np.ones(len(look.survey.evidence.seen), bool)), look.survey.clutter
     for _ in range(_ROUNDS):
-        tries = (_redrawn_look(case, look, part, to) for part, to in _elsewhere(look))
         before = look.explained(seen, clutter)
-        better = next((t for t in tries if t is not None and t.explained(seen, clutter) > before), None)
-        if better is None:
+        for number in _suspects(case, look):
+            to, gain = _likeliest(case, look, number)
+            again = None if to is None else _redrawn_look(case, look, number, to)
+            if again is not None and again.explained(seen, clutter) + gain > before:
+                look = again
+                break
+        else:
             return look
-        look = better
     return look
 
 
-def _elsewhere(look: Look) -> list[tuple[int, Array]]:
-    """Return the parts that were measured beside where they are drawn, and their displacements (3,) mm."""
+def _suspects(case: Case, look: Look) -> list[int]:
+    """Return the features, whole parts, that may stand elsewhere: measured beside where they are drawn, or unclear.
+
+    The farthest first; last those displaced by less, and those that may not be there at all.
+    """
     out = []
-    for i in range(len(look.presence)):
-        part, to = look.survey.whole_part(i), measured_at(look.measured, i)
-        if part is None or to is None:
+    for i, found in enumerate(look.presence):
+        part, moved = look.survey.whole_part(i), displaced(look.measured, i)
+        if part is None or not found.expected:
             continue
-        px = off_px(look.survey, look.survey.rows(i), to - look.survey.by[part])
-        if px > AGREES_PX:
-            out.append((px, part, to))
-    return [(part, to) for _, part, to in sorted(out, key=lambda each: -each[0])]
+        if moved is None:
+            if found.log_ratio < DOUBTFUL:
+                out.append((0.0, i))
+            continue
+        px = off_px(look.survey, look.survey.rows(i), moved.basis @ moved.estimate.value - look.survey.by[part])
+        if px > AGREES_PX or moved.p_value <= OF_DISPLACED * case.alarms / len(look.presence):
+            out.append((px, i))
+    return [i for _, i in sorted(out)[::-1]]
 
 
-def _redrawn_look(case: Case, look: Look, part: int, to: Array) -> Look | None:
-    """Return the look with a part drawn `to` (3,) mm beside its place; None where nothing can be measured then."""
-    by = look.survey.by.copy()
-    by[part] = to
+def _likeliest(case: Case, look: Look, number: int) -> tuple[Array | None, float]:
+    """Return which displacement (3,) mm of a body makes the drawn part look most like the photos, and by how much.
+
+    None where that is as drawn, or without the body.
+    """
+    survey, part = look.survey, look.survey.whole_part(number)
+    assert part is not None  # a suspect
+    now, moved = survey.by[part], displaced(look.measured, number)
+    places = [now + d for d in survey.guesses(number, reach_px=case.reach_px)]
+    places += [] if moved is None else [moved.basis @ moved.estimate.value]
+    places = [p for p in places if off_px(survey, survey.members[number], p - now) > AGREES_PX]
+    drawn = [(p, redrawn(case.part, _with(survey.by, part, p))) for p in places]
+    parts = [(p, d) for p, d in drawn if d is not None]
+    likeness = Likeness.around(case.photos, case.world_from_part, [look.drawn, *(d for _, d in parts)], part)
+    before, nothing = likeness.of(look.drawn), likeness.of(look.drawn, without=part)
+    scores = [likeness.of(d) for _, d in parts]
+    if not scores or max(scores) <= max(before, nothing):
+        return None, 0.0
+    best = int(np.argmax(scores))
+    return parts[best][0], scores[best] - before
+
+
+def _with(by: Array, part: int, to: Array) -> Array:
+    out = by.copy()
+    out[part] = to
+    return out
+
+
+def _redrawn_look(case: Case, look: Look, number: int, to: Array) -> Look | None:
+    """Return the look with a feature's part drawn `to` (3,) mm beside its place; None where nothing is measured then."""
+    part = look.survey.whole_part(number)
+    assert part is not None  # a suspect
+    by = _with(look.survey.by, part, to)
     drawn = redrawn(case.part, by)
     if drawn is None:
         return None

@@ -56,7 +56,7 @@ class Measured:
         """Return what is measured from the places `used` (N,), the pose fitted to those also in `datum` (N,)."""
         rows = used & survey.matched.measured & survey.usable
         lines, offset = survey.lines.select(rows), survey.matched.offset[rows]
-        sigma, fitted = survey.matched.sigma[rows], datum[rows] & (lines.middle == 0)
+        sigma, fitted = survey.matched.sigma[rows], datum[rows]
         scale = white_scale(offset, EdgeNoise.of(sigma, lines.edge, lines.along, 0.0))
         sigma = sigma * scale
         J = lines.by_pose
@@ -65,7 +65,7 @@ class Measured:
             tau = common_error(
                 offset[fitted], sigma[fitted], lines.edge[fitted], lines.along[fitted], J[fitted] @ freedom
             )
-        noise = EdgeNoise.of(sigma, lines.edge, lines.along, tau).with_more(survey.vague[rows])
+        noise = EdgeNoise.of(sigma, lines.edge, lines.along, tau)
         members = tuple(m[rows] for m in survey.members)
         adjustment = Adjustment(offset, J, lines.by_cause, noise, fitted, freedom)
         lever, mate, ground = survey.lever[rows], survey.mate[rows], survey.ground[rows]
@@ -113,6 +113,8 @@ class Measured:
         every = np.column_stack([basis, _perpendicular(basis)])
         estimate = self._followed(rows, every, pose)
         m = self._still_seen(rows, estimate.along(np.eye(3)[: basis.shape[1]]))
+        if not m.shape[1]:
+            return None
         return Displacement(basis @ m, estimate.along(m.T @ np.eye(3)[: basis.shape[1]]), p_value, self._edges(rows))
 
     def p_value(self, rows: Mask) -> float:
@@ -152,10 +154,9 @@ class Measured:
         return len(np.unique(self.lines.edge[rows]))
 
     def _still_seen(self, rows: Mask, found: Estimate) -> Array:
-        """Return the directions (m, k) in which an estimate is as sure as what is seen has to be; at least the best."""
+        """Return the directions (m, k) in which an estimate is as sure as what is seen has to be."""
         w, V = np.linalg.eigh(found.covariance)
         seen = w < (SEEN_PX * float(np.median(self.lines.mm_per_px[rows]))) ** 2
-        seen[0] = True
         return np.asarray(V[:, seen])
 
     def _unseen_mm(self, rows: Mask) -> float:

@@ -18,7 +18,6 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.sight import Sight
 from cadcam.render.wireframe import LineOptions
-from cadcam.verify.twins import Twins
 
 Longs = npt.NDArray[np.int64]
 STEP_PX, REACH_PX = 4.0, 7.0  # length of the cell that a place stands for, and how far to each side it reaches
@@ -43,9 +42,6 @@ class Sightlines:
     by_cause: Array
     along: Array
     room: Array
-    twin: Array
-    middle: Array
-    second: Mask
     edge: Longs
     part: Ids
     kind: Ids
@@ -100,7 +96,7 @@ def _in_photo(
     samples = sample_lines(wires, photo.camera, step_px=STEP_PX, reach_px=2 * REACH_PX)
     samples = samples.select(_imaged(samples, photo, camera_from_part))
     at = project(samples, photo.camera, camera_from_part)
-    n, twins = len(samples), Twins.of(samples, at, wires)
+    n = len(samples)
     lines = Sightlines(
         at.q,
         at.normal,
@@ -108,17 +104,14 @@ def _in_photo(
         at.row[:, :3],
         _by_cause(photo, world_from_part @ samples.p, at.normal, sources),
         np.zeros(n),
-        twins.room,
-        twins.twin,
-        twins.middle,
-        twins.second,
+        np.minimum(samples.below, samples.above),
         np.zeros(n, np.int64),
         wires.part[samples.line],
         wires.kind[samples.line],
         wires.chain[samples.line],
         np.full(n, number, np.int32),
     )
-    return lines, Sight(photo, noise_of(photo.gray), world_from_part, twins.joined(samples))
+    return lines, Sight(photo, noise_of(photo.gray), world_from_part, samples)
 
 
 def _imaged(samples: EdgeSamples, photo: Photo, camera_from_part: Rigid) -> Mask:

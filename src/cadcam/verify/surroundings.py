@@ -34,8 +34,7 @@ class Surroundings:
     normal (N, 2, 3): of the surfaces before and after the place along its normal, in the part frame, zero where there
     is nothing of the part; part, color (N, 2): the numbers of their part and of their paint, -1 for nothing; contrast
     (N,): by how much the brightness should at least change from one to the other, the light being known as well as it
-    is; way (N,): 1 where it should rise along the normal, -1 where it should fall, 0 where that is not sure; spread (N,): standard deviation of
-    surfaces' brightness in its photo.
+    is; way (N,): 1 where it should rise along the normal, -1 where it should fall, 0 where that is not sure.
     """
 
     normal: Array
@@ -43,13 +42,12 @@ class Surroundings:
     color: Ids
     contrast: Array
     way: Array
-    spread: Array
 
 
 def surroundings(part: Part, photos: Sequence[Photo], world_from_part: Rigid, lines: Sightlines) -> Surroundings:
     """Return what lies beside each place, the part being at this pose, in the light that the photos show."""
     n = len(lines)
-    normals, contrast, way, spread = np.zeros((n, 2, 3)), np.zeros(n), np.zeros(n), np.zeros(n)
+    normals, contrast, way = np.zeros((n, 2, 3)), np.zeros(n), np.zeros(n)
     parts, colors = np.full((n, 2), -1, np.int32), np.full((n, 2), -1, np.int32)
     renderer = open_renderer(part.scene)
     for i, photo in enumerate(photos):
@@ -68,9 +66,8 @@ def surroundings(part: Part, photos: Sequence[Photo], world_from_part: Rigid, li
         change, sigma = light.contrast(normals[rows], colors[rows])
         contrast[rows] = np.maximum(np.abs(change) - sigma, 0.0)
         known = (np.abs(change) > _SURE_WAY * np.hypot(sigma, light.scale)) & (colors[rows] >= 0).all(axis=1)
-        spread[rows] = light.spread
         way[rows] = np.where(known, np.sign(change), 0.0)
-    return Surroundings(normals, parts, colors, contrast, way, spread)
+    return Surroundings(normals, parts, colors, contrast, way)
 
 
 def alike(normal: Array, color: Ids) -> Longs:

@@ -13,7 +13,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render.view import Scene
-from cadcam.verify.association import SEARCH_ROOM_PX, Association, associated, nearby_edges
+from cadcam.verify.association import SEARCH_ROOM_PX, Association, associated, guessed_shifts, nearby_edges
 from cadcam.verify.feet import Feet
 from cadcam.verify.presence import EdgeEvidence, Presence, clutter_of, presence
 from cadcam.verify.sightlines import Sightlines, sightlines
@@ -22,20 +22,23 @@ from cadcam.verify.tolerance import Selection, Tolerances
 
 Longs = npt.NDArray[np.int64]
 
+LEAST_GUESSED = 12  # places from which a feature's own place is guessed
+_BLIND = 0.05  # of the largest: what a displacement along the line of sight moves in a photo
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Survey:
     """N places on visible edges.
 
-    names: the features asked about, then the model's parts as far as they are none of those; members: the places (N,)
+    nearby (N, K) px: offsets of the photos' edges near each. names: the features asked about, then the model's parts as far as they are none of those; members: the places (N,)
     of each, which may be those of others too. body (N,): what moves as one, each place in one of them: the widest
     feature that has it, or its part. usable (N,): whether its edge can be told from its neighbours; datum (N,): whether
     the pose may be fitted to it; stated: whether the datum was, by the tolerances. lever (N,) px/mm, mate (N,) and
-    ground (N, 3): what the place is as a foot (`Feet`), the mate being a body; vague (N,) px: sigma by which
-    its edge is off as a whole, being two; ought (N,): whether the light gives its edge contrast.
+    ground (N, 3): what the place is as a foot (`Feet`), the mate being a body; ought (N,): whether the light gives its edge contrast.
     """
 
     lines: Sightlines
+    nearby: Array
     matched: Association
     names: tuple[str, ...]
     members: tuple[Mask, ...]
@@ -46,7 +49,6 @@ class Survey:
     lever: Array
     mate: Longs
     ground: Array
-    vague: Array
     ought: Mask
     evidence: EdgeEvidence
     clutter: float
@@ -73,6 +75,23 @@ class Survey:
         mine = np.isin(self.evidence.edge, np.unique(self.lines.edge[self.rows(number)]))
         return presence(self.evidence, mine, clutter=self.clutter, elsewhere=elsewhere)
 
+    def guesses(self, number: int, *, reach_px: float) -> list[Array]:
+        """Return displacements (3,) mm of a feature that many of the edges nearby agree with, from where it is drawn.
+
+        Feet, which may not follow, are asked where there is little else. Along the line of sight there is none.
+        """
+        rows = self.members[number]
+        own = rows & (self.mate < 0)
+        rows = own if own.sum() >= LEAST_GUESSED else rows
+        if not rows.any():
+            return []
+        photo = np.bincount(self.lines.photo[rows]).argmax()
+        rows &= self.lines.photo == photo
+        normal = self.lines.normal[rows]
+        shifts = guessed_shifts(self.nearby[rows], normal, reach_px=reach_px)
+        back = np.linalg.pinv(self.lines.by_point[rows], rcond=_BLIND)
+        return [back @ (normal @ s) for s in shifts]
+
     @property
     def seen_share(self) -> float:
         """Return the share of the datum's usable places where the photos show an edge."""
@@ -98,7 +117,7 @@ def surveyed(
     in_place = replace(lines, p=lines.p - by[lines.part])
     names, members = _members(part.scene, in_place, asked)
     body = _bodies(members)
-    usable = (lines.room >= SEARCH_ROOM_PX) & ~lines.second
+    usable = lines.room >= SEARCH_ROOM_PX
     moved_as_one = np.where(usable, body, -1)
     beside = surroundings(part, photos, world_from_part, lines)
     found = nearby_edges(lines, sights, reach_px=reach_px, way=beside.way)
@@ -107,6 +126,7 @@ def surveyed(
     feet = Feet.of(lines, beside)
     return Survey(
         lines,
+        found,
         _from_place(matched, lines, photos, world_from_part, by),
         names,
         members,
@@ -117,22 +137,11 @@ def surveyed(
         feet.lever,
         feet.of_bodies(lines, body),
         feet.ground,
-        _vague(lines, matched.step, beside.spread),
         ought,
         EdgeEvidence.of(lines, usable, matched, beside),
         clutter_of(lines, found, moved_as_one, reach_px=reach_px),
         by,
     )
-
-
-def _vague(lines: Sightlines, step: Array, spread: Array) -> Array:
-    """Return by how much (N,) px, one sigma, places that step as one with a twin are off their middle.
-
-    Half of the twins' distance if the face between them is as bright as one of the sides, d (t - m) / c if its tone is
-    t, that of the sides on average m, and their step c: tones are taken to scatter as the photo's do.
-    """
-    tone = spread / np.maximum(np.abs(np.nan_to_num(step)), FAINT)
-    return np.asarray(2 * np.abs(lines.middle) * np.hypot(0.5, tone))
 
 
 def _from_place(

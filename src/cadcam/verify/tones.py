@@ -35,7 +35,7 @@ _NO_EDGES = FeatureEdges(_PAIR, _PAIR, _ONE, _ONE, _ONE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Drawn:
+class Drawn:
     """What a model shows in each pixel: normal (H, W, 3) in the part frame, colour and part (H, W), -1 for nothing."""
 
     normal: Array
@@ -43,7 +43,7 @@ class _Drawn:
     part: Ids
 
     @classmethod
-    def of(cls, part: Part, photo: Photo, camera_from_part: Rigid, *, without: int = -1) -> _Drawn:
+    def of(cls, part: Part, photo: Photo, camera_from_part: Rigid, *, without: int = -1) -> Drawn:
         """Return what a part shows, one of its bodies left out."""
         mesh = part.scene.mesh
         kept = np.flatnonzero(mesh.part != without)
@@ -64,7 +64,7 @@ class _Pixels:
     surface: Longs
 
     @classmethod
-    def of(cls, drawn: _Drawn, where: Mask) -> _Pixels:
+    def of(cls, drawn: Drawn, where: Mask) -> _Pixels:
         """Return the pixels `where` (H, W)."""
         normal, color = drawn.normal[where], drawn.color[where]
         return cls(normal, color, surfaces(normal, color))
@@ -91,8 +91,8 @@ class Tones:
     world_from_part: Rigid
 
     @cached_property
-    def _shown(self) -> list[_Drawn]:
-        return [_Drawn.of(self.part, photo, self._camera_from_part(photo)) for photo in self.photos]
+    def _shown(self) -> list[Drawn]:
+        return [Drawn.of(self.part, photo, self._camera_from_part(photo)) for photo in self.photos]
 
     def _camera_from_part(self, photo: Photo) -> Rigid:
         return photo.viewpoint.camera_from_world @ self.world_from_part
@@ -101,7 +101,7 @@ class Tones:
         """Return the logarithm of the likelihood ratio of "there" to "not there" of part number `body`."""
         return sum(self._in_photo(photo, shown, body) for photo, shown in zip(self.photos, self._shown, strict=True))
 
-    def _in_photo(self, photo: Photo, shown: _Drawn, body: int) -> float:
+    def _in_photo(self, photo: Photo, shown: Drawn, body: int) -> float:
         from scipy.ndimage import binary_erosion
 
         its = shown.part == body
@@ -110,7 +110,7 @@ class Tones:
             return 0.0
         light = fitted_light(photo.gray, shown.normal, shown.color, without=its)
         own = _Pixels.of(shown, inside)
-        behind = _Pixels.of(_Drawn.of(self.part, photo, self._camera_from_part(photo), without=body), inside)
+        behind = _Pixels.of(Drawn.of(self.part, photo, self._camera_from_part(photo), without=body), inside)
         pairs = _pairs(own.surface, behind.surface)
         pieces = [np.flatnonzero(pairs == i) for i in np.flatnonzero(np.bincount(pairs) >= _LEAST_PX)]
         if not pieces:

@@ -29,7 +29,7 @@ def uncovered_ratio(
         return 0.0
     without = Part(Scene.of(mesh.select(mesh.part != body)))
     lines, sights = sightlines(without, photos, world_from_part)
-    behind = _behind(part, photos, world_from_part, body, lines) & (lines.room >= SEARCH_ROOM_PX) & ~lines.second
+    behind = _behind(part, photos, world_from_part, body, lines) & (lines.room >= SEARCH_ROOM_PX)
     if not behind.any():
         return 0.0
     beside = surroundings(without, photos, world_from_part, lines)
