@@ -32,7 +32,8 @@ _ON_LINE_PX = 1.2  # across a line, that a candidate may be off to be taken for 
 _PARALLEL = np.cos(np.radians(20.0))
 _NEAR_PX = 1.5  # shifts up to this are the nominal place
 _GAIN_SAMPLES, _GAIN_SHARE = 3.0, 0.10  # by which support elsewhere must exceed that of the nominal place
-_GUESSES, _GUESS_SHARE, _GUESS_APART_PX = 6, 0.5, 2.0  # of a body's place: how many, how well supported, how far apart
+_GUESSES, _GUESSES_APART_PX = 6, 2.0  # of a body's place
+_GUESS_SHARE = 0.5  # of the best one's support that others have
 _STRAYS = 3.5  # robust sigmas
 _LEAST_SAMPLES, _LEAST_SHARE = 3, 0.4  # of an edge that must agree before it counts as seen
 
@@ -112,12 +113,12 @@ def associated(
         at, by = _shifted(lines, left, left_free, rest, ought, reach_px=reach_px)
         coarse, shift = np.where(rest >= 0, at, coarse), np.where(rest[:, None] >= 0, by, shift)
     asked = body >= 0
-    coarse[strays(coarse, np.full(n, _COARSE_PX), lines.edge, lines.along, asked)] = np.nan
+    coarse[strays(coarse, np.full(n, _COARSE_PX), lines.edge, lines.along, asked, ought)] = np.nan
     expected = _expected(coarse, lines)
     at_shift = np.einsum("ni,ni->n", lines.normal, shift)
     offset, sigma, step = _measured(lines, sights, np.where(np.isfinite(expected), expected, at_shift))
     offset[~np.isfinite(coarse)] = np.nan
-    offset[strays(offset, sigma, lines.edge, lines.along, asked)] = np.nan
+    offset[strays(offset, sigma, lines.edge, lines.along, asked, ought)] = np.nan
     return Association(coarse, offset, np.where(np.isfinite(offset), sigma, np.nan), step, shift)
 
 
@@ -220,7 +221,7 @@ def guessed_shifts(offset: Array, normal: Array, *, reach_px: float) -> Array:
     least = _GUESS_SHARE * score.max()
     while len(out) < _GUESSES and score.max() >= least:
         out.append(grid[int(np.argmax(score))])
-        score[np.hypot(*(grid - out[-1]).T) < _GUESS_APART_PX] = -np.inf
+        score[np.hypot(*(grid - out[-1]).T) < _GUESSES_APART_PX] = -np.inf
     return np.array(out).reshape(-1, 2)
 
 
@@ -254,13 +255,17 @@ def support(offset: Array, normal: Array, shifts: Array) -> Array:
     return np.asarray(np.maximum(1 - (off / CAPTURE_PX) ** 2, 0).sum(axis=1))
 
 
-def strays(offset: Array, sigma: Array, edge: Longs, along: Array, asked: Mask) -> Mask:
-    """Return the offsets that do not lie with those of their edge, and those of edges hardly seen where `asked` (N,)."""
+def strays(offset: Array, sigma: Array, edge: Longs, along: Array, asked: Mask, ought: Mask) -> Mask:
+    """Return the offsets that do not lie with those of their edge, and those of edges that are hardly seen.
+
+    asked (N,): places that were looked at; ought (N,): those where the edge should show, as far as there are any.
+    """
     out = np.zeros(len(offset), bool)
     for e in np.unique(edge[asked]):
         rows = np.flatnonzero((edge == e) & asked)
         have = rows[np.isfinite(offset[rows])]
-        if len(have) < max(_LEAST_SAMPLES, _LEAST_SHARE * len(rows)):
+        showing = rows[ought[rows]] if ought[rows].sum() >= _LEAST_SAMPLES else rows
+        if np.isfinite(offset[showing]).sum() < max(_LEAST_SAMPLES, _LEAST_SHARE * len(showing)):
             out[have] = True
             continue
         slope, level = _robust_line(along[have], offset[have])

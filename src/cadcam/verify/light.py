@@ -42,7 +42,7 @@ class Light:
     spread: float
 
     def brightness(self, normal: Array, color: Ids) -> tuple[Array, Array]:
-        """Return the brightness (N,) of surfaces of the part, normals (N, 3) and colours (N,), and its covariance (N, N).
+        """Return the brightness (N,) of surfaces of normals (N, 3) and colours (N,), and its covariance (N, N).
 
         Of surfaces that none of the photo's others are like, no more is known than how bright these are.
         """
@@ -52,7 +52,7 @@ class Light:
         return np.asarray(covariance @ (told @ (by @ self.form) + self.mean / self.spread**2)), np.asarray(covariance)
 
     def contrast(self, normal: Array, color: Ids) -> tuple[Array, Array]:
-        """Return the change of brightness (N,) from one surface to another, normals (N, 2, 3), colours (N, 2); sigma."""
+        """Return the change of brightness (N,) between surfaces, normals (N, 2, 3), colours (N, 2), and its sigma."""
         gain = np.array([[self.gain.get(int(c), 0.0) for c in pair] for pair in color]).reshape(-1, 2)
         by = gain[..., None] * np.stack([_basis(normal[:, 0]), _basis(normal[:, 1])], axis=1)
         empty = np.where(color < 0, self.nothing, 0.0)
@@ -107,7 +107,7 @@ def surfaces(normal: Array, color: Ids) -> Longs:
     """Return a number (N,) that pixels have in common which show one colour (N,) and about one normal (N, 3)."""
     x, y, z = (np.rint(normal * _NORMALS).astype(np.int64) + int(_NORMALS)).T
     base = 2 * int(_NORMALS) + 1
-    return ((color.astype(np.int64) * base + x) * base + y) * base + z
+    return np.asarray(((color.astype(np.int64) * base + x) * base + y) * base + z)
 
 
 def _basis(normal: Array) -> Array:

@@ -9,17 +9,16 @@ and each counts as a small part of an observation.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Mask, Picture
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import noise_of
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.verify.light import fitted_light, surfaces
-from cadcam.verify.tones import Drawn
+from cadcam.verify.light import Light, fitted_light, surfaces
+from cadcam.verify.tones import Drawn, Window
 
 _RIM_PX = 4  # around a body's picture that counts too
 _BLUR_PX = 0.7  # of the photo, about
@@ -27,47 +26,62 @@ _WORST = 9.0  # squared sigmas that a pixel is off at most
 _TOGETHER = 12.0  # pixels that count as one
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Likeness:
-    """Photos of a part at a pose, and the pixels (H, W) of each that are compared."""
+def likenesses(
+    photos: Sequence[Photo], world_from_part: Rigid, guesses: Sequence[Part], body: int
+) -> tuple[Array, float]:
+    """Return the log likelihoods (k,) of what the photos show where any of the guesses has a body, and that without it.
 
-    photos: Sequence[Photo]
-    world_from_part: Rigid
-    where: Sequence[Mask]
+    Up to a common constant. guesses: the part, that body drawn in several places.
+    """
+    scores = np.zeros(len(guesses) + 1)
+    for photo in photos:
+        camera_from_part = photo.viewpoint.camera_from_world @ world_from_part
+        window = _window(photo, camera_from_part, guesses, body)
+        if window is not None:
+            scores += _in_photo(photo, camera_from_part, guesses, body, window)
+    return scores[:-1], float(scores[-1])
 
-    @classmethod
-    def around(cls, photos: Sequence[Photo], world_from_part: Rigid, guesses: Sequence[Part], body: int) -> Likeness:
-        """Return what is compared where a body is drawn in several places, of whichever parts show it."""
-        from scipy.ndimage import binary_dilation
 
-        where = []
-        for photo in photos:
-            pose = photo.viewpoint.camera_from_world @ world_from_part
-            covered = np.any([Drawn.of(part, photo, pose).part == body for part in guesses], axis=0)
-            where.append(binary_dilation(covered, iterations=_RIM_PX) if covered.any() else covered)
-        return cls(photos, world_from_part, where)
+def _window(photo: Photo, camera_from_part: Rigid, guesses: Sequence[Part], body: int) -> Window | None:
+    """Return the rows and columns of a photo in which any of the guesses has a body; None where none has."""
+    points = []
+    for part in guesses:
+        mesh = part.scene.mesh
+        points.append(photo.camera.project(camera_from_part @ mesh.vertices[np.unique(mesh.faces[mesh.part == body])]))
+    q = np.concatenate(points)
+    q = q[np.isfinite(q).all(axis=1)]
+    if not len(q):
+        return None
+    low = np.clip(np.floor(q.min(axis=0)) - 2 * _RIM_PX, 0, photo.camera.size).astype(int)
+    high = np.clip(np.ceil(q.max(axis=0)) + 2 * _RIM_PX, 0, photo.camera.size).astype(int)
+    return (slice(low[1], high[1]), slice(low[0], high[0])) if (high > low).all() else None
 
-    def of(self, part: Part, *, without: int = -1) -> float:
-        """Return the logarithm of the likelihood of the pixels compared, up to a constant; without: a body left out."""
-        return sum(self._in_photo(part, i, without) for i in range(len(self.photos)))
 
-    def _in_photo(self, part: Part, number: int, without: int) -> float:
-        from scipy.ndimage import gaussian_filter
+def _in_photo(photo: Photo, camera_from_part: Rigid, guesses: Sequence[Part], body: int, window: Window) -> Array:
+    from scipy.ndimage import binary_dilation
 
-        photo, where = self.photos[number], self.where[number]
-        if not where.any():
-            return 0.0
-        drawn = Drawn.of(part, photo, photo.viewpoint.camera_from_world @ self.world_from_part, without=without)
-        light = fitted_light(photo.gray, drawn.normal, drawn.color, without=where)
-        rows, columns = (slice(max(int(i.min()) - 2, 0), int(i.max()) + 3) for i in np.nonzero(where))
-        normal, color = drawn.normal[rows, columns], drawn.color[rows, columns]
-        kind, first, at = np.unique(
-            surfaces(normal.reshape(-1, 3), color.ravel()), return_index=True, return_inverse=True
-        )
-        tone, V = light.brightness(normal.reshape(-1, 3)[first], color.ravel()[first])
-        tone[color.ravel()[first] < 0] = light.nothing
-        sigma = np.sqrt(np.diag(V) + noise_of(photo.gray) ** 2)
-        image = gaussian_filter(tone[at].reshape(color.shape), _BLUR_PX, mode="nearest")
-        off = ((photo.gray[rows, columns] - image) / sigma[at].reshape(color.shape)) ** 2
-        loss = np.minimum(off, _WORST) + 2 * np.log(sigma[at].reshape(color.shape))
-        return float(-0.5 * loss[where[rows, columns]].sum() / _TOGETHER)
+    drawn = [Drawn.of(part, photo, camera_from_part, window=window) for part in guesses]
+    drawn.append(Drawn.of(guesses[0], photo, camera_from_part, without=body, window=window))
+    covered = np.any([d.part == body for d in drawn], axis=0)
+    if not covered.any():
+        return np.zeros(len(drawn))
+    where = np.zeros(photo.gray.shape, bool)
+    where[window] = binary_dilation(covered, iterations=_RIM_PX)
+    whole = Drawn.of(guesses[0], photo, camera_from_part)
+    light = fitted_light(photo.gray, whole.normal, whole.color, without=where)
+    noise = noise_of(photo.gray)
+    return np.array([_log_likelihood(d, photo.gray[window], where[window], light, noise) for d in drawn])
+
+
+def _log_likelihood(drawn: Drawn, gray: Picture, where: Mask, light: Light, noise: float) -> float:
+    """Return the log likelihood of the pixels `where` (h, w) of a window, up to a constant."""
+    from scipy.ndimage import gaussian_filter
+
+    normal, color = drawn.normal.reshape(-1, 3), drawn.color.ravel()
+    _, first, at = np.unique(surfaces(normal, color), return_index=True, return_inverse=True)
+    tone, V = light.brightness(normal[first], color[first])
+    tone[color[first] < 0] = light.nothing
+    sigma = np.sqrt(np.diag(V) + noise**2)[at].reshape(gray.shape)
+    expected = gaussian_filter(tone[at].reshape(gray.shape), _BLUR_PX, mode="nearest")
+    loss = np.minimum(((gray - expected) / sigma) ** 2, _WORST) + 2 * np.log(sigma)
+    return float(-0.5 * loss[where].sum() / _TOGETHER)

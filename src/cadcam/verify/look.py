@@ -12,7 +12,7 @@ from cadcam.errors import DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.verify.likeness import Likeness
+from cadcam.verify.likeness import likenesses
 from cadcam.verify.measured import Measured
 from cadcam.verify.presence import Presence, Visibility, log_ratio, visibility
 from cadcam.verify.redrawn import AGREES_PX, displaced, off_px, redrawn
@@ -122,7 +122,7 @@ def _suspects(case: Case, look: Look) -> list[int]:
 def _likeliest(case: Case, look: Look, number: int) -> tuple[Array | None, float]:
     """Return which displacement (3,) mm of a body makes the drawn part look most like the photos, and by how much.
 
-    None where that is as drawn, or without the body.
+    That is 0 where it was measured there already; the place is None where that is as drawn, or without the body.
     """
     survey, part = look.survey, look.survey.whole_part(number)
     assert part is not None  # a suspect
@@ -130,15 +130,19 @@ def _likeliest(case: Case, look: Look, number: int) -> tuple[Array | None, float
     places = [now + d for d in survey.guesses(number, reach_px=case.reach_px)]
     places += [] if moved is None else [moved.basis @ moved.estimate.value]
     places = [p for p in places if off_px(survey, survey.members[number], p - now) > AGREES_PX]
-    drawn = [(p, redrawn(case.part, _with(survey.by, part, p))) for p in places]
-    parts = [(p, d) for p, d in drawn if d is not None]
-    likeness = Likeness.around(case.photos, case.world_from_part, [look.drawn, *(d for _, d in parts)], part)
-    before, nothing = likeness.of(look.drawn), likeness.of(look.drawn, without=part)
-    scores = [likeness.of(d) for _, d in parts]
-    if not scores or max(scores) <= max(before, nothing):
+    guesses = [(p, redrawn(case.part, _with(survey.by, part, p))) for p in places]
+    told = [(p, guess) for p, guess in guesses if guess is not None]
+    drawn = [look.drawn, *(guess for _, guess in told)]
+    likeness, without = likenesses(case.photos, case.world_from_part, drawn, part)
+    best = int(np.argmax(likeness))
+    if best == 0 or likeness[best] <= without:
         return None, 0.0
-    best = int(np.argmax(scores))
-    return parts[best][0], scores[best] - before
+    place = told[best - 1][0]
+    if moved is not None:
+        apart = place - moved.basis @ moved.estimate.value
+        if off_px(survey, survey.rows(number), apart) <= AGREES_PX:
+            return place, 0.0  # measured from where it is drawn, with feet that may be hidden where it stands
+    return place, float(likeness[best] - likeness[0])
 
 
 def _with(by: Array, part: int, to: Array) -> Array:
@@ -148,7 +152,7 @@ def _with(by: Array, part: int, to: Array) -> Array:
 
 
 def _redrawn_look(case: Case, look: Look, number: int, to: Array) -> Look | None:
-    """Return the look with a feature's part drawn `to` (3,) mm beside its place; None where nothing is measured then."""
+    """Return the look with a feature's part drawn `to` (3,) mm beside its place; None where nothing is measured."""
     part = look.survey.whole_part(number)
     assert part is not None  # a suspect
     by = _with(look.survey.by, part, to)
@@ -234,10 +238,11 @@ def _snooped(survey: Survey, there: Mask, case: Case) -> tuple[Measured, list[in
 def _against_others(
     survey: Survey, used: Mask, datum: Mask, eye: Array | None, F: Array, body: int
 ) -> tuple[float, float]:
-    """Return how probable a body is in place by the rest of the datum, and how improbable its being off leaves the photos.
+    """Return how probable a body's offsets are if it is in place, and how improbable its being off leaves the photos.
 
-    Edges' own errors too are those of the rest. Of several bodies that are displaced against the others the one is to
-    blame whose displacement explains most: those that it pulled the pose away from are in place without it.
+    In place is where the rest of the datum has it; edges' own errors too are those of the rest. Of several bodies that
+    are displaced against the others the one is to blame whose displacement explains most: those that it pulled the pose
+    away from are in place without it.
     """
     its = (survey.body == body) | (survey.mate == body)
     others = Measured.of(survey, used, datum & ~its, eye, F)

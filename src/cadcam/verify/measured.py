@@ -36,8 +36,9 @@ class Displacement:
 class Measured:
     """The places where the photos show the part's edges, their errors, and the pose fitted to the datum among them.
 
-    body, lever, mate (N,), ground (N, 3) and members as in `Survey`; eye (3,): the camera's place in the part frame where one photo
-    sees the part, None where several do; noise_scale: see `white_scale`; tau_px: common error of an edge.
+    body, lever, mate (N,), ground (N, 3) and members as in `Survey`; eye (3,): the camera's place in the part frame
+    where one photo sees the part, None where several do; noise_scale: see `white_scale`; tau_px: common error of an
+    edge.
     """
 
     lines: Sightlines
@@ -118,7 +119,7 @@ class Measured:
         return Displacement(basis @ m, estimate.along(m.T @ np.eye(3)[: basis.shape[1]]), p_value, self._edges(rows))
 
     def p_value(self, rows: Mask) -> float:
-        """Return how probable offsets like those of these places are where what they are on is in place; nan: unknown."""
+        """Return how probable offsets like those of these places are if they are in place; nan: not told."""
         told = self._told(rows, None)
         return float("nan") if told is None else self._p_value(rows, *told, given=False)
 

@@ -22,7 +22,7 @@ from cadcam.verify.tolerance import Selection, Tolerances
 
 Longs = npt.NDArray[np.int64]
 
-LEAST_GUESSED = 12  # places from which a feature's own place is guessed
+_LEAST_GUESSED = 12  # places from which a feature's own place is guessed
 _BLIND = 0.05  # of the largest: what a displacement along the line of sight moves in a photo
 
 
@@ -30,11 +30,12 @@ _BLIND = 0.05  # of the largest: what a displacement along the line of sight mov
 class Survey:
     """N places on visible edges.
 
-    nearby (N, K) px: offsets of the photos' edges near each. names: the features asked about, then the model's parts as far as they are none of those; members: the places (N,)
-    of each, which may be those of others too. body (N,): what moves as one, each place in one of them: the widest
-    feature that has it, or its part. usable (N,): whether its edge can be told from its neighbours; datum (N,): whether
-    the pose may be fitted to it; stated: whether the datum was, by the tolerances. lever (N,) px/mm, mate (N,) and
-    ground (N, 3): what the place is as a foot (`Feet`), the mate being a body; ought (N,): whether the light gives its edge contrast.
+    nearby (N, K) px: offsets of the photos' edges near each. names: the features asked about, then the model's parts as
+    far as they are none of those; members: the places (N,) of each, which may be those of others too. body (N,): what
+    moves as one, each place in one of them: the widest feature that has it, or its part. usable (N,): whether its edge
+    can be told from its neighbours; datum (N,): whether the pose may be fitted to it; stated: whether the datum was, by
+    the tolerances. lever (N,) px/mm, mate (N,) and ground (N, 3): what the place is as a foot (`Feet`), the mate being
+    a body; ought (N,): whether the light gives its edge contrast.
     """
 
     lines: Sightlines
@@ -82,7 +83,7 @@ class Survey:
         """
         rows = self.members[number]
         own = rows & (self.mate < 0)
-        rows = own if own.sum() >= LEAST_GUESSED else rows
+        rows = own if own.sum() >= _LEAST_GUESSED else rows
         if not rows.any():
             return []
         photo = np.bincount(self.lines.photo[rows]).argmax()

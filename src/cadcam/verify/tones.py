@@ -25,6 +25,8 @@ from cadcam.render.view import Channel, Scene
 from cadcam.verify.light import Light, colors_of, fitted_light, surfaces
 
 Longs = npt.NDArray[np.int64]
+Window = tuple[slice, slice]
+EVERYWHERE: Window = (slice(None), slice(None))
 _RIM_PX = 3  # of the body's picture, which is blurred or another body's where that one is off
 _LEAST_PX = 20  # of a piece that has a brightness
 _LAPSE = 0.02  # probability that the light is not as it was fitted
@@ -36,28 +38,31 @@ _NO_EDGES = FeatureEdges(_PAIR, _PAIR, _ONE, _ONE, _ONE)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drawn:
-    """What a model shows in each pixel: normal (H, W, 3) in the part frame, colour and part (H, W), -1 for nothing."""
+    """What a model shows in pixels: normal (h, w, 3) in the part frame, colour and part (h, w), -1 for nothing."""
 
     normal: Array
     color: Ids
     part: Ids
 
     @classmethod
-    def of(cls, part: Part, photo: Photo, camera_from_part: Rigid, *, without: int = -1) -> Drawn:
-        """Return what a part shows, one of its bodies left out."""
+    def of(
+        cls, part: Part, photo: Photo, camera_from_part: Rigid, *, without: int = -1, window: Window = EVERYWHERE
+    ) -> Drawn:
+        """Return what a part shows in a window of the photo, the body `without` left out."""
         mesh = part.scene.mesh
         kept = np.flatnonzero(mesh.part != without)
         scene = part.scene if without < 0 else Scene.of(mesh.select(mesh.part != without), edges=_NO_EDGES)
         view = open_renderer(scene).render(photo.camera, camera_from_part, channels=Channel.NORMAL | Channel.FACE)
-        face = np.where(view.face >= 0, kept[np.maximum(view.face, 0)], -1).astype(np.int32)
-        normal = view.normal.astype(np.float64) @ camera_from_part.rotation
+        seen = view.face[window]
+        face = np.where(seen >= 0, kept[np.maximum(seen, 0)], -1).astype(np.int32)
+        normal = view.normal[window].astype(np.float64) @ camera_from_part.rotation
         number = np.where(face >= 0, mesh.part[np.maximum(face, 0)], -1).astype(np.int32)
         return cls(normal, colors_of(part, face), number)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pixels:
-    """Some pixels: normal (n, 3) and colour (n,) of what they show, and the number (n,) of that surface (`light.surfaces`)."""
+    """Some pixels: normal (n, 3) and colour (n,) of what they show, and that surface's number (n,)."""
 
     normal: Array
     color: Ids
@@ -70,8 +75,8 @@ class _Pixels:
         return cls(normal, color, surfaces(normal, color))
 
     def log_density(self, light: Light, tones: Array, at: Longs) -> float:
-        """Return the logarithm of the probability density of tones (r,) where the pixels `at` (r,) and their like are."""
-        kinds, first, kind = np.unique(self.surface[at], return_index=True, return_inverse=True)
+        """Return the log probability density of tones (r,) where the pixels `at` (r,) and their like are."""
+        _, first, kind = np.unique(self.surface[at], return_index=True, return_inverse=True)
         mean, V = light.brightness(self.normal[at[first]], self.color[at[first]])
         nothing = self.color[at[first]] < 0
         mean[nothing], V[nothing], V[:, nothing] = _ANY_MEAN, 0.0, 0.0
@@ -123,7 +128,7 @@ class Tones:
 def _pairs(one: Longs, other: Longs) -> Longs:
     """Return the number (n,) of each pair of two numbers (n,), 0 ... ."""
     numbers, at = np.unique(other, return_inverse=True)
-    return np.unique(one * len(numbers) + at, return_inverse=True)[1].astype(np.int64)
+    return np.asarray(np.unique(one * len(numbers) + at, return_inverse=True)[1], np.int64)
 
 
 def _log_normal(r: Array, V: Array) -> float:

@@ -71,27 +71,30 @@ def towards(value: Array, covariance: Array, limit: Limit) -> float:
 def lengths(value: Array, covariance: Array, k: float) -> tuple[float, float]:
     """Return the lengths of the shortest and the longest vector d with (d - value)^T V^-1 (d - value) <= k^2.
 
-    At both (V - l) d = -l value: one unknown l, beyond the largest variance for the longest, below zero for the shortest.
+    At both (V - l) d = -l value with one unknown l: for the longest it is beyond the largest variance, for the shortest
+    below zero.
     """
-    from scipy.optimize import brentq
-
     c, axes = np.linalg.eigh(covariance)
-    largest = float(c[-1])
+    largest, v = float(c[-1]), axes.T @ value
     if largest <= 0:
         return float(np.linalg.norm(value)), float(np.linalg.norm(value))
-    c, v = np.maximum(c, _FLAT * largest), axes.T @ value
+    c = np.maximum(c, _FLAT * largest)
+    short = 0.0
+    if (v**2 / c).sum() > k**2:
+        x = _on_ellipsoid(v, c, c, k)
+        short = float(np.linalg.norm(x / (x + c) * v))
     v[-1] = np.copysign(max(abs(v[-1]), _CENTRED * np.sqrt(largest)), v[-1])  # a centred one has two longest vectors
+    x = _on_ellipsoid(v, c, largest - c, k)
+    return short, float(np.linalg.norm((x + largest) / (x + largest - c) * v))
 
-    def beyond(at: float) -> float:
-        return float((v**2 * c / (at - c) ** 2).sum() - k**2)
 
-    width = np.sqrt(largest) / k
-    longest = brentq(beyond, largest + 0.5 * width * abs(v[-1]), largest + 2 * width * np.linalg.norm(v), xtol=1e-300)
-    long = float(np.linalg.norm(longest * v / (longest - c)))
-    if beyond(0.0) <= 0:
-        return 0.0, long
-    shortest = brentq(beyond, -2 * width * np.linalg.norm(v), 0.0, xtol=1e-300)
-    return float(np.linalg.norm(shortest * v / (shortest - c))), long
+def _on_ellipsoid(v: Array, c: Array, gap: Array, k: float) -> float:
+    """Return x > 0 where the sum of c v^2 / (x + gap)^2 is k^2; it falls with x."""
+    from scipy.optimize import brentq
+
+    most = 2 * float(np.linalg.norm(v)) * np.sqrt(float(c[-1])) / k
+    low = 0.5 * abs(float(v[-1])) * np.sqrt(float(c[-1])) / k if not gap[-1] else 0.0
+    return float(brentq(lambda x: float((c * (v / (x + gap)) ** 2).sum()) - k**2, low, most, xtol=1e-300))
 
 
 def overall(verdicts: Iterable[Verdict]) -> Verdict:
