@@ -178,17 +178,18 @@ def sure(presence: Sequence[Presence], alarms: float) -> float:
 def _presences(case: Case, drawn: Part, survey: Survey) -> list[Presence]:
     """Return the evidence for each feature; where it was looked for at many places, that is taken off.
 
-    Of whole parts that are not clearly there, it is asked how bright they are, and if that does not settle it, whether
-    what they hide is seen.
+    Of whole parts that are not clearly there, by two edges at least, it is asked how bright they are, and if that does
+    not settle it, whether what they hide is seen.
     """
     out = [_by_its_edges(survey, i) for i in range(len(survey.names))]
-    missing, tones = -sure(out, case.alarms), Tones(drawn, case.photos, case.world_from_part)
+    enough, tones = sure(out, case.alarms), Tones(drawn, case.photos, case.world_from_part)
     for i, found in enumerate(out):
-        body = survey.whole_part(i) if found.expected and found.log_ratio < DOUBTFUL else None
+        clear = found.log_ratio >= (DOUBTFUL if found.seen > 1 else enough)
+        body = None if clear or not found.expected else survey.whole_part(i)
         if body is None:
             continue
         told = found.log_ratio + tones.log_ratio(body)
-        if missing < told < DOUBTFUL:
+        if -enough < told < DOUBTFUL:
             told += uncovered_ratio(
                 drawn, case.photos, case.world_from_part, body, survey.evidence, clutter=survey.clutter
             )
