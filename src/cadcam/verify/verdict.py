@@ -85,7 +85,7 @@ def lengths(value: Array, covariance: Array, k: float) -> tuple[float, float]:
         short = float(np.linalg.norm(x / (x + c) * v))
     v[-1] = np.copysign(max(abs(v[-1]), _CENTRED * np.sqrt(largest)), v[-1])  # a centred one has two longest vectors
     x = _on_ellipsoid(v, c, largest - c, k)
-    return short, float(np.linalg.norm((x + largest) / (x + largest - c) * v))
+    return short, float(np.linalg.norm((x + largest) / (x + (largest - c)) * v))
 
 
 def _on_ellipsoid(v: Array, c: Array, gap: Array, k: float) -> float:
