@@ -135,8 +135,8 @@ def assumptions(found: Verification) -> list[str]:
         )
     if seen.survey.mate.max(initial=-1) >= 0:
         out.append(
-            "A line where a feature stands on another moves with it as far as it is lifted or slides; where it sinks in, "
-            "the line slides up its side. Both are considered."
+            "A line where a feature stands on another moves with it as far as it is lifted or slides; where it sinks "
+            "in, the line slides up its side. Both are considered."
         )
     out.append(
         f"Each edge errs as a whole by {seen.tau_px:.3f} px (1 sigma, a shift and a tilt; estimated from the datum's "

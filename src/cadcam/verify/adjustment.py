@@ -102,27 +102,24 @@ class Adjustment:
         design: Array,
         pose: FittedPose,
         *,
-        unseen: Array | None = None,
         prior: float = np.inf,
         enlarged: bool = False,
     ) -> Estimate:
         """Return what the offsets of `rows` (N,) say of u in their design (n, m) px, against a pose without them.
 
-        unseen (n, r) px: how else they may be moved, each column by a unit error; prior: standard deviation of u before
-        anything is measured. enlarged: where the edges disagree with u by more than their errors, these are taken to be
-        larger by as much (R. T. Birge, Phys. Rev. 40, 1932).
+        prior: standard deviation of u before anything is measured. enlarged: where the edges disagree with u by more
+        than their errors, these are taken to be larger by as much (R. T. Birge, Phys. Rev. 40, 1932).
         """
         errors = self.errors.of_rows(rows)
-        K = np.zeros((int(rows.sum()), 0)) if unseen is None else unseen
-        WG = _white(errors, K, design)
+        WG = errors.white(design)
         N, known = design.T @ WG, np.eye(design.shape[1]) / prior**2
         H = np.asarray(np.linalg.pinv(N + known, rcond=_BLIND, hermitian=True) @ WG.T)
         HJ = H @ self.J[rows]
-        Q = np.column_stack([errors.common(H), H @ K])
+        Q = errors.common(H)
         seen = H @ self.C[rows] - HJ @ pose.by_cause
         value, noise, common = H @ self.offset[rows] - HJ @ pose.xi, (H * errors.sigma**2) @ H.T, Q @ Q.T
         left = self.offset[rows] - design @ value - self.J[rows] @ pose.xi
-        misfit = _misfit(errors, K, left, fitted=design.shape[1])
+        misfit = _misfit(errors, left, fitted=design.shape[1])
         if enlarged:
             common = common + max(misfit - 1.0, 0.0) * (noise + common)
         if np.isfinite(prior):
@@ -153,9 +150,9 @@ def _white(errors: EdgeNoise, K: Array, X: Array) -> Array:
     return np.asarray(WX - WK @ np.linalg.solve(np.eye(K.shape[1]) + K.T @ WK, K.T @ WX))
 
 
-def _misfit(errors: EdgeNoise, K: Array, left: Array, *, fitted: int) -> float:
+def _misfit(errors: EdgeNoise, left: Array, *, fitted: int) -> float:
     """Return chi-square over degrees of freedom of edges as wholes, what scatters along them taken off; 1 for none."""
-    total = float(left @ _white(errors, K, left[:, None])[:, 0])
+    total = float(left @ errors.white(left[:, None])[:, 0])
     within, lines = errors.about_lines(left)
     dof = lines - fitted
     return (total - within) / dof if dof > 0 else 1.0

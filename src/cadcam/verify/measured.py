@@ -108,7 +108,7 @@ class Measured:
         if told is None:
             return None
         basis, pose = told
-        p_value = self._p_value(rows, basis, pose, given=along is not None)
+        p_value = self._p_value(rows, basis, pose)
         if along is not None:
             return Displacement(basis, self._followed(rows, basis, pose), p_value, self._edges(rows))
         every = np.column_stack([basis, _perpendicular(basis)])
@@ -121,7 +121,7 @@ class Measured:
     def p_value(self, rows: Mask) -> float:
         """Return how probable offsets like those of these places are if they are in place; nan: not told."""
         told = self._told(rows, None)
-        return float("nan") if told is None else self._p_value(rows, *told, given=False)
+        return float("nan") if told is None else self._p_value(rows, *told)
 
     def _told(self, rows: Mask, along: Array | None) -> tuple[Array, FittedPose] | None:
         """Return the directions (3, m) in which these places tell a displacement, and the pose without them."""
@@ -133,10 +133,9 @@ class Measured:
             return None
         return basis, pose
 
-    def _p_value(self, rows: Mask, basis: Array, pose: FittedPose, *, given: bool) -> float:
-        design = self.lines.by_point[rows] @ basis
-        unseen = design[:, :0] if given else self._unseen(rows, basis)
-        in_place = self.adjustment.estimate(rows, design, pose, unseen=unseen)
+    def _p_value(self, rows: Mask, basis: Array, pose: FittedPose) -> float:
+        """Return the probability for a body in place, which is not displaced in directions that are not seen either."""
+        in_place = self.adjustment.estimate(rows, self.lines.by_point[rows] @ basis, pose)
         return tail_probability(in_place.value, in_place.covariance, self.dof)
 
     def _followed(self, rows: Mask, basis: Array, pose: FittedPose) -> Estimate:
@@ -176,10 +175,6 @@ class Measured:
         K = np.where(its[:, None], self.lines.by_point * mm, 0.0)[rows]
         noise = self.adjustment.errors.of_rows(rows).with_more(slid)
         return improbability(self.adjustment.offset[rows], noise, self.adjustment.J[rows] @ self.adjustment.freedom, K)
-
-    def _unseen(self, rows: Mask, basis: Array) -> Array:
-        """Return by how much (n, r) px the places may be moved by what the photos do not show of a displacement."""
-        return np.asarray(self.lines.by_point[rows] @ _perpendicular(basis) * self._unseen_mm(rows))
 
     def turn(self, rows: Mask) -> tuple[float, float, Array]:
         """Return the turn (rad) about the line of sight through the places' middle, its sigma, and that axis (3,)."""
