@@ -9,7 +9,7 @@ from scipy.stats import norm
 from cadcam.errors import BadValue
 from cadcam.verify.judge import together
 from cadcam.verify.tolerance import Limit, Quantity, Rule
-from cadcam.verify.verdict import Verdict, decided, overall
+from cadcam.verify.verdict import Verdict, decided, lengths, overall, towards
 
 LIMIT = Limit(Quantity.POSITION, 1.0, k=2.0)
 
@@ -71,3 +71,41 @@ def test_many_pieces_err_together_as_rarely_as_one(n: int) -> None:
 def test_a_limit_without_meaning_is_refused(value: float, k: float) -> None:
     with pytest.raises(BadValue, match="positive number"):
         Limit(Quantity.PROFILE, value, k)
+
+
+@pytest.mark.parametrize("m", [1, 2, 3])
+def test_the_shortest_and_longest_vectors_of_an_ellipsoid(rng: np.random.Generator, m: int) -> None:
+    """None of 4000 points on it is beyond either, and some come near, in round, flat, small and far ellipsoids."""
+    for _ in range(60):
+        root = rng.normal(size=(m, m)) * np.exp(rng.normal(0, 1, m))
+        value = rng.normal(size=m) * rng.choice([0.0, 0.3, 1.0, 20.0])
+        low, high = lengths(value, root @ root.T, 2.0)
+        u = rng.normal(size=(4000, m))
+        on = np.linalg.norm(value + 2.0 * (u / np.linalg.norm(u, axis=1)[:, None]) @ root.T, axis=1)
+        assert on.max() <= high * (1 + 1e-9)
+        assert on.max() >= 0.9 * high
+        if value @ np.linalg.solve(root @ root.T, value) > 4.0:
+            assert 0 < low <= on.min() * (1 + 1e-9)
+        else:
+            assert low == 0
+
+
+@pytest.mark.parametrize("sigma", [(0.1, 0.1), (0.05, 0.45), (0.45, 0.05), (0.3, 0.3), (0.2, 0.2, 0.4)])
+def test_a_displacement_on_its_limit_is_passed_and_failed_as_rarely_as_one_component(
+    rng: np.random.Generator, sigma: tuple[float, ...]
+) -> None:
+    """k = 2: each in at most 2.3 % of 1000 drawings, within four of their standard errors (0.47 %)."""
+    said = []
+    for _ in range(1000):
+        value = np.eye(len(sigma))[0] + rng.normal(0, sigma)
+        one = towards(value, np.diag(np.square(sigma)), LIMIT)
+        said.append(decided(float(np.linalg.norm(value)), one, LIMIT))
+    for verdict in (Verdict.PASS, Verdict.FAIL):
+        assert said.count(verdict) / 1000 < norm.sf(2.0) + 4 * 0.0047
+
+
+def test_what_is_unsure_in_one_direction_is_failed_for_another(rng: np.random.Generator) -> None:
+    """1.5 +- 0.1 across and 0 +- 0.6 along: beyond a limit of 1 whatever it is along."""
+    value, V = np.array([1.5, 0.0]), np.diag([0.05**2, 0.3**2])
+    assert decided(1.5, towards(value, V, LIMIT), LIMIT) is Verdict.FAIL
+    assert decided(1.5, 0.3, LIMIT) is Verdict.UNDECIDED

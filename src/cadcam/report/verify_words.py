@@ -135,8 +135,8 @@ def assumptions(found: Verification) -> list[str]:
         )
     if seen.survey.mate.max(initial=-1) >= 0:
         out.append(
-            "A line where a feature stands on another moves with it, unless it sinks in or the other moves: beside a "
-            "displacement such lines count less, by as much as they may have slid."
+            "A line where a feature stands on another moves with it as far as it is lifted or slides; where it sinks "
+            "in, the line slides up its side. Both are considered."
         )
     out.append(
         f"Each edge errs as a whole by {seen.tau_px:.3f} px (1 sigma, a shift and a tilt; estimated from the datum's "
@@ -146,7 +146,7 @@ def assumptions(found: Verification) -> list[str]:
         out.append("The camera is taken to be known exactly: its file has no covariance, or the pose absorbs it.")
     out.append(
         f"Missing features: where nothing is, clutter makes an edge seem seen with probability {seen.clutter:.2f}, as "
-        "counted at decoys in the same photos."
+        "counted at decoys in the same photos; surfaces are matt and lit from afar, but for shadows."
     )
     return out
 

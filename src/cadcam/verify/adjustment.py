@@ -102,29 +102,43 @@ class Adjustment:
         design: Array,
         pose: FittedPose,
         *,
-        unseen: Array | None = None,
-        slid: Array | None = None,
+        prior: float = np.inf,
         enlarged: bool = False,
     ) -> Estimate:
         """Return what the offsets of `rows` (N,) say of u in their design (n, m) px, against a pose without them.
 
-        unseen (n, r) px: how else they may be moved, each column by a unit error; slid (n,) px: sigma by which each
-        edge may be off besides. enlarged: where the edges disagree with u by more than their errors, these are taken
-        to be larger by as much (R. T. Birge, Phys. Rev. 40, 1932).
+        prior: standard deviation of u before anything is measured. enlarged: where the edges disagree with u by more
+        than their errors, these are taken to be larger by as much (R. T. Birge, Phys. Rev. 40, 1932).
         """
-        errors = self.errors.of_rows(rows) if slid is None else self.errors.of_rows(rows).with_more(slid)
-        K = np.zeros((int(rows.sum()), 0)) if unseen is None else unseen
-        WG = _white(errors, K, design)
-        H = np.asarray(np.linalg.pinv(design.T @ WG, rcond=_BLIND, hermitian=True) @ WG.T)
+        errors = self.errors.of_rows(rows)
+        WG = errors.white(design)
+        N, known = design.T @ WG, np.eye(design.shape[1]) / prior**2
+        H = np.asarray(np.linalg.pinv(N + known, rcond=_BLIND, hermitian=True) @ WG.T)
         HJ = H @ self.J[rows]
-        Q = np.column_stack([errors.common(H), H @ K])
+        Q = errors.common(H)
         seen = H @ self.C[rows] - HJ @ pose.by_cause
         value, noise, common = H @ self.offset[rows] - HJ @ pose.xi, (H * errors.sigma**2) @ H.T, Q @ Q.T
         left = self.offset[rows] - design @ value - self.J[rows] @ pose.xi
-        misfit = _misfit(errors, K, left, fitted=design.shape[1])
+        misfit = _misfit(errors, left, fitted=design.shape[1])
         if enlarged:
             common = common + max(misfit - 1.0, 0.0) * (noise + common)
+        if np.isfinite(prior):
+            missed = prior * (np.eye(len(N)) - H @ design)
+            common = common + missed @ missed.T
         return Estimate(value, noise, common, HJ @ pose.covariance @ HJ.T, seen @ seen.T, misfit)
+
+    def unlikeliness(self, rows: Mask, design: Array, pose: FittedPose, *, prior: float) -> float:
+        """Return minus twice the logarithm of the likelihood of the offsets of `rows` (N,), up to a constant.
+
+        As if u were drawn with the standard deviation `prior`; the pose's errors are part of theirs.
+        """
+        errors, J = self.errors.of_rows(rows), self.J[rows]
+        w, V = np.linalg.eigh(pose.covariance)
+        K = np.column_stack([J @ V * np.sqrt(np.maximum(w, 0.0)), self.C[rows] - J @ pose.by_cause])
+        y = self.offset[rows] - J @ pose.xi
+        W = _white(errors, K, np.column_stack([design, y]))
+        N, b = np.eye(design.shape[1]) + prior**2 * design.T @ W[:, :-1], design.T @ W[:, -1]
+        return float(y @ W[:, -1] - prior**2 * b @ np.linalg.solve(N, b) + np.linalg.slogdet(N)[1])
 
 
 def _white(errors: EdgeNoise, K: Array, X: Array) -> Array:
@@ -136,9 +150,9 @@ def _white(errors: EdgeNoise, K: Array, X: Array) -> Array:
     return np.asarray(WX - WK @ np.linalg.solve(np.eye(K.shape[1]) + K.T @ WK, K.T @ WX))
 
 
-def _misfit(errors: EdgeNoise, K: Array, left: Array, *, fitted: int) -> float:
+def _misfit(errors: EdgeNoise, left: Array, *, fitted: int) -> float:
     """Return chi-square over degrees of freedom of edges as wholes, what scatters along them taken off; 1 for none."""
-    total = float(left @ _white(errors, K, left[:, None])[:, 0])
+    total = float(left @ errors.white(left[:, None])[:, 0])
     within, lines = errors.about_lines(left)
     dof = lines - fitted
     return (total - within) / dof if dof > 0 else 1.0

@@ -32,6 +32,8 @@ _ON_LINE_PX = 1.2  # across a line, that a candidate may be off to be taken for 
 _PARALLEL = np.cos(np.radians(20.0))
 _NEAR_PX = 1.5  # shifts up to this are the nominal place
 _GAIN_SAMPLES, _GAIN_SHARE = 3.0, 0.10  # by which support elsewhere must exceed that of the nominal place
+_GUESSES, _GUESSES_APART_PX = 6, 2.0  # of a body's place
+_GUESS_SHARE = 0.5  # of the best one's support that others have
 _STRAYS = 3.5  # robust sigmas
 _LEAST_SAMPLES, _LEAST_SHARE = 3, 0.4  # of an edge that must agree before it counts as seen
 
@@ -63,21 +65,26 @@ class Association:
         return np.isfinite(self.offset)
 
 
-def nearby_edges(lines: Sightlines, sights: Sequence[Sight], *, reach_px: float) -> Array:
-    """Return the offsets (N, K) px along the normals of the photos' edges within `reach_px`, nan where no more are."""
-    found = [
-        candidates(
+def nearby_edges(lines: Sightlines, sights: Sequence[Sight], *, reach_px: float, way: Array | None = None) -> Array:
+    """Return the offsets (N, K) px along the normals of the photos' edges within `reach_px`, nan where no more are.
+
+    way (N,): sign of the change of brightness that is looked for, 0 for either; by default either.
+    """
+    out = []
+    for i, sight in enumerate(sights):
+        rows = lines.photo == i
+        found = candidates(
             sight.photo.gray,
-            lines.q[lines.photo == i],
-            lines.normal[lines.photo == i],
+            lines.q[rows],
+            lines.normal[rows],
             half_length=STEP_PX / 2,
             reach=int(np.ceil(reach_px)),
             noise=sight.noise,
             most=_MOST,
-        ).offset
-        for i, sight in enumerate(sights)
-    ]
-    return np.concatenate(found)
+        )
+        wrong = np.zeros(found.slope.shape, bool) if way is None else found.slope * way[rows, None] < 0
+        out.append(np.where(wrong, np.nan, found.offset))
+    return np.concatenate(out)
 
 
 def associated(
@@ -88,10 +95,12 @@ def associated(
     *,
     reach_px: float,
     ought: Mask | None = None,
+    room: Array | None = None,
 ) -> Association:
     """Return the photo's edge at each place; body (N,) numbers what moves as one, -1 for what is not looked at.
 
-    found (N, K): see `nearby_edges`; ought (N,): which should show one, by default all. Where bodies are found beside
+    found (N, K): see `nearby_edges`; ought (N,): which should show one, by default all; room (N,) px: beside a place
+    in which its step may be measured, by default up to the next line. Where bodies are found beside
     their places, others are looked for once more: their edges are not those of the displaced ones.
     """
     n = len(lines)
@@ -105,12 +114,14 @@ def associated(
         left, left_free = np.where(taken, np.nan, found), np.where(taken, np.nan, free)
         at, by = _shifted(lines, left, left_free, rest, ought, reach_px=reach_px)
         coarse, shift = np.where(rest >= 0, at, coarse), np.where(rest[:, None] >= 0, by, shift)
-    coarse[strays(coarse, np.full(n, _COARSE_PX), lines.edge, lines.along)] = np.nan
+    asked = body >= 0
+    coarse[strays(coarse, np.full(n, _COARSE_PX), lines.edge, lines.along, asked, ought)] = np.nan
     expected = _expected(coarse, lines)
     at_shift = np.einsum("ni,ni->n", lines.normal, shift)
-    offset, sigma, step = _measured(lines, sights, np.where(np.isfinite(expected), expected, at_shift))
+    room = lines.room if room is None else room
+    offset, sigma, step = _measured(lines, sights, room, np.where(np.isfinite(expected), expected, at_shift))
     offset[~np.isfinite(coarse)] = np.nan
-    offset[strays(offset, sigma, lines.edge, lines.along)] = np.nan
+    offset[strays(offset, sigma, lines.edge, lines.along, asked, ought)] = np.nan
     return Association(coarse, offset, np.where(np.isfinite(offset), sigma, np.nan), step, shift)
 
 
@@ -142,7 +153,7 @@ def _expected(coarse: Array, lines: Sightlines) -> Array:
     return out
 
 
-def _measured(lines: Sightlines, sights: Sequence[Sight], expected: Array) -> tuple[Array, Array, Array]:
+def _measured(lines: Sightlines, sights: Sequence[Sight], room: Array, expected: Array) -> tuple[Array, Array, Array]:
     """Return offsets (N,), sigmas and steps of brightness, fitted to the pixels about where the edges are expected.
 
     Of twins, which a fit would know how far apart they are, one may be taken for the other, or be another body's that
@@ -154,7 +165,7 @@ def _measured(lines: Sightlines, sights: Sequence[Sight], expected: Array) -> tu
         at = Projected(lines.q[rows], lines.normal[rows], np.zeros((int(rows.sum()), 6)))
         cells = Cells.of(sight, at, half_length=STEP_PX / 2, reach_px=REACH_PX, room_px=ROOM_PX)
         found = measure(sight, at, cells, expected[rows])
-        clear = lines.room[rows] >= ROOM_PX + _APART * cells.blur
+        clear = room[rows] >= ROOM_PX + _APART * cells.blur
         usable = found.usable & clear
         offset[rows] = np.where(usable, found.offset, np.nan)
         sigma[rows] = np.where(usable, found.sigma, np.nan)
@@ -205,6 +216,18 @@ def best_shift(offset: Array, normal: Array, *, reach_px: float, free: Array | N
     return np.asarray(grid[best])
 
 
+def guessed_shifts(offset: Array, normal: Array, *, reach_px: float) -> Array:
+    """Return shifts (k, 2) px that many of the candidates `offset` (n, K) support, best first, clearly apart."""
+    grid = _grid(reach_px)
+    score = support(offset, normal, grid) - 1e-6 * np.hypot(*grid.T)
+    out: list[Array] = []
+    least = _GUESS_SHARE * score.max()
+    while len(out) < _GUESSES and score.max() >= least:
+        out.append(grid[int(np.argmax(score))])
+        score[np.hypot(*(grid - out[-1]).T) < _GUESSES_APART_PX] = -np.inf
+    return np.array(out).reshape(-1, 2)
+
+
 def _believed(offset: Array, normal: Array, edge: Longs, shift: Array, ought: Mask) -> bool:
     """Return whether a shift far from the nominal place is that of the feature, not of a line that happens to be there.
 
@@ -235,13 +258,17 @@ def support(offset: Array, normal: Array, shifts: Array) -> Array:
     return np.asarray(np.maximum(1 - (off / CAPTURE_PX) ** 2, 0).sum(axis=1))
 
 
-def strays(offset: Array, sigma: Array, edge: Longs, along: Array) -> Mask:
-    """Return the offsets that do not lie with those of their edge, and those of edges that are hardly seen."""
+def strays(offset: Array, sigma: Array, edge: Longs, along: Array, asked: Mask, ought: Mask) -> Mask:
+    """Return the offsets that do not lie with those of their edge, and those of edges that are hardly seen.
+
+    asked (N,): places that were looked at; ought (N,): those where the edge should show, as far as there are any.
+    """
     out = np.zeros(len(offset), bool)
-    for e in np.unique(edge):
-        rows = np.flatnonzero(edge == e)
+    for e in np.unique(edge[asked]):
+        rows = np.flatnonzero((edge == e) & asked)
         have = rows[np.isfinite(offset[rows])]
-        if len(have) < max(_LEAST_SAMPLES, _LEAST_SHARE * len(rows)):
+        showing = rows[ought[rows]] if ought[rows].sum() >= _LEAST_SAMPLES else rows
+        if np.isfinite(offset[showing]).sum() < max(_LEAST_SAMPLES, _LEAST_SHARE * len(showing)):
             out[have] = True
             continue
         slope, level = _robust_line(along[have], offset[have])

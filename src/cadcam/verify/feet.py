@@ -2,7 +2,8 @@
 
 A foot is a contact line. A body that is lifted, or slides on the other, takes it along. One that sinks into the other
 does not: what is seen then is where its side meets the other's surface, and that line has slid up the side. The same
-line moves when the other body does. A foot therefore tells of a displacement only up to how far it may have slid.
+line moves when the other body does. How a foot follows a displacement thus depends on which side of its ground that
+goes to, and it tells the displacement once both are considered (`cadcam.verify.following`).
 """
 
 from __future__ import annotations
@@ -26,11 +27,13 @@ class Feet:
     """What N places are as feet.
 
     lever (N,) px/mm: how far the line in the photo slides across itself where the body sinks by 1 mm, 0 for edges that
-    are no feet; mate (N,): number of the part that it stands on, -1 for none.
+    are no feet; mate (N,): number of the part that it stands on, -1 for none; ground (N, 3): the unit normal of the
+    surface that it stands on, in the part frame, zero for none.
     """
 
     lever: Array
     mate: Longs
+    ground: Array
 
     @classmethod
     def of(cls, lines: Sightlines, beside: Surroundings) -> Feet:
@@ -42,7 +45,8 @@ class Feet:
         i = np.arange(len(lines))
         side, floor = beside.normal[i, which], beside.normal[i, 1 - which]
         mate = np.where(standing, beside.part[i, 1 - which], -1).astype(np.int64)
-        return cls(np.where(standing, _slide(lines.by_point, side, floor), 0.0), mate)
+        lever = np.where(standing, _slide(lines.by_point, side, floor), 0.0)
+        return cls(lever, mate, np.where(standing[:, None], floor, 0.0))
 
     def of_bodies(self, lines: Sightlines, body: Longs) -> Longs:
         """Return the body (N,) that each foot stands on, -1 for none: parts in view are bodies, or in one."""

@@ -17,14 +17,13 @@ from cadcam.locate.photo import Photo
 from cadcam.verify.alarms import false_discoveries_below, surely_below
 from cadcam.verify.deviation import EdgeDeviation, Extra, FeatureDeviation, State
 from cadcam.verify.extra import unexplained
-from cadcam.verify.look import OF_DISPLACED, Case, Look, looked, looked_again
+from cadcam.verify.look import DOUBTFUL, OF_DISPLACED, Case, Look, looked, looked_again, sure
 from cadcam.verify.measured import Displacement, Measured
 from cadcam.verify.presence import Presence
 from cadcam.verify.survey import Survey, surveyed
 from cadcam.verify.tolerance import Tolerances, whole_parts
 
 _LEAST_SEEN = 0.35  # of the datum's places that must show an edge for the pose to be believed
-_THERE = 2.0  # log likelihood ratio from which what is measured is taken to be the feature: 7 to 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,14 +125,6 @@ def _why_not(survey: Survey) -> str:
     return ""
 
 
-def sure(presence: Sequence[Presence], options: InspectionOptions = PLAIN_OPTIONS) -> float:
-    """Return the log likelihood ratio beyond which a body is called missing (-) or there (+), none of all wrongly.
-
-    Bonferroni over the bodies in view.
-    """
-    return float(np.log(max(sum(p.expected > 0 for p in presence), 1) / ((1 - OF_DISPLACED) * options.alarms)))
-
-
 def _reported(case: Case, look: Look, options: InspectionOptions) -> Inspection:
     part, photos = look.drawn, case.photos
     survey, presence, measured = look.survey, look.presence, look.measured
@@ -167,7 +158,7 @@ def _reported(case: Case, look: Look, options: InspectionOptions) -> Inspection:
 def _features(
     survey: Survey, presence: Sequence[Presence], measured: Measured, options: InspectionOptions
 ) -> tuple[FeatureDeviation, ...]:
-    enough = sure(presence, options)
+    enough = sure(presence, options.alarms)
     moved = [measured.displacement(members) for members in measured.members]
     p_values = [np.nan if m is None else m.p_value for m in moved]
     alarms = surely_below(p_values, OF_DISPLACED * options.alarms)
@@ -185,9 +176,9 @@ def _state(presence: Presence, moved: Displacement | None, alarm: bool, enough: 
         return State.OUT_OF_VIEW
     if presence.log_ratio <= -enough:
         return State.MISSING
-    if moved is None or presence.log_ratio < (0.0 if alarm else _THERE):
+    if moved is None or presence.log_ratio < (0.0 if alarm else DOUBTFUL):
         return State.UNCLEAR  # what is measured may be something else
-    if alarm and moved.edges < 2 and presence.seen < 2:
+    if alarm and moved.edges < 2 and presence.seen < 2 and presence.log_ratio < enough:
         return State.UNCLEAR  # a single line there may be another one
     return State.DISPLACED if alarm else State.IN_PLACE
 

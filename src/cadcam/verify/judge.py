@@ -15,7 +15,7 @@ from cadcam.locate.photo import Photo
 from cadcam.verify.deviation import FeatureDeviation, State
 from cadcam.verify.inspection import PLAIN_OPTIONS, Inspection, InspectionOptions, inspect
 from cadcam.verify.tolerance import Feature, Limit, Quantity, Tolerances
-from cadcam.verify.verdict import Judgement, Verdict, decided, overall
+from cadcam.verify.verdict import Judgement, Verdict, decided, overall, towards
 
 _NAN = float("nan")
 _DISAGREE = 9.0  # misfit from which edges do not tell one displacement
@@ -94,9 +94,10 @@ def _position(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection
     if limit.direction is not None:
         return _along(name, limit, seen)
     assert found.displacement is not None  # else the feature is unclear
+    sigma = towards(found.displacement.value, found.displacement.covariance, limit)
     if found.displacement.misfit > _DISAGREE:
-        return Judgement(name, limit, found.size, found.sigma, Verdict.UNDECIDED, "its edges do not agree on one place")
-    verdict = decided(found.size, found.sigma, limit)
+        return Judgement(name, limit, found.size, sigma, Verdict.UNDECIDED, "its edges do not agree on one place")
+    verdict = decided(found.size, sigma, limit)
     reason = f"displaced by {_vector(found.vector)} mm"
     one_photo = seen.measured is not None and seen.measured.eye is not None
     expected = 2 if one_photo else 3
@@ -106,7 +107,7 @@ def _position(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection
             unseen = np.cross(found.axis, found.seen[:, 0])
         reason += f", but a displacement along {_vector(unseen)} would not show: judge a direction, or add a photo"
         verdict = Verdict.UNDECIDED
-    return Judgement(name, limit, found.size, found.sigma, verdict, reason)
+    return Judgement(name, limit, found.size, sigma, verdict, reason)
 
 
 def _along(name: str, limit: Limit, seen: Inspection) -> Judgement:

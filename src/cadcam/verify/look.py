@@ -12,15 +12,17 @@ from cadcam.errors import DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.verify.measured import Displacement, Measured
+from cadcam.verify.likeness import likenesses
+from cadcam.verify.measured import Measured
 from cadcam.verify.presence import Presence, Visibility, log_ratio, visibility
-from cadcam.verify.redrawn import AGREES_PX, measured_at, off_px, redrawn
+from cadcam.verify.redrawn import AGREES_PX, displaced, off_px, redrawn
 from cadcam.verify.survey import Survey, surveyed
 from cadcam.verify.tolerance import Tolerances
+from cadcam.verify.tones import Tones
 from cadcam.verify.uncovered import uncovered_ratio
 
 OF_DISPLACED = 0.25  # of the alarms: a displacement that matters is far beyond any doubt, an absence is not
-_DOUBTFUL = -1.0  # log likelihood ratio below which it is asked what a part hides
+DOUBTFUL = 2.0  # log likelihood ratio, 7 to 1, below which a part may not be there
 _CELL_PX = 1.5  # places where a shifted feature is looked for are about this far apart
 _ROUNDS = 4  # of drawing displaced bodies again where they were found
 
@@ -72,7 +74,7 @@ def looked(case: Case, drawn: Part, survey: Survey) -> Look:
 
     Raises `DegenerateGeometry` where what is seen of the datum does not hold the part.
     """
-    presence = _presences(drawn, case.photos, case.world_from_part, survey)
+    presence = _presences(case, drawn, survey)
     measured, left_out = _snooped(survey, _there(presence), case)
     return Look(drawn, survey, presence, measured, left_out)
 
@@ -80,36 +82,80 @@ def looked(case: Case, drawn: Part, survey: Survey) -> Look:
 def looked_again(case: Case, look: Look) -> Look:
     """Return the look with displaced bodies drawn where they stand, as far as that explains more of the photos.
 
-    One body at a time, the one farthest from where it is drawn first.
+    One body at a time, the one farthest from where it is drawn first. Where a body stands is measured, or guessed from
+    the edges nearby; of these places that one is tried which the photos look most like.
     """
     seen, clutter = visibility(look.survey.evidence, np.ones(len(look.survey.evidence.seen), bool)), look.survey.clutter
     for _ in range(_ROUNDS):
-        tries = (_redrawn_look(case, look, part, to) for part, to in _elsewhere(look))
         before = look.explained(seen, clutter)
-        better = next((t for t in tries if t is not None and t.explained(seen, clutter) > before), None)
-        if better is None:
+        for number in _suspects(case, look):
+            to, gain = _likeliest(case, look, number)
+            again = None if to is None else _redrawn_look(case, look, number, to)
+            if again is not None and again.explained(seen, clutter) + gain > before:
+                look = again
+                break
+        else:
             return look
-        look = better
     return look
 
 
-def _elsewhere(look: Look) -> list[tuple[int, Array]]:
-    """Return the parts that were measured beside where they are drawn, and their displacements (3,) mm."""
+def _suspects(case: Case, look: Look) -> list[int]:
+    """Return the features, whole parts, that may stand elsewhere: measured beside where they are drawn, or unclear.
+
+    The farthest first; last those displaced by less, and those that may not be there at all.
+    """
     out = []
-    for i in range(len(look.presence)):
-        part, to = look.survey.whole_part(i), measured_at(look.measured, i)
-        if part is None or to is None:
+    for i, found in enumerate(look.presence):
+        part, moved = look.survey.whole_part(i), displaced(look.measured, i)
+        if part is None or not found.expected:
             continue
-        px = off_px(look.survey, look.survey.rows(i), to - look.survey.by[part])
-        if px > AGREES_PX:
-            out.append((px, part, to))
-    return [(part, to) for _, part, to in sorted(out, key=lambda each: -each[0])]
+        if moved is None:
+            if found.log_ratio < DOUBTFUL:
+                out.append((0.0, i))
+            continue
+        px = off_px(look.survey, look.survey.rows(i), moved.basis @ moved.estimate.value - look.survey.by[part])
+        if px > AGREES_PX or moved.p_value <= OF_DISPLACED * case.alarms / len(look.presence):
+            out.append((px, i))
+    return [i for _, i in sorted(out)[::-1]]
 
 
-def _redrawn_look(case: Case, look: Look, part: int, to: Array) -> Look | None:
-    """Return the look with a part drawn `to` (3,) mm beside its place; None where nothing can be measured then."""
-    by = look.survey.by.copy()
-    by[part] = to
+def _likeliest(case: Case, look: Look, number: int) -> tuple[Array | None, float]:
+    """Return which displacement (3,) mm of a body makes the drawn part look most like the photos, and by how much.
+
+    That is 0 where it was measured there already; the place is None where that is as drawn, or without the body.
+    """
+    survey, part = look.survey, look.survey.whole_part(number)
+    assert part is not None  # a suspect
+    now, moved = survey.by[part], displaced(look.measured, number)
+    places = [now + d for d in survey.guesses(number, reach_px=case.reach_px)]
+    places += [] if moved is None else [moved.basis @ moved.estimate.value]
+    places = [p for p in places if off_px(survey, survey.members[number], p - now) > AGREES_PX]
+    guesses = [(p, redrawn(case.part, _with(survey.by, part, p))) for p in places]
+    told = [(p, guess) for p, guess in guesses if guess is not None]
+    drawn = [look.drawn, *(guess for _, guess in told)]
+    likeness, without = likenesses(case.photos, case.world_from_part, drawn, part)
+    best = int(np.argmax(likeness))
+    if best == 0 or likeness[best] <= without:
+        return None, 0.0
+    place = told[best - 1][0]
+    if moved is not None:
+        apart = place - moved.basis @ moved.estimate.value
+        if off_px(survey, survey.rows(number), apart) <= AGREES_PX:
+            return place, 0.0  # measured from where it is drawn, with feet that may be hidden where it stands
+    return place, float(likeness[best] - likeness[0])
+
+
+def _with(by: Array, part: int, to: Array) -> Array:
+    out = by.copy()
+    out[part] = to
+    return out
+
+
+def _redrawn_look(case: Case, look: Look, number: int, to: Array) -> Look | None:
+    """Return the look with a feature's part drawn `to` (3,) mm beside its place; None where nothing is measured."""
+    part = look.survey.whole_part(number)
+    assert part is not None  # a suspect
+    by = _with(look.survey.by, part, to)
     drawn = redrawn(case.part, by)
     if drawn is None:
         return None
@@ -121,24 +167,40 @@ def _redrawn_look(case: Case, look: Look, part: int, to: Array) -> Look | None:
     return again if survey.names == look.survey.names else None
 
 
-def _presences(part: Part, photos: Sequence[Photo], world_from_part: Rigid, survey: Survey) -> list[Presence]:
+def sure(presence: Sequence[Presence], alarms: float) -> float:
+    """Return the log likelihood ratio beyond which a body is called missing (-) or there (+), none of all wrongly.
+
+    Bonferroni over the bodies in view.
+    """
+    return float(np.log(max(sum(p.expected > 0 for p in presence), 1) / ((1 - OF_DISPLACED) * alarms)))
+
+
+def _presences(case: Case, drawn: Part, survey: Survey) -> list[Presence]:
     """Return the evidence for each feature; where it was looked for at many places, that is taken off.
 
-    Of whole parts that are rather not there, it is asked whether what they hide is seen.
+    Of whole parts that are not clearly there, by two edges at least, it is asked how bright they are, and if that does
+    not settle it, whether what they hide is seen.
     """
-    out = []
-    for i in range(len(survey.names)):
-        rows = survey.rows(i)
-        shift = np.hypot(*survey.matched.shift[rows].T).max(initial=0.0)
-        cells = np.pi * (shift / _CELL_PX) ** 2  # looked at before this one, the nearest first
-        found = survey.presence(i, elsewhere=float(np.log(cells)) if shift > _CELL_PX else 0.0)
-        if found.expected and found.log_ratio < _DOUBTFUL:
-            body = survey.whole_part(i)
-            if body is not None:
-                behind = uncovered_ratio(part, photos, world_from_part, body, survey.evidence, clutter=survey.clutter)
-                found = replace(found, log_ratio=found.log_ratio + behind)
-        out.append(found)
+    out = [_by_its_edges(survey, i) for i in range(len(survey.names))]
+    enough, tones = sure(out, case.alarms), Tones(drawn, case.photos, case.world_from_part)
+    for i, found in enumerate(out):
+        clear = found.log_ratio >= (DOUBTFUL if found.seen > 1 else enough)
+        body = None if clear or not found.expected else survey.whole_part(i)
+        if body is None:
+            continue
+        told = found.log_ratio + tones.log_ratio(body)
+        if -enough < told < DOUBTFUL:
+            told += uncovered_ratio(
+                drawn, case.photos, case.world_from_part, body, survey.evidence, clutter=survey.clutter
+            )
+        out[i] = replace(found, log_ratio=told)
     return out
+
+
+def _by_its_edges(survey: Survey, number: int) -> Presence:
+    shift = np.hypot(*survey.matched.shift[survey.rows(number)].T).max(initial=0.0)
+    cells = np.pi * (shift / _CELL_PX) ** 2  # looked at before this one, the nearest first
+    return survey.presence(number, elsewhere=float(np.log(cells)) if shift > _CELL_PX else 0.0)
 
 
 def _there(presence: Sequence[Presence]) -> Mask:
@@ -163,7 +225,7 @@ def _snooped(survey: Survey, there: Mask, case: Case) -> tuple[Measured, list[in
             return measured, left_out
         bodies = np.unique(measured.body[measured.adjustment.datum]).tolist()
         tests = [(i, *_against_others(survey, used, datum, eye, F, i)) for i in bodies]
-        told = [(i, moved.p_value, loss) for i, moved, loss in tests if moved is not None]
+        told = [(i, p, loss) for i, p, loss in tests if np.isfinite(p)]
         suspect = [(loss, i) for i, p, loss in told if p <= OF_DISPLACED * case.alarms / len(told)]
         if not suspect:
             return measured, left_out
@@ -176,12 +238,13 @@ def _snooped(survey: Survey, there: Mask, case: Case) -> tuple[Measured, list[in
 
 def _against_others(
     survey: Survey, used: Mask, datum: Mask, eye: Array | None, F: Array, body: int
-) -> tuple[Displacement | None, float]:
-    """Return how a body is displaced against the rest of the datum, and how improbable its being so leaves the photos.
+) -> tuple[float, float]:
+    """Return how probable a body's offsets are if it is in place, and how improbable its being off leaves the photos.
 
-    Edges' own errors too are those of the rest. Of several bodies that are displaced against the others the one is to
-    blame whose displacement explains most: those that it pulled the pose away from are in place without it.
+    In place is where the rest of the datum has it; edges' own errors too are those of the rest. Of several bodies that
+    are displaced against the others the one is to blame whose displacement explains most: those that it pulled the pose
+    away from are in place without it.
     """
     its = (survey.body == body) | (survey.mate == body)
     others = Measured.of(survey, used, datum & ~its, eye, F)
-    return others.displacement(others.body == body), others.improbability(body)
+    return others.p_value(others.body == body), others.improbability(body)

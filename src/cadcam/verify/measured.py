@@ -11,6 +11,7 @@ from cadcam.arrays import Array, Mask
 from cadcam.errors import DegenerateGeometry
 from cadcam.verify.adjustment import CAUSES, Adjustment, Estimate, FittedPose
 from cadcam.verify.alarms import tail_probability
+from cadcam.verify.following import following
 from cadcam.verify.scatter import EdgeNoise, common_error, improbability, white_scale
 from cadcam.verify.sightlines import Sightlines
 from cadcam.verify.survey import Survey
@@ -35,8 +36,9 @@ class Displacement:
 class Measured:
     """The places where the photos show the part's edges, their errors, and the pose fitted to the datum among them.
 
-    body, lever, mate (N,) and members as in `Survey`; eye (3,): the camera's place in the part frame where one photo
-    sees the part, None where several do; noise_scale: see `white_scale`; tau_px: common error of an edge.
+    body, lever, mate (N,), ground (N, 3) and members as in `Survey`; eye (3,): the camera's place in the part frame
+    where one photo sees the part, None where several do; noise_scale: see `white_scale`; tau_px: common error of an
+    edge.
     """
 
     lines: Sightlines
@@ -45,6 +47,7 @@ class Measured:
     adjustment: Adjustment
     lever: Array
     mate: Longs
+    ground: Array
     eye: Array | None
     noise_scale: float
     tau_px: float
@@ -66,8 +69,8 @@ class Measured:
         noise = EdgeNoise.of(sigma, lines.edge, lines.along, tau)
         members = tuple(m[rows] for m in survey.members)
         adjustment = Adjustment(offset, J, lines.by_cause, noise, fitted, freedom)
-        lever, mate = survey.lever[rows], survey.mate[rows]
-        return cls(lines, survey.body[rows], members, adjustment, lever, mate, eye, scale, tau)
+        lever, mate, ground = survey.lever[rows], survey.mate[rows], survey.ground[rows]
+        return cls(lines, survey.body[rows], members, adjustment, lever, mate, ground, eye, scale, tau)
 
     @property
     def dof(self) -> float:
@@ -99,32 +102,66 @@ class Measured:
         """Return how far the places were displaced as one; along (3,): in that direction alone. None: not told.
 
         The probability is that of all edges where the body is in place; the estimate takes into account that feet
-        (`Feet`) need not follow, and that edges may disagree.
+        need not follow (`cadcam.verify.following`), and that edges may disagree.
         """
+        told = self._told(rows, along)
+        if told is None:
+            return None
+        basis, pose = told
+        p_value = self._p_value(rows, basis, pose)
+        if along is not None:
+            return Displacement(basis, self._followed(rows, basis, pose), p_value, self._edges(rows))
+        every = np.column_stack([basis, _perpendicular(basis)])
+        estimate = self._followed(rows, every, pose)
+        m = self._still_seen(rows, estimate.along(np.eye(3)[: basis.shape[1]]))
+        if not m.shape[1]:
+            return None
+        return Displacement(basis @ m, estimate.along(m.T @ np.eye(3)[: basis.shape[1]]), p_value, self._edges(rows))
+
+    def p_value(self, rows: Mask) -> float:
+        """Return how probable offsets like those of these places are if they are in place; nan: not told."""
+        told = self._told(rows, None)
+        return float("nan") if told is None else self._p_value(rows, *told)
+
+    def _told(self, rows: Mask, along: Array | None) -> tuple[Array, FittedPose] | None:
+        """Return the directions (3, m) in which these places tell a displacement, and the pose without them."""
         if not rows.any():
             return None
         basis = self.directions(rows) if along is None else np.asarray(along, np.float64)[:, None]
         pose = self.pose_without(rows)
-        design = self.lines.by_point[rows] @ basis
-        if pose is None or not basis.shape[1] or not np.abs(design).max(initial=0.0) > 0:
+        if pose is None or not np.abs(self.lines.by_point[rows] @ basis).max(initial=0.0) > 0:
             return None
-        unseen = self._unseen(rows, basis) if along is None else design[:, :0]
-        in_place = self.adjustment.estimate(rows, design, pose, unseen=unseen)
-        p_value = tail_probability(in_place.value, in_place.covariance, self.dof)
-        slid = np.abs(self.lever[rows]) * self._sunk_at_most(rows, pose, in_place)
-        estimate = self.adjustment.estimate(rows, design, pose, unseen=unseen, slid=slid, enlarged=True)
-        if along is None and slid.any():
-            basis = basis @ self._still_seen(rows, estimate)
-            design, unseen = self.lines.by_point[rows] @ basis, self._unseen(rows, basis)
-            estimate = self.adjustment.estimate(rows, design, pose, unseen=unseen, slid=slid, enlarged=True)
-        return Displacement(basis, estimate, p_value, len(np.unique(self.lines.edge[rows])))
+        return basis, pose
+
+    def _p_value(self, rows: Mask, basis: Array, pose: FittedPose) -> float:
+        """Return the probability for a body in place, which is not displaced in directions that are not seen either."""
+        in_place = self.adjustment.estimate(rows, self.lines.by_point[rows] @ basis, pose)
+        return tail_probability(in_place.value, in_place.covariance, self.dof)
+
+    def _followed(self, rows: Mask, basis: Array, pose: FittedPose) -> Estimate:
+        return following(
+            self.adjustment,
+            rows,
+            self.lines.by_point[rows],
+            pose,
+            lever=self.lever[rows],
+            ground=self.ground[rows],
+            basis=basis,
+            prior_mm=self._unseen_mm(rows),
+        )
+
+    def _edges(self, rows: Mask) -> int:
+        return len(np.unique(self.lines.edge[rows]))
 
     def _still_seen(self, rows: Mask, found: Estimate) -> Array:
-        """Return the directions (m, k) in which an estimate is as sure as what is seen has to be; at least the best."""
+        """Return the directions (m, k) in which an estimate is as sure as what is seen has to be."""
         w, V = np.linalg.eigh(found.covariance)
         seen = w < (SEEN_PX * float(np.median(self.lines.mm_per_px[rows]))) ** 2
-        seen[0] = True
         return np.asarray(V[:, seen])
+
+    def _unseen_mm(self, rows: Mask) -> float:
+        """Return the standard deviation (mm) of a displacement that photos do not show."""
+        return UNSEEN_PX * float(np.median(self.lines.mm_per_px[rows]))
 
     def improbability(self, body: int) -> float:
         """Return how improbable (`cadcam.verify.scatter`) the datum's offsets, and a body's, are if that is displaced.
@@ -133,33 +170,11 @@ class Measured:
         """
         its = self.body == body
         rows = self.adjustment.datum | its | (self.mate == body)
-        mm = UNSEEN_PX * float(np.median(self.lines.mm_per_px[rows]))
+        mm = self._unseen_mm(rows)
         slid = np.where(its | (self.mate == body), np.abs(self.lever) * mm, 0.0)[rows]
         K = np.where(its[:, None], self.lines.by_point * mm, 0.0)[rows]
         noise = self.adjustment.errors.of_rows(rows).with_more(slid)
         return improbability(self.adjustment.offset[rows], noise, self.adjustment.J[rows] @ self.adjustment.freedom, K)
-
-    def _unseen(self, rows: Mask, basis: Array) -> Array:
-        """Return by how much (n, r) px the places may be moved by what the photos do not show of a displacement."""
-        mm = UNSEEN_PX * float(np.median(self.lines.mm_per_px[rows]))
-        return np.asarray(self.lines.by_point[rows] @ _perpendicular(basis) * mm)
-
-    def _sunk_at_most(self, rows: Mask, pose: FittedPose, by_all: Estimate) -> float:
-        """Return how far (mm) a body may have sunk into what it stands on: as far as it is displaced at all.
-
-        That is told by its other edges, in the directions that these show; and where it shows no others, by its feet.
-        """
-        standing = self.lever[rows] != 0
-        own = rows.copy()
-        own[rows] = ~standing
-        size = float(by_all.value @ by_all.value)
-        if own.any() and standing.any():
-            basis = self.directions(own)
-            found = self.adjustment.estimate(
-                own, self.lines.by_point[own] @ basis, pose, unseen=self._unseen(own, basis)
-            )
-            size += float(found.value @ found.value) + float(np.trace(found.covariance))
-        return float(np.sqrt(size))
 
     def turn(self, rows: Mask) -> tuple[float, float, Array]:
         """Return the turn (rad) about the line of sight through the places' middle, its sigma, and that axis (3,)."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Mask
 from cadcam.locate.part import Part
-from cadcam.verify.measured import Measured
+from cadcam.verify.measured import Displacement, Measured
 from cadcam.verify.survey import Survey
 
 AGREES_PX = 1.0  # up to which a body is drawn where it was found: its edges are then surely told from others
@@ -30,11 +30,10 @@ def redrawn(part: Part, by: Array) -> Part | None:
     return Part(replace(part.scene, mesh=replace(mesh, vertices=vertices)))
 
 
-def measured_at(measured: Measured, number: int) -> Array | None:
-    """Return the displacement (3,) mm at which a feature was measured; None where it was not."""
+def displaced(measured: Measured, number: int) -> Displacement | None:
+    """Return the displacement of a feature, as far as it was measured."""
     rows = measured.members[number]
-    moved = measured.displacement(rows) if rows.any() else None
-    return None if moved is None else np.asarray(moved.basis @ moved.estimate.value)
+    return measured.displacement(rows) if rows.any() else None
 
 
 def off_px(survey: Survey, rows: Mask, by: Array) -> float:

@@ -13,28 +13,34 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render.view import Scene
-from cadcam.verify.association import SEARCH_ROOM_PX, Association, associated, nearby_edges
+from cadcam.verify.association import SEARCH_ROOM_PX, Association, associated, guessed_shifts, nearby_edges
 from cadcam.verify.feet import Feet
 from cadcam.verify.presence import EdgeEvidence, Presence, clutter_of, presence
 from cadcam.verify.sightlines import Sightlines, sightlines
 from cadcam.verify.surroundings import FAINT, surroundings
 from cadcam.verify.tolerance import Selection, Tolerances
+from cadcam.verify.twins import room_beside_twins
 
 Longs = npt.NDArray[np.int64]
+
+_LEAST_GUESSED = 12  # places from which a feature's own place is guessed
+_BLIND = 0.05  # of the largest: what a displacement along the line of sight moves in a photo
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Survey:
     """N places on visible edges.
 
-    names: the features asked about, then the model's parts as far as they are none of those; members: the places (N,)
-    of each, which may be those of others too. body (N,): what moves as one, each place in one of them: the widest
-    feature that has it, or its part. usable (N,): whether its edge can be told from its neighbours; datum (N,): whether
-    the pose may be fitted to it; stated: whether the datum was, by the tolerances. lever (N,) px/mm and mate (N,): what
-    the place is as a foot (`Feet`), the mate being a body; ought (N,): whether the light gives its edge contrast.
+    nearby (N, K) px: offsets of the photos' edges near each. names: the features asked about, then the model's parts as
+    far as they are none of those; members: the places (N,) of each, which may be those of others too. body (N,): what
+    moves as one, each place in one of them: the widest feature that has it, or its part. usable (N,): whether its edge
+    can be told from its neighbours; datum (N,): whether the pose may be fitted to it; stated: whether the datum was, by
+    the tolerances. lever (N,) px/mm, mate (N,) and ground (N, 3): what the place is as a foot (`Feet`), the mate being
+    a body; ought (N,): whether the light gives its edge contrast.
     """
 
     lines: Sightlines
+    nearby: Array
     matched: Association
     names: tuple[str, ...]
     members: tuple[Mask, ...]
@@ -44,6 +50,7 @@ class Survey:
     stated: bool
     lever: Array
     mate: Longs
+    ground: Array
     ought: Mask
     evidence: EdgeEvidence
     clutter: float
@@ -70,6 +77,23 @@ class Survey:
         mine = np.isin(self.evidence.edge, np.unique(self.lines.edge[self.rows(number)]))
         return presence(self.evidence, mine, clutter=self.clutter, elsewhere=elsewhere)
 
+    def guesses(self, number: int, *, reach_px: float) -> list[Array]:
+        """Return displacements (3,) mm of a feature that many of the edges nearby agree with, from where it is drawn.
+
+        Feet, which may not follow, are asked where there is little else. Along the line of sight there is none.
+        """
+        rows = self.members[number]
+        own = rows & (self.mate < 0)
+        rows = own if own.sum() >= _LEAST_GUESSED else rows
+        if not rows.any():
+            return []
+        photo = np.bincount(self.lines.photo[rows]).argmax()
+        rows &= self.lines.photo == photo
+        normal = self.lines.normal[rows]
+        shifts = guessed_shifts(self.nearby[rows], normal, reach_px=reach_px)
+        back = np.linalg.pinv(self.lines.by_point[rows], rcond=_BLIND)
+        return [back @ (normal @ s) for s in shifts]
+
     @property
     def seen_share(self) -> float:
         """Return the share of the datum's usable places where the photos show an edge."""
@@ -92,18 +116,20 @@ def surveyed(
     """
     by = np.zeros((len(part.scene.mesh.part_names), 3)) if by is None else by
     lines, sights = sightlines(part, photos, world_from_part)
-    found = nearby_edges(lines, sights, reach_px=reach_px)
     in_place = replace(lines, p=lines.p - by[lines.part])
     names, members = _members(part.scene, in_place, asked)
     body = _bodies(members)
     usable = lines.room >= SEARCH_ROOM_PX
     moved_as_one = np.where(usable, body, -1)
     beside = surroundings(part, photos, world_from_part, lines)
+    found = nearby_edges(lines, sights, reach_px=reach_px, way=beside.way)
     ought = usable & (beside.contrast > FAINT)
-    matched = associated(lines, sights, found, moved_as_one, reach_px=reach_px, ought=ought)
+    room = room_beside_twins(lines, sights, beside)
+    matched = associated(lines, sights, found, moved_as_one, reach_px=reach_px, ought=ought, room=room)
     feet = Feet.of(lines, beside)
     return Survey(
         lines,
+        found,
         _from_place(matched, lines, photos, world_from_part, by),
         names,
         members,
@@ -113,6 +139,7 @@ def surveyed(
         bool(asked.datum),
         feet.lever,
         feet.of_bodies(lines, body),
+        feet.ground,
         ought,
         EdgeEvidence.of(lines, usable, matched, beside),
         clutter_of(lines, found, moved_as_one, reach_px=reach_px),

@@ -32,9 +32,10 @@ def uncovered_ratio(
     behind = _behind(part, photos, world_from_part, body, lines) & (lines.room >= SEARCH_ROOM_PX)
     if not behind.any():
         return 0.0
-    found = nearby_edges(lines, sights, reach_px=2.0)
+    beside = surroundings(without, photos, world_from_part, lines)
+    found = nearby_edges(lines, sights, reach_px=2.0, way=beside.way)
     matched = associated(lines, sights, found, np.where(behind, 0, -1), reach_px=1.0)
-    own = EdgeEvidence.of(lines, behind, matched, surroundings(without, photos, world_from_part, lines))
+    own = EdgeEvidence.of(lines, behind, matched, beside)
     seen = visibility(evidence, np.ones(len(evidence.seen), bool))
     return -log_ratio(own, np.ones(len(own.seen), bool), seen, clutter)
 

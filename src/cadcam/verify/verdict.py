@@ -12,9 +12,12 @@ from enum import Enum
 
 import numpy as np
 
+from cadcam.arrays import Array
 from cadcam.verify.tolerance import Limit, Rule
 
 SIMPLE_SHARE = 1 / 3  # of the limit that U may be where simple acceptance decides (JCGM 106:2012, 8.2)
+
+_FLAT, _CENTRED = 1e-12, 1e-9  # variance, of the largest, and distance from the centre in sigmas that count as zero
 
 
 class Verdict(Enum):
@@ -47,6 +50,51 @@ def decided(deviation: float, sigma: float, limit: Limit) -> Verdict:
     if size <= limit.value - U:
         return Verdict.PASS
     return Verdict.FAIL if size > limit.value + U else Verdict.UNDECIDED
+
+
+def towards(value: Array, covariance: Array, limit: Limit) -> float:
+    """Return the standard deviation of a displacement's length, its components being value (m,) and covariance (m, m).
+
+    That by which it is decided, so that it errs as rarely as that of a single component. PASS: the longest displacement
+    in the k sigma ellipsoid keeps the limit. If the true one does not, some direction alone shows that, and errs by k
+    sigma as rarely as any. FAIL: the shortest in the ellipsoid that misses the true one as rarely as that is beyond it.
+    """
+    from scipy.stats import chi2, norm
+
+    size, m = float(np.linalg.norm(value)), len(value)
+    if size <= limit.value:
+        return (lengths(value, covariance, limit.k)[1] - size) / limit.k
+    k = limit.k if m == 1 else float(np.sqrt(chi2.isf(norm.sf(limit.k), m)))
+    return (size - lengths(value, covariance, k)[0]) / limit.k
+
+
+def lengths(value: Array, covariance: Array, k: float) -> tuple[float, float]:
+    """Return the lengths of the shortest and the longest vector d with (d - value)^T V^-1 (d - value) <= k^2.
+
+    At both (V - l) d = -l value with one unknown l: for the longest it is beyond the largest variance, for the shortest
+    below zero.
+    """
+    c, axes = np.linalg.eigh(covariance)
+    largest, v = float(c[-1]), axes.T @ value
+    if largest <= 0:
+        return float(np.linalg.norm(value)), float(np.linalg.norm(value))
+    c = np.maximum(c, _FLAT * largest)
+    short = 0.0
+    if (v**2 / c).sum() > k**2:
+        x = _on_ellipsoid(v, c, c, k)
+        short = float(np.linalg.norm(x / (x + c) * v))
+    v[-1] = np.copysign(max(abs(v[-1]), _CENTRED * np.sqrt(largest)), v[-1])  # a centred one has two longest vectors
+    x = _on_ellipsoid(v, c, largest - c, k)
+    return short, float(np.linalg.norm((x + largest) / (x + (largest - c)) * v))
+
+
+def _on_ellipsoid(v: Array, c: Array, gap: Array, k: float) -> float:
+    """Return x > 0 where the sum of c v^2 / (x + gap)^2 is k^2; it falls with x."""
+    from scipy.optimize import brentq
+
+    most = 2 * float(np.linalg.norm(v)) * np.sqrt(float(c[-1])) / k
+    low = 0.5 * abs(float(v[-1])) * np.sqrt(float(c[-1])) / k if not gap[-1] else 0.0
+    return float(brentq(lambda x: float((c * (v / (x + gap)) ** 2).sum()) - k**2, low, most, xtol=1e-300))
 
 
 def overall(verdicts: Iterable[Verdict]) -> Verdict:

@@ -1,0 +1,92 @@
+"""How far a body is displaced whose feet follow it to one side of their ground only: up from it, not down into it.
+
+A foot is where a side of the body meets the ground, normal b. The displacement d of a body that is lifted, or slides
+(b . d >= 0), takes the line along: by G d in the photo. A body that sinks leaves it behind by the lever l for each mm,
+so that it moves by (G - l b) d. The line thus moves by a function of d that is linear on each side of the ground and
+continuous between them. The sides are told from each other by Bayes' rule: each is as probable as the offsets are with
+it, times the probability that what is then measured lies on that side; the estimate is the mean over sides, and what it
+is on each of them adds to its covariance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cadcam.arrays import Array, Mask
+from cadcam.verify.adjustment import CAUSES, Adjustment, Estimate, FittedPose
+
+_ALIKE = 10.0  # steps to a unit normal's component within which grounds are one
+_DIRECTIONS = 200  # of displacements that are asked which sides there are
+_NEGLIGIBLE = 1e-3  # weight of a side that is not counted
+
+
+def following(
+    adjustment: Adjustment,
+    rows: Mask,
+    by_point: Array,
+    pose: FittedPose,
+    *,
+    lever: Array,
+    ground: Array,
+    basis: Array,
+    prior_mm: float,
+) -> Estimate:
+    """Return the displacement (m,) mm along a basis (3, m) of a body whose offsets are those of `rows` (N,).
+
+    by_point (n, 3) px/mm, lever (n,) px/mm and ground (n, 3): of these rows. prior_mm: standard deviation of a
+    displacement along each vector of the basis before anything is measured; along others there is none.
+    """
+    normals, number = _grounds(ground, lever)
+    found: list[Estimate] = []
+    log_weight = []
+    for sunk in _sides(normals, basis):
+        behind = np.where(sunk[number] & (lever != 0), lever, 0.0) if len(normals) else np.zeros(len(lever))
+        design = (by_point - behind[:, None] * ground) @ basis
+        told = adjustment.estimate(rows, design, pose, prior=prior_mm, enlarged=True)
+        found.append(told)
+        on_side = _log_probability(told, normals @ basis, sunk)
+        log_weight.append(on_side - 0.5 * adjustment.unlikeliness(rows, design, pose, prior=prior_mm))
+    return _mixed(found, np.array(log_weight))
+
+
+def _grounds(ground: Array, lever: Array) -> tuple[Array, np.typing.NDArray[np.int64]]:
+    """Return the distinct grounds (g, 3) of feet, and the number (n,) of each place's; 0 for what is no foot."""
+    number = np.zeros(len(lever), np.int64)
+    feet = lever != 0
+    if not feet.any():
+        return np.zeros((0, 3)), number
+    _, at = np.unique(np.rint(_ALIKE * ground[feet]), axis=0, return_inverse=True)
+    number[feet] = at.reshape(-1)
+    normals = np.array([ground[feet][number[feet] == g].mean(axis=0) for g in range(int(number.max()) + 1)])
+    return normals, number
+
+
+def _sides(normals: Array, basis: Array) -> list[Mask]:
+    """Return into which of the grounds (g,) a body may have sunk together: the signs that displacements can have."""
+    m = basis.shape[1]
+    way = np.random.default_rng(0).normal(size=(_DIRECTIONS, m)) if m > 1 else np.array([[1.0], [-1.0]])
+    return list(np.unique(way @ (normals @ basis).T < 0, axis=0))
+
+
+def _log_probability(told: Estimate, normals: Array, sunk: Mask) -> float:
+    """Return the logarithm of how probable it is that what is told lies on that side of the grounds (g, m)."""
+    from scipy.special import log_ndtr
+
+    up = normals @ told.value
+    sigma = np.sqrt(np.einsum("gi,ij,gj->g", normals, told.covariance, normals))
+    return float(log_ndtr(np.where(sunk, -up, up) / np.maximum(sigma, 1e-12)).sum())
+
+
+def _mixed(found: Sequence[Estimate], log_weight: Array) -> Estimate:
+    """Return the mean of estimates with weights, and by total variance the covariance of each cause."""
+    weight = np.exp(log_weight - log_weight.max())
+    weight = np.where(weight < _NEGLIGIBLE, 0.0, weight)
+    weight /= weight.sum()
+    value = np.asarray(weight @ np.array([e.value for e in found]))
+    noise, edges, pose, calibration = (
+        np.einsum("s,sij->ij", weight, np.array([getattr(e, cause) for e in found])) for cause in CAUSES
+    )
+    between = sum(w * np.outer(e.value - value, e.value - value) for w, e in zip(weight, found, strict=True))
+    return Estimate(value, noise, edges + between, pose, calibration, found[int(np.argmax(weight))].misfit)

@@ -1,0 +1,124 @@
+"""The light in a photo of a part: how bright its surfaces are, by their orientation and colour.
+
+The brightness of a matt surface follows from its orientation: under distant lights, however many, it is to 1 % a
+quadratic form of the normal (R. Ramamoorthi and P. Hanrahan, J. Opt. Soc. Am. A 18, 2001). Its nine coefficients, and a
+gain for each colour of the model, are fitted to the photo itself, robustly; shadows and what is not where the model has
+it are strays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Ids, Mask, Picture
+from cadcam.locate.part import Part
+
+Longs = npt.NDArray[np.int64]
+_EVERY = 5  # px between the pixels that the light is fitted to
+_ROUNDS = 8
+_PRIOR = 0.3  # sigma of the light's coefficients before anything is seen
+_LEAST_SCALE = 0.005  # brightness: a surface is never better known
+_LEAST_SPREAD = 0.02  # of the brightness of surfaces
+_NORMALS = 10.0  # steps to a unit normal's component within which surfaces are one
+_FULL = 20  # pixels (of those looked at) of a surface that counts full
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Light:
+    """Brightness of surfaces: form (9,) with its covariance, a gain for each colour, and of what is no surface.
+
+    scale: how far surfaces are off, a robust standard deviation; mean, spread: of the brightness of surfaces.
+    """
+
+    form: Array
+    covariance: Array
+    gain: dict[int, float]
+    nothing: float
+    scale: float
+    mean: float
+    spread: float
+
+    def brightness(self, normal: Array, color: Ids) -> tuple[Array, Array]:
+        """Return the brightness (N,) of surfaces of normals (N, 3) and colours (N,), and its covariance (N, N).
+
+        Of surfaces that none of the photo's others are like, no more is known than how bright these are.
+        """
+        by = np.array([self.gain.get(int(c), 1.0) for c in color])[:, None] * _basis(normal)
+        told = np.linalg.inv(by @ self.covariance @ by.T + self.scale**2 * np.eye(len(by)))
+        covariance = np.linalg.inv(told + np.eye(len(by)) / self.spread**2)
+        return np.asarray(covariance @ (told @ (by @ self.form) + self.mean / self.spread**2)), np.asarray(covariance)
+
+    def contrast(self, normal: Array, color: Ids) -> tuple[Array, Array]:
+        """Return the change of brightness (N,) between surfaces, normals (N, 2, 3), colours (N, 2), and its sigma."""
+        gain = np.array([[self.gain.get(int(c), 0.0) for c in pair] for pair in color]).reshape(-1, 2)
+        by = gain[..., None] * np.stack([_basis(normal[:, 0]), _basis(normal[:, 1])], axis=1)
+        empty = np.where(color < 0, self.nothing, 0.0)
+        change = by[:, 1] - by[:, 0]
+        value = change @ self.form + empty[:, 1] - empty[:, 0]
+        return np.asarray(value), np.sqrt(np.einsum("ni,ij,nj->n", change, self.covariance, change))
+
+
+def fitted_light(gray: Picture, normal: Array, color: Ids, *, without: Mask | None = None) -> Light:
+    """Return the light that explains the photo (H, W) with these normals (H, W, 3) and colours (H, W).
+
+    Every surface counts once, however large it is: its pixels err together. without (H, W): pixels that do not count.
+    """
+    few = slice(None, None, _EVERY)
+    g, n, c = gray[few, few].ravel().astype(np.float64), normal[few, few].reshape(-1, 3), color[few, few].ravel()
+    if without is not None:
+        counts = ~without[few, few].ravel()
+        g, n, c = g[counts], n[counts], c[counts]
+    nothing = float(np.median(g[c < 0])) if (c < 0).any() else 0.5
+    g, n, c, weight = _by_surface(g[c >= 0], n[c >= 0], c[c >= 0])
+    gain = {int(k): 1.0 for k in np.unique(c)}
+    A, form, covariance, robust = _basis(n), np.zeros(9), np.eye(9), np.ones(len(g))
+    scale = _LEAST_SCALE
+    for _ in range(_ROUNDS if len(g) else 0):
+        own = np.array([gain[int(k)] for k in c])
+        r = g - own * (A @ form)
+        scale = max(1.4826 * float(np.median(np.abs(r))), _LEAST_SCALE)
+        robust = np.minimum(1.0, 2.0 * scale / np.maximum(np.abs(r), 1e-12)) if form.any() else robust
+        B = A * own[:, None]
+        W = weight * robust
+        covariance = np.linalg.inv(B.T @ (B * W[:, None]) / scale**2 + np.eye(9) / _PRIOR**2)
+        form = covariance @ (B.T @ (W * g)) / scale**2
+        seen = A @ form
+        for k in gain:
+            of = c == k
+            power = float((W[of] * seen[of] ** 2).sum())
+            gain[k] = float((W[of] * seen[of] * g[of]).sum()) / power if power > 0 else 1.0
+    mean = float(np.average(g, weights=weight)) if len(g) else 0.5
+    spread = float(np.sqrt(np.average((g - mean) ** 2, weights=weight))) if len(g) else 0.3
+    return Light(form, covariance, gain, nothing, scale, mean, max(spread, _LEAST_SPREAD))
+
+
+def _by_surface(g: Array, n: Array, c: Ids) -> tuple[Array, Array, Ids, Array]:
+    """Return brightness, normal, colour and weight of surfaces: pixels of one colour and about one normal."""
+    _, first, at, count = np.unique(surfaces(n, c), return_index=True, return_inverse=True, return_counts=True)
+    order = np.argsort(at, kind="stable")
+    middle = np.array([np.median(part) for part in np.split(g[order], np.cumsum(count)[:-1])]) if len(g) else g
+    return middle, n[first], c[first], np.minimum(count / _FULL, 1.0)
+
+
+def surfaces(normal: Array, color: Ids) -> Longs:
+    """Return a number (N,) that pixels have in common which show one colour (N,) and about one normal (N, 3)."""
+    x, y, z = (np.rint(normal * _NORMALS).astype(np.int64) + int(_NORMALS)).T
+    base = 2 * int(_NORMALS) + 1
+    return np.asarray(((color.astype(np.int64) * base + x) * base + y) * base + z)
+
+
+def _basis(normal: Array) -> Array:
+    """Return (N, 9) the terms of a quadratic form of unit normals (N, 3) on the sphere."""
+    x, y, z = normal.T
+    return np.stack([np.ones_like(x), x, y, z, x * y, y * z, z * x, x * x - y * y, 3 * z * z - 1], axis=1)
+
+
+def colors_of(part: Part, face: Ids) -> Ids:
+    """Return the number (H, W) of each pixel's colour, equal colours having one; -1 where there is no face."""
+    scene = part.scene
+    _, number = np.unique(np.round(scene.colors, 3), axis=0, return_inverse=True)
+    paint = number.reshape(-1)[scene.paint]
+    return np.where(face >= 0, paint[np.maximum(face, 0)], -1).astype(np.int32)

@@ -1,0 +1,135 @@
+"""How bright a photo is where a body ought to be: as that body should be in this light, or as what it would hide.
+
+Pixels of the body's picture are taken together by what they show with the body and without it. The light, fitted to all
+the rest of the photo (`cadcam.verify.light`), says how bright each of these surfaces is, and how surely; pieces of one
+surface err together. Either way the light may not be as it was fitted, for a shadow say, with a probability that no
+surface can make up for: then the tones are any that the photo has elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Ids, Mask
+from cadcam.cad.edges import FeatureEdges
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.render import open_renderer
+from cadcam.render.view import Channel, Scene
+from cadcam.verify.light import Light, colors_of, fitted_light, surfaces
+
+Longs = npt.NDArray[np.int64]
+Window = tuple[slice, slice]
+EVERYWHERE: Window = (slice(None), slice(None))
+_RIM_PX = 3  # of the body's picture, which is blurred or another body's where that one is off
+_LEAST_PX = 20  # of a piece that has a brightness
+_LAPSE = 0.02  # probability that the light is not as it was fitted
+_UNEVEN = 0.006  # sigma of the brightness of pieces of one surface
+_ANY_MEAN, _ANY_SPREAD = 0.5, 0.3  # brightness of what is no part, and of the light as a whole
+_PAIR, _ONE = np.zeros((0, 2), np.int32), np.zeros(0, np.int32)
+_NO_EDGES = FeatureEdges(_PAIR, _PAIR, _ONE, _ONE, _ONE)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawn:
+    """What a model shows in pixels: normal (h, w, 3) in the part frame, colour and part (h, w), -1 for nothing."""
+
+    normal: Array
+    color: Ids
+    part: Ids
+
+    @classmethod
+    def of(
+        cls, part: Part, photo: Photo, camera_from_part: Rigid, *, without: int = -1, window: Window = EVERYWHERE
+    ) -> Drawn:
+        """Return what a part shows in a window of the photo, the body `without` left out."""
+        mesh = part.scene.mesh
+        kept = np.flatnonzero(mesh.part != without)
+        scene = part.scene if without < 0 else Scene.of(mesh.select(mesh.part != without), edges=_NO_EDGES)
+        view = open_renderer(scene).render(photo.camera, camera_from_part, channels=Channel.NORMAL | Channel.FACE)
+        seen = view.face[window]
+        face = np.where(seen >= 0, kept[np.maximum(seen, 0)], -1).astype(np.int32)
+        normal = view.normal[window].astype(np.float64) @ camera_from_part.rotation
+        number = np.where(face >= 0, mesh.part[np.maximum(face, 0)], -1).astype(np.int32)
+        return cls(normal, colors_of(part, face), number)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pixels:
+    """Some pixels: normal (n, 3) and colour (n,) of what they show, and that surface's number (n,)."""
+
+    normal: Array
+    color: Ids
+    surface: Longs
+
+    @classmethod
+    def of(cls, drawn: Drawn, where: Mask) -> _Pixels:
+        """Return the pixels `where` (H, W)."""
+        normal, color = drawn.normal[where], drawn.color[where]
+        return cls(normal, color, surfaces(normal, color))
+
+    def log_density(self, light: Light, tones: Array, at: Longs) -> float:
+        """Return the log probability density of tones (r,) where the pixels `at` (r,) and their like are."""
+        _, first, kind = np.unique(self.surface[at], return_index=True, return_inverse=True)
+        mean, V = light.brightness(self.normal[at[first]], self.color[at[first]])
+        nothing = self.color[at[first]] < 0
+        mean[nothing], V[nothing], V[:, nothing] = _ANY_MEAN, 0.0, 0.0
+        V[nothing, nothing] = _ANY_SPREAD**2
+        kind = kind.reshape(-1)
+        as_told = _log_normal(tones - mean[kind], V[np.ix_(kind, kind)] + _UNEVEN**2 * np.eye(len(kind)))
+        other = _log_normal(tones - light.mean, light.spread**2 * np.eye(len(kind)) + _ANY_SPREAD**2)
+        return float(np.logaddexp(np.log1p(-_LAPSE) + as_told, np.log(_LAPSE) + other))
+
+
+@dataclass(frozen=True)
+class Tones:
+    """A part at a pose in photos: what their brightness says of each of its bodies."""
+
+    part: Part
+    photos: Sequence[Photo]
+    world_from_part: Rigid
+
+    @cached_property
+    def _shown(self) -> list[Drawn]:
+        return [Drawn.of(self.part, photo, self._camera_from_part(photo)) for photo in self.photos]
+
+    def _camera_from_part(self, photo: Photo) -> Rigid:
+        return photo.viewpoint.camera_from_world @ self.world_from_part
+
+    def log_ratio(self, body: int) -> float:
+        """Return the logarithm of the likelihood ratio of "there" to "not there" of part number `body`."""
+        return sum(self._in_photo(photo, shown, body) for photo, shown in zip(self.photos, self._shown, strict=True))
+
+    def _in_photo(self, photo: Photo, shown: Drawn, body: int) -> float:
+        from scipy.ndimage import binary_erosion
+
+        its = shown.part == body
+        inside = binary_erosion(its, iterations=_RIM_PX)
+        if inside.sum() < _LEAST_PX:
+            return 0.0
+        light = fitted_light(photo.gray, shown.normal, shown.color, without=its)
+        own = _Pixels.of(shown, inside)
+        behind = _Pixels.of(Drawn.of(self.part, photo, self._camera_from_part(photo), without=body), inside)
+        pairs = _pairs(own.surface, behind.surface)
+        pieces = [np.flatnonzero(pairs == i) for i in np.flatnonzero(np.bincount(pairs) >= _LEAST_PX)]
+        if not pieces:
+            return 0.0
+        gray = photo.gray[inside].astype(np.float64)
+        tones, at = np.array([np.median(gray[piece]) for piece in pieces]), np.array([piece[0] for piece in pieces])
+        return own.log_density(light, tones, at) - behind.log_density(light, tones, at)
+
+
+def _pairs(one: Longs, other: Longs) -> Longs:
+    """Return the number (n,) of each pair of two numbers (n,), 0 ... ."""
+    numbers, at = np.unique(other, return_inverse=True)
+    return np.asarray(np.unique(one * len(numbers) + at, return_inverse=True)[1], np.int64)
+
+
+def _log_normal(r: Array, V: Array) -> float:
+    return float(-0.5 * (r @ np.linalg.solve(V, r) + np.linalg.slogdet(2 * np.pi * V)[1]))

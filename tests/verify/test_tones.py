@@ -1,0 +1,108 @@
+"""What brightness says: is a body there, on which side of an edge is it brighter, where does a body stand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.profile import noise_of
+from cadcam.locate.photo import Photo
+from cadcam.locate.sight import Sight
+from cadcam.render import open_renderer
+from cadcam.render.view import Channel
+from cadcam.verify.association import nearby_edges, strays
+from cadcam.verify.deviation import State
+from cadcam.verify.inspection import inspect
+from cadcam.verify.likeness import likenesses
+from cadcam.verify.redrawn import redrawn
+from cadcam.verify.sightlines import STEP_PX, sightlines
+from cadcam.verify.surroundings import surroundings
+from cadcam.verify.survey import surveyed
+from cadcam.verify.tolerance import whole_parts
+from cadcam.verify.tones import Tones
+
+from .scene import CAMERA, POSE, displaced, part, photo, photographed, plate
+
+SMALL = [name for name in plate().part_names if name != "plate"]
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_a_body_has_its_own_tones_and_where_it_is_missing_those_behind_it(rng: np.random.Generator, name: str) -> None:
+    """Surely, both ways: with 5 bodies in view 6.5 is enough for either."""
+    body = plate().part_names.index(name)
+    assert Tones(part(), [photo(plate(), rng)], Rigid()).log_ratio(body) > 6.5
+    assert Tones(part(), [photo(displaced(name, None), rng)], Rigid()).log_ratio(body) < -6.5
+
+
+def test_a_shadow_on_a_body_does_not_make_it_missing(rng: np.random.Generator) -> None:
+    """All of the block is darker by a third: neither as it should be nor as what is behind it."""
+    gray, body = photographed(plate(), rng), plate().part_names.index("block")
+    its = open_renderer(part().scene).render(CAMERA, POSE, channels=Channel.PART).part == body
+    dark = Photo.of(np.where(its, 0.66 * gray, gray).astype(np.float32), CAMERA, POSE)
+    assert Tones(part(), [dark], Rigid()).log_ratio(body) > -6.5
+    assert State.MISSING not in {f.state for f in inspect(part(), [dark], Rigid()).features}
+
+
+def test_the_light_knows_to_which_side_an_edge_is_brighter(rng: np.random.Generator) -> None:
+    """Where it says so, the photo's own sides agree: noise alone would turn none of steps this large."""
+    shot = photo(plate(), rng)
+    lines, _ = sightlines(part(), [shot], Rigid())
+    way = surroundings(part(), [shot], Rigid(), lines).way
+    told = (way != 0) & (lines.room > 5.0)
+    assert told.sum() > 30
+    sides = [np.rint(lines.q[told] + t * lines.normal[told]).astype(int) for t in (-3.0, 3.0)]
+    before, after = (shot.gray[q[:, 1], q[:, 0]] for q in sides)
+    assert np.mean(np.sign(after - before) == way[told]) > 0.95
+
+
+def test_edges_that_step_the_other_way_are_not_taken(rng: np.random.Generator) -> None:
+    shot = photo(plate(), rng)
+    lines, _ = sightlines(part(), [shot], Rigid())
+    sights = [Sight.of(part(), shot, Rigid(), step_px=STEP_PX, reach_px=14.0, noise=noise_of(shot.gray))]
+    way = surroundings(part(), [shot], Rigid(), lines).way
+    right = nearby_edges(lines, sights, reach_px=1.5, way=way)
+    wrong = nearby_edges(lines, sights, reach_px=1.5, way=-way)
+    told = (way != 0) & (lines.room > 5.0)
+    assert np.isfinite(right[told]).any(axis=1).mean() > 0.9
+    assert np.isfinite(wrong[told]).any(axis=1).mean() < 0.1
+
+
+def test_an_edge_is_seen_where_it_shows_at_all_places_that_ought_to(rng: np.random.Generator) -> None:
+    """A third of an edge stands before something of another tone: it is found there, and only there."""
+    along, edge = 4.0 * np.arange(30), np.zeros(30, np.int64)
+    offset = np.where(np.arange(30) < 10, 0.3 + rng.normal(0, 0.1, 30), np.nan)
+    sigma, every = np.full(30, 0.1), np.ones(30, bool)
+    assert not strays(offset, sigma, edge, along, every, np.arange(30) < 10)[:10].any()
+    assert strays(offset, sigma, edge, along, every, every)[:10].all()
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_the_photo_looks_most_like_the_body_where_it_stands(rng: np.random.Generator, name: str) -> None:
+    """Guesses from the edges nearby are some pixels apart; the nearest of them to the truth is the likeliest."""
+    body, truth = plate().part_names.index(name), np.array([-3.0, 4.0, 0.0])
+    shot = photo(displaced(name, truth), rng)
+    seen = surveyed(part(), [shot], Rigid(), whole_parts(part().scene), reach_px=8.0)
+    places = [np.zeros(3), *seen.guesses(seen.names.index(name), reach_px=8.0)]
+    off = []
+    for place in places:
+        rows = seen.members[seen.names.index(name)]
+        off.append(float(np.abs(seen.lines.by_point[rows] @ (place - truth)).max()))
+    assert min(off) < 1.5
+    by = [np.zeros((5, 3)) for _ in places]
+    for i, place in enumerate(places):
+        by[i][body] = place
+    guesses = [g for g in (redrawn(part(), b) for b in by) if g is not None]
+    found, without = likenesses([shot], Rigid(), guesses, body)
+    assert off[int(np.argmax(found))] < 1.5
+    assert found.max() > without
+
+
+def test_where_a_body_is_missing_the_photo_looks_most_like_the_part_without_it(rng: np.random.Generator) -> None:
+    body, shot = plate().part_names.index("block"), photo(displaced("block", None), rng)
+    by = np.zeros((5, 3))
+    by[body] = 3.0, 3.0, 0.0
+    moved = redrawn(part(), by)
+    assert moved is not None
+    found, without = likenesses([shot], Rigid(), [part(), moved], body)
+    assert without > found.max()
