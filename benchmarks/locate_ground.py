@@ -7,12 +7,18 @@ other line near), and the best linear fit of a step on such ground: the one of l
 together (best linear unbiased: levels and height of the step are free, the ground is a random process of that
 covariance). Two factors on the bound come out: what that fit errs by noise alone, and by both. Stretches count as
 independent: edges that err as a whole, by shading all along them, are worse.
+
+    python benchmarks/locate_ground.py ../shared/data/shipblock_clean
+
+tells both factors, by noise and total, for fits that look less or farther to the sides.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import argparse
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.ndimage import map_coordinates
@@ -43,8 +49,8 @@ class Ground:
 
 
 @dataclass(frozen=True)
-class Best:
-    """Standard deviations of the best fit over the bound: by noise, and of all, by noise and ground."""
+class Fit:
+    """Standard deviations of a fit over the bound: by noise, and of all, by noise and ground."""
 
     by_noise: float
     total: float
@@ -102,21 +108,64 @@ def of_profiles(some: Array) -> Ground:
     return Ground(d.T @ d / len(d), CELL_PX * STRETCH)
 
 
-def best_fit(ground: Ground, blur_px: float, noise: float) -> Best:
+def best_fit(ground: Ground, blur_px: float, noise: float, *, reach_px: int = FAR - NEAR) -> Fit:
     """Return what the best linear fit of a step on such ground leaves, over the bound at this noise.
 
-    From the edge on the ground is taken to vary as it does from `NEAR` on: what is nearer, the step's blur hides.
+    reach_px: how far it looks to either side. From the edge on the ground is taken to vary as it does from `NEAR` on:
+    what is nearer, the step's blur hides.
     """
-    reach = len(ground.covariance) - 1
-    d = np.arange(-reach, reach + 1)
-    of_noise = noise**2 / ground.length_px
-    total = of_noise * np.eye(len(d))
+    d, total = _variation(ground, blur_px, noise, reach_px)
+    design = _design(d, blur_px)[:, :3]
+    weighted = np.linalg.solve(total, design)
+    return _judged(ground, blur_px, noise, np.linalg.solve(design.T @ weighted, weighted.T)[2], total)
+
+
+def plain_fit(ground: Ground, blur_px: float, noise: float, *, reach_px: int) -> Fit:
+    """Return the same of least squares with the slopes of the ground on both sides free, each pixel counting alike."""
+    d, total = _variation(ground, blur_px, noise, reach_px)
+    return _judged(ground, blur_px, noise, np.linalg.pinv(_design(d, blur_px))[2], total)
+
+
+def _variation(ground: Ground, blur_px: float, noise: float, reach_px: int) -> tuple[Array, Array]:
+    """Return places across an edge and the covariance of brightness there, by noise and ground."""
+    d = np.arange(-reach_px, reach_px + 1)
+    total = noise**2 / ground.length_px * np.eye(len(d))
     for sign in (-1, 1):
         share = ndtr(sign * d / blur_px)
         total += ground.covariance[np.ix_(np.abs(d), np.abs(d))] * np.outer(share, share)
-    bell = np.exp(-0.5 * (d / blur_px) ** 2) / (np.sqrt(2 * np.pi) * blur_px)
-    design = np.column_stack([np.ones(len(d)), ndtr(d / blur_px), bell])
-    weighted = np.linalg.solve(total, design)
-    w = np.linalg.solve(design.T @ weighted, weighted.T)[2]
+    return d.astype(np.float64), total
+
+
+def _design(d: Array, blur_px: float) -> Array:
+    """Return columns of a level, a step, its place, and slopes on both sides, at places d across the edge."""
+    step, bell = ndtr(d / blur_px), np.exp(-0.5 * (d / blur_px) ** 2) / (np.sqrt(2 * np.pi) * blur_px)
+    ramp = d * step + blur_px**2 * bell
+    return np.column_stack([np.ones(len(d)), step, bell, ramp, d - ramp])
+
+
+def _judged(ground: Ground, blur_px: float, noise: float, w: Array, total: Array) -> Fit:
+    of_noise = noise**2 / ground.length_px
     least = 1 / (float(edge_information(np.ones(1), blur_px, noise)[0]) * ground.length_px)
-    return Best(*(float(np.sqrt(v / least)) for v in (of_noise * w @ w, w @ total @ w)))
+    return Fit(*(float(np.sqrt(v / least)) for v in (of_noise * w @ w, w @ total @ w)))
+
+
+def report(photos: PhotoSet) -> Iterator[str]:
+    """Yield a table of fits that look more or less far."""
+    ground, blur = ground_of(photos, sorted(photos.truth))
+    reaches = (3, 4, 5, 6, 8, FAR - NEAR)
+    yield "| noise | fit | " + " | ".join(f"{r} px" for r in reaches) + " |\n|---|---|" + "---|" * len(reaches)
+    for noise in (n for n in photos.noises if n):
+        for name, of in (("levels and slopes free", plain_fit), ("best on this ground", best_fit)):
+            fits = [of(ground, blur, noise / 255, reach_px=r) for r in reaches]
+            yield f"| {noise} | {name} | " + " | ".join(f"{f.by_noise:.2f}, {f.total:.2f}" for f in fits) + " |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scene", type=Path, help="folder of a scene with exact poses")
+    for line in report(PhotoSet(parser.parse_args().scene)):
+        print(line)
+
+
+if __name__ == "__main__":
+    main()
