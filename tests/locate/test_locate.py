@@ -7,9 +7,12 @@ import pytest
 
 from cadcam.errors import NothingInView
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.hypothesis import Hypothesis
 from cadcam.locate.locate import locate
+from cadcam.locate.location import Location
+from cadcam.locate.refine import EDGES, EdgeOptions, refine
 
-from .scene import CAMERA, block, photo_of
+from .scene import CAMERA, block, largest_miss, off, photo_of, pose_of
 
 
 @pytest.mark.parametrize(
@@ -35,6 +38,25 @@ def test_from_within_a_part_a_start_is_refined_though_no_approach_finds_it(
     assert found.found, found.reason
     q, truth = CAMERA.project(found.pose.world_from_part @ p), CAMERA.project(pose @ p)
     assert np.linalg.norm(q - truth, axis=1).max() < 1
+
+
+def test_a_start_that_no_approach_helps_is_refined_nearby_before_far_off(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Among clutter a search of 40 px loses what lies 7 px off."""
+    pose, asked = pose_of(rng), []
+
+    def noted(*args: object, options: EdgeOptions, **kwargs: object) -> Location:
+        asked.append(options.search_px)
+        return refine(*args, options=options, **kwargs)
+
+    aside = Hypothesis(Rigid(translation=[150.0, 0, 0]) @ pose, 1.0, 0.5)
+    monkeypatch.setattr("cadcam.locate.locate.approach", lambda *_, **__: [aside])
+    monkeypatch.setattr("cadcam.locate.locate.refine", noted)
+    found = locate(block(), [photo_of(pose, rng)], off(pose, rng, degrees=2, px=3))
+    assert found.found
+    assert largest_miss(found.pose.world_from_part, pose) < 1
+    assert asked == [EDGES.search_px] * 2
 
 
 def test_a_start_that_sees_nothing_of_the_part_is_refused(rng: np.random.Generator) -> None:

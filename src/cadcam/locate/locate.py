@@ -65,8 +65,7 @@ def locate(
     chosen = SEARCHED if start is None else 0
     tried = _refined(part, photos, hypotheses[:most], freedom, options, chosen)
     if start is not None and not any(location.found for _, location in tried):
-        far = replace(options, search_px=max(options.search_px, reach.shift_px))
-        tried.append((0.0, refine(part, photos, start, freedom=freedom, options=far)))
+        tried += [(0.0, location) for location in _as_it_is(part, photos, start, reach, freedom, options)]
     most_score = max(max(score for score, _ in tried), 1e-9)
     ranked = sorted(tried, key=lambda t: -(t[1].quality + _BY_SCORE * t[0] / most_score))
     (score, best), others = ranked[0], [(s, o) for s, o in ranked[1:] if o.quality >= FOUND]
@@ -103,6 +102,17 @@ def _near(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach, freed
         if not any(len(part.lines.draw(*pose).visible.q) for pose in poses):
             raise
         return []
+
+
+def _as_it_is(
+    part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach, freedom: Freedom, options: EdgeOptions
+) -> list[Location]:
+    """Return what refining a start finds with lines looked for nearby, and, if nothing, as far off as it may be."""
+    near = refine(part, photos, start, freedom=freedom, options=options)
+    if near.found:
+        return [near]
+    far = replace(options, search_px=max(options.search_px, reach.shift_px))
+    return [near, refine(part, photos, start, freedom=freedom, options=far)]
 
 
 def _elsewhere(part: Part, one: Rigid, other: Rigid) -> bool:
