@@ -23,7 +23,7 @@ from cadcam.verify.uncovered import uncovered_ratio
 
 OF_DISPLACED = 0.25  # of the alarms: a displacement that matters is far beyond any doubt, an absence is not
 DOUBTFUL = 2.0  # log likelihood ratio, 7 to 1, below which a part may not be there
-_RATHER_NOT = -1.0  # log likelihood ratio below which it is asked what a part hides
+_RATHER_NOT = -1.0  # log likelihood ratio by its edges below which it is asked what a part hides
 _CELL_PX = 1.5  # places where a shifted feature is looked for are about this far apart
 _ROUNDS = 4  # of drawing displaced bodies again where they were found
 
@@ -189,7 +189,7 @@ def _presences(case: Case, drawn: Part, survey: Survey) -> list[Presence]:
         if body is None:
             continue
         told = tones.log_ratio(body, edges=found.log_ratio)
-        if -enough < told < _RATHER_NOT:
+        if found.log_ratio < _RATHER_NOT and -enough < told < DOUBTFUL:
             told += uncovered_ratio(
                 drawn, case.photos, case.world_from_part, body, survey.evidence, clutter=survey.clutter
             )
