@@ -9,11 +9,8 @@ from cadcam.cad.parts.shape import box
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.verify.association import ROOM_PX
-from cadcam.verify.sightlines import sightlines
-from cadcam.verify.surroundings import surroundings
 from cadcam.verify.survey import surveyed
 from cadcam.verify.tolerance import whole_parts
-from cadcam.verify.twins import room_beside_twins
 
 from .scene import photo, plate
 
@@ -25,18 +22,3 @@ def test_twins_are_not_measured(rng: np.random.Generator) -> None:
     twins = seen.usable & (seen.lines.room < ROOM_PX)
     assert (twins & seen.matched.support).sum() > 20
     assert not (twins & seen.matched.measured).any()
-
-
-def test_twins_that_the_light_tells_apart_are_measured(rng: np.random.Generator) -> None:
-    """A sheet on edge shows two edges some 3 px apart; where one surely has more contrast, it is where it is."""
-    mesh = merge([plate(), box((-100, -95, 12), (60, -90, 45), name="sheet", color=(0.55, 0.55, 0.6))])
-    of, shot = Part.of(mesh), photo(mesh, rng)
-    lines, sights = sightlines(of, [shot], Rigid())
-    room = room_beside_twins(lines, sights, surroundings(of, [shot], Rigid(), lines))
-    freed = (lines.room < ROOM_PX + 1.0) & (room > lines.room)
-    assert (room >= lines.room).all()
-    seen = surveyed(of, [shot], Rigid(), whole_parts(of.scene), reach_px=8.0)
-    told = freed & seen.matched.measured
-    assert told.sum() > 10
-    assert np.abs(np.median(seen.matched.offset[told])) < 0.1
-    assert set(lines.part[freed]) == {mesh.part_names.index("sheet")}

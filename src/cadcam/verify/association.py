@@ -95,12 +95,10 @@ def associated(
     *,
     reach_px: float,
     ought: Mask | None = None,
-    room: Array | None = None,
 ) -> Association:
     """Return the photo's edge at each place; body (N,) numbers what moves as one, -1 for what is not looked at.
 
-    found (N, K): see `nearby_edges`; ought (N,): which should show one, by default all; room (N,) px: beside a place
-    in which its step may be measured, by default up to the next line. Where bodies are found beside
+    found (N, K): see `nearby_edges`; ought (N,): which should show one, by default all. Where bodies are found beside
     their places, others are looked for once more: their edges are not those of the displaced ones.
     """
     n = len(lines)
@@ -118,8 +116,7 @@ def associated(
     coarse[strays(coarse, np.full(n, _COARSE_PX), lines.edge, lines.along, asked, ought)] = np.nan
     expected = _expected(coarse, lines)
     at_shift = np.einsum("ni,ni->n", lines.normal, shift)
-    room = lines.room if room is None else room
-    offset, sigma, step = _measured(lines, sights, room, np.where(np.isfinite(expected), expected, at_shift))
+    offset, sigma, step = _measured(lines, sights, np.where(np.isfinite(expected), expected, at_shift))
     offset[~np.isfinite(coarse)] = np.nan
     offset[strays(offset, sigma, lines.edge, lines.along, asked, ought)] = np.nan
     return Association(coarse, offset, np.where(np.isfinite(offset), sigma, np.nan), step, shift)
@@ -153,7 +150,7 @@ def _expected(coarse: Array, lines: Sightlines) -> Array:
     return out
 
 
-def _measured(lines: Sightlines, sights: Sequence[Sight], room: Array, expected: Array) -> tuple[Array, Array, Array]:
+def _measured(lines: Sightlines, sights: Sequence[Sight], expected: Array) -> tuple[Array, Array, Array]:
     """Return offsets (N,), sigmas and steps of brightness, fitted to the pixels about where the edges are expected.
 
     Of twins, which a fit would know how far apart they are, one may be taken for the other, or be another body's that
@@ -165,7 +162,7 @@ def _measured(lines: Sightlines, sights: Sequence[Sight], room: Array, expected:
         at = Projected(lines.q[rows], lines.normal[rows], np.zeros((int(rows.sum()), 6)))
         cells = Cells.of(sight, at, half_length=STEP_PX / 2, reach_px=REACH_PX, room_px=ROOM_PX)
         found = measure(sight, at, cells, expected[rows])
-        clear = room[rows] >= ROOM_PX + _APART * cells.blur
+        clear = lines.room[rows] >= ROOM_PX + _APART * cells.blur
         usable = found.usable & clear
         offset[rows] = np.where(usable, found.offset, np.nan)
         sigma[rows] = np.where(usable, found.sigma, np.nan)

@@ -178,7 +178,7 @@ def _state(presence: Presence, moved: Displacement | None, alarm: bool, enough: 
         return State.MISSING
     if moved is None or presence.log_ratio < (0.0 if alarm else DOUBTFUL):
         return State.UNCLEAR  # what is measured may be something else
-    if alarm and moved.edges < 2 and presence.seen < 2 and presence.log_ratio < enough:
+    if alarm and moved.edges < 2 and presence.seen < 2:
         return State.UNCLEAR  # a single line there may be another one
     return State.DISPLACED if alarm else State.IN_PLACE
 

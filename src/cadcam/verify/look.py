@@ -23,6 +23,7 @@ from cadcam.verify.uncovered import uncovered_ratio
 
 OF_DISPLACED = 0.25  # of the alarms: a displacement that matters is far beyond any doubt, an absence is not
 DOUBTFUL = 2.0  # log likelihood ratio, 7 to 1, below which a part may not be there
+_RATHER_NOT = -1.0  # log likelihood ratio by its edges below which it is asked what a part hides
 _CELL_PX = 1.5  # places where a shifted feature is looked for are about this far apart
 _ROUNDS = 4  # of drawing displaced bodies again where they were found
 
@@ -178,18 +179,17 @@ def sure(presence: Sequence[Presence], alarms: float) -> float:
 def _presences(case: Case, drawn: Part, survey: Survey) -> list[Presence]:
     """Return the evidence for each feature; where it was looked for at many places, that is taken off.
 
-    Of whole parts that are not clearly there, by two edges at least, it is asked how bright they are, and if that does
-    not settle it, whether what they hide is seen.
+    Of whole parts that are not clearly there, it is asked how bright they are, and if that does not settle it, whether
+    what they hide is seen.
     """
     out = [_by_its_edges(survey, i) for i in range(len(survey.names))]
     enough, tones = sure(out, case.alarms), Tones(drawn, case.photos, case.world_from_part)
     for i, found in enumerate(out):
-        clear = found.log_ratio >= (DOUBTFUL if found.seen > 1 else enough)
-        body = None if clear or not found.expected else survey.whole_part(i)
+        body = survey.whole_part(i) if found.expected and found.log_ratio < DOUBTFUL else None
         if body is None:
             continue
-        told = found.log_ratio + tones.log_ratio(body)
-        if -enough < told < DOUBTFUL:
+        told = tones.log_ratio(body, edges=found.log_ratio)
+        if found.log_ratio < _RATHER_NOT and -enough < told < DOUBTFUL:
             told += uncovered_ratio(
                 drawn, case.photos, case.world_from_part, body, survey.evidence, clutter=survey.clutter
             )

@@ -19,7 +19,6 @@ from cadcam.verify.presence import EdgeEvidence, Presence, clutter_of, presence
 from cadcam.verify.sightlines import Sightlines, sightlines
 from cadcam.verify.surroundings import FAINT, surroundings
 from cadcam.verify.tolerance import Selection, Tolerances
-from cadcam.verify.twins import room_beside_twins
 
 Longs = npt.NDArray[np.int64]
 
@@ -124,8 +123,7 @@ def surveyed(
     beside = surroundings(part, photos, world_from_part, lines)
     found = nearby_edges(lines, sights, reach_px=reach_px, way=beside.way)
     ought = usable & (beside.contrast > FAINT)
-    room = room_beside_twins(lines, sights, beside)
-    matched = associated(lines, sights, found, moved_as_one, reach_px=reach_px, ought=ought, room=room)
+    matched = associated(lines, sights, found, moved_as_one, reach_px=reach_px, ought=ought)
     feet = Feet.of(lines, beside)
     return Survey(
         lines,

@@ -3,7 +3,7 @@
 Pixels of the body's picture are taken together by what they show with the body and without it. The light, fitted to all
 the rest of the photo (`cadcam.verify.light`), says how bright each of these surfaces is, and how surely; pieces of one
 surface err together. Either way the light may not be as it was fitted, for a shadow say, with a probability that no
-surface can make up for: then the tones are any that the photo has elsewhere.
+surface can make up for: then the tones are any that the photo has elsewhere, and edges that ought to show need not.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Longs = npt.NDArray[np.int64]
 Window = tuple[slice, slice]
 EVERYWHERE: Window = (slice(None), slice(None))
 _RIM_PX = 3  # of the body's picture, which is blurred or another body's where that one is off
-_LEAST_PX = 20  # of a piece that has a brightness
+_LEAST_PX = 60  # of a piece whose brightness counts: small ones are borders and corners
 _LAPSE = 0.02  # probability that the light is not as it was fitted
 _UNEVEN = 0.006  # sigma of the brightness of pieces of one surface
 _ANY_MEAN, _ANY_SPREAD = 0.5, 0.3  # brightness of what is no part, and of the light as a whole
@@ -82,9 +82,7 @@ class _Pixels:
         mean[nothing], V[nothing], V[:, nothing] = _ANY_MEAN, 0.0, 0.0
         V[nothing, nothing] = _ANY_SPREAD**2
         kind = kind.reshape(-1)
-        as_told = _log_normal(tones - mean[kind], V[np.ix_(kind, kind)] + _UNEVEN**2 * np.eye(len(kind)))
-        other = _log_normal(tones - light.mean, light.spread**2 * np.eye(len(kind)) + _ANY_SPREAD**2)
-        return float(np.logaddexp(np.log1p(-_LAPSE) + as_told, np.log(_LAPSE) + other))
+        return _log_normal(tones - mean[kind], V[np.ix_(kind, kind)] + _UNEVEN**2 * np.eye(len(kind)))
 
 
 @dataclass(frozen=True)
@@ -102,33 +100,47 @@ class Tones:
     def _camera_from_part(self, photo: Photo) -> Rigid:
         return photo.viewpoint.camera_from_world @ self.world_from_part
 
-    def log_ratio(self, body: int) -> float:
-        """Return the logarithm of the likelihood ratio of "there" to "not there" of part number `body`."""
-        return sum(self._in_photo(photo, shown, body) for photo, shown in zip(self.photos, self._shown, strict=True))
+    def log_ratio(self, body: int, *, edges: float = 0.0) -> float:
+        """Return the logarithm of the likelihood ratio of "there" to "not there" of part number `body`.
 
-    def _in_photo(self, photo: Photo, shown: Drawn, body: int) -> float:
+        edges: what its edges say, which goes by the same light where they are not seen.
+        """
+        told = [self._in_photo(photo, shown, body) for photo, shown in zip(self.photos, self._shown, strict=True)]
+        there, not_there, other = np.sum(told, axis=0)
+        if not np.any(told):
+            return edges
+        return _lapsing(edges + there, max(edges, 0.0) + other) - _lapsing(not_there, other)
+
+    def _in_photo(self, photo: Photo, shown: Drawn, body: int) -> tuple[float, float, float]:
+        """Return the log densities of the tones with the body, without it, and in any other light."""
         from scipy.ndimage import binary_erosion
 
         its = shown.part == body
         inside = binary_erosion(its, iterations=_RIM_PX)
         if inside.sum() < _LEAST_PX:
-            return 0.0
+            return 0.0, 0.0, 0.0
         light = fitted_light(photo.gray, shown.normal, shown.color, without=its)
         own = _Pixels.of(shown, inside)
         behind = _Pixels.of(Drawn.of(self.part, photo, self._camera_from_part(photo), without=body), inside)
         pairs = _pairs(own.surface, behind.surface)
         pieces = [np.flatnonzero(pairs == i) for i in np.flatnonzero(np.bincount(pairs) >= _LEAST_PX)]
         if not pieces:
-            return 0.0
+            return 0.0, 0.0, 0.0
         gray = photo.gray[inside].astype(np.float64)
         tones, at = np.array([np.median(gray[piece]) for piece in pieces]), np.array([piece[0] for piece in pieces])
-        return own.log_density(light, tones, at) - behind.log_density(light, tones, at)
+        other = _log_normal(tones - light.mean, light.spread**2 * np.eye(len(tones)) + _ANY_SPREAD**2)
+        return own.log_density(light, tones, at), behind.log_density(light, tones, at), other
 
 
 def _pairs(one: Longs, other: Longs) -> Longs:
     """Return the number (n,) of each pair of two numbers (n,), 0 ... ."""
     numbers, at = np.unique(other, return_inverse=True)
     return np.asarray(np.unique(one * len(numbers) + at, return_inverse=True)[1], np.int64)
+
+
+def _lapsing(as_told: float, other: float) -> float:
+    """Return the log density where the light is as it was fitted, but for a lapse."""
+    return float(np.logaddexp(np.log1p(-_LAPSE) + as_told, np.log(_LAPSE) + other))
 
 
 def _log_normal(r: Array, V: Array) -> float:
