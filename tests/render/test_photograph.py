@@ -30,7 +30,7 @@ from cadcam.render.view import Channel, Scene
 EVEN = LIGHTS["even"]
 HERE = Rigid()
 CAMERA = Camera.from_focal((64, 48), 400.0)
-FLOAT = 4 * np.finfo(np.float32).eps
+FLOAT = 4 * float(np.finfo(np.float32).eps)
 LENS = BrownConrady(k1=-0.25, k2=0.05, p1=1e-3)
 
 

@@ -57,9 +57,9 @@ def locate(
     if start is None and freedom is not FREE:
         raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
     if start is None:
-        hypotheses, most = search_once(part, photos, views), _TRIED[1]
+        (hypotheses, outside), most = (search_once(part, photos, views), None), _TRIED[1]
     else:
-        hypotheses, most = _near(part, photos, start, reach, freedom), _TRIED[0]
+        (hypotheses, outside), most = _near(part, photos, start, reach, freedom), _TRIED[0]
     if not hypotheses:
         hypotheses = [Hypothesis(Rigid() if start is None else start, 0.0, 0.0)]
     chosen = SEARCHED if start is None else 0
@@ -70,6 +70,8 @@ def locate(
     ranked = sorted(tried, key=lambda t: -(t[1].quality + _BY_SCORE * t[0] / most_score))
     (score, best), others = ranked[0], [(s, o) for s, o in ranked[1:] if o.quality >= FOUND]
     alike = _alike(part, best) if start is None else []
+    if not best.found and outside is not None:
+        raise outside
     if not best.found:
         why = best.reason.removeprefix("not found: ")
         why = f"not found: the best of {len(hypotheses)} hypotheses does not hold: {why}"
@@ -89,19 +91,21 @@ def locate(
     return replace(best, reason=best.reason + told, alternatives=rivals)
 
 
-def _near(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach, freedom: Freedom) -> list[Hypothesis]:
-    """Return what is found around a start; nothing where the photos show little of a part that is larger than they are.
+def _near(
+    part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach, freedom: Freedom
+) -> tuple[list[Hypothesis], NothingInView | None]:
+    """Return what is found around a start, or nothing and what the approach said of a part larger than the photos.
 
     An approach moves the part as a whole about its middle. Where the camera stands within it, that is no small motion
-    of the few lines in view.
+    of the few lines in view; the start as it is may be near enough all the same.
     """
     try:
-        return approach(part, photos, start, reach=reach, freedom=freedom)
-    except NothingInView:
+        return approach(part, photos, start, reach=reach, freedom=freedom), None
+    except NothingInView as error:
         poses = [(photo.camera, photo.viewpoint.camera_from_world @ start) for photo in photos]
         if not any(len(part.lines.draw(*pose).visible.q) for pose in poses):
             raise
-        return []
+        return [], error
 
 
 def _as_it_is(
