@@ -5,7 +5,7 @@
  * pictures down to one pixel, every channel present or not. Beyond what the sanitizers see, each picture is drawn twice,
  * with one band and with several: both must be equal, and every id in range. Then direction fields of random pictures,
  * and edges with wild places over them: poses stay rotations, scores in range. Then steps along lines in and out of a
- * picture, and regressions by groups. */
+ * picture, regressions by groups, marks at any homography, and points before and behind what a view shows. */
 #include <float.h>
 #include <math.h>
 #include <stdio.h>
@@ -14,8 +14,10 @@
 
 #include "field.h"
 #include "grouped.h"
+#include "mark.h"
 #include "profile.h"
 #include "raster.h"
+#include "seen.h"
 
 static uint64_t state;
 static void start(int scene) { state = 88172645463325252ull + (uint64_t)scene * 0x9E3779B97F4A7C15ull; }
@@ -279,11 +281,53 @@ static void grouped(void) {
     free(y), free(J), free(w), free(of), free(what), free(x), free(C), free(p), free(scratch), free(group);
 }
 
+/* Marks of rings and sectors; their share of ink has no cause to leave [0, 1] but through wild homographies. */
+static void marks(void) {
+    const int radii = 1 + upto(5), rays = 1 + upto(7), sectors = 1 + upto(6), count = upto(3), pixels = upto(30);
+    const int terms = upto(1) ? 4 : 4 + upto(CC_MARK_TERMS - 4), width = upto(1) ? 2 : 8, slopes = upto(2) > 0;
+    double *r = malloc((size_t)radii * 8), *ray = malloc((size_t)rays * 16), *span = malloc((size_t)sectors * 8);
+    int32_t *sector = malloc((size_t)sectors * 16);
+    for (int i = 0; i < radii; i++) r[i] = (i + unit()) * 4 + 0.1;
+    for (int i = 0; i < rays; i++) ray[2 * i] = cos(i + 0.3), ray[2 * i + 1] = sin(i + 0.3);
+    for (int i = 0; i < sectors; i++) {
+        const int whole = upto(1), from = upto(radii - 1), a = upto(rays - 1), b = upto(rays - 1);
+        sector[4 * i] = upto(1) ? -1 : from, sector[4 * i + 1] = from + upto(radii - 1 - from);
+        sector[4 * i + 2] = whole ? -1 : a, sector[4 * i + 3] = whole ? -1 : b;
+        span[i] = whole ? 2 * acos(-1.0) : fmod(b - a + 20 * acos(-1.0), 2 * acos(-1.0));
+    }
+    const cc_mark mark = {r, ray, sector, span, radii, sectors};
+    double *places = doubles(count * pixels * width, 30), *H = doubles(count * 9, 1), *dH = doubles(count * terms * 9, 1);
+    double *levels = doubles(count * 5, 1), *value = malloc((size_t)(count * pixels) * 8 + 1);
+    double *slope = malloc((size_t)(count * pixels) * (size_t)(terms + 5) * 8 + 1);
+    if (upto(1))
+        for (int i = 0; i < 9 * count; i++) H[i] = (i % 9 % 4 == 0) + 0.01 * around();
+    cc_mark_picture(&mark, count, pixels, width, places, H, terms, dH, levels, value, slopes ? slope : NULL);
+    free(r), free(ray), free(span), free(sector), free(places), free(H), free(dH), free(levels), free(value), free(slope);
+}
+
+static void seen(void) {
+    const int width = 1 + upto(40), height = 1 + upto(40), n = upto(50), lines = upto(9);
+    float *depth = malloc((size_t)(width * height) * 4), *normal = malloc((size_t)(width * height) * 12);
+    for (int i = 0; i < width * height; i++) depth[i] = upto(3) ? (float)(9 + unit()) : INFINITY;
+    for (int i = 0; i < 3 * width * height; i++) normal[i] = upto(5) ? (float)around() : 0;
+    double *p = doubles(3 * n, 20), *q = doubles(2 * n, 50), *a = doubles(2 * lines, 1), *b = doubles(2 * lines, 1);
+    double *wa = doubles(lines, 1), *wb = doubles(lines, 1);
+    int64_t *samples = malloc((size_t)lines * 8 + 1), all = 0;
+    for (int i = 0; i < lines; i++) all += samples[i] = upto(20);
+    uint8_t *out = malloc((size_t)n + 1), *along = malloc((size_t)all + 1);
+    const double K[6] = {30, 1, width / 2., 0, 30, height / 2.};
+    cc_seen(depth, normal, width, height, 30, 30, 1e-3, 0.1, n, p, q, out);
+    cc_seen_lines(depth, normal, width, height, K, 1e-3, 0.1, lines, a, b, wa, wb, samples, along);
+    for (int i = 0; i < n; i++)
+        if (out[i] > 1) exit(fprintf(stderr, "seen is %d\n", out[i]));
+    free(depth), free(normal), free(p), free(q), free(a), free(b), free(wa), free(wb), free(samples), free(out), free(along);
+}
+
 int main(int argc, char **argv) {
     const int n = argc > 1 ? atoi(argv[1]) : 100, first = argc > 2 ? atoi(argv[2]) : 0;
     for (int i = first; i < first + n; i++) {
         start(i);
-        one(i), edges(), along_lines(), grouped();
+        one(i), edges(), along_lines(), grouped(), marks(), seen();
     }
     printf("%d scenes drawn with %s\n", n, cc_variant());
     return 0;
