@@ -38,6 +38,7 @@ from cadcam.report.layout_words import (
     what_if_table,
     why,
 )
+from cadcam.report.page import cards, row, section
 from cadcam.report.table import Table
 from cadcam.whole import write_whole
 
@@ -107,10 +108,10 @@ def layout_page(report: LayoutReport) -> str:
     layout = report.layout
     parts = [_head(report), _limits(layout), _cameras(layout), _where(layout), _views(report), _coverage(report)]
     if report.changes:
-        parts.append(_section("What if", _as_cards(what_if_table(report.changes))))
+        parts.append(section("What if", _as_cards(what_if_table(report.changes))))
     if report.following:
         table = next_table(layout.survey, layout.chosen, report.following, most=5)
-        parts.append(_section("If one camera more were bought", _as_cards(table)))
+        parts.append(section("If one camera more were bought", _as_cards(table)))
     parts += [_each(layout), _assumed(layout), _signatures(), _provenance(report)]
     title = escape(f"{layout.outcome.value}: {layout.survey.scene.name}")
     return (
@@ -144,9 +145,9 @@ def _limits(layout: Layout) -> str:
         plain = (escape(t) for t in (by, direction, pose))
         numbers = (_number(limit), _number(f"± {U}" if U else ""), _number(ratio))
         cells = [f"<b>{escape(name)}</b>", escape(what), *numbers, bar, cameras, tag, *plain]
-        rows.append(_row(heads, cells))
+        rows.append(row(heads, cells))
     note = f'<p class="soft">{escape(rule_words(layout.survey.scene))}. Directions are in part axes.</p>'
-    return _section("What will be measured", _table(heads, "".join(rows)) + note)
+    return section("What will be measured", cards(heads, "".join(rows)) + note)
 
 
 def _cameras(layout: Layout) -> str:
@@ -167,14 +168,14 @@ def _cameras(layout: Layout) -> str:
             f"{role.sees} of {look.seen.shape[1]} features",
             escape(why(role.without, role.only_it, camera)),
         ]
-        rows.append(_row(heads, cells))
+        rows.append(row(heads, cells))
     notes = (
         "World axes, mm. Pan turns from the world's x towards y, tilt upwards; the camera's own x axis is level. "
         "Field: what is seen at the distance in focus; sharp: where a point blurs by a pixel at most.",
         f"How they were found: {search_words(layout)}; {growth_words(layout)}.",
     )
     said = "".join(f'<p class="soft">{escape(note)}</p>' for note in notes)
-    return _section("Where to mount the cameras", _table(heads, "".join(rows)) + said)
+    return section("Where to mount the cameras", cards(heads, "".join(rows)) + said)
 
 
 def _optics(camera: Candidate) -> tuple[str, str, str]:
@@ -194,7 +195,7 @@ def _where(layout: Layout) -> str:
     note = (
         "Cameras with what they see at the distance in focus; grey: the part in its first pose; dots: other candidates."
     )
-    return _section("Seen from above and from the side", f'<div class="two">{cells}</div><p class="soft">{note}</p>')
+    return section("Seen from above and from the side", f'<div class="two">{cells}</div><p class="soft">{note}</p>')
 
 
 _PLANS = (("From above (x to the right, y up)", (0, 1)), ("From the side (x to the right, z up)", (0, 2)))
@@ -213,7 +214,7 @@ def _views(report: LayoutReport) -> str:
         '<div class="legend"><span><i style="background:#009e73"></i>feature that it sees</span>'
         '<span><i style="background:#d64d00"></i>feature that it does not see</span></div>'
     )
-    return _section(f"What each camera will see (pose {pose})", f'<div class="two">{cells}</div>{keys}')
+    return section(f"What each camera will see (pose {pose})", f'<div class="two">{cells}</div>{keys}')
 
 
 def _coverage(report: LayoutReport) -> str:
@@ -234,31 +235,31 @@ def _coverage(report: LayoutReport) -> str:
         "measured in space; inner and lower faces count too."
     )
     body = f'<div class="two">{cells}</div><div class="legend">{"".join(keys)}</div><p class="soft">{note}</p>'
-    return _section("Coverage", body)
+    return section("Coverage", body)
 
 
 def _each(layout: Layout) -> str:
     table = sight_table(layout)
-    return _section("", f"<details><summary>{escape(table.title)}</summary>{_as_cards(table)}</details>")
+    return section("", f"<details><summary>{escape(table.title)}</summary>{_as_cards(table)}</details>")
 
 
 def _assumed(layout: Layout) -> str:
     lines = "".join(f"<li>{escape(s)}</li>" for s in assumptions(layout))
-    return _section("What was assumed", f"<ul>{lines}</ul>")
+    return section("What was assumed", f"<ul>{lines}</ul>")
 
 
 def _signatures() -> str:
     roles = ("planned by", "checked by", "released by")
     cells = "".join(f"<span><div></div><p>{role}: name, date, signature</p></span>" for role in roles)
-    return _section("Release", f'<div class="sign">{cells}</div>')
+    return section("Release", f'<div class="sign">{cells}</div>')
 
 
 def _provenance(report: LayoutReport) -> str:
     heads = ("role", "file", "sha256")
     sources = report.layout.survey.scene.sources
-    rows = "".join(_row(heads, [escape(r), escape(p), f"<code>{s}</code>"]) for r, p, s in sources)
+    rows = "".join(row(heads, [escape(r), escape(p), f"<code>{s}</code>"]) for r, p, s in sources)
     made = f"cadcam {__version__}, {report.time:%Y-%m-%d %H:%M:%S} UTC"
-    return _section("Where it comes from", f'{_table(heads, rows)}<p class="soft">{escape(made)}</p>')
+    return section("Where it comes from", f'{cards(heads, rows)}<p class="soft">{escape(made)}</p>')
 
 
 def _image(picture: Picture, alternative: str) -> str:
@@ -267,24 +268,9 @@ def _image(picture: Picture, alternative: str) -> str:
 
 
 def _as_cards(table: Table) -> str:
-    rows = "".join(_row(table.columns, [escape(cell) for cell in row]) for row in table.rows)
+    rows = "".join(row(table.columns, [escape(cell) for cell in cells]) for cells in table.rows)
     notes = "".join(f'<p class="soft">{escape(note)}</p>' for note in table.notes)
-    return _table(table.columns, rows) + notes
-
-
-def _section(title: str, body: str) -> str:
-    head = f"<h2>{escape(title)}</h2>" if title else ""
-    return f"<section>{head}{body}</section>"
-
-
-def _table(heads: Sequence[str], rows: str) -> str:
-    head = "".join(f"<th>{escape(h)}</th>" for h in heads)
-    return f'<table class="cards"><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>'
-
-
-def _row(heads: Sequence[str], cells: Sequence[str]) -> str:
-    pairs = zip(heads, cells, strict=True)
-    return "<tr>" + "".join(f'<td data-head="{escape(h)}">{c}</td>' for h, c in pairs) + "</tr>"
+    return cards(table.columns, rows) + notes
 
 
 def _number(text: str) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 
 from cadcam import __version__
 from cadcam.arrays import Array
+from cadcam.report.page import section
 from cadcam.report.station import calibration_tables, map_tables, trend_table
 from cadcam.report.table import Table
 from cadcam.station.cross import DeviationMap
@@ -55,16 +56,16 @@ def station_page(report: StationReport) -> str:
     maps = {name: s.map() for name, s in report.stations.items() if len(s.positions) > 1}
     body = [f"<h1>Stations: {escape(', '.join(report.stations))}</h1>"]
     if maps:
-        body.append(_section("How the mechanics deviate over the work area", arrows(maps)))
+        body.append(section("How the mechanics deviate over the work area", arrows(maps)))
     for name, station in report.stations.items():
         tables = calibration_tables(station)
         if name in maps:
             tables += map_tables([one.name for one in station.positions], maps[name])
-        body.append(_section(f"Camera {name}", "".join(_table(t) for t in tables)))
+        body.append(section(f"Camera {name}", "".join(_table(t) for t in tables)))
     if report.trend is not None:
-        body.append(_section("Against the drawing", _table(trend_table(report.trend))))
+        body.append(section("Against the drawing", _table(trend_table(report.trend))))
     if report.log:
-        body.append(_section("Log", _table(_log_table(report.log))))
+        body.append(section("Log", _table(_log_table(report.log))))
     body.append(f'<p class="soft">cadcam {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC</p>')
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -144,10 +145,6 @@ def _log_table(log: Sequence[Mapping[str, Any]]) -> Table:
 
 def _xy(value: Any) -> tuple[str, str]:
     return ("", "") if value is None else (f"{value[0]:.2f}", f"{value[1]:.2f}")
-
-
-def _section(title: str, body: str) -> str:
-    return f"<section><h2>{escape(title)}</h2>{body}</section>"
 
 
 def _table(table: Table) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from cadcam import __version__
 from cadcam.locate.photo import Photo
+from cadcam.report.page import cards, row, section
 from cadcam.report.verify_json import Origin
 from cadcam.report.verify_overlay import EXTRA, MISSING, UNSEEN, deviation_color, full_scale, overlay_svg
 from cadcam.report.verify_plots import COLORS, edges_plot, shares_plot, stations_plot, tolerance_bar
@@ -110,7 +111,7 @@ def _overlays(seen: Inspection, photos: Sequence[Photo]) -> str:
         for i, photo in enumerate(photos)
     )
     note = "Hover over an edge, or touch it, for its deviation. The edges are drawn where the model has them."
-    return _section(
+    return section(
         "What the photo shows", f'{views}<div class="legend">{"".join(keys)}</div><p class="soft">{note}</p>'
     )
 
@@ -123,8 +124,8 @@ def _judgements(found: Verification) -> str:
     if not found.judgements:
         return ""
     heads = ("feature", "what", "deviation", "U", "limit", "", "verdict", "why")
-    rows = "".join(_row(heads, _cells(j)) for j in found.judgements)
-    return _section("Limits", f'{_table(heads, rows)}<p class="soft">{escape(rule_words(found))}.</p>')
+    rows = "".join(row(heads, _cells(j)) for j in found.judgements)
+    return section("Limits", f'{cards(heads, rows)}<p class="soft">{escape(rule_words(found))}.</p>')
 
 
 def _cells(j: Judgement) -> list[str]:
@@ -137,7 +138,7 @@ def _cells(j: Judgement) -> list[str]:
 
 def _features(seen: Inspection) -> str:
     heads = ("feature", "state", "edges seen", "displaced", "vector mm", "turned", "chance", "role")
-    rows = "".join(_row(heads, _feature_cells(f)) for f in seen.features if f.state is not State.OUT_OF_VIEW)
+    rows = "".join(row(heads, _feature_cells(f)) for f in seen.features if f.state is not State.OUT_OF_VIEW)
     notes = [
         "Displacement against a pose fitted to the datum without the feature, ± 2 sigma, part axes, as far as the "
         "photos show it. Chance: how probable such a displacement is of a feature in place."
@@ -148,7 +149,7 @@ def _features(seen: Inspection) -> str:
     if hidden:
         notes.append(f"Not in view: {', '.join(hidden)}.")
     said = "".join(f'<p class="soft">{escape(note)}</p>' for note in notes)
-    return _section("Features", _table(heads, rows) + said)
+    return section("Features", cards(heads, rows) + said)
 
 
 def _feature_cells(f: FeatureDeviation) -> list[str]:
@@ -169,7 +170,7 @@ def _plots(found: Verification, seen: Inspection) -> str:
     drawn = [("All edges: deviation and U (k 2)", edges_plot(seen))]
     drawn += [(f"Along the edges of {name}", stations_plot(seen, name)) for name in names]
     cells = "".join(f"<div><h3>{escape(title)}</h3>{svg}</div>" for title, svg in drawn if svg)
-    return _section("Deviations", f'<div class="two">{cells}</div>')
+    return section("Deviations", f'<div class="two">{cells}</div>')
 
 
 def _sensitivity(seen: Inspection) -> str:
@@ -180,11 +181,11 @@ def _sensitivity(seen: Inspection) -> str:
     pose = f"Weakest motion of the pose: {direction}, 1 sigma {sigma:.3f} mm at the edges (part axes)."
     words = f"<ul>{''.join(lines)}</ul><p>{escape(pose)}</p>"
     both = f'<div class="two"><div>{shares_plot(shown)}</div><div>{words}</div></div>'
-    return _section("What the uncertainty comes from", both)
+    return section("What the uncertainty comes from", both)
 
 
 def _assumed(found: Verification) -> str:
-    return _section("What is assumed", "<ul>" + "".join(f"<li>{escape(s)}</li>" for s in assumptions(found)) + "</ul>")
+    return section("What is assumed", "<ul>" + "".join(f"<li>{escape(s)}</li>" for s in assumptions(found)) + "</ul>")
 
 
 def _edges(seen: Inspection) -> str:
@@ -195,12 +196,12 @@ def _edges(seen: Inspection) -> str:
         mark = " <b>(off)</b>" if e.off else ""
         share = f"{e.seen} of {e.places} places"
         cells = [f"{e.kind} {e.chain}", escape(e.part), share, value + mark, vector(e.direction), f"{e.mm_per_px:.3f}"]
-        rows.append(_row(heads, cells))
+        rows.append(row(heads, cells))
     said = (
         "Each against a pose fitted without it, ± 2 sigma; the direction (part axes) is that of a positive deviation."
     )
-    table = f'{_table(heads, "".join(rows))}<p class="soft">{said}</p>'
-    return _section("", f"<details><summary>All {len(seen.edges)} edges</summary>{table}</details>")
+    table = f'{cards(heads, "".join(rows))}<p class="soft">{said}</p>'
+    return section("", f"<details><summary>All {len(seen.edges)} edges</summary>{table}</details>")
 
 
 def _not_found(photos: Sequence[Photo]) -> str:
@@ -210,28 +211,12 @@ def _not_found(photos: Sequence[Photo]) -> str:
     for photo in photos:
         svg = svg_text(photo.camera.size, [], photo=photo.gray)
         views.append('<svg class="photo" ' + svg[svg.index("viewBox") :].replace("xlink:href", "href"))
-    return _section("The photo", "".join(views))
+    return section("The photo", "".join(views))
 
 
 def _provenance(origin: Origin) -> str:
     heads = ("role", "file", "sha256")
-    rows = "".join(_row(heads, [escape(s.role), escape(s.path), f"<code>{s.sha256}</code>"]) for s in origin.sources)
+    rows = "".join(row(heads, [escape(s.role), escape(s.path), f"<code>{s.sha256}</code>"]) for s in origin.sources)
     cameras = "".join(f'<p class="soft">{escape(line)}</p>' for line in origin.cameras)
     made = f"cadcam {__version__}, {origin.time:%Y-%m-%d %H:%M:%S} UTC"
-    return _section("Where it comes from", f'{_table(heads, rows)}{cameras}<p class="soft">{escape(made)}</p>')
-
-
-def _section(title: str, body: str) -> str:
-    head = f"<h2>{escape(title)}</h2>" if title else ""
-    return f"<section>{head}{body}</section>"
-
-
-def _table(heads: Sequence[str], rows: str) -> str:
-    head = "".join(f"<th>{escape(h)}</th>" for h in heads)
-    return f'<table class="cards"><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>'
-
-
-def _row(heads: Sequence[str], cells: Sequence[str]) -> str:
-    return (
-        "<tr>" + "".join(f'<td data-head="{escape(h)}">{c}</td>' for h, c in zip(heads, cells, strict=True)) + "</tr>"
-    )
+    return section("Where it comes from", f'{cards(heads, rows)}{cameras}<p class="soft">{escape(made)}</p>')
