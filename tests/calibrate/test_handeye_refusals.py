@@ -207,7 +207,7 @@ def test_too_few_poses_and_wrong_arguments_are_refused(rng):
     with pytest.raises(BadValue, match="a batch of n poses"):
         calibrate_hand_eye(Rigid(), c.observations, c.camera, mounting=c.mounting)
     with pytest.raises(UnknownName, match="eye-in-hand"):
-        calibrate_hand_eye(c.base_from_flange, c.observations, c.camera, mounting="eye-in-head")  # type: ignore[arg-type]
+        calibrate_hand_eye(c.base_from_flange, c.observations, c.camera, mounting="eye-in-head")  # type: ignore[arg-type]  # the mistake that is tested
     poses = (c.base_from_flange, c.camera_from_target)
     with pytest.raises(BadValue, match=r"shape \(6, 6\) or \(4, 6, 6\)"):
         calibrate_hand_eye_from_poses(*poses, mounting=c.mounting, covariance=np.zeros((3, 6, 6)))

@@ -103,7 +103,8 @@ class _Worker:
 
     def _asked(self, task: Task) -> Any:
         requests, answers = self._process.stdin, self._process.stdout
-        assert requests is not None and answers is not None  # noqa: PT018  both are pipes
+        assert requests is not None  # both were asked for as pipes
+        assert answers is not None
         if self._new:
             requests.write(self._told)
             self._new = False

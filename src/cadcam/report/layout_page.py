@@ -38,7 +38,7 @@ from cadcam.report.layout_words import (
     what_if_table,
     why,
 )
-from cadcam.report.page import cards, row, section
+from cadcam.report.page import cards, page, row, section
 from cadcam.report.table import Table
 from cadcam.whole import write_whole
 
@@ -113,14 +113,7 @@ def layout_page(report: LayoutReport) -> str:
         table = next_table(layout.survey, layout.chosen, report.following, most=5)
         parts.append(section("If one camera more were bought", _as_cards(table)))
     parts += [_each(layout), _assumed(layout), _signatures(), _provenance(report)]
-    title = escape(f"{layout.outcome.value}: {layout.survey.scene.name}")
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{title}</title><style>{_STYLE}</style></head>\n<body><main>\n"
-        + "\n".join(p for p in parts if p)
-        + "\n</main></body></html>\n"
-    )
+    return page(f"{layout.outcome.value}: {layout.survey.scene.name}", _STYLE, parts)
 
 
 def _head(report: LayoutReport) -> str:

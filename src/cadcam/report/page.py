@@ -1,9 +1,20 @@
-"""Pieces of a report's HTML page: sections, and tables whose rows become cards where the screen is narrow."""
+"""A report as one HTML page, and its pieces: sections, and tables whose rows become cards on a narrow screen."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
+
+
+def page(title: str, style: str, parts: Sequence[str]) -> str:
+    """Return a whole document of HTML parts, empty ones left out; style: CSS. Nothing in it is fetched."""
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{escape(title)}</title><style>{style}</style></head>\n<body><main>\n"
+        + "\n".join(part for part in parts if part)
+        + "\n</main></body></html>\n"
+    )
 
 
 def section(title: str, body: str) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 
 from cadcam import __version__
 from cadcam.arrays import Array
-from cadcam.report.page import section
+from cadcam.report.page import page, section
 from cadcam.report.station import calibration_tables, map_tables, trend_table
 from cadcam.report.table import Table
 from cadcam.station.cross import DeviationMap
@@ -67,13 +67,7 @@ def station_page(report: StationReport) -> str:
     if report.log:
         body.append(section("Log", _table(_log_table(report.log))))
     body.append(f'<p class="soft">cadcam {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC</p>')
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width">'
-        f"<title>Stations</title><style>{_STYLE}</style></head>\n<body><main>\n"
-        + "\n".join(body)
-        + "\n</main></body></html>\n"
-    )
+    return page("Stations", _STYLE, body)
 
 
 def arrows(maps: Mapping[str, DeviationMap]) -> str:

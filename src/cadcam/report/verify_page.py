@@ -10,7 +10,7 @@ import numpy as np
 
 from cadcam import __version__
 from cadcam.locate.photo import Photo
-from cadcam.report.page import cards, row, section
+from cadcam.report.page import cards, page, row, section
 from cadcam.report.verify_json import Origin
 from cadcam.report.verify_overlay import EXTRA, MISSING, UNSEEN, deviation_color, full_scale, overlay_svg
 from cadcam.report.verify_plots import COLORS, edges_plot, shares_plot, stations_plot, tolerance_bar
@@ -76,14 +76,7 @@ def verification_page(found: Verification, photos: Sequence[Photo], origin: Orig
     else:
         parts += [_not_found(photos), _judgements(found)]
     parts.append(_provenance(origin))
-    title = escape(f"{found.verdict.value}: {origin.part}")
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{title}</title><style>{_STYLE}</style></head>\n<body><main>\n"
-        + "\n".join(p for p in parts if p)
-        + "\n</main></body></html>\n"
-    )
+    return page(f"{found.verdict.value}: {origin.part}", _STYLE, parts)
 
 
 def _head(found: Verification, origin: Origin) -> str:

@@ -7,6 +7,7 @@ x towards y. Everything here is black on white; `light` turns it round (white do
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TypeAlias
@@ -217,8 +218,15 @@ def parse_mark(text: str) -> Mark:
     if not least <= len(parts) <= most:
         raise BadValue("mark", repr(text), FORMS[kind])
     lengths = [length_mm(part, "mark", text, FORMS[kind]) for part in parts]
-    make = {"dot": dot, "ring": ring, "dot-ring": dot_and_ring, "bullseye": bulls_eye, "angle": angle_mark}
-    return chess_mark(*lengths) if kind == "chess" else make[kind](*lengths)  # type: ignore[operator]
+    make: dict[str, Callable[..., Mark]] = {
+        "dot": dot,
+        "ring": ring,
+        "dot-ring": dot_and_ring,
+        "bullseye": bulls_eye,
+        "angle": angle_mark,
+        "chess": chess_mark,
+    }
+    return make[kind](*lengths)
 
 
 def _parsed_code(parts: list[str], text: str) -> Mark:
