@@ -112,11 +112,19 @@ def test_the_report_is_one_file_that_names_everything(cadcam: Cadcam, small: Pat
     assert not re.findall(r"""(?:src|href)\s*=\s*["'](?!data:)|url\(|@import""", page)
     assert "mark &lt;b&gt;&amp;" in page
     assert "mark <b>&" not in page
-    assert page.count("data:image/jpeg") == 3 + 2
-    for words in ("Where to mount the cameras", "What was assumed", "released by", "What if", "Coverage", "sha256"):
+    assert page.count("data:image/jpeg") == 3 + 2 * 2  # cameras; coverage by number and by uncertainty
+    for words in (
+        "Where to mount the cameras",
+        "U = 2 sigma of a point",
+        "What was assumed",
+        "released by",
+        "What if",
+        "Coverage",
+        "sha256",
+    ):
         assert words in page
     assert json.loads((tmp_path / "r.json").read_text())["outcome"] == "SUITABLE"
-    assert len(list((tmp_path / "views").glob("*.png"))) == 5
+    assert len(list((tmp_path / "views").glob("*.png"))) == 3 + 2 * 2
 
 
 RING = "arc: {centre_mm: [50, 40, 500], radius_mm: 500}, count: 8"

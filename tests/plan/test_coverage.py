@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from cadcam.plan.coverage import coverage, divided, legend
-from cadcam.plan.layout import plan_layout
+from cadcam.plan.coverage import coverage, divided
+from cadcam.plan.feature import Kind, LayoutFeature
+from cadcam.plan.finding import Finder
+from cadcam.plan.layout import plan_layout, survey
 from cadcam.plan.pictures import camera_pictures, coverage_pictures
 
-from .scenes import part, scene
+from .scenes import features, part, position, scene
 
 
 def test_pieces_are_small_and_make_up_the_surface() -> None:
@@ -32,7 +36,42 @@ def test_a_camera_above_covers_what_looks_up_and_nothing_below() -> None:
     assert covered.cameras.max() <= len(layout.chosen)
     assert covered.shares.sum() == pytest.approx(1.0)
     assert covered.shares[1:].sum() > 0.2
-    assert len(legend(3)) == 4
+    assert covered.counted(3).words == ("no camera", "one camera", "2 cameras", "3 cameras")
+    assert covered.counted(7).words[-2:] == ("4 cameras", "5 or more")
+
+
+def test_the_uncertainty_painted_is_that_of_a_point_feature_there() -> None:
+    """Pieces against a feature at their middles, in the pose that measures it worst.
+
+    Those of a group lie within a 45th of the diagonal, a hundredth of their distance from the cameras, and U grows
+    with the square of the distance: 3 % at the most.
+    """
+    layout = plan_layout(scene(9))
+    covered = coverage(layout)
+    middle, normal = covered.mesh.vertices[covered.mesh.faces].mean(axis=1), covered.mesh.face_normals
+    known = np.flatnonzero(np.isfinite(covered.U))
+    for i in known[:: len(known) // 5]:
+        one = LayoutFeature("here", Kind.POINT, middle[i], position(1.0), normal=normal[i])
+        alone = survey(replace(layout.survey.scene, features=(one,))).assess(layout.chosen)
+        assert covered.U[i] == pytest.approx(2.0 * alone.sigma.max(), rel=0.03)
+        assert covered.cameras[i] == alone.cameras.min()
+
+
+def test_what_fewer_than_two_cameras_see_is_not_measured() -> None:
+    covered = coverage(plan_layout(scene(9)))
+    np.testing.assert_array_equal(np.isfinite(covered.U), covered.cameras >= 2)
+    painting = covered.measured()
+    assert painting is not None
+    assert painting.shares.sum() == pytest.approx(1.0)
+    assert painting.shares[0] == pytest.approx(covered.shares[:2].sum())
+    assert (painting.shares[1:-1] > 0.05).any()
+
+
+def test_without_a_stated_sigma_nothing_is_said_of_uncertainty() -> None:
+    """Grey levels and contrast tell of features of known size only."""
+    marks = tuple(f for f in features() if f.kind is not Kind.POINT)
+    layout = plan_layout(scene(9, features=marks, finder=Finder(grey=0.01, contrast=0.5)))
+    assert coverage(layout).measured() is None
 
 
 def test_pictures_show_the_part_and_its_features() -> None:
@@ -42,5 +81,8 @@ def test_pictures_show_the_part_and_its_features() -> None:
         assert picture.std() > 0.02
         green = (picture[..., 1] > picture[..., 0] + 0.25).sum()
         assert green > 50
-    for _, picture in coverage_pictures(layout, coverage(layout)):
-        assert picture.std() > 0.05
+    covered = coverage(layout)
+    for painting in (covered.counted(3), covered.measured()):
+        assert painting is not None
+        for _, picture in coverage_pictures(layout, painting):
+            assert picture.std() > 0.05

@@ -10,7 +10,9 @@ from cadcam.cli.output import check_target, print_json, print_tables, progress, 
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
+    from cadcam.arrays import Picture
     from cadcam.plan.candidate import Candidate
+    from cadcam.plan.coverage import Painting
     from cadcam.plan.layout import Layout, Survey
     from cadcam.plan.search import Score
     from cadcam.plan.what_if import WhatIf
@@ -185,27 +187,34 @@ def _report(arguments: argparse.Namespace, layout: Layout, following: list[tuple
 
 
 def _page(path: str, layout: Layout, changes: tuple[WhatIf, ...], following: list[tuple[Candidate, Score]]) -> None:
-    from cadcam.plan.coverage import coverage
-    from cadcam.plan.pictures import camera_pictures, coverage_pictures
+    from cadcam.plan.pictures import camera_pictures
     from cadcam.report.layout_page import LayoutReport, write_layout_page
 
     with working("drawing pictures"):
-        covered = coverage(layout)
-        views, painted = camera_pictures(layout), coverage_pictures(layout, covered)
+        views, covered = camera_pictures(layout), _covered(layout)
     following = following or _following(layout)
-    write_layout_page(path, LayoutReport(layout, changes, following, views, covered, painted))
+    write_layout_page(path, LayoutReport(layout, changes, following, views, covered))
+
+
+def _covered(layout: Layout) -> list[tuple[Painting, list[tuple[str, Picture]]]]:
+    """Return the part painted by its coverage: by number of cameras, and by uncertainty where that is known."""
+    from cadcam.plan.coverage import coverage
+    from cadcam.plan.pictures import coverage_pictures
+
+    covered = coverage(layout)
+    paintings = (covered.counted(len(layout.cameras)), covered.measured())
+    return [(p, coverage_pictures(layout, p)) for p in paintings if p is not None]
 
 
 def _pictures(folder: str, layout: Layout) -> None:
     from pathlib import Path
 
     from cadcam.image.picture import write_picture
-    from cadcam.plan.coverage import coverage
-    from cadcam.plan.pictures import camera_pictures, coverage_pictures
+    from cadcam.plan.pictures import camera_pictures
 
     with working("drawing pictures"):
         named = [(f"camera {c.name}", p) for c, p in zip(layout.cameras, camera_pictures(layout), strict=True)]
-        named += [(f"coverage {title}", p) for title, p in coverage_pictures(layout, coverage(layout))]
+        named += [(f"coverage {title}", p) for _, views in _covered(layout) for title, p in views]
     for name, picture in named:
         path = Path(folder) / ("".join(c if c.isalnum() else "_" for c in name) + ".png")
         write_picture(path, picture)

@@ -35,6 +35,12 @@ class Asked:
     turns: Mask
     prior: Array
 
+    @classmethod
+    def of_positions(cls, n: int) -> Asked:
+        """Return the position of each of n features, in its worst direction; limits of 1 mm that nobody judges by."""
+        limits = (Limit(Quantity.POSITION, 1.0),) * n
+        return cls(np.arange(n), limits, np.tile(np.eye(3), (n, 1, 1)), np.zeros(n, bool), np.zeros((n, 3, 3)))
+
     def __len__(self) -> int:
         return len(self.limits)
 

@@ -1,23 +1,33 @@
-"""Coverage: how many cameras see each piece of the part's surface, painted on it."""
+"""Coverage: how many cameras see each piece of the part's surface, and how well a point on it would be measured.
+
+A piece is treated as a point feature there with the surface's normal: seen, found and measured by the same rules, so
+that the picture says of the whole surface what the tables say of the features. Both are painted on the part.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import mode
 
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Mask
 from cadcam.cad.edges import FeatureEdges
 from cadcam.cad.mesh import Mesh
-from cadcam.plan.candidate import Candidate
+from cadcam.geometry.rigid import Rigid
+from cadcam.plan.ask import Asked
+from cadcam.plan.assess import assess
+from cadcam.plan.feature import Places
+from cadcam.plan.finding import Finder
 from cadcam.plan.layout import Layout
+from cadcam.plan.look import Look, look
 from cadcam.render.view import Scene
 
 Longs = npt.NDArray[np.int64]
 _PIECE = 1 / 45  # of the part's diagonal: longest side of a piece that is painted
 _MOST = 400_000  # pieces
+_AT_ONCE = 20_000
 # dark blue to yellow, told apart in grey and by people with any colour vision; grey for what no camera sees
 COLORS = np.array(
     [
@@ -29,56 +39,122 @@ COLORS = np.array(
         [0.98, 0.90, 0.30],
     ]
 )
+_STEPS = np.outer(10.0 ** np.arange(-4, 4), [1.0, 2.0, 5.0]).ravel()  # mm: where colours of U may change
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Painting:
+    """A colour for each piece of the part: level (F,) numbers of colours (C, 3); words (C) for these."""
+
+    title: str
+    mesh: Mesh
+    level: Longs
+    colors: Array
+    words: tuple[str, ...]
+
+    @property
+    def shares(self) -> Array:
+        """Return the share of the surface (C,) in each colour."""
+        area = self.mesh.face_areas
+        return np.asarray(np.bincount(self.level, area, minlength=len(self.colors)) / area.sum())
+
+    def scene(self) -> Scene:
+        """Return the part in these colours, for a renderer."""
+        parts = len(self.mesh.part_names)
+        colors = np.concatenate([np.ones((parts, 3)), self.colors]).astype(np.float32)
+        none = np.zeros((0, 2), np.int32)
+        edges = FeatureEdges(none, none, none[:, 0], none[:, 0], none[:, 0])  # those of pieces mean nothing
+        return Scene(self.mesh, edges, colors, (parts + self.level).astype(np.int32))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coverage:
-    """Pieces of the part's surface (its own frame), and how many cameras see each (F,) in the pose that shows it worst.
+    """Pieces of the part's surface (its own frame), each in the pose that shows or measures it worst.
 
-    area (F,) mm^2. A piece counts as seen from at most the slant that the scene allows, unhidden and in the picture.
+    cameras (F,): how many see it. U (F,) mm: k sigma of a point there along the direction that is known worst; NaN
+    where it cannot be measured in every pose, or where no sigma_px of such a point is stated. k: coverage factor.
     """
 
     mesh: Mesh
     cameras: Longs
-    area: Array
+    U: Array
+    k: float
 
     @property
     def shares(self) -> Array:
         """Return the share of the surface that is seen by 0, 1, 2 ... cameras."""
-        return np.asarray(np.bincount(self.cameras, self.area) / self.area.sum())
+        return np.asarray(np.bincount(self.cameras, self.mesh.face_areas) / self.mesh.face_areas.sum())
 
-    def painted(self) -> Scene:
-        """Return the part with each piece in the colour of its count, for a renderer."""
-        colors = np.concatenate([np.ones((len(self.mesh.part_names), 3)), COLORS]).astype(np.float32)
-        level = np.minimum(self.cameras, len(COLORS) - 1)
-        none = np.zeros((0, 2), np.int32)
-        edges = FeatureEdges(none, none, none[:, 0], none[:, 0], none[:, 0])  # those of pieces mean nothing
-        return Scene(self.mesh, edges, colors, (len(self.mesh.part_names) + level).astype(np.int32))
+    def counted(self, most: int) -> Painting:
+        """Return the part painted by the number of cameras, up to `most`, and at the most five."""
+        last = min(most, len(COLORS) - 1)
+        words = ("no camera", "one camera", *(f"{n} cameras" for n in range(2, last + 1)))[: last + 1]
+        if most > last:
+            words = (*words[:-1], f"{last} or more")
+        return Painting("seen by", self.mesh, np.minimum(self.cameras, last), COLORS[: last + 1], words)
+
+    def measured(self) -> Painting | None:
+        """Return the part painted by U, five steps of 1, 2 and 5 about its median by area; None if all is unknown."""
+        known = np.isfinite(self.U)
+        if not known.any():
+            return None
+        order = np.argsort(self.U[known])
+        area = np.cumsum(self.mesh.face_areas[known][order])
+        middle = self.U[known][order][np.searchsorted(area, area[-1] / 2)]
+        first = int(np.clip(np.searchsorted(_STEPS, middle) - 1, 0, len(_STEPS) - 4))
+        ends = _STEPS[first : first + 4]
+        level = np.where(known, 1 + np.searchsorted(ends, self.U), 0)  # 0: not measured
+        words = ("not measured", *(f"U up to {e:g} mm" for e in ends), f"U above {ends[-1]:g} mm")
+        colors = np.concatenate([COLORS[:1], COLORS[:0:-1]])  # the less uncertain, the brighter
+        return Painting(f"U = {self.k:g} sigma of a point", self.mesh, level, colors, words)
 
 
 def coverage(layout: Layout) -> Coverage:
-    """Return how the chosen cameras cover the part."""
+    """Return how the chosen cameras cover the part.
+
+    Pieces of about one place and normal that the same cameras see share the U of one of them: it varies slowly.
+    """
     mesh = divided(layout.survey.scene.part)
     middle, normal = mesh.vertices[mesh.faces].mean(axis=1), mesh.face_normals
-    poses = range(len(layout.survey.poses))
-    counts = [np.sum([_seen(layout, c, i, middle, normal) for c in layout.cameras], axis=0) for i in poses]
-    return Coverage(mesh, np.min(np.stack(counts), axis=0), mesh.face_areas)
+    size = _PIECE * float(np.linalg.norm(mesh.size_mm))
+    where = np.column_stack([np.floor(middle / size), np.rint(2 * normal)]).astype(np.int64)
+    told = layout.survey.scene.finder.sigma_px is not None
+    cameras, sigma = np.full(len(middle), len(layout.cameras)), np.full(len(middle), 0.0 if told else np.nan)
+    for pose in layout.survey.poses:
+        seen = _seen(layout, pose, middle, normal)
+        cameras = np.minimum(cameras, seen.sum(axis=0))
+        if told:
+            sigma = np.maximum(sigma, _sigma(layout, pose, middle, normal, seen, where))  # NaN stays
+    k = mode(limit.k for limit in layout.survey.asked.limits)
+    return Coverage(mesh, cameras, k * sigma, k)
 
 
-def _seen(layout: Layout, candidate: Candidate, pose: int, p: Array, normal: Array) -> Longs:
-    """Return 1 for each place p (n, 3) of the part with this normal that a camera sees, else 0."""
-    world_from_part = layout.survey.poses[pose]
-    view, seeing = candidate.viewpoint, layout.survey.scene.seeing
-    q = view.camera.project(view.camera_from_world @ (world_from_part @ p))
-    eye = world_from_part.inv @ candidate.eye
-    towards = eye - p
-    cosine = np.einsum("ij,ij->i", towards, normal) / np.linalg.norm(towards, axis=1)
-    ask = np.flatnonzero(view.camera.sees(q) & (cosine >= np.cos(seeing.incidence)))
-    R, t = world_from_part.rotation[None], world_from_part.translation[None]
-    hidden = layout.survey.surroundings.hidden(R, t, eye[None], np.zeros(len(ask), np.int64), p[ask])
-    out = np.zeros(len(p), np.int64)
-    out[ask[~hidden]] = 1
+def _seen(layout: Layout, pose: Rigid, p: Array, normal: Array) -> Mask:
+    """Return which camera sees which point (V, n) of the part."""
+    parts = [slice(first, first + _AT_ONCE) for first in range(0, len(p), _AT_ONCE)]
+    return np.concatenate([[w.seen[0] for w in _looks(layout, pose, p[i], normal[i])] for i in parts], axis=1)
+
+
+def _sigma(layout: Layout, pose: Rigid, p: Array, normal: Array, seen: Mask, where: Longs) -> Array:
+    """Return the worst sigma (n,) mm of points that two cameras or more see, else NaN; one for each `where`."""
+    out, rows = np.full(len(p), np.nan), np.flatnonzero(seen.sum(axis=0) >= 2)
+    _, first, of = np.unique(np.column_stack([where, seen.T])[rows], axis=0, return_index=True, return_inverse=True)
+    one = rows[first]
+    if len(one):
+        places, asked = Places.facing(p[one], normal[one]), Asked.of_positions(len(one))
+        found = assess(layout.cameras, _looks(layout, pose, p[one], normal[one]), places, [pose], asked)
+        out[rows] = found.sigma[0][of.reshape(-1)]
     return out
+
+
+def _looks(layout: Layout, pose: Rigid, p: Array, normal: Array) -> list[Look]:
+    """Return what each chosen camera sees of points (n, 3) on surfaces with these normals."""
+    scene, places = layout.survey.scene, Places.facing(p, normal)
+    finder = scene.finder if scene.finder.sigma_px is not None else Finder(sigma_px=1.0)  # seen is seen by any
+    return [
+        look(c.viewpoint, c.optics, places, [pose], layout.survey.surroundings, finder=finder, seeing=scene.seeing)
+        for c in layout.cameras
+    ]
 
 
 def divided(mesh: Mesh) -> Mesh:
@@ -108,10 +184,3 @@ def divided(mesh: Mesh) -> Mesh:
         mesh.part_names,
         mesh.part_colors,
     )
-
-
-def legend(most: int) -> Sequence[tuple[str, Array]]:
-    """Return what the colours mean, up to a number of cameras."""
-    last = len(COLORS) - 1
-    words = ["no camera", "one camera", *(f"{n} cameras" for n in range(2, last)), f"{last} or more"]
-    return list(zip(words, COLORS, strict=True))[: min(most, last) + 1]

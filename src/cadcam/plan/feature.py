@@ -189,6 +189,21 @@ class Places:
     is_circle: Mask
 
     @classmethod
+    def facing(cls, p: Array, normal: Array) -> Places:
+        """Return those of point features p (F, 3), seen from where their normals (F, 3) point."""
+        n = len(p)
+        every, never = np.ones(n, bool), np.zeros(n, bool)
+        zero, unknown = np.zeros(n), np.full(n, np.nan)
+        axis = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
+        u = np.cross(normal, axis)
+        u = u / np.maximum(np.linalg.norm(u, axis=1, keepdims=True), 1e-300)
+        axes = np.stack([u, np.cross(normal, u)], axis=2)
+        return cls(
+            p, np.arange(n), every, every, np.full((n, 3), np.nan), zero, zero, p, normal, axes, unknown,
+            np.stack([p, p], axis=1), never, never, never,
+        )  # fmt: skip
+
+    @classmethod
     def of(cls, features: Sequence[LayoutFeature]) -> Places:
         """Return those of some features."""
         each = [f.places() for f in features]

@@ -9,7 +9,7 @@ from cadcam.cad.mesh import Mesh, merge
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.draw import draw_points, draw_polylines
-from cadcam.plan.coverage import Coverage
+from cadcam.plan.coverage import Painting
 from cadcam.plan.layout import Layout
 from cadcam.render import open_renderer
 from cadcam.render.overlay import LineStyle, overlay
@@ -67,14 +67,14 @@ def _smaller(camera: Camera) -> Camera:
     return camera.resize((round(camera.width * times), round(camera.height * times)))
 
 
-def coverage_pictures(layout: Layout, covered: Coverage) -> list[tuple[str, Picture]]:
-    """Return the coverage painted on the part, from the side of the cameras and from behind."""
+def coverage_pictures(layout: Layout, painting: Painting) -> list[tuple[str, Picture]]:
+    """Return a painting of the part, from the side of the cameras and from behind, with what each picture shows."""
     part = layout.survey.scene.part
-    renderer, drawn = open_renderer(covered.painted()), LineDrawer(Scene.of(part))
+    renderer, drawn = open_renderer(painting.scene()), LineDrawer(Scene.of(part))
     out = []
     for title, camera, pose in _sides(layout, part):
         view = renderer.render(camera, pose, channels=Channel.IMAGE, look=_FLAT)
-        out.append((title, overlay(view.image, drawn.draw(camera, pose), style=_LINES)))
+        out.append((f"{painting.title}, {title}", overlay(view.image, drawn.draw(camera, pose), style=_LINES)))
     return out
 
 

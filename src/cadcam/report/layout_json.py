@@ -9,7 +9,6 @@ import numpy as np
 
 from cadcam import __version__
 from cadcam.plan.candidate import Candidate
-from cadcam.plan.coverage import Coverage
 from cadcam.plan.layout import Layout
 from cadcam.plan.look import Why
 from cadcam.plan.search import Score
@@ -22,7 +21,6 @@ def layout_as_json(
     layout: Layout,
     changes: Sequence[WhatIf] = (),
     following: Sequence[tuple[Candidate, Score]] = (),
-    covered: Coverage | None = None,
 ) -> dict[str, Any]:
     """Return the document."""
     scene = layout.survey.scene
@@ -49,8 +47,6 @@ def layout_as_json(
     }
     if following:
         out["next"] = next_as_json(following)
-    if covered is not None:
-        out["share_of_surface_by_cameras"] = covered.shares.tolist()
     return out
 
 

@@ -19,7 +19,7 @@ from cadcam.arrays import Picture
 from cadcam.image.picture import encoded
 from cadcam.plan.assess import Outcome
 from cadcam.plan.candidate import Candidate
-from cadcam.plan.coverage import Coverage, legend
+from cadcam.plan.coverage import Painting
 from cadcam.plan.layout import Layout
 from cadcam.plan.search import Score
 from cadcam.plan.what_if import WhatIf
@@ -87,14 +87,13 @@ table.cards td:empty{display:none}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LayoutReport:
-    """What a page shows beside the layout: what if, next cameras, what the cameras see, coverage and its pictures."""
+    """What a page shows beside the layout: what if, next cameras, what the cameras see, coverage with its pictures."""
 
     layout: Layout
     changes: Sequence[WhatIf] = ()
     following: Sequence[tuple[Candidate, Score]] = ()
     views: Sequence[Picture] = ()
-    covered: Coverage | None = None
-    coverage_views: Sequence[tuple[str, Picture]] = ()
+    covered: Sequence[tuple[Painting, Sequence[tuple[str, Picture]]]] = ()
     time: datetime = field(default_factory=lambda: datetime.now(UTC))
 
 
@@ -211,24 +210,24 @@ def _views(report: LayoutReport) -> str:
 
 
 def _coverage(report: LayoutReport) -> str:
-    if report.covered is None:
+    if not report.covered:
         return ""
-    cells = "".join(
-        f"<div><h3>{escape(title)}</h3>{_image(picture, title)}</div>" for title, picture in report.coverage_views
+    note = (
+        "Each piece of the part's surface as a point feature, in the pose that shows or measures it worst. What two "
+        "cameras see can be measured in space; inner and lower faces count too."
     )
-    shares = report.covered.shares
+    body = "".join(_painted(painting, views) for painting, views in report.covered)
+    return section("Coverage", f'{body}<p class="soft">{note}</p>')
+
+
+def _painted(painting: Painting, views: Sequence[tuple[str, Picture]]) -> str:
+    """Return the pictures of a painting with the meaning of its colours."""
+    cells = "".join(f"<div><h3>{escape(title)}</h3>{_image(picture, title)}</div>" for title, picture in views)
     keys = []
-    known = legend(len(report.layout.chosen))
-    for n, (words, color) in enumerate(known):
-        share = shares[n:].sum() if n == len(known) - 1 else shares[n : n + 1].sum()
+    for words, color, share in zip(painting.words, painting.colors, painting.shares, strict=True):
         rgb = ",".join(f"{255 * c:.0f}" for c in color)
         keys.append(f'<span><i style="background:rgb({rgb})"></i>{escape(words)}: {share:.0%} of the surface</span>')
-    note = (
-        "How many cameras see each piece of the part's surface, in the pose that shows it worst. What two see can be "
-        "measured in space; inner and lower faces count too."
-    )
-    body = f'<div class="two">{cells}</div><div class="legend">{"".join(keys)}</div><p class="soft">{note}</p>'
-    return section("Coverage", body)
+    return f'<div class="two">{cells}</div><div class="legend">{"".join(keys)}</div>'
 
 
 def _each(layout: Layout) -> str:
