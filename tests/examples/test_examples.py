@@ -26,7 +26,12 @@ RUNS: dict[str, tuple[list[str], list[str], str]] = {
     "measure_with_a_moved_camera.py": ([], ["measured.csv"], "motion to away"),
     "render_bench.py": ([], ["bench.png", "depth.npy"], "15 of 16 targets are in view"),
     "measure_with_a_gantry.py": ([], [], "the map is off the truth by"),
-    "plan_a_layout.py": ([], ["scenes/four_fixed.yaml", "scenes/six_stations.yaml"], "one camera at 6 places"),
+    "plan_a_layout.py": (
+        [],
+        ["scenes/four_fixed.yaml", "scenes/six_stations.yaml", "scenes/uncertainty.jpg"],
+        "one camera at 6 places",
+    ),
+    "verify_a_part.py": (["judged", "4"], ["judged/report.html", "judged/verify.svg"], "FAIL"),
     "sample_parts.py": (["models"], ["models/bench.glb", "models/bracket.stl"], "shipblock_10k.obj"),
 }
 # script -> the public data that it is run on (skipped where they are not here), and what it says
