@@ -82,36 +82,47 @@ class Seen:
     scatter: float
     gain: float = 0.0
     proportions: str = ""
+    color: float = 0.0
+
+    @property
+    def fitted(self) -> float:
+        """Return the share of all constraints, of lines and of colour, that any pose could be fitted to."""
+        return self.free / (1 + self.color)
 
     @property
     def net(self) -> float:
         """Return the share of the edges that speaks for the pose, less what speaks against it."""
         share = (self.shown - self.by_chance) / (1 - min(self.by_chance, 0.9))
-        net = (share - self.free) / (1 - self.free) - _ABSENT * (self.absent - self.hidden)
+        share, free = (share + self.color) / (1 + self.color), self.fitted
+        net = (share - free) / (1 - free) - _ABSENT * (self.absent - self.hidden)
         return net - _SCATTER * self.scatter - _GAIN * self.gain
 
     @property
     def quality(self) -> float:
         """Return how sure it is that the pose is right, 0 to 1."""
-        if self.samples < _LEAST or self.free >= 1:
+        if self.samples < _LEAST or self.fitted >= 1:
             return 0.0
         return float(np.interp(self.net, _SHARES, (0.0, 0.5, 1.0)))
 
     def __str__(self) -> str:
-        if self.samples < _LEAST or self.free >= 1:
+        if self.samples < _LEAST or self.fitted >= 1:
             return "so few edges of the part would be in the picture that any place would fit"
-        free = f", {self.free:.0%} could be fitted anywhere" if self.free > 0.2 else ""
+        free = f", {self.fitted:.0%} could be fitted anywhere" if self.fitted > 0.2 else ""
         other = f"; more were it {self.proportions} (other part, unit or scale?)" if self.gain > _TOLD else ""
-        return f"{self.shown:.0%} of the visible edges are there, {self.by_chance:.0%} would be by chance{free}{other}"
+        color = f", for {self.color:.0%} the colour on both sides speaks" if self.color > 0 else ""
+        return f"{self.shown:.0%} of the visible edges are there, {self.by_chance:.0%} would be by chance{color}{free}{other}"
 
 
-def judged(sights: Sequence[Sight], world_from_part: Rigid, B: Array, *, chosen: int, scatter: float) -> Seen:
+def judged(
+    sights: Sequence[Sight], world_from_part: Rigid, B: Array, *, chosen: int, scatter: float, color: float = 0.0
+) -> Seen:
     """Return what `seen` does for a pose fitted along B (6, k), and in doubt whether other proportions fit better.
 
-    chosen: how many constraints the start met by being the best of many poses.
+    chosen: how many constraints the start met by being the best of many poses. color: the share of the samples for
+    which the colour on both sides speaks (`locate.color`).
     """
     constraints = B.shape[1] + chosen
-    first = seen(sights, world_from_part, constraints=constraints, scatter=scatter)
+    first = replace(seen(sights, world_from_part, constraints=constraints, scatter=scatter), color=color)
     if not _IN_DOUBT[0] < first.quality < _IN_DOUBT[1]:
         return first
     other = stretched(sights, world_from_part, B)
@@ -119,7 +130,7 @@ def judged(sights: Sequence[Sight], world_from_part: Rigid, B: Array, *, chosen:
         return first
     second = seen(other.sights, other.world_from_part, constraints=constraints, scatter=scatter)
     unexcused = replace(first, hidden=0.0)
-    gain = replace(second, free=first.free, scatter=first.scatter, hidden=0.0).net - unexcused.net
+    gain = replace(second, free=first.free, scatter=first.scatter, hidden=0.0, color=color).net - unexcused.net
     return replace(unexcused, gain=gain, proportions=str(other)) if gain > 0 else first
 
 
@@ -138,7 +149,7 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, s
         if not len(which):
             continue
         q, normal, run, room = at.q[which], at.normal[which], samples.run[which], room[which]
-        lines, length = _lines(q, run)
+        lines, length = distinct_lines(q, run)
         here, share = _shown(sight, q, normal, run, room, near)
         told += len(which)
         shown += len(which) * float(share[0])
@@ -147,7 +158,7 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, s
         extent = max(extent, float(np.hypot(*np.ptp(q, axis=0))))
         missed = _missed(here, lines)
         absent += float(missed.sum())
-        hidden += float(missed[_behind(q, here)].sum()) if missed.any() else 0.0
+        hidden += float(missed[behind_border(q, here)].sum()) if missed.any() else 0.0
     n = max(told, 1)
     free = constraints / max(worth, 1e-9)
     return Seen(told, shown / n, by_chance / n, free, absent / n, hidden / n, scatter / max(extent, 1.0))
@@ -182,7 +193,7 @@ def _continued(good: Mask, offset: Array, sign: Array, run: Ids) -> Mask:
     return out
 
 
-def _lines(q: Array, run: Ids) -> tuple[Longs, Array]:
+def distinct_lines(q: Array, run: Ids) -> tuple[Longs, Array]:
     """Return the number of the distinct line of each sample (n,), and the length (L,) px of each of these lines.
 
     A straight run lies on another's line where both its ends are near that and its direction is about the same; it goes
@@ -211,7 +222,7 @@ def _missed(shown: Mask, line: Longs) -> Array:
     return np.asarray(np.clip(1 - share / _NOWHERE, 0, None)[line])
 
 
-def _behind(q: Array, shown: Mask) -> Mask:
+def behind_border(q: Array, shown: Mask) -> Mask:
     """Return which samples (n,) at q (n, 2) px lie on that side of a straight border where hardly any is shown.
 
     Of all borders that have such a side, the one with most samples there.

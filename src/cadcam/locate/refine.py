@@ -20,6 +20,7 @@ from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.grouped import GroupedFit, grouped_fit
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.attraction import attracted
+from cadcam.locate.color import by_color, share_of
 from cadcam.locate.edges import Projected
 from cadcam.locate.evidence import Evidence, pose_jacobian, rows_of
 from cadcam.locate.freedom import FREE, Freedom
@@ -317,7 +318,10 @@ def _location(part: Part, fitted: _Fitted, freedom: Freedom, chosen: int) -> Loc
         (_TOGETHER_PX**2 * (G @ n) @ (G @ n).T for G, n in zip(gains, normals, strict=True)), np.zeros((6, 6))
     )
     estimate = PoseEstimate(pose, B @ fit.covariance @ B.T + together, from_calibration, B, fit.dof)
-    evidence = judged(sights, pose, B, chosen=chosen, scatter=_scatter(fit))
+    colors = [by_color(part, sight, pose) for sight in sights]
+    left = [s.select(~c.hidden) if c.hidden.any() else s for s, c in zip(sights, colors, strict=True)]
+    color = share_of(colors)
+    evidence = judged(left, pose, B, chosen=chosen, scatter=_scatter(fit), color=color)
     return Location(estimate, _matches(fitted), evidence.quality, _reason(part, estimate, evidence, fit, photos))
 
 
