@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Ids, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.chroma import values_at
 from cadcam.locate.part import Part
@@ -31,6 +31,8 @@ _ROOM_PX, _CLEAR_PX = 2.5, 1.5  # room that a side needs, and what of it is left
 _WIDTH = 15 / 255  # of the kernel: by which colours of one surface differ
 _UNSEEN = 0.02  # density of colours that are met nowhere else
 _SURE = 0.7  # posterior from which a side counts as the part's or not
+_UNLIKE = 0.25  # of the part's usual density among its own colours: below it a colour is not the part's
+_BLENDED = 2  # samples beside a hidden one where its colour is mixed with others
 _OTHER = 3.0  # widths by which an occluder's colour differs from all that is known
 _MOST_HIDDEN = 0.5  # share of the samples that may be hidden
 
@@ -61,7 +63,7 @@ def by_color(part: Part, sight: Sight, world_from_part: Rigid) -> ByColor:
     told = ((room >= _ROOM_PX) & np.isfinite(colors).all(axis=2)).all(axis=1) & inside.any(axis=1)
     line, _ = distinct_lines(at.q, samples.run)
     right, wrong = _judged(colors, inside, told, line)
-    hidden = _hidden(at.q, colors, right)
+    hidden = _blended(_hidden(at.q, colors, right), right, samples.run)
     left = ~hidden
     return ByColor(max(float(right.sum()) - float((wrong & left).sum()), 0.0) / max(int(left.sum()), 1), hidden)
 
@@ -91,8 +93,11 @@ def _judged(colors: Array, inside: Mask, told: Mask, line: Array) -> tuple[Mask,
     near = np.exp(-0.5 * apart / _WIDTH**2)
     of_part, around = (_mean(near, (own[:, None] != own) & (known & side)) for side in (part, ~part))
     likely = ((of_part + _UNSEEN) / (of_part + around + 2 * _UNSEEN)).reshape(-1, 2)
-    likely = np.where(inside, likely, 1 - likely)
-    return told & (likely > _SURE).all(axis=1), told & (likely < 1 - _SURE).any(axis=1)
+    usual = float(np.median(of_part[known & part])) if (known & part).any() else 0.0
+    unlike = (of_part < _UNLIKE * usual).reshape(-1, 2)  # what is around may be anything, seen elsewhere or not
+    good = np.where(inside, likely > _SURE, (likely < 1 - _SURE) | unlike)
+    bad = np.where(inside, likely < 1 - _SURE, likely > _SURE)
+    return told & good.all(axis=1), told & bad.any(axis=1)
 
 
 def _mean(values: Array, which: Mask) -> Array:
@@ -109,3 +114,13 @@ def _hidden(q: Array, colors: Array, right: Mask) -> Mask:
     same = np.linalg.norm(colors[:, 0] - colors[:, 1], axis=1) < _OTHER * _WIDTH
     hidden = new & same & behind_border(q, right)
     return hidden if hidden.mean() <= _MOST_HIDDEN else np.zeros(len(q), bool)
+
+
+def _blended(hidden: Mask, right: Mask, run: Ids) -> Mask:
+    """Return the hidden samples (n,) and those beside them on their run that are not right."""
+    out = hidden.copy()
+    for k in range(1, _BLENDED + 1):
+        same = run[k:] == run[:-k]
+        out[k:] |= hidden[:-k] & same
+        out[:-k] |= hidden[k:] & same
+    return hidden | (out & ~right)

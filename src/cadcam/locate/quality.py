@@ -60,6 +60,7 @@ _ABSENT, _SCATTER, _GAIN = 0.6, 20.0, 2.0  # what these cost
 _IN_DOUBT, _OTHER = (0.3, 0.75), 0.04  # quality at which other proportions are tried; what makes them others
 _TOLD = 0.05  # gain worth words
 _SHARES = (0.0, 0.43, 0.95)  # net shares that make quality 0, 1/2 and 1
+_COLOR = 2  # constraints that tell which colour the part has
 _LEAST = 12  # samples that can tell anything at all
 
 
@@ -122,7 +123,8 @@ def judged(
     which the colour on both sides speaks (`locate.color`).
     """
     constraints = B.shape[1] + chosen
-    first = replace(seen(sights, world_from_part, constraints=constraints, scatter=scatter), color=color)
+    first = seen(sights, world_from_part, constraints=constraints, scatter=scatter)
+    first = replace(first, color=color * max(1 - first.free * _COLOR / constraints, 0.0))
     if not _IN_DOUBT[0] < first.quality < _IN_DOUBT[1]:
         return first
     other = stretched(sights, world_from_part, B)
@@ -130,7 +132,7 @@ def judged(
         return first
     second = seen(other.sights, other.world_from_part, constraints=constraints, scatter=scatter)
     unexcused = replace(first, hidden=0.0)
-    gain = replace(second, free=first.free, scatter=first.scatter, hidden=0.0, color=color).net - unexcused.net
+    gain = replace(second, free=first.free, scatter=first.scatter, hidden=0.0, color=first.color).net - unexcused.net
     return replace(unexcused, gain=gain, proportions=str(other)) if gain > 0 else first
 
 
