@@ -37,6 +37,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import candidates
+from cadcam.locate.chequers import along_chequers
 from cadcam.locate.proportions import stretched
 from cadcam.locate.sight import Sight
 
@@ -153,6 +154,8 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, s
         q, normal, run, room = at.q[which], at.normal[which], samples.run[which], room[which]
         lines, length = distinct_lines(q, run)
         here, share = _shown(sight, q, normal, run, room, near)
+        crossed = here & along_chequers(sight.photo.gray, q, normal, run)
+        here, share[0] = here & ~crossed, max(share[0] - crossed.mean(), 0.0)
         told += len(which)
         shown += len(which) * float(share[0])
         by_chance += len(which) * float(share[1:].mean())
