@@ -1,12 +1,12 @@
 """What colour says of a pose: whether the two sides of the part's lines differ as the part differs from what is around.
 
 A part of one material has its colour along the inner side of its outline and on both sides of its other edges, and it
-lies before something else. Which colours these are nobody says; the photo does: the colours beside all other lines tell
-for each line what its own sides are more likely to be, the part's or the surroundings' (posterior of two kernel
-densities, as region-based trackers have of histograms: V. Prisacariu and I. Reid, PWP3D, IJCV 98, 2012; but each line is
-left out of what it is judged by, so that a pose cannot be made right by what it happens to cover). On ground of black
-and white, which is full of lines, a coloured part stands alone; where the part is as grey as its surroundings, colour
-says nothing, neither for a pose nor against it.
+lies before something else. Which colours these are nobody says; the photo does: for each line, the colours beside all
+others tell what its own sides are more likely to be, the part's or the surroundings'. That is the posterior of two
+kernel densities, as region-based trackers have it of histograms (V. Prisacariu and I. Reid, PWP3D, IJCV 98, 2012), but
+each line is left out of what it is judged by, so that a pose cannot be made right by what it happens to cover. On
+ground of black and white, which is full of lines, a coloured part stands alone. Where the part is as grey as its
+surroundings, colour says nothing, neither for a pose nor against it.
 
 What stands before the part has the same colour on both sides of a line, and it is neither the part's nor that of what
 is around it. Samples there, on one side of a straight border, are hidden.

@@ -111,8 +111,9 @@ class Seen:
             return "so few edges of the part would be in the picture that any place would fit"
         free = f", {self.fitted:.0%} could be fitted anywhere" if self.fitted > 0.2 else ""
         other = f"; more were it {self.proportions} (other part, unit or scale?)" if self.gain > _TOLD else ""
-        color = f", for {self.color:.0%} the colour on both sides speaks" if self.color > 0 else ""
-        return f"{self.shown:.0%} of the visible edges are there, {self.by_chance:.0%} would be by chance{color}{free}{other}"
+        color = f", colours beside them count like {self.color:.0%} more" if self.color > 0 else ""
+        edges = f"{self.shown:.0%} of the visible edges are there, {self.by_chance:.0%} would be by chance"
+        return edges + color + free + other
 
 
 def judged(

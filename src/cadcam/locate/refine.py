@@ -49,6 +49,10 @@ _FARTHEST_PX = 3.0  # an edge farther off is another one
 _LOOSE_PX = 0.25  # by which edges of a good pose are seldom off as a whole
 _WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
 _WEAKEST, _BESIDE_PX = 3, 4.0  # motions along which a loose pose may be another one, and how far lines move by them
+_ABOUT, _AROUND_PX = (
+    0.25,
+    (3.0, 5.0, 8.0),
+)  # share that colour speaks for from which a pose is about right; searches there
 _SAME_PX = 0.5  # a search that ends this near to where it began, at a pose that was found, finds the same again
 _UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose that nothing was measured of
 
@@ -96,10 +100,38 @@ def refine(
     poses in these photos; they prove nothing (`locate.quality`). Where too little is seen to tell the pose the answer
     has quality 0. wider: whether a doubtful answer is searched for once more, wider, from where it ended; lines of a
     wrong pose often half agree. Where the start was the best of many and edges still fit only loosely, poses beside it
-    are tried too, narrowly. Not where the start is known to be good: farther off there are only other lines.
+    are tried too, narrowly. Not where the start is known to be good: farther off there are only other lines. Where
+    colour speaks for a doubtful answer it is about right: lines are looked for once more from there, narrowly first.
     """
     if not photos:
         raise BadValue("photos", "none", "at least one photo")
+    best = _refined(part, photos, start, freedom, evidence, options, chosen, wider)
+    for search_px in _AROUND_PX if wider else ():
+        pose = best.pose.world_from_part
+        if best.quality >= _DOUBT[1] or all(photo.chroma is None for photo in photos):
+            break
+        sights = _sights(part, photos, pose, options)
+        if share_of([by_color(part, sight, pose) for sight in sights]) < _ABOUT:
+            break
+        near = replace(options, search_px=search_px)
+        second, _ = _measured(
+            part, *_attracted(part, photos, sights, pose, freedom, near), freedom, evidence, options, chosen
+        )
+        best = second if second.quality > best.quality else best
+    return best
+
+
+def _refined(
+    part: Part,
+    photos: Sequence[Photo],
+    start: Rigid,
+    freedom: Freedom,
+    evidence: Sequence[Evidence],
+    options: EdgeOptions,
+    chosen: int,
+    wider: bool,
+) -> Location:
+    """Return what `refine` does, but for what colour has it look at again."""
 
     def measured(sights: Sequence[Sight], pose: Rigid) -> tuple[Location, _Fitted | None]:
         return _measured(part, sights, pose, freedom, evidence, options, chosen)
