@@ -1,8 +1,9 @@
 """The colour of a picture without its brightness: two differences of its channels that are nil where it is grey.
 
-Shade and the lamp's brightness scale the light of a surface, gloss adds the lamp's own colour, but the hue is that of
-the material (the dichromatic reflection model: S. Shafer, Color Research and Application 10, 1985). What is black and
-white is flat here, however high its contrast is.
+What is black and white is flat here, however high its contrast is. A surface keeps its hue in shade and gloss (the
+dichromatic reflection model: S. Shafer, Color Research and Application 10, 1985), and its chroma grows with the light
+on it. The differences are not divided by the brightness: cameras lift and cut off what is dark, and codecs keep colour
+at half the resolution.
 """
 
 from __future__ import annotations

@@ -107,18 +107,26 @@ def refine(
         raise BadValue("photos", "none", "at least one photo")
     best = _refined(part, photos, start, freedom, evidence, options, chosen, wider)
     for search_px in _AROUND_PX if wider else ():
-        pose = best.pose.world_from_part
         if best.quality >= _DOUBT[1] or all(photo.chroma is None for photo in photos):
             break
-        sights = _sights(part, photos, pose, options)
-        if share_of([by_color(part, sight, pose) for sight in sights]) < _ABOUT:
-            break
-        near = replace(options, search_px=search_px)
-        second, _ = _measured(
-            part, *_attracted(part, photos, sights, pose, freedom, near), freedom, evidence, options, chosen
+        share, pose, sights = max(
+            (_colored(part, photos, pose, options) for pose in (best.pose.world_from_part, start)), key=lambda s: s[0]
         )
+        if share < _ABOUT:
+            break
+        around = replace(options, search_px=search_px)
+        sights, pose = _attracted(part, photos, sights, pose, freedom, around)
+        second, _ = _measured(part, sights, pose, freedom, evidence, options, chosen)
         best = second if second.quality > best.quality else best
     return best
+
+
+def _colored(
+    part: Part, photos: Sequence[Photo], pose: Rigid, options: EdgeOptions
+) -> tuple[float, Rigid, Sequence[Sight]]:
+    """Return the share of the lines' samples that colour speaks for at a pose, the pose, and its sights."""
+    sights = _sights(part, photos, pose, options)
+    return share_of([by_color(part, sight, pose) for sight in sights]), pose, sights
 
 
 def _refined(
