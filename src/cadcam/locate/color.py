@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.geometry.rigid import Rigid
@@ -26,6 +27,7 @@ from cadcam.locate.part import Part
 from cadcam.locate.quality import behind_border, distinct_lines
 from cadcam.locate.sight import Sight
 
+Longs = npt.NDArray[np.int64]
 _BESIDE = np.array([2.0, 3.0, 4.0])  # px from a line where its sides' colours are taken; codecs blur them so far
 _ROOM_PX, _CLEAR_PX = 2.5, 1.5  # room that a side needs, and what of it is left to the next line
 _WIDTH = 15 / 255  # of the kernel: by which colours of one surface differ
@@ -85,7 +87,7 @@ def _covered(part: Part, sight: Sight, world_from_part: Rigid, q: Array) -> Mask
     return (caster.first_hit(start, ray, np.full(len(ray), away + 4 * caster.radius)) >= 0).reshape(q.shape[:-1])
 
 
-def _judged(colors: Array, inside: Mask, told: Mask, line: Array) -> tuple[Mask, Mask]:
+def _judged(colors: Array, inside: Mask, told: Mask, line: Longs) -> tuple[Mask, Mask]:
     """Return which samples (n,) have both sides (n, 2) of the right colour, and which have one of a wrong one."""
     own, known = np.repeat(line, 2), np.repeat(told, 2)
     value, part = np.nan_to_num(colors.reshape(-1, 2)), inside.ravel()
