@@ -73,7 +73,7 @@ def test_a_triangle_half_hidden_is_found_from_its_published_pose(
 
 
 def test_a_row_of_chequers_is_not_taken_for_the_triangle(shared: Callable[[str], Path], sets: ModuleType) -> None:
-    """Here 94 % of the lines of two of its sides, cut by the picture's border, are there: they run along the cloth's."""
+    """94 % of the lines of two of its sides, cut by the picture's border, are there: they run along the cloth's."""
     part, camera, pictures, _ = sets.triangle(shared("data/m3t_triangle").parent)
     along_a_row = Rigid(so3.exp([-0.4282, -1.9790, -0.4191]), [-81.45, 77.49, 243.21])
     found = locate(part, [Photo.of(read_picture(pictures[0]), camera)], along_a_row)
