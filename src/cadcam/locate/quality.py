@@ -22,8 +22,14 @@ that it meets. So lines absent behind a straight border do not count against the
 
 A model of wrong proportions is the hardest case: most lines fit, and the others may lie to one side. So where the
 answer is in doubt other proportions are tried (`locate.proportions`), and what they gain counts twice against the model
-as it is: net - 2 (net' - net), with nothing excused. Quality 0.5, one threshold for all parts and photos, is a net
-share of 0.43.
+as it is: net - 2 (net' - net), with nothing excused. Lines that run through the corners of a chequered ground are that
+ground's (`locate.chequers`): they are not shown. In a photo in colour, the colours on both sides of the lines speak for
+a share c of them (`locate.color`), which tells something else than that there are steps; two constraints are lost
+on which colours these are, the rest count as further ones that are met: c' = c (1 - 2 / C),
+
+    share' = (share + c') / (1 + c')        free' = free / (1 + c')
+
+Quality 0.5, one threshold for all parts and photos, is a net share of 0.43.
 """
 
 from __future__ import annotations
@@ -72,7 +78,8 @@ class Seen:
     samples: how many could tell; shown, by_chance: the share of them where the photo shows the edge, and where it would
     anyway; free: the share of their constraints that any pose could be fitted to; absent: the share of samples on lines
     shown nowhere, hidden: what of it lies behind a border; scatter: of edges, relative to the size of what is seen;
-    gain: how much larger the net share would be with a model of other proportions, and which those are.
+    gain: how much larger the net share would be with a model of other proportions, and which those are. color: the share
+    of constraints that the colours beside the lines add.
     """
 
     samples: int
