@@ -78,7 +78,7 @@ class Seen:
     samples: how many could tell; shown, by_chance: the share of them where the photo shows the edge, and where it would
     anyway; free: the share of their constraints that any pose could be fitted to; absent: the share of samples on lines
     shown nowhere, hidden: what of it lies behind a border; scatter: of edges, relative to the size of what is seen;
-    gain: how much larger the net share would be with a model of other proportions, and which those are. color: the share
+    gain: how much larger the net share would be with a model of other proportions, and which those are; color: share
     of constraints that the colours beside the lines add.
     """
 
