@@ -14,7 +14,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.chroma import chroma_of, values_at
 from cadcam.image.picture import to_gray
 from cadcam.locate.chequers import along_chequers
-from cadcam.locate.color import by_color, share_of
+from cadcam.locate.color import by_color
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine import EDGES, refine
@@ -42,7 +42,7 @@ def cloth(square: float = 34.0, low: float = 0.15, high: float = 0.75) -> Pictur
 
 def picture(color: tuple[float, float, float], ground: Picture, *, part: Part = PART, pose: Rigid = POSE) -> Picture:
     """Return the part in a colour on the ground, clean."""
-    scene = Scene.of(part.scene.mesh, colors=[color])
+    scene = Scene.of(part.scene.mesh, colors=[color] * len(part.scene.mesh.part_names))
     shaded = open_renderer(scene, threads=1).render(CAMERA, pose, look=LOOK, channels=Channel.IMAGE)
     cover = shaded.coverage[..., None]
     background = np.asarray(LOOK.background, np.float32)
@@ -130,7 +130,7 @@ def test_what_stands_before_the_part_is_told_by_its_colour(rng: np.random.Genera
     x = seen.project(POSE).q[:, 0]
     assert told.hidden[x > first + 8].mean() > 0.9  # but for corners, where there is no room beside a line
     assert not told.hidden[x < first - 12].any()  # two samples beside it may be mixed
-    assert share_of([told]) > 0.85
+    assert told.share > 0.85
 
 
 def test_a_wedge_half_hidden_is_found_by_its_colour_and_not_without(rng: np.random.Generator) -> None:

@@ -30,6 +30,8 @@ from cadcam.locate.sight import Sight
 Longs = npt.NDArray[np.int64]
 _BESIDE = np.array([2.0, 3.0, 4.0])  # px from a line where its sides' colours are taken; codecs blur them so far
 _ROOM_PX, _CLEAR_PX = 2.5, 1.5  # room that a side needs, and what of it is left to the next line
+_ASKED, _TOGETHER = 400, 4  # samples that are asked, of all photos together; so many in a row are neighbours
+_KNOWN = 100  # of these tell the colours that all are judged by
 _WIDTH = 15 / 255  # of the kernel: by which colours of one surface differ
 _UNSEEN = 0.02  # density of colours that are met nowhere else
 _SURE = 0.7  # posterior from which a side counts as the part's or not
@@ -70,10 +72,19 @@ def by_color(part: Part, sight: Sight, world_from_part: Rigid) -> ByColor:
     return ByColor(max(float(right.sum()) - float((wrong & left).sum()), 0.0) / max(int(left.sum()), 1), hidden)
 
 
-def share_of(colors: Sequence[ByColor]) -> float:
-    """Return the share of the samples of several sights, those not hidden, that colour speaks for."""
-    left = [int((~c.hidden).sum()) for c in colors]
-    return sum(c.share * n for c, n in zip(colors, left, strict=True)) / max(sum(left), 1)
+def in_color(part: Part, sights: Sequence[Sight], world_from_part: Rigid) -> tuple[list[Sight], float]:
+    """Return sights without samples that colour tells to be hidden, and the share of the others that it speaks for.
+
+    Sights of photos in colour come back with a part of their samples, those of grey photos as they are.
+    """
+    seen, share, told = [], 0.0, 0
+    for sight in sights:
+        few = sight if sight.photo.chroma is None else sight.thinned(max(_ASKED // len(sights), 60), together=_TOGETHER)
+        found = by_color(part, few, world_from_part)
+        seen.append(few.select(~found.hidden) if found.hidden.any() else few)
+        share += found.share * len(seen[-1].samples)
+        told += len(seen[-1].samples)
+    return seen, share / max(told, 1)
 
 
 def _covered(part: Part, sight: Sight, world_from_part: Rigid, q: Array) -> Mask:
@@ -89,17 +100,22 @@ def _covered(part: Part, sight: Sight, world_from_part: Rigid, q: Array) -> Mask
 
 def _judged(colors: Array, inside: Mask, told: Mask, line: Longs) -> tuple[Mask, Mask]:
     """Return which samples (n,) have both sides (n, 2) of the right colour, and which have one of a wrong one."""
-    own, known = np.repeat(line, 2), np.repeat(told, 2)
-    value, part = np.nan_to_num(colors.reshape(-1, 2)), inside.ravel()
-    apart = ((value[:, None] - value) ** 2).sum(axis=2)
-    near = np.exp(-0.5 * apart / _WIDTH**2)
-    of_part, around = (_mean(near, (own[:, None] != own) & (known & side)) for side in (part, ~part))
+    value, own, part = np.nan_to_num(colors.reshape(-1, 2)), np.repeat(line, 2), inside.ravel()
+    known = np.flatnonzero(np.repeat(told & _some(len(told)), 2))
+    apart = ((value[:, None] - value[known]) ** 2).sum(axis=2)
+    near, other = np.exp(-0.5 * apart / _WIDTH**2), own[:, None] != own[known]
+    of_part, around = (_mean(near, other & side[known]) for side in (part, ~part))
     likely = ((of_part + _UNSEEN) / (of_part + around + 2 * _UNSEEN)).reshape(-1, 2)
-    usual = float(np.median(of_part[known & part])) if (known & part).any() else 0.0
+    usual = float(np.median(of_part[known][part[known]])) if part[known].any() else 0.0
     unlike = (of_part < _UNLIKE * usual).reshape(-1, 2)  # what is around may be anything, seen elsewhere or not
     good = np.where(inside, likely > _SURE, (likely < 1 - _SURE) | unlike)
     bad = np.where(inside, likely < 1 - _SURE, likely > _SURE)
     return told & good.all(axis=1), told & bad.any(axis=1)
+
+
+def _some(n: int) -> Mask:
+    """Return which of n samples tell the colours that all are judged by: about _KNOWN of them, evenly."""
+    return np.asarray(np.arange(n) % max(1, n // _KNOWN) == 0)
 
 
 def _mean(values: Array, which: Mask) -> Array:
@@ -111,7 +127,7 @@ def _hidden(q: Array, colors: Array, right: Mask) -> Mask:
     """Return which samples (n,) at q (n, 2) px are behind something of another colour than all that is known."""
     if not right.any():
         return np.zeros(len(q), bool)
-    known, middle = colors[right].reshape(-1, 2), colors.mean(axis=1)
+    known, middle = colors[right][_some(int(right.sum()))].reshape(-1, 2), colors.mean(axis=1)
     new = np.linalg.norm(middle[:, None] - known, axis=2).min(axis=1) > _OTHER * _WIDTH
     same = np.linalg.norm(colors[:, 0] - colors[:, 1], axis=1) < _OTHER * _WIDTH
     hidden = new & same & behind_border(q, right)

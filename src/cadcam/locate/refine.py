@@ -20,7 +20,7 @@ from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.grouped import GroupedFit, grouped_fit
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.attraction import attracted
-from cadcam.locate.color import by_color, share_of
+from cadcam.locate.color import in_color
 from cadcam.locate.edges import Projected
 from cadcam.locate.evidence import Evidence, pose_jacobian, rows_of
 from cadcam.locate.freedom import FREE, Freedom
@@ -126,7 +126,7 @@ def _colored(
 ) -> tuple[float, Rigid, Sequence[Sight]]:
     """Return the share of the lines' samples that colour speaks for at a pose, the pose, and its sights."""
     sights = _sights(part, photos, pose, options)
-    return share_of([by_color(part, sight, pose) for sight in sights]), pose, sights
+    return in_color(part, sights, pose)[1], pose, sights
 
 
 def _refined(
@@ -358,10 +358,8 @@ def _location(part: Part, fitted: _Fitted, freedom: Freedom, chosen: int) -> Loc
         (_TOGETHER_PX**2 * (G @ n) @ (G @ n).T for G, n in zip(gains, normals, strict=True)), np.zeros((6, 6))
     )
     estimate = PoseEstimate(pose, B @ fit.covariance @ B.T + together, from_calibration, B, fit.dof)
-    colors = [by_color(part, sight, pose) for sight in sights]
-    left = [s.select(~c.hidden) if c.hidden.any() else s for s, c in zip(sights, colors, strict=True)]
-    color = share_of(colors)
-    evidence = judged(left, pose, B, chosen=chosen, scatter=_scatter(fit), color=color)
+    seen, color = in_color(part, sights, pose)
+    evidence = judged(seen, pose, B, chosen=chosen, scatter=_scatter(fit), color=color)
     return Location(estimate, _matches(fitted), evidence.quality, _reason(part, estimate, evidence, fit, photos))
 
 
