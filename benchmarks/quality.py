@@ -29,6 +29,7 @@ from cadcam.cad.mesh import Mesh
 from cadcam.camera.camera import Camera
 from cadcam.errors import CadcamError
 from cadcam.geometry.rigid import Rigid
+from cadcam.image.picture import LUMA
 from cadcam.locate.locate import locate
 from cadcam.locate.location import FOUND
 from cadcam.locate.part import Part
@@ -71,7 +72,7 @@ class Answer:
 def trials(case: Case, others: Sequence[Case], rng: np.random.Generator) -> Iterator[Trial]:
     """Yield the inputs made from a case; others are photos and models of other parts."""
     part, photo, truth = case.part, case.photo, case.truth
-    gray = np.asarray(photo.gray, float)
+    pixels = _pixels(photo)
 
     def start(px: float, degrees: float) -> Rigid:
         return displaced(case, px, degrees, rng)
@@ -81,17 +82,17 @@ def trials(case: Case, others: Sequence[Case], rng: np.random.Generator) -> Iter
     for px, degrees in OFFSETS:
         yield Trial("refined from a bad start", part, photo, start(px, degrees), True, refined=True)
     for sigma in (1.5, 4.0, 10.0):
-        yield Trial("blurred", part, _with(photo, _blurred(gray, sigma)), start(5, 3), True, sigma > 2)
-    yield Trial("overexposed", part, _with(photo, np.clip(2.5 * gray, 0, 1)), start(5, 3), True, True)
-    yield Trial("saturated", part, _with(photo, np.clip(8 * gray + 0.3, 0, 1)), start(5, 3), True, True)
+        yield Trial("blurred", part, _with(photo, _blurred(pixels, sigma)), start(5, 3), True, sigma > 2)
+    yield Trial("overexposed", part, _with(photo, np.clip(2.5 * pixels, 0, 1)), start(5, 3), True, True)
+    yield Trial("saturated", part, _with(photo, np.clip(8 * pixels + 0.3, 0, 1)), start(5, 3), True, True)
     for level in (0.0, 1.0):
-        yield Trial("empty", part, _with(photo, np.full_like(gray, level)), start(5, 3), False)
-    noise = 0.5 + 0.05 * rng.standard_normal(gray.shape)
+        yield Trial("empty", part, _with(photo, np.full_like(pixels, level)), start(5, 3), False)
+    noise = 0.5 + 0.05 * rng.standard_normal(photo.gray.shape)
     yield Trial("empty", part, _with(photo, np.clip(noise, 0, 1)), start(5, 3), False)
     if case.name not in REAL:
         if not _its_own_mirror_image(part.scene.mesh):
-            yield Trial("mirrored", part, _with(photo, gray[:, ::-1]), truth, False)
-        yield Trial("upside down", part, _with(photo, gray[::-1, ::-1]), truth, False)
+            yield Trial("mirrored", part, _with(photo, pixels[:, ::-1]), truth, False)
+        yield Trial("upside down", part, _with(photo, pixels[::-1, ::-1]), truth, False)
     for factor in (0.7, 1.4):
         other_camera = _seen_by(photo, factor)
         if not explained(case, part, other_camera.camera):
@@ -166,28 +167,40 @@ def _its_own_mirror_image(mesh: Mesh) -> bool:
     return any(bool(np.all(tree.query(p * flip)[0] < near)) for flip in 1 - 2 * np.eye(3))
 
 
-def _with(photo: Photo, gray: Array) -> Photo:
-    return Photo((np.round(255 * gray) / 255).astype(np.float32), photo.viewpoint)
+def _pixels(photo: Photo) -> Array:
+    """Return the picture (H, W) or (H, W, 3) that a photo keeps as luma and chroma."""
+    gray = np.asarray(photo.gray, float)
+    if photo.chroma is None:
+        return gray
+    red_green, yellow_blue = np.moveaxis(np.asarray(photo.chroma, float), 2, 0)
+    more = np.stack([red_green, 0 * red_green, 0.5 * red_green - yellow_blue], axis=2)  # than green
+    return np.asarray((gray - more @ LUMA)[..., None] + more)
 
 
-def _blurred(gray: Array, sigma: float) -> Array:
+def _with(photo: Photo, pixels: Array) -> Photo:
+    return Photo((np.round(255 * pixels) / 255).astype(np.float32), photo.viewpoint)
+
+
+def _blurred(pixels: Array, sigma: float) -> Array:
     from scipy.ndimage import gaussian_filter
 
-    return np.asarray(gaussian_filter(gray, sigma))
+    return np.asarray(gaussian_filter(pixels, sigma, axes=(0, 1)))
 
 
 def _seen_by(photo: Photo, factor: float) -> Photo:
     """Return the photo with a camera whose focal length is wrong by a factor."""
     K = photo.camera.K.copy()
     K[0, 0], K[1, 1] = factor * K[0, 0], factor * K[1, 1]
-    return Photo(photo.gray, replace(photo.viewpoint, camera=Camera(photo.camera.size, K, photo.camera.lens)))
+    camera = Camera(photo.camera.size, K, photo.camera.lens)
+    return replace(photo, viewpoint=replace(photo.viewpoint, camera=camera))
 
 
 def _fitted(photo: Photo, camera: Camera) -> Array:
     """Return the picture of another set, repeated by reflection or cut to the camera's size."""
     rows, columns = photo.gray.shape
-    more = ((0, max(camera.height - rows, 0)), (0, max(camera.width - columns, 0)))
-    return np.pad(np.asarray(photo.gray, float), more, mode="symmetric")[: camera.height, : camera.width]
+    pixels = _pixels(photo)
+    more = ((0, max(camera.height - rows, 0)), (0, max(camera.width - columns, 0)), *[(0, 0)] * (pixels.ndim - 2))
+    return np.pad(pixels, more, mode="symmetric")[: camera.height, : camera.width]
 
 
 def _stretched(part: Part, factors: Sequence[float]) -> Part:

@@ -68,7 +68,8 @@ by itself the right camera loses it in many frames; together with the left one i
 _TRIANGLE = """
 m3t_triangle, partly hidden by a bottle: from the published pose (good to 1-3 px) and from none; lines: median distance
 of the model's lines from the photo's edges. So little of it is to be seen that its lines prove hardly more than any fit
-would, and elsewhere it fits lines of the chequered cloth: it is not called found.
+would; that it is green, and the cloth around it black and white, makes up for that. Without a start it is not found:
+lines of the cloth fit better than the few that are seen, but they run through corners of chequers and are not believed.
 
 | photo | start | found | quality | mm from published | deg | lines, px (published pose) | CPU ms |
 |---|---|---|---|---|---|---|---|"""

@@ -11,7 +11,7 @@ from cadcam.locate.freedom import Freedom
 from cadcam.locate.locate import locate
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality import SEARCHED, Seen, _behind, _lines
+from cadcam.locate.quality import SEARCHED, Seen, behind_border, distinct_lines
 from cadcam.locate.refine import refine
 from cadcam.locate.view_range import ViewRange
 
@@ -89,7 +89,7 @@ def test_lines_on_one_edge_of_the_photo_count_once() -> None:
     flat = np.column_stack([t, 0 * t])
     off = np.array([[150.0, 3.0], [0.0, 5.0], [0.0, 30.0]])
     q = np.concatenate([flat, flat + off[0], flat + off[1], flat[:, ::-1], flat + off[2]])
-    line, length = _lines(q, np.repeat(np.arange(5), len(t)).astype(np.int32))
+    line, length = distinct_lines(q, np.repeat(np.arange(5), len(t)).astype(np.int32))
     assert len(length) == 3
     one = line.reshape(5, -1)[:, 0]
     assert one[0] == one[1] == one[2]
@@ -99,12 +99,12 @@ def test_lines_on_one_edge_of_the_photo_count_once() -> None:
 def test_what_lies_bare_to_one_side_of_a_border_is_hidden_and_nothing_else(rng: np.random.Generator) -> None:
     q = rng.uniform(0, 400, (300, 2))
     beyond = q @ [0.8, 0.6] > 350
-    hidden = _behind(q, ~beyond)
+    hidden = behind_border(q, ~beyond)
     assert hidden[beyond].mean() > 0.95  # borders are tried every 11 degrees
     assert beyond[hidden].mean() >= 0.85  # what is allowed to be shown behind one
     scattered = rng.random(300) < beyond.mean()
-    assert _behind(q, ~scattered).mean() < 0.05
-    assert not _behind(q, np.ones(300, bool)).any()
+    assert behind_border(q, ~scattered).mean() < 0.05
+    assert not behind_border(q, np.ones(300, bool)).any()
 
 
 def test_a_part_half_behind_a_board_is_found(rng: np.random.Generator) -> None:

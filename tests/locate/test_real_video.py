@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from cadcam.geometry import rotation as so3
+from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture
 from cadcam.locate.locate import locate
 from cadcam.locate.photo import Photo
@@ -54,25 +55,26 @@ def test_a_video_is_followed_near_the_reference(
         assert np.degrees(np.linalg.norm(so3.log((known.inv @ pose).rotation))) < deg
 
 
-@pytest.mark.xfail(strict=True, reason="the few lines that are seen say little beyond a fit: it is not called found")
 def test_a_triangle_half_hidden_is_found_from_its_published_pose(
     shared: Callable[[str], Path], sets: ModuleType
 ) -> None:
-    """The published pose is good to 1-3 px: 3 mm at its distance of 0.6 m and 700 px, more along the view."""
-    part, camera, pictures, published = sets.triangle(shared("data/m3t_triangle").parent)
-    found = locate(part, [Photo.of(read_picture(pictures[0]), camera)], published)
-    assert found.found, found.reason
-    centre = part.scene.mesh.bounds.mean(axis=0)
-    off = found.pose.world_from_part @ centre - published @ centre
-    assert np.linalg.norm(off[:2]) < 3
-    assert abs(off[2]) < 15
+    """The published pose is good to 1-3 px: 3 mm at its distance of 0.6 m and 700 px, more along the view.
 
-
-def test_a_triangle_half_hidden_is_found_right_or_not_at_all(shared: Callable[[str], Path], sets: ModuleType) -> None:
-    """So few of its lines are seen that a fit takes most of them for nothing; its published pose is good to 1-3 px."""
+    A bottle hides its far corner, and it lies on a chequered cloth full of lines, but it is green (`locate.color`).
+    """
     part, camera, pictures, published = sets.triangle(shared("data/m3t_triangle").parent)
     centre = part.scene.mesh.bounds.mean(axis=0)
     for picture in pictures:
         found = locate(part, [Photo.of(read_picture(picture), camera)], published)
+        assert found.found, found.reason
         off = found.pose.world_from_part @ centre - published @ centre
-        assert not found.found or (np.linalg.norm(off[:2]) < 3 and abs(off[2]) < 15), found.reason
+        assert np.linalg.norm(off[:2]) < 3
+        assert abs(off[2]) < 15
+
+
+def test_a_row_of_chequers_is_not_taken_for_the_triangle(shared: Callable[[str], Path], sets: ModuleType) -> None:
+    """94 % of the lines of two of its sides, cut by the picture's border, are there: they run along the cloth's."""
+    part, camera, pictures, _ = sets.triangle(shared("data/m3t_triangle").parent)
+    along_a_row = Rigid(so3.exp([-0.4282, -1.9790, -0.4191]), [-81.45, 77.49, 243.21])
+    found = locate(part, [Photo.of(read_picture(pictures[0]), camera)], along_a_row)
+    assert not found.found, found.reason

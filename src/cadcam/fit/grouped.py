@@ -153,7 +153,10 @@ class _Sums:
         f = v / (1 + v * np.add.reduceat(w, self.first) / counts) / counts
         JW = self.J * w[:, None]
         VJ = JW - w[:, None] * (f[:, None] * np.add.reduceat(JW, self.first, axis=0))[self.group]
-        return np.asarray(np.linalg.inv(VJ.T @ self.J) @ VJ.T)
+        try:
+            return np.asarray(np.linalg.inv(VJ.T @ self.J) @ VJ.T)
+        except np.linalg.LinAlgError:
+            raise DegenerateGeometry("the edges that are believed do not determine the pose") from None
 
     def means(self, r: Array, w: Array) -> tuple[Array, Array]:
         """Return the weighted mean of each group and its total weight."""

@@ -8,6 +8,7 @@ from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.aspects import Aspects
 from cadcam.locate.symmetry import symmetries
+from cadcam.render.embree import Caster
 from cadcam.render.view import Scene
 from cadcam.render.visible import LineDrawer
 
@@ -29,7 +30,12 @@ class Part:
     @cached_property
     def lines(self) -> LineDrawer:
         """What draws the part's visible lines from anywhere."""
-        return LineDrawer(self.scene)
+        return LineDrawer(self.scene, caster=self.caster)
+
+    @cached_property
+    def caster(self) -> Caster:
+        """What tells which rays meet the part."""
+        return Caster(self.scene.mesh)
 
     @cached_property
     def aspects(self) -> Aspects:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Picture, frozen
@@ -11,32 +12,42 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import SizeMismatch
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.picture import to_gray
+from cadcam.image.chroma import chroma_of
+from cadcam.image.picture import checked, to_gray
 
 _EDGE_PX = 0.1  # sigma of a stated viewpoint; edges bring their own noise, this one is not used for them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Photo:
-    """A grey picture (H, W) float32 in [0, 1] taken from `viewpoint` (camera, place in the world, what errs there)."""
+    """A grey picture (H, W) float32 in [0, 1] taken from `viewpoint` (camera, place in the world, what errs there).
+
+    chroma: its colour (H, W, 2) (`image.chroma`), or None; made from the picture where that is given in colour.
+    """
 
     gray: Picture
     viewpoint: Viewpoint
+    chroma: Picture | None = None
 
     def __post_init__(self) -> None:
+        if self.chroma is None and np.ndim(self.gray) == 3:
+            object.__setattr__(self, "chroma", chroma_of(self.gray))
         gray = frozen(to_gray(self.gray), f"photo {self.viewpoint.name!r}", (None, None), "float32")
         size, expected = (gray.shape[1], gray.shape[0]), self.viewpoint.camera.size
         if size != expected:
             raise SizeMismatch(f"photo {self.viewpoint.name!r}", size, expected, "give the camera that took it")
         object.__setattr__(self, "gray", gray)
+        if self.chroma is not None:
+            chroma = frozen(self.chroma, f"chroma of {self.viewpoint.name!r}", (*gray.shape, 2), "float32")
+            object.__setattr__(self, "chroma", chroma)
 
     @classmethod
     def of(
-        cls, gray: npt.ArrayLike, camera: Camera, camera_from_world: Rigid | None = None, *, name: str = "photo"
+        cls, picture: npt.ArrayLike, camera: Camera, camera_from_world: Rigid | None = None, *, name: str = "photo"
     ) -> Photo:
-        """Return the photo of an exactly known camera; by default the world is the camera's frame."""
+        """Return the photo, grey or in colour, of an exactly known camera; by default the world is its frame."""
         pose = Rigid() if camera_from_world is None else camera_from_world
-        return cls(to_gray(gray), Viewpoint.exact(name, camera, pose, sigma_px=_EDGE_PX))
+        return cls(checked(picture), Viewpoint.exact(name, camera, pose, sigma_px=_EDGE_PX))
 
     @property
     def camera(self) -> Camera:

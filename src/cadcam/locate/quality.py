@@ -22,8 +22,14 @@ that it meets. So lines absent behind a straight border do not count against the
 
 A model of wrong proportions is the hardest case: most lines fit, and the others may lie to one side. So where the
 answer is in doubt other proportions are tried (`locate.proportions`), and what they gain counts twice against the model
-as it is: net - 2 (net' - net), with nothing excused. Quality 0.5, one threshold for all parts and photos, is a net
-share of 0.43.
+as it is: net - 2 (net' - net), with nothing excused. Lines that run through the corners of a chequered ground are that
+ground's (`locate.chequers`): they are not shown. In a photo in colour, the colours on both sides of the lines speak for
+a share c of them (`locate.color`), which tells something else than that there are steps; two constraints are lost
+on which colours these are, the rest count as further ones that are met: c' = c (1 - 2 / C),
+
+    share' = (share + c') / (1 + c')        free' = free / (1 + c')
+
+Quality 0.5, one threshold for all parts and photos, is a net share of 0.43.
 """
 
 from __future__ import annotations
@@ -37,6 +43,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import candidates
+from cadcam.locate.chequers import along_chequers
 from cadcam.locate.proportions import stretched
 from cadcam.locate.sight import Sight
 
@@ -60,6 +67,7 @@ _ABSENT, _SCATTER, _GAIN = 0.6, 20.0, 2.0  # what these cost
 _IN_DOUBT, _OTHER = (0.3, 0.75), 0.04  # quality at which other proportions are tried; what makes them others
 _TOLD = 0.05  # gain worth words
 _SHARES = (0.0, 0.43, 0.95)  # net shares that make quality 0, 1/2 and 1
+_COLOR = 2  # constraints that tell which colour the part has
 _LEAST = 12  # samples that can tell anything at all
 
 
@@ -70,7 +78,8 @@ class Seen:
     samples: how many could tell; shown, by_chance: the share of them where the photo shows the edge, and where it would
     anyway; free: the share of their constraints that any pose could be fitted to; absent: the share of samples on lines
     shown nowhere, hidden: what of it lies behind a border; scatter: of edges, relative to the size of what is seen;
-    gain: how much larger the net share would be with a model of other proportions, and which those are.
+    gain: how much larger the net share would be with a model of other proportions, and which those are; color: share
+    of constraints that the colours beside the lines add.
     """
 
     samples: int
@@ -82,36 +91,49 @@ class Seen:
     scatter: float
     gain: float = 0.0
     proportions: str = ""
+    color: float = 0.0
+
+    @property
+    def fitted(self) -> float:
+        """Return the share of all constraints, of lines and of colour, that any pose could be fitted to."""
+        return self.free / (1 + self.color)
 
     @property
     def net(self) -> float:
         """Return the share of the edges that speaks for the pose, less what speaks against it."""
         share = (self.shown - self.by_chance) / (1 - min(self.by_chance, 0.9))
-        net = (share - self.free) / (1 - self.free) - _ABSENT * (self.absent - self.hidden)
+        share, free = (share + self.color) / (1 + self.color), self.fitted
+        net = (share - free) / (1 - free) - _ABSENT * (self.absent - self.hidden)
         return net - _SCATTER * self.scatter - _GAIN * self.gain
 
     @property
     def quality(self) -> float:
         """Return how sure it is that the pose is right, 0 to 1."""
-        if self.samples < _LEAST or self.free >= 1:
+        if self.samples < _LEAST or self.fitted >= 1:
             return 0.0
         return float(np.interp(self.net, _SHARES, (0.0, 0.5, 1.0)))
 
     def __str__(self) -> str:
-        if self.samples < _LEAST or self.free >= 1:
+        if self.samples < _LEAST or self.fitted >= 1:
             return "so few edges of the part would be in the picture that any place would fit"
-        free = f", {self.free:.0%} could be fitted anywhere" if self.free > 0.2 else ""
+        free = f", {self.fitted:.0%} could be fitted anywhere" if self.fitted > 0.2 else ""
         other = f"; more were it {self.proportions} (other part, unit or scale?)" if self.gain > _TOLD else ""
-        return f"{self.shown:.0%} of the visible edges are there, {self.by_chance:.0%} would be by chance{free}{other}"
+        color = f", colours beside them count like {self.color:.0%} more" if self.color > 0 else ""
+        edges = f"{self.shown:.0%} of the visible edges are there, {self.by_chance:.0%} would be by chance"
+        return edges + color + free + other
 
 
-def judged(sights: Sequence[Sight], world_from_part: Rigid, B: Array, *, chosen: int, scatter: float) -> Seen:
+def judged(
+    sights: Sequence[Sight], world_from_part: Rigid, B: Array, *, chosen: int, scatter: float, color: float = 0.0
+) -> Seen:
     """Return what `seen` does for a pose fitted along B (6, k), and in doubt whether other proportions fit better.
 
-    chosen: how many constraints the start met by being the best of many poses.
+    chosen: how many constraints the start met by being the best of many poses. color: the share of the samples for
+    which the colour on both sides speaks (`locate.color`).
     """
     constraints = B.shape[1] + chosen
     first = seen(sights, world_from_part, constraints=constraints, scatter=scatter)
+    first = replace(first, color=color * max(1 - first.free * _COLOR / constraints, 0.0))
     if not _IN_DOUBT[0] < first.quality < _IN_DOUBT[1]:
         return first
     other = stretched(sights, world_from_part, B)
@@ -119,7 +141,7 @@ def judged(sights: Sequence[Sight], world_from_part: Rigid, B: Array, *, chosen:
         return first
     second = seen(other.sights, other.world_from_part, constraints=constraints, scatter=scatter)
     unexcused = replace(first, hidden=0.0)
-    gain = replace(second, free=first.free, scatter=first.scatter, hidden=0.0).net - unexcused.net
+    gain = replace(second, free=first.free, scatter=first.scatter, hidden=0.0, color=first.color).net - unexcused.net
     return replace(unexcused, gain=gain, proportions=str(other)) if gain > 0 else first
 
 
@@ -138,8 +160,10 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, s
         if not len(which):
             continue
         q, normal, run, room = at.q[which], at.normal[which], samples.run[which], room[which]
-        lines, length = _lines(q, run)
+        lines, length = distinct_lines(q, run)
         here, share = _shown(sight, q, normal, run, room, near)
+        crossed = here & along_chequers(sight.photo.gray, q, normal, run)
+        here, share[0] = here & ~crossed, max(share[0] - crossed.mean(), 0.0)
         told += len(which)
         shown += len(which) * float(share[0])
         by_chance += len(which) * float(share[1:].mean())
@@ -147,7 +171,7 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, s
         extent = max(extent, float(np.hypot(*np.ptp(q, axis=0))))
         missed = _missed(here, lines)
         absent += float(missed.sum())
-        hidden += float(missed[_behind(q, here)].sum()) if missed.any() else 0.0
+        hidden += float(missed[behind_border(q, here)].sum()) if missed.any() else 0.0
     n = max(told, 1)
     free = constraints / max(worth, 1e-9)
     return Seen(told, shown / n, by_chance / n, free, absent / n, hidden / n, scatter / max(extent, 1.0))
@@ -182,7 +206,7 @@ def _continued(good: Mask, offset: Array, sign: Array, run: Ids) -> Mask:
     return out
 
 
-def _lines(q: Array, run: Ids) -> tuple[Longs, Array]:
+def distinct_lines(q: Array, run: Ids) -> tuple[Longs, Array]:
     """Return the number of the distinct line of each sample (n,), and the length (L,) px of each of these lines.
 
     A straight run lies on another's line where both its ends are near that and its direction is about the same; it goes
@@ -211,7 +235,7 @@ def _missed(shown: Mask, line: Longs) -> Array:
     return np.asarray(np.clip(1 - share / _NOWHERE, 0, None)[line])
 
 
-def _behind(q: Array, shown: Mask) -> Mask:
+def behind_border(q: Array, shown: Mask) -> Mask:
     """Return which samples (n,) at q (n, 2) px lie on that side of a straight border where hardly any is shown.
 
     Of all borders that have such a side, the one with most samples there.

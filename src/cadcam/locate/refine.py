@@ -20,6 +20,7 @@ from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.grouped import GroupedFit, grouped_fit
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.attraction import attracted
+from cadcam.locate.color import in_color
 from cadcam.locate.edges import Projected
 from cadcam.locate.evidence import Evidence, pose_jacobian, rows_of
 from cadcam.locate.freedom import FREE, Freedom
@@ -48,6 +49,10 @@ _FARTHEST_PX = 3.0  # an edge farther off is another one
 _LOOSE_PX = 0.25  # by which edges of a good pose are seldom off as a whole
 _WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
 _WEAKEST, _BESIDE_PX = 3, 4.0  # motions along which a loose pose may be another one, and how far lines move by them
+_ABOUT, _AROUND_PX = (
+    0.25,
+    (3.0, 5.0, 8.0),
+)  # share that colour speaks for from which a pose is about right; searches there
 _SAME_PX = 0.5  # a search that ends this near to where it began, at a pose that was found, finds the same again
 _UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose that nothing was measured of
 
@@ -95,10 +100,46 @@ def refine(
     poses in these photos; they prove nothing (`locate.quality`). Where too little is seen to tell the pose the answer
     has quality 0. wider: whether a doubtful answer is searched for once more, wider, from where it ended; lines of a
     wrong pose often half agree. Where the start was the best of many and edges still fit only loosely, poses beside it
-    are tried too, narrowly. Not where the start is known to be good: farther off there are only other lines.
+    are tried too, narrowly. Not where the start is known to be good: farther off there are only other lines. Where
+    colour speaks for a doubtful answer it is about right: lines are looked for once more from there, narrowly first.
     """
     if not photos:
         raise BadValue("photos", "none", "at least one photo")
+    best = _refined(part, photos, start, freedom, evidence, options, chosen, wider)
+    for search_px in _AROUND_PX if wider else ():
+        if best.quality >= _DOUBT[1] or all(photo.chroma is None for photo in photos):
+            break
+        share, pose, sights = max(
+            (_colored(part, photos, pose, options) for pose in (best.pose.world_from_part, start)), key=lambda s: s[0]
+        )
+        if share < _ABOUT:
+            break
+        around = replace(options, search_px=search_px)
+        sights, pose = _attracted(part, photos, sights, pose, freedom, around)
+        second, _ = _measured(part, sights, pose, freedom, evidence, options, chosen)
+        best = second if second.quality > best.quality else best
+    return best
+
+
+def _colored(
+    part: Part, photos: Sequence[Photo], pose: Rigid, options: EdgeOptions
+) -> tuple[float, Rigid, Sequence[Sight]]:
+    """Return the share of the lines' samples that colour speaks for at a pose, the pose, and its sights."""
+    sights = _sights(part, photos, pose, options)
+    return in_color(part, sights, pose)[1], pose, sights
+
+
+def _refined(
+    part: Part,
+    photos: Sequence[Photo],
+    start: Rigid,
+    freedom: Freedom,
+    evidence: Sequence[Evidence],
+    options: EdgeOptions,
+    chosen: int,
+    wider: bool,
+) -> Location:
+    """Return what `refine` does, but for what colour has it look at again."""
 
     def measured(sights: Sequence[Sight], pose: Rigid) -> tuple[Location, _Fitted | None]:
         return _measured(part, sights, pose, freedom, evidence, options, chosen)
@@ -317,7 +358,8 @@ def _location(part: Part, fitted: _Fitted, freedom: Freedom, chosen: int) -> Loc
         (_TOGETHER_PX**2 * (G @ n) @ (G @ n).T for G, n in zip(gains, normals, strict=True)), np.zeros((6, 6))
     )
     estimate = PoseEstimate(pose, B @ fit.covariance @ B.T + together, from_calibration, B, fit.dof)
-    evidence = judged(sights, pose, B, chosen=chosen, scatter=_scatter(fit))
+    seen, color = in_color(part, sights, pose)
+    evidence = judged(seen, pose, B, chosen=chosen, scatter=_scatter(fit), color=color)
     return Location(estimate, _matches(fitted), evidence.quality, _reason(part, estimate, evidence, fit, photos))
 
 

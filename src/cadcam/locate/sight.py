@@ -66,8 +66,11 @@ class Sight:
     def thinned(self, most: int, *, together: int = 1) -> Sight:
         """Return the sight with about `most` of its samples, `together` neighbours at a time."""
         n = len(self.samples)
-        kept = np.flatnonzero(np.arange(n) // together % max(1, n // most) == 0)
-        return Sight(self.photo, self.noise, self.drawn, self.samples.select(kept))
+        return self.select(np.flatnonzero(np.arange(n) // together % max(1, n // most) == 0))
+
+    def select(self, which: Mask | Longs) -> Sight:
+        """Return the sight with the chosen samples."""
+        return Sight(self.photo, self.noise, self.drawn, self.samples.select(which))
 
     def blur(self, at: Projected, *, half_length: float, reach_px: float) -> float:
         """Return the blur of the photo's steps (px), from the strongest of the part's lines."""

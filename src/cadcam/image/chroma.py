@@ -1,0 +1,40 @@
+"""The colour of a picture without its brightness: two differences of its channels that are nil where it is grey.
+
+What is black and white is flat here, however high its contrast is. A surface keeps its hue in shade and gloss (the
+dichromatic reflection model: S. Shafer, Color Research and Application 10, 1985), and its chroma grows with the light
+on it. The differences are not divided by the brightness: cameras lift and cut off what is dark, and codecs keep colour
+at half the resolution.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cadcam.arrays import Array, Picture
+from cadcam.image.picture import checked
+
+_LEAST = 1.5 / 255  # differences of channels that rounding makes
+
+
+def chroma_of(picture: Picture) -> Picture | None:
+    """Return red minus green and yellow minus blue (H, W, 2) of a picture (H, W, 3); None where it is all grey."""
+    values = checked(picture)
+    if values.ndim == 2:
+        return None
+    red, green, blue = np.moveaxis(values, 2, 0)
+    out = np.stack([red - green, 0.5 * (red + green) - blue], axis=2)
+    return out if float(np.abs(out).max()) > _LEAST else None
+
+
+def values_at(picture: Picture, q: Array) -> Array:
+    """Return the values (..., C) of a picture (H, W, C) at q (..., 2) px, linear between pixels; nan outside of it."""
+    height, width = picture.shape[:2]
+    x, y = np.clip(q[..., 0], 0, width - 1), np.clip(q[..., 1], 0, height - 1)
+    within = (x == q[..., 0]) & (y == q[..., 1])
+    x, y = np.where(within, x, 0.0), np.where(within, y, 0.0)
+    i, j = np.minimum(x.astype(np.int64), max(width - 2, 0)), np.minimum(y.astype(np.int64), max(height - 2, 0))
+    right, below = np.minimum(i + 1, width - 1), np.minimum(j + 1, height - 1)
+    u, v = (x - i)[..., None], (y - j)[..., None]
+    upper = (1 - u) * picture[j, i] + u * picture[j, right]
+    lower = (1 - u) * picture[below, i] + u * picture[below, right]
+    return np.asarray(np.where(within[..., None], (1 - v) * upper + v * lower, np.nan))

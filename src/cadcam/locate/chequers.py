@@ -1,0 +1,38 @@
+"""Lines of a pattern that are taken for those of the part: both sides swap their brightness at one place.
+
+Along the part's border the ground may change, or the part's own paint; that both do so at the same place, each to what
+the other was, is the corner of a chequer. Tiles, boards and cloth are full of straight lines and fit much that is
+straight; a part does not lie so that its border runs through a row of their corners. Print has such places too, here
+and there; only where most of the lines have them is it a pattern that is met.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cadcam.arrays import Array, Ids, Mask, Picture
+from cadcam.image.chroma import values_at
+
+_BESIDE_PX = (1.8, 2.6)  # from a line, where its sides' brightness is taken
+_LEAST = 0.08  # change of brightness that counts
+_MOST = 0.45  # of the samples: from there on it is a pattern
+_UNEQUAL = 0.3  # share by which the two changes may differ in size
+
+
+def along_chequers(gray: Picture, q: Array, normal: Array, run: Ids) -> Mask:
+    """Return which samples (n,) at q (n, 2) px, in their order along runs (n,), lie on a run whose sides swap.
+
+    None where that is less than about half of them.
+    """
+    aside = np.array([[-far, far] for far in _BESIDE_PX])
+    sides = values_at(gray[..., None], q[:, None, None] + aside[..., None] * normal[:, None, None])[..., 0].mean(axis=1)
+    if len(q) < 5:
+        return np.zeros(len(q), bool)
+    pairs = 0.5 * (sides[1:] + sides[:-1])
+    change = pairs[3:] - pairs[:-3]  # from two samples to two, with one between
+    size, even = np.abs(change), np.abs(change.sum(axis=1))
+    swapped = (size.min(axis=1) > _LEAST) & (even < _UNEQUAL * size.max(axis=1)) & (run[4:] == run[:-4])
+    crossed = np.zeros(int(run.max()) + 1, bool)
+    crossed[run[2:-2][swapped]] = True
+    along = crossed[run]
+    return along if along.mean() > _MOST else np.zeros(len(q), bool)
