@@ -1,57 +1,192 @@
-/* Which points a rendered view shows: see seen.h. */
+/* Which points and edges a rendered view shows: see seen.h. */
 #include "seen.h"
 
 #include <math.h>
-
-typedef struct {
-    const float *depth, *normal;
-    int32_t width, height;
-    double fx, fy, steepest;
-} sight;
-
-/* The depth at which the face seen at pixel (x, y) meets the ray (u, v, 1) of the point (qx, qy). */
-static double depth_towards(const sight *s, int32_t x, int32_t y, double qx, double qy, double u, double v) {
-    int64_t at = (int64_t)y * s->width + x;
-    double z = s->depth[at];
-    const float *n = s->normal + 3 * at;
-    double along = n[0] * (qx - x) / s->fx + n[1] * (qy - y) / s->fy;
-    double slope = along / (n[0] * u + n[1] * v + n[2]);
-    if (!(fabs(slope) <= s->steepest)) slope = slope > 0 ? s->steepest : slope < 0 ? -s->steepest : 0;
-    return z * (1 - slope);
-}
+#include <string.h>
 
 static int32_t held(int32_t i, int32_t below) { return i < 0 ? 0 : i < below ? i : below - 1; }
 
-/* Whether the point at depth z on the ray (u, v, 1), seen at pixel (x, y), has anything in front on all sides. */
-static uint8_t shows(const sight *s, double u, double v, double z, double x, double y, double slack) {
-    if (!(x >= -0.5 && x <= s->width - 0.5 && y >= -0.5 && y <= s->height - 0.5 && z > 0)) return 0;
-    double least = z * (1 - slack);
-    int32_t x0 = (int32_t)floor(x), y0 = (int32_t)floor(y);
-    for (int k = 0; k < 4; k++)
-        if (depth_towards(s, held(x0 + (k & 1), s->width), held(y0 + (k >> 1), s->height), x, y, u, v) >= least) return 1;
+/* Whether the face seen at pixel (x, y) leaves the point (qx, qy) on the ray (u, v, 1), of inverse depth w, unhidden: its
+ * plane meets the ray at its own depth times 1 - slope, slope = along/across. Multiplied out, as divisions take longest. */
+static int lets_through(const cc_sight *s, int32_t x, int32_t y, float qx, float qy, float u, float v, float w) {
+    const int64_t at = (int64_t)y * s->width + x;
+    const float *n = s->normal + 3 * at, z = s->depth[at];
+    if (!(z < INFINITY)) return 1;
+    const float across = n[0] * u + n[1] * v + n[2], size = fabsf(across) + 1e-12f, most = s->steepest * size;
+    float along = n[0] * (qx - (float)x) * s->px + n[1] * (qy - (float)y) * s->py;
+    along = along > most ? most : along < -most ? -most : along;
+    return z * w * (size - (across < 0 ? -along : along)) >= (1 - s->slack) * size;
+}
+
+/* Whether the point of inverse depth w on the ray (u, v, 1), seen at pixel (x, y), has anything in front on all sides.
+ * The nearest of the four pixels is asked first: mostly it is enough. */
+static int shows(const cc_sight *s, double u, double v, double w, double x, double y) {
+    if (!(x >= -0.5 && x <= s->width - 0.5 && y >= -0.5 && y <= s->height - 0.5 && w > 0)) return 0;
+    const int32_t x0 = (int32_t)(x + 1) - 1, y0 = (int32_t)(y + 1) - 1; /* floor, of what is above -1 */
+    const int nearest = (x - x0 > 0.5) | (y - y0 > 0.5) << 1;
+    for (int k = 0; k < 4; k++) {
+        const int32_t px = held(x0 + ((k ^ nearest) & 1), s->width), py = held(y0 + ((k ^ nearest) >> 1), s->height);
+        if (lets_through(s, px, py, (float)x, (float)y, (float)u, (float)v, (float)w)) return 1;
+    }
     return 0;
 }
 
-void cc_seen(const float *depth, const float *normal, int32_t width, int32_t height, double fx, double fy, double slack,
-             double steepest, int64_t n, const double *p, const double *q, uint8_t *out) {
-    const sight s = {depth, normal, width, height, fx, fy, steepest};
+void cc_seen(const cc_sight *s, int64_t n, const double *p, const double *q, uint8_t *out) {
     for (int64_t i = 0; i < n; i++) {
-        double z = p[3 * i + 2];
-        out[i] = shows(&s, p[3 * i] / z, p[3 * i + 1] / z, z, q[2 * i], q[2 * i + 1], slack);
+        const double w = 1 / p[3 * i + 2];
+        out[i] = (uint8_t)shows(s, p[3 * i] * w, p[3 * i + 1] * w, w, q[2 * i], q[2 * i + 1]);
     }
 }
 
-void cc_seen_lines(const float *depth, const float *normal, int32_t width, int32_t height, const double *K, double slack,
-                   double steepest, int64_t n, const double *a, const double *b, const double *wa, const double *wb,
-                   const int64_t *samples, uint8_t *out) {
-    const sight s = {depth, normal, width, height, K[0], K[4], steepest};
-    for (int64_t i = 0; i < n; i++) {
-        const double *from = a + 2 * i, *to = b + 2 * i;
-        double du = to[0] - from[0], dv = to[1] - from[1];
-        for (int64_t k = 0; k < samples[i]; k++) {
-            double t = ((double)k + 0.5) / (double)samples[i];
-            double u = from[0] + t * du, v = from[1] + t * dv, z = 1 / (wa[i] + t * (wb[i] - wa[i]));
-            *out++ = shows(&s, u, v, z, K[0] * u + K[1] * v + K[2], K[4] * v + K[5], slack);
-        }
+/* The polyline under way: where it begins, and the edge at whose very end it has arrived, or -1. */
+typedef struct {
+    cc_lines *to;
+    double shortest, length;
+    int64_t from, arrived;
+    int down;
+} pen;
+
+/* The end of a line, or of none. */
+static void lift(pen *n) {
+    cc_lines *to = n->to;
+    if (n->down && n->length >= n->shortest) {
+        if (to->lines < to->room) to->start[to->lines] = (int32_t)n->from;
+        to->lines++;
+    } else if (n->down)
+        to->points = n->from;
+    n->down = 0;
+}
+
+static void point(const pen *n, const double q[2], const double p[3], int64_t edge) {
+    cc_lines *to = n->to;
+    const int64_t at = to->points++;
+    if (at >= to->room) return;
+    to->q[2 * at] = q[0], to->q[2 * at + 1] = q[1];
+    for (int i = 0; i < 3; i++) to->p[3 * at + i] = p[i];
+    to->edge[at] = (int32_t)edge;
+}
+
+/* An end of an edge for the camera: where in its axes, where in the plane (x, y)/z, at which pixel, and how far inside each
+ * border of what it sees (in numbers linear along the edge: those of the pixels times z). */
+typedef struct {
+    double p[3], u[2], w, q[2], inside[5];
+} corner;
+
+/* An edge in view: what is left of it is from t0 to t1. */
+typedef struct {
+    corner a, b;
+    const double *ends; /* (2, 3), in space */
+    double t0, t1;
+    int64_t number;
+    int goes_on; /* where the edge before it ended */
+} line;
+
+static void look_at(const cc_sight *s, const cc_eye_point *eye, corner *c) {
+    const double *K = eye->K, *p = c->p;
+    const double x = K[0] * p[0] + K[1] * p[1] + K[2] * p[2], y = K[4] * p[1] + K[5] * p[2];
+    c->w = 1 / p[2];
+    c->u[0] = p[0] * c->w, c->u[1] = p[1] * c->w, c->q[0] = x * c->w, c->q[1] = y * c->w;
+    c->inside[0] = x + 0.5 * p[2], c->inside[1] = (s->width - 0.5) * p[2] - x;
+    c->inside[2] = y + 0.5 * p[2], c->inside[3] = (s->height - 0.5) * p[2] - y;
+    c->inside[4] = p[2] - eye->near;
+}
+
+static void carry(const cc_sight *s, const cc_eye_point *eye, const double world[3], corner *c) {
+    for (int i = 0; i < 3; i++) {
+        const double *row = eye->pose + 4 * i;
+        c->p[i] = row[0] * world[0] + row[1] * world[1] + row[2] * world[2] + row[3];
     }
+    look_at(s, eye, c);
+}
+
+/* Find what of the line is in view; 0 if nothing is. */
+static int clip(line *l) {
+    l->t0 = 0, l->t1 = 1;
+    for (int k = 0; k < 5; k++) {
+        const double a = l->a.inside[k], b = l->b.inside[k];
+        if (a >= 0 && b >= 0) continue;
+        if (!(a >= 0) && !(b >= 0)) return 0;
+        if (b >= 0)
+            l->t0 = fmax(l->t0, a / (a - b));
+        else
+            l->t1 = fmin(l->t1, a / (a - b));
+    }
+    return l->t0 < l->t1;
+}
+
+/* Cut a clipped line to what is left of it. */
+static void cut(const cc_sight *s, const cc_eye_point *eye, line *l) {
+    double d[3];
+    if (l->t0 == 0 && l->t1 == 1) return;
+    for (int i = 0; i < 3; i++) d[i] = l->b.p[i] - l->a.p[i];
+    for (int i = 0; i < 3; i++) l->b.p[i] = l->a.p[i] + l->t1 * d[i], l->a.p[i] += l->t0 * d[i];
+    look_at(s, eye, &l->a), look_at(s, eye, &l->b);
+}
+
+/* The point at share s of the line's image: 1/z is linear there. */
+static void mark(const pen *n, const line *l, double s) {
+    const double along = s * l->b.w / (s * l->b.w + (1 - s) * l->a.w), t = l->t0 + (l->t1 - l->t0) * along;
+    double q[2], p[3];
+    for (int i = 0; i < 2; i++) q[i] = l->a.q[i] + s * (l->b.q[i] - l->a.q[i]);
+    for (int i = 0; i < 3; i++) p[i] = l->ends[i] + t * (l->ends[3 + i] - l->ends[i]);
+    point(n, q, p, l->number);
+}
+
+/* Draw the shares [s0, s1] of a line of so many pixels: on from the last point, or as another polyline. */
+static void draw(pen *n, const line *l, double s0, double s1, double length) {
+    if (l->goes_on && n->arrived == l->number - 1 && s0 == 0 && l->t0 == 0) {
+        if (n->to->points <= n->to->room) n->to->edge[n->to->points - 1] = (int32_t)l->number;
+    } else {
+        lift(n);
+        n->from = n->to->points, n->length = 0, n->down = 1;
+        mark(n, l, s0);
+    }
+    mark(n, l, s1);
+    n->length += (s1 - s0) * length;
+    n->arrived = s1 == 1 && l->t1 == 1 ? l->number : -1;
+}
+
+/* Draw the runs of seen samples, each in the middle of its share of the line. */
+static void walk(pen *n, const cc_sight *s, const line *l, double step) {
+    const corner *a = &l->a, *b = &l->b;
+    const double dx = b->q[0] - a->q[0], dy = b->q[1] - a->q[1], length = sqrt(dx * dx + dy * dy);
+    const double du = b->u[0] - a->u[0], dv = b->u[1] - a->u[1], dw = b->w - a->w;
+    if (!(length <= 2.0 * ((double)s->width + s->height))) return; /* no number */
+    const int32_t samples = length > step ? (int32_t)(length / step + 0.5) : 1;
+    int32_t seen = 0; /* how many in a row, up to the last one */
+    for (int32_t k = 0; k <= samples; k++) {
+        const double t = (k + 0.5) / samples;
+        if (k < samples && shows(s, a->u[0] + t * du, a->u[1] + t * dv, a->w + t * dw, a->q[0] + t * dx, a->q[1] + t * dy))
+            seen++;
+        else if (seen)
+            draw(n, l, (double)(k - seen) / samples, (double)k / samples, length), seen = 0;
+    }
+}
+
+static int wanted(const cc_edges *edges, const uint8_t *front, int64_t i) {
+    if (edges->rule[i] == CC_ALWAYS) return 1;
+    const int one = front[edges->faces[2 * i]] != 0, other = front[edges->faces[2 * i + 1]] != 0;
+    return edges->rule[i] == CC_FACING ? one | other : one ^ other;
+}
+
+void cc_seen_edges(const cc_sight *sight, const cc_eye_point *eye, const cc_edges *edges, const uint8_t *front, double step,
+                   double shortest, cc_lines *lines) {
+    pen n = {.to = lines, .shortest = shortest, .arrived = -1};
+    const double *last = NULL; /* where `end` is in space: mostly the next edge begins there */
+    corner end;
+    lines->points = lines->lines = 0;
+    for (int64_t i = 0; i < edges->n; i++) {
+        line l = {.ends = edges->ends + 6 * i, .number = i, .goes_on = i && edges->chain[i] == edges->chain[i - 1]};
+        if (!wanted(edges, front, i)) continue;
+        if (last && !memcmp(last, l.ends, 3 * sizeof *last))
+            l.a = end;
+        else
+            carry(sight, eye, l.ends, &l.a);
+        carry(sight, eye, l.ends + 3, &l.b);
+        end = l.b, last = l.ends + 3;
+        if (!clip(&l)) continue;
+        cut(sight, eye, &l);
+        walk(&n, sight, &l, step);
+    }
+    lift(&n);
 }
