@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,8 @@ def _tile(folder: Path, layout: Layout, index: int) -> Picture:
     by = max(1, round(picture.shape[1] / _TILE_PX))
     tile = _smaller(picture, by)
     with np.load(folder / layout.path("edges", index)) as edges:
-        lines = [_moved(edges["q"][i:j], by) for i, j in zip(edges["start"][:-1], edges["start"][1:], strict=True)]
+        q, start = _moved(edges["q"], by), edges["start"]
+    lines = [q[i:j] for i, j in pairwise(start)]
     tile = draw_polylines(tile, lines, color=_GREEN, width=1.0, opacity=0.9)
     if record["coco"] is not None:
         tile = draw_polylines(tile, [_moved(_outline(record["coco"]["bbox"]), by)], color=_YELLOW, width=1.0)

@@ -21,7 +21,7 @@ from cadcam.native.layers import Box, mask_region
 from cadcam.render.embree import Caster
 from cadcam.render.occlusion import Occluders
 from cadcam.render.raster import RasterRenderer
-from cadcam.render.seen import SeenEdges, seen_points
+from cadcam.render.seen import Drawable, SeenEdges, seen_points
 from cadcam.render.view import Channel, Look, Scene, View
 from cadcam.render.visible import COINCIDENT_SHARE
 from cadcam.render.wireframe import Polylines
@@ -35,10 +35,11 @@ ABSENT, HIDDEN, VISIBLE = 0, 1, 2  # COCO's words for key points
 class Stage:
     """What all views of a data set share, and all that a worker has to be told once.
 
-    depth_step: mm of a step of the depth files.
+    edges: the scene's, prepared for all views. depth_step: mm of a step of the depth files.
     """
 
     scene: Scene
+    edges: Drawable
     props: tuple[Prop, ...]
     key_points: Array
     sensor: Sensor | None
@@ -78,7 +79,7 @@ class Studio:
         self.stage = stage
         self._part = RasterRenderer(stage.scene, threads=1)
         self._props: dict[int, RasterRenderer] = {}
-        self._edges = SeenEdges(stage.scene)
+        self._edges = SeenEdges(stage.scene, stage.edges)
         caster = Caster(stage.scene.mesh)
         self._occluders = Occluders(stage.scene.mesh, caster)
         self._tolerance = COINCIDENT_SHARE * 2 * caster.radius

@@ -4,10 +4,22 @@
 #include <math.h>
 #include <string.h>
 
+/* The first pixel from i on where there is something; n if there is none. Two at a time: most of a picture is often empty. */
+static int64_t filled(const float *depth, int64_t i, int64_t n) {
+    const float nothing[2] = {INFINITY, INFINITY};
+    for (uint64_t two, none; i + 2 <= n; i += 2) {
+        memcpy(&two, depth + i, 8), memcpy(&none, nothing, 8);
+        if (two != none) break;
+    }
+    while (i < n && !(depth[i] < INFINITY)) i++;
+    return i;
+}
+
 void cc_depth_steps(const float *depth, int64_t n, float step, uint8_t *out) {
-    for (int64_t i = 0; i < n; i++) {
-        const float steps = depth[i] < INFINITY ? depth[i] / step + 0.5f : 0;
-        const int32_t whole = steps >= 0 ? steps < 65535 ? (int32_t)steps : 65535 : 0;
+    memset(out, 0, (size_t)(2 * n));
+    for (int64_t i = 0; (i = filled(depth, i, n)) < n; i++) {
+        const float steps = depth[i] / step + 0.5f;
+        const int32_t whole = steps > 0 ? steps < 65535 ? (int32_t)steps : 65535 : 0;
         out[2 * i] = (uint8_t)(whole >> 8), out[2 * i + 1] = (uint8_t)whole;
     }
 }
@@ -19,9 +31,8 @@ static uint8_t coded(float c) {
 
 void cc_normal_bytes(const float *depth, const float *normal, int64_t n, uint8_t *out) {
     memset(out, 0, (size_t)(3 * n));
-    for (int64_t i = 0; i < n; i++)
-        if (depth[i] < INFINITY)
-            for (int64_t k = 3 * i; k < 3 * i + 3; k++) out[k] = coded(normal[k]);
+    for (int64_t i = 0; (i = filled(depth, i, n)) < n; i++)
+        for (int64_t k = 3 * i; k < 3 * i + 3; k++) out[k] = coded(normal[k]);
 }
 
 /* Where, from byte i on, the first byte lies that differs between the two; n if none does. */

@@ -9,6 +9,8 @@ and whatever else was rendered into the view's depth hides edges as it hides pix
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
@@ -42,61 +44,26 @@ def seen_points(view: View, p: Array, q: Array) -> Mask:
     return _sight(view).points(p, q)
 
 
-class SeenEdges:
-    """Labels views of one scene with its edges: what does not depend on the view is computed once."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawable:
+    """The edges of a scene that some view may show: segments, their two faces (S, 2), and a rule (S,) for each.
 
-    def __init__(self, scene: Scene) -> None:
-        mesh = scene.mesh
-        self.scene = scene
-        low, high = mesh.bounds
-        self._near = _NEAR * float(np.linalg.norm(high - low))
-        normals = mesh.face_normals
-        heights = np.einsum("ij,ij->i", normals, mesh.vertices[mesh.faces[:, 0]])
-        self._planes = np.column_stack([normals, -heights])
-        self._segments, faces, rule = _drawable(scene)
-        self._faces, self._rule = faces, rule
-        self._edges = EdgesInSpace(mesh.vertices[self._segments.vertices], faces, self._segments.chain, rule)
-
-    def draw(self, view: View) -> Polylines:
-        """Return the visible stretches of features and contours, cut at the picture's border.
-
-        `view` holds DEPTH and NORMAL of the scene, and of whatever else may hide it; points `p` are in the scene's
-        frame. Contours come edge by edge, each a chain of its own. Raises `MissingCore` without the compiled core.
-        """
-        front = self._planes @ np.append(view.camera_from_world.origin, 1.0) > 0
-        return self._walked(view, front) if isinstance(view.camera.lens, Ideal) else self._traced(view, front)
-
-    def _walked(self, view: View, front: Mask) -> Polylines:
-        """Return the stretches where straight edges are straight in the picture: the core walks along them."""
-        eye = EyePoint(view.camera_from_world.matrix[:3], view.camera.K[:2], self._near)
-        found = self._edges.seen(_sight(view), eye, front, step=_STEP_PX, shortest=_SHORTEST_PX)
-        every, first = self._segments, found.edge[found.start[:-1]]
-        of_line = (every.kind[first], every.part[first], every.chain[first])
-        return Polylines(found.q, found.p, every.feature[found.edge], found.start, *of_line)
-
-    def _traced(self, view: View, front: Mask) -> Polylines:
-        """Return the stretches as the camera's lens bends them."""
-        number = np.flatnonzero(self._wanted(front))
-        p = view.camera_from_world @ self.scene.mesh.vertices
-        a, b = (p[self._segments.vertices[number, k]] for k in range(2))
-        t0, t1, kept = Frustum.of(view.camera, near=self._near, margin_px=0.0).clip(a, b)
-        lines = FlatSegments.of(a[kept], b[kept], t0[kept], t1[kept])
-        number = number[kept]
-        tracer = Tracer(self.scene, view.camera, self._segments.select(number), number, lines, _CHORD_PX)
-        found = tracer.polylines(_shown(view, lines))
-        return found.select(found.length_px >= _SHORTEST_PX)
-
-    def _wanted(self, front: Mask) -> Mask:
-        """Return which edges may be seen, as native/seen.c has it."""
-        one, other = front[self._faces[:, 0]], front[self._faces[:, 1]]
-        return np.asarray(np.where(self._rule == TURNING, one ^ other, one | other | (self._rule == ALWAYS)))
-
-
-def _drawable(scene: Scene) -> tuple[Segments, Ids, npt.NDArray[np.uint8]]:
-    """Return the features, then the edges that may be contours, each a chain of its own; their faces (S, 2); their rules.
-
-    A feature of a solid is seen only where one of its faces is turned to the eye, a contour where only one is.
+    Features come first, then the edges that may be contours, each a chain of its own. A feature of a solid is seen only
+    where one of its faces is turned to the eye (FACING), a contour where only one is (TURNING).
     """
+
+    segments: Segments
+    faces: Ids
+    rule: npt.NDArray[np.uint8]
+
+    def wanted(self, front: Mask) -> Mask:
+        """Return which of them an eye may see that is in front of these faces (F,), as native/seen.c has it."""
+        one, other = front[self.faces[:, 0]], front[self.faces[:, 1]]
+        return np.asarray(np.where(self.rule == TURNING, one ^ other, one | other | (self.rule == ALWAYS)))
+
+
+def drawable_edges(scene: Scene) -> Drawable:
+    """Return the features of a scene and the edges that may be contours."""
     mesh, edges = scene.mesh, scene.edges
     table = edge_table(mesh)
     solid = solid_parts(mesh, table)[edges.part] & (edges.faces[:, 1] >= 0)
@@ -113,7 +80,56 @@ def _drawable(scene: Scene) -> tuple[Segments, Ids, npt.NDArray[np.uint8]]:
         away=np.zeros(len(edges) + n, bool),
     )
     rule = np.concatenate([np.where(solid, FACING, ALWAYS), np.full(n, TURNING)]).astype(np.uint8)
-    return segments, np.concatenate([edges.faces, faces]), rule
+    return Drawable(segments, np.concatenate([edges.faces, faces]), rule)
+
+
+class SeenEdges:
+    """Labels views of one scene with its edges: what does not depend on the view is computed once.
+
+    drawable: what `drawable_edges` returns for the scene, where it is known already.
+    """
+
+    def __init__(self, scene: Scene, drawable: Drawable | None = None) -> None:
+        mesh = scene.mesh
+        self.scene, self._drawable = scene, drawable or drawable_edges(scene)
+        low, high = mesh.bounds
+        self._near = _NEAR * float(np.linalg.norm(high - low))
+        normals = mesh.face_normals
+        heights = np.einsum("ij,ij->i", normals, mesh.vertices[mesh.faces[:, 0]])
+        self._planes = np.column_stack([normals, -heights])
+        every = self._drawable
+        ends = mesh.vertices[every.segments.vertices]
+        self._edges = EdgesInSpace(ends, every.faces, every.segments.chain, every.rule)
+
+    def draw(self, view: View) -> Polylines:
+        """Return the visible stretches of features and contours, cut at the picture's border.
+
+        `view` holds DEPTH and NORMAL of the scene, and of whatever else may hide it; points `p` are in the scene's
+        frame. Contours come edge by edge, each a chain of its own. Raises `MissingCore` without the compiled core.
+        """
+        front = self._planes @ np.append(view.camera_from_world.origin, 1.0) > 0
+        return self._walked(view, front) if isinstance(view.camera.lens, Ideal) else self._traced(view, front)
+
+    def _walked(self, view: View, front: Mask) -> Polylines:
+        """Return the stretches where straight edges are straight in the picture: the core walks along them."""
+        eye = EyePoint(view.camera_from_world.matrix[:3], view.camera.K[:2], self._near)
+        found = self._edges.seen(_sight(view), eye, front, step=_STEP_PX, shortest=_SHORTEST_PX)
+        every, first = self._drawable.segments, found.edge[found.start[:-1]]
+        of_line = (every.kind[first], every.part[first], every.chain[first])
+        return Polylines(found.q, found.p, every.feature[found.edge], found.start, *of_line)
+
+    def _traced(self, view: View, front: Mask) -> Polylines:
+        """Return the stretches as the camera's lens bends them."""
+        every = self._drawable.segments
+        number = np.flatnonzero(self._drawable.wanted(front))
+        p = view.camera_from_world @ self.scene.mesh.vertices
+        a, b = (p[every.vertices[number, k]] for k in range(2))
+        t0, t1, kept = Frustum.of(view.camera, near=self._near, margin_px=0.0).clip(a, b)
+        lines = FlatSegments.of(a[kept], b[kept], t0[kept], t1[kept])
+        number = number[kept]
+        tracer = Tracer(self.scene, view.camera, every.select(number), number, lines, _CHORD_PX)
+        found = tracer.polylines(_shown(view, lines))
+        return found.select(found.length_px >= _SHORTEST_PX)
 
 
 def _sight(view: View) -> Sight:
