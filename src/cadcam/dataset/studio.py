@@ -119,11 +119,13 @@ class Studio:
         return (np.clip(image, 0, 1) * np.float32(255) + np.float32(0.5)).astype(np.uint8)
 
     def _seen(self, view: View, p: Array, q: Array) -> Ids:
-        """Return how key points are seen: the part hides them by rays in space, all else in the view by its depth."""
-        eye, tolerance = view.camera_from_world.origin, np.full(len(p), self._tolerance)
-        hidden = self._occluders.hidden(self.stage.key_points, eye, tolerance) | ~seen_points(view, p, q)
+        """Return how key points are seen: the view hides them by its depth, and the part by rays in space besides."""
+        eye, shown = view.camera_from_world.origin, np.flatnonzero(seen_points(view, p, q))
         inside = view.camera.sees(np.nan_to_num(q, nan=-1e9))
-        return np.where(~inside, ABSENT, np.where(hidden, HIDDEN, VISIBLE)).astype(np.int32)
+        seen = np.where(inside, HIDDEN, ABSENT).astype(np.int32)
+        hidden = self._occluders.hidden(self.stage.key_points[shown], eye, np.full(len(shown), self._tolerance))
+        seen[shown[~hidden]] = VISIBLE
+        return seen
 
     def _silhouette(self, shot: Shot) -> tuple[int, Box]:
         """Return count and bounds x0, y0, x1, y1 (inclusive) of the part's pixels, those outside the picture too."""

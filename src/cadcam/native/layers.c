@@ -16,7 +16,6 @@ static int64_t filled(const float *depth, int64_t i, int64_t n) {
 }
 
 void cc_depth_steps(const float *depth, int64_t n, float step, uint8_t *out) {
-    memset(out, 0, (size_t)(2 * n));
     for (int64_t i = 0; (i = filled(depth, i, n)) < n; i++) {
         const float steps = depth[i] / step + 0.5f;
         const int32_t whole = steps > 0 ? steps < 65535 ? (int32_t)steps : 65535 : 0;
@@ -30,7 +29,6 @@ static uint8_t coded(float c) {
 }
 
 void cc_normal_bytes(const float *depth, const float *normal, int64_t n, uint8_t *out) {
-    memset(out, 0, (size_t)(3 * n));
     for (int64_t i = 0; (i = filled(depth, i, n)) < n; i++)
         for (int64_t k = 3 * i; k < 3 * i + 3; k++) out[k] = coded(normal[k]);
 }

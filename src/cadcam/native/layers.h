@@ -1,5 +1,5 @@
 /* Layers of a rendered view as the numbers that files of labels hold. Plain C11 like raster.h; n counts pixels, depth is
- * infinite where there is nothing. */
+ * infinite where there is nothing; there `out`, which comes filled with zeros, stays as it is. */
 #ifndef CADCAM_LAYERS_H
 #define CADCAM_LAYERS_H
 
@@ -7,9 +7,9 @@
 
 #include "raster.h"
 
-/* Depth by `step`, rounded, at most 65535 and 0 where there is nothing; the high byte first. */
+/* Depth by `step`, rounded, at most 65535; the high byte first. */
 CC_API void cc_depth_steps(const float *depth, int64_t n, float step, uint8_t *out);
-/* Unit normals (n, 3) as (c + 1)/2 in steps of 1/255, and 0 where there is nothing. */
+/* Unit normals (n, 3) as (c + 1)/2 in steps of 1/255. */
 CC_API void cc_normal_bytes(const float *depth, const float *normal, int64_t n, uint8_t *out);
 
 /* A mask (height, width) of zeros and ones: how many are set, and the first and last column and row that hold one,

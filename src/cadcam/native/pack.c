@@ -215,29 +215,26 @@ static uint64_t eight(const uint8_t *p) {
     return v;
 }
 
-/* How many bytes are the same, up to `most`; what is up to seven bytes behind them is looked at too. */
+/* How many bytes are the same, up to `most`, which is at least 1; the seven behind them are looked at too. */
 static int same(const uint8_t *a, const uint8_t *b, int most) {
-    for (int i = 0; i < most; i += 8) {
-        const uint64_t differ = eight(a + i) ^ eight(b + i);
-        if (!differ) continue;
-        const uint8_t *first = (const uint8_t *)&differ;
-        while (!*first) first++, i++;
-        return i < most ? i : most;
-    }
-    return most;
+    if (most == LONGEST && eight(a) == eight(b) && !memcmp(a, b, LONGEST)) return LONGEST;
+    int i = 0;
+    while (i < most && eight(a + i) == eight(b + i)) i += 8;
+    while (i < most && a[i] == b[i]) i++;
+    return i < most ? i : most;
 }
 
-/* Adler's sums (RFC 1950) with n more bytes: zeros, which are many, eight at a time. */
+/* Adler's sums (RFC 1950) with n more bytes: zeros, which are many, 32 at a time. */
 static void sum_up(uint32_t adler[2], const uint8_t *p, int64_t n) {
     enum { SAFE = 5552 }; /* bytes, until the second sum no longer fits */
     uint32_t a = adler[0], b = adler[1];
     while (n) {
         const int64_t now = n < SAFE ? n : SAFE;
         for (int64_t i = 0; i < now;) {
-            if (i + 8 <= now && !eight(p + i))
-                b += 8 * a, i += 8;
+            if (i + 32 <= now && !(eight(p + i) | eight(p + i + 8) | eight(p + i + 16) | eight(p + i + 24)))
+                b += 32 * a, i += 32;
             else
-                a += p[i++], b += a;
+                for (const int64_t to = i + 8 < now ? i + 8 : now; i < to; i++) a += p[i], b += a;
         }
         a %= 65521, b %= 65521, p += now, n -= now;
     }

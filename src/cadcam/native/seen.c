@@ -1,40 +1,44 @@
 /* Which points and edges a rendered view shows: see seen.h. */
 #include "seen.h"
+#include "vectors.h"
 
 #include <math.h>
 #include <string.h>
 
 static int32_t held(int32_t i, int32_t below) { return i < 0 ? 0 : i < below ? i : below - 1; }
 
-/* Whether the face seen at pixel (x, y) leaves the point (qx, qy) on the ray (u, v, 1), of inverse depth w, unhidden: its
- * plane meets the ray at its own depth times 1 - slope, slope = along/across. Multiplied out, as divisions take longest. */
-static int lets_through(const cc_sight *s, int32_t x, int32_t y, float qx, float qy, float u, float v, float w) {
-    const int64_t at = (int64_t)y * s->width + x;
-    const float *n = s->normal + 3 * at, z = s->depth[at];
-    if (!(z < INFINITY)) return 1;
-    const float across = n[0] * u + n[1] * v + n[2], size = fabsf(across) + 1e-12f, most = s->steepest * size;
-    float along = n[0] * (qx - (float)x) * s->px + n[1] * (qy - (float)y) * s->py;
-    along = along > most ? most : along < -most ? -most : along;
-    return z * w * (size - (across < 0 ? -along : along)) >= (1 - s->slack) * size;
-}
+static f4 broad(float v) { return v - (f4){0}; }
+static f4 lower(f4 a, f4 b) { return (f4)(((i4)a & (a < b)) | ((i4)b & ~(a < b))); }
+static f4 size_of_each(f4 v) { return (f4)((i4)v & INT32_MAX); }
 
-/* Whether the point of inverse depth w on the ray (u, v, 1), seen at pixel (x, y), has anything in front on all sides.
- * The nearest of the four pixels is asked first: mostly it is enough. */
-static int shows(const cc_sight *s, double u, double v, double w, double x, double y) {
-    if (!(x >= -0.5 && x <= s->width - 0.5 && y >= -0.5 && y <= s->height - 0.5 && w > 0)) return 0;
-    const int32_t x0 = (int32_t)(x + 1) - 1, y0 = (int32_t)(y + 1) - 1; /* floor, of what is above -1 */
-    const int nearest = (x - x0 > 0.5) | (y - y0 > 0.5) << 1;
-    for (int k = 0; k < 4; k++) {
-        const int32_t px = held(x0 + ((k ^ nearest) & 1), s->width), py = held(y0 + ((k ^ nearest) >> 1), s->height);
-        if (lets_through(s, px, py, (float)x, (float)y, (float)u, (float)v, (float)w)) return 1;
-    }
-    return 0;
+/* Whether the point of inverse depth w on the ray (u, v, 1), seen at pixel (x, y), has nothing in front at one of the four
+ * pixel centres around it. The plane of the face seen there meets the ray at its own depth times 1 - slope, slope =
+ * along/across: multiplied out, and all four at once. */
+static int shows(const cc_sight *s, float u, float v, float w, float x, float y) {
+    const float right = (float)s->width - 0.5f, bottom = (float)s->height - 0.5f;
+    if (!(x >= -0.5f && x <= right && y >= -0.5f && y <= bottom && w > 0)) return 0;
+    const int32_t left = (int32_t)(x + 1) - 1, top = (int32_t)(y + 1) - 1; /* floor, of what is above -1 */
+    const int32_t x0 = held(left, s->width), x1 = held(left + 1, s->width);
+    const int64_t y0 = held(top, s->height), y1 = held(top + 1, s->height);
+    const float *const d0 = s->depth + y0 * s->width, *const d1 = s->depth + y1 * s->width;
+    const float *const a = s->normal + 3 * (y0 * s->width + x0), *const b = s->normal + 3 * (y0 * s->width + x1);
+    const float *const c = s->normal + 3 * (y1 * s->width + x0), *const d = s->normal + 3 * (y1 * s->width + x1);
+    const f4 z = {d0[x0], d0[x1], d1[x0], d1[x1]};
+    const f4 nx = {a[0], b[0], c[0], d[0]}, ny = {a[1], b[1], c[1], d[1]}, nz = {a[2], b[2], c[2], d[2]};
+    const float dx0 = (x - (float)x0) * s->px, dx1 = (x - (float)x1) * s->px;
+    const float dy0 = (y - (float)y0) * s->py, dy1 = (y - (float)y1) * s->py;
+    const f4 across = nx * broad(u) + ny * broad(v) + nz, size = size_of_each(across) + broad(1e-12f);
+    const f4 along = nx * (f4){dx0, dx1, dx0, dx1} + ny * (f4){dy0, dy0, dy1, dy1};
+    const f4 rise = lower(size_of_each(along), size * broad(s->steepest)); /* its sign: that of the slope */
+    const f4 signed_rise = (f4)((i4)rise | (((i4)along ^ (i4)across) & INT32_MIN));
+    const i4 open = z * broad(w) * (size - signed_rise) >= broad(1 - s->slack) * size;
+    return (open[0] | open[1] | open[2] | open[3]) != 0;
 }
 
 void cc_seen(const cc_sight *s, int64_t n, const double *p, const double *q, uint8_t *out) {
     for (int64_t i = 0; i < n; i++) {
-        const double w = 1 / p[3 * i + 2];
-        out[i] = (uint8_t)shows(s, p[3 * i] * w, p[3 * i + 1] * w, w, q[2 * i], q[2 * i + 1]);
+        const double w = 1 / p[3 * i + 2], u = p[3 * i] * w, v = p[3 * i + 1] * w;
+        out[i] = (uint8_t)shows(s, (float)u, (float)v, (float)w, (float)q[2 * i], (float)q[2 * i + 1]);
     }
 }
 
@@ -66,10 +70,10 @@ static void point(const pen *n, const double q[2], const double p[3], int64_t ed
     to->edge[at] = (int32_t)edge;
 }
 
-/* An end of an edge for the camera: where in its axes, where in the plane (x, y)/z, at which pixel, and how far inside each
- * border of what it sees (in numbers linear along the edge: those of the pixels times z). */
+/* An end of an edge for the camera: where in its axes, where in the plane (x, y)/z, at which pixel, and whether it sees it. */
 typedef struct {
-    double p[3], u[2], w, q[2], inside[5];
+    double p[3], u[2], w, q[2];
+    int in_view;
 } corner;
 
 /* An edge in view: what is left of it is from t0 to t1. */
@@ -83,12 +87,11 @@ typedef struct {
 
 static void look_at(const cc_sight *s, const cc_eye_point *eye, corner *c) {
     const double *K = eye->K, *p = c->p;
-    const double x = K[0] * p[0] + K[1] * p[1] + K[2] * p[2], y = K[4] * p[1] + K[5] * p[2];
     c->w = 1 / p[2];
-    c->u[0] = p[0] * c->w, c->u[1] = p[1] * c->w, c->q[0] = x * c->w, c->q[1] = y * c->w;
-    c->inside[0] = x + 0.5 * p[2], c->inside[1] = (s->width - 0.5) * p[2] - x;
-    c->inside[2] = y + 0.5 * p[2], c->inside[3] = (s->height - 0.5) * p[2] - y;
-    c->inside[4] = p[2] - eye->near;
+    c->u[0] = p[0] * c->w, c->u[1] = p[1] * c->w;
+    c->q[0] = K[0] * c->u[0] + K[1] * c->u[1] + K[2], c->q[1] = K[4] * c->u[1] + K[5];
+    const double x = c->q[0] + 0.5, y = c->q[1] + 0.5;
+    c->in_view = p[2] >= eye->near && x >= 0 && x <= s->width && y >= 0 && y <= s->height;
 }
 
 static void carry(const cc_sight *s, const cc_eye_point *eye, const double world[3], corner *c) {
@@ -99,11 +102,22 @@ static void carry(const cc_sight *s, const cc_eye_point *eye, const double world
     look_at(s, eye, c);
 }
 
+/* How far a point lies inside each border of what the camera sees, in numbers linear in the point: pixels times z. */
+static void borders(const cc_sight *s, const cc_eye_point *eye, const double p[3], double inside[5]) {
+    const double *K = eye->K, x = K[0] * p[0] + K[1] * p[1] + (K[2] + 0.5) * p[2], y = K[4] * p[1] + (K[5] + 0.5) * p[2];
+    inside[0] = x, inside[1] = s->width * p[2] - x;
+    inside[2] = y, inside[3] = s->height * p[2] - y;
+    inside[4] = p[2] - eye->near;
+}
+
 /* Find what of the line is in view; 0 if nothing is. */
-static int clip(line *l) {
+static int clip(const cc_sight *s, const cc_eye_point *eye, line *l) {
+    double one[5], other[5];
     l->t0 = 0, l->t1 = 1;
+    if (l->a.in_view && l->b.in_view) return 1;
+    borders(s, eye, l->a.p, one), borders(s, eye, l->b.p, other);
     for (int k = 0; k < 5; k++) {
-        const double a = l->a.inside[k], b = l->b.inside[k];
+        const double a = one[k], b = other[k];
         if (a >= 0 && b >= 0) continue;
         if (!(a >= 0) && !(b >= 0)) return 0;
         if (b >= 0)
@@ -153,10 +167,12 @@ static void walk(pen *n, const cc_sight *s, const line *l, double step) {
     const double du = b->u[0] - a->u[0], dv = b->u[1] - a->u[1], dw = b->w - a->w;
     if (!(length <= 2.0 * ((double)s->width + s->height))) return; /* no number */
     const int32_t samples = length > step ? (int32_t)(length / step + 0.5) : 1;
+    const double share = 1.0 / samples;
     int32_t seen = 0; /* how many in a row, up to the last one */
     for (int32_t k = 0; k <= samples; k++) {
-        const double t = (k + 0.5) / samples;
-        if (k < samples && shows(s, a->u[0] + t * du, a->u[1] + t * dv, a->w + t * dw, a->q[0] + t * dx, a->q[1] + t * dy))
+        const double t = (k + 0.5) * share;
+        if (k < samples && shows(s, (float)(a->u[0] + t * du), (float)(a->u[1] + t * dv), (float)(a->w + t * dw),
+                                 (float)(a->q[0] + t * dx), (float)(a->q[1] + t * dy)))
             seen++;
         else if (seen)
             draw(n, l, (double)(k - seen) / samples, (double)k / samples, length), seen = 0;
@@ -165,7 +181,7 @@ static void walk(pen *n, const cc_sight *s, const line *l, double step) {
 
 static int wanted(const cc_edges *edges, const uint8_t *front, int64_t i) {
     if (edges->rule[i] == CC_ALWAYS) return 1;
-    const int one = front[edges->faces[2 * i]] != 0, other = front[edges->faces[2 * i + 1]] != 0;
+    const int one = front[edges->sides[2 * i]] != 0, other = front[edges->sides[2 * i + 1]] != 0;
     return edges->rule[i] == CC_FACING ? one | other : one ^ other;
 }
 
@@ -184,7 +200,7 @@ void cc_seen_edges(const cc_sight *sight, const cc_eye_point *eye, const cc_edge
             carry(sight, eye, l.ends, &l.a);
         carry(sight, eye, l.ends + 3, &l.b);
         end = l.b, last = l.ends + 3;
-        if (!clip(&l)) continue;
+        if (!clip(sight, eye, &l)) continue;
         cut(sight, eye, &l);
         walk(&n, sight, &l, step);
     }

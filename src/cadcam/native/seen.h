@@ -22,13 +22,13 @@ typedef struct {
  * or outside the picture. */
 CC_API void cc_seen(const cc_sight *sight, int64_t n, const double *p, const double *q, uint8_t *out);
 
-enum { CC_ALWAYS, CC_FACING, CC_TURNING }; /* drawn: whatever; if one of its faces is in front; if just one of them is */
+enum { CC_ALWAYS, CC_FACING, CC_TURNING }; /* drawn: whatever; if one of its faces looks at the camera; if just one does */
 
-/* Straight edges in space: ends (n, 2, 3) mm, each with two faces and one of the rules above. Edges of equal chain that
- * follow one another run on head to tail. */
+/* Straight edges in space: ends (n, 2, 3) mm, each with the planes (n, 2) of its faces and one of the rules above. Edges of
+ * equal chain that follow one another run on head to tail. */
 typedef struct {
     const double *ends;
-    const int32_t *faces, *chain;
+    const int32_t *sides, *chain;
     const uint8_t *rule;
     int64_t n;
 } cc_edges;
@@ -47,7 +47,7 @@ typedef struct {
 } cc_lines;
 
 /* Stretches of the edges that the view shows, cut at the picture's border, joined along chains; lines shorter than
- * `shortest` px are left out. front[f] says whether the camera is in front of face f. Sets lines->points and
+ * `shortest` px are left out. front[i] says whether the camera is in front of plane i. Sets lines->points and
  * lines->lines; where one of them is more than the room, what is written is not all: call again with more. */
 CC_API void cc_seen_edges(const cc_sight *sight, const cc_eye_point *eye, const cc_edges *edges, const uint8_t *front,
                           double step, double shortest, cc_lines *lines);

@@ -28,7 +28,7 @@ class _EyePoint(c.Structure):
 
 
 class _Edges(c.Structure):
-    _fields_ = (*((name, c.c_void_p) for name in ("ends", "faces", "chain", "rule")), ("n", c.c_int64))
+    _fields_ = (*((name, c.c_void_p) for name in ("ends", "sides", "chain", "rule")), ("n", c.c_int64))
 
 
 class _Lines(c.Structure):
@@ -92,17 +92,17 @@ class SeenLines:
 
 
 class EdgesInSpace:
-    """Straight edges, kept for many views: ends (n, 2, 3) mm, faces (n, 2), chain (n,), rule (n,): ALWAYS, ..."""
+    """Straight edges, kept for many views: ends (n, 2, 3) mm, sides (n, 2), chain (n,), rule (n,): ALWAYS, ..."""
 
-    def __init__(self, ends: Array, faces: Ids, chain: Ids, rule: npt.NDArray[np.uint8]) -> None:
+    def __init__(self, ends: Array, sides: Ids, chain: Ids, rule: npt.NDArray[np.uint8]) -> None:
         kinds = (np.float64, np.int32, np.int32, np.uint8)
-        given = (ends, faces, chain, rule)
+        given = (ends, sides, chain, rule)
         self._kept = [np.ascontiguousarray(a, kind) for a, kind in zip(given, kinds, strict=True)]
         self._edges = _Edges(*(array.ctypes.data for array in self._kept), len(chain))
         self._room = 1024  # points; more once a view had more
 
     def seen(self, sight: Sight, eye: EyePoint, front: Mask, *, step: float, shortest: float) -> SeenLines:
-        """Return the stretches that a view shows; front (F,): the faces that the camera is in front of; lengths px."""
+        """Return the stretches that a view shows; front: the planes that the camera is in front of."""
         while True:
             room = self._room
             out, points, lines = self._written(sight, eye, front, room, step, shortest)

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.cad.edges import EdgeKind, edge_table
+from cadcam.cad.mesh import Mesh
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal
 from cadcam.native.seen import ALWAYS, FACING, TURNING, EdgesInSpace, EyePoint, Sight
@@ -34,6 +35,7 @@ _SHORTEST_PX = 1.5  # stretches below it are chance
 _NEAR = 1e-5  # of the scene's diagonal
 _FLAT = 1e-5  # rad: between faces this close to coplanar there is no contour
 _CHORD_PX = 0.02
+_SAME_PLANE = 1e-9  # of a normal's length, and of the largest distance of a plane from the origin
 
 
 def seen_points(view: View, p: Array, q: Array) -> Mask:
@@ -46,19 +48,21 @@ def seen_points(view: View, p: Array, q: Array) -> Mask:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drawable:
-    """The edges of a scene that some view may show: segments, their two faces (S, 2), and a rule (S,) for each.
+    """The edges of a scene that some view may show: segments, the planes (S, 2) of their faces, a rule (S,) for each.
 
     Features come first, then the edges that may be contours, each a chain of its own. A feature of a solid is seen only
-    where one of its faces is turned to the eye (FACING), a contour where only one is (TURNING).
+    where one of its faces is turned to the eye (FACING), a contour where only one is (TURNING). planes (P, 4): normal
+    and offset; n x + d > 0 in front of it.
     """
 
     segments: Segments
-    faces: Ids
+    sides: Ids
     rule: npt.NDArray[np.uint8]
+    planes: Array
 
     def wanted(self, front: Mask) -> Mask:
-        """Return which of them an eye may see that is in front of these faces (F,), as native/seen.c has it."""
-        one, other = front[self.faces[:, 0]], front[self.faces[:, 1]]
+        """Return which of them an eye may see that is in front of these planes (P,), as native/seen.c has it."""
+        one, other = front[self.sides[:, 0]], front[self.sides[:, 1]]
         return np.asarray(np.where(self.rule == TURNING, one ^ other, one | other | (self.rule == ALWAYS)))
 
 
@@ -80,7 +84,19 @@ def drawable_edges(scene: Scene) -> Drawable:
         away=np.zeros(len(edges) + n, bool),
     )
     rule = np.concatenate([np.where(solid, FACING, ALWAYS), np.full(n, TURNING)]).astype(np.uint8)
-    return Drawable(segments, np.concatenate([edges.faces, faces]), rule)
+    planes, plane_of = _planes(mesh)
+    return Drawable(segments, plane_of[np.concatenate([edges.faces, faces])], rule, planes)
+
+
+def _planes(mesh: Mesh) -> tuple[Array, Ids]:
+    """Return the planes (P, 4) that the faces of a mesh lie in, equal ones once, and the plane (F,) of each face."""
+    normals = mesh.face_normals
+    offset = -np.einsum("ij,ij->i", normals, mesh.vertices[mesh.faces[:, 0]])
+    planes = np.column_stack([normals, offset])
+    size = np.append(np.ones(3), max(float(np.abs(offset).max(initial=0.0)), 1.0))
+    steps = np.rint(planes / (_SAME_PLANE * size)).astype(np.int64)
+    _, first, plane_of = np.unique(steps, axis=0, return_index=True, return_inverse=True)
+    return planes[first], plane_of.ravel().astype(np.int32)
 
 
 class SeenEdges:
@@ -94,12 +110,9 @@ class SeenEdges:
         self.scene, self._drawable = scene, drawable or drawable_edges(scene)
         low, high = mesh.bounds
         self._near = _NEAR * float(np.linalg.norm(high - low))
-        normals = mesh.face_normals
-        heights = np.einsum("ij,ij->i", normals, mesh.vertices[mesh.faces[:, 0]])
-        self._planes = np.column_stack([normals, -heights])
         every = self._drawable
         ends = mesh.vertices[every.segments.vertices]
-        self._edges = EdgesInSpace(ends, every.faces, every.segments.chain, every.rule)
+        self._edges = EdgesInSpace(ends, every.sides, every.segments.chain, every.rule)
 
     def draw(self, view: View) -> Polylines:
         """Return the visible stretches of features and contours, cut at the picture's border.
@@ -107,7 +120,7 @@ class SeenEdges:
         `view` holds DEPTH and NORMAL of the scene, and of whatever else may hide it; points `p` are in the scene's
         frame. Contours come edge by edge, each a chain of its own. Raises `MissingCore` without the compiled core.
         """
-        front = self._planes @ np.append(view.camera_from_world.origin, 1.0) > 0
+        front = self._drawable.planes @ np.append(view.camera_from_world.origin, 1.0) > 0
         return self._walked(view, front) if isinstance(view.camera.lens, Ideal) else self._traced(view, front)
 
     def _walked(self, view: View, front: Mask) -> Polylines:
