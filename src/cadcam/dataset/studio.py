@@ -52,9 +52,9 @@ class Take:
     """A view and its labels, all at pixel centres, occluders included in all but `mask` and `silhouette`.
 
     picture: uint8 (H, W) or (H, W, 3). depth (H, W) mm, inf behind everything; normal (H, W, 3) in the camera frame.
-    mask: where the part is, hidden or not, and count its pixels; visible: where it is seen. whole_box (first and last
-    column and row: x0, y0, x1, y1) and whole_count: of the part's pixels, those up to a picture's size beyond its border
-    too, as BOP counts.
+    mask: where the part is, hidden or not, and how many pixels that is; visible: where it is seen. whole_count and
+    whole_box (first and last column and row: x0, y0, x1, y1): of the part's pixels, those up to a picture's size beyond
+    its border too, as BOP counts.
     edges: visible stretches. q (K, 2) px and seen (K,) of the key points: ABSENT, HIDDEN, VISIBLE.
     """
 

@@ -41,10 +41,10 @@ class _Lines(c.Structure):
 @cache
 def _core() -> c.CDLL:
     core = library()
-    pointer = c.c_void_p
-    core.cc_seen.argtypes = [c.POINTER(_Sight), c.c_int64, *[pointer] * 3]
-    of_edges = [c.POINTER(_Sight), c.POINTER(_EyePoint), c.POINTER(_Edges), pointer]
-    core.cc_seen_edges.argtypes = [*of_edges, c.c_double, c.c_double, c.POINTER(_Lines)]
+    sight, pointer, real = c.POINTER(_Sight), c.c_void_p, c.c_double
+    core.cc_seen.argtypes = [sight, c.c_int64, pointer, pointer, pointer]
+    of_edges = (c.POINTER(_EyePoint), c.POINTER(_Edges), pointer, real, real, c.POINTER(_Lines))
+    core.cc_seen_edges.argtypes = [sight, *of_edges]
     for name in ("cc_seen", "cc_seen_edges"):
         getattr(core, name).restype = None
     return core
