@@ -68,7 +68,7 @@ def test_opencv_reads_the_same_samples(rng: np.random.Generator) -> None:
 
 
 def test_a_rendered_picture_is_packed_as_small_as_zlib_packs_it_quickly() -> None:
-    """Depth, normals and colour of a part: within 15 % of zlib's level 1 over the same filtered rows (of bytes: runs)."""
+    """Depth, normals and colour of a part: within 15 % of zlib's level 1 over the same filtered rows (bytes: runs)."""
     renderer = RasterRenderer(Scene.of(machined_bracket()), threads=1)
     view = renderer.render(
         Camera.from_focal((320, 240), 300.0), Rigid.look_at([200, 180, 160], [60, 40, 30]), channels=WANTED
