@@ -42,12 +42,13 @@ void cc_seen(const cc_sight *s, int64_t n, const double *p, const double *q, uin
     }
 }
 
-/* The polyline under way: where it begins, and the edge at whose very end it has arrived, or -1. */
+/* The polyline under way: where it begins, and the edge at whose very end it has arrived, or -1. The sample looked at last:
+ * the edge it is of or that followed it, what it showed, and how many px back it is. */
 typedef struct {
     cc_lines *to;
-    double shortest, length;
-    int64_t from, arrived;
-    int down;
+    double shortest, length, back;
+    int64_t from, arrived, walked;
+    int down, shown;
 } pen;
 
 /* The end of a line, or of none. */
@@ -161,22 +162,33 @@ static void draw(pen *n, const line *l, double s0, double s1, double length) {
 }
 
 /* Draw the runs of seen samples, each in the middle of its share of the line. */
-static void walk(pen *n, const cc_sight *s, const line *l, double step) {
+static void walk_on(pen *n, const cc_sight *s, const line *l, double length, int32_t samples) {
     const corner *a = &l->a, *b = &l->b;
-    const double dx = b->q[0] - a->q[0], dy = b->q[1] - a->q[1], length = sqrt(dx * dx + dy * dy);
-    const double du = b->u[0] - a->u[0], dv = b->u[1] - a->u[1], dw = b->w - a->w;
-    if (!(length <= 2.0 * ((double)s->width + s->height))) return; /* no number */
-    const int32_t samples = length > step ? (int32_t)(length / step + 0.5) : 1;
-    const double share = 1.0 / samples;
+    const double dx = b->q[0] - a->q[0], dy = b->q[1] - a->q[1], dw = b->w - a->w, share = 1.0 / samples;
+    const double du = b->u[0] - a->u[0], dv = b->u[1] - a->u[1];
     int32_t seen = 0; /* how many in a row, up to the last one */
-    for (int32_t k = 0; k <= samples; k++) {
+    for (int32_t k = 0; k < samples; k++) {
         const double t = (k + 0.5) * share;
-        if (k < samples && shows(s, (float)(a->u[0] + t * du), (float)(a->u[1] + t * dv), (float)(a->w + t * dw),
-                                 (float)(a->q[0] + t * dx), (float)(a->q[1] + t * dy)))
-            seen++;
-        else if (seen)
-            draw(n, l, (double)(k - seen) / samples, (double)k / samples, length), seen = 0;
+        n->shown = shows(s, (float)(a->u[0] + t * du), (float)(a->u[1] + t * dv), (float)(a->w + t * dw),
+                         (float)(a->q[0] + t * dx), (float)(a->q[1] + t * dy));
+        if (!n->shown && seen) draw(n, l, (double)(k - seen) / samples, (double)k / samples, length);
+        seen = n->shown ? seen + 1 : 0;
     }
+    if (seen) draw(n, l, (double)(samples - seen) / samples, 1, length);
+    n->back = 0.5 * length * share;
+}
+
+/* Draw what is seen of a line. What goes on by less than a step since the last sample is taken for what that showed. */
+static void walk(pen *n, const cc_sight *s, const line *l, double step) {
+    const double dx = l->b.q[0] - l->a.q[0], dy = l->b.q[1] - l->a.q[1], length = sqrt(dx * dx + dy * dy);
+    const int near = l->goes_on && n->walked == l->number - 1 && n->back + length < step;
+    if (!(length <= 2.0 * ((double)s->width + s->height))) return; /* no number */
+    n->walked = l->number;
+    if (!near)
+        walk_on(n, s, l, length, length > step ? (int32_t)(length / step + 0.5) : 1);
+    else if (n->shown)
+        draw(n, l, 0, 1, length);
+    if (near) n->back += length;
 }
 
 static int wanted(const cc_edges *edges, const uint8_t *front, int64_t i) {
@@ -187,7 +199,7 @@ static int wanted(const cc_edges *edges, const uint8_t *front, int64_t i) {
 
 void cc_seen_edges(const cc_sight *sight, const cc_eye_point *eye, const cc_edges *edges, const uint8_t *front, double step,
                    double shortest, cc_lines *lines) {
-    pen n = {.to = lines, .shortest = shortest, .arrived = -1};
+    pen n = {.to = lines, .shortest = shortest, .arrived = -1, .walked = -1};
     const double *last = NULL; /* where `end` is in space: mostly the next edge begins there */
     corner end;
     lines->points = lines->lines = 0;
