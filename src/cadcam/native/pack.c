@@ -39,13 +39,13 @@ typedef struct {
     uint16_t token[BLOCK]; /* a byte, or END + the length of a stretch */
 } packer;
 
+/* Write n bits, 48 at most: the whole bytes there are, as eight of which the rest is written again. */
 static void put(stream *s, uint64_t value, int n) {
     s->bits |= value << s->n;
     s->n += n;
     for (int i = 0; i < 8; i++) s->at[i] = (uint8_t)(s->bits >> (8 * i)); /* one store, where bytes stand in this order */
     const int whole = s->n >> 3;
-    s->at += whole, s->n &= 7;
-    s->bits = whole < 8 ? s->bits >> (8 * whole) : 0;
+    s->at += whole, s->n &= 7, s->bits >>= 8 * whole;
 }
 
 static int log2_of(uint32_t v) { return 31 - __builtin_clz(v); }
@@ -215,12 +215,18 @@ static uint64_t eight(const uint8_t *p) {
     return v;
 }
 
+/* Of eight bytes that differ: how many stand before the first that does. */
+static int before_first(uint64_t differ) {
+    return (__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ ? __builtin_ctzll(differ) : __builtin_clzll(differ)) >> 3;
+}
+
 /* How many bytes are the same, up to `most`, which is at least 1; the seven behind them are looked at too. */
 static int same(const uint8_t *a, const uint8_t *b, int most) {
-    if (most == LONGEST && eight(a) == eight(b) && !memcmp(a, b, LONGEST)) return LONGEST;
+    uint64_t differ = eight(a) ^ eight(b);
+    if (most == LONGEST && !differ && !memcmp(a, b, LONGEST)) return LONGEST;
     int i = 0;
-    while (i < most && eight(a + i) == eight(b + i)) i += 8;
-    while (i < most && a[i] == b[i]) i++;
+    while (!differ && (i += 8) < most) differ = eight(a + i) ^ eight(b + i);
+    if (differ) i += before_first(differ);
     return i < most ? i : most;
 }
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from cadcam.errors import NotEnoughMemory
 from cadcam.native.core import library
 
-_LIKELY = 4  # times smaller than the picture is what is tried first
+_LIKELY = 0.6  # of a picture's size, even of noise: the room that is tried first
 
 
 @cache
@@ -28,7 +28,7 @@ def packed_rows(rows: npt.NDArray[np.uint8], pixel_bytes: int) -> bytes:
     height, width = rows.shape
     rows = np.ascontiguousarray(rows)
     enough = int(_core().cc_pack_room(width, height))
-    for room in (min(rows.size // _LIKELY + 4096, enough), enough):
+    for room in (min(int(_LIKELY * rows.size) + 4096, enough), enough):
         out = np.zeros(room, np.uint8)
         n = _core().cc_pack(rows.ctypes.data, width, height, pixel_bytes, out.ctypes.data, room)
         if n >= 0:
