@@ -15,22 +15,32 @@ static int64_t filled(const float *depth, int64_t i, int64_t n) {
     return i;
 }
 
+/* The first pixel from i on where there is nothing; n if there is none. */
+static int64_t empty(const float *depth, int64_t i, int64_t n) {
+    while (i < n && depth[i] < INFINITY) i++;
+    return i;
+}
+
+static float held(float v, float most) {
+    v = v > 0 ? v : 0;
+    return v < most ? v : most;
+}
+
 void cc_depth_steps(const float *depth, int64_t n, float step, uint8_t *out) {
-    for (int64_t i = 0; (i = filled(depth, i, n)) < n; i++) {
-        const float steps = depth[i] / step + 0.5f;
-        const int32_t whole = steps > 0 ? steps < 65535 ? (int32_t)steps : 65535 : 0;
-        out[2 * i] = (uint8_t)(whole >> 8), out[2 * i + 1] = (uint8_t)whole;
+    for (int64_t i = 0, to; (i = filled(depth, i, n)) < n; i = to) {
+        to = empty(depth, i, n);
+        for (int64_t k = i; k < to; k++) {
+            const int32_t steps = (int32_t)held(depth[k] / step + 0.5f, 65535);
+            out[2 * k] = (uint8_t)(steps >> 8), out[2 * k + 1] = (uint8_t)steps;
+        }
     }
 }
 
-static uint8_t coded(float c) {
-    const float v = c * 127.5f + 128;
-    return v > 0 ? v < 255 ? (uint8_t)v : 255 : 0;
-}
-
 void cc_normal_bytes(const float *depth, const float *normal, int64_t n, uint8_t *out) {
-    for (int64_t i = 0; (i = filled(depth, i, n)) < n; i++)
-        for (int64_t k = 3 * i; k < 3 * i + 3; k++) out[k] = coded(normal[k]);
+    for (int64_t i = 0, to; (i = filled(depth, i, n)) < n; i = to) {
+        to = empty(depth, i, n);
+        for (int64_t k = 3 * i; k < 3 * to; k++) out[k] = (uint8_t)(int32_t)held(normal[k] * 127.5f + 128, 255);
+    }
 }
 
 /* Where, from byte i on, the first byte lies that differs between the two; n if none does. */
