@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes as c
+import threading
 from functools import cache
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy.typing as npt
 from cadcam.errors import NotEnoughMemory
 from cadcam.native.core import library
 
-_LIKELY = 0.6  # of a picture's size, even of noise: the room that is tried first
+_kept = threading.local()  # the room of a thread: most of it is never touched, and fresh memory would be cleared
 
 
 @cache
@@ -27,10 +28,16 @@ def packed_rows(rows: npt.NDArray[np.uint8], pixel_bytes: int) -> bytes:
     """Return rows (H, bytes) of pixels, in PNG's order of bytes, as a PNG file holds them. Raises `NotEnoughMemory`."""
     height, width = rows.shape
     rows = np.ascontiguousarray(rows)
-    enough = int(_core().cc_pack_room(width, height))
-    for room in (min(int(_LIKELY * rows.size) + 4096, enough), enough):
-        out = np.zeros(room, np.uint8)
-        n = _core().cc_pack(rows.ctypes.data, width, height, pixel_bytes, out.ctypes.data, room)
-        if n >= 0:
-            return out[:n].tobytes()
-    raise NotEnoughMemory(f"there is not enough memory to pack a picture of {rows.size} bytes")
+    room = _room(int(_core().cc_pack_room(width, height)))
+    n = _core().cc_pack(rows.ctypes.data, width, height, pixel_bytes, room.ctypes.data, room.size)
+    if n < 0:
+        raise NotEnoughMemory(f"there is not enough memory to pack a picture of {rows.size} bytes")
+    return room[:n].tobytes()
+
+
+def _room(size: int) -> npt.NDArray[np.uint8]:
+    """Return at least so many bytes, this thread's own."""
+    if getattr(_kept, "room", None) is None or _kept.room.size < size:
+        _kept.room = np.zeros(size, np.uint8)
+    room: npt.NDArray[np.uint8] = _kept.room
+    return room
