@@ -38,6 +38,7 @@ FLAGS += ["-fno-math-errno", "-fno-trapping-math"]  # these change no number; lo
 HOT = ("cull.c", "raster.c", "strip.c", "tile.c", "tile_plain.c", "shade.c", "correlate.c", "step.c")
 HOT += ("field.c", "climb.c", "sweep.c", "slope.c")
 ONCE = ("scene.c", "lens.c", "patch.c", "match.c", "profile.c", "field_calls.c", "seen.c", "mark.c", "grouped.c")
+ONCE += ("pack.c", "layers.c")
 VARIANTS = {"_baseline": [], "_v3": ["-mavx2", "-mfma", "-mbmi", "-mbmi2"]}
 X86_64 = platform.machine().lower() in ("x86_64", "amd64")
 PROBE = "#include <math.h>\n#include <stdint.h>\n#include <stdlib.h>\ndouble probe(double x) { return sqrt(x); }\n"

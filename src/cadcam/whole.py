@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
-import tempfile
+import secrets
 from pathlib import Path
 
 from cadcam.errors import UnwritableFile
@@ -20,8 +20,11 @@ def write_whole(path: str | os.PathLike[str], data: bytes) -> None:
     try:
         if target.is_dir():
             raise UnwritableFile(path, "is a folder", "name a file in it")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        _replace(target, data)
+        try:
+            _replace(target, data)
+        except FileNotFoundError:  # mostly the folder is there
+            target.parent.mkdir(parents=True, exist_ok=True)
+            _replace(target, data)
     except OSError as error:
         raise UnwritableFile(path, error.strerror or str(error), _remedy(error)) from error
 
@@ -32,21 +35,22 @@ def _remedy(error: OSError) -> str:
 
 
 def _replace(target: Path, data: bytes) -> None:
-    handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
+    name = target.with_name(f".{target.name}.{secrets.token_hex(4)}")
+    old = _mode(target)
     try:
-        with os.fdopen(handle, "wb") as file:
+        with name.open("xb") as file:
             file.write(data)
-        Path(name).chmod(_mode(target))
-        Path(name).replace(target)
+        if old is not None:
+            name.chmod(old)
+        name.replace(target)
     except BaseException:
-        Path(name).unlink(missing_ok=True)
+        name.unlink(missing_ok=True)
         raise
 
 
-def _mode(target: Path) -> int:
-    """Return the old file's permissions or the user's default: mkstemp's 0600 would hide files from others."""
-    if target.exists():
+def _mode(target: Path) -> int | None:
+    """Return the permissions of the file that is there, which stay; None where there is none."""
+    try:
         return target.stat().st_mode & 0o7777
-    mask = os.umask(0)
-    os.umask(mask)
-    return 0o666 & ~mask
+    except FileNotFoundError:
+        return None

@@ -15,6 +15,7 @@ from cadcam.dataset.plan import NOISE, PLAIN, Occluders, Plan, middle_and_radius
 from cadcam.dataset.props import props_of
 from cadcam.dataset.shot import Director
 from cadcam.dataset.studio import Stage
+from cadcam.render.seen import drawable_edges
 from cadcam.render.view import Scene
 
 HALF = np.array([30.0, 20.0, 10.0])  # the part is a box about its origin
@@ -36,7 +37,7 @@ def stage_and_director(of: Plan, part: Scene | None = None) -> tuple[Stage, Dire
     part = part or scene()
     props = props_of(of.occluders, 2 * middle_and_radius(part.mesh)[1], of.seed)
     points = corners(part)[1] if of.key_points is None else of.key_points
-    return Stage(part, props, points, of.sensor, of.gray, 0.05), Director(of, part, props)
+    return Stage(part, drawable_edges(part), props, points, of.sensor, of.gray, 0.05), Director(of, part, props)
 
 
 def contents(folder: Path) -> dict[str, bytes]:

@@ -5,7 +5,8 @@
  * pictures down to one pixel, every channel present or not. Beyond what the sanitizers see, each picture is drawn twice,
  * with one band and with several: both must be equal, and every id in range. Then direction fields of random pictures,
  * and edges with wild places over them: poses stay rotations, scores in range. Then steps along lines in and out of a
- * picture, regressions by groups, marks at any homography, and points before and behind what a view shows. */
+ * picture, regressions by groups, marks at any homography, points and edges before and behind what a view shows, and
+ * pictures and masks of every size made files. */
 #include <float.h>
 #include <math.h>
 #include <stdio.h>
@@ -14,7 +15,9 @@
 
 #include "field.h"
 #include "grouped.h"
+#include "layers.h"
 #include "mark.h"
+#include "pack.h"
 #include "profile.h"
 #include "raster.h"
 #include "seen.h"
@@ -306,28 +309,69 @@ static void marks(void) {
 }
 
 static void seen(void) {
-    const int width = 1 + upto(40), height = 1 + upto(40), n = upto(50), lines = upto(9);
+    const int width = 1 + upto(40), height = 1 + upto(40), n = upto(50), planes = 1 + upto(5);
     float *depth = malloc((size_t)(width * height) * 4), *normal = malloc((size_t)(width * height) * 12);
     for (int i = 0; i < width * height; i++) depth[i] = upto(3) ? (float)(9 + unit()) : INFINITY;
-    for (int i = 0; i < 3 * width * height; i++) normal[i] = upto(5) ? (float)around() : 0;
-    double *p = doubles(3 * n, 20), *q = doubles(2 * n, 50), *a = doubles(2 * lines, 1), *b = doubles(2 * lines, 1);
-    double *wa = doubles(lines, 1), *wb = doubles(lines, 1);
-    int64_t *samples = malloc((size_t)lines * 8 + 1), all = 0;
-    for (int i = 0; i < lines; i++) all += samples[i] = upto(20);
-    uint8_t *out = malloc((size_t)n + 1), *along = malloc((size_t)all + 1);
-    const double K[6] = {30, 1, width / 2., 0, 30, height / 2.};
-    cc_seen(depth, normal, width, height, 30, 30, 1e-3, 0.1, n, p, q, out);
-    cc_seen_lines(depth, normal, width, height, K, 1e-3, 0.1, lines, a, b, wa, wb, samples, along);
+    for (int i = 0; i < 3 * width * height; i++) normal[i] = upto(5) ? (float)around() : upto(9) ? 0 : (float)wild();
+    double *p = doubles(3 * n, 20), *q = doubles(2 * n, 50), *ends = doubles(6 * n, 12);
+    int32_t *sides = malloc((size_t)n * 8 + 1), *chain = malloc((size_t)n * 4 + 1);
+    uint8_t *out = malloc((size_t)n + 1), *rule = malloc((size_t)n + 1), *front = malloc((size_t)planes);
+    for (int i = 0; i < n; i++) {
+        sides[2 * i] = upto(planes - 1), sides[2 * i + 1] = upto(planes - 1), chain[i] = i / 5, rule[i] = (uint8_t)upto(2);
+        if (i && upto(1)) memcpy(ends + 6 * i, ends + 6 * i - 3, 24); /* head to tail */
+    }
+    for (int i = 0; i < planes; i++) front[i] = (uint8_t)upto(1);
+    const cc_sight sight = {depth, normal, 1 / 30.f, 1 / 30.f, 1e-3f, 0.1f, width, height};
+    cc_seen(&sight, n, p, q, out);
     for (int i = 0; i < n; i++)
         if (out[i] > 1) exit(fprintf(stderr, "seen is %d\n", out[i]));
-    free(depth), free(normal), free(p), free(q), free(a), free(b), free(wa), free(wb), free(samples), free(out), free(along);
+    cc_eye_point eye = {.K = {30, 1, width / 2., 0, 30, height / 2.}, .near = 1e-3};
+    double R[9];
+    rotation(R);
+    for (int i = 0; i < 12; i++) eye.pose[i] = i % 4 < 3 ? R[i / 4 * 3 + i % 4] : i == 11 ? 9 : 0;
+    const cc_edges edges = {ends, sides, chain, rule, n};
+    const int64_t room = upto(3) ? 50 * n : upto(9);
+    cc_lines lines = {malloc((size_t)room * 16 + 1), malloc((size_t)room * 24 + 1), malloc((size_t)room * 4 + 1),
+                      malloc((size_t)room * 4 + 1), room, 0, 0};
+    cc_seen_edges(&sight, &eye, &edges, front, 1, 1.5, &lines);
+    for (int64_t i = 0; i < lines.points && lines.points <= room; i++)
+        if (!(fabs(lines.q[2 * i]) < 100 && fabs(lines.q[2 * i + 1]) < 100)) exit(fprintf(stderr, "seen beyond the picture\n"));
+    for (int64_t i = 0; i < lines.lines && lines.lines <= room; i++)
+        if (lines.start[i] < (i ? lines.start[i - 1] + 2 : 0)) exit(fprintf(stderr, "a line of less than two points\n"));
+    free(depth), free(normal), free(p), free(q), free(ends), free(sides), free(chain), free(out), free(rule), free(front);
+    free(lines.q), free(lines.p), free(lines.edge), free(lines.start);
+}
+
+/* Pictures of noise, of runs and of nothing, in and out of the room they need; masks, depths and normals as files have them. */
+static void files(void) {
+    const int width = 1 + upto(70), height = 1 + upto(40), pixel = 1 + upto(3), kind = upto(3), n = width * height;
+    uint8_t *pixels = malloc((size_t)(n * pixel)), *mask = malloc((size_t)n), *packed, *coded = calloc((size_t)n, 3);
+    for (int i = 0; i < n * pixel; i++)
+        pixels[i] = (uint8_t)(kind == 3 || (kind == 2 && upto(9) == 0) ? upto(255) : kind && i && upto(99) ? pixels[i - 1] : 0);
+    const int64_t enough = cc_pack_room(width * pixel, height), room = upto(1) ? enough : upto((int)enough);
+    packed = malloc((size_t)room + 1);
+    const int64_t written = cc_pack(pixels, width * pixel, height, pixel, packed, room);
+    if (written > room || (room == enough && written < 0)) exit(fprintf(stderr, "packed into %d\n", (int)written));
+    float *depth = malloc((size_t)n * 4), *normal = malloc((size_t)n * 12);
+    for (int i = 0; i < n; i++) mask[i] = (uint8_t)(upto(kind * 5) == 0);
+    for (int i = 0; i < n; i++) depth[i] = upto(2) ? INFINITY : upto(9) ? (float)(unit() * 9) : (float)wild();
+    for (int i = 0; i < 3 * n; i++) normal[i] = upto(20) ? (float)around() : upto(1) ? (float)wild() : NAN;
+    cc_depth_steps(depth, n, 0.001f, coded), cc_normal_bytes(depth, normal, n, coded);
+    const int some = upto(n);
+    int64_t found[5], *first = malloc(((size_t)width + 1) * 8), *at = malloc((size_t)some * 8 + 1), last = -1;
+    cc_mask_region(mask, width, height, found);
+    if (found[0] < 0 || found[0] > n || found[3] >= width || found[4] >= height) exit(fprintf(stderr, "no region\n"));
+    const int64_t changes = cc_mask_changes(mask, width, height, first, some, at);
+    for (int64_t i = 0; i < changes && changes <= some; last = at[i++])
+        if (at[i] <= last || at[i] >= n) exit(fprintf(stderr, "changes out of order\n"));
+    free(pixels), free(mask), free(packed), free(coded), free(depth), free(normal), free(first), free(at);
 }
 
 int main(int argc, char **argv) {
     const int n = argc > 1 ? atoi(argv[1]) : 100, first = argc > 2 ? atoi(argv[2]) : 0;
     for (int i = first; i < first + n; i++) {
         start(i);
-        one(i), edges(), along_lines(), grouped(), marks(), seen();
+        one(i), edges(), along_lines(), grouped(), marks(), seen(), files();
     }
     printf("%d scenes drawn with %s\n", n, cc_variant());
     return 0;

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from cadcam.cad.edges import EdgeKind
 from cadcam.cad.mesh import merge
 from cadcam.cad.parts import machined_bracket
 from cadcam.cad.parts.shape import box
@@ -69,6 +70,34 @@ def test_stretches_keep_the_number_of_their_edge(rng: np.random.Generator) -> No
         a, b = ends[segment]
         off = np.cross(shown.p[points][0] - a, b - a) / np.linalg.norm(b - a)
         assert np.linalg.norm(off) < 1e-6 * np.linalg.norm(scene.mesh.size_mm)
+
+
+@pytest.mark.parametrize("eye", [*EYES, [75, 60, 45]], ids=str)
+def test_a_lens_that_bends_nothing_changes_nothing(eye: list[float]) -> None:
+    """Straight edges are walked along by the core, bent ones traced: the same stretches, but for samples at borders.
+
+    From the last eye the part reaches behind the camera and beyond the picture.
+    """
+    scene, pose = Scene.of(machined_bracket()), Rigid.look_at(eye, MIDDLE)
+    straight, lens = (Camera.from_focal((320, 240), 300.0, skew=1.0, lens=lens) for lens in (None, BrownConrady()))
+    view = RasterRenderer(scene, threads=1).render(straight, pose, channels=SEEN)
+    walked, traced = (SeenEdges(scene).draw(View(camera, pose, view.layers)) for camera in (straight, lens))
+    assert walked.length_px.sum() == pytest.approx(traced.length_px.sum(), rel=0.005)
+    assert astray(walked, traced, straight, 0.5) < 0.005
+    assert astray(traced, walked, straight, 0.5) < 0.005
+    assert set(walked.chain[walked.kind != EdgeKind.CONTOUR]) == set(traced.chain[traced.kind != EdgeKind.CONTOUR])
+
+
+def test_a_view_with_more_lines_than_any_before_has_room_for_them() -> None:
+    scene, camera, pose = (
+        Scene.of(machined_bracket()),
+        Camera.from_focal((320, 240), 300.0),
+        Rigid.look_at(EYES[0], MIDDLE),
+    )
+    view = RasterRenderer(scene, threads=1).render(camera, pose, channels=SEEN)
+    usual, short = SeenEdges(scene), SeenEdges(scene)
+    short._edges._room = 3
+    assert short.draw(view).q.tobytes() == usual.draw(view).q.tobytes()
 
 
 def test_what_else_is_in_the_depth_hides_edges_to_a_pixel() -> None:

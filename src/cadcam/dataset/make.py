@@ -29,6 +29,7 @@ from cadcam.dataset.worker import Files, Job, Task
 from cadcam.errors import BadValue, MissingCore, UnreadableFile
 from cadcam.files.jsontext import as_json
 from cadcam.native.core import library
+from cadcam.render.seen import drawable_edges
 from cadcam.render.view import Scene
 from cadcam.whole import write_whole
 
@@ -81,7 +82,8 @@ def make_dataset(
     names, points = corners(scene) if plan.key_points is None else (plan.key_point_names, plan.key_points)
     props = props_of(plan.occluders, 2 * middle_and_radius(scene.mesh)[1], plan.seed)
     director = Director(plan, scene, props)
-    stage = Stage(scene, props, points, plan.sensor, plan.gray, _depth_step(director.farthest()))
+    edges = drawable_edges(scene)
+    stage = Stage(scene, edges, props, points, plan.sensor, plan.gray, _depth_step(director.farthest()))
     begin(folder, head_of(plan, stage, layout, name=name, key_point_names=names))
     write_model(folder, scene)
     write_whole(folder / CAMERA, _bop_camera(plan.camera, stage))

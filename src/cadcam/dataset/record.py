@@ -18,10 +18,11 @@ from cadcam.arrays import Array, Mask
 from cadcam.camera.camera import Camera
 from cadcam.dataset.layout import OBJECT, Layout
 from cadcam.dataset.shot import Placed, Shot
-from cadcam.dataset.studio import Stage, Take, bounds_of
+from cadcam.dataset.studio import Stage, Take
 from cadcam.files.camera import bare_camera_as_json
 from cadcam.files.matrix import pose_as_json
 from cadcam.image.png import packed
+from cadcam.native.layers import Box, depth_steps, mask_changes, mask_region, normal_bytes
 from cadcam.render.wireframe import Polylines
 
 DEEPEST = 65535
@@ -33,8 +34,8 @@ def files_of(take: Take, stage: Stage, layout: Layout) -> dict[str, bytes]:
     mask = packed(_white(take.mask))
     content = {
         layout.picture: packed(take.picture),
-        "depth": packed(_steps(take, stage.depth_step)),
-        "normal": packed(_normals(take)),
+        "depth": packed(depth_steps(take.depth, stage.depth_step)),
+        "normal": packed(normal_bytes(take.depth, take.normal)),
         "mask": mask,
         "mask_visib": packed(_white(take.visible)) if take.shot.occluders else mask,
         "edges": edges_file(take.edges, stage),
@@ -45,11 +46,11 @@ def files_of(take: Take, stage: Stage, layout: Layout) -> dict[str, bytes]:
 
 def record_of(take: Take, stage: Stage, layout: Layout) -> dict[str, Any]:
     """Return what is told of a view: its BOP and COCO entries as they stand in those files, and how it was made."""
-    shot = take.shot
+    shot, seen = take.shot, mask_region(take.visible)
     return {
         "view": shot.index,
-        "bop": {"camera": _bop_camera(shot.camera, stage), "gt": _bop_pose(shot), "info": _bop_info(take)},
-        "coco": _coco(take),
+        "bop": {"camera": _bop_camera(shot.camera, stage), "gt": _bop_pose(shot), "info": _bop_info(take, *seen)},
+        "coco": _coco(take, *seen),
         "key_points": {"q": [_pixel(q) for q in take.q], "seen": take.seen.tolist()},
         "camera": bare_camera_as_json(shot.camera, None),
         "camera_from_part": pose_as_json(shot.camera_from_part),
@@ -70,35 +71,34 @@ def _bop_pose(shot: Shot) -> dict[str, Any]:
     }
 
 
-def _bop_info(take: Take) -> dict[str, Any]:
+def _bop_info(take: Take, seen: int, box: Box) -> dict[str, Any]:
     """Return BOP's counts and boxes; a part of which nothing is seen has no boxes, as in BOP's own tool."""
-    seen = int(take.visible.sum())
     nothing = [-1, -1, -1, -1]
     return {
         "bbox_obj": _spanned(take.whole_box) if seen else nothing,
-        "bbox_visib": _spanned(bounds_of(take.visible)) if seen else nothing,
+        "bbox_visib": _spanned(box) if seen else nothing,
         "px_count_all": take.whole_count,
-        "px_count_valid": int(take.mask.sum()),
+        "px_count_valid": take.count,
         "px_count_visib": seen,
         "visib_fract": seen / take.whole_count if take.whole_count else 0.0,
     }
 
 
-def _spanned(box: tuple[int, int, int, int]) -> list[int]:
+def _spanned(box: Box) -> list[int]:
     x0, y0, x1, y1 = box
     return [x0, y0, x1 - x0, y1 - y0]
 
 
-def _coco(take: Take) -> dict[str, Any] | None:
+def _coco(take: Take, count: int, box: Box) -> dict[str, Any] | None:
     """Return the annotation without its ids; None where nothing of the part is seen."""
-    if not take.visible.any():
+    if not count:
         return None
-    x0, y0, x1, y1 = bounds_of(take.visible)
+    x0, y0, x1, y1 = box
     flat: list[float] = []
     for (x, y), seen in zip(np.nan_to_num(take.q).tolist(), take.seen.tolist(), strict=True):
         flat += [round(x, _PX), round(y, _PX), seen] if seen else [0, 0, 0]
     return {
-        "area": int(take.visible.sum()),
+        "area": count,
         "bbox": [x0, y0, x1 - x0 + 1, y1 - y0 + 1],
         "iscrowd": 0,
         "keypoints": flat,
@@ -109,10 +109,8 @@ def _coco(take: Take) -> dict[str, Any] | None:
 
 def run_lengths(mask: Mask) -> list[int]:
     """Return COCO's run lengths of a mask (H, W): column by column, beginning with those not set."""
-    flat = mask.ravel(order="F")
-    changes = np.flatnonzero(flat[1:] != flat[:-1]) + 1
-    runs = np.diff(changes, prepend=0, append=flat.size)
-    return [0, *runs.tolist()] if flat[0] else runs.tolist()
+    runs: list[int] = np.diff(mask_changes(mask), prepend=0, append=mask.size).tolist()
+    return runs
 
 
 def edges_file(lines: Polylines, stage: Stage) -> bytes:
@@ -127,29 +125,6 @@ def arrays_file(**arrays: np.ndarray[Any, Any]) -> bytes:
     file = io.BytesIO()
     np.savez(file, **arrays)  # type: ignore[arg-type]  # its stubs take the names for options of its own
     return file.getvalue()
-
-
-def _steps(take: Take, step: float) -> npt.NDArray[np.uint16]:
-    out = np.zeros(take.depth.shape, np.uint16)
-    rows = _filled(take)
-    depth = take.depth[rows]
-    out[rows] = np.clip(np.rint(np.where(np.isfinite(depth), depth, 0) / np.float32(step)), 0, DEEPEST)
-    return out
-
-
-def _normals(take: Take) -> npt.NDArray[np.uint8]:
-    """Return (n + 1)/2 in steps of 1/255, and 0 where there is nothing."""
-    out = np.zeros(take.normal.shape, np.uint8)
-    rows = _filled(take)
-    coded = (take.normal[rows] * np.float32(127.5) + np.float32(128)).astype(np.uint8)
-    out[rows] = coded * np.isfinite(take.depth[rows])[..., None]
-    return out
-
-
-def _filled(take: Take) -> tuple[slice, slice]:
-    """Return the rows and columns outside which there is nothing: most of a picture is often empty."""
-    x0, y0, x1, y1 = bounds_of(np.isfinite(take.depth))
-    return slice(max(y0, 0), y1 + 1), slice(max(x0, 0), x1 + 1)
 
 
 def _white(mask: Mask) -> npt.NDArray[np.uint8]:

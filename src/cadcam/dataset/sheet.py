@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,8 @@ def _tile(folder: Path, layout: Layout, index: int) -> Picture:
     by = max(1, round(picture.shape[1] / _TILE_PX))
     tile = _smaller(picture, by)
     with np.load(folder / layout.path("edges", index)) as edges:
-        lines = [_moved(edges["q"][i:j], by) for i, j in zip(edges["start"][:-1], edges["start"][1:], strict=True)]
+        q, start = _moved(edges["q"], by), edges["start"]
+    lines = [q[i:j] for i, j in pairwise(start)]
     tile = draw_polylines(tile, lines, color=_GREEN, width=1.0, opacity=0.9)
     if record["coco"] is not None:
         tile = draw_polylines(tile, [_moved(_outline(record["coco"]["bbox"]), by)], color=_YELLOW, width=1.0)
@@ -74,5 +76,5 @@ def _moved(q: np.ndarray[Any, Any], by: int) -> np.ndarray[Any, np.dtype[np.floa
 
 def _smaller(picture: Picture, by: int) -> Picture:
     height, width = picture.shape[0] // by * by, picture.shape[1] // by * by
-    blocks = picture[:height, :width].reshape(height // by, by, width // by, by, 3)
-    return np.asarray(blocks.mean(axis=(1, 3)), np.float32)
+    total = sum(picture[y:height:by, x:width:by] for y in range(by) for x in range(by))
+    return np.asarray(total / np.float32(by * by), np.float32)

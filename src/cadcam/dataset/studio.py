@@ -17,10 +17,11 @@ from cadcam.dataset.shot import Shot
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import to_gray
 from cadcam.image.sensor.sensor import Sensor
+from cadcam.native.layers import Box, mask_region
 from cadcam.render.embree import Caster
 from cadcam.render.occlusion import Occluders
 from cadcam.render.raster import RasterRenderer
-from cadcam.render.seen import SeenEdges, seen_points
+from cadcam.render.seen import Drawable, SeenEdges, seen_points
 from cadcam.render.view import Channel, Look, Scene, View
 from cadcam.render.visible import COINCIDENT_SHARE
 from cadcam.render.wireframe import Polylines
@@ -34,10 +35,11 @@ ABSENT, HIDDEN, VISIBLE = 0, 1, 2  # COCO's words for key points
 class Stage:
     """What all views of a data set share, and all that a worker has to be told once.
 
-    depth_step: mm of a step of the depth files.
+    edges: the scene's, prepared for all views. depth_step: mm of a step of the depth files.
     """
 
     scene: Scene
+    edges: Drawable
     props: tuple[Prop, ...]
     key_points: Array
     sensor: Sensor | None
@@ -50,8 +52,9 @@ class Take:
     """A view and its labels, all at pixel centres, occluders included in all but `mask` and `silhouette`.
 
     picture: uint8 (H, W) or (H, W, 3). depth (H, W) mm, inf behind everything; normal (H, W, 3) in the camera frame.
-    mask: where the part is, hidden or not; visible: where it is seen. whole_box (first and last column and row: x0, y0,
-    x1, y1) and whole_count: of the part's pixels, those up to a picture's size beyond its border too, as BOP counts.
+    mask: where the part is, hidden or not, and how many pixels that is; visible: where it is seen. whole_count and
+    whole_box (first and last column and row: x0, y0, x1, y1): of the part's pixels, those up to a picture's size beyond
+    its border too, as BOP counts.
     edges: visible stretches. q (K, 2) px and seen (K,) of the key points: ABSENT, HIDDEN, VISIBLE.
     """
 
@@ -60,9 +63,10 @@ class Take:
     depth: Picture
     normal: Picture
     mask: Mask
+    count: int
     visible: Mask
-    whole_box: tuple[int, int, int, int]
     whole_count: int
+    whole_box: Box
     edges: Polylines
     q: Array
     seen: Ids
@@ -75,7 +79,7 @@ class Studio:
         self.stage = stage
         self._part = RasterRenderer(stage.scene, threads=1)
         self._props: dict[int, RasterRenderer] = {}
-        self._edges = SeenEdges(stage.scene)
+        self._edges = SeenEdges(stage.scene, stage.edges)
         caster = Caster(stage.scene.mesh)
         self._occluders = Occluders(stage.scene.mesh, caster)
         self._tolerance = COINCIDENT_SHARE * 2 * caster.radius
@@ -89,13 +93,14 @@ class Studio:
         before = [self._prop(placed.prop, shot.camera, placed.camera_from_occluder, look) for placed in shot.occluders]
         view = _in_front([part, *before])
         mask = np.isfinite(part.depth)
-        visible = mask & (view.depth == part.depth)
+        visible = mask & (view.depth == part.depth) if before else mask
         p = shot.camera_from_part @ self.stage.key_points
         q = shot.camera.project(p)
         picture = part.rgb if quick else self._developed(shot, part, before, photo)
-        box, count = self._silhouette(shot, mask)
+        count, box = mask_region(mask)
+        whole = (count, box) if count and _within(box, mask) else self._silhouette(shot)
         edges, seen = self._edges.draw(view), self._seen(view, p, q)
-        return Take(shot, picture, view.depth, view.normal, mask, visible, box, count, edges, q, seen)
+        return Take(shot, picture, view.depth, view.normal, mask, count, visible, *whole, edges, q, seen)
 
     def _prop(self, number: int, camera: Camera, pose: Rigid, look: Look) -> View:
         if number not in self._props:
@@ -114,25 +119,23 @@ class Studio:
         return (np.clip(image, 0, 1) * np.float32(255) + np.float32(0.5)).astype(np.uint8)
 
     def _seen(self, view: View, p: Array, q: Array) -> Ids:
-        """Return how key points are seen: the part hides them by rays in space, all else in the view by its depth."""
-        eye, tolerance = view.camera_from_world.origin, np.full(len(p), self._tolerance)
-        hidden = self._occluders.hidden(self.stage.key_points, eye, tolerance) | ~seen_points(view, p, q)
+        """Return how key points are seen: the view hides them by its depth, and the part by rays in space besides."""
+        eye, shown = view.camera_from_world.origin, np.flatnonzero(seen_points(view, p, q))
         inside = view.camera.sees(np.nan_to_num(q, nan=-1e9))
-        return np.where(~inside, ABSENT, np.where(hidden, HIDDEN, VISIBLE)).astype(np.int32)
+        seen = np.where(inside, HIDDEN, ABSENT).astype(np.int32)
+        hidden = self._occluders.hidden(self.stage.key_points[shown], eye, np.full(len(shown), self._tolerance))
+        seen[shown[~hidden]] = VISIBLE
+        return seen
 
-    def _silhouette(self, shot: Shot, mask: Mask) -> tuple[tuple[int, int, int, int], int]:
-        """Return bounds x0, y0, x1, y1 (inclusive) and count of the part's pixels, those outside the picture too."""
-        if not _touches_border(mask) and mask.any():
-            return bounds_of(mask), int(mask.sum())
+    def _silhouette(self, shot: Shot) -> tuple[int, Box]:
+        """Return count and bounds x0, y0, x1, y1 (inclusive) of the part's pixels, those outside the picture too."""
         left, top, right, bottom = self._reach(shot)
         if left >= right or top >= bottom:
-            return NOWHERE, 0
+            return 0, NOWHERE
         wide = shot.camera.crop(left, top, (right - left, bottom - top))
-        whole = np.isfinite(self._part.render(wide, shot.camera_from_part, channels=Channel.DEPTH).depth)
-        if not whole.any():
-            return NOWHERE, 0
-        x0, y0, x1, y1 = bounds_of(whole)
-        return (x0 + left, y0 + top, x1 + left, y1 + top), int(whole.sum())
+        whole = self._part.render(wide, shot.camera_from_part, channels=Channel.DEPTH).depth
+        count, (x0, y0, x1, y1) = mask_region(np.isfinite(whole))
+        return count, (x0 + left, y0 + top, x1 + left, y1 + top) if count else NOWHERE
 
     def _reach(self, shot: Shot) -> tuple[int, int, int, int]:
         """Return left, top, right, bottom (exclusive) of what the part may cover, to a picture's size outside, px."""
@@ -158,11 +161,6 @@ def _in_front(views: list[View]) -> View:
     return View(first.camera, first.camera_from_world, {"depth": depth, "normal": normal})
 
 
-def _touches_border(mask: Mask) -> bool:
-    return bool(mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any())
-
-
-def bounds_of(mask: Mask) -> tuple[int, int, int, int]:
-    """Return x0, y0, x1, y1 of the pixels that are set, inclusive; -1 throughout where none is."""
-    x, y = np.flatnonzero(mask.any(axis=0)), np.flatnonzero(mask.any(axis=1))
-    return (int(x[0]), int(y[0]), int(x[-1]), int(y[-1])) if len(x) else NOWHERE
+def _within(box: Box, mask: Mask) -> bool:
+    """Return whether a box of pixels stays off the border of the picture that a mask is of."""
+    return box[0] > 0 and box[1] > 0 and box[2] < mask.shape[1] - 1 and box[3] < mask.shape[0] - 1

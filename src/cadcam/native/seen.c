@@ -1,57 +1,220 @@
-/* Which points a rendered view shows: see seen.h. */
+/* Which points and edges a rendered view shows: see seen.h. */
 #include "seen.h"
+#include "vectors.h"
 
 #include <math.h>
-
-typedef struct {
-    const float *depth, *normal;
-    int32_t width, height;
-    double fx, fy, steepest;
-} sight;
-
-/* The depth at which the face seen at pixel (x, y) meets the ray (u, v, 1) of the point (qx, qy). */
-static double depth_towards(const sight *s, int32_t x, int32_t y, double qx, double qy, double u, double v) {
-    int64_t at = (int64_t)y * s->width + x;
-    double z = s->depth[at];
-    const float *n = s->normal + 3 * at;
-    double along = n[0] * (qx - x) / s->fx + n[1] * (qy - y) / s->fy;
-    double slope = along / (n[0] * u + n[1] * v + n[2]);
-    if (!(fabs(slope) <= s->steepest)) slope = slope > 0 ? s->steepest : slope < 0 ? -s->steepest : 0;
-    return z * (1 - slope);
-}
+#include <string.h>
 
 static int32_t held(int32_t i, int32_t below) { return i < 0 ? 0 : i < below ? i : below - 1; }
 
-/* Whether the point at depth z on the ray (u, v, 1), seen at pixel (x, y), has anything in front on all sides. */
-static uint8_t shows(const sight *s, double u, double v, double z, double x, double y, double slack) {
-    if (!(x >= -0.5 && x <= s->width - 0.5 && y >= -0.5 && y <= s->height - 0.5 && z > 0)) return 0;
-    double least = z * (1 - slack);
-    int32_t x0 = (int32_t)floor(x), y0 = (int32_t)floor(y);
-    for (int k = 0; k < 4; k++)
-        if (depth_towards(s, held(x0 + (k & 1), s->width), held(y0 + (k >> 1), s->height), x, y, u, v) >= least) return 1;
-    return 0;
+static f4 broad(float v) { return v - (f4){0}; }
+static f4 lower(f4 a, f4 b) { return (f4)(((i4)a & (a < b)) | ((i4)b & ~(a < b))); }
+static f4 size_of_each(f4 v) { return (f4)((i4)v & INT32_MAX); }
+
+/* Whether the point of inverse depth w on the ray (u, v, 1), seen at pixel (x, y), has nothing in front at one of the four
+ * pixel centres around it. The plane of the face seen there meets the ray at its own depth times 1 - slope, slope =
+ * along/across: multiplied out, and all four at once. */
+static int shows(const cc_sight *s, float u, float v, float w, float x, float y) {
+    const float right = (float)s->width - 0.5f, bottom = (float)s->height - 0.5f;
+    if (!(x >= -0.5f && x <= right && y >= -0.5f && y <= bottom && w > 0)) return 0;
+    const int32_t left = (int32_t)(x + 1) - 1, top = (int32_t)(y + 1) - 1; /* floor, of what is above -1 */
+    const int32_t x0 = held(left, s->width), x1 = held(left + 1, s->width);
+    const int64_t y0 = held(top, s->height), y1 = held(top + 1, s->height);
+    const float *const d0 = s->depth + y0 * s->width, *const d1 = s->depth + y1 * s->width;
+    const float *const a = s->normal + 3 * (y0 * s->width + x0), *const b = s->normal + 3 * (y0 * s->width + x1);
+    const float *const c = s->normal + 3 * (y1 * s->width + x0), *const d = s->normal + 3 * (y1 * s->width + x1);
+    const f4 z = {d0[x0], d0[x1], d1[x0], d1[x1]};
+    const f4 nx = {a[0], b[0], c[0], d[0]}, ny = {a[1], b[1], c[1], d[1]}, nz = {a[2], b[2], c[2], d[2]};
+    const float dx0 = (x - (float)x0) * s->px, dx1 = (x - (float)x1) * s->px;
+    const float dy0 = (y - (float)y0) * s->py, dy1 = (y - (float)y1) * s->py;
+    const f4 across = nx * broad(u) + ny * broad(v) + nz, size = size_of_each(across) + broad(1e-12f);
+    const f4 along = nx * (f4){dx0, dx1, dx0, dx1} + ny * (f4){dy0, dy0, dy1, dy1};
+    const f4 rise = lower(size_of_each(along), size * broad(s->steepest)); /* its sign: that of the slope */
+    const f4 signed_rise = (f4)((i4)rise | (((i4)along ^ (i4)across) & INT32_MIN));
+    const i4 open = z * broad(w) * (size - signed_rise) >= broad(1 - s->slack) * size;
+    return (open[0] | open[1] | open[2] | open[3]) != 0;
 }
 
-void cc_seen(const float *depth, const float *normal, int32_t width, int32_t height, double fx, double fy, double slack,
-             double steepest, int64_t n, const double *p, const double *q, uint8_t *out) {
-    const sight s = {depth, normal, width, height, fx, fy, steepest};
+void cc_seen(const cc_sight *s, int64_t n, const double *p, const double *q, uint8_t *out) {
     for (int64_t i = 0; i < n; i++) {
-        double z = p[3 * i + 2];
-        out[i] = shows(&s, p[3 * i] / z, p[3 * i + 1] / z, z, q[2 * i], q[2 * i + 1], slack);
+        const double w = 1 / p[3 * i + 2], u = p[3 * i] * w, v = p[3 * i + 1] * w;
+        out[i] = (uint8_t)shows(s, (float)u, (float)v, (float)w, (float)q[2 * i], (float)q[2 * i + 1]);
     }
 }
 
-void cc_seen_lines(const float *depth, const float *normal, int32_t width, int32_t height, const double *K, double slack,
-                   double steepest, int64_t n, const double *a, const double *b, const double *wa, const double *wb,
-                   const int64_t *samples, uint8_t *out) {
-    const sight s = {depth, normal, width, height, K[0], K[4], steepest};
-    for (int64_t i = 0; i < n; i++) {
-        const double *from = a + 2 * i, *to = b + 2 * i;
-        double du = to[0] - from[0], dv = to[1] - from[1];
-        for (int64_t k = 0; k < samples[i]; k++) {
-            double t = ((double)k + 0.5) / (double)samples[i];
-            double u = from[0] + t * du, v = from[1] + t * dv, z = 1 / (wa[i] + t * (wb[i] - wa[i]));
-            *out++ = shows(&s, u, v, z, K[0] * u + K[1] * v + K[2], K[4] * v + K[5], slack);
-        }
+/* The polyline under way: where it begins, and the edge at whose very end it has arrived, or -1. The sample looked at last:
+ * the edge it is of or that followed it, what it showed, and how many px back it is. */
+typedef struct {
+    cc_lines *to;
+    double shortest, length, back;
+    int64_t from, arrived, walked;
+    int down, shown;
+} pen;
+
+/* The end of a line, or of none. */
+static void lift(pen *n) {
+    cc_lines *to = n->to;
+    if (n->down && n->length >= n->shortest) {
+        if (to->lines < to->room) to->start[to->lines] = (int32_t)n->from;
+        to->lines++;
+    } else if (n->down)
+        to->points = n->from;
+    n->down = 0;
+}
+
+static void point(const pen *n, const double q[2], const double p[3], int64_t edge) {
+    cc_lines *to = n->to;
+    const int64_t at = to->points++;
+    if (at >= to->room) return;
+    to->q[2 * at] = q[0], to->q[2 * at + 1] = q[1];
+    for (int i = 0; i < 3; i++) to->p[3 * at + i] = p[i];
+    to->edge[at] = (int32_t)edge;
+}
+
+/* An end of an edge for the camera: where in its axes, where in the plane (x, y)/z, at which pixel, and whether it sees it. */
+typedef struct {
+    double p[3], u[2], w, q[2];
+    int in_view;
+} corner;
+
+/* An edge in view: what is left of it is from t0 to t1. */
+typedef struct {
+    corner a, b;
+    const double *ends; /* (2, 3), in space */
+    double t0, t1;
+    int64_t number;
+    int goes_on; /* where the edge before it ended */
+} line;
+
+static void look_at(const cc_sight *s, const cc_eye_point *eye, corner *c) {
+    const double *K = eye->K, *p = c->p;
+    c->w = 1 / p[2];
+    c->u[0] = p[0] * c->w, c->u[1] = p[1] * c->w;
+    c->q[0] = K[0] * c->u[0] + K[1] * c->u[1] + K[2], c->q[1] = K[4] * c->u[1] + K[5];
+    const double x = c->q[0] + 0.5, y = c->q[1] + 0.5;
+    c->in_view = p[2] >= eye->near && x >= 0 && x <= s->width && y >= 0 && y <= s->height;
+}
+
+static void carry(const cc_sight *s, const cc_eye_point *eye, const double world[3], corner *c) {
+    for (int i = 0; i < 3; i++) {
+        const double *row = eye->pose + 4 * i;
+        c->p[i] = row[0] * world[0] + row[1] * world[1] + row[2] * world[2] + row[3];
     }
+    look_at(s, eye, c);
+}
+
+/* How far a point lies inside each border of what the camera sees, in numbers linear in the point: pixels times z. */
+static void borders(const cc_sight *s, const cc_eye_point *eye, const double p[3], double inside[5]) {
+    const double *K = eye->K, x = K[0] * p[0] + K[1] * p[1] + (K[2] + 0.5) * p[2], y = K[4] * p[1] + (K[5] + 0.5) * p[2];
+    inside[0] = x, inside[1] = s->width * p[2] - x;
+    inside[2] = y, inside[3] = s->height * p[2] - y;
+    inside[4] = p[2] - eye->near;
+}
+
+/* Find what of the line is in view; 0 if nothing is. */
+static int clip(const cc_sight *s, const cc_eye_point *eye, line *l) {
+    double one[5], other[5];
+    l->t0 = 0, l->t1 = 1;
+    if (l->a.in_view && l->b.in_view) return 1;
+    borders(s, eye, l->a.p, one), borders(s, eye, l->b.p, other);
+    for (int k = 0; k < 5; k++) {
+        const double a = one[k], b = other[k];
+        if (a >= 0 && b >= 0) continue;
+        if (!(a >= 0) && !(b >= 0)) return 0;
+        if (b >= 0)
+            l->t0 = fmax(l->t0, a / (a - b));
+        else
+            l->t1 = fmin(l->t1, a / (a - b));
+    }
+    return l->t0 < l->t1;
+}
+
+/* Cut a clipped line to what is left of it. */
+static void cut(const cc_sight *s, const cc_eye_point *eye, line *l) {
+    double d[3];
+    if (l->t0 == 0 && l->t1 == 1) return;
+    for (int i = 0; i < 3; i++) d[i] = l->b.p[i] - l->a.p[i];
+    for (int i = 0; i < 3; i++) l->b.p[i] = l->a.p[i] + l->t1 * d[i], l->a.p[i] += l->t0 * d[i];
+    look_at(s, eye, &l->a), look_at(s, eye, &l->b);
+}
+
+/* The point at share s of the line's image: 1/z is linear there. */
+static void mark(const pen *n, const line *l, double s) {
+    const double along = s * l->b.w / (s * l->b.w + (1 - s) * l->a.w), t = l->t0 + (l->t1 - l->t0) * along;
+    double q[2], p[3];
+    for (int i = 0; i < 2; i++) q[i] = l->a.q[i] + s * (l->b.q[i] - l->a.q[i]);
+    for (int i = 0; i < 3; i++) p[i] = l->ends[i] + t * (l->ends[3 + i] - l->ends[i]);
+    point(n, q, p, l->number);
+}
+
+/* Draw the shares [s0, s1] of a line of so many pixels: on from the last point, or as another polyline. */
+static void draw(pen *n, const line *l, double s0, double s1, double length) {
+    if (l->goes_on && n->arrived == l->number - 1 && s0 == 0 && l->t0 == 0) {
+        if (n->to->points <= n->to->room) n->to->edge[n->to->points - 1] = (int32_t)l->number;
+    } else {
+        lift(n);
+        n->from = n->to->points, n->length = 0, n->down = 1;
+        mark(n, l, s0);
+    }
+    mark(n, l, s1);
+    n->length += (s1 - s0) * length;
+    n->arrived = s1 == 1 && l->t1 == 1 ? l->number : -1;
+}
+
+/* Draw the runs of seen samples, each in the middle of its share of the line. */
+static void walk_on(pen *n, const cc_sight *s, const line *l, double length, int32_t samples) {
+    const corner *a = &l->a, *b = &l->b;
+    const double dx = b->q[0] - a->q[0], dy = b->q[1] - a->q[1], dw = b->w - a->w, share = 1.0 / samples;
+    const double du = b->u[0] - a->u[0], dv = b->u[1] - a->u[1];
+    int32_t seen = 0; /* how many in a row, up to the last one */
+    for (int32_t k = 0; k < samples; k++) {
+        const double t = (k + 0.5) * share;
+        n->shown = shows(s, (float)(a->u[0] + t * du), (float)(a->u[1] + t * dv), (float)(a->w + t * dw),
+                         (float)(a->q[0] + t * dx), (float)(a->q[1] + t * dy));
+        if (!n->shown && seen) draw(n, l, (double)(k - seen) / samples, (double)k / samples, length);
+        seen = n->shown ? seen + 1 : 0;
+    }
+    if (seen) draw(n, l, (double)(samples - seen) / samples, 1, length);
+    n->back = 0.5 * length * share;
+}
+
+/* Draw what is seen of a line. What goes on by less than a step since the last sample is taken for what that showed. */
+static void walk(pen *n, const cc_sight *s, const line *l, double step) {
+    const double dx = l->b.q[0] - l->a.q[0], dy = l->b.q[1] - l->a.q[1], length = sqrt(dx * dx + dy * dy);
+    const int near = l->goes_on && n->walked == l->number - 1 && n->back + length < step;
+    if (!(length <= 2.0 * ((double)s->width + s->height))) return; /* no number */
+    n->walked = l->number;
+    if (!near)
+        walk_on(n, s, l, length, length > step ? (int32_t)(length / step + 0.5) : 1);
+    else if (n->shown)
+        draw(n, l, 0, 1, length);
+    if (near) n->back += length;
+}
+
+static int wanted(const cc_edges *edges, const uint8_t *front, int64_t i) {
+    if (edges->rule[i] == CC_ALWAYS) return 1;
+    const int one = front[edges->sides[2 * i]] != 0, other = front[edges->sides[2 * i + 1]] != 0;
+    return edges->rule[i] == CC_FACING ? one | other : one ^ other;
+}
+
+void cc_seen_edges(const cc_sight *sight, const cc_eye_point *eye, const cc_edges *edges, const uint8_t *front, double step,
+                   double shortest, cc_lines *lines) {
+    pen n = {.to = lines, .shortest = shortest, .arrived = -1, .walked = -1};
+    const double *last = NULL; /* where `end` is in space: mostly the next edge begins there */
+    corner end;
+    lines->points = lines->lines = 0;
+    for (int64_t i = 0; i < edges->n; i++) {
+        line l = {.ends = edges->ends + 6 * i, .number = i, .goes_on = i && edges->chain[i] == edges->chain[i - 1]};
+        if (!wanted(edges, front, i)) continue;
+        if (last && !memcmp(last, l.ends, 3 * sizeof *last))
+            l.a = end;
+        else
+            carry(sight, eye, l.ends, &l.a);
+        carry(sight, eye, l.ends + 3, &l.b);
+        end = l.b, last = l.ends + 3;
+        if (!clip(sight, eye, &l)) continue;
+        cut(sight, eye, &l);
+        walk(&n, sight, &l, step);
+    }
+    lift(&n);
 }

@@ -1,61 +1,124 @@
-"""The C core's part that asks a rendered view what it shows (seen.h), as a function of arrays."""
+"""The C core's part that asks a rendered view what it shows (seen.h), as functions of arrays."""
 
 from __future__ import annotations
 
 import ctypes as c
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask, Picture
+from cadcam.arrays import Array, Ids, Mask, Picture
 from cadcam.native.core import library
+
+ALWAYS, FACING, TURNING = 0, 1, 2  # CC_ALWAYS ...: when an edge is drawn
+
+
+class _Sight(c.Structure):
+    _fields_ = (
+        *((name, c.c_void_p) for name in ("depth", "normal")),
+        *((name, c.c_float) for name in ("px", "py", "slack", "steepest")),
+        *((name, c.c_int32) for name in ("width", "height")),
+    )
+
+
+class _EyePoint(c.Structure):
+    _fields_ = (("pose", c.c_double * 12), ("K", c.c_double * 6), ("near", c.c_double))
+
+
+class _Edges(c.Structure):
+    _fields_ = (*((name, c.c_void_p) for name in ("ends", "sides", "chain", "rule")), ("n", c.c_int64))
+
+
+class _Lines(c.Structure):
+    _fields_ = (
+        *((name, c.c_void_p) for name in ("q", "p", "edge", "start")),
+        *((name, c.c_int64) for name in ("room", "points", "lines")),
+    )
 
 
 @cache
 def _core() -> c.CDLL:
     core = library()
-    pointer, i64, i32, real = c.c_void_p, c.c_int64, c.c_int32, c.c_double
-    core.cc_seen.argtypes = [pointer, pointer, i32, i32, *[real] * 4, i64, *[pointer] * 3]
-    core.cc_seen_lines.argtypes = [pointer, pointer, i32, i32, pointer, real, real, i64, *[pointer] * 6]
-    for name in ("cc_seen", "cc_seen_lines"):
+    sight, pointer, real = c.POINTER(_Sight), c.c_void_p, c.c_double
+    core.cc_seen.argtypes = [sight, c.c_int64, pointer, pointer, pointer]
+    of_edges = (c.POINTER(_EyePoint), c.POINTER(_Edges), pointer, real, real, c.POINTER(_Lines))
+    core.cc_seen_edges.argtypes = [sight, *of_edges]
+    for name in ("cc_seen", "cc_seen_edges"):
         getattr(core, name).restype = None
     return core
 
 
-def seen(
-    depth: Picture, normal: Picture, focal: tuple[float, float], p: Array, q: Array, *, slack: float, steepest: float
-) -> Mask:
-    """Return which points (n,) a view of depth (H, W) and normals (H, W, 3) shows: p (n, 3) mm, q (n, 2) px."""
-    depth, normal = np.ascontiguousarray(depth, np.float32), np.ascontiguousarray(normal, np.float32)
-    p, q = np.ascontiguousarray(p, np.float64), np.ascontiguousarray(q, np.float64)
-    out = np.zeros(len(p), np.uint8)
-    height, width = depth.shape
-    places = (array.ctypes.data for array in (p, q, out))
-    _core().cc_seen(depth.ctypes.data, normal.ctypes.data, width, height, *focal, slack, steepest, len(p), *places)
-    return out.astype(bool)
+class Sight:
+    """What a view of depth (H, W) mm and unit normals (H, W, 3) hides; see seen.h.
 
-
-def seen_lines(
-    depth: Picture,
-    normal: Picture,
-    K: Array,
-    ends: tuple[Array, Array, Array, Array],
-    samples: npt.NDArray[np.int64],
-    *,
-    slack: float,
-    steepest: float,
-) -> Mask:
-    """Return which samples of lines, one after the other, such a view of an undistorted camera shows.
-
-    ends: a, b (n, 2) in the plane (x, y)/z and their 1/z (n,); samples (n,): how many each line has (seen.h).
+    pixel: its width and height in the plane (x, y)/z.
     """
-    depth, normal = np.ascontiguousarray(depth, np.float32), np.ascontiguousarray(normal, np.float32)
-    arrays = [np.ascontiguousarray(array, np.float64) for array in (K, *ends)]
-    samples = np.ascontiguousarray(samples, np.int64)
-    out = np.zeros(int(samples.sum()), np.uint8)
-    camera, *lines = (array.ctypes.data for array in arrays)
-    height, width = depth.shape
-    view = (depth.ctypes.data, normal.ctypes.data, width, height, camera, slack, steepest)
-    _core().cc_seen_lines(*view, len(samples), *lines, samples.ctypes.data, out.ctypes.data)
-    return out.astype(bool)
+
+    def __init__(
+        self, depth: Picture, normal: Picture, pixel: tuple[float, float], *, slack: float, steepest: float
+    ) -> None:
+        self._kept = np.ascontiguousarray(depth, np.float32), np.ascontiguousarray(normal, np.float32)
+        height, width = depth.shape
+        places = (array.ctypes.data for array in self._kept)
+        self.request = _Sight(*places, *pixel, slack, steepest, width, height)
+
+    def points(self, p: Array, q: Array) -> Mask:
+        """Return which points (n,) are seen: p (n, 3) mm in the camera frame, q (n, 2) px."""
+        p, q = np.ascontiguousarray(p, np.float64), np.ascontiguousarray(q, np.float64)
+        out = np.zeros(len(p), np.uint8)
+        _core().cc_seen(c.byref(self.request), len(p), *(array.ctypes.data for array in (p, q, out)))
+        return out.astype(bool)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EyePoint:
+    """A camera without distortion: camera_from_world (3, 4), K (2, 3), and the least depth that it sees, mm."""
+
+    pose: Array
+    K: Array
+    near: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenLines:
+    """Polylines: q (N, 2) px, p (N, 3) mm, the edge (N,) that leads away from each point, start (M + 1,)."""
+
+    q: Array
+    p: Array
+    edge: Ids
+    start: Ids
+
+
+class EdgesInSpace:
+    """Straight edges, kept for many views: ends (n, 2, 3) mm, sides (n, 2), chain (n,), rule (n,): ALWAYS, ..."""
+
+    def __init__(self, ends: Array, sides: Ids, chain: Ids, rule: npt.NDArray[np.uint8]) -> None:
+        kinds = (np.float64, np.int32, np.int32, np.uint8)
+        given = (ends, sides, chain, rule)
+        self._kept = [np.ascontiguousarray(a, kind) for a, kind in zip(given, kinds, strict=True)]
+        self._edges = _Edges(*(array.ctypes.data for array in self._kept), len(chain))
+        self._room = 1024  # points; more once a view had more
+
+    def seen(self, sight: Sight, eye: EyePoint, front: Mask, *, step: float, shortest: float) -> SeenLines:
+        """Return the stretches that a view shows; front: the planes that the camera is in front of."""
+        while True:
+            room = self._room
+            out, points, lines = self._written(sight, eye, front, room, step, shortest)
+            if points <= room >= lines:
+                start = np.append(out.start[:lines], np.int32(points))
+                return SeenLines(out.q[:points], out.p[:points], out.edge[:points], start)
+            self._room = 2 * max(points, lines)
+
+    def _written(
+        self, sight: Sight, eye: EyePoint, front: Mask, room: int, step: float, shortest: float
+    ) -> tuple[SeenLines, int, int]:
+        """Return what there is room for, and how many points and lines there are."""
+        out = SeenLines(np.zeros((room, 2)), np.zeros((room, 3)), *np.zeros((2, room), np.int32))
+        told = _Lines(*(array.ctypes.data for array in (out.q, out.p, out.edge, out.start)), room)
+        place = _EyePoint((c.c_double * 12)(*eye.pose.ravel()), (c.c_double * 6)(*eye.K.ravel()), eye.near)
+        front = np.ascontiguousarray(front, bool)
+        given = (c.byref(sight.request), c.byref(place), c.byref(self._edges), front.ctypes.data)
+        _core().cc_seen_edges(*given, step, shortest, c.byref(told))
+        return out, told.points, told.lines

@@ -9,21 +9,24 @@ and whatever else was rendered into the view's depth hides edges as it hides pix
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.cad.edges import EdgeKind, edge_table
+from cadcam.cad.mesh import Mesh
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal
-from cadcam.native.seen import seen as _seen
-from cadcam.native.seen import seen_lines
+from cadcam.native.seen import ALWAYS, FACING, TURNING, EdgesInSpace, EyePoint, Sight
 from cadcam.render.clip import FlatSegments, Frustum
 from cadcam.render.occlusion import solid_parts
 from cadcam.render.segments import Segments
 from cadcam.render.stretches import Stretches
 from cadcam.render.trace import Tracer
 from cadcam.render.view import Scene, View
-from cadcam.render.wireframe import Longs, Polylines
+from cadcam.render.wireframe import Polylines
 
 _SLACK_PX = 0.5  # by how much of a pixel's width a surface may stand in front of a point and not hide it
 _STEEPEST = 0.5  # a face's plane is continued by at most this share of its depth
@@ -32,6 +35,7 @@ _SHORTEST_PX = 1.5  # stretches below it are chance
 _NEAR = 1e-5  # of the scene's diagonal
 _FLAT = 1e-5  # rad: between faces this close to coplanar there is no contour
 _CHORD_PX = 0.02
+_SAME_PLANE = 1e-9  # of a normal's length, and of the largest distance of a plane from the origin
 
 
 def seen_points(view: View, p: Array, q: Array) -> Mask:
@@ -39,26 +43,76 @@ def seen_points(view: View, p: Array, q: Array) -> Mask:
 
     The view holds DEPTH and NORMAL. False outside the picture. Raises `MissingCore` without the compiled core.
     """
-    focal = (view.camera.fx, view.camera.fy)
-    slack = _SLACK_PX / min(focal)
-    return _seen(view.depth, view.normal, focal, p, q, slack=slack, steepest=_STEEPEST)
+    return _sight(view).points(p, q)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawable:
+    """The edges of a scene that some view may show: segments, the planes (S, 2) of their faces, a rule (S,) for each.
+
+    Features come first, then the edges that may be contours, each a chain of its own. A feature of a solid is seen only
+    where one of its faces is turned to the eye (FACING), a contour where only one is (TURNING). planes (P, 4): normal
+    and offset; n x + d > 0 in front of it.
+    """
+
+    segments: Segments
+    sides: Ids
+    rule: npt.NDArray[np.uint8]
+    planes: Array
+
+    def wanted(self, front: Mask) -> Mask:
+        """Return which of them an eye may see that is in front of these planes (P,), as native/seen.c has it."""
+        one, other = front[self.sides[:, 0]], front[self.sides[:, 1]]
+        return np.asarray(np.where(self.rule == TURNING, one ^ other, one | other | (self.rule == ALWAYS)))
+
+
+def drawable_edges(scene: Scene) -> Drawable:
+    """Return the features of a scene and the edges that may be contours."""
+    mesh, edges = scene.mesh, scene.edges
+    table = edge_table(mesh)
+    solid = solid_parts(mesh, table)[edges.part] & (edges.faces[:, 1] >= 0)
+    smooth = (table.count == 2) & (table.angle > _FLAT) & ~_among(table.vertices, edges.vertices, mesh.vertices)
+    faces, n = table.faces[smooth], int(smooth.sum())
+    none, after = np.full(n, -1, np.int32), int(edges.chain.max(initial=-1)) + 1
+    segments = Segments(
+        vertices=np.concatenate([edges.vertices, table.vertices[smooth]]),
+        kind=np.concatenate([edges.kind, np.full(n, EdgeKind.CONTOUR, np.int32)]),
+        part=np.concatenate([edges.part, mesh.part[faces[:, 0]]]),
+        chain=np.concatenate([edges.chain, np.arange(after, after + n, dtype=np.int32)]),
+        edge=np.full(len(edges) + n, -1, np.int32),
+        feature=np.concatenate([np.arange(len(edges), dtype=np.int32), none]),
+        away=np.zeros(len(edges) + n, bool),
+    )
+    rule = np.concatenate([np.where(solid, FACING, ALWAYS), np.full(n, TURNING)]).astype(np.uint8)
+    planes, plane_of = _planes(mesh)
+    return Drawable(segments, plane_of[np.concatenate([edges.faces, faces])], rule, planes)
+
+
+def _planes(mesh: Mesh) -> tuple[Array, Ids]:
+    """Return the planes (P, 4) that the faces of a mesh lie in, equal ones once, and the plane (F,) of each face."""
+    normals = mesh.face_normals
+    offset = -np.einsum("ij,ij->i", normals, mesh.vertices[mesh.faces[:, 0]])
+    planes = np.column_stack([normals, offset])
+    size = np.append(np.ones(3), max(float(np.abs(offset).max(initial=0.0)), 1.0))
+    steps = np.rint(planes / (_SAME_PLANE * size)).astype(np.int64)
+    _, first, plane_of = np.unique(steps, axis=0, return_index=True, return_inverse=True)
+    return planes[first], plane_of.ravel().astype(np.int32)
 
 
 class SeenEdges:
-    """Labels views of one scene with its edges: what does not depend on the view is computed once."""
+    """Labels views of one scene with its edges: what does not depend on the view is computed once.
 
-    def __init__(self, scene: Scene) -> None:
-        mesh, edges = scene.mesh, scene.edges
-        self.scene = scene
+    drawable: what `drawable_edges` returns for the scene, where it is known already.
+    """
+
+    def __init__(self, scene: Scene, drawable: Drawable | None = None) -> None:
+        mesh = scene.mesh
+        self.scene, self._drawable = scene, drawable or drawable_edges(scene)
         low, high = mesh.bounds
         self._near = _NEAR * float(np.linalg.norm(high - low))
-        self._normals = mesh.face_normals
-        self._heights = np.einsum("ij,ij->i", self._normals, mesh.vertices[mesh.faces[:, 0]])
-        table = edge_table(mesh)
-        self._solid = solid_parts(mesh, table)[edges.part] & (edges.faces[:, 1] >= 0)
-        smooth = (table.count == 2) & (table.angle > _FLAT) & ~_among(table.vertices, edges.vertices, mesh.vertices)
-        self._curved, self._beside = table.vertices[smooth], np.ascontiguousarray(table.faces[smooth].T)
-        self._faces = np.ascontiguousarray(edges.faces.T)
+        every = self._drawable
+        ends = mesh.vertices[every.segments.vertices]
+        self._edges = EdgesInSpace(ends, every.sides, every.segments.chain, every.rule)
 
     def draw(self, view: View) -> Polylines:
         """Return the visible stretches of features and contours, cut at the picture's border.
@@ -66,42 +120,34 @@ class SeenEdges:
         `view` holds DEPTH and NORMAL of the scene, and of whatever else may hide it; points `p` are in the scene's
         frame. Contours come edge by edge, each a chain of its own. Raises `MissingCore` without the compiled core.
         """
-        camera, pose = view.camera, view.camera_from_world
-        segments, kept, lines = self._in_view(self._facing(pose.origin), pose @ self.scene.mesh.vertices, camera)
-        found = Tracer(self.scene, camera, segments, kept, lines, _CHORD_PX).polylines(_shown(view, lines))
+        front = self._drawable.planes @ np.append(view.camera_from_world.origin, 1.0) > 0
+        return self._walked(view, front) if isinstance(view.camera.lens, Ideal) else self._traced(view, front)
+
+    def _walked(self, view: View, front: Mask) -> Polylines:
+        """Return the stretches where straight edges are straight in the picture: the core walks along them."""
+        eye = EyePoint(view.camera_from_world.matrix[:3], view.camera.K[:2], self._near)
+        found = self._edges.seen(_sight(view), eye, front, step=_STEP_PX, shortest=_SHORTEST_PX)
+        every, first = self._drawable.segments, found.edge[found.start[:-1]]
+        of_line = (every.kind[first], every.part[first], every.chain[first])
+        return Polylines(found.q, found.p, every.feature[found.edge], found.start, *of_line)
+
+    def _traced(self, view: View, front: Mask) -> Polylines:
+        """Return the stretches as the camera's lens bends them."""
+        every = self._drawable.segments
+        number = np.flatnonzero(self._drawable.wanted(front))
+        p = view.camera_from_world @ self.scene.mesh.vertices
+        a, b = (p[every.vertices[number, k]] for k in range(2))
+        t0, t1, kept = Frustum.of(view.camera, near=self._near, margin_px=0.0).clip(a, b)
+        lines = FlatSegments.of(a[kept], b[kept], t0[kept], t1[kept])
+        number = number[kept]
+        tracer = Tracer(self.scene, view.camera, every.select(number), number, lines, _CHORD_PX)
+        found = tracer.polylines(_shown(view, lines))
         return found.select(found.length_px >= _SHORTEST_PX)
 
-    def _in_view(self, every: Segments, p: Array, camera: Camera) -> tuple[Segments, Longs, FlatSegments]:
-        """Return the segments that reach into the picture, their numbers, and their images; p (V, 3) camera frame."""
-        frustum = Frustum.of(camera, near=self._near, margin_px=0.0)
-        first, second = every.vertices[:, 0], every.vertices[:, 1]
-        if isinstance(camera.lens, Ideal) and frustum.holds(p):
-            w = 1 / p[:, 2]
-            u, n = p[:, :2] * w[:, None], len(first)
-            lines = FlatSegments(u[first], u[second], w[first], w[second], np.zeros(n), np.ones(n))
-            return every, np.arange(n), lines
-        a, b = p[first], p[second]
-        t0, t1, kept = frustum.clip(a, b)
-        return every.select(kept), np.flatnonzero(kept), FlatSegments.of(a[kept], b[kept], t0[kept], t1[kept])
 
-    def _facing(self, eye: Array) -> Segments:
-        """Return the features but those whose solid turns both their faces away, and this view's contours."""
-        front = self._normals @ eye > self._heights
-        edges = self.scene.edges
-        kept = np.flatnonzero(front[self._faces[0]] | front[self._faces[1]] | ~self._solid)
-        turning = np.flatnonzero(front[self._beside[0]] != front[self._beside[1]])
-        contours = self._curved[turning]
-        n, none = len(contours), np.full(len(contours), -1, np.int32)
-        after = int(edges.chain.max(initial=-1)) + 1
-        return Segments(
-            vertices=np.concatenate([edges.vertices[kept], contours]),
-            kind=np.concatenate([edges.kind[kept], np.full(n, EdgeKind.CONTOUR, np.int32)]),
-            part=np.concatenate([edges.part[kept], self.scene.mesh.part[self._beside[0][turning]]]),
-            chain=np.concatenate([edges.chain[kept], np.arange(after, after + n, dtype=np.int32)]),
-            edge=np.concatenate([none, np.full(len(kept), -1, np.int32)]),
-            feature=np.concatenate([kept.astype(np.int32), none]),
-            away=np.zeros(len(kept) + n, bool),
-        )
+def _sight(view: View) -> Sight:
+    pixel = (1 / view.camera.fx, 1 / view.camera.fy)
+    return Sight(view.depth, view.normal, pixel, slack=_SLACK_PX * max(pixel), steepest=_STEEPEST)
 
 
 def _shown(view: View, lines: FlatSegments) -> Stretches:
@@ -109,24 +155,15 @@ def _shown(view: View, lines: FlatSegments) -> Stretches:
     ends = [_pixels(view.camera, u) for u in (lines.a, lines.b)]
     n = np.maximum(np.ceil(np.hypot(*(ends[1] - ends[0]).T) / _STEP_PX), 1).astype(np.int64)
     line = np.repeat(np.arange(len(n)), n)
-    shown = _shown_samples(view, lines, n, line)
+    s = (np.arange(len(line)) - (np.cumsum(n) - n)[line] + 0.5) / n[line]
+    u = lines.a[line] + s[:, None] * (lines.b - lines.a)[line]
+    z = 1 / (lines.wa[line] + s * (lines.wb - lines.wa)[line])
+    shown = seen_points(view, np.column_stack([u * z[:, None], z]), _pixels(view.camera, u))
     another = line[1:] != line[:-1]
     first = np.flatnonzero(shown & np.append(True, ~shown[:-1] | another)[: len(shown)])
     last = np.flatnonzero(shown & np.append(~shown[1:] | another, True)[: len(shown)])
     before = (np.cumsum(n) - n)[line[first]]
     return Stretches(line[first], (first - before) / n[line[first]], (last + 1 - before) / n[line[first]])
-
-
-def _shown_samples(view: View, lines: FlatSegments, n: Longs, line: Longs) -> Mask:
-    """Return which samples the view shows: n (N,) of them on each line, in the middles of its shares."""
-    camera = view.camera
-    how = {"slack": _SLACK_PX / min(camera.fx, camera.fy), "steepest": _STEEPEST}
-    if isinstance(camera.lens, Ideal):
-        return seen_lines(view.depth, view.normal, camera.K[:2], (lines.a, lines.b, lines.wa, lines.wb), n, **how)
-    s = (np.arange(len(line)) - (np.cumsum(n) - n)[line] + 0.5) / n[line]
-    u = lines.a[line] + s[:, None] * (lines.b - lines.a)[line]
-    z = 1 / (lines.wa[line] + s * (lines.wb - lines.wa)[line])
-    return seen_points(view, np.column_stack([u * z[:, None], z]), _pixels(camera, u))
 
 
 def _pixels(camera: Camera, u: Array) -> Array:

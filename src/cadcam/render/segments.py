@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from cadcam.arrays import Ids, Mask
+from cadcam.arrays import Ids, Index, Mask
 from cadcam.cad.chains import chained
 from cadcam.cad.edges import EdgeKind
 from cadcam.render.occlusion import Longs
@@ -32,7 +32,7 @@ class Segments:
     feature: Ids
     away: Mask
 
-    def select(self, which: Mask) -> Segments:
+    def select(self, which: Index) -> Segments:
         """Return the chosen segments."""
         return Segments(*(getattr(self, f.name)[which] for f in fields(self)))
 

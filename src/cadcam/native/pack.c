@@ -1,0 +1,308 @@
+/* See pack.h. A token is a byte, or a stretch that repeats what stands a pixel before it. Tokens are gathered block by block
+ * and written with the block's own Huffman code. */
+#include "pack.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+enum {
+    BLOCK = 1 << 13, /* tokens */
+    SHORTEST = 3, /* stretch, and */
+    LONGEST = 258,
+    END = 256,
+    SYMBOLS = 286,
+    PIXEL = 4, /* bytes, at most */
+    DIGIT = 7, /* bits: two hold how often a symbol comes */
+    LONGEST_CODE = 15,
+    KINDS = 19, /* of words in which the lengths of codes are told */
+    HEADER = 512 /* bytes: more than a block takes beside its tokens */
+};
+
+typedef struct {
+    uint16_t code[SYMBOLS];
+    uint8_t length[SYMBOLS];
+} huffman;
+
+typedef struct {
+    uint8_t *at;
+    uint64_t bits;
+    int n;
+} stream;
+
+typedef struct {
+    stream out;
+    const uint8_t *end;
+    int pixel; /* bytes */
+    uint32_t adler[2];
+    uint32_t count[SYMBOLS]; /* of the tokens' symbols */
+    int tokens;
+    uint16_t token[BLOCK]; /* a byte, or END + the length of a stretch */
+} packer;
+
+/* Write n bits, 48 at most: the whole bytes there are, as eight of which the rest is written again. */
+static void put(stream *s, uint64_t value, int n) {
+    s->bits |= value << s->n;
+    s->n += n;
+    for (int i = 0; i < 8; i++) s->at[i] = (uint8_t)(s->bits >> (8 * i)); /* one store, where bytes stand in this order */
+    const int whole = s->n >> 3;
+    s->at += whole, s->n &= 7, s->bits >>= 8 * whole;
+}
+
+static int log2_of(uint32_t v) { return 31 - __builtin_clz(v); }
+
+/* RFC 1951, 3.2.5: a symbol and the bits that follow it. */
+typedef struct {
+    int symbol, more, bits;
+} coded;
+
+static coded length_code(int length) {
+    const int l = length - 3;
+    if (length == LONGEST) return (coded){285, 0, 0};
+    if (l < 8) return (coded){257 + l, 0, 0};
+    const int bits = log2_of((uint32_t)l) - 2;
+    return (coded){261 + 4 * bits + (l >> bits & 3), l & ((1 << bits) - 1), bits};
+}
+
+/* Lengths of Huffman's code, from two queues (van Leeuwen 1976): leaves in order of their weight, and the nodes made of
+ * them, which come in order by themselves. Returns the longest. */
+static int depth_of_code(const uint32_t *weight, const int16_t *leaf, int leaves, uint8_t *length) {
+    uint32_t sum[2 * SYMBOLS];
+    int16_t parent[2 * SYMBOLS];
+    int depth[2 * SYMBOLS], next_leaf = 0, next_node = leaves, deepest = 0;
+    for (int i = 0; i < leaves; i++) sum[i] = weight[leaf[i]];
+    for (int node = leaves; node < 2 * leaves - 1; node++) {
+        sum[node] = 0;
+        for (int k = 0; k < 2; k++) {
+            const int from_leaf = next_leaf < leaves && (next_node >= node || sum[next_leaf] <= sum[next_node]);
+            const int child = from_leaf ? next_leaf++ : next_node++;
+            sum[node] += sum[child], parent[child] = (int16_t)node;
+        }
+    }
+    depth[2 * leaves - 2] = 0;
+    for (int i = 2 * leaves - 3; i >= 0; i--) depth[i] = depth[parent[i]] + 1;
+    for (int i = 0; i < leaves; i++) {
+        length[leaf[i]] = (uint8_t)depth[i];
+        if (depth[i] > deepest) deepest = depth[i];
+    }
+    return deepest;
+}
+
+/* Put the used symbols in order of their weight, equal ones in their own; return how many there are. */
+static int sorted(const uint32_t *weight, int symbols, int16_t *leaf) {
+    int16_t other[SYMBOLS];
+    int leaves = 0;
+    for (int s = 0; s < symbols; s++)
+        if (weight[s]) leaf[leaves++] = (int16_t)s;
+    for (int shift = 0; shift < 2 * DIGIT; shift += DIGIT) { /* digit by digit, the low one first */
+        int from[(1 << DIGIT) + 1] = {0};
+        for (int i = 0; i < leaves; i++) from[(weight[leaf[i]] >> shift & ((1 << DIGIT) - 1)) + 1]++;
+        for (int d = 0; d < 1 << DIGIT; d++) from[d + 1] += from[d];
+        for (int i = 0; i < leaves; i++) other[from[weight[leaf[i]] >> shift & ((1 << DIGIT) - 1)]++] = leaf[i];
+        memcpy(leaf, other, (size_t)leaves * sizeof *leaf);
+    }
+    return leaves;
+}
+
+/* Give out the codes of each length in order of the symbols (RFC 1951, 3.2.2), turned round: their first bit goes out first. */
+static void number_codes(huffman *h, int symbols) {
+    uint32_t next[LONGEST_CODE + 2] = {0};
+    for (int s = 0; s < symbols; s++)
+        if (h->length[s]) next[h->length[s] + 1]++;
+    for (int length = 1; length <= LONGEST_CODE; length++) next[length + 1] = (next[length] + next[length + 1]) << 1;
+    for (int s = 0; s < symbols; s++) {
+        const int length = h->length[s];
+        const uint32_t code = length ? next[length]++ : 0;
+        h->code[s] = 0;
+        for (int i = 0; i < length; i++) h->code[s] |= (uint16_t)((code >> i & 1) << (length - 1 - i));
+    }
+}
+
+/* The code of symbols by how often each comes, none longer than `most` bits: weights are evened out until it is so. */
+static void find_code(const uint32_t *count, int symbols, int most, huffman *h) {
+    int16_t leaf[SYMBOLS];
+    uint32_t weight[SYMBOLS];
+    memset(h, 0, sizeof *h), memcpy(weight, count, (size_t)symbols * sizeof *weight);
+    const int leaves = sorted(weight, symbols, leaf);
+    if (leaves == 1) h->length[leaf[0]] = 1;
+    while (leaves > 1 && depth_of_code(weight, leaf, leaves, h->length) > most)
+        for (int i = 0; i < leaves; i++) weight[leaf[i]] = weight[leaf[i]] / 2 + 1; /* keeps their order */
+    number_codes(h, symbols);
+}
+
+/* How a block's codes are told, 3.2.7: lengths, with runs of zeros and of the same as words of their own. */
+typedef struct {
+    uint8_t word[SYMBOLS + PIXEL], more[SYMBOLS + PIXEL];
+    int n;
+} telling;
+
+static void tell(const uint8_t *length, int n, telling *t) {
+    t->n = 0;
+    for (int i = 0, run; i < n; i += run) {
+        for (run = 1; i + run < n && length[i + run] == length[i] && run < (length[i] ? 7 : 138);) run++;
+        const int word = length[i] ? 16 : run > 10 ? 18 : 17, least = word == 16 ? 4 : 3;
+        if (run < least) run = 1;
+        if (run == 1 || word == 16) t->word[t->n] = length[i], t->more[t->n++] = 0;
+        if (run > 1) t->word[t->n] = (uint8_t)word, t->more[t->n++] = (uint8_t)(word == 18 ? run - 11 : word == 17 ? run - 3 : run - 4);
+    }
+}
+
+static int used(const uint8_t *length, int n) {
+    while (!length[n - 1]) n--;
+    return n;
+}
+
+/* The one distance there is, up to 4 bytes, is its own symbol; its code is one bit. */
+static void write_code(stream *s, const huffman *code, int distance) {
+    static const uint8_t order[KINDS] = {16, 17, 18, 0, 8, 7, 9, 6, 10, 5, 11, 4, 12, 3, 13, 2, 14, 1, 15};
+    const int n = used(code->length, SYMBOLS);
+    uint8_t all[SYMBOLS + PIXEL] = {0}, in_order[KINDS];
+    uint32_t count[KINDS] = {0};
+    huffman words;
+    telling t;
+    memcpy(all, code->length, (size_t)n), all[n + distance - 1] = 1;
+    tell(all, n + distance, &t);
+    for (int i = 0; i < t.n; i++) count[t.word[i]]++;
+    find_code(count, KINDS, 7, &words);
+    for (int i = 0; i < KINDS; i++) in_order[i] = words.length[order[i]];
+    const int kinds = used(in_order, KINDS);
+    put(s, (uint64_t)(n - 257), 5), put(s, (uint64_t)(distance - 1), 5), put(s, (uint64_t)(kinds - 4), 4);
+    for (int i = 0; i < kinds; i++) put(s, in_order[i], 3);
+    for (int i = 0; i < t.n; i++) {
+        put(s, words.code[t.word[i]], words.length[t.word[i]]);
+        if (t.word[i] > 15) put(s, t.more[i], (int[]){2, 3, 7}[t.word[i] - 16]);
+    }
+}
+
+static void write_tokens(packer *k, const huffman *code) {
+    stream s = k->out;
+    for (int i = 0; i < k->tokens; i++) {
+        const uint16_t token = k->token[i];
+        if (token < END) {
+            put(&s, code->code[token], code->length[token]);
+            continue;
+        }
+        const coded l = length_code(token - END);
+        const int n = code->length[l.symbol];
+        put(&s, code->code[l.symbol] | (uint64_t)l.more << n, n + l.bits + 1); /* and the distance: a zero */
+    }
+    put(&s, code->code[END], code->length[END]);
+    k->out = s;
+}
+
+/* At least as many bytes as the tokens take. */
+static int64_t size_of(const packer *k, const huffman *code) {
+    int64_t bits = 0;
+    for (int i = 0; i < SYMBOLS; i++) bits += (int64_t)k->count[i] * (code->length[i] + (i > END ? 6 : 0));
+    return bits / 8 + HEADER;
+}
+
+/* Write the tokens gathered; 0 where there is no room for them. */
+static int write_block(packer *k, int last) {
+    huffman code;
+    k->count[END] = 1;
+    find_code(k->count, SYMBOLS, LONGEST_CODE, &code);
+    if (k->end - k->out.at < size_of(k, &code)) return 0;
+    put(&k->out, (uint64_t)(last | 2 << 1), 3);
+    write_code(&k->out, &code, k->pixel);
+    write_tokens(k, &code);
+    memset(k->count, 0, sizeof k->count), k->tokens = 0;
+    return 1;
+}
+
+static uint64_t eight(const uint8_t *p) {
+    uint64_t v;
+    memcpy(&v, p, sizeof v);
+    return v;
+}
+
+/* Of eight bytes that differ: how many stand before the first that does. */
+static int before_first(uint64_t differ) {
+    return (__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ ? __builtin_ctzll(differ) : __builtin_clzll(differ)) >> 3;
+}
+
+/* How many bytes are the same, up to `most`, which is at least 1; the seven behind them are looked at too. */
+static int same(const uint8_t *a, const uint8_t *b, int most) {
+    uint64_t differ = eight(a) ^ eight(b);
+    if (most == LONGEST && !differ && !memcmp(a, b, LONGEST)) return LONGEST;
+    int i = 0;
+    while (!differ && (i += 8) < most) differ = eight(a + i) ^ eight(b + i);
+    if (differ) i += before_first(differ);
+    return i < most ? i : most;
+}
+
+/* Adler's sums (RFC 1950) with n more bytes: zeros, which are many, 32 at a time. */
+static void sum_up(uint32_t adler[2], const uint8_t *p, int64_t n) {
+    enum { SAFE = 5552 }; /* bytes, until the second sum no longer fits */
+    uint32_t a = adler[0], b = adler[1];
+    while (n) {
+        const int64_t now = n < SAFE ? n : SAFE;
+        for (int64_t i = 0; i < now;) {
+            if (i + 32 <= now && !(eight(p + i) | eight(p + i + 8) | eight(p + i + 16) | eight(p + i + 24)))
+                b += 32 * a, i += 32;
+            else
+                for (const int64_t to = i + 8 < now ? i + 8 : now; i < to; i++) a += p[i], b += a;
+        }
+        a %= 65521, b %= 65521, p += now, n -= now;
+    }
+    adler[0] = a, adler[1] = b;
+}
+
+/* Gather the tokens of a filtered row of n bytes, before which others stand unless it is the first; 0 where there is no
+ * room. */
+static int take_row(packer *k, const uint8_t *row, int64_t n, int first) {
+    for (int64_t i = 0; i < n;) {
+        const int most = (int)(n - i < LONGEST ? n - i : LONGEST);
+        const int run = first && i < k->pixel ? 0 : same(row + i, row + i - k->pixel, most);
+        const int symbol = run < SHORTEST ? row[i] : length_code(run).symbol;
+        if (k->tokens == BLOCK && !write_block(k, 0)) return 0;
+        k->count[symbol]++, k->token[k->tokens++] = (uint16_t)(run < SHORTEST ? symbol : END + run);
+        i += run < SHORTEST ? 1 : run;
+    }
+    return 1;
+}
+
+static int all_zero(const uint8_t *p, int64_t n) { return !p[0] && !memcmp(p, p + 1, (size_t)n - 1); }
+
+/* Filter a row; one of zeros is left as it is, so that runs go on from row to row. */
+static void filter(const uint8_t *row, const uint8_t *above, int64_t n, uint8_t *out) {
+    const int up = above && !all_zero(row, n);
+    out[0] = up ? 2 : 0;
+    if (up)
+        for (int64_t i = 0; i < n; i++) out[1 + i] = (uint8_t)(row[i] - above[i]);
+    else
+        memcpy(out + 1, row, (size_t)n);
+}
+
+static int64_t finish(packer *k, const uint8_t *out) {
+    if (!write_block(k, 1) || k->end - k->out.at < 16) return -1;
+    if (k->out.n) put(&k->out, 0, 8 - k->out.n);
+    for (int i = 0; i < 4; i++) *k->out.at++ = (uint8_t)((k->adler[1] << 16 | k->adler[0]) >> (24 - 8 * i));
+    return k->out.at - out;
+}
+
+int64_t cc_pack_room(int64_t row_bytes, int64_t rows) {
+    const int64_t bytes = (row_bytes + 1) * rows;
+    return 2 * bytes + HEADER * (bytes / BLOCK + 2);
+}
+
+int64_t cc_pack(const uint8_t *pixels, int64_t row_bytes, int64_t rows, int32_t pixel_bytes, uint8_t *out, int64_t room) {
+    const int64_t n = row_bytes + 1; /* with the filter's own byte */
+    packer *k = calloc(1, sizeof *k);
+    uint8_t *window = calloc((size_t)(2 * n) + 8, 1); /* the row before, this row */
+    int64_t written = -1;
+    if (k && window && room >= HEADER && pixel_bytes <= PIXEL) {
+        k->out.at = out, k->end = out + room, k->adler[0] = 1;
+        k->pixel = pixel_bytes;
+        put(&k->out, 0x0178, 16); /* deflate, a window of 32 kB */
+        int64_t y = 0;
+        for (; y < rows; y++) {
+            memcpy(window, window + n, (size_t)n);
+            filter(pixels + y * row_bytes, y ? pixels + (y - 1) * row_bytes : NULL, row_bytes, window + n);
+            sum_up(k->adler, window + n, n);
+            if (!take_row(k, window + n, n, !y)) break;
+        }
+        written = y == rows ? finish(k, out) : -1;
+    }
+    free(k), free(window);
+    return written;
+}

@@ -1,0 +1,16 @@
+/* The picture data of a PNG file, quickly: what rendered pictures have, flat faces before an even background, is found; more
+ * is not looked for. Plain C11 like raster.h. */
+#ifndef CADCAM_PACK_H
+#define CADCAM_PACK_H
+
+#include <stdint.h>
+
+#include "raster.h"
+
+/* Rows (rows, row_bytes) of pixels of pixel_bytes each, in PNG's order of bytes, filtered (each row as its difference to the
+ * one above; PNG specification, 9.2) and packed as a zlib stream (RFC 1950 and 1951). Returns how many bytes were written
+ * to `out`, or -1 where memory is short or there is no room for them: it is enough to have cc_pack_room. */
+CC_API int64_t cc_pack(const uint8_t *pixels, int64_t row_bytes, int64_t rows, int32_t pixel_bytes, uint8_t *out, int64_t room);
+CC_API int64_t cc_pack_room(int64_t row_bytes, int64_t rows);
+
+#endif
