@@ -18,7 +18,7 @@ from cadcam.verify.alarms import false_discoveries_below, surely_below
 from cadcam.verify.deviation import EdgeDeviation, Extra, FeatureDeviation, State
 from cadcam.verify.extra import unexplained
 from cadcam.verify.look import DOUBTFUL, OF_DISPLACED, Case, Look, looked, looked_again, sure
-from cadcam.verify.measured import Displacement, Measured
+from cadcam.verify.measured import Displacement, Measured, told
 from cadcam.verify.presence import Presence
 from cadcam.verify.survey import Survey, surveyed
 from cadcam.verify.tolerance import Tolerances, whole_parts
@@ -167,7 +167,8 @@ def _features(
         state = _state(presence[i], moved[i], bool(alarms[i]), enough)
         if state in (State.DISPLACED, State.IN_PLACE) and _beyond(survey, i, moved[i], options):
             state = State.UNCLEAR
-        out.append(_feature(i, state, presence[i], moved[i], measured, survey))
+        said = moved[i] if state is State.DISPLACED else told(moved[i])
+        out.append(_feature(i, state, presence[i], said, measured, survey))
     return tuple(out)
 
 
@@ -180,6 +181,8 @@ def _state(presence: Presence, moved: Displacement | None, alarm: bool, enough: 
         return State.UNCLEAR  # what is measured may be something else
     if alarm and moved.edges < 2 and presence.seen < 2:
         return State.UNCLEAR  # a single line there may be another one
+    if told(moved) is None and not alarm:
+        return State.UNCLEAR  # what cannot be told is not in place either
     return State.DISPLACED if alarm else State.IN_PLACE
 
 

@@ -24,12 +24,17 @@ STATION_PX = 24.0  # length of the pieces of an edge that are looked at one by o
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Displacement:
-    """A displacement in the directions `basis` (3, m) seen: estimate, probability in place, how many edges tell."""
+    """A displacement in the directions `basis` (3, m) seen: estimate, probability in place, how many edges tell.
+
+    known: whether its size is; if not, the photos may still show that there is one, and the basis is the direction in
+    which they tell most.
+    """
 
     basis: Array
     estimate: Estimate
     p_value: float
     edges: int
+    known: bool = True
 
 
 @dataclass(frozen=True)
@@ -101,8 +106,8 @@ class Measured:
     def displacement(self, rows: Mask, *, along: Array | None = None) -> Displacement | None:
         """Return how far the places were displaced as one; along (3,): in that direction alone. None: not told.
 
-        The probability is that of all edges where the body is in place; the estimate takes into account that feet
-        need not follow (`cadcam.verify.following`), and that edges may disagree.
+        The probability is that of all edges where the body is in place; the estimate takes into account that feet need
+        not follow (`cadcam.verify.following`), that edges may disagree, and displacements along the line of sight.
         """
         told = self._told(rows, along)
         if told is None:
@@ -111,12 +116,12 @@ class Measured:
         p_value = self._p_value(rows, basis, pose)
         if along is not None:
             return Displacement(basis, self._followed(rows, basis, pose), p_value, self._edges(rows))
+        if not basis.shape[1]:
+            return None
         every = np.column_stack([basis, _perpendicular(basis)])
         estimate = self._followed(rows, every, pose)
-        m = self._still_seen(rows, estimate.along(np.eye(3)[: basis.shape[1]]))
-        if not m.shape[1]:
-            return None
-        return Displacement(basis @ m, estimate.along(m.T @ np.eye(3)[: basis.shape[1]]), p_value, self._edges(rows))
+        best, known = self._best_told(rows, estimate, most=basis.shape[1])
+        return Displacement(every @ best, estimate.along(best.T), p_value, self._edges(rows), known)
 
     def p_value(self, rows: Mask) -> float:
         """Return how probable offsets like those of these places are if they are in place; nan: not told."""
@@ -153,11 +158,17 @@ class Measured:
     def _edges(self, rows: Mask) -> int:
         return len(np.unique(self.lines.edge[rows]))
 
-    def _still_seen(self, rows: Mask, found: Estimate) -> Array:
-        """Return the directions (m, k) in which an estimate is as sure as what is seen has to be."""
+    def _best_told(self, rows: Mask, found: Estimate, *, most: int) -> tuple[Array, bool]:
+        """Return the directions (3, k), at most so many, that an estimate tells as surely as what is seen has to be.
+
+        They lean from the plane across the line of sight to where they are told, at an end of the body perhaps: there a
+        displacement towards the camera, of which nothing is known, does not look like one across. Where none is told
+        that surely, the best one is returned, and that it is not.
+        """
         w, V = np.linalg.eigh(found.covariance)
-        seen = w < (SEEN_PX * float(np.median(self.lines.mm_per_px[rows]))) ** 2
-        return np.asarray(V[:, seen])
+        sure = int((w[:most] < (SEEN_PX * float(np.median(self.lines.mm_per_px[rows]))) ** 2).sum())
+        V = V * np.where(np.take_along_axis(V, np.abs(V).argmax(axis=0)[None], axis=0) < 0, -1.0, 1.0)
+        return np.asarray(V[:, : max(sure, 1)]), sure > 0
 
     def _unseen_mm(self, rows: Mask) -> float:
         """Return the standard deviation (mm) of a displacement that photos do not show."""
@@ -221,6 +232,11 @@ class Measured:
             value, sigma, _ = self.across(mine, pose=pose)
             out.append((float(self.lines.along[mine].mean()), value, sigma))
         return np.array(out).reshape(-1, 3)
+
+
+def told(moved: Displacement | None) -> Displacement | None:
+    """Return a displacement if its size is known."""
+    return moved if moved is not None and moved.known else None
 
 
 def _perpendicular(basis: Array) -> Array:
