@@ -71,7 +71,7 @@ class Measured:
             tau = common_error(
                 offset[fitted], sigma[fitted], lines.edge[fitted], lines.along[fitted], J[fitted] @ freedom
             )
-        noise = EdgeNoise.of(sigma, lines.edge, lines.along, tau)
+        noise = EdgeNoise.of(sigma, lines.edge, lines.along, tau).with_more(survey.matched.common[rows])
         members = tuple(m[rows] for m in survey.members)
         adjustment = Adjustment(offset, J, lines.by_cause, noise, fitted, freedom)
         lever, mate, ground = survey.lever[rows], survey.mate[rows], survey.ground[rows]
