@@ -103,16 +103,18 @@ def looked_again(case: Case, look: Look) -> Look:
 def _suspects(case: Case, look: Look) -> list[int]:
     """Return the features, whole parts, that may stand elsewhere: measured beside where they are drawn, or unclear.
 
-    The farthest first; last those displaced by less, and those that may not be there at all.
+    The farthest first; last those displaced by less, those of which an edge is not where it should show but beside, and
+    those that may not be there at all.
     """
     out = []
     for i, found in enumerate(look.presence):
         part, moved = look.survey.whole_part(i), displaced(look.measured, i)
         if part is None or not found.expected:
             continue
+        if look.survey.shows_beside(i) or (moved is None and found.log_ratio < DOUBTFUL):
+            out.append((0.0, i))
+            continue
         if moved is None:
-            if found.log_ratio < DOUBTFUL:
-                out.append((0.0, i))
             continue
         px = off_px(look.survey, look.survey.rows(i), moved.basis @ moved.estimate.value - look.survey.by[part])
         if px > AGREES_PX or moved.p_value <= OF_DISPLACED * case.alarms / len(look.presence):
@@ -131,6 +133,7 @@ def _likeliest(case: Case, look: Look, number: int) -> tuple[Array | None, float
     places = [now + d for d in survey.guesses(number, reach_px=case.reach_px)]
     places += [] if moved is None else [moved.basis @ moved.estimate.value]
     places = [p for p in places if off_px(survey, survey.members[number], p - now) > AGREES_PX]
+    places = [p for p in places if np.linalg.norm(p) <= case.reach_px * survey.mm_per_px(number)]
     guesses = [(p, redrawn(case.part, _with(survey.by, part, p))) for p in places]
     told = [(p, guess) for p, guess in guesses if guess is not None]
     drawn = [look.drawn, *(guess for _, guess in told)]
