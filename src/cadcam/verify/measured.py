@@ -120,8 +120,9 @@ class Measured:
             return None
         every = np.column_stack([basis, _perpendicular(basis)])
         estimate = self._followed(rows, every, pose)
-        best, known = self._best_told(rows, estimate, most=basis.shape[1])
-        return Displacement(every @ best, estimate.along(best.T), p_value, self._edges(rows), known)
+        plane = self._leaning(rows, basis, every @ estimate.covariance @ every.T)
+        best, known = self._best_told(rows, estimate.along(plane.T @ every))
+        return Displacement(plane @ best, estimate.along(best.T @ plane.T @ every), p_value, self._edges(rows), known)
 
     def p_value(self, rows: Mask) -> float:
         """Return how probable offsets like those of these places are if they are in place; nan: not told."""
@@ -158,16 +159,27 @@ class Measured:
     def _edges(self, rows: Mask) -> int:
         return len(np.unique(self.lines.edge[rows]))
 
-    def _best_told(self, rows: Mask, found: Estimate, *, most: int) -> tuple[Array, bool]:
-        """Return the directions (3, k), at most so many, that an estimate tells as surely as what is seen has to be.
+    def _leaning(self, rows: Mask, basis: Array, covariance: Array) -> Array:
+        """Return the directions of a basis (3, m), each leant to the line of sight of where on the body it is told.
 
-        They lean from the plane across the line of sight to where they are told, at an end of the body perhaps: there a
-        displacement towards the camera, of which nothing is known, does not look like one across. Where none is told
-        that surely, the best one is returned, and that it is not.
+        A displacement towards the camera, of which nothing is known, looks like one across the line of sight through
+        the body's middle where that one is told by an end of it; across the line of sight of that end it does not.
+        """
+        if self.eye is None:
+            return basis
+        axis, sight = self.axis(rows), self.lines.p[rows] - self.eye
+        extent = np.linalg.norm(np.cross(sight, axis), axis=1).max() / np.linalg.norm(sight, axis=1).mean()
+        lean = basis.T @ covariance @ axis / (axis @ covariance @ axis)
+        lean *= min(1.0, extent / max(float(np.linalg.norm(lean)), 1e-12))
+        return np.asarray(np.linalg.qr(basis - np.outer(axis, lean))[0])
+
+    def _best_told(self, rows: Mask, found: Estimate) -> tuple[Array, bool]:
+        """Return the directions (m, k) in which an estimate is as sure as what is seen has to be, and whether any is.
+
+        Where none is, the one that is surest.
         """
         w, V = np.linalg.eigh(found.covariance)
-        sure = int((w[:most] < (SEEN_PX * float(np.median(self.lines.mm_per_px[rows]))) ** 2).sum())
-        V = V * np.where(np.take_along_axis(V, np.abs(V).argmax(axis=0)[None], axis=0) < 0, -1.0, 1.0)
+        sure = int((w < (SEEN_PX * float(np.median(self.lines.mm_per_px[rows]))) ** 2).sum())
         return np.asarray(V[:, : max(sure, 1)]), sure > 0
 
     def _unseen_mm(self, rows: Mask) -> float:
