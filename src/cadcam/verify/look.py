@@ -23,7 +23,7 @@ from cadcam.verify.uncovered import uncovered_ratio
 
 OF_DISPLACED = 0.25  # of the alarms: a displacement that matters is far beyond any doubt, an absence is not
 DOUBTFUL = 2.0  # log likelihood ratio, 7 to 1, below which a part may not be there
-_RATHER_NOT = -1.0  # log likelihood ratio by its edges below which it is asked what a part hides
+_RATHER_NOT = -1.0  # log likelihood ratio by edges or tones below which it is asked what a part hides
 _CELL_PX = 1.5  # places where a shifted feature is looked for are about this far apart
 _ROUNDS = 4  # of drawing displaced bodies again where they were found
 
@@ -182,17 +182,17 @@ def sure(presence: Sequence[Presence], alarms: float) -> float:
 def _presences(case: Case, drawn: Part, survey: Survey) -> list[Presence]:
     """Return the evidence for each feature; where it was looked for at many places, that is taken off.
 
-    Of whole parts that are not clearly there, it is asked how bright they are, and if that does not settle it, whether
-    what they hide is seen.
+    Of whole parts that are not clearly there, it is asked how bright they are, and of those that seem to be gone then,
+    whether what they hide is seen.
     """
     out = [_by_its_edges(survey, i) for i in range(len(survey.names))]
-    enough, tones = sure(out, case.alarms), Tones(drawn, case.photos, case.world_from_part)
+    tones = Tones(drawn, case.photos, case.world_from_part)
     for i, found in enumerate(out):
         body = survey.whole_part(i) if found.expected and found.log_ratio < DOUBTFUL else None
         if body is None:
             continue
         told = tones.log_ratio(body, edges=found.log_ratio)
-        if found.log_ratio < _RATHER_NOT and -enough < told < DOUBTFUL:
+        if min(found.log_ratio, told) < _RATHER_NOT and told < DOUBTFUL:
             told += uncovered_ratio(
                 drawn, case.photos, case.world_from_part, body, survey.evidence, clutter=survey.clutter
             )

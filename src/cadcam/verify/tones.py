@@ -169,11 +169,16 @@ def _from_beside(photo: Photo, shown: Drawn, hidden: Drawn, its: Mask, piece: Ma
     own = piece & (distance_transform_edt(~beside) <= _BESIDE_PX + 2 * _RIM_PX)
     if own.sum() < _LEAST_PX:
         return np.nan, np.nan
-    there = gray[beside]
-    level = float(np.median(there))
-    spread = 1.4826 * float(np.median(np.abs(there - level)))
-    uneven = max(spread**2 - noise_of(photo.gray) ** 2, 0.0)
-    return float(np.median(gray[own])) - level, float(np.sqrt(_UNEVEN**2 + uneven))
+    level, uneven = _level(gray[beside])
+    tone, uneven_too = _level(gray[own])
+    noise2 = 2 * noise_of(photo.gray) ** 2
+    return tone - level, float(np.sqrt(_UNEVEN**2 + max(uneven**2 + uneven_too**2 - noise2, 0.0)))
+
+
+def _level(gray: Array) -> tuple[float, float]:
+    """Return the median of brightnesses and their robust standard deviation."""
+    level = float(np.median(gray))
+    return level, 1.4826 * float(np.median(np.abs(gray - level)))
 
 
 def _pairs(one: Longs, other: Longs) -> Longs:
