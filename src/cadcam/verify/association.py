@@ -122,7 +122,7 @@ def associated(
     coarse[strays(coarse, np.full(n, _COARSE_PX), lines.edge, lines.along, asked, ought)] = np.nan
     expected = _expected(coarse, lines)
     at_shift = np.einsum("ni,ni->n", lines.normal, shift)
-    free = _told_from_twins(lines, sights, body, expected, ought)
+    free = _told_from_twins(lines, sights, body, expected)
     places = np.where(np.isfinite(expected), expected, at_shift)
     first, *_ = _measured(lines, sights, places, free)
     closer = _expected(first, lines)  # a linear fit, of twins above all, is best where the steps are
@@ -184,14 +184,13 @@ def _measured(
     return offset, sigma, common, step
 
 
-def _told_from_twins(lines: Sightlines, sights: Sequence[Sight], body: Longs, expected: Array, ought: Mask) -> Mask:
+def _told_from_twins(lines: Sightlines, sights: Sequence[Sight], body: Longs, expected: Array) -> Mask:
     """Return which places (N,) have a parallel line near, a twin, for which their step in the photo is not taken.
 
     That of another body may stand elsewhere; of twins of one body a fit knows how far apart they are. They are told
-    from each other where both are seen, each in a place of its own, or where the one ought to show and the other not.
-    expected (N,) px: where the steps are, nan for edges not seen.
+    from each other where both are seen, each in a place of its own. expected (N,) px: where the steps are, nan for
+    edges not seen.
     """
-    showing = _of_most_places(lines.edge, ought)
     there = lines.q + expected[:, None] * lines.normal
     out = np.zeros(len(lines), bool)
     for i, sight in enumerate(sights):
@@ -202,17 +201,10 @@ def _told_from_twins(lines: Sightlines, sights: Sequence[Sight], body: Longs, ex
             twin = np.flatnonzero(np.isfinite(away))
             mine, its = rows[twin], _places_at(lines, rows, rows[twin], away[twin])
             found = np.einsum("ni,ni->n", there[its] - there[mine], lines.normal[mine])
-            both = found / away[twin] > _TWIN_SHARE
-            one = showing[mine] & ~showing[its]
-            told[twin, side] = (its >= 0) & (body[mine] == body[its]) & (both | one)
+            told[twin, side] = (its >= 0) & (body[mine] == body[its]) & (found / away[twin] > _TWIN_SHARE)
         twins = np.isfinite(sight.samples.twins[:, :, 0])
         out[rows] = twins.any(axis=1) & told.all(axis=1)
     return out
-
-
-def _of_most_places(edge: Longs, mask: Mask) -> Mask:
-    """Return for each place whether the mask (N,) holds for half or more of its edge."""
-    return np.asarray((np.bincount(edge, mask) >= 0.5 * np.bincount(edge))[edge])
 
 
 def _places_at(lines: Sightlines, among: Longs, rows: Longs, away: Array) -> Longs:

@@ -164,7 +164,7 @@ def _features(
     alarms = surely_below(p_values, OF_DISPLACED * options.alarms)
     out = []
     for i in range(len(survey.names)):
-        state = _state(presence[i], moved[i], bool(alarms[i]), enough, redrawn=bool(survey.drawn_by(i).any()))
+        state = _state(presence[i], moved[i], bool(alarms[i]), enough)
         if state in (State.DISPLACED, State.IN_PLACE) and _beyond(survey, i, moved[i], options):
             state = State.UNCLEAR
         said = moved[i] if state is State.DISPLACED else told(moved[i])
@@ -172,15 +172,15 @@ def _features(
     return tuple(out)
 
 
-def _state(presence: Presence, moved: Displacement | None, alarm: bool, enough: float, *, redrawn: bool) -> State:
+def _state(presence: Presence, moved: Displacement | None, alarm: bool, enough: float) -> State:
     if presence.expected == 0 and moved is None:
         return State.OUT_OF_VIEW
     if presence.log_ratio <= -enough:
         return State.MISSING
     if moved is None or presence.log_ratio < (0.0 if alarm else DOUBTFUL):
         return State.UNCLEAR  # what is measured may be something else
-    if alarm and moved.edges < 2 and presence.seen < 2 and not redrawn:
-        return State.UNCLEAR  # a single line there may be another one, if nothing but that tells
+    if alarm and moved.edges < 2 and presence.seen < 2:
+        return State.UNCLEAR  # a single line there may be another one
     if told(moved) is None and not alarm:
         return State.UNCLEAR  # what cannot be told is not in place either
     return State.DISPLACED if alarm else State.IN_PLACE

@@ -72,11 +72,6 @@ class Survey:
             return None
         return int(own[0])
 
-    def drawn_by(self, number: int) -> Array:
-        """Return how far (3,) mm beside its place a feature is drawn; zero where it is no whole part."""
-        part = self.whole_part(number)
-        return np.zeros(3) if part is None else np.asarray(self.by[part])
-
     def mm_per_px(self, number: int) -> float:
         """Return how many mm a px is at a feature's edges, in their middle."""
         return float(np.median(self.lines.mm_per_px[self.members[number]]))
