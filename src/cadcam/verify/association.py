@@ -47,10 +47,10 @@ class Association:
     """What the photos show at N places.
 
     coarse (N,) px: offset of the edge that the feature's shift points to, nan where there is none; offset, sigma (N,)
-    px: the same measured, with its standard deviation by the photo's noise, nan where it cannot be; common (N,) px: error
-    that a whole edge has beside that, where it has a twin. step (N,): change
-    of brightness across the line at that place, be it an edge or not; nan where there is no room to tell. shift (N, 2)
-    px: by how much the feature that a place belongs to was found displaced in its photo, to about a pixel.
+    px: the same measured, with its standard deviation by the photo's noise, nan where it cannot be; common (N,) px:
+    error that a whole edge has beside that, where it has a twin. step (N,): change of brightness across the line at
+    that place, be it an edge or not; nan where there is no room to tell. shift (N, 2) px: by how much the feature that
+    a place belongs to was found displaced in its photo, to about a pixel.
     """
 
     coarse: Array
