@@ -3,22 +3,45 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from cadcam.cad.mesh import merge
+from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts.shape import box
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.verify.association import ROOM_PX
-from cadcam.verify.survey import surveyed
+from cadcam.verify.survey import Survey, surveyed
 from cadcam.verify.tolerance import whole_parts
 
 from .scene import photo, plate
 
+COLOR = (0.55, 0.55, 0.6)
 
-def test_twins_are_not_measured(rng: np.random.Generator) -> None:
-    """A sheet of 3 mm shows two edges some 2 px apart; either may be taken for the other."""
-    mesh = merge([plate(), box((-100, -95, 12), (60, -70, 15), name="sheet", color=(0.55, 0.55, 0.6))])
-    seen = surveyed(Part.of(mesh), [photo(mesh, rng)], Rigid(), whole_parts(Part.of(mesh).scene), reach_px=8.0)
-    twins = seen.usable & (seen.lines.room < ROOM_PX)
+
+def survey_of(mesh: Mesh, rng: np.random.Generator) -> Survey:
+    whole = Part.of(mesh)
+    return surveyed(whole, [photo(mesh, rng)], Rigid(), whole_parts(whole.scene), reach_px=8.0)
+
+
+@pytest.mark.parametrize("thickness", [3.5, 5.0])
+def test_twins_of_one_body_are_measured_true_to_their_errors(rng: np.random.Generator, thickness: float) -> None:
+    """A sheet shows two edges 2 to 4 px apart; five sigmas of an edge as a whole."""
+    sheet = box((-100, -95, 12), (60, -70, 12 + thickness), name="sheet", color=COLOR)
+    seen = survey_of(merge([plate(), sheet]), rng)
+    its = seen.lines.part == 5
+    twins = its & (seen.lines.room < ROOM_PX + 2) & seen.matched.measured
+    assert twins.sum() > 20
+    for edge in np.unique(seen.lines.edge[twins]):
+        of = twins & (seen.lines.edge == edge)
+        sigma = np.hypot(seen.matched.sigma[of].mean() / np.sqrt(of.sum()), seen.matched.common[of].mean())
+        assert abs(seen.matched.offset[of].mean()) < 5 * sigma
+
+
+def test_twins_of_two_bodies_are_not_measured(rng: np.random.Generator) -> None:
+    """Either may stand elsewhere, and its edge be taken for the other's."""
+    low = box((-100, -95, 12), (60, -70, 14), name="low", color=COLOR)
+    high = box((-100, -94, 14), (60, -70, 17), name="high", color=COLOR)
+    seen = survey_of(merge([plate(), low, high]), rng)
+    twins = seen.usable & (seen.lines.room < ROOM_PX) & (seen.lines.part >= 5)
     assert (twins & seen.matched.support).sum() > 20
     assert not (twins & seen.matched.measured).any()

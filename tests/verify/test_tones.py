@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_dilation
 
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import noise_of
@@ -42,6 +43,16 @@ def test_a_shadow_on_a_body_does_not_make_it_missing(rng: np.random.Generator) -
     dark = Photo.of(np.where(its, 0.66 * gray, gray).astype(np.float32), CAMERA, POSE)
     assert Tones(part(), [dark], Rigid()).log_ratio(body) > -6.5
     assert State.MISSING not in {f.state for f in inspect(part(), [dark], Rigid()).features}
+
+
+def test_a_body_that_is_gone_from_a_shadow_is_missing(rng: np.random.Generator) -> None:
+    """All around its place is darker by a third: not as bright as the light makes it, but as beside it."""
+    gray, body = photographed(displaced("block", None), rng), plate().part_names.index("block")
+    its = open_renderer(part().scene).render(CAMERA, POSE, channels=Channel.PART).part == body
+    shadow = binary_dilation(its, iterations=30)
+    dark = Photo.of(np.where(shadow, 0.66 * gray, gray).astype(np.float32), CAMERA, POSE)
+    assert Tones(part(), [dark], Rigid()).log_ratio(body) < -2.0
+    assert inspect(part(), [dark], Rigid()).feature("block").state is State.MISSING
 
 
 def test_the_light_knows_to_which_side_an_edge_is_brighter(rng: np.random.Generator) -> None:

@@ -29,6 +29,14 @@ _COARSE_PX = 0.3  # sigma of a candidate, about
 _GRID_PX = 0.75
 _NEIGHBOURS = 4  # places of other lines looked at near a candidate
 _ON_LINE_PX = 1.2  # across a line, that a candidate may be off to be taken for it
+# A twin's own step, blurred otherwise than it is taken to be, draws the fit: so far off at so many blurs (measured in
+# simulated pictures: 0.03 px at 3.5 blurs, 0.01 px at 4.5), falling fast with the distance.
+_TWIN_ERROR_PX, _TWIN_BLURS = 0.035, 3.5
+# What pixels do unevenly averages out along an edge that crosses them, not along one that follows a row: so far off is
+# an edge of a picture drawn with 4 x 4 samples a pixel (0.08 px measured; 0.004 with 12 x 12) which spans less of a
+# pixel than that.
+_ROW_ERROR_PX, _ROW_SPAN_PX = 0.05, 0.5
+_TWIN_SHARE = 0.6  # of how far apart twins are by the model that they must be in the photo
 _PARALLEL = np.cos(np.radians(20.0))
 _NEAR_PX = 1.5  # shifts up to this are the nominal place
 _GAIN_SAMPLES, _GAIN_SHARE = 3.0, 0.10  # by which support elsewhere must exceed that of the nominal place
@@ -43,14 +51,16 @@ class Association:
     """What the photos show at N places.
 
     coarse (N,) px: offset of the edge that the feature's shift points to, nan where there is none; offset, sigma (N,)
-    px: the same measured, with its standard deviation by the photo's noise, nan where it cannot be. step (N,): change
-    of brightness across the line at that place, be it an edge or not; nan where there is no room to tell. shift (N, 2)
-    px: by how much the feature that a place belongs to was found displaced in its photo, to about a pixel.
+    px: the same measured, with its standard deviation by the photo's noise, nan where it cannot be; common (N,) px:
+    error that a whole edge has beside that, by a twin or by lying along the pixels' rows. step (N,): change of
+    brightness across the line at that place, be it an edge or not; nan where there is no room to tell. shift (N, 2) px:
+    by how much the feature that a place belongs to was found displaced in its photo, to about a pixel.
     """
 
     coarse: Array
     offset: Array
     sigma: Array
+    common: Array
     step: Array
     shift: Array
 
@@ -116,10 +126,14 @@ def associated(
     coarse[strays(coarse, np.full(n, _COARSE_PX), lines.edge, lines.along, asked, ought)] = np.nan
     expected = _expected(coarse, lines)
     at_shift = np.einsum("ni,ni->n", lines.normal, shift)
-    offset, sigma, step = _measured(lines, sights, np.where(np.isfinite(expected), expected, at_shift))
+    free = _told_from_twins(lines, sights, body, expected)
+    places = np.where(np.isfinite(expected), expected, at_shift)
+    first, *_ = _measured(lines, sights, places, free)
+    closer = _expected(first, lines)  # a linear fit, of twins above all, is best where the steps are
+    offset, sigma, common, step = _measured(lines, sights, np.where(np.isfinite(closer), closer, places), free)
     offset[~np.isfinite(coarse)] = np.nan
     offset[strays(offset, sigma, lines.edge, lines.along, asked, ought)] = np.nan
-    return Association(coarse, offset, np.where(np.isfinite(offset), sigma, np.nan), step, shift)
+    return Association(coarse, offset, np.where(np.isfinite(offset), sigma, np.nan), common, step, shift)
 
 
 def _shifted(
@@ -150,24 +164,77 @@ def _expected(coarse: Array, lines: Sightlines) -> Array:
     return out
 
 
-def _measured(lines: Sightlines, sights: Sequence[Sight], expected: Array) -> tuple[Array, Array, Array]:
-    """Return offsets (N,), sigmas and steps of brightness, fitted to the pixels about where the edges are expected.
+def _measured(
+    lines: Sightlines, sights: Sequence[Sight], expected: Array, free: Mask
+) -> tuple[Array, Array, Array, Array]:
+    """Return offsets (N,), sigmas, common errors and steps, fitted to the pixels about where the edges are expected.
 
-    Of twins, which a fit would know how far apart they are, one may be taken for the other, or be another body's that
-    stands elsewhere: they are not measured.
+    free (N,): places whose step is not taken for that of another line.
     """
     offset, sigma, step = (np.full(len(lines), np.nan) for _ in range(3))
+    common = np.zeros(len(lines))
     for i, sight in enumerate(sights):
         rows = lines.photo == i
         at = Projected(lines.q[rows], lines.normal[rows], np.zeros((int(rows.sum()), 6)))
         cells = Cells.of(sight, at, half_length=STEP_PX / 2, reach_px=REACH_PX, room_px=ROOM_PX)
         found = measure(sight, at, cells, expected[rows])
-        clear = lines.room[rows] >= ROOM_PX + _APART * cells.blur
+        clear = (lines.room[rows] >= ROOM_PX + _APART * cells.blur) | free[rows]
         usable = found.usable & clear
         offset[rows] = np.where(usable, found.offset, np.nan)
         sigma[rows] = np.where(usable, found.sigma, np.nan)
         step[rows] = np.where(clear, found.contrast, np.nan)
-    return offset, sigma, step
+        apart = np.abs(sight.samples.twins[:, :, 0]).min(axis=1) / cells.blur
+        common[rows] = np.where(np.isfinite(apart), _TWIN_ERROR_PX * (_TWIN_BLURS / np.maximum(apart, 1.0)) ** 4, 0.0)
+    return offset, sigma, np.hypot(common, _along_rows(lines)), step
+
+
+def _along_rows(lines: Sightlines) -> Array:
+    """Return the error (N,) px of edges that meet all pixels of a row, or column, at about one place within these."""
+    out = np.zeros(len(lines))
+    for e in np.unique(lines.edge):
+        rows = lines.edge == e
+        across = float(np.ptp(lines.q[rows], axis=0).min())
+        out[rows] = _ROW_ERROR_PX * max(1.0 - across / _ROW_SPAN_PX, 0.0)
+    return out
+
+
+def _told_from_twins(lines: Sightlines, sights: Sequence[Sight], body: Longs, expected: Array) -> Mask:
+    """Return which places (N,) have a parallel line near, a twin, for which their step in the photo is not taken.
+
+    That of another body may stand elsewhere; of twins of one body a fit knows how far apart they are. They are told
+    from each other where both are seen, each in a place of its own. expected (N,) px: where the steps are, nan for
+    edges not seen.
+    """
+    there = lines.q + expected[:, None] * lines.normal
+    out = np.zeros(len(lines), bool)
+    for i, sight in enumerate(sights):
+        rows = np.flatnonzero(lines.photo == i)
+        told = np.ones((len(rows), 2), bool)
+        for side in range(2):
+            away = sight.samples.twins[:, side, 0]
+            twin = np.flatnonzero(np.isfinite(away))
+            mine, its = rows[twin], _places_at(lines, rows, rows[twin], away[twin])
+            found = np.einsum("ni,ni->n", there[its] - there[mine], lines.normal[mine])
+            told[twin, side] = (its >= 0) & (body[mine] == body[its]) & (found / away[twin] > _TWIN_SHARE)
+        twins = np.isfinite(sight.samples.twins[:, :, 0])
+        out[rows] = twins.any(axis=1) & told.all(axis=1)
+    return out
+
+
+def _places_at(lines: Sightlines, among: Longs, rows: Longs, away: Array) -> Longs:
+    """Return the places nearest to what lies `away` (n,) px along the normals of places `rows`; -1 where none is."""
+    from scipy.spatial import cKDTree
+
+    if not len(rows):
+        return np.zeros(0, np.int64)
+    q = lines.q[rows] + away[:, None] * lines.normal[rows]
+    distance, near = cKDTree(lines.q[among]).query(q, k=_NEIGHBOURS, distance_upper_bound=STEP_PX)
+    known = np.isfinite(distance)
+    j = among[np.where(known, near, 0)]
+    across = np.abs(np.einsum("nki,nki->nk", q[:, None] - lines.q[j], lines.normal[j]))
+    on_it = known & (lines.edge[j] != lines.edge[rows][:, None]) & (across < _ON_LINE_PX)
+    first = np.argmax(on_it, axis=1)
+    return np.where(on_it.any(axis=1), j[np.arange(len(rows)), first], -1)
 
 
 def _explained(lines: Sightlines, found: Array, body: Longs, shift: Array, *, by: Mask | None = None) -> Mask:

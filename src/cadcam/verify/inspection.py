@@ -15,10 +15,11 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.verify.alarms import false_discoveries_below, surely_below
+from cadcam.verify.association import CAPTURE_PX
 from cadcam.verify.deviation import EdgeDeviation, Extra, FeatureDeviation, State
 from cadcam.verify.extra import unexplained
 from cadcam.verify.look import DOUBTFUL, OF_DISPLACED, Case, Look, looked, looked_again, sure
-from cadcam.verify.measured import Displacement, Measured
+from cadcam.verify.measured import Displacement, Measured, told
 from cadcam.verify.presence import Presence
 from cadcam.verify.survey import Survey, surveyed
 from cadcam.verify.tolerance import Tolerances, whole_parts
@@ -164,29 +165,36 @@ def _features(
     alarms = surely_below(p_values, OF_DISPLACED * options.alarms)
     out = []
     for i in range(len(survey.names)):
-        state = _state(presence[i], moved[i], bool(alarms[i]), enough)
+        state = _state(presence[i], moved[i], bool(alarms[i]), enough, near=_px(survey, i, moved[i]) <= CAPTURE_PX)
         if state in (State.DISPLACED, State.IN_PLACE) and _beyond(survey, i, moved[i], options):
             state = State.UNCLEAR
-        out.append(_feature(i, state, presence[i], moved[i], measured, survey))
+        said = moved[i] if state is State.DISPLACED else told(moved[i])
+        out.append(_feature(i, state, presence[i], said, measured, survey))
     return tuple(out)
 
 
-def _state(presence: Presence, moved: Displacement | None, alarm: bool, enough: float) -> State:
+def _state(presence: Presence, moved: Displacement | None, alarm: bool, enough: float, *, near: bool) -> State:
     if presence.expected == 0 and moved is None:
         return State.OUT_OF_VIEW
     if presence.log_ratio <= -enough:
         return State.MISSING
     if moved is None or presence.log_ratio < (0.0 if alarm else DOUBTFUL):
         return State.UNCLEAR  # what is measured may be something else
-    if alarm and moved.edges < 2 and presence.seen < 2:
-        return State.UNCLEAR  # a single line there may be another one
+    if alarm and moved.edges < 2 and presence.seen < 2 and not near and presence.log_ratio < enough:
+        return State.UNCLEAR  # a single line there may be another one, the body not being sure to be where it is drawn
+    if told(moved) is None and not alarm:
+        return State.UNCLEAR  # what cannot be told is not in place either
     return State.DISPLACED if alarm else State.IN_PLACE
 
 
 def _beyond(survey: Survey, number: int, moved: Displacement | None, options: InspectionOptions) -> bool:
     """Return whether a displacement is farther than was looked: then its edges are not those that were taken for it."""
-    per_px = survey.lines.mm_per_px[survey.members[number]]
-    return moved is not None and bool(np.linalg.norm(moved.estimate.value) > 2 * options.reach_px * np.median(per_px))
+    return _px(survey, number, moved) > 2 * options.reach_px
+
+
+def _px(survey: Survey, number: int, moved: Displacement | None) -> float:
+    """Return how far (px) a displacement moves a feature in a photo, 0 where there is none."""
+    return 0.0 if moved is None else float(np.linalg.norm(moved.estimate.value)) / survey.mm_per_px(number)
 
 
 def _feature(

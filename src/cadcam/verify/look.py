@@ -23,7 +23,7 @@ from cadcam.verify.uncovered import uncovered_ratio
 
 OF_DISPLACED = 0.25  # of the alarms: a displacement that matters is far beyond any doubt, an absence is not
 DOUBTFUL = 2.0  # log likelihood ratio, 7 to 1, below which a part may not be there
-_RATHER_NOT = -1.0  # log likelihood ratio by its edges below which it is asked what a part hides
+_RATHER_NOT = -1.0  # log likelihood ratio by edges or tones below which it is asked what a part hides
 _CELL_PX = 1.5  # places where a shifted feature is looked for are about this far apart
 _ROUNDS = 4  # of drawing displaced bodies again where they were found
 
@@ -103,16 +103,18 @@ def looked_again(case: Case, look: Look) -> Look:
 def _suspects(case: Case, look: Look) -> list[int]:
     """Return the features, whole parts, that may stand elsewhere: measured beside where they are drawn, or unclear.
 
-    The farthest first; last those displaced by less, and those that may not be there at all.
+    The farthest first; last those displaced by less, those of which an edge is not where it should show but beside, and
+    those that may not be there at all.
     """
     out = []
     for i, found in enumerate(look.presence):
         part, moved = look.survey.whole_part(i), displaced(look.measured, i)
         if part is None or not found.expected:
             continue
+        if look.survey.shows_beside(i) or (moved is None and found.log_ratio < DOUBTFUL):
+            out.append((0.0, i))
+            continue
         if moved is None:
-            if found.log_ratio < DOUBTFUL:
-                out.append((0.0, i))
             continue
         px = off_px(look.survey, look.survey.rows(i), moved.basis @ moved.estimate.value - look.survey.by[part])
         if px > AGREES_PX or moved.p_value <= OF_DISPLACED * case.alarms / len(look.presence):
@@ -131,6 +133,7 @@ def _likeliest(case: Case, look: Look, number: int) -> tuple[Array | None, float
     places = [now + d for d in survey.guesses(number, reach_px=case.reach_px)]
     places += [] if moved is None else [moved.basis @ moved.estimate.value]
     places = [p for p in places if off_px(survey, survey.members[number], p - now) > AGREES_PX]
+    places = [p for p in places if np.linalg.norm(p) <= case.reach_px * survey.mm_per_px(number)]
     guesses = [(p, redrawn(case.part, _with(survey.by, part, p))) for p in places]
     told = [(p, guess) for p, guess in guesses if guess is not None]
     drawn = [look.drawn, *(guess for _, guess in told)]
@@ -179,17 +182,17 @@ def sure(presence: Sequence[Presence], alarms: float) -> float:
 def _presences(case: Case, drawn: Part, survey: Survey) -> list[Presence]:
     """Return the evidence for each feature; where it was looked for at many places, that is taken off.
 
-    Of whole parts that are not clearly there, it is asked how bright they are, and if that does not settle it, whether
-    what they hide is seen.
+    Of whole parts that are not clearly there, it is asked how bright they are, and of those that seem to be gone then,
+    whether what they hide is seen.
     """
     out = [_by_its_edges(survey, i) for i in range(len(survey.names))]
-    enough, tones = sure(out, case.alarms), Tones(drawn, case.photos, case.world_from_part)
+    tones = Tones(drawn, case.photos, case.world_from_part)
     for i, found in enumerate(out):
         body = survey.whole_part(i) if found.expected and found.log_ratio < DOUBTFUL else None
         if body is None:
             continue
         told = tones.log_ratio(body, edges=found.log_ratio)
-        if found.log_ratio < _RATHER_NOT and -enough < told < DOUBTFUL:
+        if min(found.log_ratio, told) < _RATHER_NOT and told < DOUBTFUL:
             told += uncovered_ratio(
                 drawn, case.photos, case.world_from_part, body, survey.evidence, clutter=survey.clutter
             )

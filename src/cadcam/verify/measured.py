@@ -24,12 +24,17 @@ STATION_PX = 24.0  # length of the pieces of an edge that are looked at one by o
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Displacement:
-    """A displacement in the directions `basis` (3, m) seen: estimate, probability in place, how many edges tell."""
+    """A displacement in the directions `basis` (3, m) seen: estimate, probability in place, how many edges tell.
+
+    known: whether its size is; if not, the photos may still show that there is one, and the basis is the direction in
+    which they tell most.
+    """
 
     basis: Array
     estimate: Estimate
     p_value: float
     edges: int
+    known: bool = True
 
 
 @dataclass(frozen=True)
@@ -66,7 +71,7 @@ class Measured:
             tau = common_error(
                 offset[fitted], sigma[fitted], lines.edge[fitted], lines.along[fitted], J[fitted] @ freedom
             )
-        noise = EdgeNoise.of(sigma, lines.edge, lines.along, tau)
+        noise = EdgeNoise.of(sigma, lines.edge, lines.along, tau).with_more(survey.matched.common[rows])
         members = tuple(m[rows] for m in survey.members)
         adjustment = Adjustment(offset, J, lines.by_cause, noise, fitted, freedom)
         lever, mate, ground = survey.lever[rows], survey.mate[rows], survey.ground[rows]
@@ -101,8 +106,8 @@ class Measured:
     def displacement(self, rows: Mask, *, along: Array | None = None) -> Displacement | None:
         """Return how far the places were displaced as one; along (3,): in that direction alone. None: not told.
 
-        The probability is that of all edges where the body is in place; the estimate takes into account that feet
-        need not follow (`cadcam.verify.following`), and that edges may disagree.
+        The probability is that of all edges where the body is in place; the estimate takes into account that feet need
+        not follow (`cadcam.verify.following`), that edges may disagree, and displacements along the line of sight.
         """
         told = self._told(rows, along)
         if told is None:
@@ -111,12 +116,13 @@ class Measured:
         p_value = self._p_value(rows, basis, pose)
         if along is not None:
             return Displacement(basis, self._followed(rows, basis, pose), p_value, self._edges(rows))
+        if not basis.shape[1]:
+            return None
         every = np.column_stack([basis, _perpendicular(basis)])
         estimate = self._followed(rows, every, pose)
-        m = self._still_seen(rows, estimate.along(np.eye(3)[: basis.shape[1]]))
-        if not m.shape[1]:
-            return None
-        return Displacement(basis @ m, estimate.along(m.T @ np.eye(3)[: basis.shape[1]]), p_value, self._edges(rows))
+        plane = self._leaning(rows, basis, every @ estimate.covariance @ every.T)
+        best, known = self._best_told(rows, estimate.along(plane.T @ every))
+        return Displacement(plane @ best, estimate.along(best.T @ plane.T @ every), p_value, self._edges(rows), known)
 
     def p_value(self, rows: Mask) -> float:
         """Return how probable offsets like those of these places are if they are in place; nan: not told."""
@@ -153,11 +159,28 @@ class Measured:
     def _edges(self, rows: Mask) -> int:
         return len(np.unique(self.lines.edge[rows]))
 
-    def _still_seen(self, rows: Mask, found: Estimate) -> Array:
-        """Return the directions (m, k) in which an estimate is as sure as what is seen has to be."""
+    def _leaning(self, rows: Mask, basis: Array, covariance: Array) -> Array:
+        """Return the directions of a basis (3, m), each leant to the line of sight of where on the body it is told.
+
+        A displacement towards the camera, of which nothing is known, looks like one across the line of sight through
+        the body's middle where that one is told by an end of it; across the line of sight of that end it does not.
+        """
+        if self.eye is None:
+            return basis
+        axis, sight = self.axis(rows), self.lines.p[rows] - self.eye
+        extent = np.linalg.norm(np.cross(sight, axis), axis=1).max() / np.linalg.norm(sight, axis=1).mean()
+        lean = basis.T @ covariance @ axis / (axis @ covariance @ axis)
+        lean *= min(1.0, extent / max(float(np.linalg.norm(lean)), 1e-12))
+        return np.asarray(np.linalg.qr(basis - np.outer(axis, lean))[0])
+
+    def _best_told(self, rows: Mask, found: Estimate) -> tuple[Array, bool]:
+        """Return the directions (m, k) in which an estimate is as sure as what is seen has to be, and whether any is.
+
+        Where none is, the one that is surest.
+        """
         w, V = np.linalg.eigh(found.covariance)
-        seen = w < (SEEN_PX * float(np.median(self.lines.mm_per_px[rows]))) ** 2
-        return np.asarray(V[:, seen])
+        sure = int((w < (SEEN_PX * float(np.median(self.lines.mm_per_px[rows]))) ** 2).sum())
+        return np.asarray(V[:, : max(sure, 1)]), sure > 0
 
     def _unseen_mm(self, rows: Mask) -> float:
         """Return the standard deviation (mm) of a displacement that photos do not show."""
@@ -221,6 +244,11 @@ class Measured:
             value, sigma, _ = self.across(mine, pose=pose)
             out.append((float(self.lines.along[mine].mean()), value, sigma))
         return np.array(out).reshape(-1, 3)
+
+
+def told(moved: Displacement | None) -> Displacement | None:
+    """Return a displacement if its size is known."""
+    return moved if moved is not None and moved.known else None
 
 
 def _perpendicular(basis: Array) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Mask
 from cadcam.locate.part import Part
-from cadcam.verify.measured import Displacement, Measured
+from cadcam.verify.measured import Displacement, Measured, told
 from cadcam.verify.survey import Survey
 
 AGREES_PX = 1.0  # up to which a body is drawn where it was found: its edges are then surely told from others
@@ -31,9 +31,9 @@ def redrawn(part: Part, by: Array) -> Part | None:
 
 
 def displaced(measured: Measured, number: int) -> Displacement | None:
-    """Return the displacement of a feature, as far as it was measured."""
+    """Return the displacement of a feature, as far as its size was measured."""
     rows = measured.members[number]
-    return measured.displacement(rows) if rows.any() else None
+    return told(measured.displacement(rows)) if rows.any() else None
 
 
 def off_px(survey: Survey, rows: Mask, by: Array) -> float:

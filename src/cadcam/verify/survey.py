@@ -15,7 +15,7 @@ from cadcam.locate.photo import Photo
 from cadcam.render.view import Scene
 from cadcam.verify.association import SEARCH_ROOM_PX, Association, associated, guessed_shifts, nearby_edges
 from cadcam.verify.feet import Feet
-from cadcam.verify.presence import EdgeEvidence, Presence, clutter_of, presence
+from cadcam.verify.presence import LEAST_PLACES, EdgeEvidence, Presence, clutter_of, presence
 from cadcam.verify.sightlines import Sightlines, sightlines
 from cadcam.verify.surroundings import FAINT, surroundings
 from cadcam.verify.tolerance import Selection, Tolerances
@@ -23,6 +23,7 @@ from cadcam.verify.tolerance import Selection, Tolerances
 Longs = npt.NDArray[np.int64]
 
 _LEAST_GUESSED = 12  # places from which a feature's own place is guessed
+_BESIDE_SHARE = 0.5  # of an edge's places that show one beside it, and none there
 _BLIND = 0.05  # of the largest: what a displacement along the line of sight moves in a photo
 
 
@@ -70,6 +71,22 @@ class Survey:
         if len(own) != 1 or (self.lines.part == own[0]).sum() != self.members[number].sum():
             return None
         return int(own[0])
+
+    def mm_per_px(self, number: int) -> float:
+        """Return how many mm a px is at a feature's edges, in their middle."""
+        return float(np.median(self.lines.mm_per_px[self.members[number]]))
+
+    def shows_beside(self, number: int) -> bool:
+        """Return whether an edge of a feature that ought to show is not seen in its place, but one beside it."""
+        asked = self.members[number] & self.ought
+        for e in np.unique(self.lines.edge[asked]):
+            rows = asked & (self.lines.edge == e)
+            if rows.sum() < LEAST_PLACES or 2 * rows.sum() < ((self.lines.edge == e) & self.usable).sum():
+                continue
+            beside = ~self.matched.support[rows] & np.isfinite(self.nearby[rows]).any(axis=1)
+            if beside.mean() >= _BESIDE_SHARE:
+                return True
+        return False
 
     def presence(self, number: int, *, elsewhere: float) -> Presence:
         """Return the evidence that a feature is there; see `cadcam.verify.presence`."""

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.cad.edges import FeatureEdges
 from cadcam.geometry.rigid import Rigid
+from cadcam.image.profile import noise_of
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render import open_renderer
@@ -31,7 +32,9 @@ _RIM_PX = 3  # of the body's picture, which is blurred or another body's where t
 _LEAST_PX = 60  # of a piece whose brightness counts: small ones are borders and corners
 _LAPSE = 0.02  # probability that the light is not as it was fitted
 _UNEVEN = 0.006  # sigma of the brightness of pieces of one surface
+_BESIDE_PX = 14  # how far beside a body what it hides is looked at, and how far inside what is compared with it
 _ANY_MEAN, _ANY_SPREAD = 0.5, 0.3  # brightness of what is no part, and of the light as a whole
+_ONE_SURFACE = 0.995  # cosine between normals of one surface
 _PAIR, _ONE = np.zeros((0, 2), np.int32), np.zeros(0, np.int32)
 _NO_EDGES = FeatureEdges(_PAIR, _PAIR, _ONE, _ONE, _ONE)
 
@@ -76,6 +79,8 @@ class _Pixels:
 
     def log_density(self, light: Light, tones: Array, at: Longs) -> float:
         """Return the log probability density of tones (r,) where the pixels `at` (r,) and their like are."""
+        if not len(at):
+            return 0.0
         _, first, kind = np.unique(self.surface[at], return_index=True, return_inverse=True)
         mean, V = light.brightness(self.normal[at[first]], self.color[at[first]])
         nothing = self.color[at[first]] < 0
@@ -120,8 +125,8 @@ class Tones:
         if inside.sum() < _LEAST_PX:
             return 0.0, 0.0, 0.0
         light = fitted_light(photo.gray, shown.normal, shown.color, without=its)
-        own = _Pixels.of(shown, inside)
-        behind = _Pixels.of(Drawn.of(self.part, photo, self._camera_from_part(photo), without=body), inside)
+        hidden = Drawn.of(self.part, photo, self._camera_from_part(photo), without=body)
+        own, behind = _Pixels.of(shown, inside), _Pixels.of(hidden, inside)
         pairs = _pairs(own.surface, behind.surface)
         pieces = [np.flatnonzero(pairs == i) for i in np.flatnonzero(np.bincount(pairs) >= _LEAST_PX)]
         if not pieces:
@@ -129,7 +134,51 @@ class Tones:
         gray = photo.gray[inside].astype(np.float64)
         tones, at = np.array([np.median(gray[piece]) for piece in pieces]), np.array([piece[0] for piece in pieces])
         other = _log_normal(tones - light.mean, light.spread**2 * np.eye(len(tones)) + _ANY_SPREAD**2)
-        return own.log_density(light, tones, at), behind.log_density(light, tones, at), other
+        near = np.array([_from_beside(photo, shown, hidden, its, _where(inside, piece)) for piece in pieces])
+        known = np.isfinite(near[:, 0])
+        not_there = behind.log_density(light, tones[~known], at[~known])
+        not_there += _log_normal(near[known, 0], np.diag(near[known, 1] ** 2))
+        return own.log_density(light, tones, at), not_there, other
+
+
+def _where(inside: Mask, piece: Longs) -> Mask:
+    """Return the pixels (H, W) that are a piece of those inside."""
+    out = np.zeros(inside.shape, bool)
+    out.ravel()[np.flatnonzero(inside)[piece]] = True
+    return out
+
+
+def _from_beside(photo: Photo, shown: Drawn, hidden: Drawn, its: Mask, piece: Mask) -> tuple[float, float]:
+    """Return how much brighter a piece (H, W) is than what it would hide is beside it, and how uneven that is.
+
+    nan where too little of that surface is to be seen beside it.
+    """
+    from scipy.ndimage import binary_dilation, distance_transform_edt
+
+    rows, columns = np.nonzero(piece)
+    room = _BESIDE_PX + 2 * _RIM_PX
+    window = tuple(slice(max(int(x.min()) - room, 0), int(x.max()) + room + 1) for x in (rows, columns))
+    piece, gray = piece[window], photo.gray[window].astype(np.float64)
+    i = int(rows[0]) - window[0].start, int(columns[0]) - window[1].start
+    normal, color, part = hidden.normal[window], hidden.color[window], hidden.part[window]
+    same = (part == part[i]) & (color == color[i]) & (normal @ normal[i] > _ONE_SURFACE)
+    beside = same & (shown.part[window] == part) & ~binary_dilation(its[window], iterations=_RIM_PX)
+    beside &= distance_transform_edt(~piece) <= _BESIDE_PX + 2 * _RIM_PX
+    if part[i] < 0 or beside.sum() < _LEAST_PX:
+        return np.nan, np.nan
+    own = piece & (distance_transform_edt(~beside) <= _BESIDE_PX + 2 * _RIM_PX)
+    if own.sum() < _LEAST_PX:
+        return np.nan, np.nan
+    level, uneven = _level(gray[beside])
+    tone, uneven_too = _level(gray[own])
+    noise2 = 2 * noise_of(photo.gray) ** 2
+    return tone - level, float(np.sqrt(_UNEVEN**2 + max(uneven**2 + uneven_too**2 - noise2, 0.0)))
+
+
+def _level(gray: Array) -> tuple[float, float]:
+    """Return the median of brightnesses and their robust standard deviation."""
+    level = float(np.median(gray))
+    return level, 1.4826 * float(np.median(np.abs(gray - level)))
 
 
 def _pairs(one: Longs, other: Longs) -> Longs:
@@ -144,4 +193,6 @@ def _lapsing(as_told: float, other: float) -> float:
 
 
 def _log_normal(r: Array, V: Array) -> float:
+    if not len(r):
+        return 0.0
     return float(-0.5 * (r @ np.linalg.solve(V, r) + np.linalg.slogdet(2 * np.pi * V)[1]))
