@@ -146,15 +146,15 @@ INLINE int keep_spans(spans *s, i8 left, i8 right, const rect *r, int32_t y0) {
 /* Draw the spans of a strip. With a lens, samples outside `sure` but inside `s` are in doubt. */
 INLINE void draw_spans(const band *b, const triangle *t, const rect *r, int32_t ty, const spans *s, const spans *sure,
                        int unsure) {
-    const cc_lens *lens = b->frame->view->lens;
+    const cc_lens *lens = b->grid->lens;
     const int32_t y0 = ty * TILE;
     const i8 left = *(const i8 *)s->left, right = *(const i8 *)s->right;
     int32_t x0, x1;
     least_two(left & INT32_MAX, ~right, &x0, &x1);
     x0 /= TILE, x1 = ~x1 / TILE;
 
-    const size_t wide = (size_t)b->frame->tiles_x, of_lens = (size_t)ty * wide;
-    const float *farthest = b->worker->farthest + (size_t)(ty - b->first_tiles) * wide;
+    const size_t wide = (size_t)b->grid->tiles_x, of_lens = (size_t)ty * wide;
+    const float *farthest = b->sheet->farthest + (size_t)(ty - b->first_tiles) * wide;
     const double at_y = t->b[3] * (t->b[3] > 0 ? imin(y0 + TILE - 1, r->y1) : imax(y0, r->y0)) + t->c[3];
     for (int32_t tx = x0; tx <= x1; tx += 4) {
         d4 largest;
@@ -182,7 +182,7 @@ INLINE void draw_spans(const band *b, const triangle *t, const rect *r, int32_t 
 
 /* Whether what is no nearer than 1/z = nearest is hidden in the samples x0 to x1 of a strip. */
 INLINE int strip_hidden(const band *b, float nearest, int32_t x0, int32_t x1, int32_t ty) {
-    const float *row = b->worker->farthest + (size_t)(ty - b->first_tiles) * (size_t)b->frame->tiles_x;
+    const float *row = b->sheet->farthest + (size_t)(ty - b->first_tiles) * (size_t)b->grid->tiles_x;
     x1 /= TILE;
     for (int32_t x = x0 / TILE; x <= x1; x += 8)
         if (signs((*(const f8 *)(row + x) <= nearest) & (*(const i8 *)LANE <= x1 - x))) return 0;
@@ -305,15 +305,15 @@ INLINE spans reach_of(const bows *e, const bend *at, const rect *r, int32_t y0) 
 
 /* Draw the part of a triangle in a rectangle by the definition of P alone, in the tiles that it may meet. */
 static __attribute__((noinline)) void draw_by_definition(const band *b, const triangle *t, const rect *r) {
-    const size_t wide = (size_t)b->frame->tiles_x;
+    const size_t wide = (size_t)b->grid->tiles_x;
     const i8 x0 = r->x0 + (i8){0}, x1 = r->x1 + (i8){0};
     for (int32_t ty = r->y0 / TILE; ty <= r->y1 / TILE; ty++) {
         spans s;
         if (!keep_spans(&s, x0, x1, r, ty * TILE)) continue;
         const unsigned rows = signs(*(const i8 *)s.left <= *(const i8 *)s.right);
-        const float *farthest = b->worker->farthest + (size_t)(ty - b->first_tiles) * wide;
+        const float *farthest = b->sheet->farthest + (size_t)(ty - b->first_tiles) * wide;
         for (int32_t tx = r->x0 / TILE; tx <= r->x1 / TILE; tx++) {
-            const box area = area_of(b->frame, r, 0, tx, ty);
+            const box area = area_of(b->grid, r, 0, tx, ty);
             if (misses(t, &area) || nearest_of(t, &area) < farthest[tx]) continue;
             VARIANT(draw_tile)(b, t, &s, rows, rows, tx, ty);
         }
@@ -342,10 +342,10 @@ static void draw_block(const band *b, const triangle *t, const rect *r, int leve
     const int shift = level + 3; /* TILE = 1 << 3 */
     const rect here = {imax(r->x0, bx << shift), imin(r->x1, ((bx + 1) << shift) - 1),
                        imax(r->y0, by << shift), imin(r->y1, ((by + 1) << shift) - 1)};
-    const box area = area_of(b->frame, r, level, bx, by);
+    const box area = area_of(b->grid, r, level, bx, by);
     if (misses(t, &area)) return;
     if (level <= CHUNK) {
-        const bend *at = bend_at(b->frame->view->lens, level - CHUNK + 1, bx << shift, by << shift);
+        const bend *at = bend_at(b->grid->lens, level - CHUNK + 1, bx << shift, by << shift);
         if (level < CHUNK || !at->strong) {
             draw_bent(b, t, &here, at, nearest_of(t, &area));
             return;
@@ -356,7 +356,7 @@ static void draw_block(const band *b, const triangle *t, const rect *r, int leve
 }
 
 void VARIANT(draw_triangle)(const band *b, const triangle *t, const rect *r) {
-    const cc_lens *lens = b->frame->view->lens;
+    const cc_lens *lens = b->grid->lens;
     if (!lens)
         draw_straight(b, t, *r);
     else if (r->x1 - r->x0 < PATCH / 2 && r->y1 - r->y0 < PATCH / 2)

@@ -121,12 +121,8 @@ class RasterRenderer:
             name: self._buffers.take((camera.height, camera.width, *tail), dtype)
             for name, tail, dtype in _layers(channels)
         }
-        fine = ("image", "coverage", "rgb") if look.supersampling > 1 else ()
-        finely = {name: layer for name, layer in layers.items() if name in fine}
-        plainly = {name: layer for name, layer in layers.items() if name not in fine}
-        for chosen, n in ((plainly, 1), (finely, look.supersampling)):
-            if chosen:
-                self._draw(self._request(camera, pose, look, n, chosen, threads), threads)
+        n = look.supersampling if channels & _SHADED else 1
+        self._draw(self._request(camera, pose, look, n, layers, threads), threads)
         return View(camera, pose, layers)
 
     def _draw(self, request: Request, threads: int) -> None:
@@ -145,13 +141,12 @@ class RasterRenderer:
     def _request(
         self, camera: Camera, pose: Rigid, look: Look, n: int, layers: dict[str, npt.NDArray[Any]], threads: int
     ) -> Request:
-        fine = camera.resize((camera.width * n, camera.height * n)) if n > 1 else camera
         R, t = pose.rotation, pose.translation
         plain = isinstance(camera.lens, Ideal)
-        K = fine.K if plain else np.eye(3)
+        K = camera.K if plain else np.eye(3)
         request = Request(width=camera.width, height=camera.height, samples=n)
         shares = 1 if threads == 1 else threads * (4 if self._scene.mesh.n_faces > _MANY else 2)
-        request.bands = max(fine.width * fine.height // _BAND, shares)
+        request.bands = max(camera.width * camera.height * n * n // _BAND, shares)
         request.plane[:] = (K @ np.column_stack([R, t])).ravel().tolist()
         request.ray[:] = (R.T @ np.linalg.inv(K)).ravel().tolist()
         request.rotation[:] = R.ravel().tolist()
@@ -160,7 +155,7 @@ class RasterRenderer:
         request.back_from[:] = (R.T @ unit(look.back_from)).tolist()
         request.background[:] = list(look.background)
         if not plain:
-            request.lens = self._lens(camera, n).address
+            request.lens, request.centres = self._lens(camera, n).address, self._lens(camera, 1).address
         for name, layer in layers.items():
             setattr(request, name, layer.ctypes.data)
         return request
