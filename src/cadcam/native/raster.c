@@ -98,7 +98,6 @@ INLINE unsigned set_up(const cc_frame *f, const corners *v, const uint8_t i[3][4
 
 /* That of the pixels' plane in the plane of a grid's samples: edges that two triangles share stay each other's negative. */
 static inline triangle in_grid(const grid *g, const triangle *t) {
-    if (g->n == 1 || g->lens) return *t;
     triangle fine = *t;
     const d4 a = *(const d4 *)t->a, b = *(const d4 *)t->b, c = *(const d4 *)t->c;
     const double s = 1.0 / g->n;
@@ -271,19 +270,24 @@ static void prepare(const cc_frame *f, sighting *s, triangle t[CLUSTER]) {
     }
 }
 
+static void draw_sighted(const band *b, const sighting *s, const rect where[], const triangle t[]) {
+    const int own_plane = b->grid->n > 1 && !b->grid->lens;
+    triangle fine;
+    for (int m = 0; m < s->n; m++) {
+        const rect *r = &where[s->which[m]];
+        if (empty(*r)) continue;
+        if (own_plane) fine = in_grid(b->grid, &t[m]);
+        VARIANT(draw_triangle)(b, own_plane ? &fine : &t[m], r);
+    }
+}
+
 static void draw_cluster(const band bands[], const cluster *c, const rect part[]) {
     const cc_frame *f = bands[0].frame;
     sighting s;
     triangle t[CLUSTER];
     s.cluster = c;
     sight(bands, part, &s), prepare(f, &s, t);
-    for (int g = 0; g < f->n_grids; g++)
-        for (int m = 0; m < s.n; m++) {
-            const rect *r = &s.where[g][s.which[m]];
-            if (empty(*r)) continue;
-            const triangle seen = in_grid(bands[g].grid, &t[m]);
-            VARIANT(draw_triangle)(&bands[g], &seen, r);
-        }
+    for (int g = 0; g < f->n_grids; g++) draw_sighted(&bands[g], &s, s.where[g], t);
 }
 
 /* ---- bands ---------------------------------------------------------------------------------------------------- */

@@ -33,13 +33,19 @@
 
 #define MARGIN 0x1p-32
 
-enum { CHUNK = 3 }; /* level of the blocks drawn through one bend: 8 x 8 tiles */
+enum {
+    CHUNK = 3,   /* level of the blocks drawn through one bend: 8 x 8 tiles */
+    STRIPS = 16, /* crossed at a time */
+};
 
-/* Where edges cross the rows of samples: at x = (b y + c) m. Those that bound from the left come first, those that bound
- * from the right last. */
+/* Where edges cross the rows of samples, at x = (b y + c) m: first those that bound from the left, and those that bound
+ * from the right, `most` of each at most; then some far beside every picture. */
 typedef struct {
-    double b[3], c[3], m[3];
-    int lefts, rights;
+    double b[4], c[4], m[4];
+} crossing;
+typedef struct {
+    crossing left, right;
+    int most;
     int unsure; /* numbers so large or small that only the definition is safe */
 } crossings;
 
@@ -48,23 +54,26 @@ INLINE int extreme(const triangle *t) {
     return (signs_d((size >= 1e-250) & (size <= 1e250)) & 7) != 7;
 }
 
-INLINE crossings crossings_of(const triangle *t, const double a[4], const double b[4], const double c[4]) {
-    crossings e = {.unsure = extreme(t)};
-    double m[4];
-    if (e.unsure) return e;
-    *(d4 *)m = -1.0 / *(const d4 *)a;
-    for (int k = 0; k < 3; k++) {
-        if (!(fabs(a[k]) >= 1e-250)) continue;
-        const int at = a[k] > 0 ? e.lefts++ : 2 - e.rights++;
-        e.b[at] = b[k], e.c[at] = c[k], e.m[at] = m[k];
-    }
-    return e;
+/* Those edges that have their bit set. */
+INLINE crossing crossing_of(unsigned which, const triangle *t, d4 m, double beside) {
+    static const uint8_t first[8][3] = {{3, 3, 3}, {0, 3, 3}, {1, 3, 3}, {0, 1, 3}, {2, 3, 3}, {0, 2, 3}, {1, 2, 3}, {0, 1, 2}};
+    const uint8_t *i = first[which];
+    const d4 b = *(const d4 *)t->b, c = *(const d4 *)t->c;
+    const d4 of_b = {b[0], b[1], b[2], 0}, of_c = {c[0], c[1], c[2], beside}, of_m = {m[0], m[1], m[2], 1};
+    const i8 order = {2 * i[0], 2 * i[0] + 1, 2 * i[1], 2 * i[1] + 1, 2 * i[2], 2 * i[2] + 1, 6, 7};
+    crossing out;
+    *(d4 *)out.b = ordered(of_b, order), *(d4 *)out.c = ordered(of_c, order), *(d4 *)out.m = ordered(of_m, order);
+    return out;
 }
 
 /* In the plane of the samples itself. Edges along the rows bound no row from a side: they cut rows off the rectangle. */
 static crossings straight(const triangle *t, rect *r) {
-    crossings e = crossings_of(t, t->a, t->b, t->c);
-    if (e.lefts + e.rights == 3 || e.unsure) return e;
+    const d4 a = *(const d4 *)t->a, m = -1.0 / a;
+    const unsigned lefts = signs_d(a >= 1e-250) & 7, rights = signs_d(a <= -1e-250) & 7;
+    const int unsure = extreme(t);
+    crossings e = {crossing_of(unsure ? 0 : lefts, t, m, -1e9), crossing_of(unsure ? 0 : rights, t, m, 1e9),
+                   imax(2, imax(__builtin_popcount(lefts), __builtin_popcount(rights))), unsure};
+    if ((lefts | rights) == 7 || unsure) return e;
     for (int k = 0; k < 3; k++) {
         if (t->a[k] != 0) {
             e.unsure |= fabs(t->a[k]) < 1e-250;
@@ -89,18 +98,26 @@ static __attribute__((noinline)) void settle(const triangle *t, int32_t y0, span
     }
 }
 
-/* The spans of a strip within a rectangle; whether a sample may be in doubt. */
-INLINE int cross_strip(const crossings *e, const rect *r, int32_t y0, spans *s) {
+/* Keep the spans of a strip's rows in a rectangle; whether there are any. */
+INLINE int keep_spans(spans *s, i8 left, i8 right, const rect *r, int32_t y0) {
+    const i8 row = y0 + *(const i8 *)LANE, none = (left > right) | (row < r->y0) | (row > r->y1);
+    *(i8 *)s->left = left | (none & INT32_MAX), *(i8 *)s->right = right | none;
+    return signs(none) != 0xFF;
+}
+
+/* The spans of a strip within a rectangle; whether there are any. */
+INLINE int cross_strip(const triangle *t, const crossings *e, const rect *r, int32_t y0, spans *s) {
     const d4 none = {0}, half = none + 0.5;
     d4 left[2], right[2], row[2];
     for (int h = 0; h < 2; h++) {
         row[h] = y0 + *(const d4 *)(COUNT + 4 * h);
         left[h] = r->x0 - half, right[h] = r->x1 + half;
     }
-    for (int k = 0; k < e->lefts; k++)
-        for (int h = 0; h < 2; h++) left[h] = most_d(left[h], (e->b[k] * row[h] + e->c[k]) * e->m[k]);
-    for (int k = 3 - e->rights; k < 3; k++)
-        for (int h = 0; h < 2; h++) right[h] = least_d(right[h], (e->b[k] * row[h] + e->c[k]) * e->m[k]);
+    for (int k = 0; k < e->most; k++)
+        for (int h = 0; h < 2; h++) {
+            left[h] = most_d(left[h], (e->left.b[k] * row[h] + e->left.c[k]) * e->left.m[k]);
+            right[h] = least_d(right[h], (e->right.b[k] * row[h] + e->right.c[k]) * e->right.m[k]);
+        }
     d4 first[2], last[2], apart = half;
     for (int h = 0; h < 2; h++) { /* kept beside the rectangle, where they fit an integer */
         left[h] = least_d(left[h], r->x1 + 3 * half), right[h] = most_d(right[h], r->x0 - 3 * half);
@@ -108,7 +125,8 @@ INLINE int cross_strip(const crossings *e, const rect *r, int32_t y0, spans *s) 
         apart = least_d(apart, least_d(first[h] - left[h], right[h] - last[h]));
     }
     *(i8 *)s->left = whole(first[0], first[1]), *(i8 *)s->right = whole(last[0], last[1]);
-    return signs_d(apart < MARGIN) != 0;
+    if (signs_d(apart < MARGIN) && !e->unsure) settle(t, y0, s);
+    return keep_spans(s, *(const i8 *)s->left, *(const i8 *)s->right, r, y0);
 }
 
 /* The smallest of each half: of one number in lane 0, of the other in lane 1. */
@@ -133,14 +151,6 @@ INLINE d4 largest_in(const triangle *t, const cc_lens *lens, size_t tile) {
     const double *const *side = (const double *const *)lens->side;
     const double *x = side[t->a[3] > 0] + tile, *y = side[2 + (t->b[3] > 0)] + tile;
     return t->a[3] * *(const d4 *)x + (t->b[3] * *(const d4 *)y + t->c[3]);
-}
-
-/* Keep the spans of a strip's rows in a rectangle; whether there are any. */
-INLINE int keep_spans(spans *s, i8 left, i8 right, const rect *r, int32_t y0) {
-    const i8 row = y0 + *(const i8 *)LANE, none = (left > right) | (row < r->y0) | (row > r->y1);
-    if (signs(none) == 0xFF) return 0;
-    *(i8 *)s->left = left | (none & INT32_MAX), *(i8 *)s->right = right | none;
-    return 1;
 }
 
 /* Draw the spans of a strip. With a lens, samples outside `sure` but inside `s` are in doubt. */
@@ -195,14 +205,18 @@ INLINE float nearest_of(const triangle *t, const box *area) {
     return w < t->nearest ? (w > t->farthest ? w : t->farthest) : t->nearest; /* NaN: of its corners */
 }
 
+/* Many triangles have samples in few of the strips that they pass: all are crossed before any is drawn. */
 static void draw_straight(const band *b, const triangle *t, rect r) {
     const crossings e = straight(t, &r);
-    for (int32_t ty = r.y0 / TILE; ty <= r.y1 / TILE; ty++) {
-        spans s;
-        if (strip_hidden(b, t->nearest, r.x0, r.x1, ty)) continue;
-        if (cross_strip(&e, &r, ty * TILE, &s) && !e.unsure) settle(t, ty * TILE, &s);
-        if (!keep_spans(&s, *(const i8 *)s.left, *(const i8 *)s.right, &r, ty * TILE)) continue;
-        draw_spans(b, t, &r, ty, &s, NULL, e.unsure);
+    spans s[STRIPS];
+    for (int32_t top = r.y0 / TILE; top <= r.y1 / TILE; top += STRIPS) {
+        const int n = imin(STRIPS, r.y1 / TILE - top + 1);
+        unsigned found = 0;
+        for (int k = 0; k < n; k++) found |= (unsigned)cross_strip(t, &e, &r, (top + k) * TILE, &s[k]) << k;
+        for (; found; found &= found - 1) {
+            const int k = __builtin_ctz(found);
+            draw_spans(b, t, &r, top + k, &s[k], NULL, e.unsure);
+        }
     }
 }
 
