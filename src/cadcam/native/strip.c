@@ -39,7 +39,8 @@ enum {
 };
 
 /* Where edges cross the rows of samples, at x = (b y + c) m: first those that bound from the left, and those that bound
- * from the right, `most` of each at most; then some far beside every picture. */
+ * from the right, `most` of each at most, one of them again where there are fewer; where there is none, beside every
+ * picture. */
 typedef struct {
     double b[4], c[4], m[4];
 } crossing;
@@ -56,7 +57,7 @@ INLINE int extreme(const triangle *t) {
 
 /* Those edges that have their bit set. */
 INLINE crossing crossing_of(unsigned which, const triangle *t, d4 m, double beside) {
-    static const uint8_t first[8][3] = {{3, 3, 3}, {0, 3, 3}, {1, 3, 3}, {0, 1, 3}, {2, 3, 3}, {0, 2, 3}, {1, 2, 3}, {0, 1, 2}};
+    static const uint8_t first[8][3] = {{3, 3, 3}, {0, 0, 0}, {1, 1, 1}, {0, 1, 1}, {2, 2, 2}, {0, 2, 2}, {1, 2, 2}, {0, 1, 2}};
     const uint8_t *i = first[which];
     const d4 b = *(const d4 *)t->b, c = *(const d4 *)t->c;
     const d4 of_b = {b[0], b[1], b[2], 0}, of_c = {c[0], c[1], c[2], beside}, of_m = {m[0], m[1], m[2], 1};
@@ -205,17 +206,56 @@ INLINE float nearest_of(const triangle *t, const box *area) {
     return w < t->nearest ? (w > t->farthest ? w : t->farthest) : t->nearest; /* NaN: of its corners */
 }
 
+/* The same in float, from the first column and the first row of the first strip on: two edges from the left, two from the
+ * right, at x + y j, each side off by less than `off`; whether that says enough. */
+typedef struct {
+    float x[4], y[4], off[2];
+    int fit;
+} quick;
+
+INLINE quick quick_of(const crossings *e, const rect *r) {
+    const crossing *l = &e->left, *g = &e->right;
+    const d4 b = {l->b[0], l->b[1], g->b[0], g->b[1]}, c = {l->c[0], l->c[1], g->c[0], g->c[1]};
+    const d4 m = {l->m[0], l->m[1], g->m[0], g->m[1]};
+    const int32_t top = r->y0 / TILE * TILE;
+    const d4 y = b * m, x = (b * top + c) * m - r->x0;
+    const d4 off = (size_d(x) + size_d(y) * (r->y1 - top + TILE)) * 0x1p-21 + 0x1p-20;
+    quick q = {.fit = e->most == 2 && !e->unsure && signs_d(off < 0.25) == 15};
+    *(f4 *)q.x = narrow_d(x), *(f4 *)q.y = narrow_d(y);
+    q.off[0] = (float)upper(off[0], off[1]), q.off[1] = (float)upper(off[2], off[3]);
+    return q;
+}
+
+/* The spans of strip k of a rectangle; whether there are any, or -1 where that is in doubt. */
+INLINE int cross_quickly(const quick *q, const rect *r, int32_t k, spans *s) {
+    const f8 j = __builtin_convertvector(k * TILE + *(const i8 *)LANE, f8);
+    const f8 start = eight(-0.5f), end = eight((float)(r->x1 - r->x0) + 0.5f);
+    const f8 left = most_of(fused(j, eight(q->y[0]), eight(q->x[0])), fused(j, eight(q->y[1]), eight(q->x[1])));
+    const f8 right = least_of(fused(j, eight(q->y[2]), eight(q->x[2])), fused(j, eight(q->y[3]), eight(q->x[3])));
+    const f8 first = up(most_of(left - q->off[0], start)), last = down(least_of(right + q->off[1], end));
+    const f8 first_sure = up(most_of(left + q->off[0], start)), last_sure = down(least_of(right - q->off[1], end));
+    if (signs((first != first_sure) | (last != last_sure))) return -1;
+    const i8 from = r->x0 + __builtin_convertvector(first, i8), to = r->x0 + __builtin_convertvector(last, i8);
+    return keep_spans(s, from, to, r, (r->y0 / TILE + k) * TILE);
+}
+
 /* Many triangles have samples in few of the strips that they pass: all are crossed before any is drawn. */
 static void draw_straight(const band *b, const triangle *t, rect r) {
     const crossings e = straight(t, &r);
+    const quick q = quick_of(&e, &r);
+    const int32_t top = r.y0 / TILE, strips = r.y1 / TILE - top + 1;
     spans s[STRIPS];
-    for (int32_t top = r.y0 / TILE; top <= r.y1 / TILE; top += STRIPS) {
-        const int n = imin(STRIPS, r.y1 / TILE - top + 1);
+    for (int32_t start = 0; start < strips; start += STRIPS) {
+        const int n = imin(STRIPS, strips - start);
         unsigned found = 0;
-        for (int k = 0; k < n; k++) found |= (unsigned)cross_strip(t, &e, &r, (top + k) * TILE, &s[k]) << k;
+        for (int k = 0; k < n; k++) {
+            int any = q.fit ? cross_quickly(&q, &r, start + k, &s[k]) : -1;
+            if (any < 0) any = cross_strip(t, &e, &r, (top + start + k) * TILE, &s[k]);
+            found |= (unsigned)any << k;
+        }
         for (; found; found &= found - 1) {
             const int k = __builtin_ctz(found);
-            draw_spans(b, t, &r, top + k, &s[k], NULL, e.unsure);
+            draw_spans(b, t, &r, top + start + k, &s[k], NULL, e.unsure);
         }
     }
 }
