@@ -38,15 +38,11 @@ enum {
     STRIPS = 16, /* crossed at a time */
 };
 
-/* Where edges cross the rows of samples, at x = (b y + c) m: first those that bound from the left, and those that bound
- * from the right, `most` of each at most, one of them again where there are fewer; where there is none, beside every
- * picture. */
+/* Where edges cross the rows of samples, at x = (b y + c) m. Those that bound from the left come first, those that bound
+ * from the right last. */
 typedef struct {
-    double b[4], c[4], m[4];
-} crossing;
-typedef struct {
-    crossing left, right;
-    int most;
+    double b[3], c[3], m[3];
+    int lefts, rights;
     int unsure; /* numbers so large or small that only the definition is safe */
 } crossings;
 
@@ -55,31 +51,18 @@ INLINE int extreme(const triangle *t) {
     return (signs_d((size >= 1e-250) & (size <= 1e250)) & 7) != 7;
 }
 
-/* Those edges that have their bit set. */
-INLINE crossing crossing_of(unsigned which, const triangle *t, d4 m, double beside) {
-    static const uint8_t first[8][3] = {{3, 3, 3}, {0, 0, 0}, {1, 1, 1}, {0, 1, 1}, {2, 2, 2}, {0, 2, 2}, {1, 2, 2}, {0, 1, 2}};
-    const uint8_t *i = first[which];
-    const d4 b = *(const d4 *)t->b, c = *(const d4 *)t->c;
-    const d4 of_b = {b[0], b[1], b[2], 0}, of_c = {c[0], c[1], c[2], beside}, of_m = {m[0], m[1], m[2], 1};
-    const i8 order = {2 * i[0], 2 * i[0] + 1, 2 * i[1], 2 * i[1] + 1, 2 * i[2], 2 * i[2] + 1, 6, 7};
-    crossing out;
-    *(d4 *)out.b = ordered(of_b, order), *(d4 *)out.c = ordered(of_c, order), *(d4 *)out.m = ordered(of_m, order);
-    return out;
-}
-
 /* In the plane of the samples itself. Edges along the rows bound no row from a side: they cut rows off the rectangle. */
 static crossings straight(const triangle *t, rect *r) {
-    const d4 a = *(const d4 *)t->a, m = -1.0 / a;
-    const unsigned lefts = signs_d(a >= 1e-250) & 7, rights = signs_d(a <= -1e-250) & 7;
-    const int unsure = extreme(t);
-    crossings e = {crossing_of(unsure ? 0 : lefts, t, m, -1e9), crossing_of(unsure ? 0 : rights, t, m, 1e9),
-                   imax(2, imax(__builtin_popcount(lefts), __builtin_popcount(rights))), unsure};
-    if ((lefts | rights) == 7 || unsure) return e;
+    crossings e = {.unsure = extreme(t)};
+    if (e.unsure) return e;
     for (int k = 0; k < 3; k++) {
-        if (t->a[k] != 0) {
-            e.unsure |= fabs(t->a[k]) < 1e-250;
+        if (fabs(t->a[k]) >= 1e-250) {
+            const int at = t->a[k] > 0 ? e.lefts++ : 2 - e.rights++;
+            e.b[at] = t->b[k], e.c[at] = t->c[k], e.m[at] = -1 / t->a[k];
             continue;
         }
+        e.unsure |= t->a[k] != 0;
+        if (t->a[k] != 0) continue;
         while (r->y0 <= r->y1 && !(t->b[k] * r->y0 + t->c[k] >= t->least[k])) r->y0++;
         while (r->y0 <= r->y1 && !(t->b[k] * r->y1 + t->c[k] >= t->least[k])) r->y1--;
     }
@@ -114,11 +97,10 @@ INLINE int cross_strip(const triangle *t, const crossings *e, const rect *r, int
         row[h] = y0 + *(const d4 *)(COUNT + 4 * h);
         left[h] = r->x0 - half, right[h] = r->x1 + half;
     }
-    for (int k = 0; k < e->most; k++)
-        for (int h = 0; h < 2; h++) {
-            left[h] = most_d(left[h], (e->left.b[k] * row[h] + e->left.c[k]) * e->left.m[k]);
-            right[h] = least_d(right[h], (e->right.b[k] * row[h] + e->right.c[k]) * e->right.m[k]);
-        }
+    for (int k = 0; k < e->lefts; k++)
+        for (int h = 0; h < 2; h++) left[h] = most_d(left[h], (e->b[k] * row[h] + e->c[k]) * e->m[k]);
+    for (int k = 3 - e->rights; k < 3; k++)
+        for (int h = 0; h < 2; h++) right[h] = least_d(right[h], (e->b[k] * row[h] + e->c[k]) * e->m[k]);
     d4 first[2], last[2], apart = half;
     for (int h = 0; h < 2; h++) { /* kept beside the rectangle, where they fit an integer */
         left[h] = least_d(left[h], r->x1 + 3 * half), right[h] = most_d(right[h], r->x0 - 3 * half);
@@ -206,23 +188,28 @@ INLINE float nearest_of(const triangle *t, const box *area) {
     return w < t->nearest ? (w > t->farthest ? w : t->farthest) : t->nearest; /* NaN: of its corners */
 }
 
-/* The same in float, from the first column and the first row of the first strip on: two edges from the left, two from the
- * right, at x + y j, each side off by less than `off`; whether that says enough. */
+/* The same in float, about the first column and the first row of the first strip: two edges from the left, two from the
+ * right (one of them twice), at x + y j, each side off by less than `off`; whether that says enough. */
 typedef struct {
     float x[4], y[4], off[2];
     int fit;
 } quick;
 
-INLINE quick quick_of(const crossings *e, const rect *r) {
-    const crossing *l = &e->left, *g = &e->right;
-    const d4 b = {l->b[0], l->b[1], g->b[0], g->b[1]}, c = {l->c[0], l->c[1], g->c[0], g->c[1]};
-    const d4 m = {l->m[0], l->m[1], g->m[0], g->m[1]};
+INLINE quick quick_of(const triangle *t, const rect *r) {
+    static const int32_t order[8][8] = {/* of halves of numbers, by which edges bound from the left */
+        {0}, {0, 1, 0, 1, 2, 3, 4, 5}, {2, 3, 2, 3, 0, 1, 4, 5}, {0, 1, 2, 3, 4, 5, 4, 5},
+        {4, 5, 4, 5, 0, 1, 2, 3}, {0, 1, 4, 5, 2, 3, 2, 3}, {2, 3, 4, 5, 0, 1, 0, 1}, {0}};
+    const d4 a = *(const d4 *)t->a, b = *(const d4 *)t->b, size = *(const d4 *)t->size, m = -1.0 / a;
     const int32_t top = r->y0 / TILE * TILE;
-    const d4 y = b * m, x = (b * top + c) * m - r->x0;
+    const unsigned lefts = signs_d(a > 0) & 7;
+    d4 y = b * m, x = (b * top + *(const d4 *)t->c) * m - r->x0;
     const d4 off = (size_d(x) + size_d(y) * (r->y1 - top + TILE)) * 0x1p-21 + 0x1p-20;
-    quick q = {.fit = e->most == 2 && !e->unsure && signs_d(off < 0.25) == 15};
-    *(f4 *)q.x = narrow_d(x), *(f4 *)q.y = narrow_d(y);
-    q.off[0] = (float)upper(off[0], off[1]), q.off[1] = (float)upper(off[2], off[3]);
+    const l4 fit = (size >= 1e-250) & (size <= 1e250) & (size_d(a) >= 1e-250) & (off < 0.25);
+    const i8 by = *(const i8 *)order[lefts];
+    const f4 of_side = narrow_d(ordered(off, by));
+    quick q = {.fit = (signs_d(fit) & 7) == 7 && lefts != 0 && lefts != 7};
+    *(f4 *)q.x = narrow_d(ordered(x, by)), *(f4 *)q.y = narrow_d(ordered(y, by));
+    q.off[0] = of_side[0] > of_side[1] ? of_side[0] : of_side[1], q.off[1] = of_side[2] > of_side[3] ? of_side[2] : of_side[3];
     return q;
 }
 
@@ -239,23 +226,42 @@ INLINE int cross_quickly(const quick *q, const rect *r, int32_t k, spans *s) {
     return keep_spans(s, from, to, r, (r->y0 / TILE + k) * TILE);
 }
 
-/* Many triangles have samples in few of the strips that they pass: all are crossed before any is drawn. */
-static void draw_straight(const band *b, const triangle *t, rect r) {
+/* Numbers that float does not hold, edges along the rows, triangles that reach behind the camera. */
+static void draw_oddly(const band *b, const triangle *t, rect r) {
     const crossings e = straight(t, &r);
-    const quick q = quick_of(&e, &r);
-    const int32_t top = r.y0 / TILE, strips = r.y1 / TILE - top + 1;
+    for (int32_t ty = r.y0 / TILE; ty <= r.y1 / TILE; ty++) {
+        spans s;
+        if (!strip_hidden(b, t->nearest, r.x0, r.x1, ty) && cross_strip(t, &e, &r, ty * TILE, &s))
+            draw_spans(b, t, &r, ty, &s, NULL, e.unsure);
+    }
+}
+
+/* Where float leaves it in doubt. */
+static __attribute__((noinline)) int cross_surely(const triangle *t, rect r, int32_t y0, spans *s) {
+    const crossings e = straight(t, &r);
+    return cross_strip(t, &e, &r, y0, s);
+}
+
+/* Many triangles have samples in few of the strips that they pass: all are crossed before any is drawn. */
+static void draw_straight(const band *b, const triangle *t, const rect *r) {
+    const quick q = quick_of(t, r);
+    if (!q.fit) {
+        draw_oddly(b, t, *r);
+        return;
+    }
+    const int32_t top = r->y0 / TILE, strips = r->y1 / TILE - top + 1;
     spans s[STRIPS];
     for (int32_t start = 0; start < strips; start += STRIPS) {
         const int n = imin(STRIPS, strips - start);
         unsigned found = 0;
         for (int k = 0; k < n; k++) {
-            int any = q.fit ? cross_quickly(&q, &r, start + k, &s[k]) : -1;
-            if (any < 0) any = cross_strip(t, &e, &r, (top + start + k) * TILE, &s[k]);
+            int any = cross_quickly(&q, r, start + k, &s[k]);
+            if (any < 0) any = cross_surely(t, *r, (top + start + k) * TILE, &s[k]);
             found |= (unsigned)any << k;
         }
         for (; found; found &= found - 1) {
             const int k = __builtin_ctz(found);
-            draw_spans(b, t, &r, top + start + k, &s[k], NULL, e.unsure);
+            draw_spans(b, t, r, top + start + k, &s[k], NULL, 0);
         }
     }
 }
@@ -412,7 +418,7 @@ static void draw_block(const band *b, const triangle *t, const rect *r, int leve
 void VARIANT(draw_triangle)(const band *b, const triangle *t, const rect *r) {
     const cc_lens *lens = b->grid->lens;
     if (!lens)
-        draw_straight(b, t, *r);
+        draw_straight(b, t, r);
     else if (r->x1 - r->x0 < PATCH / 2 && r->y1 - r->y0 < PATCH / 2)
         draw_bent(b, t, r, bend_at(lens, 0, r->x0, r->y0), t->nearest);
     else if (r->x1 - r->x0 < PATCH && r->y1 - r->y0 < PATCH && !bend_at(lens, 1, r->x0, r->y0)->strong)

@@ -28,7 +28,7 @@ from cadcam.render.shade import unit
 from cadcam.render.view import PLAIN, Channel, Look, Scene, View
 
 _CACHED = 1 << 14  # pixels unprojected at a time
-_BAND = 1 << 21  # samples drawn at a time, of 8 bytes: they stay in the second-level cache
+_BAND = 1 << 17  # samples drawn at a time, of 8 bytes: they stay in the second-level cache
 _MANY = 1 << 18  # faces from which threads look for them together, and finer bands are worth what they draw twice
 _BYTES_A_PIXEL = {"image": 12, "coverage": 4, "depth": 4, "normal": 12, "part": 4, "face": 4, "rgb": 3}
 _LENS_BYTES = 48  # a pixel of the lens table: the points, their copies in tiles, the way back
