@@ -75,7 +75,7 @@ static void place_group(const grid *g, int n, const sight how[], const box b[], 
         all.y0 = lower(all.y0, b[k].y0), all.y1 = upper(all.y1, b[k].y1);
     }
     const cc_lens *lens = g->lens;
-    const rect none = {1, 0, 1, 0}, any = lens && all.x0 <= all.x1 ? looking_at(g, &all) : none;
+    const rect none = NOWHERE, any = lens && all.x0 <= all.x1 ? looking_at(g, &all) : none;
     const patch *near = empty(any) ? NULL : patch_of(lens, &any);
     const int together = near && near->off_x + near->off_y < ROUGH;
     for (int k = 0; k < n; k++) {

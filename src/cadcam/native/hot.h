@@ -39,6 +39,7 @@ typedef struct {
     int32_t id;
 } triangle;
 
+#define NOWHERE ((rect){1, 0, 1, 0})
 static inline int empty(rect r) { return (r.x0 > r.x1) | (r.y0 > r.y1); }
 static inline rect whole_grid(const grid *g) { return (rect){0, g->width - 1, 0, g->height - 1}; }
 
@@ -51,7 +52,7 @@ static inline rect samples_of(const grid *g, box b) {
     const double slack = 1e-5, s = g->scale, t = g->shift; /* px: far above rounding */
     double x0 = ceil(upper(s * b.x0 + t - slack, 0)), x1 = floor(lower(s * b.x1 + t + slack, g->width - 1));
     double y0 = ceil(upper(s * b.y0 + t - slack, 0)), y1 = floor(lower(s * b.y1 + t + slack, g->height - 1));
-    if (!(x0 <= x1 && y0 <= y1)) return (rect){1, 0, 1, 0};
+    if (!(x0 <= x1 && y0 <= y1)) return NOWHERE;
     return (rect){(int32_t)x0, (int32_t)x1, (int32_t)y0, (int32_t)y1};
 }
 

@@ -116,20 +116,55 @@ static int may_be_seen(const band *b, const rect *r, float nearest) {
     return 0;
 }
 
-/* The triangles of a cluster, side by side: bounds of their places and of 1/z. */
+/* Triangles of a cluster, side by side: bounds of their places and of 1/z. */
 typedef struct {
     _Alignas(64) double x0[CLUSTER], x1[CLUSTER], y0[CLUSTER], y1[CLUSTER];
     _Alignas(64) double front[CLUSTER]; /* smallest z: not positive where a corner lies behind the camera */
     _Alignas(64) float nearest[CLUSTER], farthest[CLUSTER];
 } bounds;
 
-static void bound(const cc_frame *f, const cluster *c, const double *restrict x, const double *restrict y,
-                  const double *restrict front, const double *restrict w, bounds *out) {
-    const uint8_t *restrict c0 = f->scene->corner[0] + c->first_face, *restrict c1 = f->scene->corner[1] + c->first_face;
-    const uint8_t *restrict c2 = f->scene->corner[2] + c->first_face;
-    int n = c->n_faces;
-    for (int k = 0; k < n; k++) {
-        int p = c0[k], q = c1[k], r = c2[k];
+/* A cluster being drawn: which of its triangles may be seen in which samples of each grid. */
+typedef struct {
+    const cluster *cluster;
+    corners corners;
+    int n; /* of these triangles: */
+    uint8_t which[CLUSTER];
+    bounds bounds;
+    rect where[GRIDS][CLUSTER];
+} sighting;
+
+static inline void corners_of(const cc_scene *s, const cluster *c, int k, uint8_t i[3]) {
+    for (int j = 0; j < 3; j++) i[j] = s->corner[j][c->first_face + (size_t)k];
+}
+
+/* List the triangles of a cluster, but for those that show their back, where the view leaves them out: those that do so
+ * by more than rounding, with all corners in front of the camera. */
+static void list(const cc_frame *f, sighting *s) {
+    const corners *v = &s->corners;
+    s->n = 0;
+    for (int k = 0; k < s->cluster->n_faces; k++) {
+        int back = 0;
+        if (f->view->fronts) {
+            uint8_t i[3];
+            corners_of(f->scene, s->cluster, k, i);
+            const double x1 = v->u[i[1]] - v->u[i[0]], y1 = v->v[i[1]] - v->v[i[0]];
+            const double x2 = v->u[i[2]] - v->u[i[0]], y2 = v->v[i[2]] - v->v[i[0]];
+            const double size = fabs(x1) + fabs(y1) + fabs(x2) + fabs(y2);
+            back = (f->handed * (x1 * y2 - x2 * y1) > 0x1p-40 * size * (size + f->far_x + f->far_y)) &
+                   (lower3(v->z[i[0]], v->z[i[1]], v->z[i[2]]) > 0);
+        }
+        s->which[s->n] = (uint8_t)k, s->n += !back;
+    }
+}
+
+static void bound(const cc_frame *f, const double *restrict x, const double *restrict y, const double *restrict front,
+                  sighting *s) {
+    const double *restrict w = s->corners.w;
+    bounds *restrict out = &s->bounds;
+    for (int k = 0; k < s->n; k++) {
+        uint8_t i[3];
+        corners_of(f->scene, s->cluster, s->which[k], i);
+        const int p = i[0], q = i[1], r = i[2];
         double near = upper3(w[p], w[q], w[r]), far = lower3(w[p], w[q], w[r]);
         out->x0[k] = lower3(x[p], x[q], x[r]), out->x1[k] = upper3(x[p], x[q], x[r]);
         out->y0[k] = lower3(y[p], y[q], y[r]), out->y1[k] = upper3(y[p], y[q], y[r]);
@@ -175,22 +210,8 @@ static inline rect tightened(const patch *near, const corners *v, const uint8_t 
     const double x1 = floor(lower(upper3(at_x[0], at_x[1], at_x[2]) + slack_x, r.x1));
     const double y0 = ceil(upper(lower3(at_y[0], at_y[1], at_y[2]) - slack_y, r.y0));
     const double y1 = floor(lower(upper3(at_y[0], at_y[1], at_y[2]) + slack_y, r.y1));
-    if (!(x0 <= x1 && y0 <= y1)) return (rect){1, 0, 1, 0};
+    if (!(x0 <= x1 && y0 <= y1)) return NOWHERE;
     return (rect){(int32_t)x0, (int32_t)x1, (int32_t)y0, (int32_t)y1};
-}
-
-/* A cluster being drawn: which of its triangles may be seen in which samples of each grid. */
-typedef struct {
-    const cluster *cluster;
-    corners corners;
-    bounds bounds;
-    int n; /* triangles that may be seen: */
-    uint8_t which[CLUSTER];
-    rect where[GRIDS][CLUSTER];
-} sighting;
-
-static inline void corners_of(const cc_scene *s, const cluster *c, int k, uint8_t i[3]) {
-    for (int j = 0; j < 3; j++) i[j] = s->corner[j][c->first_face + (size_t)k];
 }
 
 /* Which samples of a rectangle triangle k may cover, in front of the camera or not; empty where it is beyond a side. */
@@ -202,70 +223,72 @@ static rect covered(const band *b, sighting *s, const reaches *in, const patch *
     if (of->front[k] > 0) {
         const rect r = common((rect){in->x0[k], in->x1[k], in->y0[k], in->y1[k]}, part);
         if (!near || near->off_x + near->off_y <= 0.5 || empty(r)) return r;
-        corners_of(f->scene, s->cluster, k, i);
+        corners_of(f->scene, s->cluster, s->which[k], i);
         return tightened(patch_of(b->grid->lens, &r), v, i, r);
     }
-    corners_of(f->scene, s->cluster, k, i); /* reaches behind the camera: anywhere, in front of its farthest corner */
-    if (beyond_a_side(&f->limits, v->x, v->y, v->z, i, 3)) return (rect){1, 0, 1, 0};
+    corners_of(f->scene, s->cluster, s->which[k], i); /* reaches behind the camera: anywhere, in front of its farthest corner */
+    if (beyond_a_side(&f->limits, v->x, v->y, v->z, i, 3)) return NOWHERE;
     of->nearest[k] = FLT_MAX;
     of->farthest[k] = (float)lower(1 / upper3(v->z[i[0]], v->z[i[1]], v->z[i[2]]), FLT_MAX);
     return part;
 }
 
-/* Find the triangles that may be seen in a part of a grid. */
-static void sight_in(const band *b, int number, rect part, sighting *s) {
-    const cluster *c = s->cluster;
-    const corners *v = &s->corners;
+/* Find out where the triangles may be seen in a part of a grid. */
+static void sight_in(const band *b, rect part, sighting *s, rect where[]) {
     const patch *near = b->grid->lens ? patch_of(b->grid->lens, &part) : NULL;
     places at;
     reaches in;
     if (near) {
-        place(near, v, c->n_vertices, &at);
-        bound(b->frame, c, at.x, at.y, at.front, v->w, &s->bounds);
+        place(near, &s->corners, s->cluster->n_vertices, &at);
+        bound(b->frame, at.x, at.y, at.front, s);
     }
-    reach(b->grid, near, &s->bounds, c->n_faces, &in);
-    for (int k = 0; k < c->n_faces; k++) {
-        rect r = covered(b, s, &in, near, k, part);
-        if (!empty(r) && !may_be_seen(b, &r, s->bounds.nearest[k])) r = (rect){1, 0, 1, 0};
-        s->where[number][k] = r;
+    reach(b->grid, near, &s->bounds, s->n, &in);
+    for (int k = 0; k < s->n; k++) {
+        where[k] = covered(b, s, &in, near, k, part);
+        if (!empty(where[k]) && !may_be_seen(b, &where[k], s->bounds.nearest[k])) where[k] = NOWHERE;
     }
+}
+
+/* Keep the triangles that may be seen somewhere. */
+static void keep_seen(int n_grids, sighting *s) {
+    bounds *of = &s->bounds;
+    int kept = 0;
+    for (int k = 0; k < s->n; k++) {
+        int seen = 0;
+        for (int g = 0; g < n_grids; g++) s->where[g][kept] = s->where[g][k], seen |= !empty(s->where[g][k]);
+        s->which[kept] = s->which[k], of->nearest[kept] = of->nearest[k], of->farthest[kept] = of->farthest[k];
+        kept += seen;
+    }
+    s->n = kept;
 }
 
 /* Find the triangles of a cluster that may be seen in parts of the grids. */
 static void sight(const band bands[], const rect part[], sighting *s) {
     const cc_frame *f = bands[0].frame;
-    const cluster *c = s->cluster;
-    corners *v = &s->corners;
-    transform(f, c, v);
-    if (!bands[0].grid->lens) bound(f, c, v->u, v->v, v->z, v->w, &s->bounds);
+    const corners *v = &s->corners;
+    transform(f, s->cluster, &s->corners);
+    list(f, s);
+    if (!bands[0].grid->lens) bound(f, v->u, v->v, v->z, s);
     for (int g = 0; g < f->n_grids; g++) {
-        if (!empty(part[g])) sight_in(&bands[g], g, part[g], s);
-        else for (int k = 0; k < c->n_faces; k++) s->where[g][k] = part[g];
+        if (!empty(part[g])) sight_in(&bands[g], part[g], s, s->where[g]);
+        else for (int k = 0; k < s->n; k++) s->where[g][k] = NOWHERE;
     }
-    s->n = 0;
-    for (int k = 0; k < c->n_faces; k++) {
-        int seen = 0;
-        for (int g = 0; g < f->n_grids; g++) seen |= !empty(s->where[g][k]);
-        s->which[s->n] = (uint8_t)k, s->n += seen;
-    }
+    keep_seen(f->n_grids, s);
 }
 
-/* Make the triangles that were found ready to draw, but for those that `where` now has nowhere. */
+/* Make them ready to draw; those that cannot be drawn are nowhere. */
 static void prepare(const cc_frame *f, sighting *s, triangle t[CLUSTER]) {
     const cluster *c = s->cluster;
     for (int first = 0; first < s->n; first += 4) {
         uint8_t i[3][4];
-        for (int m = 0; m < 4; m++) {
-            const size_t at = c->first_face + s->which[imin(first + m, s->n - 1)];
-            for (int j = 0; j < 3; j++) i[j][m] = f->scene->corner[j][at];
-        }
+        for (int m = 0; m < 4; m++)
+            for (int j = 0; j < 3; j++) i[j][m] = f->scene->corner[j][c->first_face + s->which[imin(first + m, s->n - 1)]];
         const unsigned sound = set_up(f, &s->corners, i, t + first);
-        for (int m = 0; m < imin(4, s->n - first); m++) {
-            const int k = s->which[first + m];
-            t[first + m].nearest = s->bounds.nearest[k], t[first + m].farthest = s->bounds.farthest[k];
-            t[first + m].id = f->scene->id[c->first_face + (size_t)k];
+        for (int k = first; k < imin(first + 4, s->n); k++) {
+            t[k].nearest = s->bounds.nearest[k], t[k].farthest = s->bounds.farthest[k];
+            t[k].id = f->scene->id[c->first_face + s->which[k]];
             for (int g = 0; g < f->n_grids; g++)
-                if (!(sound >> m & 1)) s->where[g][k] = (rect){1, 0, 1, 0};
+                if (!(sound >> (k - first) & 1)) s->where[g][k] = NOWHERE;
         }
     }
 }
@@ -273,11 +296,10 @@ static void prepare(const cc_frame *f, sighting *s, triangle t[CLUSTER]) {
 static void draw_sighted(const band *b, const sighting *s, const rect where[], const triangle t[]) {
     const int own_plane = b->grid->n > 1 && !b->grid->lens;
     triangle fine;
-    for (int m = 0; m < s->n; m++) {
-        const rect *r = &where[s->which[m]];
-        if (empty(*r)) continue;
-        if (own_plane) fine = in_grid(b->grid, &t[m]);
-        VARIANT(draw_triangle)(b, own_plane ? &fine : &t[m], r);
+    for (int k = 0; k < s->n; k++) {
+        if (empty(where[k])) continue;
+        if (own_plane) fine = in_grid(b->grid, &t[k]);
+        VARIANT(draw_triangle)(b, own_plane ? &fine : &t[k], &where[k]);
     }
 }
 
@@ -311,7 +333,7 @@ static void draw_candidate(const band bands[], const candidate *c) {
     for (int g = 0; g < f->n_grids; g++) {
         const band *b = &bands[g];
         part[g] = common(c->where[g], (rect){0, b->grid->width - 1, b->y0, b->y1});
-        if (!empty(part[g]) && !may_be_seen(b, &part[g], c->nearest)) part[g] = (rect){1, 0, 1, 0};
+        if (!empty(part[g]) && !may_be_seen(b, &part[g], c->nearest)) part[g] = NOWHERE;
         seen |= !empty(part[g]);
     }
     if (seen) draw_cluster(bands, &f->scene->clusters[c->index], part);

@@ -35,6 +35,7 @@ typedef struct {
     int32_t width, height;  /* of the output, px */
     int32_t samples;        /* n: image, coverage and rgb average n x n samples; all else is that of the pixels' centres */
     int32_t bands;          /* number of horizontal bands handed out to workers */
+    int32_t fronts;         /* leave out triangles that show their back: clockwise as the camera sees them */
     const cc_lens *lens;    /* of n times the width and height; NULL: no distortion */
     const cc_lens *centres; /* of the pixels themselves; `lens` once more if n == 1 */
     float *image, *coverage, *depth, *normal; /* (H,W,3) (H,W) (H,W) (H,W,3), each or NULL */
