@@ -141,7 +141,6 @@ struct cc_frame {
     int32_t n_grids;
     box limits;                              /* of the plane points of all samples, slightly widened */
     double far_x, far_y;                     /* bounds of |x| and |y| there */
-    double handed;                           /* 1: triangles seen from outside turn left in the plane, y down; or -1 */
     int64_t n_clusters;                      /* of the scene; 0 where no sample sees anything */
     int32_t n_shares;                        /* parts of them that threads look through, each by itself */
     int32_t *found;                          /* candidates of each share, */

@@ -150,7 +150,7 @@ static void list(const cc_frame *f, sighting *s) {
             const double x1 = v->u[i[1]] - v->u[i[0]], y1 = v->v[i[1]] - v->v[i[0]];
             const double x2 = v->u[i[2]] - v->u[i[0]], y2 = v->v[i[2]] - v->v[i[0]];
             const double size = fabs(x1) + fabs(y1) + fabs(x2) + fabs(y2);
-            back = (f->handed * (x1 * y2 - x2 * y1) > 0x1p-40 * size * (size + f->far_x + f->far_y)) &
+            back = (x1 * y2 - x2 * y1 > 0x1p-40 * size * (size + f->far_x + f->far_y)) &
                    (lower3(v->z[i[0]], v->z[i[1]], v->z[i[2]]) > 0);
         }
         s->which[s->n] = (uint8_t)k, s->n += !back;

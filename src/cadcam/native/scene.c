@@ -292,12 +292,6 @@ static void set_limits(cc_frame *f) {
     f->far_y = 1.01 * fmax(fabs(f->limits.y0), fabs(f->limits.y1));
 }
 
-static double handedness(const double M[12]) {
-    const double det = M[0] * (M[5] * M[10] - M[6] * M[9]) - M[1] * (M[4] * M[10] - M[6] * M[8]) +
-                       M[2] * (M[4] * M[9] - M[5] * M[8]);
-    return det < 0 ? -1 : 1;
-}
-
 static grid grid_of(const cc_view *v, int32_t n) {
     grid g = {n == v->samples ? v->lens : v->centres, n, v->width * n, v->height * n, 0, 0, n, 0.5 * (n - 1)};
     g.tiles_x = (g.width + TILE - 1) / TILE, g.tiles_y = (g.height + TILE - 1) / TILE;
@@ -323,7 +317,6 @@ CC_API cc_frame *cc_frame_new(const cc_scene *scene, const cc_view *view) {
     cc_frame *f = calloc(1, sizeof *f);
     if (!f) return NULL;
     f->scene = scene, f->view = view;
-    f->handed = handedness(view->plane);
     set_grids(f), set_bands(f), set_limits(f);
     const size_t room = (size_t)f->n_clusters + 1;
     f->n_shares = (int32_t)(room / SHARE) + 1; /* one at least: whoever ends the last puts the bands in order */

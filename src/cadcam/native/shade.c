@@ -293,6 +293,7 @@ static light light_in(const grid *g, const cc_view *v) {
 
 void VARIANT(write_band)(const band *b, float *sums) {
     page p = {b, *b->frame->view, light_in(b->grid, b->frame->view)};
+    if (b->grid->n > 1) p.view.depth = p.view.normal = NULL, p.view.part = p.view.face = NULL;
     if (b->grid->n < p.view.samples) p.view.image = p.view.coverage = NULL, p.view.rgb = NULL;
     if (b->grid->n == 1) write_centres(&p);
     else write_samples(&p, sums);
