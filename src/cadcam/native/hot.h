@@ -100,6 +100,8 @@ typedef struct {
 
 /* strip.c or tile_plain.c: draw a triangle into the tiles of its rectangle. */
 void VARIANT(draw_triangle)(const band *b, const triangle *t, const rect *r);
+/* bent.c, for strip.c: the same through a lens. */
+void VARIANT(draw_through_lens)(const band *b, const triangle *t, const rect *r);
 /* tile.c: draw into the rows of a tile that have their bit set: their spans, or, in doubt, sample by sample. */
 void VARIANT(draw_tile)(const band *b, const triangle *t, const spans *s, unsigned rows, unsigned doubt, int32_t tx,
                         int32_t ty);

@@ -305,7 +305,7 @@ static void set_grids(cc_frame *f) {
     if (v->samples > 1 && (colors || !centres)) f->grids[f->n_grids++] = grid_of(v, v->samples);
 }
 
-/* Bands hold whole tiles of either grid, so whole pixels too, and blocks of strip.c, where they can. */
+/* Bands hold whole tiles of either grid, so whole pixels too, and blocks of bent.c, where they can. */
 static void set_bands(cc_frame *f) {
     const int32_t tiles_y = (f->view->height + TILE - 1) / TILE, bands = f->view->bands < 1 ? 1 : f->view->bands;
     f->band_rows = (tiles_y + bands - 1) / bands;
