@@ -93,7 +93,7 @@ class HalfEdges:
 
 
 def is_solid(mesh: Mesh) -> bool:
-    """Return whether each part is closed, its faces' sides all in pairs that run against each other, round a volume > 0."""
+    """Return whether each part is closed round a volume > 0, its sides in pairs that run against each other."""
     half = HalfEdges.of(corner_points(mesh))
     ways = np.where(half.forward[half.order], 1, -1)
     a, b, c = (mesh.vertices[mesh.faces[:, k]] - mesh.vertices[mesh.faces[0, 0]] for k in range(3))
