@@ -62,7 +62,7 @@ def _frames(name: str) -> Callable[[Shot], object]:
     if name == "pyrender":
         other = peer(name, mesh)
         return lambda shot: other.frame(shot.camera, shot.camera_from_part, color=True)
-    ours, wanted = RasterRenderer(Scene.of(mesh, edges=NO_EDGES)), Channel.RGB | Channel.DEPTH
+    ours, wanted = RasterRenderer(Scene.of(mesh, edges=NO_EDGES), backs=False), Channel.RGB | Channel.DEPTH
     return lambda shot: ours.render(shot.camera, shot.camera_from_part, channels=wanted, look=shot.look)
 
 

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from cadcam.cad.mesh import Mesh, merge, unique_names
+from cadcam.cad.topology import is_solid
 from cadcam.errors import BadValue, DegenerateGeometry, UnknownName
 from cadcam.geometry.rigid import Rigid
 
-from .solids import both, box, outward
+from .solids import both, box, outward, soup
 
 EPS = np.finfo(float).eps
 
@@ -21,6 +22,21 @@ def test_a_box_has_its_size_area_and_outward_normals() -> None:
     centres = mesh.vertices[mesh.faces].mean(axis=1) - mesh.bounds.mean(axis=0)
     assert (np.einsum("ij,ij->i", mesh.face_normals, centres) > 0).all()
     assert outward(mesh) == pytest.approx(6000, rel=8 * EPS)
+
+
+def test_a_solid_is_closed_and_wound_outwards_part_by_part() -> None:
+    one, other = box((0, 0, 0), (1, 1, 1), "one"), box((3, 0, 0), (4, 1, 1), "other")
+    assert is_solid(one)
+    assert is_solid(soup(one))
+    assert is_solid(merge([one, other]))
+    flipped = Mesh.single(one.vertices, np.concatenate([one.faces[:1, ::-1], one.faces[1:]]))
+    for mesh in (
+        Mesh.single(one.vertices, one.faces[1:]),
+        flipped,
+        Mesh.single(one.vertices, one.faces[:, ::-1]),
+        merge([Mesh.single(one.vertices, one.faces[:, ::-1]), box((3, 0, 0), (9, 9, 9), "larger")]),
+    ):
+        assert not is_solid(mesh)
 
 
 def test_stray_vertices_do_not_count_in_the_size() -> None:

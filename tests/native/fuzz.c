@@ -64,10 +64,8 @@ static void draw(const cc_scene *scene, cc_view *v, picture *p, int mask, int ba
     v->bands = bands;
     v->image = mask & 1 ? p->image : NULL, v->coverage = mask & 2 ? p->coverage : NULL;
     v->rgb = mask & 64 ? p->rgb : NULL;
-    if (v->samples == 1) {
-        v->depth = mask & 4 ? p->depth : NULL, v->normal = mask & 8 ? p->normal : NULL;
-        v->part = mask & 16 ? p->part : NULL, v->face = mask & 32 ? p->face : NULL;
-    }
+    v->depth = mask & 4 ? p->depth : NULL, v->normal = mask & 8 ? p->normal : NULL;
+    v->part = mask & 16 ? p->part : NULL, v->face = mask & 32 ? p->face : NULL;
     cc_frame *frame = cc_frame_new(scene, v);
     if (frame) cc_frame_look(frame);
     if (!frame || cc_frame_work(frame, worker)) exit(fprintf(stderr, "out of memory\n"));
@@ -75,6 +73,22 @@ static void draw(const cc_scene *scene, cc_view *v, picture *p, int mask, int ba
 }
 
 static void differ(const char *what) { exit(fprintf(stderr, "%s differs between one band and several\n", what)); }
+
+/* Where n x n samples a pixel look through a lens that bends, and may be blind in places. */
+static cc_lens *lens_of(int width, int height, int n, double f, double cx, double cy, double bend, int hole, int blind) {
+    const int W = width * n, H = height * n;
+    double *points = malloc((size_t)W * (size_t)H * 16);
+    for (int y = 0; y < H; y++)
+        for (int x = 0; x < W; x++) {
+            double u = ((x + 0.5) / n - 0.5 - cx) / f, w = ((y + 0.5) / n - 0.5 - cy) / f, g = 1 + bend * (u * u + w * w);
+            int nowhere = blind || (hole && upto(4) == 0);
+            points[2 * (y * W + x)] = nowhere ? NAN : u * g * (upto(500) ? 1 : 1e300);
+            points[2 * (y * W + x) + 1] = w * g;
+        }
+    cc_lens *table = cc_lens_new(points, W, H);
+    free(points);
+    return table;
+}
 
 static void one(int number) {
     int n_vertices = 1 + upto(60), n_faces = 1 + upto(number % 10 ? 40 : 400), n_parts = 1 + upto(2);
@@ -88,10 +102,11 @@ static void one(int number) {
     for (int i = 0; i < 3 * n_parts; i++) colors[i] = (float)unit();
 
     cc_view v = {.width = width, .height = height, .samples = samples, .ambient = 0.2f, .head = 0.5f, .fill = 0.3f};
-    double f = (1 + unit() * 100) * samples, cx = unit() * width * samples, cy = unit() * height * samples, R[9], t[3];
+    double f = 1 + unit() * 100, cx = unit() * width, cy = unit() * height, R[9], t[3];
+    v.fronts = upto(2) == 0;
     rotation(R);
     for (int k = 0; k < 3; k++) t[k] = around() * (upto(1) ? 0 : 20);
-    int W = width * samples, H = height * samples, lens = upto(1);
+    int lens = upto(1);
     double fx = lens ? 1 : f, px = lens ? 0 : cx, py = lens ? 0 : cy, skew = lens ? 0 : around();
     for (int k = 0; k < 4; k++) {
         double r0 = k < 3 ? R[k] : t[0], r1 = k < 3 ? R[3 + k] : t[1], r2 = k < 3 ? R[6 + k] : t[2];
@@ -103,20 +118,12 @@ static void one(int number) {
         v.fill_from[i] = R[i], v.background[i] = 1;
     }
     memcpy(v.rotation, R, sizeof R);
-    cc_lens *table = NULL;
+    cc_lens *table = NULL, *centres = NULL;
     if (lens) {
-        double *points = malloc((size_t)W * (size_t)H * 16), bend = around() * 2;
+        double bend = around() * 2;
         int hole = upto(3) == 0, blind = upto(30) == 0;
-        for (int y = 0; y < H; y++)
-            for (int x = 0; x < W; x++) {
-                double u = (x - cx) / f, w = (y - cy) / f, g = 1 + bend * (u * u + w * w);
-                int nowhere = blind || (hole && upto(4) == 0);
-                points[2 * (y * W + x)] = nowhere ? NAN : u * g * (upto(500) ? 1 : 1e300);
-                points[2 * (y * W + x) + 1] = w * g;
-            }
-        table = cc_lens_new(points, W, H);
-        free(points);
-        v.lens = table;
+        v.lens = table = lens_of(width, height, samples, f, cx, cy, bend, hole, blind);
+        v.centres = centres = samples > 1 ? lens_of(width, height, 1, f, cx, cy, bend, hole, blind) : NULL;
     }
     cc_scene *scene = cc_scene_new(vertices, faces, n_faces, part, part, colors, n_parts);
     cc_worker *worker = cc_worker_new();
@@ -124,14 +131,12 @@ static void one(int number) {
     picture a = layers(pixels), b = layers(pixels);
     draw(scene, &v, &a, 127, 1, worker);
     draw(scene, &v, &b, 127, 1 + upto(7), worker);
-    if (samples == 1) {
-        if (memcmp(a.face, b.face, pixels * 4)) differ("face");
-        if (memcmp(a.depth, b.depth, pixels * 4)) differ("depth");
-        if (memcmp(a.part, b.part, pixels * 4)) differ("part");
-        for (size_t i = 0; i < pixels; i++) {
-            if (a.face[i] < -1 || a.face[i] >= n_faces) exit(fprintf(stderr, "face %d out of range\n", a.face[i]));
-            if ((a.face[i] < 0) != (a.depth[i] == INFINITY) && a.face[i] < 0) exit(fprintf(stderr, "depth without face\n"));
-        }
+    if (memcmp(a.face, b.face, pixels * 4)) differ("face");
+    if (memcmp(a.depth, b.depth, pixels * 4)) differ("depth");
+    if (memcmp(a.part, b.part, pixels * 4)) differ("part");
+    for (size_t i = 0; i < pixels; i++) {
+        if (a.face[i] < -1 || a.face[i] >= n_faces) exit(fprintf(stderr, "face %d out of range\n", a.face[i]));
+        if ((a.face[i] < 0) != (a.depth[i] == INFINITY) && a.face[i] < 0) exit(fprintf(stderr, "depth without face\n"));
     }
     if (memcmp(a.rgb, b.rgb, pixels * 3)) differ("rgb");
     for (size_t i = 0; i < 3 * pixels; i++)
@@ -139,7 +144,7 @@ static void one(int number) {
     if (memcmp(a.coverage, b.coverage, pixels * 4)) differ("coverage");
     draw(scene, &v, &b, upto(127), 1, worker);
     release(&a), release(&b);
-    cc_worker_free(worker), cc_scene_free(scene), cc_lens_free(table);
+    cc_worker_free(worker), cc_scene_free(scene), cc_lens_free(table), cc_lens_free(centres);
     free(vertices), free(faces), free(part), free(colors);
 }
 

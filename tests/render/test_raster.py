@@ -10,6 +10,7 @@ import pytest
 from cadcam.cad.edges import FeatureEdges
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts import ship_block
+from cadcam.cad.parts.shape import box
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Division, DoubleSphere, Fisheye, InverseBrownConrady, TiltedBrownConrady
 from cadcam.errors import BadValue, DegenerateGeometry, MissingCore, NotEnoughMemory
@@ -184,6 +185,55 @@ def test_an_antialiased_image_is_that_of_rays_and_leaves_ids_and_depth_alone(blo
     assert np.mean(np.abs(smooth.coverage - rays.coverage) > 1e-6) < 1e-3
     assert np.abs(smooth.image - rays.image).mean() < 1e-4
     assert 0 < np.mean((smooth.coverage > 0) & (smooth.coverage < 1)) < 0.1
+
+
+@pytest.mark.parametrize("samples", [2, 3])
+@pytest.mark.parametrize("camera", BLOCK_CAMERAS.values(), ids=BLOCK_CAMERAS.keys())
+def test_centres_and_samples_drawn_together_are_those_drawn_alone(camera: Camera, samples: int, block: Mesh) -> None:
+    renderer, look = RasterRenderer(scene_of(block)), Look(supersampling=samples, background=(0.1, 0.2, 0.3))
+    for pose in views_of(block):
+        together = renderer.render(camera, pose, look=look)
+        colors = renderer.render(camera, pose, look=look, channels=Channel.IMAGE)
+        centres = renderer.render(camera, pose, channels=Channel.ALL & ~Channel.IMAGE)
+        for name, layer in together.layers.items():
+            alone = colors if name in ("image", "coverage") else centres
+            assert np.array_equal(layer, alone.layers[name]), name
+
+
+@pytest.mark.parametrize("camera", [BLOCK_CAMERAS["plain"], BLOCK_CAMERAS["skewed"]])
+@pytest.mark.parametrize("samples", [2, 3])
+def test_samples_are_the_centres_of_a_finer_picture(camera: Camera, samples: int, block: Mesh) -> None:
+    """Each decided in double in a plane of its own: only a sample within 1e-12 px of an edge could differ."""
+    renderer, (pose, _) = RasterRenderer(scene_of(block)), views_of(block)
+    view = renderer.render(camera, pose, look=Look(supersampling=samples))
+    fine = renderer.render(camera.resize((samples * camera.width, samples * camera.height)), pose)
+    cells = (camera.height, samples, camera.width, samples)
+    assert np.abs(view.coverage - fine.mask.reshape(cells).mean(axis=(1, 3))).max() <= FLOAT
+    assert np.abs(view.image - fine.image.reshape(*cells, 3).mean(axis=(1, 3))).max() <= 16 * FLOAT
+
+
+@pytest.mark.parametrize("camera", BLOCK_CAMERAS.values(), ids=BLOCK_CAMERAS.keys())
+def test_a_solid_without_its_backs_looks_the_same_from_outside(camera: Camera, block: Mesh) -> None:
+    """But where front and back meet at a silhouette as near as float tells depths apart: none of these pixels."""
+    scene, look = scene_of(block), Look(supersampling=2)
+    solid = RasterRenderer(scene, backs=False)
+    for pose in views_of(block):
+        whole, fronts = (r.render(camera, pose, look=look) for r in (RasterRenderer(scene), solid))
+        for name in ("face", "part", "depth", "normal", "coverage"):
+            assert np.array_equal(whole.layers[name], fronts.layers[name]), name
+        assert np.mean(np.abs(whole.image - fronts.image).max(axis=-1) > 4 * FLOAT) < 1e-4
+
+
+@pytest.mark.parametrize("why", ["open", "inside out", "from inside"])
+def test_backs_that_can_be_seen_are_not_left_out(why: str) -> None:
+    cube = box((-10, -10, -10), (10, 10, 10), name="cube")
+    faces = {"open": cube.faces[2:], "inside out": cube.faces[:, ::-1]}.get(why, cube.faces)
+    scene = scene_of(Mesh.single(cube.vertices, faces))
+    camera = Camera.from_focal(SMALL, 60.0)
+    pose = Rigid.look_at([3, 2, 1] if why == "from inside" else [35, 25, 30], [0, 0, 0])
+    whole, fronts = (RasterRenderer(scene, backs=backs).render(camera, pose) for backs in (True, False))
+    assert np.array_equal(whole.face, fronts.face)
+    assert whole.mask.any()
 
 
 def test_coverage_of_a_half_covered_pixel_is_a_half() -> None:

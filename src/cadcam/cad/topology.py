@@ -92,6 +92,15 @@ class HalfEdges:
         return cls(order, start, np.diff(start, append=len(order)), edge, forward)
 
 
+def is_solid(mesh: Mesh) -> bool:
+    """Return whether each part is closed round a volume > 0, its sides in pairs that run against each other."""
+    half = HalfEdges.of(corner_points(mesh))
+    ways = np.where(half.forward[half.order], 1, -1)
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] - mesh.vertices[mesh.faces[0, 0]] for k in range(3))
+    volumes = np.bincount(mesh.part, np.einsum("ij,ij->i", a, np.cross(b, c)), len(mesh.part_names))
+    return not np.add.reduceat(ways, half.start).any() and bool((volumes[np.unique(mesh.part)] > 0).all())
+
+
 def corner_points(mesh: Mesh) -> Longs:
     """Return for every face corner (F, 3) the number of its point: equal where position and part are equal."""
     vertex, part, corner = part_vertices(mesh)

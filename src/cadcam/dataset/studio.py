@@ -77,7 +77,7 @@ class Studio:
 
     def __init__(self, stage: Stage) -> None:
         self.stage = stage
-        self._part = RasterRenderer(stage.scene, threads=1)
+        self._part = RasterRenderer(stage.scene, threads=1, backs=False)
         self._props: dict[int, RasterRenderer] = {}
         self._edges = SeenEdges(stage.scene, stage.edges)
         caster = Caster(stage.scene.mesh)
@@ -104,7 +104,7 @@ class Studio:
 
     def _prop(self, number: int, camera: Camera, pose: Rigid, look: Look) -> View:
         if number not in self._props:
-            self._props[number] = RasterRenderer(self.stage.props[number].scene, threads=1)
+            self._props[number] = RasterRenderer(self.stage.props[number].scene, threads=1, backs=False)
         return self._props[number].render(camera, pose, channels=_GEOMETRY | Channel.IMAGE, look=look)
 
     def _developed(self, shot: Shot, part: View, before: list[View], photo: bytes | None) -> npt.NDArray[np.uint8]:

@@ -42,7 +42,9 @@ class Request(c.Structure):
         ("height", c.c_int32),
         ("samples", c.c_int32),
         ("bands", c.c_int32),
+        ("fronts", c.c_int32),
         ("lens", c.c_void_p),
+        ("centres", c.c_void_p),
         *((name, c.c_void_p) for name in ("image", "coverage", "depth", "normal", "part", "face", "rgb")),
     )
 

@@ -45,7 +45,6 @@ static sight project_cluster(const cc_frame *f, const cluster *c, candidate *out
     *nearest_z = z0 = z0 - 1e-9 * size; /* the box' corners are rounded: stay on the safe side */
     if (!(z0 > 1e-6 * size)) { /* reaches (nearly) behind the camera */
         if (z1 + 1e-9 * size <= 0 || beyond_a_side(&f->limits, x, y, z, all, 8)) return NOT_SEEN;
-        out->where = (rect){0, f->width - 1, 0, f->height - 1};
         out->nearest = INFINITY;
         return SEEN_SOMEWHERE;
     }
@@ -60,46 +59,55 @@ static sight project_cluster(const cc_frame *f, const cluster *c, candidate *out
 }
 
 /* The samples that may look at a box of the plane, by the lens' cells or those of the pixels. */
-static rect looking_at(const cc_frame *f, const box *b) {
-    const cc_lens *lens = f->view->lens;
-    return samples_of(f, (box){grid_x(lens, b->x0) - 1e-3, grid_x(lens, b->x1) + 1e-3, grid_y(lens, b->y0) - 1e-3,
+static rect looking_at(const grid *g, const box *b) {
+    const cc_lens *lens = g->lens;
+    return samples_of(g, (box){grid_x(lens, b->x0) - 1e-3, grid_x(lens, b->x1) + 1e-3, grid_y(lens, b->y0) - 1e-3,
                                grid_y(lens, b->y1) + 1e-3});
 }
 
-static inline int empty(rect r) { return r.x0 > r.x1 || r.y0 > r.y1; }
+/* The samples of a grid that may see each of some clusters. These are neighbours: with a lens, its cells are asked once
+ * for all of them, its patches then for each. */
+static void place_group(const grid *g, int n, const sight how[], const box b[], rect out[]) {
+    box all = {INFINITY, -INFINITY, INFINITY, -INFINITY};
+    for (int k = 0; k < n; k++) {
+        if (how[k] != SEEN_IN_BOX) continue;
+        all.x0 = lower(all.x0, b[k].x0), all.x1 = upper(all.x1, b[k].x1);
+        all.y0 = lower(all.y0, b[k].y0), all.y1 = upper(all.y1, b[k].y1);
+    }
+    const cc_lens *lens = g->lens;
+    const rect none = NOWHERE, any = lens && all.x0 <= all.x1 ? looking_at(g, &all) : none;
+    const patch *near = empty(any) ? NULL : patch_of(lens, &any);
+    const int together = near && near->off_x + near->off_y < ROUGH;
+    for (int k = 0; k < n; k++) {
+        if (how[k] == SEEN_SOMEWHERE) out[k] = whole_grid(g);
+        else if (lens && !near) out[k] = none;
+        else {
+            out[k] = together ? narrowed(lens, any, &b[k]) : looking_at(g, &b[k]);
+            if (lens && !empty(out[k])) out[k] = narrowed(lens, out[k], &b[k]);
+        }
+    }
+}
 
-/* Put the clusters from `first` on, GROUP of them, that may be seen at `out`, with their depths; how many. They are
- * neighbours: with a lens, its cells are asked once for all of them, its patches then for each. */
+/* Put the clusters from `first` on, GROUP of them, that may be seen at `out`, with their depths; how many. */
 static int locate_group(const cc_frame *f, int64_t first, candidate *out, double *depth) {
     const cc_scene *s = f->scene;
     const int64_t end = first + GROUP < s->n_clusters ? first + GROUP : s->n_clusters;
     candidate found[GROUP];
-    box b[GROUP], all = {INFINITY, -INFINITY, INFINITY, -INFINITY};
+    box b[GROUP];
     double z[GROUP];
     sight how[GROUP];
+    rect where[GRIDS][GROUP];
     int n = 0, kept = 0;
     for (int64_t i = first; i < end; i++) {
         found[n].index = (uint32_t)i;
         how[n] = project_cluster(f, &s->clusters[i], &found[n], &z[n], &b[n]);
-        if (how[n] == SEEN_IN_BOX) {
-            all.x0 = lower(all.x0, b[n].x0), all.x1 = upper(all.x1, b[n].x1);
-            all.y0 = lower(all.y0, b[n].y0), all.y1 = upper(all.y1, b[n].y1);
-        }
         n += how[n] != NOT_SEEN;
     }
-    const cc_lens *lens = f->view->lens;
-    const rect any = lens && all.x0 <= all.x1 ? looking_at(f, &all) : (rect){1, 0, 1, 0};
-    const patch *near = empty(any) ? NULL : patch_of(lens, &any);
-    const int together = near && near->off_x + near->off_y < ROUGH;
+    for (int g = 0; g < f->n_grids; g++) place_group(&f->grids[g], n, how, b, where[g]);
     for (int k = 0; k < n; k++) {
-        if (how[k] == SEEN_IN_BOX) {
-            if (lens && !near) continue;
-            rect r = together ? narrowed(lens, any, &b[k]) : looking_at(f, &b[k]);
-            if (lens && !empty(r)) r = narrowed(lens, r, &b[k]);
-            if (empty(r)) continue;
-            found[k].where = r;
-        }
-        depth[kept] = z[k], out[kept++] = found[k];
+        int seen = 0;
+        for (int g = 0; g < f->n_grids; g++) found[k].where[g] = where[g][k], seen |= !empty(where[g][k]);
+        if (seen) depth[kept] = z[k], out[kept++] = found[k];
     }
     return kept;
 }

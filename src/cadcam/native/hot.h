@@ -21,10 +21,11 @@ static inline double upper3(double a, double b, double c) { return upper(upper(a
 static inline int32_t imin(int32_t a, int32_t b) { return a < b ? a : b; }
 static inline int32_t imax(int32_t a, int32_t b) { return a > b ? a : b; }
 
-/* The part of the picture that a worker draws at a time. */
+/* The part of a grid that a worker draws at a time. */
 typedef struct {
     const cc_frame *frame;
-    cc_worker *worker;
+    const grid *grid;
+    const sheet *sheet;
     int32_t y0, y1;      /* samples, both included */
     int32_t first_tiles; /* row of tiles at the top */
 } band;
@@ -38,16 +39,20 @@ typedef struct {
     int32_t id;
 } triangle;
 
-/* Samples whose centre lies in the box [x0, x1] x [y0, y1] of the plane (pixels) or of the lens' cells. */
-static inline rect samples_of(const cc_frame *f, box b) {
-    if (f->view->lens) {
+#define NOWHERE ((rect){1, 0, 1, 0})
+static inline int empty(rect r) { return (r.x0 > r.x1) | (r.y0 > r.y1); }
+static inline rect whole_grid(const grid *g) { return (rect){0, g->width - 1, 0, g->height - 1}; }
+
+/* Samples of a grid that look at the box [x0, x1] x [y0, y1] of the plane (pixels) or of the lens' cells. */
+static inline rect samples_of(const grid *g, box b) {
+    if (g->lens) {
         const double slack = 1e-6;
-        return lens_samples(f->view->lens, (box){b.x0 - slack, b.x1 + slack, b.y0 - slack, b.y1 + slack});
+        return lens_samples(g->lens, (box){b.x0 - slack, b.x1 + slack, b.y0 - slack, b.y1 + slack});
     }
-    const double slack = 1e-5; /* px: far above rounding */
-    double x0 = ceil(upper(b.x0 - slack, 0)), x1 = floor(lower(b.x1 + slack, f->width - 1));
-    double y0 = ceil(upper(b.y0 - slack, 0)), y1 = floor(lower(b.y1 + slack, f->height - 1));
-    if (!(x0 <= x1 && y0 <= y1)) return (rect){1, 0, 1, 0};
+    const double slack = 1e-5, s = g->scale, t = g->shift; /* px: far above rounding */
+    double x0 = ceil(upper(s * b.x0 + t - slack, 0)), x1 = floor(lower(s * b.x1 + t + slack, g->width - 1));
+    double y0 = ceil(upper(s * b.y0 + t - slack, 0)), y1 = floor(lower(s * b.y1 + t + slack, g->height - 1));
+    if (!(x0 <= x1 && y0 <= y1)) return NOWHERE;
     return (rect){(int32_t)x0, (int32_t)x1, (int32_t)y0, (int32_t)y1};
 }
 
@@ -73,10 +78,10 @@ static inline double most(const triangle *t, int k, const box *b) {
 }
 
 /* Where in the plane the samples of a block of 2^level x 2^level tiles lie that are in the triangle's rectangle. */
-static inline box area_of(const cc_frame *f, const rect *r, int level, int32_t bx, int32_t by) {
-    if (f->view->lens) {
-        int32_t wide = (f->tiles_x + (1 << level) - 1) >> level;
-        return f->view->lens->block[level][(size_t)by * (size_t)wide + (size_t)bx];
+static inline box area_of(const grid *g, const rect *r, int level, int32_t bx, int32_t by) {
+    if (g->lens) {
+        int32_t wide = (g->tiles_x + (1 << level) - 1) >> level;
+        return g->lens->block[level][(size_t)by * (size_t)wide + (size_t)bx];
     }
     int32_t size = TILE << level;
     return (box){imax(bx * size, r->x0), imin(bx * size + size - 1, r->x1), imax(by * size, r->y0),
@@ -95,10 +100,25 @@ typedef struct {
 
 /* strip.c or tile_plain.c: draw a triangle into the tiles of its rectangle. */
 void VARIANT(draw_triangle)(const band *b, const triangle *t, const rect *r);
+/* bent.c, for strip.c: the same through a lens. */
+void VARIANT(draw_through_lens)(const band *b, const triangle *t, const rect *r);
 /* tile.c: draw into the rows of a tile that have their bit set: their spans, or, in doubt, sample by sample. */
 void VARIANT(draw_tile)(const band *b, const triangle *t, const spans *s, unsigned rows, unsigned doubt, int32_t tx,
                         int32_t ty);
-/* shade.c: write the outputs of a band that has been drawn. */
-void VARIANT(write_band)(const band *b);
+/* tile.c or tile_plain.c: clear a tile that nothing was drawn into yet. */
+static inline void clear_tile(const band *b, size_t tile) {
+    const sheet *s = b->sheet;
+    const cc_lens *lens = b->grid->lens;
+    s->changes[tile] = 0;
+    memset(s->inverse_z + tile * TILE_AREA, 0, TILE_AREA * sizeof(float));
+    memset(s->id + tile * TILE_AREA, 0xFF, TILE_AREA * sizeof(int32_t));
+    const size_t of_lens = tile + (size_t)b->first_tiles * (size_t)b->grid->tiles_x;
+    if (!lens || !lens->partial[of_lens]) return;
+    for (int k = 0; k < TILE_AREA; k++) /* samples without a direction must not keep their tile open */
+        if (isnan(lens->points[point_of((int32_t)of_lens, k)])) s->inverse_z[tile * TILE_AREA + k] = FLT_MAX;
+}
+
+/* shade.c: write the outputs of a band that has been drawn; `sums`: room for a row of them. */
+void VARIANT(write_band)(const band *b, float *sums);
 
 #endif

@@ -24,6 +24,7 @@ enum {
     PATCH = 32,      /* samples along the smallest patch of a lens */
     PATCH_LEVELS = 16,
     BEND_LEVELS = 2,
+    GRIDS = 2,
 };
 
 /* Neighbouring triangles with the box around them: culled, transformed and drawn together. */
@@ -115,20 +116,29 @@ static inline const bend *bend_at(const cc_lens *lens, int level, int32_t x, int
     return &lens->bends[level][(size_t)(y / step) * (size_t)((lens->width + step - 1) / step) + (size_t)(x / step)];
 }
 
+/* The samples of a picture, n x n in each pixel: all in one grid. A picture has at most two, the centres (n = 1) and those
+ * that its colours are averaged from. Without a lens, pixel x is sample `scale` x + `shift`. */
+typedef struct {
+    const cc_lens *lens;
+    int32_t n, width, height, tiles_x, tiles_y;
+    double scale, shift;
+} grid;
+
 /* A cluster that may be seen. */
 typedef struct {
     uint32_t index;
     float nearest; /* bound of 1/z; inf where it reaches behind the camera */
-    rect where;
+    rect where[GRIDS];
 } candidate;
 
-/* A band by its top row of tiles, and how many candidates it meets. */
+/* A band by its top row of tiles of centres, and how many candidates it meets. */
 typedef struct { int32_t first; int64_t candidates; } band_load;
 
 struct cc_frame {
     const cc_scene *scene;
     const cc_view *view;
-    int32_t width, height, tiles_x, tiles_y; /* of the samples */
+    grid grids[GRIDS];
+    int32_t n_grids;
     box limits;                              /* of the plane points of all samples, slightly widened */
     double far_x, far_y;                     /* bounds of |x| and |y| there */
     int64_t n_clusters;                      /* of the scene; 0 where no sample sees anything */
@@ -139,19 +149,26 @@ struct cc_frame {
     atomic_int next_share, shares_left;
     candidate *candidates;                   /* nearest first */
     int64_t n_candidates;
-    int32_t band_rows;                       /* rows of tiles in a band */
+    int32_t band_rows;                       /* rows of tiles of centres in a band */
     band_load *bands;                        /* most candidates first: no thread is left alone with a long one at the end */
     int32_t n_bands;
     atomic_int next_band;
 };
 
-struct cc_worker {
-    size_t capacity; /* tiles */
-    float *inverse_z;  /* tile by tile, 64 each; 0 = background */
+enum { UNTOUCHED = 255 }; /* among `changes` */
+
+/* What the samples of a band see, tile by tile. */
+typedef struct {
+    size_t capacity;   /* tiles */
+    float *inverse_z;  /* TILE_AREA each; 0 = background */
     int32_t *id;       /* alike; -1 = background */
-    float *farthest;   /* by tile: lower bound of its 1/z; what is farther is hidden */
-    uint8_t *changes;  /* by tile: writes since `farthest` was computed */
-    float *row;        /* one output row of sums, for supersampling */
+    float *farthest;   /* lower bound of its 1/z; what is farther is hidden */
+    uint8_t *changes;  /* writes since `farthest` was computed; UNTOUCHED: nothing was drawn, nor is the tile cleared */
+} sheet;
+
+struct cc_worker {
+    sheet sheets[GRIDS];
+    float *row; /* one output row of sums, for supersampling */
     size_t row_capacity;
 };
 
@@ -182,6 +199,7 @@ int frame_work_v3(cc_frame *frame, cc_worker *worker);
 
 void *aligned_block(size_t bytes); /* 64-byte aligned, not cleared; NULL where memory is short */
 void aligned_release(void *block);
-int worker_reserve(cc_worker *worker, size_t tiles, size_t row_floats);
+int sheet_reserve(sheet *s, size_t tiles); /* 0 where memory is short */
+int row_reserve(cc_worker *worker, size_t floats);
 
 #endif

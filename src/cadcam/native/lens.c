@@ -46,7 +46,7 @@ static void fill_tiles(cc_lens *l, const double *points) {
 /* Bounds of 2 x 2 blocks of the level below, up to one block. */
 static int fill_blocks(cc_lens *l) {
     int32_t wide = l->tiles_x, high = l->tiles_y;
-    for (int k = 1; k <= 3 || wide > 1 || high > 1; k++) { /* 3: strip.c asks for it */
+    for (int k = 1; k <= 3 || wide > 1 || high > 1; k++) { /* 3: bent.c asks for it */
         int32_t nx = (wide + 1) / 2, ny = (high + 1) / 2;
         l->block[k] = malloc((size_t)nx * (size_t)ny * sizeof(box));
         if (!l->block[k]) return 0;

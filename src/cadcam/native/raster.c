@@ -19,27 +19,17 @@
 #include "hot.h"
 #include "vectors.h"
 
-/* A cluster's vertices in the sampling plane: homogeneous; in samples (about, with a lens; behind the camera anything); 1/z. */
+/* A cluster's vertices in the sampling plane: homogeneous, divided, and 1/z. */
 typedef struct {
     _Alignas(64) double x[CORNERS];
     _Alignas(64) double y[CORNERS];
     _Alignas(64) double z[CORNERS];
-    _Alignas(64) double gx[CORNERS];
-    _Alignas(64) double gy[CORNERS];
+    _Alignas(64) double u[CORNERS];
+    _Alignas(64) double v[CORNERS];
     _Alignas(64) double w[CORNERS];
-    _Alignas(64) double front[CORNERS]; /* not positive behind the camera, and where gx, gy are not to be trusted */
 } corners;
 
-/* Which sample looks at a plane point, as a patch has it: rounded by less than 1e-6 px where it is sure. */
-typedef struct { double x, y; int sure; } place;
-
-static inline place seen_at(const patch *near, double u, double v) {
-    const double p = u - near->map.u, q = v - near->map.v;
-    const double xp = near->xu * p, xq = near->xv * q, yp = near->yu * p, yq = near->yv * q;
-    return (place){near->x + (xp + xq), near->y + (yp + yq), fabs(xp) + fabs(xq) + fabs(yp) + fabs(yq) < 1e6};
-}
-
-static void transform(const cc_frame *f, const cluster *c, const patch *near, corners *out) {
+static void transform(const cc_frame *f, const cluster *c, corners *out) {
     const double *restrict X = f->scene->x + c->first_vertex, *restrict Y = f->scene->y + c->first_vertex;
     const double *restrict Z = f->scene->z + c->first_vertex;
     const double *M = f->view->plane;
@@ -51,78 +41,153 @@ static void transform(const cc_frame *f, const cluster *c, const patch *near, co
     }
     for (int i = 0; i < n; i++) {
         double w = 1.0 / out->z[i];
-        out->w[i] = w, out->gx[i] = out->x[i] * w, out->gy[i] = out->y[i] * w;
-    }
-    if (!near) {
-        memcpy(out->front, out->z, (size_t)n * sizeof(double));
-        return;
-    }
-    for (int i = 0; i < n; i++) {
-        const place at = seen_at(near, out->gx[i], out->gy[i]);
-        out->gx[i] = at.x, out->gy[i] = at.y;
-        out->front[i] = at.sure ? out->z[i] : -1;
+        out->w[i] = w, out->u[i] = out->x[i] * w, out->v[i] = out->y[i] * w;
     }
 }
 
-/* Edges and plane of a triangle; 0 where it is seen edge-on or has no area. Side by side: P_1 x P_2, P_2 x P_0, P_0 x P_1
- * and the normal (P_1 - P_0) x (P_2 - P_0). */
-static inline int set_up(const cc_frame *f, const corners *v, const uint8_t i[3], triangle *t) {
-    const double x0 = v->x[i[0]], x1 = v->x[i[1]], x2 = v->x[i[2]], y0 = v->y[i[0]], y1 = v->y[i[1]], y2 = v->y[i[2]];
-    const double z0 = v->z[i[0]], z1 = v->z[i[1]], z2 = v->z[i[2]];
-    const d4 px = {x1, x2, x0, x1 - x0}, py = {y1, y2, y0, y1 - y0}, pz = {z1, z2, z0, z1 - z0};
-    const d4 qx = {x2, x0, x1, x2 - x0}, qy = {y2, y0, y1, y2 - y0}, qz = {z2, z0, z1, z2 - z0};
-    d4 a = py * qz - pz * qy, b = pz * qx - px * qz, c = px * qy - py * qx;
-    const double det = a[3] * x0 + b[3] * y0 + c[3] * z0, inverse = 1.0 / det, sign = det < 0 ? -1.0 : 1.0;
-    if (!(fabs(det) > 0 && fabs(inverse) <= DBL_MAX && fabs(det) <= DBL_MAX)) return 0;
-    const d4 by = {sign, sign, sign, inverse}, far_x = {f->far_x, f->far_x, f->far_x}, far_y = {f->far_y, f->far_y, f->far_y};
-    const l4 bare = {INT64_MAX, INT64_MAX, INT64_MAX}, tiny = (l4)((d4){0} + DBL_MIN);
-    a *= by, b *= by, c *= by;
-    *(d4 *)t->a = a, *(d4 *)t->b = b, *(d4 *)t->c = c;
-    *(d4 *)t->size = (d4)((l4)a & bare) * far_x + ((d4)((l4)b & bare) * far_y + (d4)((l4)c & bare));
-    /* e = 0 counts on the left and top edges; elsewhere e must be positive */
-    *(l4 *)t->least = tiny & ~(l4)((a > 0) | ((a == 0) & (b > 0)));
-    return 1;
+/* They as pixels, or, with a lens, as samples, about. */
+typedef struct {
+    _Alignas(64) double x[CORNERS];
+    _Alignas(64) double y[CORNERS];
+    _Alignas(64) double front[CORNERS]; /* not positive behind the camera, and where x, y are not to be trusted */
+} places;
+
+/* Which samples look at them, as a patch has it: rounded by less than 1e-6 px where it is sure. */
+static void place(const patch *near, const corners *v, int n, places *out) {
+    for (int i = 0; i < n; i++) {
+        const double p = v->u[i] - near->map.u, q = v->v[i] - near->map.v;
+        const double xp = near->xu * p, xq = near->xv * q, yp = near->yu * p, yq = near->yv * q;
+        out->x[i] = near->x + (xp + xq), out->y[i] = near->y + (yp + yq);
+        out->front[i] = fabs(xp) + fabs(xq) + fabs(yp) + fabs(yq) < 1e6 ? v->z[i] : -1;
+    }
+}
+
+INLINE d4 four(const double *of, const uint8_t i[4]) { return (d4){of[i[0]], of[i[1]], of[i[2]], of[i[3]]}; }
+INLINE d4 bare(d4 v) { return (d4)((l4)v & INT64_MAX); }
+
+/* Edges and planes of four triangles, with their corners i[0], i[1], i[2]; which of them are neither seen edge-on nor
+ * without area, as bits. The edges: P_1 x P_2, P_2 x P_0, P_0 x P_1; the normal: (P_1 - P_0) x (P_2 - P_0). */
+INLINE unsigned set_up(const cc_frame *f, const corners *v, const uint8_t i[3][4], triangle t[4]) {
+    d4 x[5], y[5], z[5], a[4], b[4], c[4], least[4], size[4];
+    for (int k = 0; k < 3; k++) x[k] = four(v->x, i[k]), y[k] = four(v->y, i[k]), z[k] = four(v->z, i[k]);
+    for (int k = 3; k < 5; k++) x[k] = x[k - 2] - x[0], y[k] = y[k - 2] - y[0], z[k] = z[k - 2] - z[0];
+    for (int k = 0; k < 4; k++) {
+        const int p = k < 3 ? (k + 1) % 3 : 3, q = k < 3 ? (k + 2) % 3 : 4;
+        a[k] = y[p] * z[q] - z[p] * y[q], b[k] = z[p] * x[q] - x[p] * z[q], c[k] = x[p] * y[q] - y[p] * x[q];
+    }
+    const d4 det = a[3] * x[0] + b[3] * y[0] + c[3] * z[0], one = 1.0 - (d4){0}, inverse = one / det;
+    const d4 sign = (d4)((l4)one | ((det < 0) & INT64_MIN)), zero = {0};
+    const l4 sound = (bare(det) > zero) & (bare(inverse) <= DBL_MAX + zero) & (bare(det) <= DBL_MAX + zero);
+    for (int k = 0; k < 4; k++) {
+        const d4 by = k < 3 ? sign : inverse;
+        a[k] *= by, b[k] *= by, c[k] *= by;
+        size[k] = bare(a[k]) * f->far_x + (bare(b[k]) * f->far_y + bare(c[k]));
+        /* e = 0 counts on the left and top edges; elsewhere e must be positive */
+        least[k] = (d4)((l4)(DBL_MIN + zero) & ~((a[k] > zero) | ((a[k] == zero) & (b[k] > zero))));
+    }
+    unsigned bits = 0;
+    for (int k = 0; k < 4; k++) {
+        *(d4 *)t[k].a = (d4){a[0][k], a[1][k], a[2][k], a[3][k]}, *(d4 *)t[k].b = (d4){b[0][k], b[1][k], b[2][k], b[3][k]};
+        *(d4 *)t[k].c = (d4){c[0][k], c[1][k], c[2][k], c[3][k]};
+        *(d4 *)t[k].least = (d4){least[0][k], least[1][k], least[2][k], least[3][k]};
+        *(d4 *)t[k].size = (d4){size[0][k], size[1][k], size[2][k], size[3][k]};
+        bits |= (unsigned)(sound[k] & 1) << k;
+    }
+    return bits;
+}
+
+/* That of the pixels' plane in the plane of a grid's samples: edges that two triangles share stay each other's negative. */
+static inline triangle in_grid(const grid *g, const triangle *t) {
+    triangle fine = *t;
+    const d4 a = *(const d4 *)t->a, b = *(const d4 *)t->b, c = *(const d4 *)t->c;
+    const double s = 1.0 / g->n;
+    *(d4 *)fine.a = a * s, *(d4 *)fine.b = b * s, *(d4 *)fine.c = c - (a + b) * (s * g->shift);
+    *(d4 *)fine.size = *(const d4 *)t->size * 2.0; /* samples lie as much as half a pixel beside the centres */
+    return fine;
 }
 
 /* Whether a triangle of this nearness could be seen in some tile of the rectangle. */
 static int may_be_seen(const band *b, const rect *r, float nearest) {
-    const cc_frame *f = b->frame;
     for (int32_t ty = r->y0 / TILE; ty <= r->y1 / TILE; ty++) {
-        const float *row = b->worker->farthest + (size_t)(ty - b->first_tiles) * (size_t)f->tiles_x;
+        const float *row = b->sheet->farthest + (size_t)(ty - b->first_tiles) * (size_t)b->grid->tiles_x;
         for (int32_t tx = r->x0 / TILE; tx <= r->x1 / TILE; tx++)
             if (!(nearest < row[tx])) return 1;
     }
     return 0;
 }
 
-/* The triangles of a cluster, side by side: bounds of their samples and of 1/z. */
+/* Triangles of a cluster, side by side: bounds of their places and of 1/z. */
 typedef struct {
-    _Alignas(64) double gx0[CLUSTER], gx1[CLUSTER], gy0[CLUSTER], gy1[CLUSTER];
-    _Alignas(64) int32_t x0[CLUSTER], x1[CLUSTER], y0[CLUSTER], y1[CLUSTER];
+    _Alignas(64) double x0[CLUSTER], x1[CLUSTER], y0[CLUSTER], y1[CLUSTER];
     _Alignas(64) double front[CLUSTER]; /* smallest z: not positive where a corner lies behind the camera */
     _Alignas(64) float nearest[CLUSTER], farthest[CLUSTER];
 } bounds;
 
-static void bound(const cc_frame *f, const cluster *c, const patch *near, const corners *v, bounds *out) {
-    const uint8_t *restrict c0 = f->scene->corner[0] + c->first_face, *restrict c1 = f->scene->corner[1] + c->first_face;
-    const uint8_t *restrict c2 = f->scene->corner[2] + c->first_face;
-    const double width = f->width, height = f->height;
-    const double slack_x = 1e-5 + (near ? near->off_x : 0); /* 1e-5 px: far above rounding */
-    const double slack_y = 1e-5 + (near ? near->off_y : 0);
-    int n = c->n_faces;
-    for (int k = 0; k < n; k++) {
-        int p = c0[k], q = c1[k], r = c2[k];
-        double near = upper3(v->w[p], v->w[q], v->w[r]), far = lower3(v->w[p], v->w[q], v->w[r]);
-        out->gx0[k] = lower3(v->gx[p], v->gx[q], v->gx[r]), out->gx1[k] = upper3(v->gx[p], v->gx[q], v->gx[r]);
-        out->gy0[k] = lower3(v->gy[p], v->gy[q], v->gy[r]), out->gy1[k] = upper3(v->gy[p], v->gy[q], v->gy[r]);
-        out->front[k] = lower3(v->front[p], v->front[q], v->front[r]);
+/* A cluster being drawn: which of its triangles may be seen in which samples of each grid. */
+typedef struct {
+    const cluster *cluster;
+    corners corners;
+    int n; /* of these triangles: */
+    uint8_t which[CLUSTER];
+    bounds bounds;
+    rect where[GRIDS][CLUSTER];
+} sighting;
+
+static inline void corners_of(const cc_scene *s, const cluster *c, int k, uint8_t i[3]) {
+    for (int j = 0; j < 3; j++) i[j] = s->corner[j][c->first_face + (size_t)k];
+}
+
+/* List the triangles of a cluster, but for those that show their back, where the view leaves them out: those that do so
+ * by more than rounding, with all corners in front of the camera. */
+static void list(const cc_frame *f, sighting *s) {
+    const corners *v = &s->corners;
+    s->n = 0;
+    for (int k = 0; k < s->cluster->n_faces; k++) {
+        int back = 0;
+        if (f->view->fronts) {
+            uint8_t i[3];
+            corners_of(f->scene, s->cluster, k, i);
+            const double x1 = v->u[i[1]] - v->u[i[0]], y1 = v->v[i[1]] - v->v[i[0]];
+            const double x2 = v->u[i[2]] - v->u[i[0]], y2 = v->v[i[2]] - v->v[i[0]];
+            const double size = fabs(x1) + fabs(y1) + fabs(x2) + fabs(y2);
+            back = (x1 * y2 - x2 * y1 > 0x1p-40 * size * (size + f->far_x + f->far_y)) &
+                   (lower3(v->z[i[0]], v->z[i[1]], v->z[i[2]]) > 0);
+        }
+        s->which[s->n] = (uint8_t)k, s->n += !back;
+    }
+}
+
+static void bound(const cc_frame *f, const double *restrict x, const double *restrict y, const double *restrict front,
+                  sighting *s) {
+    const double *restrict w = s->corners.w;
+    bounds *restrict out = &s->bounds;
+    for (int k = 0; k < s->n; k++) {
+        uint8_t i[3];
+        corners_of(f->scene, s->cluster, s->which[k], i);
+        const int p = i[0], q = i[1], r = i[2];
+        double near = upper3(w[p], w[q], w[r]), far = lower3(w[p], w[q], w[r]);
+        out->x0[k] = lower3(x[p], x[q], x[r]), out->x1[k] = upper3(x[p], x[q], x[r]);
+        out->y0[k] = lower3(y[p], y[q], y[r]), out->y1[k] = upper3(y[p], y[q], y[r]);
+        out->front[k] = lower3(front[p], front[q], front[r]);
         out->nearest[k] = (float)lower(near, FLT_MAX), out->farthest[k] = (float)lower(far, FLT_MAX);
     }
+}
+
+/* The samples of triangles that lie in front of the camera. */
+typedef struct {
+    _Alignas(64) int32_t x0[CLUSTER], x1[CLUSTER], y0[CLUSTER], y1[CLUSTER];
+} reaches;
+
+static void reach(const grid *g, const patch *near, const bounds *of, int n, reaches *out) {
+    const double s = near ? 1 : g->scale, t = near ? 0 : g->shift; /* a patch has samples, not pixels */
+    const double slack_x = 1e-5 + (near ? near->off_x : 0), slack_y = 1e-5 + (near ? near->off_y : 0); /* far above rounding */
+    const double left = t - slack_x, top = t - slack_y, right = t + slack_x, bottom = t + slack_y;
+    const double width = g->width, height = g->height;
     for (int k = 0; k < n; k++) { /* ceil and floor of numbers made at least 0 and -1: both vectorise everywhere */
-        double x0 = lower(upper(out->gx0[k] - slack_x, 0), width), y0 = lower(upper(out->gy0[k] - slack_y, 0), height);
-        double x1 = lower(upper(out->gx1[k] + slack_x, -1) + 1, width), y1 = lower(upper(out->gy1[k] + slack_y, -1) + 1, height);
-        int32_t left = (int32_t)x0, top = (int32_t)y0;
-        out->x0[k] = left + (x0 > left), out->y0[k] = top + (y0 > top);
+        double x0 = lower(upper(s * of->x0[k] + left, 0), width), y0 = lower(upper(s * of->y0[k] + top, 0), height);
+        double x1 = lower(upper(s * of->x1[k] + right, -1) + 1, width), y1 = lower(upper(s * of->y1[k] + bottom, -1) + 1, height);
+        int32_t first = (int32_t)x0, above = (int32_t)y0;
+        out->x0[k] = first + (x0 > first), out->y0[k] = above + (y0 > above);
         out->x1[k] = (int32_t)x1 - 1, out->y1[k] = (int32_t)y1 - 1;
     }
 }
@@ -145,75 +210,144 @@ static inline rect tightened(const patch *near, const corners *v, const uint8_t 
     const double x1 = floor(lower(upper3(at_x[0], at_x[1], at_x[2]) + slack_x, r.x1));
     const double y0 = ceil(upper(lower3(at_y[0], at_y[1], at_y[2]) - slack_y, r.y0));
     const double y1 = floor(lower(upper3(at_y[0], at_y[1], at_y[2]) + slack_y, r.y1));
-    if (!(x0 <= x1 && y0 <= y1)) return (rect){1, 0, 1, 0};
+    if (!(x0 <= x1 && y0 <= y1)) return NOWHERE;
     return (rect){(int32_t)x0, (int32_t)x1, (int32_t)y0, (int32_t)y1};
 }
 
-/* Which samples triangle k of a cluster may cover; empty where it is beyond a side of the picture. */
-static inline rect reach(const cc_frame *f, const corners *v, bounds *of, const uint8_t i[3], int k) {
-    if (!(of->front[k] > 0)) { /* reaches behind the camera: anywhere, in front of its farthest corner */
-        if (beyond_a_side(&f->limits, v->x, v->y, v->z, i, 3)) return (rect){1, 0, 1, 0};
-        of->nearest[k] = FLT_MAX;
-        of->farthest[k] = (float)lower(1 / upper3(v->z[i[0]], v->z[i[1]], v->z[i[2]]), FLT_MAX);
-        return (rect){0, f->width - 1, 0, f->height - 1};
+/* Which samples of a rectangle triangle k may cover, in front of the camera or not; empty where it is beyond a side. */
+static rect covered(const band *b, sighting *s, const reaches *in, const patch *near, int k, rect part) {
+    const cc_frame *f = b->frame;
+    const corners *v = &s->corners;
+    bounds *of = &s->bounds;
+    uint8_t i[3];
+    if (of->front[k] > 0) {
+        const rect r = common((rect){in->x0[k], in->x1[k], in->y0[k], in->y1[k]}, part);
+        if (!near || near->off_x + near->off_y <= 0.5 || empty(r)) return r;
+        corners_of(f->scene, s->cluster, s->which[k], i);
+        return tightened(patch_of(b->grid->lens, &r), v, i, r);
     }
-    return (rect){of->x0[k], of->x1[k], of->y0[k], of->y1[k]};
+    corners_of(f->scene, s->cluster, s->which[k], i); /* reaches behind the camera: anywhere, in front of its farthest corner */
+    if (beyond_a_side(&f->limits, v->x, v->y, v->z, i, 3)) return NOWHERE;
+    of->nearest[k] = FLT_MAX;
+    of->farthest[k] = (float)lower(1 / upper3(v->z[i[0]], v->z[i[1]], v->z[i[2]]), FLT_MAX);
+    return part;
 }
 
-static void draw_cluster(const band *b, const candidate *which, rect part) {
-    const cc_frame *f = b->frame;
-    const cc_lens *lens = f->view->lens;
-    const cluster *c = &f->scene->clusters[which->index];
-    const patch *near = lens ? patch_of(lens, &part) : NULL;
-    corners v;
-    bounds of;
-    transform(f, c, near, &v);
-    bound(f, c, near, &v, &of);
-    for (int k = 0; k < c->n_faces; k++) {
-        size_t at = c->first_face + (size_t)k;
-        const uint8_t i[3] = {f->scene->corner[0][at], f->scene->corner[1][at], f->scene->corner[2][at]};
-        rect r = common(reach(f, &v, &of, i, k), part);
-        if (near && near->off_x + near->off_y > 0.5 && of.front[k] > 0 && r.x0 <= r.x1 && r.y0 <= r.y1)
-            r = tightened(patch_of(lens, &r), &v, i, r);
-        if (r.x0 > r.x1 || r.y0 > r.y1 || !may_be_seen(b, &r, of.nearest[k])) continue;
-        triangle t = {.nearest = of.nearest[k], .farthest = of.farthest[k], .id = f->scene->id[at]};
-        if (set_up(f, &v, i, &t)) VARIANT(draw_triangle)(b, &t, &r);
+/* Find out where the triangles may be seen in a part of a grid. */
+static void sight_in(const band *b, rect part, sighting *s, rect where[]) {
+    const patch *near = b->grid->lens ? patch_of(b->grid->lens, &part) : NULL;
+    places at;
+    reaches in;
+    if (near) {
+        place(near, &s->corners, s->cluster->n_vertices, &at);
+        bound(b->frame, at.x, at.y, at.front, s);
     }
+    reach(b->grid, near, &s->bounds, s->n, &in);
+    for (int k = 0; k < s->n; k++) {
+        where[k] = covered(b, s, &in, near, k, part);
+        if (!empty(where[k]) && !may_be_seen(b, &where[k], s->bounds.nearest[k])) where[k] = NOWHERE;
+    }
+}
+
+/* Keep the triangles that may be seen somewhere. */
+static void keep_seen(int n_grids, sighting *s) {
+    bounds *of = &s->bounds;
+    int kept = 0;
+    for (int k = 0; k < s->n; k++) {
+        int seen = 0;
+        for (int g = 0; g < n_grids; g++) s->where[g][kept] = s->where[g][k], seen |= !empty(s->where[g][k]);
+        s->which[kept] = s->which[k], of->nearest[kept] = of->nearest[k], of->farthest[kept] = of->farthest[k];
+        kept += seen;
+    }
+    s->n = kept;
+}
+
+/* Find the triangles of a cluster that may be seen in parts of the grids. */
+static void sight(const band bands[], const rect part[], sighting *s) {
+    const cc_frame *f = bands[0].frame;
+    const corners *v = &s->corners;
+    transform(f, s->cluster, &s->corners);
+    list(f, s);
+    if (!bands[0].grid->lens) bound(f, v->u, v->v, v->z, s);
+    for (int g = 0; g < f->n_grids; g++) {
+        if (!empty(part[g])) sight_in(&bands[g], part[g], s, s->where[g]);
+        else for (int k = 0; k < s->n; k++) s->where[g][k] = NOWHERE;
+    }
+    keep_seen(f->n_grids, s);
+}
+
+/* Make them ready to draw; those that cannot be drawn are nowhere. */
+static void prepare(const cc_frame *f, sighting *s, triangle t[CLUSTER]) {
+    const cluster *c = s->cluster;
+    for (int first = 0; first < s->n; first += 4) {
+        uint8_t i[3][4];
+        for (int m = 0; m < 4; m++)
+            for (int j = 0; j < 3; j++) i[j][m] = f->scene->corner[j][c->first_face + s->which[imin(first + m, s->n - 1)]];
+        const unsigned sound = set_up(f, &s->corners, i, t + first);
+        for (int k = first; k < imin(first + 4, s->n); k++) {
+            t[k].nearest = s->bounds.nearest[k], t[k].farthest = s->bounds.farthest[k];
+            t[k].id = f->scene->id[c->first_face + s->which[k]];
+            for (int g = 0; g < f->n_grids; g++)
+                if (!(sound >> (k - first) & 1)) s->where[g][k] = NOWHERE;
+        }
+    }
+}
+
+static void draw_sighted(const band *b, const sighting *s, const rect where[], const triangle t[]) {
+    const int own_plane = b->grid->n > 1 && !b->grid->lens;
+    triangle fine;
+    for (int k = 0; k < s->n; k++) {
+        if (empty(where[k])) continue;
+        if (own_plane) fine = in_grid(b->grid, &t[k]);
+        VARIANT(draw_triangle)(b, own_plane ? &fine : &t[k], &where[k]);
+    }
+}
+
+static void draw_cluster(const band bands[], const cluster *c, const rect part[]) {
+    const cc_frame *f = bands[0].frame;
+    sighting s;
+    triangle t[CLUSTER];
+    s.cluster = c;
+    sight(bands, part, &s), prepare(f, &s, t);
+    for (int g = 0; g < f->n_grids; g++) draw_sighted(&bands[g], &s, s.where[g], t);
 }
 
 /* ---- bands ---------------------------------------------------------------------------------------------------- */
 
-static void clear_band(const band *b, size_t tiles) {
-    cc_worker *w = b->worker;
-    const cc_frame *f = b->frame;
-    memset(w->inverse_z, 0, tiles * TILE_AREA * sizeof(float));
-    memset(w->id, 0xFF, tiles * TILE_AREA * sizeof(int32_t));
-    memset(w->farthest, 0, tiles * sizeof(float));
-    memset(w->changes, 0, tiles);
-    if (!f->view->lens) return;
-    for (size_t t = 0; t < tiles; t++) { /* samples without a direction must not keep their tile open */
-        size_t of_lens = t + (size_t)b->first_tiles * (size_t)f->tiles_x;
-        if (!f->view->lens->partial[of_lens]) continue;
-        for (int k = 0; k < TILE_AREA; k++)
-            if (isnan(f->view->lens->points[point_of((int32_t)of_lens, k)])) w->inverse_z[t * TILE_AREA + k] = FLT_MAX;
+/* Start the part of a grid in the band from row `first` of tiles of centres on; 0 where memory is short. */
+static int open_band(const cc_frame *f, cc_worker *w, int g, int32_t first, band *out) {
+    const grid *of = &f->grids[g];
+    const int32_t top = first * of->n, end = imin((first + f->band_rows) * of->n, of->tiles_y);
+    const size_t tiles = (size_t)(end - top) * (size_t)of->tiles_x;
+    if (!sheet_reserve(&w->sheets[g], tiles)) return 0;
+    *out = (band){f, of, &w->sheets[g], top * TILE, imin(end * TILE, of->height) - 1, top};
+    memset(w->sheets[g].farthest, 0, tiles * sizeof(float));
+    memset(w->sheets[g].changes, UNTOUCHED, tiles);
+    return 1;
+}
+
+static void draw_candidate(const band bands[], const candidate *c) {
+    const cc_frame *f = bands[0].frame;
+    rect part[GRIDS];
+    int seen = 0;
+    for (int g = 0; g < f->n_grids; g++) {
+        const band *b = &bands[g];
+        part[g] = common(c->where[g], (rect){0, b->grid->width - 1, b->y0, b->y1});
+        if (!empty(part[g]) && !may_be_seen(b, &part[g], c->nearest)) part[g] = NOWHERE;
+        seen |= !empty(part[g]);
     }
+    if (seen) draw_cluster(bands, &f->scene->clusters[c->index], part);
 }
 
 int VARIANT(frame_work)(cc_frame *f, cc_worker *worker) {
+    band bands[GRIDS];
+    if (!row_reserve(worker, (size_t)f->grids[f->n_grids - 1].tiles_x * TILE * 8)) return -1; /* sums and means: shade.c */
     for (;;) {
         const int32_t next = atomic_fetch_add(&f->next_band, 1);
         if (next >= f->n_bands) return 0;
-        const int32_t first = f->bands[next].first;
-        int32_t rows = imin(f->band_rows, f->tiles_y - first);
-        size_t tiles = (size_t)rows * (size_t)f->tiles_x;
-        if (!worker_reserve(worker, tiles, (size_t)f->view->width * 4)) return -1;
-        band b = {f, worker, first * TILE, imin((first + rows) * TILE, f->height) - 1, first};
-        clear_band(&b, tiles);
-        for (int64_t i = 0; i < f->n_candidates; i++) {
-            const candidate *c = &f->candidates[i];
-            rect r = {c->where.x0, c->where.x1, imax(c->where.y0, b.y0), imin(c->where.y1, b.y1)};
-            if (r.y0 <= r.y1 && may_be_seen(&b, &r, c->nearest)) draw_cluster(&b, c, r);
-        }
-        VARIANT(write_band)(&b);
+        for (int g = 0; g < f->n_grids; g++)
+            if (!open_band(f, worker, g, f->bands[next].first, &bands[g])) return -1;
+        for (int64_t i = 0; i < f->n_candidates; i++) draw_candidate(bands, &f->candidates[i]);
+        for (int g = 0; g < f->n_grids; g++) VARIANT(write_band)(&bands[g], worker->row);
     }
 }

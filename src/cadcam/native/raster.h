@@ -33,11 +33,13 @@ typedef struct {
     float ambient, head, fill, back;
     float background[3];
     int32_t width, height;  /* of the output, px */
-    int32_t samples;        /* n: image and coverage average n x n samples; plane and lens are those of n times the size */
+    int32_t samples;        /* n: image, coverage and rgb average n x n samples; all else is that of the pixels' centres */
     int32_t bands;          /* number of horizontal bands handed out to workers */
-    const cc_lens *lens;    /* NULL: no distortion */
+    int32_t fronts;         /* leave out triangles that show their back: clockwise as the camera sees them */
+    const cc_lens *lens;    /* of n times the width and height; NULL: no distortion */
+    const cc_lens *centres; /* of the pixels themselves; `lens` once more if n == 1 */
     float *image, *coverage, *depth, *normal; /* (H,W,3) (H,W) (H,W) (H,W,3), each or NULL */
-    int32_t *part, *face;                     /* (H,W), each or NULL; depth, normal and ids only if samples == 1 */
+    int32_t *part, *face;                     /* (H,W), each or NULL */
     uint8_t *rgb;                             /* (H,W,3), or NULL: the image in steps of 1/255, rounded */
 } cc_view;
 

@@ -190,29 +190,35 @@ CC_API void cc_scene_free(cc_scene *s) {
 
 CC_API cc_worker *cc_worker_new(void) { return calloc(1, sizeof(cc_worker)); }
 
-static void release(cc_worker *w) {
-    aligned_release(w->inverse_z), aligned_release(w->id), free(w->farthest), free(w->changes), free(w->row);
-    *w = (cc_worker){0};
+static void sheet_release(sheet *s) {
+    aligned_release(s->inverse_z), aligned_release(s->id), free(s->farthest), free(s->changes);
+    *s = (sheet){0};
 }
 
 CC_API void cc_worker_free(cc_worker *w) {
     if (!w) return;
-    release(w);
-    free(w);
+    for (int g = 0; g < GRIDS; g++) sheet_release(&w->sheets[g]);
+    free(w->row), free(w);
 }
 
-int worker_reserve(cc_worker *w, size_t tiles, size_t row_floats) {
-    if (tiles <= w->capacity && row_floats <= w->row_capacity) return 1;
-    release(w);
-    w->inverse_z = aligned_block(tiles * TILE_AREA * sizeof(float));
-    w->id = aligned_block(tiles * TILE_AREA * sizeof(int32_t));
-    w->farthest = malloc(tiles * sizeof *w->farthest + 64);
-    w->changes = malloc(tiles + 64);
-    w->row = malloc(row_floats * sizeof *w->row + 64);
-    if (!w->inverse_z || !w->id || !w->farthest || !w->changes || !w->row) return release(w), 0;
-    w->capacity = tiles;
-    w->row_capacity = row_floats;
+int sheet_reserve(sheet *s, size_t tiles) {
+    if (tiles <= s->capacity) return 1;
+    sheet_release(s);
+    s->inverse_z = aligned_block(tiles * TILE_AREA * sizeof(float));
+    s->id = aligned_block(tiles * TILE_AREA * sizeof(int32_t));
+    s->farthest = malloc(tiles * sizeof *s->farthest + 64);
+    s->changes = malloc(tiles + 64);
+    if (!s->inverse_z || !s->id || !s->farthest || !s->changes) return sheet_release(s), 0;
+    s->capacity = tiles;
     return 1;
+}
+
+int row_reserve(cc_worker *w, size_t floats) {
+    if (floats <= w->row_capacity) return 1;
+    free(w->row);
+    w->row = calloc(floats + 16, sizeof *w->row); /* vectors reach beyond the last pixel */
+    w->row_capacity = w->row ? floats : 0;
+    return w->row != NULL;
 }
 
 /* ---- instruction sets: the hot files are compiled once for each */
@@ -258,10 +264,11 @@ static int by_load(const void *one, const void *other) {
 }
 
 static void order_bands(cc_frame *f) {
-    const int32_t rows = f->band_rows * TILE;
+    const grid *finest = &f->grids[f->n_grids - 1];
+    const int32_t rows = f->band_rows * TILE * finest->n;
     for (int32_t k = 0; k < f->n_bands; k++) f->bands[k] = (band_load){k * f->band_rows, 0};
     for (int64_t i = 0; i < f->n_candidates; i++) {
-        const rect *r = &f->candidates[i].where;
+        const rect *r = &f->candidates[i].where[f->n_grids - 1];
         for (int32_t k = r->y0 / rows; k <= r->y1 / rows; k++) f->bands[k].candidates++;
     }
     qsort(f->bands, (size_t)f->n_bands, sizeof *f->bands, by_load);
@@ -269,30 +276,48 @@ static void order_bands(cc_frame *f) {
 
 /* The part of the plane that samples see; without any, no cluster is looked at. */
 static void set_limits(cc_frame *f) {
-    f->limits = (box){-0.5, f->width - 0.5, -0.5, f->height - 0.5}, f->n_clusters = f->scene->n_clusters;
+    box all = {-0.5, f->view->width - 0.5, -0.5, f->view->height - 0.5};
+    double mx = 0, my = 0;
     if (f->view->lens) {
-        const box a = f->view->lens->all;
-        const double mx = 1e-6 * (fabs(a.x0) + fabs(a.x1)), my = 1e-6 * (fabs(a.y0) + fabs(a.y1));
-        f->limits = (box){a.x0 - mx, a.x1 + mx, a.y0 - my, a.y1 + my};
-        if (!(a.x0 <= a.x1)) f->n_clusters = 0;
+        all = (box){INFINITY, -INFINITY, INFINITY, -INFINITY};
+        for (int g = 0; g < f->n_grids; g++) {
+            const box a = f->grids[g].lens->all;
+            all.x0 = fmin(all.x0, a.x0), all.x1 = fmax(all.x1, a.x1), all.y0 = fmin(all.y0, a.y0), all.y1 = fmax(all.y1, a.y1);
+        }
+        mx = 1e-6 * (fabs(all.x0) + fabs(all.x1)), my = 1e-6 * (fabs(all.y0) + fabs(all.y1));
     }
+    f->n_clusters = all.x0 <= all.x1 ? f->scene->n_clusters : 0;
+    f->limits = (box){all.x0 - mx, all.x1 + mx, all.y0 - my, all.y1 + my};
     f->far_x = 1.01 * fmax(fabs(f->limits.x0), fabs(f->limits.x1));
     f->far_y = 1.01 * fmax(fabs(f->limits.y0), fabs(f->limits.y1));
+}
+
+static grid grid_of(const cc_view *v, int32_t n) {
+    grid g = {n == v->samples ? v->lens : v->centres, n, v->width * n, v->height * n, 0, 0, n, 0.5 * (n - 1)};
+    g.tiles_x = (g.width + TILE - 1) / TILE, g.tiles_y = (g.height + TILE - 1) / TILE;
+    return g;
+}
+
+static void set_grids(cc_frame *f) {
+    const cc_view *v = f->view;
+    const int colors = v->image || v->coverage || v->rgb, centres = v->depth || v->normal || v->part || v->face;
+    if (v->samples == 1 || centres) f->grids[f->n_grids++] = grid_of(v, 1);
+    if (v->samples > 1 && (colors || !centres)) f->grids[f->n_grids++] = grid_of(v, v->samples);
+}
+
+/* Bands hold whole tiles of either grid, so whole pixels too, and blocks of bent.c, where they can. */
+static void set_bands(cc_frame *f) {
+    const int32_t tiles_y = (f->view->height + TILE - 1) / TILE, bands = f->view->bands < 1 ? 1 : f->view->bands;
+    f->band_rows = (tiles_y + bands - 1) / bands;
+    if (f->band_rows >= 8) f->band_rows -= f->band_rows % 8;
+    f->n_bands = (tiles_y + f->band_rows - 1) / f->band_rows;
 }
 
 CC_API cc_frame *cc_frame_new(const cc_scene *scene, const cc_view *view) {
     cc_frame *f = calloc(1, sizeof *f);
     if (!f) return NULL;
     f->scene = scene, f->view = view;
-    f->width = view->width * view->samples, f->height = view->height * view->samples;
-    f->tiles_x = (f->width + TILE - 1) / TILE, f->tiles_y = (f->height + TILE - 1) / TILE;
-    int32_t unit = view->samples; /* a band holds whole output rows and whole tiles */
-    int32_t bands = view->bands < 1 ? 1 : view->bands;
-    int32_t rows = (f->tiles_y + bands - 1) / bands;
-    f->band_rows = (rows + unit - 1) / unit * unit;
-    if (f->band_rows >= 8 * unit) f->band_rows -= f->band_rows % (8 * unit); /* and blocks of strip.c, where it can */
-    f->n_bands = (f->tiles_y + f->band_rows - 1) / f->band_rows;
-    set_limits(f);
+    set_grids(f), set_bands(f), set_limits(f);
     const size_t room = (size_t)f->n_clusters + 1;
     f->n_shares = (int32_t)(room / SHARE) + 1; /* one at least: whoever ends the last puts the bands in order */
     atomic_init(&f->next_share, 0), atomic_init(&f->shares_left, f->n_shares), atomic_init(&f->next_band, 0);

@@ -40,11 +40,11 @@ INLINE met met_by(const cc_frame *f, const int32_t id[TILE]) {
 }
 
 /* Directions in the world, not of unit length, in which eight samples of row y look. */
-INLINE triple directions(const cc_frame *f, const light *l, int32_t tx, int32_t y) {
-    const cc_lens *lens = f->view->lens;
+INLINE triple directions(const grid *g, const light *l, int32_t tx, int32_t y) {
+    const cc_lens *lens = g->lens;
     f8 px = __builtin_convertvector(tx * TILE + *(const i8 *)LANE, f8), py = eight((float)y);
     if (lens) {
-        const size_t tile = (size_t)(y / TILE) * (size_t)f->tiles_x + (size_t)tx;
+        const size_t tile = (size_t)(y / TILE) * (size_t)g->tiles_x + (size_t)tx;
         const double *at = lens->points + point_of((int32_t)tile, y % TILE * TILE);
         px = floats(*(const d4 *)(at), *(const d4 *)(at + 4));
         py = floats(*(const d4 *)(at + TILE), *(const d4 *)(at + TILE + 4));
@@ -101,11 +101,18 @@ static void put_parts(const cc_frame *f, const int32_t *id, size_t at, size_t n)
     for (size_t i = 0; i < n; i++) f->view->part[at + i] = id[i] < 0 ? -1 : f->scene->part[id[i]];
 }
 
+/* Where a band's outputs go: those that its grid does not have are NULL. */
+typedef struct {
+    const band *band;
+    cc_view view;
+    light light;
+} page;
+
 /* Row y of a tile: its samples see one surface, or each its own if that is NULL. */
-INLINE void write_row(const cc_frame *f, const light *l, int32_t tx, int32_t y, const float *w, const int32_t *id,
-                      const met *uniform) {
-    const cc_view *v = f->view;
-    const size_t n = (size_t)imin(TILE, f->width - tx * TILE), at = (size_t)y * (size_t)f->width + (size_t)tx * TILE;
+INLINE void write_row(const page *p, int32_t tx, int32_t y, const float *w, const int32_t *id, const met *uniform) {
+    const cc_view *v = &p->view;
+    const cc_frame *f = p->band->frame;
+    const size_t n = (size_t)imin(TILE, v->width - tx * TILE), at = (size_t)y * (size_t)v->width + (size_t)tx * TILE;
     const i8 none = nothing(id);
     if (v->depth) {
         const f8 z = choose(none, eight(INFINITY), 1.0f / *(const f8 *)w);
@@ -119,76 +126,175 @@ INLINE void write_row(const cc_frame *f, const light *l, int32_t tx, int32_t y, 
     }
     if (!v->image && !v->rgb && !v->normal) return;
     const met m = uniform ? *uniform : met_by(f, id);
-    const triple d = directions(f, l, tx, y);
+    const triple d = directions(p->band->grid, &p->light, tx, y);
     if (v->image || v->rgb) {
-        const triple color = shaded(l, &m, d, none);
+        const triple color = shaded(&p->light, &m, d, none);
         if (v->image) put_triples(v->image + 3 * at, color, n);
         if (v->rgb) put_bytes(v->rgb + 3 * at, color, n);
     }
-    if (v->normal) put_triples(v->normal + 3 * at, facing(l, &m, d, none), n);
+    if (v->normal) put_triples(v->normal + 3 * at, facing(&p->light, &m, d, none), n);
 }
 
-static void write_tile(const cc_frame *f, const light *l, int32_t tx, int32_t y0, int32_t rows, const float *w,
-                       const int32_t *id) {
+static void write_tile(const page *p, int32_t tx, int32_t y0, int32_t rows, const float *w, const int32_t *id) {
     i8 other = {0};
     for (int k = 0; k < TILE_AREA; k += TILE) other |= *(const i8 *)(id + k) != id[0];
     if (signs(other)) {
-        for (int32_t r = 0; r < rows; r++) write_row(f, l, tx, y0 + r, w + r * TILE, id + r * TILE, NULL);
+        for (int32_t r = 0; r < rows; r++) write_row(p, tx, y0 + r, w + r * TILE, id + r * TILE, NULL);
         return;
     }
-    const met m = met_by_all(f, id[0]);
-    for (int32_t r = 0; r < rows; r++) write_row(f, l, tx, y0 + r, w + r * TILE, id + r * TILE, &m);
+    const met m = met_by_all(p->band->frame, id[0]);
+    for (int32_t r = 0; r < rows; r++) write_row(p, tx, y0 + r, w + r * TILE, id + r * TILE, &m);
 }
 
-/* Add a row of samples to the sums (r, g, b, covered) of an output row. */
-static void add_row(const cc_frame *f, const light *l, int32_t y, const int32_t *ids, float *sums) {
-    for (int32_t tx = 0; tx < f->tiles_x; tx++) {
-        const int32_t *id = ids + (size_t)tx * TILE_AREA;
-        const met m = met_by(f, id);
-        const triple rgb = shaded(l, &m, directions(f, l, tx, y), nothing(id));
-        for (int i = 0; i < imin(TILE, f->width - tx * TILE); i++) {
-            float *sum = sums + 4 * (size_t)((tx * TILE + i) / f->view->samples);
-            sum[0] += rgb.x[i], sum[1] += rgb.y[i], sum[2] += rgb.z[i];
-            sum[3] += id[i] < 0 ? 0.0f : 1.0f;
+/* Write what nothing is seen in: pixels x0 to x1 (exclusive) of a row. */
+static void write_nothing(const cc_view *v, int32_t y, int32_t x0, int32_t x1) {
+    const size_t at = (size_t)y * (size_t)v->width + (size_t)x0, n = (size_t)imax(x1 - x0, 0);
+    float color[3];
+    for (int k = 0; k < 3; k++) color[k] = v->background[k] < 1 ? v->background[k] : 1;
+    if (v->normal) memset(v->normal + 3 * at, 0, 3 * n * sizeof(float));
+    if (v->coverage) memset(v->coverage + at, 0, n * sizeof(float));
+    if (v->part) memset(v->part + at, 0xFF, n * sizeof(int32_t));
+    if (v->face) memset(v->face + at, 0xFF, n * sizeof(int32_t));
+    for (size_t i = 0; v->depth && i < n; i++) v->depth[at + i] = INFINITY;
+    for (size_t i = 0; v->image && i < n; i++) memcpy(v->image + 3 * (at + i), color, sizeof color);
+    if (!v->rgb || !n) return;
+    uint8_t *rgb = v->rgb + 3 * at;
+    const triple all = same(color);
+    uint8_t some[3 * TILE];
+    put_bytes(some, all, TILE);
+    for (size_t i = 0; i < 3 * n; i += sizeof some) memcpy(rgb + i, some, 3 * n - i < sizeof some ? 3 * n - i : sizeof some);
+}
+
+/* Clear the tiles of a rectangle of them that nothing was drawn into. */
+static void clear_between(const band *b, rect tiles) {
+    for (int32_t y = tiles.y0; y <= tiles.y1; y++)
+        for (int32_t x = tiles.x0; x <= tiles.x1; x++) {
+            const size_t tile = (size_t)(y - b->first_tiles) * (size_t)b->grid->tiles_x + (size_t)x;
+            if (b->sheet->changes[tile] == UNTOUCHED) clear_tile(b, tile);
+        }
+}
+
+/* Rows `first` to `last` of tiles, from the leftmost tile that anything was drawn into to the rightmost; empty where
+ * there is none. */
+static rect drawn_in(const band *b, int32_t first, int32_t last) {
+    const int32_t wide = b->grid->tiles_x;
+    rect r = {wide, -1, first, last};
+    for (int32_t y = first; y <= last; y++) {
+        const uint8_t *changes = b->sheet->changes + (size_t)(y - b->first_tiles) * (size_t)wide;
+        int32_t x0 = 0, x1 = wide - 1;
+        while (x0 < r.x0 && changes[x0] == UNTOUCHED) x0++;
+        while (x1 > r.x1 && changes[x1] == UNTOUCHED) x1--;
+        r.x0 = imin(r.x0, x0), r.x1 = imax(r.x1, x1);
+    }
+    return r;
+}
+
+/* One sample a pixel: tile by tile. */
+static void write_centres(const page *p) {
+    const band *b = p->band;
+    const sheet *s = b->sheet;
+    for (int32_t y = b->y0; y <= b->y1; y += TILE) {
+        const rect drawn = drawn_in(b, y / TILE, y / TILE);
+        const int32_t rows = imin(TILE, b->y1 - y + 1);
+        clear_between(b, drawn);
+        for (int32_t r = 0; r < rows; r++) {
+            write_nothing(&p->view, y + r, 0, imin(drawn.x0 * TILE, p->view.width));
+            write_nothing(&p->view, y + r, imin(imax(drawn.x1, drawn.x0 - 1) * TILE + TILE, p->view.width), p->view.width);
+        }
+        for (int32_t x = drawn.x0; x <= drawn.x1; x++) {
+            const size_t tile = (size_t)(y / TILE - b->first_tiles) * (size_t)b->grid->tiles_x + (size_t)x;
+            write_tile(p, x, y, rows, s->inverse_z + tile * TILE_AREA, s->id + tile * TILE_AREA);
         }
     }
 }
 
-static void write_sums(const cc_view *v, int32_t row, const float *sums) {
-    const float scale = 1.0f / (float)(v->samples * v->samples);
-    for (int32_t x = 0; x < v->width; x++) {
-        const size_t at = (size_t)row * (size_t)v->width + (size_t)x;
-        for (int k = 0; k < 3; k++) {
-            const float c = sums[4 * (size_t)x + (size_t)k] * scale;
-            if (v->image) v->image[3 * at + (size_t)k] = c;
-            if (v->rgb) v->rgb[3 * at + (size_t)k] = (uint8_t)(c * 255.0f + 0.5f);
-        }
-        if (v->coverage) v->coverage[at] = sums[4 * (size_t)x + 3] * scale;
+/* Red, green, blue and covered, side by side, of a row of samples or of pixels. */
+typedef struct { float *of[4]; } sums;
+
+/* Add row y of samples, its tiles x0 to x1. */
+static void add_row(const page *p, int32_t y, int32_t x0, int32_t x1, const sums *to) {
+    const band *b = p->band;
+    const size_t row = (size_t)(y / TILE - b->first_tiles) * (size_t)b->grid->tiles_x;
+    for (int32_t tx = x0; tx <= x1; tx++) {
+        const int32_t *id = b->sheet->id + (row + (size_t)tx) * TILE_AREA + y % TILE * TILE;
+        const i8 none = nothing(id);
+        const met m = met_by(b->frame, id);
+        const triple c = shaded(&p->light, &m, directions(b->grid, &p->light, tx, y), none);
+        *(f8 *)(to->of[0] + tx * TILE) += c.x, *(f8 *)(to->of[1] + tx * TILE) += c.y;
+        *(f8 *)(to->of[2] + tx * TILE) += c.z, *(f8 *)(to->of[3] + tx * TILE) += choose(none, eight(0), eight(1));
     }
 }
 
-static light light_of(const cc_view *v) {
+/* Means over a pixel: of n sums side by side, each of n samples. */
+static void take_means(const sums *from, int n, int32_t x0, int32_t x1, const sums *to) {
+    const float scale = 1.0f / (float)(n * n);
+    for (int k = 0; k < 4; k++) {
+        const float *restrict in = from->of[k];
+        float *restrict out = to->of[k];
+        if (n == 2) /* the usual number: this loop vectorises */
+            for (int32_t x = x0; x < x1; x++) out[x] = (in[2 * x] + in[2 * x + 1]) * scale;
+        else
+            for (int32_t x = x0; x < x1; x++) {
+                out[x] = 0;
+                for (int i = 0; i < n; i++) out[x] += in[n * x + i];
+                out[x] *= scale;
+            }
+    }
+}
+
+static void write_means(const cc_view *v, int32_t y, int32_t x0, int32_t x1, const sums *means) {
+    const triple behind = same(v->background);
+    for (int32_t x = x0; x < x1; x += TILE) {
+        const size_t at = (size_t)y * (size_t)v->width + (size_t)x, n = (size_t)imin(TILE, x1 - x);
+        const f8 seen = *(const f8 *)(means->of[3] + x);
+        const i8 none = seen == 0; /* exactly the background, as beside what was drawn */
+        const triple c = {choose(none, least_of(behind.x, eight(1)), *(const f8 *)(means->of[0] + x)),
+                          choose(none, least_of(behind.y, eight(1)), *(const f8 *)(means->of[1] + x)),
+                          choose(none, least_of(behind.z, eight(1)), *(const f8 *)(means->of[2] + x))};
+        if (v->image) put_triples(v->image + 3 * at, c, n);
+        if (v->rgb) put_bytes(v->rgb + 3 * at, c, n);
+        if (v->coverage) put(v->coverage + at, &seen, n, sizeof(float));
+    }
+}
+
+/* n x n samples a pixel: a row of pixels at a time. */
+static void write_samples(const page *p, float *room) {
+    const band *b = p->band;
+    const int32_t n = b->grid->n, wide = b->grid->tiles_x * TILE;
+    const sums sum = {{room, room + wide, room + 2 * wide, room + 3 * wide}};
+    const sums mean = {{room + 4 * wide, room + 5 * wide, room + 6 * wide, room + 7 * wide}};
+    for (int32_t y = b->y0; y <= b->y1; y += n) {
+        const rect drawn = drawn_in(b, y / TILE, (y + n - 1) / TILE);
+        int32_t x0 = p->view.width, x1 = p->view.width;
+        if (drawn.x0 <= drawn.x1) x0 = drawn.x0 * TILE / n, x1 = imin((drawn.x1 * TILE + TILE + n - 1) / n, p->view.width);
+        /* the pixels at either end may have samples in tiles beside */
+        const rect tiles = {x0 * n / TILE, imin((x1 * n + TILE - 1) / TILE, b->grid->tiles_x) - 1, drawn.y0, drawn.y1};
+        clear_between(b, tiles);
+        for (int k = 0; k < 4 && tiles.x0 <= tiles.x1; k++)
+            memset(sum.of[k] + tiles.x0 * TILE, 0, (size_t)(tiles.x1 - tiles.x0 + 1) * TILE * sizeof(float));
+        for (int32_t r = y; r < y + n; r++) add_row(p, r, tiles.x0, tiles.x1, &sum);
+        take_means(&sum, n, x0, x1, &mean), write_means(&p->view, y / n, x0, x1, &mean);
+        write_nothing(&p->view, y / n, 0, x0), write_nothing(&p->view, y / n, x1, p->view.width);
+    }
+}
+
+/* The light as the samples of a grid see it. */
+static light light_in(const grid *g, const cc_view *v) {
     light l = {.ambient = v->ambient, .head = v->head};
-    for (int k = 0; k < 9; k++) l.d[k] = (float)v->ray[k], l.rotation[k] = (float)v->rotation[k];
+    const double scale = g->lens ? 1 : g->scale, shift = g->lens ? 0 : g->shift;
+    for (int k = 0; k < 9; k++) l.rotation[k] = (float)v->rotation[k];
+    for (int k = 0; k < 9; k += 3) {
+        const double x = v->ray[k] / scale, y = v->ray[k + 1] / scale;
+        l.d[k] = (float)x, l.d[k + 1] = (float)y, l.d[k + 2] = (float)(v->ray[k + 2] - (x + y) * shift);
+    }
     for (int k = 0; k < 3; k++) l.fill[k] = v->fill * (float)v->fill_from[k], l.back[k] = v->back * (float)v->back_from[k];
     return l;
 }
 
-void VARIANT(write_band)(const band *b) {
-    const cc_frame *f = b->frame;
-    const light l = light_of(f->view);
-    float *sums = b->worker->row;
-    const int n = f->view->samples;
-    const size_t row = (size_t)f->tiles_x * TILE_AREA;
-    const float *w = b->worker->inverse_z;
-    const int32_t *id = b->worker->id;
-    for (int32_t y = b->y0; n == 1 && y <= b->y1; y += TILE)
-        for (int32_t tx = 0; tx < f->tiles_x; tx++, w += TILE_AREA, id += TILE_AREA)
-            write_tile(f, &l, tx, y, imin(TILE, b->y1 - y + 1), w, id);
-    if (n == 1) return;
-    for (int32_t y = b->y0; y <= b->y1; y++) {
-        if (y % n == 0) memset(sums, 0, (size_t)f->view->width * 4 * sizeof *sums);
-        add_row(f, &l, y, id + (size_t)(y / TILE - b->first_tiles) * row + (size_t)(y % TILE) * TILE, sums);
-        if (y % n == n - 1) write_sums(f->view, y / n, sums);
-    }
+void VARIANT(write_band)(const band *b, float *sums) {
+    page p = {b, *b->frame->view, light_in(b->grid, b->frame->view)};
+    if (b->grid->n > 1) p.view.depth = p.view.normal = NULL, p.view.part = p.view.face = NULL;
+    if (b->grid->n < p.view.samples) p.view.image = p.view.coverage = NULL, p.view.rgb = NULL;
+    if (b->grid->n == 1) write_centres(&p);
+    else write_samples(&p, sums);
 }

@@ -12,10 +12,10 @@ typedef struct {
 } tile;
 
 INLINE tile tile_at(const band *b, int32_t tx, int32_t ty) {
-    const cc_lens *lens = b->frame->view->lens;
-    const size_t wide = (size_t)b->frame->tiles_x, here = (size_t)(ty - b->first_tiles) * wide + (size_t)tx;
-    tile t = {.left = tx * TILE, .above = ty * TILE, .z = b->worker->inverse_z + here * TILE_AREA,
-              .id = b->worker->id + here * TILE_AREA};
+    const cc_lens *lens = b->grid->lens;
+    const size_t wide = (size_t)b->grid->tiles_x, here = (size_t)(ty - b->first_tiles) * wide + (size_t)tx;
+    tile t = {.left = tx * TILE, .above = ty * TILE, .z = b->sheet->inverse_z + here * TILE_AREA,
+              .id = b->sheet->id + here * TILE_AREA};
     if (!lens) return t;
     t.points = lens->points + point_of((int32_t)((size_t)ty * wide + (size_t)tx), 0);
     return t;
@@ -72,13 +72,13 @@ INLINE i8 inside_row(const triangle *t, const tile *at, int r) {
 
 /* The tile has changed: how far is what it shows? Not asked at every change. */
 INLINE void measure_tile(const band *b, const tile *at, int whole) {
-    const size_t here = (size_t)(at->z - b->worker->inverse_z) / TILE_AREA;
-    if (!whole && ++b->worker->changes[here] < 2) return;
+    const size_t here = (size_t)(at->z - b->sheet->inverse_z) / TILE_AREA;
+    if (!whole && ++b->sheet->changes[here] < 2) return;
     const f8 *row = (const f8 *)at->z;
     f8 least = row[0];
     for (int r = 1; r < TILE; r++) least = least_of(row[r], least);
-    b->worker->farthest[here] = least_lane(least);
-    b->worker->changes[here] = 0;
+    b->sheet->farthest[here] = least_lane(least);
+    b->sheet->changes[here] = 0;
 }
 
 INLINE i8 between(const spans *s, int r, i8 column) { return (column >= s->left[r]) & (column <= s->right[r]); }
@@ -87,6 +87,8 @@ INLINE i8 between(const spans *s, int r, i8 column) { return (column >= s->left[
 void VARIANT(draw_tile)(const band *b, const triangle *t, const spans *s, unsigned rows, unsigned doubt, int32_t tx,
                         int32_t ty) {
     const tile at = tile_at(b, tx, ty);
+    const size_t here = (size_t)(at.z - b->sheet->inverse_z) / TILE_AREA;
+    if (b->sheet->changes[here] == UNTOUCHED) clear_tile(b, here);
     const paint p = paint_of(t, &at);
     const i8 column = tx * TILE + *(const i8 *)LANE;
     i8 all = ~(i8){0};

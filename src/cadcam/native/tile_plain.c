@@ -57,7 +57,7 @@ static inline void draw_points(const triangle *t, const double *restrict points,
     }
 }
 
-static void measure_tile(cc_worker *w, size_t tile) {
+static void measure_tile(const sheet *w, size_t tile) {
     const float *z = w->inverse_z + tile * TILE_AREA;
     float least[TILE];
     for (int i = 0; i < TILE; i++) least[i] = z[i];
@@ -75,20 +75,21 @@ static inline int contains(const triangle *t, const box *area) {
 
 /* Draw into one tile; `small` triangles, of few rows in one tile, are not worth the tests. */
 static inline void draw_tile(const band *b, const triangle *t, const rect *r, int32_t tx, int32_t ty, int small) {
-    const cc_frame *f = b->frame;
-    cc_worker *w = b->worker;
-    const cc_lens *lens = f->view->lens;
-    size_t tile = (size_t)(ty - b->first_tiles) * (size_t)f->tiles_x + (size_t)tx;
-    size_t of_lens = (size_t)ty * (size_t)f->tiles_x + (size_t)tx;
+    const grid *g = b->grid;
+    const sheet *w = b->sheet;
+    const cc_lens *lens = g->lens;
+    size_t tile = (size_t)(ty - b->first_tiles) * (size_t)g->tiles_x + (size_t)tx;
+    size_t of_lens = (size_t)ty * (size_t)g->tiles_x + (size_t)tx;
     int whole = 0, top = imax(r->y0 - ty * TILE, 0), end = imin(r->y1 - ty * TILE, TILE - 1);
     if (t->nearest < w->farthest[tile]) return;
     if (!small) {
-        box area = area_of(f, r, 0, tx, ty);
+        box area = area_of(g, r, 0, tx, ty);
         if (misses(t, &area)) return;
         if ((float)most(t, 3, &area) < w->farthest[tile] && t->farthest < w->farthest[tile]) return;
         int fits = r->x0 <= tx * TILE && r->x1 >= tx * TILE + TILE - 1 && end - top == TILE - 1;
         whole = fits && contains(t, &area);
     }
+    if (w->changes[tile] == UNTOUCHED) clear_tile(b, tile);
     float *z = w->inverse_z + tile * TILE_AREA;
     int32_t *id = w->id + tile * TILE_AREA;
     if (lens) {
@@ -108,7 +109,7 @@ static void draw_block(const band *b, const triangle *t, const rect *r, int leve
         draw_tile(b, t, r, bx, by, 0);
         return;
     }
-    box area = area_of(b->frame, r, level, bx, by);
+    box area = area_of(b->grid, r, level, bx, by);
     if (misses(t, &area)) return;
     int shift = level - 1 + 3; /* samples to blocks of the level below; TILE = 1 << 3 */
     int32_t x0 = imax(2 * bx, r->x0 >> shift), x1 = imin(2 * bx + 1, r->x1 >> shift);

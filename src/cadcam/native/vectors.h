@@ -121,6 +121,9 @@ INLINE d4 choose_d(l4 mask, d4 yes, d4 no) { return (d4)_mm256_blendv_pd((__m256
 INLINE d4 least_d(d4 a, d4 b) { return (d4)_mm256_min_pd((__m256d)a, (__m256d)b); }
 INLINE d4 most_d(d4 a, d4 b) { return (d4)_mm256_max_pd((__m256d)a, (__m256d)b); }
 INLINE d4 size_d(d4 v) { return most_d(v, -v); }
+INLINE d4 ordered(d4 v, i8 order) { /* halves of the numbers */
+    return (d4)_mm256_permutevar8x32_ps((__m256)v, (__m256i)order);
+}
 INLINE f8 up(f8 v) { return (f8)_mm256_ceil_ps((__m256)v); }
 INLINE f8 down(f8 v) { return (f8)_mm256_floor_ps((__m256)v); }
 INLINE d4 up_d(d4 v) { return (d4)_mm256_ceil_pd((__m256d)v); }

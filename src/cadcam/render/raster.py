@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array
+from cadcam.cad.topology import is_solid
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal
 from cadcam.errors import BadValue, DegenerateGeometry
@@ -46,13 +47,15 @@ _SHADED = Channel.IMAGE | Channel.RGB
 class RasterRenderer:
     """Renders a scene with the embedded rasteriser; obeys the `Renderer` protocol.
 
-    `threads` is the number of threads, by default one a core. Pictures do not depend on it. Raises `MissingCore` where
-    the compiled core is not installed.
+    `threads` is the number of threads, by default one a core. Pictures do not depend on it. `backs=False` leaves out
+    faces that show their back, where the mesh is solid and the camera outside its box: those in front of them hide
+    them, so that only samples that lie on a silhouette to within float's rounding of depth can differ. Raises
+    `MissingCore` where the compiled core is not installed.
     """
 
     name = "raster"
 
-    def __init__(self, scene: Scene, *, threads: int | None = None) -> None:
+    def __init__(self, scene: Scene, *, threads: int | None = None, backs: bool = True) -> None:
         if threads is not None and threads < 1:
             raise BadValue("threads", threads, "a whole number of at least 1")
         mesh = scene.mesh
@@ -60,6 +63,7 @@ class RasterRenderer:
             raise DegenerateGeometry("a mesh without faces cannot be rendered")
         self._scene = scene
         self._native = NativeScene(mesh.vertices, mesh.faces, mesh.part, scene.paint, scene.colors)
+        self._solid = mesh.bounds if not backs and is_solid(mesh) else None
         self._threads = threads or os.cpu_count() or 1
         self._pool = ThreadPoolExecutor(max_workers=self._threads)
         self._workers = Workers()
@@ -121,12 +125,8 @@ class RasterRenderer:
             name: self._buffers.take((camera.height, camera.width, *tail), dtype)
             for name, tail, dtype in _layers(channels)
         }
-        fine = ("image", "coverage", "rgb") if look.supersampling > 1 else ()
-        finely = {name: layer for name, layer in layers.items() if name in fine}
-        plainly = {name: layer for name, layer in layers.items() if name not in fine}
-        for chosen, n in ((plainly, 1), (finely, look.supersampling)):
-            if chosen:
-                self._draw(self._request(camera, pose, look, n, chosen, threads), threads)
+        n = look.supersampling if channels & _SHADED else 1
+        self._draw(self._request(camera, pose, look, n, layers, threads), threads)
         return View(camera, pose, layers)
 
     def _draw(self, request: Request, threads: int) -> None:
@@ -145,13 +145,13 @@ class RasterRenderer:
     def _request(
         self, camera: Camera, pose: Rigid, look: Look, n: int, layers: dict[str, npt.NDArray[Any]], threads: int
     ) -> Request:
-        fine = camera.resize((camera.width * n, camera.height * n)) if n > 1 else camera
         R, t = pose.rotation, pose.translation
         plain = isinstance(camera.lens, Ideal)
-        K = fine.K if plain else np.eye(3)
+        K = camera.K if plain else np.eye(3)
         request = Request(width=camera.width, height=camera.height, samples=n)
         shares = 1 if threads == 1 else threads * (4 if self._scene.mesh.n_faces > _MANY else 2)
-        request.bands = max(fine.width * fine.height // _BAND, shares)
+        request.fronts = self._solid is not None and _outside(self._solid, pose.origin)
+        request.bands = max(camera.width * camera.height * n * n // _BAND, shares)
         request.plane[:] = (K @ np.column_stack([R, t])).ravel().tolist()
         request.ray[:] = (R.T @ np.linalg.inv(K)).ravel().tolist()
         request.rotation[:] = R.ravel().tolist()
@@ -160,7 +160,7 @@ class RasterRenderer:
         request.back_from[:] = (R.T @ unit(look.back_from)).tolist()
         request.background[:] = list(look.background)
         if not plain:
-            request.lens = self._lens(camera, n).address
+            request.lens, request.centres = self._lens(camera, n).address, self._lens(camera, 1).address
         for name, layer in layers.items():
             setattr(request, name, layer.ctypes.data)
         return request
@@ -174,6 +174,10 @@ class RasterRenderer:
             points = plane_points(camera)
             self._lenses[key] = NativeLens(points if n == 1 else subdivided(points, n))
         return self._lenses[key]
+
+
+def _outside(box: Array, point: Array) -> bool:
+    return bool(((point < box[0]) | (point > box[1])).any())
 
 
 def plane_points(camera: Camera) -> Array:
