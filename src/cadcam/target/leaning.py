@@ -120,12 +120,12 @@ class Tilt:
         """Return the misfit about the i-th fitted pose."""
         geometry = posed(turned=not mark.concentric)
         parameters = seen.parameters[i : i + 1]
-        H = geometry.matrix(parameters[:, geometry.places], parameters[:, geometry.free :])
+        H = geometry.homography(parameters)
         unit = H / H[:, 2:, 2:]
         basis = np.eye(9).reshape(1, 9, 3, 3)
         borders = Borders.of(mark.sectors, mark.full)
         pixels, weight = seen.window.pixels[i : i + 1], seen.weight[i]
-        value, J = picture_with_slopes(borders, pixels, unit, basis, parameters[:, [4, 5, 6, 7, 8]])
+        value, J = picture_with_slopes(borders, pixels, unit, basis, parameters[:, geometry.levels])
         r, J = (value[0] - seen.window.values[i]) * weight, J[0] * weight[:, None]
         variance = max(float(r @ r), 1e-12) / max(float(weight.sum()) - geometry.free, 1.0)
         shape, levels = J[:, _SHAPE], J[:, 4:9]

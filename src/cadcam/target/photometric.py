@@ -29,7 +29,6 @@ class Fit:
     """B fitted marks: positions q (B, 2) px, covariance (B, 2, 2) px^2, parameters (B, n), and how well they fit.
 
     misfit: rms of the residuals by the mark's contrast; good: whether the fit ended inside its window, with a contrast.
-    full: covariance (B, m, m) of the first m parameters, those that were fitted.
     """
 
     q: Array
@@ -37,7 +36,6 @@ class Fit:
     parameters: Array
     misfit: Array
     good: Mask
-    full: Array
 
     def subset(self, which: Index | slice) -> Fit:
         """Return the marks that `which` selects."""
@@ -198,7 +196,21 @@ def fitted(
     good = np.isfinite(parameters).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))
     good &= np.hypot(parameters[:, 0], parameters[:, 1]) < 0.5 * size
     good &= parameters[:, BLUR] < size
-    return Fit(q + parameters[:, :2], covariance[:, :2, :2], parameters, misfit, good, covariance)
+    return Fit(q + parameters[:, :2], covariance[:, :2, :2], parameters, misfit, good)
+
+
+def missed(model: Model, fit: Fit, values: Array, pixels: Array, weight: Array) -> Array:
+    """Return by how much chi-square (B,) would fall if parameters that were held were free as this model has them.
+
+    To first order, from where the fit without them ended, by the variance that would be left (a score test).
+    """
+    H, g, cost = _normal(model, fit.parameters, values, pixels, weight)
+    scale = 1 / np.sqrt(np.maximum(np.einsum("bii->bi", H), 1e-300))
+    cofactor = np.linalg.pinv(H * scale[:, :, None] * scale[:, None, :], rcond=1e-12, hermitian=True)
+    g = g * scale
+    fall = np.einsum("bi,bij,bj->b", g, cofactor, g)
+    left = np.maximum(cost - fall, 1e-3 * cost) / np.maximum(weight.sum(axis=1) - H.shape[1], 1.0)
+    return np.asarray(fall / np.maximum(left, 1e-300))
 
 
 def _minimised(
