@@ -20,7 +20,7 @@ Model: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]  # (parameters,
 CONTRAST, BLUR = 4, 5  # their places among the parameters of either model
 _TOGETHER = 200_000  # numbers of a Jacobian held at a time: what comes up on the way stays in the cache
 _ITERATIONS = 25
-_CLOSE = 1e-4  # px: a step below it is the last
+_CLOSE, _LEVEL = 1e-4, 1e-3  # px: a step below it is the last, unless the squares still fall by this share
 _STUCK = 1e7  # of the damping: no step goes down any more
 
 
@@ -231,9 +231,9 @@ def _minimised(
         H2, g2, cost2 = _normal(model, trial, values[going], pixels[going], weight[going])
         better = cost2 <= cost[going]
         won = going[better]
+        settled = better & (np.hypot(step[:, 0], step[:, 1]) < _CLOSE) & (cost2 > (1 - _LEVEL) * cost[going])
         state[won], H[won], g[won], cost[won] = trial[better], H2[better], g2[better], cost2[better]
         damping[going] = np.where(better, damping[going] / 5, damping[going] * 8).clip(1e-9, 1e9)
-        settled = better & (np.hypot(step[:, 0], step[:, 1]) < _CLOSE)
         going = going[~settled & (damping[going] < _STUCK)]
         if not going.size:
             break
