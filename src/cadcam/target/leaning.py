@@ -21,6 +21,7 @@ from cadcam.target.mark_fit import MarkFit, Seen, seen_through
 from cadcam.target.mark_model import Geometry, posed, with_slopes
 from cadcam.target.mark_window import MARGIN
 from cadcam.target.tilts import tilts, toward
+from cadcam.target.uncovered import HIDDEN
 
 NORMAL_SD = 0.1  # rad
 _SURE = 500.0  # logarithm of odds
@@ -55,7 +56,7 @@ def fit_both_tilts(
         seen_through(gray, mark, camera, tuple(pair[k] for pair in starts), margin=margin, blur=blur) for k in (0, 1)
     )
     # the logarithm of: the first tilt by the second
-    odds = one.weight.sum(axis=1) * np.log(np.maximum(second.misfit, 1e-9) / np.maximum(first.misfit, 1e-9))
+    odds = one.window.weight.sum(axis=1) * np.log(_misfit(second) / _misfit(first))
     if normal is not None:
         away = [np.array([_angle(p.rotation[:, 2], normal) for p in f.poses or ()]) for f in (first, second)]
         odds = odds + (away[1] ** 2 - away[0] ** 2) / (2 * normal_sd**2)
@@ -70,6 +71,14 @@ def fit_both_tilts(
         if mean is not None:
             chosen.q[i], chosen.covariance[i], chosen.doubt[i] = mean
     return chosen
+
+
+def _misfit(fit: MarkFit) -> Array:
+    """Return the rms residual (B,) by the contrast, with what was left out as far off as it was left out for, at least.
+
+    Else the tilt that contradicts more of the picture might look the better one by what it has left.
+    """
+    return np.asarray(np.sqrt((1 - fit.hidden) * fit.misfit**2 + fit.hidden * HIDDEN**2).clip(1e-9))
 
 
 def _angle(a: Array, b: Array) -> float:

@@ -17,7 +17,7 @@ from cadcam.target.mark_model import Geometry, mark_model, predicted
 from cadcam.target.mark_window import Window
 from cadcam.target.photometric import CONTRAST, Fit, Model, fitted, missed
 
-_HIDDEN, _SIGMAS = 0.12, 5.0  # residual by contrast, and by the noise, of a pixel that shows something else
+HIDDEN, _SIGMAS = 0.12, 5.0  # residual by contrast, and by the noise, of a pixel that shows something else
 _ROUNDS = 6  # fits without those
 _BESIDE, _MOST_BESIDE = 8.0, 2  # of a mark's radius, and px: so near to what shows something else pixels are left out
 _FEW = 0.003  # share of the window that may disagree without another fit
@@ -104,7 +104,7 @@ def _most_agreed(
 
 
 def _limit(parameters: Array, noise: float) -> Array:
-    return np.maximum(_HIDDEN * np.abs(parameters[:, CONTRAST]), _SIGMAS * noise)
+    return np.maximum(HIDDEN * np.abs(parameters[:, CONTRAST]), _SIGMAS * noise)
 
 
 def _odd(mark: Mark, geometry: Geometry, fit: Fit, window: Window, noise: float) -> tuple[Mask, Array]:
