@@ -56,7 +56,8 @@ def fit_both_tilts(
         seen_through(gray, mark, camera, tuple(pair[k] for pair in starts), margin=margin, blur=blur) for k in (0, 1)
     )
     # the logarithm of: the first tilt by the second
-    odds = one.window.weight.sum(axis=1) * np.log(_misfit(second) / _misfit(first))
+    independent = one.window.weight.sum(axis=1) / np.maximum(one.shared, two.shared)
+    odds = independent * np.log(_misfit(second) / _misfit(first))
     if normal is not None:
         away = [np.array([_angle(p.rotation[:, 2], normal) for p in f.poses or ()]) for f in (first, second)]
         odds = odds + (away[1] ** 2 - away[0] ** 2) / (2 * normal_sd**2)
@@ -137,6 +138,7 @@ class Tilt:
         value, J = picture_with_slopes(borders, pixels, unit, basis, parameters[:, geometry.levels])
         r, J = (value[0] - seen.window.values[i]) * weight, J[0] * weight[:, None]
         variance = max(float(r @ r), 1e-12) / max(float(weight.sum()) - geometry.free, 1.0)
+        variance *= float(seen.shared[i])
         shape, levels = J[:, _SHAPE], J[:, 4:9]
         clear = shape - levels @ np.linalg.lstsq(levels.T @ levels, levels.T @ shape, rcond=None)[0]
         pose = (fit.poses or ())[i]

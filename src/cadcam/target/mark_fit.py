@@ -145,6 +145,7 @@ class Seen:
     """What a fit through a camera leaves: windows about q (B, 2), pixels kept in weight (B, P), parameters (B, n).
 
     L (B, 3, 3): rays from local coordinates about q; scale (B,): by which the start's centre is L (0, 0, 1).
+    shared (B,): see `Fit`.
     """
 
     window: Window
@@ -153,6 +154,7 @@ class Seen:
     q: Array
     L: Array
     scale: Array
+    shared: Array
 
 
 def seen_through(
@@ -176,7 +178,7 @@ def seen_through(
     shapes = J @ np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)[..., :2]
     seen = predicted(mark, geometry, fit.parameters, window.pixels)
     result = replace(_result(replace(fit, q=centre), weight, shapes, window, seen), poses=poses)
-    return result, Seen(window, weight, fit.parameters, q, L, scale)
+    return result, Seen(window, weight, fit.parameters, q, L, scale, fit.shared)
 
 
 def _symmetric(S: Array) -> Array:

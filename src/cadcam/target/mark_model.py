@@ -8,8 +8,8 @@ is worked out in the core (mark.h), exactly for discs, straight borders and thei
 
 light that varies over the mark acting on ink and paper alike, and b the bend of the camera's response: a gamma makes
 what is half ink lighter or darker than the mean of ink and paper (chapter 5 of the dissertation). The first nine
-parameters are x y * * c s m gx gy, the places of which `photometric.fitted` knows; the rest of the geometry follows, then
-b. The blur takes in the mean over a pixel's square, whose variance is 1/12 px^2.
+parameters are x y * * c s m gx gy, the places of which `photometric.fitted` knows; the rest of the geometry follows,
+then b. The blur takes in the mean over a pixel's square, whose variance is 1/12 px^2.
 """
 
 from __future__ import annotations

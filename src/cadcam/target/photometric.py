@@ -29,6 +29,7 @@ class Fit:
     """B fitted marks: positions q (B, 2) px, covariance (B, 2, 2) px^2, parameters (B, n), and how well they fit.
 
     misfit: rms of the residuals by the mark's contrast; good: whether the fit ended inside its window, with a contrast.
+    shared: variance of x, in which the pixels of a line stand together, by that of independent ones.
     """
 
     q: Array
@@ -36,6 +37,7 @@ class Fit:
     parameters: Array
     misfit: Array
     good: Mask
+    shared: Array
 
     def subset(self, which: Index | slice) -> Fit:
         """Return the marks that `which` selects."""
@@ -196,7 +198,7 @@ def fitted(
     good = np.isfinite(parameters).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))
     good &= np.hypot(parameters[:, 0], parameters[:, 1]) < 0.5 * size
     good &= parameters[:, BLUR] < size
-    return Fit(q + parameters[:, :2], covariance[:, :2, :2], parameters, misfit, good)
+    return Fit(q + parameters[:, :2], covariance[:, :2, :2], parameters, misfit, good, np.ones(count))
 
 
 def missed(model: Model, fit: Fit, values: Array, pixels: Array, weight: Array) -> Array:

@@ -9,9 +9,12 @@ blur of another form leaves on all borders alike shifts nothing, and those pixel
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from cadcam.arrays import Array, Index, Mask
+from cadcam.target.lines import shared_by_lines
 from cadcam.target.mark import Mark
 from cadcam.target.mark_model import Geometry, mark_model, predicted
 from cadcam.target.mark_window import Window
@@ -57,7 +60,14 @@ def clear_fit(
             part, clear = _cleared(mark, geometry, model, begun, one, q[i : i + 1], noise)
             fit, weight = _replaced(fit, part, np.array([i])), weight.copy()
             weight[i, there] = clear
-    return fit, weight
+    return _together(bendable, fit, window, weight), weight
+
+
+def _together(model: Model, fit: Fit, window: Window, weight: Array) -> Fit:
+    """Return the fit with the covariance that the pixels of a line leave where they go together."""
+    shared = shared_by_lines(model, fit, window, weight)
+    wider = np.stack([np.sqrt(shared), np.ones(len(shared))], axis=-1)
+    return replace(fit, covariance=fit.covariance * wider[:, :, None] * wider[:, None, :], shared=shared)
 
 
 def _cleared(
