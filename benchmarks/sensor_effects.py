@@ -1,6 +1,6 @@
 """What each effect of a sensor does to the sub-pixel position of marks and edges.
 
-    python benchmarks/sensor_effects.py --pictures 6 [--only effects,rings,depth] [--rows "gamma,JPEG 75"]
+    python benchmarks/sensor_effects.py --pictures 6 [--only effects,rings,kinds,depth] [--rows "gamma,JPEG 75"]
 
 effects:
 Boards are seen from the front, turned by 7 degrees, at a random place of the pixel grid, through a sensor with nothing
@@ -12,6 +12,8 @@ which a calibration takes up, and is taken off the rms beside it.
 
 rings: the same with single marks, discs in rings, found by `find_marks` through the camera; "told" is the rms that
 their covariances foretell.
+
+kinds: four kinds of marks, upright and tilted by 45 degrees, fitted through the camera and without it.
 
 depth: chessboard and rings tilted by 40 degrees and photographed (`Photographer`) through openings focused on their
 middle: blur that grows to both sides, and within each mark.
