@@ -27,8 +27,8 @@ class _Mark(c.Structure):
 def _core() -> c.CDLL:
     core = library()
     pointer, i64, i32 = c.c_void_p, c.c_int64, c.c_int32
-    picture = [i64, i64, i32, *[pointer] * 2, i32, *[pointer] * 2, i32, *[pointer] * 2]
-    core.cc_mark_picture.argtypes = [c.POINTER(_Mark), *picture]
+    arrays = [pointer] * 2
+    core.cc_mark_picture.argtypes = [c.POINTER(_Mark), i64, i64, i32, *arrays, i32, *arrays, i32, *arrays]
     core.cc_mark_picture.restype = None
     return core
 
