@@ -1,6 +1,6 @@
 """What each effect of a sensor does to the sub-pixel position of marks and edges.
 
-    python benchmarks/sensor_effects.py --pictures 6 [--only effects,rings,depth] [--rows "gamma,JPEG 75"]
+    python benchmarks/sensor_effects.py --pictures 6 [--only effects,rings,kinds,depth] [--rows "gamma,JPEG 75"]
 
 effects:
 Boards are seen from the front, turned by 7 degrees, at a random place of the pixel grid, through a sensor with nothing
@@ -12,6 +12,8 @@ which a calibration takes up, and is taken off the rms beside it.
 
 rings: the same with single marks, discs in rings, found by `find_marks` through the camera; "told" is the rms that
 their covariances foretell.
+
+kinds: four kinds of marks, upright and tilted by 45 degrees, fitted through the camera and without it.
 
 depth: chessboard and rings tilted by 40 degrees and photographed (`Photographer`) through openings focused on their
 middle: blur that grows to both sides, and within each mark.
@@ -46,11 +48,14 @@ from cadcam.target.board import Pattern
 from cadcam.target.detect import detect
 from cadcam.target.find import find_marks
 from cadcam.target.ideal import board_picture, marks_picture
-from cadcam.target.mark import dot_and_ring
+from cadcam.target.leaning import fit_both_tilts
+from cadcam.target.mark import Mark, bulls_eye, dot, dot_and_ring, ring
+from cadcam.target.mark_fit import fit_marks
 from cadcam.target.pattern import parse_pattern
 
 CAMERA = Camera.from_focal((480, 360), 500.0)
 RING = dot_and_ring(7.0, 14.0, 21.0)
+KINDS = (dot(21.0), ring(10.5, 21.0), RING, bulls_eye(5.0, 9.0, 13.0, 17.0, 21.0))
 RINGS = [((i - 2.5) * 40.0, (j - 1.5) * 40.0) for j in range(4) for i in range(6)]
 TILT = np.radians(40.0)
 DEPTH_SAMPLES = 128
@@ -168,6 +173,30 @@ def rings(row: Row, pictures: int, seed: int) -> tuple[str, str, str]:
         errors.append(np.array([f.pixel - truth[np.argmin(np.sum((truth - f.pixel) ** 2, axis=1))] for f in found]))
         told += [np.trace(f.covariance) for f in found]
     return *scattered(errors), f"{np.sqrt(np.mean(told)):.4f}"
+
+
+def kinds(row: Row, mark: Mark, tilt: float, pictures: int, seed: int) -> list[str]:
+    """Return cells of fits through the camera and without it: rms error and, in brackets, what they tell, px.
+
+    Each starts half a pixel off; errors count from the shift that the marks of a picture share.
+    """
+    errors: list[list[Array]] = [[], []]
+    told: list[list[Array]] = [[], []]
+    for k in range(pictures):
+        rng = np.random.default_rng([seed, k])
+        at = pose_about(np.zeros(2), rng, tilt)
+        poses = [at @ Rigid(translation=np.array([*place, 0.0])) for place in RINGS]
+        sharp = marks_picture([mark] * len(poses), CAMERA, poses, paper=LIGHT, ink=DARK, background=LIGHT)
+        seen = row.seen(sharp, rng)
+        truth, J = CAMERA.project_with_jacobian(np.array([p.translation for p in poses]))
+        shapes = J @ np.array([p.rotation for p in poses])[..., :2]
+        plain = fit_marks(seen, mark, truth + np.array([0.4, -0.3]), shapes)
+        for i, fit in enumerate((fit_both_tilts(seen, mark, CAMERA, plain, normal=at.rotation[:, 2]), plain)):
+            off = fit.q - truth
+            errors[i].append(off - off.mean(axis=0))
+            told[i].append(np.trace(fit.covariance, axis1=1, axis2=2))
+    off2 = [np.sum(np.concatenate(e) ** 2, axis=1) for e in errors]
+    return [f"{np.sqrt(e.mean()):.4f} ({np.sqrt(np.mean(t)):.4f})" for e, t in zip(off2, told, strict=True)]
 
 
 def chess_scene() -> Scene:
@@ -302,6 +331,13 @@ def main() -> None:
         print("|---|---|---|---|")
         for row in chosen:
             print(f"| {row.name} | {' | '.join(rings(row, arguments.pictures, arguments.seed))} |", flush=True)
+    if "kinds" in arguments.only:
+        print("| sensor | mark | tilt | camera (told) | none (told) |")
+        for row in chosen:
+            for mark in KINDS:
+                for tilt in (0.0, 45.0):
+                    cells = kinds(row, mark, np.radians(tilt), arguments.pictures, arguments.seed)
+                    print(f"| {row.name} | {mark} | {tilt:.0f} | {' | '.join(cells)} |", flush=True)
     if "depth" in arguments.only:
         depth(arguments.pictures, arguments.seed)
 

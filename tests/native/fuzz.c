@@ -293,6 +293,7 @@ static void grouped(void) {
 static void marks(void) {
     const int radii = 1 + upto(5), rays = 1 + upto(7), sectors = 1 + upto(6), count = upto(3), pixels = upto(30);
     const int terms = upto(1) ? 4 : 4 + upto(CC_MARK_TERMS - 4), width = upto(1) ? 2 : 8, slopes = upto(2) > 0;
+    const int bent = upto(1);
     double *r = malloc((size_t)radii * 8), *ray = malloc((size_t)rays * 16), *span = malloc((size_t)sectors * 8);
     int32_t *sector = malloc((size_t)sectors * 16);
     for (int i = 0; i < radii; i++) r[i] = (i + unit()) * 4 + 0.1;
@@ -305,11 +306,11 @@ static void marks(void) {
     }
     const cc_mark mark = {r, ray, sector, span, radii, sectors};
     double *places = doubles(count * pixels * width, 30), *H = doubles(count * 9, 1), *dH = doubles(count * terms * 9, 1);
-    double *levels = doubles(count * 5, 1), *value = malloc((size_t)(count * pixels) * 8 + 1);
-    double *slope = malloc((size_t)(count * pixels) * (size_t)(terms + 5) * 8 + 1);
+    double *levels = doubles(count * 6, 1), *value = malloc((size_t)(count * pixels) * 8 + 1);
+    double *slope = malloc((size_t)(count * pixels) * (size_t)(terms + 5 + bent) * 8 + 1);
     if (upto(1))
         for (int i = 0; i < 9 * count; i++) H[i] = (i % 9 % 4 == 0) + 0.01 * around();
-    cc_mark_picture(&mark, count, pixels, width, places, H, terms, dH, levels, value, slopes ? slope : NULL);
+    cc_mark_picture(&mark, count, pixels, width, places, H, terms, dH, levels, bent, value, slopes ? slope : NULL);
     free(r), free(ray), free(span), free(sector), free(places), free(H), free(dH), free(levels), free(value), free(slope);
 }
 

@@ -228,11 +228,11 @@ static share inked(const cc_mark *mark, const pixel *p, const rule *const *nodes
 }
 
 void cc_mark_picture(const cc_mark *mark, int64_t marks, int64_t pixels, int32_t width, const double *places,
-                     const double *H, int32_t terms, const double *dH, const double *levels, double *value,
-                     double *slopes) {
-    const int columns = terms + 5;
-    for (int64_t b = 0; b < marks; b++, H += 9, dH += 9 * terms, levels += 5) {
-        const double c = levels[0], s = levels[1], m = levels[2], gx = levels[3], gy = levels[4];
+                     const double *H, int32_t terms, const double *dH, const double *levels, int32_t bent,
+                     double *value, double *slopes) {
+    const int columns = terms + 5 + (bent != 0);
+    for (int64_t b = 0; b < marks; b++, H += 9, dH += 9 * terms, levels += 6) {
+        const double c = levels[0], s = levels[1], m = levels[2], gx = levels[3], gy = levels[4], bend = levels[5];
         const rule *nodes[CC_MARK_RADII];
         double large, small, tallest = 0;
         stretches(H[0], H[1], H[3], H[4], &large, &small);
@@ -251,16 +251,18 @@ void cc_mark_picture(const cc_mark *mark, int64_t marks, int64_t pixels, int32_t
             }
             for (int i = 0; i < 3; i++) p.N[i] = H[3 * i] * x[0] + H[3 * i + 1] * x[1] + H[3 * i + 2];
             share ink = inked(mark, &p, nodes, steepest, slopes != NULL);
-            double light = 1 + gx * u + gy * v, level = m + c * ink.v;
+            double mixed = ink.v * (1 - ink.v), shown = ink.v + bend * mixed, steep = 1 + bend * (1 - 2 * ink.v);
+            double light = 1 + gx * u + gy * v, level = m + c * shown;
             *value++ = level * light;
             if (!slopes) continue;
             for (int32_t t = 0; t < terms; t++) {
                 double slope = 0;
                 for (int i = 0; i < 9; i++) slope += dH[9 * t + i] * ink.d[i];
-                slopes[t < 4 ? t : t + 5] = c * light * slope;
+                slopes[t < 4 ? t : t + 5] = c * light * steep * slope;
             }
-            const double last[5] = {ink.v * light, c * light * ink.d[9], light, level * u, level * v};
+            const double last[5] = {shown * light, c * light * steep * ink.d[9], light, level * u, level * v};
             memcpy(slopes + 4, last, sizeof last);
+            if (bent) slopes[columns - 1] = c * light * mixed;
             slopes += columns;
         }
     }

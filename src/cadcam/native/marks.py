@@ -13,7 +13,7 @@ from cadcam.errors import BadValue
 from cadcam.native.core import library
 
 _MOST_RADII, _MOST_TERMS = 128, 16  # CC_MARK_RADII, CC_MARK_TERMS
-_LEVELS = 5  # c s m gx gy
+_LEVELS = 6  # c s m gx gy b
 
 
 class _Mark(c.Structure):
@@ -27,7 +27,8 @@ class _Mark(c.Structure):
 def _core() -> c.CDLL:
     core = library()
     pointer, i64, i32 = c.c_void_p, c.c_int64, c.c_int32
-    core.cc_mark_picture.argtypes = [c.POINTER(_Mark), i64, i64, i32, *[pointer] * 2, i32, *[pointer] * 4]
+    arrays = [pointer] * 2
+    core.cc_mark_picture.argtypes = [c.POINTER(_Mark), i64, i64, i32, *arrays, i32, *arrays, i32, *arrays]
     core.cc_mark_picture.restype = None
     return core
 
@@ -69,26 +70,33 @@ class Borders:
 
 
 def picture(borders: Borders, places: Array, H: Array, levels: Array) -> Array:
-    """Return the grey values (B, P) at places (B, P, 2 or 8) for H (B, 3, 3), levels (B, 5): c s m gx gy."""
-    return _drawn(borders, places, H, np.zeros((len(H), 0, 3, 3)), levels, slopes=False)[0]
+    """Return the grey values (B, P) at places (B, P, 2 or 8) for H (B, 3, 3), levels (B, 6): c s m gx gy b."""
+    return _drawn(borders, places, H, np.zeros((len(H), 0, 3, 3)), levels, slopes=False, bent=False)[0]
 
 
-def picture_with_slopes(borders: Borders, places: Array, H: Array, dH: Array, levels: Array) -> tuple[Array, Array]:
-    """Return grey values (B, P) and slopes (B, P, k + 5) by x y * * c s m gx gy and the rest; dH (B, k, 3, 3)."""
+def picture_with_slopes(
+    borders: Borders, places: Array, H: Array, dH: Array, levels: Array, *, bent: bool = False
+) -> tuple[Array, Array]:
+    """Return grey values (B, P) and slopes (B, P, k + 5) by x y * * c s m gx gy and the rest; dH (B, k, 3, 3).
+
+    bent: whether by b too, (B, P, k + 6).
+    """
     if not 4 <= dH.shape[1] <= _MOST_TERMS:
         raise BadValue("slopes of H", f"by {dH.shape[1]} parameters", f"4 to {_MOST_TERMS}")
-    return _drawn(borders, places, H, dH, levels, slopes=True)
+    return _drawn(borders, places, H, dH, levels, slopes=True, bent=bent)
 
 
-def _drawn(borders: Borders, places: Array, H: Array, dH: Array, levels: Array, *, slopes: bool) -> tuple[Array, Array]:
+def _drawn(
+    borders: Borders, places: Array, H: Array, dH: Array, levels: Array, *, slopes: bool, bent: bool
+) -> tuple[Array, Array]:
     count, pixels, width = places.shape
     if width not in (2, 8) or H.shape != (count, 3, 3) or levels.shape != (count, _LEVELS):
         raise BadValue("places", f"of shape {places.shape} for H {H.shape}", "(B, P, 2 or 8), H (B, 3, 3)")
     places, H, dH, levels = (np.ascontiguousarray(a, np.float64) for a in (places, H, dH, levels))
     value = np.zeros((count, pixels))
-    slope = np.zeros((count, pixels, dH.shape[1] + _LEVELS) if slopes else 0)
+    slope = np.zeros((count, pixels, dH.shape[1] + _LEVELS - (not bent)) if slopes else 0)
     mark = borders._structure()
     answers = (value.ctypes.data, slope.ctypes.data if slopes else None)
-    inputs = (H.ctypes.data, dH.shape[1], dH.ctypes.data, levels.ctypes.data)
+    inputs = (H.ctypes.data, dH.shape[1], dH.ctypes.data, levels.ctypes.data, int(bent))
     _core().cc_mark_picture(c.byref(mark), count, pixels, width, places.ctypes.data, *inputs, *answers)
     return value, slope

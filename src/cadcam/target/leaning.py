@@ -21,6 +21,7 @@ from cadcam.target.mark_fit import MarkFit, Seen, seen_through
 from cadcam.target.mark_model import Geometry, posed, with_slopes
 from cadcam.target.mark_window import MARGIN
 from cadcam.target.tilts import tilts, toward
+from cadcam.target.uncovered import HIDDEN
 
 NORMAL_SD = 0.1  # rad
 _SURE = 500.0  # logarithm of odds
@@ -55,7 +56,8 @@ def fit_both_tilts(
         seen_through(gray, mark, camera, tuple(pair[k] for pair in starts), margin=margin, blur=blur) for k in (0, 1)
     )
     # the logarithm of: the first tilt by the second
-    odds = one.weight.sum(axis=1) * np.log(np.maximum(second.misfit, 1e-9) / np.maximum(first.misfit, 1e-9))
+    independent = one.window.weight.sum(axis=1) / np.maximum(one.shared, two.shared)
+    odds = independent * np.log(_misfit(second) / _misfit(first))
     if normal is not None:
         away = [np.array([_angle(p.rotation[:, 2], normal) for p in f.poses or ()]) for f in (first, second)]
         odds = odds + (away[1] ** 2 - away[0] ** 2) / (2 * normal_sd**2)
@@ -70,6 +72,14 @@ def fit_both_tilts(
         if mean is not None:
             chosen.q[i], chosen.covariance[i], chosen.doubt[i] = mean
     return chosen
+
+
+def _misfit(fit: MarkFit) -> Array:
+    """Return the rms residual (B,) by the contrast, with what was left out as far off as it was left out for, at least.
+
+    Else the tilt that contradicts more of the picture might look the better one by what it has left.
+    """
+    return np.asarray(np.sqrt((1 - fit.hidden) * fit.misfit**2 + fit.hidden * HIDDEN**2).clip(1e-9))
 
 
 def _angle(a: Array, b: Array) -> float:
@@ -120,14 +130,15 @@ class Tilt:
         """Return the misfit about the i-th fitted pose."""
         geometry = posed(turned=not mark.concentric)
         parameters = seen.parameters[i : i + 1]
-        H = geometry.matrix(parameters[:, geometry.places], parameters[:, geometry.free :])
+        H = geometry.homography(parameters)
         unit = H / H[:, 2:, 2:]
         basis = np.eye(9).reshape(1, 9, 3, 3)
         borders = Borders.of(mark.sectors, mark.full)
         pixels, weight = seen.window.pixels[i : i + 1], seen.weight[i]
-        value, J = picture_with_slopes(borders, pixels, unit, basis, parameters[:, [4, 5, 6, 7, 8]])
+        value, J = picture_with_slopes(borders, pixels, unit, basis, parameters[:, geometry.levels])
         r, J = (value[0] - seen.window.values[i]) * weight, J[0] * weight[:, None]
         variance = max(float(r @ r), 1e-12) / max(float(weight.sum()) - geometry.free, 1.0)
+        variance *= float(seen.shared[i])
         shape, levels = J[:, _SHAPE], J[:, 4:9]
         clear = shape - levels @ np.linalg.lstsq(levels.T @ levels, levels.T @ shape, rcond=None)[0]
         pose = (fit.poses or ())[i]

@@ -95,8 +95,7 @@ def fit_marks(
         g[:, 5] = A[:, 1, 0]
     start = _start(mark, geometry, g, np.zeros((len(q), 0)), window, blur)
     fit, weight = clear_fit(mark, geometry, start, window, q, noise=noise_of(gray))
-    H = geometry.matrix(fit.parameters[:, geometry.places], np.zeros((len(q), 0)))
-    shapes = np.asarray(np.linalg.inv(H[:, :2, :2]), np.float64)
+    shapes = np.asarray(np.linalg.inv(geometry.homography(fit.parameters)[:, :2, :2]), np.float64)
     seen = predicted(mark, geometry, fit.parameters, window.pixels)
     return _result(fit, weight, shapes, window, seen)
 
@@ -146,6 +145,7 @@ class Seen:
     """What a fit through a camera leaves: windows about q (B, 2), pixels kept in weight (B, P), parameters (B, n).
 
     L (B, 3, 3): rays from local coordinates about q; scale (B,): by which the start's centre is L (0, 0, 1).
+    shared (B,): see `Fit`.
     """
 
     window: Window
@@ -154,6 +154,7 @@ class Seen:
     q: Array
     L: Array
     scale: Array
+    shared: Array
 
 
 def seen_through(
@@ -177,7 +178,7 @@ def seen_through(
     shapes = J @ np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)[..., :2]
     seen = predicted(mark, geometry, fit.parameters, window.pixels)
     result = replace(_result(replace(fit, q=centre), weight, shapes, window, seen), poses=poses)
-    return result, Seen(window, weight, fit.parameters, q, L, scale)
+    return result, Seen(window, weight, fit.parameters, q, L, scale, fit.shared)
 
 
 def _symmetric(S: Array) -> Array:
@@ -188,10 +189,10 @@ def _symmetric(S: Array) -> Array:
 
 def _start(mark: Mark, geometry: Geometry, g: Array, held: Array, window: Window, blur: float) -> Array:
     """Return parameters (B, n) at which the levels fit the picture in the least squares sense."""
-    start = np.zeros((len(g), geometry.free + held.shape[1]))
-    start[:, geometry.places], start[:, geometry.free :] = g, held
+    start = np.zeros((len(g), geometry.free + 1 + held.shape[1]))
+    start[:, geometry.places], start[:, geometry.free + 1 :] = g, held
     start[:, BLUR] = blur
-    share = share_of_ink(mark, geometry.matrix(g, held), window.pixels, start[:, BLUR])
+    share = share_of_ink(mark, geometry.homography(start), window.pixels, start[:, BLUR])
     w = window.weight
     n = np.maximum(w.sum(axis=1), 1.0)
     mean_share, mean = ((w * v).sum(axis=1) / n for v in (share, window.values))

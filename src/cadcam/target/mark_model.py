@@ -4,11 +4,12 @@ A pixel's place on the mark is p = N_xy / N_z, N = H (m, 1), for the plane's hom
 mark) and the pixel's coordinates m there. The mark is blurred by a Gaussian of s px; what share of ink a pixel then has
 is worked out in the core (mark.h), exactly for discs, straight borders and their corners. Then
 
-    I = (m + c share(q)) (1 + g . (u, v)),
+    I = (m + c (share(q) + b share(q) (1 - share(q)))) (1 + g . (u, v)),
 
-light that varies over the mark acting on ink and paper alike. The first nine parameters are x y * * c s m gx gy, the
-places of which `photometric.fitted` knows; the rest of the geometry follows. The blur takes in the mean over a pixel's
-square, whose variance is 1/12 px^2.
+light that varies over the mark acting on ink and paper alike, and b the bend of the camera's response: a gamma makes
+what is half ink lighter or darker than the mean of ink and paper (chapter 5 of the dissertation). The first nine
+parameters are x y * * c s m gx gy, the places of which `photometric.fitted` knows; the rest of the geometry follows,
+then b. The blur takes in the mean over a pixel's square, whose variance is 1/12 px^2.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from cadcam.target.photometric import BLUR, CONTRAST, Model
 
 Matrix: TypeAlias = Callable[[Array, Array], Array]  # geometry (..., k), what is held (..., h) -> H (..., 3, 3)
 
-_LEVELS = (CONTRAST, BLUR, 6, 7, 8)  # c s m gx gy
+_LEVELS = (CONTRAST, BLUR, 6, 7, 8)  # c s m gx gy, before the bend
 _STEP = 1e-5
 
 
@@ -45,8 +46,21 @@ class Geometry:
 
     @property
     def free(self) -> int:
-        """Return the number of parameters that are fitted; what is held comes after them."""
+        """Return the number of parameters that are fitted; the bend comes after them, then what is held."""
         return self.count + len(_LEVELS)
+
+    @property
+    def levels(self) -> Ids:
+        """Return where c s m gx gy b stand."""
+        return np.array([*_LEVELS, self.free], dtype=np.int32)
+
+    def homography(self, parameters: Array) -> Array:
+        """Return H (B, 3, 3) of parameters (B, n)."""
+        return self.matrix(parameters[:, self.places], self.held(parameters))
+
+    def held(self, parameters: Array) -> Array:
+        """Return what is held (B, h) of parameters (B, n)."""
+        return parameters[:, self.free + 1 :]
 
 
 def affine(*, turned: bool, perspective: bool) -> Geometry:
@@ -90,29 +104,30 @@ def posed(*, turned: bool) -> Geometry:
     return Geometry(6 if turned else 5, matrix)
 
 
-def mark_model(mark: Mark, geometry: Geometry) -> Model:
-    """Return the model of a mark's picture.
+def mark_model(mark: Mark, geometry: Geometry, *, bent: bool = False) -> Model:
+    """Return the model of a mark's picture; bent: whether the response's bend is free too, else it is held.
 
     Its pixels (B, P, 2), or through a lens (B, P, 8): u, v, then the coordinates m in which H acts and dm/dq (2, 2).
     """
     borders = Borders.of(mark.sectors, mark.full)
 
     def model(parameters: Array, pixels: Array) -> tuple[Array, Array]:
-        H, dH = with_slopes(geometry, parameters[:, geometry.places], parameters[:, geometry.free :])
-        return picture_with_slopes(borders, pixels, H, dH, parameters[:, _LEVELS])
+        H, dH = with_slopes(geometry, parameters[:, geometry.places], geometry.held(parameters))
+        return picture_with_slopes(borders, pixels, H, dH, parameters[:, geometry.levels], bent=bent)
 
     return model
 
 
 def predicted(mark: Mark, geometry: Geometry, parameters: Array, pixels: Array) -> Array:
     """Return the grey values (B, P) that `mark_model` gives, without their slopes."""
-    H = geometry.matrix(parameters[:, geometry.places], parameters[:, geometry.free :])
-    return picture(Borders.of(mark.sectors, mark.full), pixels, H, parameters[:, _LEVELS])
+    return picture(
+        Borders.of(mark.sectors, mark.full), pixels, geometry.homography(parameters), parameters[:, geometry.levels]
+    )
 
 
 def share_of_ink(mark: Mark, H: Array, pixels: Array, s: Array) -> Array:
     """Return the share of ink (B, P) at pixels (B, P, 2 or 8) for H (B, 3, 3) and blurs s (B,) px."""
-    levels = np.zeros((len(H), len(_LEVELS)))
+    levels = np.zeros((len(H), len(_LEVELS) + 1))
     levels[:, 0], levels[:, 1] = 1.0, s
     return picture(Borders.of(mark.sectors, mark.full), pixels, H, levels)
 

@@ -12,9 +12,9 @@ import numpy as np
 
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.fit.plane_maps import FITTERS, depths, mapped
+from cadcam.target.order_seeds import DEEPEST
 from cadcam.target.plan import Plan
 
-_DEEPEST = 4.0  # ratio of largest to smallest depth over the marks
 _VIEWS = {"similarity": 1.0, "affine": 0.3, "perspective": 0.03}  # share of random matches that a camera could see
 _SLANT = 5.0  # ratio of the two scales: 70 degrees of tilt, with room
 _TOGETHER = 400_000  # numbers of a design matrix held at a time
@@ -53,7 +53,7 @@ def _fitted(q: Array, plan: Plan, orders: Ids) -> tuple[dict[str, Array], dict[s
         H = fit(p, seen, w)
         depth = np.where(w > 0, depths(H, p), 1.0)
         r2 = np.where(w > 0, np.sum((seen - mapped(H, p)) ** 2, axis=2), 0.0).sum(axis=1)
-        seeable = (depth.min(axis=1) > 0) & (depth.max(axis=1) <= _DEEPEST * depth.min(axis=1)) & _upright(H, p, w)
+        seeable = (depth.min(axis=1) > 0) & (depth.max(axis=1) <= DEEPEST * depth.min(axis=1)) & _upright(H, p, w)
         squares[name] = np.where(seeable & np.isfinite(r2) & (w.sum(axis=1) >= _SAMPLES[name]), r2, np.inf)
         maps[name] = H
     return squares, maps

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 from itertools import combinations, permutations
 
 import numpy as np
 
 from cadcam.arrays import Array, Ids
-from cadcam.fit.plane_maps import mapped, perspectives
 from cadcam.target.plan import NEIGHBOURS, NearestMark, Plan, areas
 
+DEEPEST = 4.0  # ratio of largest to smallest depth over the marks
 _FEW = 12  # marks of a plan up to which every four of it are tried
 _CROWD = 2  # times as many found marks are too many for that
 _NEAR = 0.25  # of the spacing
@@ -124,35 +125,61 @@ def _upright_enough(P: Array, inverse: Array) -> Array:
 
 
 def _from_quads(q: Array, plan: Plan, signs: tuple[int, ...]) -> Iterator[list[Ids]]:
-    """Four marks against every four of the plan in every order: exact under any perspective."""
-    fours = np.array(list(permutations(range(len(plan)), 4)), dtype=np.int32)
-    turns = _turns(plan.p[fours])
+    """Four marks against every four of the plan in every order: exact under any perspective.
+
+    The fourth is sum(l_i p_i) of the other three in the plan, sum(m_i q_i) in the picture; the perspective between them
+    is then p = sum(a_i d_i p_i) / sum(a_i d_i) of what is sum(a_i q_i), d_i = l_i/m_i: how much nearer than the fourth
+    each lies. A camera sees no point behind it, and hardly one many times as far away as another.
+    """
+    fours = _fours(len(plan))
+    area, shares = _shares(plan.p[fours])
     for quad in _spread_quads(q):
-        own = _turns(q[quad][None])[0]
-        fitting = np.zeros(len(fours), dtype=bool)
-        for sign in signs:
-            fitting |= (turns == sign * own).all(axis=1)
-        yield _tried(q, plan, quad, fours[fitting])
+        own, own_shares = _shares(q[quad][None])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            nearer = shares / own_shares
+        near, far = np.maximum(nearer.max(axis=1), 1.0), np.minimum(nearer.min(axis=1), 1.0)
+        fitting = (far > 0) & (near <= DEEPEST * far) & np.isin(np.sign(area * own), signs)
+        yield _tried(q, plan, quad, fours[fitting], nearer[fitting])
 
 
-def _turns(quads: Array) -> Ids:
-    """Return which way round (..., 4) the four triangles of quads (..., 4, 2) go: a view from one side keeps it."""
-    triples = ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3))
-    return np.stack([np.sign(areas(quads[:, t])) for t in triples], axis=-1).astype(np.int32)
+@cache
+def _fours(count: int) -> Ids:
+    fours = np.array(list(permutations(range(count), 4)), dtype=np.int32)
+    fours.setflags(write=False)
+    return fours
+
+
+def _shares(quads: Array) -> tuple[Array, Array]:
+    """Return the area (K,) of the first three of quads (K, 4, 2), and the fourth (K, 3) in terms of them."""
+    whole, *parts = (areas(quads[:, t]) for t in ((0, 1, 2), (3, 1, 2), (0, 3, 2), (0, 1, 3)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return whole, np.stack(parts, axis=-1) / whole[:, None]
 
 
 def _spread_quads(q: Array) -> Ids:
-    """Return groups of four marks (K, 4), those first whose thinnest triangle is largest; of many, neighbours in turn.
+    """Return groups of four marks (K, 4), whose thinnest triangles are largest; of many marks, neighbours in turn.
 
-    Wide groups tell more of a perspective; narrow ones lie on one plate where two are in view.
+    Wide groups tell more of a perspective; narrow ones lie on one plate where two are in view. Each has as few marks as
+    can be of those before it: a false one spoils all groups that it is in.
     """
     wide = np.array(list(combinations(range(min(len(q), _FEW)), 4)), dtype=np.int32)
     if len(q) <= _FEW:
-        return _widest(q, wide)[:_QUADS]
+        return _in_turn(_widest(q, wide)[:_QUADS])
     near, wide = (_widest(q, groups)[:_QUADS] for groups in (_local_quads(q), wide))
     count = min(len(near), len(wide))
     turns = np.stack([near[:count], wide[:count]], axis=1).reshape(-1, 4)
     return np.concatenate([turns, near[count:], wide[count:]])[:_QUADS]
+
+
+def _in_turn(groups: Ids) -> Ids:
+    used, rest = np.zeros(groups.max(initial=0) + 1), np.arange(len(groups))
+    order = []
+    while rest.size:
+        k = int(np.argmin(used[groups[rest]].sum(axis=1)))
+        used[groups[rest[k]]] += 1.0
+        order.append(rest[k])
+        rest = np.delete(rest, k)
+    return groups[order]
 
 
 def _widest(q: Array, groups: Ids) -> Ids:
@@ -171,12 +198,15 @@ def _local_quads(q: Array) -> Ids:
     return np.unique(np.sort(groups, axis=1), axis=0)
 
 
-def _tried(q: Array, plan: Plan, quad: Ids, fours: Ids) -> list[Ids]:
+def _tried(q: Array, plan: Plan, quad: Ids, fours: Ids, nearer: Array) -> list[Ids]:
     if not len(fours):
         return []
-    H = perspectives(np.broadcast_to(q[quad], (len(fours), 4, 2)), plan.p[fours], np.ones((len(fours), 4)))
-    u = mapped(H, np.broadcast_to(q, (len(fours), *q.shape)))
-    distance = np.linalg.norm(u[:, :, None] - plan.p, axis=3) / plan.spacing
+    corners = np.concatenate([q[quad[:3]].T, np.ones((1, 3))])
+    of_corners = np.linalg.solve(corners, np.concatenate([q.T, np.ones((1, len(q)))])).T  # (N, 3), sums of 1
+    weights = of_corners * nearer[:, None]
+    depth = weights.sum(axis=2, keepdims=True)
+    u = weights @ plan.p[fours[:, :3]] / np.where(depth > 0, depth, np.nan)
+    distance = np.hypot(*np.moveaxis(u[:, :, None] - plan.p, 3, 0)) / plan.spacing
     distance = np.where(np.isfinite(distance), distance, np.inf)
     mark, distance = distance.argmin(axis=2), distance.min(axis=2)
     score = np.maximum(1.0 - (distance / _NEAR) ** 2, 0.0).sum(axis=1)

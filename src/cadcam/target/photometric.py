@@ -20,7 +20,7 @@ Model: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]  # (parameters,
 CONTRAST, BLUR = 4, 5  # their places among the parameters of either model
 _TOGETHER = 200_000  # numbers of a Jacobian held at a time: what comes up on the way stays in the cache
 _ITERATIONS = 25
-_CLOSE = 1e-4  # px: a step below it is the last
+_CLOSE, _LEVEL = 1e-4, 1e-3  # px: a step below it is the last, unless the squares still fall by this share
 _STUCK = 1e7  # of the damping: no step goes down any more
 
 
@@ -29,7 +29,7 @@ class Fit:
     """B fitted marks: positions q (B, 2) px, covariance (B, 2, 2) px^2, parameters (B, n), and how well they fit.
 
     misfit: rms of the residuals by the mark's contrast; good: whether the fit ended inside its window, with a contrast.
-    full: covariance (B, m, m) of the first m parameters, those that were fitted.
+    shared: variance of x, in which the pixels of a line stand together, by that of independent ones.
     """
 
     q: Array
@@ -37,7 +37,7 @@ class Fit:
     parameters: Array
     misfit: Array
     good: Mask
-    full: Array
+    shared: Array
 
     def subset(self, which: Index | slice) -> Fit:
         """Return the marks that `which` selects."""
@@ -198,7 +198,21 @@ def fitted(
     good = np.isfinite(parameters).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))
     good &= np.hypot(parameters[:, 0], parameters[:, 1]) < 0.5 * size
     good &= parameters[:, BLUR] < size
-    return Fit(q + parameters[:, :2], covariance[:, :2, :2], parameters, misfit, good, covariance)
+    return Fit(q + parameters[:, :2], covariance[:, :2, :2], parameters, misfit, good, np.ones(count))
+
+
+def missed(model: Model, fit: Fit, values: Array, pixels: Array, weight: Array) -> Array:
+    """Return by how much chi-square (B,) would fall if parameters that were held were free as this model has them.
+
+    To first order, from where the fit without them ended, by the variance that would be left (a score test).
+    """
+    H, g, cost = _normal(model, fit.parameters, values, pixels, weight)
+    scale = 1 / np.sqrt(np.maximum(np.einsum("bii->bi", H), 1e-300))
+    cofactor = np.linalg.pinv(H * scale[:, :, None] * scale[:, None, :], rcond=1e-12, hermitian=True)
+    g = g * scale
+    fall = np.einsum("bi,bij,bj->b", g, cofactor, g)
+    left = np.maximum(cost - fall, 1e-3 * cost) / np.maximum(weight.sum(axis=1) - H.shape[1], 1.0)
+    return np.asarray(fall / np.maximum(left, 1e-300))
 
 
 def _minimised(
@@ -219,9 +233,9 @@ def _minimised(
         H2, g2, cost2 = _normal(model, trial, values[going], pixels[going], weight[going])
         better = cost2 <= cost[going]
         won = going[better]
+        settled = better & (np.hypot(step[:, 0], step[:, 1]) < _CLOSE) & (cost2 > (1 - _LEVEL) * cost[going])
         state[won], H[won], g[won], cost[won] = trial[better], H2[better], g2[better], cost2[better]
         damping[going] = np.where(better, damping[going] / 5, damping[going] * 8).clip(1e-9, 1e9)
-        settled = better & (np.hypot(step[:, 0], step[:, 1]) < _CLOSE)
         going = going[~settled & (damping[going] < _STUCK)]
         if not going.size:
             break

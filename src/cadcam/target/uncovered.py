@@ -2,21 +2,25 @@
 
 A fit to all pixels of a mark that is covered in part settles between the two. So it is repeated without a wedge of the
 window, for wedges all around; of these fits the one is taken that most pixels agree with, and pixels that contradict it
-are left out, with their neighbours, until nothing changes. A gamma, or a blur of another form, contradicts the model on
-all borders alike: that shifts nothing, and those pixels stay.
+are left out, with their neighbours, until nothing changes. A camera that bends its response, by a gamma or by being
+overexposed, contradicts a straight one on all borders alike: where residuals show that, the bend is fitted too. What a
+blur of another form leaves on all borders alike shifts nothing, and those pixels stay.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Index, Mask
+from cadcam.target.lines import shared_by_lines
 from cadcam.target.mark import Mark
 from cadcam.target.mark_model import Geometry, mark_model, predicted
 from cadcam.target.mark_window import Window
-from cadcam.target.photometric import CONTRAST, Fit, Model, fitted
+from cadcam.target.photometric import CONTRAST, Fit, Model, fitted, missed
 
-_HIDDEN, _SIGMAS = 0.12, 5.0  # residual by contrast, and by the noise, of a pixel that shows something else
+HIDDEN, _SIGMAS = 0.12, 5.0  # residual by contrast, and by the noise, of a pixel that shows something else
 _ROUNDS = 6  # fits without those
 _BESIDE, _MOST_BESIDE = 8.0, 2  # of a mark's radius, and px: so near to what shows something else pixels are left out
 _FEW = 0.003  # share of the window that may disagree without another fit
@@ -24,6 +28,7 @@ _HOPELESS = 0.45  # rms of the residuals by contrast: nothing that leaving pixel
 _ONE_SIDED, _CHANCE = 0.08, 1.5  # resultant of the directions of odd pixels, and by what chance makes of so many
 _MIDDLE, _ALSO_PLAIN = 0.45, 0.1  # grey values so far from the middle are plain; of what a cover hides as many are
 _BETTER = 0.9  # of the misfit: what leaving out a wedge must bring
+_BENT = 30.0  # fall of chi-square from which a bend of the response is fitted: by chance once in 2e7 marks
 _QUICK, _ENOUGH = 8, 700  # iterations of a fit without a wedge, and its pixels
 _WEDGES = ((8, np.radians(75.0)), (8, np.radians(110.0)))  # how many, and how far to either side they reach
 
@@ -35,20 +40,34 @@ def clear_fit(
 
     start (B, n): parameters; q (B, 2): about which the windows lie; noise: sd of a grey value.
     """
-    model = mark_model(mark, geometry)
+    straight, bendable = mark_model(mark, geometry), mark_model(mark, geometry, bent=True)
     weight = window.weight
-    fit = fitted(model, start, window.values, window.pixels, weight, q, window.size)
+    fit = fitted(straight, start, window.values, window.pixels, weight, q, window.size)
+    bent = fit.good & (missed(bendable, fit, window.values, window.pixels, weight) > _BENT)
+    k = np.flatnonzero(bent)
+    if k.size:
+        some = window.subset(k)
+        part = fitted(bendable, fit.parameters[k], some.values, some.pixels, some.weight, q[k], some.size)
+        fit = _replaced(fit, part, k)
     odd, seen = _odd(mark, geometry, fit, window, noise)
     suspect = (odd.mean(axis=1) > _FEW) & (fit.misfit < _HOPELESS)
     plain = _also_plain(odd, seen, window)
     for i in np.flatnonzero(suspect & (plain | _one_sided(odd, window))).tolist():
         one, there = window.only(i)
+        model = bendable if bent[i] else straight
         begun, gain = _most_agreed(mark, geometry, model, start[i : i + 1], one, q[i : i + 1], noise)
         if plain[i] or gain < _BETTER:
             part, clear = _cleared(mark, geometry, model, begun, one, q[i : i + 1], noise)
-            fit, weight = _replaced(fit, part, i), weight.copy()
+            fit, weight = _replaced(fit, part, np.array([i])), weight.copy()
             weight[i, there] = clear
-    return fit, weight
+    return _together(bendable, fit, window, weight), weight
+
+
+def _together(model: Model, fit: Fit, window: Window, weight: Array) -> Fit:
+    """Return the fit with the covariance that the pixels of a line leave where they go together."""
+    shared = shared_by_lines(model, fit, window, weight)
+    wider = np.stack([np.sqrt(shared), np.ones(len(shared))], axis=-1)
+    return replace(fit, covariance=fit.covariance * wider[:, :, None] * wider[:, None, :], shared=shared)
 
 
 def _cleared(
@@ -95,7 +114,7 @@ def _most_agreed(
 
 
 def _limit(parameters: Array, noise: float) -> Array:
-    return np.maximum(_HIDDEN * np.abs(parameters[:, CONTRAST]), _SIGMAS * noise)
+    return np.maximum(HIDDEN * np.abs(parameters[:, CONTRAST]), _SIGMAS * noise)
 
 
 def _odd(mark: Mark, geometry: Geometry, fit: Fit, window: Window, noise: float) -> tuple[Mask, Array]:
@@ -136,9 +155,9 @@ def _widened(odd: Mask, window: Window) -> Mask:
     return np.asarray(binary_dilation(crowded, np.ones((side, side), bool))[y, x] | odd)
 
 
-def _replaced(fit: Fit, part: Fit, i: int) -> Fit:
-    """Return the fit with the i-th mark taken from `part`."""
+def _replaced(fit: Fit, part: Fit, which: Index) -> Fit:
+    """Return the fit with the marks at `which` taken from `part`, where that is one."""
     arrays = {name: getattr(fit, name).copy() for name in Fit.__slots__}
     for name in arrays:
-        arrays[name][i] = getattr(part, name)[0]
+        arrays[name][which] = getattr(part, name)
     return Fit(**arrays)
