@@ -257,7 +257,9 @@ static void along_lines(void) {
     int32_t *run = malloc((size_t)n * 4 + 1);
     for (int i = 0; i < n; i++) run[i] = i / 5;
     rotation(R);
-    cc_pinhole_rows(n, K, R, (double[3]){0, 0, 9}, p, t, q, normal, row);
+    double lens[CC_LENS];
+    for (int i = 0; i < CC_LENS; i++) lens[i] = unit() - 0.5;
+    cc_camera_rows(n, K, upto(1) ? lens : NULL, upto(1) ? INFINITY : unit(), R, (double[3]){0, 0, 9}, p, t, q, normal, row);
     cc_along_runs(n, 2, held, run, upto(12), mean);
     for (int i = 0; i < 6; i++) x[i] = 0;
     cc_pull(n, most, 6, row, offset, slope, upto(1) ? stiff : NULL, x, 1.0, 0.3, 1e-3, 2, x);
