@@ -83,14 +83,50 @@ static void side(const piece *met, int n, double sign, double half, double most,
     else twin[0] = at, twin[1] = slope;
 }
 
+enum { TOGETHER = 16, NEIGHBOURS = 512 }; /* samples near each other, and segments that they may share */
+#define TOGETHER_PX 40.0
+
+/* How many of n places from the first on lie near it. */
+static int64_t together(int64_t n, const double *q) {
+    int64_t k = 1;
+    while (k < n && k < TOGETHER && fabs(q[2 * k] - q[0]) < TOGETHER_PX && fabs(q[2 * k + 1] - q[1]) < TOGETHER_PX) k++;
+    return k;
+}
+
+/* Which of m segments come within `reach` px of the box of n places, at most NEIGHBOURS: their number, or -1 for too many. */
+static int close_to(int64_t n, const double *q, double reach, int64_t m, const double *segments, int64_t *found) {
+    double left = INFINITY, right = -INFINITY, top = INFINITY, bottom = -INFINITY;
+    for (int64_t i = 0; i < n; i++) {
+        left = fmin(left, q[2 * i] - reach), right = fmax(right, q[2 * i] + reach);
+        top = fmin(top, q[2 * i + 1] - reach), bottom = fmax(bottom, q[2 * i + 1] + reach);
+    }
+    int count = 0;
+    for (int64_t k = 0; k < m; k++) {
+        const double *s = segments + 4 * k;
+        if (((s[0] < left) & (s[2] < left)) | ((s[0] > right) & (s[2] > right))) continue;
+        if (((s[1] < top) & (s[3] < top)) | ((s[1] > bottom) & (s[3] > bottom))) continue;
+        if (count == NEIGHBOURS) return -1;
+        found[count++] = k;
+    }
+    return count;
+}
+
 void cc_clearance(int64_t n, const double *q, const double *normal, const int32_t *run, const double *arc, int64_t m,
                   const double *segments, const int32_t *segment_run, const double *segment_arc, double half_length,
                   double near, double most, double *below, double *above, double *twins, double *beyond) {
+    int64_t close[NEIGHBOURS], asked = m, end = 0;
+    int some = 0;
     for (int64_t i = 0; i < n; i++) {
+        if (i == end) {
+            end = i + together(n - i, q + 2 * i);
+            const int found = close_to(end - i, q + 2 * i, hypot(half_length, most), m, segments, close);
+            some = found >= 0, asked = some ? found : m;
+        }
         double x = q[2 * i], y = q[2 * i + 1], nx = normal[2 * i], ny = normal[2 * i + 1];
         piece met[MET];
         int count = 0;
-        for (int64_t k = 0; k < m && count < MET; k++) {
+        for (int64_t j = 0; j < asked && count < MET; j++) {
+            const int64_t k = some ? close[j] : j;
             const double *s = segments + 4 * k;
             double ax = s[0] - x, ay = s[1] - y, bx = s[2] - x, by = s[3] - y;
             double da = ax * nx + ay * ny, db = bx * nx + by * ny;
