@@ -63,7 +63,7 @@ class LineDrawer:
         mesh = scene.mesh
         self.scene = scene
         caster = caster or Caster(mesh)
-        self._diagonal = 2 * caster.radius
+        self._diagonal, self._contact = 2 * caster.radius, contact_tolerance(mesh)
         self._occluders = Occluders(mesh, caster)
         self._topology = Topology(mesh)
         self._edge = self._topology.number_of(scene.edges.vertices)
@@ -130,7 +130,7 @@ class LineDrawer:
     def _tolerance(self, kind: Ids, options: LineOptions) -> Array:
         """Return for each segment by how much (mm) a face's plane may miss it and still not hide it."""
         plain = COINCIDENT_SHARE * self._diagonal if options.coincident_mm is None else options.coincident_mm
-        contact = max(plain, contact_tolerance(self.scene.mesh))
+        contact = max(plain, self._contact)
         return np.where(kind == EdgeKind.CONTACT, contact, plain)
 
 
