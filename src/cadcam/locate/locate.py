@@ -12,6 +12,7 @@ from cadcam.arrays import quantile
 from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.approach import REACH, Reach, approach
+from cadcam.locate.basins import Basins
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.hypothesis import Hypothesis
 from cadcam.locate.location import FOUND, Location
@@ -32,6 +33,7 @@ _EQUAL, _ELSEWHERE = 0.9, 0.5  # share of its score, and distance in radii, that
 _STANDS_OUT, _CLEAR = (1.25, 1.1), 0.75
 _UNCERTAIN = 0.45  # quality of a pose that may as well be at another place
 _SAME, _BASIN = 0.02, 0.1  # radii: refined poses nearer to each other are one; starts nearer to a pose end in it
+_HALF = 0.25  # quality of a pose that half of the lines agree with: what is refined to it once need not be again
 _LOOKED_AT = 20_000  # pixels of a photo that tell whether anything can be seen in it
 _FLAT, _CLIPPED = 2.0 / 255.0, 0.98  # contrast below which a photo is empty; share of pixels at black or white
 
@@ -63,9 +65,10 @@ def locate(
     if not hypotheses:
         hypotheses = [Hypothesis(Rigid() if start is None else start, 0.0, 0.0)]
     chosen = SEARCHED if start is None else 0
-    tried = _refined(part, photos, hypotheses[:most], freedom, options, chosen)
+    basins = Basins(part, photos, freedom, options)
+    tried = _refined(part, photos, hypotheses[:most], freedom, options, chosen, basins)
     if start is not None and not any(location.found for _, location in tried):
-        tried += [(0.0, location) for location in _as_it_is(part, photos, start, reach, freedom, options)]
+        tried += [(0.0, location) for location in _as_it_is(part, photos, start, reach, freedom, options, basins)]
     most_score = max(max(score for score, _ in tried), 1e-9)
     ranked = sorted(tried, key=lambda t: -(t[1].quality + _BY_SCORE * t[0] / most_score))
     (score, best), others = ranked[0], [(s, o) for s, o in ranked[1:] if o.quality >= FOUND]
@@ -109,14 +112,21 @@ def _near(
 
 
 def _as_it_is(
-    part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach, freedom: Freedom, options: EdgeOptions
+    part: Part,
+    photos: Sequence[Photo],
+    start: Rigid,
+    reach: Reach,
+    freedom: Freedom,
+    options: EdgeOptions,
+    basins: Basins,
 ) -> list[Location]:
     """Return what refining a start finds with lines looked for nearby, and, if nothing, as far off as it may be."""
-    near = refine(part, photos, start, freedom=freedom, options=options)
-    if near.found:
-        return [near]
-    far = replace(options, search_px=max(options.search_px, reach.shift_px))
-    return [near, refine(part, photos, start, freedom=freedom, options=far)]
+    done: list[Location] = []
+    for search_px in (options.search_px, max(options.search_px, reach.shift_px)):
+        if not any(location.found for location in done) and not basins.hold(start, search_px):
+            done.append(refine(part, photos, start, freedom=freedom, options=replace(options, search_px=search_px)))
+            _remember(basins, done[-1])
+    return done
 
 
 def _elsewhere(part: Part, one: Rigid, other: Rigid) -> bool:
@@ -156,6 +166,7 @@ def _refined(
     freedom: Freedom,
     options: EdgeOptions,
     chosen: int,
+    basins: Basins,
 ) -> list[tuple[float, Location]]:
     """Return score and location of the hypotheses refined: until one is found, and then those that are as good."""
     done: list[tuple[float, Location]] = []
@@ -165,9 +176,17 @@ def _refined(
             break
         if any(_apart(part, h.world_from_part, o.pose.world_from_part) < _BASIN for o in found):
             continue  # it would end there too
+        if basins.hold(h.world_from_part, options.search_px):
+            continue
         location = refine(part, photos, h.world_from_part, freedom=freedom, options=options, chosen=chosen)
         done.append((h.score, location))
+        _remember(basins, location)
     return done
+
+
+def _remember(basins: Basins, location: Location) -> None:
+    if location.quality > _HALF:
+        basins.add(location.pose.world_from_part)
 
 
 def _apart(part: Part, one: Rigid, other: Rigid) -> float:
