@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, quantile
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import candidates
 from cadcam.locate.attraction import pulled_onto
@@ -147,11 +147,14 @@ def _tried(seen: _Seen, k: int) -> tuple[float, list[tuple[Array, Array]]]:
     A = held.T @ J
     A[np.diag_indices(k)] += 1e-3 * np.diag(A) + 1e-300
     follows = -np.linalg.solve(A, held.T @ K)  # (k, 3)
-    moved = _TRIED[:, None] * (K + J @ follows).T[:, None]  # (3, T, N)
-    on = seen.met(seen.shares(moved.reshape(-1, len(J)))).reshape(3, -1)
+    by_length = (K + J @ follows).T  # (3, N): how each line moves, px
+    on = seen.met(seen.shares((_TRIED[:, None] * by_length[:, None]).reshape(-1, len(J)))).reshape(3, -1)
     as_it_is = float(seen.met(shares))
+    far = np.array([quantile(np.abs(of_axis), 0.9) for of_axis in by_length])
     on[:, np.abs(_TRIED) < _NONE] = 0
-    better: list[tuple[Array, Array]] = []
+    here = np.abs(_TRIED) * far[:, None] < _PULLS[0][1]  # the first pull reaches them from where the lines are
+    better = [(np.zeros(k), np.zeros(3))] if on[here].max(initial=0) > _WORTH * as_it_is else []
+    on[here] = 0
     while len(better) < _LOOKED_AT and on.max() > _WORTH * as_it_is:
         axis, best = np.unravel_index(int(np.argmax(on)), on.shape)
         better.append((follows[:, axis] * _TRIED[best], _TRIED[best] * np.eye(3)[axis]))

@@ -32,7 +32,7 @@ class Segments:
     feature: Ids
     away: Mask
 
-    def select(self, which: Mask) -> Segments:
+    def select(self, which: Mask | Longs) -> Segments:
         """Return the chosen segments."""
         return Segments(*(getattr(self, f.name)[which] for f in fields(self)))
 

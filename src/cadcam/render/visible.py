@@ -79,12 +79,14 @@ class LineDrawer:
         p = camera_from_world @ self.scene.mesh.vertices
         turn = Turn(self._topology, self._occluders, camera_from_world.origin)
         every = self._segments(turn, options)
-        lines, kept = _clipped(p, every.vertices, frustum)
-        segments = every.select(kept)
+        asked = np.arange(len(every.edge)) if options.hidden else np.flatnonzero(~every.away)
+        lines, kept = _clipped(p, every.vertices[asked], frustum)
+        source = asked[kept]
+        segments = every.select(source)
         borders, _ = _clipped(p, self._topology.table.vertices[turn.borders], frustum)
         stretches = Stretches.between(*self._cuts(segments, lines, borders), lines)
         hidden = self._hidden(segments, lines, stretches, camera_from_world.origin, options)
-        trace = Tracer(self.scene, camera, segments, np.flatnonzero(kept), lines, options.chord_px)
+        trace = Tracer(self.scene, camera, segments, source, lines, options.chord_px)
         unseen = trace.polylines(stretches.merged(hidden, True)) if options.hidden else NO_LINES
         return Wireframe(camera, camera_from_world, trace.polylines(stretches.merged(hidden, False)), unseen)
 
