@@ -42,7 +42,7 @@ from cadcam.locate.sight import Sight
 
 Longs = npt.NDArray[np.int64]
 SEARCHED = 3  # constraints that the best of all poses of a part in a photo meets without it
-_ASKED = 400  # samples, of all photos together
+_ASKED = 450  # samples, of all photos together
 _TOGETHER = 4  # of these in a row: neighbours must be neighbours
 _NEAR_PX, _SCATTERS = (0.8, 2.0), 4.0  # px, and times the scatter of edges: how near a line its step must be
 _REACH = 6  # px: how far around a line its step is compared

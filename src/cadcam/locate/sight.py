@@ -66,7 +66,7 @@ class Sight:
     def thinned(self, most: int, *, together: int = 1) -> Sight:
         """Return the sight with about `most` of its samples, `together` neighbours at a time."""
         n = len(self.samples)
-        kept = np.flatnonzero(np.arange(n) // together % max(1, n // most) == 0)
+        kept = np.flatnonzero(np.arange(n) // together % max(1, round(n / most)) == 0)
         return Sight(self.photo, self.noise, self.drawn, self.samples.select(kept))
 
     def blur(self, at: Projected, *, half_length: float, reach_px: float) -> float:
