@@ -263,6 +263,14 @@ static void along_lines(void) {
     cc_along_runs(n, 2, held, run, upto(12), mean);
     for (int i = 0; i < 6; i++) x[i] = 0;
     cc_pull(n, most, 6, row, offset, slope, upto(1) ? stiff : NULL, x, 1.0, 0.3, 1e-3, 2, x);
+    const int64_t lines = n ? 1 + upto(n - 1) : 0, tries = 1 + upto(3);
+    int64_t *first = malloc((size_t)lines * 8 + 1);
+    double *moved = doubles((int)tries * n, 20), *counts = malloc((size_t)tries * 8), *share = malloc((size_t)(tries * lines) * 8 + 1);
+    for (int64_t l = 0; l < lines; l++) first[l] = l;
+    cc_met(n, most, offset, slope, lines, first, tries, moved, 2.0, 0.4, 6.0, counts, share);
+    for (int64_t k = 0; k < tries * lines; k++)
+        if (!(share[k] >= 0 && share[k] <= 1)) exit(fprintf(stderr, "share %g\n", share[k]));
+    free(first), free(moved), free(counts), free(share);
     free(pixels), free(q), free(normal), free(twins), free(held), free(below), free(above), free(offset), free(slope);
     free(sums), free(steps), free(p), free(t), free(row), free(mean), free(stiff), free(run);
 }

@@ -19,7 +19,7 @@ from cadcam.locate.location import FOUND, Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality import SEARCHED
-from cadcam.locate.refine import EDGES, EdgeOptions, refine
+from cadcam.locate.refine import EDGES, EdgeOptions, refined
 from cadcam.locate.search import search_once
 from cadcam.locate.view_range import WHOLE_SPHERE, ViewRange
 
@@ -33,7 +33,6 @@ _EQUAL, _ELSEWHERE = 0.9, 0.5  # share of its score, and distance in radii, that
 _STANDS_OUT, _CLEAR = (1.25, 1.1), 0.75
 _UNCERTAIN = 0.45  # quality of a pose that may as well be at another place
 _SAME, _BASIN = 0.02, 0.1  # radii: refined poses nearer to each other are one; starts nearer to a pose end in it
-_HALF = 0.25  # quality of a pose that half of the lines agree with: what is refined to it once need not be again
 _LOOKED_AT = 20_000  # pixels of a photo that tell whether anything can be seen in it
 _FLAT, _CLIPPED = 2.0 / 255.0, 0.98  # contrast below which a photo is empty; share of pixels at black or white
 
@@ -65,7 +64,7 @@ def locate(
     if not hypotheses:
         hypotheses = [Hypothesis(Rigid() if start is None else start, 0.0, 0.0)]
     chosen = SEARCHED if start is None else 0
-    basins = Basins(part, photos, freedom, options)
+    basins = Basins(freedom)
     tried = _refined(part, photos, hypotheses[:most], freedom, options, chosen, basins)
     if start is not None and not any(location.found for _, location in tried):
         tried += [(0.0, location) for location in _as_it_is(part, photos, start, reach, freedom, options, basins)]
@@ -124,8 +123,10 @@ def _as_it_is(
     done: list[Location] = []
     for search_px in (options.search_px, max(options.search_px, reach.shift_px)):
         if not any(location.found for location in done) and not basins.hold(start, search_px):
-            done.append(refine(part, photos, start, freedom=freedom, options=replace(options, search_px=search_px)))
-            _remember(basins, done[-1])
+            searching = replace(options, search_px=search_px)
+            location, sights = refined(part, photos, start, freedom=freedom, options=searching)
+            done.append(location)
+            basins.add(location, sights)
     return done
 
 
@@ -178,15 +179,10 @@ def _refined(
             continue  # it would end there too
         if basins.hold(h.world_from_part, options.search_px):
             continue
-        location = refine(part, photos, h.world_from_part, freedom=freedom, options=options, chosen=chosen)
+        location, sights = refined(part, photos, h.world_from_part, freedom=freedom, options=options, chosen=chosen)
         done.append((h.score, location))
-        _remember(basins, location)
+        basins.add(location, sights)
     return done
-
-
-def _remember(basins: Basins, location: Location) -> None:
-    if location.quality > _HALF:
-        basins.add(location.pose.world_from_part)
 
 
 def _apart(part: Part, one: Rigid, other: Rigid) -> float:

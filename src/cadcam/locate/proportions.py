@@ -70,7 +70,7 @@ def stretched(sights: Sequence[Sight], pose: Rigid, B: Array) -> Stretched:
     """
     few, k = [s.thinned(max(_ASKED // len(sights), 60)) for s in sights], B.shape[1]
     middle = _middle(sights)
-    as_it_is, trials = _tried(_Seen(few, pose, np.zeros(3), B, middle, _far(sights, pose)), k)
+    as_it_is, trials = _tried(_Seen(few, pose, np.zeros(3), B, middle, _far(few, pose)), k)
     pulled = [_pulled(few, pose @ Rigid.exp(B @ x), np.log1p(f), B, middle) for x, f in trials]
     away = any(np.ptp(s) >= _BACK for _, s in pulled)
     on = [_Seen(few, *pose_and_s, B, middle).met_now for pose_and_s in pulled] if away else []
@@ -163,6 +163,8 @@ def _tried(seen: _Seen, k: int) -> tuple[float, list[tuple[Array, Array]]]:
 
 
 def _scaled(sights: Sequence[Sight], middle: Array, s: Array) -> list[Sight]:
+    if not s.any():
+        return list(sights)
     lengths, out = np.exp(s), []
     for sight in sights:
         samples = sight.samples

@@ -97,6 +97,23 @@ def refine(
     wrong pose often half agree. Where the start was the best of many and edges still fit only loosely, poses beside it
     are tried too, narrowly. Not where the start is known to be good: farther off there are only other lines.
     """
+    return refined(
+        part, photos, start, freedom=freedom, evidence=evidence, options=options, chosen=chosen, wider=wider
+    )[0]
+
+
+def refined(
+    part: Part,
+    photos: Sequence[Photo],
+    start: Rigid,
+    *,
+    freedom: Freedom = FREE,
+    evidence: Sequence[Evidence] = (),
+    options: EdgeOptions = EDGES,
+    chosen: int = 0,
+    wider: bool = True,
+) -> tuple[Location, Sequence[Sight]]:
+    """Return what `refine` does, and the photos with the part's lines as drawn within a pixel or two of that pose."""
     if not photos:
         raise BadValue("photos", "none", "at least one photo")
 
@@ -106,20 +123,21 @@ def refine(
     sights, pose = _attracted(part, photos, _sights(part, photos, start, options), start, freedom, options)
     best, fitted = measured(sights, pose)
     if not wider or best.quality <= _DOUBT[0] or (best.quality >= _DOUBT[1] and not _loose(fitted)):
-        return best
+        return best, sights
     ended = best.pose.world_from_part
     wide = replace(options, search_px=max(_WIDER * options.search_px, _WIDER_PX))
-    sights, pose = _attracted(part, photos, sights, ended, freedom, wide)
-    if not best.found or max(s.moved_px(ended, pose) for s in sights) >= _SAME_PX:
-        second, other = measured(sights, pose)
+    again, pose = _attracted(part, photos, sights, ended, freedom, wide)
+    if not best.found or max(s.moved_px(ended, pose) for s in again) >= _SAME_PX:
+        second, other = measured(again, pose)
         if second.quality > best.quality or (_loose(fitted) and not _loose(other) and second.found):
-            best, fitted = second, other
+            best, fitted, sights = second, other, again
     narrow = replace(options, search_px=_CLOSE)
     for beside in _beside(fitted) if chosen else ():
-        second, other = measured(*_attracted(part, photos, sights, beside, freedom, narrow))
+        again, pose = _attracted(part, photos, sights, beside, freedom, narrow)
+        second, other = measured(again, pose)
         if second.quality > best.quality and not _loose(other):
-            return second
-    return best
+            return second, again
+    return best, sights
 
 
 def _attracted(
