@@ -76,7 +76,8 @@ def test_room_does_not_depend_on_which_samples_are_asked_together(rng: np.random
         a = rng.uniform(0, size, (m, 2))
         segments = np.concatenate([a, a + rng.normal(0, 6, (m, 2))], axis=1)
         run, arc = np.arange(m, dtype=np.int32), np.tile([0.0, 10.0], (m, 1))
-        q, turn = np.repeat(rng.uniform(0, size, (20, 2)), 5, axis=0) + rng.normal(0, 9, (100, 2)), rng.uniform(0, 7, 100)
+        q = np.repeat(rng.uniform(0, size, (20, 2)), 5, axis=0) + rng.normal(0, 9, (100, 2))
+        turn = rng.uniform(0, 7, 100)
         normal, own = np.stack([np.cos(turn), np.sin(turn)], axis=1), np.full(100, -1, np.int32)
         options = {"half_length": 3.0, "near": 40.0, "most": 10.0}
         every = clearance(q, normal, own, np.zeros(100), segments, run, arc, **options)

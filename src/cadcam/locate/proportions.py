@@ -6,7 +6,7 @@ robust fit leaves them out. Lengths enter beside the pose, x' = c + diag(f) (x -
 1. Lines that the photo shows from end to end hold the pose: whatever f, it goes where those stay in place,
    J x = -K (f - 1) by least squares. So an axis has one number, and a range of it is tried on the steps that samples
    see far along their normals, like a Hough transform; a line counts by a power of its share that meets steps of one
-   sign, for pieces of it meet print.
+   sign, for pieces of it meet print. Lengths that move the lines less than the first pull reaches are one trial.
 2. The best are pulled onto the steps, as in `locate.attraction`, all three lengths free but for their product: one
    photo does not tell a size from a distance.
 

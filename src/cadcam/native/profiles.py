@@ -132,12 +132,12 @@ def camera_rows(
 
     lens: twelve coefficients by Brown and Conrady in OpenCV's order, none for a pinhole; nan too from `radius` on.
     """
-    arrays, coefficients = _doubles(K, rotation, translation, p, tangent), _doubles(*([] if lens is None else [lens]))
-    if lens is not None and coefficients[0].shape != (LENS,):
+    arrays, told = _doubles(K, rotation, translation, p, tangent), _doubles(*([] if lens is None else [lens]))
+    if lens is not None and told[0].shape != (LENS,):
         raise BadValue("coefficients of a lens", lens, f"{LENS} numbers")
     q, normal, row = np.zeros((len(p), 2)), np.zeros((len(p), 2)), np.zeros((len(p), 6))
-    at = _at(*arrays, q, normal, row)
-    _core().cc_camera_rows(len(p), at[0], *(_at(*coefficients) or [None]), radius, *at[1:])
+    at, coefficients = _at(*arrays, q, normal, row), _at(*told) if told else [None]
+    _core().cc_camera_rows(len(p), at[0], *coefficients, radius, *at[1:])
     return q, normal, row
 
 
@@ -178,13 +178,11 @@ def pulled(
     return x
 
 
-def met(
-    offset: Array, slope: Array, first: Longs, moved: Array, *, on: float, faint: float, around: float
-) -> Array:
+def met(offset: Array, slope: Array, first: Longs, moved: Array, *, on: float, faint: float, around: float) -> Array:
     """Return the share (tries, lines) of each line's samples that meet a step of one sign, moved (tries, n) px.
 
-    offset, slope (n, m): the steps of each sample, nan for none; those weaker than `faint` times another within `around`
-    px do not count. first (lines,): the first sample of each line. A step within `on` px is met.
+    offset, slope (n, m): the steps of each sample, nan for none; those weaker than `faint` times another within
+    `around` px do not count. first (lines,): the first sample of each line. A step within `on` px is met.
     """
     offset, slope, moved = arrays = _doubles(offset, slope, moved)
     if not offset.shape[1] <= MOST_STEPS:

@@ -77,7 +77,7 @@ class Tracer:
         chord, d = q[-1] - q[0], q[1:-1] - q[0]
         length = np.maximum(np.hypot(chord[:, 0], chord[:, 1]), 1e-9)
         off = np.abs(d[..., 0] * chord[:, 1] - d[..., 1] * chord[:, 0]).max(axis=0) / length
-        return np.clip(np.ceil(1.2 * np.sqrt(off / self.chord_px)), 1, _MOST_PIECES).astype(np.int64)
+        return np.asarray(np.clip(np.ceil(1.2 * np.sqrt(off / self.chord_px)), 1, _MOST_PIECES), np.int64)
 
     def _pixels(self, line: Longs, s: Array) -> Array:
         a, b = self.lines.a[line], self.lines.b[line]
