@@ -108,7 +108,8 @@ def against_bounds(
 def report(photos: PhotoSet, noises: Sequence[int], starts: Sequence[Start], save: Path | None) -> Iterator[str]:
     """Yield the tables."""
     frames = sorted({start.frame for start in starts})
-    yield f"{photos.name}: {len(frames)} photos, {len(starts)} starts; preparation {preparation(photos, starts):.2f} s CPU\n"
+    kept_s = preparation(photos, starts)
+    yield f"{photos.name}: {len(frames)} photos, {len(starts)} starts; preparation {kept_s:.2f} s CPU\n"
     yield (
         "| noise | < 2 px | < 5 px | centroid median / rms, mm | bias x, y, z, mm | photo to photo, mm | normalised"
         " | lowest quality right / highest wrong | AUC | CPU mean / 95 %, ms |"
