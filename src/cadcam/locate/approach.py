@@ -30,7 +30,7 @@ from cadcam.locate.hypothesis import Hypothesis
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 
-_FINE_PX = 350.0  # the part's size in the finest field at most: enough to tell poses apart, few pixels to look at
+_FINE_PX = 300.0  # the part's size in the finest field: enough to tell poses apart, few pixels to look at
 _COARSE_PX, _LEVELS = 33.0, 3  # its size in the coarsest one at least, and how many fields at most
 _TILT_DEG, _ROLL_DEG, _DEPTH = 9.0, 6.0, 0.07  # steps of the grid: half of one is in reach of the climb
 _SLID = 56  # samples of an aspect that are slid
@@ -100,7 +100,7 @@ def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> 
         if region is None:
             continue
         size = float(np.max(span[1] - span[0])) if span is not None else 0.0
-        k = max(1, math.ceil(size / _FINE_PX))
+        k = max(1, round(size / _FINE_PX))
         levels = min(1 + max(int(math.log2(size / k / _COARSE_PX)), 0), _LEVELS) if size else _LEVELS
         fields.append(direction_fields(photo.gray, photo.camera, reduction=k, levels=levels, region=region))
         places.append(pose)
