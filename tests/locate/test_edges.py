@@ -7,9 +7,9 @@ import pytest
 
 from cadcam.cad.parts.bracket import machined_bracket
 from cadcam.camera.camera import Camera
-from cadcam.camera.lens import BrownConrady
+from cadcam.camera.lens import BrownConrady, Ideal, Lens
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.edges import project, sample_lines
+from cadcam.locate.edges import EdgeSamples, project, sample_lines
 from cadcam.locate.part import Part
 from cadcam.native.profiles import clearance
 
@@ -44,6 +44,48 @@ def test_rows_are_how_lines_move_across_themselves(part: Part, rng: np.random.Ge
     ahead, behind = (project(samples, CAMERA, POSE @ Rigid.exp(s * step * xi)).q for s in (1, -1))
     across = np.einsum("ij,ij->i", at.normal, ahead - behind) / (2 * step)
     np.testing.assert_allclose(at.row @ xi, across, atol=1e-6 * np.abs(across).max())
+
+
+LENSES = (
+    Ideal(),
+    BrownConrady(k1=-0.3, k2=0.05, p1=1e-3, p2=-2e-3),
+    BrownConrady(-0.2, 0.05, 1e-3, -2e-3, 0.01, 0.03, -0.02, 0.01, 2e-3, -1e-3, 3e-3, 5e-4),
+)
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_samples_are_where_the_camera_sees_their_points(lens: Lens, rng: np.random.Generator) -> None:
+    """And nowhere where it sees none: behind it, and where the lens folds."""
+    camera, at, none = Camera(CAMERA.size, CAMERA.K, lens), POSE.inv, np.zeros(400, np.int32)
+    q = rng.uniform([-900, -700], [1500, 1200], (400, 2))
+    p = at @ (np.linalg.inv(CAMERA.K) @ np.column_stack([q, np.ones(400)]).T * rng.uniform(-50, 400, 400)).T
+    tangent, far = rng.normal(size=(400, 3)), np.zeros(400)
+    twins, beyond = np.zeros((400, 2, 2)), np.zeros((400, 2))
+    found = project(EdgeSamples(p, tangent, none, none, none, far, far, twins, beyond), camera, POSE)
+    wanted = camera.project(POSE @ p)
+    seen = np.isfinite(wanted).all(axis=1)
+    assert 100 < seen.sum() < 380
+    assert np.isnan(found.q[~seen]).all()
+    assert np.isnan(found.row[~seen]).all()
+    np.testing.assert_allclose(found.q[seen], wanted[seen], rtol=0, atol=1e-9)  # of 1000 px, after a dozen products
+
+
+def test_room_does_not_depend_on_which_samples_are_asked_together(rng: np.random.Generator) -> None:
+    """Samples near each other share the segments near them, unless there are very many."""
+    for m, size in ((900, 900.0), (900, 60.0)):
+        a = rng.uniform(0, size, (m, 2))
+        segments = np.concatenate([a, a + rng.normal(0, 6, (m, 2))], axis=1)
+        run, arc = np.arange(m, dtype=np.int32), np.tile([0.0, 10.0], (m, 1))
+        q = np.repeat(rng.uniform(0, size, (20, 2)), 5, axis=0) + rng.normal(0, 9, (100, 2))
+        turn = rng.uniform(0, 7, 100)
+        normal, own = np.stack([np.cos(turn), np.sin(turn)], axis=1), np.full(100, -1, np.int32)
+        options = {"half_length": 3.0, "near": 40.0, "most": 10.0}
+        every = clearance(q, normal, own, np.zeros(100), segments, run, arc, **options)
+        for k in range(100):
+            one = slice(k, k + 1)
+            alone = clearance(q[one], normal[one], own[one], np.zeros(1), segments, run, arc, **options)
+            for together, single in zip(every, alone, strict=True):
+                np.testing.assert_array_equal(together[one], single)
 
 
 def test_normals_stand_on_the_lines_under_lens_and_skew(part: Part) -> None:

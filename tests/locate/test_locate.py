@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.hypothesis import Hypothesis
 from cadcam.locate.locate import locate
 from cadcam.locate.location import Location
-from cadcam.locate.refine import EDGES, EdgeOptions, refine
+from cadcam.locate.refine import EDGES, EdgeOptions, refined
 
 from .scene import CAMERA, block, largest_miss, off, photo_of, pose_of
 
@@ -46,17 +48,38 @@ def test_a_start_that_no_approach_helps_is_refined_nearby_before_far_off(
     """Among clutter a search of 40 px loses what lies 7 px off."""
     pose, asked = pose_of(rng), []
 
-    def noted(*args: object, options: EdgeOptions, **kwargs: object) -> Location:
+    def noted(*args: object, options: EdgeOptions, **kwargs: object) -> object:
         asked.append(options.search_px)
-        return refine(*args, options=options, **kwargs)
+        return refined(*args, options=options, **kwargs)
 
     aside = Hypothesis(Rigid(translation=[150.0, 0, 0]) @ pose, 1.0, 0.5)
     monkeypatch.setattr("cadcam.locate.locate.approach", lambda *_, **__: [aside])
-    monkeypatch.setattr("cadcam.locate.locate.refine", noted)
+    monkeypatch.setattr("cadcam.locate.locate.refined", noted)
     found = locate(block(), [photo_of(pose, rng)], off(pose, rng, degrees=2, px=3))
     assert found.found
     assert largest_miss(found.pose.world_from_part, pose) < 1
     assert asked == [EDGES.search_px] * 2
+
+
+def test_a_hypothesis_that_leads_where_one_led_before_is_not_refined(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whether that was found or not: turned and nearer, it is another pose in space and the same in the photo."""
+    pose, asked = pose_of(rng), []
+
+    def noted(*args: object, **kwargs: object) -> tuple[Location, object]:
+        asked.append(args[2])
+        location, sights = refined(*args, **kwargs)
+        return replace(location, quality=0.4), sights
+
+    nearer = Rigid(translation=-0.04 * (pose @ block().aspects.centre))
+    starts = [off(pose, rng, degrees=0.3, px=1), nearer @ pose, off(pose, rng, degrees=0.3, px=4)]
+    monkeypatch.setattr(
+        "cadcam.locate.locate.approach", lambda *_, **__: [Hypothesis(start, 1.0, 0.5) for start in starts]
+    )
+    monkeypatch.setattr("cadcam.locate.locate.refined", noted)
+    locate(block(), [photo_of(pose, rng)], off(pose, rng, degrees=0.3, px=2))
+    assert len(asked) == 1
 
 
 def test_a_start_that_sees_nothing_of_the_part_is_refused(rng: np.random.Generator) -> None:

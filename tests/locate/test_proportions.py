@@ -11,6 +11,7 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.proportions import Stretched, stretched
 from cadcam.locate.refine import refine
 from cadcam.locate.sight import Sight
+from cadcam.native.profiles import met
 
 from ..cad.solids import box
 from .photos import photo, view
@@ -56,3 +57,19 @@ def test_lengths_are_told_in_words() -> None:
     assert str(Stretched([], Rigid(), np.array([0.95, 1.11, 0.95]))) == "17% longer along its y axis"
     assert str(Stretched([], Rigid(), np.array([1.06, 1.06, 0.89]))) == "16% shorter along its z axis"
     assert Stretched([], Rigid(), np.array([1.0, 1.1, 1.0])).by == pytest.approx(0.1)
+
+
+def test_lines_meet_steps_of_one_sign_that_are_strong_and_close(rng: np.random.Generator) -> None:
+    offset, slope = rng.uniform(-12, 12, (60, 5)), rng.normal(size=(60, 5))
+    offset[rng.random((60, 5)) < 0.3] = slope[rng.random((60, 5)) < 0.1] = np.nan
+    first, moved = np.array([0, 7, 30]), rng.normal(0, 4, (4, 60))
+    found = met(offset, slope, first, moved, on=2.0, faint=0.4, around=6.0)
+    for t, line in np.ndindex(4, 3):
+        signs: list[set[float]] = []
+        for i in range(first[line], [*first, 60][line + 1]):
+            close = np.abs(offset[i] - offset[i][:, None]) < 6.0
+            strongest = np.nan_to_num(np.where(close, np.abs(slope[i]), 0.0)).max(axis=1)
+            on = (np.abs(slope[i]) > 0.4 * strongest) & (np.abs(offset[i] - moved[t, i]) < 2.0)
+            signs.append(set(np.sign(slope[i][on])))
+        share = max(np.mean([sign in some for some in signs]) for sign in (1.0, -1.0))
+        assert found[t, line] == pytest.approx(share)

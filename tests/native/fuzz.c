@@ -265,10 +265,20 @@ static void along_lines(void) {
     int32_t *run = malloc((size_t)n * 4 + 1);
     for (int i = 0; i < n; i++) run[i] = i / 5;
     rotation(R);
-    cc_pinhole_rows(n, K, R, (double[3]){0, 0, 9}, p, t, q, normal, row);
+    double lens[CC_LENS];
+    for (int i = 0; i < CC_LENS; i++) lens[i] = unit() - 0.5;
+    cc_camera_rows(n, K, upto(1) ? lens : NULL, upto(1) ? INFINITY : unit(), R, (double[3]){0, 0, 9}, p, t, q, normal, row);
     cc_along_runs(n, 2, held, run, upto(12), mean);
     for (int i = 0; i < 6; i++) x[i] = 0;
     cc_pull(n, most, 6, row, offset, slope, upto(1) ? stiff : NULL, x, 1.0, 0.3, 1e-3, 2, x);
+    const int64_t lines = n ? 1 + upto(n - 1) : 0, tries = 1 + upto(3);
+    int64_t *first = malloc((size_t)lines * 8 + 1);
+    double *moved = doubles((int)tries * n, 20), *counts = malloc((size_t)tries * 8), *share = malloc((size_t)(tries * lines) * 8 + 1);
+    for (int64_t l = 0; l < lines; l++) first[l] = l;
+    cc_met(n, most, offset, slope, lines, first, tries, moved, 2.0, 0.4, 6.0, counts, share);
+    for (int64_t k = 0; k < tries * lines; k++)
+        if (!(share[k] >= 0 && share[k] <= 1)) exit(fprintf(stderr, "share %g\n", share[k]));
+    free(first), free(moved), free(counts), free(share);
     free(pixels), free(q), free(normal), free(twins), free(held), free(below), free(above), free(offset), free(slope);
     free(sums), free(steps), free(p), free(t), free(row), free(mean), free(stiff), free(run);
 }

@@ -14,9 +14,9 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.cad.edges import EdgeKind
 from cadcam.camera.camera import Camera
-from cadcam.camera.lens import Ideal
+from cadcam.camera.lens import BrownConrady, Ideal
 from cadcam.geometry.rigid import Rigid
-from cadcam.native.profiles import clearance, edge_rows, pinhole_rows
+from cadcam.native.profiles import camera_rows, clearance, edge_rows
 from cadcam.render.wireframe import Polylines
 
 Longs = npt.NDArray[np.int64]
@@ -71,8 +71,12 @@ def project(samples: EdgeSamples, camera: Camera, camera_from_part: Rigid) -> Pr
     with D = dq/dp.
     """
     R, t = camera_from_part.rotation, camera_from_part.translation
-    if isinstance(camera.lens, Ideal):
-        return Projected(*pinhole_rows(camera.K, R, t, samples.p, samples.tangent))
+    lens = camera.lens
+    if isinstance(lens, Ideal):
+        return Projected(*camera_rows(camera.K, R, t, samples.p, samples.tangent))
+    if type(lens) is BrownConrady:  # tilted ones are its kind too
+        told = np.array(list(lens.parameters.values()))
+        return Projected(*camera_rows(camera.K, R, t, samples.p, samples.tangent, lens=told, radius=lens.valid_radius))
     q, J = camera.project_with_jacobian(camera_from_part @ samples.p)
     return Projected(q, *edge_rows(J, R, samples.p, samples.tangent))
 

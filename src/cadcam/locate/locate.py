@@ -12,13 +12,14 @@ from cadcam.arrays import quantile
 from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.approach import REACH, Reach, approach
+from cadcam.locate.basins import Basins
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.hypothesis import Hypothesis
 from cadcam.locate.location import FOUND, Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality import SEARCHED
-from cadcam.locate.refine import EDGES, EdgeOptions, refine
+from cadcam.locate.refine import EDGES, EdgeOptions, refined
 from cadcam.locate.search import search_once
 from cadcam.locate.view_range import WHOLE_SPHERE, ViewRange
 
@@ -63,9 +64,10 @@ def locate(
     if not hypotheses:
         hypotheses = [Hypothesis(Rigid() if start is None else start, 0.0, 0.0)]
     chosen = SEARCHED if start is None else 0
-    tried = _refined(part, photos, hypotheses[:most], freedom, options, chosen)
+    basins = Basins(freedom)
+    tried = _refined(part, photos, hypotheses[:most], freedom, options, chosen, basins)
     if start is not None and not any(location.found for _, location in tried):
-        tried += [(0.0, location) for location in _as_it_is(part, photos, start, reach, freedom, options)]
+        tried += [(0.0, location) for location in _as_it_is(part, photos, start, reach, freedom, options, basins)]
     most_score = max(max(score for score, _ in tried), 1e-9)
     ranked = sorted(tried, key=lambda t: -(t[1].quality + _BY_SCORE * t[0] / most_score))
     (score, best), others = ranked[0], [(s, o) for s, o in ranked[1:] if o.quality >= FOUND]
@@ -109,14 +111,23 @@ def _near(
 
 
 def _as_it_is(
-    part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach, freedom: Freedom, options: EdgeOptions
+    part: Part,
+    photos: Sequence[Photo],
+    start: Rigid,
+    reach: Reach,
+    freedom: Freedom,
+    options: EdgeOptions,
+    basins: Basins,
 ) -> list[Location]:
     """Return what refining a start finds with lines looked for nearby, and, if nothing, as far off as it may be."""
-    near = refine(part, photos, start, freedom=freedom, options=options)
-    if near.found:
-        return [near]
-    far = replace(options, search_px=max(options.search_px, reach.shift_px))
-    return [near, refine(part, photos, start, freedom=freedom, options=far)]
+    done: list[Location] = []
+    for search_px in (options.search_px, max(options.search_px, reach.shift_px)):
+        if not any(location.found for location in done) and not basins.hold(start, search_px):
+            searching = replace(options, search_px=search_px)
+            location, sights = refined(part, photos, start, freedom=freedom, options=searching)
+            done.append(location)
+            basins.add(location, sights)
+    return done
 
 
 def _elsewhere(part: Part, one: Rigid, other: Rigid) -> bool:
@@ -156,6 +167,7 @@ def _refined(
     freedom: Freedom,
     options: EdgeOptions,
     chosen: int,
+    basins: Basins,
 ) -> list[tuple[float, Location]]:
     """Return score and location of the hypotheses refined: until one is found, and then those that are as good."""
     done: list[tuple[float, Location]] = []
@@ -165,8 +177,11 @@ def _refined(
             break
         if any(_apart(part, h.world_from_part, o.pose.world_from_part) < _BASIN for o in found):
             continue  # it would end there too
-        location = refine(part, photos, h.world_from_part, freedom=freedom, options=options, chosen=chosen)
+        if basins.hold(h.world_from_part, options.search_px):
+            continue
+        location, sights = refined(part, photos, h.world_from_part, freedom=freedom, options=options, chosen=chosen)
         done.append((h.score, location))
+        basins.add(location, sights)
     return done
 
 

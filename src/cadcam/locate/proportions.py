@@ -6,7 +6,7 @@ robust fit leaves them out. Lengths enter beside the pose, x' = c + diag(f) (x -
 1. Lines that the photo shows from end to end hold the pose: whatever f, it goes where those stay in place,
    J x = -K (f - 1) by least squares. So an axis has one number, and a range of it is tried on the steps that samples
    see far along their normals, like a Hough transform; a line counts by a power of its share that meets steps of one
-   sign, for pieces of it meet print.
+   sign, for pieces of it meet print. Lengths that move the lines less than the first pull reaches are one trial.
 2. The best are pulled onto the steps, as in `locate.attraction`, all three lengths free but for their product: one
    photo does not tell a size from a distance.
 
@@ -17,16 +17,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, quantile
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import candidates
 from cadcam.locate.attraction import pulled_onto
 from cadcam.locate.sight import Sight
+from cadcam.native.profiles import met
 
 _ASKED = 300  # samples, of all photos together
 _FAR, _FAR_PX = 0.16, (12.0, 48.0)  # how far lines are looked for: of the size of what is seen, within these px
@@ -39,6 +38,7 @@ _NONE, _WORTH = 0.05, 0.9
 _LOOKED_AT, _APART = 4, 0.06  # how many such, and how far apart
 _PULLS = ((8, 3.5), (5, 1.5), (3, 0.7))  # reach and softness, px
 _CLOSE = 3  # px: how far from a line its steps may be after it
+_BACK = 0.03  # lengths that differ by less after the first pull are on their way back to those that were given
 _USUAL, _OF_PULL, _SUM = 0.15, 0.25, 100.0  # sd of log f, what it weighs in samples, how much stiffer their sum is held
 
 
@@ -70,12 +70,13 @@ def stretched(sights: Sequence[Sight], pose: Rigid, B: Array) -> Stretched:
     """
     few, k = [s.thinned(max(_ASKED // len(sights), 60)) for s in sights], B.shape[1]
     middle = _middle(sights)
-    as_it_is, trials = _tried(_Seen(few, pose, np.zeros(3), B, middle, _far(sights, pose)), k)
+    as_it_is, trials = _tried(_Seen(few, pose, np.zeros(3), B, middle, _far(few, pose)), k)
     pulled = [_pulled(few, pose @ Rigid.exp(B @ x), np.log1p(f), B, middle) for x, f in trials]
-    met = [float(_Seen(few, *pose_and_s, B, middle).met()) for pose_and_s in pulled]
-    if max(met, default=0.0) <= as_it_is:
+    away = any(np.ptp(s) >= _BACK for _, s in pulled)
+    on = [_Seen(few, *pose_and_s, B, middle).met_now for pose_and_s in pulled] if away else []
+    if max(on, default=0.0) <= as_it_is:
         return Stretched(sights, pose, np.ones(3))
-    best, s = pulled[int(np.argmax(met))]
+    best, s = pulled[int(np.argmax(on))]
     return Stretched(_scaled(sights, middle, s), best, np.exp(s - s.mean()))
 
 
@@ -89,6 +90,8 @@ def _pulled(sights: Sequence[Sight], pose: Rigid, s: Array, B: Array, middle: Ar
         before = np.append(np.zeros(k), s - s.mean())
         step = pulled_onto(seen.J, seen.offset, seen.slope, soft=soft, stiff=(stiff, before))
         pose, s = pose @ Rigid.exp(B @ step[:k]), s + step[k:]
+        if float(np.ptp(s)) < _BACK:
+            break
     return pose, s
 
 
@@ -117,47 +120,51 @@ class _Seen:
         self.first = np.flatnonzero(np.diff(run, prepend=-1))
         self.of_run = np.diff(self.first, append=len(run))  # samples
 
-    @cached_property
-    def _signed(self) -> tuple[npt.NDArray[np.float32], ...]:
-        """Where (M, N) steps nearly as strong as all close to them are, rising ones and falling ones."""
-        size, off = np.nan_to_num(np.abs(self.slope)), np.nan_to_num(self.offset, nan=np.inf)
-        with np.errstate(invalid="ignore"):
-            close = np.abs(off[:, :, None] - off[:, None]) < _AROUND_PX
-        strong = size > _FAINT * np.where(close, size[:, None], 0.0).max(axis=2)
-        return tuple(
-            np.where(strong & (sign * self.slope > 0), off, np.inf).T.astype(np.float32, order="C") for sign in (1, -1)
-        )
+    def shares(self, moved: Array) -> Array:
+        """Return the share (T, R) of each line's samples that meet a step, all of one sign, moved by px (T, N)."""
+        return met(self.offset, self.slope, self.first, moved, on=_ON_PX, faint=_FAINT, around=_AROUND_PX)
 
-    def shares(self, moved: Array | None = None) -> Array:
-        """Return the share (..., R) of each line's samples that meet a step, all of one sign, moved by px (..., N)."""
-        to = np.zeros(len(self.J), np.float32) if moved is None else moved.astype(np.float32)
-        either = [sum(np.abs(one - to) < _ON_PX for one in offsets) > 0 for offsets in self._signed]
-        return np.maximum(*(np.add.reduceat(one, self.first, axis=-1, dtype=float) for one in either)) / self.of_run
+    def met(self, shares: Array) -> Array:
+        """Return for how many samples (...) there are lines that meet steps, by their shares (..., R)."""
+        return np.asarray(shares**_COUNTS @ self.of_run)
 
-    def met(self, moved: Array | None = None) -> Array:
-        """Return for how many samples (...) there are lines that meet steps."""
-        return np.asarray(self.shares(moved) ** _COUNTS @ self.of_run)
+    @property
+    def shares_now(self) -> Array:
+        """Return the shares (R,) where the lines are."""
+        return np.asarray(self.shares(np.zeros((1, len(self.J))))[0])
+
+    @property
+    def met_now(self) -> float:
+        """Return for how many samples lines meet steps where they are."""
+        return float(self.met(self.shares_now))
 
 
 def _tried(seen: _Seen, k: int) -> tuple[float, list[tuple[Array, Array]]]:
     """Return how much of the lines meets steps as they are; motions (k,) and f - 1 (3,) of one axis that do better."""
     J, K = seen.J[:, :k], seen.J[:, k:]
-    held = J * np.repeat(seen.shares() ** _HOLDS, seen.of_run)[:, None]
+    shares = seen.shares_now
+    held = J * np.repeat(shares**_HOLDS, seen.of_run)[:, None]
     A = held.T @ J
     A[np.diag_indices(k)] += 1e-3 * np.diag(A) + 1e-300
     follows = -np.linalg.solve(A, held.T @ K)  # (k, 3)
-    met = np.array([seen.met(_TRIED[:, None] * moved) for moved in (K + J @ follows).T])
-    as_it_is = float(seen.met())
-    met[:, np.abs(_TRIED) < _NONE] = 0
-    better: list[tuple[Array, Array]] = []
-    while len(better) < _LOOKED_AT and met.max() > _WORTH * as_it_is:
-        axis, best = np.unravel_index(int(np.argmax(met)), met.shape)
+    by_length = (K + J @ follows).T  # (3, N): how each line moves, px
+    on = seen.met(seen.shares((_TRIED[:, None] * by_length[:, None]).reshape(-1, len(J)))).reshape(3, -1)
+    as_it_is = float(seen.met(shares))
+    far = np.array([quantile(np.abs(of_axis), 0.9) for of_axis in by_length])
+    on[:, np.abs(_TRIED) < _NONE] = 0
+    here = np.abs(_TRIED) * far[:, None] < _PULLS[0][1]  # the first pull reaches them from where the lines are
+    better = [(np.zeros(k), np.zeros(3))] if on[here].max(initial=0) > _WORTH * as_it_is else []
+    on[here] = 0
+    while len(better) < _LOOKED_AT and on.max() > _WORTH * as_it_is:
+        axis, best = np.unravel_index(int(np.argmax(on)), on.shape)
         better.append((follows[:, axis] * _TRIED[best], _TRIED[best] * np.eye(3)[axis]))
-        met[axis, np.abs(_TRIED - _TRIED[best]) < _APART] = 0
+        on[axis, np.abs(_TRIED - _TRIED[best]) < _APART] = 0
     return as_it_is, better
 
 
 def _scaled(sights: Sequence[Sight], middle: Array, s: Array) -> list[Sight]:
+    if not s.any():
+        return list(sights)
     lengths, out = np.exp(s), []
     for sight in sights:
         samples = sight.samples

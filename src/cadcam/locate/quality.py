@@ -49,7 +49,7 @@ from cadcam.locate.sight import Sight
 
 Longs = npt.NDArray[np.int64]
 SEARCHED = 3  # constraints that the best of all poses of a part in a photo meets without it
-_ASKED = 400  # samples, of all photos together
+_ASKED = 450  # samples, of all photos together
 _TOGETHER = 4  # of these in a row: neighbours must be neighbours
 _NEAR_PX, _SCATTERS = (0.8, 2.0), 4.0  # px, and times the scatter of edges: how near a line its step must be
 _REACH = 6  # px: how far around a line its step is compared
@@ -153,10 +153,10 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, s
     """
     near = float(np.clip(_SCATTERS * scatter, *_NEAR_PX))
     told, shown, by_chance, worth, extent, absent, hidden = 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for sight in (s.thinned(_ASKED // len(sights), together=_TOGETHER) for s in sights):
+    for sight in (_asked(s, _ASKED // len(sights)) for s in sights):
         at, samples = sight.project(world_from_part), sight.samples
         room = np.minimum(np.minimum(samples.below, samples.above) - 1.0, _REACH)
-        which = np.flatnonzero((room >= _ROOM_PX) & np.isfinite(at.q).all(axis=1))
+        which = np.flatnonzero(np.isfinite(at.q).all(axis=1))
         if not len(which):
             continue
         q, normal, run, room = at.q[which], at.normal[which], samples.run[which], room[which]
@@ -175,6 +175,13 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, s
     n = max(told, 1)
     free = constraints / max(worth, 1e-9)
     return Seen(told, shown / n, by_chance / n, free, absent / n, hidden / n, scatter / max(extent, 1.0))
+
+
+def _asked(sight: Sight, most: int) -> Sight:
+    """Return the sight with about `most` of those samples that have room around them."""
+    samples = sight.samples
+    roomy = np.flatnonzero(np.minimum(samples.below, samples.above) >= _ROOM_PX + 1.0)
+    return replace(sight, samples=samples.select(roomy)).thinned(most, together=_TOGETHER)
 
 
 def _shown(sight: Sight, q: Array, normal: Array, run: Ids, room: Array, near_px: float) -> tuple[Mask, Array]:

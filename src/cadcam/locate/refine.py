@@ -49,10 +49,8 @@ _FARTHEST_PX = 3.0  # an edge farther off is another one
 _LOOSE_PX = 0.25  # by which edges of a good pose are seldom off as a whole
 _WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
 _WEAKEST, _BESIDE_PX = 3, 4.0  # motions along which a loose pose may be another one, and how far lines move by them
-_ABOUT, _AROUND_PX = (
-    0.25,
-    (3.0, 5.0, 8.0),
-)  # share that colour speaks for from which a pose is about right; searches there
+_ABOUT = 0.25  # share of the lines that colour speaks for, from which on a pose is about right
+_AROUND_PX = (3.0, 5.0, 8.0)  # searches there
 _SAME_PX = 0.5  # a search that ends this near to where it began, at a pose that was found, finds the same again
 _UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose that nothing was measured of
 
@@ -103,9 +101,26 @@ def refine(
     are tried too, narrowly. Not where the start is known to be good: farther off there are only other lines. Where
     colour speaks for a doubtful answer it is about right: lines are looked for once more from there, narrowly first.
     """
+    return refined(
+        part, photos, start, freedom=freedom, evidence=evidence, options=options, chosen=chosen, wider=wider
+    )[0]
+
+
+def refined(
+    part: Part,
+    photos: Sequence[Photo],
+    start: Rigid,
+    *,
+    freedom: Freedom = FREE,
+    evidence: Sequence[Evidence] = (),
+    options: EdgeOptions = EDGES,
+    chosen: int = 0,
+    wider: bool = True,
+) -> tuple[Location, Sequence[Sight]]:
+    """Return what `refine` does, and the photos with the part's lines as drawn within a pixel or two of that pose."""
     if not photos:
         raise BadValue("photos", "none", "at least one photo")
-    best = _refined(part, photos, start, freedom, evidence, options, chosen, wider)
+    best, drawn = _refined(part, photos, start, freedom, evidence, options, chosen, wider)
     for search_px in _AROUND_PX if wider else ():
         if best.quality >= _DOUBT[1] or all(photo.chroma is None for photo in photos):
             break
@@ -117,15 +132,16 @@ def refine(
         around = replace(options, search_px=search_px)
         sights, pose = _attracted(part, photos, sights, pose, freedom, around)
         second, _ = _measured(part, sights, pose, freedom, evidence, options, chosen)
-        best = second if second.quality > best.quality else best
-    return best
+        if second.quality > best.quality:
+            best, drawn = second, sights
+    return best, drawn
 
 
 def _colored(
     part: Part, photos: Sequence[Photo], pose: Rigid, options: EdgeOptions
 ) -> tuple[float, Rigid, Sequence[Sight]]:
     """Return the share of the lines' samples that colour speaks for at a pose, the pose, and its sights."""
-    sights = _sights(part, photos, pose, options)
+    sights: Sequence[Sight] = _sights(part, photos, pose, options)
     return in_color(part, sights, pose)[1], pose, sights
 
 
@@ -138,8 +154,8 @@ def _refined(
     options: EdgeOptions,
     chosen: int,
     wider: bool,
-) -> Location:
-    """Return what `refine` does, but for what colour has it look at again."""
+) -> tuple[Location, Sequence[Sight]]:
+    """Return what `refined` does, but for what colour has it look at again."""
 
     def measured(sights: Sequence[Sight], pose: Rigid) -> tuple[Location, _Fitted | None]:
         return _measured(part, sights, pose, freedom, evidence, options, chosen)
@@ -147,20 +163,21 @@ def _refined(
     sights, pose = _attracted(part, photos, _sights(part, photos, start, options), start, freedom, options)
     best, fitted = measured(sights, pose)
     if not wider or best.quality <= _DOUBT[0] or (best.quality >= _DOUBT[1] and not _loose(fitted)):
-        return best
+        return best, sights
     ended = best.pose.world_from_part
     wide = replace(options, search_px=max(_WIDER * options.search_px, _WIDER_PX))
-    sights, pose = _attracted(part, photos, sights, ended, freedom, wide)
-    if not best.found or max(s.moved_px(ended, pose) for s in sights) >= _SAME_PX:
-        second, other = measured(sights, pose)
+    again, pose = _attracted(part, photos, sights, ended, freedom, wide)
+    if not best.found or max(s.moved_px(ended, pose) for s in again) >= _SAME_PX:
+        second, other = measured(again, pose)
         if second.quality > best.quality or (_loose(fitted) and not _loose(other) and second.found):
-            best, fitted = second, other
+            best, fitted, sights = second, other, again
     narrow = replace(options, search_px=_CLOSE)
     for beside in _beside(fitted) if chosen else ():
-        second, other = measured(*_attracted(part, photos, sights, beside, freedom, narrow))
+        again, pose = _attracted(part, photos, sights, beside, freedom, narrow)
+        second, other = measured(again, pose)
         if second.quality > best.quality and not _loose(other):
-            return second
-    return best
+            return second, again
+    return best, sights
 
 
 def _attracted(

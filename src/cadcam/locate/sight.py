@@ -66,7 +66,7 @@ class Sight:
     def thinned(self, most: int, *, together: int = 1) -> Sight:
         """Return the sight with about `most` of its samples, `together` neighbours at a time."""
         n = len(self.samples)
-        return self.select(np.flatnonzero(np.arange(n) // together % max(1, n // most) == 0))
+        return self.select(np.flatnonzero(np.arange(n) // together % max(1, round(n / most)) == 0))
 
     def select(self, which: Mask | Longs) -> Sight:
         """Return the sight with the chosen samples."""

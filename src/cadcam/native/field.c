@@ -1,6 +1,7 @@
 /* Direction fields of photos: see field.h. Compiled once for each instruction set. */
 #include "field.h"
 #include "hot.h"
+#include "vectors.h"
 
 #define REACH 6           /* px: half the window over which a place's own contrast is judged */
 #define CLUTTER 6.0f      /* how much the mean gradient of that window, squared, counts against it */
@@ -29,6 +30,23 @@ void VARIANT(field_reduce)(const float *in, int32_t width, int32_t height, int32
         }
         for (int32_t x = 0; x < w; x++) row[x] *= scale;
     }
+}
+
+/* Eight places from (x, y) on by (dx, dy), in a picture of two rows and columns at least. */
+static void straighten_eight(const float *in, int32_t width, int32_t height, float x, float y, float dx, float dy,
+                             float *restrict out, uint8_t *restrict seen) {
+    const f8 lane = __builtin_convertvector(*(const i8 *)LANE, f8), px = x + lane * dx, py = y + lane * dy;
+    const i8 inside = (px >= -0.5f) & (py >= -0.5f) & (px <= (float)width - 0.5f) & (py <= (float)height - 0.5f);
+    const f8 left = least_of(most_of(px, eight(0)), eight((float)(width - 2)));
+    const f8 top = least_of(most_of(py, eight(0)), eight((float)(height - 2)));
+    const i8 i = __builtin_convertvector(left, i8), j = __builtin_convertvector(top, i8);
+    const f8 u = least_of(most_of(px - __builtin_convertvector(i, f8), eight(0)), eight(1));
+    const f8 v = least_of(most_of(py - __builtin_convertvector(j, f8), eight(0)), eight(1));
+    f8 a, b, c, d;
+    pairs(in, j * width + i, &a, &b), pairs(in + width, j * width + i, &c, &d);
+    const f8 above = a + u * (b - a), below = c + u * (d - c);
+    *(f8 *)out = choose(inside, above + v * (below - above), eight(0));
+    for (int k = 0; k < 8; k++) seen[k] = inside[k] != 0;
 }
 
 /* A row of places, from (x, y) on by (dx, dy). */
@@ -62,8 +80,12 @@ void VARIANT(field_straighten)(const float *in, int32_t width, int32_t height, c
             const float x0 = a[0] + t * (b[0] - a[0]), y0 = a[1] + t * (b[1] - a[1]);
             const float x1 = a[2] + t * (b[2] - a[2]), y1 = a[3] + t * (b[3] - a[3]);
             const size_t at = (size_t)y * (size_t)wide + (size_t)x;
-            straighten_run(in, width, height, x0, y0, (x1 - x0) * share, (y1 - y0) * share, imin(step, wide - x), out + at,
-                           seen + at);
+            const float dx = (x1 - x0) * share, dy = (y1 - y0) * share;
+            const int32_t n = imin(step, wide - x), eights = width > 1 && height > 1 ? n / 8 * 8 : 0;
+            for (int32_t k = 0; k < eights; k += 8)
+                straighten_eight(in, width, height, x0 + (float)k * dx, y0 + (float)k * dy, dx, dy, out + at + k, seen + at + k);
+            straighten_run(in, width, height, x0 + (float)eights * dx, y0 + (float)eights * dy, dx, dy, n - eights,
+                           out + at + eights, seen + at + eights);
         }
     }
 }

@@ -83,14 +83,50 @@ static void side(const piece *met, int n, double sign, double half, double most,
     else twin[0] = at, twin[1] = slope;
 }
 
+enum { TOGETHER = 16, NEIGHBOURS = 512 }; /* samples near each other, and segments that they may share */
+#define TOGETHER_PX 40.0
+
+/* How many of n places from the first on lie near it. */
+static int64_t together(int64_t n, const double *q) {
+    int64_t k = 1;
+    while (k < n && k < TOGETHER && fabs(q[2 * k] - q[0]) < TOGETHER_PX && fabs(q[2 * k + 1] - q[1]) < TOGETHER_PX) k++;
+    return k;
+}
+
+/* Which of m segments come within `reach` px of the box of n places, at most NEIGHBOURS: their number, or -1 for too many. */
+static int close_to(int64_t n, const double *q, double reach, int64_t m, const double *segments, int64_t *found) {
+    double left = INFINITY, right = -INFINITY, top = INFINITY, bottom = -INFINITY;
+    for (int64_t i = 0; i < n; i++) {
+        left = fmin(left, q[2 * i] - reach), right = fmax(right, q[2 * i] + reach);
+        top = fmin(top, q[2 * i + 1] - reach), bottom = fmax(bottom, q[2 * i + 1] + reach);
+    }
+    int count = 0;
+    for (int64_t k = 0; k < m; k++) {
+        const double *s = segments + 4 * k;
+        if (((s[0] < left) & (s[2] < left)) | ((s[0] > right) & (s[2] > right))) continue;
+        if (((s[1] < top) & (s[3] < top)) | ((s[1] > bottom) & (s[3] > bottom))) continue;
+        if (count == NEIGHBOURS) return -1;
+        found[count++] = k;
+    }
+    return count;
+}
+
 void cc_clearance(int64_t n, const double *q, const double *normal, const int32_t *run, const double *arc, int64_t m,
                   const double *segments, const int32_t *segment_run, const double *segment_arc, double half_length,
                   double near, double most, double *below, double *above, double *twins, double *beyond) {
+    int64_t close[NEIGHBOURS], asked = m, end = 0;
+    int some = 0;
     for (int64_t i = 0; i < n; i++) {
+        if (i == end) {
+            end = i + together(n - i, q + 2 * i);
+            const int found = close_to(end - i, q + 2 * i, hypot(half_length, most), m, segments, close);
+            some = found >= 0, asked = some ? found : m;
+        }
         double x = q[2 * i], y = q[2 * i + 1], nx = normal[2 * i], ny = normal[2 * i + 1];
         piece met[MET];
         int count = 0;
-        for (int64_t k = 0; k < m && count < MET; k++) {
+        for (int64_t j = 0; j < asked && count < MET; j++) {
+            const int64_t k = some ? close[j] : j;
             const double *s = segments + 4 * k;
             double ax = s[0] - x, ay = s[1] - y, bx = s[2] - x, by = s[3] - y;
             double da = ax * nx + ay * ny, db = bx * nx + by * ny;
@@ -130,16 +166,34 @@ void cc_edge_rows(int64_t n, const double *jacobian, const double *rotation, con
     }
 }
 
-void cc_pinhole_rows(int64_t n, const double *K, const double *rotation, const double *translation, const double *p,
-                     const double *tangent, double *q, double *normal, double *row) {
+/* Where a lens moves a place (u, v) of the plane, and the derivative of that, dx/du dx/dv dy/du dy/dv. */
+static void through(const double *c, double *u, double *v, double *by) {
+    const double x = *u, y = *v, xx = x * x, xy = x * y, yy = y * y, r2 = xx + yy, p1 = c[2], p2 = c[3];
+    const double top = 1 + r2 * (c[0] + r2 * (c[1] + r2 * c[4])), top1 = c[0] + r2 * (2 * c[1] + r2 * 3 * c[4]);
+    const double under = 1 + r2 * (c[5] + r2 * (c[6] + r2 * c[7])), under1 = c[5] + r2 * (2 * c[6] + r2 * 3 * c[7]);
+    const double g = top / under, bend = 2 * (top1 - g * under1) / under;
+    const double sx = 2 * (c[8] + 2 * c[9] * r2), sy = 2 * (c[10] + 2 * c[11] * r2); /* d(prisms)/d(u, v) over u, v */
+    *u = x * g + 2 * p1 * xy + p2 * (r2 + 2 * xx) + r2 * (c[8] + c[9] * r2);
+    *v = y * g + p1 * (r2 + 2 * yy) + 2 * p2 * xy + r2 * (c[10] + c[11] * r2);
+    by[0] = g + xx * bend + 2 * p1 * y + 6 * p2 * x + x * sx, by[1] = xy * bend + 2 * p1 * x + 2 * p2 * y + y * sx;
+    by[2] = xy * bend + 2 * p1 * x + 2 * p2 * y + x * sy, by[3] = g + yy * bend + 6 * p1 * y + 2 * p2 * x + y * sy;
+}
+
+void cc_camera_rows(int64_t n, const double *K, const double *lens, double radius, const double *rotation,
+                    const double *translation, const double *p, const double *tangent, double *q, double *normal,
+                    double *row) {
     const double *R = rotation, *T = translation, fx = K[0], skew = K[1], cx = K[2], fy = K[4], cy = K[5];
     for (int64_t i = 0; i < n; i++) {
         const double *at = p + 3 * i;
         const double z = R[6] * at[0] + R[7] * at[1] + R[8] * at[2] + T[2], k = z > 0 ? 1 / z : NAN;
-        const double u = k * (R[0] * at[0] + R[1] * at[1] + R[2] * at[2] + T[0]);
-        const double v = k * (R[3] * at[0] + R[4] * at[1] + R[5] * at[2] + T[1]);
-        const double J[6] = {fx * k, skew * k, -(fx * u + skew * v) * k, 0, fy * k, -fy * v * k};
-        double D[2][3];
+        double u = k * (R[0] * at[0] + R[1] * at[1] + R[2] * at[2] + T[0]);
+        double v = k * (R[3] * at[0] + R[4] * at[1] + R[5] * at[2] + T[1]);
+        if (!(u * u + v * v < radius * radius)) u = v = NAN;
+        const double u0 = u, v0 = v;
+        double by[4] = {1, 0, 0, 1}, J[6], D[2][3];
+        if (lens) through(lens, &u, &v, by);
+        for (int j = 0; j < 2; j++) J[j] = (fx * by[j] + skew * by[2 + j]) * k, J[3 + j] = fy * by[2 + j] * k;
+        J[2] = -(J[0] * u0 + J[1] * v0), J[5] = -(J[3] * u0 + J[4] * v0);
         q[2 * i] = fx * u + skew * v + cx, q[2 * i + 1] = fy * v + cy;
         turned(J, R, D);
         edge_row(D, at, tangent + 3 * i, normal + 2 * i, row + 6 * i);
@@ -208,5 +262,39 @@ void cc_pull(int64_t n, int32_t most, int32_t k, const double *rows, const doubl
             }
         for (int a = 0; a < k; a++) A[a][a] += held * A[a][a] + 1e-300;
         step_by(A, b, k, x);
+    }
+}
+
+/* Which of a sample's steps count: nearly as strong as all that are close to them; their number. */
+static int strong_steps(int32_t most, const double *offset, const double *slope, double faint, double around, double *at,
+                        double *sign) {
+    int count = 0;
+    for (int32_t m = 0; m < most; m++) {
+        double strongest = 0;
+        for (int32_t k = 0; k < most; k++)
+            if (fabs(offset[k] - offset[m]) < around && fabs(slope[k]) > strongest) strongest = fabs(slope[k]);
+        if (fabs(slope[m]) > faint * strongest) at[count] = offset[m], sign[count++] = slope[m];
+    }
+    return count;
+}
+
+void cc_met(int64_t n, int32_t most, const double *offset, const double *slope, int64_t lines, const int64_t *first,
+            int64_t tries, const double *moved, double on, double faint, double around, double *scratch, double *share) {
+    for (int64_t l = 0; l < lines; l++) {
+        const int64_t from = first[l], to = l + 1 < lines ? first[l + 1] : n;
+        for (int64_t t = 0; t < tries; t++) share[t * lines + l] = scratch[t] = 0;
+        for (int64_t i = from; i < to; i++) {
+            double at[CC_MOST_STEPS], sign[CC_MOST_STEPS];
+            const int count = strong_steps(most, offset + i * most, slope + i * most, faint, around, at, sign);
+            for (int64_t t = 0; t < tries; t++) {
+                int rising = 0, falling = 0;
+                for (int k = 0; k < count; k++) {
+                    const int met = fabs(at[k] - moved[t * n + i]) < on;
+                    rising |= met & (sign[k] > 0), falling |= met & (sign[k] < 0);
+                }
+                share[t * lines + l] += rising, scratch[t] += falling;
+            }
+        }
+        for (int64_t t = 0; t < tries; t++) share[t * lines + l] = fmax(share[t * lines + l], scratch[t]) / (double)(to - from);
     }
 }

@@ -55,10 +55,13 @@ CC_API void cc_clearance(int64_t n, const double *q, const double *normal, const
 CC_API void cc_edge_rows(int64_t n, const double *jacobian, const double *rotation, const double *p,
                          const double *tangent, double *normal, double *row);
 
-/* The same of a pinhole, K (3, 3), with the part standing at rotation (3, 3), translation (3) in its frame, and where the
- * samples are: q (n, 2); all NaN where they are not in front. */
-CC_API void cc_pinhole_rows(int64_t n, const double *K, const double *rotation, const double *translation, const double *p,
-                            const double *tangent, double *q, double *normal, double *row);
+/* The same of a camera, K (3, 3), with the part standing at rotation (3, 3), translation (3) in its frame, and where the
+ * samples are: q (n, 2); all NaN where they are not in front. lens: its CC_LENS coefficients k1 k2 p1 p2 k3 k4 k5 k6 s1 s2
+ * s3 s4 by Brown and Conrady, in OpenCV's order; NaN too from `radius` on, in the plane (x, y)/z; null: a pinhole. */
+#define CC_LENS 12
+CC_API void cc_camera_rows(int64_t n, const double *K, const double *lens, double radius, const double *rotation,
+                           const double *translation, const double *p, const double *tangent, double *q, double *normal,
+                           double *row);
 
 /* Means (n, wide) of values (n, wide) over the samples up to `neighbours` before and after that are on the same run, a
  * number of consecutive ones; of the finite ones, 0 where none is. */
@@ -71,5 +74,14 @@ CC_API void cc_along_runs(int64_t n, int32_t wide, const double *values, const i
 CC_API void cc_pull(int64_t n, int32_t most, int32_t k, const double *rows, const double *offset, const double *strength,
                     const double *stiff, const double *before, double soft, double nothing, double held, int32_t pulls,
                     double *x);
+
+/* What share of the samples of each line meets a step of one sign: rising ones or falling ones, what is more. Of n samples
+ * in `lines` runs, each from first[l] to the next, offset and slope (n, most <= CC_MOST_STEPS) say where steps are, NaN for
+ * none; steps weaker than `faint` times one within `around` px do not count. moved (tries, n) px: by how much the samples
+ * moved; a step within `on` px of that is met. scratch: tries doubles. Writes share (tries, lines). */
+#define CC_MOST_STEPS 16
+CC_API void cc_met(int64_t n, int32_t most, const double *offset, const double *slope, int64_t lines, const int64_t *first,
+                   int64_t tries, const double *moved, double on, double faint, double around, double *scratch,
+                   double *share);
 
 #endif

@@ -12,8 +12,9 @@ from cadcam.arrays import Array, Ids, Picture
 from cadcam.errors import BadValue
 from cadcam.native.core import library
 
+Longs = npt.NDArray[np.int64]
 STEP_SUMS, STEP_TERMS = 39, 9  # CC_STEP_SUMS, CC_STEP_TERMS
-PULLED = 9  # motions of cc_pull
+LENS, PULLED, MOST_STEPS = 12, 9, 16  # CC_LENS; motions of cc_pull; CC_MOST_STEPS
 
 
 class _Picture(c.Structure):
@@ -29,10 +30,11 @@ def _core() -> c.CDLL:
     core.cc_candidates.argtypes = [picture, i64, pointer, pointer, real, i32, real, i32, pointer, pointer]
     core.cc_clearance.argtypes = [i64, *[pointer] * 4, i64, *[pointer] * 3, *[real] * 3, *[pointer] * 4]
     core.cc_edge_rows.argtypes = [i64, *[pointer] * 6]
-    core.cc_pinhole_rows.argtypes = [i64, *[pointer] * 8]
+    core.cc_camera_rows.argtypes = [i64, pointer, pointer, real, *[pointer] * 7]
     core.cc_along_runs.argtypes = [i64, i32, pointer, pointer, i64, pointer]
     core.cc_pull.argtypes = [i64, i32, i32, *[pointer] * 5, *[real] * 3, i32, pointer]
-    names = ("step_sums", "steps", "candidates", "clearance", "edge_rows", "pinhole_rows", "along_runs", "pull")
+    core.cc_met.argtypes = [i64, i32, pointer, pointer, i64, pointer, i64, pointer, *[real] * 3, pointer, pointer]
+    names = ("step_sums", "steps", "candidates", "clearance", "edge_rows", "camera_rows", "along_runs", "pull", "met")
     for name in (f"cc_{name}" for name in names):
         getattr(core, name).restype = None
     return core
@@ -116,11 +118,26 @@ def edge_rows(jacobian: Array, rotation: Array, p: Array, tangent: Array) -> tup
     return normal, row
 
 
-def pinhole_rows(K: Array, rotation: Array, translation: Array, p: Array, tangent: Array) -> tuple[Array, Array, Array]:
-    """Return pixels (n, 2), unit normals (n, 2) and rows (n, 6), as `edge_rows`, of a pinhole; nan behind it."""
-    arrays = _doubles(K, rotation, translation, p, tangent)
+def camera_rows(
+    K: Array,
+    rotation: Array,
+    translation: Array,
+    p: Array,
+    tangent: Array,
+    *,
+    lens: Array | None = None,
+    radius: float = np.inf,
+) -> tuple[Array, Array, Array]:
+    """Return pixels (n, 2), unit normals (n, 2) and rows (n, 6), as `edge_rows`; nan behind the camera.
+
+    lens: twelve coefficients by Brown and Conrady in OpenCV's order, none for a pinhole; nan too from `radius` on.
+    """
+    arrays, told = _doubles(K, rotation, translation, p, tangent), _doubles(*([] if lens is None else [lens]))
+    if lens is not None and told[0].shape != (LENS,):
+        raise BadValue("coefficients of a lens", lens, f"{LENS} numbers")
     q, normal, row = np.zeros((len(p), 2)), np.zeros((len(p), 2)), np.zeros((len(p), 6))
-    _core().cc_pinhole_rows(len(p), *_at(*arrays, q, normal, row))
+    at, coefficients = _at(*arrays, q, normal, row), _at(*told) if told else [None]
+    _core().cc_camera_rows(len(p), at[0], *coefficients, radius, *at[1:])
     return q, normal, row
 
 
@@ -159,6 +176,23 @@ def pulled(
     weights = _at(*prior) if prior else [None, None]
     _core().cc_pull(*offset.shape, len(x), *_at(*arrays), *weights, soft, nothing, held, pulls, x.ctypes.data)
     return x
+
+
+def met(offset: Array, slope: Array, first: Longs, moved: Array, *, on: float, faint: float, around: float) -> Array:
+    """Return the share (tries, lines) of each line's samples that meet a step of one sign, moved (tries, n) px.
+
+    offset, slope (n, m): the steps of each sample, nan for none; those weaker than `faint` times another within
+    `around` px do not count. first (lines,): the first sample of each line. A step within `on` px is met.
+    """
+    offset, slope, moved = arrays = _doubles(offset, slope, moved)
+    if not offset.shape[1] <= MOST_STEPS:
+        raise BadValue("steps of a sample that may be met", offset.shape[1], f"at most {MOST_STEPS}")
+    first = np.ascontiguousarray(first, np.int64)
+    scratch, share = np.zeros(len(moved)), np.zeros((len(moved), len(first)))
+    lines, limits = (len(first), first.ctypes.data), (on, faint, around)
+    places = _at(offset, slope)
+    _core().cc_met(*offset.shape, *places, *lines, len(moved), arrays[2].ctypes.data, *limits, *_at(scratch, share))
+    return share
 
 
 def _picture(gray: Picture) -> object:

@@ -17,6 +17,7 @@ from cadcam.render.view import Scene
 from cadcam.render.wireframe import Polylines
 
 _MOST_PIECES = 1024
+_ALONG = np.array([0.0, 0.25, 0.5, 0.75, 1.0])  # places of a run that tell how its image bends
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,13 +72,12 @@ class Tracer:
         """Return how many chords each run needs: the error of a chord falls with the square of their number."""
         if isinstance(self.camera.lens, Ideal) or not len(runs.line):
             return np.ones(len(runs.line), np.int64)
-        a, b = self._pixels(runs.line, runs.s0), self._pixels(runs.line, runs.s1)
-        length = np.maximum(np.linalg.norm(b - a, axis=1), 1e-9)
-        off = np.zeros(len(a))
-        for k in (0.25, 0.5, 0.75):
-            d = self._pixels(runs.line, runs.s0 + k * (runs.s1 - runs.s0)) - a
-            off = np.maximum(off, np.abs(d[:, 0] * (b - a)[:, 1] - d[:, 1] * (b - a)[:, 0]) / length)
-        return np.clip(np.ceil(1.2 * np.sqrt(off / self.chord_px)), 1, _MOST_PIECES).astype(np.int64)
+        s = runs.s0 + _ALONG[:, None] * (runs.s1 - runs.s0)
+        q = self._pixels(np.tile(runs.line, len(s)), s.ravel()).reshape(*s.shape, 2)
+        chord, d = q[-1] - q[0], q[1:-1] - q[0]
+        length = np.maximum(np.hypot(chord[:, 0], chord[:, 1]), 1e-9)
+        off = np.abs(d[..., 0] * chord[:, 1] - d[..., 1] * chord[:, 0]).max(axis=0) / length
+        return np.asarray(np.clip(np.ceil(1.2 * np.sqrt(off / self.chord_px)), 1, _MOST_PIECES), np.int64)
 
     def _pixels(self, line: Longs, s: Array) -> Array:
         a, b = self.lines.a[line], self.lines.b[line]

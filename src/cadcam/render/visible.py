@@ -63,7 +63,7 @@ class LineDrawer:
         mesh = scene.mesh
         self.scene = scene
         caster = caster or Caster(mesh)
-        self._diagonal = 2 * caster.radius
+        self._diagonal, self._contact = 2 * caster.radius, contact_tolerance(mesh)
         self._occluders = Occluders(mesh, caster)
         self._topology = Topology(mesh)
         self._edge = self._topology.number_of(scene.edges.vertices)
@@ -79,12 +79,14 @@ class LineDrawer:
         p = camera_from_world @ self.scene.mesh.vertices
         turn = Turn(self._topology, self._occluders, camera_from_world.origin)
         every = self._segments(turn, options)
-        lines, kept = _clipped(p, every.vertices, frustum)
-        segments = every.select(kept)
+        asked = np.arange(len(every.edge)) if options.hidden else np.flatnonzero(~every.away)
+        lines, kept = _clipped(p, every.vertices[asked], frustum)
+        source = asked[kept]
+        segments = every.select(source)
         borders, _ = _clipped(p, self._topology.table.vertices[turn.borders], frustum)
         stretches = Stretches.between(*self._cuts(segments, lines, borders), lines)
         hidden = self._hidden(segments, lines, stretches, camera_from_world.origin, options)
-        trace = Tracer(self.scene, camera, segments, np.flatnonzero(kept), lines, options.chord_px)
+        trace = Tracer(self.scene, camera, segments, source, lines, options.chord_px)
         unseen = trace.polylines(stretches.merged(hidden, True)) if options.hidden else NO_LINES
         return Wireframe(camera, camera_from_world, trace.polylines(stretches.merged(hidden, False)), unseen)
 
@@ -130,7 +132,7 @@ class LineDrawer:
     def _tolerance(self, kind: Ids, options: LineOptions) -> Array:
         """Return for each segment by how much (mm) a face's plane may miss it and still not hide it."""
         plain = COINCIDENT_SHARE * self._diagonal if options.coincident_mm is None else options.coincident_mm
-        contact = max(plain, contact_tolerance(self.scene.mesh))
+        contact = max(plain, self._contact)
         return np.where(kind == EdgeKind.CONTACT, contact, plain)
 
 
