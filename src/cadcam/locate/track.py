@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+import os
 import numpy as np
 
 from cadcam.arrays import Array
@@ -23,11 +24,13 @@ from cadcam.locate.motion import Motion
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine import EDGES, refine
+from cadcam.locate.texture import Followed, Texture
 
 _PATIENCE = 8  # frames between two searches without a start, once a part has been gone for long
 _SIGMAS, _BESIDE = 3.0, 1.0  # how far around foretold lines the photo's are looked for: sds, and px for lines of paint
 _LEAST_PX, _MOST_PX = 2.0, EDGES.search_px
 _FAR_PX, _CLEAR, _UNCERTAIN = 16.0, 0.7, 0.45  # so far from its last place a part must be clear, else it is this
+_BY_PRINT = -5  # constraints of a place that print tells: edges there are met without a fit
 _FORETOLD = -2  # constraints that a place foretold to some px gives back: a fit anywhere else would not count
 
 
@@ -59,6 +62,8 @@ class Step:
 
     index: int
     pose: PoseEstimate | None
+    how: str = ""
+    photos: tuple[Photo, ...] = ()
 
 
 def track(
@@ -82,19 +87,24 @@ def track(
     """
     if freedom is not FREE and start is None:
         raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
-    memory = _Memory(_corners(part), start, velocity)
+    memory = _Memory(part, start, freedom, velocity)
     for step in history:
-        memory.keep(step.index, step.pose)
+        memory.keep(step, memory.followed(step.index, step.photos) if step.how == "followed" else None)
     for frame in frames:
-        how, location = _located(part, frame.photos, memory, freedom, frame.index)
-        yield TrackedFrame(frame, location, how, memory.keep(frame.index, location.pose if location.found else None))
+        followed = memory.followed(frame.index, frame.photos)
+        how, location = _located(part, frame.photos, memory, freedom, frame.index, followed)
+        step = Step(frame.index, location.pose if location.found else None, how, frame.photos)
+        yield TrackedFrame(frame, location, how, memory.keep(step, followed if how == "followed" else None))
 
 
 class _Memory:
     """What is known of the part's motion, and for how long it has been lost."""
 
-    def __init__(self, corners: Array, start: Rigid | None, velocity: bool) -> None:
+    def __init__(self, part: Part, start: Rigid | None, freedom: Freedom, velocity: bool) -> None:
+        corners = _corners(part)
         self.last = start
+        self._freedom = freedom
+        self._texture = Texture(part)
         self.misses = 0
         self._corners = corners
         centre = corners.mean(axis=0)
@@ -106,14 +116,25 @@ class _Memory:
         """Return whether no frame has been seen yet."""
         return self._found_in is None and not self.misses
 
-    def keep(self, index: int, pose: PoseEstimate | None) -> PoseEstimate | None:
+    def keep(self, step: Step, followed: Followed | None) -> PoseEstimate | None:
         """Take up a frame; return where the part is by all frames so far, None where it was lost."""
-        if pose is None:
+        if step.pose is None:
             self.misses += 1
             self._motion.forget()
+            self._texture.forget()
             return None
-        self.misses, self.last, self._found_in = 0, pose.world_from_part, index
-        return self._motion.measured(index, pose)
+        self.misses, self.last, self._found_in = 0, step.pose.world_from_part, step.index
+        if step.photos:
+            self._texture.keep(step.photos, step.pose, followed)
+        return self._motion.measured(step.index, step.pose)
+
+    def followed(self, index: int, photos: tuple[Photo, ...]) -> Followed | None:
+        """Return where the print on the part leads, None unless the part was found in the frame before."""
+        predicted = self.predicted(index)
+        if predicted is None or not photos or self.last is None:
+            return None
+        found = self._texture.follow(photos, predicted.world_from_part, self._freedom)
+        return found or self._texture.follow(photos, self.last, self._freedom)
 
     def predicted(self, index: int) -> PoseEstimate | None:
         """Return where the motion leads, None unless the part was found in the frame before."""
@@ -148,12 +169,12 @@ class _Memory:
 
 
 def _located(
-    part: Part, photos: tuple[Photo, ...], memory: _Memory, freedom: Freedom, index: int
+    part: Part, photos: tuple[Photo, ...], memory: _Memory, freedom: Freedom, index: int, followed: Followed | None
 ) -> tuple[str, Location]:
     """Return how and where the part was found, by the cheapest way that finds it; else the best of what was tried."""
     where = memory.last or Rigid()
     tried = [Location.nowhere(where, "not looked for")]
-    for how, attempt in _ways(part, photos, memory, freedom, index):
+    for how, attempt in _ways(part, photos, memory, freedom, index, followed):
         try:
             location = attempt()
         except NothingInView as error:
@@ -175,10 +196,12 @@ def _located(
 
 
 def _ways(
-    part: Part, photos: tuple[Photo, ...], memory: _Memory, freedom: Freedom, index: int
+    part: Part, photos: tuple[Photo, ...], memory: _Memory, freedom: Freedom, index: int, followed: Followed | None
 ) -> Iterator[tuple[str, Callable[[], Location]]]:
     """Yield the ways to find the part, cheapest first."""
     last, predicted = memory.last, memory.predicted(index)
+    if followed is not None and predicted is not None:
+        yield "followed", lambda: _by_print(part, photos, followed, predicted, memory, freedom)
     if predicted is not None:
         yield "predicted", lambda: _foretold(part, photos, predicted, memory.reach_px(predicted, photos), freedom)
     if last is not None and memory.tracking(index):
@@ -196,6 +219,35 @@ def _foretold(
     options = replace(EDGES, search_px=reach_px)
     given = _FORETOLD if reach_px < _MOST_PX else 0
     return refine(part, photos, predicted.world_from_part, freedom=freedom, options=options, chosen=given, wider=False)
+
+
+def _by_print(
+    part: Part,
+    photos: tuple[Photo, ...],
+    followed: Followed,
+    like: PoseEstimate,
+    memory: _Memory,
+    freedom: Freedom,
+) -> Location:
+    """Return what lies near where print leads, and where that and the print say the part is."""
+    seen = followed.evidence
+    foretold = replace(like, world_from_part=seen.world_from_part, from_noise=seen.covariance)
+    options = replace(EDGES, search_px=memory.reach_px(foretold, photos))
+    location = refine(
+        part,
+        photos,
+        seen.world_from_part,
+        freedom=freedom,
+        evidence=[seen],
+        options=options,
+        chosen=_BY_PRINT,
+        wider=False,
+    )
+    off = seen.world_from_part.inv @ location.pose.world_from_part
+    y, _ = seen.rows(photos[0], location.pose.world_from_part)
+    if os.environ.get("VID_DEBUG"):
+        print("print", followed.number, followed.found, "chi2 %.1f" % (y @ y), "reach %.1f" % options.search_px, "q %.2f" % location.quality, "S mm", np.sqrt(np.diag(followed.alone)[:3]).round(2), "told", np.sqrt(np.diag(seen.covariance)[:3]).round(2))
+    return replace(location, pose=replace(location.pose, from_noise=followed.told(location.pose.from_noise)))
 
 
 def _moved_px(corners: Array, one: Rigid, other: Rigid, photo: Photo) -> float:
