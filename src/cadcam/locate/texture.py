@@ -44,6 +44,8 @@ _ALIKE, _UNLIKE = 0.8, 0.5  # correlation of a patch that was found again, and o
 _LEAST, _SHARE = 10, 0.5  # patches that must be found again, and the share of those in view
 _TURN, _SCALE = math.radians(12.0), 0.12  # by which a view differs from its keyframe's before one more is learned
 _KEPT = 12  # keyframes
+_PATIENCE = 2  # frames that none is found again in, after which all are given up
+_REACH, _SPARSE = 16, 4  # px around the start that patches are looked for in, where they are not at once found; samples
 _FRAMES = 8.0  # that a keyframe counts as at most
 
 
@@ -106,11 +108,13 @@ class Texture:
         self._part = part
         self._radius = part.aspects.radius
         self._keyframes: list[_Keyframe] = []
+        self._misses = 0
         self._renderer: Renderer | None = None
 
     def forget(self) -> None:
         """Start anew, as after a loss."""
         self._keyframes.clear()
+        self._misses = 0
 
     def follow(self, photos: Sequence[Photo], start: Rigid, freedom: Freedom) -> Followed | None:
         """Return where the part is by the keyframe seen most alike, from some px off; None where it is not seen again."""
@@ -123,6 +127,8 @@ class Texture:
         canvases = [_Canvas.of(photo, self._part, view) for photo, view in zip(photos, views, strict=True)]
         found = _aligned(keyframe.patches, canvases, photos, start, freedom)
         if found is None:
+            found = _aligned(keyframe.patches, canvases, photos, _shifted(keyframe.patches, canvases, photos, start), freedom)
+        if found is None:
             return None
         pose, alone, count = found
         covariance = keyframe.told / keyframe.frames + alone
@@ -133,9 +139,12 @@ class Texture:
     def keep(self, photos: Sequence[Photo], pose: PoseEstimate, followed: Followed | None) -> None:
         """Take up a frame: where it showed the part, and by which keyframe it was followed, if by any."""
         if followed is None:
-            self.forget()
-            self._learn(photos, pose, 1.0)
+            self._misses += 1
+            if not self._keyframes or self._misses > _PATIENCE:
+                self.forget()
+                self._learn(photos, pose, 1.0)
             return
+        self._misses = 0
         keyframe = self._keyframes[followed.number]
         share = keyframe.told / keyframe.frames @ _inverse(followed.evidence.covariance, self._radius)
         moved = share @ (followed.evidence.world_from_part.inv @ pose.world_from_part).log()
@@ -277,6 +286,35 @@ def _learned(renderer: Renderer, photo: Photo, canvas: _Canvas | None, camera_fr
     looks = looks[:, kept]
     facing = view.normal[y[chosen], x[chosen]][kept].astype(np.float64)
     return _Patches(p[kept], facing @ camera_from_part.rotation, looks - looks.mean(axis=2, keepdims=True))
+
+
+def _shifted(
+    patches: Sequence[_Patches], canvases: Sequence[_Canvas | None], photos: Sequence[Photo], start: Rigid
+) -> Rigid:
+    """Return a pose shifted across the view to where most patches are found, in the photo that has most of them."""
+    shifts = np.arange(-_REACH, _REACH + 1, 2)
+    shifts = np.stack(np.meshgrid(shifts, shifts), axis=-1).reshape(-1, 1, 2)
+    k = int(np.argmax([0 if canvas is None else len(one.p) for one, canvas in zip(patches, canvases, strict=True)]))
+    one, canvas, place = patches[k], canvases[k], photos[k].viewpoint.camera_from_world
+    if canvas is None or not len(one.p):
+        return start
+    camera_from_part = place @ start
+    p = camera_from_part @ one.p[:, ::_SPARSE]
+    q = np.rint(canvas.camera.project(p.reshape(-1, 3)) + shifts)
+    smooth = canvas.layers[0][..., 0]
+    height, width = smooth.shape
+    inside = ((q >= 0) & (q < [width, height])).all(axis=2)
+    x, y = np.moveaxis(np.where(inside[..., None], q, 0).astype(np.int64), 2, 0)
+    values = np.where(inside, smooth[y, x], 0.0).reshape(len(shifts), *p.shape[:2])
+    look = one.looks[0][:, ::_SPARSE]
+    look = look - look.mean(axis=1, keepdims=True)
+    values = values - values.mean(axis=2, keepdims=True)
+    alike = (values * look).sum(axis=2) / (np.linalg.norm(values, axis=2) * np.linalg.norm(look, axis=1) + 1e-9)
+    best = shifts[int(np.argmax(np.maximum(alike, 0.0).sum(axis=1)))][0]
+    depth = float(p[..., 2].mean())
+    moved = np.array([best[0] * depth / canvas.camera.fx, best[1] * depth / canvas.camera.fy, 0.0])
+    shifted = Rigid(camera_from_part.rotation, camera_from_part.translation + moved)
+    return place.inv @ shifted
 
 
 def _aligned(

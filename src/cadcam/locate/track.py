@@ -19,7 +19,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.frames import Frame
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.locate import locate
-from cadcam.locate.location import Location
+from cadcam.locate.location import FOUND, Location
 from cadcam.locate.motion import Motion
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -31,6 +31,7 @@ _SIGMAS, _BESIDE = 3.0, 1.0  # how far around foretold lines the photo's are loo
 _LEAST_PX, _MOST_PX = 2.0, EDGES.search_px
 _FAR_PX, _CLEAR, _UNCERTAIN = 16.0, 0.7, 0.45  # so far from its last place a part must be clear, else it is this
 _BY_PRINT = -5  # constraints of a place that print tells: edges there are met without a fit
+_HELD = 0.35  # quality that edges must have where print holds the part
 _FORETOLD = -2  # constraints that a place foretold to some px gives back: a fit anywhere else would not count
 
 
@@ -89,12 +90,12 @@ def track(
         raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
     memory = _Memory(part, start, freedom, velocity)
     for step in history:
-        memory.keep(step, memory.followed(step.index, step.photos) if step.how == "followed" else None)
+        memory.keep(step, memory.followed(step.index, step.photos))
     for frame in frames:
         followed = memory.followed(frame.index, frame.photos)
         how, location = _located(part, frame.photos, memory, freedom, frame.index, followed)
         step = Step(frame.index, location.pose if location.found else None, how, frame.photos)
-        yield TrackedFrame(frame, location, how, memory.keep(step, followed if how == "followed" else None))
+        yield TrackedFrame(frame, location, how, memory.keep(step, followed))
 
 
 class _Memory:
@@ -124,6 +125,9 @@ class _Memory:
             self._texture.forget()
             return None
         self.misses, self.last, self._found_in = 0, step.pose.world_from_part, step.index
+        if followed is not None and step.how != "followed":  # edges and print disagree
+            self._texture.forget()
+            followed = None
         if step.photos:
             self._texture.keep(step.photos, step.pose, followed)
         return self._motion.measured(step.index, step.pose)
@@ -133,8 +137,7 @@ class _Memory:
         predicted = self.predicted(index)
         if predicted is None or not photos or self.last is None:
             return None
-        found = self._texture.follow(photos, predicted.world_from_part, self._freedom)
-        return found or self._texture.follow(photos, self.last, self._freedom)
+        return self._texture.follow(photos, predicted.world_from_part, self._freedom)
 
     def predicted(self, index: int) -> PoseEstimate | None:
         """Return where the motion leads, None unless the part was found in the frame before."""
@@ -243,11 +246,14 @@ def _by_print(
         chosen=_BY_PRINT,
         wider=False,
     )
-    off = seen.world_from_part.inv @ location.pose.world_from_part
     y, _ = seen.rows(photos[0], location.pose.world_from_part)
     if os.environ.get("VID_DEBUG"):
         print("print", followed.number, followed.found, "chi2 %.1f" % (y @ y), "reach %.1f" % options.search_px, "q %.2f" % location.quality, "S mm", np.sqrt(np.diag(followed.alone)[:3]).round(2), "told", np.sqrt(np.diag(seen.covariance)[:3]).round(2))
-    return replace(location, pose=replace(location.pose, from_noise=followed.told(location.pose.from_noise)))
+    pose = replace(location.pose, from_noise=followed.told(location.pose.from_noise))
+    if _HELD <= location.quality < FOUND:
+        why = f"held by {followed.found} patches of print: {location.reason.removeprefix('not found: ')}"
+        return replace(location, pose=pose, quality=FOUND, reason=why)
+    return replace(location, pose=pose)
 
 
 def _moved_px(corners: Array, one: Rigid, other: Rigid, photo: Photo) -> float:
