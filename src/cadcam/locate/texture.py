@@ -36,7 +36,7 @@ _BLURS = (2.5, 1.0)  # px: patches are aligned coarsely, then finely
 _ROUNDS, _SETTLED_PX = (6, 6), 0.02
 _OFFSETS = np.arange(-5.0, 6.0, 2.0)  # px: samples of a patch to each side
 _APART, _MOST = 9, 80  # px between patches, and how many a photo gives at most
-_INSIDE = 8  # px that a patch's middle stays from the part's outline and from bends
+_INSIDE = 6  # px that a patch's middle stays from the part's outline and from bends
 _BENT = 0.97  # cosine of normals within a patch
 _STRUCTURE = 4.0  # times the noise: slope of a patch that can be followed in any direction
 _FACING = 0.2  # cosine of the view from which a face is looked at
@@ -45,8 +45,8 @@ _LEAST, _SHARE = 10, 0.5  # patches that must be found again, and the share of t
 _TURN, _SCALE = math.radians(12.0), 0.12  # by which a view differs from its keyframe's before one more is learned
 _KEPT = 12  # keyframes
 _PATIENCE = 2  # frames that none is found again in, after which all are given up
-_REACH, _SPARSE = 16, 4  # px around the start that patches are looked for in, where they are not at once found; samples
-_FRAMES = 8.0  # that a keyframe counts as at most
+_REACH, _SPARSE = 16, 4  # px around the start that patches are looked for in, where they are not found at once; samples
+_FRAMES = 4.0  # that a keyframe counts as at most
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,7 +19,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.frames import Frame
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.locate import locate
-from cadcam.locate.location import FOUND, Location
+from cadcam.locate.location import Location
 from cadcam.locate.motion import Motion
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -31,7 +31,6 @@ _SIGMAS, _BESIDE = 3.0, 1.0  # how far around foretold lines the photo's are loo
 _LEAST_PX, _MOST_PX = 2.0, EDGES.search_px
 _FAR_PX, _CLEAR, _UNCERTAIN = 16.0, 0.7, 0.45  # so far from its last place a part must be clear, else it is this
 _BY_PRINT = -5  # constraints of a place that print tells: edges there are met without a fit
-_HELD = 0.35  # quality that edges must have where print holds the part
 _FORETOLD = -2  # constraints that a place foretold to some px gives back: a fit anywhere else would not count
 
 
@@ -250,9 +249,6 @@ def _by_print(
     if os.environ.get("VID_DEBUG"):
         print("print", followed.number, followed.found, "chi2 %.1f" % (y @ y), "reach %.1f" % options.search_px, "q %.2f" % location.quality, "S mm", np.sqrt(np.diag(followed.alone)[:3]).round(2), "told", np.sqrt(np.diag(seen.covariance)[:3]).round(2))
     pose = replace(location.pose, from_noise=followed.told(location.pose.from_noise))
-    if _HELD <= location.quality < FOUND:
-        why = f"held by {followed.found} patches of print: {location.reason.removeprefix('not found: ')}"
-        return replace(location, pose=pose, quality=FOUND, reason=why)
     return replace(location, pose=pose)
 
 
