@@ -1,7 +1,8 @@
-"""A part followed through pictures: its motion foretells where it will be; what is lost is looked for again.
+"""A part followed through pictures: its print and its motion foretell where it is; what is lost is looked for again.
 
-Where the motion is even, a frame is searched only as far around the foretold lines as their covariance says: what lies
-farther, print or a shadow beside an edge, cannot pull the part away.
+A frame is searched only as far around the foretold lines as their covariance says: what lies farther, print or a shadow
+beside an edge, cannot pull the part away. Where the part's faces show more than the model knows of (`locate.texture`),
+that tells the pose together with the edges.
 """
 
 from __future__ import annotations
@@ -9,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-import os
 import numpy as np
 
 from cadcam.arrays import Array
@@ -30,19 +30,21 @@ _PATIENCE = 8  # frames between two searches without a start, once a part has be
 _SIGMAS, _BESIDE = 3.0, 1.0  # how far around foretold lines the photo's are looked for: sds, and px for lines of paint
 _LEAST_PX, _MOST_PX = 2.0, EDGES.search_px
 _FAR_PX, _CLEAR, _UNCERTAIN = 16.0, 0.7, 0.45  # so far from its last place a part must be clear, else it is this
-_BY_PRINT = -5  # constraints of a place that print tells: edges there are met without a fit
+_ANYWHERE = ("followed", "searched")  # ways that do not lean on the last place
 _FORETOLD = -2  # constraints that a place foretold to some px gives back: a fit anywhere else would not count
+_FOLLOWED = -5  # the same of a place that print tells: edges are met there that no fit laid onto them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedFrame:
     """Where the part was in one frame.
 
-    location: by this frame's photos alone. filtered: by all frames so far (`locate.motion`), steadier and better where
-    a frame shows little, but late by a share of what the motion changed; None where the part was lost. how: "predicted"
-    (near where the motion led), "kept" (around the last pose), "recovered" (searched around the last pose, or around
-    the start), "searched" (without any start), "lost". Of a lost frame the location is the best that was there; its
-    `found` is False.
+    location: by this frame's photos; where it was "followed", with print as earlier frames showed it. filtered: by all
+    frames so far (`locate.motion`), steadier and better where a frame shows little, but late by a share of what the
+    motion changed; None where the part was lost. how: "followed" (where the print on it led), "predicted" (near where
+    the motion led), "kept" (around the last pose), "recovered" (searched around the last pose, or around the start),
+    "searched" (without any start), "lost". Of a lost frame the location is the best that was there; its `found` is
+    False.
     """
 
     frame: Frame
@@ -58,7 +60,10 @@ class TrackedFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
-    """A frame of an earlier run: its index and where it showed the part (unfiltered), None where that was lost."""
+    """A frame of an earlier run: its index, where it showed the part (unfiltered; None where that was lost), and how.
+
+    photos: what it showed; without them the print on the part is learned anew.
+    """
 
     index: int
     pose: PoseEstimate | None
@@ -73,38 +78,78 @@ def track(
     *,
     freedom: Freedom = FREE,
     velocity: bool = True,
-    history: Sequence[Step] = (),
+    texture: bool = True,
+    history: Iterable[Step] = (),
 ) -> Iterator[TrackedFrame]:
     """Yield where the part is in each frame, one by one as they are asked for.
 
     start: world_from_part (mm) in the first frame, roughly; without it the part is searched for. A frame is looked at
-    near where the motion so far leads (`velocity`: at constant velocity; else where it was). Where that does not find
-    the part, it is searched for around its last pose, then without a start (not where its motion is restricted); a part
-    that stays away is searched for less and less often. Of poses that the part's symmetry allows, the one nearest to
-    the last is taken.
+    where the print on the part leads (`texture`), or near where the motion so far does (`velocity`: at constant
+    velocity; else where it was). Where that does not find the part, it is searched for around its last pose, then
+    without a start (not where its motion is restricted); a part that stays away is searched for less and less often. Of
+    poses that the part's symmetry allows, the one nearest to the last is taken.
     history: frames of a run that this one continues, as if there had been no break. A frame without contrast is a loss.
     Raises `NothingInView` where the start puts the part outside of the first photos.
     """
-    if freedom is not FREE and start is None:
-        raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
-    memory = _Memory(part, start, freedom, velocity)
+    tracker = Tracker(part, start, freedom=freedom, velocity=velocity, texture=texture)
     for step in history:
-        memory.keep(step, memory.followed(step.index, step.photos))
+        tracker.recall(step)
     for frame in frames:
-        followed = memory.followed(frame.index, frame.photos)
-        how, location = _located(part, frame.photos, memory, freedom, frame.index, followed)
+        yield tracker.next(frame)
+
+
+class Tracker:
+    """Follows a part frame by frame, as `track` does with the same arguments."""
+
+    def __init__(
+        self,
+        part: Part,
+        start: Rigid | None = None,
+        *,
+        freedom: Freedom = FREE,
+        velocity: bool = True,
+        texture: bool = True,
+    ) -> None:
+        if freedom is not FREE and start is None:
+            raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
+        self._part, self._freedom = part, freedom
+        self._memory = _Memory(_corners(part), start, velocity)
+        self._texture = Texture(part) if texture else None
+
+    def next(self, frame: Frame) -> TrackedFrame:
+        """Return where the part is in the next frame."""
+        followed = self._followed(frame.index, frame.photos)
+        how, location = _located(self._part, frame.photos, self._memory, self._freedom, frame.index, followed)
         step = Step(frame.index, location.pose if location.found else None, how, frame.photos)
-        yield TrackedFrame(frame, location, how, memory.keep(step, followed))
+        return TrackedFrame(frame, location, how, self._keep(step, followed))
+
+    def recall(self, step: Step) -> None:
+        """Take up a frame of an earlier run in the place of tracking it."""
+        self._keep(step, None if step.pose is None else self._followed(step.index, step.photos))
+
+    def _followed(self, index: int, photos: tuple[Photo, ...]) -> Followed | None:
+        """Return where the print on the part leads, None unless the part was found in the frame before."""
+        predicted = self._memory.predicted(index)
+        if self._texture is None or predicted is None or not photos:
+            return None
+        return self._texture.follow(photos, predicted.world_from_part, self._freedom)
+
+    def _keep(self, step: Step, followed: Followed | None) -> PoseEstimate | None:
+        """Take up a frame; return where the part is by all frames so far, None where it was lost."""
+        if self._texture is not None and step.photos:
+            misled = followed is not None and step.how != "followed"
+            if step.pose is None or misled:
+                self._texture.forget()
+            if step.pose is not None:
+                self._texture.keep(step.photos, step.pose, None if misled else followed)
+        return self._memory.keep(step.index, step.pose)
 
 
 class _Memory:
     """What is known of the part's motion, and for how long it has been lost."""
 
-    def __init__(self, part: Part, start: Rigid | None, freedom: Freedom, velocity: bool) -> None:
-        corners = _corners(part)
+    def __init__(self, corners: Array, start: Rigid | None, velocity: bool) -> None:
         self.last = start
-        self._freedom = freedom
-        self._texture = Texture(part)
         self.misses = 0
         self._corners = corners
         centre = corners.mean(axis=0)
@@ -116,27 +161,14 @@ class _Memory:
         """Return whether no frame has been seen yet."""
         return self._found_in is None and not self.misses
 
-    def keep(self, step: Step, followed: Followed | None) -> PoseEstimate | None:
+    def keep(self, index: int, pose: PoseEstimate | None) -> PoseEstimate | None:
         """Take up a frame; return where the part is by all frames so far, None where it was lost."""
-        if step.pose is None:
+        if pose is None:
             self.misses += 1
             self._motion.forget()
-            self._texture.forget()
             return None
-        self.misses, self.last, self._found_in = 0, step.pose.world_from_part, step.index
-        if followed is not None and step.how != "followed":  # edges and print disagree
-            self._texture.forget()
-            followed = None
-        if step.photos:
-            self._texture.keep(step.photos, step.pose, followed)
-        return self._motion.measured(step.index, step.pose)
-
-    def followed(self, index: int, photos: tuple[Photo, ...]) -> Followed | None:
-        """Return where the print on the part leads, None unless the part was found in the frame before."""
-        predicted = self.predicted(index)
-        if predicted is None or not photos or self.last is None:
-            return None
-        return self._texture.follow(photos, predicted.world_from_part, self._freedom)
+        self.misses, self.last, self._found_in = 0, pose.world_from_part, index
+        return self._motion.measured(index, pose)
 
     def predicted(self, index: int) -> PoseEstimate | None:
         """Return where the motion leads, None unless the part was found in the frame before."""
@@ -189,7 +221,7 @@ def _located(
             continue
         if location.found:
             location = memory.nearest(location)
-            if how == "searched" or location.quality >= _CLEAR or not memory.left(location.pose, photos):
+            if how in _ANYWHERE or location.quality >= _CLEAR or not memory.left(location.pose, photos):
                 return how, location
             why = f"not certain: far from where the part was, which takes a quality of {_CLEAR} ({location.reason})"
             location = replace(location, quality=_UNCERTAIN, reason=why)
@@ -202,8 +234,8 @@ def _ways(
 ) -> Iterator[tuple[str, Callable[[], Location]]]:
     """Yield the ways to find the part, cheapest first."""
     last, predicted = memory.last, memory.predicted(index)
-    if followed is not None and predicted is not None:
-        yield "followed", lambda: _by_print(part, photos, followed, predicted, memory, freedom)
+    if followed is not None:
+        yield "followed", lambda: _by_print(part, photos, followed, memory, freedom)
     if predicted is not None:
         yield "predicted", lambda: _foretold(part, photos, predicted, memory.reach_px(predicted, photos), freedom)
     if last is not None and memory.tracking(index):
@@ -224,32 +256,22 @@ def _foretold(
 
 
 def _by_print(
-    part: Part,
-    photos: tuple[Photo, ...],
-    followed: Followed,
-    like: PoseEstimate,
-    memory: _Memory,
-    freedom: Freedom,
+    part: Part, photos: tuple[Photo, ...], followed: Followed, memory: _Memory, freedom: Freedom
 ) -> Location:
-    """Return what lies near where print leads, and where that and the print say the part is."""
-    seen = followed.evidence
-    foretold = replace(like, world_from_part=seen.world_from_part, from_noise=seen.covariance)
-    options = replace(EDGES, search_px=memory.reach_px(foretold, photos))
+    """Return the pose that print and the lines near it tell together."""
+    there = followed.evidence
+    reach_px = memory.reach_px(PoseEstimate(there.world_from_part, there.covariance), photos)
     location = refine(
         part,
         photos,
-        seen.world_from_part,
+        there.world_from_part,
         freedom=freedom,
-        evidence=[seen],
-        options=options,
-        chosen=_BY_PRINT,
+        evidence=[there],
+        options=replace(EDGES, search_px=reach_px),
+        chosen=_FOLLOWED,
         wider=False,
     )
-    y, _ = seen.rows(photos[0], location.pose.world_from_part)
-    if os.environ.get("VID_DEBUG"):
-        print("print", followed.number, followed.found, "chi2 %.1f" % (y @ y), "reach %.1f" % options.search_px, "q %.2f" % location.quality, "S mm", np.sqrt(np.diag(followed.alone)[:3]).round(2), "told", np.sqrt(np.diag(seen.covariance)[:3]).round(2))
-    pose = replace(location.pose, from_noise=followed.told(location.pose.from_noise))
-    return replace(location, pose=pose)
+    return replace(location, pose=replace(location.pose, from_noise=followed.fused(location.pose.from_noise)))
 
 
 def _moved_px(corners: Array, one: Rigid, other: Rigid, photo: Photo) -> float:
