@@ -33,15 +33,16 @@ LEAST = 10  # patches that tell a pose at least
 _EXTENT, _MARGIN = 320, 8  # px of the part where patches are compared, at most, and what is kept around it
 _BLURS = (2.5, 1.0)  # px: coarse, fine
 _ROUNDS, _SETTLED_PX = (5, 6), (0.3, 0.02)
-_OFFSETS = np.arange(-5.0, 6.0, 2.0)  # px: samples of a patch to each side
-_APART, _MOST = 9, 80  # px between patches, and how many a photo gives at most
+_SAMPLES = np.stack(np.meshgrid(*[np.arange(-4.0, 5.0, 2.0)] * 2), axis=-1).reshape(-1, 2)  # px, of a patch
+_SPARSE = np.flatnonzero((_SAMPLES % 4 == 0).all(axis=1))  # those that are compared coarsely
+_APART, _MOST = 8, 80  # px between patches, and how many a photo gives at most
 _INSIDE = 6  # px that a patch's middle stays from the part's outline and from where it bends
 _BENT = 0.25  # by which unit normals of one face differ at most from pixel to pixel
 _STRUCTURE = 1.0  # slope of a patch in its weaker direction, in noises of a pixel: it can be followed
 _FACING = 0.2  # cosine of the view from which a face is looked at
 _ALIKE, _UNLIKE = 0.8, 0.5  # correlation of a patch that was found again, and of one that was not
 _SHARE = 0.5  # of the patches in view that must be found again
-_REACH, _SPARSE = 16, 4  # px around the start that are looked at where patches are not at once found; samples
+_SHIFTS = np.stack(np.meshgrid(*[np.arange(-16.0, 17.0, 4.0)] * 2), axis=-1).reshape(-1, 1, 2)  # px, tried one by one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,35 +105,45 @@ def _layers(gray: Picture, blur: float) -> Picture:
 class Patches:
     """P patches of n samples of a photo: p (P, n, 3) mm, normal (P, 3), both in part axes.
 
-    looks (2, P, n): brightness, coarsely and finely blurred, of mean 0 and square sum 1.
+    looks: brightness, coarsely blurred (P, m) at every other sample, finely (P, n) at all, of mean 0 and square sum 1.
     """
 
     p: Array
     normal: Array
-    looks: Array
+    looks: tuple[Array, Array]
 
     def __len__(self) -> int:
         return len(self.p)
+
+    @classmethod
+    def none(cls) -> Patches:
+        """Return no patches, as of a photo that does not show the part."""
+        return cls(np.zeros((0, 1, 3)), np.zeros((0, 3)), (np.zeros((0, 1)), np.zeros((0, 1))))
 
     @classmethod
     def learned(cls, renderer: Renderer, canvas: Canvas, camera_from_part: Rigid) -> Patches:
         """Return the patches of a photo that are worth following, at the pose that it was taken at."""
         view = renderer.render(canvas.camera, camera_from_part, channels=Channel.DEPTH | Channel.NORMAL)
         middle = _middles(canvas, view)
-        x, y = np.meshgrid(_OFFSETS, _OFFSETS)
-        q = middle[:, None] + np.stack([x.ravel(), y.ravel()], axis=1)
+        q = middle[:, None] + _SAMPLES
         p = camera_from_part.inv @ _surface(canvas.camera, view, q)
-        looks = np.stack([canvas.sampled(k, q.reshape(-1, 2))[:, 0].reshape(p.shape[:2]) for k in range(len(_BLURS))])
-        looks = looks - looks.mean(axis=2, keepdims=True)
-        size = np.linalg.norm(looks, axis=2, keepdims=True)
-        kept = np.isfinite(p).all(axis=(1, 2)) & (size > 0).all(axis=(0, 2))
+        looks = [canvas.sampled(k, at.reshape(-1, 2))[:, 0].reshape(at.shape[:2]) for k, at in enumerate(_levels(q))]
+        looks = [look - look.mean(axis=1, keepdims=True) for look in looks]
+        sizes = [np.linalg.norm(look, axis=1, keepdims=True) for look in looks]
+        kept = np.isfinite(p).all(axis=(1, 2)) & (np.minimum(*sizes)[:, 0] > 0)
         facing = view.normal[middle[:, 1], middle[:, 0]].astype(np.float64) @ camera_from_part.rotation
-        return cls(p[kept], facing[kept], looks[:, kept] / size[:, kept])
+        coarse, fine = (look[kept] / size[kept] for look, size in zip(looks, sizes, strict=True))
+        return cls(p[kept], facing[kept], (coarse, fine))
 
     def facing(self, camera_from_part: Rigid) -> Mask:
         """Return which patches (P,) turn their face to the camera."""
         sight = camera_from_part.origin - self.p[:, 0]
         return np.asarray((sight * self.normal).sum(axis=1) > _FACING * np.linalg.norm(sight, axis=1))
+
+
+def _levels(samples: Array) -> tuple[Array, Array]:
+    """Return what of samples (P, n, ...) is compared coarsely, and finely."""
+    return samples[:, _SPARSE], samples
 
 
 def _middles(canvas: Canvas, view: View) -> npt.NDArray[np.int64]:
@@ -142,7 +153,7 @@ def _middles(canvas: Canvas, view: View) -> npt.NDArray[np.int64]:
     bends = [np.ptp([f(view.normal[..., k], 3) for f in (minimum_filter, maximum_filter)], axis=0) for k in range(3)]
     face = np.isfinite(view.depth) & (np.max(bends, axis=0) < _BENT)
     away = distance_transform_edt(np.pad(face, 1))[1:-1, 1:-1]
-    strength = corner_strength(canvas.layers[-1][..., 0], int(np.ptp(_OFFSETS)) + 1)
+    strength = corner_strength(canvas.layers[-1][..., 0], int(np.ptp(_SAMPLES)) + 1)
     peak = (strength == maximum_filter(strength, _APART)) & (away > _INSIDE)
     y, x = np.nonzero(peak & (strength > (_STRUCTURE * canvas.noise) ** 2))
     best = np.argsort(-strength[y, x], kind="stable")
@@ -219,7 +230,7 @@ def _settled(seen: Sequence[_Seen], pose: Rigid, freedom: Freedom) -> Alignment 
                 return None
             J = J @ B
             Jw = J * w[:, None, None]
-            H, g = np.tensordot(Jw, J, ((0, 1), (0, 1))), np.matmul(r[:, None], Jw)[:, 0]
+            H, g = np.einsum("pni,pnj->ij", Jw, J, optimize=True), np.matmul(r[:, None], Jw)[:, 0]
             back = np.linalg.pinv(H, hermitian=True)
             step = B @ (back @ g.sum(axis=0))
             pose = pose @ Rigid.exp(step)
@@ -243,15 +254,15 @@ def _weights(r: Array, alike: Array) -> Array:
 def _rows(patches: Patches, canvas: Canvas, place: Rigid, pose: Rigid, level: int) -> _Rows:
     """Return what the patches in view say; a and b of each are eliminated: all is taken across 1 and the look."""
     camera_from_part = place @ pose
-    facing, n = patches.facing(camera_from_part), patches.p.shape[1]
-    p = patches.p[facing].reshape(-1, 3)
+    facing, every = patches.facing(camera_from_part), _levels(patches.p)[level]
+    n, p = every.shape[1], every[facing].reshape(-1, 3)
     q, by_p = canvas.camera.project_with_jacobian(camera_from_part @ p)
     values = canvas.sampled(level, q)
     J = np.matmul(values[:, None, 1:], by_p)[:, 0] @ camera_from_part.rotation
     J = np.concatenate([J, np.cross(p, J)], axis=1).reshape(-1, n, 6)
     first, p = by_p[::n] @ camera_from_part.rotation, p[::n, None]
     by_px = np.concatenate([first, np.cross(p, first)], axis=2)
-    brightness, look = values[:, 0].reshape(-1, n), patches.looks[level, facing]
+    brightness, look = values[:, 0].reshape(-1, n), patches.looks[level][facing]
     whole = np.isfinite(brightness).all(axis=1)
     brightness, look, J, by_px = brightness[whole], look[whole], J[whole], by_px[whole]
     brightness = brightness - brightness.mean(axis=1, keepdims=True)
@@ -266,17 +277,13 @@ def _shifted(seen: _Seen, start: Rigid) -> Rigid:
     """Return the start shifted across the view to where most of the patches look alike on the coarse canvas."""
     patches, canvas, place = seen
     camera_from_part = place @ start
-    p = camera_from_part @ patches.p[:, ::_SPARSE]
-    every = np.arange(-_REACH, _REACH + 1, 2.0)
-    shifts = np.stack(np.meshgrid(every, every), axis=-1).reshape(-1, 1, 2)
-    q = np.rint(np.nan_to_num(canvas.camera.project(p.reshape(-1, 3)), nan=-1.0) + shifts)
+    p = camera_from_part @ _levels(patches.p)[0]
+    q = np.rint(np.nan_to_num(canvas.camera.project(p.reshape(-1, 3)), nan=-1.0) + _SHIFTS)
     inside = ((q >= 0) & (q < canvas.camera.size)).all(axis=2)
     x, y = np.moveaxis(np.where(inside[..., None], q, 0).astype(np.int64), 2, 0)
-    values = np.where(inside, canvas.layers[0][y, x, 0], 0.0).reshape(len(shifts), *p.shape[:2])
+    values = np.where(inside, canvas.layers[0][y, x, 0], 0.0).reshape(len(_SHIFTS), *p.shape[:2])
     values -= values.mean(axis=2, keepdims=True)
-    look = patches.looks[0, :, ::_SPARSE]
-    look = look - look.mean(axis=1, keepdims=True)
-    alike = (values * look).sum(axis=2) / (np.linalg.norm(values, axis=2) * np.linalg.norm(look, axis=1) + 1e-9)
-    best = shifts[int(np.argmax(np.maximum(alike, 0.0).sum(axis=1))), 0]
+    alike = (values * patches.looks[0]).sum(axis=2) / (np.linalg.norm(values, axis=2) + 1e-9)
+    best = _SHIFTS[int(np.argmax(np.maximum(alike, 0.0).sum(axis=1))), 0]
     aside = best * np.mean(p[..., 2]) / [canvas.camera.fx, canvas.camera.fy]
     return place.inv @ Rigid(camera_from_part.rotation, camera_from_part.translation + [*aside, 0.0])

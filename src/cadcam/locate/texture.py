@@ -150,7 +150,7 @@ class Texture:
         from cadcam.render import open_renderer
 
         if canvas is None:
-            return Patches(np.zeros((0, 1, 3)), np.zeros((0, 3)), np.zeros((2, 0, 1)))
+            return Patches.none()
         if self._renderer is None:
             self._renderer = open_renderer(self._scene, threads=1)
         return Patches.learned(self._renderer, canvas, camera_from_part)

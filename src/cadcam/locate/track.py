@@ -19,7 +19,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.frames import Frame
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.locate import locate
-from cadcam.locate.location import Location
+from cadcam.locate.location import FOUND, Location
 from cadcam.locate.motion import Motion
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -32,6 +32,7 @@ _LEAST_PX, _MOST_PX = 2.0, EDGES.search_px
 _FAR_PX, _CLEAR, _UNCERTAIN = 16.0, 0.7, 0.45  # so far from its last place a part must be clear, else it is this
 _ANYWHERE = ("followed", "searched")  # ways that do not lean on the last place
 _FORETOLD = -2  # constraints that a place foretold to some px gives back: a fit anywhere else would not count
+_HELD = 0.3  # quality by its edges of a part that print holds
 _FOLLOWED = -5  # the same of a place that print tells: edges are met there that no fit laid onto them
 
 
@@ -258,7 +259,10 @@ def _foretold(
 def _by_print(
     part: Part, photos: tuple[Photo, ...], followed: Followed, memory: _Memory, freedom: Freedom
 ) -> Location:
-    """Return the pose that print and the lines near it tell together."""
+    """Return the pose that print and the lines near it tell together.
+
+    That print is found again says that the part is still what was found; then edges must not deny it, no more.
+    """
     there = followed.evidence
     reach_px = memory.reach_px(PoseEstimate(there.world_from_part, there.covariance), photos)
     location = refine(
@@ -271,7 +275,11 @@ def _by_print(
         chosen=_FOLLOWED,
         wider=False,
     )
-    return replace(location, pose=replace(location.pose, from_noise=followed.fused(location.pose.from_noise)))
+    location = replace(location, pose=replace(location.pose, from_noise=followed.fused(location.pose.from_noise)))
+    if not _HELD <= location.quality < FOUND:
+        return location
+    why = f"held by {followed.found} patches of print: {location.reason.removeprefix('not found: ')}"
+    return replace(location, quality=FOUND, reason=why)
 
 
 def _moved_px(corners: Array, one: Rigid, other: Rigid, photo: Photo) -> float:
