@@ -33,9 +33,9 @@ LEAST = 10  # patches that tell a pose at least
 _EXTENT, _MARGIN = 320, 8  # px of the part where patches are compared, at most, and what is kept around it
 _BLURS = (2.5, 1.0)  # px: coarse, fine
 _ROUNDS, _SETTLED_PX = (5, 6), (0.3, 0.02)
-_SAMPLES = np.stack(np.meshgrid(*[np.arange(-4.0, 5.0, 2.0)] * 2), axis=-1).reshape(-1, 2)  # px, of a patch
-_SPARSE = np.flatnonzero((_SAMPLES % 4 == 0).all(axis=1))  # those that are compared coarsely
-_APART, _MOST = 8, 80  # px between patches, and how many a photo gives at most
+_SAMPLES = np.stack(np.meshgrid(*[np.arange(-5.0, 6.0, 2.0)] * 2), axis=-1).reshape(-1, 2)  # px, of a patch
+_SPARSE = np.flatnonzero((np.abs(_SAMPLES) != 3).all(axis=1))  # those that are compared coarsely
+_APART, _MOST = 9, 80  # px between patches, and how many a photo gives at most
 _INSIDE = 6  # px that a patch's middle stays from the part's outline and from where it bends
 _BENT = 0.25  # by which unit normals of one face differ at most from pixel to pixel
 _STRUCTURE = 1.0  # slope of a patch in its weaker direction, in noises of a pixel: it can be followed
@@ -81,7 +81,7 @@ class Canvas:
         layers = self.layers[level]
         height, width, _ = layers.shape
         with np.errstate(invalid="ignore"):
-            inside = ((q >= 0) & (q < [width - 1, height - 1])).all(axis=1)
+            inside = np.asarray((q >= 0) & (q < [width - 1, height - 1])).all(axis=1)
         whole = np.where(inside[:, None], q, 0.0).astype(np.int64)
         u, v = (q - whole).T[:, :, None]
         index, flat = whole[:, 1] * width + whole[:, 0], layers.reshape(-1, 3)
@@ -138,7 +138,8 @@ class Patches:
     def facing(self, camera_from_part: Rigid) -> Mask:
         """Return which patches (P,) turn their face to the camera."""
         sight = camera_from_part.origin - self.p[:, 0]
-        return np.asarray((sight * self.normal).sum(axis=1) > _FACING * np.linalg.norm(sight, axis=1))
+        facing: Mask = (sight * self.normal).sum(axis=1) > _FACING * np.linalg.norm(sight, axis=1)
+        return facing
 
 
 def _levels(samples: Array) -> tuple[Array, Array]:
@@ -147,7 +148,7 @@ def _levels(samples: Array) -> tuple[Array, Array]:
 
 
 def _middles(canvas: Canvas, view: View) -> npt.NDArray[np.int64]:
-    """Return the pixels (P, 2) that patches are best taken around: on one face, and with structure in all directions."""
+    """Return the pixels (P, 2) that patches are best taken around: on one face, with structure in all directions."""
     from scipy.ndimage import distance_transform_edt, maximum_filter, minimum_filter
 
     bends = [np.ptp([f(view.normal[..., k], 3) for f in (minimum_filter, maximum_filter)], axis=0) for k in range(3)]
@@ -191,8 +192,11 @@ def aligned(
     freedom: Freedom,
 ) -> Alignment | None:
     """Return where patches are found again near a start, some px off; None where too few are."""
-    there = [k for k, canvas in enumerate(canvases) if canvas is not None and len(patches[k])]
-    seen = [_Seen(patches[k], canvases[k], photos[k].viewpoint.camera_from_world) for k in there]  # type: ignore[arg-type]
+    seen = [
+        _Seen(one, canvas, photo.viewpoint.camera_from_world)
+        for one, canvas, photo in zip(patches, canvases, photos, strict=True)
+        if canvas is not None and len(one)
+    ]
     if not seen:
         return None
     found = _settled(seen, start, freedom)
@@ -208,7 +212,7 @@ class _Seen(NamedTuple):
 
 
 class _Rows(NamedTuple):
-    """What P patches in view leave over r (P, n), its Jacobian J (P, n, 6) by the pose's twist, and how alike (P,) they are.
+    """What P patches in view leave over r (P, n), its Jacobian J (P, n, 6) by the pose's twist, how alike (P,) they are.
 
     by_px (P, 2, 6): how the twist moves the first sample of each in the picture.
     """
@@ -219,29 +223,44 @@ class _Rows(NamedTuple):
     by_px: Array
 
 
+class _Step(NamedTuple):
+    """A step of Gauss-Newton: where it leads, how far (px) at most, its covariance, and how alike patches were."""
+
+    pose: Rigid
+    moved_px: float
+    covariance: Array
+    alike: Array
+
+
 def _settled(seen: Sequence[_Seen], pose: Rigid, freedom: Freedom) -> Alignment | None:
     """Return where Gauss-Newton ends, coarse and then fine."""
     for level, (rounds, settled) in enumerate(zip(_ROUNDS, _SETTLED_PX, strict=True)):
         for _ in range(rounds):
-            B = freedom.at(pose)
-            r, J, alike, by_px = (np.concatenate(parts) for parts in zip(*(_rows(*s, pose, level) for s in seen)))
-            w = _weights(r, alike)
-            if np.count_nonzero(w) < LEAST:
+            step = _stepped(seen, pose, freedom.at(pose), level)
+            if step is None:
                 return None
-            J = J @ B
-            Jw = J * w[:, None, None]
-            H, g = np.einsum("pni,pnj->ij", Jw, J, optimize=True), np.matmul(r[:, None], Jw)[:, 0]
-            back = np.linalg.pinv(H, hermitian=True)
-            step = B @ (back @ g.sum(axis=0))
-            pose = pose @ Rigid.exp(step)
-            if np.abs(by_px @ step).max() < settled:
+            pose = step.pose
+            if step.moved_px < settled:
                 break
-    found = int(np.count_nonzero(alike > _ALIKE))
-    if found < max(LEAST, _SHARE * len(alike)):
-        return None
+    found = int(np.count_nonzero(step.alike > _ALIKE))
+    return Alignment(pose, step.covariance, found) if found >= max(LEAST, _SHARE * len(step.alike)) else None
+
+
+def _stepped(seen: Sequence[_Seen], pose: Rigid, B: Array, level: int) -> _Step | None:
+    """Return the next step in the basis B; None where too few patches look alike."""
+    rows = [_rows(*one, pose, level) for one in seen]
+    r, J, alike, by_px = (np.concatenate([one[k] for one in rows]) for k in range(4))
+    w = _weights(r, alike)
     n = np.count_nonzero(w)
-    S = back @ (g.T @ g) @ back * (n / max(n - len(back), 1))
-    return Alignment(pose, B @ S @ B.T, found)
+    if n < LEAST:
+        return None
+    J = J @ B
+    Jw = J * w[:, None, None]
+    H, g = np.einsum("pni,pnj->ij", Jw, J, optimize=True), np.matmul(r[:, None], Jw)[:, 0]
+    back = B @ np.linalg.pinv(H, hermitian=True)
+    step = back @ g.sum(axis=0)
+    covariance = back @ (g.T @ g) @ back.T * (n / max(n - len(H), 1))
+    return _Step(pose @ Rigid.exp(step), float(np.abs(by_px @ step).max()), covariance, alike)
 
 
 def _weights(r: Array, alike: Array) -> Array:
@@ -285,5 +304,5 @@ def _shifted(seen: _Seen, start: Rigid) -> Rigid:
     values -= values.mean(axis=2, keepdims=True)
     alike = (values * patches.looks[0]).sum(axis=2) / (np.linalg.norm(values, axis=2) + 1e-9)
     best = _SHIFTS[int(np.argmax(np.maximum(alike, 0.0).sum(axis=1))), 0]
-    aside = best * np.mean(p[..., 2]) / [canvas.camera.fx, canvas.camera.fy]
-    return place.inv @ Rigid(camera_from_part.rotation, camera_from_part.translation + [*aside, 0.0])
+    aside = best * float(np.mean(p[..., 2])) / np.array([canvas.camera.fx, canvas.camera.fy])
+    return place.inv @ Rigid(camera_from_part.rotation, camera_from_part.translation + np.append(aside, 0.0))

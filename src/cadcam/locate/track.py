@@ -256,9 +256,7 @@ def _foretold(
     return refine(part, photos, predicted.world_from_part, freedom=freedom, options=options, chosen=given, wider=False)
 
 
-def _by_print(
-    part: Part, photos: tuple[Photo, ...], followed: Followed, memory: _Memory, freedom: Freedom
-) -> Location:
+def _by_print(part: Part, photos: tuple[Photo, ...], followed: Followed, memory: _Memory, freedom: Freedom) -> Location:
     """Return the pose that print and the lines near it tell together.
 
     That print is found again says that the part is still what was found; then edges must not deny it, no more.

@@ -3,7 +3,8 @@
 The log is JSON lines. The first says what was tracked: {"format": "cadcam track", "version": 1, ...} with fingerprints
 of part, cameras, start and options; then a line a frame: {"frame", "files", "sha256", "found", "quality", "how",
 "reason", "pose", "filtered": null where the part was lost}. Poses are as `write_part_pose` writes them: "pose" by the
-frame's photos (and print that earlier ones showed, where it was "followed"), "filtered" by all frames so far. A log is only continued with the same inputs.
+frame's photos (with print that earlier frames showed where it was "followed"), "filtered" by all frames so far. A log
+is only continued with the same inputs.
 """
 
 from __future__ import annotations
@@ -54,8 +55,9 @@ def track_to(
 ) -> Iterator[tuple[Frame, dict[str, Any]]]:
     """Yield each frame with its line in the log, once that is on the disk; frames that were there already too.
 
-    Frames that the log has are read again, to see by their fingerprints that they are the same and to learn what print
-    they show, but not located. The log says of itself with which inputs it was begun (`TrackLog.open`). Raises `UnreadableFile` where a frame differs.
+    Frames that the log has are read again, to see by their fingerprints that they are the same and to learn the print
+    that they show, but not located. The log says of itself with which inputs it was begun (`TrackLog.open`). Raises
+    `UnreadableFile` where a frame differs.
     """
     rest, there, steps = iter(frames), list(log.entries), log.steps()
     tracker = Tracker(part, start, freedom=freedom, velocity=velocity, texture=texture)
