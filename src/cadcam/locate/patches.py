@@ -36,6 +36,7 @@ _ROUNDS, _SETTLED_PX = (5, 6), (0.3, 0.02)
 _SAMPLES = np.stack(np.meshgrid(*[np.arange(-5.0, 6.0, 2.0)] * 2), axis=-1).reshape(-1, 2)  # px, of a patch
 _SPARSE = np.flatnonzero((np.abs(_SAMPLES) != 3).all(axis=1))  # those that are compared coarsely
 _APART, _MOST = 9, 80  # px between patches, and how many a photo gives at most
+_OVERLAP = (11 / _APART) ** 2  # by which neighbours that share pixels tell less than patches side by side
 _INSIDE = 6  # px that a patch's middle stays from the part's outline and from where it bends
 _BENT = 0.25  # by which unit normals of one face differ at most from pixel to pixel
 _STRUCTURE = 1.0  # slope of a patch in its weaker direction, in noises of a pixel: it can be followed
@@ -81,7 +82,7 @@ class Canvas:
         layers = self.layers[level]
         height, width, _ = layers.shape
         with np.errstate(invalid="ignore"):
-            inside = np.asarray((q >= 0) & (q < [width - 1, height - 1])).all(axis=1)
+            inside: Mask = np.all((q >= 0) & (q < np.array([width - 1, height - 1])), axis=1)
         whole = np.where(inside[:, None], q, 0.0).astype(np.int64)
         u, v = (q - whole).T[:, :, None]
         index, flat = whole[:, 1] * width + whole[:, 0], layers.reshape(-1, 3)
@@ -212,7 +213,7 @@ class _Seen(NamedTuple):
 
 
 class _Rows(NamedTuple):
-    """What P patches in view leave over r (P, n), its Jacobian J (P, n, 6) by the pose's twist, how alike (P,) they are.
+    """What P patches in view leave over, r (P, n), its Jacobian J (P, n, 6) by the twist, and how alike (P,) they are.
 
     by_px (P, 2, 6): how the twist moves the first sample of each in the picture.
     """
@@ -234,16 +235,17 @@ class _Step(NamedTuple):
 
 def _settled(seen: Sequence[_Seen], pose: Rigid, freedom: Freedom) -> Alignment | None:
     """Return where Gauss-Newton ends, coarse and then fine."""
+    step = _Step(pose, np.inf, np.zeros((6, 6)), np.zeros(0))
     for level, (rounds, settled) in enumerate(zip(_ROUNDS, _SETTLED_PX, strict=True)):
         for _ in range(rounds):
-            step = _stepped(seen, pose, freedom.at(pose), level)
-            if step is None:
+            following = _stepped(seen, step.pose, freedom.at(step.pose), level)
+            if following is None:
                 return None
-            pose = step.pose
+            step = following
             if step.moved_px < settled:
                 break
     found = int(np.count_nonzero(step.alike > _ALIKE))
-    return Alignment(pose, step.covariance, found) if found >= max(LEAST, _SHARE * len(step.alike)) else None
+    return Alignment(step.pose, step.covariance, found) if found >= max(LEAST, _SHARE * len(step.alike)) else None
 
 
 def _stepped(seen: Sequence[_Seen], pose: Rigid, B: Array, level: int) -> _Step | None:
@@ -251,7 +253,7 @@ def _stepped(seen: Sequence[_Seen], pose: Rigid, B: Array, level: int) -> _Step 
     rows = [_rows(*one, pose, level) for one in seen]
     r, J, alike, by_px = (np.concatenate([one[k] for one in rows]) for k in range(4))
     w = _weights(r, alike)
-    n = np.count_nonzero(w)
+    n = int(np.count_nonzero(w))
     if n < LEAST:
         return None
     J = J @ B
@@ -259,7 +261,7 @@ def _stepped(seen: Sequence[_Seen], pose: Rigid, B: Array, level: int) -> _Step 
     H, g = np.einsum("pni,pnj->ij", Jw, J, optimize=True), np.matmul(r[:, None], Jw)[:, 0]
     back = B @ np.linalg.pinv(H, hermitian=True)
     step = back @ g.sum(axis=0)
-    covariance = back @ (g.T @ g) @ back.T * (n / max(n - len(H), 1))
+    covariance = back @ (g.T @ g) @ back.T * (_OVERLAP * n / max(n - len(H), 1))
     return _Step(pose @ Rigid.exp(step), float(np.abs(by_px @ step).max()), covariance, alike)
 
 

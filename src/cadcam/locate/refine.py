@@ -317,13 +317,13 @@ def _location(part: Part, fitted: _Fitted, freedom: Freedom, chosen: int) -> Loc
         (_TOGETHER_PX**2 * (G @ n) @ (G @ n).T for G, n in zip(gains, normals, strict=True)), np.zeros((6, 6))
     )
     estimate = PoseEstimate(pose, B @ fit.covariance @ B.T + together, from_calibration, B, fit.dof)
-    evidence = judged(sights, pose, B, chosen=chosen, scatter=_scatter(fit))
+    evidence = judged(sights, pose, B, chosen=chosen, scatter=_scatter(fit, sum(n)))
     return Location(estimate, _matches(fitted), evidence.quality, _reason(part, estimate, evidence, fit, photos))
 
 
-def _scatter(fit: GroupedFit) -> float:
-    """Return by how much (px, root mean square) edges are off as a whole, whatever they are believed."""
-    samples = np.bincount(fit.group)
+def _scatter(fit: GroupedFit, n: int) -> float:
+    """Return by how much (px, root mean square) edges, the first n data, are off as a whole, whatever they count."""
+    samples = np.bincount(fit.group[:n], minlength=len(fit.offset))
     return float(np.sqrt(samples @ np.minimum(np.abs(fit.offset), _FARTHEST_PX) ** 2 / max(samples.sum(), 1)))
 
 
