@@ -33,6 +33,7 @@ from cadcam.render.view import Renderer
 _TURN, _SCALE = math.radians(12.0), 0.12  # by which a view differs from its keyframe's before one more is learned
 _KEPT = 12  # keyframes
 _PATIENCE = 2  # frames in which none is found again, after which all are given up
+_MEMORY, _DENIED = 0.8, 25.0  # of how edges pull, from frame to frame; chi^2 of six parameters that denies the print
 _FRAMES = 4.0  # that a keyframe counts as at most
 _NEVER_FREE = 1e-9  # share of the largest variance below which a direction is not free
 
@@ -98,6 +99,7 @@ class Texture:
         """Start anew, as after a loss."""
         self._keyframes: list[_Keyframe] = []
         self._misses = 0
+        self._pull, self._pulls = np.zeros(6), 0.0
 
     def follow(self, photos: Sequence[Photo], start: Rigid, freedom: Freedom) -> Followed | None:
         """Return where print says the part is, from a start some px off; None where it is not found again."""
@@ -122,10 +124,22 @@ class Texture:
                 self._learn(photos, pose, 1.0)
             return
         self._misses = 0
+        if self._slides(followed, pose):
+            self.forget()
+            self._learn(photos, pose, 1.0)
+            return
         mended = self._mended(self._keyframes[followed.number], followed, pose)
         self._keyframes[followed.number] = mended
         if self._difference(mended.views, _views(photos, pose.world_from_part)) > 1.0:
             self._learn(photos, pose, mended.frames)
+
+    def _slides(self, followed: Followed, pose: PoseEstimate) -> bool:
+        """Return whether edges keep pulling the pose away to one side, as where print slides over a part or reflects."""
+        there, scale = followed.evidence, np.repeat([1.0, self._radius], 3)
+        off = scale * (there.world_from_part.inv @ pose.world_from_part).log()
+        sigmas = _root(_inverse(scale[:, None] * there.covariance * scale)) @ off
+        self._pull, self._pulls = _MEMORY * self._pull + sigmas, _MEMORY**2 * self._pulls + 1
+        return bool(self._pull @ self._pull > _DENIED * self._pulls)
 
     def _mended(self, keyframe: _Keyframe, followed: Followed, pose: PoseEstimate) -> _Keyframe:
         """Return the keyframe moved by its share of what edges moved the pose by."""

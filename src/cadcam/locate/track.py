@@ -32,7 +32,7 @@ _LEAST_PX, _MOST_PX = 2.0, EDGES.search_px
 _FAR_PX, _CLEAR, _UNCERTAIN = 16.0, 0.7, 0.45  # so far from its last place a part must be clear, else it is this
 _ANYWHERE = ("followed", "searched")  # ways that do not lean on the last place
 _FORETOLD = -2  # constraints that a place foretold to some px gives back: a fit anywhere else would not count
-_DENIED = 25.0  # chi^2 of up to six parameters: so far edges may take a part from where its print leads
+_BETTER = 0.2  # quality by which edges alone show that print has left the part
 _HELD = 0.3  # quality by its edges of a part that print holds
 _FOLLOWED = -5  # the same of a place that print tells: edges are met there that no fit laid onto them
 
@@ -274,9 +274,11 @@ def _by_print(part: Part, photos: tuple[Photo, ...], followed: Followed, memory:
         chosen=_FOLLOWED,
         wider=False,
     )
-    off, _ = there.rows(photos[0], location.pose.world_from_part)
-    if off @ off > _DENIED:
-        return replace(location, quality=0.0, reason="not found: edges are elsewhere than the print on the part leads")
+    if location.quality < _CLEAR:
+        options = replace(EDGES, search_px=reach_px)
+        alone = refine(part, photos, there.world_from_part, freedom=freedom, options=options, wider=False)
+        if alone.quality > location.quality + _BETTER:
+            return replace(location, quality=0.0, reason="not found: edges are elsewhere than print leads")
     location = replace(location, pose=replace(location.pose, from_noise=followed.fused(location.pose.from_noise)))
     if not _HELD <= location.quality < FOUND:
         return location
