@@ -134,7 +134,7 @@ class Texture:
             self._learn(photos, pose, mended.frames)
 
     def _slides(self, followed: Followed, pose: PoseEstimate) -> bool:
-        """Return whether edges keep pulling the pose away to one side, as where print slides over a part or reflects."""
+        """Return whether edges keep pulling the pose away to one side, as where print slides over a part."""
         there, scale = followed.evidence, np.repeat([1.0, self._radius], 3)
         off = scale * (there.world_from_part.inv @ pose.world_from_part).log()
         sigmas = _root(_inverse(scale[:, None] * there.covariance * scale)) @ off
