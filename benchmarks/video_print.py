@@ -22,6 +22,7 @@ _STEP, _BORDER = 4.0, 4.0  # mm between points on a face, and how far they stay 
 _BLUR = 1.0  # px
 _ROUNDS = 12
 _FACING = 0.25  # cosine of the view from which a face is looked at
+_LINKED, _LINK_MM = (1, 2, 3, 5, 8, 12), 0.15  # frames apart that are joined, and how well
 _LEAST = 40  # points of a face, and of all
 
 
@@ -73,6 +74,35 @@ def told_and_shown(
             mm.append(float(np.linalg.norm(by_print @ middle - other @ middle)))
             deg.append(float(np.degrees(np.linalg.norm(so3.log((by_print.inv @ other).rotation)))))
     return np.array(mm), np.array(deg)
+
+
+def straightened(camera: Camera, pictures: Sequence[Picture], poses: Sequence[Rigid], box: Array) -> list[Rigid]:
+    """Return poses moved to where the print of all frames agrees, each as little as that takes.
+
+    Errors of single frames go, those that all frames share remain.
+    Frames a few apart are joined by the motion that the print says; corrections x of the poses, small twists about the
+    part's middle, are to make x_b - x_a what it says more, and to be small: 0.15 mm to 1 mm, far ones hardly count.
+    """
+    middle, radius = Rigid(np.eye(3), box.mean(axis=0)), float(np.linalg.norm(box[1] - box[0]) / 2)
+    scale, links = np.repeat([1.0, radius], 3), []
+    for apart in _LINKED:
+        for a, b in zip(range(len(poses) - apart), range(apart, len(poses)), strict=True):
+            said = motion_by_print(camera, (pictures[a], pictures[b]), (poses[a], poses[b]), box)
+            if said is not None:
+                more = scale * (middle.inv @ poses[b].inv @ said @ middle).log()
+                links.append((a, b, more, _LINK_MM**2 * (1 + 0.1 * apart)))
+    n = len(poses)
+    x: Array = np.zeros((n, 6))
+    for _ in range(_ROUNDS):
+        own: Array = 1 / (1 + (np.linalg.norm(x, axis=1) / 1.5) ** 2)
+        A, right = np.diag(own), np.zeros((n, 6))
+        for a, b, more, variance in links:
+            w = 1 / (variance * (1 + (np.linalg.norm(x[b] - x[a] - more) / (5 * _LINK_MM)) ** 2))
+            A[[a, b, a, b], [a, b, b, a]] += [w, w, -w, -w]
+            right[b] += w * more
+            right[a] -= w * more
+        x = np.asarray(np.linalg.solve(A, right))
+    return [pose @ middle @ Rigid.exp(one / scale) @ middle.inv for pose, one in zip(poses, x, strict=True)]
 
 
 def _points(box: Array, camera: Camera, poses: Sequence[Rigid]) -> tuple[Array, Array]:

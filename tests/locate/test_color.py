@@ -17,8 +17,9 @@ from cadcam.locate.chequers import along_chequers
 from cadcam.locate.color import by_color
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.refine import EDGES, refine
+from cadcam.locate.refine import refine
 from cadcam.locate.sight import Sight
+from cadcam.locate.solution import EDGES
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Scene
 

@@ -12,7 +12,8 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.hypothesis import Hypothesis
 from cadcam.locate.locate import locate
 from cadcam.locate.location import Location
-from cadcam.locate.refine import EDGES, EdgeOptions, refined
+from cadcam.locate.refine import refined
+from cadcam.locate.solution import EDGES, EdgeOptions
 
 from .scene import CAMERA, block, largest_miss, off, photo_of, pose_of
 

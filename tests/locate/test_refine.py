@@ -23,7 +23,8 @@ from cadcam.locate.freedom import Freedom
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality import SEARCHED
-from cadcam.locate.refine import EdgeOptions, refine
+from cadcam.locate.refine import refine
+from cadcam.locate.solution import EdgeOptions
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Look
 

@@ -31,22 +31,23 @@ frames: a folder of pictures in the order of the numbers in their names, a patte
 several cameras the n-th pictures were taken together.
 
 the log (-o) gets a line of JSON a frame, on the disk before the next frame is read: found, quality, and two poses with
-covariances. "pose" is what this frame's pictures show by themselves: it does not lean on other frames, and a sudden
-motion is followed at once. "filtered" joins it with all frames before (constant velocity, changed as much as this
-part's motion was found to change): steadier, and better where a frame shows little, but late where the motion changes.
-Measure with "pose", guide and draw with "filtered".
+covariances. "pose" is what this frame's pictures show: the part's edges, and the print on its faces as earlier frames
+showed it (with --no-print edges alone: then it does not lean on other frames). A sudden motion is followed at once.
+"filtered" joins it with all frames before (constant velocity, changed as much as this part's motion was found to
+change): steadier, and better where a frame shows little, but late where the motion changes. Measure with "pose", guide
+and draw with "filtered".
 
 Run the same command again and it goes on after the last whole line; with other pictures, part, cameras or start it
 refuses. --csv writes a table for spreadsheets: of "pose", with --smooth of "filtered".
 
-how: predicted, near where the motion led; kept, around the last pose; recovered, searched around the last pose (or the
-start); searched without a start; lost. A part that stays away is searched for less and less often, every eighth frame
-at last.
+how: followed, where the print on it led; predicted, near where the motion led; kept, around the last pose; recovered,
+searched around the last pose (or the start); searched without a start; lost. A part that stays away is searched for
+less and less often, every eighth frame at last.
 
 exit code: 0, or 3 where the part was found in no frame."""
 _DESCRIPTION = """\
-Follow a part through pictures: its motion foretells where to look in the next frame, and how far around. What is lost
-is said to be lost, and searched for again."""
+Follow a part through pictures: the print on it and its motion foretell where to look in the next frame, and how far
+around. What is lost is said to be lost, and searched for again."""
 
 
 def add_to(verbs: Verbs) -> None:
@@ -60,6 +61,7 @@ def add_to(verbs: Verbs) -> None:
     add_photo_options(parser)
     add_start_options(parser)
     parser.add_argument("--no-velocity", action="store_true", help="expect the part where it was, not to move on")
+    parser.add_argument("--no-print", action="store_true", help="edges alone: do not learn and follow what faces show")
     group = parser.add_argument_group("results")
     group.add_argument("-o", "--output", metavar="FILE", required=True, help="log: .jsonl, a line a frame")
     group.add_argument("--csv", metavar="FILE", help="the same as a table: .csv")
@@ -81,7 +83,11 @@ def run(arguments: argparse.Namespace) -> int:
     frames = Frames([file_of(path) for path in arguments.frames], viewpoints)
     mesh, _ = load_as_asked(arguments)
     part = part_as_asked(arguments, mesh)
-    how: dict[str, Any] = {"freedom": freedom, "velocity": not arguments.no_velocity}
+    how: dict[str, Any] = {
+        "freedom": freedom,
+        "velocity": not arguments.no_velocity,
+        "texture": not arguments.no_print,
+    }
     if arguments.overwrite:
         Path(arguments.output).unlink(missing_ok=True)
     head = head_of(part, frames.viewpoints, start, **how)

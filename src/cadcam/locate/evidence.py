@@ -12,6 +12,8 @@ from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.photo import Photo
 
+_NEVER_FREE = 1e-9  # share of the largest variance below which a direction is not free
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointEvidence:
@@ -60,7 +62,36 @@ class LineEvidence:
         return (self.q - ends[0]) @ normal, (1 - t) * (normal @ J[0]) + t * (normal @ J[1])
 
 
-Evidence = PointEvidence | LineEvidence
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseEvidence:
+    """A pose world_from_part known otherwise, with its covariance (6, 6) in part axes; zero across what is not free.
+
+    radius (mm): of the part; turns times it are comparable to shifts.
+    """
+
+    world_from_part: Rigid
+    covariance: Array
+    radius: float
+    photo: int = 0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "covariance", frozen(self.covariance, "covariance of the pose", (6, 6)))
+
+    def rows(self, photo: Photo, world_from_part: Rigid) -> tuple[Array, Array]:
+        """Return how far off it is in its own standard deviations, (k,) of its free directions, and the Jacobian."""
+        scale = np.repeat([1.0, self.radius], 3)
+        values, axes = np.linalg.eigh(scale[:, None] * self.covariance * scale)
+        free = values > _NEVER_FREE * values[-1]
+        rows = (axes[:, free] / np.sqrt(values[free])).T * scale
+        return rows @ (world_from_part.inv @ self.world_from_part).log(), rows
+
+    @property
+    def sigma_px(self) -> float:
+        """Return 1: its rows are in standard deviations."""
+        return 1.0
+
+
+Evidence = PointEvidence | LineEvidence | PoseEvidence
 
 
 def rows_of(evidence: Sequence[Evidence], photos: Sequence[Photo], pose: Rigid) -> tuple[Array, Array, Array]:

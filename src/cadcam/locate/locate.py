@@ -19,8 +19,9 @@ from cadcam.locate.location import FOUND, Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality import SEARCHED
-from cadcam.locate.refine import EDGES, EdgeOptions, refined
+from cadcam.locate.refine import refined
 from cadcam.locate.search import search_once
+from cadcam.locate.solution import EDGES, EdgeOptions
 from cadcam.locate.view_range import WHOLE_SPHERE, ViewRange
 
 _RIVAL = 0.85  # share of the best hypothesis' score that makes another one as good

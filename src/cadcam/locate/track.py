@@ -1,7 +1,8 @@
-"""A part followed through pictures: its motion foretells where it will be; what is lost is looked for again.
+"""A part followed through pictures: its print and its motion foretell where it is; what is lost is looked for again.
 
-Where the motion is even, a frame is searched only as far around the foretold lines as their covariance says: what lies
-farther, print or a shadow beside an edge, cannot pull the part away.
+A frame is searched only as far around the foretold lines as their covariance says: what lies farther, print or a shadow
+beside an edge, cannot pull the part away. Where the part's faces show more than the model knows of (`locate.texture`),
+that tells the pose together with the edges.
 """
 
 from __future__ import annotations
@@ -18,28 +19,35 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.frames import Frame
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.locate import locate
-from cadcam.locate.location import Location
+from cadcam.locate.location import FOUND, Location
 from cadcam.locate.motion import Motion
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.refine import EDGES, refine
+from cadcam.locate.refine import refine
+from cadcam.locate.solution import EDGES
+from cadcam.locate.texture import Followed, Texture
 
 _PATIENCE = 8  # frames between two searches without a start, once a part has been gone for long
 _SIGMAS, _BESIDE = 3.0, 1.0  # how far around foretold lines the photo's are looked for: sds, and px for lines of paint
 _LEAST_PX, _MOST_PX = 2.0, EDGES.search_px
 _FAR_PX, _CLEAR, _UNCERTAIN = 16.0, 0.7, 0.45  # so far from its last place a part must be clear, else it is this
+_ANYWHERE = ("followed", "searched")  # ways that do not lean on the last place
 _FORETOLD = -2  # constraints that a place foretold to some px gives back: a fit anywhere else would not count
+_BETTER = 0.2  # quality by which edges alone show that print has left the part
+_HELD = 0.3  # quality by its edges of a part that print holds
+_FOLLOWED = -5  # the same of a place that print tells: edges are met there that no fit laid onto them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedFrame:
     """Where the part was in one frame.
 
-    location: by this frame's photos alone. filtered: by all frames so far (`locate.motion`), steadier and better where
-    a frame shows little, but late by a share of what the motion changed; None where the part was lost. how: "predicted"
-    (near where the motion led), "kept" (around the last pose), "recovered" (searched around the last pose, or around
-    the start), "searched" (without any start), "lost". Of a lost frame the location is the best that was there; its
-    `found` is False.
+    location: by this frame's photos; where it was "followed", with print as earlier frames showed it. filtered: by all
+    frames so far (`locate.motion`), steadier and better where a frame shows little, but late by a share of what the
+    motion changed; None where the part was lost. how: "followed" (where the print on it led), "predicted" (near where
+    the motion led), "kept" (around the last pose), "recovered" (searched around the last pose, or around the start),
+    "searched" (without any start), "lost". Of a lost frame the location is the best that was there; its `found` is
+    False.
     """
 
     frame: Frame
@@ -55,10 +63,15 @@ class TrackedFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
-    """A frame of an earlier run: its index and where it showed the part (unfiltered), None where that was lost."""
+    """A frame of an earlier run: its index, where it showed the part (unfiltered; None where that was lost), and how.
+
+    photos: what it showed; without them the print on the part is learned anew.
+    """
 
     index: int
     pose: PoseEstimate | None
+    how: str = ""
+    photos: tuple[Photo, ...] = ()
 
 
 def track(
@@ -68,26 +81,71 @@ def track(
     *,
     freedom: Freedom = FREE,
     velocity: bool = True,
-    history: Sequence[Step] = (),
+    texture: bool = True,
+    history: Iterable[Step] = (),
 ) -> Iterator[TrackedFrame]:
     """Yield where the part is in each frame, one by one as they are asked for.
 
     start: world_from_part (mm) in the first frame, roughly; without it the part is searched for. A frame is looked at
-    near where the motion so far leads (`velocity`: at constant velocity; else where it was). Where that does not find
-    the part, it is searched for around its last pose, then without a start (not where its motion is restricted); a part
-    that stays away is searched for less and less often. Of poses that the part's symmetry allows, the one nearest to
-    the last is taken.
+    where the print on the part leads (`texture`), or near where the motion so far does (`velocity`: at constant
+    velocity; else where it was). Where that does not find the part, it is searched for around its last pose, then
+    without a start (not where its motion is restricted); a part that stays away is searched for less and less often. Of
+    poses that the part's symmetry allows, the one nearest to the last is taken.
     history: frames of a run that this one continues, as if there had been no break. A frame without contrast is a loss.
     Raises `NothingInView` where the start puts the part outside of the first photos.
     """
-    if freedom is not FREE and start is None:
-        raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
-    memory = _Memory(_corners(part), start, velocity)
+    tracker = Tracker(part, start, freedom=freedom, velocity=velocity, texture=texture)
     for step in history:
-        memory.keep(step.index, step.pose)
+        tracker.recall(step)
     for frame in frames:
-        how, location = _located(part, frame.photos, memory, freedom, frame.index)
-        yield TrackedFrame(frame, location, how, memory.keep(frame.index, location.pose if location.found else None))
+        yield tracker.next(frame)
+
+
+class Tracker:
+    """Follows a part frame by frame, as `track` does with the same arguments."""
+
+    def __init__(
+        self,
+        part: Part,
+        start: Rigid | None = None,
+        *,
+        freedom: Freedom = FREE,
+        velocity: bool = True,
+        texture: bool = True,
+    ) -> None:
+        if freedom is not FREE and start is None:
+            raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
+        self._part, self._freedom = part, freedom
+        self._memory = _Memory(_corners(part), start, velocity)
+        self._texture = Texture(part) if texture else None
+
+    def next(self, frame: Frame) -> TrackedFrame:
+        """Return where the part is in the next frame."""
+        followed = self._followed(frame.index, frame.photos)
+        how, location = _located(self._part, frame.photos, self._memory, self._freedom, frame.index, followed)
+        step = Step(frame.index, location.pose if location.found else None, how, frame.photos)
+        return TrackedFrame(frame, location, how, self._keep(step, followed))
+
+    def recall(self, step: Step) -> None:
+        """Take up a frame of an earlier run in the place of tracking it."""
+        self._keep(step, None if step.pose is None else self._followed(step.index, step.photos))
+
+    def _followed(self, index: int, photos: tuple[Photo, ...]) -> Followed | None:
+        """Return where the print on the part leads, None unless the part was found in the frame before."""
+        predicted = self._memory.predicted(index)
+        if self._texture is None or predicted is None or not photos:
+            return None
+        return self._texture.follow(photos, predicted.world_from_part, self._freedom)
+
+    def _keep(self, step: Step, followed: Followed | None) -> PoseEstimate | None:
+        """Take up a frame; return where the part is by all frames so far, None where it was lost."""
+        if self._texture is not None and step.photos:
+            misled = followed is not None and step.how != "followed"
+            if step.pose is None or misled:
+                self._texture.forget()
+            if step.pose is not None:
+                self._texture.keep(step.photos, step.pose, None if misled else followed)
+        return self._memory.keep(step.index, step.pose)
 
 
 class _Memory:
@@ -148,12 +206,12 @@ class _Memory:
 
 
 def _located(
-    part: Part, photos: tuple[Photo, ...], memory: _Memory, freedom: Freedom, index: int
+    part: Part, photos: tuple[Photo, ...], memory: _Memory, freedom: Freedom, index: int, followed: Followed | None
 ) -> tuple[str, Location]:
     """Return how and where the part was found, by the cheapest way that finds it; else the best of what was tried."""
     where = memory.last or Rigid()
     tried = [Location.nowhere(where, "not looked for")]
-    for how, attempt in _ways(part, photos, memory, freedom, index):
+    for how, attempt in _ways(part, photos, memory, freedom, index, followed):
         try:
             location = attempt()
         except NothingInView as error:
@@ -166,7 +224,7 @@ def _located(
             continue
         if location.found:
             location = memory.nearest(location)
-            if how == "searched" or location.quality >= _CLEAR or not memory.left(location.pose, photos):
+            if how in _ANYWHERE or location.quality >= _CLEAR or not memory.left(location.pose, photos):
                 return how, location
             why = f"not certain: far from where the part was, which takes a quality of {_CLEAR} ({location.reason})"
             location = replace(location, quality=_UNCERTAIN, reason=why)
@@ -175,10 +233,12 @@ def _located(
 
 
 def _ways(
-    part: Part, photos: tuple[Photo, ...], memory: _Memory, freedom: Freedom, index: int
+    part: Part, photos: tuple[Photo, ...], memory: _Memory, freedom: Freedom, index: int, followed: Followed | None
 ) -> Iterator[tuple[str, Callable[[], Location]]]:
     """Yield the ways to find the part, cheapest first."""
     last, predicted = memory.last, memory.predicted(index)
+    if followed is not None:
+        yield "followed", lambda: _by_print(part, photos, followed, memory, freedom)
     if predicted is not None:
         yield "predicted", lambda: _foretold(part, photos, predicted, memory.reach_px(predicted, photos), freedom)
     if last is not None and memory.tracking(index):
@@ -196,6 +256,35 @@ def _foretold(
     options = replace(EDGES, search_px=reach_px)
     given = _FORETOLD if reach_px < _MOST_PX else 0
     return refine(part, photos, predicted.world_from_part, freedom=freedom, options=options, chosen=given, wider=False)
+
+
+def _by_print(part: Part, photos: tuple[Photo, ...], followed: Followed, memory: _Memory, freedom: Freedom) -> Location:
+    """Return the pose that print and the lines near it tell together.
+
+    That print is found again says that the part is still what was found; then edges must not deny it, no more.
+    """
+    there = followed.evidence
+    reach_px = memory.reach_px(PoseEstimate(there.world_from_part, there.covariance), photos)
+    location = refine(
+        part,
+        photos,
+        there.world_from_part,
+        freedom=freedom,
+        evidence=[there],
+        options=replace(EDGES, search_px=reach_px),
+        chosen=_FOLLOWED,
+        wider=False,
+    )
+    if location.quality < _CLEAR:
+        options = replace(EDGES, search_px=reach_px)
+        alone = refine(part, photos, there.world_from_part, freedom=freedom, options=options, wider=False)
+        if alone.quality > location.quality + _BETTER:
+            return replace(location, quality=0.0, reason="not found: edges are elsewhere than print leads")
+    location = replace(location, pose=replace(location.pose, from_noise=followed.fused(location.pose.from_noise)))
+    if not _HELD <= location.quality < FOUND:
+        return location
+    why = f"held by {followed.found} patches of print: {location.reason.removeprefix('not found: ')}"
+    return replace(location, quality=FOUND, reason=why)
 
 
 def _moved_px(corners: Array, one: Rigid, other: Rigid, photo: Photo) -> float:

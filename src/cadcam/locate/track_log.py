@@ -3,7 +3,8 @@
 The log is JSON lines. The first says what was tracked: {"format": "cadcam track", "version": 1, ...} with fingerprints
 of part, cameras, start and options; then a line a frame: {"frame", "files", "sha256", "found", "quality", "how",
 "reason", "pose", "filtered": null where the part was lost}. Poses are as `write_part_pose` writes them: "pose" by the
-frame's photos alone, "filtered" by all frames so far. A log is only continued with the same inputs.
+frame's photos (with print that earlier frames showed where it was "followed"), "filtered" by all frames so far. A log
+is only continued with the same inputs.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import io
 import json
 import os
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -32,7 +34,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.frames import Frame, Frames
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.part import Part
-from cadcam.locate.track import Step, TrackedFrame, track
+from cadcam.locate.track import Step, TrackedFrame, Tracker
 
 FORMAT, VERSION = "cadcam track", 2
 _MAX_BYTES = 4_000_000_000
@@ -49,14 +51,17 @@ def track_to(
     *,
     freedom: Freedom = FREE,
     velocity: bool = True,
+    texture: bool = True,
 ) -> Iterator[tuple[Frame, dict[str, Any]]]:
     """Yield each frame with its line in the log, once that is on the disk; frames that were there already too.
 
-    Frames that the log has are read again, to see by their fingerprints that they are the same, but not located. The
-    log says of itself with which inputs it was begun (`TrackLog.open`). Raises `UnreadableFile` where a frame differs.
+    Frames that the log has are read again, to see by their fingerprints that they are the same and to learn the print
+    that they show, but not located. The log says of itself with which inputs it was begun (`TrackLog.open`). Raises
+    `UnreadableFile` where a frame differs.
     """
-    rest, there = iter(frames), list(log.entries)
-    for entry in there:
+    rest, there, steps = iter(frames), list(log.entries), log.steps()
+    tracker = Tracker(part, start, freedom=freedom, velocity=velocity, texture=texture)
+    for entry, step in zip(there, steps, strict=True):
         frame = next(rest, None)
         if frame is None:
             raise UnreadableFile(log.path, f"has {len(there)} frames, more than there are pictures", "start a new log")
@@ -64,9 +69,10 @@ def track_to(
             raise UnreadableFile(
                 frame.names[0], f"is not the picture of frame {frame.index} in {log.path}", "start a new log"
             )
+        tracker.recall(replace(step, photos=frame.photos))
         yield frame, entry
-    for tracked in track(part, rest, start, freedom=freedom, velocity=velocity, history=log.steps()):
-        yield tracked.frame, log.append(tracked)
+    for frame in rest:
+        yield frame, log.append(tracker.next(frame))
 
 
 class TrackLog:
@@ -126,8 +132,11 @@ class TrackLog:
         return entry
 
     def steps(self) -> list[Step]:
-        """Return the frames that are there, for `track` to continue from."""
-        return [Step(entry["frame"], _pose_of(self.path, entry) if entry["found"] else None) for entry in self.entries]
+        """Return the frames that are there, without their photos, for `track` to continue from."""
+        return [
+            Step(entry["frame"], _pose_of(self.path, entry) if entry["found"] else None, entry["how"])
+            for entry in self.entries
+        ]
 
 
 def entry_of(tracked: TrackedFrame) -> dict[str, Any]:
@@ -153,6 +162,7 @@ def head_of(
     *,
     freedom: Freedom = FREE,
     velocity: bool = True,
+    texture: bool = True,
 ) -> dict[str, Any]:
     """Return the first line of a log: what decides its results, apart from the pictures."""
     mesh, edges = part.scene.mesh, part.scene.edges
@@ -165,6 +175,7 @@ def head_of(
         "start": None if start is None else pose_as_json(start),
         "freedom": {"frame": freedom.frame, "basis": freedom.basis.tolist()},
         "velocity": velocity,
+        "texture": texture,
     }
 
 

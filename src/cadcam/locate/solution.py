@@ -1,0 +1,179 @@
+"""The pose solved from the photos' steps, measured on the part's lines near it.
+
+Each step is fitted to the pixels (`image.profile`), first where it is seen, then on the line itself, and the pose
+solved for by a regression that knows that edges err as a whole (`fit.grouped`): a chamfer, a shadow or paint shifts all
+samples of an edge together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, quantile
+from cadcam.errors import BadValue, DegenerateGeometry
+from cadcam.fit.grouped import GroupedFit, grouped_fit
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.edges import Projected
+from cadcam.locate.evidence import Evidence, rows_of
+from cadcam.locate.freedom import Freedom
+from cadcam.locate.sight import Cells, Measured, Sight, measure, nearest_steps
+
+Longs = npt.NDArray[np.int64]
+CLOSE_PX = 3  # px: how far from the lines their steps may be after the search
+_ON_LINE = 0.7  # px: steps this near are fitted on the line itself
+_USUAL_PX = 0.05  # by which edges are off as a whole
+_LIGHT_PX = 0.03  # by which light shifts an edge of usual contrast
+_LIMB_PX = 0.2  # by which the border of a round surface is off: it darkens ever faster towards it, or brightens
+_UNEVEN = 0.4  # of what edges are off by as a whole: they are off by that beside, they turn and bend too
+_ROUNDS = (3, 8, 8, 8)  # reweightings in the first measurement, the second, and more where it is not settled
+_SETTLED_PX = 0.2  # by which nine tenths of the lines may move in the last step
+_PIECES = 30  # groups that the edges are cut into at least
+
+
+@dataclass(frozen=True, slots=True)
+class EdgeOptions:
+    """How edges are looked for.
+
+    search_px: how far from the start's lines the photo's may lie. step_px: length of the cell that a sample stands for.
+    reach_px: how far to each side of a line its pixels are used; room_px: the least of that, nearer to another line a
+    sample is left out. group_px: length of edge that is taken to err as one.
+    """
+
+    search_px: float = 8.0
+    step_px: float = 4.0
+    reach_px: float = 4.5
+    room_px: float = 2.5
+    group_px: float = 150.0
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise BadValue(name, value, "a positive number of px")
+
+
+EDGES = EdgeOptions()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solution:
+    """The refined pose, and what was measured for its last step from `before`: x in the basis B there."""
+
+    sights: Sequence[Sight]
+    before: Rigid
+    pose: Rigid
+    B: Array
+    places: Sequence[Projected]
+    measured: Sequence[Measured]
+    fit: GroupedFit
+
+    @property
+    def moved(self) -> list[Array]:
+        """Return by how much (n,) px the last step moved the samples of each photo along their normals."""
+        return [at.row @ (self.B @ self.fit.x) for at in self.places]
+
+
+def solved(
+    sights: Sequence[Sight], pose: Rigid, freedom: Freedom, evidence: Sequence[Evidence], options: EdgeOptions
+) -> Solution:
+    """Return the pose after measuring steps where they are first seen, then on the lines themselves."""
+    half = 0.5 * options.step_px
+    places = [s.project(pose) for s in sights]
+    room = {"half_length": half, "reach_px": options.reach_px, "room_px": options.room_px}
+    where = [nearest_steps(s, at, half_length=half, reach=CLOSE_PX) for s, at in zip(sights, places, strict=True)]
+    cells = [Cells.of(s, at, where=w, **room) for s, at, w in zip(sights, places, where, strict=True)]
+    for number, iterations in enumerate(_ROUNDS):
+        measured = [
+            measure(s, at, c, w, sums=None if number else c.first)
+            for s, at, c, w in zip(sights, places, cells, where, strict=True)
+        ]
+        B = freedom.at(pose)
+        fit = _step(
+            sights, places, measured, rows_of(evidence, [s.photo for s in sights], pose), B, iterations, options
+        )
+        last = Solution(sights, pose, pose @ Rigid.exp(B @ fit.x), B, places, measured, fit)
+        pose = last.pose
+        where = [_left(m, moved) for m, moved in zip(measured, last.moved, strict=True)]
+        if number and quantile(np.abs(np.concatenate(last.moved)), 0.9) < _SETTLED_PX:
+            break
+        places = [s.project(pose) for s in sights]
+    return last
+
+
+def _left(measured: Measured, moved: Array) -> Array:
+    """Return where to fit the steps after the lines moved: on the lines, but for edges that stay away from them."""
+    left = np.where(measured.usable, measured.offset, 0.0) - moved
+    return np.where(np.abs(left) < _ON_LINE, 0.0, left) * measured.usable
+
+
+def _step(
+    sights: Sequence[Sight],
+    places: Sequence[Projected],
+    measured: Sequence[Measured],
+    evidence: tuple[Array, Array, Array],
+    B: Array,
+    iterations: int,
+    options: EdgeOptions,
+) -> GroupedFit:
+    """Return the step in the basis B that the offsets and the other evidence ask for."""
+    other, rows, other_variance = evidence
+    if not np.isfinite(rows).all():
+        raise DegenerateGeometry("points or lines given as evidence are not in front of their camera")
+    y = np.concatenate([*(m.offset[m.usable] for m in measured), other])
+    variance = np.concatenate([*(m.sigma[m.usable] ** 2 for m in measured), other_variance])
+    J = np.concatenate([*(at.row[m.usable] for at, m in zip(places, measured, strict=True)), rows]) @ B
+    group = _groups(sights, measured, options)
+    edges = int(group[-1]) + 1 if len(group) else 0
+    group = np.concatenate([group, edges + np.arange(len(other))])
+    exact = np.arange(edges + len(other)) >= edges
+    expected = np.concatenate([_by_light(sights, measured, group[: len(group) - len(other)]), np.zeros(len(other))])
+    return grouped_fit(
+        y,
+        J,
+        variance,
+        group,
+        usual=_USUAL_PX,
+        uneven=_UNEVEN,
+        expected=expected,
+        exact=exact,
+        iterations=iterations,
+    )
+
+
+def _by_light(sights: Sequence[Sight], measured: Sequence[Measured], group: Longs) -> Array:
+    """Return by how much groups are off because of the light (G,), px^2.
+
+    Shadows, reflections and texture add to a step of brightness: they shift it the less the higher it is. Towards the
+    border of a round surface brightness changes with the root of the distance, which no slope of the ground describes.
+    """
+    if not len(group):
+        return np.zeros(0)
+    contrast = np.concatenate([np.abs(m.contrast[m.usable]) for m in measured])
+    round_off = np.concatenate([s.samples.chain[m.usable] < 0 for s, m in zip(sights, measured, strict=True)])
+    count = np.bincount(group)
+    of_contrast = _LIGHT_PX**2 * np.mean(contrast**2) / (np.bincount(group, contrast) / count) ** 2
+    return np.asarray(of_contrast + _LIMB_PX**2 * np.bincount(group, round_off) / count)
+
+
+def _groups(sights: Sequence[Sight], measured: Sequence[Measured], options: EdgeOptions) -> Longs:
+    """Return the number of the piece of edge that each usable sample lies on, ascending.
+
+    Parts that are small in the picture have shorter pieces: a few groups would not tell how they scatter.
+    """
+    most = min(options.group_px / options.step_px, sum(len(s.samples) for s in sights) / _PIECES)
+    most = max(int(most), 5)
+    keys, before = [np.zeros(0, np.int64)], 0
+    for sight, m in zip(sights, measured, strict=True):
+        run = sight.samples.run.astype(np.int64)
+        count = np.bincount(run)
+        place = np.arange(len(run)) - (np.cumsum(count) - count)[run]
+        pieces = np.maximum(np.round(count / most), 1)[run].astype(np.int64)
+        key = before + run * len(run) + place * pieces // np.maximum(count, 1)[run]
+        keys.append(key[m.usable])
+        before += (int(run.max(initial=-1)) + 1) * len(run)
+    key = np.concatenate(keys)
+    return np.cumsum(np.diff(key, prepend=key[:1]) > 0)
