@@ -60,9 +60,10 @@ def refine(
     lines of the part that are known otherwise. chosen: how many constraints the start met by being the best of many
     poses in these photos; they prove nothing (`locate.quality`). Where too little is seen to tell the pose the answer
     has quality 0. wider: whether a doubtful answer is searched for once more, wider, from where it ended; lines of a
-    wrong pose often half agree. Where the start was the best of many and edges still fit only loosely, poses beside it
-    are tried too, narrowly. Not where the start is known to be good: farther off there are only other lines. Where
-    colour speaks for a doubtful answer it is about right: lines are looked for once more from there, narrowly first.
+    wrong pose often half agree. Where edges still fit only loosely, and the start was the best of many or the answer is
+    in doubt, poses beside it are tried too, narrowly. None of it where the start is known to be good: farther off there
+    are only other lines. Where colour speaks for a doubtful answer it is about right: lines are looked for once more
+    from there, narrowly first.
     """
     return refined(
         part, photos, start, freedom=freedom, evidence=evidence, options=options, chosen=chosen, wider=wider
@@ -135,7 +136,7 @@ def _refined(
         if second.quality > best.quality or (_loose(fitted) and not _loose(other) and second.found):
             best, fitted, sights = second, other, again
     narrow = replace(options, search_px=CLOSE_PX)
-    for beside in _beside(fitted) if chosen else ():
+    for beside in _beside(fitted) if chosen or best.quality < _DOUBT[1] else ():
         again, pose = _attracted(part, photos, sights, beside, freedom, narrow)
         second, other = measured(again, pose)
         if second.quality > best.quality and not _loose(other):
