@@ -176,3 +176,13 @@ def test_a_line_through_corners_of_chequers_is_told_from_a_border_before_them(rn
     q = np.array([300.0, 100.0]) + t[:, None] * np.array([0.0, 1.0])
     border[:, :301] = 0.45  # a plain part
     assert not along_chequers(border, *runs(q)).any()
+
+
+def test_one_place_where_sides_swap_is_no_row_of_corners() -> None:
+    """A long border may cross one such place in clutter: it takes a second before the line is a pattern's."""
+    gray = np.full((200, 500), 0.3)
+    gray[:100, 250:] = 0.7
+    gray[100:, :250] = 0.7
+    q = np.column_stack([np.arange(20.0, 480.0, 4.0), np.full(115, 99.5)])
+    assert not along_chequers(gray, *runs(q)).any()
+    assert along_chequers(np.tile(gray[50:150, 200:300], (1, 5)), *runs(q - [0.0, 50.0])).all()

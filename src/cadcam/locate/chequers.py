@@ -2,8 +2,8 @@
 
 Along the part's border the ground may change, or the part's own paint; that both do so at the same place, each to what
 the other was, is the corner of a chequer. Tiles, boards and cloth are full of straight lines and fit much that is
-straight; a part does not lie so that its border runs through a row of their corners. Print has such places too, here
-and there; only where most of the lines have them is it a pattern that is met.
+straight; a part does not lie so that its border runs through a row of their corners. Print and clutter have such places
+too, here and there; only where lines have them again and again, and most of the lines do, is it a pattern that is met.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ _BESIDE_PX = (1.8, 2.6)  # from a line, where its sides' brightness is taken
 _LEAST = 0.08  # change of brightness that counts
 _MOST = 0.45  # of the samples: from there on it is a pattern
 _UNEQUAL = 0.3  # share by which the two changes may differ in size
+_CORNERS, _APART = 2, 16  # corners that make a row, at least, and samples from one to the next, on average at most
 
 
 def along_chequers(gray: Picture, q: Array, normal: Array, run: Ids) -> Mask:
@@ -32,7 +33,9 @@ def along_chequers(gray: Picture, q: Array, normal: Array, run: Ids) -> Mask:
     change = pairs[3:] - pairs[:-3]  # from two samples to two, with one between
     size, even = np.abs(change), np.abs(change.sum(axis=1))
     swapped = (size.min(axis=1) > _LEAST) & (even < _UNEQUAL * size.max(axis=1)) & (run[4:] == run[:-4])
-    crossed = np.zeros(int(run.max()) + 1, bool)
-    crossed[run[2:-2][swapped]] = True
+    begins = swapped & ~np.r_[False, swapped[:-1]] & ~np.r_[False, False, swapped[:-2]]
+    runs = int(run.max()) + 1
+    corners, length = np.bincount(run[2:-2][begins], minlength=runs), np.bincount(run, minlength=runs)
+    crossed = (corners >= _CORNERS) & (length <= _APART * corners)
     along = crossed[run]
     return along if along.mean() > _MOST else np.zeros(len(q), bool)
