@@ -173,7 +173,7 @@ def test_the_verbs_take_other_programs_camera_files_as_they_are(cadcam: Run, job
     scene = {"fl_x": 300, "w": 64, "h": 48, "frames": []}
     for fx in (300, 310):
         matrix = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
-        scene["frames"].append({"fl_x": fx, "transform_matrix": matrix})  # type: ignore[attr-defined]
+        scene["frames"].append({"fl_x": fx, "transform_matrix": matrix})  # type: ignore[attr-defined]  # of mixed values
     (job / "two.json").write_text(json.dumps(scene))
     two = cadcam("render", job / "block.obj", "--camera", job / "two.json", "-o", job / "x.png")
     assert two.code == 2
