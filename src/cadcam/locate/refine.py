@@ -30,7 +30,7 @@ from cadcam.locate.sight import Sight
 from cadcam.locate.solution import CLOSE_PX, EDGES, LOOSE_PX, EdgeOptions, Solution, solved
 from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
 
-_TOGETHER_PX = 0.006  # by which all edges of a photo are off together: light that falls from one side bends alike beside all
+_TOGETHER_PX = 0.005  # by which all edges of a photo are off together: light from one side bends alike beside them
 _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
 _DOUBT = (0.25, 0.62)  # quality of a pose that half of the lines agree with: worth a second, wider search
 _FARTHEST_PX = 3.0  # an edge farther off is another one

@@ -134,30 +134,29 @@ def _step(
     variance = np.concatenate([*(m.sigma[m.usable] ** 2 for m in measured), other_variance])
     J = np.concatenate([*(at.row[m.usable] for at, m in zip(places, measured, strict=True)), rows]) @ B
     group = _groups(sights, measured, options)
-    edges = int(group[-1]) + 1 if len(group) else 0
-    group = np.concatenate([group, edges + np.arange(len(other))])
-    exact = np.arange(edges + len(other)) >= edges
-    limbs = _of_limbs(sights, measured, group[: len(group) - len(other)])
+    limbs = _of_limbs(sights, measured, group)
+    edges = len(limbs)
+    relative = _relative(variance[: len(group)], group) if on_lines else np.ones(edges)
     return grouped_fit(
         y,
         J,
         variance,
-        group,
+        np.concatenate([group, edges + np.arange(len(other))]),
         usual=_USUAL_PX,
-        relative=_relative(variance, group) if on_lines else None,
+        relative=np.concatenate([relative, np.ones(len(other))]),
         uneven=_UNEVEN,
         expected=np.concatenate([limbs, np.zeros(len(other))]),
-        exact=exact,
+        exact=np.arange(edges + len(other)) >= edges,
         iterations=iterations,
     )
 
 
 def _relative(variance: Array, group: Longs) -> Array:
-    """Return how the variances compare (G,) by which groups are off as a whole; 1 where all weigh alike.
+    """Return how the variances compare (G,) by which groups are off as a whole: as those of their means by noise.
 
     Shadows, reflections and texture add to a step of brightness as noise does: they shift it the less the higher it is,
-    and are less alike along a longer edge. How much there is of them then changes what is told of the pose, but not
-    the pose.
+    and are less alike along a longer edge. How much there is of them, which few edges tell poorly, then hardly moves
+    the pose, only what is told of it.
     """
     told = np.bincount(group, 1 / variance)
     return np.asarray(told.mean() / told) if len(told) else told
