@@ -38,9 +38,9 @@ class GroupedFit:
     """The parameters x (k,), their covariance (k, k), and what the data say about themselves.
 
     excess: share by which variances within groups exceed the known ones; within, between: standard deviations beyond
-    that, within groups and of the offset of a group of relative variance 1. weight (n,) in [0, 1]: how far each datum counts by itself; of_group (G,)
-    the same of each group; offset (G,) each group's mean residual, sd_offset (G,) its noise.
-    group (n,): of each datum. gain (k, n): dx/dy, by which anything that shifts the data shifts x.
+    that, within groups and of the offset of a group of relative variance 1. weight (n,) in [0, 1]: how far each datum
+    counts by itself; of_group (G,) the same of each group; offset (G,) each group's mean residual, sd_offset (G,) its
+    noise. group (n,): of each datum. gain (k, n): dx/dy, by which anything that shifts the data shifts x.
     """
 
     x: Array

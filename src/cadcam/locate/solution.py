@@ -159,7 +159,7 @@ def _relative(variance: Array, group: Longs) -> Array:
     the pose, only what is told of it.
     """
     told = np.bincount(group, 1 / variance)
-    return np.asarray(told.mean() / told) if len(told) else told
+    return np.asarray(np.mean(told) / told) if len(told) else np.zeros(0)
 
 
 def _of_limbs(sights: Sequence[Sight], measured: Sequence[Measured], group: Longs) -> Array:
