@@ -27,14 +27,13 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality import Seen, judged
 from cadcam.locate.sight import Sight
-from cadcam.locate.solution import CLOSE_PX, EDGES, EdgeOptions, Solution, solved
+from cadcam.locate.solution import CLOSE_PX, EDGES, LOOSE_PX, EdgeOptions, Solution, solved
 from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
 
-_TOGETHER_PX = 0.004  # by which all edges of a photo are off together: pixels do not collect light to less
+_TOGETHER_PX = 0.005  # by which all edges of a photo are off together: light from one side bends alike beside them
 _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
 _DOUBT = (0.25, 0.62)  # quality of a pose that half of the lines agree with: worth a second, wider search
 _FARTHEST_PX = 3.0  # an edge farther off is another one
-_LOOSE_PX = 0.25  # by which edges of a good pose are seldom off as a whole
 _WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
 _WEAKEST, _BESIDE_PX = 3, 4.0  # motions along which a loose pose may be another one, and how far lines move by them
 _ABOUT = 0.25  # share of the lines that colour speaks for, from which on a pose is about right
@@ -172,7 +171,7 @@ def _measured(
 
 def _loose(fitted: Solution | None) -> bool:
     """Return whether edges fit a pose only loosely."""
-    return fitted is not None and fitted.fit.between > _LOOSE_PX
+    return fitted is not None and fitted.fit.between > LOOSE_PX
 
 
 def _beside(fitted: Solution | None) -> list[Rigid]:

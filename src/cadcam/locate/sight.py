@@ -18,7 +18,7 @@ from cadcam.render.wireframe import LineOptions
 
 Longs = npt.NDArray[np.int64]
 _LINES = LineOptions(margin_px=0.0)
-_STRONG = 60  # cells that tell the blur
+_STRONG = 240  # cells that tell the blur
 _APART = 1.5  # blurs: a cell ends that far before the next line
 _PAST, _TWIN = 2.0, 3.0  # blurs: it ends that far beyond a twin, which must be as far away
 _LINEAR = 1.2  # blurs: how far off a linear fit is believed
