@@ -21,6 +21,7 @@ from cadcam.dataset.plan import Occluders
 from cadcam.dataset.worker import Job, Task
 from cadcam.errors import BadValue, MissingExtra, UnreachableCluster, UnreadableFile, UnwritableFile, WorkerDied
 from cadcam.image.picture import read_picture, write_picture
+from cadcam.render.seen import drawable_edges
 
 from .sets import contents, plan, same, scene, stage_and_director
 
@@ -76,14 +77,14 @@ def test_a_worker_that_is_killed_is_replaced_and_nothing_is_lost(
     straight: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     started: list[int] = []
-    start = processes._Worker._start
+    start = processes._start
 
-    def noted(worker: processes._Worker) -> subprocess.Popen[bytes]:
-        process = start(worker)
+    def noted() -> subprocess.Popen[bytes]:
+        process = start()
         started.append(process.pid)
         return process
 
-    monkeypatch.setattr(processes._Worker, "_start", noted)
+    monkeypatch.setattr(processes, "_start", noted)
     seen: list[int] = []
 
     def kill_at_the_second() -> None:
@@ -107,9 +108,9 @@ def test_a_mistake_of_ours_in_a_worker_is_told_with_its_traceback(tmp_path: Path
     """It is no error of the caller's: the command line prints it as a bug."""
     broken = plan(1, sensor="no sensor")
     stage, director = stage_and_director(broken)
-    job = Job(stage, Layout("train", "rgb"))
+    job = Job(stage, drawable_edges(stage.scene), Layout("train", "rgb"))
     with pytest.raises(RuntimeError, match=r"in a worker:\nTraceback(.|\n)*has no attribute 'apply'"):
-        list(processes.on_processes(job, [Task(director.shot(0))], 1))
+        list(processes.on_processes(lambda: job, [Task(director.shot(0))], 1))
 
 
 def test_a_full_disk_is_one_error_and_the_run_goes_on_when_there_is_room(

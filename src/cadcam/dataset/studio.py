@@ -33,13 +33,9 @@ ABSENT, HIDDEN, VISIBLE = 0, 1, 2  # COCO's words for key points
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stage:
-    """What all views of a data set share, and all that a worker has to be told once.
-
-    edges: the scene's, prepared for all views. depth_step: mm of a step of the depth files.
-    """
+    """What all views of a data set share; depth_step: mm of a step of the depth files."""
 
     scene: Scene
-    edges: Drawable
     props: tuple[Prop, ...]
     key_points: Array
     sensor: Sensor | None
@@ -73,13 +69,13 @@ class Take:
 
 
 class Studio:
-    """Renders and labels the shots of one stage; one thread at a time."""
+    """Renders and labels the shots of one stage; one thread at a time. edges: the scene's, prepared for all views."""
 
-    def __init__(self, stage: Stage) -> None:
+    def __init__(self, stage: Stage, edges: Drawable) -> None:
         self.stage = stage
         self._part = RasterRenderer(stage.scene, threads=1, backs=False)
         self._props: dict[int, RasterRenderer] = {}
-        self._edges = SeenEdges(stage.scene, stage.edges)
+        self._edges = SeenEdges(stage.scene, edges)
         caster = Caster(stage.scene.mesh)
         self._occluders = Occluders(stage.scene.mesh, caster)
         self._tolerance = COINCIDENT_SHARE * 2 * caster.radius

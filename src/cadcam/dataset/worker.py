@@ -19,15 +19,17 @@ from cadcam.dataset.record import files_of
 from cadcam.dataset.shot import Shot
 from cadcam.dataset.studio import Stage, Studio
 from cadcam.errors import CadcamError
+from cadcam.render.seen import Drawable
 
 Files: TypeAlias = dict[str, bytes]  # content by path, the record of the view last
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Job:
-    """What a worker has to know of a data set."""
+    """What a worker has to know of a data set; edges: the scene's, prepared for all views."""
 
     stage: Stage
+    edges: Drawable
     layout: Layout
 
 
@@ -53,7 +55,7 @@ class Maker:
     """Makes the files of one view after the other; one thread at a time."""
 
     def __init__(self, job: Job) -> None:
-        self._job, self._studio = job, Studio(job.stage)
+        self._job, self._studio = job, Studio(job.stage, job.edges)
 
     def files(self, task: Task) -> Files:
         """Return the content of the view's files by path, its record last."""
@@ -87,5 +89,5 @@ def main() -> None:
     with suppress(EOFError, BrokenPipeError):
         maker = Maker(pickle.load(requests))
         while True:
-            pickle.dump(maker.answer(pickle.load(requests)), answers, protocol=pickle.HIGHEST_PROTOCOL)
+            answers.write(pickle.dumps(maker.answer(pickle.load(requests)), protocol=pickle.HIGHEST_PROTOCOL))
             answers.flush()
