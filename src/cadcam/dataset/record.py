@@ -6,7 +6,6 @@ pixels); both count pixels from (0, 0), the top-left one, which as a point is th
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Mask
 from cadcam.camera.camera import Camera
 from cadcam.dataset.layout import OBJECT, Layout
+from cadcam.dataset.npz import arrays_file
 from cadcam.dataset.shot import Placed, Shot
 from cadcam.dataset.studio import Stage, Take
 from cadcam.files.camera import bare_camera_as_json
@@ -118,13 +118,6 @@ def edges_file(lines: Polylines, stage: Stage) -> bytes:
     last = int(stage.scene.edges.chain.max(initial=-1))
     edge = np.where(lines.chain > last, -1, lines.chain).astype(np.int32)
     return arrays_file(q=lines.q.astype(np.float32), start=lines.start, edge=edge, kind=lines.kind, part=lines.part)
-
-
-def arrays_file(**arrays: np.ndarray[Any, Any]) -> bytes:
-    """Return the bytes of a .npz file; the same arrays give the same bytes."""
-    file = io.BytesIO()
-    np.savez(file, **arrays)  # type: ignore[arg-type]  # its stubs take the names for options of its own
-    return file.getvalue()
 
 
 def _white(mask: Mask) -> npt.NDArray[np.uint8]:
