@@ -21,8 +21,8 @@ from cadcam.dataset.shot import Placed, Shot
 from cadcam.dataset.studio import Stage, Take
 from cadcam.files.camera import bare_camera_as_json
 from cadcam.files.matrix import pose_as_json
-from cadcam.image.png import packed
-from cadcam.native.layers import Box, depth_steps, mask_changes, mask_region, normal_bytes
+from cadcam.image.png import packed, packed_depth, packed_normals
+from cadcam.native.layers import Box, mask_changes, mask_region
 from cadcam.render.wireframe import Polylines
 
 DEEPEST = 65535
@@ -34,8 +34,8 @@ def files_of(take: Take, stage: Stage, layout: Layout) -> dict[str, bytes]:
     mask = packed(_white(take.mask))
     content = {
         layout.picture: packed(take.picture),
-        "depth": packed(depth_steps(take.depth, stage.depth_step)),
-        "normal": packed(normal_bytes(take.depth, take.normal)),
+        "depth": packed_depth(take.depth, stage.depth_step),
+        "normal": packed_normals(take.depth, take.normal),
         "mask": mask,
         "mask_visib": packed(_white(take.visible)) if take.shot.occluders else mask,
         "edges": edges_file(take.edges, stage),

@@ -88,7 +88,7 @@ class Studio:
         part = self._part.render(shot.camera, shot.camera_from_part, channels=_GEOMETRY | color, look=look)
         before = [self._prop(placed.prop, shot.camera, placed.camera_from_occluder, look) for placed in shot.occluders]
         view = _in_front([part, *before])
-        mask = np.isfinite(part.depth)
+        mask = part.depth < np.inf
         visible = mask & (view.depth == part.depth) if before else mask
         p = shot.camera_from_part @ self.stage.key_points
         q = shot.camera.project(p)
