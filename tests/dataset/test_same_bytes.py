@@ -63,11 +63,7 @@ def test_a_run_killed_in_the_middle_and_started_again_writes_the_same(tmp_path: 
     (records / ".000007.json.abcdefgh").write_bytes(b'{"half')  # what a write that was cut off leaves
     there = len(list(records.glob("[0-9]*.json")))
     assert 4 <= there < views
-    for _ in range(2000):
-        if not any(_alive(pid) for pid in workers):
-            break
-        time.sleep(0.005)
-    assert not any(_alive(pid) for pid in workers)
+    _see_the_end_of(workers)
     assert make_dataset(folder, scene(), plan(views), workers=2).new == views - there
     make_dataset(tmp_path / "other", scene(), plan(views), workers=1)
     same(folder, tmp_path / "other")
@@ -96,6 +92,20 @@ def test_a_worker_that_is_killed_is_replaced_and_nothing_is_lost(
     make_dataset(tmp_path / "set", scene(), plan(), workers=2, on_view=kill_at_the_second)
     assert len(started) > 2
     same(tmp_path / "set", straight)
+
+
+def test_ctrl_c_is_told_once(tmp_path: Path) -> None:
+    """To the whole group, as a terminal sends it, while the workers import: they end with whoever started them."""
+    command = [sys.executable, "-c", RUN.format(here=str(HERE), folder=str(tmp_path / "set"), views=400)]
+    running = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True)
+    while len(workers := _children(running.pid)) < 2:
+        assert running.poll() is None
+        time.sleep(0.005)
+    os.killpg(running.pid, signal.SIGINT)
+    _, said = running.communicate()
+    assert said.count("Traceback") == 1
+    assert said.endswith("KeyboardInterrupt\n")
+    _see_the_end_of(workers)
 
 
 def test_a_view_that_kills_every_worker_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -221,6 +231,14 @@ def _children(pid: int) -> list[int]:
     for task in Path(f"/proc/{pid}/task").iterdir():
         found += [int(child) for child in (task / "children").read_text().split()]
     return found
+
+
+def _see_the_end_of(workers: list[int]) -> None:
+    for _ in range(2000):
+        if not any(_alive(pid) for pid in workers):
+            return
+        time.sleep(0.005)
+    pytest.fail(f"of the workers {workers} some are still there")
 
 
 def _alive(pid: int) -> bool:

@@ -93,7 +93,9 @@ def test_depth_is_rounded_to_steps_and_normals_to_bytes_where_there_is_something
     normal = rng.standard_normal((*size, 3)).astype(np.float32)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     there = np.isfinite(depth)
-    steps, coded = (samples_of(file).astype(float) for file in (packed_depth(depth, 0.05), packed_normals(depth, normal)))
+    steps, coded = (
+        samples_of(file).astype(float) for file in (packed_depth(depth, 0.05), packed_normals(depth, normal))
+    )
     assert np.abs(steps[there] * 0.05 - depth[there]).max(initial=0) <= 0.025 * (1 + 1e-3)
     assert np.abs(coded[there] / 255 * 2 - 1 - normal[there]).max(initial=0) <= 1 / 255 + 1e-6
     assert not steps[~there].any()

@@ -12,7 +12,7 @@ from contextlib import suppress
 from itertools import islice
 from queue import SimpleQueue
 from threading import Thread
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from cadcam.dataset.worker import Answer, Files, Job, Task, files_in
 from cadcam.errors import WorkerDied
@@ -43,8 +43,10 @@ def on_processes(job: Callable[[], Job], tasks: Iterable[Task], workers: int) ->
     process after process died over one.
     """
     answers: _Answers = SimpleQueue()
-    crew = [_Worker(answers) for _ in range(workers)]
+    crew: list[_Worker] = []
     try:
+        for _ in range(workers):
+            crew.append(_Worker(answers))
         yield from _made(crew, answers, _pickled(job()), iter(tasks))
     finally:
         for worker in crew:
@@ -124,7 +126,10 @@ class _Process:
     def __init__(self, hear: Callable[[Answer | None], None]) -> None:
         self._messages: SimpleQueue[bytes | None] = SimpleQueue()
         self._process = _start()
-        self._threads = [Thread(target=self._write), Thread(target=self._read, args=(hear,))]
+        self._threads = [
+            Thread(target=self._write, daemon=True),  # nothing waits for them where Ctrl-C comes as they start
+            Thread(target=self._read, args=(hear,), daemon=True),
+        ]
         for thread in self._threads:
             thread.start()
 
@@ -164,8 +169,8 @@ class _Process:
 
 
 def _start() -> subprocess.Popen[bytes]:
-    environment = {**os.environ, **_ENVIRONMENT}
-    process = subprocess.Popen(_COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)
+    how: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "env": {**os.environ, **_ENVIRONMENT}}
+    process = subprocess.Popen(_COMMAND, start_new_session=True, **how)  # Ctrl-C is for the process that started it
     with suppress(ImportError, AttributeError, OSError):  # not on every system, and not for everybody
         import fcntl
 
