@@ -45,8 +45,7 @@ def on_processes(job: Callable[[], Job], tasks: Iterable[Task], workers: int) ->
     answers: _Answers = SimpleQueue()
     crew: list[_Worker] = []
     try:
-        for _ in range(workers):
-            crew.append(_Worker(answers))
+        crew.extend(_Worker(answers) for _ in range(workers))
         yield from _made(crew, answers, _pickled(job()), iter(tasks))
     finally:
         for worker in crew:
