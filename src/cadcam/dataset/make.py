@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing, suppress
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 from cadcam.camera.camera import Camera
@@ -33,6 +34,7 @@ from cadcam.render.seen import drawable_edges
 from cadcam.render.view import Scene
 from cadcam.whole import write_whole
 
+_TOGETHER = 8  # shots drawn at a time: between views others have had the processor's caches
 _STEPS_MM = tuple(m * 10.0**e for e in range(-3, 4) for m in (1, 2, 5))
 
 
@@ -147,10 +149,10 @@ def _made(
 
 
 def _tasks(director: Director, todo: Iterable[int]) -> Iterator[Task]:
-    for index in todo:
-        shot = director.shot(index)
-        photo = _content(shot.backdrop.kind) if isinstance(shot.backdrop.kind, Path) else None
-        yield Task(shot, photo)
+    left = iter(todo)
+    while some := [director.shot(index) for index in islice(left, _TOGETHER)]:
+        for shot in some:
+            yield Task(shot, _content(shot.backdrop.kind) if isinstance(shot.backdrop.kind, Path) else None)
 
 
 def _content(photo: Path) -> bytes:
