@@ -63,13 +63,13 @@ class Rigid:
         eye, target = frozen(eye, "eye", (3,)), frozen(target, "target", (3,))
         up = frozen(up, "up", (3,))
         forward = target - eye
-        right = np.cross(forward, up)
+        right = so3.cross(forward, up)
         scale = float(np.linalg.norm(forward)) * float(np.linalg.norm(up))
         if not np.linalg.norm(right) > 1e-9 * scale or scale == 0:
             raise DegenerateGeometry(f"looking from {eye} to {target} with up {up}: up must not lie along the view")
         z = forward / np.linalg.norm(forward)
         x = right / np.linalg.norm(right)
-        R = np.stack([x, np.cross(z, x), z])
+        R = np.stack([x, so3.cross(z, x), z])
         return cls(R, -R @ eye)
 
     @classmethod

@@ -21,6 +21,12 @@ def hat(w: Floats) -> Array:
     return out
 
 
+def cross(v: Array, w: Array) -> Array:
+    """Return v x w of two vectors (3,), to the bit that of `numpy.cross`, which takes twenty times as long for two."""
+    (a, b, c), (x, y, z) = v.tolist(), w.tolist()
+    return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
+
+
 def exp(w: Floats) -> Array:
     """Return the rotation by |w| rad about w (Rodrigues); w (..., 3) -> (..., 3, 3)."""
     w = np.asarray(w, dtype=np.float64)

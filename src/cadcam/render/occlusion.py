@@ -76,7 +76,8 @@ class Occluders:
         off = np.abs(self.height(faces, points))
         blocks = (off > tolerance) & (at > 0) & (at < length)
         near = np.flatnonzero(blocks & (off < _SURE * tolerance))
-        blocks[near] = self._inside(faces[near], points[near] + at[near, None] * along[near])
+        if len(near):  # seldom
+            blocks[near] = self._inside(faces[near], points[near] + at[near, None] * along[near])
         return blocks
 
     def _inside(self, faces: Ids, points: Array) -> Mask:
