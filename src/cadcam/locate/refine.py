@@ -17,6 +17,7 @@ from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.grouped import GroupedFit
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.agreement import agreed
 from cadcam.locate.attraction import attracted
 from cadcam.locate.color import in_color
 from cadcam.locate.evidence import Evidence, pose_jacobian
@@ -25,7 +26,7 @@ from cadcam.locate.location import FOUND, Location
 from cadcam.locate.matches import EdgeMatches
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality import Seen, judged
+from cadcam.locate.quality import Seen, judged, seen
 from cadcam.locate.sight import Sight
 from cadcam.locate.solution import CLOSE_PX, EDGES, EdgeOptions, Solution, solved
 from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
@@ -121,25 +122,35 @@ def _refined(
 ) -> tuple[Location, Sequence[Sight]]:
     """Return what `refined` does, but for what colour has it look at again."""
 
-    def measured(sights: Sequence[Sight], pose: Rigid) -> tuple[Location, Solution | None]:
-        return _measured(part, sights, pose, freedom, evidence, options, chosen)
+    def measured(sights: Sequence[Sight], pose: Rigid) -> tuple[Location, Solution | None, Sequence[Sight]]:
+        found, fitted = _measured(part, sights, pose, freedom, evidence, options, chosen)
+        if fitted is not None and _away(sights, fitted.pose):  # its lines are not those that are seen there
+            sights = _sights(part, photos, fitted.pose, options, sights)
+            found, fitted = _measured(part, sights, fitted.pose, freedom, evidence, options, chosen)
+        closer = agreed(fitted) if wider and fitted is not None else None
+        if closer is not None:
+            redrawn = _sights(part, photos, closer, options, sights)
+            second, other = _measured(part, redrawn, closer, freedom, evidence, options, chosen)
+            if other is not None and other.fit.between < fitted.fit.between / 2:
+                return second, other, redrawn
+        return found, fitted, sights
 
-    sights, pose = _attracted(part, photos, _sights(part, photos, start, options), start, freedom, options)
-    best, fitted = measured(sights, pose)
+    best, fitted, sights = measured(
+        *_attracted(part, photos, _sights(part, photos, start, options), start, freedom, options)
+    )
     if not wider or best.quality <= _DOUBT[0] or (best.quality >= _DOUBT[1] and not _loose(fitted)):
         return best, sights
     ended = best.pose.world_from_part
     wide = replace(options, search_px=max(_WIDER * options.search_px, _WIDER_PX))
     again, pose = _attracted(part, photos, sights, ended, freedom, wide)
     if not best.found or max(s.moved_px(ended, pose) for s in again) >= _SAME_PX:
-        second, other = measured(again, pose)
-        if second.quality > best.quality or (_loose(fitted) and not _loose(other) and second.found):
+        second, other, again = measured(again, pose)
+        if _better(second, other, best, fitted):
             best, fitted, sights = second, other, again
     narrow = replace(options, search_px=CLOSE_PX)
     for beside in _beside(fitted) if chosen or best.quality < _DOUBT[1] else ():
-        again, pose = _attracted(part, photos, sights, beside, freedom, narrow)
-        second, other = measured(again, pose)
-        if second.quality > best.quality and not _loose(other):
+        second, other, again = measured(*_attracted(part, photos, sights, beside, freedom, narrow))
+        if not _loose(other) and _better(second, other, best, fitted):
             return second, again
     return best, sights
 
@@ -149,8 +160,12 @@ def _attracted(
 ) -> tuple[Sequence[Sight], Rigid]:
     """Return the pose whose lines lie on steps of the photos near those at the start, and its sights."""
     pose = attracted(sights, start, freedom, search_px=options.search_px)
-    moved = max(s.moved_px(s.drawn, pose) for s in sights) > _REDRAW_PX
-    return _sights(part, photos, pose, options, sights) if moved else sights, pose
+    return _sights(part, photos, pose, options, sights) if _away(sights, pose) else sights, pose
+
+
+def _away(sights: Sequence[Sight], pose: Rigid) -> bool:
+    """Return whether a pose is so far from where lines were drawn that others may be seen."""
+    return max(s.moved_px(s.drawn, pose) for s in sights) > _REDRAW_PX
 
 
 def _measured(
@@ -173,6 +188,18 @@ def _measured(
 def _loose(fitted: Solution | None) -> bool:
     """Return whether edges fit a pose only loosely."""
     return fitted is not None and fitted.fit.between > _LOOSE_PX
+
+
+def _better(one: Location, its: Solution | None, other: Location, others: Solution | None) -> bool:
+    """Return whether one answer is better than another.
+
+    Edges of a loose fit count as met from farther off. Where only one of the two is loose, both are held to what the
+    other meets.
+    """
+    if its is None or others is None or _loose(its) == _loose(others):
+        return one.quality > other.quality
+    closely = [seen(s.sights, s.pose, constraints=s.B.shape[1], scatter=0.0).quality for s in (its, others)]
+    return closely[0] > closely[1]
 
 
 def _beside(fitted: Solution | None) -> list[Rigid]:
@@ -219,8 +246,8 @@ def _location(part: Part, fitted: Solution, freedom: Freedom, chosen: int) -> Lo
         (_TOGETHER_PX**2 * (G @ n) @ (G @ n).T for G, n in zip(gains, normals, strict=True)), np.zeros((6, 6))
     )
     estimate = PoseEstimate(pose, B @ fit.covariance @ B.T + together, from_calibration, B, fit.dof)
-    seen, color = in_color(part, sights, pose)
-    evidence = judged(seen, pose, B, chosen=chosen, scatter=_scatter(fit, sum(n)), color=color)
+    told, color = in_color(part, sights, pose)
+    evidence = judged(told, pose, B, chosen=chosen, scatter=_scatter(fit, sum(n)), color=color)
     return Location(estimate, _matches(fitted), evidence.quality, _reason(part, estimate, evidence, fit, photos))
 
 
