@@ -36,7 +36,7 @@ from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.refine import refine
+from cadcam.locate.locate import locate
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Look, Scene
 from cadcam.verify.deviation import State
@@ -173,11 +173,13 @@ def study(case: str, pictures: int, seed: int) -> Tally:
     wanted = State.MISSING if np.isnan(size) else State.DISPLACED
     for photo, start, by in shots(case, pictures, seed):
         began = time.process_time()
-        seen = inspect(part(), [photo], refine(part(), [photo], start).pose.world_from_part)
+        located = locate(part(), [photo], start)
+        seen = inspect(part(), [photo], located.pose.world_from_part) if located.found else None
         out.seconds.append(time.process_time() - began)
         out.pictures += 1
-        if not seen.found:
+        if seen is None or not seen.found:
             out.lost += 1
+            print(f"{case} {out.pictures}: {located.reason if seen is None else seen.reason}", file=sys.stderr)
             continue
         flagged = {f.name: f.state for f in seen.features if f.state in (State.DISPLACED, State.MISSING)}
         out.found += flagged.get(name or "") is wanted

@@ -17,7 +17,7 @@ from cadcam.locate.solution import Solution
 _SCATTERED_PX = 0.15  # by which edges of a good pose are seldom off as a whole
 _TRIALS = 1000
 _CLOSE_PX, _CLOSE = 0.12, 2.5  # px, and standard deviations of its noise, that an edge may be off and still agree
-_MOST = 0.5  # of the edges that have to agree
+_MOST = 0.35  # of the edges have to agree, beyond as many as any motion can be fitted to
 _GAIN = 2.0  # times as many as do now
 _FLAT = 1e-4  # determinant, of unit columns, of edges that tell no motion
 
@@ -32,14 +32,15 @@ def agreed(fitted: Solution) -> Rigid | None:
     count = np.bincount(group)
     J = np.stack([np.bincount(group, column) / count for column in rows.T], axis=1)
     unit = np.sqrt(np.mean(J**2, axis=0))
-    if len(J) <= J.shape[1] or not (unit > 0).all():
+    if len(J) <= len(unit) or not (unit > 0).all():
         return None
     offset, close = fit.offset[: len(J)], np.hypot(_CLOSE_PX, _CLOSE * fit.sd_offset[: len(J)])
     motions = np.concatenate([np.zeros((1, len(unit))), _motions(offset, J / unit)])
     left = np.abs(offset - motions @ (J / unit).T) / close
     share = np.maximum(1 - left**2, 0.0) @ count / count.sum()
     best = int(np.argmax(share))
-    if share[best] < max(_MOST, _GAIN * share[0]):
+    fitted_to = len(unit) / len(J)
+    if share[best] < max(fitted_to + _MOST * (1 - fitted_to), _GAIN * share[0]):
         return None
     return fitted.pose @ Rigid.exp(B @ (motions[best] / unit))
 

@@ -131,7 +131,7 @@ def _refined(
         if closer is not None:
             redrawn = _sights(part, photos, closer, options, sights)
             second, other = _measured(part, redrawn, closer, freedom, evidence, options, chosen)
-            if other is not None and other.fit.between < fitted.fit.between / 2:
+            if _better(second, other, found, fitted):
                 return second, other, redrawn
         return found, fitted, sights
 
