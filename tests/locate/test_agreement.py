@@ -31,7 +31,7 @@ def moved_px(pose: Rigid) -> float:
 
 
 def test_most_edges_outvote_those_that_were_taken_for_others(rng: np.random.Generator) -> None:
-    """A third is off by 3 px, all to one side: where all are believed they look loose; the others are off by noise alone."""
+    """A third is off by 3 px, all to one side: believed, it makes all look loose; the others are off by noise."""
     loose = fitted(np.where(np.arange(GROUPS) % 3 == 0, 3.0, 0.0), rng)
     assert loose.fit.between > 0.25
     assert moved_px(loose.pose) > 0.5

@@ -19,7 +19,6 @@ from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Look
 from cadcam.verify.deviation import State
 from cadcam.verify.inspection import Inspection, inspect
-
 from cadcam.verify.limbs import limb_errors
 from cadcam.verify.sightlines import sightlines
 from cadcam.verify.surroundings import surroundings
@@ -59,7 +58,7 @@ def inspected(by: Array, rng: np.random.Generator) -> Inspection:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_dark_limb_before_a_dark_ground_is_not_called_displaced(seed: int) -> None:
-    """The photo shows the border of light 0.8 px inside of the roller's: with limbs believed, it is off by ten sigmas."""
+    """The photo shows a border of light 0.8 px inside of the roller's: were it believed, that is ten sigmas."""
     seen = inspected(np.zeros(3), np.random.default_rng(seed))
     assert {f.state for f in seen.features} <= {State.IN_PLACE, State.UNCLEAR}
     assert "roller" not in seen.left_out

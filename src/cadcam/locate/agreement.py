@@ -14,7 +14,7 @@ from cadcam.arrays import Array
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.solution import Solution
 
-_SCATTERED_PX = 0.15  # by which edges of a good pose are seldom off as a whole
+SCATTERED_PX = 0.15  # by which edges of a good pose are seldom off as a whole
 _TRIALS = 1000
 _CLOSE_PX, _CLOSE = 0.12, 2.5  # px, and standard deviations of its noise, that an edge may be off and still agree
 _MOST = 0.35  # of the edges have to agree, beyond as many as any motion can be fitted to
@@ -25,7 +25,7 @@ _FLAT = 1e-4  # determinant, of unit columns, of edges that tell no motion
 def agreed(fitted: Solution) -> Rigid | None:
     """Return the pose that most edges of a fit agree on, where these are much more than agree on the fitted one."""
     fit, B = fitted.fit, fitted.B
-    if fit.between <= _SCATTERED_PX:
+    if fit.between <= SCATTERED_PX:
         return None
     rows = np.concatenate([at.row[m.usable] for at, m in zip(fitted.places, fitted.measured, strict=True)]) @ B
     group = fit.group[: len(rows)]

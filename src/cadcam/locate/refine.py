@@ -17,7 +17,7 @@ from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.grouped import GroupedFit
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.agreement import agreed
+from cadcam.locate.agreement import SCATTERED_PX, agreed
 from cadcam.locate.attraction import attracted
 from cadcam.locate.color import in_color
 from cadcam.locate.evidence import Evidence, pose_jacobian
@@ -36,11 +36,13 @@ _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
 _DOUBT = (0.25, 0.62)  # quality of a pose that half of the lines agree with: worth a second, wider search
 _FARTHEST_PX = 3.0  # an edge farther off is another one
 _LOOSE_PX = 0.25  # by which edges of a good pose are seldom off as a whole
+_LOOSER = 3.0  # times as much, that a fit is looser than another one
 _WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
 _WEAKEST, _BESIDE_PX = 3, 4.0  # motions along which a loose pose may be another one, and how far lines move by them
 _ABOUT = 0.25  # share of the lines that colour speaks for, from which on a pose is about right
 _AROUND_PX = (3.0, 5.0, 8.0)  # searches there
 _SAME_PX = 0.5  # a search that ends this near to where it began, at a pose that was found, finds the same again
+_Answer = tuple[Location, Solution | None, Sequence[Sight]]  # what was found, measured, and drawn for it
 _UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose that nothing was measured of
 
 
@@ -62,7 +64,8 @@ def refine(
     poses in these photos; they prove nothing (`locate.quality`). Where too little is seen to tell the pose the answer
     has quality 0. wider: whether a doubtful answer is searched for once more, wider, from where it ended; lines of a
     wrong pose often half agree. Where edges still fit only loosely, and the start was the best of many or the answer is
-    in doubt, poses beside it are tried too, narrowly. None of it where the start is known to be good: farther off there
+    in doubt, poses beside it are tried too, narrowly. Where edges scatter, and most of them agree closely on another
+    pose, that one is looked at (`locate.agreement`). None of it where the start is known to be good: farther off there
     are only other lines. Where colour speaks for a doubtful answer it is about right: lines are looked for once more
     from there, narrowly first.
     """
@@ -122,18 +125,20 @@ def _refined(
 ) -> tuple[Location, Sequence[Sight]]:
     """Return what `refined` does, but for what colour has it look at again."""
 
-    def measured(sights: Sequence[Sight], pose: Rigid) -> tuple[Location, Solution | None, Sequence[Sight]]:
-        found, fitted = _measured(part, sights, pose, freedom, evidence, options, chosen)
-        if fitted is not None and _away(sights, fitted.pose):  # its lines are not those that are seen there
+    def once(sights: Sequence[Sight], pose: Rigid) -> _Answer:
+        return *_measured(part, sights, pose, freedom, evidence, options, chosen), sights
+
+    def measured(sights: Sequence[Sight], pose: Rigid) -> _Answer:
+        """Return the answer at a pose, its lines as seen from there, or at the one that most edges agree on."""
+        found, fitted, _ = answer = once(sights, pose)
+        if fitted is not None and _away(sights, fitted.pose):
             sights = _sights(part, photos, fitted.pose, options, sights)
-            found, fitted = _measured(part, sights, fitted.pose, freedom, evidence, options, chosen)
+            found, fitted, _ = answer = once(sights, fitted.pose)
         closer = agreed(fitted) if wider and fitted is not None else None
-        if closer is not None:
-            redrawn = _sights(part, photos, closer, options, sights)
-            second, other = _measured(part, redrawn, closer, freedom, evidence, options, chosen)
-            if _better(second, other, found, fitted):
-                return second, other, redrawn
-        return found, fitted, sights
+        if closer is None:
+            return answer
+        other = once(_sights(part, photos, closer, options, sights), closer)
+        return other if _better(*other[:2], found, fitted) else answer
 
     best, fitted, sights = measured(
         *_attracted(part, photos, _sights(part, photos, start, options), start, freedom, options)
@@ -193,10 +198,13 @@ def _loose(fitted: Solution | None) -> bool:
 def _better(one: Location, its: Solution | None, other: Location, others: Solution | None) -> bool:
     """Return whether one answer is better than another.
 
-    Edges of a loose fit count as met from farther off. Where only one of the two is loose, both are held to what the
+    Edges of a loose fit count as met from farther off. Where one of the two is much looser, both are held to what the
     other meets.
     """
-    if its is None or others is None or _loose(its) == _loose(others):
+    if its is None or others is None:
+        return one.quality > other.quality
+    apart = its.fit.between, others.fit.between
+    if max(apart) <= max(SCATTERED_PX, _LOOSER * min(apart)):
         return one.quality > other.quality
     closely = [seen(s.sights, s.pose, constraints=s.B.shape[1], scatter=0.0).quality for s in (its, others)]
     return closely[0] > closely[1]

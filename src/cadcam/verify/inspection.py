@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, quantile
 from cadcam.cad.edges import EdgeKind
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
@@ -24,7 +24,7 @@ from cadcam.verify.presence import Presence
 from cadcam.verify.survey import Survey, surveyed
 from cadcam.verify.tolerance import Tolerances, whole_parts
 
-_SURVEYS, _REDRAW_PX = 3, 0.5  # as long as the datum moves lines by this much they are drawn again, so often at most
+_SURVEYS, _REDRAW_PX = 3, 0.3  # while the datum moves lines by so much they are drawn again; so often at most
 _LEAST_SEEN = 0.35  # of the datum's places that must show an edge for the pose to be believed
 
 
@@ -114,7 +114,7 @@ def inspect(
         except DegenerateGeometry as error:
             return _not_found(survey, pose, F, str(error))
         xi = look.measured.adjustment.pose().xi
-        if float(np.median(np.abs(survey.lines.by_pose @ xi))) < _REDRAW_PX:
+        if quantile(np.abs(survey.lines.by_pose @ xi), 0.9) < _REDRAW_PX:
             break
         pose = pose @ Rigid.exp(xi)  # from there other lines are seen, and fewer of the photo's are taken for them
     return _reported(case, looked_again(case, look), options)
