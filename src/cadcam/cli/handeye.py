@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from cadcam.cli.arguments import Verbs, add_json, add_points_options, names, read_points_as_asked, verb
 from cadcam.cli.boards import BOARD_HELP, PICTURES, picture_files
+from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say, working
 from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
 
@@ -169,11 +170,9 @@ def _held(camera: Camera | CameraEstimate) -> Camera:
 
 
 def _camera(arguments: argparse.Namespace) -> Camera | CameraEstimate:
-    from cadcam.files.camera import read_camera
-
     if not arguments.camera:
         raise BadValue("--camera", "not given", "the camera file of the camera that took the views")
-    file = read_camera(arguments.camera)
+    file = read_any_camera(arguments.camera)
     if not arguments.adjust_internals:
         return file.camera
     if file.estimate is None:

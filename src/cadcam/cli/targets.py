@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import Help, Verbs, add_json
+from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say
 from cadcam.errors import BadValue
 
@@ -188,14 +189,13 @@ def run_find(arguments: argparse.Namespace) -> int:
 
 def _find(arguments: argparse.Namespace, mark: Mark, file: str) -> list[FoundMark]:
     from cadcam.errors import SizeMismatch
-    from cadcam.files.camera import read_camera
     from cadcam.image.picture import read_picture, to_gray
     from cadcam.target.find import find_marks
 
     gray = to_gray(read_picture(file))
     camera = None
     if arguments.camera:
-        camera = read_camera(arguments.camera).camera
+        camera = read_any_camera(arguments.camera).camera
         if camera.size != gray.shape[::-1]:
             raise SizeMismatch(file, gray.shape[::-1], camera.size, "give the camera that took it")
     radius = arguments.radius

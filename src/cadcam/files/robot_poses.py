@@ -230,7 +230,10 @@ def _from_text(file: TextFile) -> RobotNumbers:
     lines = list(lines_of_cells(file))
     if not lines:
         raise UnreadableFile(file.path, "holds only comments", "give one pose a line")
-    columns, unit = _header(lines[0])
+    try:
+        columns, unit = _header(lines[0])
+    except UnknownName as error:
+        raise UnreadableFile(file.path, f"names a column with an {error}", "robots' positions are lengths") from error
     lines = lines[1:] if columns else lines
     if not lines:
         raise UnreadableFile(file.path, "has column names but no poses", "give one pose a line")
