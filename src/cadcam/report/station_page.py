@@ -54,7 +54,8 @@ def write_station_page(path: str | os.PathLike[str], report: StationReport) -> N
 def station_page(report: StationReport) -> str:
     """Return the report as one HTML document."""
     maps = {name: s.map() for name, s in report.stations.items() if len(s.positions) > 1}
-    body = [f"<h1>Stations: {escape(', '.join(report.stations))}</h1>"]
+    cameras = f"camera{'s' * (len(report.stations) != 1)} {', '.join(report.stations)}"
+    body = [f"<h1>Stations of {escape(cameras)}</h1>"]
     if maps:
         body.append(section("How the mechanics deviate over the work area", arrows(maps)))
     for name, station in report.stations.items():
