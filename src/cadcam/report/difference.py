@@ -72,7 +72,7 @@ def write_difference(path: str | os.PathLike[str], difference: Difference, size:
 def _notes(difference: Difference) -> list[str]:
     turned = not np.array_equal(difference.b_from_a, np.eye(3))
     angle = difference.rotation_deg
-    freedom = f"after the best rotation, {angle:.4g} deg" if turned else "as they are: no rotation allowed"
+    freedom = f"after the best rotation, {angle:.4g} deg" if turned else "as they are, no rotation taken off"
     unseen = f"{difference.unseen} of {difference.distance.size} pixels are not seen by both"
     return [freedom, unseen] if difference.unseen else [freedom]
 
