@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import shutil
 from collections.abc import Callable
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
 from cadcam.errors import BadValue
 
@@ -14,6 +14,14 @@ if TYPE_CHECKING:
 
 Verbs: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 Run: TypeAlias = Callable[[argparse.Namespace], "int | None"]
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one message, as those of the library are: the usage stands in the help."""
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong with the command line and where more is to be read; exit with 2."""
+        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
 class Help(argparse.RawDescriptionHelpFormatter):
@@ -66,6 +74,25 @@ def read_points_as_asked(arguments: argparse.Namespace, path: str) -> Observatio
         header=arguments.header,
         sigma_px=arguments.sigma,
     )
+
+
+def check_in_picture(observations: Observations, size: tuple[int, int]) -> None:
+    """Refuse points seen well outside a picture of `size`, as they are where its sides or their columns are swapped.
+
+    A twentieth of the longer side is let pass: the centre of a mark that the border cuts off may lie outside.
+    """
+    import numpy as np
+
+    q, half = observations.q, np.array(size) / 2
+    far = np.flatnonzero((np.abs(q + 0.5 - half) - half).max(axis=1) > max(size) / 20)
+    if far.size:
+        x, y = q[far[0]]
+        swapped = "" if (q > size[::-1]).any() else "; are width and height, or the columns x and y, swapped?"
+        raise BadValue(
+            f"{observations.source}: point {observations.names[far[0]]!r}",
+            f"at x = {x:.6g}, y = {y:.6g} px",
+            f"points in the picture of {size[0]} x {size[1]} px ({far.size} of {len(q)} are outside){swapped}",
+        )
 
 
 def size(text: str) -> tuple[int, int]:

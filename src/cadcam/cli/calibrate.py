@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from cadcam.cli.arguments import Verbs, add_json, add_points_options, read_points_as_asked, verb
+from cadcam.cli.arguments import Verbs, add_json, add_points_options, check_in_picture, read_points_as_asked, verb
 from cadcam.cli.boards import BOARD_HELP, PICTURES, add_board_options, run_boards
 from cadcam.cli.estimating import (
     add_estimate_options,
@@ -106,12 +106,14 @@ def _run_jointly(arguments: argparse.Namespace) -> None:
     for target, suffixes in ((arguments.output, (".json",)), (arguments.poses, (".txt", ".csv"))):
         if target:
             check_target(target, suffixes)
-    views = [read_points_as_asked(arguments, path) for path in arguments.points]
+    views, size = [read_points_as_asked(arguments, path) for path in arguments.points], size_as_asked(arguments)
+    for view in views:
+        check_in_picture(view, size)
     lens, free_lens = lens_as_asked(arguments)
     with working(f"estimating one camera from {len(views)} positions"):
         fit = fit_jointly(
             views,
-            size_as_asked(arguments),
+            size,
             fixed=fixed_as_asked(arguments),
             lens=lens,
             free_lens=free_lens,

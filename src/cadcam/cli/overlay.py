@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, add_points_options, read_points_as_asked, verb
-from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, view_as_json
+from cadcam.cli.arguments import Verbs, add_json, add_points_options, check_in_picture, read_points_as_asked, verb
+from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, read_any_camera, view_as_json
 from cadcam.cli.models import add_model_options, load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
 from cadcam.cli.wires import add_line_options, lines_as_json, lines_in_words, naming, scene_of, style_of, wireframe_of
@@ -92,11 +92,12 @@ def _camera(arguments: argparse.Namespace) -> tuple[Camera, Rigid, CameraEstimat
     if arguments.points is None:
         return (*camera_and_pose(arguments.camera, arguments.pose), None)
     from cadcam.calibrate.points import locate_camera
-    from cadcam.files.camera import read_camera
 
     observations = read_points_as_asked(arguments, arguments.points)
+    camera = read_any_camera(arguments.camera).camera
+    check_in_picture(observations, camera.size)
     with working("finding the pose"):
-        estimate = locate_camera(observations, read_camera(arguments.camera).camera)
+        estimate = locate_camera(observations, camera)
     return estimate.camera, estimate.camera_from_world, estimate
 
 

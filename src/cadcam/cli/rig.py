@@ -6,8 +6,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cadcam.cli.arguments import Verbs, add_json, add_points_options, read_points_as_asked, size, verb
+from cadcam.cli.arguments import Verbs, add_json, add_points_options, check_in_picture, read_points_as_asked, size, verb
 from cadcam.cli.boards import BOARD_HELP, PICTURES, picture_files
+from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.estimating import fixed_as_asked, lens_as_asked
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say, working
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
@@ -180,6 +181,8 @@ def _from_points(
     cameras = {}
     for name, row in files.items():
         views = [None if file is None else read_points_as_asked(arguments, file) for file in row]
+        for view in filter(None, views):
+            check_in_picture(view, known[name].size if name in known else arguments.size)
         if name in known:
             cameras[name] = RigCamera(views, known=known[name])
         else:
@@ -228,13 +231,11 @@ def _files(path: str, board: str | None) -> list[str]:
 
 
 def _known(given: Sequence[str], cameras: Mapping[str, str]) -> dict[str, Camera]:
-    from cadcam.files.camera import read_camera
-
     named = _named("--known", given)
     for name in named:
         if name not in cameras:
             raise UnknownName("camera in --known:", name, cameras)
-    return {name: read_camera(path).camera for name, path in named.items()}
+    return {name: read_any_camera(path).camera for name, path in named.items()}
 
 
 def _named(option: str, given: Sequence[str]) -> dict[str, str]:
