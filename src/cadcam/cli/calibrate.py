@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from cadcam.cli.arguments import Verbs, add_json, add_points_options, check_in_picture, read_points_as_asked, verb
-from cadcam.cli.boards import BOARD_HELP, PICTURES, add_board_options, run_boards
+from cadcam.cli.boards import BOARD_HELP, add_board_options, run_boards
 from cadcam.cli.estimating import (
     add_estimate_options,
     estimate_as_asked,
@@ -16,6 +16,7 @@ from cadcam.cli.estimating import (
 )
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
 from cadcam.errors import BadValue
+from cadcam.image.suffixes import READABLE
 
 _EXAMPLES = f"""\
   cadcam calibrate points.csv --photo photo.png -o camera.json
@@ -77,7 +78,7 @@ def run(arguments: argparse.Namespace) -> None:
         lens, free_lens = lens_as_asked(arguments)
         run_boards(arguments, fixed_as_asked(arguments), lens, free_lens)
         return
-    if pictures := [path for path in arguments.points if Path(path).suffix.lower() in PICTURES]:
+    if pictures := [path for path in arguments.points if Path(path).suffix.lower() in READABLE]:
         raise BadValue("points file", f"the picture {pictures[0]}", "a text file; or --board BOARD for pictures of one")
     if not (arguments.size or arguments.photo or arguments.internals):
         raise BadValue(

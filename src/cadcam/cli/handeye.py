@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from cadcam.cli.arguments import Verbs, add_json, add_points_options, names, read_points_as_asked, verb
-from cadcam.cli.boards import BOARD_HELP, PICTURES, picture_files
+from cadcam.cli.boards import BOARD_HELP, picture_files
 from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say, working
 from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
+from cadcam.image.suffixes import READABLE
 
 if TYPE_CHECKING:
     from cadcam.calibrate.handeye_estimate import HandEyeEstimate
@@ -213,7 +214,7 @@ def _by_stem(files: Sequence[Path]) -> dict[str, Path]:
 def _views(arguments: argparse.Namespace) -> dict[str, Observations | None]:
     """Return the observations by the stem of their files."""
     files = [Path(v) for v in arguments.views]
-    if pictures := [f for f in files if f.suffix.lower() in PICTURES]:
+    if pictures := [f for f in files if f.suffix.lower() in READABLE]:
         raise BadValue("points file", f"the picture {pictures[0]}", "a text file; or --board BOARD for pictures of one")
     if len(files) == 1 and files[0].is_dir():
         folder = files[0]

@@ -11,6 +11,7 @@ from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, v
 from cadcam.cli.models import load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
 from cadcam.errors import BadValue, SizeMismatch
+from cadcam.image.suffixes import READABLE, WRITABLE
 
 if TYPE_CHECKING:
     from cadcam.image.template import Template
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from cadcam.locate.templates import TemplateMatches
 
 NOT_FOUND = 3
-_PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".webp")
 _EXAMPLES = f"""\
   cadcam match photo.png corner.png -o where.png
   cadcam match photo.png corner.png --angles -20 20 --scales 0.9 1.1 --count 5 --json
@@ -89,8 +89,8 @@ def _add_part_options(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Match, write, report."""
     if arguments.output:
-        check_target(arguments.output, (".png", ".jpg", ".jpeg"))
-    if arguments.what.lower().endswith(_PICTURES):
+        check_target(arguments.output, WRITABLE)
+    if arguments.what.lower().endswith(READABLE):
         if arguments.camera or arguments.pose:
             raise BadValue("--camera or --pose", "given for a picture as template", "a CAD model, or leave them out")
         return _run_template(arguments)

@@ -11,6 +11,7 @@ from cadcam.cli.models import add_model_options, load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
 from cadcam.cli.wires import add_line_options, lines_as_json, lines_in_words, naming, scene_of, style_of, wireframe_of
 from cadcam.errors import BadValue, SizeMismatch
+from cadcam.image.suffixes import WRITABLE
 
 if TYPE_CHECKING:
     from cadcam.arrays import Picture
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from cadcam.render.view import Scene
     from cadcam.render.wireframe import Wireframe
 
-_SUFFIXES = (".png", ".jpg", ".jpeg", ".svg")
+_SUFFIXES = (*WRITABLE, ".svg")
 _EXAMPLES = f"""\
   cadcam overlay photo.png part.step --camera camera.json -o overlay.png
   cadcam overlay photo.png part.step --camera camera.json --hidden --color-by part -o overlay.svg

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from cadcam.cli.arguments import Help, Verbs, verb
 from cadcam.cli.output import check_target, print_json, say
 from cadcam.errors import BadValue
+from cadcam.image.suffixes import WRITABLE
 
 if TYPE_CHECKING:
     from numpy.random import Generator
@@ -30,7 +31,6 @@ scene's; effects act in the order of nature: vignetting, blur, motion, interlace
 blooming, noise (charge), gain, gamma, edge_enhancement, jitter, quantisation, jpeg (signal). The same seed gives the
 same picture. PROFILE is a file or a preset: ccir-1996 (analogue video with a frame grabber), global-shutter (machine
 vision), phone."""
-_SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
 def add_to(verbs: Verbs) -> None:
@@ -95,7 +95,7 @@ def run_apply(arguments: argparse.Namespace) -> None:
     from cadcam.image.picture import read_picture, write_picture
     from cadcam.image.sensor.video import Gamma
 
-    check_target(arguments.output, _SUFFIXES)
+    check_target(arguments.output, WRITABLE)
     sensor = sensor_named(arguments.profile)
     picture = read_picture(arguments.image)
     if arguments.linearise is not None:

@@ -11,6 +11,7 @@ from cadcam.cli.arguments import Help, Verbs, add_json
 from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say
 from cadcam.errors import BadValue
+from cadcam.image.suffixes import WRITABLE
 
 if TYPE_CHECKING:
     from cadcam.arrays import Picture
@@ -165,7 +166,7 @@ def run_find(arguments: argparse.Namespace) -> int:
     from cadcam.errors import TooFewMarks
     from cadcam.target.mark import parse_mark
 
-    for path, suffixes in ((arguments.csv, (".csv",)), (arguments.output, (".png", ".jpg", ".jpeg"))):
+    for path, suffixes in ((arguments.csv, (".csv",)), (arguments.output, WRITABLE)):
         if path:
             check_target(path, suffixes)
     mark, files = parse_mark(arguments.mark), picture_files(arguments.pictures)
