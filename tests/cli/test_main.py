@@ -108,3 +108,19 @@ def test_a_full_disk_behind_stdout_is_said_and_no_bug() -> None:
     result = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
     assert result.returncode == 2
     assert result.stderr == "cadcam lens: stdout cannot be written: No space left on device\n"
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_sentences_of_help_fit_a_terminal_of_80_columns(
+    verb: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit):
+        cli.main([verb, "--help"])
+    narrow = capsys.readouterr().out
+    monkeypatch.setenv("COLUMNS", "120")
+    with pytest.raises(SystemExit):
+        cli.main([verb, "--help"])
+    assert "".join(capsys.readouterr().out.split()) == "".join(narrow.split())
+    told = [line for line in narrow.splitlines() if not line.startswith(" ") and "  " not in line]
+    assert max(map(len, told)) <= 80

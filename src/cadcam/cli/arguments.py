@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import shutil
+import textwrap
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 Verbs: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 Run: TypeAlias = Callable[[argparse.Namespace], "int | None"]
 
+_FULL = 90  # characters of a line that its sentence goes on behind: texts are written 120 wide
+
 
 class Parser(argparse.ArgumentParser):
     """A parser whose errors are one message, as those of the library are: the usage stands in the help."""
@@ -25,10 +28,30 @@ class Parser(argparse.ArgumentParser):
 
 
 class Help(argparse.RawDescriptionHelpFormatter):
-    """Help texts as they are written, with room for the options' names."""
+    """Help texts as they are written, with room for the options' names; sentences fit narrower terminals too."""
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog, max_help_position=30, width=min(shutil.get_terminal_size().columns, 120) - 2)
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        """Return the text, its sentences broken anew where they are too long; tables and examples stay as they are."""
+        if max(map(len, text.splitlines()), default=0) <= width + 2:
+            return text
+        lines: list[str] = []
+        goes_on = False
+        for line in text.splitlines():
+            if goes_on and _is_sentence(line):
+                lines[-1] += f" {line}"
+            else:
+                lines.append(line)
+            goes_on = _is_sentence(line) and len(line) > _FULL
+        wrap = textwrap.TextWrapper(width, break_long_words=False, break_on_hyphens=False)
+        return "\n".join(wrap.fill(line) if _is_sentence(line) else line for line in lines)
+
+
+def _is_sentence(line: str) -> bool:
+    """Return whether a line of help is neither empty nor part of an example or a table."""
+    return bool(line) and not line[0].isspace() and "  " not in line
 
 
 def verb(verbs: Verbs, name: str, run: Run, *, short: str, description: str, examples: str) -> argparse.ArgumentParser:

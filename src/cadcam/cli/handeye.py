@@ -45,8 +45,8 @@ robot poses: base_from_flange, one a line, with or without column names and a na
                                          ur  m, rotation vector    ros  m, quaternion w last
                                          rotation-vector quaternion-wxyz quaternion-xyzw matrix   say --robot-unit
 views: one picture of the --board a pose, or one points file, X Y Z on the target and x_px y_px in its picture (cadcam
-  calibrate --help); paired with the robot's poses by name (file p1.png or p1.csv, pose p1), or in order where the poses
-  have no names. Poses whose picture does not show the board are not used
+calibrate --help); paired with the robot's poses by name (file p1.png or p1.csv, pose p1), or in order where the poses
+have no names. Poses whose picture does not show the board are not used.
 camera poses: camera_from_world, the target being the world, one a line as in `cadcam render --poses`
 
 {BOARD_HELP}"""
