@@ -19,7 +19,7 @@ def main() -> None:
     plate = Plate.grid((mark,), 3, 2, 60.0)
     camera = cadcam.Camera.from_focal((480, 360), 700.0)
     tilted = cadcam.Rigid.exp([0, 0, 0, np.radians(40), 0, 0])
-    away, centre = cadcam.Rigid(translation=[0, 0, 600]), cadcam.Rigid(translation=[-60, -30, 0])
+    away, centre = (cadcam.Rigid.exp([*t, 0, 0, 0]) for t in ((0, 0, 600), (-60, -30, 0)))
     camera_from_plate = away @ tilted @ centre
     rng = np.random.default_rng(1)
     picture = board_picture(plate, camera, camera_from_plate, blur_px=0.8, noise=0.01, rng=rng)

@@ -75,7 +75,7 @@ def test_a_wrong_command_line_is_exit_2(words: list[str], capsys: pytest.Capture
 
 @pytest.mark.parametrize(
     ("raised", "code", "traced"),
-    [(BadValue("size", 0, "more"), 2, False), (KeyboardInterrupt(), 130, False), (ZeroDivisionError("oops"), 1, True)],
+    [(BadValue("size", 0, "more"), 2, False), (KeyboardInterrupt(), 130, False), (ZeroDivisionError("oops"), 70, True)],
 )
 def test_exit_codes_tell_what_happened(
     raised: BaseException,

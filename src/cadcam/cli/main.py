@@ -1,8 +1,8 @@
 """The command line. One file a verb; what a verb needs is imported when it runs, so that help costs next to nothing.
 
-Exit codes: 0 done; 1 a bug of ours, with a traceback; 2 something the caller can put right, said in one message;
-3 done, but the answer is no: the part is not in the picture; 130 interrupted. Results go to stdout, messages and
-progress to stderr.
+Exit codes: 0 done; 1 FAIL, of `verify` alone; 2 something the caller can put right, said in one message; 3 done, but
+the answer is no: the part is not in the picture; 70 a bug of ours, with a traceback; 130 interrupted. Results go to
+stdout, messages and progress to stderr.
 """
 
 from __future__ import annotations
@@ -84,6 +84,9 @@ camera axes x right, y down, z forward. Every verb explains itself: cadcam VERB 
 """
 
 
+_BUG = 70  # EX_SOFTWARE of sysexits.h: no line must take a crash for a part that failed
+
+
 def parser() -> argparse.ArgumentParser:
     """Return the parser of all verbs."""
     top = Parser(prog="cadcam", description=_DESCRIPTION, epilog=_EPILOG, formatter_class=Help)
@@ -126,4 +129,4 @@ def _bug(verb: str) -> int:
         f"cadcam {verb}: this is a bug in cadcam {__version__}; please report it with the lines above",
         file=sys.stderr,
     )
-    return 1
+    return _BUG
