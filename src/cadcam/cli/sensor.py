@@ -34,15 +34,15 @@ vision), phone."""
 
 
 def add_to(verbs: Verbs) -> None:
-    """Add the verb and its two tasks."""
+    """Add the verb and its two jobs."""
     short = "what a camera does to a picture: noise, blur, gamma, jitter ..."
     parser = verb(verbs, "sensor", run_show, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
-    tasks = parser.add_subparsers(dest="task", metavar="TASK", required=True, title="tasks")
-    show = tasks.add_parser("show", help="print a profile, or what there is", formatter_class=Help)
+    jobs = parser.add_subparsers(dest="job", metavar="JOB [options]", required=True, title="jobs")
+    show = jobs.add_parser("show", help="print a profile, or what there is", formatter_class=Help)
     show.add_argument("profile", metavar="PROFILE", nargs="?", help="file or preset; without it: presets and effects")
     show.add_argument("-o", "--output", metavar="FILE", help="write the profile to this .json")
     show.set_defaults(run=run_show)
-    apply = tasks.add_parser("apply", help="picture -> what the sensor makes of it", formatter_class=Help)
+    apply = jobs.add_parser("apply", help="picture -> what the sensor makes of it", formatter_class=Help)
     apply.add_argument("profile", metavar="PROFILE", help="file or preset")
     apply.add_argument("image", metavar="IMAGE", help="picture, linear in radiance (renderings are taken as such)")
     apply.add_argument("-o", "--output", metavar="FILE", required=True, help="picture to write (.png or .jpg)")
