@@ -162,6 +162,7 @@ def _distances(photo: Picture, wireframe: Wireframe) -> dict[str, Any]:
     """Return how far the visible lines are from the photo's nearest edges of about their direction."""
     import numpy as np
 
+    from cadcam.files.jsontext import or_null
     from cadcam.render.overlay import edge_distances
 
     with working("measuring the distance to the photo's edges"):
@@ -169,8 +170,8 @@ def _distances(photo: Picture, wireframe: Wireframe) -> dict[str, Any]:
     median, high = np.quantile(distance, [0.5, 0.9], method="nearest")
     return {
         "edge_distance_px": {
-            "median": float(median) if np.isfinite(median) else None,
-            "p90": float(high) if np.isfinite(high) else None,
+            "median": or_null(median),
+            "p90": or_null(high),
             "share_within_2_px": float(np.mean(distance <= 2)),
             "samples": len(distance),
         }

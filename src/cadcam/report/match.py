@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from cadcam.files.jsontext import or_null
 from cadcam.files.matrix import pose_as_json
 from cadcam.image.correlate import Peaks
 from cadcam.locate.closeness import Closeness
@@ -97,7 +98,7 @@ def peaks_as_json(peaks: Peaks) -> dict[str, Any]:
                 "angle_deg": math.degrees(peaks.angle[i]),
                 "scale": float(peaks.scale[i]),
                 "score": float(peaks.score[i]),
-                "gap": float(gap[i]) if np.isfinite(gap[i]) else None,
+                "gap": or_null(gap[i]),
                 "sigma_px": sigma[i, :2].tolist(),
                 "sigma_deg": math.degrees(sigma[i, 2]),
                 "sigma_scale": float(sigma[i, 3]),
@@ -113,7 +114,7 @@ def matches_as_json(matches: TemplateMatches) -> dict[str, Any]:
     pose = matches.pose
     return {
         "found": matches.found,
-        "poses_by_chance": matches.by_chance if math.isfinite(matches.by_chance) else None,
+        "poses_by_chance": or_null(matches.by_chance),
         "camera_from_part": None if pose is None else pose_as_json(pose.world_from_part),
         "covariance": None if pose is None else pose.covariance.tolist(),
         "features": [
@@ -134,8 +135,7 @@ def closeness_as_json(close: Closeness) -> dict[str, Any]:
     return {
         "total": close.total,
         "each": [
-            {"chain": int(close.chain[i])}
-            | {n: float(getattr(close, n)[i]) if np.isfinite(getattr(close, n)[i]) else None for n in names}
+            {"chain": int(close.chain[i])} | {n: or_null(getattr(close, n)[i]) for n in names}
             for i in range(len(close))
         ],
     }
