@@ -94,30 +94,31 @@ def _straightened(
     left, top, right, bottom = (side / k for side in region)
     x, y = nodes[..., 0], nodes[..., 1]
     inside = (x >= left) & (x <= right) & (y >= top) & (y <= bottom)
-    (row, down), (column, across) = (_steps(inside.any(axis=axis)) for axis in (1, 0))
-    nodes = nodes[row : row + down + 1, column : column + across + 1]
-    first, last = (
-        int(np.clip(side, 0, camera.height // k)) for side in (np.nanmin(nodes[..., 1]), np.nanmax(nodes[..., 1]) + 2)
+    (first, down), (column, across) = (_steps(np.asarray(inside.any(axis=axis))) for axis in (1, 0))
+    nodes = nodes[first : first + down + 1, column : column + across + 1]
+    x0, y0 = _STEP * column, _STEP * first
+    ideal = ideal.crop(x0, y0, (min(_STEP * across, ideal.width - x0), min(_STEP * down, ideal.height - y0)))
+    rows = np.clip(nodes[..., 1], 0, camera.height // k)  # of the photo that are needed
+    low, high = int(np.fmin.reduce(rows, axis=None)), int(np.fmax.reduce(rows, axis=None)) + 2
+    return (
+        *straighten(_even(gray[low * k : high * k], k), nodes - np.array([0, low], np.float32), _STEP, ideal.size),
+        ideal,
     )
-    x, y = _STEP * column, _STEP * row
-    ideal = ideal.crop(x, y, (min(_STEP * across, ideal.width - x), min(_STEP * down, ideal.height - y)))
-    some = _even(gray[first * k : last * k], k)
-    return (*straighten(some, nodes - np.array([0, first], np.float32), _STEP, ideal.size), ideal)
 
 
 def _steps(inside: Mask) -> tuple[int, int]:
-    """Return the first step between nodes and how many it takes to hold all nodes that are inside; all if none is."""
+    """Return the first of the steps between nodes that hold all nodes inside, and how many they are; all if none is."""
     found = np.flatnonzero(inside)
-    first, last = (found[0], found[-1]) if len(found) else (0, len(inside))
-    return max(int(first) - 1, 0), min(int(last) + 1, len(inside) - 1) - max(int(first) - 1, 0)
+    first, last = (max(int(found[0]) - 1, 0), int(found[-1]) + 1) if len(found) else (0, len(inside))
+    return first, min(last, len(inside) - 1) - first
 
 
 @lru_cache(maxsize=8)
 def _straight(camera: Camera, k: int) -> tuple[Camera, Picture]:
-    """Return the ideal camera with the K of a photo made smaller by k, and where in that its nodes lie (rows, columns, 2).
+    """Return the ideal camera that sees a photo made smaller by k straightened, and where in that its nodes lie.
 
-    Nodes are every `_STEP`-th pixel of every such row, from the first to beyond the last. Kept for cameras that take
-    photo after photo.
+    Nodes (rows, columns, 2) px: every `_STEP`-th pixel of every such row, from the first to beyond the last. Kept for
+    cameras that take photo after photo.
     """
     camera = _reduced(camera, k)
     low, high = _bounds(camera)

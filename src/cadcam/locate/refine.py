@@ -31,7 +31,7 @@ from cadcam.locate.solution import CLOSE_PX, EDGES, EdgeOptions, Solution, solve
 from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
 
 _TOGETHER_PX = 0.004  # by which all edges of a photo are off together: pixels do not collect light to less
-_REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
+_REDRAW_PX = 2.5  # lines that moved this far may hide otherwise
 _DOUBT = (0.25, 0.62)  # quality of a pose that half of the lines agree with: worth a second, wider search
 _FARTHEST_PX = 3.0  # an edge farther off is another one
 _LOOSE_PX = 0.25  # by which edges of a good pose are seldom off as a whole

@@ -4,7 +4,7 @@
 #include "vectors.h"
 
 #define REACH 6           /* px: half the window over which a place's own contrast is judged */
-#define CLUTTER 6.0f      /* how much the mean gradient of that window, squared, counts against it */
+#define CLUTTER 4.0f      /* how much the mean gradient of that window, squared, counts against it */
 #define BESIDE 0.3f       /* what a pixel beside the top of an edge keeps */
 #define NOISE 3.0f        /* standard deviations of a noisy gradient that make an edge as sure as not */
 #define QUIET 0.2f        /* the share of the picture that shows noise alone, at least */
