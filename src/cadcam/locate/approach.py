@@ -32,7 +32,7 @@ from cadcam.locate.photo import Photo
 
 _FINE_PX = 300.0  # the part's size in the finest field: enough to tell poses apart, few pixels to look at
 _COARSE_PX, _LEVELS = 33.0, 3  # its size in the coarsest one at least, and on how many fields it climbs at most
-_LARGE_PX = 360.0  # the part's size in the finest field from which that is only what the next ones are pooled from
+_LARGE_PX = 360.0  # its size in the finest one from which it is slid on one that is coarser still
 _TILT_DEG, _ROLL_DEG, _DEPTH = 9.0, 6.0, 0.07  # steps of the grid: half of one is in reach of the climb
 _SLID = 56  # samples of an aspect that are slid
 _TAKEN = 32  # hypotheses that start climbing
@@ -84,7 +84,7 @@ def approach(
     for number, climb in enumerate(_CLIMBS):
         if number == _FLIPPED and free.shape[1] == 6:
             poses = np.concatenate([poses, _flips(part.aspects, stages[0], poses[:_MOST_FLIPPED])])
-        stage = stages[max(len(stages) - 1 - climb.level, 0)]
+        stage = stages[max(min(len(stages), _LEVELS) - 1 - climb.level, 0)]
         poses, score, agreement = climbed(part.aspects, stage, poses, free, climb)
         kept = distinct(part.aspects, poses, score, climb.kept)
         poses, score, agreement = poses[kept], score[kept], agreement[kept]
