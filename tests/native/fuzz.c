@@ -152,7 +152,7 @@ static float gray(int kind) { return kind == 0 ? 0.5f : kind == 1 ? (float)unit(
 
 static cc_field field_of(int width, int height) { /* every buffer exactly as large as it must be */
     const size_t n = (size_t)width * (size_t)height;
-    float *picture = malloc(n * 4), *scratch = malloc(n * 16), *moments = malloc(CC_SECTORS * 8);
+    float *picture = malloc(n * 4), *scratch = malloc(50 * ((size_t)width + 12) * 4), *moments = malloc(CC_SECTORS * 8);
     uint8_t *planes = malloc(n * CC_SECTORS);
     const int kind = upto(2);
     for (size_t i = 0; i < n; i++) picture[i] = gray(kind);

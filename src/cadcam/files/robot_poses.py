@@ -189,7 +189,7 @@ def read_robot_poses(
     twice = next((n for i, n in enumerate(names) if n in names[:i]), None)
     if twice is not None:
         raise UnreadableFile(path, f"names two poses {twice!r}", "give each a name of its own")
-    return {n: Rigid(R, t) for n, R, t in zip(names, poses.rotation, poses.translation, strict=True)}
+    return dict(zip(names, poses.each, strict=True))
 
 
 def read_robot_numbers(*paths: str | os.PathLike[str]) -> RobotNumbers:

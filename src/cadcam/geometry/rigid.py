@@ -128,6 +128,11 @@ class Rigid:
             return Rigid._made(self.rotation @ other.rotation, t)
         return _apply(self.rotation, np.asarray(other, dtype=np.float64)) + self.translation
 
+    @property
+    def each(self) -> list[Rigid]:
+        """Return the motions of a batch (N,) as so many single ones."""
+        return [Rigid._made(R, t) for R, t in zip(self.rotation, self.translation, strict=True)]
+
     def __repr__(self) -> str:
         if self.rotation.ndim > 2 or self.translation.ndim > 1:
             return f"Rigid(batch {np.broadcast_shapes(self.rotation.shape[:-2], self.translation.shape[:-1])})"
