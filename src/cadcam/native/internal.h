@@ -36,6 +36,10 @@ typedef struct {
     uint16_t n_faces;
 } cluster;
 
+/* The planes of a cluster's triangles about its lowest corner: x, y, z, the unit normal, and what to add for the distance
+ * from the plane, positive in front; all 0 for triangles so narrow that rounding turns their normal. */
+typedef struct { float x[CLUSTER], y[CLUSTER], z[CLUSTER], offset[CLUSTER]; } plane_block;
+
 typedef struct {
     float normal[3]; /* of unit length in the world, 0 without area */
     int32_t paint; /* its colour */
@@ -43,6 +47,7 @@ typedef struct {
 
 struct cc_scene {
     cluster *clusters;
+    plane_block *planes;     /* of each cluster */
     int64_t n_clusters, n_faces;
     double *x, *y, *z;       /* vertices, cluster by cluster */
     uint8_t *corner[3];      /* triangles: indices into the vertices of their cluster */
@@ -141,6 +146,7 @@ struct cc_frame {
     int32_t n_grids;
     box limits;                              /* of the plane points of all samples, slightly widened */
     double far_x, far_y;                     /* bounds of |x| and |y| there */
+    double eye[3];                           /* the camera's centre in the world */
     int64_t n_clusters;                      /* of the scene; 0 where no sample sees anything */
     int32_t n_shares;                        /* parts of them that threads look through, each by itself */
     int32_t *found;                          /* candidates of each share, */

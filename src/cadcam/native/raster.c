@@ -137,24 +137,21 @@ static inline void corners_of(const cc_scene *s, const cluster *c, int k, uint8_
     for (int j = 0; j < 3; j++) i[j] = s->corner[j][c->first_face + (size_t)k];
 }
 
-/* List the triangles of a cluster, but for those that show their back, where the view leaves them out: those that do so
- * by more than rounding, with all corners in front of the camera. */
+/* List the triangles of a cluster, but for those that show their back, where the view leaves them out: those whose plane
+ * the camera is behind by more than all is rounded together. */
 static void list(const cc_frame *f, sighting *s) {
-    const corners *v = &s->corners;
-    s->n = 0;
-    for (int k = 0; k < s->cluster->n_faces; k++) {
-        int back = 0;
-        if (f->view->fronts) {
-            uint8_t i[3];
-            corners_of(f->scene, s->cluster, k, i);
-            const double x1 = v->u[i[1]] - v->u[i[0]], y1 = v->v[i[1]] - v->v[i[0]];
-            const double x2 = v->u[i[2]] - v->u[i[0]], y2 = v->v[i[2]] - v->v[i[0]];
-            const double size = fabs(x1) + fabs(y1) + fabs(x2) + fabs(y2);
-            back = (x1 * y2 - x2 * y1 > 0x1p-40 * size * (size + f->far_x + f->far_y)) &
-                   (lower3(v->z[i[0]], v->z[i[1]], v->z[i[2]]) > 0);
-        }
-        s->which[s->n] = (uint8_t)k, s->n += !back;
+    const cluster *c = s->cluster;
+    const plane_block *of = &f->scene->planes[s->cluster - f->scene->clusters];
+    float at[3], margin = 0;
+    for (int k = 0; k < 3; k++) {
+        at[k] = (float)(f->eye[k] - c->low[k]);
+        margin += 0x1p-20f * (fabsf(at[k]) + (float)(c->high[k] - c->low[k]));
     }
+    uint8_t back[CLUSTER];
+    for (int k = 0; k < CLUSTER; k++)
+        back[k] = of->x[k] * at[0] + of->y[k] * at[1] + of->z[k] * at[2] + of->offset[k] < -margin;
+    s->n = 0;
+    for (int k = 0; k < c->n_faces; k++) s->which[s->n] = (uint8_t)k, s->n += !(f->view->fronts && back[k]);
 }
 
 static void bound(const cc_frame *f, const double *restrict x, const double *restrict y, const double *restrict front,
@@ -266,8 +263,9 @@ static void keep_seen(int n_grids, sighting *s) {
 static void sight(const band bands[], const rect part[], sighting *s) {
     const cc_frame *f = bands[0].frame;
     const corners *v = &s->corners;
-    transform(f, s->cluster, &s->corners);
     list(f, s);
+    if (!s->n) return;
+    transform(f, s->cluster, &s->corners);
     if (!bands[0].grid->lens) bound(f, v->u, v->v, v->z, s);
     for (int g = 0; g < f->n_grids; g++) {
         if (!empty(part[g])) sight_in(&bands[g], part[g], s, s->where[g]);
@@ -326,17 +324,49 @@ static int open_band(const cc_frame *f, cc_worker *w, int g, int32_t first, band
     return 1;
 }
 
-static void draw_candidate(const band bands[], const candidate *c) {
-    const cc_frame *f = bands[0].frame;
+/* A cluster that may be seen in parts of the grids, or none. */
+typedef struct {
+    const cluster *cluster;
     rect part[GRIDS];
-    int seen = 0;
+} due;
+
+static due due_of(const band bands[], const candidate *c) {
+    const cc_frame *f = bands[0].frame;
+    due d = {NULL};
     for (int g = 0; g < f->n_grids; g++) {
         const band *b = &bands[g];
-        part[g] = common(c->where[g], (rect){0, b->grid->width - 1, b->y0, b->y1});
-        if (!empty(part[g]) && !may_be_seen(b, &part[g], c->nearest)) part[g] = NOWHERE;
-        seen |= !empty(part[g]);
+        d.part[g] = common(c->where[g], (rect){0, b->grid->width - 1, b->y0, b->y1});
+        if (!empty(d.part[g]) && !may_be_seen(b, &d.part[g], c->nearest)) d.part[g] = NOWHERE;
+        if (!empty(d.part[g])) d.cluster = &f->scene->clusters[c->index];
     }
-    if (seen) draw_cluster(bands, &f->scene->clusters[c->index], part);
+    return d;
+}
+
+INLINE void ask_for(const void *data, size_t bytes) {
+    for (size_t k = 0; k < bytes; k += 64) __builtin_prefetch((const char *)data + k);
+}
+
+/* Ask the memory for a cluster: they lie scattered, and waiting for them took as long as placing their vertices. */
+INLINE void fetch(const cc_scene *s, const cluster *c) {
+    const size_t n = c->n_vertices * sizeof(double);
+    ask_for(&s->planes[c - s->clusters], sizeof *s->planes);
+    ask_for(s->x + c->first_vertex, n), ask_for(s->y + c->first_vertex, n), ask_for(s->z + c->first_vertex, n);
+    for (int k = 0; k < 3; k++) ask_for(s->corner[k] + c->first_face, c->n_faces);
+    ask_for(s->id + c->first_face, c->n_faces * sizeof *s->id);
+}
+
+/* Draw all candidates: each is asked for while the one before it is drawn. */
+static void draw_band(const band bands[]) {
+    const cc_frame *f = bands[0].frame;
+    due next, now = {NULL};
+    for (int64_t i = 0; i < f->n_candidates; i++) {
+        next = due_of(bands, &f->candidates[i]);
+        if (!next.cluster) continue;
+        fetch(f->scene, next.cluster);
+        if (now.cluster) draw_cluster(bands, now.cluster, now.part);
+        now = next;
+    }
+    if (now.cluster) draw_cluster(bands, now.cluster, now.part);
 }
 
 int VARIANT(frame_work)(cc_frame *f, cc_worker *worker) {
@@ -347,7 +377,7 @@ int VARIANT(frame_work)(cc_frame *f, cc_worker *worker) {
         if (next >= f->n_bands) return 0;
         for (int g = 0; g < f->n_grids; g++)
             if (!open_band(f, worker, g, f->bands[next].first, &bands[g])) return -1;
-        for (int64_t i = 0; i < f->n_candidates; i++) draw_candidate(bands, &f->candidates[i]);
+        draw_band(bands);
         for (int g = 0; g < f->n_grids; g++) VARIANT(write_band)(&bands[g], worker->row);
     }
 }

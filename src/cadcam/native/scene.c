@@ -131,13 +131,31 @@ static void add_cluster(cc_scene *s, const double *v, const int32_t *faces, cons
     *n_vertices = base + used;
 }
 
-static void unit_normal(const double *v, const int32_t *f, float out[3]) {
+/* Unit normal of a triangle, 0 without area; returns whether rounding leaves it its direction to float. */
+static int unit_normal(const double *v, const int32_t *f, double n[3]) {
     const double *a = v + 3 * (size_t)f[0], *b = v + 3 * (size_t)f[1], *c = v + 3 * (size_t)f[2];
-    double p[3], q[3], n[3];
-    for (int k = 0; k < 3; k++) p[k] = b[k] - a[k], q[k] = c[k] - a[k];
-    for (int k = 0; k < 3; k++) n[k] = p[(k + 1) % 3] * q[(k + 2) % 3] - p[(k + 2) % 3] * q[(k + 1) % 3];
-    double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-    for (int k = 0; k < 3; k++) out[k] = length > 0 ? (float)(n[k] / length) : 0.0f;
+    double p[3], q[3], pp = 0, qq = 0, nn = 0;
+    for (int k = 0; k < 3; k++) p[k] = b[k] - a[k], q[k] = c[k] - a[k], pp += p[k] * p[k], qq += q[k] * q[k];
+    for (int k = 0; k < 3; k++) n[k] = p[(k + 1) % 3] * q[(k + 2) % 3] - p[(k + 2) % 3] * q[(k + 1) % 3], nn += n[k] * n[k];
+    const double length = sqrt(nn);
+    for (int k = 0; k < 3; k++) n[k] = length > 0 ? n[k] / length : 0;
+    return length > 0x1p-24 * sqrt(pp * qq);
+}
+
+/* The planes of a cluster's triangles: their normals are off by 2^-24 and some 2^-26, and so, for what they are multiplied
+ * with, is the distance: see list in raster.c. */
+static void set_planes(cc_scene *s, const double *v, const int32_t *faces, int64_t i) {
+    const cluster *c = &s->clusters[i];
+    plane_block *of = &s->planes[i];
+    memset(of, 0, sizeof *of);
+    for (int k = 0; k < c->n_faces; k++) {
+        const int32_t *f = faces + 3 * (size_t)s->id[c->first_face + (size_t)k];
+        const double *p = v + 3 * (size_t)f[0];
+        double n[3];
+        if (!unit_normal(v, f, n)) continue;
+        of->x[k] = (float)n[0], of->y[k] = (float)n[1], of->z[k] = (float)n[2];
+        of->offset[k] = -(float)(n[0] * (p[0] - c->low[0]) + n[1] * (p[1] - c->low[1]) + n[2] * (p[2] - c->low[2]));
+    }
 }
 
 CC_API cc_scene *cc_scene_new(const double *vertices, const int32_t *faces, int64_t n_faces, const int32_t *part,
@@ -148,14 +166,14 @@ CC_API cc_scene *cc_scene_new(const double *vertices, const int32_t *faces, int6
     if (!sorted) return free(s), NULL;
     size_t room = 3 * n + 8 * clusters + 8; /* given back below */
     s->n_faces = n_faces;
-    s->clusters = malloc((clusters + 1) * sizeof *s->clusters);
+    s->clusters = malloc((clusters + 1) * sizeof *s->clusters), s->planes = malloc((clusters + 1) * sizeof *s->planes);
     s->x = malloc(room * sizeof(double)), s->y = malloc(room * sizeof(double)), s->z = malloc(room * sizeof(double));
     for (int k = 0; k < 3; k++) s->corner[k] = malloc(n + 1);
     s->id = malloc((n + 1) * sizeof *s->id);
     s->surfaces = malloc((n + 1) * sizeof *s->surfaces);
     s->part = malloc((n + 1) * sizeof *s->part);
     s->color = malloc(((size_t)n_colors + 1) * sizeof *s->color);
-    if (!s->clusters || !s->x || !s->y || !s->z || !s->corner[0] || !s->corner[1] || !s->corner[2] ||
+    if (!s->clusters || !s->planes || !s->x || !s->y || !s->z || !s->corner[0] || !s->corner[1] || !s->corner[2] ||
         !s->id || !s->surfaces || !s->part || !s->color) {
         free(sorted);
         cc_scene_free(s);
@@ -170,7 +188,13 @@ CC_API cc_scene *cc_scene_new(const double *vertices, const int32_t *faces, int6
         double *shrunk = realloc(*axis[k], (used + 8) * sizeof(double));
         if (shrunk) *axis[k] = shrunk;
     }
-    for (size_t i = 0; i < n; i++) unit_normal(vertices, faces + 3 * i, s->surfaces[i].normal), s->surfaces[i].paint = paint[i];
+    for (size_t i = 0; i < n; i++) {
+        double normal[3];
+        unit_normal(vertices, faces + 3 * i, normal);
+        for (int k = 0; k < 3; k++) s->surfaces[i].normal[k] = (float)normal[k];
+        s->surfaces[i].paint = paint[i];
+    }
+    for (int64_t i = 0; i < s->n_clusters; i++) set_planes(s, vertices, faces, i);
     memcpy(s->part, part, n * sizeof *part);
     for (size_t i = 0; i < (size_t)n_colors; i++) {
         memcpy(s->color[i], colors + 3 * i, 3 * sizeof *colors);
@@ -181,7 +205,7 @@ CC_API cc_scene *cc_scene_new(const double *vertices, const int32_t *faces, int6
 
 CC_API void cc_scene_free(cc_scene *s) {
     if (!s) return;
-    free(s->clusters), free(s->x), free(s->y), free(s->z), free(s->id);
+    free(s->clusters), free(s->planes), free(s->x), free(s->y), free(s->z), free(s->id);
     for (int k = 0; k < 3; k++) free(s->corner[k]);
     free(s->surfaces), free(s->part), free(s->color), free(s);
 }
@@ -288,6 +312,8 @@ static void set_limits(cc_frame *f) {
     }
     f->n_clusters = all.x0 <= all.x1 ? f->scene->n_clusters : 0;
     f->limits = (box){all.x0 - mx, all.x1 + mx, all.y0 - my, all.y1 + my};
+    for (int k = 0; k < 3; k++) /* `ray` is the inverse of the plane's left three columns */
+        for (int j = 0; j < 3; j++) f->eye[k] -= f->view->ray[3 * k + j] * f->view->plane[4 * j + 3];
     f->far_x = 1.01 * fmax(fabs(f->limits.x0), fabs(f->limits.x1));
     f->far_y = 1.01 * fmax(fabs(f->limits.y0), fabs(f->limits.y1));
 }
