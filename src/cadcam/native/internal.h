@@ -36,9 +36,10 @@ typedef struct {
     uint16_t n_faces;
 } cluster;
 
-/* The planes of a cluster's triangles about its lowest corner: x, y, z, the unit normal, and what to add for the distance
- * from the plane, positive in front; all 0 for triangles so narrow that rounding turns their normal. */
-typedef struct { float x[CLUSTER], y[CLUSTER], z[CLUSTER], offset[CLUSTER]; } plane_block;
+/* The planes of a cluster's triangles in bytes, to tell backs by: 127 times the unit normal, and the distance of the
+ * cluster's lowest corner in front of the plane in steps of 1/127 of the three sides of its box together; all 0 where
+ * rounding turns the normal. */
+typedef struct { int8_t x[CLUSTER], y[CLUSTER], z[CLUSTER], offset[CLUSTER]; } plane_block;
 
 typedef struct {
     float normal[3]; /* of unit length in the world, 0 without area */

@@ -131,7 +131,7 @@ static void add_cluster(cc_scene *s, const double *v, const int32_t *faces, cons
     *n_vertices = base + used;
 }
 
-/* Unit normal of a triangle, 0 without area; returns whether rounding leaves it its direction to float. */
+/* Unit normal of a triangle, 0 without area; returns whether rounding leaves it its direction. */
 static int unit_normal(const double *v, const int32_t *f, double n[3]) {
     const double *a = v + 3 * (size_t)f[0], *b = v + 3 * (size_t)f[1], *c = v + 3 * (size_t)f[2];
     double p[3], q[3], pp = 0, qq = 0, nn = 0;
@@ -142,10 +142,9 @@ static int unit_normal(const double *v, const int32_t *f, double n[3]) {
     return length > 0x1p-24 * sqrt(pp * qq);
 }
 
-/* The planes of a cluster's triangles: their normals are off by 2^-24 and some 2^-26, and so, for what they are multiplied
- * with, is the distance: see list in raster.c. */
 static void set_planes(cc_scene *s, const double *v, const int32_t *faces, int64_t i) {
     const cluster *c = &s->clusters[i];
+    const double sides = (c->high[0] - c->low[0]) + (c->high[1] - c->low[1]) + (c->high[2] - c->low[2]);
     plane_block *of = &s->planes[i];
     memset(of, 0, sizeof *of);
     for (int k = 0; k < c->n_faces; k++) {
@@ -153,8 +152,9 @@ static void set_planes(cc_scene *s, const double *v, const int32_t *faces, int64
         const double *p = v + 3 * (size_t)f[0];
         double n[3];
         if (!unit_normal(v, f, n)) continue;
-        of->x[k] = (float)n[0], of->y[k] = (float)n[1], of->z[k] = (float)n[2];
-        of->offset[k] = -(float)(n[0] * (p[0] - c->low[0]) + n[1] * (p[1] - c->low[1]) + n[2] * (p[2] - c->low[2]));
+        const double above = n[0] * (c->low[0] - p[0]) + n[1] * (c->low[1] - p[1]) + n[2] * (c->low[2] - p[2]);
+        of->x[k] = (int8_t)lrint(127 * n[0]), of->y[k] = (int8_t)lrint(127 * n[1]), of->z[k] = (int8_t)lrint(127 * n[2]);
+        of->offset[k] = (int8_t)lrint(127 * above / sides);
     }
 }
 
