@@ -56,6 +56,14 @@ INLINE triangle triangle_of(const quartet *q, int m) {
     return t;
 }
 
+/* The same without its edges: what is drawn in spans that are sure does not ask for them. */
+INLINE triangle plane_of(const quartet *q, int m) {
+    triangle t;
+    t.a[3] = q->a[3][m], t.b[3] = q->b[3][m], t.c[3] = q->c[3][m];
+    t.nearest = q->nearest[m], t.farthest = q->farthest[m], t.id = q->id[m];
+    return t;
+}
+
 #define NOWHERE ((rect){1, 0, 1, 0})
 static inline int empty(rect r) { return (r.x0 > r.x1) | (r.y0 > r.y1); }
 static inline rect whole_grid(const grid *g) { return (rect){0, g->width - 1, 0, g->height - 1}; }

@@ -165,7 +165,7 @@ static void bound(const cc_frame *f, const double *restrict x, const double *res
     }
 }
 
-/* The samples of triangles that lie in front of the camera. */
+/* The samples of a part of a grid that triangles may cover: all of it for those that reach behind the camera. */
 typedef struct {
     _Alignas(64) int32_t x0[CLUSTER], x1[CLUSTER], y0[CLUSTER], y1[CLUSTER];
 } reaches;
@@ -181,6 +181,7 @@ static void reach(const grid *g, const patch *near, const bounds *of, rect part,
         int32_t first = (int32_t)x0, above = (int32_t)y0;
         out->x0[k] = imax(first + (x0 > first), part.x0), out->y0[k] = imax(above + (y0 > above), part.y0);
         out->x1[k] = imin((int32_t)x1 - 1, part.x1), out->y1[k] = imin((int32_t)y1 - 1, part.y1);
+        if (!(of->front[k] > 0)) out->x0[k] = part.x0, out->x1[k] = part.x1, out->y0[k] = part.y0, out->y1[k] = part.y1;
     }
 }
 
@@ -225,6 +226,17 @@ static inline rect covered(const band *b, sighting *s, const reaches *in, const 
     return part;
 }
 
+/* Which triangles reach samples, as bits. */
+INLINE uint64_t somewhere(const reaches *in, const sighting *s) {
+    uint64_t bits = 0;
+    for (int k = 0; k < s->n; k += 8) {
+        const i8 x0 = *(const i8 *)(in->x0 + k), x1 = *(const i8 *)(in->x1 + k);
+        const i8 y0 = *(const i8 *)(in->y0 + k), y1 = *(const i8 *)(in->y1 + k);
+        bits |= (uint64_t)signs((x0 <= x1) & (y0 <= y1)) << k;
+    }
+    return s->n < CLUSTER ? bits & (((uint64_t)1 << s->n) - 1) : bits;
+}
+
 /* Find out where the triangles may be seen in a part of a grid: which of them, as bits. */
 static uint64_t sight_in(const band *b, rect part, sighting *s, rect where[]) {
     const patch *near = b->grid->lens ? patch_of(b->grid->lens, &part) : NULL;
@@ -235,15 +247,9 @@ static uint64_t sight_in(const band *b, rect part, sighting *s, rect where[]) {
         bound(b->frame, at.x, at.y, at.front, s);
     }
     reach(b->grid, near, &s->bounds, part, s->n, &in);
-    uint8_t some[CLUSTER];
-    int n = 0;
-    for (int k = 0; k < s->n; k++) {
-        some[n] = (uint8_t)k;
-        n += (in.x0[k] <= in.x1[k]) & (in.y0[k] <= in.y1[k]) | !(s->bounds.front[k] > 0);
-    }
     uint64_t seen = 0;
-    for (int j = 0; j < n; j++) {
-        const int k = some[j];
+    for (uint64_t left = somewhere(&in, s); left; left &= left - 1) {
+        const int k = __builtin_ctzll(left);
         where[k] = covered(b, s, &in, near, k, part);
         if (!empty(where[k]) && may_be_seen(b, &where[k], s->bounds.nearest[k])) seen |= (uint64_t)1 << k;
     }

@@ -133,13 +133,43 @@ INLINE int cross_quickly(const quick *q, int m, const rect *r, int32_t k, spans 
     return keep_spans(s, from, to, r, (r->y0 / TILE + k) * TILE);
 }
 
+/* Draw the spans of a strip, all their samples in doubt or none. */
+INLINE void draw_spans(const band *b, const triangle *t, const rect *r, int32_t ty, const spans *s, int unsure) {
+    const unsigned doubt = unsure ? 0xFF : 0;
+    const int32_t y0 = ty * TILE;
+    const i8 left = *(const i8 *)s->left, right = *(const i8 *)s->right;
+    int32_t from, to;
+    columns_of(left, right, &from, &to);
+    const int32_t x0 = from / TILE, x1 = to / TILE;
+    const float *farthest = b->sheet->farthest + (size_t)(ty - b->first_tiles) * (size_t)b->grid->tiles_x;
+    const double a = t->a[3], at_y = t->b[3] * (t->b[3] > 0 ? imin(y0 + TILE - 1, r->y1) : imax(y0, r->y0)) + t->c[3];
+    if (x0 == x1) { /* most: a few numbers instead of vectors */
+        const float w = (float)(a * (a > 0 ? to : from) + at_y), kept = w > t->farthest ? w : t->farthest;
+        if ((kept < t->nearest ? kept : t->nearest) < farthest[x0]) return;
+        const unsigned rows = signs(left <= right);
+        VARIANT(draw_tile)(b, t, s, rows, doubt & rows, x0, ty);
+        return;
+    }
+    for (int32_t tx = x0; tx <= x1; tx += 4) {
+        const d4 first = tx * TILE + TILE * *(const d4 *)COUNT, last = least_d(first + (TILE - 1), r->x1 - (d4){0});
+        const d4 largest = a * (a > 0 ? last : most_d(first, r->x0 - (d4){0})) + at_y;
+        unsigned show = may_show(t, largest, *(const f4 *)(farthest + tx));
+        if (x1 - tx < 3) show &= (2u << (x1 - tx)) - 1;
+        for (; show; show &= show - 1) {
+            const int32_t x = tx + __builtin_ctz(show);
+            const unsigned rows = signs((left <= x * TILE + (TILE - 1)) & (right >= x * TILE));
+            if (rows) VARIANT(draw_tile)(b, t, s, rows, doubt & rows, x, ty);
+        }
+    }
+}
+
 /* Numbers that float does not hold, edges along the rows, triangles that reach behind the camera. */
 static void draw_oddly(const band *b, const triangle *t, rect r) {
     const crossings e = straight(t, &r);
     for (int32_t ty = r.y0 / TILE; ty <= r.y1 / TILE; ty++) {
         spans s;
         if (!strip_hidden(b, t->nearest, r.x0, r.x1, ty) && cross_strip(t, &e, &r, ty * TILE, &s))
-            draw_spans(b, t, &r, ty, &s, NULL, e.unsure);
+            draw_spans(b, t, &r, ty, &s, e.unsure);
     }
 }
 
@@ -163,10 +193,10 @@ static void draw_straight(const band *b, const quartet *of, const quick *q, int 
             found |= (unsigned)any << k;
         }
         if (!found) continue;
-        const triangle t = triangle_of(of, m);
+        const triangle t = plane_of(of, m);
         for (; found; found &= found - 1) {
             const int k = __builtin_ctz(found);
-            draw_spans(b, &t, r, top + start + k, &s[k], NULL, 0);
+            draw_spans(b, &t, r, top + start + k, &s[k], 0);
         }
     }
 }
