@@ -30,16 +30,19 @@ enum {
 /* Neighbouring triangles with the box around them: culled, transformed and drawn together. */
 typedef struct {
     double low[3], high[3];
-    uint32_t first_vertex; /* into scene->x, y, z; a multiple of 8 */
-    uint32_t first_face;   /* into scene->corner and scene->id */
+    uint32_t first_vertex; /* among those of all clusters; a multiple of 8 */
     uint16_t n_vertices;   /* rounded up to a multiple of 8; the rest repeats the last */
     uint16_t n_faces;
 } cluster;
 
-/* The planes of a cluster's triangles in bytes, to tell backs by: 127 times the unit normal, and the distance of the
- * cluster's lowest corner in front of the plane in steps of 1/127 of the three sides of its box together; all 0 where
- * rounding turns the normal. */
-typedef struct { int8_t x[CLUSTER], y[CLUSTER], z[CLUSTER], offset[CLUSTER]; } plane_block;
+/* A cluster's triangles, all in one place. Their planes in bytes, to tell backs by: 127 times the unit normal, and the
+ * distance of the cluster's lowest corner in front of the plane in steps of 1/127 of the three sides of its box together;
+ * all 0 where rounding turns the normal. */
+typedef struct {
+    int8_t x[CLUSTER], y[CLUSTER], z[CLUSTER], offset[CLUSTER];
+    uint8_t corner[3][CLUSTER]; /* indices into the vertices of the cluster */
+    int32_t id[CLUSTER];        /* the caller's face number */
+} face_block;
 
 typedef struct {
     float normal[3]; /* of unit length in the world, 0 without area */
@@ -48,11 +51,9 @@ typedef struct {
 
 struct cc_scene {
     cluster *clusters;
-    plane_block *planes;     /* of each cluster */
+    face_block *faces;       /* of each cluster */
     int64_t n_clusters, n_faces;
-    double *x, *y, *z;       /* vertices, cluster by cluster */
-    uint8_t *corner[3];      /* triangles: indices into the vertices of their cluster */
-    int32_t *id;             /* triangles: the caller's face number */
+    double *vertices;        /* cluster by cluster: its n_vertices x, then their y, then their z */
     surface *surfaces;       /* by face number */
     int32_t *part;           /* by face number */
     float (*color)[4];       /* by paint */

@@ -30,10 +30,9 @@ typedef struct {
 } corners;
 
 static void transform(const cc_frame *f, const cluster *c, corners *out) {
-    const double *restrict X = f->scene->x + c->first_vertex, *restrict Y = f->scene->y + c->first_vertex;
-    const double *restrict Z = f->scene->z + c->first_vertex;
+    const int n = c->n_vertices;
+    const double *restrict X = f->scene->vertices + 3 * (size_t)c->first_vertex, *restrict Y = X + n, *restrict Z = Y + n;
     const double *M = f->view->plane;
-    int n = c->n_vertices;
     for (int i = 0; i < n; i++) {
         out->x[i] = M[0] * X[i] + M[1] * Y[i] + M[2] * Z[i] + M[3];
         out->y[i] = M[4] * X[i] + M[5] * Y[i] + M[6] * Z[i] + M[7];
@@ -121,6 +120,7 @@ typedef struct {
 /* A cluster being drawn: which of its triangles may be seen in which samples of each grid. */
 typedef struct {
     const cluster *cluster;
+    const face_block *faces;
     corners corners;
     int n; /* of these triangles: */
     uint8_t which[CLUSTER];
@@ -129,15 +129,15 @@ typedef struct {
     rect where[GRIDS][CLUSTER];
 } sighting;
 
-static inline void corners_of(const cc_scene *s, const cluster *c, int k, uint8_t i[3]) {
-    for (int j = 0; j < 3; j++) i[j] = s->corner[j][c->first_face + (size_t)k];
+static inline void corners_of(const sighting *s, int k, uint8_t i[3]) {
+    for (int j = 0; j < 3; j++) i[j] = s->faces->corner[j][s->which[k]];
 }
 
 /* List the triangles of a cluster, but for those that show their back, where the view leaves them out: those whose plane
  * the camera is behind by more than the half steps that its numbers are rounded by. */
 static void list(const cc_frame *f, sighting *s) {
     const cluster *c = s->cluster;
-    const plane_block *of = &f->scene->planes[c - f->scene->clusters];
+    const face_block *of = s->faces;
     float at[3], size[3];
     for (int k = 0; k < 3; k++) at[k] = (float)(f->eye[k] - c->low[k]), size[k] = (float)(c->high[k] - c->low[k]);
     const float sides = size[0] + size[1] + size[2];
@@ -149,13 +149,12 @@ static void list(const cc_frame *f, sighting *s) {
     for (int k = 0; k < c->n_faces; k++) s->which[s->n] = (uint8_t)k, s->n += front[k];
 }
 
-static void bound(const cc_frame *f, const double *restrict x, const double *restrict y, const double *restrict front,
-                  sighting *s) {
+static void bound(const double *restrict x, const double *restrict y, const double *restrict front, sighting *s) {
     const double *restrict w = s->corners.w;
     bounds *restrict out = &s->bounds;
     for (int k = 0; k < s->n; k++) {
         uint8_t i[3];
-        corners_of(f->scene, s->cluster, s->which[k], i);
+        corners_of(s, k, i);
         const int p = i[0], q = i[1], r = i[2];
         double near = upper3(w[p], w[q], w[r]), far = lower3(w[p], w[q], w[r]);
         out->x0[k] = lower3(x[p], x[q], x[r]), out->x1[k] = upper3(x[p], x[q], x[r]);
@@ -216,10 +215,10 @@ static inline rect covered(const band *b, sighting *s, const reaches *in, const 
     if (of->front[k] > 0) {
         const rect r = {in->x0[k], in->x1[k], in->y0[k], in->y1[k]};
         if (!near || near->off_x + near->off_y <= 0.5) return r;
-        corners_of(f->scene, s->cluster, s->which[k], i);
+        corners_of(s, k, i);
         return tightened(patch_of(b->grid->lens, &r), v, i, r);
     }
-    corners_of(f->scene, s->cluster, s->which[k], i); /* reaches behind the camera: anywhere, in front of its farthest corner */
+    corners_of(s, k, i); /* reaches behind the camera: anywhere, in front of its farthest corner */
     if (beyond_a_side(&f->limits, v->x, v->y, v->z, i, 3)) return NOWHERE;
     of->nearest[k] = FLT_MAX;
     of->farthest[k] = (float)lower(1 / upper3(v->z[i[0]], v->z[i[1]], v->z[i[2]]), FLT_MAX);
@@ -244,7 +243,7 @@ static uint64_t sight_in(const band *b, rect part, sighting *s, rect where[]) {
     reaches in;
     if (near) {
         place(near, &s->corners, s->cluster->n_vertices, &at);
-        bound(b->frame, at.x, at.y, at.front, s);
+        bound(at.x, at.y, at.front, s);
     }
     reach(b->grid, near, &s->bounds, part, s->n, &in);
     uint64_t seen = 0;
@@ -264,7 +263,7 @@ static void sight(const band bands[], const rect part[], sighting *s) {
     for (int g = 0; g < f->n_grids; g++) s->seen[g] = 0;
     if (!s->n) return;
     transform(f, s->cluster, &s->corners);
-    if (!bands[0].grid->lens) bound(f, v->u, v->v, v->z, s);
+    if (!bands[0].grid->lens) bound(v->u, v->v, v->z, s);
     for (int g = 0; g < f->n_grids; g++)
         if (!empty(part[g])) s->seen[g] = sight_in(&bands[g], part[g], s, s->where[g]);
 }
@@ -272,13 +271,12 @@ static void sight(const band bands[], const rect part[], sighting *s) {
 /* Draw four triangles, by their numbers, in all grids. */
 static void draw_four(const band bands[], const sighting *s, const int k[4], int n) {
     const cc_frame *f = bands[0].frame;
-    const cluster *c = s->cluster;
     quartet q;
     uint8_t i[3][4];
     for (int m = 0; m < 4; m++) {
-        const size_t face = c->first_face + s->which[k[m]];
-        for (int j = 0; j < 3; j++) i[j][m] = f->scene->corner[j][face];
-        q.nearest[m] = s->bounds.nearest[k[m]], q.farthest[m] = s->bounds.farthest[k[m]], q.id[m] = f->scene->id[face];
+        const int face = s->which[k[m]];
+        for (int j = 0; j < 3; j++) i[j][m] = s->faces->corner[j][face];
+        q.nearest[m] = s->bounds.nearest[k[m]], q.farthest[m] = s->bounds.farthest[k[m]], q.id[m] = s->faces->id[face];
     }
     const unsigned sound = set_up(f, &s->corners, i, &q) & ((1u << n) - 1);
     for (int g = 0; g < f->n_grids; g++) {
@@ -297,7 +295,7 @@ static void draw_four(const band bands[], const sighting *s, const int k[4], int
 
 static void draw_cluster(const band bands[], const cluster *c, const rect part[]) {
     sighting s;
-    s.cluster = c;
+    s.cluster = c, s.faces = bands[0].frame->scene->faces + (c - bands[0].frame->scene->clusters);
     sight(bands, part, &s);
     uint64_t left = s.seen[0];
     for (int g = 1; g < bands[0].frame->n_grids; g++) left |= s.seen[g];
@@ -349,11 +347,8 @@ INLINE void ask_for(const void *data, size_t bytes) {
 
 /* Ask the memory for a cluster: they lie scattered, and waiting for them took as long as placing their vertices. */
 INLINE void fetch(const cc_scene *s, const cluster *c) {
-    const size_t n = c->n_vertices * sizeof(double);
-    ask_for(&s->planes[c - s->clusters], sizeof *s->planes);
-    ask_for(s->x + c->first_vertex, n), ask_for(s->y + c->first_vertex, n), ask_for(s->z + c->first_vertex, n);
-    for (int k = 0; k < 3; k++) ask_for(s->corner[k] + c->first_face, c->n_faces);
-    ask_for(s->id + c->first_face, c->n_faces * sizeof *s->id);
+    ask_for(&s->faces[c - s->clusters], sizeof *s->faces);
+    ask_for(s->vertices + 3 * (size_t)c->first_vertex, 3 * c->n_vertices * sizeof *s->vertices);
 }
 
 /* Draw all candidates: each is asked for while the one before it is drawn. */
