@@ -47,12 +47,12 @@ typedef struct {
     int32_t id[4];
 } quartet;
 
+INLINE d4 across(const d4 v[4], int m) { return (d4){v[0][m], v[1][m], v[2][m], v[3][m]}; }
+
 INLINE triangle triangle_of(const quartet *q, int m) {
     triangle t = {.nearest = q->nearest[m], .farthest = q->farthest[m], .id = q->id[m]};
-    for (int k = 0; k < 4; k++) {
-        t.a[k] = q->a[k][m], t.b[k] = q->b[k][m], t.c[k] = q->c[k][m];
-        t.least[k] = q->least[k][m], t.size[k] = q->size[k][m];
-    }
+    *(d4 *)t.a = across(q->a, m), *(d4 *)t.b = across(q->b, m), *(d4 *)t.c = across(q->c, m);
+    *(d4 *)t.least = across(q->least, m), *(d4 *)t.size = across(q->size, m);
     return t;
 }
 

@@ -201,9 +201,17 @@ static void draw_straight(const band *b, const quartet *of, const quick *q, int 
     }
 }
 
-void VARIANT(draw_quartet)(const band *b, const quartet *of, const rect r[4], unsigned which) {
-    const int lens = b->grid->lens != NULL;
-    const quick q = lens ? (quick){.fit = 0} : quick_of(of, r);
+/* All four are taken apart at once, in vectors. */
+static void draw_bent(const band *b, const quartet *of, const rect r[4], unsigned which) {
+    const triangle t[4] = {triangle_of(of, 0), triangle_of(of, 1), triangle_of(of, 2), triangle_of(of, 3)};
+    for (; which; which &= which - 1) {
+        const int m = __builtin_ctz(which);
+        VARIANT(draw_through_lens)(b, &t[m], &r[m]);
+    }
+}
+
+static void draw_flat(const band *b, const quartet *of, const rect r[4], unsigned which) {
+    const quick q = quick_of(of, r);
     for (; which; which &= which - 1) {
         const int m = __builtin_ctz(which);
         if (q.fit >> m & 1) {
@@ -211,8 +219,12 @@ void VARIANT(draw_quartet)(const band *b, const quartet *of, const rect r[4], un
             continue;
         }
         const triangle t = triangle_of(of, m);
-        if (lens) VARIANT(draw_through_lens)(b, &t, &r[m]);
-        else draw_oddly(b, &t, r[m]);
+        draw_oddly(b, &t, r[m]);
     }
+}
+
+void VARIANT(draw_quartet)(const band *b, const quartet *of, const rect r[4], unsigned which) {
+    if (b->grid->lens) draw_bent(b, of, r, which);
+    else draw_flat(b, of, r, which);
 }
 #endif
