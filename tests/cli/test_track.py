@@ -144,6 +144,18 @@ def test_another_camera_makes_another_log(cadcam: Cadcam, here: Path) -> None:
     assert "--overwrite" in ran.err
 
 
+def test_a_log_without_frames_is_begun_anew(cadcam: Cadcam, here: Path) -> None:
+    """A first run that fails at its first frame has written what it was asked for, and nothing else."""
+    write_camera("camera.json", CAMERA.resize((240, 180)))
+    assert cadcam(*TRACK).code == 2
+    assert (here / "track.jsonl").read_bytes().count(b"\n") == 1
+    write_camera("camera.json", CAMERA)
+    ran = cadcam(*TRACK)
+    assert (ran.code, len(read_track("track.jsonl"))) == (0, N), ran.err
+    assert cadcam(*TRACK[:-1], "whole.jsonl").code == 0
+    assert (here / "track.jsonl").read_bytes() == (here / "whole.jsonl").read_bytes()
+
+
 def test_the_log_s_lines_are_json_for_other_programs(cadcam: Cadcam, here: Path) -> None:
     cadcam(*TRACK)
     lines = [json.loads(line) for line in (here / "track.jsonl").read_text().splitlines()]

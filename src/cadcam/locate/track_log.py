@@ -98,15 +98,13 @@ class TrackLog:
     ) -> TrackLog:
         """Return the log at `path`, begun with `head` or continued where it was begun with the same (`head_of`).
 
-        A last line that was cut off is removed. table: a CSV file beside it, a line a frame, written anew from the log,
-        with the `filtered` poses or those of single frames.
+        A last line that was cut off is removed; a log without frames is begun anew. table: a CSV file beside it, a
+        line a frame, written anew from the log, with the `filtered` poses or those of single frames.
         Raises `UnreadableFile` where another run's results are there.
         """
         there = Path(path)
-        if there.exists() and there.stat().st_size:
-            entries = _continued(path, head)
-        else:
-            entries = []
+        entries = _continued(path, head) if there.exists() and there.stat().st_size else []
+        if not entries:
             _write(path, json.dumps(head, ensure_ascii=False) + "\n")
         if table is not None:
             _write(table, ",".join(COLUMNS) + "\n" + "".join(_row(entry, filtered) for entry in entries))
@@ -198,6 +196,8 @@ def _continued(path: str | os.PathLike[str], head: dict[str, Any]) -> list[dict[
     lines = whole.decode(errors="replace").splitlines()
     there = _parsed(path, 1, lines[0]) if lines else {}
     _check_head(path, there)
+    if len(lines) == 1:  # of a run that failed at its first frame: perhaps by inputs that are other ones now
+        return []
     for key, value in json.loads(json.dumps(head)).items():
         if there.get(key) != value:
             said, now = (json.dumps(v)[:60] for v in (there.get(key), value))
