@@ -40,11 +40,11 @@ from cadcam.dataset.key_points import read_key_points
 from cadcam.dataset.plan import BOX, CYLINDER, NOISE, PLAIN, Lights, Occluders, Plan, Span
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
 from cadcam.files.camera import read_camera
-from cadcam.files.foreign.yamltext import parsed_yaml
 from cadcam.files.jsontext import Place
 from cadcam.files.poses import read_poses
 from cadcam.files.sensor import sensor_named
 from cadcam.files.text import read_text
+from cadcam.files.yamltext import parsed_yaml
 from cadcam.locate.view_range import ViewRange
 
 KEYS = (

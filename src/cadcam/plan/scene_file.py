@@ -43,9 +43,9 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.cad.mesh import Mesh, merge
 from cadcam.errors import UnknownName
-from cadcam.files.foreign.yamltext import parsed_yaml
 from cadcam.files.jsontext import Place
 from cadcam.files.text import read_text
+from cadcam.files.yamltext import parsed_yaml
 from cadcam.geometry.rigid import Rigid
 from cadcam.geometry.rotation import exp
 from cadcam.plan.feature import Kind, LayoutFeature

@@ -33,9 +33,9 @@ import numpy as np
 
 from cadcam.cad.edges import EdgeKind
 from cadcam.errors import UnknownName
-from cadcam.files.foreign.yamltext import parsed_yaml
 from cadcam.files.jsontext import Place
 from cadcam.files.text import read_text
+from cadcam.files.yamltext import parsed_yaml
 from cadcam.render.view import Scene
 from cadcam.verify.tolerance import Feature, Limit, Quantity, Rule, Selection, Tolerances
 

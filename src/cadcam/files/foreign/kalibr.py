@@ -20,8 +20,8 @@ from cadcam.errors import UnknownName
 from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, Target
 from cadcam.files.foreign.pose import numbers, rigid_of_matrix
 from cadcam.files.foreign.source import Source
-from cadcam.files.foreign.yamltext import parsed_yaml
 from cadcam.files.jsontext import Place
+from cadcam.files.yamltext import parsed_yaml
 from cadcam.geometry.rigid import Rigid
 
 _MM = 1000.0

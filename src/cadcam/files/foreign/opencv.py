@@ -21,8 +21,8 @@ from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamer
 from cadcam.files.foreign.pose import numbers
 from cadcam.files.foreign.source import Source
 from cadcam.files.foreign.xmltext import Node, parsed_xml
-from cadcam.files.foreign.yamltext import parsed_yaml
 from cadcam.files.jsontext import Place, parsed
+from cadcam.files.yamltext import parsed_yaml
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 

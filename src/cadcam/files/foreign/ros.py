@@ -20,8 +20,8 @@ from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamer
 from cadcam.files.foreign.opencv import coefficients, whole
 from cadcam.files.foreign.pose import numbers
 from cadcam.files.foreign.source import Source
-from cadcam.files.foreign.yamltext import parsed_yaml
 from cadcam.files.jsontext import Place
+from cadcam.files.yamltext import parsed_yaml
 
 _FISHEYE = ("equidistant", "fisheye")
 _BROWN = ("plumb_bob", "rational_polynomial", "")
