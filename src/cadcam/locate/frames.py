@@ -18,9 +18,8 @@ from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import BadValue, SizeMismatch, UnreadableFile
 from cadcam.image import video
 from cadcam.image.picture import read_picture_with_info, to_gray
+from cadcam.image.suffixes import READABLE
 from cadcam.locate.photo import Photo
-
-PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pgm", ".ppm", ".bmp", ".webp")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,9 +72,9 @@ class Frames:
 def picture_files(source: str) -> list[str]:
     """Return the picture files of a folder, a pattern or a single file, in the order of the numbers in their names."""
     if Path(source).is_dir():
-        found = [str(p) for p in Path(source).iterdir() if p.suffix.lower() in PICTURES]
+        found = [str(p) for p in Path(source).iterdir() if p.suffix.lower() in READABLE]
         if not found:
-            raise UnreadableFile(source, "is a folder without pictures", f"pictures end in {' '.join(PICTURES)}")
+            raise UnreadableFile(source, "is a folder without pictures", f"pictures end in {' '.join(READABLE)}")
     elif any(c in source for c in "*?[") and not Path(source).exists():
         found = glob(source)  # noqa: PTH207 - a pattern with a folder in it, as a shell has them
         if not found:
