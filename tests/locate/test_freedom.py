@@ -62,3 +62,8 @@ def test_directions_without_length_are_refused() -> None:
         Freedom.planar([0, 0, 0])
     with pytest.raises(BadValue, match="frame"):
         Freedom(np.eye(6), "camera")  # type: ignore[arg-type]
+
+
+def test_signatures_show_a_freedom_in_a_few_words() -> None:
+    assert repr(FREE) == "Freedom()"
+    assert repr(Freedom.planar([0, 0, 1])) == "Freedom(3 of 6 twists, frame='world')"

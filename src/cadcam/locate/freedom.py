@@ -33,6 +33,11 @@ class Freedom:
             raise BadValue("frame of the freedom", self.frame, "'world' or 'part'")
         object.__setattr__(self, "basis", basis)
 
+    def __repr__(self) -> str:
+        """Return what it lets move, in a few words: signatures show it."""
+        k = self.basis.shape[1]
+        return "Freedom()" if self.frame == "part" and k == 6 else f"Freedom({k} of 6 twists, frame={self.frame!r})"
+
     @classmethod
     def planar(cls, normal: Floats, *, frame: Frame = "world") -> Freedom:
         """Return two translations across `normal` (3,) and the rotation about it: a part that lies on a floor."""
