@@ -11,7 +11,6 @@ import pytest
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, MissingCore, UnknownName
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.appearance import checked_appearance
 from cadcam.locate.photo import Photo
 from cadcam.locate.salient import SalientOptions
 from cadcam.locate.templates import TemplateOptions, match_templates
@@ -129,11 +128,18 @@ def test_a_model_out_of_view_is_not_found(rng: np.random.Generator) -> None:
     assert not match_templates(block(), [photo_of(truth, rng)], behind).found
 
 
-def test_wrong_options_are_refused() -> None:
-    with pytest.raises(BadValue):
-        TemplateOptions(reach=0)
-    with pytest.raises(UnknownName, match="line"):
-        checked_appearance("line")
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("reach", 0), ("turn", 4.0), ("peaks", 0), ("rounds", 0), ("least_score", 1.5), ("tolerance", float("nan"))],
+)
+def test_a_wrong_option_is_refused_by_its_name_and_value(name: str, value: float) -> None:
+    with pytest.raises(BadValue, match=f"^{name} is {value}"):
+        TemplateOptions(**{name: value})  # type: ignore[arg-type]
+
+
+def test_an_appearance_that_there_is_not_is_refused() -> None:
+    with pytest.raises(UnknownName, match="did you mean 'lines'"):
+        TemplateOptions(appearance="line")  # type: ignore[arg-type]
 
 
 def test_a_camera_with_a_lens_is_matched_as_well(rng: np.random.Generator) -> None:

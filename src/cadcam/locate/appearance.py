@@ -12,7 +12,6 @@ from typing import Literal, get_args
 import numpy as np
 
 from cadcam.arrays import Mask, Picture
-from cadcam.errors import UnknownName
 from cadcam.render.view import View
 from cadcam.render.wireframe import Wireframe
 
@@ -25,14 +24,6 @@ _LEAST_FAINT = 0.01  # grey value per px, likewise, at least: steps of quantisat
 _LINE_PX = 1.5
 _DRAWN, _NEAR = 0.3, 6  # what counts as a line, and px that count beside it
 _BEYOND = 4  # px that count around the part: its outline shows, what is behind it does not
-
-
-def checked_appearance(name: str) -> Appearance:
-    """Return the appearance of a name; raises `UnknownName`."""
-    for known in APPEARANCES:
-        if name == known:
-            return known
-    raise UnknownName("appearance", name, APPEARANCES)
 
 
 def of_photo(gray: Picture, kind: Appearance) -> Picture:

@@ -16,11 +16,11 @@ import numpy as np
 
 from cadcam.arrays import Array, Ids, Picture, frozen
 from cadcam.camera.pose_estimate import PoseEstimate
-from cadcam.errors import BadValue
+from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.correlate import CorrelateOptions, Peaks, correlate
 from cadcam.image.template import Template
-from cadcam.locate.appearance import Appearance, counted, of_model, of_photo
+from cadcam.locate.appearance import APPEARANCES, Appearance, counted, of_model, of_photo
 from cadcam.locate.closeness import closeness
 from cadcam.locate.consensus import Candidates, consensus, pose_of_matches
 from cadcam.locate.part import Part
@@ -54,8 +54,19 @@ class TemplateOptions:
     salient: SalientOptions = PLAIN_SALIENT
 
     def __post_init__(self) -> None:
-        if not (self.reach >= 1 and 0 <= self.turn <= math.pi and self.peaks >= 1 and self.rounds >= 1):
-            raise BadValue("template options", self, "reach from 1 px on, turn 0 to pi, peaks and rounds from 1 on")
+        if self.appearance not in APPEARANCES:
+            raise UnknownName("appearance", self.appearance, APPEARANCES)
+        if not 1 <= self.reach < math.inf:
+            raise BadValue("reach", self.reach, "1 px or more")
+        if not 0 <= self.turn <= math.pi:
+            raise BadValue("turn", self.turn, "rad, from 0 to pi")
+        for name, value in (("peaks", self.peaks), ("rounds", self.rounds)):
+            if value < 1:
+                raise BadValue(name, value, "1 or more")
+        if not 0 < self.least_score <= 1:
+            raise BadValue("least_score", self.least_score, "a number above 0, at most 1")
+        if not self.tolerance > 0:
+            raise BadValue("tolerance", self.tolerance, "px, a number above 0")
 
 
 PLAIN_TEMPLATES = TemplateOptions()
