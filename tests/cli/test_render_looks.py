@@ -107,6 +107,11 @@ def test_depth_and_normals_as_openexr_are_the_renderers_own(cadcam: Cadcam, job:
         (("-o", "a.npy", "--channel", "faces", "--part-color", "a=#000000"), "--channel shaded or parts"),
         (("-o", "a.png", "--part-color", "nut=#000000"), "unknown part 'nut'"),
         (("-o", "a.png", "--threads", "0"), "threads is 0"),
+        (("-o", "a.png", "--width", "3"), "--width is given where no lines are drawn"),
+        (("-o", "a.npy", "--channel", "depth", "--crease-angle", "20"), "--crease-angle is given where no lines"),
+        (("-o", "a.png", "--hidden", "--light", "sun"), "--hidden is given where no lines are drawn"),
+        (("-o", "a.png", "--seed", "0"), "--seed is given without --sensor"),
+        (("-o", "a.png", "--tolerance", "0.1"), "tolerance for block.obj is 0.1 mm; expected none"),
         (("-o", "a.png", "--overwrite"), "--overwrite is given without --poses"),
     ],
 )

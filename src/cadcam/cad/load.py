@@ -86,7 +86,8 @@ def load(path: str | PathLike[str], *, unit: str | None = None, chordal_toleranc
     specification; `unit` overrides it, as many writers ignore it), 3MF, STEP (the file names its unit; another is
     refused), IGES. STEP and IGES need the extra "step"; `chordal_tolerance_mm` bounds the distance of their triangles
     from the true surface (default: 5e-5 of the size). Raises `UnreadableFile`, `DegenerateGeometry` when no face has an
-    area, `UnknownName` for a unit, `BadValue` for a unit against the file's own, `MissingExtra`.
+    area, `UnknownName` for a unit, `BadValue` for a unit against the file's own or a tolerance of given triangles,
+    `MissingExtra`.
     """
     return load_with_report(path, unit=unit, chordal_tolerance_mm=chordal_tolerance_mm)[0]
 
@@ -101,8 +102,10 @@ def load_with_report(
     suffix = path.suffix.lower()
     if suffix in _BREP_READERS:
         model = _BREP_READERS[suffix](path, data, chordal_tolerance_mm=chordal_tolerance_mm)
-    else:
+    elif chordal_tolerance_mm is None:
         model = _READERS[suffix](path, data)
+    else:
+        raise BadValue(f"tolerance for {path.name}", f"{chordal_tolerance_mm:g} mm", "none: its triangles are given")
     name, source = _unit(path, model, wanted)
     mesh, repairs = _mended(path, model.mesh.scaled(MM[name]))
     report = LoadReport(

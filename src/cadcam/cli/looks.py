@@ -66,6 +66,8 @@ def check_look_options(arguments: argparse.Namespace) -> None:
         raise BadValue(asked[0], f"given with --channel {arguments.channel}", "--channel shaded, or leave it out")
     if arguments.channel not in ("shaded", "parts") and arguments.part_color:
         raise BadValue("--part-color", f"given with --channel {arguments.channel}", "--channel shaded or parts")
+    if arguments.seed is not None and arguments.sensor is None:
+        raise BadValue("--seed", "given without --sensor", "both: nothing else here is left to chance")
     if arguments.transparent and arguments.background is not None:
         raise BadValue("--background", "given beside --transparent", "one of them")
     if arguments.transparent and arguments.sensor is not None:
@@ -117,7 +119,7 @@ class Dress:
             behind_it = self._background
             picture = model.over(behind_it) if isinstance(behind_it, tuple) else model.over_photo(behind_it)
             if sensor is not None:  # each file has noise of its own
-                picture = sensor.apply(picture, rng=generator(self._arguments.seed, path))
+                picture = sensor.apply(picture, rng=generator(self._arguments.seed or 0, path))
             write_picture(path, picture)
         return {"seen_pixels": int(np.count_nonzero(model.alpha))}
 

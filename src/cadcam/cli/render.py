@@ -11,7 +11,15 @@ from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, v
 from cadcam.cli.looks import add_look_options, check_look_options
 from cadcam.cli.models import add_model_options, load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, say, working
-from cadcam.cli.wires import add_line_options, lines_in_words, naming, scene_of, scene_without_edges
+from cadcam.cli.wires import (
+    add_line_options,
+    check_line_options,
+    draws_lines,
+    lines_in_words,
+    naming,
+    scene_of,
+    scene_without_edges,
+)
 from cadcam.errors import BadValue
 from cadcam.image.suffixes import WRITABLE
 from cadcam.render import RENDERERS
@@ -30,6 +38,7 @@ _SUFFIXES = {
     "parts": (".npy", ".png"),
     "faces": (".npy", ".png"),
 }
+_COLOR_BY = "one"
 _VIEWS = ("iso", "front", "back", "left", "right", "top", "bottom")
 _EXAMPLES = f"""\
   cadcam render part.step -o part.png                                     a view chosen so that the part fills it
@@ -78,13 +87,14 @@ def add_to(verbs: Verbs) -> None:
     )
     parser.add_argument("--threads", type=int, metavar="N", help="threads of the raster renderer (default: one a core)")
     add_look_options(parser)
-    add_line_options(parser, color_by="one")
+    add_line_options(parser, color_by=_COLOR_BY)
     add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Render, write, report."""
     check_look_options(arguments)
+    check_line_options(arguments, color_by=_COLOR_BY)
     if arguments.poses is not None:
         from cadcam.cli.batch import run_batch
 
@@ -109,8 +119,7 @@ def scene_as_asked(arguments: argparse.Namespace, mesh: Mesh) -> Scene:
     """Return the scene in the colours asked for, with its edges where they are drawn: looking for them takes time."""
     from cadcam.render.looks import repainted
 
-    drawn = arguments.channel == "wireframe" or arguments.edges
-    scene = scene_of(arguments, mesh) if drawn else scene_without_edges(mesh)
+    scene = scene_of(arguments, mesh) if draws_lines(arguments) else scene_without_edges(mesh)
     return repainted(scene, arguments.part_color or ())
 
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.output import working
-from cadcam.errors import NothingInView
+from cadcam.errors import BadValue, NothingInView
 
 if TYPE_CHECKING:
     from cadcam.cad.mesh import Mesh
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 LINE = (0.0, 0.85, 0.35)  # on photos
 INK = (0.05, 0.08, 0.12)  # on paper
+_WIDTH_PX, _CREASE_DEG = 1.5, 30.0
 
 
 def add_line_options(parser: argparse.ArgumentParser, *, color_by: str = "kind") -> None:
@@ -32,14 +33,28 @@ def add_line_options(parser: argparse.ArgumentParser, *, color_by: str = "kind")
         default=color_by,
         help=f"colours: by kind of edge, by part, or one for all (default {color_by})",
     )
-    group.add_argument("--width", type=float, default=1.5, metavar="PX", help="line width (default 1.5)")
+    group.add_argument("--width", type=float, default=_WIDTH_PX, metavar="PX", help=f"line width (default {_WIDTH_PX})")
     group.add_argument(
         "--crease-angle",
         type=float,
-        default=30.0,
+        default=_CREASE_DEG,
         metavar="DEG",
-        help="least angle between two facets that is drawn as an edge (default 30)",
+        help=f"least angle between two facets that is drawn as an edge (default {_CREASE_DEG:g})",
     )
+
+
+def draws_lines(arguments: argparse.Namespace) -> bool:
+    """Return whether what `render` was asked for shows lines."""
+    return bool(arguments.channel == "wireframe" or arguments.edges)
+
+
+def check_line_options(arguments: argparse.Namespace, *, color_by: str) -> None:
+    """Refuse what decides the looks of lines where `render` draws none; color_by: the default, as above."""
+    usual = {"hidden": False, "color_by": color_by, "width": _WIDTH_PX, "crease_angle": _CREASE_DEG}
+    asked = [name for name, value in usual.items() if getattr(arguments, name) != value]
+    if asked and not draws_lines(arguments):
+        name = f"--{asked[0].replace('_', '-')}"
+        raise BadValue(name, "given where no lines are drawn", "--edges or --channel wireframe beside it")
 
 
 def scene_of(arguments: argparse.Namespace, mesh: Mesh) -> Scene:
