@@ -15,7 +15,7 @@ from cadcam.dataset.plan import Plan
 from cadcam.dataset.studio import Stage
 from cadcam.errors import BadValue, UnreadableFile
 from cadcam.files.camera import bare_camera_as_json
-from cadcam.files.jsontext import as_json
+from cadcam.files.jsontext import as_json, shortened
 from cadcam.files.sensor import sensor_as_json
 from cadcam.geometry.rigid import Rigid
 from cadcam.whole import write_whole
@@ -53,8 +53,8 @@ def begin(folder: Path, head: dict[str, Any]) -> None:
         was = _flat(old)
         for key, value in _flat(head).items():
             if key != "views" and was.get(key) != value:
-                expected = f"{_short(value)}, as asked for now; or another folder"
-                raise BadValue(f"{key} of the data set in {folder}", _short(was.get(key)), expected)
+                expected = f"{shortened(value)}, as asked for now; or another folder"
+                raise BadValue(f"{key} of the data set in {folder}", shortened(was.get(key)), expected)
     elif folder.is_dir() and any(folder.iterdir()):
         raise BadValue(f"folder {folder}", "not empty, and no data set", "an empty folder, or one that is not there")
     write_whole(path, as_json(head))
@@ -111,8 +111,3 @@ def _flat(value: Any, name: str = "") -> dict[str, Any]:
     if not isinstance(value, dict):
         return {name: value}
     return {k: v for key, inner in value.items() for k, v in _flat(inner, f"{name}.{key}" if name else key).items()}
-
-
-def _short(value: Any) -> str:
-    text = json.dumps(value)
-    return text if len(text) <= 60 else text[:57] + "..."

@@ -28,7 +28,7 @@ class Place:
     def object(self) -> dict[str, Any]:
         """Return the value as a JSON object; an error otherwise."""
         if not isinstance(self.value, dict):
-            raise self.error(f"is {_short(self.value)}", "an object {...} is expected")
+            raise self.error(f"is {shortened(self.value)}", "an object {...} is expected")
         return self.value
 
     def error(self, reason: str, remedy: str = "") -> UnreadableFile:
@@ -55,24 +55,24 @@ class Place:
     def text(self) -> str:
         """Return a string."""
         if not isinstance(self.value, str):
-            raise self.error(f"is {_short(self.value)}", "a text is expected")
+            raise self.error(f"is {shortened(self.value)}", "a text is expected")
         return self.value
 
     def texts(self) -> tuple[str, ...]:
         """Return a list of strings."""
         if not isinstance(self.value, list) or not all(isinstance(v, str) for v in self.value):
-            raise self.error(f"is {_short(self.value)}", "a list of texts is expected")
+            raise self.error(f"is {shortened(self.value)}", "a list of texts is expected")
         return tuple(self.value)
 
     def array(self, shape: tuple[int | None, ...]) -> Array:
         """Return an array of finite numbers of this shape; None is any length."""
         expected = f"numbers of shape {shape}" if shape else "a number"
         if _has_other_than_numbers(self.value):
-            raise self.error(f"is {_short(self.value)}", f"{expected} is expected" if not shape else expected)
+            raise self.error(f"is {shortened(self.value)}", f"{expected} is expected" if not shape else expected)
         try:
             array = np.array(self.value, dtype=np.float64)
         except (ValueError, TypeError, OverflowError):
-            raise self.error(f"is {_short(self.value)}", f"expected {expected}") from None
+            raise self.error(f"is {shortened(self.value)}", f"expected {expected}") from None
         if array.size == 0 and None in shape:
             array = array.reshape([0 if n is None else n for n in shape])
         fits = array.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True))
@@ -134,6 +134,12 @@ def or_nulls(values: Iterable[float]) -> list[float | None]:
     return [or_null(value) for value in values]
 
 
+def shortened(value: Any) -> str:
+    """Return a value as JSON for a message, cut where it is long."""
+    text = json.dumps(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
 def _written(value: Any, indent: str) -> str:
     deeper = indent + "  "
     if isinstance(value, dict) and value:
@@ -148,8 +154,3 @@ def _has_other_than_numbers(value: Any) -> bool:
     if isinstance(value, list):
         return any(_has_other_than_numbers(v) for v in value)
     return isinstance(value, bool) or not isinstance(value, (int, float))
-
-
-def _short(value: Any) -> str:
-    text = json.dumps(value)
-    return text if len(text) <= 60 else text[:57] + "..."

@@ -176,6 +176,11 @@ class Workers:
                 self._idle.append(worker)
 
 
+def addresses(*arrays: npt.NDArray[np.generic]) -> list[int]:
+    """Return where arrays lie in memory, as the core takes them; whoever passes them on keeps them."""
+    return [array.ctypes.data for array in arrays]
+
+
 def _check_indices(what: str, indices: npt.NDArray[np.int32], below: int) -> None:
     if indices.size and (int(indices.min()) < 0 or int(indices.max()) >= below):
         raise BadValue(what, f"from {indices.min()} to {indices.max()}", f"numbers from 0 to {below - 1}")

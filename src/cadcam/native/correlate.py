@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Picture
 from cadcam.errors import BadValue, MissingCore, NotEnoughMemory
-from cadcam.native.core import library
+from cadcam.native.core import addresses, library
 
 _LARGEST_FACTOR = 1024  # of a shrunken picture: STRIP in correlate.c
 _LONGEST = 32767  # px along a side: an index into the picture fits 31 bits
@@ -155,7 +155,7 @@ def searched(
     best, which = np.zeros(kept.shape, np.float32), np.full(kept.shape, -1, np.int32)
     task = _Search(
         plane,
-        *(a.ctypes.data for a in (template.dx, template.dy, template.weight, template.inside)),
+        *addresses(template.dx, template.dy, template.weight, template.inside),
         len(template.dx),
         len(template.weight),
         len(template.inside),
@@ -185,7 +185,7 @@ def registered(
         raise BadValue("start of a match", moved.tolist(), "finite numbers within the picture")
     task = _Register(
         plane,
-        *(a.ctypes.data for a in (template.u, template.v, template.value, template.slope, template.inverse)),
+        *addresses(template.u, template.v, template.value, template.slope, template.inverse),
         template.count,
         len(template.slope),
         cubic,

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Mask, Picture
 from cadcam.errors import BadValue
-from cadcam.native.core import library
+from cadcam.native.core import addresses, library
 
 SECTORS = 8
 MARGIN, SWEPT = 48, 51  # CC_MARGIN, CC_SWEPT
@@ -95,7 +95,7 @@ def straighten(gray: Picture, nodes: Picture, step: int, size: tuple[int, int]) 
         raise BadValue("nodes", f"{columns} x {rows}", f"one every {step} px of {width} x {height} px and beyond")
     out, seen = np.zeros((height, width), np.float32), np.zeros((height, width), bool)
     here = (gray.ctypes.data, gray.shape[1], gray.shape[0], nodes.ctypes.data)
-    _core().cc_straighten(*here, step, width, height, *_at(out, seen))
+    _core().cc_straighten(*here, step, width, height, *addresses(out, seen))
     return out, seen
 
 
@@ -105,7 +105,7 @@ def directions(gray: Picture, floor: float) -> Planes:
     height, width = gray.shape
     made = _planes(height, width)
     scratch = np.zeros(50 * (width + 12), np.float32)
-    _core().cc_directions(gray.ctypes.data, width, height, floor, scratch.ctypes.data, *_at(*made))
+    _core().cc_directions(gray.ctypes.data, width, height, floor, scratch.ctypes.data, *addresses(*made))
     return made
 
 
@@ -113,7 +113,7 @@ def halve(planes: Planes) -> Planes:
     """Return the field at half the size: a line stays as sure as it was."""
     _, height, width = planes.values.shape
     made = _planes(height // 2, width // 2)
-    _core().cc_halve(planes.values.ctypes.data, width, height, *_at(*made))
+    _core().cc_halve(planes.values.ctypes.data, width, height, *addresses(*made))
     return made
 
 
@@ -154,7 +154,7 @@ class Views:
         shift, score = np.zeros((len(poses), keep, 2), np.int32), np.zeros((len(poses), keep), np.float32)
         scratch = np.zeros((2 * reach[0] + 16) * (2 * reach[1] + 1), np.uint16)
         window = (*centre, *reach, keep, apart)
-        _core().cc_slide(self._given(len(poses)), eye, poses.ctypes.data, *window, *_at(scratch, shift, score))
+        _core().cc_slide(self._given(len(poses)), eye, poses.ctypes.data, *window, *addresses(scratch, shift, score))
         return shift, score
 
     def sweep(self, eye: int, poses: Array, *, keep: int, apart: int) -> tuple[Ids, Picture]:
@@ -168,7 +168,9 @@ class Views:
         shift, score = np.zeros((len(poses), keep, 2), np.int32), np.zeros((len(poses), keep), np.float32)
         wide = width + 32
         scratch = np.zeros(SECTORS * (height + 2 * MARGIN) * (wide + 2 * MARGIN) + wide * height, np.uint8)
-        _core().cc_sweep(self._given(len(poses)), eye, poses.ctypes.data, keep, apart, *_at(scratch, shift, score))
+        _core().cc_sweep(
+            self._given(len(poses)), eye, poses.ctypes.data, keep, apart, *addresses(scratch, shift, score)
+        )
         return shift, score
 
     def climb(self, poses: Array, freedom: Array, blur: Sequence[float]) -> tuple[Array, Array]:
@@ -198,13 +200,13 @@ class Views:
 
     def _given(self, n: int) -> object:
         eyes = c.cast(self._eyes, c.c_void_p)
-        runs = _at(self._places, self._first, self._count)
+        runs = addresses(self._places, self._first, self._count)
         return c.byref(_Views(eyes, *runs, len(self._kept), n))
 
 
 def _eye(eye: Eye) -> _Eye:
     _, height, width = eye.planes.values.shape
-    field = _Field(*_at(*eye.planes), width, height)
+    field = _Field(*addresses(*eye.planes), width, height)
     K = eye.K
     made = _Eye(field, K[0, 0], K[0, 1], K[0, 2], K[1, 1], K[1, 2])
     made.rotation[:] = np.asarray(eye.rotation).ravel().tolist()
@@ -216,7 +218,3 @@ def _planes(height: int, width: int) -> Planes:
     return Planes(
         np.zeros((SECTORS, height, width), np.uint8), np.zeros(SECTORS, np.float32), np.zeros(SECTORS, np.float32)
     )
-
-
-def _at(*arrays: npt.NDArray[np.generic]) -> list[int]:
-    return [a.ctypes.data for a in arrays]

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Picture
 from cadcam.errors import BadValue
-from cadcam.native.core import library
+from cadcam.native.core import addresses, library
 
 Longs = npt.NDArray[np.int64]
 STEP_SUMS, STEP_TERMS = 39, 9  # CC_STEP_SUMS, CC_STEP_TERMS
@@ -56,7 +56,7 @@ def step_sums(
     """Return what the pixels of each cell add up to (n, STEP_SUMS): what `steps` takes (profile.h)."""
     gray, arrays = np.ascontiguousarray(gray, np.float32), _doubles(q, normal, below, above, twins)
     out = np.zeros((len(arrays[0]), STEP_SUMS))
-    places = _at(*arrays)
+    places = addresses(*arrays)
     _core().cc_step_sums(_picture(gray), len(out), *places, half_length, blur, dark, bright, out.ctypes.data)
     return out
 
@@ -65,7 +65,7 @@ def steps(sums: Array, held: Array) -> Array:
     """Return (n, 9) of each cell: c, g, slopes below and above, noise, Qcc, Qgg, pixels, share clipped (profile.h)."""
     sums, held = arrays = _doubles(sums, held)
     out = np.zeros((len(sums), STEP_TERMS))
-    _core().cc_steps(len(out), *_at(*arrays, out))
+    _core().cc_steps(len(out), *addresses(*arrays, out))
     return out
 
 
@@ -75,8 +75,10 @@ def candidates(
     """Return offset and slope (n, most) of the strongest slopes along the normals, nan where there are no more."""
     gray, arrays = np.ascontiguousarray(gray, np.float32), _doubles(q, normal)
     offset, slope = np.zeros((len(arrays[0]), most)), np.zeros((len(arrays[0]), most))
-    places = _at(*arrays)
-    _core().cc_candidates(_picture(gray), len(offset), *places, half_length, reach, least, most, *_at(offset, slope))
+    places = addresses(*arrays)
+    _core().cc_candidates(
+        _picture(gray), len(offset), *places, half_length, reach, least, most, *addresses(offset, slope)
+    )
     return offset, slope
 
 
@@ -101,8 +103,8 @@ def clearance(
     run, segment_run = np.ascontiguousarray(run, np.int32), np.ascontiguousarray(segment_run, np.int32)
     below, above = np.zeros(len(q)), np.zeros(len(q))
     twins, beyond = np.zeros((len(q), 2, 2)), np.zeros((len(q), 2))
-    places, lines = _at(q, normal, run, arc), _at(segments, segment_run, segment_arc)
-    out = _at(below, above, twins, beyond)
+    places, lines = addresses(q, normal, run, arc), addresses(segments, segment_run, segment_arc)
+    out = addresses(below, above, twins, beyond)
     _core().cc_clearance(len(q), *places, len(segments), *lines, half_length, near, most, *out)
     return below, above, twins, beyond
 
@@ -114,7 +116,7 @@ def edge_rows(jacobian: Array, rotation: Array, p: Array, tangent: Array) -> tup
     """
     arrays = _doubles(jacobian, rotation, p, tangent)
     normal, row = np.zeros((len(p), 2)), np.zeros((len(p), 6))
-    _core().cc_edge_rows(len(p), *_at(*arrays, normal, row))
+    _core().cc_edge_rows(len(p), *addresses(*arrays, normal, row))
     return normal, row
 
 
@@ -136,7 +138,7 @@ def camera_rows(
     if lens is not None and told[0].shape != (LENS,):
         raise BadValue("coefficients of a lens", lens, f"{LENS} numbers")
     q, normal, row = np.zeros((len(p), 2)), np.zeros((len(p), 2)), np.zeros((len(p), 6))
-    at, coefficients = _at(*arrays, q, normal, row), _at(*told) if told else [None]
+    at, coefficients = addresses(*arrays, q, normal, row), addresses(*told) if told else [None]
     _core().cc_camera_rows(len(p), at[0], *coefficients, radius, *at[1:])
     return q, normal, row
 
@@ -149,7 +151,7 @@ def along_runs(values: Array, run: Ids, neighbours: int) -> Array:
     (values,), run = _doubles(values), np.ascontiguousarray(run, np.int32)
     out = np.zeros(values.shape)
     wide = out.size // max(len(out), 1)
-    _core().cc_along_runs(len(out), wide, *_at(values, run), neighbours, out.ctypes.data)
+    _core().cc_along_runs(len(out), wide, *addresses(values, run), neighbours, out.ctypes.data)
     return out
 
 
@@ -173,8 +175,8 @@ def pulled(
         raise BadValue("motions of lines that are pulled", rows.shape[1], f"at most {PULLED}")
     prior = _doubles(*(stiff or ()))
     x = np.zeros(rows.shape[1])
-    weights = _at(*prior) if prior else [None, None]
-    _core().cc_pull(*offset.shape, len(x), *_at(*arrays), *weights, soft, nothing, held, pulls, x.ctypes.data)
+    weights = addresses(*prior) if prior else [None, None]
+    _core().cc_pull(*offset.shape, len(x), *addresses(*arrays), *weights, soft, nothing, held, pulls, x.ctypes.data)
     return x
 
 
@@ -190,8 +192,10 @@ def met(offset: Array, slope: Array, first: Longs, moved: Array, *, on: float, f
     first = np.ascontiguousarray(first, np.int64)
     scratch, share = np.zeros(len(moved)), np.zeros((len(moved), len(first)))
     lines, limits = (len(first), first.ctypes.data), (on, faint, around)
-    places = _at(offset, slope)
-    _core().cc_met(*offset.shape, *places, *lines, len(moved), arrays[2].ctypes.data, *limits, *_at(scratch, share))
+    places = addresses(offset, slope)
+    _core().cc_met(
+        *offset.shape, *places, *lines, len(moved), arrays[2].ctypes.data, *limits, *addresses(scratch, share)
+    )
     return share
 
 
@@ -202,7 +206,3 @@ def _picture(gray: Picture) -> object:
 
 def _doubles(*arrays: Array) -> list[Array]:
     return [np.ascontiguousarray(a, np.float64) for a in arrays]
-
-
-def _at(*arrays: npt.NDArray[np.generic]) -> list[int]:
-    return [a.ctypes.data for a in arrays]
