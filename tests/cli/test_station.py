@@ -158,6 +158,7 @@ def test_the_report_stands_by_itself(cadcam: Cadcam, folder: Path) -> None:
     assert not re.findall(r'(?:src|href)="(?!data:|#)', page)
     for text in ("Camera 6", "Camera 12", "12 measurements", "differences together", "<svg"):
         assert text in page
+    assert page.count("<table>") == page.count('<div class="wide"><table>') > 0  # each scrolls alone on a phone
 
 
 def test_the_page_on_stations_runs_as_printed(cadcam: Cadcam, folder: Path) -> None:

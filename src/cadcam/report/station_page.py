@@ -22,8 +22,9 @@ from cadcam.station.gantry import GantryCalibration
 from cadcam.whole import write_whole
 
 _STYLE = """
-h1{font-size:1.5rem}section{overflow-x:auto}svg{max-width:900px}
+h1{font-size:1.5rem}svg{max-width:900px}.wide{overflow-x:auto}
 table{width:auto}th,td{text-align:right;padding:4px 12px 4px 0}.left{text-align:left}
+.wide .left:first-child{position:sticky;left:0;background:#fff}
 """
 _WIDTH, _HEIGHT, _MARGIN = 900.0, 620.0, 60.0
 _SIGMAS = 10.0  # by how much the ellipses of uncertainty are drawn larger than the arrows
@@ -135,6 +136,7 @@ def _xy(value: Any) -> tuple[str, str]:
 
 
 def _table(table: Table) -> str:
+    """Return a table that scrolls by itself where the screen is narrower: what is said of it stays where it is."""
     kinds = ['class="left"' if column in table.left else "" for column in table.columns]
     head = "".join(f"<th {k}>{escape(c.strip())}</th>" for k, c in zip(kinds, table.columns, strict=True))
     rows = "".join(
@@ -142,7 +144,8 @@ def _table(table: Table) -> str:
         for row in table.rows
     )
     notes = "".join(f'<p class="soft">{escape(note)}</p>' for note in table.notes)
-    return f"<h2>{escape(table.title)}</h2><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>{notes}"
+    body = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+    return f'<h2>{escape(table.title)}</h2><div class="wide">{body}</div>{notes}'
 
 
 def _text(x: float, y: float, text: str, anchor: str) -> str:
