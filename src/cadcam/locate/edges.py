@@ -90,10 +90,7 @@ def sample_lines(lines: Polylines, camera: Camera, *, step_px: float, reach_px: 
     q, p = lines.q, lines.p
     a, b = q[first], q[first + 1]
     length = np.hypot(*(b - a).T)
-    start_of_run = np.diff(run, prepend=-1) > 0
-    total = np.cumsum(length)
-    before = total - length
-    arc0 = before - np.repeat(before[start_of_run], np.bincount(run)) if len(run) else before
+    arc0 = _along(length, run)
     segment, fraction, arc = _cells(length, run, arc0, step_px)
     pa, pb = p[first[segment]], p[first[segment] + 1]
     tangent = pb - pa
@@ -103,7 +100,7 @@ def sample_lines(lines: Polylines, camera: Camera, *, step_px: float, reach_px: 
     normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
     line = lines.line_of_point[first[segment]].astype(np.int32)
     chain = np.where(lines.kind[line] == EdgeKind.CONTOUR, -1, lines.chain[line]).astype(np.int32)
-    below, above, twins, beyond = clearance(
+    beside = clearance(
         at,
         normal,
         run[segment],
@@ -115,17 +112,7 @@ def sample_lines(lines: Polylines, camera: Camera, *, step_px: float, reach_px: 
         near=_OWN_RUN * reach_px,
         most=reach_px,
     )
-    samples = EdgeSamples(
-        pa + fraction[:, None] * (pb - pa),
-        tangent,
-        chain,
-        run[segment].astype(np.int32),
-        line,
-        below,
-        above,
-        twins,
-        beyond,
-    )
+    samples = EdgeSamples(pa + fraction[:, None] * (pb - pa), tangent, chain, run[segment], line, *beside)
     inside = camera.sees(at)
     return samples if inside.all() else samples.select(inside)
 
@@ -141,6 +128,12 @@ def _runs(lines: Polylines) -> tuple[Longs, Ids]:
     turns = np.einsum("ij,ij->i", d[1:], d[:-1]) < _CORNER
     begins = np.concatenate([[True], turns | (of[first[1:]] != of[first[:-1]])])
     return first, (np.cumsum(begins[: len(first)]) - 1).astype(np.int32)
+
+
+def _along(length: Array, run: Ids) -> Array:
+    """Return how far along its run each segment begins."""
+    before = np.cumsum(length) - length
+    return before - np.repeat(before[np.diff(run, prepend=-1) > 0], np.bincount(run)) if len(run) else before
 
 
 def _cells(length: Array, run: Ids, arc0: Array, step_px: float) -> tuple[Longs, Array, Array]:

@@ -69,9 +69,8 @@ def locate(
     tried = _refined(part, photos, hypotheses[:most], freedom, options, chosen, basins)
     if start is not None and not any(location.found for _, location in tried):
         tried += [(0.0, location) for location in _as_it_is(part, photos, start, reach, freedom, options, basins)]
-    most_score = max(max(score for score, _ in tried), 1e-9)
-    ranked = sorted(tried, key=lambda t: -(t[1].quality + _BY_SCORE * t[0] / most_score))
-    (score, best), others = ranked[0], [(s, o) for s, o in ranked[1:] if o.quality >= FOUND]
+    ranked = _ranked(tried)
+    score, best = ranked[0]
     alike = _alike(part, best) if start is None else []
     if not best.found and outside is not None:
         raise outside
@@ -80,18 +79,8 @@ def locate(
         why = f"not found: the best of {len(hypotheses)} hypotheses does not hold: {why}"
         return replace(best, reason=why, alternatives=tuple(alike))
     if start is None and not _stands_out(part, best, score, hypotheses):
-        why = f"not certain: lines elsewhere in the photos look nearly as much like the part ({best.reason})"
-        return replace(best, quality=min(best.quality, _UNCERTAIN), reason=why, alternatives=tuple(alike))
-    equal = [o for s, o in others if s >= _EQUAL * score and o.quality >= best.quality - _AS_GOOD]
-    places = _distinct(
-        part, best, [o for o in equal if _elsewhere(part, best.pose.world_from_part, o.pose.world_from_part)]
-    )
-    rivals = tuple(_distinct(part, best, [*alike, *(o for _, o in others if o.quality >= best.quality - _AS_GOOD)]))
-    if places:
-        why = f"not certain: {len(places)} other places in the photos look as much like the part ({best.reason})"
-        return replace(best, quality=min(best.quality, _UNCERTAIN), reason=why, alternatives=rivals)
-    told = f"; {len(rivals)} other poses look as good" if rivals else ""
-    return replace(best, reason=best.reason + told, alternatives=rivals)
+        return _uncertain(best, "lines elsewhere in the photos look nearly as much like the part", alike)
+    return _beside_rivals(part, ranked, alike)
 
 
 def _near(
@@ -129,6 +118,31 @@ def _as_it_is(
             done.append(location)
             basins.add(location, sights)
     return done
+
+
+def _ranked(tried: Sequence[tuple[float, Location]]) -> list[tuple[float, Location]]:
+    """Return score and location, best first: by quality, and by the score of the hypothesis that it came from."""
+    most = max(max(score for score, _ in tried), 1e-9)
+    return sorted(tried, key=lambda t: -(t[1].quality + _BY_SCORE * t[0] / most))
+
+
+def _beside_rivals(part: Part, ranked: Sequence[tuple[float, Location]], alike: Sequence[Location]) -> Location:
+    """Return the best pose with the others that look as good; uncertain where equal ones put the part elsewhere."""
+    (score, best), *others = ranked
+    as_good = [(s, o) for s, o in others if o.quality >= max(FOUND, best.quality - _AS_GOOD)]
+    here, equal = best.pose.world_from_part, [o for s, o in as_good if s >= _EQUAL * score]
+    places = _distinct(part, best, [o for o in equal if _elsewhere(part, here, o.pose.world_from_part)])
+    rivals = _distinct(part, best, [*alike, *(o for _, o in as_good)])
+    if places:
+        return _uncertain(best, f"{len(places)} other places in the photos look as much like the part", rivals)
+    told = f"; {len(rivals)} other poses look as good" if rivals else ""
+    return replace(best, reason=best.reason + told, alternatives=tuple(rivals))
+
+
+def _uncertain(best: Location, why: str, rivals: Sequence[Location]) -> Location:
+    """Return a pose as one that may as well be another."""
+    reason = f"not certain: {why} ({best.reason})"
+    return replace(best, quality=min(best.quality, _UNCERTAIN), reason=reason, alternatives=tuple(rivals))
 
 
 def _elsewhere(part: Part, one: Rigid, other: Rigid) -> bool:
