@@ -14,6 +14,7 @@ from cadcam.image.sensor.charge import Noise
 from cadcam.image.sensor.presets import preset
 from cadcam.image.sensor.sensor import Sensor
 from cadcam.image.sensor.video import Jitter
+from cadcam.native.marks import LOOSE
 from cadcam.target.ideal import marks_picture
 from cadcam.target.leaning import fit_both_tilts
 from cadcam.target.mark import Mark, angle_mark, chess_mark, coded_ring, dot, dot_and_ring, ring
@@ -48,13 +49,13 @@ def test_slopes_are_derivatives(mark: Mark, through_camera: bool, rng: np.random
         geometry = affine(turned=turned, perspective=True)
         g = np.array([0.3, -0.2, A[0, 0], A[0, 1], A[1, 1], *([A[1, 0]] if turned else []), 0.004, 0.002])
         held = np.zeros(0)
-    p = np.zeros((1, geometry.free + 1 + len(held)))
-    p[0, geometry.levels], p[0, geometry.places] = [-0.7, 0.8, 0.85, 0.002, -0.003, 0.6], g
-    p[0, geometry.free + 1 :] = held
-    model, pixels = mark_model(mark, geometry, bent=True), rng.uniform(-15, 15, (1, 200, 2))
+    p = np.zeros((1, geometry.free + LOOSE + len(held)))
+    p[0, geometry.levels], p[0, geometry.places] = [-0.7, 0.8, 0.85, 0.002, -0.003, 0.6, 2.5, -1.5], g
+    p[0, geometry.free + LOOSE :] = held
+    model, pixels = mark_model(mark, geometry, loose=LOOSE), rng.uniform(-15, 15, (1, 200, 2))
     pixels = pixels[:, np.hypot(*(pixels[0] - g[:2]).T) > 2]
     J = model(p, pixels)[1]
-    for k in range(geometry.free + 1):
+    for k in range(geometry.free + LOOSE):
         h = np.zeros_like(p)
         h[0, k] = 1e-6
         slope = (model(p + h, pixels)[0] - model(p - h, pixels)[0]) / 2e-6
