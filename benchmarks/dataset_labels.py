@@ -19,8 +19,7 @@ from PIL import Image
 from scipy.spatial import cKDTree
 
 from cadcam.cad.parts import ship_block
-from cadcam.image.png import packed
-from cadcam.native.layers import depth_steps, normal_bytes
+from cadcam.image.png import packed, packed_depth, packed_normals
 from cadcam.render.raster import RasterRenderer
 from cadcam.render.seen import SeenEdges
 from cadcam.render.view import Channel, Scene, View
@@ -39,10 +38,15 @@ def pictures(view: View) -> dict[str, Samples]:
     return {
         "colour": view.rgb,
         "colour with a sensor's noise": np.clip(view.rgb + noise, 0, 255).astype(np.uint8),
-        "depth, 16 bits": depth_steps(view.depth, 0.5),
-        "normals": normal_bytes(view.depth, view.normal),
+        "depth, 16 bits": samples_of(packed_depth(view.depth, 0.5)),
+        "normals": samples_of(packed_normals(view.depth, view.normal)),
         "mask": np.where(np.isfinite(view.depth), 255, 0).astype(np.uint8),
     }
+
+
+def samples_of(file: bytes) -> Samples:
+    with Image.open(io.BytesIO(file)) as image:
+        return np.asarray(image)
 
 
 def by_pillow(samples: Samples, **options: int) -> bytes:

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cadcam.camera.camera import Camera
-from cadcam.geometry.rigid import Rigid
-from cadcam.target.find import find_marks
+import cadcam
 from cadcam.target.ideal import board_picture
 from cadcam.target.mark import Plate, dot_and_ring
 
@@ -19,16 +17,15 @@ from cadcam.target.mark import Plate, dot_and_ring
 def main() -> None:
     mark = dot_and_ring(10.0, 20.0, 30.0)
     plate = Plate.grid((mark,), 3, 2, 60.0)
-    camera = Camera.from_focal((480, 360), 700.0)
-    tilted = Rigid.exp([0, 0, 0, np.radians(40), 0, 0])
-    camera_from_plate = (
-        Rigid(np.eye(3), np.array([0, 0, 600.0])) @ tilted @ Rigid(np.eye(3), np.array([-60.0, -30.0, 0.0]))
-    )
+    camera = cadcam.Camera.from_focal((480, 360), 700.0)
+    tilted = cadcam.Rigid.exp([0, 0, 0, np.radians(40), 0, 0])
+    away, centre = (cadcam.Rigid.exp([*t, 0, 0, 0]) for t in ((0, 0, 600), (-60, -30, 0)))
+    camera_from_plate = away @ tilted @ centre
     rng = np.random.default_rng(1)
     picture = board_picture(plate, camera, camera_from_plate, blur_px=0.8, noise=0.01, rng=rng)
     truth = camera.project(camera_from_plate @ plate.points)
     for name, known in (("without a camera", None), ("through the camera", camera)):
-        found = find_marks(picture, mark, camera=known)
+        found = cadcam.find_marks(picture, mark, camera=known)
         q = np.array([one.pixel for one in found])
         error = q - truth[np.linalg.norm(q[:, None] - truth, axis=2).argmin(axis=1)]
         sigma = np.mean([one.sigma for one in found])

@@ -11,10 +11,10 @@ import sys
 
 import numpy as np
 
+import cadcam
 from cadcam.report.station import map_tables, sighting_tables
 from cadcam.report.table import show
 from cadcam.station.hall import make_hall
-from cadcam.station.measure import measure
 from cadcam.station.simulate import calibrate_robot, sight
 
 
@@ -29,7 +29,7 @@ def main() -> None:
     positions = np.array([[6000.0, 14500.0], [11500.0, 20500.0]])
     true = [hall.view_centre("6", at) for at in positions]
     seen = [sight(hall, name, "6", at, p, rng) for name, at, p in zip("AB", positions, true, strict=True)]
-    found = measure(station, seen)
+    found = cadcam.measure_marks(station, seen)
     show(sighting_tables(found, seen), sys.stdout)
     length = found.distance("A", "B")
     print(f"A to B: {length.value:.2f} +- {length.half_width:.2f} mm; truly {np.linalg.norm(true[1] - true[0]):.2f} mm")

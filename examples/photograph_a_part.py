@@ -15,14 +15,10 @@ import numpy as np
 
 import cadcam
 from cadcam.cad.parts import ship_block
-from cadcam.camera.aperture import Aperture
-from cadcam.camera.optics import Optics
-from cadcam.camera.sensor_format import SensorFormat, sensor_format
 from cadcam.image.picture import to_gray
 from cadcam.image.sensor.presets import CCIR_1996, GLOBAL_SHUTTER, PHONE
-from cadcam.image.sensor.sensor import Exposure, Sensor
-from cadcam.render.light import named_light
-from cadcam.render.photograph import Photographer, behind, blur_before
+from cadcam.image.sensor.sensor import Exposure
+from cadcam.render.photograph import behind, blur_before
 
 FLOOR = (0.35, 0.36, 0.38)
 
@@ -32,8 +28,8 @@ class Shot:
     """A camera and its lens, where it stands, the size of the picture."""
 
     name: str
-    sensor: Sensor
-    optics: Optics
+    sensor: cadcam.Sensor
+    optics: cadcam.Optics
     lens: cadcam.BrownConrady
     eye: tuple[float, float, float]
     at: tuple[float, float, float]
@@ -45,7 +41,7 @@ SHOTS = (
     Shot(
         "ccir-1996",
         replace(CCIR_1996, exposure=Exposure(1.2)),
-        Optics(sensor_format("1/2").with_pixels((768, 576)), 8.0, 6000.0, 4.0),
+        cadcam.Optics(cadcam.sensor_format("1/2").with_pixels((768, 576)), 8.0, 6000.0, 4.0),
         cadcam.BrownConrady(k1=-0.2),
         (5800.0, -4000.0, 4400.0),
         (2050.0, 1250.0, 850.0),
@@ -54,7 +50,7 @@ SHOTS = (
     Shot(
         "global-shutter",
         replace(GLOBAL_SHUTTER, exposure=Exposure(1.9)),
-        Optics(sensor_format("IMX273"), 8.0, 2400.0, 1.4),
+        cadcam.Optics(cadcam.sensor_format("IMX273"), 8.0, 2400.0, 1.4),
         cadcam.BrownConrady(k1=-0.05),
         (200.0, -1900.0, 2300.0),
         (1900.0, 1000.0, 900.0),
@@ -63,7 +59,7 @@ SHOTS = (
     Shot(
         "phone",
         replace(PHONE, exposure=Exposure(1.3)),
-        Optics(SensorFormat("phone", (9.8, 7.3), (4032, 3024)), 6.8, 1500.0, 1.8),
+        cadcam.Optics(cadcam.SensorFormat("phone", (9.8, 7.3), (4032, 3024)), 6.8, 1500.0, 1.8),
         cadcam.BrownConrady(k1=0.02),
         (4700.0, -1500.0, 2500.0),
         (1900.0, 1000.0, 900.0),
@@ -76,14 +72,14 @@ SHOTS = (
 def main(folder: Path, samples: int) -> None:
     """Photograph the block three times."""
     folder.mkdir(parents=True, exist_ok=True)
-    photographer = Photographer(cadcam.Scene.of(ship_block(triangles=100_000)))
+    photographer = cadcam.Photographer(cadcam.Scene.of(ship_block(triangles=100_000)))
     for shot in SHOTS:
         camera = replace(shot.optics.camera(), lens=shot.lens).resize(shot.size)
         pose = cadcam.Rigid.look_at(shot.eye, shot.at)
-        aperture = Aperture.of(shot.optics)
+        aperture = cadcam.Aperture.of(shot.optics)
         blur = blur_before(shot.sensor, camera, aperture)
         seen = photographer.radiance(
-            camera, pose, light=named_light("hall"), aperture=aperture, blur_px=blur, samples=samples
+            camera, pose, light=cadcam.named_light("hall"), aperture=aperture, blur_px=blur, samples=samples
         )
         light = seen.over(FLOOR)
         sensor = behind(shot.sensor, camera)

@@ -60,6 +60,8 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.camera.plane_camera import PlaneCamera as PlaneCamera
     from cadcam.camera.pose_estimate import PoseEstimate as PoseEstimate
     from cadcam.camera.rig_estimate import RigEstimate as RigEstimate
+    from cadcam.camera.sensor_format import SensorFormat as SensorFormat
+    from cadcam.camera.sensor_format import sensor_format as sensor_format
     from cadcam.camera.viewpoint import KnownMotion as KnownMotion
     from cadcam.camera.viewpoint import Viewpoint as Viewpoint
     from cadcam.errors import CadcamError as CadcamError
@@ -100,7 +102,9 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.image.picture import write_picture as write_picture
     from cadcam.image.sensor.sensor import Sensor as Sensor
     from cadcam.image.template import Template as Template
+    from cadcam.locate.approach import Reach as Reach
     from cadcam.locate.closeness import Closeness as Closeness
+    from cadcam.locate.closeness import ClosenessOptions as ClosenessOptions
     from cadcam.locate.closeness import closeness as closeness
     from cadcam.locate.frames import Frames as Frames
     from cadcam.locate.freedom import Freedom as Freedom
@@ -109,6 +113,8 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.locate.part import Part as Part
     from cadcam.locate.photo import Photo as Photo
     from cadcam.locate.refine import refine as refine
+    from cadcam.locate.salient import SalientOptions as SalientOptions
+    from cadcam.locate.solution import EdgeOptions as EdgeOptions
     from cadcam.locate.templates import TemplateMatches as TemplateMatches
     from cadcam.locate.templates import TemplateOptions as TemplateOptions
     from cadcam.locate.templates import match_templates as match_templates
@@ -116,6 +122,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.locate.track_log import TrackLog as TrackLog
     from cadcam.locate.track_log import read_track as read_track
     from cadcam.locate.track_log import track_to as track_to
+    from cadcam.locate.view_range import ViewRange as ViewRange
     from cadcam.plan.layout import Layout as Layout
     from cadcam.plan.layout import next_views as next_views
     from cadcam.plan.layout import plan_layout as plan_layout
@@ -173,6 +180,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.target.order import Ordering as Ordering
     from cadcam.target.order import order_marks as order_marks
     from cadcam.target.pattern import parse_pattern as parse_pattern
+    from cadcam.verify.inspection import InspectionOptions as InspectionOptions
     from cadcam.verify.judge import Verification as Verification
     from cadcam.verify.judge import verify as _verify
     from cadcam.verify.tolerance import Tolerances as Tolerances
@@ -196,12 +204,14 @@ _HOME = {
     "CameraFile": "cadcam.files.camera",
     "Channel": "cadcam.render.view",
     "Closeness": "cadcam.locate.closeness",
+    "ClosenessOptions": "cadcam.locate.closeness",
     "CorrelateOptions": "cadcam.image.correlate",
     "Cutout": "cadcam.render.cutout",
     "Deviation": "cadcam.record.record",
     "Division": "cadcam.camera.lens",
     "DoubleSphere": "cadcam.camera.lens",
     "EdgeKind": "cadcam.cad.edges",
+    "EdgeOptions": "cadcam.locate.solution",
     "ExtendedPinhole": "cadcam.camera.extended_pinhole",
     "ExtendedUnified": "cadcam.camera.lens",
     "FieldOfView": "cadcam.camera.lens",
@@ -212,6 +222,7 @@ _HOME = {
     "GantryCalibration": "cadcam.station.gantry",
     "HandEyeEstimate": "cadcam.calibrate.handeye_estimate",
     "Ideal": "cadcam.camera.lens",
+    "InspectionOptions": "cadcam.verify.inspection",
     "InverseBrownConrady": "cadcam.camera.lens",
     "JointEstimate": "cadcam.camera.joint_estimate",
     "KnownMotion": "cadcam.camera.viewpoint",
@@ -244,12 +255,15 @@ _HOME = {
     "PoseEstimate": "cadcam.camera.pose_estimate",
     "Prediction": "cadcam.plan.predict",
     "Ray": "cadcam.geometry.ray",
+    "Reach": "cadcam.locate.approach",
     "Record": "cadcam.record.record",
     "RigCamera": "cadcam.calibrate.rig",
     "RigEstimate": "cadcam.camera.rig_estimate",
     "Rigid": "cadcam.geometry.rigid",
+    "SalientOptions": "cadcam.locate.salient",
     "Scene": "cadcam.render.view",
     "Sensor": "cadcam.image.sensor.sensor",
+    "SensorFormat": "cadcam.camera.sensor_format",
     "Sighting": "cadcam.station.gantry",
     "Source": "cadcam.record.record",
     "Template": "cadcam.image.template",
@@ -259,6 +273,7 @@ _HOME = {
     "Tolerances": "cadcam.verify.tolerance",
     "TrackLog": "cadcam.locate.track_log",
     "Verification": "cadcam.verify.judge",
+    "ViewRange": "cadcam.locate.view_range",
     "Viewpoint": "cadcam.camera.viewpoint",
     "Wireframe": "cadcam.render.wireframe",
     "added": "cadcam.render.overlay",
@@ -330,6 +345,7 @@ _HOME = {
     "read_track": "cadcam.locate.track_log",
     "refine": "cadcam.locate.refine",
     "repainted": "cadcam.render.looks",
+    "sensor_format": "cadcam.camera.sensor_format",
     "sensor_named": "cadcam.files.sensor",
     "side_by_side": "cadcam.render.overlay",
     "solve_optics": "cadcam.camera.optics",

@@ -11,6 +11,8 @@ from difflib import get_close_matches
 from os import PathLike
 from typing import Any
 
+_LISTED = 40  # names that a message still tells one by one
+
 
 class CadcamError(Exception):
     """Something the caller can put right; the message says how."""
@@ -58,16 +60,18 @@ class UnknownName(CadcamError):
         name = name if len(name) <= 80 else f"{name[:77]}..."
         near = get_close_matches(name, names, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
-        super().__init__(f"unknown {kind} {name!r}{hint} (known: {', '.join(names)})")
+        told = ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
+        super().__init__(f"unknown {kind} {name!r}{hint} (known: {told or 'none'})")
         self.kind, self.name, self.known = kind, name, tuple(names)
 
 
 class TooFewPoints(CadcamError):
-    """Fewer observations than unknowns."""
+    """Fewer observations than unknowns; of: what is too few, where it is not points; why: where the others went."""
 
-    def __init__(self, task: str, have: int, need: int) -> None:
-        super().__init__(f"{task} needs at least {need} points; {have} given")
-        self.task, self.have, self.need = task, have, need
+    def __init__(self, task: str, have: int, need: int, *, of: str = "points", why: str = "") -> None:
+        told = f"{task} needs at least {need} {of if need > 1 else of.removesuffix('s')}; {have} given"
+        super().__init__(told + (f": {why}" if why else ""))
+        self.task, self.have, self.need, self.of, self.why = task, have, need, of, why
 
 
 class DegenerateGeometry(CadcamError):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import secrets
+import stat
 from pathlib import Path
 
 from cadcam.errors import UnwritableFile
@@ -18,8 +19,6 @@ def write_whole(path: str | os.PathLike[str], data: bytes) -> None:
     """
     target = Path(path)
     try:
-        if target.is_dir():
-            raise UnwritableFile(path, "is a folder", "name a file in it")
         try:
             _replace(target, data)
         except FileNotFoundError:  # mostly the folder is there
@@ -35,11 +34,13 @@ def _remedy(error: OSError) -> str:
 
 
 def _replace(target: Path, data: bytes) -> None:
-    name = target.with_name(f".{target.name}.{secrets.token_hex(4)}")
     old = _mode(target)
+    name = target.with_name(f".{target.name}.{secrets.token_hex(4)}")
     try:
-        with name.open("xb") as file:
-            file.write(data)
+        with name.open("xb", buffering=0) as file:  # a call of the system, or where a disk is nearly full a few
+            left = memoryview(data)
+            while left:
+                left = left[file.write(left) :]
         if old is not None:
             name.chmod(old)
         name.replace(target)
@@ -51,6 +52,9 @@ def _replace(target: Path, data: bytes) -> None:
 def _mode(target: Path) -> int | None:
     """Return the permissions of the file that is there, which stay; None where there is none."""
     try:
-        return target.stat().st_mode & 0o7777
+        mode = target.stat().st_mode
     except FileNotFoundError:
         return None
+    if stat.S_ISDIR(mode):
+        raise UnwritableFile(target, "is a folder", "name a file in it")
+    return mode & 0o7777

@@ -309,9 +309,11 @@ def test_views_that_cannot_do_it_are_refused_with_the_reason(rng):
         calibrate_jointly([views[0], few], SIZE)
     with pytest.raises(DegenerateGeometry, match="do not determine"):
         calibrate_jointly(views[:1], SIZE)
+    with pytest.raises(BadValue, match=r"view 5 .* is the same as view 2"):
+        calibrate_jointly([*views, views[1]], SIZE)
     with pytest.raises(UnknownName, match="did you mean 'focal'"):
         calibrate_jointly(views, SIZE, fixed={"focl": 3})
     with pytest.raises(BadValue, match="sigma_px"):
         calibrate_jointly(views, SIZE, control_sigma=0.1)
-    with pytest.raises(TooFewPoints, match="views"):
+    with pytest.raises(TooFewPoints, match="at least 1 view; 0 given"):
         calibrate_jointly([], SIZE)

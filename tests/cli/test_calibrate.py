@@ -65,6 +65,15 @@ def test_known_internals_give_the_pose_alone(cadcam: Cadcam, job: Path) -> None:
     assert ran.json["estimate"]["free"] == ["X", "Y", "Z", "a", "b", "c"]
 
 
+def test_internals_may_come_from_another_programs_file(cadcam: Cadcam, job: Path) -> None:
+    cadcam("convert", job / "camera.json", job / "camera.yml", "--to", "opencv", "--allow-loss", "skew")
+    own = cadcam("calibrate", job / "points.csv", "--internals", job / "camera.json", "--json")
+    foreign = cadcam("calibrate", job / "points.csv", "--internals", job / "camera.yml", "--json")
+    assert foreign.code == 0, foreign.err
+    for name, stated in own.json["estimate"]["parameters"].items():
+        assert foreign.json["estimate"]["parameters"][name]["value"] == pytest.approx(stated["value"], rel=1e-9)
+
+
 def test_the_units_and_columns_of_the_points_file_can_be_said(cadcam: Cadcam, job: Path) -> None:
     points = read_points(job / "points.csv")
     rows = "\n".join(
@@ -92,6 +101,9 @@ def test_the_units_and_columns_of_the_points_file_can_be_said(cadcam: Cadcam, jo
         (("--internals", "none.json"), "none.json: no such file"),
         (("--photo", "none.png"), "none.png"),
         (("--size", "320x240", "--points-unit", "parsec"), "unknown unit 'parsec'"),
+        (("--size", "150x240"), "are width and height, or the columns x and y, swapped?"),
+        (("--size", "40x30"), "expected points in the picture of 40 x 30 px"),
+        (("points.csv", "--size", "320x240"), "view 2 (points.csv) is the same as view 1 (points.csv)"),
     ],
 )
 def test_a_wrong_option_is_one_message_and_exit_2(
@@ -163,5 +175,5 @@ def test_what_goes_with_one_file_only_or_with_several_only_is_said(
     assert (ran.code, "one points file at a time" in ran.err) == (2, True)
     ran = cadcam("calibrate", job / "points.csv", "--size", "320x240", "--bend")
     assert (ran.code, "several positions" in ran.err) == (2, True)
-    ran = cadcam("calibrate", *positions[:1], positions[0], "--size", "320x240", "--fix", "X=3")
+    ran = cadcam("calibrate", *positions[:2], "--size", "320x240", "--fix", "X=3")
     assert (ran.code, "unknown shared parameter to fix 'X'" in ran.err) == (2, True)

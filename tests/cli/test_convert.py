@@ -130,7 +130,7 @@ def test_compare_prints_draws_and_agrees_with_its_json(cadcam: Run, tmp_path: Pa
     ran = cadcam("compare", plain, tmp_path / "other.json", "-o", tmp_path / "field.png")
     assert ran.code == 0
     assert "largest" in ran.out
-    assert "as they are: no rotation allowed" in ran.out
+    assert "as they are, no rotation taken off" in ran.out
     assert (tmp_path / "field.png").read_bytes()[:4] == b"\x89PNG"
     plainly = cadcam("compare", plain, tmp_path / "other.json", "--json").json
     turned = cadcam("compare", plain, tmp_path / "other.json", "--rotate", "--json").json

@@ -7,6 +7,7 @@ import re
 import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -66,12 +67,15 @@ def test_a_wrong_command_line_is_exit_2(words: list[str], capsys: pytest.Capture
     with pytest.raises(SystemExit) as stopped:
         cli.main(words)
     assert stopped.value.code == 2
-    assert "usage: cadcam" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert said.startswith("cadcam")
+    assert said.endswith(" --help\n")
+    assert said.count("\n") == 1
 
 
 @pytest.mark.parametrize(
     ("raised", "code", "traced"),
-    [(BadValue("size", 0, "more"), 2, False), (KeyboardInterrupt(), 130, False), (ZeroDivisionError("oops"), 1, True)],
+    [(BadValue("size", 0, "more"), 2, False), (KeyboardInterrupt(), 130, False), (ZeroDivisionError("oops"), 70, True)],
 )
 def test_exit_codes_tell_what_happened(
     raised: BaseException,
@@ -96,3 +100,27 @@ def test_a_reader_that_stops_early_is_no_error() -> None:
     result = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
     assert result.returncode == 0
     assert result.stderr == ""
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_a_full_disk_behind_stdout_is_said_and_no_bug() -> None:
+    command = f"{shlex.quote(sys.executable)} -m cadcam lens --list > /dev/full"
+    result = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
+    assert result.returncode == 2
+    assert result.stderr == "cadcam lens: stdout cannot be written: No space left on device\n"
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_sentences_of_help_fit_a_terminal_of_80_columns(
+    verb: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit):
+        cli.main([verb, "--help"])
+    narrow = capsys.readouterr().out
+    monkeypatch.setenv("COLUMNS", "120")
+    with pytest.raises(SystemExit):
+        cli.main([verb, "--help"])
+    assert "".join(capsys.readouterr().out.split()) == "".join(narrow.split())
+    told = [line for line in narrow.splitlines() if not line.startswith(" ") and "  " not in line]
+    assert max(map(len, told)) <= 80

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import inspect
+from dataclasses import is_dataclass
 from pathlib import Path
 
 import pytest
@@ -32,6 +34,17 @@ def test_type_checkers_see_the_same_names_from_the_same_modules() -> None:
         module, _, original = home.partition(":")
         lazy[name] = (module, original or name)
     assert seen == lazy
+
+
+@pytest.mark.parametrize("name", sorted(cadcam._HOME))
+def test_what_a_name_takes_by_default_has_a_name_too(name: str) -> None:
+    """Who wants other options than the default ones must be able to make them."""
+    offered = getattr(cadcam, name)
+    asked = inspect.signature(offered).parameters if inspect.isfunction(offered) or is_dataclass(offered) else {}
+    for parameter in asked.values():
+        kind = type(parameter.default)
+        if kind.__module__.startswith("cadcam.") and is_dataclass(kind):
+            assert kind.__name__ in cadcam._HOME
 
 
 def test_no_name_hides_a_subpackage() -> None:

@@ -112,7 +112,7 @@ def test_pictures_of_a_board_become_a_rig(cadcam: Cadcam, tmp_path: Path) -> Non
         (("--known", "right"), "NAME=PATH"),
         (("--camera", "left={folder}/left"), "twice"),
         (("--size", "640x480", "-o", "rig.yml"), ".json"),
-        (("--size", "640x480", "--fix", "X=3"), "X"),
+        (("--size", "1280x960", "--fix", "X=3"), "X"),
     ],
 )
 def test_bad_input_is_one_message(cadcam: Cadcam, points: Path, more: tuple[str, ...], says: str) -> None:

@@ -14,7 +14,7 @@ from cadcam.dataset.key_points import corners
 from cadcam.dataset.plan import NOISE, PLAIN, Occluders, Plan, middle_and_radius
 from cadcam.dataset.props import props_of
 from cadcam.dataset.shot import Director
-from cadcam.dataset.studio import Stage
+from cadcam.dataset.studio import Stage, Studio
 from cadcam.render.seen import drawable_edges
 from cadcam.render.view import Scene
 
@@ -37,7 +37,11 @@ def stage_and_director(of: Plan, part: Scene | None = None) -> tuple[Stage, Dire
     part = part or scene()
     props = props_of(of.occluders, 2 * middle_and_radius(part.mesh)[1], of.seed)
     points = corners(part)[1] if of.key_points is None else of.key_points
-    return Stage(part, drawable_edges(part), props, points, of.sensor, of.gray, 0.05), Director(of, part, props)
+    return Stage(part, props, points, of.sensor, of.gray, 0.05), Director(of, part, props)
+
+
+def studio_of(stage: Stage) -> Studio:
+    return Studio(stage, drawable_edges(stage.scene))
 
 
 def contents(folder: Path) -> dict[str, bytes]:

@@ -9,13 +9,13 @@ import pytest
 
 from cadcam.camera.lens import BrownConrady
 from cadcam.dataset.plan import Occluders
-from cadcam.dataset.studio import ABSENT, HIDDEN, VISIBLE, Studio, Take
+from cadcam.dataset.studio import ABSENT, HIDDEN, VISIBLE, Take
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.sensor.presets import PRESETS
 from cadcam.render.raster import RasterRenderer
 from cadcam.render.view import Channel
 
-from .sets import CAMERA, HALF, plan, scene, stage_and_director
+from .sets import CAMERA, HALF, plan, scene, stage_and_director, studio_of
 
 PLANS = {
     "bare": plan(occluders=Occluders()),
@@ -31,7 +31,7 @@ PLANS = {
 def takes(request: pytest.FixtureRequest) -> list[Take]:
     made = PLANS[request.param]
     stage, director = stage_and_director(made)
-    studio = Studio(stage)
+    studio = studio_of(stage)
     return [studio.take(director.shot(index)) for index in range(made.views)]
 
 
@@ -54,7 +54,7 @@ def test_the_depth_of_what_is_seen_lies_on_the_part(takes: list[Take]) -> None:
 def test_what_hides_the_part_is_in_front_of_it(takes: list[Take]) -> None:
     for take in takes:
         hidden = take.mask & ~take.visible
-        bare = Studio(stage_and_director(plan())[0]).take(replace(take.shot, occluders=()))
+        bare = studio_of(stage_and_director(plan())[0]).take(replace(take.shot, occluders=()))
         assert (take.depth[hidden] < bare.depth[hidden]).all()
         assert (take.mask == bare.mask).all()
         assert not hidden.any() or take.shot.occluders
@@ -114,7 +114,7 @@ def test_edges_lie_where_the_camera_projects_them(takes: list[Take]) -> None:
 
 def test_the_background_is_as_drawn_and_the_part_is_lit() -> None:
     stage, director = stage_and_director(plan(backgrounds=("plain",), occluders=Occluders()))
-    take = Studio(stage).take(director.shot(0))
+    take = studio_of(stage).take(director.shot(0))
     level = take.shot.backdrop.level
     assert (take.picture[0, 0] == np.uint8(255 * np.float32(level) + 0.5)).all()
     assert take.picture[take.mask].std() > 0
@@ -123,7 +123,7 @@ def test_the_background_is_as_drawn_and_the_part_is_lit() -> None:
 def test_quick_pictures_are_those_made_layer_by_layer() -> None:
     """A view without occluders over plain grey is drawn in one go: the same to a grey level as over any background."""
     stage, director = stage_and_director(plan(backgrounds=("plain",), occluders=Occluders()))
-    studio = Studio(stage)
+    studio = studio_of(stage)
     shot = director.shot(1)
     part = studio._part.render(shot.camera, shot.camera_from_part, look=replace(shot.look, background=(0.0, 0.0, 0.0)))
     slow = studio._developed(shot, part, [], None)
@@ -150,7 +150,7 @@ def test_occluders_touch_nothing_and_stand_before_the_part() -> None:
 def test_a_part_wholly_out_of_view_is_an_empty_view() -> None:
     made = plan(1, poses=(Rigid(np.eye(3), np.array([900.0, 0.0, 200.0])),), occluders=Occluders())
     stage, director = stage_and_director(made)
-    take = Studio(stage).take(director.shot(0))
+    take = studio_of(stage).take(director.shot(0))
     assert not take.mask.any()
     assert (take.seen == ABSENT).all()
     assert len(take.edges) == 0

@@ -21,6 +21,7 @@ from cadcam.dataset.plan import Occluders
 from cadcam.dataset.worker import Job, Task
 from cadcam.errors import BadValue, MissingExtra, UnreachableCluster, UnreadableFile, UnwritableFile, WorkerDied
 from cadcam.image.picture import read_picture, write_picture
+from cadcam.render.seen import drawable_edges
 
 from .sets import contents, plan, same, scene, stage_and_director
 
@@ -62,11 +63,7 @@ def test_a_run_killed_in_the_middle_and_started_again_writes_the_same(tmp_path: 
     (records / ".000007.json.abcdefgh").write_bytes(b'{"half')  # what a write that was cut off leaves
     there = len(list(records.glob("[0-9]*.json")))
     assert 4 <= there < views
-    for _ in range(2000):
-        if not any(_alive(pid) for pid in workers):
-            break
-        time.sleep(0.005)
-    assert not any(_alive(pid) for pid in workers)
+    _see_the_end_of(workers)
     assert make_dataset(folder, scene(), plan(views), workers=2).new == views - there
     make_dataset(tmp_path / "other", scene(), plan(views), workers=1)
     same(folder, tmp_path / "other")
@@ -76,14 +73,14 @@ def test_a_worker_that_is_killed_is_replaced_and_nothing_is_lost(
     straight: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     started: list[int] = []
-    start = processes._Worker._start
+    start = processes._start
 
-    def noted(worker: processes._Worker) -> subprocess.Popen[bytes]:
-        process = start(worker)
+    def noted() -> subprocess.Popen[bytes]:
+        process = start()
         started.append(process.pid)
         return process
 
-    monkeypatch.setattr(processes._Worker, "_start", noted)
+    monkeypatch.setattr(processes, "_start", noted)
     seen: list[int] = []
 
     def kill_at_the_second() -> None:
@@ -97,6 +94,20 @@ def test_a_worker_that_is_killed_is_replaced_and_nothing_is_lost(
     same(tmp_path / "set", straight)
 
 
+def test_ctrl_c_is_told_once(tmp_path: Path) -> None:
+    """To the whole group, as a terminal sends it, while the workers import: they end with whoever started them."""
+    command = [sys.executable, "-c", RUN.format(here=str(HERE), folder=str(tmp_path / "set"), views=400)]
+    running = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True)
+    while len(workers := _children(running.pid)) < 2:
+        assert running.poll() is None
+        time.sleep(0.005)
+    os.killpg(running.pid, signal.SIGINT)
+    _, said = running.communicate()
+    assert said.count("Traceback") == 1
+    assert said.endswith("KeyboardInterrupt\n")
+    _see_the_end_of(workers)
+
+
 def test_a_view_that_kills_every_worker_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processes, "_COMMAND", (sys.executable, "-c", "raise SystemExit(3)"))
     with pytest.raises(WorkerDied, match=r"view 0: 3 processes one after the other died over it .the last with 3"):
@@ -107,9 +118,9 @@ def test_a_mistake_of_ours_in_a_worker_is_told_with_its_traceback(tmp_path: Path
     """It is no error of the caller's: the command line prints it as a bug."""
     broken = plan(1, sensor="no sensor")
     stage, director = stage_and_director(broken)
-    job = Job(stage, Layout("train", "rgb"))
+    job = Job(stage, drawable_edges(stage.scene), Layout("train", "rgb"))
     with pytest.raises(RuntimeError, match=r"in a worker:\nTraceback(.|\n)*has no attribute 'apply'"):
-        list(processes.on_processes(job, [Task(director.shot(0))], 1))
+        list(processes.on_processes(lambda: job, [Task(director.shot(0))], 1))
 
 
 def test_a_full_disk_is_one_error_and_the_run_goes_on_when_there_is_room(
@@ -220,6 +231,14 @@ def _children(pid: int) -> list[int]:
     for task in Path(f"/proc/{pid}/task").iterdir():
         found += [int(child) for child in (task / "children").read_text().split()]
     return found
+
+
+def _see_the_end_of(workers: list[int]) -> None:
+    for _ in range(2000):
+        if not any(_alive(pid) for pid in workers):
+            return
+        time.sleep(0.005)
+    pytest.fail(f"of the workers {workers} some are still there")
 
 
 def _alive(pid: int) -> bool:

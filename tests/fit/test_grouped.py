@@ -204,6 +204,28 @@ def test_groups_expected_to_be_off_count_less_and_the_covariance_knows(rng: np.r
     assert told < untold / 2
 
 
+def test_groups_that_err_as_their_noise_does_move_x_no_more_than_noise(rng: np.random.Generator) -> None:
+    """Groups of 4 and of 36 data, offsets three and one times as large: x is that of no offsets, its covariance is not.
+
+    Untold of it, x takes all groups to be off alike, small ones less than they are.
+    """
+    size = np.tile([4, 36], 20)
+    group = np.repeat(np.arange(40), size)
+    relative = size.mean() / size
+    squares, z2 = [], []
+    for _ in range(120):
+        J = rng.normal(size=(40, 3))[group]
+        y = J @ TRUTH + (0.1 * np.sqrt(relative) * rng.normal(size=40))[group] + 0.05 * rng.normal(size=len(group))
+        given = (y, J, np.full(len(y), 0.0025), group)
+        told, untold = (grouped_fit(*given, usual=0.05, relative=r, robust=False) for r in (relative, None))
+        np.testing.assert_allclose(told.x, np.linalg.lstsq(J, y)[0], atol=1e-9)
+        errors = [fit.x - TRUTH for fit in (told, untold)]
+        squares.append([e @ e for e in errors])
+        z2.append(errors[0] @ np.linalg.solve(told.covariance, errors[0]) / 3)
+    assert np.mean(z2) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 360))  # chi-square of 360: four of its sd
+    assert np.mean(squares, axis=0)[0] < 0.8 * np.mean(squares, axis=0)[1]
+
+
 def test_what_is_expected_of_groups_but_is_not_there_costs_nothing(rng: np.random.Generator) -> None:
     """Groups are off by nothing: told that half of them are, the fit is as good as untold. Believing it costs half."""
     off = np.repeat([0.3, 0.02], 20)

@@ -62,6 +62,14 @@ def test_exp_agrees_with_the_matrix_exponential(rng: np.random.Generator) -> Non
         assert np.allclose(Rigid.exp(xi).matrix, expm(generator), rtol=0, atol=1e-11)  # expm's own error dominates
 
 
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 0.00999, 0.01001, 0.3, 3.0, 6.0])
+def test_one_motion_is_what_it_is_in_a_batch(rng: np.random.Generator, angle: float) -> None:
+    w = rng.normal(size=(5, 3))
+    xi = np.concatenate([rng.normal(size=(5, 3)), angle * w / np.linalg.norm(w, axis=1, keepdims=True)], axis=1)
+    for one, of_batch in zip(map(Rigid.exp, xi), Rigid.exp(xi).each, strict=True):
+        assert np.allclose(one.matrix, of_batch.matrix, rtol=0, atol=50 * EPS)
+
+
 @pytest.mark.parametrize("batch", BATCHES)
 def test_the_adjoint_carries_a_perturbation_to_the_other_side(rng: np.random.Generator, batch: tuple[int, ...]) -> None:
     T = Rigid.exp(random_twists(rng, batch))

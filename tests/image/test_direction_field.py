@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from cadcam.camera.camera import Camera
-from cadcam.camera.lens import Division
+from cadcam.camera.lens import Division, Ideal
 from cadcam.errors import MissingCore
 from cadcam.image.direction_field import SECTORS, direction_fields
 from cadcam.native import core
@@ -97,6 +97,31 @@ def test_through_a_lens_the_field_is_that_of_an_ideal_camera() -> None:
     assert abs(bent[0, 0] - bent[1, 0]) > 0.8  # else the lens would not matter
     assert max_around(field.planes.values, *q.T)[0].min() > 0.5 * 255
     assert field.camera.lens == Camera.from_focal(SIZE, 1.0).lens
+
+
+def test_what_lies_far_away_does_not_count(rng: np.random.Generator) -> None:
+    """An edge is judged against what is within some pixels of it, not against the picture's border."""
+    picture = half_plane(0.4)
+    cluttered = picture.copy()
+    cluttered[:10] = rng.random((10, SIZE[0]))
+    one, other = (direction_fields(p, CAMERA, levels=1)[0].planes.values.astype(int) for p in (picture, cluttered))
+    assert np.abs(one[:, :10] - other[:, :10]).max() > 100
+    assert np.abs(one[:, 20:] - other[:, 20:]).max() <= 1  # sums of floats, cut to bytes
+
+
+def test_a_region_shows_what_the_whole_photo_shows_there() -> None:
+    """Through a lens too, where the region is the photo's and the field is straightened."""
+    for lens in (Ideal(), Division(-0.2)):
+        camera = Camera.from_focal(SIZE, 130.0, cx=70.0, lens=lens)
+        whole = direction_fields(half_plane(0.4), camera, levels=1)[0]
+        region = (38, 21, 121, 98)
+        part = direction_fields(half_plane(0.4), camera, levels=1, region=region)[0]
+        x, y = np.rint(whole.camera.principal_point - part.camera.principal_point).astype(int)
+        inner = part.planes.values[:, 8:-8, 8:-8]  # beyond the region nothing counts as clutter
+        of_whole = whole.planes.values[:, y + 8 :, x + 8 :][:, : inner.shape[1], : inner.shape[2]]
+        assert inner.shape[1] >= region[3] - region[1] - 18
+        assert inner.max() > 128
+        assert np.array_equal(inner, of_whole)
 
 
 def test_instruction_sets_give_the_same_field(rng: np.random.Generator) -> None:

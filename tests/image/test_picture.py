@@ -13,6 +13,7 @@ from PIL import Image, ImageOps
 
 from cadcam.errors import BadValue, MissingExtra, UnknownName, UnreadableFile, UnwritableFile
 from cadcam.image.picture import (
+    checked,
     equalized,
     read_picture,
     read_picture_with_info,
@@ -188,6 +189,23 @@ def test_float_values_outside_zero_to_one_are_refused_until_the_caller_says_what
     np.testing.assert_array_equal(read_picture(tmp_path / "a.tif", full_scale=400), [[0, 0.5]])
     with pytest.raises(BadValue, match="full_scale"):
         read_picture(tmp_path / "a.tif", full_scale=0)
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+def test_whole_numbers_as_cameras_give_them_count_by_their_largest(kind):
+    stored = np.array([[0, 51], [204, np.iinfo(kind).max]], kind)
+    assert checked(stored) == pytest.approx(stored / np.iinfo(kind).max, abs=1e-7)
+    with pytest.raises(BadValue, match=r"as bright as \d+; expected values in \[0, 1\]: divide by 255"):
+        checked(stored.astype(np.float32))
+    assert checked(np.full((2, 2), 30.0)).max() == 30.0  # a lamp in view
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_hole_in_a_picture_is_refused_at_its_pixel(bad):
+    picture = np.zeros((3, 4), np.float32)
+    picture[1, 2] = bad
+    with pytest.raises(BadValue, match=r"not finite at pixel \(x, y\) = \(2, 1\)"):
+        checked(picture)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])

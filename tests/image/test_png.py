@@ -14,9 +14,8 @@ from cadcam.cad.parts import machined_bracket
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, MissingCore
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.png import packed
+from cadcam.image.png import packed, packed_depth, packed_normals
 from cadcam.native import core
-from cadcam.native.layers import depth_steps, normal_bytes
 from cadcam.render.raster import RasterRenderer
 from cadcam.render.view import Channel, Scene
 
@@ -29,12 +28,15 @@ WANTED = Channel.RGB | Channel.DEPTH | Channel.NORMAL
 KINDS = [((7, 5), "u1"), ((7, 5, 3), "u1"), ((7, 5), "u2"), ((1, 1), "u2"), ((61, 303, 3), "u1"), ((61, 303), ">u2")]
 
 
+def samples_of(file: bytes) -> npt.NDArray[np.integer]:
+    """Return what Pillow reads in a file."""
+    with Image.open(io.BytesIO(file)) as image:
+        return np.asarray(image)
+
+
 def readable(samples: npt.NDArray[np.integer]) -> None:
     """Assert that Pillow reads the file as these samples."""
-    with Image.open(io.BytesIO(packed(samples))) as image:
-        image.load()
-        assert image.size == (samples.shape[1], samples.shape[0])
-        np.testing.assert_array_equal(np.asarray(image), samples)
+    np.testing.assert_array_equal(samples_of(packed(samples)), samples)
 
 
 @pytest.mark.parametrize(("shape", "dtype"), KINDS)
@@ -73,11 +75,36 @@ def test_a_rendered_picture_is_packed_as_small_as_zlib_packs_it_quickly() -> Non
     view = renderer.render(
         Camera.from_focal((320, 240), 300.0), Rigid.look_at([200, 180, 160], [60, 40, 30]), channels=WANTED
     )
-    for samples in (depth_steps(view.depth, 0.05), normal_bytes(view.depth, view.normal), view.rgb):
-        rows = samples.view(np.uint8).reshape(240, -1)
+    for file in (packed_depth(view.depth, 0.05), packed_normals(view.depth, view.normal), packed(view.rgb)):
+        samples = samples_of(file)
+        rows = samples.astype(samples.dtype.newbyteorder(">")).view(np.uint8).reshape(240, -1)
         less = np.diff(rows.astype(int), axis=0, prepend=0).astype(np.uint8)
         packer = zlib.compressobj(1, strategy=zlib.Z_RLE if samples.dtype == np.uint8 else zlib.Z_DEFAULT_STRATEGY)
-        assert len(packed(samples)) < 1.15 * len(packer.compress(less.tobytes()) + packer.flush())
+        assert packed(samples) == file
+        assert len(file) < 1.15 * len(packer.compress(less.tobytes()) + packer.flush())
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 9), (9, 1), (23, 37), (64, 64)], ids=str)
+def test_depth_is_rounded_to_steps_and_normals_to_bytes_where_there_is_something(
+    rng: np.random.Generator, size: tuple[int, int]
+) -> None:
+    """A step and a half of a byte: each is what it stands for to within half a step."""
+    depth = np.where(rng.uniform(size=size) < 0.5, np.inf, rng.uniform(1, 900, size)).astype(np.float32)
+    normal = rng.standard_normal((*size, 3)).astype(np.float32)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    there = np.isfinite(depth)
+    steps, coded = (
+        samples_of(file).astype(float) for file in (packed_depth(depth, 0.05), packed_normals(depth, normal))
+    )
+    assert np.abs(steps[there] * 0.05 - depth[there]).max(initial=0) <= 0.025 * (1 + 1e-3)
+    assert np.abs(coded[there] / 255 * 2 - 1 - normal[there]).max(initial=0) <= 1 / 255 + 1e-6
+    assert not steps[~there].any()
+    assert not coded[~there].any()
+
+
+def test_depth_beyond_what_16_bits_hold_is_the_most_they_hold() -> None:
+    depth = np.array([[65535.4, 65536, 1e30, 0.4, 0.6]], np.float32)
+    assert samples_of(packed_depth(depth, 1.0)).tolist() == [[65535, 65535, 65535, 0, 1]]
 
 
 @pytest.mark.parametrize(

@@ -186,3 +186,9 @@ def test_one_place_where_sides_swap_is_no_row_of_corners() -> None:
     q = np.column_stack([np.arange(20.0, 480.0, 4.0), np.full(115, 99.5)])
     assert not along_chequers(gray, *runs(q)).any()
     assert along_chequers(np.tile(gray[50:150, 200:300], (1, 5)), *runs(q - [0.0, 50.0])).all()
+
+
+def test_a_few_samples_tell_no_pattern() -> None:
+    gray = np.full((20, 60), 0.5)
+    for n in range(2, 8):
+        assert not along_chequers(gray, *runs(np.column_stack([np.arange(n) * 4.0 + 10.0, np.full(n, 9.5)]))).any()

@@ -152,7 +152,7 @@ static float gray(int kind) { return kind == 0 ? 0.5f : kind == 1 ? (float)unit(
 
 static cc_field field_of(int width, int height) { /* every buffer exactly as large as it must be */
     const size_t n = (size_t)width * (size_t)height;
-    float *picture = malloc(n * 4), *scratch = malloc(n * 16), *moments = malloc(CC_SECTORS * 8);
+    float *picture = malloc(n * 4), *scratch = malloc(50 * ((size_t)width + 12) * 4), *moments = malloc(CC_SECTORS * 8);
     uint8_t *planes = malloc(n * CC_SECTORS);
     const int kind = upto(2);
     for (size_t i = 0; i < n; i++) picture[i] = gray(kind);
@@ -361,7 +361,7 @@ static void seen(void) {
 /* Pictures of noise, of runs and of nothing, in and out of the room they need; masks, depths and normals as files have them. */
 static void files(void) {
     const int width = 1 + upto(70), height = 1 + upto(40), pixel = 1 + upto(3), kind = upto(3), n = width * height;
-    uint8_t *pixels = malloc((size_t)(n * pixel)), *mask = malloc((size_t)n), *packed, *coded = calloc((size_t)n, 3);
+    uint8_t *pixels = malloc((size_t)(n * pixel)), *mask = malloc((size_t)n), *packed;
     for (int i = 0; i < n * pixel; i++)
         pixels[i] = (uint8_t)(kind == 3 || (kind == 2 && upto(9) == 0) ? upto(255) : kind && i && upto(99) ? pixels[i - 1] : 0);
     const int64_t enough = cc_pack_room(width * pixel, height), room = upto(1) ? enough : upto((int)enough);
@@ -372,7 +372,7 @@ static void files(void) {
     for (int i = 0; i < n; i++) mask[i] = (uint8_t)(upto(kind * 5) == 0);
     for (int i = 0; i < n; i++) depth[i] = upto(2) ? INFINITY : upto(9) ? (float)(unit() * 9) : (float)wild();
     for (int i = 0; i < 3 * n; i++) normal[i] = upto(20) ? (float)around() : upto(1) ? (float)wild() : NAN;
-    cc_depth_steps(depth, n, 0.001f, coded), cc_normal_bytes(depth, normal, n, coded);
+    cc_pack_depth(depth, width, height, 0.001f, packed, room), cc_pack_normals(depth, normal, width, height, packed, room);
     const int some = upto(n);
     int64_t found[5], *first = malloc(((size_t)width + 1) * 8), *at = malloc((size_t)some * 8 + 1), last = -1;
     cc_mask_region(mask, width, height, found);
@@ -380,7 +380,7 @@ static void files(void) {
     const int64_t changes = cc_mask_changes(mask, width, height, first, some, at);
     for (int64_t i = 0; i < changes && changes <= some; last = at[i++])
         if (at[i] <= last || at[i] >= n) exit(fprintf(stderr, "changes out of order\n"));
-    free(pixels), free(mask), free(packed), free(coded), free(depth), free(normal), free(first), free(at);
+    free(pixels), free(mask), free(packed), free(depth), free(normal), free(first), free(at);
 }
 
 int main(int argc, char **argv) {

@@ -78,11 +78,22 @@ def test_the_common_error_of_edges_is_recovered(rng: np.random.Generator) -> Non
     sigma, none = np.full(len(edge), SIGMA), np.zeros((len(edge), 0))
     for tau in (0.0, 0.08):
         noise = EdgeNoise.of(sigma, edge, along, tau)
-        found = [common_error(sampled(rng, noise, J, none, np.zeros(6)), sigma, edge, along, J) for _ in range(40)]
+        plain = EdgeNoise.of(sigma, edge, along, 0.0)
+        found = [common_error(sampled(rng, noise, J, none, np.zeros(6)), plain, J) for _ in range(40)]
         if tau:
             assert abs(np.mean(found) - tau) < 4 * np.std(found) / np.sqrt(40)
         else:
             assert np.mean(found) < 0.02
+
+
+def test_an_edge_that_is_known_to_err_does_not_make_the_others_err(rng: np.random.Generator) -> None:
+    """One edge is off by 50 times what the others are: told so, what they have in common is found as without it."""
+    edge, along, J = geometry(rng)
+    sigma, none, tau, one = np.full(len(edge), SIGMA), np.zeros((len(edge), 0)), 0.08, np.where(edge == 0, 4.0, 0.0)
+    noise = EdgeNoise.of(sigma, edge, along, tau).with_more(one)
+    told = EdgeNoise.of(sigma, edge, along, 0.0).with_more(one)
+    found = [common_error(sampled(rng, noise, J, none, np.zeros(6)), told, J) for _ in range(40)]
+    assert abs(np.mean(found) - tau) < 4 * np.std(found) / np.sqrt(40)
 
 
 def test_the_scale_of_the_noise_is_recovered_whatever_the_edges_do(rng: np.random.Generator) -> None:

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pytest
 from scipy.stats import norm
 
 from cadcam.errors import BadValue
-from cadcam.verify.judge import together
-from cadcam.verify.tolerance import Limit, Quantity, Rule
+from cadcam.verify.adjustment import Estimate
+from cadcam.verify.deviation import FeatureDeviation, State
+from cadcam.verify.inspection import Inspection
+from cadcam.verify.judge import judged, together
+from cadcam.verify.presence import Presence
+from cadcam.verify.tolerance import Feature, Limit, Quantity, Rule, Selection
 from cadcam.verify.verdict import Verdict, decided, lengths, overall, towards
 
 LIMIT = Limit(Quantity.POSITION, 1.0, k=2.0)
@@ -109,3 +116,14 @@ def test_what_is_unsure_in_one_direction_is_failed_for_another(rng: np.random.Ge
     value, V = np.array([1.5, 0.0]), np.diag([0.05**2, 0.3**2])
     assert decided(1.5, towards(value, V, LIMIT), LIMIT) is Verdict.FAIL
     assert decided(1.5, 0.3, LIMIT) is Verdict.UNDECIDED
+
+
+@pytest.mark.parametrize(("p_value", "said"), [(1e-6, Verdict.FAIL), (0.9, Verdict.UNDECIDED)])
+def test_nothing_is_failed_whose_edges_are_as_likely_in_place(p_value: float, said: Verdict) -> None:
+    """19.6 +- 4.3 mm in a direction that one place at an edge's end tells: all together say nothing."""
+    none = np.zeros((1, 1))
+    far = Estimate(np.array([19.6]), np.array([[4.3**2]]), none, none, none)
+    found = FeatureDeviation("floor", State.IN_PLACE, Presence(4, 4, 20.0), np.eye(3)[:, :1], far, p_value=p_value)
+    seen = cast(Inspection, SimpleNamespace(feature=lambda name: found, measured=None))
+    (judgement,) = judged(Feature("floor", Selection("floor"), (Limit(Quantity.POSITION, 5.0),)), seen)
+    assert judgement.verdict is said

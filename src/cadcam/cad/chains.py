@@ -17,7 +17,7 @@ Longs = npt.NDArray[np.int64]
 def chained(ends: Array, points: Longs, group: npt.NDArray[np.integer]) -> tuple[Longs, Mask, Ids]:
     """Return the order of the segments chain by chain, which ones to turn round, and the chain of each, in that order.
 
-    `ends` (S, 2, 3) positions; `points` (S, 2) numbers of the end points; `group` (S, k): only segments with equal rows
+    `ends` (S, 2, 3) positions; `points` (S, 2) numbers of the end points; `group` (S,): only segments of equal numbers
     join, at points where exactly two of them meet and turn by less than `TURN_DEG`.
     """
     partner = _partners(ends, points, group)
@@ -31,8 +31,7 @@ def _partners(ends: Array, points: Longs, group: npt.NDArray[np.integer]) -> Lon
     partner = np.full(2 * n, -1, np.int64)
     if not n:
         return partner
-    _, number = np.unique(group, axis=0, return_inverse=True)
-    key = np.repeat(number.ravel(), 2) * (int(points.max()) + 1) + points.ravel()
+    key = np.repeat((group - group.min()).astype(np.int64), 2) * (int(points.max()) + 1) + points.ravel()
     order = np.argsort(key, kind="stable")
     begins = np.flatnonzero(np.diff(key[order], prepend=-1))
     pairs = begins[np.diff(begins, append=2 * n) == 2]

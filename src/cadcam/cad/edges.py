@@ -136,10 +136,10 @@ def _assemble(mesh: Mesh, table: EdgeTable, kind: Ids) -> FeatureEdges:
     vertices, faces = table.vertices[chosen], table.faces[chosen]
     surfaces = np.sort(np.where(faces < 0, -1, mesh.surface[faces]), axis=1)
     part = mesh.part[faces[:, 0]]
-    group = np.column_stack([part, kind[chosen], surfaces])
+    _, group = np.unique(np.column_stack([part, kind[chosen], surfaces]), axis=0, return_inverse=True)
     points = np.zeros(len(mesh.vertices), np.int64)
     points[mesh.faces.ravel()] = corner_points(mesh).ravel()
-    order, flipped, chain = chained(mesh.vertices[vertices], points[vertices], group)
+    order, flipped, chain = chained(mesh.vertices[vertices], points[vertices], group.ravel())
     vertices = vertices[order]
     vertices[flipped] = vertices[flipped][:, ::-1]
     return FeatureEdges(vertices, faces[order], kind[chosen][order], chain, part[order])

@@ -14,6 +14,7 @@ from cadcam.cad.mesh import Mesh
 # second figure is four times the rounding of a float32 coordinate, which STL, GLB and many OBJ writers went through.
 WELD_SHARE = 1e-6
 FLOAT32_SHARE = 2.5e-7
+_ASKEW = np.array([0.4386, 0.5720, 0.6930])  # a direction that no part is drawn along, of length just below 1
 
 Longs = npt.NDArray[np.int64]
 
@@ -155,15 +156,23 @@ def weld_tolerance(points: Array, group: Longs) -> Array:
 def _near_pairs(points: Array, group: Longs) -> Longs:
     """Return pairs (N, 2) of points of one group nearer than its tolerance.
 
-    One tree serves all groups: each is measured in units of its own tolerance and stands apart in a fourth direction.
+    What is near is near along any line: of the points in order along one, each meets those that follow within reach.
     """
-    from scipy.spatial import cKDTree
-
     tolerance = weld_tolerance(points, group)[group]
     if not len(points) or not (tolerance > 0).all():
         return np.zeros((0, 2), np.int64)
-    scaled = np.column_stack([points / tolerance[:, None], 3.0 * group])
-    return np.asarray(cKDTree(scaled, balanced_tree=False).query_pairs(1.0, output_type="ndarray"), np.int64)
+    scaled = points / tolerance[:, None]
+    order = np.argsort(scaled @ _ASKEW)
+    along = (scaled @ _ASKEW)[order]
+    found, place, step = [np.zeros((0, 2), np.int64)], np.arange(len(points) - 1), 1
+    while len(place := place[along[place + step] - along[place] <= 1]):
+        one, other = order[place], order[place + step]
+        off = scaled[one] - scaled[other]
+        near = (group[one] == group[other]) & (np.einsum("ij,ij->i", off, off) <= 1)
+        found.append(np.column_stack([one[near], other[near]]))
+        step += 1
+        place = place[place + step < len(points)]
+    return np.concatenate(found)
 
 
 def _same_rows(points: Array, group: Longs) -> Longs:

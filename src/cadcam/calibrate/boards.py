@@ -131,7 +131,9 @@ def calibrate_boards(
     pictures = _without_copies(pictures)
     shown = [i for i, p in enumerate(pictures) if p.detection is not None]
     if len(shown) < _LEAST_VIEWS:
-        raise TooFewPoints(f"a calibration from a flat board (views; {_losses(pictures)})", len(shown), _LEAST_VIEWS)
+        raise TooFewPoints(
+            "a calibration from a flat board", len(shown), _LEAST_VIEWS, of="views", why=_losses(pictures)
+        )
     if lens is None:
         lens, free_lens = BrownConrady(), USUAL_TERMS if free_lens is None else free_lens
     solver = _Solver({"skew": 0.0} if fixed is None else dict(fixed), lens, tuple(free_lens or ()), bend)
@@ -153,7 +155,7 @@ def board_views(pictures: Sequence[BoardPicture], camera: Camera) -> list[Observ
             )
     shown = [i for i, p in enumerate(pictures) if p.detection is not None]
     if not shown:
-        raise TooFewPoints(f"poses of a board (pictures; {_losses(pictures)})", 0, 1)
+        raise TooFewPoints("poses of a board", 0, 1, of="views", why=_losses(pictures))
     views = [_observations(pictures[i]) for i in shown]
     radius = _radius([_detection(pictures[i]) for i in shown])
     seen: list[Observations | None] = [None] * len(pictures)

@@ -132,7 +132,7 @@ def _checked(base_from_flange: Rigid, pictures: int, mounting: str, names: Seque
     if not n == pictures == len(labels):
         raise BadValue("number of robot poses, pictures, names", (n, pictures, len(labels)), "one number for all")
     if n < LEAST_POSES:
-        raise TooFewPoints("hand-eye calibration (poses, with two axes of rotation between them)", n, LEAST_POSES)
+        raise TooFewPoints("hand-eye calibration", n, LEAST_POSES, of="poses with two axes of rotation between them")
     return labels
 
 

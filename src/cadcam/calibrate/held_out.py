@@ -27,7 +27,7 @@ def held_out_error(fit: JointFit, *, folds: int = _FOLDS) -> float:
     """
     k = len(fit.views)
     if k < 2:
-        raise TooFewPoints("a held-out error (views)", k, 2)
+        raise TooFewPoints("a held-out error", k, 2, of="views")
     squares, count = 0.0, 0
     for held in np.array_split(np.arange(k), min(folds, k)):
         try:
@@ -39,7 +39,8 @@ def held_out_error(fit: JointFit, *, folds: int = _FOLDS) -> float:
             error = _errors(fit.model.with_views(held), _shared(trained, fit.solution.state, held), side)
             squares, count = squares + float(np.sum(error**2)), count + error.size
     if not count:
-        raise TooFewPoints("a held-out error (points in a view)", int(fit.model.measured.sum(axis=1).max()), 2 * _HALF)
+        most = int(fit.model.measured.sum(axis=1).max())
+        raise TooFewPoints("a held-out error", most, 2 * _HALF, of="points in a view")
     return float(np.sqrt(squares / count))
 
 

@@ -113,6 +113,7 @@ def fit_jointly(
     lens, fixed = lens or Ideal(), dict(fixed or {})
     free = _free_names(fixed, lens, tuple(free_lens), bend)
     _refuse_few(views, free)
+    _refuse_copies(views)
     model, origin = _model(views, free, lens, bend=bend)
     _refuse_lines(model, views)
     model = _with_knowledge(model, views, priors or {}, control_sigma)
@@ -287,13 +288,21 @@ def _free_names(fixed: Mapping[str, float], lens: Lens, free_lens: tuple[str, ..
 
 def _refuse_few(views: Sequence[Observations], free: tuple[str, ...]) -> None:
     if not views:
-        raise TooFewPoints("a joint calibration (views)", 0, 1)
+        raise TooFewPoints("a joint calibration", 0, 1, of="views")
     for j, view in enumerate(views):
         if len({tuple(p) for p in view.p_world[:16].tolist()}) < 4 and distinct(view.p_world) < 4:
-            raise TooFewPoints(f"the pose of view {_label(view, j)} (different points)", distinct(view.p_world), 4)
+            raise TooFewPoints(f"the pose of view {_label(view, j)}", distinct(view.p_world), 4, of="different points")
     rows, need = 2 * sum(len(v) for v in views), len(free) + 6 * len(views)
     if rows < need:
         raise TooFewPoints(f"{len(free)} shared parameters and {len(views)} poses", rows // 2, -(-need // 2))
+
+
+def _refuse_copies(views: Sequence[Observations]) -> None:
+    """Raise `BadValue` where two views are the same to the last bit: counted twice, they would promise too much."""
+    first: dict[str, int] = {}
+    for j, view in enumerate(views):
+        if (i := first.setdefault(view.sha256, j)) != j:
+            raise BadValue(f"view {_label(view, j)}", f"the same as view {_label(views[i], i)}", "each view once")
 
 
 def _refuse_lines(model: JointModel, views: Sequence[Observations]) -> None:

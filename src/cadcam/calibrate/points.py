@@ -197,8 +197,9 @@ def _refuse_few(observations: Observations, free: tuple[str, ...]) -> None:
     need = max(4, -(-len(free) // 2))
     have = distinct(observations.p_world)
     if have < need:
-        same = f", {have} of them different" if have < len(observations) else ""
-        raise TooFewPoints(f"an estimate of {len(free)} parameters ({len(observations)} points{same})", have, need)
+        n = len(observations)
+        why = f"{n} points, {have} of them different" if have < n else ""
+        raise TooFewPoints(f"an estimate of {len(free)} parameters", have, need, why=why)
 
 
 def _refuse_blind_pixels(observations: Observations, camera: Camera) -> None:

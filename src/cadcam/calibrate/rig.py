@@ -171,7 +171,8 @@ def _alone(name: str, camera: RigCamera, loss: Loss | None) -> JointFit:
     try:
         return camera.calibrated(loss)
     except TooFewPoints as error:
-        raise TooFewPoints(f"camera {name!r} by itself: {error.task}", error.have, error.need) from error
+        task = f"camera {name!r} by itself: {error.task}"
+        raise TooFewPoints(task, error.have, error.need, of=error.of, why=error.why) from error
     except (DegenerateGeometry, NotConverged) as error:
         raise type(error)(f"camera {name!r} by itself: {error}") from error
 
@@ -219,7 +220,7 @@ def _labels(cameras: Mapping[str, RigCamera], frames: Sequence[str]) -> list[str
         )
     for name, camera in cameras.items():
         if not any(v is not None for v in camera.views):
-            raise TooFewPoints(f"camera {name!r} by itself (views)", 0, 1)
+            raise TooFewPoints(f"camera {name!r} by itself", 0, 1, of="views")
     _refuse_the_same_twice(cameras)
     names = tuple(frames) or tuple(str(j + 1) for j in range(next(iter(counts.values()))))
     out = []

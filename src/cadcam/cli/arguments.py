@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import shutil
+import textwrap
 from collections.abc import Callable
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
 from cadcam.errors import BadValue
 
@@ -15,12 +16,42 @@ if TYPE_CHECKING:
 Verbs: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 Run: TypeAlias = Callable[[argparse.Namespace], "int | None"]
 
+_FULL = 90  # characters of a line that its sentence goes on behind: texts are written 120 wide
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one message, as those of the library are: the usage stands in the help."""
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong with the command line and where more is to be read; exit with 2."""
+        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+
 
 class Help(argparse.RawDescriptionHelpFormatter):
-    """Help texts as they are written, with room for the options' names."""
+    """Help texts as they are written, with room for the options' names; sentences fit narrower terminals too."""
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog, max_help_position=30, width=min(shutil.get_terminal_size().columns, 120) - 2)
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        """Return the text, its sentences broken anew where they are too long; tables and examples stay as they are."""
+        if max(map(len, text.splitlines()), default=0) <= width + 2:
+            return text
+        lines: list[str] = []
+        goes_on = False
+        for line in text.splitlines():
+            if goes_on and _is_sentence(line):
+                lines[-1] += f" {line}"
+            else:
+                lines.append(line)
+            goes_on = _is_sentence(line) and len(line) > _FULL
+        wrap = textwrap.TextWrapper(width, break_long_words=False, break_on_hyphens=False)
+        return "\n".join(wrap.fill(line) if _is_sentence(line) else line for line in lines)
+
+
+def _is_sentence(line: str) -> bool:
+    """Return whether a line of help is neither empty nor part of an example or a table."""
+    return bool(line) and not line[0].isspace() and "  " not in line
 
 
 def verb(verbs: Verbs, name: str, run: Run, *, short: str, description: str, examples: str) -> argparse.ArgumentParser:
@@ -66,6 +97,25 @@ def read_points_as_asked(arguments: argparse.Namespace, path: str) -> Observatio
         header=arguments.header,
         sigma_px=arguments.sigma,
     )
+
+
+def check_in_picture(observations: Observations, size: tuple[int, int]) -> None:
+    """Refuse points seen well outside a picture of `size`, as they are where its sides or their columns are swapped.
+
+    A twentieth of the longer side is let pass: the centre of a mark that the border cuts off may lie outside.
+    """
+    import numpy as np
+
+    q, half = observations.q, np.array(size) / 2
+    far = np.flatnonzero((np.abs(q + 0.5 - half) - half).max(axis=1) > max(size) / 20)
+    if far.size:
+        x, y = q[far[0]]
+        swapped = "" if (q > size[::-1]).any() else "; are width and height, or the columns x and y, swapped?"
+        raise BadValue(
+            f"{observations.source}: point {observations.names[far[0]]!r}",
+            f"at x = {x:.6g}, y = {y:.6g} px",
+            f"points in the picture of {size[0]} x {size[1]} px ({far.size} of {len(q)} are outside){swapped}",
+        )
 
 
 def size(text: str) -> tuple[int, int]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.models import load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, progress, say
 from cadcam.cli.render import scene_as_asked
@@ -34,10 +35,10 @@ class Shot:
 def run_batch(arguments: argparse.Namespace, suffixes: Sequence[str]) -> None:
     """Render every pose whose file is not there yet, write, report."""
     _check_options(arguments)
-    from cadcam.files.camera import camera_as_json, read_camera
+    from cadcam.files.camera import camera_as_json
     from cadcam.files.poses import read_poses
 
-    camera = read_camera(arguments.camera).camera
+    camera = read_any_camera(arguments.camera).camera
     shots = shots_of(arguments.output, read_poses(arguments.poses))
     _check_targets(shots, suffixes)
     kept = [] if arguments.overwrite else [shot.path for shot in shots if Path(shot.path).exists()]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say, working
 from cadcam.errors import BadValue, UnreadableFile, UnwritableFile
+from cadcam.image.suffixes import READABLE
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from cadcam.calibrate.boards import BoardCalibration, BoardPicture
     from cadcam.camera.lens import Lens
 
-PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".webp")
 
 BOARD_HELP = """\
 boards (cadcam board --help prints one):
@@ -87,9 +87,9 @@ def picture_files(paths: Sequence[str]) -> list[str]:
     files: list[str] = []
     for path in paths:
         if Path(path).is_dir():
-            inside = sorted(str(p) for p in Path(path).iterdir() if p.suffix.lower() in PICTURES)
+            inside = sorted(str(p) for p in Path(path).iterdir() if p.suffix.lower() in READABLE)
             if not inside:
-                raise UnreadableFile(path, "is a folder without pictures", f"pictures end in {' '.join(PICTURES)}")
+                raise UnreadableFile(path, "is a folder without pictures", f"pictures end in {' '.join(READABLE)}")
             files += inside
         elif any(c in path for c in "*?[") and not Path(path).exists():
             matching = sorted(glob(path))  # noqa: PTH207 - a pattern with a folder in it, as a shell has them

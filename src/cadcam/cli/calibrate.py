@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from cadcam.cli.arguments import Verbs, add_json, add_points_options, read_points_as_asked, verb
-from cadcam.cli.boards import BOARD_HELP, PICTURES, add_board_options, run_boards
+from cadcam.cli.arguments import Verbs, add_json, add_points_options, check_in_picture, read_points_as_asked, verb
+from cadcam.cli.boards import BOARD_HELP, add_board_options, run_boards
 from cadcam.cli.estimating import (
     add_estimate_options,
     estimate_as_asked,
@@ -16,6 +16,7 @@ from cadcam.cli.estimating import (
 )
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
 from cadcam.errors import BadValue
+from cadcam.image.suffixes import READABLE
 
 _EXAMPLES = f"""\
   cadcam calibrate points.csv --photo photo.png -o camera.json
@@ -77,7 +78,7 @@ def run(arguments: argparse.Namespace) -> None:
         lens, free_lens = lens_as_asked(arguments)
         run_boards(arguments, fixed_as_asked(arguments), lens, free_lens)
         return
-    if pictures := [path for path in arguments.points if Path(path).suffix.lower() in PICTURES]:
+    if pictures := [path for path in arguments.points if Path(path).suffix.lower() in READABLE]:
         raise BadValue("points file", f"the picture {pictures[0]}", "a text file; or --board BOARD for pictures of one")
     if not (arguments.size or arguments.photo or arguments.internals):
         raise BadValue(
@@ -106,12 +107,14 @@ def _run_jointly(arguments: argparse.Namespace) -> None:
     for target, suffixes in ((arguments.output, (".json",)), (arguments.poses, (".txt", ".csv"))):
         if target:
             check_target(target, suffixes)
-    views = [read_points_as_asked(arguments, path) for path in arguments.points]
+    views, size = [read_points_as_asked(arguments, path) for path in arguments.points], size_as_asked(arguments)
+    for view in views:
+        check_in_picture(view, size)
     lens, free_lens = lens_as_asked(arguments)
     with working(f"estimating one camera from {len(views)} positions"):
         fit = fit_jointly(
             views,
-            size_as_asked(arguments),
+            size,
             fixed=fixed_as_asked(arguments),
             lens=lens,
             free_lens=free_lens,

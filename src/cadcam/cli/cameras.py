@@ -35,10 +35,6 @@ def camera_and_pose(camera_file: str, pose_file: str | None) -> tuple[Camera, Ri
 
 def read_any_camera(camera_file: str) -> CameraFile:
     """Return what a camera file, ours or another program's, holds."""
-    return _foreign(camera_file) or _own(camera_file)
-
-
-def _own(camera_file: str) -> CameraFile:
     from cadcam.files.camera import read_camera
 
     return _foreign(camera_file) or read_camera(camera_file)

@@ -69,6 +69,7 @@ def _read(arguments: argparse.Namespace) -> CameraFile:
         if arguments.rows or arguments.size:
             raise BadValue("--rows or --size", "given beside a camera file", "neither: the file says both")
         return read_camera(arguments.file)
+    matrix = read_matrix(arguments.file, rows=3, columns=4)
     if arguments.rows is None:
         raise BadValue(
             "--rows",
@@ -76,7 +77,6 @@ def _read(arguments: argparse.Namespace) -> CameraFile:
             "uv for a matrix with rows (U, V, 1) = (row, column, 1), as the dissertation has it, or xy for rows "
             "(x, y, 1), as OpenCV and textbooks have it; nothing in the numbers tells which",
         )
-    matrix = read_matrix(arguments.file, rows=3, columns=4)
     pinhole = ExtendedPinhole.from_matrix(matrix if arguments.rows == "uv" else uv_from_pixel_matrix(matrix))
     return CameraFile(pinhole.camera(arguments.size or (1, 1)), pinhole.camera_from_world)
 

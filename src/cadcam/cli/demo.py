@@ -25,9 +25,9 @@ _EXAMPLES = """\
 _DESCRIPTION = """\
 Run the whole chain on built-in data and leave inputs, results and pictures in a folder:
 1. the dissertation's sixteen calibration points -> its camera, beside the values it printed; the bench as that camera
-   saw it, with every target where it was measured and where it is projected;
+saw it, with every target where it was measured and where it is projected;
 2. a synthetic photo (rendered, with lens distortion, skewed pixels, blur and noise) of a ship's double-bottom block, 24
-   corners picked in it to 0.3 px -> its camera, beside the true one -> the block's visible wireframe on the photo."""
+corners picked in it to 0.3 px -> its camera, beside the true one -> the block's visible wireframe on the photo."""
 
 _FILES = {
     "bench_points.csv": "dissertation, Table 2.3: sixteen targets and where they were seen",

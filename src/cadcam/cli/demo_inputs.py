@@ -19,7 +19,6 @@ from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Look
 from cadcam.render.wireframe import Wireframe
 
-BENCH_SIZE = (768, 576)
 # Table 2.3: where the sixteen targets were seen, U = row, V = column, px
 BENCH_UV: Array = np.array(
     [

@@ -6,7 +6,8 @@ import argparse
 import math
 from typing import TYPE_CHECKING
 
-from cadcam.cli.arguments import number, size
+from cadcam.cli.arguments import check_in_picture, number, size
+from cadcam.cli.cameras import read_any_camera
 from cadcam.errors import BadValue, UnknownName
 
 if TYPE_CHECKING:
@@ -45,16 +46,19 @@ def add_estimate_options(parser: argparse.ArgumentParser, *, required: bool = Tr
 def estimate_as_asked(arguments: argparse.Namespace, observations: Observations) -> CameraEstimate:
     """Return the estimate by the options of `add_estimate_options`."""
     from cadcam.calibrate.points import calibrate, locate_camera
-    from cadcam.files.camera import read_camera
 
     if arguments.internals:
         if arguments.fix or arguments.lens or arguments.method != "reprojection":
             raise BadValue("--fix, --lens or --method", "given beside --internals", "none: all internals are kept")
-        return locate_camera(observations, read_camera(arguments.internals).camera)
+        camera = read_any_camera(arguments.internals).camera
+        check_in_picture(observations, camera.size)
+        return locate_camera(observations, camera)
     lens, free_lens = lens_as_asked(arguments)
+    picture = size_as_asked(arguments)
+    check_in_picture(observations, picture)
     return calibrate(
         observations,
-        size_as_asked(arguments),
+        picture,
         fixed=fixed_as_asked(arguments),
         lens=lens,
         free_lens=free_lens,

@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from cadcam.cli.arguments import Verbs, add_json, add_points_options, names, read_points_as_asked, verb
-from cadcam.cli.boards import BOARD_HELP, PICTURES, picture_files
+from cadcam.cli.boards import BOARD_HELP, picture_files
+from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say, working
 from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
+from cadcam.image.suffixes import READABLE
 
 if TYPE_CHECKING:
     from cadcam.calibrate.handeye_estimate import HandEyeEstimate
@@ -43,8 +45,8 @@ robot poses: base_from_flange, one a line, with or without column names and a na
                                          ur  m, rotation vector    ros  m, quaternion w last
                                          rotation-vector quaternion-wxyz quaternion-xyzw matrix   say --robot-unit
 views: one picture of the --board a pose, or one points file, X Y Z on the target and x_px y_px in its picture (cadcam
-  calibrate --help); paired with the robot's poses by name (file p1.png or p1.csv, pose p1), or in order where the poses
-  have no names. Poses whose picture does not show the board are not used
+calibrate --help); paired with the robot's poses by name (file p1.png or p1.csv, pose p1), or in order where the poses
+have no names. Poses whose picture does not show the board are not used.
 camera poses: camera_from_world, the target being the world, one a line as in `cadcam render --poses`
 
 {BOARD_HELP}"""
@@ -169,11 +171,9 @@ def _held(camera: Camera | CameraEstimate) -> Camera:
 
 
 def _camera(arguments: argparse.Namespace) -> Camera | CameraEstimate:
-    from cadcam.files.camera import read_camera
-
     if not arguments.camera:
         raise BadValue("--camera", "not given", "the camera file of the camera that took the views")
-    file = read_camera(arguments.camera)
+    file = read_any_camera(arguments.camera)
     if not arguments.adjust_internals:
         return file.camera
     if file.estimate is None:
@@ -214,7 +214,7 @@ def _by_stem(files: Sequence[Path]) -> dict[str, Path]:
 def _views(arguments: argparse.Namespace) -> dict[str, Observations | None]:
     """Return the observations by the stem of their files."""
     files = [Path(v) for v in arguments.views]
-    if pictures := [f for f in files if f.suffix.lower() in PICTURES]:
+    if pictures := [f for f in files if f.suffix.lower() in READABLE]:
         raise BadValue("points file", f"the picture {pictures[0]}", "a text file; or --board BOARD for pictures of one")
     if len(files) == 1 and files[0].is_dir():
         folder = files[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import Verbs, add_json, verb
@@ -216,6 +217,6 @@ def _pictures(folder: str, layout: Layout) -> None:
         named = [(f"camera {c.name}", p) for c, p in zip(layout.cameras, camera_pictures(layout), strict=True)]
         named += [(f"coverage {title}", p) for _, views in _covered(layout) for title, p in views]
     for name, picture in named:
-        path = Path(folder) / ("".join(c if c.isalnum() else "_" for c in name) + ".png")
+        path = Path(folder) / (re.sub(r"\W+", "_", name) + ".png")
         write_picture(path, picture)
         say(f"wrote {path}")

@@ -65,6 +65,8 @@ def run(arguments: argparse.Namespace) -> None:
         image_circle_mm=arguments.image_circle,
     )
     others = standard_lenses(optics) if arguments.focal is None else ()
+    if arguments.diagram:
+        write_lens_diagram(arguments.diagram, sensor, chosen=optics)
     if arguments.json:
         motion = {} if arguments.speed is None else {"longest_exposure_s": _exposure(arguments, optics)}
         print_json(lens_as_json(optics) | motion | {"standard_lenses": [lens_as_json(o) for o in others]})
@@ -73,7 +75,6 @@ def run(arguments: argparse.Namespace) -> None:
         if arguments.speed is not None:
             say(f"smear below half a pixel at {arguments.speed:g} mm/s: up to {_exposure(arguments, optics):.3g} s")
     if arguments.diagram:
-        write_lens_diagram(arguments.diagram, sensor, chosen=optics)
         say(f"wrote {arguments.diagram}")
 
 

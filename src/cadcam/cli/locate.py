@@ -23,6 +23,7 @@ from cadcam.cli.output import check_target, print_json, print_tables, say, worki
 from cadcam.cli.photos import Shots, add_photo_options, read_shots
 from cadcam.cli.wires import LINE, add_line_options, style_of
 from cadcam.errors import NothingInView
+from cadcam.image.suffixes import WRITABLE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -80,7 +81,7 @@ def add_to(verbs: Verbs) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Locate, print, write; return the exit code."""
     if arguments.output:
-        check_target(arguments.output, (".png", ".jpg", ".jpeg"))
+        check_target(arguments.output, WRITABLE)
     if arguments.pose_out:
         check_target(arguments.pose_out, (".json",))
     shots = read_shots(arguments.photos, arguments.camera, arguments.rig)

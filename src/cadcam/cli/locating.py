@@ -6,7 +6,7 @@ import argparse
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import add_points_options, number, read_points_as_asked
+from cadcam.cli.arguments import add_points_options, check_in_picture, number, read_points_as_asked
 from cadcam.cli.output import progress, working
 from cadcam.errors import BadValue, UnknownName
 
@@ -138,6 +138,7 @@ def start_as_asked(arguments: argparse.Namespace, view: Viewpoint) -> Rigid | No
         from cadcam.calibrate.points import locate_camera
 
         observations = read_points_as_asked(arguments, arguments.points)
+        check_in_picture(observations, view.camera.size)
         with working("finding the start from points"):
             camera_from_part = locate_camera(observations, view.camera).camera_from_world
         return view.camera_from_world.inv @ camera_from_part

@@ -1,13 +1,14 @@
 """The command line. One file a verb; what a verb needs is imported when it runs, so that help costs next to nothing.
 
-Exit codes: 0 done; 1 a bug of ours, with a traceback; 2 something the caller can put right, said in one message;
-3 done, but the answer is no: the part is not in the picture; 130 interrupted. Results go to stdout, messages and
-progress to stderr.
+Exit codes: 0 done; 1 FAIL, of `verify` alone; 2 something the caller can put right, said in one message; 3 done, but
+the answer is no: the part is not in the picture; 70 a bug of ours, with a traceback; 130 interrupted. Results go to
+stdout, messages and progress to stderr.
 """
 
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import sys
 import traceback
@@ -40,7 +41,7 @@ from cadcam.cli import (
     variability,
     verify,
 )
-from cadcam.cli.arguments import Help
+from cadcam.cli.arguments import Help, Parser
 from cadcam.errors import CadcamError
 
 VERBS = (
@@ -83,9 +84,12 @@ camera axes x right, y down, z forward. Every verb explains itself: cadcam VERB 
 """
 
 
+_BUG = 70  # EX_SOFTWARE of sysexits.h: no line must take a crash for a part that failed
+
+
 def parser() -> argparse.ArgumentParser:
     """Return the parser of all verbs."""
-    top = argparse.ArgumentParser(prog="cadcam", description=_DESCRIPTION, epilog=_EPILOG, formatter_class=Help)
+    top = Parser(prog="cadcam", description=_DESCRIPTION, epilog=_EPILOG, formatter_class=Help)
     top.add_argument("--version", action="version", version=f"cadcam {__version__}")
     verbs = top.add_subparsers(dest="verb", metavar="VERB [options]", required=True, title="verbs")
     for verb in VERBS:
@@ -105,14 +109,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"cadcam {arguments.verb}: interrupted", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # the reader of a pipe had enough: cadcam ... | head
+    except OSError as error:
+        if error.errno not in (errno.EPIPE, errno.ENOSPC):
+            return _bug(arguments.verb)
+        # only stdout can raise these here: files are read and written with errors of our own
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+        if error.errno == errno.EPIPE:  # the reader of a pipe had enough: cadcam ... | head
+            return 0
+        print(f"cadcam {arguments.verb}: stdout cannot be written: {error.strerror}", file=sys.stderr)
+        return 2
     except Exception:
-        traceback.print_exc()
-        print(
-            f"cadcam {arguments.verb}: this is a bug in cadcam {__version__}; please report it with the lines above",
-            file=sys.stderr,
-        )
-        return 1
+        return _bug(arguments.verb)
     return code
+
+
+def _bug(verb: str) -> int:
+    traceback.print_exc()
+    print(
+        f"cadcam {verb}: this is a bug in cadcam {__version__}; please report it with the lines above",
+        file=sys.stderr,
+    )
+    return _BUG

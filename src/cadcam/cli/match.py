@@ -11,19 +11,15 @@ from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, v
 from cadcam.cli.models import load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
 from cadcam.errors import BadValue, SizeMismatch
+from cadcam.image.suffixes import READABLE, WRITABLE
 
 if TYPE_CHECKING:
-    from cadcam.arrays import Picture
-    from cadcam.image.correlate import Peaks
     from cadcam.image.template import Template
     from cadcam.locate.closeness import Closeness
-    from cadcam.locate.part import Part
     from cadcam.locate.photo import Photo
     from cadcam.locate.templates import TemplateMatches
 
 NOT_FOUND = 3
-_PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".webp")
-_FOUND_COLOR, _OTHER_COLOR = (0.0, 0.85, 0.35), (1.0, 0.35, 0.0)
 _EXAMPLES = f"""\
   cadcam match photo.png corner.png -o where.png
   cadcam match photo.png corner.png --angles -20 20 --scales 0.9 1.1 --count 5 --json
@@ -93,8 +89,10 @@ def _add_part_options(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Match, write, report."""
     if arguments.output:
-        check_target(arguments.output, (".png", ".jpg", ".jpeg"))
-    if arguments.what.lower().endswith(_PICTURES):
+        check_target(arguments.output, WRITABLE)
+    if arguments.what.lower().endswith(READABLE):
+        if arguments.camera or arguments.pose:
+            raise BadValue("--camera or --pose", "given for a picture as template", "a CAD model, or leave them out")
         return _run_template(arguments)
     if not arguments.camera:
         raise BadValue(
@@ -105,10 +103,15 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _run_template(arguments: argparse.Namespace) -> int:
     from cadcam.image.correlate import CorrelateOptions, correlate
-    from cadcam.image.picture import read_picture, to_gray
+    from cadcam.image.picture import read_picture, to_gray, write_picture
+    from cadcam.report.match import peaks_as_json, peaks_table
+    from cadcam.report.match_picture import with_peaks
 
+    low, high = arguments.angles
+    if not 0 <= high - low <= 360:
+        raise BadValue("--angles", f"{low:g} {high:g}", "FROM TO in degrees, at most a full turn apart")
     options = CorrelateOptions(
-        angles=(math.radians(arguments.angles[0]), math.radians(arguments.angles[1])),
+        angles=(math.radians(low), math.radians(high)),
         scales=tuple(arguments.scales),
         count=arguments.count,
         least_score=arguments.least_score,
@@ -118,12 +121,10 @@ def _run_template(arguments: argparse.Namespace) -> int:
     with working("matching"):
         peaks = correlate(photo, template, options=options)
     if arguments.output:
-        _write(arguments.output, _with_peaks(photo, template, peaks))
+        write_picture(arguments.output, with_peaks(photo, template, peaks))
     if arguments.json:
-        print_json({"photo": arguments.photo, "template": arguments.what, **_peaks_as_json(peaks)})
+        print_json({"photo": arguments.photo, "template": arguments.what, **peaks_as_json(peaks)})
     else:
-        from cadcam.report.match import peaks_table
-
         print_tables([peaks_table(peaks, f"Peaks of {arguments.what} in {arguments.photo}")])
         _say_written(arguments)
     return 0 if len(peaks) else NOT_FOUND
@@ -144,9 +145,12 @@ def _template(arguments: argparse.Namespace) -> Template:
 
 
 def _run_part(arguments: argparse.Namespace) -> int:
+    from cadcam.image.picture import write_picture
     from cadcam.locate.closeness import closeness
     from cadcam.locate.part import Part
     from cadcam.locate.templates import TemplateOptions, match_templates
+    from cadcam.report.match import closeness_as_json, matches_as_json
+    from cadcam.report.match_picture import with_features
 
     photo, start, camera_json = _photo(arguments)
     arguments.model = arguments.what
@@ -159,10 +163,10 @@ def _run_part(arguments: argparse.Namespace) -> int:
         pose = matches.pose.world_from_part if matches.found and matches.pose else start
         close = closeness(photo.gray, part.lines.draw(photo.camera, pose))
     if arguments.output:
-        _write(arguments.output, _with_features(photo, part, matches))
+        write_picture(arguments.output, with_features(photo, part, matches))
     if arguments.json:
         document = {"photo": arguments.photo, "model": model_as_json(report, mesh), "camera": camera_json}
-        print_json(document | _matches_as_json(matches) | {"edges": _closeness_as_json(close)})
+        print_json(document | matches_as_json(matches) | {"edges": closeness_as_json(close)})
     else:
         _print_part(arguments, matches, close)
     return 0 if matches.found else NOT_FOUND
@@ -218,110 +222,3 @@ def _print_pose(matches: TemplateMatches) -> None:
 def _say_written(arguments: argparse.Namespace) -> None:
     if arguments.output:
         say(f"wrote {arguments.output}")
-
-
-def _peaks_as_json(peaks: Peaks) -> dict[str, Any]:
-    import numpy as np
-
-    sigma, gap = peaks.sigma, peaks.gap
-    return {
-        "complete": peaks.complete,
-        "peaks": [
-            {
-                "q": peaks.q[i].tolist(),
-                "angle_deg": math.degrees(peaks.angle[i]),
-                "scale": float(peaks.scale[i]),
-                "score": float(peaks.score[i]),
-                "gap": float(gap[i]) if np.isfinite(gap[i]) else None,
-                "sigma_px": sigma[i, :2].tolist(),
-                "sigma_deg": math.degrees(sigma[i, 2]),
-                "sigma_scale": float(sigma[i, 3]),
-            }
-            for i in range(len(peaks))
-        ],
-    }
-
-
-def _matches_as_json(matches: TemplateMatches) -> dict[str, Any]:
-    from cadcam.files.matrix import pose_as_json
-
-    features = matches.features
-    pose = matches.pose
-    return {
-        "found": matches.found,
-        "poses_by_chance": matches.by_chance if math.isfinite(matches.by_chance) else None,
-        "camera_from_part": None if pose is None else pose_as_json(pose.world_from_part),
-        "covariance": None if pose is None else pose.covariance.tolist(),
-        "features": [
-            {
-                "drawn": features.window[i].tolist(),
-                "p_part": features.p_part[i].tolist(),
-                "chosen": int(features.chosen[i]) if features.chosen[i] >= 0 else None,
-                **_peaks_as_json(features.peaks[i]),
-            }
-            for i in range(len(features))
-        ],
-    }
-
-
-def _closeness_as_json(close: Closeness) -> dict[str, Any]:
-    import numpy as np
-
-    names = ("length", "share", "chance", "offset", "scatter", "shift", "votes")
-    return {
-        "total": close.total,
-        "each": [
-            {"chain": int(close.chain[i])}
-            | {n: float(getattr(close, n)[i]) if np.isfinite(getattr(close, n)[i]) else None for n in names}
-            for i in range(len(close))
-        ],
-    }
-
-
-def _with_peaks(photo: Picture, template: Template, peaks: Peaks) -> Picture:
-    """Return the photo with the template's outline at each peak, its upper side thick, and the peak's number."""
-    import numpy as np
-
-    from cadcam.image.draw import draw_points, draw_polylines, draw_text
-
-    w, h = template.size
-    corner = 0.5 * np.array([[-w, -h], [w, -h], [w, h], [-w, h], [-w, -h]], float)
-    picture = photo
-    for i, box in enumerate(peaks.at(corner)):
-        color = _FOUND_COLOR if i == 0 else _OTHER_COLOR
-        picture = draw_polylines(picture, [box], color=color, width=1.5)
-        picture = draw_polylines(picture, [box[:2]], color=color, width=3.5)
-        picture = draw_points(picture, peaks.q[i : i + 1], color=color, mark="plus")
-        picture = draw_text(picture, box[0] + np.array([4, 10]), f"{i + 1}: {peaks.score[i]:.3f}", color=color)
-    return picture
-
-
-def _with_features(photo: Photo, part: Part, matches: TemplateMatches) -> Picture:
-    """Return the photo with the lines of the pose found, agreeing features, and the best peaks of the others."""
-    import numpy as np
-
-    from cadcam.image.draw import draw_points, draw_polylines
-
-    picture = photo.gray
-    if matches.found and matches.pose is not None:
-        lines = part.lines.draw(photo.camera, matches.pose.world_from_part).visible.lines
-        picture = draw_polylines(picture, lines, color=(0.1, 0.7, 1.0), width=1.0, opacity=0.7)
-    features = matches.features
-    agreed = [
-        (features.window[i], p.q[c])
-        for i, (p, c) in enumerate(zip(features.peaks, features.chosen, strict=True))
-        if c >= 0
-    ]
-    others = [p.q[0] for p, c in zip(features.peaks, features.chosen, strict=True) if c < 0 and len(p)]
-    picture = draw_polylines(picture, [np.array(pair) for pair in agreed], color=_FOUND_COLOR, width=1.5)
-    if agreed:
-        picture = draw_points(picture, np.array([q for _, q in agreed]), color=_FOUND_COLOR, mark="circle", size=11)
-    if others:
-        picture = draw_points(picture, np.array(others), color=_OTHER_COLOR, mark="cross", size=9)
-    return picture
-
-
-def _write(path: str, picture: Picture) -> None:
-    from cadcam.image.picture import write_picture
-
-    write_picture(path, picture)

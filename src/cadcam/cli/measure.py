@@ -173,7 +173,7 @@ def _rig_viewpoints(arguments: argparse.Namespace, pixels: Pixels) -> list[Viewp
 
 def _viewpoints(arguments: argparse.Namespace, pixels: Pixels) -> list[Viewpoint]:
     """Return the viewpoints in the order of the pixels file's views; each has to be given."""
-    from cadcam.files.camera import read_camera
+    from cadcam.cli.cameras import read_any_camera
 
     if not arguments.camera:
         raise BadValue("--camera", "not given", "a camera file for each view, or --rig FILE")
@@ -183,7 +183,7 @@ def _viewpoints(arguments: argparse.Namespace, pixels: Pixels) -> list[Viewpoint
         if name in cameras:
             raise BadValue("--camera", f"the view {name!r} twice", "one file for each view")
         same = [file for other, file in cameras.values() if other == path]
-        cameras[name] = path, same[0] if same else read_camera(path)  # one calibration: its errors are shared
+        cameras[name] = path, same[0] if same else read_any_camera(path)  # one calibration: its errors are shared
     known = {
         name: _fixed(name, path, file, arguments.sigma)
         for name, (path, file) in cameras.items()

@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, add_points_options, read_points_as_asked, verb
-from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, view_as_json
+from cadcam.cli.arguments import Verbs, add_json, add_points_options, check_in_picture, read_points_as_asked, verb
+from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, read_any_camera, view_as_json
 from cadcam.cli.models import add_model_options, load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
 from cadcam.cli.wires import add_line_options, lines_as_json, lines_in_words, naming, scene_of, style_of, wireframe_of
 from cadcam.errors import BadValue, SizeMismatch
+from cadcam.image.suffixes import WRITABLE
 
 if TYPE_CHECKING:
     from cadcam.arrays import Picture
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from cadcam.render.view import Scene
     from cadcam.render.wireframe import Wireframe
 
-_SUFFIXES = (".png", ".jpg", ".jpeg", ".svg")
+_SUFFIXES = (*WRITABLE, ".svg")
 _EXAMPLES = f"""\
   cadcam overlay photo.png part.step --camera camera.json -o overlay.png
   cadcam overlay photo.png part.step --camera camera.json --hidden --color-by part -o overlay.svg
@@ -92,11 +93,12 @@ def _camera(arguments: argparse.Namespace) -> tuple[Camera, Rigid, CameraEstimat
     if arguments.points is None:
         return (*camera_and_pose(arguments.camera, arguments.pose), None)
     from cadcam.calibrate.points import locate_camera
-    from cadcam.files.camera import read_camera
 
     observations = read_points_as_asked(arguments, arguments.points)
+    camera = read_any_camera(arguments.camera).camera
+    check_in_picture(observations, camera.size)
     with working("finding the pose"):
-        estimate = locate_camera(observations, read_camera(arguments.camera).camera)
+        estimate = locate_camera(observations, camera)
     return estimate.camera, estimate.camera_from_world, estimate
 
 
@@ -160,6 +162,7 @@ def _distances(photo: Picture, wireframe: Wireframe) -> dict[str, Any]:
     """Return how far the visible lines are from the photo's nearest edges of about their direction."""
     import numpy as np
 
+    from cadcam.files.jsontext import or_null
     from cadcam.render.overlay import edge_distances
 
     with working("measuring the distance to the photo's edges"):
@@ -167,8 +170,8 @@ def _distances(photo: Picture, wireframe: Wireframe) -> dict[str, Any]:
     median, high = np.quantile(distance, [0.5, 0.9], method="nearest")
     return {
         "edge_distance_px": {
-            "median": float(median) if np.isfinite(median) else None,
-            "p90": float(high) if np.isfinite(high) else None,
+            "median": or_null(median),
+            "p90": or_null(high),
             "share_within_2_px": float(np.mean(distance <= 2)),
             "samples": len(distance),
         }

@@ -13,6 +13,7 @@ from cadcam.cli.models import add_model_options, load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, say, working
 from cadcam.cli.wires import add_line_options, lines_in_words, naming, scene_of, scene_without_edges
 from cadcam.errors import BadValue
+from cadcam.image.suffixes import WRITABLE
 from cadcam.render import RENDERERS
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from cadcam.render.view import Scene
 
 _SUFFIXES = {
-    "shaded": (".png", ".jpg", ".jpeg"),
+    "shaded": WRITABLE,
     "wireframe": (".png", ".svg", ".jpg", ".jpeg"),
     "depth": (".npy", ".exr", ".png"),
     "normals": (".npy", ".exr", ".png"),

@@ -6,11 +6,13 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cadcam.cli.arguments import Verbs, add_json, add_points_options, read_points_as_asked, size, verb
-from cadcam.cli.boards import BOARD_HELP, PICTURES, picture_files
+from cadcam.cli.arguments import Verbs, add_json, add_points_options, check_in_picture, read_points_as_asked, size, verb
+from cadcam.cli.boards import BOARD_HELP, picture_files
+from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.estimating import fixed_as_asked, lens_as_asked
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say, working
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
+from cadcam.image.suffixes import READABLE
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -180,6 +182,8 @@ def _from_points(
     cameras = {}
     for name, row in files.items():
         views = [None if file is None else read_points_as_asked(arguments, file) for file in row]
+        for view in filter(None, views):
+            check_in_picture(view, known[name].size if name in known else arguments.size)
         if name in known:
             cameras[name] = RigCamera(views, known=known[name])
         else:
@@ -220,7 +224,7 @@ def _files(path: str, board: str | None) -> list[str]:
         raise BadValue("--camera", path, "a folder of points files; or pictures with --board")
     inside = sorted(Path(path).iterdir())
     files = [str(p) for p in inside if p.suffix.lower() in _POINTS]
-    if not files and any(p.suffix.lower() in PICTURES for p in inside):
+    if not files and any(p.suffix.lower() in READABLE for p in inside):
         raise BadValue("--board", "not given", f"the board in the pictures in {path}, such as chessboard:9x6:25mm")
     if not files:
         raise UnreadableFile(path, "is a folder without points files", f"points files end in {' '.join(_POINTS)}")
@@ -228,13 +232,11 @@ def _files(path: str, board: str | None) -> list[str]:
 
 
 def _known(given: Sequence[str], cameras: Mapping[str, str]) -> dict[str, Camera]:
-    from cadcam.files.camera import read_camera
-
     named = _named("--known", given)
     for name in named:
         if name not in cameras:
             raise UnknownName("camera in --known:", name, cameras)
-    return {name: read_camera(path).camera for name, path in named.items()}
+    return {name: read_any_camera(path).camera for name, path in named.items()}
 
 
 def _named(option: str, given: Sequence[str]) -> dict[str, str]:

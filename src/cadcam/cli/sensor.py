@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from cadcam.cli.arguments import Help, Verbs, verb
 from cadcam.cli.output import check_target, print_json, say
 from cadcam.errors import BadValue
+from cadcam.image.suffixes import WRITABLE
 
 if TYPE_CHECKING:
     from numpy.random import Generator
@@ -30,19 +31,18 @@ scene's; effects act in the order of nature: vignetting, blur, motion, interlace
 blooming, noise (charge), gain, gamma, edge_enhancement, jitter, quantisation, jpeg (signal). The same seed gives the
 same picture. PROFILE is a file or a preset: ccir-1996 (analogue video with a frame grabber), global-shutter (machine
 vision), phone."""
-_SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
 def add_to(verbs: Verbs) -> None:
-    """Add the verb and its two tasks."""
+    """Add the verb and its two jobs."""
     short = "what a camera does to a picture: noise, blur, gamma, jitter ..."
     parser = verb(verbs, "sensor", run_show, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
-    tasks = parser.add_subparsers(dest="task", metavar="TASK", required=True, title="tasks")
-    show = tasks.add_parser("show", help="print a profile, or what there is", formatter_class=Help)
+    jobs = parser.add_subparsers(dest="job", metavar="JOB [options]", required=True, title="jobs")
+    show = jobs.add_parser("show", help="print a profile, or what there is", formatter_class=Help)
     show.add_argument("profile", metavar="PROFILE", nargs="?", help="file or preset; without it: presets and effects")
     show.add_argument("-o", "--output", metavar="FILE", help="write the profile to this .json")
     show.set_defaults(run=run_show)
-    apply = tasks.add_parser("apply", help="picture -> what the sensor makes of it", formatter_class=Help)
+    apply = jobs.add_parser("apply", help="picture -> what the sensor makes of it", formatter_class=Help)
     apply.add_argument("profile", metavar="PROFILE", help="file or preset")
     apply.add_argument("image", metavar="IMAGE", help="picture, linear in radiance (renderings are taken as such)")
     apply.add_argument("-o", "--output", metavar="FILE", required=True, help="picture to write (.png or .jpg)")
@@ -95,7 +95,7 @@ def run_apply(arguments: argparse.Namespace) -> None:
     from cadcam.image.picture import read_picture, write_picture
     from cadcam.image.sensor.video import Gamma
 
-    check_target(arguments.output, _SUFFIXES)
+    check_target(arguments.output, WRITABLE)
     sensor = sensor_named(arguments.profile)
     picture = read_picture(arguments.image)
     if arguments.linearise is not None:

@@ -119,6 +119,7 @@ def _add(arguments: argparse.Namespace, store: Store) -> None:
     from dataclasses import replace
 
     from cadcam.record.export import read_records
+    from cadcam.report.table import counted
 
     given = {name: value for name in ("part", "serial", "station") if (value := getattr(arguments, name)) is not None}
     records = [replace(record, **given) for file in arguments.files for record in read_records(file)]
@@ -128,7 +129,7 @@ def _add(arguments: argparse.Namespace, store: Store) -> None:
     else:
         for record in records:
             print(f"{record.id}  {record.part} {record.serial} {record.verdict}".rstrip())
-        say(f"{len(records)} records added to {store.name}")
+        say(f"{counted(len(records), 'record')} added to {store.name}")
 
 
 def _list(arguments: argparse.Namespace, store: Store) -> None:
@@ -178,6 +179,7 @@ def _trend(arguments: argparse.Namespace, store: Store) -> None:
 
 def _export(arguments: argparse.Namespace, store: Store) -> None:
     from cadcam.record.export import SUFFIXES, write_records
+    from cadcam.report.table import counted
 
     check_target(arguments.output, SUFFIXES)
     records = store.query(**_asked(arguments))
@@ -185,7 +187,7 @@ def _export(arguments: argparse.Namespace, store: Store) -> None:
     if arguments.json:
         print_json({"output": arguments.output, "records": len(records)})
     else:
-        say(f"wrote {len(records)} records to {arguments.output}")
+        say(f"wrote {counted(len(records), 'record')} to {arguments.output}")
 
 
 def _asked(arguments: argparse.Namespace) -> dict[str, Any]:

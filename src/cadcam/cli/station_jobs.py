@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say
 from cadcam.cli.station_inputs import Source, gray_picture, look_of, numbers, sightings, source
 from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 
 def calibrate(arguments: argparse.Namespace) -> None:
     """Calibrate all positions of a camera; print, write."""
-    from cadcam.files.camera import read_camera
     from cadcam.report.station import calibration_tables, map_tables
     from cadcam.station.document import read_plate, station_as_json, write_station
     from cadcam.station.gantry import calibrate_gantry
@@ -38,7 +38,7 @@ def calibrate(arguments: argparse.Namespace) -> None:
     survey, given = read_survey(arguments.survey, plate), source(arguments)
     shots = {picture: given.shot(picture) for picture in given.pictures}
     camera = _one_camera(arguments.camera, shots)
-    lens = read_camera(arguments.lens).camera if arguments.lens else None
+    lens = read_any_camera(arguments.lens).camera if arguments.lens else None
     positions = []
     find = _Finder(arguments, given, plate, lens)
     with progress("finding the plate", len(shots)) as step:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from cadcam.cli.arguments import Help, Verbs, add_json
+from cadcam.cli.arguments import Help, Run, Verbs, add_json, verb
+from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say
 from cadcam.errors import BadValue
+from cadcam.image.suffixes import WRITABLE
 
 if TYPE_CHECKING:
     from cadcam.arrays import Picture
@@ -34,6 +36,9 @@ _EXAMPLES = """\
 
 `cadcam targets find --help` and `cadcam targets print --help` list the marks.
 """
+_DESCRIPTION = """\
+Marks in pictures: each is found by itself and fitted to the grey values, in the plane or through a camera, to
+hundredths of a pixel, with standard deviations. Or on paper, at true scale, alone or many to a plate."""
 _FIND_EXAMPLES = f"""\
   cadcam targets find photo.png --mark dot-ring:40mm:80mm:120mm --csv marks.csv -o found.png
   cadcam targets find photo.png --mark dot-ring:40mm:80mm:120mm --radius 46 --count 8
@@ -62,13 +67,11 @@ Print without "fit to page" and measure what is printed below the marks. --plan 
 
 
 def add_to(verbs: Verbs) -> None:
-    """Add the verb and its two actions."""
+    """Add the verb and its two jobs."""
     short = "marks: find them in pictures to hundredths of a pixel; print them at true scale"
-    parser = verbs.add_parser(
-        "targets", help=short, description=short, epilog=f"examples:\n{_EXAMPLES}", formatter_class=Help
-    )
-    actions = parser.add_subparsers(dest="action", metavar="find | print", required=True)
-    find = _action(actions, "find", run_find, "pictures -> marks, with standard deviations", _FIND_EXAMPLES)
+    parser = verb(verbs, "targets", run_find, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
+    jobs = parser.add_subparsers(dest="job", metavar="JOB [options]", required=True, title="jobs")
+    find = _job(jobs, "find", run_find, "pictures -> marks, with standard deviations", _FIND_EXAMPLES)
     find.add_argument("pictures", nargs="+", metavar="PICTURE", help="pictures, patterns ('images/*.png'), or folders")
     find.add_argument("--mark", required=True, metavar="MARK", help="what is looked for, such as dot-ring:4cm:8cm:12cm")
     find.add_argument("--radius", type=float, nargs="+", metavar="PX", help="of the outermost border: one, or from to")
@@ -87,7 +90,7 @@ def add_to(verbs: Verbs) -> None:
     find.add_argument("--csv", metavar="FILE", help="write all marks: .csv")
     find.add_argument("-o", "--output", metavar="FILE", help="write the (one) picture with its marks: .png or .jpg")
     add_json(find)
-    draw = _action(actions, "print", run_print, "a mark, or a plate of them, as PDF or SVG", _PRINT_EXAMPLES)
+    draw = _job(jobs, "print", run_print, "a mark, or a plate of them, as PDF or SVG", _PRINT_EXAMPLES)
     draw.add_argument("mark", help="such as dot-ring:40mm:80mm:120mm (see below)")
     draw.add_argument("output", help="file to write (.pdf, .svg)")
     draw.add_argument("--page", metavar="SIZE", help="paper: a4, a3 ... letter (default: the marks with a margin)")
@@ -96,10 +99,8 @@ def add_to(verbs: Verbs) -> None:
     draw.add_argument("--plan", metavar="FILE", help="write the places of the marks: .csv")
 
 
-def _action(actions: Verbs, name: str, run: Any, short: str, examples: str) -> argparse.ArgumentParser:
-    parser = actions.add_parser(
-        name, help=short, description=short, epilog=f"examples:\n{examples}", formatter_class=Help
-    )
+def _job(jobs: Verbs, name: str, run: Run, short: str, examples: str) -> argparse.ArgumentParser:
+    parser = jobs.add_parser(name, help=short, description=short, epilog=f"examples:\n{examples}", formatter_class=Help)
     parser.set_defaults(run=run)
     return parser
 
@@ -164,7 +165,7 @@ def run_find(arguments: argparse.Namespace) -> int:
     from cadcam.errors import TooFewMarks
     from cadcam.target.mark import parse_mark
 
-    for path, suffixes in ((arguments.csv, (".csv",)), (arguments.output, (".png", ".jpg", ".jpeg"))):
+    for path, suffixes in ((arguments.csv, (".csv",)), (arguments.output, WRITABLE)):
         if path:
             check_target(path, suffixes)
     mark, files = parse_mark(arguments.mark), picture_files(arguments.pictures)
@@ -188,14 +189,13 @@ def run_find(arguments: argparse.Namespace) -> int:
 
 def _find(arguments: argparse.Namespace, mark: Mark, file: str) -> list[FoundMark]:
     from cadcam.errors import SizeMismatch
-    from cadcam.files.camera import read_camera
     from cadcam.image.picture import read_picture, to_gray
     from cadcam.target.find import find_marks
 
     gray = to_gray(read_picture(file))
     camera = None
     if arguments.camera:
-        camera = read_camera(arguments.camera).camera
+        camera = read_any_camera(arguments.camera).camera
         if camera.size != gray.shape[::-1]:
             raise SizeMismatch(file, gray.shape[::-1], camera.size, "give the camera that took it")
     radius = arguments.radius

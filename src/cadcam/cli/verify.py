@@ -11,6 +11,7 @@ from cadcam.cli.models import add_model_options, load_as_asked
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
 from cadcam.cli.photos import Shots, add_photo_options, read_shots
 from cadcam.errors import BadValue
+from cadcam.image.suffixes import WRITABLE
 
 if TYPE_CHECKING:
     from cadcam.locate.location import Location
@@ -230,7 +231,7 @@ def _list(arguments: argparse.Namespace) -> None:
     from cadcam.verify.tolerance import Selection
 
     for path in arguments.output:
-        check_target(path, (".png", ".jpg", ".jpeg"))
+        check_target(path, WRITABLE)
     shots = read_shots(arguments.photos, arguments.camera, arguments.rig) if arguments.photos else None
     part = _part(arguments)
     chosen = Selection(arguments.list) if arguments.list else None

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing, suppress
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 from cadcam.camera.camera import Camera
@@ -33,6 +34,7 @@ from cadcam.render.seen import drawable_edges
 from cadcam.render.view import Scene
 from cadcam.whole import write_whole
 
+_TOGETHER = 8  # shots drawn at a time: between views others have had the processor's caches
 _STEPS_MM = tuple(m * 10.0**e for e in range(-3, 4) for m in (1, 2, 5))
 
 
@@ -82,15 +84,14 @@ def make_dataset(
     names, points = corners(scene) if plan.key_points is None else (plan.key_point_names, plan.key_points)
     props = props_of(plan.occluders, 2 * middle_and_radius(scene.mesh)[1], plan.seed)
     director = Director(plan, scene, props)
-    edges = drawable_edges(scene)
-    stage = Stage(scene, edges, props, points, plan.sensor, plan.gray, _depth_step(director.farthest()))
+    stage = Stage(scene, props, points, plan.sensor, plan.gray, _depth_step(director.farthest()))
     begin(folder, head_of(plan, stage, layout, name=name, key_point_names=names))
     write_model(folder, scene)
     write_whole(folder / CAMERA, _bop_camera(plan.camera, stage))
     todo = missing(folder, layout, plan.views)
     if on_start:
         on_start(len(todo), plan.views - len(todo))
-    with closing(_made(Job(stage, layout), director, todo, workers or cores(), cluster)) as made:
+    with closing(_made(stage, layout, director, todo, workers or cores(), cluster)) as made:
         for files in made:
             for path, content in files.items():
                 write_whole(folder / path, content)
@@ -133,19 +134,25 @@ def _swept(folder: Path) -> Iterator[str]:
 
 
 def _made(
-    job: Job, director: Director, todo: list[int], workers: int, cluster: str | None
+    stage: Stage, layout: Layout, director: Director, todo: list[int], workers: int, cluster: str | None
 ) -> Generator[Files, None, None]:
     """Yield the files of views as they come."""
-    if todo:
-        tasks = _tasks(director, todo)
-        yield from on_cluster(job, tasks, cluster) if cluster else on_processes(job, tasks, min(workers, len(todo)))
+
+    def job() -> Job:
+        return Job(stage, drawable_edges(stage.scene), layout)
+
+    tasks = _tasks(director, todo)
+    if todo and cluster:
+        yield from on_cluster(job(), tasks, cluster)
+    elif todo:
+        yield from on_processes(job, tasks, min(workers, len(todo)))
 
 
 def _tasks(director: Director, todo: Iterable[int]) -> Iterator[Task]:
-    for index in todo:
-        shot = director.shot(index)
-        photo = _content(shot.backdrop.kind) if isinstance(shot.backdrop.kind, Path) else None
-        yield Task(shot, photo)
+    left = iter(todo)
+    while some := [director.shot(index) for index in islice(left, _TOGETHER)]:
+        for shot in some:
+            yield Task(shot, _content(shot.backdrop.kind) if isinstance(shot.backdrop.kind, Path) else None)
 
 
 def _content(photo: Path) -> bytes:

@@ -11,7 +11,7 @@ from cadcam.arrays import Array
 from cadcam.cad.mesh import compacted
 from cadcam.cad.write import write
 from cadcam.dataset.layout import MODEL, MODEL_EDGES, MODELS_INFO, OBJECT
-from cadcam.dataset.record import arrays_file
+from cadcam.dataset.npz import arrays_file
 from cadcam.render.view import Scene
 from cadcam.whole import write_whole
 

@@ -6,21 +6,26 @@ import os
 import pickle
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from itertools import islice
 from queue import SimpleQueue
-from typing import Any
+from threading import Thread
+from typing import Any, TypeAlias
 
-from cadcam.dataset.worker import Files, Job, Task, files_in
+from cadcam.dataset.worker import Answer, Files, Job, Task, files_in
 from cadcam.errors import WorkerDied
 
 _TRIES = 3  # processes that may die over one view
-_AHEAD = 2  # views under way or waiting, a worker: enough to keep them busy
+_AHEAD = 2  # views that a worker is told of: the next one waits in its pipe while it is at one
+_PIPE_BYTES = 1 << 20  # so that all files of a view fit, and no worker waits until its pipe is read
 # not -m: as __main__ the module would hold a second set of the classes that its input is made of
 _COMMAND = (sys.executable, "-P", "-c", "from cadcam.dataset.worker import main; main()")
 # One thread a process: the processes are the parallelism, and sums of matrix products depend on how they are shared.
 _ENVIRONMENT = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+
+_Answers: TypeAlias = "SimpleQueue[tuple[_Worker, Answer | None]]"
 
 
 def cores() -> int:
@@ -31,97 +36,146 @@ def cores() -> int:
         return os.cpu_count() or 1
 
 
-def on_processes(job: Job, tasks: Iterable[Task], workers: int) -> Iterator[Files]:
+def on_processes(job: Callable[[], Job], tasks: Iterable[Task], workers: int) -> Iterator[Files]:
     """Yield the files of each task as they come, in any order, made by `workers` processes.
 
-    Raises the `CadcamError` that a task ended with, and `WorkerDied` where process after process died over one.
+    job: asked while the processes start. Raises the `CadcamError` that a task ended with, and `WorkerDied` where
+    process after process died over one.
     """
-    told = pickle.dumps(job, protocol=pickle.HIGHEST_PROTOCOL)
-    started: list[_Worker] = []
-    idle: SimpleQueue[_Worker] = SimpleQueue()
-    for _ in range(workers):
-        started.append(_Worker(told))
-        idle.put(started[-1])
-
-    def made(task: Task) -> Files:
-        worker = idle.get()
-        try:
-            return worker.files(task)
-        finally:
-            idle.put(worker)
-
-    pool = ThreadPoolExecutor(workers, thread_name_prefix="cadcam-dataset")
+    answers: _Answers = SimpleQueue()
+    crew: list[_Worker] = []
     try:
-        yield from windowed((pool.submit(made, task) for task in tasks), _AHEAD * workers)
+        crew.extend(_Worker(answers) for _ in range(workers))
+        yield from _made(crew, answers, _pickled(job()), iter(tasks))
     finally:
-        for worker in started:
+        for worker in crew:
             worker.end()
-        pool.shutdown(cancel_futures=True)
 
 
-def windowed(futures: Iterator[Future[Files]], most: int) -> Iterator[Files]:
-    """Yield results as they come, with at most so many under way; `futures` starts each when it is asked for it."""
-    under_way: set[Future[Files]] = set()
-    while True:
-        while len(under_way) < most and (future := next(futures, None)) is not None:
-            under_way.add(future)
-        if not under_way:
-            return
-        done, under_way = wait(under_way, return_when=FIRST_COMPLETED)
-        for future in done:
-            yield future.result()
+def _made(crew: list[_Worker], answers: _Answers, told: bytes, tasks: Iterator[Task]) -> Iterator[Files]:
+    for worker in crew:
+        worker.tell(told)
+    for _ in range(_AHEAD):
+        for worker in crew:
+            worker.take(tasks)
+    while any(worker.under_way for worker in crew):
+        worker, answer = answers.get()
+        if answer is None:
+            worker.replace()
+        else:
+            worker.answered()
+            worker.take(tasks)
+            yield files_in(answer)
 
 
 class _Worker:
-    """A process, and another in its place when it dies."""
+    """A process, and another in its place when it dies, which is told again what was not answered yet."""
 
-    def __init__(self, told: bytes) -> None:
-        self._told, self._new, self._ended = told, True, False
-        self._process = self._start()
+    def __init__(self, answers: _Answers) -> None:
+        self.under_way: deque[Task] = deque()
+        self._answers, self._told, self._died = answers, b"", 0
+        self._process = self._started()
 
-    def _start(self) -> subprocess.Popen[bytes]:
-        return subprocess.Popen(
-            _COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env={**os.environ, **_ENVIRONMENT}
-        )
+    def _started(self) -> _Process:
+        return _Process(lambda answer: self._answers.put((self, answer)))
 
-    def files(self, task: Task) -> Files:
-        """Return the files of a task, however often the process dies, within reason."""
-        code = 0
-        for _ in range(_TRIES):
-            try:
-                return files_in(self._asked(task))
-            except (OSError, EOFError, pickle.UnpicklingError):  # its pipes are closed, or broke off within an answer
-                self._gone()
-                if self._ended:
-                    break
-                code = self._process.returncode
-                self._process, self._new = self._start(), True
-        raise WorkerDied(
-            f"view {task.shot.index}: {_TRIES} processes one after the other died over it (the last with {code}); "
-            "if memory was short, try fewer --workers; what is done is kept"
-        )
+    def tell(self, told: bytes) -> None:
+        """Tell the process the job that its tasks are of."""
+        self._told = told
+        self._process.send(told)
 
-    def _asked(self, task: Task) -> Any:
-        requests, answers = self._process.stdin, self._process.stdout
-        assert requests is not None  # both were asked for as pipes
-        assert answers is not None
-        if self._new:
-            requests.write(self._told)
-            self._new = False
-        pickle.dump(task, requests, protocol=pickle.HIGHEST_PROTOCOL)
-        requests.flush()
-        return pickle.load(answers)
+    def take(self, tasks: Iterator[Task]) -> None:
+        """Take on the next of the tasks, if there is one."""
+        for task in islice(tasks, 1):
+            self.under_way.append(task)
+            self._process.send(_pickled(task))
+
+    def answered(self) -> None:
+        """Strike off the task that was taken on first."""
+        self._died = 0
+        self.under_way.popleft()
+
+    def replace(self) -> None:
+        """Start another process in place of one that died. Raises `WorkerDied` once too many died over a view."""
+        code = self._process.end()
+        self._died += 1
+        if not self.under_way:
+            return
+        if self._died == _TRIES:
+            raise WorkerDied(
+                f"view {self.under_way[0].shot.index}: {_TRIES} processes one after the other died over it (the last "
+                f"with {code}); if memory was short, try fewer --workers; what is done is kept"
+            )
+        self._process = self._started()
+        for message in (self._told, *map(_pickled, self.under_way)):
+            self._process.send(message)
 
     def end(self) -> None:
         """End the process: what it is at is not wanted."""
-        self._ended = True
         self._process.kill()
-        self._gone()
+        self._process.end()
 
-    def _gone(self) -> None:
-        """Wait for the end of the process and close its pipes, with what nobody will read in them."""
-        self._process.wait()
+
+class _Process:
+    """A process, with two threads for what it is sent and what it answers: nobody else waits for its pipes.
+
+    hear: called with each answer, and at last, when no more can come, with None.
+    """
+
+    def __init__(self, hear: Callable[[Answer | None], None]) -> None:
+        self._messages: SimpleQueue[bytes | None] = SimpleQueue()
+        self._process = _start()
+        self._threads = [
+            Thread(target=self._write, daemon=True),  # nothing waits for them where Ctrl-C comes as they start
+            Thread(target=self._read, args=(hear,), daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def send(self, message: bytes) -> None:
+        """Send a pickled message once those before it are sent; to no effect where the process died."""
+        self._messages.put(message)
+
+    def _write(self) -> None:
+        pipe = self._process.stdin
+        with suppress(OSError):
+            while pipe and (message := self._messages.get()) is not None:
+                pipe.write(message)
+                pipe.flush()
+
+    def _read(self, hear: Callable[[Answer | None], None]) -> None:
+        pipe = self._process.stdout
+        with suppress(OSError, EOFError, pickle.UnpicklingError):  # it ended, or was ended within an answer
+            while pipe:
+                hear(pickle.load(pipe))
+        hear(None)
+
+    def kill(self) -> None:
+        """Make it end."""
+        self._process.kill()
+
+    def end(self) -> int:
+        """Wait for its end, close its pipes with what nobody will read in them, and return how it ended."""
+        code = self._process.wait()
+        self._messages.put(None)
+        for thread in self._threads:
+            thread.join()
         for pipe in (self._process.stdin, self._process.stdout):
             with suppress(OSError):
                 if pipe is not None:
                     pipe.close()
+        return code
+
+
+def _start() -> subprocess.Popen[bytes]:
+    how: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "env": {**os.environ, **_ENVIRONMENT}}
+    process = subprocess.Popen(_COMMAND, start_new_session=True, **how)  # Ctrl-C is for the process that started it
+    with suppress(ImportError, AttributeError, OSError):  # not on every system, and not for everybody
+        import fcntl
+
+        fcntl.fcntl(process.stdout or 0, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+    return process
+
+
+def _pickled(message: Job | Task) -> bytes:
+    return pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)

@@ -6,7 +6,6 @@ pixels); both count pixels from (0, 0), the top-left one, which as a point is th
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 from typing import Any
@@ -17,12 +16,13 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Mask
 from cadcam.camera.camera import Camera
 from cadcam.dataset.layout import OBJECT, Layout
+from cadcam.dataset.npz import arrays_file
 from cadcam.dataset.shot import Placed, Shot
 from cadcam.dataset.studio import Stage, Take
 from cadcam.files.camera import bare_camera_as_json
 from cadcam.files.matrix import pose_as_json
-from cadcam.image.png import packed
-from cadcam.native.layers import Box, depth_steps, mask_changes, mask_region, normal_bytes
+from cadcam.image.png import packed, packed_depth, packed_normals
+from cadcam.native.layers import Box, mask_changes
 from cadcam.render.wireframe import Polylines
 
 DEEPEST = 65535
@@ -34,8 +34,8 @@ def files_of(take: Take, stage: Stage, layout: Layout) -> dict[str, bytes]:
     mask = packed(_white(take.mask))
     content = {
         layout.picture: packed(take.picture),
-        "depth": packed(depth_steps(take.depth, stage.depth_step)),
-        "normal": packed(normal_bytes(take.depth, take.normal)),
+        "depth": packed_depth(take.depth, stage.depth_step),
+        "normal": packed_normals(take.depth, take.normal),
         "mask": mask,
         "mask_visib": packed(_white(take.visible)) if take.shot.occluders else mask,
         "edges": edges_file(take.edges, stage),
@@ -46,11 +46,11 @@ def files_of(take: Take, stage: Stage, layout: Layout) -> dict[str, bytes]:
 
 def record_of(take: Take, stage: Stage, layout: Layout) -> dict[str, Any]:
     """Return what is told of a view: its BOP and COCO entries as they stand in those files, and how it was made."""
-    shot, seen = take.shot, mask_region(take.visible)
+    shot = take.shot
     return {
         "view": shot.index,
-        "bop": {"camera": _bop_camera(shot.camera, stage), "gt": _bop_pose(shot), "info": _bop_info(take, *seen)},
-        "coco": _coco(take, *seen),
+        "bop": {"camera": _bop_camera(shot.camera, stage), "gt": _bop_pose(shot), "info": _bop_info(take)},
+        "coco": _coco(take),
         "key_points": {"q": [_pixel(q) for q in take.q], "seen": take.seen.tolist()},
         "camera": bare_camera_as_json(shot.camera, None),
         "camera_from_part": pose_as_json(shot.camera_from_part),
@@ -71,12 +71,12 @@ def _bop_pose(shot: Shot) -> dict[str, Any]:
     }
 
 
-def _bop_info(take: Take, seen: int, box: Box) -> dict[str, Any]:
+def _bop_info(take: Take) -> dict[str, Any]:
     """Return BOP's counts and boxes; a part of which nothing is seen has no boxes, as in BOP's own tool."""
-    nothing = [-1, -1, -1, -1]
+    nothing, seen = [-1, -1, -1, -1], take.visible_count
     return {
         "bbox_obj": _spanned(take.whole_box) if seen else nothing,
-        "bbox_visib": _spanned(box) if seen else nothing,
+        "bbox_visib": _spanned(take.visible_box) if seen else nothing,
         "px_count_all": take.whole_count,
         "px_count_valid": take.count,
         "px_count_visib": seen,
@@ -89,16 +89,16 @@ def _spanned(box: Box) -> list[int]:
     return [x0, y0, x1 - x0, y1 - y0]
 
 
-def _coco(take: Take, count: int, box: Box) -> dict[str, Any] | None:
+def _coco(take: Take) -> dict[str, Any] | None:
     """Return the annotation without its ids; None where nothing of the part is seen."""
-    if not count:
+    if not take.visible_count:
         return None
-    x0, y0, x1, y1 = box
+    x0, y0, x1, y1 = take.visible_box
     flat: list[float] = []
     for (x, y), seen in zip(np.nan_to_num(take.q).tolist(), take.seen.tolist(), strict=True):
         flat += [round(x, _PX), round(y, _PX), seen] if seen else [0, 0, 0]
     return {
-        "area": count,
+        "area": take.visible_count,
         "bbox": [x0, y0, x1 - x0 + 1, y1 - y0 + 1],
         "iscrowd": 0,
         "keypoints": flat,
@@ -118,13 +118,6 @@ def edges_file(lines: Polylines, stage: Stage) -> bytes:
     last = int(stage.scene.edges.chain.max(initial=-1))
     edge = np.where(lines.chain > last, -1, lines.chain).astype(np.int32)
     return arrays_file(q=lines.q.astype(np.float32), start=lines.start, edge=edge, kind=lines.kind, part=lines.part)
-
-
-def arrays_file(**arrays: np.ndarray[Any, Any]) -> bytes:
-    """Return the bytes of a .npz file; the same arrays give the same bytes."""
-    file = io.BytesIO()
-    np.savez(file, **arrays)  # type: ignore[arg-type]  # its stubs take the names for options of its own
-    return file.getvalue()
 
 
 def _white(mask: Mask) -> npt.NDArray[np.uint8]:

@@ -13,7 +13,8 @@ from cadcam.dataset.assembly import read_record
 from cadcam.dataset.layout import Layout
 from cadcam.dataset.studio import VISIBLE
 from cadcam.image.draw import draw_points, draw_polylines, draw_text
-from cadcam.image.picture import encoded, read_picture, to_rgb
+from cadcam.image.picture import read_picture, to_rgb
+from cadcam.image.png import packed
 
 COLUMNS, ROWS = 4, 3
 _TILE_PX = 320
@@ -34,7 +35,7 @@ def contact_sheet(folder: Path, layout: Layout, views: int) -> bytes:
     for i, tile in enumerate(tiles):
         y, x = (i // COLUMNS) * (height + _GAP), (i % COLUMNS) * (width + _GAP)
         sheet[y : y + height, x : x + width] = tile
-    return encoded(sheet, "PNG")
+    return packed((sheet.clip(0, 1) * np.float32(255) + np.float32(0.5)).astype(np.uint8))
 
 
 def _tile(folder: Path, layout: Layout, index: int) -> Picture:

@@ -183,13 +183,13 @@ def _in_cap(axis: Array, half_angle: float, rng: np.random.Generator) -> Array:
     """Return a direction at most half_angle from the axis, evenly drawn over the sphere."""
     cosine = rng.uniform(math.cos(half_angle), 1.0)
     turn = rng.uniform(0.0, 2 * math.pi)
-    x = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    x = rotation.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
     x /= np.linalg.norm(x)
-    y = np.cross(axis, x)
+    y = rotation.cross(axis, x)
     sine = math.sqrt(max(1 - cosine * cosine, 0.0))
     return np.asarray(cosine * axis + sine * (math.cos(turn) * x + math.sin(turn) * y))
 
 
 def _not_along(up: Array, away: Array) -> Array:
     """Return `up`, or, where one looks along it, another axis of the part."""
-    return up if np.linalg.norm(np.cross(up, away)) > 1e-6 else np.eye(3)[int(np.argmin(np.abs(away)))]
+    return up if np.linalg.norm(rotation.cross(up, away)) > 1e-6 else np.eye(3)[int(np.argmin(np.abs(away)))]

@@ -33,13 +33,9 @@ ABSENT, HIDDEN, VISIBLE = 0, 1, 2  # COCO's words for key points
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stage:
-    """What all views of a data set share, and all that a worker has to be told once.
-
-    edges: the scene's, prepared for all views. depth_step: mm of a step of the depth files.
-    """
+    """What all views of a data set share; depth_step: mm of a step of the depth files."""
 
     scene: Scene
-    edges: Drawable
     props: tuple[Prop, ...]
     key_points: Array
     sensor: Sensor | None
@@ -52,9 +48,9 @@ class Take:
     """A view and its labels, all at pixel centres, occluders included in all but `mask` and `silhouette`.
 
     picture: uint8 (H, W) or (H, W, 3). depth (H, W) mm, inf behind everything; normal (H, W, 3) in the camera frame.
-    mask: where the part is, hidden or not, and how many pixels that is; visible: where it is seen. whole_count and
-    whole_box (first and last column and row: x0, y0, x1, y1): of the part's pixels, those up to a picture's size beyond
-    its border too, as BOP counts.
+    mask: where the part is, hidden or not, and how many pixels that is; visible: where it is seen, how many pixels that
+    is, and the first and last column and row of them: x0, y0, x1, y1. whole_count and whole_box: of the part's pixels,
+    those up to a picture's size beyond its border too, as BOP counts.
     edges: visible stretches. q (K, 2) px and seen (K,) of the key points: ABSENT, HIDDEN, VISIBLE.
     """
 
@@ -65,6 +61,8 @@ class Take:
     mask: Mask
     count: int
     visible: Mask
+    visible_count: int
+    visible_box: Box
     whole_count: int
     whole_box: Box
     edges: Polylines
@@ -73,13 +71,13 @@ class Take:
 
 
 class Studio:
-    """Renders and labels the shots of one stage; one thread at a time."""
+    """Renders and labels the shots of one stage; one thread at a time. edges: the scene's, prepared for all views."""
 
-    def __init__(self, stage: Stage) -> None:
+    def __init__(self, stage: Stage, edges: Drawable) -> None:
         self.stage = stage
         self._part = RasterRenderer(stage.scene, threads=1, backs=False)
         self._props: dict[int, RasterRenderer] = {}
-        self._edges = SeenEdges(stage.scene, stage.edges)
+        self._edges = SeenEdges(stage.scene, edges)
         caster = Caster(stage.scene.mesh)
         self._occluders = Occluders(stage.scene.mesh, caster)
         self._tolerance = COINCIDENT_SHARE * 2 * caster.radius
@@ -92,15 +90,16 @@ class Studio:
         part = self._part.render(shot.camera, shot.camera_from_part, channels=_GEOMETRY | color, look=look)
         before = [self._prop(placed.prop, shot.camera, placed.camera_from_occluder, look) for placed in shot.occluders]
         view = _in_front([part, *before])
-        mask = np.isfinite(part.depth)
+        mask = part.depth < np.inf
         visible = mask & (view.depth == part.depth) if before else mask
         p = shot.camera_from_part @ self.stage.key_points
         q = shot.camera.project(p)
         picture = part.rgb if quick else self._developed(shot, part, before, photo)
         count, box = mask_region(mask)
+        shown = mask_region(visible) if before else (count, box)
         whole = (count, box) if count and _within(box, mask) else self._silhouette(shot)
         edges, seen = self._edges.draw(view), self._seen(view, p, q)
-        return Take(shot, picture, view.depth, view.normal, mask, count, visible, *whole, edges, q, seen)
+        return Take(shot, picture, view.depth, view.normal, mask, count, visible, *shown, *whole, edges, q, seen)
 
     def _prop(self, number: int, camera: Camera, pose: Rigid, look: Look) -> View:
         if number not in self._props:
@@ -121,7 +120,7 @@ class Studio:
     def _seen(self, view: View, p: Array, q: Array) -> Ids:
         """Return how key points are seen: the view hides them by its depth, and the part by rays in space besides."""
         eye, shown = view.camera_from_world.origin, np.flatnonzero(seen_points(view, p, q))
-        inside = view.camera.sees(np.nan_to_num(q, nan=-1e9))
+        inside = view.camera.sees(q)
         seen = np.where(inside, HIDDEN, ABSENT).astype(np.int32)
         hidden = self._occluders.hidden(self.stage.key_points[shown], eye, np.full(len(shown), self._tolerance))
         seen[shown[~hidden]] = VISIBLE

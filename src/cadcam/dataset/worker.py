@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import pickle
-import signal
 import sys
 import traceback
 from contextlib import suppress
@@ -19,15 +18,17 @@ from cadcam.dataset.record import files_of
 from cadcam.dataset.shot import Shot
 from cadcam.dataset.studio import Stage, Studio
 from cadcam.errors import CadcamError
+from cadcam.render.seen import Drawable
 
 Files: TypeAlias = dict[str, bytes]  # content by path, the record of the view last
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Job:
-    """What a worker has to know of a data set."""
+    """What a worker has to know of a data set; edges: the scene's, prepared for all views."""
 
     stage: Stage
+    edges: Drawable
     layout: Layout
 
 
@@ -53,7 +54,7 @@ class Maker:
     """Makes the files of one view after the other; one thread at a time."""
 
     def __init__(self, job: Job) -> None:
-        self._job, self._studio = job, Studio(job.stage)
+        self._job, self._studio = job, Studio(job.stage, job.edges)
 
     def files(self, task: Task) -> Files:
         """Return the content of the view's files by path, its record last."""
@@ -80,12 +81,11 @@ def files_in(answer: Answer) -> Files:
 
 def main() -> None:
     """Work until the input ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that started this one
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever prints, prints elsewhere
     requests = sys.stdin.buffer
     with suppress(EOFError, BrokenPipeError):
         maker = Maker(pickle.load(requests))
         while True:
-            pickle.dump(maker.answer(pickle.load(requests)), answers, protocol=pickle.HIGHEST_PROTOCOL)
+            answers.write(pickle.dumps(maker.answer(pickle.load(requests)), protocol=pickle.HIGHEST_PROTOCOL))
             answers.flush()

@@ -27,7 +27,7 @@ from cadcam.camera.extended_pinhole import NAMES, ExtendedPinhole
 from cadcam.camera.lens import LENSES, Ideal, Lens
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, UnknownName
-from cadcam.files.jsontext import Place, as_json, parsed
+from cadcam.files.jsontext import Place, as_json, or_null, parsed
 from cadcam.files.matrix import pose_as_json, pose_at
 from cadcam.files.text import TextFile, read_text
 from cadcam.geometry.rigid import Rigid
@@ -102,7 +102,7 @@ def parameters_as_json(estimate: CameraEstimate) -> dict[str, Any]:
         sigma = estimate.sigma(name)
         out[key_of(name)] = {
             "value": value,
-            "sigma": sigma if np.isfinite(sigma) else None,
+            "sigma": or_null(sigma),
             "free": name in estimate.free,
         }
     return out

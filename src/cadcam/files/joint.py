@@ -9,6 +9,7 @@ import numpy as np
 import cadcam
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.files.camera import UNITS
+from cadcam.files.jsontext import or_null
 from cadcam.files.matrix import pose_as_json
 
 FORMAT, VERSION = "cadcam joint calibration", 1
@@ -31,7 +32,7 @@ def joint_as_json(estimate: JointEstimate) -> dict[str, Any]:
         "free": list(estimate.free),
         "covariance": estimate.covariance.tolist(),
         "covariance_by_view": None if estimate.by_view is None else estimate.by_view.tolist(),
-        "noise_px": _finite(estimate.noise_px),
+        "noise_px": or_null(estimate.noise_px),
         "degrees_of_freedom": estimate.dof,
         "residual_px": estimate.residual,
         "outlier_views": [estimate.names[j] for j in estimate.outlier_views()],
@@ -46,8 +47,8 @@ def _worth(estimate: JointEstimate, name: str) -> bool:
 def _parameter(estimate: JointEstimate, name: str) -> dict[str, Any]:
     return {
         "value": estimate.value(name),
-        "sigma": _finite(estimate.sigma(name)),
-        "sigma_by_view": _finite(estimate.sigma(name, by_view=True)),
+        "sigma": or_null(estimate.sigma(name)),
+        "sigma_by_view": or_null(estimate.sigma(name, by_view=True)),
         "free": name in estimate.free,
     }
 
@@ -71,7 +72,3 @@ def _view(estimate: JointEstimate, j: int) -> dict[str, Any]:
 def _key(name: str) -> str:
     unit = UNITS.get(name, "mm" if name.startswith("bend") else "")
     return f"{name}_{unit}" if unit else name
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None

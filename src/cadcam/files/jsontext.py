@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -122,6 +122,16 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         keys = [k for k, _ in pairs]
         raise _Twice(f"has the key {next(k for k in keys if keys.count(k) > 1)!r} twice")
     return out
+
+
+def or_null(value: float) -> float | None:
+    """Return a number, or None where it is not finite: JSON has no word for that but null."""
+    return float(value) if np.isfinite(value) else None
+
+
+def or_nulls(values: Iterable[float]) -> list[float | None]:
+    """Return numbers, None where one is not finite."""
+    return [or_null(value) for value in values]
 
 
 def _written(value: Any, indent: str) -> str:

@@ -23,6 +23,7 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.camera.measurement import Measurement
 from cadcam.errors import UnreadableFile
+from cadcam.files.jsontext import as_json, or_null
 from cadcam.files.points import header_line, pixel_columns
 from cadcam.files.text import TextFile, lines_of_cells, number_in, read_text
 from cadcam.whole import write_whole
@@ -92,8 +93,6 @@ def write_measurement(
     gap, angle, chi-square and views beside them.
     """
     if os.fspath(path).lower().endswith(".json"):
-        from cadcam.files.jsontext import as_json
-
         write_whole(path, as_json(measurement_as_json(measured, pixels=pixels, joint=joint)))
         return
     out = io.StringIO()
@@ -126,12 +125,12 @@ def measurement_as_json(measured: Measurement, *, pixels: Pixels | None = None, 
             "covariance_mm2": covariance[i].tolist(),
             "sigma_by_cause_mm": {cause: sigma[i].tolist() for cause, sigma in budget.items()},
             "views": list(measured.seen_by[i]),
-            "gap_mm": _number(measured.gap[i]),
-            "gap_sigma_mm": _number(measured.gap_sigma[i]),
-            "angle_deg": _number(np.degrees(measured.angle[i])),
+            "gap_mm": or_null(measured.gap[i]),
+            "gap_sigma_mm": or_null(measured.gap_sigma[i]),
+            "angle_deg": or_null(np.degrees(measured.angle[i])),
             "chi2": float(measured.chi2[i]),
             "degrees_of_freedom": int(measured.dof[i]),
-            "p_value": _number(p_value[i]),
+            "p_value": or_null(p_value[i]),
         }
         for i, name in enumerate(measured.names)
     ]
@@ -140,7 +139,3 @@ def measurement_as_json(measured: Measurement, *, pixels: Pixels | None = None, 
         out["pixels"] = {"source": pixels.source, "sha256": pixels.sha256}
     together = {"joint_covariance_mm2": measured.joint_covariance().tolist()} if joint and len(measured) else {}
     return out | {"points": points, **together, "refused": dict(measured.refused)}
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

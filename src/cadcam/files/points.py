@@ -27,7 +27,7 @@ from cadcam.arrays import Array
 from cadcam.cad.units import MM, unit_name
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
-from cadcam.files.text import Line, TextFile, lines_of_cells, number_in, read_text
+from cadcam.files.text import Line, TextFile, is_number, lines_of_cells, number_in, read_text
 from cadcam.whole import write_whole
 
 _WORLD = re.compile(r"([XYZxyz])(?:[_ ]?[\[(]?([A-Za-z]+)[\])]?)?")
@@ -95,7 +95,7 @@ def header_line(file: TextFile, lines: list[Line]) -> tuple[str, ...]:
     if not lines:
         raise UnreadableFile(file.path, "holds only comments", "add a header such as X,Y,Z,x_px,y_px and the points")
     first = lines[0]
-    if all(_is_number(cell) for cell in first.cells):
+    if all(is_number(cell) for cell in first.cells):
         raise UnreadableFile(
             file.path,
             f"line {first.number} should name the columns but holds {len(first.cells)} numbers",
@@ -246,11 +246,3 @@ def _refuse_repeats(file: TextFile, lines: list[Line], table: Array, names: tupl
         if (earlier := by_name.setdefault(name, line.number)) != line.number:
             what = f"has the name {name!r} of line {earlier}"
             raise UnreadableFile(file.path, f"line {line.number} {what}", "give each point its own")
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True

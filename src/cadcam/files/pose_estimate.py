@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from cadcam.camera.pose_estimate import PoseEstimate
-from cadcam.files.jsontext import Place, as_json, parsed
+from cadcam.files.jsontext import Place, as_json, or_null, parsed
 from cadcam.files.matrix import pose_as_json, pose_at, pose_in, rigid_in
 from cadcam.files.text import read_text
 from cadcam.geometry.rigid import Rigid
@@ -38,7 +38,7 @@ def pose_estimate_as_json(pose: PoseEstimate) -> dict[str, Any]:
         "from_noise": pose.from_noise.tolist(),
         "from_calibration": pose.from_calibration.tolist(),
         "freedom": pose.freedom.tolist(),
-        "degrees_of_freedom": pose.dof if np.isfinite(pose.dof) else None,
+        "degrees_of_freedom": or_null(pose.dof),
     }
 
 

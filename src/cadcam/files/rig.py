@@ -18,7 +18,7 @@ import cadcam
 from cadcam.camera.observations import Observations
 from cadcam.camera.rig_estimate import MOUNT, RigEstimate
 from cadcam.files.camera import bare_camera_as_json, camera_at, key_of, observations_as_json, observations_at
-from cadcam.files.jsontext import Place, as_json, parsed
+from cadcam.files.jsontext import Place, as_json, or_null, parsed
 from cadcam.files.matrix import pose_as_json, pose_at
 from cadcam.files.text import read_text
 from cadcam.geometry.rigid import Rigid
@@ -116,7 +116,7 @@ def _camera_json(estimate: RigEstimate, c: int) -> dict[str, Any]:
         out["baseline_mm"] = {
             "value": base.baseline,
             "sigma": base.baseline_sigma(),
-            "sigma_by_frame": by_frame if np.isfinite(by_frame) else None,
+            "sigma_by_frame": or_null(by_frame),
         }
     return out
 
@@ -125,7 +125,7 @@ def _sigmas(estimate: RigEstimate, name: str, parameter: str) -> dict[str, float
     by_frame = estimate.sigma(name, parameter, by_frame=True)
     return {
         "sigma": estimate.sigma(name, parameter),
-        "sigma_by_frame": by_frame if np.isfinite(by_frame) else None,
+        "sigma_by_frame": or_null(by_frame),
     }
 
 

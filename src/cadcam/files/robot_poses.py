@@ -26,7 +26,7 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.cad.units import MM, unit_name
 from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
-from cadcam.files.text import Line, TextFile, lines_of_cells, number_in, read_text
+from cadcam.files.text import Line, TextFile, is_number, lines_of_cells, number_in, read_text
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
@@ -189,7 +189,7 @@ def read_robot_poses(
     twice = next((n for i, n in enumerate(names) if n in names[:i]), None)
     if twice is not None:
         raise UnreadableFile(path, f"names two poses {twice!r}", "give each a name of its own")
-    return {n: Rigid(R, t) for n, R, t in zip(names, poses.rotation, poses.translation, strict=True)}
+    return dict(zip(names, poses.each, strict=True))
 
 
 def read_robot_numbers(*paths: str | os.PathLike[str]) -> RobotNumbers:
@@ -230,7 +230,10 @@ def _from_text(file: TextFile) -> RobotNumbers:
     lines = list(lines_of_cells(file))
     if not lines:
         raise UnreadableFile(file.path, "holds only comments", "give one pose a line")
-    columns, unit = _header(lines[0])
+    try:
+        columns, unit = _header(lines[0])
+    except UnknownName as error:
+        raise UnreadableFile(file.path, f"names a column with an {error}", "robots' positions are lengths") from error
     lines = lines[1:] if columns else lines
     if not lines:
         raise UnreadableFile(file.path, "has column names but no poses", "give one pose a line")
@@ -254,7 +257,7 @@ def _from_text(file: TextFile) -> RobotNumbers:
 
 def _header(line: Line) -> tuple[tuple[str, ...], str]:
     """Return the column names in lower case and the unit that x, y, z carry; empty for a line of numbers."""
-    if sum(_is_number(c) for c in line.cells) > len(line.cells) // 2:
+    if sum(is_number(c) for c in line.cells) > len(line.cells) // 2:
         return (), ""
     columns, units = [], set()
     for cell in line.cells:
@@ -267,15 +270,7 @@ def _header(line: Line) -> tuple[tuple[str, ...], str]:
 
 def _name_in_front(line: Line) -> list[int]:
     """Return [0] where the first cell is a name; a number is one only if it cannot belong to the pose."""
-    return [0] if not _is_number(line.cells[0]) or len(line.cells) in (8, 13, 17) else []
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+    return [0] if not is_number(line.cells[0]) or len(line.cells) in (8, 13, 17) else []
 
 
 def _from_json(file: TextFile) -> RobotNumbers:

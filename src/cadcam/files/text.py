@@ -92,6 +92,15 @@ def comments_of(file: TextFile) -> list[str]:
     return [line.lstrip().lstrip("#").strip() for line in file.text.splitlines() if line.lstrip().startswith("#")]
 
 
+def is_number(cell: str) -> bool:
+    """Return whether a cell is a number, of whatever size."""
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
 def number_in(file: TextFile, line: int, what: str, cell: str) -> float:
     """Return the finite number in a cell; `UnreadableFile` naming file, line, `what` and the cell otherwise."""
     place = f"line {line}, {what}"

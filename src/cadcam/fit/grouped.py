@@ -1,7 +1,7 @@
 """Linear regression on data that err in groups: noise of each datum, scatter within groups, an offset for each group.
 
     y_i = J_i x + e_group(i) + n_i
-    var n_i = (1 + excess) variance_i + within^2,   var e_g = share expected_g + between^2
+    var n_i = (1 + excess) variance_i + within^2,   var e_g = share expected_g + relative_g between^2
 
 The noise of measuring is known but for a factor: what else acts on the brightness beside an edge, grain and texture,
 shifts faint edges more than clear ones, as noise does; what a model lacks shifts all alike. By what groups are off
@@ -38,9 +38,9 @@ class GroupedFit:
     """The parameters x (k,), their covariance (k, k), and what the data say about themselves.
 
     excess: share by which variances within groups exceed the known ones; within, between: standard deviations beyond
-    that, within groups and of their offsets. weight (n,) in [0, 1]: how far each datum counts by itself; of_group (G,)
-    the same of each group; offset (G,) each group's mean residual, sd_offset (G,) its noise.
-    group (n,): of each datum. gain (k, n): dx/dy, by which anything that shifts the data shifts x.
+    that, within groups and of the offset of a group of relative variance 1. weight (n,) in [0, 1]: how far each datum
+    counts by itself; of_group (G,) the same of each group; offset (G,) each group's mean residual, sd_offset (G,) its
+    noise. group (n,): of each datum. gain (k, n): dx/dy, by which anything that shifts the data shifts x.
     """
 
     x: Array
@@ -68,6 +68,7 @@ def grouped_fit(
     group: Longs,
     *,
     usual: float,
+    relative: Array | None = None,
     expected: Array | None = None,
     exact: Mask | None = None,
     uneven: float = 0.0,
@@ -76,12 +77,13 @@ def grouped_fit(
 ) -> GroupedFit:
     """Return the fit of y (n,) by J (n, k) with known variances (n,) and ascending group numbers (n,), none left out.
 
-    usual: a usual standard deviation between groups. expected (G,): variance between them that is to be expected,
-    default none. exact (G,): groups without an offset or scatter of their own, believed as they are. uneven: groups
-    that are off are so unevenly: within is at least this share of between. Robust fits start from x = 0, near which
-    half of the other data must lie. Raises `DegenerateGeometry` where the data leave a parameter open.
+    usual: a usual standard deviation between groups. relative (G,): how the variances of their offsets compare, default
+    all 1. expected (G,): variance between them that is to be expected, default none. exact (G,): groups without an
+    offset or scatter of their own, believed as they are. uneven: groups that are off are so unevenly: within is at
+    least this share of between. Robust fits start from x = 0, near which half of the other data must lie. Raises
+    `DegenerateGeometry` where the data leave a parameter open.
     """
-    sums = _Sums(y, J, group, expected, exact)
+    sums = _Sums(y, J, group, relative, expected, exact)
     free = sums.free[group]
     x, spread, between, own = np.zeros(J.shape[1]), (0.0, 0.0), usual, np.zeros(sums.n)
     weight, of_group = np.ones(len(y)), np.ones(sums.n)
@@ -115,11 +117,20 @@ def grouped_fit(
 class _Sums:
     """Sums over groups of one design."""
 
-    def __init__(self, y: Array, J: Array, group: Longs, expected: Array | None, exact: Mask | None) -> None:
+    def __init__(
+        self,
+        y: Array,
+        J: Array,
+        group: Longs,
+        relative: Array | None,
+        expected: Array | None,
+        exact: Mask | None,
+    ) -> None:
         self.y, self.J, self.group = y, J, group
         self.first = np.flatnonzero(np.diff(group, prepend=-1))
         self.n = len(self.first)
         self.free = np.ones(self.n) if exact is None else np.asarray(1.0 - exact, np.float64)
+        self.relative = self.free if relative is None else relative * self.free
         self.expected = np.zeros(self.n) if expected is None else expected * self.free
         if len(y) < J.shape[1]:
             raise DegenerateGeometry("too few edges were found to determine the pose")
@@ -135,7 +146,7 @@ class _Sums:
             w,
             self.group,
             of_group=of_group,
-            free=self.free,
+            free=self.relative,
             expected=self.expected,
             variance=(usual * _TRIED) ** 2,
             share=_SHARE,
@@ -145,7 +156,7 @@ class _Sums:
             raise DegenerateGeometry("the edges found do not determine the pose; restrict the motion or add photos")
         x, covariance, p = found
         between2 = float(p @ (usual * _TRIED) ** 2)
-        return x, covariance, math.sqrt(between2), between2 * self.free + float(p @ _SHARE) * self.expected
+        return x, covariance, math.sqrt(between2), between2 * self.relative + float(p @ _SHARE) * self.expected
 
     def gain(self, w: Array, of_group: Array, v: Array) -> Array:
         """Return dx/dy (k, n) for given weights and variances of groups (G,)."""

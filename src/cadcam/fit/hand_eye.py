@@ -130,7 +130,7 @@ def kronecker(base_from_flange: Rigid, held_from_fixed: Rigid) -> tuple[Rigid, R
     R, S = base_from_flange.rotation, held_from_fixed.rotation
     n = len(R)
     if n < 3:
-        raise TooFewPoints("hand-eye calibration (poses)", n, 3)
+        raise TooFewPoints("hand-eye calibration", n, 3, of="poses")
     K = np.einsum("nij,nkl->iljk", R, S).reshape(9, 9)  # R_Z[i,l] R_i[i,j] X[j,k] S_i[k,l]
     U, s, Vt = np.linalg.svd(K)
     if not s[1] < (1 - _RANK) * s[0]:
@@ -160,7 +160,7 @@ def _weights(A: Rigid, weights: Array | None) -> Array:
     """Square roots of the weights, which multiply residuals."""
     m = len(A.rotation)
     if m < 2:
-        raise TooFewPoints("hand-eye calibration (motions between poses)", m, 2)
+        raise TooFewPoints("hand-eye calibration", m, 2, of="motions between poses")
     return np.ones(m) if weights is None else np.sqrt(np.asarray(weights, dtype=np.float64))
 
 

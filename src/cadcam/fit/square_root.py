@@ -76,17 +76,10 @@ class Cofactors:
         moves = np.linalg.solve(left, (self.scores * d)[..., None])[..., 0] * d
         return np.asarray(moves.T @ moves * ((k - 1) / k))
 
-    def own_given(self, shared: Array, variance: float) -> Array:
-        """Return covariances (k, l, l) of the own parameters for a covariance (n, n) of the shared ones.
-
-        variance: of the noise, for the part that each block's own rows leave uncertain.
-        """
-        return np.asarray(variance * self.own_alone + self.lever @ shared @ np.swapaxes(self.lever, -1, -2))
-
     def _blocks(self) -> int:
         k = len(self.scores)
         if k < 2:
-            raise TooFewPoints("a covariance by blocks (blocks, not points)", k, 2)
+            raise TooFewPoints("a covariance by blocks", k, 2, of="blocks")
         return k
 
 

@@ -63,13 +63,13 @@ class Rigid:
         eye, target = frozen(eye, "eye", (3,)), frozen(target, "target", (3,))
         up = frozen(up, "up", (3,))
         forward = target - eye
-        right = np.cross(forward, up)
+        right = so3.cross(forward, up)
         scale = float(np.linalg.norm(forward)) * float(np.linalg.norm(up))
         if not np.linalg.norm(right) > 1e-9 * scale or scale == 0:
             raise DegenerateGeometry(f"looking from {eye} to {target} with up {up}: up must not lie along the view")
         z = forward / np.linalg.norm(forward)
         x = right / np.linalg.norm(right)
-        R = np.stack([x, np.cross(z, x), z])
+        R = np.stack([x, so3.cross(z, x), z])
         return cls(R, -R @ eye)
 
     @classmethod
@@ -127,6 +127,11 @@ class Rigid:
             t = _apply(self.rotation, other.translation) + self.translation
             return Rigid._made(self.rotation @ other.rotation, t)
         return _apply(self.rotation, np.asarray(other, dtype=np.float64)) + self.translation
+
+    @property
+    def each(self) -> list[Rigid]:
+        """Return the motions of a batch (N,) as so many single ones."""
+        return [Rigid._made(R, t) for R, t in zip(self.rotation, self.translation, strict=True)]
 
     def __repr__(self) -> str:
         if self.rotation.ndim > 2 or self.translation.ndim > 1:

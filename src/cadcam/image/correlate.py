@@ -52,8 +52,13 @@ class CorrelateOptions:
             raise BadValue("angles", self.angles, "(from, to) in rad, at most a full turn")
         if not 0.1 <= self.scales[0] <= self.scales[1] <= 10:
             raise BadValue("scales", self.scales, "(least, largest) between 0.1 and 10")
-        if not (self.count >= 1 and self.candidates >= 1 and 0 < self.least_score <= 1 and self.apart > 0):
-            raise BadValue("options", self, "count and candidates from 1 on, 0 < least_score <= 1, apart > 0")
+        for name, value in (("count", self.count), ("candidates", self.candidates)):
+            if value < 1:
+                raise BadValue(name, value, "1 or more")
+        if not 0 < self.least_score <= 1:
+            raise BadValue("least_score", self.least_score, "a number above 0, at most 1")
+        if not self.apart > 0:
+            raise BadValue("apart", self.apart, "a number above 0")
 
     @property
     def motions(self) -> int:

@@ -14,6 +14,7 @@ Fields are those of an ideal camera: through a lens the picture is straightened 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -55,15 +56,19 @@ def direction_fields(
     """Return the fields of a photo (H, W) taken by `camera`, the finest (`reduction` photo pixels to one) first.
 
     Each next one has half the size; fewer than `levels` come back where a side would fall below 4 px. region: only this
-    part of the photo, (left, top, right, bottom) px, right and bottom excluded; cameras come back cropped alike.
+    part of the photo, (left, top, right, bottom) px, right and bottom excluded; cameras come back cropped alike, those
+    of a lens with some px more.
     """
-    if region is not None:
-        left, top, right, bottom = region
-        gray, camera = gray[top:bottom, left:right], camera.crop(left, top, (right - left, bottom - top))
-    small, seen, camera = _straightened(_even(gray, reduction), _reduced(camera, reduction))
-    planes = directions(small, _FLOOR)
-    if seen is not None:
-        np.multiply(planes.values, seen, out=planes.values)
+    box = (0, 0, *camera.size) if region is None else region
+    if isinstance(camera.lens, Ideal):
+        left, top, right, bottom = box
+        camera = _reduced(camera.crop(left, top, (right - left, bottom - top)), reduction)
+        planes = directions(_even(gray[top:bottom, left:right], reduction), _FLOOR)
+    else:
+        picture, seen, camera = _straightened(gray, camera, reduction, box)
+        planes = directions(picture, _FLOOR)
+        if not seen.all():
+            np.multiply(planes.values, seen.view(np.uint8), out=planes.values)
     fields = [DirectionField(camera, planes, reduction)]
     while len(fields) < levels and min(fields[-1].camera.size) >= 2 * _LEAST:
         last = fields[-1]
@@ -81,15 +86,46 @@ def _reduced(camera: Camera, k: int) -> Camera:
     return camera.crop(0, 0, (width * k, height * k)).resize((width, height)) if k > 1 else camera
 
 
-def _straightened(gray: Picture, camera: Camera) -> tuple[Picture, Mask | None, Camera]:
-    """Return the picture as an ideal camera with the same K sees it, which pixels the photo shows, and that camera."""
-    if isinstance(camera.lens, Ideal):
-        return gray, None, camera
+def _straightened(
+    gray: Picture, camera: Camera, k: int, region: tuple[int, int, int, int]
+) -> tuple[Picture, Mask, Camera]:
+    """Return what a region of a photo, made smaller by k, shows an ideal camera, which pixels those are, the camera."""
+    ideal, nodes = _straight(camera, k)
+    left, top, right, bottom = (side / k for side in region)
+    x, y = nodes[..., 0], nodes[..., 1]
+    inside = (x >= left) & (x <= right) & (y >= top) & (y <= bottom)
+    (first, down), (column, across) = (_steps(np.asarray(inside.any(axis=axis))) for axis in (1, 0))
+    nodes = nodes[first : first + down + 1, column : column + across + 1]
+    x0, y0 = _STEP * column, _STEP * first
+    ideal = ideal.crop(x0, y0, (min(_STEP * across, ideal.width - x0), min(_STEP * down, ideal.height - y0)))
+    rows = np.clip(nodes[..., 1], 0, camera.height // k)  # of the photo that are needed
+    low, high = int(np.fmin.reduce(rows, axis=None)), int(np.fmax.reduce(rows, axis=None)) + 2
+    return (
+        *straighten(_even(gray[low * k : high * k], k), nodes - np.array([0, low], np.float32), _STEP, ideal.size),
+        ideal,
+    )
+
+
+def _steps(inside: Mask) -> tuple[int, int]:
+    """Return the first of the steps between nodes that hold all nodes inside, and how many they are; all if none is."""
+    found = np.flatnonzero(inside)
+    first, last = (max(int(found[0]) - 1, 0), int(found[-1]) + 1) if len(found) else (0, len(inside))
+    return first, min(last, len(inside) - 1) - first
+
+
+@lru_cache(maxsize=8)
+def _straight(camera: Camera, k: int) -> tuple[Camera, Picture]:
+    """Return the ideal camera that sees a photo made smaller by k straightened, and where in that its nodes lie.
+
+    Nodes (rows, columns, 2) px: every `_STEP`-th pixel of every such row, from the first to beyond the last. Kept for
+    cameras that take photo after photo.
+    """
+    camera = _reduced(camera, k)
     low, high = _bounds(camera)
     ideal = replace(camera, lens=Ideal()).crop(int(low[0]), int(low[1]), (int(high[0] - low[0]), int(high[1] - low[1])))
     columns, rows = (_STEP * np.arange((n - 1) // _STEP + 2.0) for n in ideal.size)
     nodes = camera.project(ideal.unproject(np.stack(np.meshgrid(columns, rows), axis=-1)))
-    return (*straighten(gray, nodes.astype(np.float32), _STEP, ideal.size), ideal)
+    return ideal, nodes.astype(np.float32)
 
 
 def _bounds(camera: Camera) -> tuple[Array, Array]:

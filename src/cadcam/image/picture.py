@@ -52,6 +52,7 @@ _MODES: dict[str, tuple[str, int, float | None]] = {
     "I": ("I", 32, None),
     "F": ("F", 32, 1.0),
 }
+_BRIGHTEST = 100.0  # times white: no lamp in view is brighter, every photo in bytes is
 _SUFFIXES = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
 _PARSING = (OSError, ValueError, SyntaxError, TypeError, LookupError, EOFError, OverflowError, struct.error, zlib.error)
 _pillow_limit = threading.Lock()  # Pillow's own pixel limit is a module variable
@@ -182,15 +183,25 @@ def decoded_jpeg(data: bytes) -> Picture:
 
 
 def checked(picture: npt.ArrayLike) -> Picture:
-    """Return the picture as a float32 array (not copied if it is one); raise `BadValue` on wrong shape or NaN."""
+    """Return the picture as a float32 array in [0, 1] (not copied if it is one); raise `BadValue` on shape or NaN.
+
+    Bytes and 16-bit numbers, as cameras and OpenCV give them, are divided by 255 and 65535. Floats may exceed 1, as
+    bright light does; those that can only be such numbers made floats are refused.
+    """
     try:
-        values = np.asarray(picture, np.float32)
+        given = np.asarray(picture)
+        values = np.asarray(given, np.float32)
     except (TypeError, ValueError) as error:
         raise BadValue("picture", repr(picture)[:80], "numbers of shape (H, W) or (H, W, 3)") from error
     if not (values.ndim == 2 or (values.ndim == 3 and values.shape[2] == 3)) or 0 in values.shape:
         raise BadValue("picture", f"of shape {values.shape}", "shape (H, W) or (H, W, 3), none of them zero")
-    if not np.isfinite(values).all():
+    if given.dtype in (np.uint8, np.uint16):
+        return values / np.float32(np.iinfo(given.dtype).max)
+    darkest, brightest = values.min(), values.max()  # NaN where any number is
+    if not (np.isfinite(darkest) and np.isfinite(brightest)):
         raise BadValue("picture", "not finite at " + _first(~np.isfinite(values)), "finite values")
+    if brightest > _BRIGHTEST:
+        raise BadValue("picture", f"as bright as {brightest:g}", "values in [0, 1]: divide by 255, or give uint8")
     return values
 
 

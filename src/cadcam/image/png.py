@@ -12,8 +12,9 @@ import zlib
 import numpy as np
 import numpy.typing as npt
 
+from cadcam.arrays import Picture
 from cadcam.errors import BadValue
-from cadcam.native.pack import packed_rows
+from cadcam.native.pack import packed_depth_rows, packed_normal_rows, packed_rows
 
 _KINDS = {(2, 1): (8, 0), (3, 1): (8, 2), (2, 2): (16, 0)}  # (axes, bytes a sample) -> bit depth, colour type
 
@@ -30,8 +31,24 @@ def packed(samples: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> bytes:
     depth, color = _KINDS[kind]
     height, width = samples.shape[:2]
     rows = np.ascontiguousarray(samples, samples.dtype.newbyteorder(">")).view(np.uint8).reshape(height, -1)
-    data = packed_rows(rows, rows.shape[1] // width)
-    head = struct.pack(">IIBBBBB", width, height, depth, color, 0, 0, 0)
+    return _file((width, height), depth, color, packed_rows(rows, rows.shape[1] // width))
+
+
+def packed_depth(depth: Picture, step: float) -> bytes:
+    """Return the bytes of a PNG file of a depth (H, W) mm in steps, 16 bits, at most 65535; 0 where it is infinite."""
+    height, width = depth.shape
+    return _file((width, height), *_KINDS[2, 2], packed_depth_rows(depth, step))
+
+
+def packed_normals(depth: Picture, normal: Picture) -> bytes:
+    """Return the bytes of a PNG file of unit normals (H, W, 3): (n + 1)/2 in bytes; 0 where the depth is infinite."""
+    height, width = depth.shape
+    return _file((width, height), *_KINDS[3, 1], packed_normal_rows(depth, normal))
+
+
+def _file(size: tuple[int, int], depth: int, color: int, data: bytes) -> bytes:
+    """Return the bytes of a file: its picture's size, bits a sample and colour type, and the packed rows."""
+    head = struct.pack(">IIBBBBB", *size, depth, color, 0, 0, 0)
     return b"\x89PNG\r\n\x1a\n" + _chunk(b"IHDR", head) + _chunk(b"IDAT", data) + _chunk(b"IEND", b"")
 
 

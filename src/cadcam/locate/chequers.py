@@ -27,7 +27,7 @@ def along_chequers(gray: Picture, q: Array, normal: Array, run: Ids) -> Mask:
     """
     aside = np.array([[-far, far] for far in _BESIDE_PX])
     sides = values_at(gray[..., None], q[:, None, None] + aside[..., None] * normal[:, None, None])[..., 0].mean(axis=1)
-    if len(q) < 5:
+    if len(q) < 6:  # too few for the corners of a row
         return np.zeros(len(q), bool)
     pairs = 0.5 * (sides[1:] + sides[:-1])
     change = pairs[3:] - pairs[:-3]  # from two samples to two, with one between

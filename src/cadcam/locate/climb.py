@@ -179,5 +179,4 @@ def row_of(pose: Rigid) -> Array:
 
 def rigids_of(rows: Array) -> list[Rigid]:
     """Return the poses of rows (N, 12)."""
-    rotations = so3.nearest(rows[:, :9].reshape(-1, 3, 3))
-    return [Rigid(R, t) for R, t in zip(rotations, rows[:, 9:], strict=True)]
+    return Rigid(so3.nearest(rows[:, :9].reshape(-1, 3, 3)), rows[:, 9:]).each

@@ -47,7 +47,7 @@ class EdgeSamples:
     def __len__(self) -> int:
         return len(self.p)
 
-    def select(self, which: Mask | Longs) -> EdgeSamples:
+    def select(self, which: Mask | Longs | slice) -> EdgeSamples:
         """Return the chosen samples."""
         return EdgeSamples(*(getattr(self, name)[which] for name in self.__slots__))
 

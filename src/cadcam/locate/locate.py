@@ -34,7 +34,7 @@ _EQUAL, _ELSEWHERE = 0.9, 0.5  # share of its score, and distance in radii, that
 _STANDS_OUT, _CLEAR = (1.25, 1.1), 0.75
 _UNCERTAIN = 0.45  # quality of a pose that may as well be at another place
 _SAME, _BASIN = 0.02, 0.1  # radii: refined poses nearer to each other are one; starts nearer to a pose end in it
-_LOOKED_AT = 20_000  # pixels of a photo that tell whether anything can be seen in it
+_LOOKED_AT = 5_000  # pixels of a photo that tell whether anything can be seen in it
 _FLAT, _CLIPPED = 2.0 / 255.0, 0.98  # contrast below which a photo is empty; share of pixels at black or white
 
 

@@ -248,11 +248,11 @@ def behind_border(q: Array, shown: Mask) -> Mask:
     Of all borders that have such a side, the one with most samples there.
     """
     angle = 2 * np.pi * np.arange(_BORDERS) / _BORDERS
-    order = np.argsort(-(q @ np.stack([np.cos(angle), np.sin(angle)])), axis=0)
-    count = np.arange(1, len(q) + 1)[:, None]
-    bare = np.cumsum(shown[order], axis=0) <= _BEHIND * count
-    behind = np.where(bare, count, 0).max(axis=0)
+    order = np.argsort(-(np.stack([np.cos(angle), np.sin(angle)], axis=1) @ q.T), axis=1)
+    count = np.arange(1, len(q) + 1)
+    bare = np.cumsum(shown[order], axis=1) <= _BEHIND * count
+    behind = np.where(bare, count, 0).max(axis=1)
     best = int(np.argmax(behind))
     out = np.zeros(len(q), bool)
-    out[order[: behind[best], best]] = True
+    out[order[best, : behind[best]]] = True
     return out

@@ -17,6 +17,7 @@ from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.grouped import GroupedFit
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.agreement import SCATTERED_PX, agreed
 from cadcam.locate.attraction import attracted
 from cadcam.locate.color import in_color
 from cadcam.locate.evidence import Evidence, pose_jacobian
@@ -25,21 +26,22 @@ from cadcam.locate.location import FOUND, Location
 from cadcam.locate.matches import EdgeMatches
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality import Seen, judged
+from cadcam.locate.quality import Seen, judged, seen
 from cadcam.locate.sight import Sight
-from cadcam.locate.solution import CLOSE_PX, EDGES, EdgeOptions, Solution, solved
+from cadcam.locate.solution import CLOSE_PX, EDGES, LOOSE_PX, EdgeOptions, Solution, solved
 from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
 
-_TOGETHER_PX = 0.004  # by which all edges of a photo are off together: pixels do not collect light to less
-_REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
+_TOGETHER_PX = 0.005  # by which all edges of a photo are off together: light from one side bends alike beside them
+_REDRAW_PX = 2.5  # lines that moved this far may hide otherwise
 _DOUBT = (0.25, 0.62)  # quality of a pose that half of the lines agree with: worth a second, wider search
 _FARTHEST_PX = 3.0  # an edge farther off is another one
-_LOOSE_PX = 0.25  # by which edges of a good pose are seldom off as a whole
+_LOOSER = 3.0  # times as much, that a fit is looser than another one
 _WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
 _WEAKEST, _BESIDE_PX = 3, 4.0  # motions along which a loose pose may be another one, and how far lines move by them
 _ABOUT = 0.25  # share of the lines that colour speaks for, from which on a pose is about right
 _AROUND_PX = (3.0, 5.0, 8.0)  # searches there
 _SAME_PX = 0.5  # a search that ends this near to where it began, at a pose that was found, finds the same again
+_Answer = tuple[Location, Solution | None, Sequence[Sight]]  # what was found, measured, and drawn for it
 _UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose that nothing was measured of
 
 
@@ -61,7 +63,8 @@ def refine(
     poses in these photos; they prove nothing (`locate.quality`). Where too little is seen to tell the pose the answer
     has quality 0. wider: whether a doubtful answer is searched for once more, wider, from where it ended; lines of a
     wrong pose often half agree. Where edges still fit only loosely, and the start was the best of many or the answer is
-    in doubt, poses beside it are tried too, narrowly. None of it where the start is known to be good: farther off there
+    in doubt, poses beside it are tried too, narrowly. Where edges scatter, and most of them agree closely on another
+    pose, that one is looked at (`locate.agreement`). None of it where the start is known to be good: farther off there
     are only other lines. Where colour speaks for a doubtful answer it is about right: lines are looked for once more
     from there, narrowly first.
     """
@@ -121,25 +124,37 @@ def _refined(
 ) -> tuple[Location, Sequence[Sight]]:
     """Return what `refined` does, but for what colour has it look at again."""
 
-    def measured(sights: Sequence[Sight], pose: Rigid) -> tuple[Location, Solution | None]:
-        return _measured(part, sights, pose, freedom, evidence, options, chosen)
+    def once(sights: Sequence[Sight], pose: Rigid) -> _Answer:
+        return *_measured(part, sights, pose, freedom, evidence, options, chosen), sights
 
-    sights, pose = _attracted(part, photos, _sights(part, photos, start, options), start, freedom, options)
-    best, fitted = measured(sights, pose)
+    def measured(sights: Sequence[Sight], pose: Rigid) -> _Answer:
+        """Return the answer at a pose, its lines as seen from there, or at the one that most edges agree on."""
+        found, fitted, _ = answer = once(sights, pose)
+        if fitted is not None and _away(sights, fitted.pose):
+            sights = _sights(part, photos, fitted.pose, options, sights)
+            found, fitted, _ = answer = once(sights, fitted.pose)
+        closer = agreed(fitted) if wider and fitted is not None else None
+        if closer is None:
+            return answer
+        other = once(_sights(part, photos, closer, options, sights), closer)
+        return other if _better(*other[:2], found, fitted) else answer
+
+    best, fitted, sights = measured(
+        *_attracted(part, photos, _sights(part, photos, start, options), start, freedom, options)
+    )
     if not wider or best.quality <= _DOUBT[0] or (best.quality >= _DOUBT[1] and not _loose(fitted)):
         return best, sights
     ended = best.pose.world_from_part
     wide = replace(options, search_px=max(_WIDER * options.search_px, _WIDER_PX))
     again, pose = _attracted(part, photos, sights, ended, freedom, wide)
     if not best.found or max(s.moved_px(ended, pose) for s in again) >= _SAME_PX:
-        second, other = measured(again, pose)
-        if second.quality > best.quality or (_loose(fitted) and not _loose(other) and second.found):
+        second, other, again = measured(again, pose)
+        if _better(second, other, best, fitted):
             best, fitted, sights = second, other, again
     narrow = replace(options, search_px=CLOSE_PX)
     for beside in _beside(fitted) if chosen or best.quality < _DOUBT[1] else ():
-        again, pose = _attracted(part, photos, sights, beside, freedom, narrow)
-        second, other = measured(again, pose)
-        if second.quality > best.quality and not _loose(other):
+        second, other, again = measured(*_attracted(part, photos, sights, beside, freedom, narrow))
+        if not _loose(other) and _better(second, other, best, fitted):
             return second, again
     return best, sights
 
@@ -149,8 +164,12 @@ def _attracted(
 ) -> tuple[Sequence[Sight], Rigid]:
     """Return the pose whose lines lie on steps of the photos near those at the start, and its sights."""
     pose = attracted(sights, start, freedom, search_px=options.search_px)
-    moved = max(s.moved_px(s.drawn, pose) for s in sights) > _REDRAW_PX
-    return _sights(part, photos, pose, options, sights) if moved else sights, pose
+    return _sights(part, photos, pose, options, sights) if _away(sights, pose) else sights, pose
+
+
+def _away(sights: Sequence[Sight], pose: Rigid) -> bool:
+    """Return whether a pose is so far from where lines were drawn that others may be seen."""
+    return max(s.moved_px(s.drawn, pose) for s in sights) > _REDRAW_PX
 
 
 def _measured(
@@ -172,7 +191,22 @@ def _measured(
 
 def _loose(fitted: Solution | None) -> bool:
     """Return whether edges fit a pose only loosely."""
-    return fitted is not None and fitted.fit.between > _LOOSE_PX
+    return fitted is not None and fitted.fit.between > LOOSE_PX
+
+
+def _better(one: Location, its: Solution | None, other: Location, others: Solution | None) -> bool:
+    """Return whether one answer is better than another.
+
+    Edges of a loose fit count as met from farther off. Where one of the two is much looser, both are held to what the
+    other meets.
+    """
+    if its is None or others is None:
+        return one.quality > other.quality
+    apart = its.fit.between, others.fit.between
+    if max(apart) <= max(SCATTERED_PX, _LOOSER * min(apart)):
+        return one.quality > other.quality
+    closely = [seen(s.sights, s.pose, constraints=s.B.shape[1], scatter=0.0).quality for s in (its, others)]
+    return closely[0] > closely[1]
 
 
 def _beside(fitted: Solution | None) -> list[Rigid]:
@@ -219,8 +253,8 @@ def _location(part: Part, fitted: Solution, freedom: Freedom, chosen: int) -> Lo
         (_TOGETHER_PX**2 * (G @ n) @ (G @ n).T for G, n in zip(gains, normals, strict=True)), np.zeros((6, 6))
     )
     estimate = PoseEstimate(pose, B @ fit.covariance @ B.T + together, from_calibration, B, fit.dof)
-    seen, color = in_color(part, sights, pose)
-    evidence = judged(seen, pose, B, chosen=chosen, scatter=_scatter(fit, sum(n)), color=color)
+    told, color = in_color(part, sights, pose)
+    evidence = judged(told, pose, B, chosen=chosen, scatter=_scatter(fit, sum(n)), color=color)
     return Location(estimate, _matches(fitted), evidence.quality, _reason(part, estimate, evidence, fit, photos))
 
 

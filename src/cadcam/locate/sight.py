@@ -18,7 +18,7 @@ from cadcam.render.wireframe import LineOptions
 
 Longs = npt.NDArray[np.int64]
 _LINES = LineOptions(margin_px=0.0)
-_STRONG = 60  # cells that tell the blur
+_STRONG = 240  # cells that tell the blur
 _APART = 1.5  # blurs: a cell ends that far before the next line
 _PAST, _TWIN = 2.0, 3.0  # blurs: it ends that far beyond a twin, which must be as far away
 _LINEAR = 1.2  # blurs: how far off a linear fit is believed
@@ -56,10 +56,8 @@ class Sight:
 
     def moved_px(self, one: Rigid, other: Rigid) -> float:
         """Return how far the lines lie apart between two poses: nine tenths of them at most that far."""
-        p = self.samples.p[:: max(1, len(self.samples) // 60)]
-        of_camera = self.photo.viewpoint.camera_from_world
-        now, before = (self.photo.camera.project((of_camera @ pose) @ p) for pose in (one, other))
-        apart = np.hypot(*(now - before).T)
+        few = self.select(slice(None, None, max(1, len(self.samples) // 60)))
+        apart = np.hypot(*(few.project(one).q - few.project(other).q).T)
         apart = apart[np.isfinite(apart)]
         return quantile(apart, 0.9) if len(apart) else 0.0
 
@@ -68,7 +66,7 @@ class Sight:
         n = len(self.samples)
         return self.select(np.flatnonzero(np.arange(n) // together % max(1, round(n / most)) == 0))
 
-    def select(self, which: Mask | Longs) -> Sight:
+    def select(self, which: Mask | Longs | slice) -> Sight:
         """Return the sight with the chosen samples."""
         return Sight(self.photo, self.noise, self.drawn, self.samples.select(which))
 

@@ -26,9 +26,9 @@ Longs = npt.NDArray[np.int64]
 CLOSE_PX = 3  # px: how far from the lines their steps may be after the search
 _ON_LINE = 0.7  # px: steps this near are fitted on the line itself
 _USUAL_PX = 0.05  # by which edges are off as a whole
-_LIGHT_PX = 0.03  # by which light shifts an edge of usual contrast
 _LIMB_PX = 0.2  # by which the border of a round surface is off: it darkens ever faster towards it, or brightens
 _UNEVEN = 0.4  # of what edges are off by as a whole: they are off by that beside, they turn and bend too
+LOOSE_PX = 0.25  # by which edges of a good pose are seldom off as a whole
 _ROUNDS = (3, 8, 8, 8)  # reweightings in the first measurement, the second, and more where it is not settled
 _SETTLED_PX = 0.2  # by which nine tenths of the lines may move in the last step
 _PIECES = 30  # groups that the edges are cut into at least
@@ -86,15 +86,16 @@ def solved(
     room = {"half_length": half, "reach_px": options.reach_px, "room_px": options.room_px}
     where = [nearest_steps(s, at, half_length=half, reach=CLOSE_PX) for s, at in zip(sights, places, strict=True)]
     cells = [Cells.of(s, at, where=w, **room) for s, at, w in zip(sights, places, where, strict=True)]
+    on_lines = False
     for number, iterations in enumerate(_ROUNDS):
         measured = [
             measure(s, at, c, w, sums=None if number else c.first)
             for s, at, c, w in zip(sights, places, cells, where, strict=True)
         ]
         B = freedom.at(pose)
-        fit = _step(
-            sights, places, measured, rows_of(evidence, [s.photo for s in sights], pose), B, iterations, options
-        )
+        other = rows_of(evidence, [s.photo for s in sights], pose)
+        fit = _step(sights, places, measured, other, B, iterations, options, on_lines=on_lines)
+        on_lines = fit.between < LOOSE_PX
         last = Solution(sights, pose, pose @ Rigid.exp(B @ fit.x), B, places, measured, fit)
         pose = last.pose
         where = [_left(m, moved) for m, moved in zip(measured, last.moved, strict=True)]
@@ -118,8 +119,14 @@ def _step(
     B: Array,
     iterations: int,
     options: EdgeOptions,
+    *,
+    on_lines: bool,
 ) -> GroupedFit:
-    """Return the step in the basis B that the offsets and the other evidence ask for."""
+    """Return the step in the basis B that the offsets and the other evidence ask for.
+
+    on_lines: whether the lines are known to lie on their own steps. Then it is light that shifts them; before, they may
+    lie on others', and clear ones are off as far as faint ones.
+    """
     other, rows, other_variance = evidence
     if not np.isfinite(rows).all():
         raise DegenerateGeometry("points or lines given as evidence are not in front of their camera")
@@ -127,36 +134,43 @@ def _step(
     variance = np.concatenate([*(m.sigma[m.usable] ** 2 for m in measured), other_variance])
     J = np.concatenate([*(at.row[m.usable] for at, m in zip(places, measured, strict=True)), rows]) @ B
     group = _groups(sights, measured, options)
-    edges = int(group[-1]) + 1 if len(group) else 0
-    group = np.concatenate([group, edges + np.arange(len(other))])
-    exact = np.arange(edges + len(other)) >= edges
-    expected = np.concatenate([_by_light(sights, measured, group[: len(group) - len(other)]), np.zeros(len(other))])
+    limbs = _of_limbs(sights, measured, group)
+    edges = len(limbs)
+    relative = _relative(variance[: len(group)], group) if on_lines else np.ones(edges)
     return grouped_fit(
         y,
         J,
         variance,
-        group,
+        np.concatenate([group, edges + np.arange(len(other))]),
         usual=_USUAL_PX,
+        relative=np.concatenate([relative, np.ones(len(other))]),
         uneven=_UNEVEN,
-        expected=expected,
-        exact=exact,
+        expected=np.concatenate([limbs, np.zeros(len(other))]),
+        exact=np.arange(edges + len(other)) >= edges,
         iterations=iterations,
     )
 
 
-def _by_light(sights: Sequence[Sight], measured: Sequence[Measured], group: Longs) -> Array:
-    """Return by how much groups are off because of the light (G,), px^2.
+def _relative(variance: Array, group: Longs) -> Array:
+    """Return how the variances compare (G,) by which groups are off as a whole: as those of their means by noise.
 
-    Shadows, reflections and texture add to a step of brightness: they shift it the less the higher it is. Towards the
-    border of a round surface brightness changes with the root of the distance, which no slope of the ground describes.
+    Shadows, reflections and texture add to a step of brightness as noise does: they shift it the less the higher it is,
+    and are less alike along a longer edge. How much there is of them, which few edges tell poorly, then hardly moves
+    the pose, only what is told of it.
+    """
+    told = np.bincount(group, 1 / variance)
+    return np.asarray(np.mean(told) / told) if len(told) else np.zeros(0)
+
+
+def _of_limbs(sights: Sequence[Sight], measured: Sequence[Measured], group: Longs) -> Array:
+    """Return by how much groups on borders of round surfaces are expected to be off (G,), px^2.
+
+    Towards such a border brightness changes with the root of the distance, which no slope of the ground describes.
     """
     if not len(group):
         return np.zeros(0)
-    contrast = np.concatenate([np.abs(m.contrast[m.usable]) for m in measured])
     round_off = np.concatenate([s.samples.chain[m.usable] < 0 for s, m in zip(sights, measured, strict=True)])
-    count = np.bincount(group)
-    of_contrast = _LIGHT_PX**2 * np.mean(contrast**2) / (np.bincount(group, contrast) / count) ** 2
-    return np.asarray(of_contrast + _LIMB_PX**2 * np.bincount(group, round_off) / count)
+    return np.asarray(_LIMB_PX**2 * np.bincount(group, round_off) / np.bincount(group))
 
 
 def _groups(sights: Sequence[Sight], measured: Sequence[Measured], options: EdgeOptions) -> Longs:

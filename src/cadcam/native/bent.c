@@ -130,6 +130,36 @@ INLINE spans reach_of(const bows *e, const bend *at, const rect *r, int32_t y0) 
     return s;
 }
 
+INLINE d4 largest_in(const triangle *t, const cc_lens *lens, size_t tile) {
+    const double *const *side = (const double *const *)lens->side;
+    const double *x = side[t->a[3] > 0] + tile, *y = side[2 + (t->b[3] > 0)] + tile;
+    return t->a[3] * *(const d4 *)x + (t->b[3] * *(const d4 *)y + t->c[3]);
+}
+
+/* Draw the spans of a strip: samples outside `sure` but inside `s` are in doubt. */
+INLINE void draw_spans(const band *b, const triangle *t, int32_t ty, const spans *s, const spans *sure) {
+    const cc_lens *lens = b->grid->lens;
+    const i8 left = *(const i8 *)s->left, right = *(const i8 *)s->right;
+    const i8 from = *(const i8 *)sure->left, to = *(const i8 *)sure->right;
+    int32_t x0, x1;
+    columns_of(left, right, &x0, &x1);
+    x0 /= TILE, x1 /= TILE;
+    const size_t wide = (size_t)b->grid->tiles_x, of_lens = (size_t)ty * wide;
+    const float *farthest = b->sheet->farthest + (size_t)(ty - b->first_tiles) * wide;
+    for (int32_t tx = x0; tx <= x1; tx += 4) {
+        unsigned show = may_show(t, largest_in(t, lens, of_lens + (size_t)tx), *(const f4 *)(farthest + tx));
+        if (x1 - tx < 3) show &= (2u << (x1 - tx)) - 1;
+        for (; show; show &= show - 1) {
+            const int32_t x = tx + __builtin_ctz(show), first = x * TILE, last = first + (TILE - 1);
+            const unsigned rows = signs((left <= last) & (right >= first));
+            if (!rows) continue;
+            unsigned doubt = lens->partial[of_lens + (size_t)x] ? 0xFF : 0;
+            doubt |= signs(((left < from) & (from > first)) | ((right > to) & (to < last)));
+            VARIANT(draw_tile)(b, t, s, rows, doubt & rows, x, ty);
+        }
+    }
+}
+
 /* Draw the part of a triangle in a rectangle by the definition of P alone, in the tiles that it may meet. */
 static __attribute__((noinline)) void draw_by_definition(const band *b, const triangle *t, const rect *r) {
     const size_t wide = (size_t)b->grid->tiles_x;
@@ -160,7 +190,7 @@ static void draw_bent(const band *b, const triangle *t, const rect *r, const ben
         const int32_t x0 = imax(reach.left[ty - top], r->x0), x1 = imin(reach.right[ty - top], r->x1);
         spans s, sure;
         if (x0 > x1 || strip_hidden(b, nearest, x0, x1, ty)) continue;
-        if (cross_bend(&e, at, r, ty * TILE, &s, &sure)) draw_spans(b, t, r, ty, &s, &sure, 0);
+        if (cross_bend(&e, at, r, ty * TILE, &s, &sure)) draw_spans(b, t, ty, &s, &sure);
     }
 }
 

@@ -4,13 +4,14 @@
 #include "vectors.h"
 
 #define REACH 6           /* px: half the window over which a place's own contrast is judged */
-#define CLUTTER 6.0f      /* how much the mean gradient of that window, squared, counts against it */
+#define CLUTTER 4.0f      /* how much the mean gradient of that window, squared, counts against it */
 #define BESIDE 0.3f       /* what a pixel beside the top of an edge keeps */
 #define NOISE 3.0f        /* standard deviations of a noisy gradient that make an edge as sure as not */
 #define QUIET 0.2f        /* the share of the picture that shows noise alone, at least */
 #define NOISE_OF_QUIET 1.497f /* sigma by that quantile of a Rayleigh distribution: 1 / sqrt(-2 ln(1 - QUIET)) */
 #define FULL 1.25f        /* certainty that is written as 255 is 1 / FULL */
 #define BINS 1024
+#define RING 16            /* rows of the gradient that are kept: 2 REACH + 2 at least */
 
 static inline float larger(float a, float b) { return a > b ? a : b; }
 
@@ -43,7 +44,12 @@ static void straighten_eight(const float *in, int32_t width, int32_t height, flo
     const f8 u = least_of(most_of(px - __builtin_convertvector(i, f8), eight(0)), eight(1));
     const f8 v = least_of(most_of(py - __builtin_convertvector(j, f8), eight(0)), eight(1));
     f8 a, b, c, d;
-    pairs(in, j * width + i, &a, &b), pairs(in + width, j * width + i, &c, &d);
+    if (signs((i == i[0] + *(const i8 *)LANE) & (j == j[0])) == 255) { /* side by side, as most are: the lens bends little */
+        const float *from = in + (size_t)j[0] * (size_t)width + i[0], *under = from + width;
+        a = *(const f8 *)from, b = *(const f8 *)(from + 1), c = *(const f8 *)under, d = *(const f8 *)(under + 1);
+    } else {
+        pairs(in, j * width + i, &a, &b), pairs(in + width, j * width + i, &c, &d);
+    }
     const f8 above = a + u * (b - a), below = c + u * (d - c);
     *(f8 *)out = choose(inside, above + v * (below - above), eight(0));
     for (int k = 0; k < 8; k++) seen[k] = inside[k] != 0;
@@ -57,7 +63,7 @@ static void straighten_run(const float *in, int32_t width, int32_t height, float
     const int32_t next = width > 1, below = height > 1 ? width : 0;
     for (int32_t k = 0; k < n; k++) {
         const float px = x + (float)k * dx, py = y + (float)k * dy;
-        seen[k] = px >= -0.5f && py >= -0.5f && px <= right && py <= bottom;
+        seen[k] = px >= -0.5f && py >= -0.5f && px <= right && py <= bottom, out[k] = 0;
         if (!seen[k]) continue;
         const int32_t i = imin((int32_t)larger(px, 0), last_x), j = imin((int32_t)larger(py, 0), last_y);
         const float u = larger(0, px - (float)i < 1 ? px - (float)i : 1), v = larger(0, py - (float)j < 1 ? py - (float)j : 1);
@@ -71,7 +77,6 @@ void VARIANT(field_straighten)(const float *in, int32_t width, int32_t height, c
                                int32_t wide, int32_t high, float *out, uint8_t *seen) {
     const int32_t across = (wide - 1) / step + 2;
     const float share = 1.0f / (float)step;
-    memset(out, 0, (size_t)wide * (size_t)high * sizeof *out);
     for (int32_t y = 0; y < high; y++) {
         const float *upper_row = nodes + 2 * (size_t)(y / step) * (size_t)across, *lower_row = upper_row + 2 * across;
         const float t = (float)(y % step) * share;
@@ -101,20 +106,35 @@ static void gradient_row(const float *a, const float *b, const float *c, int32_t
     gx[0] = gy[0] = m[0] = gx[width - 1] = gy[width - 1] = m[width - 1] = 0;
 }
 
-static void gradient(const float *in, int32_t width, int32_t height, float *gx, float *gy, float *m) {
-    const size_t w = (size_t)width, last = ((size_t)height - 1) * w;
-    for (size_t y = w; y < last; y += w) gradient_row(in + y - w, in + y, in + y + w, width, gx + y, gy + y, m + y);
-    for (size_t x = 0; x < w; x++) gx[x] = gy[x] = m[x] = gx[last + x] = gy[last + x] = m[last + x] = 0;
+/* The last rows of a picture's gradient: few enough to stay in the cache. */
+typedef struct {
+    const float *in;
+    int32_t width, height;
+    float *gx, *gy, *m; /* row y of each at (y % RING) width */
+} gradients;
+
+static inline size_t kept_at(const gradients *g, int32_t y) { return (size_t)(y % RING) * (size_t)g->width; }
+
+/* Find row y; the first and the last one have no gradient. */
+static void find_row(const gradients *g, int32_t y) {
+    const size_t w = (size_t)g->width, at = kept_at(g, y);
+    const float *row = g->in + (size_t)y * w;
+    if (y > 0 && y < g->height - 1) gradient_row(row - w, row, row + w, g->width, g->gx + at, g->gy + at, g->m + at);
+    else memset(g->gx + at, 0, 4 * w), memset(g->gy + at, 0, 4 * w), memset(g->m + at, 0, 4 * w);
 }
 
 /* What QUIET of all m lie below, by counting in bins of its logarithm: the exponent and the upper bits of the number. */
-static float quiet(const float *m, size_t n) {
+static float quiet(const gradients *g) {
     uint32_t count[BINS] = {0};
     size_t all = 0, below = 0;
-    for (size_t i = 0; i < n; i += 3) {
-        uint32_t bits;
-        memcpy(&bits, &m[i], 4);
-        count[(bits >> 21) & (BINS - 1)]++, all++;
+    for (int32_t y = 0, x = 0; y < g->height; y++, x -= g->width) {
+        find_row(g, y);
+        const float *m = g->m + kept_at(g, y);
+        for (; x < g->width; x += 3) {
+            uint32_t bits;
+            memcpy(&bits, &m[x], 4);
+            count[(bits >> 21) & (BINS - 1)]++, all++;
+        }
     }
     for (uint32_t k = 0; k < BINS; k++) {
         if ((float)(below + count[k]) >= QUIET * (float)all) {
@@ -129,32 +149,24 @@ static float quiet(const float *m, size_t n) {
     return 0;
 }
 
-/* The mean of m over windows of 2 REACH + 1 px, squared; beyond the border there is none. */
-static void window_mean(const float *m, int32_t width, int32_t height, float *column, float *out) {
-    const size_t w = (size_t)width;
+/* The mean of m over windows of 2 REACH + 1 px around a row's places, squared; `column` holds the sums of the window's
+ * rows, REACH more to both sides: beyond the border there is nothing. */
+static void window_mean(const float *restrict column, int32_t width, float *restrict out) {
     const float scale = 1.0f / (float)((2 * REACH + 1) * (2 * REACH + 1));
-    for (int32_t x = 0; x < width; x++) column[x] = 0;
-    for (int32_t y = 0; y < imin(REACH, height); y++)
-        for (int32_t x = 0; x < width; x++) column[x] += m[(size_t)y * w + (size_t)x];
-    for (int32_t y = 0; y < height; y++) {
-        if (y + REACH < height)
-            for (int32_t x = 0; x < width; x++) column[x] += m[((size_t)y + REACH) * w + (size_t)x];
-        if (y > REACH)
-            for (int32_t x = 0; x < width; x++) column[x] -= m[((size_t)y - REACH - 1) * w + (size_t)x];
-        double sum = 0;
-        for (int32_t x = 0; x < imin(REACH, width); x++) sum += column[x];
-        for (int32_t x = 0; x < width; x++) {
-            if (x + REACH < width) sum += column[x + REACH];
-            if (x > REACH) sum -= column[x - REACH - 1];
-            const float mean = scale * (float)sum;
-            out[(size_t)y * w + (size_t)x] = mean * mean;
-        }
+    for (int32_t x = 0; x < width; x++) {
+        float sum = 0;
+        for (int32_t k = 0; k <= 2 * REACH; k++) sum += column[x + k];
+        out[x] = scale * sum * (scale * sum);
     }
 }
 
+static void add_to(float *restrict column, const float *restrict m, int32_t width, float sign) {
+    for (int32_t x = 0; x < width; x++) column[x] += sign * m[x];
+}
+
 /* How sure an edge is at each pixel of a row, in [0, 1]: against noise and its surroundings, and on top of its ridge. */
-static void certainty(const float *m, const float *gx, const float *gy, int32_t width, float noise2, float *restrict row) {
-    const float *above = m - width, *below = m + width;
+static void certainty(const float *above, const float *m, const float *below, const float *gx, const float *gy, int32_t width,
+                      float noise2, float *restrict row) {
     for (int32_t x = 1; x < width - 1; x++) {
         const float ax = fabsf(gx[x]), ay = fabsf(gy[x]), slanted = gx[x] * gy[x];
         const float across = larger(m[x - 1], m[x + 1]), along = larger(above[x], below[x]);
@@ -168,67 +180,93 @@ static void certainty(const float *m, const float *gx, const float *gy, int32_t 
 }
 
 /* A row's certainties over the sectors, by the fourth power of the cosine of twice the angle to them: sector s is across
- * from s + CC_SECTORS / 2, where the cosine is that of the other sign. */
-static void spread(const float *gx, const float *gy, const float *m, const float *sure, int32_t width, size_t n, uint8_t *row) {
+ * from s + CC_SECTORS / 2, where the cosine is that of the other sign. gx, gy become the cosine and sine of twice the angle
+ * of the gradient, sure becomes what is written where that is 1. */
+static void spread(float *restrict gx, float *restrict gy, const float *restrict m, float *restrict sure, int32_t width,
+                   size_t n, uint8_t *row) {
     static const float cosine[] = {1, 0.70710678f, 0, -0.70710678f}, sine[] = {0, 0.70710678f, 1, 0.70710678f};
+    for (int32_t x = 0; x < width; x++) {
+        const float a = gx[x], b = gy[x], scale = 1 / (m[x] * m[x] + 1e-20f);
+        gx[x] = (a * a - b * b) * scale, gy[x] = 2 * a * b * scale, sure[x] *= 255.0f * FULL;
+    }
     for (int s = 0; s < CC_SECTORS / 2; s++) {
         uint8_t *restrict out = row + (size_t)s * n, *restrict across = row + (size_t)(s + CC_SECTORS / 2) * n;
         const float c = cosine[s], d = sine[s];
         for (int32_t x = 0; x < width; x++) {
-            const float a = gx[x], b = gy[x];
-            const float turn = ((a * a - b * b) * c + 2 * a * b * d) / (m[x] * m[x] + 1e-20f), near = turn * turn;
-            const float value = 255.0f * FULL * sure[x] * near * near;
+            const float turn = gx[x] * c + gy[x] * d, near = turn * turn, value = sure[x] * near * near;
             const int32_t grey = (int32_t)(value < 255.0f ? value : 255.0f);
             out[x] = (uint8_t)(turn > 0 ? grey : 0), across[x] = (uint8_t)(turn > 0 ? 0 : grey);
         }
     }
 }
 
-static void moments(const uint8_t *plane, size_t n, float *mean, float *variance) {
-    uint64_t sum = 0, squares = 0;
-    for (size_t i = 0; i < n; i += 4096) {
+/* The sums of a plane's values and of their squares. */
+typedef struct {
+    uint64_t sum, squares;
+} tally;
+
+static void count_in(const uint8_t *row, int32_t n, tally *t) {
+    for (int32_t i = 0; i < n; i += 4096) {
         uint32_t s = 0, s2 = 0;
-        const size_t end = i + 4096 < n ? i + 4096 : n;
-        for (size_t k = i; k < end; k++) s += plane[k], s2 += (uint32_t)plane[k] * plane[k];
-        sum += s, squares += s2;
+        for (int32_t k = i; k < imin(i + 4096, n); k++) s += row[k], s2 += (uint32_t)row[k] * row[k];
+        t->sum += s, t->squares += s2;
     }
-    const double m = n ? (double)sum / (double)n : 0;
-    *mean = (float)m, *variance = n ? (float)((double)squares / (double)n - m * m) : 0;
+}
+
+static void moments(const tally *t, size_t n, float *mean, float *variance) {
+    for (int s = 0; s < CC_SECTORS; s++) {
+        const double m = n ? (double)t[s].sum / (double)n : 0;
+        mean[s] = (float)m, variance[s] = n ? (float)((double)t[s].squares / (double)n - m * m) : 0;
+    }
 }
 
 void VARIANT(field_directions)(const float *in, int32_t width, int32_t height, float floor, float *scratch,
                                uint8_t *planes, float *mean, float *variance) {
-    const size_t w = (size_t)width, n = w * (size_t)height;
-    float *gx = scratch, *gy = gx + n, *m = gy + n, *sure = m + n;
-    memset(planes, 0, n * CC_SECTORS);
+    const size_t w = (size_t)width, n = w * (size_t)height, ring = RING * w;
+    const gradients g = {in, width, height, scratch, scratch + ring, scratch + 2 * ring};
+    float *sure = scratch + 3 * ring, *column = sure + w;
+    tally totals[CC_SECTORS] = {{0, 0}};
     if (width > 2 && height > 2) {
-        gradient(in, width, height, gx, gy, m);
-        const float noise = larger(quiet(m, n) * NOISE_OF_QUIET, floor) * NOISE;
-        float *column = sure; /* its first row is written last */
-        window_mean(m, width, height, column, sure);
-        for (int32_t y = 1; y < height - 1; y++) {
-            const size_t at = (size_t)y * w;
-            certainty(m + at, gx + at, gy + at, width, noise * noise, sure + at);
-            spread(gx + at, gy + at, m + at, sure + at, width, n, planes + at);
+        const float noise = larger(quiet(&g) * NOISE_OF_QUIET, floor) * NOISE;
+        memset(column, 0, (w + 2 * REACH) * sizeof *column);
+        for (int32_t y = -REACH; y < height - 1; y++) {
+            if (y + REACH < height) find_row(&g, y + REACH), add_to(column + REACH, g.m + kept_at(&g, y + REACH), width, 1);
+            if (y > REACH) add_to(column + REACH, g.m + kept_at(&g, y - REACH - 1), width, -1);
+            if (y < 1) continue;
+            const size_t here = kept_at(&g, y);
+            const float *m = g.m + here;
+            window_mean(column, width, sure);
+            certainty(g.m + kept_at(&g, y - 1), m, g.m + kept_at(&g, y + 1), g.gx + here, g.gy + here, width, noise * noise, sure);
+            spread(g.gx + here, g.gy + here, m, sure, width, n, planes + (size_t)y * w);
+            for (size_t s = 0; s < CC_SECTORS; s++) count_in(planes + s * n + (size_t)y * w, width, totals + s);
         }
     }
-    for (int s = 0; s < CC_SECTORS; s++) moments(planes + (size_t)s * n, n, mean + s, variance + s);
+    for (size_t s = 0; s < CC_SECTORS; s++) { /* what has no gradient */
+        const size_t bare = width > 2 && height > 2 ? w : n;
+        memset(planes + s * n, 0, bare), memset(planes + (s + 1) * n - bare, 0, bare);
+    }
+    moments(totals, n, mean, variance);
 }
+
+typedef uint16_t two __attribute__((may_alias, aligned(1))); /* bytes side by side */
 
 void VARIANT(field_halve)(const uint8_t *in, int32_t width, int32_t height, uint8_t *planes, float *mean,
                           float *variance) {
     const int32_t w = width / 2, h = height / 2;
     const size_t n = (size_t)w * (size_t)h;
-    for (int s = 0; s < CC_SECTORS; s++) {
-        const uint8_t *from = in + (size_t)s * (size_t)width * (size_t)height;
+    tally totals[CC_SECTORS] = {{0, 0}};
+    for (size_t s = 0; s < CC_SECTORS; s++) {
+        const uint8_t *from = in + s * (size_t)width * (size_t)height;
         for (int32_t y = 0; y < h; y++) {
-            const uint8_t *a = from + 2 * (size_t)y * (size_t)width, *b = a + width;
-            uint8_t *restrict out = planes + (size_t)s * n + (size_t)y * (size_t)w;
+            const uint8_t *row = from + 2 * (size_t)y * (size_t)width;
+            const two *a = (const two *)row, *b = (const two *)(row + width);
+            uint8_t *restrict out = planes + s * n + (size_t)y * (size_t)w;
             for (int32_t x = 0; x < w; x++) { /* a line one pixel wide fills two of the four */
-                const int32_t sum = (a[2 * x] + a[2 * x + 1] + b[2 * x] + b[2 * x + 1]) / 2;
+                const uint16_t sum = (uint16_t)((uint16_t)((a[x] & 255) + (a[x] >> 8) + (b[x] & 255) + (b[x] >> 8)) >> 1);
                 out[x] = (uint8_t)(sum < 255 ? sum : 255);
             }
+            count_in(out, w, totals + s);
         }
-        moments(planes + (size_t)s * n, n, mean + s, variance + s);
     }
+    moments(totals, n, mean, variance);
 }

@@ -53,7 +53,7 @@ CC_API void cc_straighten(const float *in, int32_t width, int32_t height, const 
                           int32_t high, float *out, uint8_t *seen);
 
 /* The field of a picture: planes (CC_SECTORS, height, width), mean and variance (CC_SECTORS,). `floor` is the gradient
- * (grey value per pixel) that counts as noise at least. Scratch of 4 (width * height) floats. */
+ * (grey value per pixel) that counts as noise at least. Scratch of 50 (width + 12) floats. */
 CC_API void cc_directions(const float *in, int32_t width, int32_t height, float floor, float *scratch, uint8_t *planes,
                           float *mean, float *variance);
 

@@ -104,7 +104,7 @@ def directions(gray: Picture, floor: float) -> Planes:
     gray = np.ascontiguousarray(gray, np.float32)
     height, width = gray.shape
     made = _planes(height, width)
-    scratch = np.zeros(4 * gray.size, np.float32)
+    scratch = np.zeros(50 * (width + 12), np.float32)
     _core().cc_directions(gray.ctypes.data, width, height, floor, scratch.ctypes.data, *_at(*made))
     return made
 

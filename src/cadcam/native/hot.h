@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "internal.h"
+#include "vectors.h"
 
 #define JOIN2(a, b) a##b
 #define JOIN(a, b) JOIN2(a, b)
@@ -38,6 +39,30 @@ typedef struct {
     float nearest, farthest; /* bounds of 1/z: those of its corners */
     int32_t id;
 } triangle;
+
+/* Four triangles side by side, a number of each in a vector. */
+typedef struct {
+    d4 a[4], b[4], c[4], least[4], size[4];
+    float nearest[4], farthest[4];
+    int32_t id[4];
+} quartet;
+
+INLINE d4 across(const d4 v[4], int m) { return (d4){v[0][m], v[1][m], v[2][m], v[3][m]}; }
+
+INLINE triangle triangle_of(const quartet *q, int m) {
+    triangle t = {.nearest = q->nearest[m], .farthest = q->farthest[m], .id = q->id[m]};
+    *(d4 *)t.a = across(q->a, m), *(d4 *)t.b = across(q->b, m), *(d4 *)t.c = across(q->c, m);
+    *(d4 *)t.least = across(q->least, m), *(d4 *)t.size = across(q->size, m);
+    return t;
+}
+
+/* The same without its edges: what is drawn in spans that are sure does not ask for them. */
+INLINE triangle plane_of(const quartet *q, int m) {
+    triangle t;
+    t.a[3] = q->a[3][m], t.b[3] = q->b[3][m], t.c[3] = q->c[3][m];
+    t.nearest = q->nearest[m], t.farthest = q->farthest[m], t.id = q->id[m];
+    return t;
+}
 
 #define NOWHERE ((rect){1, 0, 1, 0})
 static inline int empty(rect r) { return (r.x0 > r.x1) | (r.y0 > r.y1); }
@@ -98,8 +123,8 @@ typedef struct {
     _Alignas(32) int32_t right[TILE];
 } spans;
 
-/* strip.c or tile_plain.c: draw a triangle into the tiles of its rectangle. */
-void VARIANT(draw_triangle)(const band *b, const triangle *t, const rect *r);
+/* strip.c or tile_plain.c: draw those of four triangles that have their bit set into the tiles of their rectangles. */
+void VARIANT(draw_quartet)(const band *b, const quartet *q, const rect r[4], unsigned which);
 /* bent.c, for strip.c: the same through a lens. */
 void VARIANT(draw_through_lens)(const band *b, const triangle *t, const rect *r);
 /* tile.c: draw into the rows of a tile that have their bit set: their spans, or, in doubt, sample by sample. */

@@ -30,11 +30,19 @@ enum {
 /* Neighbouring triangles with the box around them: culled, transformed and drawn together. */
 typedef struct {
     double low[3], high[3];
-    uint32_t first_vertex; /* into scene->x, y, z; a multiple of 8 */
-    uint32_t first_face;   /* into scene->corner and scene->id */
+    uint32_t first_vertex; /* among those of all clusters; a multiple of 8 */
     uint16_t n_vertices;   /* rounded up to a multiple of 8; the rest repeats the last */
     uint16_t n_faces;
 } cluster;
+
+/* A cluster's triangles, all in one place. Their planes in bytes, to tell backs by: 127 times the unit normal, and the
+ * distance of the cluster's lowest corner in front of the plane in steps of 1/127 of the three sides of its box together;
+ * all 0 where rounding turns the normal. */
+typedef struct {
+    int8_t x[CLUSTER], y[CLUSTER], z[CLUSTER], offset[CLUSTER];
+    uint8_t corner[3][CLUSTER]; /* indices into the vertices of the cluster */
+    int32_t id[CLUSTER];        /* the caller's face number */
+} face_block;
 
 typedef struct {
     float normal[3]; /* of unit length in the world, 0 without area */
@@ -43,10 +51,9 @@ typedef struct {
 
 struct cc_scene {
     cluster *clusters;
+    face_block *faces;       /* of each cluster */
     int64_t n_clusters, n_faces;
-    double *x, *y, *z;       /* vertices, cluster by cluster */
-    uint8_t *corner[3];      /* triangles: indices into the vertices of their cluster */
-    int32_t *id;             /* triangles: the caller's face number */
+    double *vertices;        /* cluster by cluster: its n_vertices x, then their y, then their z */
     surface *surfaces;       /* by face number */
     int32_t *part;           /* by face number */
     float (*color)[4];       /* by paint */
@@ -141,6 +148,7 @@ struct cc_frame {
     int32_t n_grids;
     box limits;                              /* of the plane points of all samples, slightly widened */
     double far_x, far_y;                     /* bounds of |x| and |y| there */
+    double eye[3];                           /* the camera's centre in the world */
     int64_t n_clusters;                      /* of the scene; 0 where no sample sees anything */
     int32_t n_shares;                        /* parts of them that threads look through, each by itself */
     int32_t *found;                          /* candidates of each share, */

@@ -1,47 +1,7 @@
-/* Layers of a view as numbers of files: see layers.h. */
+/* Masks as numbers of files: see layers.h. */
 #include "layers.h"
 
-#include <math.h>
 #include <string.h>
-
-/* The first pixel from i on where there is something; n if there is none. Two at a time: most of a picture is often empty. */
-static int64_t filled(const float *depth, int64_t i, int64_t n) {
-    const float nothing[2] = {INFINITY, INFINITY};
-    for (uint64_t two, none; i + 2 <= n; i += 2) {
-        memcpy(&two, depth + i, 8), memcpy(&none, nothing, 8);
-        if (two != none) break;
-    }
-    while (i < n && !(depth[i] < INFINITY)) i++;
-    return i;
-}
-
-/* The first pixel from i on where there is nothing; n if there is none. */
-static int64_t empty(const float *depth, int64_t i, int64_t n) {
-    while (i < n && depth[i] < INFINITY) i++;
-    return i;
-}
-
-static float held(float v, float most) {
-    v = v > 0 ? v : 0;
-    return v < most ? v : most;
-}
-
-void cc_depth_steps(const float *depth, int64_t n, float step, uint8_t *out) {
-    for (int64_t i = 0, to; (i = filled(depth, i, n)) < n; i = to) {
-        to = empty(depth, i, n);
-        for (int64_t k = i; k < to; k++) {
-            const int32_t steps = (int32_t)held(depth[k] / step + 0.5f, 65535);
-            out[2 * k] = (uint8_t)(steps >> 8), out[2 * k + 1] = (uint8_t)steps;
-        }
-    }
-}
-
-void cc_normal_bytes(const float *depth, const float *normal, int64_t n, uint8_t *out) {
-    for (int64_t i = 0, to; (i = filled(depth, i, n)) < n; i = to) {
-        to = empty(depth, i, n);
-        for (int64_t k = 3 * i; k < 3 * to; k++) out[k] = (uint8_t)(int32_t)held(normal[k] * 127.5f + 128, 255);
-    }
-}
 
 /* Where, from byte i on, the first byte lies that differs between the two; n if none does. */
 static int64_t differing(const uint8_t *a, const uint8_t *b, int64_t i, int64_t n) {

@@ -1,4 +1,4 @@
-"""The C core's part that makes a view's layers what files of labels hold (layers.h), as functions of arrays."""
+"""The C core's part that makes masks what files of labels hold (layers.h), as functions of an array."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Mask, Picture
+from cadcam.arrays import Mask
 from cadcam.native.core import library
 
 Box = tuple[int, int, int, int]
@@ -20,8 +20,6 @@ def _core() -> c.CDLL:
     core = library()
     pointer, i64, i32 = c.c_void_p, c.c_int64, c.c_int32
     signatures: dict[str, tuple[object, list[object]]] = {
-        "cc_depth_steps": (None, [pointer, i64, c.c_float, pointer]),
-        "cc_normal_bytes": (None, [pointer, pointer, i64, pointer]),
         "cc_mask_region": (None, [pointer, i32, i32, pointer]),
         "cc_mask_changes": (i64, [pointer, i32, i32, pointer, i64, pointer]),
     }
@@ -29,22 +27,6 @@ def _core() -> c.CDLL:
         function = getattr(core, name)
         function.restype, function.argtypes = result, arguments
     return core
-
-
-def depth_steps(depth: Picture, step: float) -> npt.NDArray[np.uint16]:
-    """Return a depth (H, W) mm in steps, big-endian, at most 65535; 0 where there is nothing."""
-    depth = np.ascontiguousarray(depth, np.float32)
-    out = np.zeros(depth.shape, ">u2")
-    _core().cc_depth_steps(depth.ctypes.data, depth.size, step, out.ctypes.data)
-    return out
-
-
-def normal_bytes(depth: Picture, normal: Picture) -> npt.NDArray[np.uint8]:
-    """Return unit normals (H, W, 3) as (n + 1)/2 in steps of 1/255; 0 where the depth says that there is nothing."""
-    depth, normal = np.ascontiguousarray(depth, np.float32), np.ascontiguousarray(normal, np.float32)
-    out = np.zeros(normal.shape, np.uint8)
-    _core().cc_normal_bytes(depth.ctypes.data, normal.ctypes.data, depth.size, out.ctypes.data)
-    return out
 
 
 def mask_region(mask: Mask) -> tuple[int, Box]:

@@ -1,6 +1,7 @@
-/* See pack.h. A token is a byte, or a stretch that repeats what stands a pixel before it. Tokens are gathered block by block
+/* See pack.h and rows.h. A token is a byte, or a stretch that repeats what stands a pixel before it. Tokens are gathered block by block
  * and written with the block's own Huffman code. */
 #include "pack.h"
+#include "rows.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -230,19 +231,22 @@ static int same(const uint8_t *a, const uint8_t *b, int most) {
     return i < most ? i : most;
 }
 
-/* Adler's sums (RFC 1950) with n more bytes: zeros, which are many, 32 at a time. */
+/* Adler's sums (RFC 1950) with n more bytes, 32 at a time. */
 static void sum_up(uint32_t adler[2], const uint8_t *p, int64_t n) {
-    enum { SAFE = 5552 }; /* bytes, until the second sum no longer fits */
+    enum { SAFE = 5536 }; /* bytes, until the second sum no longer fits */
     uint32_t a = adler[0], b = adler[1];
-    while (n) {
-        const int64_t now = n < SAFE ? n : SAFE;
-        for (int64_t i = 0; i < now;) {
-            if (i + 32 <= now && !(eight(p + i) | eight(p + i + 8) | eight(p + i + 16) | eight(p + i + 24)))
-                b += 32 * a, i += 32;
-            else
-                for (const int64_t to = i + 8 < now ? i + 8 : now; i < to; i++) a += p[i], b += a;
+    for (int64_t i = 0; i < n; a %= 65521, b %= 65521) {
+        const int64_t to = n - i < SAFE ? n : i + SAFE;
+        for (; i + 32 <= to; i += 32) {
+            if (!(eight(p + i) | eight(p + i + 8) | eight(p + i + 16) | eight(p + i + 24))) {
+                b += 32 * a;
+                continue;
+            }
+            uint32_t sum = 0, weighted = 0;
+            for (uint32_t k = 0; k < 32; k++) sum += p[i + k], weighted += (32 - k) * p[i + k];
+            b += 32 * a + weighted, a += sum;
         }
-        a %= 65521, b %= 65521, p += now, n -= now;
+        for (; i < to; i++) a += p[i], b += a;
     }
     adler[0] = a, adler[1] = b;
 }
@@ -261,13 +265,10 @@ static int take_row(packer *k, const uint8_t *row, int64_t n, int first) {
     return 1;
 }
 
-static int all_zero(const uint8_t *p, int64_t n) { return !p[0] && !memcmp(p, p + 1, (size_t)n - 1); }
-
 /* Filter a row; one of zeros is left as it is, so that runs go on from row to row. */
 static void filter(const uint8_t *row, const uint8_t *above, int64_t n, uint8_t *out) {
-    const int up = above && !all_zero(row, n);
-    out[0] = up ? 2 : 0;
-    if (up)
+    out[0] = above ? 2 : 0;
+    if (above)
         for (int64_t i = 0; i < n; i++) out[1 + i] = (uint8_t)(row[i] - above[i]);
     else
         memcpy(out + 1, row, (size_t)n);
@@ -285,24 +286,46 @@ int64_t cc_pack_room(int64_t row_bytes, int64_t rows) {
     return 2 * bytes + HEADER * (bytes / BLOCK + 2);
 }
 
-int64_t cc_pack(const uint8_t *pixels, int64_t row_bytes, int64_t rows, int32_t pixel_bytes, uint8_t *out, int64_t room) {
+int64_t pack_rows(next_row next, const void *picture, int64_t row_bytes, int64_t rows, int32_t pixel_bytes, uint8_t *out,
+                  int64_t room) {
     const int64_t n = row_bytes + 1; /* with the filter's own byte */
     packer *k = calloc(1, sizeof *k);
-    uint8_t *window = calloc((size_t)(2 * n) + 8, 1); /* the row before, this row */
+    uint8_t *memory = calloc((size_t)(PIXEL + n + 8 + 2 * row_bytes), 1); /* 8: see `same` */
     int64_t written = -1;
-    if (k && window && room >= HEADER && pixel_bytes <= PIXEL) {
+    if (k && memory && room >= HEADER && pixel_bytes <= PIXEL) {
+        uint8_t *const filtered = memory + PIXEL; /* behind the end of the one before */
+        uint8_t *row = filtered + n + 8, *above = row + row_bytes;
         k->out.at = out, k->end = out + room, k->adler[0] = 1;
         k->pixel = pixel_bytes;
         put(&k->out, 0x0178, 16); /* deflate, a window of 32 kB */
         int64_t y = 0;
         for (; y < rows; y++) {
-            memcpy(window, window + n, (size_t)n);
-            filter(pixels + y * row_bytes, y ? pixels + (y - 1) * row_bytes : NULL, row_bytes, window + n);
-            sum_up(k->adler, window + n, n);
-            if (!take_row(k, window + n, n, !y)) break;
+            const int filled = next(picture, y, row);
+            memmove(memory, filtered + n - PIXEL, PIXEL);
+            filter(row, filled && y ? above : NULL, row_bytes, filtered);
+            sum_up(k->adler, filtered, n);
+            if (!take_row(k, filtered, n, !y)) break;
+            uint8_t *const before = above;
+            above = row, row = before;
         }
         written = y == rows ? finish(k, out) : -1;
     }
-    free(k), free(window);
+    free(k), free(memory);
     return written;
+}
+
+typedef struct {
+    const uint8_t *pixels;
+    int64_t row_bytes;
+} bytes;
+
+static int bytes_row(const void *picture, int64_t y, uint8_t *row) {
+    const bytes *b = picture;
+    memcpy(row, b->pixels + y * b->row_bytes, (size_t)b->row_bytes);
+    return row[0] || memcmp(row, row + 1, (size_t)b->row_bytes - 1);
+}
+
+int64_t cc_pack(const uint8_t *pixels, int64_t row_bytes, int64_t rows, int32_t pixel_bytes, uint8_t *out, int64_t room) {
+    const bytes picture = {pixels, row_bytes};
+    return pack_rows(bytes_row, &picture, row_bytes, rows, pixel_bytes, out, room);
 }

@@ -1,14 +1,16 @@
-"""The C core's part that packs the pictures of PNG files (pack.h), as a function of an array."""
+"""The C core's part that packs the pictures of PNG files (pack.h), as functions of arrays."""
 
 from __future__ import annotations
 
 import ctypes as c
 import threading
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
 import numpy.typing as npt
 
+from cadcam.arrays import Picture
 from cadcam.errors import NotEnoughMemory
 from cadcam.native.core import library
 
@@ -18,9 +20,16 @@ _kept = threading.local()  # the room of a thread: most of it is never touched, 
 @cache
 def _core() -> c.CDLL:
     core = library()
-    core.cc_pack.argtypes = [c.c_void_p, c.c_int64, c.c_int64, c.c_int32, c.c_void_p, c.c_int64]
-    core.cc_pack_room.argtypes = [c.c_int64, c.c_int64]
-    core.cc_pack.restype = core.cc_pack_room.restype = c.c_int64
+    pointer, i64, i32 = c.c_void_p, c.c_int64, c.c_int32
+    signatures: dict[str, list[object]] = {
+        "cc_pack": [pointer, i64, i64, i32, pointer, i64],
+        "cc_pack_depth": [pointer, i32, i32, c.c_float, pointer, i64],
+        "cc_pack_normals": [pointer, pointer, i32, i32, pointer, i64],
+        "cc_pack_room": [i64, i64],
+    }
+    for name, arguments in signatures.items():
+        function = getattr(core, name)
+        function.restype, function.argtypes = i64, arguments
     return core
 
 
@@ -28,10 +37,30 @@ def packed_rows(rows: npt.NDArray[np.uint8], pixel_bytes: int) -> bytes:
     """Return rows (H, bytes) of pixels, in PNG's order of bytes, as a PNG file holds them. Raises `NotEnoughMemory`."""
     height, width = rows.shape
     rows = np.ascontiguousarray(rows)
-    room = _room(int(_core().cc_pack_room(width, height)))
-    n = _core().cc_pack(rows.ctypes.data, width, height, pixel_bytes, room.ctypes.data, room.size)
+    return _packed(height, width, lambda out: _core().cc_pack(rows.ctypes.data, width, height, pixel_bytes, *out))
+
+
+def packed_depth_rows(depth: Picture, step: float) -> bytes:
+    """Return a depth (H, W) mm in steps, at most 65535, as a PNG file of 16 bits holds it; 0 where it is infinite."""
+    depth = np.ascontiguousarray(depth, np.float32)
+    height, width = depth.shape
+    return _packed(height, 2 * width, lambda out: _core().cc_pack_depth(depth.ctypes.data, width, height, step, *out))
+
+
+def packed_normal_rows(depth: Picture, normal: Picture) -> bytes:
+    """Return unit normals (H, W, 3) as (n + 1)/2 in steps of 1/255, as a PNG file holds them; 0 where depth is inf."""
+    depth, normal = np.ascontiguousarray(depth, np.float32), np.ascontiguousarray(normal, np.float32)
+    height, width = depth.shape
+    places = (depth.ctypes.data, normal.ctypes.data)
+    return _packed(height, 3 * width, lambda out: _core().cc_pack_normals(*places, width, height, *out))
+
+
+def _packed(rows: int, row_bytes: int, pack: Callable[[tuple[int, int]], int]) -> bytes:
+    """Return what a function of the core packs into a place of so many bytes."""
+    room = _room(int(_core().cc_pack_room(row_bytes, rows)))
+    n = pack((room.ctypes.data, room.size))
     if n < 0:
-        raise NotEnoughMemory(f"there is not enough memory to pack a picture of {rows.size} bytes")
+        raise NotEnoughMemory(f"there is not enough memory to pack a picture of {rows * row_bytes} bytes")
     return room[:n].tobytes()
 
 

@@ -30,10 +30,9 @@ typedef struct {
 } corners;
 
 static void transform(const cc_frame *f, const cluster *c, corners *out) {
-    const double *restrict X = f->scene->x + c->first_vertex, *restrict Y = f->scene->y + c->first_vertex;
-    const double *restrict Z = f->scene->z + c->first_vertex;
+    const int n = c->n_vertices;
+    const double *restrict X = f->scene->vertices + 3 * (size_t)c->first_vertex, *restrict Y = X + n, *restrict Z = Y + n;
     const double *M = f->view->plane;
-    int n = c->n_vertices;
     for (int i = 0; i < n; i++) {
         out->x[i] = M[0] * X[i] + M[1] * Y[i] + M[2] * Z[i] + M[3];
         out->y[i] = M[4] * X[i] + M[5] * Y[i] + M[6] * Z[i] + M[7];
@@ -67,8 +66,8 @@ INLINE d4 bare(d4 v) { return (d4)((l4)v & INT64_MAX); }
 
 /* Edges and planes of four triangles, with their corners i[0], i[1], i[2]; which of them are neither seen edge-on nor
  * without area, as bits. The edges: P_1 x P_2, P_2 x P_0, P_0 x P_1; the normal: (P_1 - P_0) x (P_2 - P_0). */
-INLINE unsigned set_up(const cc_frame *f, const corners *v, const uint8_t i[3][4], triangle t[4]) {
-    d4 x[5], y[5], z[5], a[4], b[4], c[4], least[4], size[4];
+INLINE unsigned set_up(const cc_frame *f, const corners *v, const uint8_t i[3][4], quartet *q) {
+    d4 x[5], y[5], z[5], *a = q->a, *b = q->b, *c = q->c;
     for (int k = 0; k < 3; k++) x[k] = four(v->x, i[k]), y[k] = four(v->y, i[k]), z[k] = four(v->z, i[k]);
     for (int k = 3; k < 5; k++) x[k] = x[k - 2] - x[0], y[k] = y[k - 2] - y[0], z[k] = z[k - 2] - z[0];
     for (int k = 0; k < 4; k++) {
@@ -81,28 +80,23 @@ INLINE unsigned set_up(const cc_frame *f, const corners *v, const uint8_t i[3][4
     for (int k = 0; k < 4; k++) {
         const d4 by = k < 3 ? sign : inverse;
         a[k] *= by, b[k] *= by, c[k] *= by;
-        size[k] = bare(a[k]) * f->far_x + (bare(b[k]) * f->far_y + bare(c[k]));
+        q->size[k] = bare(a[k]) * f->far_x + (bare(b[k]) * f->far_y + bare(c[k]));
         /* e = 0 counts on the left and top edges; elsewhere e must be positive */
-        least[k] = (d4)((l4)(DBL_MIN + zero) & ~((a[k] > zero) | ((a[k] == zero) & (b[k] > zero))));
+        q->least[k] = (d4)((l4)(DBL_MIN + zero) & ~((a[k] > zero) | ((a[k] == zero) & (b[k] > zero))));
     }
     unsigned bits = 0;
-    for (int k = 0; k < 4; k++) {
-        *(d4 *)t[k].a = (d4){a[0][k], a[1][k], a[2][k], a[3][k]}, *(d4 *)t[k].b = (d4){b[0][k], b[1][k], b[2][k], b[3][k]};
-        *(d4 *)t[k].c = (d4){c[0][k], c[1][k], c[2][k], c[3][k]};
-        *(d4 *)t[k].least = (d4){least[0][k], least[1][k], least[2][k], least[3][k]};
-        *(d4 *)t[k].size = (d4){size[0][k], size[1][k], size[2][k], size[3][k]};
-        bits |= (unsigned)(sound[k] & 1) << k;
-    }
+    for (int m = 0; m < 4; m++) bits |= (unsigned)(sound[m] & 1) << m;
     return bits;
 }
 
-/* That of the pixels' plane in the plane of a grid's samples: edges that two triangles share stay each other's negative. */
-static inline triangle in_grid(const grid *g, const triangle *t) {
-    triangle fine = *t;
-    const d4 a = *(const d4 *)t->a, b = *(const d4 *)t->b, c = *(const d4 *)t->c;
+/* Those of the pixels' plane in the plane of a grid's samples: edges that two triangles share stay each other's negative. */
+INLINE quartet in_grid(const grid *g, const quartet *of) {
+    quartet fine = *of;
     const double s = 1.0 / g->n;
-    *(d4 *)fine.a = a * s, *(d4 *)fine.b = b * s, *(d4 *)fine.c = c - (a + b) * (s * g->shift);
-    *(d4 *)fine.size = *(const d4 *)t->size * 2.0; /* samples lie as much as half a pixel beside the centres */
+    for (int k = 0; k < 4; k++) {
+        fine.a[k] = of->a[k] * s, fine.b[k] = of->b[k] * s, fine.c[k] = of->c[k] - (of->a[k] + of->b[k]) * (s * g->shift);
+        fine.size[k] = of->size[k] * 2.0; /* samples lie as much as half a pixel beside the centres */
+    }
     return fine;
 }
 
@@ -126,44 +120,41 @@ typedef struct {
 /* A cluster being drawn: which of its triangles may be seen in which samples of each grid. */
 typedef struct {
     const cluster *cluster;
+    const face_block *faces;
     corners corners;
     int n; /* of these triangles: */
     uint8_t which[CLUSTER];
     bounds bounds;
+    uint64_t seen[GRIDS]; /* those that may be seen in a grid, as bits, and where */
     rect where[GRIDS][CLUSTER];
 } sighting;
 
-static inline void corners_of(const cc_scene *s, const cluster *c, int k, uint8_t i[3]) {
-    for (int j = 0; j < 3; j++) i[j] = s->corner[j][c->first_face + (size_t)k];
+static inline void corners_of(const sighting *s, int k, uint8_t i[3]) {
+    for (int j = 0; j < 3; j++) i[j] = s->faces->corner[j][s->which[k]];
 }
 
-/* List the triangles of a cluster, but for those that show their back, where the view leaves them out: those that do so
- * by more than rounding, with all corners in front of the camera. */
+/* List the triangles of a cluster, but for those that show their back, where the view leaves them out: those whose plane
+ * the camera is behind by more than the half steps that its numbers are rounded by. */
 static void list(const cc_frame *f, sighting *s) {
-    const corners *v = &s->corners;
+    const cluster *c = s->cluster;
+    const face_block *of = s->faces;
+    float at[3], size[3];
+    for (int k = 0; k < 3; k++) at[k] = (float)(f->eye[k] - c->low[k]), size[k] = (float)(c->high[k] - c->low[k]);
+    const float sides = size[0] + size[1] + size[2];
+    const float slack = f->view->fronts ? 0.51f * (fabsf(at[0]) + fabsf(at[1]) + fabsf(at[2]) + sides) : INFINITY;
+    uint8_t front[CLUSTER];
+    for (int k = 0; k < CLUSTER; k++)
+        front[k] = !(of->x[k] * at[0] + of->y[k] * at[1] + of->z[k] * at[2] + of->offset[k] * sides < -slack);
     s->n = 0;
-    for (int k = 0; k < s->cluster->n_faces; k++) {
-        int back = 0;
-        if (f->view->fronts) {
-            uint8_t i[3];
-            corners_of(f->scene, s->cluster, k, i);
-            const double x1 = v->u[i[1]] - v->u[i[0]], y1 = v->v[i[1]] - v->v[i[0]];
-            const double x2 = v->u[i[2]] - v->u[i[0]], y2 = v->v[i[2]] - v->v[i[0]];
-            const double size = fabs(x1) + fabs(y1) + fabs(x2) + fabs(y2);
-            back = (x1 * y2 - x2 * y1 > 0x1p-40 * size * (size + f->far_x + f->far_y)) &
-                   (lower3(v->z[i[0]], v->z[i[1]], v->z[i[2]]) > 0);
-        }
-        s->which[s->n] = (uint8_t)k, s->n += !back;
-    }
+    for (int k = 0; k < c->n_faces; k++) s->which[s->n] = (uint8_t)k, s->n += front[k];
 }
 
-static void bound(const cc_frame *f, const double *restrict x, const double *restrict y, const double *restrict front,
-                  sighting *s) {
+static void bound(const double *restrict x, const double *restrict y, const double *restrict front, sighting *s) {
     const double *restrict w = s->corners.w;
     bounds *restrict out = &s->bounds;
     for (int k = 0; k < s->n; k++) {
         uint8_t i[3];
-        corners_of(f->scene, s->cluster, s->which[k], i);
+        corners_of(s, k, i);
         const int p = i[0], q = i[1], r = i[2];
         double near = upper3(w[p], w[q], w[r]), far = lower3(w[p], w[q], w[r]);
         out->x0[k] = lower3(x[p], x[q], x[r]), out->x1[k] = upper3(x[p], x[q], x[r]);
@@ -173,12 +164,12 @@ static void bound(const cc_frame *f, const double *restrict x, const double *res
     }
 }
 
-/* The samples of triangles that lie in front of the camera. */
+/* The samples of a part of a grid that triangles may cover: all of it for those that reach behind the camera. */
 typedef struct {
     _Alignas(64) int32_t x0[CLUSTER], x1[CLUSTER], y0[CLUSTER], y1[CLUSTER];
 } reaches;
 
-static void reach(const grid *g, const patch *near, const bounds *of, int n, reaches *out) {
+static void reach(const grid *g, const patch *near, const bounds *of, rect part, int n, reaches *out) {
     const double s = near ? 1 : g->scale, t = near ? 0 : g->shift; /* a patch has samples, not pixels */
     const double slack_x = 1e-5 + (near ? near->off_x : 0), slack_y = 1e-5 + (near ? near->off_y : 0); /* far above rounding */
     const double left = t - slack_x, top = t - slack_y, right = t + slack_x, bottom = t + slack_y;
@@ -187,8 +178,9 @@ static void reach(const grid *g, const patch *near, const bounds *of, int n, rea
         double x0 = lower(upper(s * of->x0[k] + left, 0), width), y0 = lower(upper(s * of->y0[k] + top, 0), height);
         double x1 = lower(upper(s * of->x1[k] + right, -1) + 1, width), y1 = lower(upper(s * of->y1[k] + bottom, -1) + 1, height);
         int32_t first = (int32_t)x0, above = (int32_t)y0;
-        out->x0[k] = first + (x0 > first), out->y0[k] = above + (y0 > above);
-        out->x1[k] = (int32_t)x1 - 1, out->y1[k] = (int32_t)y1 - 1;
+        out->x0[k] = imax(first + (x0 > first), part.x0), out->y0[k] = imax(above + (y0 > above), part.y0);
+        out->x1[k] = imin((int32_t)x1 - 1, part.x1), out->y1[k] = imin((int32_t)y1 - 1, part.y1);
+        if (!(of->front[k] > 0)) out->x0[k] = part.x0, out->x1[k] = part.x1, out->y0[k] = part.y0, out->y1[k] = part.y1;
     }
 }
 
@@ -215,101 +207,106 @@ static inline rect tightened(const patch *near, const corners *v, const uint8_t 
 }
 
 /* Which samples of a rectangle triangle k may cover, in front of the camera or not; empty where it is beyond a side. */
-static rect covered(const band *b, sighting *s, const reaches *in, const patch *near, int k, rect part) {
+static inline rect covered(const band *b, sighting *s, const reaches *in, const patch *near, int k, rect part) {
     const cc_frame *f = b->frame;
     const corners *v = &s->corners;
     bounds *of = &s->bounds;
     uint8_t i[3];
     if (of->front[k] > 0) {
-        const rect r = common((rect){in->x0[k], in->x1[k], in->y0[k], in->y1[k]}, part);
-        if (!near || near->off_x + near->off_y <= 0.5 || empty(r)) return r;
-        corners_of(f->scene, s->cluster, s->which[k], i);
+        const rect r = {in->x0[k], in->x1[k], in->y0[k], in->y1[k]};
+        if (!near || near->off_x + near->off_y <= 0.5) return r;
+        corners_of(s, k, i);
         return tightened(patch_of(b->grid->lens, &r), v, i, r);
     }
-    corners_of(f->scene, s->cluster, s->which[k], i); /* reaches behind the camera: anywhere, in front of its farthest corner */
+    corners_of(s, k, i); /* reaches behind the camera: anywhere, in front of its farthest corner */
     if (beyond_a_side(&f->limits, v->x, v->y, v->z, i, 3)) return NOWHERE;
     of->nearest[k] = FLT_MAX;
     of->farthest[k] = (float)lower(1 / upper3(v->z[i[0]], v->z[i[1]], v->z[i[2]]), FLT_MAX);
     return part;
 }
 
-/* Find out where the triangles may be seen in a part of a grid. */
-static void sight_in(const band *b, rect part, sighting *s, rect where[]) {
+/* Which triangles reach samples, as bits. */
+INLINE uint64_t somewhere(const reaches *in, const sighting *s) {
+    uint64_t bits = 0;
+    for (int k = 0; k < s->n; k += 8) {
+        const i8 x0 = *(const i8 *)(in->x0 + k), x1 = *(const i8 *)(in->x1 + k);
+        const i8 y0 = *(const i8 *)(in->y0 + k), y1 = *(const i8 *)(in->y1 + k);
+        bits |= (uint64_t)signs((x0 <= x1) & (y0 <= y1)) << k;
+    }
+    return s->n < CLUSTER ? bits & (((uint64_t)1 << s->n) - 1) : bits;
+}
+
+/* Find out where the triangles may be seen in a part of a grid: which of them, as bits. */
+static uint64_t sight_in(const band *b, rect part, sighting *s, rect where[]) {
     const patch *near = b->grid->lens ? patch_of(b->grid->lens, &part) : NULL;
     places at;
     reaches in;
     if (near) {
         place(near, &s->corners, s->cluster->n_vertices, &at);
-        bound(b->frame, at.x, at.y, at.front, s);
+        bound(at.x, at.y, at.front, s);
     }
-    reach(b->grid, near, &s->bounds, s->n, &in);
-    for (int k = 0; k < s->n; k++) {
+    reach(b->grid, near, &s->bounds, part, s->n, &in);
+    uint64_t seen = 0;
+    for (uint64_t left = somewhere(&in, s); left; left &= left - 1) {
+        const int k = __builtin_ctzll(left);
         where[k] = covered(b, s, &in, near, k, part);
-        if (!empty(where[k]) && !may_be_seen(b, &where[k], s->bounds.nearest[k])) where[k] = NOWHERE;
+        if (!empty(where[k]) && may_be_seen(b, &where[k], s->bounds.nearest[k])) seen |= (uint64_t)1 << k;
     }
-}
-
-/* Keep the triangles that may be seen somewhere. */
-static void keep_seen(int n_grids, sighting *s) {
-    bounds *of = &s->bounds;
-    int kept = 0;
-    for (int k = 0; k < s->n; k++) {
-        int seen = 0;
-        for (int g = 0; g < n_grids; g++) s->where[g][kept] = s->where[g][k], seen |= !empty(s->where[g][k]);
-        s->which[kept] = s->which[k], of->nearest[kept] = of->nearest[k], of->farthest[kept] = of->farthest[k];
-        kept += seen;
-    }
-    s->n = kept;
+    return seen;
 }
 
 /* Find the triangles of a cluster that may be seen in parts of the grids. */
 static void sight(const band bands[], const rect part[], sighting *s) {
     const cc_frame *f = bands[0].frame;
     const corners *v = &s->corners;
-    transform(f, s->cluster, &s->corners);
     list(f, s);
-    if (!bands[0].grid->lens) bound(f, v->u, v->v, v->z, s);
+    for (int g = 0; g < f->n_grids; g++) s->seen[g] = 0;
+    if (!s->n) return;
+    transform(f, s->cluster, &s->corners);
+    if (!bands[0].grid->lens) bound(v->u, v->v, v->z, s);
+    for (int g = 0; g < f->n_grids; g++)
+        if (!empty(part[g])) s->seen[g] = sight_in(&bands[g], part[g], s, s->where[g]);
+}
+
+/* Draw four triangles, by their numbers, in all grids. */
+static void draw_four(const band bands[], const sighting *s, const int k[4], int n) {
+    const cc_frame *f = bands[0].frame;
+    quartet q;
+    uint8_t i[3][4];
+    for (int m = 0; m < 4; m++) {
+        const int face = s->which[k[m]];
+        for (int j = 0; j < 3; j++) i[j][m] = s->faces->corner[j][face];
+        q.nearest[m] = s->bounds.nearest[k[m]], q.farthest[m] = s->bounds.farthest[k[m]], q.id[m] = s->faces->id[face];
+    }
+    const unsigned sound = set_up(f, &s->corners, i, &q) & ((1u << n) - 1);
     for (int g = 0; g < f->n_grids; g++) {
-        if (!empty(part[g])) sight_in(&bands[g], part[g], s, s->where[g]);
-        else for (int k = 0; k < s->n; k++) s->where[g][k] = NOWHERE;
-    }
-    keep_seen(f->n_grids, s);
-}
-
-/* Make them ready to draw; those that cannot be drawn are nowhere. */
-static void prepare(const cc_frame *f, sighting *s, triangle t[CLUSTER]) {
-    const cluster *c = s->cluster;
-    for (int first = 0; first < s->n; first += 4) {
-        uint8_t i[3][4];
-        for (int m = 0; m < 4; m++)
-            for (int j = 0; j < 3; j++) i[j][m] = f->scene->corner[j][c->first_face + s->which[imin(first + m, s->n - 1)]];
-        const unsigned sound = set_up(f, &s->corners, i, t + first);
-        for (int k = first; k < imin(first + 4, s->n); k++) {
-            t[k].nearest = s->bounds.nearest[k], t[k].farthest = s->bounds.farthest[k];
-            t[k].id = f->scene->id[c->first_face + s->which[k]];
-            for (int g = 0; g < f->n_grids; g++)
-                if (!(sound >> (k - first) & 1)) s->where[g][k] = NOWHERE;
+        const grid *of = bands[g].grid;
+        unsigned which = 0;
+        rect r[4];
+        for (int m = 0; m < 4; m++) {
+            const unsigned seen = s->seen[g] >> k[m] & sound >> m & 1;
+            r[m] = seen ? s->where[g][k[m]] : (rect){0}, which |= seen << m;
         }
-    }
-}
-
-static void draw_sighted(const band *b, const sighting *s, const rect where[], const triangle t[]) {
-    const int own_plane = b->grid->n > 1 && !b->grid->lens;
-    triangle fine;
-    for (int k = 0; k < s->n; k++) {
-        if (empty(where[k])) continue;
-        if (own_plane) fine = in_grid(b->grid, &t[k]);
-        VARIANT(draw_triangle)(b, own_plane ? &fine : &t[k], &where[k]);
+        if (!which) continue;
+        if (of->n > 1 && !of->lens) q = in_grid(of, &q); /* the last grid */
+        VARIANT(draw_quartet)(&bands[g], &q, r, which);
     }
 }
 
 static void draw_cluster(const band bands[], const cluster *c, const rect part[]) {
-    const cc_frame *f = bands[0].frame;
     sighting s;
-    triangle t[CLUSTER];
-    s.cluster = c;
-    sight(bands, part, &s), prepare(f, &s, t);
-    for (int g = 0; g < f->n_grids; g++) draw_sighted(&bands[g], &s, s.where[g], t);
+    s.cluster = c, s.faces = bands[0].frame->scene->faces + (c - bands[0].frame->scene->clusters);
+    sight(bands, part, &s);
+    uint64_t left = s.seen[0];
+    for (int g = 1; g < bands[0].frame->n_grids; g++) left |= s.seen[g];
+    while (left) {
+        int k[4], n = 0;
+        for (int m = 0; m < 4; m++) {
+            k[m] = left ? __builtin_ctzll(left) : k[0]; /* one of them once more, not to be drawn */
+            n += left != 0, left &= left - 1;
+        }
+        draw_four(bands, &s, k, n);
+    }
 }
 
 /* ---- bands ---------------------------------------------------------------------------------------------------- */
@@ -326,17 +323,46 @@ static int open_band(const cc_frame *f, cc_worker *w, int g, int32_t first, band
     return 1;
 }
 
-static void draw_candidate(const band bands[], const candidate *c) {
-    const cc_frame *f = bands[0].frame;
+/* A cluster that may be seen in parts of the grids, or none. */
+typedef struct {
+    const cluster *cluster;
     rect part[GRIDS];
-    int seen = 0;
+} due;
+
+static due due_of(const band bands[], const candidate *c) {
+    const cc_frame *f = bands[0].frame;
+    due d = {NULL};
     for (int g = 0; g < f->n_grids; g++) {
         const band *b = &bands[g];
-        part[g] = common(c->where[g], (rect){0, b->grid->width - 1, b->y0, b->y1});
-        if (!empty(part[g]) && !may_be_seen(b, &part[g], c->nearest)) part[g] = NOWHERE;
-        seen |= !empty(part[g]);
+        d.part[g] = common(c->where[g], (rect){0, b->grid->width - 1, b->y0, b->y1});
+        if (!empty(d.part[g]) && !may_be_seen(b, &d.part[g], c->nearest)) d.part[g] = NOWHERE;
+        if (!empty(d.part[g])) d.cluster = &f->scene->clusters[c->index];
     }
-    if (seen) draw_cluster(bands, &f->scene->clusters[c->index], part);
+    return d;
+}
+
+INLINE void ask_for(const void *data, size_t bytes) {
+    for (size_t k = 0; k < bytes; k += 64) __builtin_prefetch((const char *)data + k);
+}
+
+/* Ask the memory for a cluster: they lie scattered, and waiting for them took as long as placing their vertices. */
+INLINE void fetch(const cc_scene *s, const cluster *c) {
+    ask_for(&s->faces[c - s->clusters], sizeof *s->faces);
+    ask_for(s->vertices + 3 * (size_t)c->first_vertex, 3 * c->n_vertices * sizeof *s->vertices);
+}
+
+/* Draw all candidates: each is asked for while the one before it is drawn. */
+static void draw_band(const band bands[]) {
+    const cc_frame *f = bands[0].frame;
+    due next, now = {NULL};
+    for (int64_t i = 0; i < f->n_candidates; i++) {
+        next = due_of(bands, &f->candidates[i]);
+        if (!next.cluster) continue;
+        fetch(f->scene, next.cluster);
+        if (now.cluster) draw_cluster(bands, now.cluster, now.part);
+        now = next;
+    }
+    if (now.cluster) draw_cluster(bands, now.cluster, now.part);
 }
 
 int VARIANT(frame_work)(cc_frame *f, cc_worker *worker) {
@@ -347,7 +373,7 @@ int VARIANT(frame_work)(cc_frame *f, cc_worker *worker) {
         if (next >= f->n_bands) return 0;
         for (int g = 0; g < f->n_grids; g++)
             if (!open_band(f, worker, g, f->bands[next].first, &bands[g])) return -1;
-        for (int64_t i = 0; i < f->n_candidates; i++) draw_candidate(bands, &f->candidates[i]);
+        draw_band(bands);
         for (int g = 0; g < f->n_grids; g++) VARIANT(write_band)(&bands[g], worker->row);
     }
 }

@@ -97,47 +97,59 @@ static keyed *sorted_faces(const double *v, const int32_t *faces, size_t n) {
 }
 
 /* Append one cluster of n sorted triangles; vertices that they share are stored once. */
-static void add_cluster(cc_scene *s, const double *v, const int32_t *faces, const keyed *sorted, size_t n,
-                        size_t *n_vertices, size_t first_face) {
+static void add_cluster(cc_scene *s, const double *v, const int32_t *faces, const keyed *sorted, size_t n, size_t *n_vertices) {
+    face_block *of = &s->faces[s->n_clusters];
     cluster *c = &s->clusters[s->n_clusters++];
-    size_t base = *n_vertices, used = 0;
-    *c = (cluster){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}, (uint32_t)base,
-                   (uint32_t)first_face, 0, (uint16_t)n};
+    size_t used = 0;
+    *c = (cluster){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}, (uint32_t)*n_vertices, 0, (uint16_t)n};
+    memset(of, 0, sizeof *of);
     int32_t seen[CORNERS];
     for (size_t i = 0; i < n; i++) {
         const int32_t *f = faces + 3 * (size_t)sorted[i].face;
-        s->id[first_face + i] = (int32_t)sorted[i].face;
+        of->id[i] = (int32_t)sorted[i].face;
         for (int k = 0; k < 3; k++) {
             size_t j = 0;
             while (j < used && seen[j] != f[k]) j++;
-            if (j == used) {
-                const double *p = v + 3 * (size_t)f[k];
-                seen[used++] = f[k];
-                s->x[base + j] = p[0], s->y[base + j] = p[1], s->z[base + j] = p[2];
-                for (int a = 0; a < 3; a++) {
-                    if (p[a] < c->low[a]) c->low[a] = p[a];
-                    if (p[a] > c->high[a]) c->high[a] = p[a];
-                }
-            }
-            s->corner[k][first_face + i] = (uint8_t)j;
+            if (j == used) seen[used++] = f[k];
+            of->corner[k][i] = (uint8_t)j;
         }
     }
-    for (; used % 8; used++) {
-        s->x[base + used] = s->x[base + used - 1];
-        s->y[base + used] = s->y[base + used - 1];
-        s->z[base + used] = s->z[base + used - 1];
-    }
+    for (; used % 8; used++) seen[used] = seen[used - 1];
+    double *at = s->vertices + 3 * *n_vertices;
+    for (int k = 0; k < 3; k++)
+        for (size_t j = 0; j < used; j++) {
+            const double p = *at++ = v[3 * (size_t)seen[j] + (size_t)k];
+            if (p < c->low[k]) c->low[k] = p;
+            if (p > c->high[k]) c->high[k] = p;
+        }
     c->n_vertices = (uint16_t)used;
-    *n_vertices = base + used;
+    *n_vertices += used;
 }
 
-static void unit_normal(const double *v, const int32_t *f, float out[3]) {
+/* Unit normal of a triangle, 0 without area; returns whether rounding leaves it its direction. */
+static int unit_normal(const double *v, const int32_t *f, double n[3]) {
     const double *a = v + 3 * (size_t)f[0], *b = v + 3 * (size_t)f[1], *c = v + 3 * (size_t)f[2];
-    double p[3], q[3], n[3];
-    for (int k = 0; k < 3; k++) p[k] = b[k] - a[k], q[k] = c[k] - a[k];
-    for (int k = 0; k < 3; k++) n[k] = p[(k + 1) % 3] * q[(k + 2) % 3] - p[(k + 2) % 3] * q[(k + 1) % 3];
-    double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-    for (int k = 0; k < 3; k++) out[k] = length > 0 ? (float)(n[k] / length) : 0.0f;
+    double p[3], q[3], pp = 0, qq = 0, nn = 0;
+    for (int k = 0; k < 3; k++) p[k] = b[k] - a[k], q[k] = c[k] - a[k], pp += p[k] * p[k], qq += q[k] * q[k];
+    for (int k = 0; k < 3; k++) n[k] = p[(k + 1) % 3] * q[(k + 2) % 3] - p[(k + 2) % 3] * q[(k + 1) % 3], nn += n[k] * n[k];
+    const double length = sqrt(nn);
+    for (int k = 0; k < 3; k++) n[k] = length > 0 ? n[k] / length : 0;
+    return length > 0x1p-24 * sqrt(pp * qq);
+}
+
+static void set_planes(cc_scene *s, const double *v, const int32_t *faces, int64_t i) {
+    const cluster *c = &s->clusters[i];
+    const double sides = (c->high[0] - c->low[0]) + (c->high[1] - c->low[1]) + (c->high[2] - c->low[2]);
+    face_block *of = &s->faces[i];
+    for (int k = 0; k < c->n_faces; k++) {
+        const int32_t *f = faces + 3 * (size_t)of->id[k];
+        const double *p = v + 3 * (size_t)f[0];
+        double n[3];
+        if (!unit_normal(v, f, n)) continue;
+        const double above = n[0] * (c->low[0] - p[0]) + n[1] * (c->low[1] - p[1]) + n[2] * (c->low[2] - p[2]);
+        of->x[k] = (int8_t)lrint(127 * n[0]), of->y[k] = (int8_t)lrint(127 * n[1]), of->z[k] = (int8_t)lrint(127 * n[2]);
+        of->offset[k] = (int8_t)lrint(127 * above / sides);
+    }
 }
 
 CC_API cc_scene *cc_scene_new(const double *vertices, const int32_t *faces, int64_t n_faces, const int32_t *part,
@@ -148,29 +160,29 @@ CC_API cc_scene *cc_scene_new(const double *vertices, const int32_t *faces, int6
     if (!sorted) return free(s), NULL;
     size_t room = 3 * n + 8 * clusters + 8; /* given back below */
     s->n_faces = n_faces;
-    s->clusters = malloc((clusters + 1) * sizeof *s->clusters);
-    s->x = malloc(room * sizeof(double)), s->y = malloc(room * sizeof(double)), s->z = malloc(room * sizeof(double));
-    for (int k = 0; k < 3; k++) s->corner[k] = malloc(n + 1);
-    s->id = malloc((n + 1) * sizeof *s->id);
+    s->clusters = malloc((clusters + 1) * sizeof *s->clusters), s->faces = malloc((clusters + 1) * sizeof *s->faces);
+    s->vertices = malloc(3 * room * sizeof(double));
     s->surfaces = malloc((n + 1) * sizeof *s->surfaces);
     s->part = malloc((n + 1) * sizeof *s->part);
     s->color = malloc(((size_t)n_colors + 1) * sizeof *s->color);
-    if (!s->clusters || !s->x || !s->y || !s->z || !s->corner[0] || !s->corner[1] || !s->corner[2] ||
-        !s->id || !s->surfaces || !s->part || !s->color) {
+    if (!s->clusters || !s->faces || !s->vertices || !s->surfaces || !s->part || !s->color) {
         free(sorted);
         cc_scene_free(s);
         return NULL;
     }
     size_t used = 0;
     for (size_t i = 0; i < n; i += CLUSTER)
-        add_cluster(s, vertices, faces, sorted + i, n - i < CLUSTER ? n - i : CLUSTER, &used, i);
+        add_cluster(s, vertices, faces, sorted + i, n - i < CLUSTER ? n - i : CLUSTER, &used);
     free(sorted);
-    double **axis[3] = {&s->x, &s->y, &s->z};
-    for (int k = 0; k < 3; k++) {
-        double *shrunk = realloc(*axis[k], (used + 8) * sizeof(double));
-        if (shrunk) *axis[k] = shrunk;
+    double *shrunk = realloc(s->vertices, 3 * (used + 8) * sizeof(double));
+    if (shrunk) s->vertices = shrunk;
+    for (size_t i = 0; i < n; i++) {
+        double normal[3];
+        unit_normal(vertices, faces + 3 * i, normal);
+        for (int k = 0; k < 3; k++) s->surfaces[i].normal[k] = (float)normal[k];
+        s->surfaces[i].paint = paint[i];
     }
-    for (size_t i = 0; i < n; i++) unit_normal(vertices, faces + 3 * i, s->surfaces[i].normal), s->surfaces[i].paint = paint[i];
+    for (int64_t i = 0; i < s->n_clusters; i++) set_planes(s, vertices, faces, i);
     memcpy(s->part, part, n * sizeof *part);
     for (size_t i = 0; i < (size_t)n_colors; i++) {
         memcpy(s->color[i], colors + 3 * i, 3 * sizeof *colors);
@@ -181,8 +193,7 @@ CC_API cc_scene *cc_scene_new(const double *vertices, const int32_t *faces, int6
 
 CC_API void cc_scene_free(cc_scene *s) {
     if (!s) return;
-    free(s->clusters), free(s->x), free(s->y), free(s->z), free(s->id);
-    for (int k = 0; k < 3; k++) free(s->corner[k]);
+    free(s->clusters), free(s->faces), free(s->vertices);
     free(s->surfaces), free(s->part), free(s->color), free(s);
 }
 
@@ -288,6 +299,8 @@ static void set_limits(cc_frame *f) {
     }
     f->n_clusters = all.x0 <= all.x1 ? f->scene->n_clusters : 0;
     f->limits = (box){all.x0 - mx, all.x1 + mx, all.y0 - my, all.y1 + my};
+    for (int k = 0; k < 3; k++) /* `ray` is the inverse of the plane's left three columns */
+        for (int j = 0; j < 3; j++) f->eye[k] -= f->view->ray[3 * k + j] * f->view->plane[4 * j + 3];
     f->far_x = 1.01 * fmax(fabs(f->limits.x0), fabs(f->limits.x1));
     f->far_y = 1.01 * fmax(fabs(f->limits.y0), fabs(f->limits.y1));
 }

@@ -79,7 +79,8 @@ typedef struct {
 
 /* An edge in view: what is left of it is from t0 to t1. */
 typedef struct {
-    corner a, b;
+    const corner *a, *b;
+    corner cut[2]; /* what they are where it is cut */
     const double *ends; /* (2, 3), in space */
     double t0, t1;
     int64_t number;
@@ -115,8 +116,8 @@ static void borders(const cc_sight *s, const cc_eye_point *eye, const double p[3
 static int clip(const cc_sight *s, const cc_eye_point *eye, line *l) {
     double one[5], other[5];
     l->t0 = 0, l->t1 = 1;
-    if (l->a.in_view && l->b.in_view) return 1;
-    borders(s, eye, l->a.p, one), borders(s, eye, l->b.p, other);
+    if (l->a->in_view && l->b->in_view) return 1;
+    borders(s, eye, l->a->p, one), borders(s, eye, l->b->p, other);
     for (int k = 0; k < 5; k++) {
         const double a = one[k], b = other[k];
         if (a >= 0 && b >= 0) continue;
@@ -131,18 +132,19 @@ static int clip(const cc_sight *s, const cc_eye_point *eye, line *l) {
 
 /* Cut a clipped line to what is left of it. */
 static void cut(const cc_sight *s, const cc_eye_point *eye, line *l) {
-    double d[3];
+    const double *a = l->a->p, *b = l->b->p;
     if (l->t0 == 0 && l->t1 == 1) return;
-    for (int i = 0; i < 3; i++) d[i] = l->b.p[i] - l->a.p[i];
-    for (int i = 0; i < 3; i++) l->b.p[i] = l->a.p[i] + l->t1 * d[i], l->a.p[i] += l->t0 * d[i];
-    look_at(s, eye, &l->a), look_at(s, eye, &l->b);
+    for (int i = 0; i < 3; i++)
+        l->cut[0].p[i] = a[i] + l->t0 * (b[i] - a[i]), l->cut[1].p[i] = a[i] + l->t1 * (b[i] - a[i]);
+    look_at(s, eye, l->cut), look_at(s, eye, l->cut + 1);
+    l->a = l->cut, l->b = l->cut + 1;
 }
 
 /* The point at share s of the line's image: 1/z is linear there. */
 static void mark(const pen *n, const line *l, double s) {
-    const double along = s * l->b.w / (s * l->b.w + (1 - s) * l->a.w), t = l->t0 + (l->t1 - l->t0) * along;
+    const double along = s * l->b->w / (s * l->b->w + (1 - s) * l->a->w), t = l->t0 + (l->t1 - l->t0) * along;
     double q[2], p[3];
-    for (int i = 0; i < 2; i++) q[i] = l->a.q[i] + s * (l->b.q[i] - l->a.q[i]);
+    for (int i = 0; i < 2; i++) q[i] = l->a->q[i] + s * (l->b->q[i] - l->a->q[i]);
     for (int i = 0; i < 3; i++) p[i] = l->ends[i] + t * (l->ends[3 + i] - l->ends[i]);
     point(n, q, p, l->number);
 }
@@ -163,7 +165,7 @@ static void draw(pen *n, const line *l, double s0, double s1, double length) {
 
 /* Draw the runs of seen samples, each in the middle of its share of the line. */
 static void walk_on(pen *n, const cc_sight *s, const line *l, double length, int32_t samples) {
-    const corner *a = &l->a, *b = &l->b;
+    const corner *a = l->a, *b = l->b;
     const double dx = b->q[0] - a->q[0], dy = b->q[1] - a->q[1], dw = b->w - a->w, share = 1.0 / samples;
     const double du = b->u[0] - a->u[0], dv = b->u[1] - a->u[1];
     int32_t seen = 0; /* how many in a row, up to the last one */
@@ -180,7 +182,7 @@ static void walk_on(pen *n, const cc_sight *s, const line *l, double length, int
 
 /* Draw what is seen of a line. What goes on by less than a step since the last sample is taken for what that showed. */
 static void walk(pen *n, const cc_sight *s, const line *l, double step) {
-    const double dx = l->b.q[0] - l->a.q[0], dy = l->b.q[1] - l->a.q[1], length = sqrt(dx * dx + dy * dy);
+    const double dx = l->b->q[0] - l->a->q[0], dy = l->b->q[1] - l->a->q[1], length = sqrt(dx * dx + dy * dy);
     const int near = l->goes_on && n->walked == l->number - 1 && n->back + length < step;
     if (!(length <= 2.0 * ((double)s->width + s->height))) return; /* no number */
     n->walked = l->number;
@@ -191,30 +193,44 @@ static void walk(pen *n, const cc_sight *s, const line *l, double step) {
     if (near) n->back += length;
 }
 
-static int wanted(const cc_edges *edges, const uint8_t *front, int64_t i) {
-    if (edges->rule[i] == CC_ALWAYS) return 1;
-    const int one = front[edges->sides[2 * i]] != 0, other = front[edges->sides[2 * i + 1]] != 0;
-    return edges->rule[i] == CC_FACING ? one | other : one ^ other;
+/* Whether an edge is wanted, by its rule, where its first face is in front of the camera (2) and its other one is (1). */
+static const uint8_t wanted[3][4] = {[CC_ALWAYS] = {1, 1, 1, 1}, [CC_FACING] = {0, 1, 1, 1}, [CC_TURNING] = {0, 1, 1, 0}};
+
+/* Find the edges wanted among those from `from` on, before `to`; return how many. Most of them are not, by no pattern: no
+ * branch is taken on it. */
+static int32_t find_wanted(const cc_edges *edges, const uint8_t *front, int64_t from, int64_t to, int64_t *found) {
+    int32_t n = 0;
+    for (int64_t i = from; i < to; i++) {
+        found[n] = i;
+        n += wanted[edges->rule[i]][2 * front[edges->sides[2 * i]] + front[edges->sides[2 * i + 1]]];
+    }
+    return n;
 }
 
 void cc_seen_edges(const cc_sight *sight, const cc_eye_point *eye, const cc_edges *edges, const uint8_t *front, double step,
                    double shortest, cc_lines *lines) {
+    enum { BLOCK = 1024 };
     pen n = {.to = lines, .shortest = shortest, .arrived = -1, .walked = -1};
     const double *last = NULL; /* where `end` is in space: mostly the next edge begins there */
-    corner end;
+    corner ends[2]; /* of the edge: by turns one of them is where the edge before ended */
+    int64_t found[BLOCK], k = 0;
     lines->points = lines->lines = 0;
-    for (int64_t i = 0; i < edges->n; i++) {
-        line l = {.ends = edges->ends + 6 * i, .number = i, .goes_on = i && edges->chain[i] == edges->chain[i - 1]};
-        if (!wanted(edges, front, i)) continue;
-        if (last && !memcmp(last, l.ends, 3 * sizeof *last))
-            l.a = end;
-        else
-            carry(sight, eye, l.ends, &l.a);
-        carry(sight, eye, l.ends + 3, &l.b);
-        end = l.b, last = l.ends + 3;
-        if (!clip(sight, eye, &l)) continue;
-        cut(sight, eye, &l);
-        walk(&n, sight, &l, step);
+    for (int64_t from = 0; from < edges->n; from += BLOCK) {
+        const int32_t count = find_wanted(edges, front, from, from + BLOCK < edges->n ? from + BLOCK : edges->n, found);
+        for (int32_t j = 0; j < count; j++, k++) {
+            const int64_t i = found[j];
+            if (j + 8 < count) __builtin_prefetch(edges->ends + 6 * found[j + 8]);
+            corner *const a = ends + (k & 1), *const b = ends + (~k & 1);
+            line l;
+            l.a = a, l.b = b, l.ends = edges->ends + 6 * i, l.number = i;
+            l.goes_on = i && edges->chain[i] == edges->chain[i - 1];
+            if (!last || memcmp(last, l.ends, 3 * sizeof *last)) carry(sight, eye, l.ends, a);
+            carry(sight, eye, l.ends + 3, b);
+            last = l.ends + 3;
+            if (!clip(sight, eye, &l)) continue;
+            cut(sight, eye, &l);
+            walk(&n, sight, &l, step);
+        }
     }
     lift(&n);
 }

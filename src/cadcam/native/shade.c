@@ -157,12 +157,12 @@ static void write_nothing(const cc_view *v, int32_t y, int32_t x0, int32_t x1) {
     if (v->face) memset(v->face + at, 0xFF, n * sizeof(int32_t));
     for (size_t i = 0; v->depth && i < n; i++) v->depth[at + i] = INFINITY;
     for (size_t i = 0; v->image && i < n; i++) memcpy(v->image + 3 * (at + i), color, sizeof color);
-    if (!v->rgb || !n) return;
-    uint8_t *rgb = v->rgb + 3 * at;
-    const triple all = same(color);
-    uint8_t some[3 * TILE];
-    put_bytes(some, all, TILE);
-    for (size_t i = 0; i < 3 * n; i += sizeof some) memcpy(rgb + i, some, 3 * n - i < sizeof some ? 3 * n - i : sizeof some);
+    if (!v->rgb) return;
+    uint8_t *rgb = v->rgb + 3 * at, some[3 * TILE];
+    put_bytes(some, same(color), TILE);
+    size_t i = 0;
+    for (; i + TILE <= n; i += TILE) memcpy(rgb + 3 * i, some, sizeof some); /* of a size that compilers know */
+    memcpy(rgb + 3 * i, some, 3 * (n - i));
 }
 
 /* Clear the tiles of a rectangle of them that nothing was drawn into. */

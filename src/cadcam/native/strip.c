@@ -79,42 +79,88 @@ INLINE int cross_strip(const triangle *t, const crossings *e, const rect *r, int
     return keep_spans(s, *(const i8 *)s->left, *(const i8 *)s->right, r, y0);
 }
 
-/* Edges in float, about the first column and the first row of the first strip: two edges from the left, two from the
- * right (one of them twice), at x + y j, each side off by less than `off`; whether that says enough. */
+/* Edges of four triangles in float, about the first column and the first row of the first strip of each: two edges from
+ * the left, two from the right (one of them twice), at x + y j, each side off by less than `off`; for which of them this
+ * says enough, as bits. */
 typedef struct {
-    float x[4], y[4], off[2];
-    int fit;
+    f4 x[4], y[4], off[2];
+    unsigned fit;
 } quick;
 
-INLINE quick quick_of(const triangle *t, const rect *r) {
-    static const int32_t order[8][8] = {/* of halves of numbers, by which edges bound from the left */
-        {0}, {0, 1, 0, 1, 2, 3, 4, 5}, {2, 3, 2, 3, 0, 1, 4, 5}, {0, 1, 2, 3, 4, 5, 4, 5},
-        {4, 5, 4, 5, 0, 1, 2, 3}, {0, 1, 4, 5, 2, 3, 2, 3}, {2, 3, 4, 5, 0, 1, 0, 1}, {0}};
-    const d4 a = *(const d4 *)t->a, b = *(const d4 *)t->b, size = *(const d4 *)t->size, m = -1.0 / a;
-    const int32_t top = r->y0 / TILE * TILE;
-    const unsigned lefts = signs_d(a > 0) & 7;
-    d4 y = b * m, x = (b * top + *(const d4 *)t->c) * m - r->x0;
-    const d4 off = (size_d(x) + size_d(y) * (r->y1 - top + TILE)) * 0x1p-21 + 0x1p-20;
-    const l4 fit = (size >= 1e-250) & (size <= 1e250) & (size_d(a) >= 1e-250) & (off < 0.25);
-    const i8 by = *(const i8 *)order[lefts];
-    const f4 of_side = narrow_d(ordered(off, by));
-    quick q = {.fit = (signs_d(fit) & 7) == 7 && lefts != 0 && lefts != 7};
-    *(f4 *)q.x = narrow_d(ordered(x, by)), *(f4 *)q.y = narrow_d(ordered(y, by));
-    q.off[0] = of_side[0] > of_side[1] ? of_side[0] : of_side[1], q.off[1] = of_side[2] > of_side[3] ? of_side[2] : of_side[3];
-    return q;
+/* The edge that is alone on its side, and the two others. */
+typedef struct { f4 alone, one, other; } sided;
+
+INLINE sided by_side(const f4 v[3], const i4 left[3]) {
+    const i4 first = left[1] == left[2], last = left[0] == left[1];
+    return (sided){choose_f(first, v[0], choose_f(last, v[2], v[1])), choose_f(first, v[1], v[0]), choose_f(last, v[1], v[2])};
 }
 
-/* The spans of strip k of a rectangle; whether there are any, or -1 where that is in doubt. */
-INLINE int cross_quickly(const quick *q, const rect *r, int32_t k, spans *s) {
+INLINE quick quick_of(const quartet *q, const rect r[4]) {
+    double top[4], high[4], x0[4];
+    for (int m = 0; m < 4; m++)
+        top[m] = r[m].y0 / TILE * TILE, high[m] = r[m].y1 - r[m].y0 / TILE * TILE + TILE, x0[m] = r[m].x0;
+    f4 x[3], y[3], off[3];
+    i4 left[3];
+    l4 fit = ~(l4){0};
+    for (int k = 0; k < 3; k++) {
+        const d4 a = q->a[k], b = q->b[k], size = q->size[k], m = -1.0 / a;
+        const d4 yk = b * m, xk = (b * *(const d4 *)top + q->c[k]) * m - *(const d4 *)x0;
+        const d4 offk = (size_d(xk) + size_d(yk) * *(const d4 *)high) * 0x1p-21 + 0x1p-20;
+        fit &= (size >= 1e-250) & (size <= 1e250) & (size_d(a) >= 1e-250) & (offk < 0.25);
+        x[k] = narrow_d(xk), y[k] = narrow_d(yk), off[k] = narrow_d(offk), left[k] = (i4)narrow_d(m) < 0;
+    }
+    const sided X = by_side(x, left), Y = by_side(y, left), off_of = by_side(off, left);
+    const i4 same = (left[0] == left[1]) & (left[1] == left[2]), more = left[0] + left[1] + left[2] < -1; /* on the left */
+    const f4 off_both = most_f(off_of.one, off_of.other);
+    return (quick){.x = {choose_f(more, X.one, X.alone), choose_f(more, X.other, X.alone), choose_f(more, X.alone, X.one),
+                         choose_f(more, X.alone, X.other)},
+                   .y = {choose_f(more, Y.one, Y.alone), choose_f(more, Y.other, Y.alone), choose_f(more, Y.alone, Y.one),
+                         choose_f(more, Y.alone, Y.other)},
+                   .off = {choose_f(more, off_both, off_of.alone), choose_f(more, off_of.alone, off_both)},
+                   .fit = signs_d(fit) & ~signs_f(same)};
+}
+
+/* The spans of strip k of the rectangle of triangle m; whether there are any, or -1 where that is in doubt. */
+INLINE int cross_quickly(const quick *q, int m, const rect *r, int32_t k, spans *s) {
     const f8 j = __builtin_convertvector(k * TILE + *(const i8 *)LANE, f8);
     const f8 start = eight(-0.5f), end = eight((float)(r->x1 - r->x0) + 0.5f);
-    const f8 left = most_of(fused(j, eight(q->y[0]), eight(q->x[0])), fused(j, eight(q->y[1]), eight(q->x[1])));
-    const f8 right = least_of(fused(j, eight(q->y[2]), eight(q->x[2])), fused(j, eight(q->y[3]), eight(q->x[3])));
-    const f8 first = up(most_of(left - q->off[0], start)), last = down(least_of(right + q->off[1], end));
-    const f8 first_sure = up(most_of(left + q->off[0], start)), last_sure = down(least_of(right - q->off[1], end));
+    const f8 left = most_of(fused(j, eight(q->y[0][m]), eight(q->x[0][m])), fused(j, eight(q->y[1][m]), eight(q->x[1][m])));
+    const f8 right = least_of(fused(j, eight(q->y[2][m]), eight(q->x[2][m])), fused(j, eight(q->y[3][m]), eight(q->x[3][m])));
+    const f8 first = up(most_of(left - q->off[0][m], start)), last = down(least_of(right + q->off[1][m], end));
+    const f8 first_sure = up(most_of(left + q->off[0][m], start)), last_sure = down(least_of(right - q->off[1][m], end));
     if (signs((first != first_sure) | (last != last_sure))) return -1;
     const i8 from = r->x0 + __builtin_convertvector(first, i8), to = r->x0 + __builtin_convertvector(last, i8);
     return keep_spans(s, from, to, r, (r->y0 / TILE + k) * TILE);
+}
+
+/* Draw the spans of a strip, all their samples in doubt or none. */
+INLINE void draw_spans(const band *b, const triangle *t, const rect *r, int32_t ty, const spans *s, int unsure) {
+    const unsigned doubt = unsure ? 0xFF : 0;
+    const int32_t y0 = ty * TILE;
+    const i8 left = *(const i8 *)s->left, right = *(const i8 *)s->right;
+    int32_t from, to;
+    columns_of(left, right, &from, &to);
+    const int32_t x0 = from / TILE, x1 = to / TILE;
+    const float *farthest = b->sheet->farthest + (size_t)(ty - b->first_tiles) * (size_t)b->grid->tiles_x;
+    const double a = t->a[3], at_y = t->b[3] * (t->b[3] > 0 ? imin(y0 + TILE - 1, r->y1) : imax(y0, r->y0)) + t->c[3];
+    if (x0 == x1) { /* most: a few numbers instead of vectors */
+        const float w = (float)(a * (a > 0 ? to : from) + at_y), kept = w > t->farthest ? w : t->farthest;
+        if ((kept < t->nearest ? kept : t->nearest) < farthest[x0]) return;
+        const unsigned rows = signs(left <= right);
+        VARIANT(draw_tile)(b, t, s, rows, doubt & rows, x0, ty);
+        return;
+    }
+    for (int32_t tx = x0; tx <= x1; tx += 4) {
+        const d4 first = tx * TILE + TILE * *(const d4 *)COUNT, last = least_d(first + (TILE - 1), r->x1 - (d4){0});
+        const d4 largest = a * (a > 0 ? last : most_d(first, r->x0 - (d4){0})) + at_y;
+        unsigned show = may_show(t, largest, *(const f4 *)(farthest + tx));
+        if (x1 - tx < 3) show &= (2u << (x1 - tx)) - 1;
+        for (; show; show &= show - 1) {
+            const int32_t x = tx + __builtin_ctz(show);
+            const unsigned rows = signs((left <= x * TILE + (TILE - 1)) & (right >= x * TILE));
+            if (rows) VARIANT(draw_tile)(b, t, s, rows, doubt & rows, x, ty);
+        }
+    }
 }
 
 /* Numbers that float does not hold, edges along the rows, triangles that reach behind the camera. */
@@ -123,42 +169,62 @@ static void draw_oddly(const band *b, const triangle *t, rect r) {
     for (int32_t ty = r.y0 / TILE; ty <= r.y1 / TILE; ty++) {
         spans s;
         if (!strip_hidden(b, t->nearest, r.x0, r.x1, ty) && cross_strip(t, &e, &r, ty * TILE, &s))
-            draw_spans(b, t, &r, ty, &s, NULL, e.unsure);
+            draw_spans(b, t, &r, ty, &s, e.unsure);
     }
 }
 
 /* Where float leaves it in doubt. */
-static __attribute__((noinline)) int cross_surely(const triangle *t, rect r, int32_t y0, spans *s) {
-    const crossings e = straight(t, &r);
-    return cross_strip(t, &e, &r, y0, s);
+static __attribute__((noinline)) int cross_surely(const quartet *q, int m, rect r, int32_t y0, spans *s) {
+    const triangle t = triangle_of(q, m);
+    const crossings e = straight(&t, &r);
+    return cross_strip(&t, &e, &r, y0, s);
 }
 
 /* Many triangles have samples in few of the strips that they pass: all are crossed before any is drawn. */
-static void draw_straight(const band *b, const triangle *t, const rect *r) {
-    const quick q = quick_of(t, r);
-    if (!q.fit) {
-        draw_oddly(b, t, *r);
-        return;
-    }
+static void draw_straight(const band *b, const quartet *of, const quick *q, int m, const rect *r) {
     const int32_t top = r->y0 / TILE, strips = r->y1 / TILE - top + 1;
     spans s[STRIPS];
     for (int32_t start = 0; start < strips; start += STRIPS) {
         const int n = imin(STRIPS, strips - start);
         unsigned found = 0;
         for (int k = 0; k < n; k++) {
-            int any = cross_quickly(&q, r, start + k, &s[k]);
-            if (any < 0) any = cross_surely(t, *r, (top + start + k) * TILE, &s[k]);
+            int any = cross_quickly(q, m, r, start + k, &s[k]);
+            if (any < 0) any = cross_surely(of, m, *r, (top + start + k) * TILE, &s[k]);
             found |= (unsigned)any << k;
         }
+        if (!found) continue;
+        const triangle t = plane_of(of, m);
         for (; found; found &= found - 1) {
             const int k = __builtin_ctz(found);
-            draw_spans(b, t, r, top + start + k, &s[k], NULL, 0);
+            draw_spans(b, &t, r, top + start + k, &s[k], 0);
         }
     }
 }
 
-void VARIANT(draw_triangle)(const band *b, const triangle *t, const rect *r) {
-    if (b->grid->lens) VARIANT(draw_through_lens)(b, t, r);
-    else draw_straight(b, t, r);
+/* All four are taken apart at once, in vectors. */
+static void draw_bent(const band *b, const quartet *of, const rect r[4], unsigned which) {
+    const triangle t[4] = {triangle_of(of, 0), triangle_of(of, 1), triangle_of(of, 2), triangle_of(of, 3)};
+    for (; which; which &= which - 1) {
+        const int m = __builtin_ctz(which);
+        VARIANT(draw_through_lens)(b, &t[m], &r[m]);
+    }
+}
+
+static void draw_flat(const band *b, const quartet *of, const rect r[4], unsigned which) {
+    const quick q = quick_of(of, r);
+    for (; which; which &= which - 1) {
+        const int m = __builtin_ctz(which);
+        if (q.fit >> m & 1) {
+            draw_straight(b, of, &q, m, &r[m]);
+            continue;
+        }
+        const triangle t = triangle_of(of, m);
+        draw_oddly(b, &t, r[m]);
+    }
+}
+
+void VARIANT(draw_quartet)(const band *b, const quartet *of, const rect r[4], unsigned which) {
+    if (b->grid->lens) draw_bent(b, of, r, which);
+    else draw_flat(b, of, r, which);
 }
 #endif

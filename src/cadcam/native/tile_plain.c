@@ -118,7 +118,7 @@ static void draw_block(const band *b, const triangle *t, const rect *r, int leve
         for (int32_t x = x0; x <= x1; x++) draw_block(b, t, r, level - 1, x, y);
 }
 
-void VARIANT(draw_triangle)(const band *b, const triangle *t, const rect *r) {
+static void draw_triangle(const band *b, const triangle *t, const rect *r) {
     int32_t x0 = r->x0 / TILE, x1 = r->x1 / TILE, y0 = r->y0 / TILE, y1 = r->y1 / TILE;
     if (x0 == x1 && y0 == y1) {
         draw_tile(b, t, r, x0, y0, r->y1 - r->y0 < 4);
@@ -128,5 +128,13 @@ void VARIANT(draw_triangle)(const band *b, const triangle *t, const rect *r) {
     while ((x1 >> level) - (x0 >> level) > 1 || (y1 >> level) - (y0 >> level) > 1) level++;
     for (int32_t y = y0 >> level; y <= y1 >> level; y++)
         for (int32_t x = x0 >> level; x <= x1 >> level; x++) draw_block(b, t, r, level, x, y);
+}
+
+void VARIANT(draw_quartet)(const band *b, const quartet *q, const rect r[4], unsigned which) {
+    for (; which; which &= which - 1) {
+        const int m = __builtin_ctz(which);
+        const triangle t = triangle_of(q, m);
+        draw_triangle(b, &t, &r[m]);
+    }
 }
 #endif

@@ -121,9 +121,6 @@ INLINE d4 choose_d(l4 mask, d4 yes, d4 no) { return (d4)_mm256_blendv_pd((__m256
 INLINE d4 least_d(d4 a, d4 b) { return (d4)_mm256_min_pd((__m256d)a, (__m256d)b); }
 INLINE d4 most_d(d4 a, d4 b) { return (d4)_mm256_max_pd((__m256d)a, (__m256d)b); }
 INLINE d4 size_d(d4 v) { return most_d(v, -v); }
-INLINE d4 ordered(d4 v, i8 order) { /* halves of the numbers */
-    return (d4)_mm256_permutevar8x32_ps((__m256)v, (__m256i)order);
-}
 INLINE f8 up(f8 v) { return (f8)_mm256_ceil_ps((__m256)v); }
 INLINE f8 down(f8 v) { return (f8)_mm256_floor_ps((__m256)v); }
 INLINE d4 up_d(d4 v) { return (d4)_mm256_ceil_pd((__m256d)v); }
@@ -131,6 +128,8 @@ INLINE d4 down_d(d4 v) { return (d4)_mm256_floor_pd((__m256d)v); }
 INLINE i8 whole(d4 a, d4 b) { /* of doubles that fit */
     return (i8)_mm256_set_m128i(_mm256_cvttpd_epi32((__m256d)b), _mm256_cvttpd_epi32((__m256d)a));
 }
+INLINE f4 choose_f(i4 mask, f4 yes, f4 no) { return (f4)_mm_blendv_ps((__m128)no, (__m128)yes, (__m128)mask); }
+INLINE f4 most_f(f4 a, f4 b) { return (f4)_mm_max_ps((__m128)a, (__m128)b); }
 INLINE f4 least_f(f4 a, f4 b) { return (f4)_mm_min_ps((__m128)a, (__m128)b); }
 INLINE f4 size_f(f4 v) { return (f4)((i4)v & INT32_MAX); }
 INLINE f4 narrow_d(d4 v) { return (f4)_mm256_cvtpd_ps((__m256d)v); }

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cadcam.camera.pose_estimate import PoseEstimate
+from cadcam.files.jsontext import or_null
 from cadcam.geometry.rigid import Rigid
 from cadcam.record.record import UNITS, Deviation, Record, Source
 from cadcam.record.schema import LIMITS, PLACE, ROTATION
@@ -30,7 +31,7 @@ def measurement_row(record: Record) -> Row:
         "from_noise": pose.from_noise.tolist(),
         "from_calibration": pose.from_calibration.tolist(),
         "freedom": pose.freedom.tolist(),
-        "degrees_of_freedom": pose.dof if np.isfinite(pose.dof) else None,
+        "degrees_of_freedom": or_null(pose.dof),
     }
     return row
 

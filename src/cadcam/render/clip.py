@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Ids, Mask
 from cadcam.camera.camera import Camera
 
 WIDEST = 200.0  # |u| beyond this is less than 0.3 deg from the focal plane
@@ -51,7 +51,9 @@ class Frustum:
 
     def holds(self, p: Array) -> bool:
         """Return whether all points p (N, 3) mm lie inside, so that nothing between them need be cut."""
-        return not np.isfinite(self.radius) and all(bool((side >= 0).all()) for side in self._inside(p))
+        if not all(bool((side >= 0).all()) for side in self._inside(p)):
+            return False
+        return not np.isfinite(self.radius) or bool((_beyond_cone(p, self.radius) < 0).all())
 
     def _inside(self, p: Array) -> list[Array]:
         """Signed, linear in p, and >= 0 on the inner side of each plane."""
@@ -69,6 +71,11 @@ def _border_directions(camera: Camera, margin: float) -> Array:
     y = np.linspace(y0, y1, int((y1 - y0) / _BORDER_STEP) + 2)
     sides = [np.stack(np.broadcast_arrays(*side), axis=-1) for side in ((x, y0), (x, y1), (x0, y), (x1, y))]
     return camera.unproject(np.concatenate(sides))
+
+
+def _beyond_cone(p: Array, radius: float) -> Array:
+    """Return x^2 + y^2 - (radius z)^2."""
+    return np.asarray(p[:, 0] ** 2 + p[:, 1] ** 2 - (radius * p[:, 2]) ** 2)
 
 
 def _clip_to_cone(a: Array, d: Array, t0: Array, t1: Array, radius: float) -> tuple[Array, Array]:
@@ -103,6 +110,13 @@ class FlatSegments:
     wb: Array
     t0: Array
     t1: Array
+
+    @classmethod
+    def whole(cls, p: Array, vertices: Ids) -> FlatSegments:
+        """Return the images of segments between points `vertices` (N, 2) of p (V, 3), all of them inside."""
+        u, w = p[:, :2] / p[:, 2:], 1 / p[:, 2]
+        one, other = vertices[:, 0], vertices[:, 1]
+        return cls(u[one], u[other], w[one], w[other], np.zeros(len(one)), np.ones(len(one)))
 
     @classmethod
     def of(cls, a: Array, b: Array, t0: Array, t1: Array) -> FlatSegments:

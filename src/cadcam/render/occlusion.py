@@ -30,10 +30,15 @@ class Occluders:
         self._mesh = mesh
         self.normals = mesh.face_normals
         self._corners = mesh.vertices[mesh.faces]
+        self._first = np.ascontiguousarray(self._corners[:, 0])
 
     def height(self, faces: Ids | Longs, points: Array) -> Array:
         """Return the signed distance (N,) in mm of points (N, 3) from the planes of faces (N,), positive outside."""
-        return np.asarray(np.einsum("ij,ij->i", self.normals[faces], points - self._corners[faces, 0]))
+        return np.asarray(np.einsum("ij,ij->i", self.normals[faces], points - self._first[faces]))
+
+    def heights(self, point: Array) -> Array:
+        """Return the signed distance (F,) in mm of a point (3,) from the planes of all faces."""
+        return np.asarray(np.einsum("ij,ij->i", self.normals, point - self._first))
 
     def hidden(self, points: Array, eye: Array, tolerance: Array) -> Mask:
         """Return which points (N, 3) mm are hidden from the eye (3,), or each from its own (N, 3).
@@ -76,7 +81,8 @@ class Occluders:
         off = np.abs(self.height(faces, points))
         blocks = (off > tolerance) & (at > 0) & (at < length)
         near = np.flatnonzero(blocks & (off < _SURE * tolerance))
-        blocks[near] = self._inside(faces[near], points[near] + at[near, None] * along[near])
+        if len(near):  # seldom
+            blocks[near] = self._inside(faces[near], points[near] + at[near, None] * along[near])
         return blocks
 
     def _inside(self, faces: Ids, points: Array) -> Mask:

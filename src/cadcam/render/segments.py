@@ -57,9 +57,7 @@ def contours(scene: Scene, topology: Topology, edge: Ids, turn: Turn, points: Lo
     found = np.flatnonzero(turn.silhouette & ~drawn & (table.angle > _FLAT))
     vertices = table.vertices[found]
     part, away = scene.mesh.part[table.faces[found, 0]], turn.away[found]
-    order, turned, chain = chained(
-        scene.mesh.vertices[vertices], points[vertices], np.column_stack([part, away.astype(np.int32)])
-    )
+    order, turned, chain = chained(scene.mesh.vertices[vertices], points[vertices], 2 * part + away)
     vertices = vertices[order]
     vertices[turned] = vertices[turned][:, ::-1]
     after = int(scene.edges.chain.max(initial=-1)) + 1

@@ -56,7 +56,7 @@ class Turn:
 
     def __init__(self, topology: Topology, occluders: Occluders, eye: Array) -> None:
         table, pair = topology.table, topology.pair
-        height = occluders.height(np.arange(topology.mesh.n_faces), eye[None])
+        height = occluders.heights(eye)
         front = height > 0
         one, other = front[pair[:, 0]], front[pair[:, 1]]
         self.silhouette: Mask = topology.two & (one != (other ^ topology.flipped))

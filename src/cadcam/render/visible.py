@@ -76,14 +76,14 @@ class LineDrawer:
         """Return the wireframe seen from `camera_from_world`; empty where the model is not in view."""
         near = 1e-5 * self._diagonal if options.near_mm is None else options.near_mm
         frustum = Frustum.of(camera, near=near, margin_px=options.margin_px)
-        p = camera_from_world @ self.scene.mesh.vertices
+        clipped = _Clipped(camera_from_world @ self.scene.mesh.vertices, frustum)
         turn = Turn(self._topology, self._occluders, camera_from_world.origin)
         every = self._segments(turn, options)
         asked = np.arange(len(every.edge)) if options.hidden else np.flatnonzero(~every.away)
-        lines, kept = _clipped(p, every.vertices[asked], frustum)
+        lines, kept = clipped.segments(every.vertices[asked])
         source = asked[kept]
         segments = every.select(source)
-        borders, _ = _clipped(p, self._topology.table.vertices[turn.borders], frustum)
+        borders, _ = clipped.segments(self._topology.table.vertices[turn.borders])
         stretches = Stretches.between(*self._cuts(segments, lines, borders), lines)
         hidden = self._hidden(segments, lines, stretches, camera_from_world.origin, options)
         trace = Tracer(self.scene, camera, segments, source, lines, options.chord_px)
@@ -136,8 +136,17 @@ class LineDrawer:
         return np.where(kind == EdgeKind.CONTACT, contact, plain)
 
 
-def _clipped(p: Array, vertices: Ids, frustum: Frustum) -> tuple[FlatSegments, Mask]:
-    """Return the images of segments within the frustum, and which these are; `p` (V, 3) mm in the camera frame."""
-    a, b = p[vertices[:, 0]], p[vertices[:, 1]]
-    t0, t1, kept = frustum.clip(a, b)
-    return FlatSegments.of(a[kept], b[kept], t0[kept], t1[kept]), kept
+class _Clipped:
+    """Points p (V, 3) mm of the camera frame, and what of segments between them lies within a frustum."""
+
+    def __init__(self, p: Array, frustum: Frustum) -> None:
+        self._p, self._frustum = p, frustum
+        self._inside = frustum.holds(p)
+
+    def segments(self, vertices: Ids) -> tuple[FlatSegments, Mask]:
+        """Return the images of segments (N, 2), and which of them these are."""
+        if self._inside:
+            return FlatSegments.whole(self._p, vertices), np.ones(len(vertices), bool)
+        a, b = self._p[vertices[:, 0]], self._p[vertices[:, 1]]
+        t0, t1, kept = self._frustum.clip(a, b)
+        return FlatSegments.of(a[kept], b[kept], t0[kept], t1[kept]), kept

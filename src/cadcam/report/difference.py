@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cadcam.arrays import Array, Picture
+from cadcam.files.jsontext import or_null, or_nulls
 from cadcam.fit.compare import Difference
 from cadcam.image.draw import draw_polylines, draw_text
 from cadcam.image.picture import write_picture
@@ -43,12 +44,12 @@ def difference_as_json(difference: Difference) -> dict[str, Any]:
     return {
         "max_px": difference.max_px,
         "rms_px": difference.rms_px,
-        **{name.replace(" ", "_") + "_px": _or_none(value) for name, value in difference.places().items()},
+        **{name.replace(" ", "_") + "_px": or_null(value) for name, value in difference.places().items()},
         "rotation_b_from_a": difference.b_from_a.tolist(),
         "rotation_deg": difference.rotation_deg,
         "pixels_not_seen": difference.unseen,
         "q_px": difference.q.tolist(),
-        "delta_px": [[[_or_none(v) for v in pixel] for pixel in row] for row in difference.delta.tolist()],
+        "delta_px": [[or_nulls(pixel) for pixel in row] for row in difference.delta.tolist()],
     }
 
 
@@ -72,13 +73,9 @@ def write_difference(path: str | os.PathLike[str], difference: Difference, size:
 def _notes(difference: Difference) -> list[str]:
     turned = not np.array_equal(difference.b_from_a, np.eye(3))
     angle = difference.rotation_deg
-    freedom = f"after the best rotation, {angle:.4g} deg" if turned else "as they are: no rotation allowed"
+    freedom = f"after the best rotation, {angle:.4g} deg" if turned else "as they are, no rotation taken off"
     unseen = f"{difference.unseen} of {difference.distance.size} pixels are not seen by both"
     return [freedom, unseen] if difference.unseen else [freedom]
-
-
-def _or_none(value: float) -> float | None:
-    return None if math.isnan(value) else value
 
 
 def _heat(difference: Difference, size: tuple[int, int]) -> Picture:

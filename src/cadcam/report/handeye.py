@@ -11,6 +11,7 @@ import cadcam
 from cadcam.arrays import Array
 from cadcam.calibrate.handeye_conventions import ConventionFit
 from cadcam.calibrate.handeye_estimate import HandEyeEstimate
+from cadcam.files.jsontext import or_null, or_nulls
 from cadcam.files.matrix import pose_as_json
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
@@ -121,7 +122,7 @@ def hand_eye_as_json(estimate: HandEyeEstimate) -> dict[str, Any]:
         f"{target}_sigma": _sigmas(estimate.covariance_of_target),
         "covariance_of": [camera, target] if estimate.mounting == "eye-in-hand" else [target, camera],
         "covariance_mm_rad": estimate.covariance.tolist(),
-        "degrees_of_freedom": [_finite(float(v)) for v in estimate.degrees_of_freedom],
+        "degrees_of_freedom": or_nulls(estimate.degrees_of_freedom),
         "robot_noise": {
             "translation_mm": noise.translation,
             "translation_sigma_mm": noise.translation_sigma,
@@ -134,7 +135,7 @@ def hand_eye_as_json(estimate: HandEyeEstimate) -> dict[str, Any]:
             "mm": _rms(estimate.held_out.mm),
             "rotation_rad": _rms(estimate.held_out.rotation),
         },
-        "scale": {"value": estimate.scale, "sigma": _finite(estimate.scale_sigma)},
+        "scale": {"value": estimate.scale, "sigma": or_null(estimate.scale_sigma)},
         "poses": [_pose_json(estimate, i) for i in range(len(estimate.names))],
     }
 
@@ -155,7 +156,7 @@ def _pose_json(estimate: HandEyeEstimate, i: int) -> dict[str, Any]:
         seen = estimate.observations[i]
         out |= {
             "residual_px": float(estimate.residuals_px[i]),
-            "held_out_px": _finite(float(held.px[i])),
+            "held_out_px": or_null(held.px[i]),
             "second_pose": bool(estimate.second_pose[i]),
             "source": seen.source,
             "sha256": seen.sha256,
@@ -231,7 +232,3 @@ def _sigmas(covariance: Array) -> dict[str, list[float]]:
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cadcam import __version__
+from cadcam.files.jsontext import or_null, or_nulls
 from cadcam.plan.candidate import Candidate
 from cadcam.plan.layout import Layout
 from cadcam.plan.look import Why
@@ -89,10 +90,10 @@ def _camera(layout: Layout, i: int) -> dict[str, Any]:
         "features": {
             name: {
                 "seen": [Why(int(w)).words for w in look.why[:, f]],
-                "mm_per_px": _numbers(look.mm_per_px[:, f]),
-                "incidence_deg": _numbers(np.degrees(look.incidence[:, f])),
-                "defocus_px": _numbers(look.blur_px[:, f]),
-                "sigma_px": _numbers(look.sigma_px[:, f]),
+                "mm_per_px": or_nulls(look.mm_per_px[:, f]),
+                "incidence_deg": or_nulls(np.degrees(look.incidence[:, f])),
+                "defocus_px": or_nulls(look.blur_px[:, f]),
+                "sigma_px": or_nulls(look.sigma_px[:, f]),
             }
             for f, name in enumerate(names)
         },
@@ -115,10 +116,10 @@ def _limit(layout: Layout, i: int) -> dict[str, Any]:
         "worst_tur": float(found.ratio[:, i].min()),
         "poses": {
             name: {
-                f"U_{unit}": _number(times * limit.k * found.sigma[p, i]),
+                f"U_{unit}": or_null(times * limit.k * found.sigma[p, i]),
                 "tur": float(found.ratio[p, i]),
                 "cameras": int(found.cameras[p, i]),
-                "worst_direction": _numbers(found.direction[p, i]),
+                "worst_direction": or_nulls(found.direction[p, i]),
                 "variance_by_cause": {cause: float(s[p, i]) for cause, s in found.shares.items()},
             }
             for p, name in enumerate(seen.scene.poses)
@@ -136,11 +137,3 @@ def _what_if(w: WhatIf) -> dict[str, Any]:
         "marginal": w.marginal,
         "failed": w.failed,
     }
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
-def _numbers(values: Any) -> list[float | None]:
-    return [_number(float(v)) for v in np.asarray(values).ravel()]

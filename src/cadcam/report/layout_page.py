@@ -49,39 +49,13 @@ COLORS = {
     Outcome.NOT_MEASURED: "#8a1f5c",
 }
 _STYLE = """
-:root{color-scheme:light;--ink:#1c1c1c;--soft:#5a5a5a;--line:#d9d9d9;--bg:#f6f6f4}
-*{box-sizing:border-box}
-body{margin:0;background:var(--bg);color:var(--ink);font:16px/1.45 system-ui,"DejaVu Sans",sans-serif}
-main{max-width:1180px;margin:0 auto;padding:16px}
-h1{font-size:1.15rem;margin:0 0 .2rem}h2{font-size:1.15rem;margin:1.2rem 0 .5rem}h3{font-size:1rem;margin:.8rem 0 .3rem}
-header{color:#fff;padding:18px 20px;border-radius:10px}
-header .verdict{font-size:2.3rem;font-weight:700;letter-spacing:.02em;line-height:1.1}
-header p{margin:.4rem 0 0;overflow-wrap:anywhere}
-section{background:#fff;border:1px solid var(--line);border-radius:10px;padding:4px 16px 16px;margin-top:16px}
 img{width:100%;height:auto;display:block;border-radius:6px;border:1px solid var(--line)}
-svg{width:100%;height:auto;display:block}svg.bar{width:150px;height:24px}
-svg text{font-family:system-ui,"DejaVu Sans",sans-serif}
-table{border-collapse:collapse;width:100%;font-size:.92rem;font-variant-numeric:tabular-nums}
-th{text-align:left;color:var(--soft);font-weight:600;border-bottom:2px solid var(--line);padding:6px 10px 6px 0}
-td{padding:7px 10px 7px 0;border-bottom:1px solid var(--line);vertical-align:top}.free{overflow-wrap:anywhere}
-.num{white-space:nowrap}
-.tag{font-weight:700;white-space:nowrap}.soft{color:var(--soft);font-size:.9rem}
-.two{display:grid;grid-template-columns:1fr 1fr;gap:16px}
-.legend{display:flex;flex-wrap:wrap;gap:6px 18px;font-size:.9rem;color:var(--soft);margin:.6rem 0}
-.legend i{display:inline-block;width:16px;height:16px;border:1px solid #888;margin-right:6px;vertical-align:-3px}
+svg.bar{width:150px;height:24px}
+.num{white-space:nowrap}.free,.files td{overflow-wrap:anywhere}
+.legend{margin:.6rem 0}.legend i{width:16px;height:16px;border:1px solid #888}
 .sign{display:grid;grid-template-columns:repeat(3,1fr);gap:24px}.sign div{padding-top:56px;border-bottom:1px solid #333}
 .sign p{margin:.3rem 0 0;font-size:.9rem;color:var(--soft)}
-summary{cursor:pointer;font-weight:600;padding:.6rem 0 .2rem}
-code,.files td{overflow-wrap:anywhere}code{font-size:.82rem}
-@media(max-width:720px){
-main{padding:8px}header .verdict{font-size:1.9rem}section{padding:2px 12px 12px}.two,.sign{grid-template-columns:1fr}
-table.cards thead{display:none}
-table.cards tr{display:block;border-bottom:2px solid var(--line);padding:8px 0}
-table.cards td{display:flex;gap:10px;border:0;padding:2px 0}
-table.cards td::before{content:attr(data-head);flex:0 0 96px;color:var(--soft)}
-table.cards td:empty{display:none}
-}
-@media print{body{background:#fff}section{break-inside:avoid}header{print-color-adjust:exact}}
+@media(max-width:720px){.sign{grid-template-columns:1fr}}
 """
 
 

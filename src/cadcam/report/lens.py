@@ -11,6 +11,7 @@ import numpy as np
 
 from cadcam.camera.optics import Optics
 from cadcam.camera.sensor_format import CHIPS, FORMATS, SensorFormat
+from cadcam.files.jsontext import or_null
 from cadcam.report.figures import BLUE, INK, ORANGE, figure, write_figure
 from cadcam.report.table import Table
 
@@ -67,7 +68,7 @@ def lens_as_json(optics: Optics) -> dict[str, Any]:
         near, far = optics.depth_of_field()
         out |= {
             "f_number": optics.f_number,
-            "sharp_mm": [near, far if isfinite(far) else None],
+            "sharp_mm": [near, or_null(far)],
             "airy_disc_px": optics.diffraction_px(),
         }
     return out

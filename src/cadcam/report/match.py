@@ -1,11 +1,14 @@
-"""What matching found, as tables: peaks with the gap to the next (Tables 3.15 and 3.16), features, edges."""
+"""What matching found, as tables and JSON: peaks with the gap to the next (Tables 3.15 and 3.16), features, edges."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
+from cadcam.files.jsontext import or_null
+from cadcam.files.matrix import pose_as_json
 from cadcam.image.correlate import Peaks
 from cadcam.locate.closeness import Closeness
 from cadcam.locate.templates import Features, TemplateMatches
@@ -50,7 +53,8 @@ def feature_table(matches: TemplateMatches) -> Table:
         rows.append((str(i + 1), f"{x:.0f}", f"{y:.0f}", best[0], best[1], *place))
     title = f"{len(matches.features)} features, {int(np.sum(matches.features.chosen >= 0))} agree on one pose"
     columns = ("feature", "drawn x", "drawn y", "best", "second", "found x", "found y", "")
-    notes = (f"as many agreeing by chance: {matches.by_chance:.1g} poses expected",)
+    agreeing = f"as many agreeing by chance: {matches.by_chance:.1g} poses expected"
+    notes = (agreeing,) if rows else ("the drawing has nothing there that is worth looking for in the photo",)
     return Table(title, columns, tuple(rows), ("",), notes)
 
 
@@ -81,6 +85,60 @@ def closeness_table(close: Closeness) -> Table:
         "offset: from the model's edge to the photo's, to the left of the direction in which the edge runs",
     )
     return Table(f"How close the photo's edges are to {len(close)} visible edges", columns, rows, notes=notes)
+
+
+def peaks_as_json(peaks: Peaks) -> dict[str, Any]:
+    """Return the peaks as a document, angles in degrees."""
+    sigma, gap = peaks.sigma, peaks.gap
+    return {
+        "complete": peaks.complete,
+        "peaks": [
+            {
+                "q": peaks.q[i].tolist(),
+                "angle_deg": math.degrees(peaks.angle[i]),
+                "scale": float(peaks.scale[i]),
+                "score": float(peaks.score[i]),
+                "gap": or_null(gap[i]),
+                "sigma_px": sigma[i, :2].tolist(),
+                "sigma_deg": math.degrees(sigma[i, 2]),
+                "sigma_scale": float(sigma[i, 3]),
+            }
+            for i in range(len(peaks))
+        ],
+    }
+
+
+def matches_as_json(matches: TemplateMatches) -> dict[str, Any]:
+    """Return the pose, and every feature with where it was drawn, its peaks and which of them the pose agrees with."""
+    features = matches.features
+    pose = matches.pose
+    return {
+        "found": matches.found,
+        "poses_by_chance": or_null(matches.by_chance),
+        "camera_from_part": None if pose is None else pose_as_json(pose.world_from_part),
+        "covariance": None if pose is None else pose.covariance.tolist(),
+        "features": [
+            {
+                "drawn": features.window[i].tolist(),
+                "p_part": features.p_part[i].tolist(),
+                "chosen": int(features.chosen[i]) if features.chosen[i] >= 0 else None,
+                **peaks_as_json(features.peaks[i]),
+            }
+            for i in range(len(features))
+        ],
+    }
+
+
+def closeness_as_json(close: Closeness) -> dict[str, Any]:
+    """Return how close the edges are over all, and each edge by its chain; null where nothing is to be said."""
+    names = ("length", "share", "chance", "offset", "scatter", "shift", "votes")
+    return {
+        "total": close.total,
+        "each": [
+            {"chain": int(close.chain[i])} | {n: or_null(getattr(close, n)[i]) for n in names}
+            for i in range(len(close))
+        ],
+    }
 
 
 def _number(value: float) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from cadcam.camera.measurement import Measurement
 from cadcam.camera.viewpoint import Viewpoint
-from cadcam.report.table import Table, with_sigma
+from cadcam.report.table import Table, counted, with_sigma
 
 SUSPECT = 1e-3  # a misfit less probable than this is marked
 
@@ -39,7 +39,7 @@ def points_table(measured: Measurement) -> Table:
         )
         for i, name in enumerate(measured.names)
     )
-    title = f"{len(measured)} points, mm +- sigma ({measured.method})"
+    title = f"{counted(len(measured), 'point')}, mm +- sigma ({measured.method})"
     return Table(title, ("point", "X", "Y", "Z", ""), rows, ("point", ""), _notes(measured))
 
 
@@ -62,7 +62,7 @@ def rays_table(measured: Measurement) -> Table:
 
 def _plus_minus(value: float, sigma: float) -> str:
     shown, spread = with_sigma(value, sigma)
-    return f"{shown} +- {spread}" if spread else f"{shown} exact"
+    return f"{shown} +- {spread}" if spread else f"{round(value, 9) + 0.0:.10g} exact"
 
 
 def _notes(measured: Measurement) -> tuple[str, ...]:

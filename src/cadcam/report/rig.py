@@ -69,8 +69,8 @@ def frames_table(estimate: RigEstimate) -> Table:
         cells = ["-" if v is None else f"{each[c, j]:.3f} ({len(v)})" for c, v in enumerate(seen)]
         rows.append((name, *cells, "outlier" if j in bad else ""))
     last = ("all", *(f"{r:.3f}" for r in estimate.camera_residuals), "")
-    columns = ("frame", *(f"{name} px" for name in estimate.names), " ")
-    return Table("Frames: residual a point (and points)", columns, (*rows, last), ("frame", " "))
+    columns = ("frame", *(f"{name} px" for name in estimate.names), "")
+    return Table("Frames: residual a point (and points)", columns, (*rows, last), ("frame", ""))
 
 
 _ROWS = (

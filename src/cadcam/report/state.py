@@ -9,7 +9,7 @@ import numpy as np
 
 from cadcam.record.record import Deviation, Record
 from cadcam.record.trend import Trend
-from cadcam.report.table import Table, with_sigma
+from cadcam.report.table import Table, counted, with_sigma
 
 
 def list_table(records: Sequence[Record], *, of: int) -> Table:
@@ -19,7 +19,7 @@ def list_table(records: Sequence[Record], *, of: int) -> Table:
     )
     counts = Counter(r.verdict or "not judged" for r in records)
     notes = (", ".join(f"{count} {verdict}" for verdict, count in counts.items()),) if records else ()
-    title = f"{len(records)} records" + (f", the latest of {of}" if of > len(records) else "")
+    title = counted(len(records), "record") + (f", the latest of {of}" if of > len(records) else "")
     columns = ("time (UTC)", "id", "part", "serial", "station", "verdict", "largest share of a tolerance")
     return Table(title, columns, rows, columns[:-1], notes)
 
@@ -67,7 +67,7 @@ def trend_tables(trend: Trend) -> list[Table]:
     """Return a line for each part, and mean and scatter over them."""
     rows = tuple((_time(r), r.serial, deviation_text(d), d.verdict) for r, d in trend.points)
     columns = ("time (UTC)", "serial", "deviation", "verdict")
-    lines = Table(f"{trend.feature}, {len(trend)} parts", columns, rows, ("time (UTC)", "serial", "verdict"))
+    lines = Table(f"{trend.feature}, {counted(len(trend), 'part')}", columns, rows, ("time (UTC)", "serial", "verdict"))
     mean, spread = with_sigma(trend.mean, trend.sigma if len(trend) > 1 else 0.0)
     own = trend.measured_sigma
     said = [

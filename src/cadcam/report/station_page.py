@@ -22,16 +22,8 @@ from cadcam.station.gantry import GantryCalibration
 from cadcam.whole import write_whole
 
 _STYLE = """
-:root{color-scheme:light}*{box-sizing:border-box}
-body{margin:0;background:#f6f6f4;color:#1c1c1c;font:16px/1.45 system-ui,"DejaVu Sans",sans-serif}
-main{max-width:1180px;margin:0 auto;padding:16px}h1{font-size:1.5rem;margin:0}h2{font-size:1.1rem;margin:1rem 0 .4rem}
-section{background:#fff;border:1px solid #d9d9d9;border-radius:10px;padding:4px 16px 16px;margin-top:16px}
-section{overflow-x:auto}
-table{border-collapse:collapse;font-size:.9rem;font-variant-numeric:tabular-nums}
-th{text-align:right;color:#5a5a5a;border-bottom:2px solid #d9d9d9;padding:4px 12px 4px 0}
-td{text-align:right;border-bottom:1px solid #eee;padding:4px 12px 4px 0}.left{text-align:left}
-p.soft{color:#5a5a5a;font-size:.9rem;margin:.3rem 0}svg{width:100%;max-width:900px;height:auto;display:block}
-svg text{font-family:system-ui,"DejaVu Sans",sans-serif}@media print{body{background:#fff}section{break-inside:avoid}}
+h1{font-size:1.5rem}section{overflow-x:auto}svg{max-width:900px}
+table{width:auto}th,td{text-align:right;padding:4px 12px 4px 0}.left{text-align:left}
 """
 _WIDTH, _HEIGHT, _MARGIN = 900.0, 620.0, 60.0
 _SIGMAS = 10.0  # by how much the ellipses of uncertainty are drawn larger than the arrows
@@ -54,7 +46,8 @@ def write_station_page(path: str | os.PathLike[str], report: StationReport) -> N
 def station_page(report: StationReport) -> str:
     """Return the report as one HTML document."""
     maps = {name: s.map() for name, s in report.stations.items() if len(s.positions) > 1}
-    body = [f"<h1>Stations: {escape(', '.join(report.stations))}</h1>"]
+    cameras = f"camera{'s' * (len(report.stations) != 1)} {', '.join(report.stations)}"
+    body = [f"<h1>Stations of {escape(cameras)}</h1>"]
     if maps:
         body.append(section("How the mechanics deviate over the work area", arrows(maps)))
     for name, station in report.stations.items():

@@ -19,9 +19,14 @@ class Table:
     left: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
+    @property
+    def headed(self) -> bool:
+        """Whether the columns' heads are worth a line: they say something, of something."""
+        return bool(self.rows) and any(self.columns)
+
     def lines(self) -> list[str]:
         """Return the table as aligned plain text."""
-        headed = any(self.columns)
+        headed = self.headed
         rows = [self.columns, *self.rows] if headed else list(self.rows)
         widths = [max((len(row[i]) for row in rows), default=0) for i in range(len(self.columns))]
         body = ["  " + "  ".join(self._cell(i, row[i], widths[i]) for i in range(len(widths))).rstrip() for row in rows]
@@ -51,13 +56,14 @@ def _show_rich(tables: Iterable[Table], file: TextIO) -> None:
 
     console = Console(file=file, highlight=False)
     for table in tables:
-        rich = RichTable(box=box.SIMPLE_HEAD, show_header=any(table.columns), pad_edge=False)
+        rich = RichTable(box=box.SIMPLE_HEAD, show_header=table.headed, pad_edge=False)
         for column in table.columns:
             rich.add_column(escape(column), justify="left" if column in table.left else "right", overflow="fold")
         for row in table.rows:
             rich.add_row(*(escape(cell) for cell in row))
         console.print(f"[bold]{escape(table.title)}[/bold]")
-        console.print(rich)
+        if table.rows:
+            console.print(rich)
         for note in table.notes:
             console.print(f"  {escape(note)}")
         console.print()
@@ -73,6 +79,11 @@ def plain(value: float, digits: int = 6) -> str:
     if -5 <= size < 15:
         return f"{value:.{max(0, digits - 1 - size)}f}"
     return f"{value:.{digits - 1}e}"
+
+
+def counted(number: int, what: str) -> str:
+    """Return a number of things in words: 1 record, 2 records."""
+    return f"{number} {what}{'s' * (number != 1)}"
 
 
 def with_sigma(value: float, sigma: float) -> tuple[str, str]:

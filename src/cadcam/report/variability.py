@@ -12,6 +12,7 @@ from cadcam.calibrate.alternating import Alternating
 from cadcam.calibrate.projection_map import ProjectionMap
 from cadcam.calibrate.variability import FirstOrder, Variability
 from cadcam.camera.extended_pinhole import EXTERNALS
+from cadcam.files.jsontext import or_nulls
 from cadcam.fit.sampling import R_HAT_GOOD
 from cadcam.report.camera import ANGLES, MEANING
 from cadcam.report.table import Table, plain, with_sigma
@@ -143,7 +144,7 @@ def first_order_as_json(first: FirstOrder) -> dict[str, Any]:
 
 def map_as_json(m: ProjectionMap) -> dict[str, Any]:
     """Return the map's nodes and sigmas in px; null where the camera sees nothing."""
-    sigma = [[float(s) if np.isfinite(s) else None for s in row] for row in m.sigma]
+    sigma = [or_nulls(row) for row in m.sigma]
     return {"surface": m.surface, "x_px": m.x.tolist(), "y_px": m.y.tolist(), "sigma_px": sigma}
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
 
+from cadcam.files.jsontext import or_null, or_nulls
 from cadcam.record.export import record_as_json
 from cadcam.record.record import Deviation, Record, Source
 from cadcam.report.verify_words import assumptions, rule_words, weakest_direction
@@ -102,8 +102,8 @@ def _judgement(j: Judgement) -> dict[str, Any]:
         unit = quantity.unit
         out |= {
             f"limit_{unit}": scale * j.limit.value,
-            f"deviation_{unit}": _number(scale * j.deviation),
-            f"expanded_uncertainty_{unit}": _number(scale * j.U),
+            f"deviation_{unit}": or_null(scale * j.deviation),
+            f"expanded_uncertainty_{unit}": or_null(scale * j.U),
             "k": j.limit.k,
             "rule": j.limit.rule.value,
         }
@@ -118,7 +118,7 @@ def _feature(f: FeatureDeviation) -> dict[str, Any]:
         "edges_expected": f.presence.expected,
         "edges_seen": f.presence.seen,
         "log_likelihood_ratio_present": f.presence.log_ratio,
-        "p_mm": _numbers(f.p),
+        "p_mm": or_nulls(f.p),
     }
     if f.displacement is None:
         return out
@@ -130,10 +130,10 @@ def _feature(f: FeatureDeviation) -> dict[str, Any]:
         "displacement_in_directions_mm": f.displacement.value.tolist(),
         "covariance_mm2": f.displacement.covariance.tolist(),
         "covariance_by_cause_mm2": {c: getattr(f.displacement, c).tolist() for c in CAUSES},
-        "turn_deg": _number(np.degrees(f.turn)),
-        "turn_sigma_deg": _number(np.degrees(f.turn_sigma)),
-        "turn_axis": _numbers(f.axis),
-        "p_value": _number(f.p_value),
+        "turn_deg": or_null(np.degrees(f.turn)),
+        "turn_sigma_deg": or_null(np.degrees(f.turn_sigma)),
+        "turn_axis": or_nulls(f.axis),
+        "p_value": or_null(f.p_value),
     }
 
 
@@ -144,28 +144,20 @@ def _edge(e: EdgeDeviation) -> dict[str, Any]:
         "chain": e.chain,
         "photo": e.photo,
         "features": list(e.features),
-        "deviation_mm": _number(e.value),
-        "sigma_mm": _number(e.sigma),
-        "variance_by_cause_mm2": dict(zip(CAUSES, _numbers(e.variances), strict=True)),
-        "direction": _numbers(e.direction),
-        "p_mm": _numbers(e.p),
+        "deviation_mm": or_null(e.value),
+        "sigma_mm": or_null(e.sigma),
+        "variance_by_cause_mm2": dict(zip(CAUSES, or_nulls(e.variances), strict=True)),
+        "direction": or_nulls(e.direction),
+        "p_mm": or_nulls(e.p),
         "mm_per_px": e.mm_per_px,
         "places": e.places,
         "places_seen": e.seen,
         "off": e.off,
-        "stations_px_mm_mm": [[_number(v) for v in row] for row in e.station.tolist()],
+        "stations_px_mm_mm": [or_nulls(row) for row in e.station.tolist()],
     }
 
 
 def _extra(e: Extra) -> dict[str, Any]:
     return {"photo": e.photo, "length_px": e.length_px, "q_px": e.q.mean(axis=0).tolist(), "near": e.near} | {
-        "p_mm": _numbers(e.p)
+        "p_mm": or_nulls(e.p)
     }
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
-def _numbers(values: Sequence[float] | np.typing.NDArray[np.float64]) -> list[float | None]:
-    return [_number(float(v)) for v in values]

@@ -22,7 +22,8 @@ NEGATIVE, ZERO, POSITIVE = np.array([0.0, 0.45, 0.70]), np.array([0.85, 0.85, 0.
 MISSING, EXTRA, UNSEEN = "#cc2fa0", "#f0e442", "#9a9a9a"
 _CORNER = 0.5  # SVG counts from the corner of the top-left pixel
 _ARROW_SHARE = 0.09  # of the photo's width: the longest arrow
-_LABEL_SHARE, _LETTER = 1 / 32, 0.55  # of the photo's width: a label's height; of that: a letter's width
+_LABEL_SHARE, _LETTER = 1 / 32, 0.62  # of the photo's width: a label's height; of that: a wide font's letter
+_APART = 8.0  # px from a label to what it names
 
 
 def deviation_color(value: float, full: float) -> str:
@@ -148,7 +149,7 @@ def _arrow(q: Array, d: Array, width: int) -> str:
 
 def _leftwards(q: Array, d: Array, text: str, width: int) -> bool:
     """Return whether a label at q reaches to the left: away from its arrow, if there is room for it on that side."""
-    length = _LETTER * len(text) * _LABEL_SHARE * width
+    length = _APART + _LETTER * len(text) * _LABEL_SHARE * width
     fits_left, fits_right = q[0] > length, width - q[0] > length
     return bool(fits_left and (d[0] > 0 or not fits_right))
 
@@ -156,6 +157,7 @@ def _leftwards(q: Array, d: Array, text: str, width: int) -> bool:
 def _label(q: Array, text: str, width: int, *, leftwards: bool) -> str:
     size = _LABEL_SHARE * width
     anchor = ' text-anchor="end"' if leftwards else ""
-    x = q[0] + (-8 if leftwards else 8)
-    style = f'font-size="{size:.0f}" fill="#ffffff" stroke="#000000" stroke-width="{size / 5:.1f}" paint-order="stroke"'
+    x = q[0] + (-_APART if leftwards else _APART)
+    style = f'font-family="sans-serif" font-size="{size:.0f}" fill="#ffffff" stroke="#000000" '
+    style += f'stroke-width="{size / 5:.1f}" paint-order="stroke"'
     return f'<text x="{x:.0f}" y="{q[1] - 0.4 * size:.0f}"{anchor} {style}>{escape(text)}</text>'

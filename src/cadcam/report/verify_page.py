@@ -22,40 +22,10 @@ from cadcam.verify.verdict import Judgement, Verdict
 from cadcam.whole import write_whole
 
 _STYLE = """
-:root{color-scheme:light;--ink:#1c1c1c;--soft:#5a5a5a;--line:#d9d9d9;--bg:#f6f6f4}
-*{box-sizing:border-box}
-body{margin:0;background:var(--bg);color:var(--ink);font:16px/1.45 system-ui,"DejaVu Sans",sans-serif}
-main{max-width:1180px;margin:0 auto;padding:16px}
-h1{font-size:1.15rem;margin:0 0 .2rem}h2{font-size:1.1rem;margin:1.8rem 0 .5rem}
-header{color:#fff;padding:18px 20px;border-radius:10px}
-header .verdict{font-size:2.3rem;font-weight:700;letter-spacing:.02em;line-height:1.1}
-header p{margin:.4rem 0 0;overflow-wrap:anywhere}
-section{background:#fff;border:1px solid var(--line);border-radius:10px;padding:4px 16px 16px;margin-top:16px}
-svg.photo{width:100%;height:auto;display:block;border-radius:6px;background:#000;margin:.5rem 0}
-svg.plot{width:100%;max-width:540px;height:auto;display:block}
-svg.bar{width:180px;height:26px;display:block}
-svg text{font-family:system-ui,"DejaVu Sans",sans-serif}
-table{border-collapse:collapse;width:100%;font-size:.93rem}
-th{text-align:left;color:var(--soft);font-weight:600;border-bottom:2px solid var(--line);padding:6px 10px 6px 0}
-td{padding:8px 10px 8px 0;border-bottom:1px solid var(--line);vertical-align:top}
-td:nth-child(3),td:nth-child(4){font-variant-numeric:tabular-nums}td:last-child{overflow-wrap:anywhere}
-.tag{font-weight:700;white-space:nowrap}
-.soft{color:var(--soft);font-size:.9rem}
-.two{display:grid;grid-template-columns:1fr 1fr;gap:16px}
-.legend{display:flex;flex-wrap:wrap;gap:6px 16px;align-items:center;font-size:.9rem;color:var(--soft)}
-.legend i{display:inline-block;width:22px;height:0;border-top:4px solid;margin-right:6px;vertical-align:middle}
+svg.photo{border-radius:6px;background:#000;margin:.5rem 0}svg.plot{max-width:540px}svg.bar{width:180px;height:26px}
+td:last-child{overflow-wrap:anywhere}
+.legend i{width:22px;height:0;border-top:4px solid}
 .scale{display:inline-block;width:140px;height:12px;border:1px solid var(--line);vertical-align:middle;margin:0 6px}
-code{overflow-wrap:anywhere;font-size:.85rem}
-summary{cursor:pointer;font-weight:600;padding:.4rem 0}
-@media(max-width:720px){
-main{padding:8px}header .verdict{font-size:1.9rem}section{padding:2px 12px 12px}.two{grid-template-columns:1fr}
-table.cards thead{display:none}
-table.cards tr{display:block;border-bottom:2px solid var(--line);padding:8px 0}
-table.cards td{display:flex;gap:10px;border:0;padding:2px 0;white-space:normal}
-table.cards td::before{content:attr(data-head);flex:0 0 92px;color:var(--soft)}
-table.cards td:empty{display:none}
-}
-@media print{body{background:#fff}section{break-inside:avoid}}
 """
 
 

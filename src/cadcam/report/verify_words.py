@@ -40,7 +40,7 @@ def judgement_table(found: Verification) -> Table:
         ("feature", "what", "deviation", "U", "limit", "verdict", "why"),
         tuple(rows),
         ("feature", "what", "verdict", "why"),
-        (rule_words(found),),
+        (rule_words(found),) if rows else (),
     )
 
 

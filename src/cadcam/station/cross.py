@@ -91,7 +91,7 @@ def split(deviations: Floats) -> Split:
     if d.shape[1] != n:
         raise BadValue("cross-predictions", f"of shape {d.shape}", "a square table of pairs")
     if n < 2:
-        raise TooFewPoints("comparing calibration positions", n, 2)
+        raise TooFewPoints("comparing calibrations", n, 2, of="positions")
     d[np.eye(n, dtype=bool)] = 0.0
     if not np.isfinite(d).all():
         raise BadValue("cross-predictions", "not finite", "every pair of positions")

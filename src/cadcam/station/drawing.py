@@ -87,7 +87,7 @@ def check_distances(
                 raise UnknownName("mark of the drawing", name, drawn)
     chosen = list(combinations(names, 2)) if pairs is None else list(pairs)
     if not chosen:
-        raise TooFewPoints("distances between marks of the drawing", len(names), 2)
+        raise TooFewPoints("distances in the drawing", len(names), 2, of="marks")
     return tuple(_check(measured, drawn, one, other) for one, other in chosen)
 
 
@@ -112,7 +112,7 @@ def trend(differences: Floats, lengths: Floats) -> Trend:
     d = frozen(differences, "differences", (None,))
     L = frozen(lengths, "lengths", (len(d),))
     if len(d) < 3:
-        raise TooFewPoints("a trend of distances", len(d), 3)
+        raise TooFewPoints("a trend", len(d), 3, of="distances")
     mean, sd = float(d.mean()), float(d.std(ddof=1))
     t = abs(mean) / (sd / np.sqrt(len(d))) if sd > 0 else np.inf
     slope, slope_sigma, r = _line(d, L / 1000)

@@ -133,7 +133,7 @@ def calibrate_gantry(
 ) -> GantryCalibration:
     """Return the calibration of a camera from those of its positions, one or more, no two of them the same."""
     if not positions:
-        raise TooFewPoints(f"the calibration of camera {camera!r} (positions)", 0, 1)
+        raise TooFewPoints(f"the calibration of camera {camera!r}", 0, 1, of="positions")
     again = repeatability or Repeatability()
     grid = np.stack([one.position for one in positions])
     for i, one in enumerate(positions):

@@ -54,7 +54,7 @@ def measure(
     if rule not in RULES:
         raise UnknownName("rule", rule, RULES)
     if not sightings:
-        raise TooFewPoints("measuring (marks)", 0, 1)
+        raise TooFewPoints("measuring", 0, 1, of="marks")
     for sighting in sightings:
         if sighting.camera not in known:
             raise UnknownName("camera (it has no calibration):", sighting.camera, known)
@@ -95,7 +95,7 @@ def repeatability(station: GantryCalibration, sightings: Iterable[Sighting]) -> 
     visits = [np.stack(points) for points in groups.values()]
     dof = sum(len(points) - 1 for points in visits)
     if dof < 2:
-        raise TooFewPoints("repeatability (visits beyond the first of each mark)", dof, 2)
+        raise TooFewPoints("repeatability", dof, 2, of="visits beyond the first of each mark")
     scatter = [(points - points.mean(axis=0)).T @ (points - points.mean(axis=0)) for points in visits]
     return Repeatability(np.sum(scatter, axis=0) / dof, float(dof))
 

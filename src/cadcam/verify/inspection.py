@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, quantile
 from cadcam.cad.edges import EdgeKind
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
@@ -24,6 +24,7 @@ from cadcam.verify.presence import Presence
 from cadcam.verify.survey import Survey, surveyed
 from cadcam.verify.tolerance import Tolerances, whole_parts
 
+_SURVEYS, _REDRAW_PX = 3, 0.3  # while the datum moves lines by so much they are drawn again; so often at most
 _LEAST_SEEN = 0.35  # of the datum's places that must show an edge for the pose to be believed
 
 
@@ -101,15 +102,21 @@ def inspect(
     asked = whole_parts(part.scene) if tolerances is None else tolerances
     asked.check(part.scene)
     F = np.eye(6) if freedom is None else np.asarray(freedom, np.float64)
-    case = Case(part, photos, world_from_part, asked, F, options.reach_px, options.alarms)
-    survey = surveyed(part, photos, world_from_part, asked, reach_px=options.reach_px)
-    reason = _why_not(survey)
-    if reason:
-        return _not_found(survey, world_from_part, F, reason)
-    try:
-        look = looked(case, part, survey)
-    except DegenerateGeometry as error:
-        return _not_found(survey, world_from_part, F, str(error))
+    pose = world_from_part
+    for _ in range(_SURVEYS):
+        case = Case(part, photos, pose, asked, F, options.reach_px, options.alarms)
+        survey = surveyed(part, photos, pose, asked, reach_px=options.reach_px)
+        reason = _why_not(survey)
+        if reason:
+            return _not_found(survey, pose, F, reason)
+        try:
+            look = looked(case, part, survey)
+        except DegenerateGeometry as error:
+            return _not_found(survey, pose, F, str(error))
+        xi = look.measured.adjustment.pose().xi
+        if quantile(np.abs(survey.lines.by_pose @ xi), 0.9) < _REDRAW_PX:
+            break
+        pose = pose @ Rigid.exp(xi)  # from there other lines are seen, and fewer of the photo's are taken for them
     return _reported(case, looked_again(case, look), options)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -66,12 +66,9 @@ class Measured:
         scale = white_scale(offset, EdgeNoise.of(sigma, lines.edge, lines.along, 0.0))
         sigma = sigma * scale
         J = lines.by_pose
-        tau = 0.0
-        if fitted.any():
-            tau = common_error(
-                offset[fitted], sigma[fitted], lines.edge[fitted], lines.along[fitted], J[fitted] @ freedom
-            )
-        noise = EdgeNoise.of(sigma, lines.edge, lines.along, tau).with_more(survey.matched.common[rows])
+        noise = EdgeNoise.of(sigma, lines.edge, lines.along, 0.0).with_more(survey.matched.common[rows])
+        tau = common_error(offset[fitted], noise.of_rows(fitted), J[fitted] @ freedom) if fitted.any() else 0.0
+        noise = replace(noise, tau=np.hypot(noise.tau, tau))
         members = tuple(m[rows] for m in survey.members)
         adjustment = Adjustment(offset, J, lines.by_cause, noise, fitted, freedom)
         lever, mate, ground = survey.lever[rows], survey.mate[rows], survey.ground[rows]

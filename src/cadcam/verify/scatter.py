@@ -130,17 +130,15 @@ def improbability(offset: Array, noise: EdgeNoise, J: Array, K: Array) -> float:
     return float(noise.log_determinant() + np.linalg.slogdet(inner)[1] + np.linalg.slogdet(N)[1] + chi_square)
 
 
-def common_error(offset: Array, sigma: Array, edge: Longs, along: Array, J: Array) -> float:
-    """Return tau (px) of offsets (N,) that a motion with Jacobian J (N, k) explains up to their errors.
+def common_error(offset: Array, noise: EdgeNoise, J: Array) -> float:
+    """Return tau (px), beside those that the noise has, of offsets (N,) that a motion with Jacobian J (N, k) explains.
 
     Where they are most probable by the restricted likelihood, which knows that the motion was fitted to the same
     offsets. 0 where the noise alone explains them.
     """
-    plain = EdgeNoise.of(sigma, edge, along, 0.0)
 
     def loss(log_tau: float) -> float:
-        noise = replace(plain, tau=np.full(plain.edges, np.exp(log_tau)))
-        return improbability(offset, noise, J, J[:, :0])
+        return improbability(offset, replace(noise, tau=np.hypot(noise.tau, np.exp(log_tau))), J, J[:, :0])
 
     low, high = np.log(_LEAST_PX), np.log(_MOST_PX)
     a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)

@@ -15,6 +15,7 @@ from cadcam.locate.photo import Photo
 from cadcam.render.view import Scene
 from cadcam.verify.association import SEARCH_ROOM_PX, Association, associated, guessed_shifts, nearby_edges
 from cadcam.verify.feet import Feet
+from cadcam.verify.limbs import limb_errors
 from cadcam.verify.presence import LEAST_PLACES, EdgeEvidence, Presence, clutter_of, presence
 from cadcam.verify.sightlines import Sightlines, sightlines
 from cadcam.verify.surroundings import FAINT, surroundings
@@ -141,11 +142,13 @@ def surveyed(
     found = nearby_edges(lines, sights, reach_px=reach_px, way=beside.way)
     ought = usable & (beside.contrast > FAINT)
     matched = associated(lines, sights, found, moved_as_one, reach_px=reach_px, ought=ought)
+    matched = _from_place(matched, lines, photos, world_from_part, by)
+    matched = replace(matched, common=np.hypot(matched.common, limb_errors(lines, beside, matched.offset)))
     feet = Feet.of(lines, beside)
     return Survey(
         lines,
         found,
-        _from_place(matched, lines, photos, world_from_part, by),
+        matched,
         names,
         members,
         body,

@@ -1,0 +1,50 @@
+"""Pictures of what matching found: a template's peaks, or features and the pose that they agree on, on the photo."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cadcam.arrays import Picture
+from cadcam.image.correlate import Peaks
+from cadcam.image.draw import draw_points, draw_polylines, draw_text
+from cadcam.image.template import Template
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.locate.templates import TemplateMatches
+
+_FOUND_COLOR, _OTHER_COLOR = (0.0, 0.85, 0.35), (1.0, 0.35, 0.0)
+
+
+def with_peaks(photo: Picture, template: Template, peaks: Peaks) -> Picture:
+    """Return the photo with the template's outline at each peak, its upper side thick, and the peak's number."""
+    w, h = template.size
+    corner = 0.5 * np.array([[-w, -h], [w, -h], [w, h], [-w, h], [-w, -h]], float)
+    picture = photo
+    for i, box in enumerate(peaks.at(corner)):
+        color = _FOUND_COLOR if i == 0 else _OTHER_COLOR
+        picture = draw_polylines(picture, [box], color=color, width=1.5)
+        picture = draw_polylines(picture, [box[:2]], color=color, width=3.5)
+        picture = draw_points(picture, peaks.q[i : i + 1], color=color, mark="plus")
+        picture = draw_text(picture, box[0] + np.array([4, 10]), f"{i + 1}: {peaks.score[i]:.3f}", color=color)
+    return picture
+
+
+def with_features(photo: Photo, part: Part, matches: TemplateMatches) -> Picture:
+    """Return the photo with the lines of the pose found, agreeing features, and the best peaks of the others."""
+    picture = photo.gray
+    if matches.found and matches.pose is not None:
+        lines = part.lines.draw(photo.camera, matches.pose.world_from_part).visible.lines
+        picture = draw_polylines(picture, lines, color=(0.1, 0.7, 1.0), width=1.0, opacity=0.7)
+    features = matches.features
+    agreed = [
+        (features.window[i], p.q[c])
+        for i, (p, c) in enumerate(zip(features.peaks, features.chosen, strict=True))
+        if c >= 0
+    ]
+    others = [p.q[0] for p, c in zip(features.peaks, features.chosen, strict=True) if c < 0 and len(p)]
+    picture = draw_polylines(picture, [np.array(pair) for pair in agreed], color=_FOUND_COLOR, width=1.5)
+    if agreed:
+        picture = draw_points(picture, np.array([q for _, q in agreed]), color=_FOUND_COLOR, mark="circle", size=11)
+    if others:
+        picture = draw_points(picture, np.array(others), color=_OTHER_COLOR, mark="cross", size=9)
+    return picture

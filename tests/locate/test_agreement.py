@@ -1,0 +1,51 @@
+"""Where a third of the lines were taken for others, the others say where the part is."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.fit.grouped import grouped_fit
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.agreement import agreed
+from cadcam.locate.solution import Solution
+
+GROUPS, EACH, SIGMA = 40, 6, 0.04  # edges, samples of each, px
+
+
+def fitted(off: Array, rng: np.random.Generator) -> Solution:
+    """Return a fit that believes all edges, each of which is off by so much (GROUPS,) px from where the part stands."""
+    group = np.repeat(np.arange(GROUPS), EACH)
+    row = rng.normal(size=(GROUPS, 6))[group] * [1, 1, 0.3, 200, 200, 300] + 0.05 * rng.normal(size=(len(group), 6))
+    y = off[group] + SIGMA * rng.normal(size=len(group))
+    fit = grouped_fit(y, row, np.full(len(group), SIGMA**2), group, usual=0.05, robust=False)
+    seen = cast(Any, ([SimpleNamespace(row=row)], [SimpleNamespace(usable=np.ones(len(group), bool))]))
+    return Solution([], Rigid(), Rigid.exp(fit.x), np.eye(6), *seen, fit)
+
+
+def moved_px(pose: Rigid) -> float:
+    return float(np.linalg.norm(pose.log() * [1, 1, 0.3, 200, 200, 300]))
+
+
+def test_most_edges_outvote_those_that_were_taken_for_others(rng: np.random.Generator) -> None:
+    """A third is off by 3 px, all to one side: believed, it makes all look loose; the others are off by noise."""
+    loose = fitted(np.where(np.arange(GROUPS) % 3 == 0, 3.0, 0.0), rng)
+    assert loose.fit.between > 0.25
+    assert moved_px(loose.pose) > 0.5
+    closer = agreed(loose)
+    assert closer is not None
+    assert moved_px(closer) < 6 * SIGMA  # six motions, each by edges that are off by up to their noise
+
+
+def test_edges_that_all_scatter_outvote_nothing(rng: np.random.Generator) -> None:
+    """A model that is not quite the part: no motion puts many more edges right than the fitted one."""
+    loose = fitted(0.8 * rng.normal(size=GROUPS), rng)
+    assert loose.fit.between > 0.25
+    assert agreed(loose) is None
+
+
+def test_where_all_edges_agree_nothing_is_tried(rng: np.random.Generator) -> None:
+    assert agreed(fitted(np.zeros(GROUPS), rng)) is None
