@@ -18,6 +18,7 @@ from cadcam.target.photometric import BLUR, Fit, fitted, missed
 
 STRAIGHT, BENT, MOVED = 0, 1, LOOSE  # how many of b dx dy are fitted
 _SEEN = 30.0  # fall of chi-square from which they are: by chance once in 2e7 marks
+_LONG = 2.0  # blurs that a motion is long at least: a shorter one shifts nothing, and pixel squares can look like it
 _SHARPEST = 0.4  # of the blur that seems round: what is left of it at least when motion is taken out
 
 
@@ -45,17 +46,20 @@ def fit_as_seen(mark: Mark, geometry: Geometry, start: Array, window: Window, q:
 def _asked(mark: Mark, geometry: Geometry, fit: Fit, window: Window) -> tuple[Array, Array, Array]:
     """Return by how much chi-square would fall (B,) by a bend, by motion besides, and parameters that have the motion.
 
+    What is asked of motions too short to matter is answered by 0.
     A motion of l px towards the angle a adds l^2/24 (1 + cos 2(n - a)) to the variance of the blur across a border
     whose normal lies at n. The round part is blur already; the rest changes the picture, to first order, by
     l^2/(48 s) cos 2(n - a) times its slope by the blur s.
     """
-    bendable = mark_model(mark, geometry, loose=BENT)
+    whole = mark_model(mark, geometry, loose=MOVED)
 
     def directed(parameters: Array, pixels: Array) -> tuple[Array, Array]:
-        value, J = bendable(parameters, pixels)
-        x, y = J[..., 0], J[..., 1]  # along the normal
-        by_blur = J[..., BLUR] / np.maximum(x * x + y * y, 1e-12)
-        return value, np.concatenate([J, np.stack([by_blur * (x * x - y * y), 2 * by_blur * x * y], axis=-1)], axis=-1)
+        value, J = whole(parameters, pixels)  # whose slopes by a motion are 0 where there is none
+        x, y = J[..., 0].copy(), J[..., 1].copy()  # along the normal
+        xx, yy = x * x, y * y
+        by_blur = J[..., BLUR] / np.maximum(xx + yy, 1e-12)
+        J[..., -2], J[..., -1] = by_blur * (xx - yy), by_blur * (2 * x * y)
+        return value, J
 
     n = geometry.free + BENT
     (bend, both), step = missed(directed, fit, window.values, window.pixels, window.weight, free=(n, n + 2))
@@ -64,4 +68,4 @@ def _asked(mark: Mark, geometry: Geometry, fit: Fit, window: Window) -> tuple[Ar
     turn = np.arctan2(step[:, n + 1], step[:, n]) / 2
     begin[:, geometry.motion] = np.sqrt(l2)[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
     begin[:, BLUR] = np.sqrt(np.maximum(s * s - l2 / 24, (_SHARPEST * s) ** 2))
-    return bend, both - bend, begin
+    return bend, np.where(l2 > (_LONG * s) ** 2, both - bend, 0.0), begin
