@@ -37,6 +37,13 @@ static const rule RULES[4] = {
 };
 static const double BENT[3] = {0.08, 0.3, 0.8}; /* curvature by s up to which a rule serves */
 
+/* Gauss and Legendre's rule of eight nodes on [-1, 1]: those above 0. */
+static const double AT[4] = {0.1834346424956498, 0.525532409916329, 0.7966664774136267, 0.9602898564975363};
+static const double BY[4] = {0.362683783378362, 0.3137066458778873, 0.2223810344533745, 0.10122853629037626};
+#define PANEL 8.0 /* sigmas of a motion that eight nodes serve */
+
+static double node(int i) { return i < 4 ? AT[i] : -AT[i - 4]; }
+
 static double normal(double x) { return 0.5 * erfc(-x * 0.70710678118654752440); }
 static double density(double x) { return 0.39894228040143267794 * exp(-0.5 * x * x); }
 
@@ -163,16 +170,14 @@ static share rest(share a) {
  * r = n . n, less the product, by the integral over the correlation (Z. Drezner, G. Wesolowsky, J. Statist. Comput.
  * Simul. 35, 1990), Gauss and Legendre's rule in its arc sine. */
 static share corner(const line *x, const line *y) {
-    static const double at[4] = {0.1834346424956498, 0.525532409916329, 0.7966664774136267, 0.9602898564975363};
-    static const double weight[4] = {0.362683783378362, 0.3137066458778873, 0.2223810344533745, 0.10122853629037626};
     share out = {0};
     double r = x->n[0] * y->n[0] + x->n[1] * y->n[1], h = x->t, k = y->t;
     r = r > 0.999 ? 0.999 : r < -0.999 ? -0.999 : r;
     if (fabs(h) > REACH || fabs(k) > REACH) return out;
     double half = 0.5 * asin(r), q2 = 1 - r * r, q = sqrt(q2);
     for (int i = 0; i < 8; i++) {
-        double sine = sin(half * (1 + (i < 4 ? at[i] : -at[i - 4])));
-        out.v += weight[i & 3] * exp(-0.5 * (h * h + k * k - 2 * h * k * sine) / (1 - sine * sine));
+        double sine = sin(half * (1 + node(i)));
+        out.v += BY[i & 3] * exp(-0.5 * (h * h + k * k - 2 * h * k * sine) / (1 - sine * sine));
     }
     out.v *= half / (2 * PI);
     double by_h = density(h) * (normal((k - r * h) / q) - normal(k));
@@ -227,12 +232,34 @@ static share inked(const cc_mark *mark, const pixel *p, const rule *const *nodes
     return out;
 }
 
+/* The mean share along the motion d, and its slopes by d: the pixel sees what was at q - t d, t in [-1/2, 1/2]. */
+static share smeared(const cc_mark *mark, const pixel *p, const rule *const *nodes, double steepest, int slopes,
+                     const double *d, double *by_d) {
+    share out = {0};
+    double step[2], N[3], toward[2][3];
+    const double x[2] = {1, 0}, y[2] = {0, 1};
+    along(p, x, step, toward[0]), along(p, y, step, toward[1]), along(p, d, step, N);
+    int panels = (int)fmin(ceil(hypot(d[0], d[1]) / (PANEL * p->s)), 64);
+    by_d[0] = by_d[1] = 0;
+    for (int k = 0; k < 8 * panels; k++) {
+        double t = (2 * (k / 8) + 1 + node(k % 8)) / (2 * panels) - 0.5, weight = BY[k & 3] / (2 * panels);
+        pixel there = *p;
+        for (int i = 0; i < 2; i++) there.m[i] -= t * step[i];
+        for (int i = 0; i < 3; i++) there.N[i] -= t * N[i];
+        share one = inked(mark, &there, nodes, steepest, slopes);
+        out = sum(out, weight, one);
+        for (int j = 0; j < 2; j++) /* the third column of H moves the whole neighbourhood */
+            for (int i = 0; i < 3; i++) by_d[j] -= t * weight * one.d[3 * i + 2] * toward[j][i];
+    }
+    return out;
+}
+
 void cc_mark_picture(const cc_mark *mark, int64_t marks, int64_t pixels, int32_t width, const double *places,
-                     const double *H, int32_t terms, const double *dH, const double *levels, int32_t bent,
+                     const double *H, int32_t terms, const double *dH, const double *levels, int32_t loose,
                      double *value, double *slopes) {
-    const int columns = terms + 5 + (bent != 0);
-    for (int64_t b = 0; b < marks; b++, H += 9, dH += 9 * terms, levels += 6) {
+    for (int64_t b = 0; b < marks; b++, H += 9, dH += 9 * terms, levels += 8) {
         const double c = levels[0], s = levels[1], m = levels[2], gx = levels[3], gy = levels[4], bend = levels[5];
+        const double *d = levels + 6;
         const rule *nodes[CC_MARK_RADII];
         double large, small, tallest = 0;
         stretches(H[0], H[1], H[3], H[4], &large, &small);
@@ -250,7 +277,9 @@ void cc_mark_picture(const cc_mark *mark, int64_t marks, int64_t pixels, int32_t
                 steepest *= sqrt(p.L[0][0] * p.L[0][0] + p.L[0][1] * p.L[0][1] + p.L[1][0] * p.L[1][0] + p.L[1][1] * p.L[1][1]);
             }
             for (int i = 0; i < 3; i++) p.N[i] = H[3 * i] * x[0] + H[3 * i + 1] * x[1] + H[3 * i + 2];
-            share ink = inked(mark, &p, nodes, steepest, slopes != NULL);
+            double by_d[2] = {0, 0};
+            share ink = d[0] == 0 && d[1] == 0 ? inked(mark, &p, nodes, steepest, slopes != NULL)
+                                               : smeared(mark, &p, nodes, steepest, slopes != NULL, d, by_d);
             double mixed = ink.v * (1 - ink.v), shown = ink.v + bend * mixed, steep = 1 + bend * (1 - 2 * ink.v);
             double light = 1 + gx * u + gy * v, level = m + c * shown;
             *value++ = level * light;
@@ -262,8 +291,9 @@ void cc_mark_picture(const cc_mark *mark, int64_t marks, int64_t pixels, int32_t
             }
             const double last[5] = {shown * light, c * light * steep * ink.d[9], light, level * u, level * v};
             memcpy(slopes + 4, last, sizeof last);
-            if (bent) slopes[columns - 1] = c * light * mixed;
-            slopes += columns;
+            const double rest[3] = {c * light * mixed, c * light * steep * by_d[0], c * light * steep * by_d[1]};
+            memcpy(slopes + terms + 5, rest, loose * sizeof *rest);
+            slopes += terms + 5 + loose;
         }
     }
 }

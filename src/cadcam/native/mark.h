@@ -22,9 +22,11 @@ typedef struct {
 
 /* Grey values (marks, pixels) of
  *     I = (m + c (share(q) + b share(q) (1 - share(q)))) (1 + gx u + gy v)
- * and, unless slopes is null, their slopes (marks, pixels, terms + 5) by x y * * c s m gx gy and the rest of the
- * geometry, where dH (marks, terms, 3, 3) are the slopes of H by the geometry's parameters, at least 4, and where bent
- * is not 0 (marks, pixels, terms + 6), by b too. levels (marks, 6): c s m gx gy b. places (marks, pixels, width): u, v and, where width is 8, m and dm/dq (2, 2); else m is (u, v).
+ * and, unless slopes is null, their slopes (marks, pixels, terms + 5 + loose) by x y * * c s m gx gy, the rest of the
+ * geometry and the first `loose` (0 to 3) of b dx dy, where dH (marks, terms, 3, 3) are the slopes of H by the
+ * geometry's parameters, at least 4. levels (marks, 8): c s m gx gy b dx dy. share is the mean over the mark's motion
+ * while the shutter is open, q - t d for t in [-1/2, 1/2]. places (marks, pixels, width): u, v and, where width is 8, m
+ * and dm/dq (2, 2); else m is (u, v).
  *
  * The share of ink in a disc is exact for the conic that a circle is in the picture: along the normal of its border by
  * the normal distribution, across it by Gauss and Hermite's rule, with more nodes the more the border bends within s.
@@ -32,7 +34,7 @@ typedef struct {
  * (the bivariate normal distribution); where a ray meets a circle the circle is taken as straight in what the corner adds. */
 enum { CC_MARK_RADII = 128, CC_MARK_TERMS = 16 };
 CC_API void cc_mark_picture(const cc_mark *mark, int64_t marks, int64_t pixels, int32_t width, const double *places,
-                            const double *H, int32_t terms, const double *dH, const double *levels, int32_t bent,
+                            const double *H, int32_t terms, const double *dH, const double *levels, int32_t loose,
                             double *value, double *slopes);
 
 #endif

@@ -13,7 +13,7 @@ from cadcam.errors import BadValue
 from cadcam.native.core import library
 
 _MOST_RADII, _MOST_TERMS = 128, 16  # CC_MARK_RADII, CC_MARK_TERMS
-_LEVELS = 6  # c s m gx gy b
+_LEVELS, _ALWAYS, LOOSE = 8, 5, 3  # c s m gx gy b dx dy; of those the first always have slopes, the last need not
 
 
 class _Mark(c.Structure):
@@ -70,33 +70,33 @@ class Borders:
 
 
 def picture(borders: Borders, places: Array, H: Array, levels: Array) -> Array:
-    """Return the grey values (B, P) at places (B, P, 2 or 8) for H (B, 3, 3), levels (B, 6): c s m gx gy b."""
-    return _drawn(borders, places, H, np.zeros((len(H), 0, 3, 3)), levels, slopes=False, bent=False)[0]
+    """Return the grey values (B, P) at places (B, P, 2 or 8) for H (B, 3, 3), levels (B, 8): c s m gx gy b dx dy."""
+    return _drawn(borders, places, H, np.zeros((len(H), 0, 3, 3)), levels, slopes=False, loose=0)[0]
 
 
 def picture_with_slopes(
-    borders: Borders, places: Array, H: Array, dH: Array, levels: Array, *, bent: bool = False
+    borders: Borders, places: Array, H: Array, dH: Array, levels: Array, *, loose: int = 0
 ) -> tuple[Array, Array]:
-    """Return grey values (B, P) and slopes (B, P, k + 5) by x y * * c s m gx gy and the rest; dH (B, k, 3, 3).
+    """Return grey values (B, P) and slopes (B, P, k + 5 + loose) by x y * * c s m gx gy and the rest; dH (B, k, 3, 3).
 
-    bent: whether by b too, (B, P, k + 6).
+    loose: how many of b dx dy are among the rest, at its end.
     """
     if not 4 <= dH.shape[1] <= _MOST_TERMS:
         raise BadValue("slopes of H", f"by {dH.shape[1]} parameters", f"4 to {_MOST_TERMS}")
-    return _drawn(borders, places, H, dH, levels, slopes=True, bent=bent)
+    return _drawn(borders, places, H, dH, levels, slopes=True, loose=loose)
 
 
 def _drawn(
-    borders: Borders, places: Array, H: Array, dH: Array, levels: Array, *, slopes: bool, bent: bool
+    borders: Borders, places: Array, H: Array, dH: Array, levels: Array, *, slopes: bool, loose: int
 ) -> tuple[Array, Array]:
     count, pixels, width = places.shape
     if width not in (2, 8) or H.shape != (count, 3, 3) or levels.shape != (count, _LEVELS):
         raise BadValue("places", f"of shape {places.shape} for H {H.shape}", "(B, P, 2 or 8), H (B, 3, 3)")
     places, H, dH, levels = (np.ascontiguousarray(a, np.float64) for a in (places, H, dH, levels))
     value = np.zeros((count, pixels))
-    slope = np.zeros((count, pixels, dH.shape[1] + _LEVELS - (not bent)) if slopes else 0)
+    slope = np.zeros((count, pixels, dH.shape[1] + _ALWAYS + loose) if slopes else 0)
     mark = borders._structure()
     answers = (value.ctypes.data, slope.ctypes.data if slopes else None)
-    inputs = (H.ctypes.data, dH.shape[1], dH.ctypes.data, levels.ctypes.data, int(bent))
+    inputs = (H.ctypes.data, dH.shape[1], dH.ctypes.data, levels.ctypes.data, loose)
     _core().cc_mark_picture(c.byref(mark), count, pixels, width, places.ctypes.data, *inputs, *answers)
     return value, slope

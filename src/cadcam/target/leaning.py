@@ -15,7 +15,7 @@ import numpy as np
 from cadcam.arrays import Array, Picture
 from cadcam.camera.camera import Camera
 from cadcam.geometry import rotation as so3
-from cadcam.native.marks import Borders, picture_with_slopes
+from cadcam.native.marks import LOOSE, Borders, picture_with_slopes
 from cadcam.target.mark import Mark
 from cadcam.target.mark_fit import MarkFit, Seen, seen_through
 from cadcam.target.mark_model import Geometry, posed, with_slopes
@@ -135,11 +135,13 @@ class Tilt:
         basis = np.eye(9).reshape(1, 9, 3, 3)
         borders = Borders.of(mark.sectors, mark.full)
         pixels, weight = seen.window.pixels[i : i + 1], seen.weight[i]
-        value, J = picture_with_slopes(borders, pixels, unit, basis, parameters[:, geometry.levels])
+        shown = parameters[:, geometry.levels]
+        value, J = picture_with_slopes(borders, pixels, unit, basis, shown, loose=LOOSE)
+        J[..., -LOOSE:] *= shown[:, -LOOSE:] != 0  # those that were fitted
         r, J = (value[0] - seen.window.values[i]) * weight, J[0] * weight[:, None]
         variance = max(float(r @ r), 1e-12) / max(float(weight.sum()) - geometry.free, 1.0)
         variance *= float(seen.shared[i])
-        shape, levels = J[:, _SHAPE], J[:, 4:9]
+        shape, levels = J[:, _SHAPE], np.delete(J, _SHAPE, axis=1)
         clear = shape - levels @ np.linalg.lstsq(levels.T @ levels, levels.T @ shape, rcond=None)[0]
         pose = (fit.poses or ())[i]
         sight, lean = _leaning(pose.rotation, camera.unproject(seen.q[i]))

@@ -16,6 +16,7 @@ from cadcam.arrays import Array, Ids, Index, Mask, Picture
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import BRIGHT, DARK, noise_of
+from cadcam.native.marks import LOOSE
 from cadcam.target.mark import Mark
 from cadcam.target.mark_model import Geometry, affine, posed, predicted, share_of_ink
 from cadcam.target.mark_window import MARGIN, Window, by_size
@@ -189,8 +190,8 @@ def _symmetric(S: Array) -> Array:
 
 def _start(mark: Mark, geometry: Geometry, g: Array, held: Array, window: Window, blur: float) -> Array:
     """Return parameters (B, n) at which the levels fit the picture in the least squares sense."""
-    start = np.zeros((len(g), geometry.free + 1 + held.shape[1]))
-    start[:, geometry.places], start[:, geometry.free + 1 :] = g, held
+    start = np.zeros((len(g), geometry.free + LOOSE + held.shape[1]))
+    start[:, geometry.places], start[:, geometry.free + LOOSE :] = g, held
     start[:, BLUR] = blur
     share = share_of_ink(mark, geometry.homography(start), window.pixels, start[:, BLUR])
     w = window.weight

@@ -7,9 +7,10 @@ is worked out in the core (mark.h), exactly for discs, straight borders and thei
     I = (m + c (share(q) + b share(q) (1 - share(q)))) (1 + g . (u, v)),
 
 light that varies over the mark acting on ink and paper alike, and b the bend of the camera's response: a gamma makes
-what is half ink lighter or darker than the mean of ink and paper (chapter 5 of the dissertation). The first nine
-parameters are x y * * c s m gx gy, the places of which `photometric.fitted` knows; the rest of the geometry follows,
-then b. The blur takes in the mean over a pixel's square, whose variance is 1/12 px^2.
+what is half ink lighter or darker than the mean of ink and paper (chapter 5 of the dissertation). The share is the mean
+over the mark's motion d = (dx, dy) px while the shutter is open; d and -d are the same. The first nine parameters are
+x y * * c s m gx gy, the places of which `photometric.fitted` knows; the rest of the geometry follows, then b dx dy.
+The blur takes in the mean over a pixel's square, whose variance is 1/12 px^2.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Ids
 from cadcam.geometry import rotation as so3
-from cadcam.native.marks import Borders, picture, picture_with_slopes
+from cadcam.native.marks import LOOSE, Borders, picture, picture_with_slopes
 from cadcam.target.mark import Mark
 from cadcam.target.photometric import BLUR, CONTRAST, Model
 
@@ -46,13 +47,18 @@ class Geometry:
 
     @property
     def free(self) -> int:
-        """Return the number of parameters that are fitted; the bend comes after them, then what is held."""
+        """Return the number of parameters that are always fitted; b dx dy come after them, then what is held."""
         return self.count + len(_LEVELS)
 
     @property
     def levels(self) -> Ids:
-        """Return where c s m gx gy b stand."""
-        return np.array([*_LEVELS, self.free], dtype=np.int32)
+        """Return where c s m gx gy b dx dy stand."""
+        return np.array([*_LEVELS, *range(self.free, self.free + LOOSE)], dtype=np.int32)
+
+    @property
+    def motion(self) -> Ids:
+        """Return where dx dy stand."""
+        return self.levels[-2:]
 
     def homography(self, parameters: Array) -> Array:
         """Return H (B, 3, 3) of parameters (B, n)."""
@@ -60,7 +66,7 @@ class Geometry:
 
     def held(self, parameters: Array) -> Array:
         """Return what is held (B, h) of parameters (B, n)."""
-        return parameters[:, self.free + 1 :]
+        return parameters[:, self.free + LOOSE :]
 
 
 def affine(*, turned: bool, perspective: bool) -> Geometry:
@@ -104,8 +110,8 @@ def posed(*, turned: bool) -> Geometry:
     return Geometry(6 if turned else 5, matrix)
 
 
-def mark_model(mark: Mark, geometry: Geometry, *, bent: bool = False) -> Model:
-    """Return the model of a mark's picture; bent: whether the response's bend is free too, else it is held.
+def mark_model(mark: Mark, geometry: Geometry, *, loose: int = 0) -> Model:
+    """Return the model of a mark's picture; loose: how many of b dx dy are free too, the others are held.
 
     Its pixels (B, P, 2), or through a lens (B, P, 8): u, v, then the coordinates m in which H acts and dm/dq (2, 2).
     """
@@ -113,7 +119,7 @@ def mark_model(mark: Mark, geometry: Geometry, *, bent: bool = False) -> Model:
 
     def model(parameters: Array, pixels: Array) -> tuple[Array, Array]:
         H, dH = with_slopes(geometry, parameters[:, geometry.places], geometry.held(parameters))
-        return picture_with_slopes(borders, pixels, H, dH, parameters[:, geometry.levels], bent=bent)
+        return picture_with_slopes(borders, pixels, H, dH, parameters[:, geometry.levels], loose=loose)
 
     return model
 
@@ -127,7 +133,7 @@ def predicted(mark: Mark, geometry: Geometry, parameters: Array, pixels: Array) 
 
 def share_of_ink(mark: Mark, H: Array, pixels: Array, s: Array) -> Array:
     """Return the share of ink (B, P) at pixels (B, P, 2 or 8) for H (B, 3, 3) and blurs s (B,) px."""
-    levels = np.zeros((len(H), len(_LEVELS) + 1))
+    levels = np.zeros((len(H), len(_LEVELS) + LOOSE))
     levels[:, 0], levels[:, 1] = 1.0, s
     return picture(Borders.of(mark.sectors, mark.full), pixels, H, levels)
 

@@ -43,6 +43,13 @@ class Fit:
         """Return the marks that `which` selects."""
         return Fit(*(getattr(self, name)[which] for name in Fit.__slots__))
 
+    def replaced(self, part: Fit, which: Index) -> Fit:
+        """Return the fits with those at `which` taken from `part`."""
+        arrays = {name: getattr(self, name).copy() for name in Fit.__slots__}
+        for name in arrays:
+            arrays[name][which] = getattr(part, name)
+        return Fit(**arrays)
+
 
 def fit_corners(gray: Picture, q: Array, directions: Array, reach: Array, *, blur: float = 1.0) -> Fit:
     """Return the crossings of two edges near q (B, 2): chessboard corners.
@@ -201,18 +208,21 @@ def fitted(
     return Fit(q + parameters[:, :2], covariance[:, :2, :2], parameters, misfit, good, np.ones(count))
 
 
-def missed(model: Model, fit: Fit, values: Array, pixels: Array, weight: Array) -> Array:
-    """Return by how much chi-square (B,) would fall if parameters that were held were free as this model has them.
+def missed(
+    model: Model, fit: Fit, values: Array, pixels: Array, weight: Array, *, free: tuple[int, ...]
+) -> tuple[Array, Array]:
+    """Return by how much chi-square (F, B) would fall with the first `free` parameters of the model free.
 
-    To first order, from where the fit without them ended, by the variance that would be left (a score test).
+    And the step (B, n) of the last of those. To first order, from where the fit without them ended, by the variance
+    that would be left then (a score test).
     """
     H, g, cost = _normal(model, fit.parameters, values, pixels, weight)
     scale = 1 / np.sqrt(np.maximum(np.einsum("bii->bi", H), 1e-300))
-    cofactor = np.linalg.pinv(H * scale[:, :, None] * scale[:, None, :], rcond=1e-12, hermitian=True)
-    g = g * scale
-    fall = np.einsum("bi,bij,bj->b", g, cofactor, g)
-    left = np.maximum(cost - fall, 1e-3 * cost) / np.maximum(weight.sum(axis=1) - H.shape[1], 1.0)
-    return np.asarray(fall / np.maximum(left, 1e-300))
+    H, g = H * scale[:, :, None] * scale[:, None, :], g * scale
+    steps = [-(np.linalg.pinv(H[:, :n, :n], rcond=1e-12, hermitian=True) @ g[:, :n, None])[..., 0] for n in free]
+    falls = np.stack([-(g[:, :n] * step).sum(axis=1) for n, step in zip(free, steps, strict=True)])
+    left = np.maximum(cost - falls[-1], 1e-3 * cost) / np.maximum(weight.sum(axis=1) - free[-1], 1.0)
+    return np.asarray(falls / np.maximum(left, 1e-300)), np.asarray(steps[-1] * scale)
 
 
 def _minimised(

@@ -2,9 +2,8 @@
 
 A fit to all pixels of a mark that is covered in part settles between the two. So it is repeated without a wedge of the
 window, for wedges all around; of these fits the one is taken that most pixels agree with, and pixels that contradict it
-are left out, with their neighbours, until nothing changes. A camera that bends its response, by a gamma or by being
-overexposed, contradicts a straight one on all borders alike: where residuals show that, the bend is fitted too. What a
-blur of another form leaves on all borders alike shifts nothing, and those pixels stay.
+are left out, with their neighbours, until nothing changes. What a blur of another form leaves on all borders alike
+shifts nothing, and those pixels stay.
 """
 
 from __future__ import annotations
@@ -13,12 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Index, Mask
+from cadcam.arrays import Array, Mask
 from cadcam.target.lines import shared_by_lines
 from cadcam.target.mark import Mark
 from cadcam.target.mark_model import Geometry, mark_model, predicted
 from cadcam.target.mark_window import Window
-from cadcam.target.photometric import CONTRAST, Fit, Model, fitted, missed
+from cadcam.target.photometric import CONTRAST, Fit, Model, fitted
+from cadcam.target.response import BENT, fit_as_seen
 
 HIDDEN, _SIGMAS = 0.12, 5.0  # residual by contrast, and by the noise, of a pixel that shows something else
 _ROUNDS = 6  # fits without those
@@ -28,7 +28,6 @@ _HOPELESS = 0.45  # rms of the residuals by contrast: nothing that leaving pixel
 _ONE_SIDED, _CHANCE = 0.08, 1.5  # resultant of the directions of odd pixels, and by what chance makes of so many
 _MIDDLE, _ALSO_PLAIN = 0.45, 0.1  # grey values so far from the middle are plain; of what a cover hides as many are
 _BETTER = 0.9  # of the misfit: what leaving out a wedge must bring
-_BENT = 30.0  # fall of chi-square from which a bend of the response is fitted: by chance once in 2e7 marks
 _QUICK, _ENOUGH = 8, 700  # iterations of a fit without a wedge, and its pixels
 _WEDGES = ((8, np.radians(75.0)), (8, np.radians(110.0)))  # how many, and how far to either side they reach
 
@@ -40,27 +39,22 @@ def clear_fit(
 
     start (B, n): parameters; q (B, 2): about which the windows lie; noise: sd of a grey value.
     """
-    straight, bendable = mark_model(mark, geometry), mark_model(mark, geometry, bent=True)
+    fit, loose = fit_as_seen(mark, geometry, start, window, q)
     weight = window.weight
-    fit = fitted(straight, start, window.values, window.pixels, weight, q, window.size)
-    bent = fit.good & (missed(bendable, fit, window.values, window.pixels, weight) > _BENT)
-    k = np.flatnonzero(bent)
-    if k.size:
-        some = window.subset(k)
-        part = fitted(bendable, fit.parameters[k], some.values, some.pixels, some.weight, q[k], some.size)
-        fit = _replaced(fit, part, k)
     odd, seen = _odd(mark, geometry, fit, window, noise)
     suspect = (odd.mean(axis=1) > _FEW) & (fit.misfit < _HOPELESS)
     plain = _also_plain(odd, seen, window)
     for i in np.flatnonzero(suspect & (plain | _one_sided(odd, window))).tolist():
         one, there = window.only(i)
-        model = bendable if bent[i] else straight
-        begun, gain = _most_agreed(mark, geometry, model, start[i : i + 1], one, q[i : i + 1], noise)
+        at = slice(i, i + 1)
+        begun, gain, loose[i] = _told_apart(mark, geometry, int(loose[i]), start[at], fit.subset(at), one, q[at], noise)
         if plain[i] or gain < _BETTER:
-            part, clear = _cleared(mark, geometry, model, begun, one, q[i : i + 1], noise)
-            fit, weight = _replaced(fit, part, np.array([i])), weight.copy()
+            model = mark_model(mark, geometry, loose=int(loose[i]))
+            part, clear = _cleared(mark, geometry, model, begun, one, q[at], noise)
+            fit, weight = fit.replaced(part, np.array([i])), weight.copy()
             weight[i, there] = clear
-    return _together(bendable, fit, window, weight), weight
+    model = mark_model(mark, geometry, loose=max(BENT, int(loose.max(initial=0))))
+    return _together(model, fit, window, weight), weight
 
 
 def _together(model: Model, fit: Fit, window: Window, weight: Array) -> Fit:
@@ -85,13 +79,28 @@ def _cleared(
     return fit, weight[0]
 
 
+def _told_apart(
+    mark: Mark, geometry: Geometry, loose: int, start: Array, whole: Fit, window: Window, q: Array, noise: float
+) -> tuple[Fit, float, int]:
+    """Return what `_most_agreed` does, and how many of b dx dy are in it: a cover may look like motion, and is not."""
+    still, moving = start.copy(), start.copy()
+    still[:, geometry.motion], moving[:, geometry.motion] = 0.0, whole.parameters[:, geometry.motion]
+    fit, cost, gain = _most_agreed(mark, geometry, min(loose, BENT), still, window, q, noise)
+    if loose > BENT:
+        other, less, gained = _most_agreed(mark, geometry, loose, moving, window, q, noise)
+        if less < _BETTER * cost:
+            return other, gained, loose
+    return fit, gain, min(loose, BENT)
+
+
 def _most_agreed(
-    mark: Mark, geometry: Geometry, model: Model, start: Array, window: Window, q: Array, noise: float
-) -> tuple[Fit, float]:
+    mark: Mark, geometry: Geometry, loose: int, start: Array, window: Window, q: Array, noise: float
+) -> tuple[Fit, float, float]:
     """Return, of the fits to all pixels and to those outside each wedge, the one that most pixels agree with.
 
-    And its misfit, to which no pixel adds more than 1, by that of the fit to all.
+    And its misfit, to which no pixel adds more than 1, and that by the one of the fit to all.
     """
+    model = mark_model(mark, geometry, loose=loose)
     window = window.thinned(_ENOUGH)
     angle = np.arctan2(window.pixels[0, :, 1], window.pixels[0, :, 0])
     masks = [np.ones(len(angle), bool)]
@@ -107,10 +116,10 @@ def _most_agreed(
     r = (predicted(mark, geometry, fit.parameters, many.pixels) - many.values) * many.weight
     limit = _limit(fit.parameters[:1], noise)
     cost = (r**2 / (r**2 + limit[:, None] ** 2)).sum(axis=1)
-    whole = cost[0]
+    whole = max(float(cost[0]), 1e-12)
     cost[~fit.good | (np.sign(fit.parameters[:, CONTRAST]) != np.sign(fit.parameters[0, CONTRAST]))] = np.inf
     best = int(np.argmin(cost))
-    return fit.subset(slice(best, best + 1)), float(cost[best] / max(whole, 1e-12))
+    return fit.subset(slice(best, best + 1)), float(cost[best]), float(cost[best]) / whole
 
 
 def _limit(parameters: Array, noise: float) -> Array:
@@ -153,11 +162,3 @@ def _widened(odd: Mask, window: Window) -> Mask:
     side = 2 * beside + 1
     crowded = grid.astype(bool) & (uniform_filter(grid, side, mode="constant") * side**2 > 2.5)
     return np.asarray(binary_dilation(crowded, np.ones((side, side), bool))[y, x] | odd)
-
-
-def _replaced(fit: Fit, part: Fit, which: Index) -> Fit:
-    """Return the fit with the marks at `which` taken from `part`, where that is one."""
-    arrays = {name: getattr(fit, name).copy() for name in Fit.__slots__}
-    for name in arrays:
-        arrays[name][which] = getattr(part, name)
-    return Fit(**arrays)
