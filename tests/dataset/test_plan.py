@@ -87,6 +87,7 @@ def test_poses_and_a_camera_say_how_many_views_there_are(here: Path) -> None:
         ({"from": "abov"}, "from is 'abov'; expected any, above, above:DEG or X,Y,Z:DEG"),
         ({"from": "0,0,0:10"}, "axis of the views is .0.0, 0.0, 0.0.; expected a direction"),
         ({"roll_deg": 400}, "roll_deg of the views is 400"),
+        ({"fill": [3, 4]}, "fill is .3.0, 4.0.; expected the part's diameter by .* to 2; closer by distance_mm"),
         ({"fill": [0.9, 0.4]}, "fill is .0.9, 0.4.; expected .least, greatest."),
         ({"distance_mm": [-1, 4]}, "distance_mm"),
         ({"head": [0, -1]}, "strength of the head light"),

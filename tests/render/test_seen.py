@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from cadcam.arrays import Array
 from cadcam.cad.edges import EdgeKind
 from cadcam.cad.mesh import merge
 from cadcam.cad.parts import machined_bracket
-from cadcam.cad.parts.shape import box
+from cadcam.cad.parts.shape import box, circle, prism
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Lens
 from cadcam.errors import MissingCore
 from cadcam.geometry.rigid import Rigid
 from cadcam.native import core
+from cadcam.render import seen
 from cadcam.render.raster import RasterRenderer
 from cadcam.render.seen import SeenEdges, seen_points
 from cadcam.render.view import Channel, Scene, View
@@ -70,6 +72,32 @@ def test_stretches_keep_the_number_of_their_edge(rng: np.random.Generator) -> No
         a, b = ends[segment]
         off = np.cross(shown.p[points][0] - a, b - a) / np.linalg.norm(b - a)
         assert np.linalg.norm(off) < 1e-6 * np.linalg.norm(scene.mesh.size_mm)
+
+
+def test_points_that_do_not_bend_a_line_are_left_out_and_it_stays_where_it_was() -> None:
+    """0.02 px aside at most; a stretch's own ends and corners stay. A rim of 2,000 edges is drawn by far fewer."""
+    rod = prism(circle((0.0, 0.0), 20.0, 2000), 0.0, 30.0, name="rod")
+    scene, pose = Scene.of(rod), Rigid.look_at([60, 40, 90], [0, 0, 15])
+    camera = Camera.from_focal((320, 240), 300.0)
+    view = RasterRenderer(scene, threads=1).render(camera, pose, channels=SEEN)
+    drawn = SeenEdges(scene).draw(view)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(seen, "_CHORD_PX", 0.0)
+        every = SeenEdges(scene).draw(view)
+    assert len(drawn.q) < 0.1 * len(every.q)
+    assert drawn.length_px.sum() == pytest.approx(every.length_px.sum(), rel=1e-3)
+    assert drawn.chain.tolist() == every.chain.tolist()
+    for line in range(len(drawn)):
+        points, dense = (of.q[of.start[line] : of.start[line + 1]] for of in (drawn, every))
+        assert (points[[0, -1]] == dense[[0, -1]]).all()
+        assert _aside(dense, points).max() <= 0.02 + 1e-9
+
+
+def _aside(q: Array, line: Array) -> Array:
+    """Return the distance of points (N, 2) from a polyline (M, 2)."""
+    a, b = line[:-1], line[1:]
+    along = ((q[:, None] - a) * (b - a)).sum(-1) / ((b - a) ** 2).sum(-1)
+    return np.asarray(np.linalg.norm(q[:, None] - a - np.clip(along, 0, 1)[..., None] * (b - a), axis=-1).min(axis=1))
 
 
 @pytest.mark.parametrize("eye", [*EYES, [75, 60, 45]], ids=str)

@@ -80,7 +80,9 @@ def _add_seeing(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--from", dest="from_", metavar="V", help="from where the part is seen (below; default any)")
     group.add_argument("--up", type=numbers, metavar="X,Y,Z", help="what is up, in the part's axes (default 0,0,1)")
     group.add_argument("--roll-deg", type=float, metavar="DEG", help="how far it may stand from upright (default 180)")
-    group.add_argument("--fill", type=span, metavar="A,B", help="part by picture's shorter side (default 0.4,0.9)")
+    group.add_argument(
+        "--fill", type=span, metavar="A,B", help="part by picture's shorter side, to 2 (default 0.4,0.9)"
+    )
     group.add_argument("--distance-mm", type=span, metavar="A,B", help="of the part's middle, in place of --fill")
     group.add_argument("--off-centre", type=float, metavar="S", help="share of the shorter side (default 0.1)")
     group.add_argument("--poses", metavar="FILE", help="camera_from_part of each view, as `cadcam render --poses`")

@@ -7,7 +7,7 @@
     from: above:70                  # any, above, above:DEG, X,Y,Z:DEG: towards the camera, in the part's axes
     up: [0, 0, 1]                   # stands at most roll_deg from upright in the picture
     roll_deg: 20
-    fill: [0.4, 0.9]                # the part's diameter by the picture's shorter side; or: distance_mm: [800, 1500]
+    fill: [0.4, 0.9]                # the part's diameter by the shorter side, to 2; or: distance_mm: [800, 1500]
     off_centre: 0.1                 # of the shorter side
     poses: poses.csv                # camera_from_part one by one, in place of from, up, roll_deg, fill ...
     head: [0.1, 0.5]                # lights: at the camera; also distant (two, from anywhere) and ambient
@@ -45,6 +45,7 @@ from cadcam.files.poses import read_poses
 from cadcam.files.sensor import sensor_named
 from cadcam.files.text import read_text
 from cadcam.files.yamltext import parsed_yaml
+from cadcam.image.suffixes import READABLE
 from cadcam.locate.view_range import ViewRange
 
 KEYS = (
@@ -53,7 +54,6 @@ KEYS = (
     *("background", "occluders", "occluder_shapes", "occluder_size", "sensor", "samples", "gray", "key_points"),
 )
 _DRAWN = ("from", "up", "roll_deg", "fill", "distance_mm", "off_centre")
-_PHOTOS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
 _VIEWS, _SIZE, _ANGLE_DEG = 100, (640, 480), 40.0
 
 
@@ -210,7 +210,7 @@ def _photos(word: str) -> list[str | Path]:
         if path.suffix or "/" in word:
             raise UnreadableFile(word, "no such file or folder", f"name photos, a folder of them, {PLAIN} or {NOISE}")
         raise UnknownName("background", word, (PLAIN, NOISE, "a folder of photos"))
-    files = sorted(f for f in path.iterdir() if f.suffix.lower() in _PHOTOS) if path.is_dir() else [path]
+    files = sorted(f for f in path.iterdir() if f.suffix.lower() in READABLE) if path.is_dir() else [path]
     if not files:
-        raise UnreadableFile(word, "holds no photo", f"put some there ({', '.join(_PHOTOS)})")
+        raise UnreadableFile(word, "holds no photo", f"put some there ({', '.join(READABLE)})")
     return list(files)

@@ -42,11 +42,13 @@ void cc_seen(const cc_sight *s, int64_t n, const double *p, const double *q, uin
     }
 }
 
-/* The polyline under way: where it begins, and the edge at whose very end it has arrived, or -1. The sample looked at last:
- * the edge it is of or that followed it, what it showed, and how many px back it is. */
+/* The polyline under way: where it begins, and the edge at whose very end it has arrived, or -1. Its last point but one, and
+ * from there: the last one, how far that is at least, and between which directions the line passes what was left out. The
+ * sample looked at last: the edge it is of or that followed it, what it showed, and how many px back it is. */
 typedef struct {
     cc_lines *to;
-    double shortest, length, back;
+    double shortest, bend, length, back;
+    double before[2], last[2], reach, left[2], right[2];
     int64_t from, arrived, walked;
     int down, shown;
 } pen;
@@ -62,9 +64,30 @@ static void lift(pen *n) {
     n->down = 0;
 }
 
-static void point(const pen *n, const double q[2], const double p[3], int64_t edge) {
+static double cross(const double a[2], const double b[2]) { return a[0] * b[1] - a[1] * b[0]; }
+
+/* Whether the last point is not needed on the way to q: the straight line from the one before passes all that were left out
+ * since within `bend` px (Williams, "Fast polyline approximation", Comput. J. 21, 1978). Be ready for the next. */
+static int needless(pen *n, const double q[2]) {
+    double to[2] = {q[0] - n->before[0], q[1] - n->before[1]}, reach = sqrt(to[0] * to[0] + to[1] * to[1]);
+    const int passes = n->reach > 0 && reach >= n->reach && cross(n->right, to) >= 0 && cross(to, n->left) >= 0;
+    if (!passes) {
+        to[0] = q[0] - n->last[0], to[1] = q[1] - n->last[1], reach = sqrt(to[0] * to[0] + to[1] * to[1]);
+        memcpy(n->before, n->last, sizeof n->last);
+    }
+    const double aside = reach > 0 ? n->bend / reach : 0;
+    const double left[2] = {to[0] - aside * to[1], to[1] + aside * to[0]};
+    const double right[2] = {to[0] + aside * to[1], to[1] - aside * to[0]};
+    if (!passes || cross(left, n->left) > 0) memcpy(n->left, left, sizeof left);
+    if (!passes || cross(n->right, right) > 0) memcpy(n->right, right, sizeof right);
+    n->reach = reach;
+    return passes;
+}
+
+static void point(pen *n, const double q[2], const double p[3], int64_t edge) {
     cc_lines *to = n->to;
     const int64_t at = to->points++;
+    memcpy(n->last, q, sizeof n->last);
     if (at >= to->room) return;
     to->q[2 * at] = q[0], to->q[2 * at + 1] = q[1];
     for (int i = 0; i < 3; i++) to->p[3 * at + i] = p[i];
@@ -140,11 +163,15 @@ static void cut(const cc_sight *s, const cc_eye_point *eye, line *l) {
     l->a = l->cut, l->b = l->cut + 1;
 }
 
-/* The point at share s of the line's image: 1/z is linear there. */
-static void mark(const pen *n, const line *l, double s) {
+/* Go to the point at share s of the line's image: 1/z is linear there. */
+static void mark(pen *n, const line *l, double s, int first) {
     const double along = s * l->b->w / (s * l->b->w + (1 - s) * l->a->w), t = l->t0 + (l->t1 - l->t0) * along;
     double q[2], p[3];
     for (int i = 0; i < 2; i++) q[i] = l->a->q[i] + s * (l->b->q[i] - l->a->q[i]);
+    if (first)
+        n->reach = 0;
+    else if (needless(n, q))
+        n->to->points--;
     for (int i = 0; i < 3; i++) p[i] = l->ends[i] + t * (l->ends[3 + i] - l->ends[i]);
     point(n, q, p, l->number);
 }
@@ -156,9 +183,9 @@ static void draw(pen *n, const line *l, double s0, double s1, double length) {
     } else {
         lift(n);
         n->from = n->to->points, n->length = 0, n->down = 1;
-        mark(n, l, s0);
+        mark(n, l, s0, 1);
     }
-    mark(n, l, s1);
+    mark(n, l, s1, 0);
     n->length += (s1 - s0) * length;
     n->arrived = s1 == 1 && l->t1 == 1 ? l->number : -1;
 }
@@ -208,9 +235,9 @@ static int32_t find_wanted(const cc_edges *edges, const uint8_t *front, int64_t 
 }
 
 void cc_seen_edges(const cc_sight *sight, const cc_eye_point *eye, const cc_edges *edges, const uint8_t *front, double step,
-                   double shortest, cc_lines *lines) {
+                   double shortest, double bend, cc_lines *lines) {
     enum { BLOCK = 1024 };
-    pen n = {.to = lines, .shortest = shortest, .arrived = -1, .walked = -1};
+    pen n = {.to = lines, .shortest = shortest, .bend = bend, .arrived = -1, .walked = -1};
     const double *last = NULL; /* where `end` is in space: mostly the next edge begins there */
     corner ends[2]; /* of the edge: by turns one of them is where the edge before ended */
     int64_t found[BLOCK], k = 0;
@@ -224,7 +251,7 @@ void cc_seen_edges(const cc_sight *sight, const cc_eye_point *eye, const cc_edge
             line l;
             l.a = a, l.b = b, l.ends = edges->ends + 6 * i, l.number = i;
             l.goes_on = i && edges->chain[i] == edges->chain[i - 1];
-            if (!last || memcmp(last, l.ends, 3 * sizeof *last)) carry(sight, eye, l.ends, a);
+            if (!last || last[0] != l.ends[0] || last[1] != l.ends[1] || last[2] != l.ends[2]) carry(sight, eye, l.ends, a);
             carry(sight, eye, l.ends + 3, b);
             last = l.ends + 3;
             if (!clip(sight, eye, &l)) continue;

@@ -46,10 +46,11 @@ typedef struct {
     int64_t room, points, lines;
 } cc_lines;
 
-/* Stretches of the edges that the view shows, cut at the picture's border, joined along chains; lines shorter than
- * `shortest` px are left out. front[i] says whether the camera is in front of plane i. Sets lines->points and
- * lines->lines; where one of them is more than the room, what is written is not all: call again with more. */
+/* Stretches of the edges that the view shows, cut at the picture's border, joined along chains, but for points within `bend`
+ * px of the straight line without them; lines shorter than `shortest` px are left out. front[i] says whether the camera is in
+ * front of plane i. Sets lines->points and lines->lines; where one of them is more than the room, what is written is not all:
+ * call again with more. */
 CC_API void cc_seen_edges(const cc_sight *sight, const cc_eye_point *eye, const cc_edges *edges, const uint8_t *front,
-                          double step, double shortest, cc_lines *lines);
+                          double step, double shortest, double bend, cc_lines *lines);
 
 #endif

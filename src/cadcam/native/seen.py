@@ -43,7 +43,7 @@ def _core() -> c.CDLL:
     core = library()
     sight, pointer, real = c.POINTER(_Sight), c.c_void_p, c.c_double
     core.cc_seen.argtypes = [sight, c.c_int64, pointer, pointer, pointer]
-    of_edges = (c.POINTER(_EyePoint), c.POINTER(_Edges), pointer, real, real, c.POINTER(_Lines))
+    of_edges = (c.POINTER(_EyePoint), c.POINTER(_Edges), pointer, real, real, real, c.POINTER(_Lines))
     core.cc_seen_edges.argtypes = [sight, *of_edges]
     for name in ("cc_seen", "cc_seen_edges"):
         getattr(core, name).restype = None
@@ -101,18 +101,18 @@ class EdgesInSpace:
         self._edges = _Edges(*(array.ctypes.data for array in self._kept), len(chain))
         self._room = 1024  # points; more once a view had more
 
-    def seen(self, sight: Sight, eye: EyePoint, front: Mask, *, step: float, shortest: float) -> SeenLines:
-        """Return the stretches that a view shows; front: the planes that the camera is in front of."""
+    def seen(self, sight: Sight, eye: EyePoint, front: Mask, *, step: float, shortest: float, bend: float) -> SeenLines:
+        """Return the stretches that a view shows; front: the planes that the camera is in front of; see seen.h."""
         while True:
             room = self._room
-            out, points, lines = self._written(sight, eye, front, room, step, shortest)
+            out, points, lines = self._written(sight, eye, front, room, (step, shortest, bend))
             if points <= room >= lines:
                 start = np.append(out.start[:lines], np.int32(points))
                 return SeenLines(out.q[:points], out.p[:points], out.edge[:points], start)
             self._room = 2 * max(points, lines)
 
     def _written(
-        self, sight: Sight, eye: EyePoint, front: Mask, room: int, step: float, shortest: float
+        self, sight: Sight, eye: EyePoint, front: Mask, room: int, lengths: tuple[float, float, float]
     ) -> tuple[SeenLines, int, int]:
         """Return what there is room for, and how many points and lines there are."""
         out = SeenLines(np.zeros((room, 2)), np.zeros((room, 3)), *np.zeros((2, room), np.int32))
@@ -120,5 +120,5 @@ class EdgesInSpace:
         place = _EyePoint((c.c_double * 12)(*eye.pose.ravel()), (c.c_double * 6)(*eye.K.ravel()), eye.near)
         front = np.ascontiguousarray(front, bool)
         given = (c.byref(sight.request), c.byref(place), c.byref(self._edges), front.ctypes.data)
-        _core().cc_seen_edges(*given, step, shortest, c.byref(told))
+        _core().cc_seen_edges(*given, *lengths, c.byref(told))
         return out, told.points, told.lines

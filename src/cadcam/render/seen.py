@@ -34,7 +34,7 @@ _STEP_PX = 1.0
 _SHORTEST_PX = 1.5  # stretches below it are chance
 _NEAR = 1e-5  # of the scene's diagonal
 _FLAT = 1e-5  # rad: between faces this close to coplanar there is no contour
-_CHORD_PX = 0.02
+_CHORD_PX = 0.02  # as far as a line may pass points of it that are left out
 _SAME_PLANE = 1e-9  # of a normal's length, and of the largest distance of a plane from the origin
 
 
@@ -126,7 +126,8 @@ class SeenEdges:
     def _walked(self, view: View, front: Mask) -> Polylines:
         """Return the stretches where straight edges are straight in the picture: the core walks along them."""
         eye = EyePoint(view.camera_from_world.matrix[:3], view.camera.K[:2], self._near)
-        found = self._edges.seen(_sight(view), eye, front, step=_STEP_PX, shortest=_SHORTEST_PX)
+        lengths = {"step": _STEP_PX, "shortest": _SHORTEST_PX, "bend": _CHORD_PX}
+        found = self._edges.seen(_sight(view), eye, front, **lengths)
         every, first = self._drawable.segments, found.edge[found.start[:-1]]
         of_line = (every.kind[first], every.part[first], every.chain[first])
         return Polylines(found.q, found.p, every.feature[found.edge], found.start, *of_line)
