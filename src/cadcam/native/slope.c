@@ -60,8 +60,8 @@ static void profile(const cc_picture *p, const double *q, const double *n, doubl
             const f8 u = x - __builtin_convertvector(column, f8), v = y - __builtin_convertvector(row, f8);
             f8 a, b, c, d;
             pairs(pixels, at, &a, &b), pairs(pixels + p->width, at, &c, &d);
-            const f8 above = a + u * (b - a), below = c + u * (d - c);
-            sum += above + v * (below - above);
+            const f8 above = fused(u, b - a, a), below = fused(u, d - c, c);
+            sum += fused(v, below - above, above);
         }
         *(f8 *)(out + k) = sum * share;
     }
