@@ -140,7 +140,7 @@ class _Sums:
 
         With offsets of variance v, a group's weights W become W - f W 1 1' W with f = v / (1 + v 1' W 1).
         """
-        tried = slice(None) if self.expected.any() else slice(len(_RANGE))  # where nothing is expected both shares are one
+        tried = slice(None) if self.expected.any() else slice(len(_RANGE))  # else both shares are alike
         variance, share = (usual * _TRIED[tried]) ** 2, _SHARE[tried]
         found = averaged_fit(
             self.y,
