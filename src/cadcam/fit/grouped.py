@@ -140,6 +140,8 @@ class _Sums:
 
         With offsets of variance v, a group's weights W become W - f W 1 1' W with f = v / (1 + v 1' W 1).
         """
+        tried = slice(None) if self.expected.any() else slice(len(_RANGE))  # else both shares are alike
+        variance, share = (usual * _TRIED[tried]) ** 2, _SHARE[tried]
         found = averaged_fit(
             self.y,
             self.J,
@@ -148,15 +150,15 @@ class _Sums:
             of_group=of_group,
             free=self.relative,
             expected=self.expected,
-            variance=(usual * _TRIED) ** 2,
-            share=_SHARE,
-            prior=_PRIOR,
+            variance=variance,
+            share=share,
+            prior=_PRIOR[tried],
         )
         if found is None:
             raise DegenerateGeometry("the edges found do not determine the pose; restrict the motion or add photos")
         x, covariance, p = found
-        between2 = float(p @ (usual * _TRIED) ** 2)
-        return x, covariance, math.sqrt(between2), between2 * self.relative + float(p @ _SHARE) * self.expected
+        between2 = float(p @ variance)
+        return x, covariance, math.sqrt(between2), between2 * self.relative + float(p @ share) * self.expected
 
     def gain(self, w: Array, of_group: Array, v: Array) -> Array:
         """Return dx/dy (k, n) for given weights and variances of groups (G,)."""

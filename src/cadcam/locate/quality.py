@@ -247,8 +247,9 @@ def behind_border(q: Array, shown: Mask) -> Mask:
 
     Of all borders that have such a side, the one with most samples there.
     """
-    angle = 2 * np.pi * np.arange(_BORDERS) / _BORDERS
-    order = np.argsort(-(np.stack([np.cos(angle), np.sin(angle)], axis=1) @ q.T), axis=1)
+    angle = 2 * np.pi * np.arange(_BORDERS // 2) / _BORDERS
+    order = np.argsort(np.stack([np.cos(angle), np.sin(angle)], axis=1) @ q.T, axis=1)
+    order = np.concatenate([order[:, ::-1], order])  # each border from either side
     count = np.arange(1, len(q) + 1)
     bare = np.cumsum(shown[order], axis=1) <= _BEHIND * count
     behind = np.where(bare, count, 0).max(axis=1)

@@ -60,8 +60,8 @@ static void profile(const cc_picture *p, const double *q, const double *n, doubl
             const f8 u = x - __builtin_convertvector(column, f8), v = y - __builtin_convertvector(row, f8);
             f8 a, b, c, d;
             pairs(pixels, at, &a, &b), pairs(pixels + p->width, at, &c, &d);
-            const f8 above = a + u * (b - a), below = c + u * (d - c);
-            sum += above + v * (below - above);
+            const f8 above = fused(u, b - a, a), below = fused(u, d - c, c);
+            sum += fused(v, below - above, above);
         }
         *(f8 *)(out + k) = sum * share;
     }
@@ -78,26 +78,42 @@ static void insert(double at, double slope, int32_t most, double *offset, double
         }
 }
 
+/* The slope at places SIDE .. count - SIDE - 1 of a profile, smoothed by a Gaussian of 1 px. */
+static void smoothed_slope(const float *values, int count, float *r) {
+    static const float kernel[SIDE] = {0.24197072f, 0.10798193f, 0.013295546f}; /* k phi(k) */
+    for (int k = SIDE; k < count - SIDE; k += 8) {
+        f8 sum = eight(0);
+        for (int j = 1; j <= SIDE; j++) sum += kernel[j - 1] * (*(const f8 *)(values + k + j) - *(const f8 *)(values + k - j));
+        *(f8 *)(r + k) = sum;
+    }
+}
+
+/* Which of eight places from r on are extrema no weaker than `least`: a bit for each. */
+INLINE unsigned extrema(const float *r, float least) {
+    const f8 here = *(const f8 *)r, size = size_of(here);
+    const i8 sign = (i8)here & INT32_MIN;
+    const f8 before = (f8)((i8)(*(const f8 *)(r - 1)) ^ sign), after = (f8)((i8)(*(const f8 *)(r + 1)) ^ sign);
+    return signs((size >= least) & (size > before) & (size >= after));
+}
+
 void VARIANT(slope_extrema)(const cc_picture *picture, int64_t n, const double *q, const double *normal, double half_length,
                             int32_t reach, double least, int32_t most, double *offset, double *slope) {
-    float values[LONGEST + 8];
-    double r[LONGEST], kernel[SIDE + 1];
-    for (int k = 0; k <= SIDE; k++) kernel[k] = k * 0.39894228040143267794 * exp(-0.5 * k * k);
+    float values[LONGEST + 16], r[LONGEST + 16]; /* vectors reach beyond the profile */
     const int within = imin(reach, LONGEST / 2 - SIDE - 2) + SIDE + 1, count = 2 * within + 1;
+    for (int k = 0; k < LONGEST + 16; k++) values[k] = r[k] = NAN;
     for (int64_t i = 0; i < n; i++) {
         double *o = offset + i * most, *s = slope + i * most;
         for (int32_t k = 0; k < most; k++) o[k] = s[k] = NAN;
         profile(picture, q + 2 * i, normal + 2 * i, half_length, within, values);
-        for (int k = SIDE; k < count - SIDE; k++)
-            r[k] = kernel[1] * (double)(values[k + 1] - values[k - 1]) + kernel[2] * (double)(values[k + 2] - values[k - 2]) +
-                   kernel[3] * (double)(values[k + 3] - values[k - 3]);
-        for (int k = SIDE + 1; k < count - SIDE - 1; k++) {
-            const double here = fabs(r[k]);
-            if (!(here >= least)) continue;
-            const double sign = r[k] < 0 ? -1 : 1, before = sign * r[k - 1], after = sign * r[k + 1];
-            if (!(here > before && here >= after)) continue;
-            const double bend = before + after - 2 * here, shift = bend < 0 ? 0.5 * (before - after) / bend : 0;
-            insert(k - within + shift, r[k], most, o, s);
+        smoothed_slope(values, count, r);
+        for (int first = SIDE + 1; first < count - SIDE - 1; first += 8) {
+            unsigned left = extrema(r + first, (float)least) & ((1u << imin(count - SIDE - 1 - first, 8)) - 1);
+            for (int k = first; left; left >>= 1, k++) {
+                if (!(left & 1)) continue;
+                const double here = fabs(r[k]), sign = r[k] < 0 ? -1 : 1, before = sign * r[k - 1], after = sign * r[k + 1];
+                const double bend = before + after - 2 * here, shift = bend < 0 ? 0.5 * (before - after) / bend : 0;
+                insert(k - within + shift, r[k], most, o, s);
+            }
         }
     }
 }

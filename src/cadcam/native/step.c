@@ -38,7 +38,9 @@ INLINE d4 decay(d4 y) {
     y = (d4)(((l4)most & far) | ((l4)y & ~far));
     d4 t = y * -1.4426950408889634 + zero, whole = t + MAGIC;
     d4 f = (t - (whole - MAGIC)) * 0.69314718055994531;
-    d4 p = 1.0 + f * (1.0 + f * (0.5 + f * (1 / 6.0 + f * (1 / 24.0 + f * (1 / 120.0 + f * (1 / 720.0 + f / 5040.0))))));
+    static const double by[] = {1 / 720.0, 1 / 120.0, 1 / 24.0, 1 / 6.0, 0.5, 1, 1};
+    d4 p = four_d(1 / 5040.0);
+    for (int k = 0; k < 7; k++) p = fused_d(f, p, four_d(by[k]));
     l4 power = ((l4)whole + 1023) << 52;
     return p * (d4)power;
 }
@@ -49,8 +51,10 @@ INLINE void bell_and_step(d4 x, d4 *bell, d4 *step) {
     l4 negative = x < zero;
     d4 size = (d4)((l4)x & 0x7FFFFFFFFFFFFFFF);
     d4 phi = 0.39894228040143268 * decay(0.5 * x * x);
-    d4 t = 1.0 / (1.0 + 0.2316419 * size);
-    d4 tail = phi * t * (0.319381530 + t * (-0.356563782 + t * (1.781477937 + t * (-1.821255978 + t * 1.330274429))));
+    static const double by[] = {-1.821255978, 1.781477937, -0.356563782, 0.319381530};
+    d4 t = 1.0 / (1.0 + 0.2316419 * size), p = four_d(1.330274429);
+    for (int k = 0; k < 4; k++) p = fused_d(t, p, four_d(by[k]));
+    d4 tail = phi * t * p;
     d4 other = 1.0 - tail;
     *bell = phi, *step = (d4)(((l4)tail & negative) | ((l4)other & ~negative));
 }
@@ -76,9 +80,9 @@ INLINE void add_terms(equations *e, pixels *p, double blur, const twin *twins, c
         }
         int s = 0;
         for (int i = 0; i < terms; i++)
-            for (int j = 0; j <= i; j++) sum[s] += f[i] * f[j], s++;
-        for (int i = 0; i < terms; i++) sum[s] += f[i] * value, s++;
-        sum[s] += value * value;
+            for (int j = 0; j <= i; j++) sum[s] = fused_d(f[i], f[j], sum[s]), s++;
+        for (int i = 0; i < terms; i++) sum[s] = fused_d(f[i], value, sum[s]), s++;
+        sum[s] = fused_d(value, value, sum[s]);
         e->clipped -= ((value <= dark) | (value >= bright)) & there;
     }
     memcpy(e->sum, sum, sizeof(d4) * (size_t)sums);

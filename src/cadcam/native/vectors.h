@@ -110,10 +110,13 @@ INLINE void three_bytes(i8 v, uint8_t out[24]) {
 #endif
 #ifdef __FMA__
 INLINE f8 fused(f8 a, f8 b, f8 c) { return (f8)_mm256_fmadd_ps((__m256)a, (__m256)b, (__m256)c); }
+INLINE d4 fused_d(d4 a, d4 b, d4 c) { return (d4)_mm256_fmadd_pd((__m256d)a, (__m256d)b, (__m256d)c); }
 #else
 INLINE f8 fused(f8 a, f8 b, f8 c) { return a * b + c; }
+INLINE d4 fused_d(d4 a, d4 b, d4 c) { return a * b + c; }
 #endif
 INLINE f8 eight(float v) { return v - (f8){0}; }
+INLINE d4 four_d(double v) { return v - (d4){0}; }
 INLINE f8 size_of(f8 v) { return (f8)((i8)v & INT32_MAX); }
 
 #ifdef __AVX2__
