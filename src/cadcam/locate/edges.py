@@ -28,7 +28,7 @@ _OWN_RUN = 4.0  # of its reach: along a run, how far a sample does not take the 
 class EdgeSamples:
     """N samples: p (N, 3) mm and unit tangent (N, 3) in the part frame, chain (N,; -1 on contours) and run (N,).
 
-    line (N,): number of the polyline that they were drawn from; below, above (N,) px: how far against and along the
+    part, line (N,): body and number of the polyline that they were drawn from; below, above (N,) px: how far against and along the
     normal no other line of the model is. twins (N, 2, 2): the lines there, below and above, that run about parallel
     through the whole cell: (d, slope), px from the sample and px a px along the line; infinite where there is none.
     beyond (N, 2) px: how far no further line is.
@@ -38,6 +38,7 @@ class EdgeSamples:
     tangent: Array
     chain: Ids
     run: Ids
+    part: Ids
     line: Ids
     below: Array
     above: Array
@@ -120,6 +121,7 @@ def sample_lines(lines: Polylines, camera: Camera, *, step_px: float, reach_px: 
         tangent,
         chain,
         run[segment].astype(np.int32),
+        lines.part[line].astype(np.int32),
         line,
         below,
         above,
