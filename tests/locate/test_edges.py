@@ -61,7 +61,7 @@ def test_samples_are_where_the_camera_sees_their_points(lens: Lens, rng: np.rand
     p = at @ (np.linalg.inv(CAMERA.K) @ np.column_stack([q, np.ones(400)]).T * rng.uniform(-50, 400, 400)).T
     tangent, far = rng.normal(size=(400, 3)), np.zeros(400)
     twins, beyond = np.zeros((400, 2, 2)), np.zeros((400, 2))
-    found = project(EdgeSamples(p, tangent, none, none, none, far, far, twins, beyond), camera, POSE)
+    found = project(EdgeSamples(p, tangent, none, none, none, none, far, far, twins, beyond), camera, POSE)
     wanted = camera.project(POSE @ p)
     seen = np.isfinite(wanted).all(axis=1)
     assert 100 < seen.sum() < 380

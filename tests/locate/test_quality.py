@@ -11,7 +11,7 @@ from cadcam.locate.freedom import Freedom
 from cadcam.locate.locate import locate
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality import SEARCHED, Seen, behind_border, distinct_lines
+from cadcam.locate.quality import SEARCHED, Seen, _gone, behind_border, distinct_lines
 from cadcam.locate.refine import refine
 from cadcam.locate.view_range import ViewRange
 
@@ -124,3 +124,13 @@ def test_a_start_away_from_the_part_is_not_found(rng: np.random.Generator) -> No
     shots = [photo(BOX, pose, rng)]
     turned = pose @ Rigid.exp([0, 0, 0, 0, 0, 0.5])
     assert not refine(BOX, shots, turned).found
+
+
+def test_one_body_of_which_nothing_is_shown_is_told_from_others() -> None:
+    """Body 2 has 20 of 100 samples; were a tenth of it shown, or did it have over a third of all, it is not gone."""
+    part = np.repeat([0, 1, 2], [50, 30, 20]).astype(np.int32)
+    assert _gone([(part, part != 2)]) == (2, 0.2)
+    assert _gone([(part, part == 1)]) == (2, 0.2)
+    assert _gone([(part, (part != 2) | (np.arange(100) > 97))])[0] == -1
+    assert _gone([(part, part != 0)])[0] == -1
+    assert _gone([(part, part != 2), (part, part == 2)])[0] == -1  # another photo shows it

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,8 +11,10 @@ from cadcam.cad.mesh import merge
 from cadcam.cad.parts.shape import box
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.refine import refine
+from cadcam.verify.adjustment import Estimate
 from cadcam.verify.deviation import State
-from cadcam.verify.inspection import Inspection, InspectionOptions, inspect
+from cadcam.verify.inspection import Inspection, InspectionOptions, _believed, inspect
+from cadcam.verify.measured import Displacement
 from cadcam.verify.tolerance import Selection, Tolerances
 
 from .scene import CAMERA, POSE, displaced, part, photo, photographed, plate
@@ -176,3 +180,12 @@ def test_alarms_are_as_rare_as_asked_and_displacements_err_as_they_say() -> None
         squares.append(sum(each) / sum(len(m.value) for m in told))
     assert alarms <= 5
     assert 0.5 < np.mean(squares) < 1 + 4 * np.std(squares) / np.sqrt(len(squares))
+
+
+def test_what_contradicts_its_own_edges_is_not_believed() -> None:
+    """20 +- 4 mm, of edges that are as likely as not of a feature in place; the same of edges that are not is kept."""
+    none = np.zeros((1, 1))
+    told = Estimate(np.array([20.0]), none + 16.0, none, none, none)
+    assert _believed(Displacement(np.eye(3)[:, :1], told, 0.9, 5)) is None
+    assert _believed(Displacement(np.eye(3)[:, :1], told, 0.04, 5)) is not None
+    assert _believed(Displacement(np.eye(3)[:, :1], replace(told, value=np.array([5.0])), 0.9, 5)) is not None

@@ -28,16 +28,17 @@ _OWN_RUN = 4.0  # of its reach: along a run, how far a sample does not take the 
 class EdgeSamples:
     """N samples: p (N, 3) mm and unit tangent (N, 3) in the part frame, chain (N,; -1 on contours) and run (N,).
 
-    line (N,): number of the polyline that they were drawn from; below, above (N,) px: how far against and along the
-    normal no other line of the model is. twins (N, 2, 2): the lines there, below and above, that run about parallel
-    through the whole cell: (d, slope), px from the sample and px a px along the line; infinite where there is none.
-    beyond (N, 2) px: how far no further line is.
+    part, line (N,): body and number of the polyline that they were drawn from; below, above (N,) px: how far against
+    and along the normal no other line of the model is. twins (N, 2, 2): the lines there, below and above, that run
+    about parallel through the whole cell: (d, slope), px from the sample and px a px along the line; infinite where
+    there is none. beyond (N, 2) px: how far no further line is.
     """
 
     p: Array
     tangent: Array
     chain: Ids
     run: Ids
+    part: Ids
     line: Ids
     below: Array
     above: Array
@@ -112,7 +113,8 @@ def sample_lines(lines: Polylines, camera: Camera, *, step_px: float, reach_px: 
         near=_OWN_RUN * reach_px,
         most=reach_px,
     )
-    samples = EdgeSamples(pa + fraction[:, None] * (pb - pa), tangent, chain, run[segment], line, *beside)
+    part = lines.part[line].astype(np.int32)
+    samples = EdgeSamples(pa + fraction[:, None] * (pb - pa), tangent, chain, run[segment], part, line, *beside)
     inside = camera.sees(at)
     return samples if inside.all() else samples.select(inside)
 

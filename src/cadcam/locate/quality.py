@@ -18,7 +18,9 @@ A box has nine lines, so a third is free; a part seen edge-on, or cut by the pic
 that could speak for it. absent: share of the visible length that lies on lines shown nowhere; scatter: by how much
 edges are off as a whole (px), extent: size of what is seen (px). Edges that scatter little must also be met closely.
 What stands before a part, or shade, takes all that lies to one side of a border; a wrong pose misses lines among others
-that it meets. So lines absent behind a straight border do not count against the pose, nor do they count for it.
+that it meets. So lines absent behind a straight border do not count against the pose, nor do they count for it. A body
+of an assembly that is not there takes all of its own lines, and no others: where the answer is in doubt, one body of
+which nothing is shown is left out of what is asked, as if the model did not have it.
 
 A model of wrong proportions is the hardest case: most lines fit, and the others may lie to one side. So where the
 answer is in doubt other proportions are tried (`locate.proportions`), and what they gain counts twice against the model
@@ -68,6 +70,8 @@ _IN_DOUBT, _OTHER = (0.3, 0.75), 0.04  # quality at which other proportions are 
 _TOLD = 0.05  # gain worth words
 _SHARES = (0.0, 0.43, 0.95)  # net shares that make quality 0, 1/2 and 1
 _COLOR = 2  # constraints that tell which colour the part has
+_GONE, _MOST_GONE = 0.05, 1 / 3  # share of a body that may be shown by chance, and of all samples that may be its own
+_WITHOUT = (0.1, 0.5)  # quality at which a body is left out
 _LEAST = 12  # samples that can tell anything at all
 
 
@@ -79,7 +83,8 @@ class Seen:
     anyway; free: the share of their constraints that any pose could be fitted to; absent: the share of samples on lines
     shown nowhere, hidden: what of it lies behind a border; scatter: of edges, relative to the size of what is seen;
     gain: how much larger the net share would be with a model of other proportions, and which those are; color: share
-    of constraints that the colours beside the lines add.
+    of constraints that the colours beside the lines add. gone: the body of which nothing is shown, -1: none; without:
+    the share of samples that were its own, where it was left out of all this.
     """
 
     samples: int
@@ -92,6 +97,8 @@ class Seen:
     gain: float = 0.0
     proportions: str = ""
     color: float = 0.0
+    gone: int = -1
+    without: float = 0.0
 
     @property
     def fitted(self) -> float:
@@ -120,7 +127,10 @@ class Seen:
         other = f"; more were it {self.proportions} (other part, unit or scale?)" if self.gain > _TOLD else ""
         color = f", colours beside them count like {self.color:.0%} more" if self.color > 0 else ""
         edges = f"{self.shown:.0%} of the visible edges are there, {self.by_chance:.0%} would be by chance"
-        return edges + color + free + other
+        body = f", those of a body with {self.without:.0%} of them left out: nothing of it is there" * (
+            self.without > 0
+        )
+        return edges + body + color + free + other
 
 
 def judged(
@@ -133,6 +143,12 @@ def judged(
     """
     constraints = B.shape[1] + chosen
     first = seen(sights, world_from_part, constraints=constraints, scatter=scatter)
+    if first.gone < 0 or not _WITHOUT[0] < first.quality < _WITHOUT[1]:
+        first = replace(first, without=0.0)
+    else:
+        sights = [s.select(s.samples.part != first.gone) for s in sights]
+        left = seen(sights, world_from_part, constraints=constraints, scatter=scatter)
+        first = replace(left, without=first.without)
     first = replace(first, color=color * max(1 - first.free * _COLOR / constraints, 0.0))
     if not _IN_DOUBT[0] < first.quality < _IN_DOUBT[1]:
         return first
@@ -153,6 +169,7 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, s
     """
     near = float(np.clip(_SCATTERS * scatter, *_NEAR_PX))
     told, shown, by_chance, worth, extent, absent, hidden = 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    bodies: list[tuple[Ids, Mask]] = []
     for sight in (_asked(s, _ASKED // len(sights)) for s in sights):
         at, samples = sight.project(world_from_part), sight.samples
         room = np.minimum(np.minimum(samples.below, samples.above) - 1.0, _REACH)
@@ -164,6 +181,7 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, s
         here, share = _shown(sight, q, normal, run, room, near)
         crossed = here & along_chequers(sight.photo.gray, q, normal, run)
         here, share[0] = here & ~crossed, max(share[0] - crossed.mean(), 0.0)
+        bodies.append((samples.part[which], here))
         told += len(which)
         shown += len(which) * float(share[0])
         by_chance += len(which) * float(share[1:].mean())
@@ -174,7 +192,32 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, s
         hidden += float(missed[behind_border(q, here)].sum()) if missed.any() else 0.0
     n = max(told, 1)
     free = constraints / max(worth, 1e-9)
-    return Seen(told, shown / n, by_chance / n, free, absent / n, hidden / n, scatter / max(extent, 1.0))
+    gone, of_gone = _gone(bodies)
+    return Seen(
+        told,
+        shown / n,
+        by_chance / n,
+        free,
+        absent / n,
+        hidden / n,
+        scatter / max(extent, 1.0),
+        gone=gone,
+        without=of_gone,
+    )
+
+
+def _gone(bodies: Sequence[tuple[Ids, Mask]]) -> tuple[int, float]:
+    """Return the body of which nothing is shown in any photo, the one with most samples, and its share; -1 for none.
+
+    bodies: for each photo the body of each sample (n,), and whether it shows an edge.
+    """
+    if not bodies:
+        return -1, 0.0
+    part, shown = np.concatenate([p for p, _ in bodies]), np.concatenate([s for _, s in bodies])
+    its = np.bincount(part)
+    may_be = (np.bincount(part, shown) <= _GONE * its) & (its >= _LEAST) & (its <= _MOST_GONE * len(part))
+    most = int(np.argmax(np.where(may_be, its, 0)))
+    return (most, float(its[most] / len(part))) if may_be[most] else (-1, 0.0)
 
 
 def _asked(sight: Sight, most: int) -> Sight:

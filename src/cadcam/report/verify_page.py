@@ -14,7 +14,15 @@ from cadcam.report.page import cards, page, row, section
 from cadcam.report.verify_json import Origin
 from cadcam.report.verify_overlay import EXTRA, MISSING, UNSEEN, deviation_color, full_scale, overlay_svg
 from cadcam.report.verify_plots import COLORS, edges_plot, shares_plot, stations_plot, tolerance_bar
-from cadcam.report.verify_words import assumptions, in_unit, rule_words, shares_in_words, vector, weakest_direction
+from cadcam.report.verify_words import (
+    UNCLEAR,
+    assumptions,
+    in_unit,
+    rule_words,
+    shares_in_words,
+    vector,
+    weakest_direction,
+)
 from cadcam.verify.deviation import FeatureDeviation, State
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.judge import Verification
@@ -106,6 +114,8 @@ def _features(seen: Inspection) -> str:
         "Displacement against a pose fitted to the datum without the feature, ± 2 sigma, part axes, as far as the "
         "photos show it. Chance: how probable such a displacement is of a feature in place."
     ]
+    if any(f.state is State.UNCLEAR for f in seen.features):
+        notes.append(f"{UNCLEAR.capitalize()}.")
     if seen.left_out:
         notes.append(f"Left out of the datum, for they do not agree with the rest: {', '.join(seen.left_out)}.")
     hidden = [f.name for f in seen.features if f.state is State.OUT_OF_VIEW]

@@ -44,6 +44,12 @@ def judgement_table(found: Verification) -> Table:
     )
 
 
+UNCLEAR = (
+    "unclear: the edges seen do not tell where it is (they are parallel, faint or few, or feet), "
+    "or what they tell contradicts itself"
+)
+
+
 def feature_table(seen: Inspection) -> Table:
     """Return what became of each feature in view."""
     rows = []
@@ -59,6 +65,8 @@ def feature_table(seen: Inspection) -> Table:
         "displacement against a pose fitted to the datum without the feature, +- 2 sigma, in the part's axes, as far "
         "as the photos show it"
     ]
+    if any(f.state is State.UNCLEAR for f in seen.features):
+        notes.append(UNCLEAR)
     if seen.left_out:
         notes.append(f"left out of the datum, for they do not agree with the rest: {', '.join(seen.left_out)}")
     if seen.extra:

@@ -13,7 +13,7 @@ from cadcam.verify.presence import Presence
 
 
 class State(Enum):
-    """What became of a feature. UNCLEAR: too little of it can be told from the photos; OUT_OF_VIEW: nothing of it."""
+    """What became of a feature. UNCLEAR: its edges do not tell where it is; OUT_OF_VIEW: nothing of it."""
 
     IN_PLACE = "in place"
     DISPLACED = "displaced"

@@ -14,7 +14,7 @@ from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.verify.alarms import false_discoveries_below, surely_below
+from cadcam.verify.alarms import false_discoveries_below, surely_below, tail_probability
 from cadcam.verify.association import CAPTURE_PX
 from cadcam.verify.deviation import EdgeDeviation, Extra, FeatureDeviation, State
 from cadcam.verify.extra import unexplained
@@ -25,6 +25,8 @@ from cadcam.verify.survey import Survey, surveyed
 from cadcam.verify.tolerance import Tolerances, whole_parts
 
 _SURVEYS, _REDRAW_PX = 3, 0.3  # while the datum moves lines by so much they are drawn again; so often at most
+AS_IN_PLACE = 0.05  # probability, of a feature in place, from which its edges are no evidence that it is displaced
+_CONTRADICTS = 0.01  # probability below which a displacement is not that of a feature in place
 _LEAST_SEEN = 0.35  # of the datum's places that must show an edge for the pose to be believed
 
 
@@ -175,7 +177,7 @@ def _features(
         state = _state(presence[i], moved[i], bool(alarms[i]), enough, near=_px(survey, i, moved[i]) <= CAPTURE_PX)
         if state in (State.DISPLACED, State.IN_PLACE) and _beyond(survey, i, moved[i], options):
             state = State.UNCLEAR
-        said = moved[i] if state is State.DISPLACED else told(moved[i])
+        said = moved[i] if state is State.DISPLACED else _believed(moved[i])
         out.append(_feature(i, state, presence[i], said, measured, survey))
     return tuple(out)
 
@@ -189,9 +191,20 @@ def _state(presence: Presence, moved: Displacement | None, alarm: bool, enough: 
         return State.UNCLEAR  # what is measured may be something else
     if alarm and moved.edges < 2 and presence.seen < 2 and not near and presence.log_ratio < enough:
         return State.UNCLEAR  # a single line there may be another one, the body not being sure to be where it is drawn
-    if told(moved) is None and not alarm:
+    if not alarm and _believed(moved) is None:
         return State.UNCLEAR  # what cannot be told is not in place either
     return State.DISPLACED if alarm else State.IN_PLACE
+
+
+def _believed(moved: Displacement | None) -> Displacement | None:
+    """Return a displacement if its size is known, and does not say "displaced" where its edges say "in place".
+
+    It can where feet tell nothing of a body that sinks, and a bend of its one other edge seems to tell how far.
+    """
+    if told(moved) is None or moved is None or moved.p_value <= AS_IN_PLACE:
+        return told(moved)
+    found = moved.estimate
+    return None if tail_probability(found.value, found.covariance, np.inf) < _CONTRADICTS else moved
 
 
 def _beyond(survey: Survey, number: int, moved: Displacement | None, options: InspectionOptions) -> bool:
@@ -216,7 +229,8 @@ def _feature(
     p = survey.lines.p[every].mean(axis=0) if every.any() else np.full(3, np.nan)
     name = survey.names[number]
     if moved is None:
-        return FeatureDeviation(name, state, presence, np.zeros((3, 0)), None, p=p)
+        fitted = bool(measured.adjustment.datum[rows].any())
+        return FeatureDeviation(name, state, presence, np.zeros((3, 0)), None, p=p, datum=fitted)
     turn, sigma, axis = measured.turn(rows)
     return FeatureDeviation(
         name,

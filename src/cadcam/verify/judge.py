@@ -13,12 +13,11 @@ from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.verify.deviation import FeatureDeviation, State
-from cadcam.verify.inspection import PLAIN_OPTIONS, Inspection, InspectionOptions, inspect
+from cadcam.verify.inspection import AS_IN_PLACE, PLAIN_OPTIONS, Inspection, InspectionOptions, inspect
 from cadcam.verify.tolerance import Feature, Limit, Quantity, Tolerances
 from cadcam.verify.verdict import Judgement, Verdict, decided, overall, towards
 
 _NAN = float("nan")
-_AS_IN_PLACE = 0.05  # probability, of a feature in place, from which its edges are no evidence that it is displaced
 _DISAGREE = 9.0  # misfit from which edges do not tell one displacement
 
 
@@ -72,7 +71,7 @@ def _judgement(name: str, limit: Limit, found: FeatureDeviation, seen: Inspectio
     without = {
         State.MISSING: (Verdict.NOT_FOUND, "it is missing: nothing of it to measure"),
         State.OUT_OF_VIEW: (Verdict.UNDECIDED, "not in view"),
-        State.UNCLEAR: (Verdict.UNDECIDED, "too little of it can be told from the photos"),
+        State.UNCLEAR: (Verdict.UNDECIDED, "its edges do not tell where it is"),
     }
     if found.state in without:
         verdict, reason = without[found.state]
@@ -100,7 +99,7 @@ def _position(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection
         return Judgement(name, limit, found.size, sigma, Verdict.UNDECIDED, "its edges do not agree on one place")
     verdict = decided(found.size, sigma, limit)
     reason = f"displaced by {_vector(found.vector)} mm"
-    if verdict is Verdict.FAIL and found.p_value > _AS_IN_PLACE:  # told by few pixels, or where it can hardly be seen
+    if verdict is Verdict.FAIL and found.p_value > AS_IN_PLACE:  # told by few pixels, or where it can hardly be seen
         reason += f", but its edges are as likely (p {found.p_value:.2g}) of a feature in place"
         return Judgement(name, limit, found.size, sigma, Verdict.UNDECIDED, reason)
     one_photo = seen.measured is not None and seen.measured.eye is not None

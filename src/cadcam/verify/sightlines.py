@@ -106,7 +106,7 @@ def _in_photo(
         np.zeros(n),
         np.minimum(samples.below, samples.above),
         np.zeros(n, np.int64),
-        wires.part[samples.line],
+        samples.part,
         wires.kind[samples.line],
         wires.chain[samples.line],
         np.full(n, number, np.int32),

@@ -61,11 +61,6 @@ class Survey:
         """Return the places (N,) of a feature that can be used."""
         return np.asarray(self.members[number] & self.usable)
 
-    def share_seen(self, number: int) -> float:
-        """Return the share of a feature's places with contrast where the photos show an edge; nan where none has."""
-        rows = self.members[number] & self.ought
-        return float(self.matched.support[rows].mean()) if rows.any() else float("nan")
-
     def whole_part(self, number: int) -> int | None:
         """Return the number of the part whose places in view are just those of a feature; None if there is none."""
         own = np.unique(self.lines.part[self.members[number]])
