@@ -96,7 +96,9 @@ def test_a_worker_that_is_killed_is_replaced_and_nothing_is_lost(
 
 def test_ctrl_c_is_told_once(tmp_path: Path) -> None:
     """To the whole group, as a terminal sends it, while the workers import: they end with whoever started them."""
-    command = [sys.executable, "-c", RUN.format(here=str(HERE), folder=str(tmp_path / "set"), views=400)]
+    listens = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "  # background jobs do not
+    run = listens + RUN.format(here=str(HERE), folder=str(tmp_path / "set"), views=400)
+    command = [sys.executable, "-c", run]
     running = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True)
     while len(workers := _children(running.pid)) < 2:
         assert running.poll() is None

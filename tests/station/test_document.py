@@ -55,7 +55,7 @@ def spoiled(path, *keys, value):
         (("positions", 0, "survey_mm", "a"), [0.0, 0.0], "positions.0 is refused: the surveyed reflectors"),
         (("positions", 0, "pixels_px", "9"), [1.0, 2.0], "names the mark '9'"),
         (("positions",), {}, "is no list"),
-        (("positions",), [], "positions"),
+        (("positions",), [], "at least 1 position; 0 given"),
         (("repeatability", "covariance_mm2"), [[1.0]], "repeatability"),
         (("plate", "colour"), "red", "unknown key 'colour'"),
     ],

@@ -8,7 +8,7 @@ import pytest
 from cadcam.arrays import Array
 from cadcam.errors import DegenerateGeometry
 from cadcam.verify.adjustment import Adjustment, FittedPose
-from cadcam.verify.alarms import false_discoveries_below, surely_below, tail_probability
+from cadcam.verify.alarms import either, false_discoveries_below, surely_below, tail_probability
 from cadcam.verify.scatter import EdgeNoise, common_error, improbability, white_scale
 
 EDGES, PLACES, SIGMA = 24, 30, 0.15
@@ -156,6 +156,18 @@ def test_beside_real_displacements_any_false_alarm_is_as_rare_as_asked(rng: np.r
         assert found[:5].all()
         false.append(found[5:].any())
     assert abs(np.mean(false) - 0.05) < 4 * np.sqrt(0.05 * 0.95 / 4000)
+
+
+def test_two_tests_of_the_same_edges_raise_no_more_alarms_than_one() -> None:
+    """Whatever they have to do with each other: the same one, its opposite, another one; 4 sigma of 100,000 draws."""
+    rng = np.random.default_rng(4)
+    p, another = rng.uniform(size=(2, 100_000))
+    for other in (p, 1 - p, another):
+        both = np.array([either(a, b) for a, b in zip(p, other, strict=True)])
+        for share in (0.05, 0.01, 0.001):
+            assert (both <= share).mean() <= share + 4 * np.sqrt(share / len(p))
+    assert either(0.014, 1e-9) == 2e-9
+    assert either(0.94, 1e-9) == 0.94
 
 
 def test_edges_that_disagree_make_the_uncertainty_larger_by_as_much(rng: np.random.Generator) -> None:

@@ -74,6 +74,6 @@ def pulled_onto(
     units of a sample's pull.
     """
     size = np.abs(slope)
-    strength = np.minimum(size / quantile(np.fmax(size[:, 0], 0.0), _STRONG), 1.0)
+    strength = np.minimum(size / max(quantile(np.fmax(size[:, 0], 0.0), _STRONG), 1e-30), 1.0)
     # what no line tells stays where it is
     return pulled(J, offset, strength, soft=soft, nothing=_NOTHING, held=_HELD, pulls=_PULLS, stiff=stiff)

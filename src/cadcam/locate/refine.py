@@ -32,7 +32,7 @@ from cadcam.locate.solution import CLOSE_PX, EDGES, LOOSE_PX, EdgeOptions, Solut
 from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
 
 _TOGETHER_PX = 0.005  # by which all edges of a photo are off together: light from one side bends alike beside them
-_REDRAW_PX = 2.5  # lines that moved this far may hide otherwise
+_REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
 _DOUBT = (0.25, 0.62)  # quality of a pose that half of the lines agree with: worth a second, wider search
 _FARTHEST_PX = 3.0  # an edge farther off is another one
 _LOOSER = 3.0  # times as much, that a fit is looser than another one

@@ -6,6 +6,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Floats, Mask
 
+AS_IN_PLACE = 0.05  # probability, of a feature in place, from which its edges are no evidence that it is displaced
 _SINGULAR = 1e-12  # of the largest variance: a direction that tells nothing of its own
 
 
@@ -56,3 +57,11 @@ def tail_probability(value: Array, covariance: Array, dof: float) -> float:
         return float("nan")
     statistic = float((((V[:, known].T @ value) ** 2) / w[known]).sum())
     return float(chi2.sf(statistic, m)) if not np.isfinite(dof) else float(f.sf(statistic / m, m, max(dof, 1.0)))
+
+
+def either(p: float, other: float) -> float:
+    """Return the probability of what two tests of the same edges say, `other` heard where p is evidence by itself.
+
+    Twice the smaller of the two (Bonferroni), never more than p.
+    """
+    return min(p, 2 * other) if p <= AS_IN_PLACE else p

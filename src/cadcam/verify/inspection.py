@@ -14,7 +14,7 @@ from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.verify.alarms import false_discoveries_below, surely_below, tail_probability
+from cadcam.verify.alarms import AS_IN_PLACE, false_discoveries_below, surely_below, tail_probability
 from cadcam.verify.association import CAPTURE_PX
 from cadcam.verify.deviation import EdgeDeviation, Extra, FeatureDeviation, State
 from cadcam.verify.extra import unexplained
@@ -25,7 +25,6 @@ from cadcam.verify.survey import Survey, surveyed
 from cadcam.verify.tolerance import Tolerances, whole_parts
 
 _SURVEYS, _REDRAW_PX = 3, 0.3  # while the datum moves lines by so much they are drawn again; so often at most
-AS_IN_PLACE = 0.05  # probability, of a feature in place, from which its edges are no evidence that it is displaced
 _CONTRADICTS = 0.01  # probability below which a displacement is not that of a feature in place
 _LEAST_SEEN = 0.35  # of the datum's places that must show an edge for the pose to be believed
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Mask
 from cadcam.errors import DegenerateGeometry
 from cadcam.verify.adjustment import CAUSES, Adjustment, Estimate, FittedPose
-from cadcam.verify.alarms import tail_probability
+from cadcam.verify.alarms import either, tail_probability
 from cadcam.verify.following import following
 from cadcam.verify.scatter import EdgeNoise, common_error, improbability, white_scale
 from cadcam.verify.sightlines import Sightlines
@@ -103,8 +103,9 @@ class Measured:
     def displacement(self, rows: Mask, *, along: Array | None = None) -> Displacement | None:
         """Return how far the places were displaced as one; along (3,): in that direction alone. None: not told.
 
-        The probability is that of all edges where the body is in place; the estimate takes into account that feet need
-        not follow (`cadcam.verify.following`), that edges may disagree, and displacements along the line of sight.
+        The estimate takes into account that feet need not follow (`cadcam.verify.following`), that edges may disagree,
+        and displacements along the line of sight. The probability is that of the edges where the body is in place, by
+        their motion as one and by that estimate: feet that stay hide from the first what the second sees.
         """
         told = self._told(rows, along)
         if told is None:
@@ -117,6 +118,7 @@ class Measured:
             return None
         every = np.column_stack([basis, _perpendicular(basis)])
         estimate = self._followed(rows, every, pose)
+        p_value = either(p_value, tail_probability(estimate.value, estimate.covariance, self.dof))
         plane = self._leaning(rows, basis, every @ estimate.covariance @ every.T)
         best, known = self._best_told(rows, estimate.along(plane.T @ every))
         return Displacement(plane @ best, estimate.along(best.T @ plane.T @ every), p_value, self._edges(rows), known)
