@@ -303,7 +303,7 @@ static void grouped(void) {
 static void marks(void) {
     const int radii = 1 + upto(5), rays = 1 + upto(7), sectors = 1 + upto(6), count = upto(3), pixels = upto(30);
     const int terms = upto(1) ? 4 : 4 + upto(CC_MARK_TERMS - 4), width = upto(1) ? 2 : 8, slopes = upto(2) > 0;
-    const int bent = upto(1);
+    const int loose = upto(3);
     double *r = malloc((size_t)radii * 8), *ray = malloc((size_t)rays * 16), *span = malloc((size_t)sectors * 8);
     int32_t *sector = malloc((size_t)sectors * 16);
     for (int i = 0; i < radii; i++) r[i] = (i + unit()) * 4 + 0.1;
@@ -316,11 +316,13 @@ static void marks(void) {
     }
     const cc_mark mark = {r, ray, sector, span, radii, sectors};
     double *places = doubles(count * pixels * width, 30), *H = doubles(count * 9, 1), *dH = doubles(count * terms * 9, 1);
-    double *levels = doubles(count * 6, 1), *value = malloc((size_t)(count * pixels) * 8 + 1);
-    double *slope = malloc((size_t)(count * pixels) * (size_t)(terms + 5 + bent) * 8 + 1);
+    double *levels = doubles(count * 8, 1), *value = malloc((size_t)(count * pixels) * 8 + 1);
+    double *slope = malloc((size_t)(count * pixels) * (size_t)(terms + 5 + loose) * 8 + 1);
     if (upto(1))
         for (int i = 0; i < 9 * count; i++) H[i] = (i % 9 % 4 == 0) + 0.01 * around();
-    cc_mark_picture(&mark, count, pixels, width, places, H, terms, dH, levels, bent, value, slopes ? slope : NULL);
+    for (int i = 0; i < 2 * count; i++) /* more at rest than in motion, some by far more than their size */
+        if (upto(2)) levels[8 * (i / 2) + 6 + i % 2] = 0;
+    cc_mark_picture(&mark, count, pixels, width, places, H, terms, dH, levels, loose, value, slopes ? slope : NULL);
     free(r), free(ray), free(span), free(sector), free(places), free(H), free(dH), free(levels), free(value), free(slope);
 }
 
@@ -349,7 +351,7 @@ static void seen(void) {
     const int64_t room = upto(3) ? 50 * n : upto(9);
     cc_lines lines = {malloc((size_t)room * 16 + 1), malloc((size_t)room * 24 + 1), malloc((size_t)room * 4 + 1),
                       malloc((size_t)room * 4 + 1), room, 0, 0};
-    cc_seen_edges(&sight, &eye, &edges, front, 1, 1.5, &lines);
+    cc_seen_edges(&sight, &eye, &edges, front, 1, 1.5, upto(1) ? 2 * unit() : 0, &lines);
     for (int64_t i = 0; i < lines.points && lines.points <= room; i++)
         if (!(fabs(lines.q[2 * i]) < 100 && fabs(lines.q[2 * i + 1]) < 100)) exit(fprintf(stderr, "seen beyond the picture\n"));
     for (int64_t i = 0; i < lines.lines && lines.lines <= room; i++)

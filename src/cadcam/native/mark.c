@@ -239,7 +239,7 @@ static share smeared(const cc_mark *mark, const pixel *p, const rule *const *nod
     double step[2], N[3], toward[2][3];
     const double x[2] = {1, 0}, y[2] = {0, 1};
     along(p, x, step, toward[0]), along(p, y, step, toward[1]), along(p, d, step, N);
-    int panels = (int)fmin(ceil(hypot(d[0], d[1]) / (PANEL * p->s)), 64);
+    const int panels = (int)fmin(fmax(ceil(hypot(d[0], d[1]) / (PANEL * p->s)), 1), 64);
     by_d[0] = by_d[1] = 0;
     for (int k = 0; k < 8 * panels; k++) {
         double t = (2 * (k / 8) + 1 + node(k % 8)) / (2 * panels) - 0.5, weight = BY[k & 3] / (2 * panels);

@@ -1,5 +1,5 @@
-/* See pack.h and rows.h. A token is a byte, or a stretch that repeats what stands a pixel before it. Tokens are gathered block by block
- * and written with the block's own Huffman code. */
+/* See pack.h and rows.h. A token is a byte, or a stretch that repeats what stands a pixel before it. Tokens are gathered
+ * block by block and written with the block's own Huffman code. */
 #include "pack.h"
 #include "rows.h"
 
