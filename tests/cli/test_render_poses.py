@@ -85,7 +85,7 @@ def test_what_is_there_is_kept_unless_asked(cadcam: Cadcam, job: Path, words: tu
         (("-o", "out/{name.png"), "a pattern with {name} or {index:04d}"),
         (("-o", "nowhere/{name}.png"), "mkdir -p nowhere"),
         (("-o", "out/{name}.gif"), "unknown suffix of output"),
-        (("-o", "out/{name}.png", "--view", "top"), "--view or --size is given beside --poses"),
+        (("-o", "out/{name}.png", "--view", "top"), "--view is given beside --poses"),
         (("-o", "out/{name}.png", "--pose", "p.txt"), "given beside --pose"),
     ],
 )

@@ -66,13 +66,32 @@ def verb(verbs: Verbs, name: str, run: Run, *, short: str, description: str, exa
         epilog=f"examples:\n{examples}",
         formatter_class=Help,
     )
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, parser=parser)
     return parser
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add --json."""
     parser.add_argument("--json", action="store_true", help="print one JSON document in place of tables")
+
+
+def given(arguments: argparse.Namespace, *options: str) -> list[str]:
+    """Return those of a verb's options, such as "--view", that were given: that are not what they are by default."""
+    usual = arguments.parser.get_default
+    names = ((option, option.lstrip("-").replace("-", "_")) for option in options)
+    return [option for option, name in names if getattr(arguments, name) != usual(name)]
+
+
+def refuse(arguments: argparse.Namespace, *options: str, why: str, expected: str) -> None:
+    """Refuse the first of the options that was given though it would change nothing: `BadValue`, with the way out.
+
+    Whoever gives an option means it: results that quietly leave it out are wrong results.
+    """
+    for option in given(arguments, *options):
+        raise BadValue(option, f"given {why}", expected)
+
+
+POINTS_OPTIONS = ("--points-unit", "--columns", "--header", "--sigma")
 
 
 def add_points_options(parser: argparse.ArgumentParser) -> None:

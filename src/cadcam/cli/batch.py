@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cadcam.cli.arguments import refuse
 from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.models import load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, progress, say
@@ -100,10 +101,8 @@ def written(output: Output, camera: Camera, shots: Sequence[Shot], *, threads: i
 def _check_options(arguments: argparse.Namespace) -> None:
     if arguments.camera is None:
         raise BadValue("--poses", "given without --camera", "both: poses do not say the focal length")
-    if arguments.pose is not None:
-        raise BadValue("--poses", "given beside --pose", "one of them")
-    if arguments.view or arguments.size:
-        raise BadValue("--view or --size", "given beside --poses", "neither: camera and poses decide")
+    refuse(arguments, "--pose", why="beside --poses", expected="one of them")
+    refuse(arguments, "--view", "--size", why="beside --poses", expected="neither: camera and poses decide")
 
 
 def _check_targets(shots: Sequence[Shot], suffixes: Sequence[str]) -> None:

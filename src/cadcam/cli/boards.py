@@ -7,6 +7,7 @@ from glob import glob
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cadcam.cli.arguments import refuse
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say, working
 from cadcam.errors import BadValue, UnreadableFile, UnwritableFile
 from cadcam.image.suffixes import READABLE
@@ -106,11 +107,11 @@ def _check_options(arguments: argparse.Namespace) -> None:
         check_target(arguments.output, (".json",))
     if arguments.poses:
         check_target(arguments.poses, (".csv", ".txt"))
-    for name, value in (("--size", arguments.size), ("--photo", arguments.photo), ("--internals", arguments.internals)):
-        if value:
-            raise BadValue(name, "given beside --board", "neither: the pictures say their size, and all is estimated")
-    if arguments.loss:
-        raise BadValue("--loss", "given beside --board", "none: strays and outliers are left out by rule (--keep-all)")
+    beside = "beside --board"
+    pictures_say = "neither: the pictures say their size, and all is estimated"
+    refuse(arguments, "--size", "--photo", "--internals", why=beside, expected=pictures_say)
+    by_rule = "none: strays and outliers are left out by rule (--keep-all)"
+    refuse(arguments, "--loss", why=beside, expected=by_rule)
     if arguments.method != "reprojection":
         raise BadValue("--method", arguments.method, "'reprojection' beside --board")
     if arguments.pictures and Path(arguments.pictures).is_file():

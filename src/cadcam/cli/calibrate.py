@@ -5,7 +5,16 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from cadcam.cli.arguments import Verbs, add_json, add_points_options, check_in_picture, read_points_as_asked, verb
+from cadcam.cli.arguments import (
+    POINTS_OPTIONS,
+    Verbs,
+    add_json,
+    add_points_options,
+    check_in_picture,
+    read_points_as_asked,
+    refuse,
+    verb,
+)
 from cadcam.cli.boards import BOARD_HELP, add_board_options, run_boards
 from cadcam.cli.estimating import (
     add_estimate_options,
@@ -75,11 +84,14 @@ def add_to(verbs: Verbs) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Calibrate, print, write."""
     if arguments.board:
+        refuse(arguments, *POINTS_OPTIONS, why="beside --board", expected="none: no points files are read")
         lens, free_lens = lens_as_asked(arguments)
         run_boards(arguments, fixed_as_asked(arguments), lens, free_lens)
         return
     if pictures := [path for path in arguments.points if Path(path).suffix.lower() in READABLE]:
         raise BadValue("points file", f"the picture {pictures[0]}", "a text file; or --board BOARD for pictures of one")
+    of_a_board = "--board and pictures of it, or leave it out"
+    refuse(arguments, "--free-skew", "--keep-all", "--pictures", why="without --board", expected=of_a_board)
     if not (arguments.size or arguments.photo or arguments.internals):
         raise BadValue(
             "the picture's size", "not given", "one of --size WxH, --photo FILE, --internals FILE; or --board"
@@ -87,8 +99,8 @@ def run(arguments: argparse.Namespace) -> None:
     if len(arguments.points) > 1:
         _run_jointly(arguments)
         return
-    if arguments.poses or arguments.bend or arguments.loss:
-        raise BadValue("--poses, --bend or --loss", "given for one points file", "points files of several positions")
+    several = "points files of several positions"
+    refuse(arguments, "--poses", "--bend", "--loss", "--no-advice", why="for one points file", expected=several)
     _run_alone(arguments, arguments.points[0])
 
 
@@ -101,9 +113,8 @@ def _run_jointly(arguments: argparse.Namespace) -> None:
     from cadcam.fit.robust import Loss
     from cadcam.report.joint import joint_tables
 
-    if arguments.internals or arguments.method != "reprojection":
-        given = "--internals" if arguments.internals else "--method"
-        raise BadValue(given, "given for several points files", "one points file at a time")
+    one = "one points file at a time"
+    refuse(arguments, "--internals", "--method", why="for several points files", expected=one)
     for target, suffixes in ((arguments.output, (".json",)), (arguments.poses, (".txt", ".csv"))):
         if target:
             check_target(target, suffixes)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, size, verb
+from cadcam.cli.arguments import Verbs, add_json, refuse, size, verb
 from cadcam.cli.output import print_json, print_tables
 from cadcam.errors import BadValue
 
@@ -66,8 +66,8 @@ def _read(arguments: argparse.Namespace) -> CameraFile:
     from cadcam.files.matrix import read_matrix
 
     if _is_camera_file(arguments.file):
-        if arguments.rows or arguments.size:
-            raise BadValue("--rows or --size", "given beside a camera file", "neither: the file says both")
+        says_both = "neither: the file says both"
+        refuse(arguments, "--rows", "--size", why="beside a camera file", expected=says_both)
         return read_camera(arguments.file)
     matrix = read_matrix(arguments.file, rows=3, columns=4)
     if arguments.rows is None:

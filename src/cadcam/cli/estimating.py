@@ -6,7 +6,7 @@ import argparse
 import math
 from typing import TYPE_CHECKING
 
-from cadcam.cli.arguments import check_in_picture, number, size
+from cadcam.cli.arguments import check_in_picture, number, refuse, size
 from cadcam.cli.cameras import read_any_camera
 from cadcam.errors import BadValue, UnknownName
 
@@ -48,8 +48,8 @@ def estimate_as_asked(arguments: argparse.Namespace, observations: Observations)
     from cadcam.calibrate.points import calibrate, locate_camera
 
     if arguments.internals:
-        if arguments.fix or arguments.lens or arguments.method != "reprojection":
-            raise BadValue("--fix, --lens or --method", "given beside --internals", "none: all internals are kept")
+        kept = "none: all internals are kept"
+        refuse(arguments, "--fix", "--lens", "--method", why="beside --internals", expected=kept)
         camera = read_any_camera(arguments.internals).camera
         check_in_picture(observations, camera.size)
         return locate_camera(observations, camera)

@@ -9,7 +9,16 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from cadcam.cli.arguments import Verbs, add_json, add_points_options, names, read_points_as_asked, verb
+from cadcam.cli.arguments import (
+    POINTS_OPTIONS,
+    Verbs,
+    add_json,
+    add_points_options,
+    names,
+    read_points_as_asked,
+    refuse,
+    verb,
+)
 from cadcam.cli.boards import BOARD_HELP, picture_files
 from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say, working
@@ -118,14 +127,16 @@ def _estimate(arguments: argparse.Namespace) -> HandEyeEstimate:
 
     robot = read_robot_numbers(*arguments.robot)
     if arguments.camera_poses:
-        if arguments.camera or arguments.adjust_internals or arguments.board:
-            given = "--board" if arguments.board else "--camera"
-            raise BadValue(given, "given beside --camera-poses", "none: poses need no camera and no pictures")
+        unused = ("--board", "--camera", "--adjust-internals", *POINTS_OPTIONS)
+        poses_alone = "none: poses need no camera and no pictures"
+        refuse(arguments, *unused, why="beside --camera-poses", expected=poses_alone)
         labels, robot, poses = _paired(arguments, robot, read_poses(arguments.camera_poses))
         seen = _stacked(poses)
         flange = _base_from_flange(arguments, robot, lambda: seen)
         with working(f"estimating from {len(labels)} poses"):
             return calibrate_hand_eye_from_poses(flange, seen, mounting=arguments.mounting, names=labels)
+    if arguments.board:
+        refuse(arguments, *POINTS_OPTIONS, why="beside --board", expected="none: no points files are read")
     camera = _camera(arguments)
     found = _boards(arguments, camera) if arguments.board else _views(arguments)
     labels, robot, views = _paired(arguments, robot, found)

@@ -6,7 +6,7 @@ import argparse
 import re
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, verb
+from cadcam.cli.arguments import Verbs, add_json, refuse, verb
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say, working
 from cadcam.errors import BadValue
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from cadcam.plan.search import Score
     from cadcam.plan.what_if import WhatIf
 
+_OF_A_SET = ("-k", "--output", "--pictures", "--each", "--no-what-if")  # what --next, beside cameras, leaves out
 _SUFFIXES = (".html", ".json")
 _DESCRIPTION = """\
 Before there is a factory: which cameras to mount where, and how well they will measure. From CAD, places where cameras
@@ -145,8 +146,8 @@ def _next(arguments: argparse.Namespace, seen: Survey, have: tuple[int, ...]) ->
     from cadcam.report.layout_json import next_as_json, score_as_json
     from cadcam.report.layout_words import next_table
 
-    if arguments.output or arguments.pictures:
-        raise BadValue("--next", "given with -o or --pictures, beside cameras that are there", "one of them")
+    ranked = "none: candidates are ranked, no set is chosen and reported"
+    refuse(arguments, *_OF_A_SET, why="with --next, beside cameras that are there", expected=ranked)
     order = next_views(seen, have)
     if arguments.json:
         names = [seen.candidates[i].name for i in have]

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, verb
+from cadcam.cli.arguments import Verbs, add_json, refuse, verb
 from cadcam.cli.locating import (
     START_HELP,
     VIEWS_HELP,
@@ -21,7 +21,7 @@ from cadcam.cli.locating import (
 from cadcam.cli.models import add_model_options, load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
 from cadcam.cli.photos import Shots, add_photo_options, read_shots
-from cadcam.cli.wires import LINE, add_line_options, style_of
+from cadcam.cli.wires import LINE, LOOKS, add_line_options, style_of
 from cadcam.errors import NothingInView
 from cadcam.image.suffixes import WRITABLE
 
@@ -82,6 +82,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Locate, print, write; return the exit code."""
     if arguments.output:
         check_target(arguments.output, WRITABLE)
+    else:
+        refuse(arguments, *LOOKS, why="where no lines are drawn", expected="-o FILE beside it")
     if arguments.pose_out:
         check_target(arguments.pose_out, (".json",))
     shots = read_shots(arguments.photos, arguments.camera, arguments.rig)

@@ -6,7 +6,14 @@ import argparse
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import add_points_options, check_in_picture, number, read_points_as_asked
+from cadcam.cli.arguments import (
+    POINTS_OPTIONS,
+    add_points_options,
+    check_in_picture,
+    number,
+    read_points_as_asked,
+    refuse,
+)
 from cadcam.cli.output import progress, working
 from cadcam.errors import BadValue, UnknownName
 
@@ -71,11 +78,9 @@ def views_as_asked(arguments: argparse.Namespace) -> ViewRange:
     """Return the range of views that --views, --roll and --distance declare; they need a search, not a start."""
     from cadcam.locate.view_range import ViewRange
 
-    given = [("--views", arguments.views != "any"), ("--roll", arguments.roll is not None)]
-    given.append(("--distance", arguments.distance is not None))
-    for option, there in given:
-        if there and (arguments.start or arguments.points):
-            raise BadValue(option, "given beside a start", "one of them: a start is not searched for")
+    if arguments.start or arguments.points:
+        one = "one of them: a start is not searched for"
+        refuse(arguments, "--views", "--roll", "--distance", why="beside a start", expected=one)
     text, _, angle = arguments.views.partition(":")
     numbers = [number("--views", v) for v in text.split(",")] if "," in text else []
     if text not in ("any", "above") and len(numbers) != 3:
@@ -128,8 +133,10 @@ def cache_folder() -> Path | None:
 
 def start_as_asked(arguments: argparse.Namespace, view: Viewpoint) -> Rigid | None:
     """Return world_from_part of --start or --points, picked in the photo of `view`; None for neither."""
-    if arguments.start and arguments.points:
-        raise BadValue("--points", "given beside --start", "one of them")
+    if arguments.start:
+        refuse(arguments, "--points", why="beside --start", expected="one of them")
+    if arguments.points is None:
+        refuse(arguments, *POINTS_OPTIONS, why="without --points", expected="both, or leave it out")
     if arguments.start:
         from cadcam.files.pose_estimate import read_part_pose
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import color, named_color
+from cadcam.cli.arguments import color, named_color, refuse
 from cadcam.cli.photographs import WALL, add_photograph_options, check_photograph_options, is_photograph
 from cadcam.cli.sensor import add_sensor_options, generator
 from cadcam.errors import BadValue
@@ -54,24 +54,18 @@ def add_look_options(parser: argparse.ArgumentParser) -> None:
 
 def check_look_options(arguments: argparse.Namespace) -> None:
     """Refuse options that would be ignored, before the work starts."""
-    given = {
-        "--look": arguments.look is not None,
-        "--edges": arguments.edges,
-        "--background": arguments.background is not None,
-        "--transparent": arguments.transparent,
-        "--sensor": arguments.sensor is not None,
-    }
-    asked = [name for name, is_given in given.items() if is_given]
-    if arguments.channel != "shaded" and asked:
-        raise BadValue(asked[0], f"given with --channel {arguments.channel}", "--channel shaded, or leave it out")
-    if arguments.channel not in ("shaded", "parts") and arguments.part_color:
-        raise BadValue("--part-color", f"given with --channel {arguments.channel}", "--channel shaded or parts")
-    if arguments.seed is not None and arguments.sensor is None:
-        raise BadValue("--seed", "given without --sensor", "both: nothing else here is left to chance")
-    if arguments.transparent and arguments.background is not None:
-        raise BadValue("--background", "given beside --transparent", "one of them")
-    if arguments.transparent and arguments.sensor is not None:
-        raise BadValue("--sensor", "given beside --transparent", "one of them: a camera sees some background")
+    look = ("--look", "--edges", "--background", "--transparent", "--sensor")
+    here = f"with --channel {arguments.channel}"
+    if arguments.channel != "shaded":
+        refuse(arguments, *look, why=here, expected="--channel shaded, or leave it out")
+    if arguments.channel not in ("shaded", "parts"):
+        refuse(arguments, "--part-color", why=here, expected="--channel shaded or parts")
+    if arguments.sensor is None:
+        refuse(arguments, "--seed", why="without --sensor", expected="both: nothing else here is left to chance")
+    if arguments.transparent:
+        beside = "beside --transparent"
+        refuse(arguments, "--background", why=beside, expected="one of them")
+        refuse(arguments, "--sensor", why=beside, expected="one of them: a camera sees some background")
     if arguments.transparent and not arguments.output.lower().endswith(".png"):
         raise BadValue("--transparent", f"given for {arguments.output}", "an output .png: no other format has alpha")
     check_photograph_options(arguments)

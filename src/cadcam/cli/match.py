@@ -6,7 +6,7 @@ import argparse
 import math
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, verb
+from cadcam.cli.arguments import Verbs, add_json, refuse, verb
 from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, view_as_json
 from cadcam.cli.models import load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
@@ -20,6 +20,11 @@ if TYPE_CHECKING:
     from cadcam.locate.templates import TemplateMatches
 
 NOT_FOUND = 3
+_TEMPLATE_OPTIONS = ("--mask", "--angles", "--scales", "--count", "--least-score", "--either-sign")
+_PART_OPTIONS = (
+    *("--camera", "--pose", "--unit", "--tolerance"),
+    *("--appearance", "--reach", "--turn", "--edges", "--peaks"),
+)
 _EXAMPLES = f"""\
   cadcam match photo.png corner.png -o where.png
   cadcam match photo.png corner.png --angles -20 20 --scales 0.9 1.1 --count 5 --json
@@ -91,9 +96,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.output:
         check_target(arguments.output, WRITABLE)
     if arguments.what.lower().endswith(READABLE):
-        if arguments.camera or arguments.pose:
-            raise BadValue("--camera or --pose", "given for a picture as template", "a CAD model, or leave them out")
+        template = "for a picture as template"
+        refuse(arguments, *_PART_OPTIONS, why=template, expected="a CAD model, or leave it out")
         return _run_template(arguments)
+    refuse(arguments, *_TEMPLATE_OPTIONS, why="for a CAD model", expected="a picture as template, or leave it out")
     if not arguments.camera:
         raise BadValue(
             "--camera", "missing", "the camera that took the photo, for a CAD model; or a picture as template"

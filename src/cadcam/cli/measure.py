@@ -6,7 +6,7 @@ import argparse
 import math
 from typing import TYPE_CHECKING
 
-from cadcam.cli.arguments import Verbs, add_json, names, number, verb
+from cadcam.cli.arguments import Verbs, add_json, names, number, refuse, verb
 from cadcam.cli.output import check_target, print_json, print_tables, say
 from cadcam.errors import BadValue, UnknownName
 
@@ -127,6 +127,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     if arguments.output:
         check_target(arguments.output, (".csv", ".json"))
+    _check_options(arguments)
     pixels = read_pixels(arguments.pixels, columns=arguments.columns)
     viewpoints = _rig_viewpoints(arguments, pixels) if arguments.rig else _viewpoints(arguments, pixels)
     measured = measure_points(
@@ -158,12 +159,24 @@ def run(arguments: argparse.Namespace) -> None:
         say(f"wrote {arguments.output}")
 
 
+def _check_options(arguments: argparse.Namespace) -> None:
+    """Refuse uncertainties of what is not there, and what only JSON holds where none is written."""
+    if not (arguments.moved or arguments.placed):
+        moved = "--moved or --placed beside it: nothing else was moved"
+        refuse(arguments, "--motion-sigma", why="without a motion", expected=moved)
+    if arguments.plane is None:
+        refuse(arguments, "--plane-sigma", why="without --plane", expected="both, or neither")
+    if not (arguments.json or (arguments.output or "").lower().endswith(".json")):
+        json = "--json or -o FILE.json: no table has room for it"
+        refuse(arguments, "--joint", why="where no JSON is written", expected=json)
+
+
 def _rig_viewpoints(arguments: argparse.Namespace, pixels: Pixels) -> list[Viewpoint]:
     """Return the rig's cameras in the order of the pixels file's views."""
     from cadcam.files.rig import read_rig
 
-    if arguments.camera or arguments.moved or arguments.placed:
-        raise BadValue("--camera, --moved or --placed", "given beside --rig", "none: the rig's cameras are the views")
+    views = "none: the rig's cameras are the views"
+    refuse(arguments, "--camera", "--moved", "--placed", why="beside --rig", expected=views)
     known = {v.name: v for v in read_rig(arguments.rig).viewpoints(sigma_px=arguments.sigma)}
     for view in pixels.views:
         if view not in known:

@@ -5,7 +5,16 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, add_points_options, check_in_picture, read_points_as_asked, verb
+from cadcam.cli.arguments import (
+    POINTS_OPTIONS,
+    Verbs,
+    add_json,
+    add_points_options,
+    check_in_picture,
+    read_points_as_asked,
+    refuse,
+    verb,
+)
 from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, read_any_camera, view_as_json
 from cadcam.cli.models import add_model_options, load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
@@ -81,12 +90,14 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _check_options(arguments: argparse.Namespace) -> None:
-    if arguments.points and arguments.pose:
-        raise BadValue("--pose", "given beside --points", "one of them")
+    if arguments.points is None:
+        refuse(arguments, *POINTS_OPTIONS, why="without --points", expected="both, or leave it out")
+    else:
+        refuse(arguments, "--pose", why="beside --points", expected="one of them")
     if arguments.output.lower().endswith(".svg") and arguments.mode != "overlay":
         raise BadValue("--mode", arguments.mode, "overlay for an .svg file, or another suffix")
-    if arguments.shaded is not None and arguments.mode in ("sum", "canny"):
-        raise BadValue("--shaded", f"given with --mode {arguments.mode}", "overlay or side-by-side")
+    if arguments.mode in ("sum", "canny"):
+        refuse(arguments, "--shaded", why=f"with --mode {arguments.mode}", expected="overlay or side-by-side")
 
 
 def _camera(arguments: argparse.Namespace) -> tuple[Camera, Rigid, CameraEstimate | None]:

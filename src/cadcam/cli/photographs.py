@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
+from cadcam.cli.arguments import given, refuse
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
@@ -52,25 +53,21 @@ def is_photograph(arguments: argparse.Namespace) -> bool:
 
 def check_photograph_options(arguments: argparse.Namespace) -> None:
     """Refuse options that would be ignored, and a lens that is told by halves, before the work starts."""
-    given = {
-        "--light": arguments.light,
-        "--f-number": arguments.f_number,
-        "--lens": arguments.lens,
-        "--focus": arguments.focus,
-        "--samples": arguments.samples,
-    }
-    asked = [name for name, value in given.items() if value is not None]
-    if asked and arguments.channel != "shaded":
-        raise BadValue(asked[0], f"given with --channel {arguments.channel}", "--channel shaded, or leave it out")
-    if arguments.f_number is None and (arguments.lens is not None or arguments.focus is not None):
-        raise BadValue("--lens or --focus", "given without --f-number", "all of it: blur is decided by the opening")
-    if arguments.f_number is not None and arguments.lens is None:
+    photograph = ("--light", "--f-number", "--lens", "--focus", "--samples")
+    if arguments.channel != "shaded":
+        here = f"with --channel {arguments.channel}"
+        refuse(arguments, *photograph, why=here, expected="--channel shaded, or leave it out")
+    if arguments.f_number is None:
+        all_of_it = "all of it: blur is decided by the opening"
+        refuse(arguments, "--lens", "--focus", why="without --f-number", expected=all_of_it)
+    elif arguments.lens is None:
         raise BadValue("--f-number", "given without --lens", "both: the opening is focal length by f-number")
-    if asked and not is_photograph(arguments):
-        raise BadValue("--samples", "given without --light or --f-number", "one of them: else nothing is photographed")
-    other = {"--look": arguments.look is not None, "--edges": arguments.edges}
-    for name in (name for name, is_given in other.items() if is_given and asked):
-        raise BadValue(name, f"given beside {asked[0]}", "one of them: photographs have neither looks nor drawn edges")
+    if not is_photograph(arguments):
+        one = "one of them: else nothing is photographed"
+        refuse(arguments, "--samples", why="without --light or --f-number", expected=one)
+    for asked in given(arguments, *photograph)[:1]:
+        neither = "one of them: photographs have neither looks nor drawn edges"
+        refuse(arguments, "--look", "--edges", why=f"beside {asked}", expected=neither)
 
 
 class Photographs:

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, size, verb
+from cadcam.cli.arguments import Verbs, add_json, refuse, size, verb
 from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, view_as_json
 from cadcam.cli.looks import add_look_options, check_look_options
 from cadcam.cli.models import add_model_options, load_as_asked, model_as_json
@@ -38,7 +38,6 @@ _SUFFIXES = {
     "parts": (".npy", ".png"),
     "faces": (".npy", ".png"),
 }
-_COLOR_BY = "one"
 _VIEWS = ("iso", "front", "back", "left", "right", "top", "bottom")
 _EXAMPLES = f"""\
   cadcam render part.step -o part.png                                     a view chosen so that the part fills it
@@ -85,23 +84,29 @@ def add_to(verbs: Verbs) -> None:
     parser.add_argument(
         "--renderer", choices=("auto", *RENDERERS), default="auto", help="see `cadcam doctor` (default: auto)"
     )
-    parser.add_argument("--threads", type=int, metavar="N", help="threads of the raster renderer (default: one a core)")
+    parser.add_argument(
+        "--threads",
+        type=int,
+        metavar="N",
+        help="of the raster renderer, with --poses of writing too (default: one a core)",
+    )
     add_look_options(parser)
-    add_line_options(parser, color_by=_COLOR_BY)
+    add_line_options(parser, color_by="one")
     add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Render, write, report."""
     check_look_options(arguments)
-    check_line_options(arguments, color_by=_COLOR_BY)
+    check_line_options(arguments)
+    _check_renderer_options(arguments)
     if arguments.poses is not None:
         from cadcam.cli.batch import run_batch
 
         run_batch(arguments, _SUFFIXES[arguments.channel])
         return
-    if arguments.overwrite:
-        raise BadValue("--overwrite", "given without --poses", "neither: a single picture is always made anew")
+    alone = "neither: a single picture is always made anew"
+    refuse(arguments, "--overwrite", why="without --poses", expected=alone)
     check_target(arguments.output, _SUFFIXES[arguments.channel])
     given = _given_camera(arguments)
     mesh, report = load_as_asked(arguments)
@@ -123,13 +128,25 @@ def scene_as_asked(arguments: argparse.Namespace, mesh: Mesh) -> Scene:
     return repainted(scene, arguments.part_color or ())
 
 
+def _check_renderer_options(arguments: argparse.Namespace) -> None:
+    """Refuse what chooses how pixels are rendered where none are, and threads where one does all."""
+    if arguments.threads is not None and arguments.threads < 1:
+        raise BadValue("--threads", arguments.threads, "a whole number of at least 1")
+    lines = arguments.channel == "wireframe"
+    if lines:
+        none = "none: lines are found in space, not in rendered pixels"
+        refuse(arguments, "--renderer", why="with --channel wireframe", expected=none)
+    if arguments.poses is None and (lines or arguments.renderer in ("gl", "ray")):
+        one_does_all = "for a single picture that the raster renderer does not make"
+        refuse(arguments, "--threads", why=one_does_all, expected="--renderer raster, or leave it out")
+
+
 def _given_camera(arguments: argparse.Namespace) -> tuple[Camera, Rigid] | None:
     if arguments.camera is None:
-        if arguments.pose is not None:
-            raise BadValue("--pose", "given without --camera", "both: a pose does not say the focal length")
+        both = "both: a pose does not say the focal length"
+        refuse(arguments, "--pose", why="without --camera", expected=both)
         return None
-    if arguments.view or arguments.size:
-        raise BadValue("--view or --size", "given beside --camera", "neither: the camera decides")
+    refuse(arguments, "--view", "--size", why="beside --camera", expected="neither: the camera decides")
     return camera_and_pose(arguments.camera, arguments.pose)
 
 

@@ -6,7 +6,17 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cadcam.cli.arguments import Verbs, add_json, add_points_options, check_in_picture, read_points_as_asked, size, verb
+from cadcam.cli.arguments import (
+    POINTS_OPTIONS,
+    Verbs,
+    add_json,
+    add_points_options,
+    check_in_picture,
+    read_points_as_asked,
+    refuse,
+    size,
+    verb,
+)
 from cadcam.cli.boards import BOARD_HELP, picture_files
 from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.estimating import fixed_as_asked, lens_as_asked
@@ -143,8 +153,8 @@ def _from_boards(
     from cadcam.calibrate.rig_boards import calibrate_rig_boards
     from cadcam.target.pattern import parse_pattern
 
-    if arguments.size:
-        raise BadValue("--size", "given beside --board", "none: the pictures say their size")
+    refuse(arguments, "--size", why="beside --board", expected="none: the pictures say their size")
+    refuse(arguments, *POINTS_OPTIONS, why="beside --board", expected="none: no points files are read")
     pattern = parse_pattern(arguments.board)
     found: dict[str, list[BoardPicture | None]] = {name: [] for name in files}
     with progress("finding the board", sum(len(row) for row in files.values())) as step:
@@ -175,6 +185,8 @@ def _from_points(
 ) -> RigEstimate:
     from cadcam.calibrate.rig import RigCamera, calibrate_rig
 
+    pictures = "--board and pictures of it, or leave it out"
+    refuse(arguments, "--free-skew", "--keep-all", why="without --board", expected=pictures)
     if not arguments.size and len(known) < len(files):
         raise BadValue("the picture's size", "not given", "--size WxH, or --known for every camera; or --board")
     lens, free_lens = lens_as_asked(arguments)

@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cadcam.cli.arguments import Help, Run, Verbs, add_json, verb
+from cadcam.cli.arguments import Help, Run, Verbs, add_json, refuse, verb
 from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say
 from cadcam.errors import BadValue
@@ -101,7 +101,7 @@ def add_to(verbs: Verbs) -> None:
 
 def _job(jobs: Verbs, name: str, run: Run, short: str, examples: str) -> argparse.ArgumentParser:
     parser = jobs.add_parser(name, help=short, description=short, epilog=f"examples:\n{examples}", formatter_class=Help)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, parser=parser)
     return parser
 
 
@@ -114,6 +114,8 @@ def run_print(arguments: argparse.Namespace) -> None:
     check_target(arguments.output, (".pdf", ".svg"))
     if arguments.plan:
         check_target(arguments.plan, (".csv",))
+    if arguments.grid is None:
+        refuse(arguments, "--numbers", why="without --grid", expected="both: a sheet of one mark has one number")
     columns, rows, spacing = _grid(arguments.grid)
     marks = _marks(parse_mark(arguments.mark), arguments.numbers, columns * rows)
     plate = Plate.grid(marks, columns, rows, spacing)

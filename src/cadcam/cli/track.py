@@ -6,13 +6,13 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, verb
+from cadcam.cli.arguments import Verbs, add_json, refuse, verb
 from cadcam.cli.locate import NOT_FOUND, overlaid
 from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, part_as_asked, start_as_asked
 from cadcam.cli.models import add_model_options, load_as_asked
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say
 from cadcam.cli.photos import add_photo_options, file_of, viewpoints_of
-from cadcam.cli.wires import add_line_options
+from cadcam.cli.wires import LOOKS, add_line_options
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
@@ -110,6 +110,11 @@ def _check_options(arguments: argparse.Namespace) -> None:
         check_target(arguments.csv, (".csv",))
     if arguments.overlays and Path(arguments.overlays).is_file():
         raise BadValue("--overlays", f"{arguments.overlays!r}, a file", "a folder")
+    if not arguments.overlays:
+        refuse(arguments, *LOOKS, why="where no lines are drawn", expected="--overlays FOLDER beside it")
+        if not arguments.csv:
+            shown = "--csv FILE or --overlays FOLDER beside it: the log holds both poses"
+            refuse(arguments, "--smooth", why="where no pose is shown", expected=shown)
 
 
 def _write_overlay(arguments: argparse.Namespace, part: Part, frame: Frame, entry: dict[str, Any]) -> None:

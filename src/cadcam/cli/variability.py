@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, add_points_options, number, read_points_as_asked, verb
+from cadcam.cli.arguments import Verbs, add_json, add_points_options, number, read_points_as_asked, refuse, verb
 from cadcam.cli.estimating import add_estimate_options, estimate_as_asked
 from cadcam.cli.output import print_json, print_tables, progress, say, working
 from cadcam.errors import BadValue, UnwritableFile
@@ -127,8 +127,10 @@ def _check(arguments: argparse.Namespace) -> None:
         raise BadValue("--seed", arguments.seed, "0 or a positive whole number")
     if arguments.sigma_mm and arguments.steps:
         raise BadValue("--sigma-mm", f"{arguments.sigma_mm:g} with Method B", "--steps 0: B has noise of pixels only")
-    if arguments.unseen and not arguments.alternate:
-        raise BadValue("--unseen", "given without --alternate", "both, or neither")
+    if arguments.alternate is None:
+        refuse(arguments, "--unseen", why="without --alternate", expected="both, or neither")
+    if arguments.plots is None:
+        refuse(arguments, "--format", why="without --plots", expected="both, or leave it out")
     if arguments.alternate:
         _numbers("--alternate", arguments.alternate, 2)
     if arguments.plots:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from cadcam.cli.arguments import Verbs, add_json, verb
+from cadcam.cli.arguments import Verbs, add_json, refuse, verb
 from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, start_as_asked
 from cadcam.cli.models import add_model_options, load_as_asked
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from cadcam.verify.tolerance import Tolerances
 
 _SUFFIXES = (".html", ".json")
+_OF_A_VERDICT = ("--tolerances", "--reach", "--alarms", "--serial", "--station")
 _POSED_PX = 4.0  # how far off a pose that was found before may be
 _DESCRIPTION = """\
 Judge a part against its CAD, from one photo or several. The part is found, its pose is fitted to datum features, and
@@ -87,6 +88,9 @@ def add_to(verbs: Verbs) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Verify, report; return the exit code."""
+    only = "--list" if arguments.list is not None else "--template"
+    if arguments.list is not None or arguments.template:
+        refuse(arguments, *_OF_A_VERDICT, why=f"beside {only}", expected="one of them: nothing is judged")
     if arguments.list is not None:
         _list(arguments)
         return 0
@@ -141,8 +145,8 @@ def _located(arguments: argparse.Namespace, part: Part, shots: Shots) -> Locatio
     from cadcam.locate.solution import EdgeOptions
 
     view, freedom = shots.photos[0].viewpoint, freedom_as_asked(arguments)
-    if arguments.pose and (arguments.start or arguments.points):
-        raise BadValue("--pose", "given beside --start or --points", "one of them")
+    if arguments.start or arguments.points:
+        refuse(arguments, "--pose", why="beside --start or --points", expected="one of them")
     if not arguments.pose:
         return located(part, shots, start_as_asked(arguments, view), freedom)
     with working("finding the part"):

@@ -7,8 +7,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from cadcam.cli.arguments import refuse
 from cadcam.cli.output import working
-from cadcam.errors import BadValue, NothingInView
+from cadcam.errors import NothingInView
 
 if TYPE_CHECKING:
     from cadcam.cad.mesh import Mesh
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from cadcam.render.view import Scene
     from cadcam.render.wireframe import Wireframe
 
+LOOKS = ("--hidden", "--color-by", "--width")  # options of lines that are drawn
 LINE = (0.0, 0.85, 0.35)  # on photos
 INK = (0.05, 0.08, 0.12)  # on paper
 _WIDTH_PX, _CREASE_DEG = 1.5, 30.0
@@ -48,13 +50,16 @@ def draws_lines(arguments: argparse.Namespace) -> bool:
     return bool(arguments.channel == "wireframe" or arguments.edges)
 
 
-def check_line_options(arguments: argparse.Namespace, *, color_by: str) -> None:
-    """Refuse what decides the looks of lines where `render` draws none; color_by: the default, as above."""
-    usual = {"hidden": False, "color_by": color_by, "width": _WIDTH_PX, "crease_angle": _CREASE_DEG}
-    asked = [name for name, value in usual.items() if getattr(arguments, name) != value]
-    if asked and not draws_lines(arguments):
-        name = f"--{asked[0].replace('_', '-')}"
-        raise BadValue(name, "given where no lines are drawn", "--edges or --channel wireframe beside it")
+def check_line_options(arguments: argparse.Namespace) -> None:
+    """Refuse what decides the looks of lines where `render` draws none."""
+    if not draws_lines(arguments):
+        refuse(
+            arguments,
+            *LOOKS,
+            "--crease-angle",
+            why="where no lines are drawn",
+            expected="--edges or --channel wireframe beside it",
+        )
 
 
 def scene_of(arguments: argparse.Namespace, mesh: Mesh) -> Scene:

@@ -1,0 +1,67 @@
+"""An option that would change nothing is refused, by its name and with the way out: nobody gives one for nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from .job import Ran
+
+CAMERA = ("--camera", "camera.json")
+ON_PHOTO = ("photo.png", "block.obj", *CAMERA)
+POINTS = ("points.csv", "--size", "320x240")
+CASES = [
+    (("render", "block.obj", "-o", "a.png", "--channel", "wireframe", "--renderer", "raster"), "--renderer"),
+    (("render", "block.obj", "-o", "a.png", "--channel", "wireframe", "--threads", "1"), "--threads"),
+    (("render", "block.obj", "-o", "a.png", "--renderer", "ray", "--threads", "1"), "--threads"),
+    (("match", "photo.png", "photo.png", "--unit", "m"), "--unit"),
+    (("match", "photo.png", "photo.png", "--edges"), "--edges"),
+    (("match", "photo.png", "photo.png", *CAMERA), "--camera"),
+    (("match", *ON_PHOTO, "--angles", "-10", "10"), "--angles"),
+    (("match", *ON_PHOTO, "--least-score", "0.8"), "--least-score"),
+    (("overlay", *ON_PHOTO, "-o", "a.png", "--points-unit", "m"), "--points-unit"),
+    (("overlay", *ON_PHOTO, "-o", "a.png", "--mode", "sum", "--shaded", "0.5"), "--shaded"),
+    (("locate", *ON_PHOTO, "--columns", "U1,V1"), "--columns"),
+    (("locate", *ON_PHOTO, "--hidden"), "--hidden"),
+    (("track", *ON_PHOTO, "-o", "a.jsonl", "--width", "3"), "--width"),
+    (("track", *ON_PHOTO, "-o", "a.jsonl", "--smooth"), "--smooth"),
+    (("verify", "block.obj", "--list", "--tolerances", "t.yaml"), "--tolerances"),
+    (("verify", "block.obj", "--template", "--alarms", "0.1"), "--alarms"),
+    (("calibrate", *POINTS, "--free-skew"), "--free-skew"),
+    (("calibrate", *POINTS, "--no-advice"), "--no-advice"),
+    (("calibrate", "photo.png", "--board", "chessboard:9x6:25mm", "--sigma", "0.1"), "--sigma"),
+    (("calibrate", "points.csv", "--internals", "camera.json", "--fix", "skew=0"), "--fix"),
+    (("variability", *POINTS, "--format", "svg"), "--format"),
+    (("measure", "pixels.csv", *CAMERA, "--plane-sigma", "1"), "--plane-sigma"),
+    (("measure", "pixels.csv", *CAMERA, "--motion-sigma", "1,1"), "--motion-sigma"),
+    (("measure", "pixels.csv", *CAMERA, "--joint"), "--joint"),
+    (("decompose", "camera.json", "--rows", "uv"), "--rows"),
+    (("targets", "print", "coded:5:20mm:30mm:40mm", "a.svg", "--numbers", "1"), "--numbers"),
+]
+
+
+@pytest.mark.parametrize(("command", "option"), CASES, ids=[" ".join((c[0][0], c[1])) for c in CASES])
+def test_an_option_that_would_change_nothing_is_refused(
+    cadcam: Callable[..., Ran], job: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...], option: str
+) -> None:
+    monkeypatch.chdir(job)
+    before = sorted(job.iterdir())
+    ran = cadcam(*command)
+    assert (ran.code, ran.out) == (2, "")
+    assert f"cadcam {command[0]}: {option} is given " in ran.err
+    assert "expected" in ran.err
+    assert sorted(job.iterdir()) == before
+
+
+def test_threads_of_a_set_of_lines_are_taken_because_files_are_written_by_several(
+    cadcam: Callable[..., Ran], job: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(job)
+    Path("poses.csv").write_text(
+        "# camera_from_world, mm\nname,r11,r12,r13,r21,r22,r23,r31,r32,r33,tx,ty,tz\na,1,0,0,0,1,0,0,0,1,-20,0,500\n"
+    )
+    line = ("render", "block.obj", *CAMERA, "--poses", "poses.csv", "-o", "{name}.png", "--channel", "wireframe")
+    assert cadcam(*line, "--threads", "2").code == 0
+    assert "--threads is 0; expected a whole number" in cadcam(*line, "--threads", "0").err
