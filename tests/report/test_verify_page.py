@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,22 @@ def test_a_displaced_rib_fails_and_the_block_passes(found: tuple[Verification, P
     assert found[0].verdict is Verdict.FAIL
     assert verdicts["rib <1>", Quantity.POSITION] is Verdict.FAIL
     assert verdicts["block", Quantity.POSITION] is Verdict.PASS
+
+
+def test_a_feature_is_datum_or_judged_by_a_limit_or_only_compared(found: tuple[Verification, Photo]) -> None:
+    seen = found[0].inspection
+    assert seen is not None
+    named = {"rib <1>", "block"}
+    told = {f["name"]: f["role"] for f in verification_as_json(found[0], ORIGIN)["features"]}
+    assert all(told[name] == "judged" for name in named)
+    assert {name for name, role in told.items() if role == "datum"} == {f.name for f in seen.features if f.datum}
+
+    without = replace(found[0], judgements=())
+    again = {f["name"]: f["role"] for f in verification_as_json(without, ORIGIN)["features"]}
+    assert all(again[name] == "compared" for name in named)
+    assert {name: role for name, role in again.items() if name not in named} == {
+        name: role for name, role in told.items() if name not in named
+    }
 
 
 def test_the_page_fetches_nothing_and_escapes_names(found: tuple[Verification, Photo]) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from cadcam.files.jsontext import or_null, or_nulls
 from cadcam.record.export import record_as_json
 from cadcam.record.record import Deviation, Record, Source
-from cadcam.report.verify_words import assumptions, rule_words, weakest_direction
+from cadcam.report.verify_words import assumptions, role, rule_words, weakest_direction
 from cadcam.verify.adjustment import CAUSES
 from cadcam.verify.deviation import EdgeDeviation, Extra, FeatureDeviation
 from cadcam.verify.judge import Verification
@@ -71,7 +71,7 @@ def verification_as_json(found: Verification, origin: Origin) -> dict[str, Any]:
         "noise_scale": seen.noise_scale,
         "clutter": seen.clutter,
         "seen_share": seen.seen_share,
-        "features": [_feature(f) for f in seen.features],
+        "features": [_feature(f) | {"role": role(found, f)} for f in seen.features],
         "edges": [_edge(e) for e in seen.edges],
         "extra": [_extra(e) for e in seen.extra],
     }
@@ -114,7 +114,6 @@ def _feature(f: FeatureDeviation) -> dict[str, Any]:
     out: dict[str, Any] = {
         "name": f.name,
         "state": f.state.value,
-        "role": "datum" if f.datum else "judged",
         "edges_expected": f.presence.expected,
         "edges_seen": f.presence.seen,
         "log_likelihood_ratio_present": f.presence.log_ratio,

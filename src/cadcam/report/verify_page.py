@@ -18,6 +18,7 @@ from cadcam.report.verify_words import (
     UNCLEAR,
     assumptions,
     in_unit,
+    role,
     rule_words,
     shares_in_words,
     vector,
@@ -49,7 +50,13 @@ def verification_page(found: Verification, photos: Sequence[Photo], origin: Orig
     seen = found.inspection
     parts = [_head(found, origin)]
     if seen is not None and seen.found:
-        parts += [_overlays(seen, photos), _judgements(found), _features(seen), _plots(found, seen), _sensitivity(seen)]
+        parts += [
+            _overlays(seen, photos),
+            _judgements(found),
+            _features(found, seen),
+            _plots(found, seen),
+            _sensitivity(seen),
+        ]
         parts += [_assumed(found), _edges(seen)]
     else:
         parts += [_not_found(photos), _judgements(found)]
@@ -107,9 +114,11 @@ def _cells(j: Judgement) -> list[str]:
     return [f"<b>{escape(j.feature)}</b>", what, deviation, said, limit, tolerance_bar(j), tag, escape(j.reason)]
 
 
-def _features(seen: Inspection) -> str:
+def _features(found: Verification, seen: Inspection) -> str:
     heads = ("feature", "state", "edges seen", "displaced", "vector mm", "turned", "chance", "role")
-    rows = "".join(row(heads, _feature_cells(f)) for f in seen.features if f.state is not State.OUT_OF_VIEW)
+    rows = "".join(
+        row(heads, [*_feature_cells(f), role(found, f)]) for f in seen.features if f.state is not State.OUT_OF_VIEW
+    )
     notes = [
         "Displacement against a pose fitted to the datum without the feature, ± 2 sigma, part axes, as far as the "
         "photos show it. Chance: how probable such a displacement is of a feature in place."
@@ -130,11 +139,11 @@ def _feature_cells(f: FeatureDeviation) -> list[str]:
     state = f'<span class="tag" style="color:{colors.get(f.state, "#555555")}">{f.state.value}</span>'
     cells = [f"<b>{escape(f.name)}</b>", state, f"{f.presence.seen} of {f.presence.expected}"]
     if f.displacement is None:
-        return [*cells, "", "", "", "", "datum" if f.datum else "judged"]
+        return [*cells, "", "", "", ""]
     turn, U = np.degrees(f.turn), np.degrees(2 * f.turn_sigma)
     turned = f"{turn:+.3f} ± {U:.3f} deg" if np.isfinite(U) else ""
     size = f"{f.size:.3f} ± {2 * f.sigma:.3f} mm"
-    return [*cells, size, vector(f.vector), turned, f"{f.p_value:.2g}", "datum" if f.datum else "judged"]
+    return [*cells, size, vector(f.vector), turned, f"{f.p_value:.2g}"]
 
 
 def _plots(found: Verification, seen: Inspection) -> str:

@@ -25,7 +25,7 @@ def verification_tables(found: Verification) -> list[Table]:
     """Return the judgements, and what became of each feature."""
     tables = [judgement_table(found)]
     if found.inspection is not None and found.inspection.found:
-        tables.append(feature_table(found.inspection))
+        tables.append(feature_table(found, found.inspection))
     return tables
 
 
@@ -50,7 +50,14 @@ UNCLEAR = (
 )
 
 
-def feature_table(seen: Inspection) -> Table:
+def role(found: Verification, feature: FeatureDeviation) -> str:
+    """Return what a feature is to the verdict: the pose's datum, judged by a limit, or compared with the CAD alone."""
+    if feature.datum:
+        return "datum"
+    return "judged" if any(j.feature == feature.name for j in found.judgements) else "compared"
+
+
+def feature_table(found: Verification, seen: Inspection) -> Table:
     """Return what became of each feature in view."""
     rows = []
     for f in seen.features:
@@ -60,7 +67,7 @@ def feature_table(seen: Inspection) -> Table:
         size = "" if f.displacement is None else f"{f.size:.3f}"
         U = "" if f.displacement is None else f"+- {2 * f.sigma:.3f}"
         edges = f"{f.presence.seen}/{f.presence.expected}"
-        rows.append((f.name, f.state.value, edges, size, U, moved, "datum" if f.datum else "judged"))
+        rows.append((f.name, f.state.value, edges, size, U, moved, role(found, f)))
     notes = [
         "displacement against a pose fitted to the datum without the feature, +- 2 sigma, in the part's axes, as far "
         "as the photos show it"
