@@ -22,11 +22,11 @@ from cadcam.station.gantry import GantryCalibration
 from cadcam.whole import write_whole
 
 _STYLE = """
-h1{font-size:1.5rem}svg{max-width:900px}.wide{overflow-x:auto}
+h1{font-size:1.5rem}.wide{overflow-x:auto}
 table{width:auto}th,td{text-align:right;padding:4px 12px 4px 0}.left{text-align:left}
 .wide .left:first-child{position:sticky;left:0;background:#fff}
 """
-_WIDTH, _HEIGHT, _MARGIN = 900.0, 620.0, 60.0
+_WIDTH, _HEIGHT, _MARGIN, _CAPTION = 900.0, 620.0, 60.0, 300.0  # px; the largest, and the least that captions need
 _SIGMAS = 10.0  # by how much the ellipses of uncertainty are drawn larger than the arrows
 
 
@@ -70,6 +70,7 @@ def arrows(maps: Mapping[str, DeviationMap]) -> str:
     low, high = places.min(axis=0), places.max(axis=0)
     extent = np.maximum(high - low, 1.0)
     px = float(min((_WIDTH - 2 * _MARGIN) / extent[0], _HEIGHT / extent[1]))
+    width = max(px * float(extent[0]), _CAPTION) + 2 * _MARGIN
     height = px * float(extent[1]) + 2 * _MARGIN
     most = max(float(np.linalg.norm(m.deviation, axis=1).max()) for m in maps.values()) or 1.0
     gain = min(0.6 * px * min(_spacing(m.positions) for m in maps.values()), _MARGIN) / most  # px by mm of deviation
@@ -77,15 +78,18 @@ def arrows(maps: Mapping[str, DeviationMap]) -> str:
         '<defs><marker id="tip" viewBox="0 0 6 6" refX="5" refY="3" markerWidth="6" markerHeight="6" orient="auto">'
     ]
     body.append('<path d="M0 0L6 3L0 6z" fill="#0072b2"/></marker></defs>')
+    over = []  # arrows may reach beyond their area, over another one's name
     for name, seen in maps.items():
         q = np.column_stack([(seen.positions[:, 0] - low[0]) * px, (high[1] - seen.positions[:, 1]) * px]) + _MARGIN
         body.append(_area(q, seen.positions, name))
-        body += [_arrow(*row, gain) for row in zip(q, seen.deviation, seen.sigma, seen.positions, strict=True)]
+        over += [_arrow(*row, gain) for row in zip(q, seen.deviation, seen.sigma, seen.positions, strict=True)]
+    body += over
     body.append(
         _text(_MARGIN / 2, 20.0, f"longest arrow {most:.1f} mm; ellipses: one sigma, {_SIGMAS:.0f} times", "start")
     )
     label = "deviations of the mechanics as arrows on the floor plan"
-    return f'<svg viewBox="0 0 {_WIDTH:.0f} {height:.0f}" role="img" aria-label="{label}">{"".join(body)}</svg>'
+    shape = f'viewBox="0 0 {width:.0f} {height:.0f}" style="max-width:{width:.0f}px"'
+    return f'<svg {shape} role="img" aria-label="{label}">{"".join(body)}</svg>'
 
 
 def _spacing(positions: Array) -> float:
