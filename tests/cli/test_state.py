@@ -105,3 +105,11 @@ def test_a_mistake_is_explained(cadcam: Cadcam, here: Path, words: tuple[str, ..
     assert ran.code == 2
     assert says in ran.err
     assert "secret" not in ran.err
+
+
+def test_a_file_that_cannot_be_read_begins_no_store(cadcam: Cadcam, here: Path) -> None:
+    (here / "cut.json").write_text('{"part": ')
+    ran = cadcam("state", "add", "cut.json", "--store", "new.sqlite")
+    assert (ran.code, ran.out) == (2, "")
+    assert "cut.json: is not JSON" in ran.err
+    assert not (here / "new.sqlite").exists()

@@ -12,6 +12,8 @@ from cadcam.cli.output import check_target, print_json, print_tables, say
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from cadcam.record.record import Record
     from cadcam.record.store import Store
 
@@ -39,7 +41,7 @@ def add_to(verbs: Verbs) -> None:
     short = "keep what was measured of each part; list, trend, export"
     parser = verb(verbs, "state", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
     jobs = parser.add_subparsers(dest="job", metavar="JOB [options]", required=True, title="jobs")
-    _add_job(jobs).set_defaults(job_of=_add)
+    _add_job(jobs)
     _list_job(jobs).set_defaults(job_of=_list)
     _show_job(jobs).set_defaults(job_of=_show)
     _trend_job(jobs).set_defaults(job_of=_trend)
@@ -47,11 +49,16 @@ def add_to(verbs: Verbs) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Open the store and do the job."""
+    """Open the store and do the job; a store is begun by what is added to it, not by a file that cannot be read."""
     from cadcam.record.store import open_store
 
     where = arguments.store or os.environ.get("CADCAM_STORE") or DEFAULT_STORE
-    with open_store(where, create=arguments.job == "add") as store:
+    if arguments.job == "add":
+        records = _records(arguments)
+        with open_store(where) as store:
+            _add(arguments, store, records)
+        return
+    with open_store(where, create=False) as store:
         arguments.job_of(arguments, store)
 
 
@@ -115,14 +122,18 @@ def _add_filters(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--until", type=_when, metavar="TIME", help="as --since; a day counts to its end")
 
 
-def _add(arguments: argparse.Namespace, store: Store) -> None:
+def _records(arguments: argparse.Namespace) -> list[Record]:
     from dataclasses import replace
 
     from cadcam.record.export import read_records
-    from cadcam.report.table import counted
 
     given = {name: value for name in ("part", "serial", "station") if (value := getattr(arguments, name)) is not None}
-    records = [replace(record, **given) for file in arguments.files for record in read_records(file)]
+    return [replace(record, **given) for file in arguments.files for record in read_records(file)]
+
+
+def _add(arguments: argparse.Namespace, store: Store, records: Sequence[Record]) -> None:
+    from cadcam.report.table import counted
+
     store.add(*records)
     if arguments.json:
         print_json({"store": store.name, "added": [record.id for record in records]})

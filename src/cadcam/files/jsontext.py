@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -66,18 +67,18 @@ class Place:
 
     def array(self, shape: tuple[int | None, ...]) -> Array:
         """Return an array of finite numbers of this shape; None is any length."""
-        expected = f"numbers of shape {shape}" if shape else "a number"
+        expected = f"{_in_words(shape)} is expected"
         if _has_other_than_numbers(self.value):
-            raise self.error(f"is {shortened(self.value)}", f"{expected} is expected" if not shape else expected)
+            raise self.error(f"is {shortened(self.value)}", expected)
         try:
             array = np.array(self.value, dtype=np.float64)
         except (ValueError, TypeError, OverflowError):
-            raise self.error(f"is {shortened(self.value)}", f"expected {expected}") from None
+            raise self.error(f"is {shortened(self.value)}", expected) from None
         if array.size == 0 and None in shape:
             array = array.reshape([0 if n is None else n for n in shape])
         fits = array.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True))
         if not fits:
-            raise self.error(f"has shape {array.shape}", f"expected {expected}")
+            raise self.error(f"has shape {array.shape}", expected)
         if not np.isfinite(array).all():
             raise self.error("is not finite", "leave out what is not known")
         return array
@@ -100,9 +101,22 @@ def parsed(file: TextFile) -> Place:
         raise UnreadableFile(
             file.path, f"is not JSON: {error.msg} at line {error.lineno}, column {error.colno}", "is it cut off?"
         ) from None
-    except (_Twice, RecursionError, ValueError) as error:  # ValueError: a number of more than 4300 digits
+    except RecursionError:
+        raise UnreadableFile(file.path, "is nested too deeply to be read") from None
+    except (_Twice, ValueError) as error:  # ValueError: a number of more than 4300 digits
         raise UnreadableFile(file.path, str(error)) from None
     place = Place(file.path, (), value)
+    _ = place.object
+    return place
+
+
+def parsed_line(path: str | os.PathLike[str], number: int, line: str) -> Place:
+    """Return the JSON object in a line of a file of JSON lines; `UnreadableFile` with the line where it is none."""
+    try:
+        value = json.loads(line)
+    except (ValueError, RecursionError) as error:
+        raise UnreadableFile(path, f"line {number} is not JSON: {error}", "is it cut off?") from None
+    place = Place(os.fspath(path), (f"line {number}",), value)
     _ = place.object
     return place
 
@@ -148,6 +162,15 @@ def _written(value: Any, indent: str) -> str:
     if isinstance(value, list) and any(isinstance(v, (list, dict)) for v in value):
         return "[\n" + ",\n".join(deeper + _written(v, deeper) for v in value) + f"\n{indent}]"
     return json.dumps(value, allow_nan=False, ensure_ascii=False)
+
+
+def _in_words(shape: tuple[int | None, ...]) -> str:
+    if not shape:
+        return "a number"
+    words = "numbers"
+    for n in reversed(shape):
+        words = f"lists of {words}" if n is None else f"lists of {n} {words}"
+    return f"a {words.replace('lists', 'list', 1)}"
 
 
 def _has_other_than_numbers(value: Any) -> bool:

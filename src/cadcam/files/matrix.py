@@ -130,7 +130,7 @@ def _text_rows(file: TextFile) -> list[list[float]]:
 def _json_rows(file: TextFile) -> list[list[float]]:
     try:
         rows = json.loads(file.text)
-    except ValueError:
+    except (ValueError, RecursionError):
         return _text_rows(file)  # rows in brackets as numpy prints them
     if isinstance(rows, list) and all(isinstance(row, list) for row in rows):
         return [[number_in(file, i, f"number {j}", str(c)) for j, c in enumerate(r, 1)] for i, r in enumerate(rows, 1)]

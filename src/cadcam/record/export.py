@@ -20,10 +20,10 @@ from typing import Any
 
 import numpy as np
 
-from cadcam.errors import UnknownName, UnreadableFile
-from cadcam.files.jsontext import Place, as_json, parsed
+from cadcam.errors import UnknownName
+from cadcam.files.jsontext import Place, as_json, parsed, parsed_line
 from cadcam.files.pose_estimate import pose_estimate_as_json, pose_estimate_at
-from cadcam.files.text import TextFile, read_text
+from cadcam.files.text import read_text
 from cadcam.record.record import UNITS, Deviation, Record, Source
 from cadcam.whole import write_whole
 
@@ -56,7 +56,8 @@ def read_records(path: str | os.PathLike[str]) -> list[Record]:
     """
     file = read_text(path, max_bytes=_MAX_BYTES)
     if Path(path).suffix.lower() == ".jsonl":
-        return [record_at(_line(file, i, text)) for i, text in enumerate(file.text.splitlines(), 1) if text.strip()]
+        lines = ((i, text) for i, text in enumerate(file.text.splitlines(), 1) if text.strip())
+        return [record_at(parsed_line(file.path, i, text)) for i, text in lines]
     place = parsed(file)
     if place.object.get("format") != FORMAT:
         return [record_at(place)]
@@ -177,10 +178,3 @@ def _items(place: Place) -> Iterator[Place]:
         raise place.error("is not a list", "a list [...] is expected")
     for i, value in enumerate(place.value):
         yield Place(place.path, (*place.keys, str(i + 1)), value)
-
-
-def _line(file: TextFile, number: int, text: str) -> Place:
-    try:
-        return Place(file.path, (f"line {number}",), json.loads(text))
-    except ValueError as error:
-        raise UnreadableFile(file.path, f"line {number} is not JSON: {error}", "is it cut off?") from None

@@ -18,6 +18,7 @@ from cadcam.arrays import Floats
 from cadcam.camera.measurement import Measurement
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import UnreadableFile, UnwritableFile
+from cadcam.files.jsontext import parsed_line
 from cadcam.files.text import read_text
 from cadcam.geometry.rigid import Rigid
 from cadcam.record.record import Deviation, Record, Source
@@ -74,13 +75,8 @@ def read_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     for number, line in enumerate(read_text(path).text.splitlines(), start=1):
         if not line.strip():
             continue
-        try:
-            entry = json.loads(line)
-        except json.JSONDecodeError:
-            raise UnreadableFile(
-                path, f"line {number} is not JSON", "was the machine stopped while writing it?"
-            ) from None
-        if not isinstance(entry, dict) or "point_mm" not in entry or "mark" not in entry:
+        entry = parsed_line(path, number, line).object
+        if "point_mm" not in entry or "mark" not in entry:
             raise UnreadableFile(path, f"line {number} is no measurement of a station", "is it the right log?")
         out.append(entry)
     return out
