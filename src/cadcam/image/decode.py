@@ -1,0 +1,211 @@
+"""The content of a picture file as float32 samples: at full depth, divided by its white, laid over white, upright."""
+
+from __future__ import annotations
+
+import io
+import os
+import struct
+import threading
+import warnings
+import zlib
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Picture
+from cadcam.errors import BadValue, UnreadableFile
+from cadcam.image.deep import deep_size, read_deep
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+# Pillow mode -> (mode to convert to, bits a sample, value of white; None where the file does not say)
+_MODES: dict[str, tuple[str, int, float | None]] = {
+    "1": ("L", 1, 255.0),
+    "L": ("L", 8, 255.0),
+    "LA": ("LA", 8, 255.0),
+    "La": ("LA", 8, 255.0),
+    "P": ("RGB", 8, 255.0),
+    "PA": ("RGBA", 8, 255.0),
+    "RGB": ("RGB", 8, 255.0),
+    "RGBX": ("RGB", 8, 255.0),
+    "RGBA": ("RGBA", 8, 255.0),
+    "RGBa": ("RGBA", 8, 255.0),
+    "CMYK": ("RGB", 8, 255.0),
+    "YCbCr": ("RGB", 8, 255.0),
+    "HSV": ("RGB", 8, 255.0),
+    "I;16": ("I;16", 16, 65535.0),
+    "I;16L": ("I;16L", 16, 65535.0),
+    "I;16B": ("I;16B", 16, 65535.0),
+    "I": ("I", 32, None),
+    "F": ("F", 32, 1.0),
+}
+_PARSING = (OSError, ValueError, SyntaxError, TypeError, LookupError, EOFError, OverflowError, struct.error, zlib.error)
+_pillow_limit = threading.Lock()  # Pillow's own pixel limit is a module variable
+
+
+class Decoded(NamedTuple):
+    """A picture (H, W) or (H, W, 3) in [0, 1], the right way up; bits a sample and EXIF orientation of its file."""
+
+    picture: Picture
+    bits: int
+    orientation: int
+
+
+def decoded(path: str | os.PathLike[str], data: bytes, *, max_pixels: int, full_scale: float | None) -> Decoded:
+    """Return the picture in the content of a file called `path`; see `read_picture`, which says what is refused."""
+    try:
+        stored = _stored(path, data, max_pixels)
+    except UnreadableFile:
+        raise
+    except MemoryError:
+        raise UnreadableFile(path, "does not fit into memory", "crop it or reduce its size") from None
+    except _PARSING as error:
+        raise UnreadableFile(path, *_explained(error)) from error
+    picture = _upright(_composited(_scaled(path, stored.samples, full_scale or stored.white)), stored.turn)
+    return Decoded(picture, stored.bits, stored.orientation)
+
+
+class _Stored(NamedTuple):
+    """What a file holds: samples (H, W) or (H, W, C), bits of each, value of white, orientation, turn yet to do."""
+
+    samples: npt.NDArray[Any]
+    bits: int
+    white: float | None
+    orientation: int
+    turn: int
+
+
+def _stored(path: str | os.PathLike[str], data: bytes, max_pixels: int) -> _Stored:
+    from PIL import Image
+
+    with _pillow_limit, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # all that Pillow warns of is either harmless or checked here
+        limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
+        try:
+            return _stored_deep(path, data, max_pixels) or _stored_by_pillow(path, data, max_pixels)
+        finally:
+            Image.MAX_IMAGE_PIXELS = limit
+
+
+def _stored_deep(path: str | os.PathLike[str], data: bytes, max_pixels: int) -> _Stored | None:
+    size = deep_size(data)
+    if size is None:
+        return None
+    _check_size(path, size, max_pixels)
+    deep = read_deep(data)
+    turn = _valid(deep.orientation)
+    return _Stored(deep.samples, 8 * deep.samples.dtype.itemsize, deep.white, turn, turn)
+
+
+def _stored_by_pillow(path: str | os.PathLike[str], data: bytes, max_pixels: int) -> _Stored:
+    from PIL import Image
+
+    with Image.open(io.BytesIO(data)) as image:
+        _check_size(path, image.size, max_pixels)
+        orientation = _orientation(image)
+        samples, bits, white = _pillow_samples(image)
+        return _Stored(samples, bits, white, orientation, _orientation(image))  # Pillow turns TIFF at loading
+
+
+def _check_size(path: str | os.PathLike[str], size: tuple[int, int], max_pixels: int) -> None:
+    width, height = size
+    if width < 1 or height < 1:
+        raise UnreadableFile(path, f"is {width} x {height} px: no pixels", "export it again from its source")
+    if width * height > max_pixels:
+        raise UnreadableFile(
+            path,
+            f"is {width} x {height} px = {width * height} pixels, more than the limit of {max_pixels}",
+            f"if that is its true size, pass max_pixels={width * height}",
+        )
+
+
+def _pillow_samples(image: Image.Image) -> tuple[npt.NDArray[Any], int, float | None]:
+    if image.mode not in _MODES:
+        raise ValueError(f"its colour mode {image.mode} is not supported")
+    mode, bits, white = _MODES[image.mode]
+    if "transparency" in image.info and mode in ("L", "RGB"):
+        mode = "RGBA"
+    if image.mode == "I" and image.format == "PPM":
+        white = 65535.0  # Pillow has already scaled a plain PGM from its largest value
+    return np.asarray(image if image.mode == mode else image.convert(mode)), bits, white
+
+
+def _orientation(image: Image.Image) -> int:
+    try:
+        return _valid(image.getexif().get(274, 1))
+    except _PARSING:  # a damaged EXIF block does not make the pixels unreadable
+        return 1
+
+
+def _valid(value: object) -> int:
+    """Return an EXIF orientation 1 to 8; anything else in the tag counts as upright."""
+    return value if isinstance(value, int) and 1 <= value <= 8 else 1
+
+
+def _explained(error: BaseException) -> tuple[str, str]:
+    """Return reason and remedy for an exception of a decoder."""
+    from PIL import UnidentifiedImageError
+
+    if isinstance(error, UnidentifiedImageError):
+        return "is not a picture in a format known here", "use PNG, JPEG, TIFF, PGM, PPM, BMP or WebP"
+    text = str(error) or type(error).__name__
+    cut = any(word in text for word in ("truncated", "cut off", "not enough", "unrecognized data stream"))
+    if cut or isinstance(error, (EOFError, struct.error)):
+        return f"is cut off or damaged ({text})", "copy it again from its source"
+    return f"cannot be decoded ({text})", "export it again, for instance as PNG"
+
+
+def _scaled(path: str | os.PathLike[str], samples: npt.NDArray[Any], white: float | None) -> Picture:
+    """Return samples / white as float32, checked: finite and within [0, 1]."""
+    real = samples.dtype.kind == "f"
+    if real and not np.isfinite(samples).all():
+        where = first_pixel(~np.isfinite(samples))
+        raise UnreadableFile(path, f"has a value that is not finite at {where}", "fill such pixels before saving")
+    low, high = (samples.min(), samples.max()) if real or white != np.iinfo(samples.dtype).max else (0, 0)
+    if white is None:
+        raise UnreadableFile(
+            path, f"has 32-bit integer samples from {low} to {high}, whose white is not known", "pass full_scale=..."
+        )
+    if low < 0 or high > white:
+        raise UnreadableFile(
+            path,
+            f"has values from {low:g} to {high:g}, outside 0 to {white:g}",
+            f"pass full_scale={high:g} (the value that means white) or scale it before saving"
+            if low >= 0
+            else "shift and scale it to 0 ... 1 before saving",
+        )
+    picture: Picture = np.divide(samples, np.float32(white), dtype=np.float32, casting="same_kind")
+    return picture
+
+
+def _composited(samples: Picture) -> Picture:
+    """Return (H, W) or (H, W, 3): alpha, if there, laid over white."""
+    if samples.ndim == 2:
+        return samples
+    if samples.shape[2] in (2, 4):
+        alpha = samples[..., -1:]
+        samples = samples[..., :-1] * alpha + (1 - alpha)
+    if samples.shape[2] == 1:
+        return samples[..., 0]
+    if samples.shape[2] != 3:
+        raise BadValue("picture", f"of {samples.shape[2]} channels", "1 to 4 channels")
+    return samples
+
+
+def _upright(picture: Picture, orientation: int) -> Picture:
+    """Return the picture as looked at; EXIF 2.32 tag 0x0112 says on which side the first row and column are."""
+    if orientation >= 5:
+        picture = picture.swapaxes(0, 1)
+    if orientation in (3, 4, 7, 8):
+        picture = picture[::-1]
+    if orientation in (2, 3, 6, 7):
+        picture = picture[:, ::-1]
+    return np.ascontiguousarray(picture)
+
+
+def first_pixel(bad: npt.NDArray[np.bool_]) -> str:
+    """Return where the first pixel (y, x) is that is True, as a message says it."""
+    y, x = (int(i) for i in np.argwhere(bad)[0][:2])
+    return f"pixel (x, y) = ({x}, {y})"
