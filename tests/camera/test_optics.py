@@ -223,6 +223,7 @@ def test_a_sensor_has_a_format_a_chip_or_a_size():
         (lambda: Optics(HALF_INCH, float("nan"), 10.0), "focal length is nan"),
         (lambda: Optics(HALF_INCH, 16.0, 600.0, 0.0), "f-number is 0"),
         (lambda: Optics(HALF_INCH, 16.0, 600.0, image_circle_mm=6.0), "diagonal of the sensor .* 8 mm"),
+        (lambda: Optics(HALF_INCH, 16.0, 600.0, image_circle_mm=np.nan), "diagonal of the sensor .* 8 mm"),
         (lambda: Optics(HALF_INCH, 16.0, 600.0).mm_per_pixel, "pixels of sensor"),
         (lambda: Optics(HALF_INCH, 16.0, 600.0).depth_of_field(0.01), "f-number is not given"),
         (lambda: solve_optics(HALF_INCH, focal_mm=16.0), "two of focal_mm"),

@@ -65,3 +65,30 @@ def test_threads_of_a_set_of_lines_are_taken_because_files_are_written_by_severa
     line = ("render", "block.obj", *CAMERA, "--poses", "poses.csv", "-o", "{name}.png", "--channel", "wireframe")
     assert cadcam(*line, "--threads", "2").code == 0
     assert "--threads is 0; expected a whole number" in cadcam(*line, "--threads", "0").err
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        (("overlay", *ON_PHOTO, "-o", "a.png", "--pose", ""), "argument --pose"),
+        (("overlay", "", "block.obj", *CAMERA, "-o", "a.png"), "argument photo"),
+        (("state", "list", "--part", " "), "argument --part"),
+        (("calibrate", "points.csv", "--size", "320x240", "--board="), "argument --board"),
+    ],
+)
+def test_an_empty_text_as_of_a_scripts_unset_variable_is_no_option_left_out(
+    cadcam: Callable[..., Ran],
+    job: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    command: tuple[str, ...],
+    name: str,
+) -> None:
+    monkeypatch.chdir(job)
+    with pytest.raises(SystemExit) as ended:
+        cadcam(*command)
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert f"{name}: '" in said
+    assert "is empty; give a value, or leave it out" in said
+    assert not (job / "a.png").exists()

@@ -143,6 +143,12 @@ def test_bad_pictures_and_wishes_are_refused_with_a_reason(rng: np.random.Genera
         find_marks(noise, mark, any_number=True)
     with pytest.raises(BadValue, match="least, largest"):
         find_marks(noise, mark, radius_px=0.2)
+    for radius in (161.0, np.nan, (5.0, np.inf)):
+        with pytest.raises(BadValue, match="longer side of 160 px"):
+            find_marks(noise, mark, radius_px=radius)
+    for wish in ({"count": 0}, {"least_score": np.nan}, {"margin": np.nan}, {"margin": -1.0}):
+        with pytest.raises(BadValue, match=next(iter(wish))):
+            find_marks(noise, mark, **wish)
 
 
 def test_the_best_are_returned_where_there_are_more() -> None:

@@ -45,7 +45,7 @@ class Optics:
             )
         if self.f_number is not None:
             _positive("f-number", self.f_number, "such as 8: focal length by diameter")
-        if self.image_circle_mm is not None and self.image_circle_mm < self.sensor.diagonal_mm:
+        if self.image_circle_mm is not None and not self.image_circle_mm >= self.sensor.diagonal_mm:
             raise BadValue(
                 "the lens' image circle",
                 f"{self.image_circle_mm:g} mm",

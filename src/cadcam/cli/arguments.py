@@ -6,7 +6,7 @@ import argparse
 import shutil
 import textwrap
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NoReturn, TypeAlias
+from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
 from cadcam.errors import BadValue
 
@@ -20,11 +20,30 @@ _FULL = 90  # characters of a line that its sentence goes on behind: texts are w
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one message, as those of the library are: the usage stands in the help."""
+    """A parser whose errors are one message, as those of the library are: the usage stands in the help.
+
+    Empty texts, as a script's unset variable leaves them, are refused: each would count as an option left out.
+    """
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.register("type", None, _filled)
+
+    def add_subparsers(self, **kwargs: Any) -> Any:
+        """Return the action that verbs are added to; what stands behind a verb is that verb's to judge."""
+        verbs = super().add_subparsers(**kwargs)
+        verbs.type = str
+        return verbs
 
     def error(self, message: str) -> NoReturn:
         """Say what is wrong with the command line and where more is to be read; exit with 2."""
         self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+def _filled(text: str) -> str:
+    if not text.strip():
+        raise argparse.ArgumentTypeError(f"{text!r} is empty; give a value, or leave it out")
+    return text
 
 
 class Help(argparse.RawDescriptionHelpFormatter):

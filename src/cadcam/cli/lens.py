@@ -10,7 +10,6 @@ from cadcam.cli.output import check_target, print_json, print_tables, say
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
-    from cadcam.camera.optics import Optics
     from cadcam.camera.sensor_format import SensorFormat
 
 _EXAMPLES = """\
@@ -67,13 +66,14 @@ def run(arguments: argparse.Namespace) -> None:
     others = standard_lenses(optics) if arguments.focal is None else ()
     if arguments.diagram:
         write_lens_diagram(arguments.diagram, sensor, chosen=optics)
+    exposure_s = None if arguments.speed is None else optics.longest_exposure_s(arguments.speed, 0.5)
     if arguments.json:
-        motion = {} if arguments.speed is None else {"longest_exposure_s": _exposure(arguments, optics)}
+        motion = {} if exposure_s is None else {"longest_exposure_s": exposure_s}
         print_json(lens_as_json(optics) | motion | {"standard_lenses": [lens_as_json(o) for o in others]})
     else:
         print_tables([lens_table(o) for o in (optics, *others)])
-        if arguments.speed is not None:
-            say(f"smear below half a pixel at {arguments.speed:g} mm/s: up to {_exposure(arguments, optics):.3g} s")
+        if exposure_s is not None:
+            say(f"smear below half a pixel at {arguments.speed:g} mm/s: up to {exposure_s:.3g} s")
     if arguments.diagram:
         say(f"wrote {arguments.diagram}")
 
@@ -96,7 +96,3 @@ def _width(arguments: argparse.Namespace, sensor: SensorFormat) -> float | None:
     if arguments.width is not None:
         raise BadValue("--mm-per-pixel", "given beside --width", "one of them")
     return float(arguments.mm_per_pixel * sensor.size_mm[0] / sensor.pitch_mm[0])
-
-
-def _exposure(arguments: argparse.Namespace, optics: Optics) -> float:
-    return optics.longest_exposure_s(arguments.speed, 0.5)

@@ -78,7 +78,7 @@ def _add_rule(parser: argparse.ArgumentParser) -> None:
 def _calibrate(todo: Verbs) -> argparse.ArgumentParser:
     parser = _job(todo, "calibrate", "calibrate a camera from pictures of the plate at a grid of positions")
     parser.add_argument("pictures", nargs="*", metavar="PICTURE", help="pictures of the plate, one for each position")
-    parser.add_argument("--camera", default="", help="the camera's name (default: as the pictures say)")
+    parser.add_argument("--camera", help="the camera's name (default: as the pictures say)")
     parser.add_argument("--plate", required=True, metavar="FILE", help="plate file")
     parser.add_argument("--survey", required=True, metavar="FILE", help="survey file")
     parser.add_argument(
@@ -129,7 +129,7 @@ def _measure(todo: Verbs) -> argparse.ArgumentParser:
     parser.add_argument("--explain", action="store_true", help="print what each calibration makes of each mark")
     parser.add_argument("--log", metavar="FILE", help="add the measurements to this log (JSON lines)")
     parser.add_argument("--store", metavar="FILE|URL", help="add a record for each mark to this store of product state")
-    parser.add_argument("--block", default="", help="which block the marks are on, for log and store")
+    parser.add_argument("--block", help="which block the marks are on, for log and store")
     _add_rule(parser)
     _add_pictures(parser)
     return parser

@@ -37,7 +37,7 @@ def calibrate(arguments: argparse.Namespace) -> None:
     plate = read_plate(arguments.plate)
     survey, given = read_survey(arguments.survey, plate), source(arguments)
     shots = {picture: given.shot(picture) for picture in given.pictures}
-    camera = _one_camera(arguments.camera, shots)
+    camera = _one_camera(arguments.camera or "", shots)
     lens = read_any_camera(arguments.lens).camera if arguments.lens else None
     positions = []
     find = _Finder(arguments, given, plate, lens)
@@ -97,7 +97,7 @@ def measure_marks(arguments: argparse.Namespace) -> None:
     _refuse_twice(seen)
     measured = measure(stations, seen, rule=arguments.rule, extrapolate=arguments.extrapolate)
     checks, together = _against_drawing(arguments, measured)
-    entries = log_entries(measured, seen, times=[shot.time for shot in shots], block=arguments.block)
+    entries = log_entries(measured, seen, times=[shot.time for shot in shots], block=arguments.block or "")
     if arguments.log:  # kept before anything is printed: whoever reads the tables may go away
         append_log(arguments.log, entries)
         say(f"added {len(entries)} lines to {arguments.log}")
@@ -290,7 +290,7 @@ def _keep(
     drawn = read_drawing(arguments.drawing) if arguments.drawing else None
     times = [shot.time for shot in shots]
     with open_store(arguments.store) as store:
-        kept = records(measured, seen, part="coupling mark", serial=arguments.block, times=times, drawn=drawn)
+        kept = records(measured, seen, part="coupling mark", serial=arguments.block or "", times=times, drawn=drawn)
         store.add(*kept)
         say(f"added {len(kept)} records to {store.name}")
 

@@ -71,8 +71,8 @@ def add_to(verbs: Verbs) -> None:
     parser.add_argument(
         "--alarms", type=float, default=0.01, metavar="SHARE", help="share of false alarms allowed (default 0.01)"
     )
-    parser.add_argument("--serial", default="", help="which one of these parts, for the report")
-    parser.add_argument("--station", default="", help="where it was measured, for the report")
+    parser.add_argument("--serial", help="which one of these parts, for the report")
+    parser.add_argument("--station", help="where it was measured, for the report")
     parser.add_argument(
         "-o",
         "--output",
@@ -81,7 +81,7 @@ def add_to(verbs: Verbs) -> None:
         metavar="FILE",
         help="report to write: .html or .json, may be repeated; with --list a picture, with --template a .yaml",
     )
-    parser.add_argument("--list", nargs="?", const="", metavar="PART", help="only say what a tolerance file can name")
+    parser.add_argument("--list", nargs="?", const=True, metavar="PART", help="only say what a tolerance file can name")
     parser.add_argument("--template", action="store_true", help="only write (-o FILE.yaml) or print a tolerance file")
     add_json(parser)
 
@@ -204,7 +204,7 @@ def _origin(arguments: argparse.Namespace, shots: Shots) -> Origin:
 
         sources.append(Source("tolerances", arguments.tolerances, read_text(arguments.tolerances).sha256))
     cameras = tuple(f"{p.viewpoint.name}: {p.camera}" for p in shots.photos)
-    return Origin(Path(arguments.model).stem, tuple(sources), cameras, arguments.serial, arguments.station)
+    return Origin(Path(arguments.model).stem, tuple(sources), cameras, arguments.serial or "", arguments.station or "")
 
 
 def _template(arguments: argparse.Namespace, part: Part, shots: Shots | None) -> None:
@@ -238,7 +238,7 @@ def _list(arguments: argparse.Namespace) -> None:
         check_target(path, WRITABLE)
     shots = read_shots(arguments.photos, arguments.camera, arguments.rig) if arguments.photos else None
     part = _part(arguments)
-    chosen = Selection(arguments.list) if arguments.list else None
+    chosen = None if arguments.list is True else Selection(arguments.list)
     table = part_table(part.scene) if chosen is None else chain_table(part.scene, chosen)
     if arguments.json:
         print_json({"columns": list(table.columns), "rows": [list(row) for row in table.rows]})

@@ -108,9 +108,10 @@ def find_marks(
     fitted too, less than the gap to what is next. any_number: of a coded mark, whichever number is read. Raises
     `BadValue`, `UnknownName`.
     """
+    _check(count, least_score, margin)
     gray = to_gray(checked(picture))
     search = _search(gray, mark, method, subpixel, any_number, radius_px is not None)
-    radii = _radii(radius_px)
+    radii = _radii(radius_px, max(gray.shape))
     most, fitted = (_MOST, _MOST) if count is None else (2 * count + _SPARE, count + _FITTED)
     rough = search in ("spots", "correlation")
     seen = screened(gray, mark, candidates(gray, mark, search, radii), most=most, margin=margin, rough=rough)
@@ -135,6 +136,15 @@ def find_marks(
     return found[:count]
 
 
+def _check(count: int | None, least_score: float, margin: float) -> None:
+    if count is not None and count < 1:
+        raise BadValue("count", count, "1 or more, or none where it is not known")
+    if not 0 <= least_score <= 1:
+        raise BadValue("least_score", least_score, "a correlation from 0 to 1")
+    if not 0 < margin < np.inf:
+        raise BadValue("margin", margin, "a positive share of the radius")
+
+
 def _search(gray: Picture, mark: Mark, method: str, subpixel: str, any_number: bool, known: bool) -> str:
     """Return the search to use; raise for what cannot be asked."""
     if method not in METHODS:
@@ -152,12 +162,14 @@ def _search(gray: Picture, mark: Mark, method: str, subpixel: str, any_number: b
     return method
 
 
-def _radii(radius_px: float | tuple[float, float] | None) -> tuple[float, float] | None:
+def _radii(radius_px: float | tuple[float, float] | None, longest: int) -> tuple[float, float] | None:
     if radius_px is None:
         return None
     low, high = np.broadcast_to(np.asarray(radius_px, np.float64), (2,)).tolist()
-    if not (np.isfinite([low, high]).all() and 1.0 <= low <= high):
-        raise BadValue("radius_px", radius_px, "a radius of 1 px at least, or (least, largest)")
+    if not 1.0 <= low <= high <= longest:
+        raise BadValue(
+            "radius_px", radius_px, f"1 px to the picture's longer side of {longest} px, or (least, largest)"
+        )
     return low, high
 
 
