@@ -196,7 +196,8 @@ static rect reach_of(const cc_search *s) {
 
 int32_t VARIANT(search_rows)(const cc_search *s, int32_t from, int32_t to) {
     const cc_plane *p = &s->plane;
-    for (size_t i = (size_t)from * (size_t)p->width; i < (size_t)to * (size_t)p->width; i++) s->best[i] = 0, s->which[i] = -1;
+    for (size_t i = (size_t)from * (size_t)p->width; i < (size_t)to * (size_t)p->width; i++)
+        s->best[i] = 0, s->which[i] = -1;
     const rect r = reach_of(s);
     const int32_t top = imax(from, -r.y0), end = imin(to, p->height - r.y1), first = -r.x0, last = p->width - 1 - r.x1;
     if (top >= end || first > last || s->taps < 1 || s->count < 1) return 0;
@@ -232,7 +233,8 @@ INLINE f8 bilinear(const cc_plane *p, f8 x, f8 y) {
     const i8 i = whole_f(x), j = whole_f(y), at = j * p->width + i;
     const f8 a = x - real(i), b = y - real(j);
     const float *above = p->pixels, *below = above + p->width;
-    const f8 g00 = gathered(above, at), g01 = gathered(above + 1, at), g10 = gathered(below, at), g11 = gathered(below + 1, at);
+    const f8 g00 = gathered(above, at), g01 = gathered(above + 1, at);
+    const f8 g10 = gathered(below, at), g11 = gathered(below + 1, at);
     const f8 upper = fused(a, g01 - g00, g00), lower = fused(a, g11 - g10, g10);
     return fused(b, lower - upper, upper);
 }
@@ -249,7 +251,8 @@ static f8 cubic_at_border(const cc_plane *p, i8 i, i8 j, const f8 wx[4], const f
     f8 s = eight(0);
     for (int l = 0; l < 4; l++) {
         const i8 row = within(j + (l - 1), p->height - 1) * p->width;
-        for (int k = 0; k < 4; k++) s = fused(wx[k] * wy[l], gathered(p->pixels, row + within(i + (k - 1), p->width - 1)), s);
+        for (int k = 0; k < 4; k++)
+            s = fused(wx[k] * wy[l], gathered(p->pixels, row + within(i + (k - 1), p->width - 1)), s);
     }
     return s;
 }

@@ -274,7 +274,8 @@ void cc_mark_picture(const cc_mark *mark, int64_t marks, int64_t pixels, int32_t
             double steepest = large + tallest * hypot(H[6], H[7]);
             if (width == 8) {
                 memcpy(p.L, places + 4, sizeof p.L);
-                steepest *= sqrt(p.L[0][0] * p.L[0][0] + p.L[0][1] * p.L[0][1] + p.L[1][0] * p.L[1][0] + p.L[1][1] * p.L[1][1]);
+                steepest *= sqrt(p.L[0][0] * p.L[0][0] + p.L[0][1] * p.L[0][1]
+                                 + p.L[1][0] * p.L[1][0] + p.L[1][1] * p.L[1][1]);
             }
             for (int i = 0; i < 3; i++) p.N[i] = H[3 * i] * x[0] + H[3 * i + 1] * x[1] + H[3 * i + 2];
             double by_d[2] = {0, 0};

@@ -31,7 +31,8 @@ typedef struct {
  * The share of ink in a disc is exact for the conic that a circle is in the picture: along the normal of its border by
  * the normal distribution, across it by Gauss and Hermite's rule, with more nodes the more the border bends within s.
  * A straight border through the centre is exact too, and so is the corner where two straight borders meet at any angle
- * (the bivariate normal distribution); where a ray meets a circle the circle is taken as straight in what the corner adds. */
+ * (the bivariate normal distribution); where a ray meets a circle the circle is taken as straight in what the corner
+ * adds. */
 enum { CC_MARK_RADII = 128, CC_MARK_TERMS = 16 };
 CC_API void cc_mark_picture(const cc_mark *mark, int64_t marks, int64_t pixels, int32_t width, const double *places,
                             const double *H, int32_t terms, const double *dH, const double *levels, int32_t loose,
