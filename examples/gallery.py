@@ -1,7 +1,7 @@
 """Make the pictures of renders/ and the data of examples/data from a folder that `cadcam demo` has filled.
 
 Run it as `cadcam demo DEMO && python examples/gallery.py DEMO [ROOT]`; without ROOT it writes into the project's own
-folders. The line drawings are of the parametric sample parts.
+folders. The line drawing is of a parametric sample part.
 """
 
 from __future__ import annotations
@@ -10,33 +10,32 @@ import sys
 from pathlib import Path
 
 import cadcam
-from cadcam.cad.parts import machined_bracket, ship_block
+from cadcam.cad.parts import machined_bracket
 
 ROOT = Path(__file__).resolve().parents[1]
 INK = cadcam.LineStyle(color_by="one", color=(0.05, 0.08, 0.12))
 
 
 def main(demo: Path, root: Path) -> None:
-    """Keep the demo's inputs for the examples and its pictures for the README; add line drawings."""
+    """Keep the demo's inputs for the examples and its pictures for the README; add a line drawing."""
     data, renders = root / "examples" / "data", root / "renders"
     for source, name in (("bench_points.csv", "bench_points.csv"), ("points.csv", "block_points.csv")):
         cadcam.write_points(data / name, cadcam.read_points(demo / source))
     cadcam.write_picture(data / "block_photo.jpg", cadcam.read_picture(demo / "photo.png"), quality=88)
     for name in ("bench", "overlay", "sum", "canny"):
         cadcam.write_picture(renders / f"{name}.jpg", cadcam.read_picture(demo / f"{name}.png"), quality=82)
-    drawing(renders / "bracket.png", machined_bracket(), hidden=True)
-    drawing(renders / "shipblock.png", ship_block(), hidden=False)
+    drawing(renders / "bracket.png", machined_bracket())
     for path in sorted([*data.iterdir(), *renders.iterdir()]):
         print(f"{path.relative_to(root)}: {path.stat().st_size // 1024} kB")
 
 
-def drawing(path: Path, mesh: cadcam.Mesh, *, hidden: bool) -> None:
-    """Draw the visible lines over a pale shaded picture, as a technical illustration."""
+def drawing(path: Path, mesh: cadcam.Mesh) -> None:
+    """Draw the lines, hidden ones dashed, over a pale shaded picture, as a technical illustration."""
     camera, pose = cadcam.standard_view(mesh, "iso", size=(1000, 700))
     scene = cadcam.Scene.of(mesh)
     look = cadcam.Look(head=0.25, fill=0.35, back=0.0, ambient=0.75, supersampling=2)
     view = cadcam.open_renderer(scene).render(camera, pose, channels=cadcam.Channel.IMAGE, look=look)
-    wires = cadcam.visible_wireframe(scene, camera, pose, options=cadcam.LineOptions(hidden=hidden))
+    wires = cadcam.visible_wireframe(scene, camera, pose, options=cadcam.LineOptions(hidden=True))
     cadcam.write_picture(path, cadcam.overlay(view.image, wires, style=INK))
 
 

@@ -12,6 +12,7 @@ import pytest
 from scipy import ndimage
 
 from cadcam.camera.observations import Observations
+from cadcam.cli.photos import file_of
 from cadcam.files.camera import write_camera
 from cadcam.files.jsontext import parsed
 from cadcam.files.points import write_points
@@ -232,3 +233,12 @@ def test_a_mirrored_photo_shows_no_part(cadcam: Cadcam, here: Path) -> None:
     ran = cadcam(*words)
     assert ran.code == 3, ran.out
     assert "not mirrored" in ran.err
+
+
+def test_a_photo_with_an_equals_sign_in_its_own_name_is_a_file_and_no_camera(here: Path) -> None:
+    (here / "run=3").mkdir()
+    (here / "run=3/left.png").write_bytes((here / "photo.png").read_bytes())
+    assert file_of("run=3/left.png") == "run=3/left.png"
+    assert file_of("left=run=3/left.png") == "run=3/left.png"
+    assert file_of("left=photo.png") == "photo.png"
+    assert file_of("photo.png") == "photo.png"

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 BOARD_HELP = """\
-boards (cadcam board --help prints one):
+boards (cadcam board prints one):
   chessboard:9x6:25mm               inner corners (one less than squares each way): side of a square
   charuco:8x11:20mm:15mm:5X5_100    squares: side of a square: side of a marker: OpenCV's dictionary[:legacy]
   circles:7x6:30mm[:12mm]           discs: distance of centres[: diameter; measured if it is left out]

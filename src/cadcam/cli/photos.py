@@ -74,7 +74,13 @@ def viewpoints_of(
 
 def file_of(path: str) -> str:
     """Return the file of a photo given as NAME=FILE or FILE."""
-    return path.partition("=")[2] or path
+    return _named(path)[1]
+
+
+def _named(path: str) -> tuple[str, str]:
+    """Return the camera's name and the file of NAME=FILE or FILE, named as its camera; FILE may have a = of its own."""
+    name, equals, file = path.partition("=")
+    return (name, file) if equals and file and not Path(path).exists() else (Path(path).stem, path)
 
 
 def _of_rig(paths: Sequence[str], rig: str) -> list[Viewpoint]:
@@ -83,8 +89,7 @@ def _of_rig(paths: Sequence[str], rig: str) -> list[Viewpoint]:
     known = {v.name: v for v in read_rig(rig).viewpoints(sigma_px=_EDGE_PX)}
     out = []
     for path in paths:
-        name, equals, _ = path.partition("=")
-        name = name if equals else Path(path).stem
+        name, _ = _named(path)
         if name not in known:
             raise UnknownName(f"camera of photo {path} in {rig}:", name, known)
         out.append(known[name])
