@@ -29,6 +29,8 @@ CASES = [
     (("track", *ON_PHOTO, "-o", "a.jsonl", "--smooth"), "--smooth"),
     (("verify", "block.obj", "--list", "--tolerances", "t.yaml"), "--tolerances"),
     (("verify", "block.obj", "--template", "--alarms", "0.1"), "--alarms"),
+    (("verify", *ON_PHOTO, "--pose", "pose.txt", "--sigma", "1"), "--sigma"),
+    (("verify", *ON_PHOTO, "--rig", "rig.json"), "--camera"),
     (("calibrate", *POINTS, "--free-skew"), "--free-skew"),
     (("calibrate", *POINTS, "--no-advice"), "--no-advice"),
     (("calibrate", "photo.png", "--board", "chessboard:9x6:25mm", "--sigma", "0.1"), "--sigma"),

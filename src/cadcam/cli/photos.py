@@ -61,10 +61,10 @@ def viewpoints_of(
     paths: Sequence[str], cameras: Sequence[str], rig: str | None
 ) -> tuple[list[Viewpoint], Rigid | None]:
     """Return the camera of each photo, folder or video, and camera_from_world of a single one whose file says it."""
-    if bool(cameras) == bool(rig):
-        raise BadValue(
-            "--camera", "and --rig both given" if rig else "not given", "one --camera a photo, or --rig FILE"
-        )
+    if not cameras and not rig:
+        raise BadValue("--camera", "not given", "one --camera a photo, or --rig FILE")
+    if cameras and rig:
+        raise BadValue("--camera", "given beside --rig", "one of them: a rig file holds its cameras")
     if rig:
         return _of_rig(paths, rig), None
     if len(cameras) != len(paths):

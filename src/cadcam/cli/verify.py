@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from cadcam.cli.arguments import Verbs, add_json, refuse, verb
+from cadcam.cli.arguments import POINTS_OPTIONS, Verbs, add_json, refuse, verb
 from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, start_as_asked
 from cadcam.cli.models import add_model_options, load_as_asked
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
@@ -149,6 +149,7 @@ def _located(arguments: argparse.Namespace, part: Part, shots: Shots) -> Locatio
         refuse(arguments, "--pose", why="beside --start or --points", expected="one of them")
     if not arguments.pose:
         return located(part, shots, start_as_asked(arguments, view), freedom)
+    refuse(arguments, *POINTS_OPTIONS, why="without --points", expected="both, or leave it out")
     with working("finding the part"):
         pose = read_part_pose(arguments.pose, camera_from_world=view.camera_from_world)
         return refine(part, shots.photos, pose, freedom=freedom, options=EdgeOptions(search_px=_POSED_PX))
