@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import argparse
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import Verbs, add_json, names, number, refuse, verb
 from cadcam.cli.output import check_target, print_json, print_tables, say
 from cadcam.errors import BadValue, UnknownName
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from cadcam.camera.estimate import CameraEstimate
+    from cadcam.camera.measurement import Measurement
     from cadcam.camera.viewpoint import Viewpoint
     from cadcam.files.camera import CameraFile
     from cadcam.files.pixels import Pixels
@@ -54,52 +57,66 @@ def add_to(verbs: Verbs) -> None:
         examples=_EXAMPLES,
     )
     parser.add_argument("pixels", help="pixels file")
-    parser.add_argument(
+    _add_view_options(parser)
+    _add_point_options(parser)
+    parser.add_argument("--columns", type=names, metavar="A,B", help="the two image columns, where there are several")
+    parser.add_argument("-o", "--output", metavar="FILE", help="points to write: .csv, or .json with every covariance")
+    parser.add_argument("--joint", action="store_true", help="in JSON, the covariance of all points together as well")
+    add_json(parser)
+
+
+def _add_view_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("views")
+    group.add_argument(
         "--camera",
         action="append",
         default=[],
         metavar="VIEW=FILE",
         help="camera file (.json) with its pose; a view of that name, by default the file's; may be repeated",
     )
-    parser.add_argument(
+    group.add_argument(
         "--rig",
         metavar="FILE",
         help="rig file of `cadcam rig`: its cameras are views, the world is the first one's axes",
     )
-    parser.add_argument(
+    group.add_argument(
         "--moved",
         action="append",
         default=[],
         metavar="VIEW=OF:FILE",
         help="view of camera OF after the motion in a motion file",
     )
-    parser.add_argument(
+    group.add_argument(
         "--placed",
         action="append",
         default=[],
         metavar="VIEW=OF:FILE",
         help="view of camera OF where a pose file says, or a camera file from `calibrate --internals`",
     )
-    parser.add_argument(
+    group.add_argument(
         "--motion-sigma",
         metavar="MM,DEG",
         help="how well --moved and pose files of --placed are known: position and rotation, each axis (default exact)",
     )
-    parser.add_argument(
+    group.add_argument(
         "--sigma",
         type=float,
         metavar="PX",
         help="noise of one pixel coordinate (default: that of each camera's calibration)",
     )
-    parser.add_argument(
+
+
+def _add_point_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("points in space")
+    group.add_argument(
         "--plane",
         metavar="NX,NY,NZ,D",
         help="the points lie on the plane NX X + NY Y + NZ Z = D, mm (--plane=-1,0,0,5 with a minus first)",
     )
-    parser.add_argument(
+    group.add_argument(
         "--plane-sigma", type=float, default=0.0, metavar="MM", help="how well the plane's height is known"
     )
-    parser.add_argument(
+    group.add_argument(
         "--distance",
         action="append",
         type=names,
@@ -107,16 +124,12 @@ def add_to(verbs: Verbs) -> None:
         metavar="A,B",
         help="distance between two points; may be repeated",
     )
-    parser.add_argument(
+    group.add_argument(
         "--method",
         default="reprojection",
         choices=("reprojection", "rays"),
         help="least weighted reprojection error (default), or the point nearest to all rays (for two, their middle)",
     )
-    parser.add_argument("--columns", type=names, metavar="A,B", help="the two image columns, where there are several")
-    parser.add_argument("-o", "--output", metavar="FILE", help="points to write: .csv, or .json with every covariance")
-    parser.add_argument("--joint", action="store_true", help="in JSON, the covariance of all points together as well")
-    add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -138,19 +151,12 @@ def run(arguments: argparse.Namespace) -> None:
         plane_sigma_mm=arguments.plane_sigma,
         method=arguments.method,
     )
-    for pair in arguments.distance:
-        if len(pair) != 2:
-            raise BadValue("--distance", ",".join(pair), "two point names such as A,B")
     tables = measurement_tables(measured, viewpoints, arguments.distance)
     if arguments.output:
         write_measurement(arguments.output, measured, pixels=pixels, joint=arguments.joint)
     if arguments.json:
         document = measurement_as_json(measured, pixels=pixels, joint=arguments.joint)
-        lengths = [(pair, measured.distance(*pair)) for pair in arguments.distance]
-        document["distances_mm"] = [
-            {"of": list(pair), "value": d.value, "sigma": d.sigma, "half_width_95": d.half_width} for pair, d in lengths
-        ]
-        print_json(document)
+        print_json(document | {"distances_mm": _distances(measured, arguments.distance)})
     else:
         print_tables(tables)
     if measured.refused:
@@ -159,8 +165,18 @@ def run(arguments: argparse.Namespace) -> None:
         say(f"wrote {arguments.output}")
 
 
+def _distances(measured: Measurement, pairs: Sequence[Sequence[str]]) -> list[dict[str, Any]]:
+    lengths = [(pair, measured.distance(*pair)) for pair in pairs]
+    return [
+        {"of": list(pair), "value": d.value, "sigma": d.sigma, "half_width_95": d.half_width} for pair, d in lengths
+    ]
+
+
 def _check_options(arguments: argparse.Namespace) -> None:
-    """Refuse uncertainties of what is not there, and what only JSON holds where none is written."""
+    """Refuse uncertainties of what is not there, what only JSON holds where none is written, and odd distances."""
+    for pair in arguments.distance:
+        if len(pair) != 2:
+            raise BadValue("--distance", ",".join(pair), "two point names such as A,B")
     if not (arguments.moved or arguments.placed):
         moved = "--moved or --placed beside it: nothing else was moved"
         refuse(arguments, "--motion-sigma", why="without a motion", expected=moved)
