@@ -10,6 +10,7 @@ from cadcam.errors import UnreadableFile
 from cadcam.files.jsontext import Place, parsed, parsed_line
 from cadcam.files.matrix import read_matrix
 from cadcam.files.text import read_text
+from cadcam.files.yamltext import parsed_yaml
 
 
 @pytest.mark.parametrize(
@@ -37,6 +38,14 @@ def test_what_is_nested_too_deeply_is_refused_wherever_json_is_read(tmp_path: Pa
         parsed_line("log.jsonl", 7, "[" * 100_000)
     with pytest.raises(UnreadableFile, match=r"deep\.json"):
         read_matrix(deep, rows=3, columns=4)
+
+
+@pytest.mark.parametrize(("text", "remedy"), [("k:\n\ta: 2\n", "YAML takes no tabs"), ("k: [1, 2", "is it cut off?")])
+def test_tabs_in_yaml_are_named_because_they_look_like_blanks(tmp_path: Path, text: str, remedy: str) -> None:
+    file = tmp_path / "tolerances.yaml"
+    file.write_text(text)
+    with pytest.raises(UnreadableFile, match=f"is not YAML: .*{remedy}".replace("?", r"\?")):
+        parsed_yaml(read_text(file))
 
 
 def test_a_line_that_holds_no_object_is_named() -> None:

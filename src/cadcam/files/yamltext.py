@@ -15,6 +15,7 @@ from cadcam.files.text import TextFile
 
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 _NOT_FINITE = {".nan": float("nan"), ".inf": float("inf"), "+.inf": float("inf"), "-.inf": float("-inf")}
+_TABS = re.compile(r"^ *\t", re.MULTILINE)
 _DEEPEST = 40
 
 
@@ -31,7 +32,8 @@ def parsed_yaml(file: TextFile) -> Place:
         tree = _Tree(file.path, yaml.parse(text, Loader=loader))
         place = Place(file.path, (), tree.document())
     except yaml.YAMLError as error:
-        raise UnreadableFile(file.path, f"is not YAML: {_said(error)}", "is it cut off?") from None
+        remedy = "indent with blanks: YAML takes no tabs" if _TABS.search(text) else "is it cut off?"
+        raise UnreadableFile(file.path, f"is not YAML: {_said(error)}", remedy) from None
     _ = place.object
     return place
 
