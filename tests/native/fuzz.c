@@ -160,7 +160,8 @@ static cc_field field_of(int width, int height) { /* every buffer exactly as lar
     cc_directions(picture, width, height, 0.002f, scratch, planes, moments, moments + CC_SECTORS);
     const int k = 1 + upto(3);
     float *small = malloc((size_t)(width / k) * (size_t)(height / k) * 4 + 1), *half = malloc(CC_SECTORS * 8);
-    cc_reduce(picture, width, height, k, small);
+    const int cut = upto(width - 1);
+    cc_reduce(picture + cut, width, width - cut, height, k, small);
     const int wide = 1 + upto(40), high = 1 + upto(40), step = 1 + upto(8), across = (wide - 1) / step + 2;
     const int n_nodes = 2 * across * ((high - 1) / step + 2);
     float *nodes = malloc((size_t)n_nodes * 4), *straight = malloc((size_t)(wide * high) * 4);

@@ -61,10 +61,11 @@ class Sight:
         apart = apart[np.isfinite(apart)]
         return quantile(apart, 0.9) if len(apart) else 0.0
 
-    def thinned(self, most: int, *, together: int = 1) -> Sight:
-        """Return the sight with about `most` of its samples, `together` neighbours at a time."""
-        n = len(self.samples)
-        return self.select(np.flatnonzero(np.arange(n) // together % max(1, round(n / most)) == 0))
+    def thinned(self, most: int, *, together: int = 1, room_px: float = 0.0) -> Sight:
+        """Return the sight with about `most` of its samples that have room, `together` neighbours at a time."""
+        some = np.flatnonzero(np.minimum(self.samples.below, self.samples.above) >= room_px)
+        n = len(some)
+        return self.select(some[np.arange(n) // together % max(1, round(n / most)) == 0])
 
     def select(self, which: Mask | Longs | slice) -> Sight:
         """Return the sight with the chosen samples."""
