@@ -35,6 +35,7 @@ _COARSE_PX, _LEVELS = 33.0, 3  # its size in the coarsest one at least, and how 
 _TILT_DEG, _ROLL_DEG, _DEPTH = 9.0, 6.0, 0.07  # steps of the grid: half of one is in reach of the climb
 _SLID = 56  # samples of an aspect that are slid
 _TAKEN = 32  # hypotheses that start climbing
+_WITHIN_PX, _WITHIN = 4.0, 2.0  # px of the photo at least, and of the finest field, that lines may be off at the end
 _FLIPPED, _MOST_FLIPPED = 1, 2  # the climb before which mirror poses are added, and of how many of the best
 _FLAT, _TILTED = 0.3, 0.002  # thickness over breadth of what has a mirror pose; 1 - cosine from which that is another
 _SPREAD, _MOST_SPREAD = 0.12, 1500  # step of restricted motions, in radii of the part's border; the most poses of those
@@ -87,7 +88,9 @@ def approach(
         poses, score, agreement = climbed(part.aspects, stage, poses, free, climb)
         kept = distinct(part.aspects, poses, score, climb.kept)
         poses, score, agreement = poses[kept], score[kept], agreement[kept]
-    return [Hypothesis(*h) for h in zip(rigids_of(poses), score.tolist(), agreement.tolist(), strict=True)]
+    within = max(_WITHIN_PX, *(_WITHIN * field.reduction for field in stages[0].fields))
+    found = zip(rigids_of(poses), score.tolist(), agreement.tolist(), strict=True)
+    return [Hypothesis(*each, within) for each in found]
 
 
 def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> list[Stage]:
