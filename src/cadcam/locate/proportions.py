@@ -72,7 +72,9 @@ def stretched(sights: Sequence[Sight], pose: Rigid, B: Array) -> Stretched:
     middle = _middle(sights)
     far = _Seen(few, pose, np.zeros(3), B, middle, _far(few, pose))
     as_it_is, trials = _tried(far, k)
-    pulled = [_pulled(few, pose @ Rigid.exp(B @ x), np.log1p(f), B, middle, None if f.any() else far) for x, f in trials]
+    pulled = [
+        _pulled(few, pose @ Rigid.exp(B @ x), np.log1p(f), B, middle, None if f.any() else far) for x, f in trials
+    ]
     away = any(np.ptp(s) >= _BACK for _, s in pulled)
     on = [_Seen(few, *pose_and_s, B, middle).met_now for pose_and_s in pulled] if away else []
     if max(on, default=0.0) <= as_it_is:
@@ -84,7 +86,7 @@ def stretched(sights: Sequence[Sight], pose: Rigid, B: Array) -> Stretched:
 def _pulled(
     sights: Sequence[Sight], pose: Rigid, s: Array, B: Array, middle: Array, seen: _Seen | None
 ) -> tuple[Rigid, Array]:
-    """Return the pose and logarithms of lengths after pulling the lines onto steps close by, first those seen if any."""
+    """Return the pose and logarithms of lengths after pulling the lines onto steps close by, first onto those seen."""
     k = B.shape[1]
     for reach, soft in _PULLS:
         seen = seen or _Seen(sights, pose, s, B, middle, reach)

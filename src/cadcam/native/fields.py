@@ -75,7 +75,7 @@ def _core() -> c.CDLL:
 
 
 def reduce(gray: Picture, k: int) -> Picture:
-    """Return the means (H // k, W // k) of boxes of k x k pixels; rows of a part of a picture are read where they lie."""
+    """Return the means (H // k, W // k) of boxes of k x k pixels; part of a picture is read where it lies."""
     gray = np.asarray(gray, np.float32)
     if gray.strides[1] != gray.itemsize:
         gray = np.ascontiguousarray(gray)
