@@ -5,14 +5,15 @@
  * pictures down to one pixel, every channel present or not. Beyond what the sanitizers see, each picture is drawn twice,
  * with one band and with several: both must be equal, and every id in range. Then direction fields of random pictures,
  * and edges with wild places over them: poses stay rotations, scores in range. Then steps along lines in and out of a
- * picture, regressions by groups, marks at any homography, points and edges before and behind what a view shows, and
- * pictures and masks of every size made files. */
+ * picture, regressions by groups, marks at any homography, points and edges before and behind what a view shows,
+ * crossings of segments, and pictures and masks of every size made files. */
 #include <float.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "crossing.h"
 #include "field.h"
 #include "grouped.h"
 #include "layers.h"
@@ -159,7 +160,8 @@ static cc_field field_of(int width, int height) { /* every buffer exactly as lar
     cc_directions(picture, width, height, 0.002f, scratch, planes, moments, moments + CC_SECTORS);
     const int k = 1 + upto(3);
     float *small = malloc((size_t)(width / k) * (size_t)(height / k) * 4 + 1), *half = malloc(CC_SECTORS * 8);
-    cc_reduce(picture, width, height, k, small);
+    const int cut = upto(width - 1);
+    cc_reduce(picture + cut, width, width - cut, height, k, small);
     const int wide = 1 + upto(40), high = 1 + upto(40), step = 1 + upto(8), across = (wide - 1) / step + 2;
     const int n_nodes = 2 * across * ((high - 1) / step + 2);
     float *nodes = malloc((size_t)n_nodes * 4), *straight = malloc((size_t)(wide * high) * 4);
@@ -360,6 +362,29 @@ static void seen(void) {
     free(lines.q), free(lines.p), free(lines.edge), free(lines.start);
 }
 
+/* Segments anywhere, upright and level ones on the grid's own lines among them. */
+static void crossing(void) {
+    const int n[2] = {upto(30), upto(30)}, even = upto(1), room = upto(200);
+    cc_flat flat[2];
+    double *ends[4], *w[2], *slack = malloc((size_t)n[1] * 8 + 1), *s = malloc((size_t)room * 8 + 1);
+    int64_t *line = malloc((size_t)room * 8 + 1);
+    for (int k = 0; k < 4; k++) {
+        ends[k] = doubles(2 * n[k / 2], 2);
+        for (int i = 0; even && i < 2 * n[k / 2]; i++) ends[k][i] = upto(8);
+    }
+    for (int k = 0; k < 2; k++) {
+        w[k] = malloc((size_t)n[k] * 16 + 1);
+        for (int i = 0; i < 2 * n[k]; i++) w[k][i] = upto(9) ? unit() : fabs(wild());
+        flat[k] = (cc_flat){ends[2 * k], ends[2 * k + 1], w[k], w[k] + n[k], n[k]};
+    }
+    for (int i = 0; i < n[1]; i++) slack[i] = upto(1) ? 1e-9 : unit();
+    const int64_t found = cc_crossings(&flat[0], &flat[1], slack, room, line, s);
+    for (int64_t i = 0; i < found && i < room; i++)
+        if (line[i] < 0 || line[i] >= n[0] || !(s[i] >= 0 && s[i] <= 1)) exit(fprintf(stderr, "crossing at %g\n", s[i]));
+    for (int k = 0; k < 4; k++) free(ends[k]);
+    free(w[0]), free(w[1]), free(slack), free(s), free(line);
+}
+
 /* Pictures of noise, of runs and of nothing, in and out of the room they need; masks, depths and normals as files have them. */
 static void files(void) {
     const int width = 1 + upto(70), height = 1 + upto(40), pixel = 1 + upto(3), kind = upto(3), n = width * height;
@@ -389,7 +414,7 @@ int main(int argc, char **argv) {
     const int n = argc > 1 ? atoi(argv[1]) : 100, first = argc > 2 ? atoi(argv[2]) : 0;
     for (int i = first; i < first + n; i++) {
         start(i);
-        one(i), edges(), along_lines(), grouped(), marks(), seen(), files();
+        one(i), edges(), along_lines(), grouped(), marks(), seen(), crossing(), files();
     }
     printf("%d scenes drawn with %s\n", n, cc_variant());
     return 0;

@@ -222,4 +222,4 @@ def _spread(squares: Array, known: Array, weight: Array, share: Array) -> tuple[
 
 def _counts(u: Array) -> Array:
     """Return how far a datum u standard deviations off counts."""
-    return np.asarray(np.clip((_NONE - np.abs(u)) / (_NONE - _FULL), 0.0, 1.0))
+    return np.asarray(np.minimum(np.maximum((_NONE - np.abs(u)) / (_NONE - _FULL), 0.0), 1.0))

@@ -30,12 +30,12 @@ from cadcam.locate.hypothesis import Hypothesis
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 
-_FINE_PX = 300.0  # the part's size in the finest field: enough to tell poses apart, few pixels to look at
-_COARSE_PX, _LEVELS = 33.0, 3  # its size in the coarsest one at least, and on how many fields it climbs at most
-_LARGE_PX = 360.0  # its size in the finest one from which it is slid on one that is coarser still
+_FINE_PX = 360.0  # the part's size in the finest field at most: enough to tell poses apart, few pixels to look at
+_COARSE_PX, _LEVELS = 33.0, 3  # its size in the coarsest one at least, and how many fields there are at most
 _TILT_DEG, _ROLL_DEG, _DEPTH = 9.0, 6.0, 0.07  # steps of the grid: half of one is in reach of the climb
 _SLID = 56  # samples of an aspect that are slid
 _TAKEN = 32  # hypotheses that start climbing
+_WITHIN_PX, _WITHIN = 4.0, 2.0  # px of the photo at least, and of the finest field, that lines may be off at the end
 _FLIPPED, _MOST_FLIPPED = 1, 2  # the climb before which mirror poses are added, and of how many of the best
 _FLAT, _TILTED = 0.3, 0.002  # thickness over breadth of what has a mirror pose; 1 - cosine from which that is another
 _SPREAD, _MOST_SPREAD = 0.12, 1500  # step of restricted motions, in radii of the part's border; the most poses of those
@@ -84,11 +84,13 @@ def approach(
     for number, climb in enumerate(_CLIMBS):
         if number == _FLIPPED and free.shape[1] == 6:
             poses = np.concatenate([poses, _flips(part.aspects, stages[0], poses[:_MOST_FLIPPED])])
-        stage = stages[max(min(len(stages), _LEVELS) - 1 - climb.level, 0)]
+        stage = stages[max(len(stages) - 1 - climb.level, 0)]
         poses, score, agreement = climbed(part.aspects, stage, poses, free, climb)
         kept = distinct(part.aspects, poses, score, climb.kept)
         poses, score, agreement = poses[kept], score[kept], agreement[kept]
-    return [Hypothesis(*h) for h in zip(rigids_of(poses), score.tolist(), agreement.tolist(), strict=True)]
+    within = max(_WITHIN_PX, *(_WITHIN * field.reduction for field in stages[0].fields))
+    found = zip(rigids_of(poses), score.tolist(), agreement.tolist(), strict=True)
+    return [Hypothesis(*each, within) for each in found]
 
 
 def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> list[Stage]:
@@ -101,9 +103,8 @@ def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> 
         if region is None:
             continue
         size = float(np.max(span[1] - span[0])) if span is not None else 0.0
-        k = max(1, round(size / _FINE_PX))
-        levels = 1 + max(int(math.log2(size / k / _COARSE_PX)), 0) if size else _LEVELS
-        levels = min(levels, _LEVELS + (size / k > _LARGE_PX))
+        k = max(1, math.ceil(size / _FINE_PX))
+        levels = min(1 + max(int(math.log2(size / k / _COARSE_PX)), 0), _LEVELS) if size else _LEVELS
         fields.append(direction_fields(photo.gray, photo.camera, reduction=k, levels=levels, region=region))
         places.append(pose)
     if not fields:

@@ -63,7 +63,7 @@ def locate(
     else:
         (hypotheses, outside), most = _near(part, photos, start, reach, freedom), _TRIED[0]
     if not hypotheses:
-        hypotheses = [Hypothesis(Rigid() if start is None else start, 0.0, 0.0)]
+        hypotheses = [Hypothesis(Rigid() if start is None else start, 0.0, 0.0, options.search_px)]
     chosen = SEARCHED if start is None else 0
     basins = Basins(freedom)
     tried = _refined(part, photos, hypotheses[:most], freedom, options, chosen, basins)
@@ -192,9 +192,10 @@ def _refined(
             break
         if any(_apart(part, h.world_from_part, o.pose.world_from_part) < _BASIN for o in found):
             continue  # it would end there too
-        if basins.hold(h.world_from_part, options.search_px):
+        if basins.hold(h.world_from_part, h.within_px):
             continue
-        location, sights = refined(part, photos, h.world_from_part, freedom=freedom, options=options, chosen=chosen)
+        near = replace(options, search_px=h.within_px)
+        location, sights = refined(part, photos, h.world_from_part, freedom=freedom, options=near, chosen=chosen)
         done.append((h.score, location))
         basins.add(location, sights)
     return done

@@ -70,8 +70,11 @@ def stretched(sights: Sequence[Sight], pose: Rigid, B: Array) -> Stretched:
     """
     few, k = [s.thinned(max(_ASKED // len(sights), 60)) for s in sights], B.shape[1]
     middle = _middle(sights)
-    as_it_is, trials = _tried(_Seen(few, pose, np.zeros(3), B, middle, _far(few, pose)), k)
-    pulled = [_pulled(few, pose @ Rigid.exp(B @ x), np.log1p(f), B, middle) for x, f in trials]
+    far = _Seen(few, pose, np.zeros(3), B, middle, _far(few, pose))
+    as_it_is, trials = _tried(far, k)
+    pulled = [
+        _pulled(few, pose @ Rigid.exp(B @ x), np.log1p(f), B, middle, None if f.any() else far) for x, f in trials
+    ]
     away = any(np.ptp(s) >= _BACK for _, s in pulled)
     on = [_Seen(few, *pose_and_s, B, middle).met_now for pose_and_s in pulled] if away else []
     if max(on, default=0.0) <= as_it_is:
@@ -80,16 +83,18 @@ def stretched(sights: Sequence[Sight], pose: Rigid, B: Array) -> Stretched:
     return Stretched(_scaled(sights, middle, s), best, np.exp(s - s.mean()))
 
 
-def _pulled(sights: Sequence[Sight], pose: Rigid, s: Array, B: Array, middle: Array) -> tuple[Rigid, Array]:
-    """Return the pose and logarithms of lengths after pulling the lines onto steps close by."""
+def _pulled(
+    sights: Sequence[Sight], pose: Rigid, s: Array, B: Array, middle: Array, seen: _Seen | None
+) -> tuple[Rigid, Array]:
+    """Return the pose and logarithms of lengths after pulling the lines onto steps close by, first onto those seen."""
     k = B.shape[1]
     for reach, soft in _PULLS:
-        seen = _Seen(sights, pose, s, B, middle, reach)
+        seen = seen or _Seen(sights, pose, s, B, middle, reach)
         stiff = np.zeros((k + 3, k + 3))
         stiff[k:, k:] = _OF_PULL * (soft / _USUAL) ** 2 * (np.eye(3) + _SUM * np.full((3, 3), 1 / 3))
         before = np.append(np.zeros(k), s - s.mean())
         step = pulled_onto(seen.J, seen.offset, seen.slope, soft=soft, stiff=(stiff, before))
-        pose, s = pose @ Rigid.exp(B @ step[:k]), s + step[k:]
+        pose, s, seen = pose @ Rigid.exp(B @ step[:k]), s + step[k:], None
         if float(np.ptp(s)) < _BACK:
             break
     return pose, s

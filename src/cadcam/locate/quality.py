@@ -170,7 +170,8 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, s
     near = float(np.clip(_SCATTERS * scatter, *_NEAR_PX))
     told, shown, by_chance, worth, extent, absent, hidden = 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     bodies: list[tuple[Ids, Mask]] = []
-    for sight in (_asked(s, _ASKED // len(sights)) for s in sights):
+    most, room_px = _ASKED // len(sights), _ROOM_PX + 1.0
+    for sight in (s.thinned(most, together=_TOGETHER, room_px=room_px) for s in sights):
         at, samples = sight.project(world_from_part), sight.samples
         room = np.minimum(np.minimum(samples.below, samples.above) - 1.0, _REACH)
         which = np.flatnonzero(np.isfinite(at.q).all(axis=1))
@@ -218,13 +219,6 @@ def _gone(bodies: Sequence[tuple[Ids, Mask]]) -> tuple[int, float]:
     may_be = (np.bincount(part, shown) <= _GONE * its) & (its >= _LEAST) & (its <= _MOST_GONE * len(part))
     most = int(np.argmax(np.where(may_be, its, 0)))
     return (most, float(its[most] / len(part))) if may_be[most] else (-1, 0.0)
-
-
-def _asked(sight: Sight, most: int) -> Sight:
-    """Return the sight with about `most` of those samples that have room around them."""
-    samples = sight.samples
-    roomy = np.flatnonzero(np.minimum(samples.below, samples.above) >= _ROOM_PX + 1.0)
-    return replace(sight, samples=samples.select(roomy)).thinned(most, together=_TOGETHER)
 
 
 def _shown(sight: Sight, q: Array, normal: Array, run: Ids, room: Array, near_px: float) -> tuple[Mask, Array]:

@@ -18,7 +18,7 @@ from cadcam.render.wireframe import LineOptions
 
 Longs = npt.NDArray[np.int64]
 _LINES = LineOptions(margin_px=0.0)
-_STRONG = 240  # cells that tell the blur
+_STRONG, _OF = 120, 480  # cells that tell the blur, the strongest of so many
 _APART = 1.5  # blurs: a cell ends that far before the next line
 _PAST, _TWIN = 2.0, 3.0  # blurs: it ends that far beyond a twin, which must be as far away
 _LINEAR = 1.2  # blurs: how far off a linear fit is believed
@@ -61,10 +61,11 @@ class Sight:
         apart = apart[np.isfinite(apart)]
         return quantile(apart, 0.9) if len(apart) else 0.0
 
-    def thinned(self, most: int, *, together: int = 1) -> Sight:
-        """Return the sight with about `most` of its samples, `together` neighbours at a time."""
-        n = len(self.samples)
-        return self.select(np.flatnonzero(np.arange(n) // together % max(1, round(n / most)) == 0))
+    def thinned(self, most: int, *, together: int = 1, room_px: float = 0.0) -> Sight:
+        """Return the sight with about `most` of its samples that have room, `together` neighbours at a time."""
+        some = np.flatnonzero(np.minimum(self.samples.below, self.samples.above) >= room_px)
+        n = len(some)
+        return self.select(some[np.arange(n) // together % max(1, round(n / most)) == 0])
 
     def select(self, which: Mask | Longs | slice) -> Sight:
         """Return the sight with the chosen samples."""
@@ -73,6 +74,7 @@ class Sight:
     def blur(self, at: Projected, *, half_length: float, reach_px: float) -> float:
         """Return the blur of the photo's steps (px), from the strongest of the part's lines."""
         free = np.flatnonzero(np.minimum(self.samples.below, self.samples.above) >= reach_px)
+        free = free[:: max(1, len(free) // _OF)]
         found = candidates(
             self.photo.gray, at.q[free], at.normal[free], half_length=half_length, reach=2, noise=self.noise, most=1
         )

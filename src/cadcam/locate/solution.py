@@ -86,7 +86,7 @@ def solved(
     room = {"half_length": half, "reach_px": options.reach_px, "room_px": options.room_px}
     where = [nearest_steps(s, at, half_length=half, reach=CLOSE_PX) for s, at in zip(sights, places, strict=True)]
     cells = [Cells.of(s, at, where=w, **room) for s, at, w in zip(sights, places, where, strict=True)]
-    on_lines = False
+    pieces, on_lines = _pieces(sights, options), False
     for number, iterations in enumerate(_ROUNDS):
         measured = [
             measure(s, at, c, w, sums=None if number else c.first)
@@ -94,7 +94,7 @@ def solved(
         ]
         B = freedom.at(pose)
         other = rows_of(evidence, [s.photo for s in sights], pose)
-        fit = _step(sights, places, measured, other, B, iterations, options, on_lines=on_lines)
+        fit = _step(sights, places, measured, other, B, iterations, pieces, on_lines=on_lines)
         on_lines = fit.between < LOOSE_PX
         last = Solution(sights, pose, pose @ Rigid.exp(B @ fit.x), B, places, measured, fit)
         pose = last.pose
@@ -118,14 +118,15 @@ def _step(
     evidence: tuple[Array, Array, Array],
     B: Array,
     iterations: int,
-    options: EdgeOptions,
+    pieces: Sequence[Longs],
     *,
     on_lines: bool,
 ) -> GroupedFit:
     """Return the step in the basis B that the offsets and the other evidence ask for.
 
-    on_lines: whether the lines are known to lie on their own steps. Then it is light that shifts them; before, they may
-    lie on others', and clear ones are off as far as faint ones.
+    pieces: of edge, on which the samples of each photo lie. on_lines: whether the lines are known to lie on their own
+    steps. Then it is light that shifts them; before, they may lie on others', and clear ones are off as far as faint
+    ones.
     """
     other, rows, other_variance = evidence
     if not np.isfinite(rows).all():
@@ -133,7 +134,8 @@ def _step(
     y = np.concatenate([*(m.offset[m.usable] for m in measured), other])
     variance = np.concatenate([*(m.sigma[m.usable] ** 2 for m in measured), other_variance])
     J = np.concatenate([*(at.row[m.usable] for at, m in zip(places, measured, strict=True)), rows]) @ B
-    group = _groups(sights, measured, options)
+    piece = np.concatenate([of[m.usable] for of, m in zip(pieces, measured, strict=True)])
+    group = np.cumsum(np.diff(piece, prepend=piece[:1]) > 0, dtype=np.int64)
     limbs = _of_limbs(sights, measured, group)
     edges = len(limbs)
     relative = _relative(variance[: len(group)], group) if on_lines else np.ones(edges)
@@ -173,21 +175,19 @@ def _of_limbs(sights: Sequence[Sight], measured: Sequence[Measured], group: Long
     return np.asarray(_LIMB_PX**2 * np.bincount(group, round_off) / np.bincount(group))
 
 
-def _groups(sights: Sequence[Sight], measured: Sequence[Measured], options: EdgeOptions) -> Longs:
-    """Return the number of the piece of edge that each usable sample lies on, ascending.
+def _pieces(sights: Sequence[Sight], options: EdgeOptions) -> list[Longs]:
+    """Return numbers of the pieces of edge that the samples of each photo lie on: ascending, of all photos together.
 
     Parts that are small in the picture have shorter pieces: a few groups would not tell how they scatter.
     """
     most = min(options.group_px / options.step_px, sum(len(s.samples) for s in sights) / _PIECES)
     most = max(int(most), 5)
-    keys, before = [np.zeros(0, np.int64)], 0
-    for sight, m in zip(sights, measured, strict=True):
+    out, before = [], 0
+    for sight in sights:
         run = sight.samples.run.astype(np.int64)
         count = np.bincount(run)
         place = np.arange(len(run)) - (np.cumsum(count) - count)[run]
         pieces = np.maximum(np.round(count / most), 1)[run].astype(np.int64)
-        key = before + run * len(run) + place * pieces // np.maximum(count, 1)[run]
-        keys.append(key[m.usable])
+        out.append(before + run * len(run) + place * pieces // np.maximum(count, 1)[run])
         before += (int(run.max(initial=-1)) + 1) * len(run)
-    key = np.concatenate(keys)
-    return np.cumsum(np.diff(key, prepend=key[:1]) > 0)
+    return out

@@ -15,14 +15,14 @@
 
 static inline float larger(float a, float b) { return a > b ? a : b; }
 
-void VARIANT(field_reduce)(const float *in, int32_t width, int32_t height, int32_t k, float *out) {
+void VARIANT(field_reduce)(const float *in, int64_t stride, int32_t width, int32_t height, int32_t k, float *out) {
     const int32_t w = width / k, h = height / k;
     const float scale = 1.0f / (float)(k * k);
     for (int32_t y = 0; y < h; y++) {
         float *row = out + (size_t)y * (size_t)w;
         for (int32_t x = 0; x < w; x++) row[x] = 0;
         for (int32_t j = 0; j < k; j++) {
-            const float *from = in + ((size_t)y * (size_t)k + (size_t)j) * (size_t)width;
+            const float *from = in + ((int64_t)y * k + j) * stride;
             if (k == 2)
                 for (int32_t x = 0; x < w; x++) row[x] += from[2 * x] + from[2 * x + 1];
             else

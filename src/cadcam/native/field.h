@@ -43,8 +43,9 @@ typedef struct {
     int64_t n_poses;
 } cc_views;
 
-/* Means over boxes of k x k pixels: out (height / k, width / k), what is over at the right and below is left out. */
-CC_API void cc_reduce(const float *in, int32_t width, int32_t height, int32_t k, float *out);
+/* Means over boxes of k x k pixels: out (height / k, width / k), what is over at the right and below is left out. `stride`
+ * pixels lie between the beginnings of the rows. */
+CC_API void cc_reduce(const float *in, int64_t stride, int32_t width, int32_t height, int32_t k, float *out);
 
 /* A picture (wide, high) whose pixels lie in another at places that are known at every `step`-th pixel of every
  * `step`-th row, from (0, 0) to beyond the last: nodes (x, y), NaN for nowhere; between nodes linearly. seen: 1 where the

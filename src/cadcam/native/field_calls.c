@@ -3,8 +3,8 @@
 
 #include "internal.h"
 
-CC_API void cc_reduce(const float *in, int32_t width, int32_t height, int32_t k, float *out)
-    IN_USE(field_reduce, (const float *, int32_t, int32_t, int32_t, float *), (in, width, height, k, out))
+CC_API void cc_reduce(const float *in, int64_t stride, int32_t width, int32_t height, int32_t k, float *out)
+    IN_USE(field_reduce, (const float *, int64_t, int32_t, int32_t, int32_t, float *), (in, stride, width, height, k, out))
 
 CC_API void cc_directions(const float *in, int32_t width, int32_t height, float floor, float *scratch, uint8_t *planes,
                           float *mean, float *variance)

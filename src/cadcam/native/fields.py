@@ -59,7 +59,7 @@ def _core() -> c.CDLL:
     core = library()
     at, i64, i32, views = c.c_void_p, c.c_int64, c.c_int32, c.POINTER(_Views)
     signatures: dict[str, list[object]] = {
-        "cc_reduce": [at, i32, i32, i32, at],
+        "cc_reduce": [at, i64, i32, i32, i32, at],
         "cc_straighten": [at, i32, i32, at, *[i32] * 3, at, at],
         "cc_directions": [at, i32, i32, c.c_float, *[at] * 4],
         "cc_halve": [at, i32, i32, *[at] * 3],
@@ -75,11 +75,13 @@ def _core() -> c.CDLL:
 
 
 def reduce(gray: Picture, k: int) -> Picture:
-    """Return the means (H // k, W // k) of boxes of k x k pixels."""
-    gray = np.ascontiguousarray(gray, np.float32)
+    """Return the means (H // k, W // k) of boxes of k x k pixels; part of a picture is read where it lies."""
+    gray = np.asarray(gray, np.float32)
+    if gray.strides[1] != gray.itemsize:
+        gray = np.ascontiguousarray(gray)
     height, width = gray.shape
     out = np.zeros((height // k, width // k), np.float32)
-    _core().cc_reduce(gray.ctypes.data, width, height, k, out.ctypes.data)
+    _core().cc_reduce(gray.ctypes.data, gray.strides[0] // gray.itemsize, width, height, k, out.ctypes.data)
     return out
 
 

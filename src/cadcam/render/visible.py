@@ -48,7 +48,7 @@ def visible_wireframe(
 ) -> Wireframe:
     """Return the visible wireframe of one view. Raises `NothingInView`, with the numbers, if none is in the picture.
 
-    For many views of a scene make one `LineDrawer` and ask it.
+    `MissingCore` without the compiled core. For many views of a scene make one `LineDrawer` and ask it.
     """
     wireframe = LineDrawer(scene).draw(camera, camera_from_world, options=options)
     if wireframe.empty:
