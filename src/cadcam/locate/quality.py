@@ -66,7 +66,7 @@ _STRAIGHT = 0.95  # chord over arc of a line that may lie on another
 _NOWHERE = 0.25  # share of a line's samples below which it is missed
 _BORDERS, _BEHIND = 32, 0.15  # directions of borders that are tried; share of the samples behind one that may be shown
 _ABSENT, _SCATTER, _GAIN = 0.6, 20.0, 2.0  # what these cost
-_IN_DOUBT, _OTHER = (0.3, 0.75), 0.04  # quality at which other proportions are tried; what makes them others
+IN_DOUBT, _OTHER = (0.3, 0.75), 0.04  # quality at which other proportions, and light, are asked; what makes them others
 _TOLD = 0.05  # gain worth words
 _SHARES = (0.0, 0.43, 0.95)  # net shares that make quality 0, 1/2 and 1
 _COLOR = 2  # constraints that tell which colour the part has
@@ -84,7 +84,8 @@ class Seen:
     shown nowhere, hidden: what of it lies behind a border; scatter: of edges, relative to the size of what is seen;
     gain: how much larger the net share would be with a model of other proportions, and which those are; color: share
     of constraints that the colours beside the lines add. gone: the body of which nothing is shown, -1: none; without:
-    the share of samples that were its own, where it was left out of all this.
+    the share of samples that were its own, where it was left out of all this; faint: the share of samples that were
+    left out because the light gives them no contrast.
     """
 
     samples: int
@@ -99,6 +100,7 @@ class Seen:
     color: float = 0.0
     gone: int = -1
     without: float = 0.0
+    faint: float = 0.0
 
     @property
     def fitted(self) -> float:
@@ -130,7 +132,8 @@ class Seen:
         body = f", those of a body with {self.without:.0%} of them left out: nothing of it is there" * (
             self.without > 0
         )
-        return edges + body + color + free + other
+        faint = f", {self.faint:.0%} left out: the light gives them no contrast" * (self.faint > 0)
+        return edges + faint + body + color + free + other
 
 
 def judged(
@@ -150,7 +153,7 @@ def judged(
         left = seen(sights, world_from_part, constraints=constraints, scatter=scatter)
         first = replace(left, without=first.without)
     first = replace(first, color=color * max(1 - first.free * _COLOR / constraints, 0.0))
-    if not _IN_DOUBT[0] < first.quality < _IN_DOUBT[1]:
+    if not IN_DOUBT[0] < first.quality < IN_DOUBT[1]:
         return first
     other = stretched(sights, world_from_part, B)
     if other.by < _OTHER:

@@ -20,13 +20,14 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.agreement import SCATTERED_PX, agreed
 from cadcam.locate.attraction import attracted
 from cadcam.locate.color import in_color
+from cadcam.locate.contrast import showing
 from cadcam.locate.evidence import Evidence, pose_jacobian
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.location import FOUND, Location
 from cadcam.locate.matches import EdgeMatches
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality import Seen, judged, seen
+from cadcam.locate.quality import IN_DOUBT, Seen, judged, seen
 from cadcam.locate.sight import Sight
 from cadcam.locate.solution import CLOSE_PX, EDGES, LOOSE_PX, EdgeOptions, Solution, solved
 from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
@@ -254,7 +255,12 @@ def _location(part: Part, fitted: Solution, freedom: Freedom, chosen: int) -> Lo
     )
     estimate = PoseEstimate(pose, B @ fit.covariance @ B.T + together, from_calibration, B, fit.dof)
     told, color = in_color(part, sights, pose)
-    evidence = judged(told, pose, B, chosen=chosen, scatter=_scatter(fit, sum(n)), color=color)
+    scatter = _scatter(fit, sum(n))
+    evidence = judged(told, pose, B, chosen=chosen, scatter=scatter, color=color)
+    if IN_DOUBT[0] < evidence.quality < IN_DOUBT[1] and not evidence.gain:
+        lit = showing(part, told, pose)
+        evidence = judged(lit, pose, B, chosen=chosen, scatter=scatter, color=color)
+        evidence = replace(evidence, faint=1 - sum(len(s.samples) for s in lit) / sum(len(s.samples) for s in told))
     return Location(estimate, _matches(fitted), evidence.quality, _reason(part, estimate, evidence, fit, photos))
 
 

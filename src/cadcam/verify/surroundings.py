@@ -17,7 +17,7 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel
-from cadcam.verify.light import colors_of, fitted_light
+from cadcam.locate.light import colors_of, fitted_light
 from cadcam.verify.sightlines import Sightlines
 
 Longs = npt.NDArray[np.int64]
