@@ -67,7 +67,7 @@ def locate(
     chosen = SEARCHED if start is None else 0
     basins = Basins(freedom)
     tried = _refined(part, photos, hypotheses[:most], freedom, options, chosen, basins)
-    if start is not None and not any(location.quality >= _CLEAR for _, location in tried):
+    if start is not None and not any(location.found and not location.doubted for _, location in tried):
         score = max(h.score for h in hypotheses)  # none is likelier than a start that is as good as said
         tried += [(score, location) for location in _as_it_is(part, photos, start, reach, freedom, options, basins)]
     ranked = _ranked(tried)

@@ -66,7 +66,7 @@ _STRAIGHT = 0.95  # chord over arc of a line that may lie on another
 _NOWHERE = 0.25  # share of a line's samples below which it is missed
 _BORDERS, _BEHIND = 32, 0.15  # directions of borders that are tried; share of the samples behind one that may be shown
 _ABSENT, _SCATTER, _GAIN = 0.6, 20.0, 2.0  # what these cost
-IN_DOUBT, _OTHER = (0.3, 0.75), 0.04  # quality at which other proportions, and light, are asked; what makes them others
+_IN_DOUBT, _OTHER = (0.3, 0.75), 0.04  # quality at which other proportions are tried; what makes them others
 _TOLD = 0.05  # gain worth words
 _SHARES = (0.0, 0.43, 0.95)  # net shares that make quality 0, 1/2 and 1
 _COLOR = 2  # constraints that tell which colour the part has
@@ -153,7 +153,7 @@ def judged(
         left = seen(sights, world_from_part, constraints=constraints, scatter=scatter)
         first = replace(left, without=first.without)
     first = replace(first, color=color * max(1 - first.free * _COLOR / constraints, 0.0))
-    if not IN_DOUBT[0] < first.quality < IN_DOUBT[1]:
+    if not _IN_DOUBT[0] < first.quality < _IN_DOUBT[1]:
         return first
     other = stretched(sights, world_from_part, B)
     if other.by < _OTHER:

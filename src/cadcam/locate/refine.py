@@ -27,7 +27,7 @@ from cadcam.locate.location import FOUND, Location
 from cadcam.locate.matches import EdgeMatches
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality import IN_DOUBT, Seen, judged, seen
+from cadcam.locate.quality import Seen, judged, seen
 from cadcam.locate.sight import Sight
 from cadcam.locate.solution import CLOSE_PX, EDGES, LOOSE_PX, EdgeOptions, Solution, solved
 from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
@@ -257,11 +257,13 @@ def _location(part: Part, fitted: Solution, freedom: Freedom, chosen: int) -> Lo
     told, color = in_color(part, sights, pose)
     scatter = _scatter(fit, sum(n))
     evidence = judged(told, pose, B, chosen=chosen, scatter=scatter, color=color)
-    if IN_DOUBT[0] < evidence.quality < IN_DOUBT[1] and not evidence.gain:
+    doubted = evidence.quality < _DOUBT[1] or evidence.without > 0 or fit.between > LOOSE_PX
+    if doubted and evidence.quality > _DOUBT[0] and not evidence.gain:
         lit = showing(part, told, pose)
         evidence = judged(lit, pose, B, chosen=chosen, scatter=scatter, color=color)
         evidence = replace(evidence, faint=1 - sum(len(s.samples) for s in lit) / sum(len(s.samples) for s in told))
-    return Location(estimate, _matches(fitted), evidence.quality, _reason(part, estimate, evidence, fit, photos))
+    reason = _reason(part, estimate, evidence, fit, photos)
+    return Location(estimate, _matches(fitted), evidence.quality, reason, doubted=doubted)
 
 
 def _scatter(fit: GroupedFit, n: int) -> float:

@@ -18,9 +18,9 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Mask, Picture
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import noise_of
+from cadcam.locate.light import Light, fitted_light, surfaces
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.light import Light, fitted_light, surfaces
 from cadcam.verify.tones import Drawn, Window
 
 Longs = npt.NDArray[np.int64]
@@ -28,6 +28,7 @@ _RIM_PX = 4  # around a body's picture that counts too
 _BLUR_PX = 0.7  # of the photo, about
 _WORST = 9.0  # squared sigmas that a pixel is off at most
 _TOGETHER = 12.0  # pixels that count as one
+_OWN_PX = 100  # of a surface that has its own tone
 _FALL = 5e-4  # of brightness along a surface, for each px: standard deviation
 _ROUNDS = 3
 
@@ -89,41 +90,42 @@ def _log_likelihood(drawn: Drawn, gray: Picture, where: Mask, light: Light, nois
     nothing = color[first] < 0
     tone[nothing], V[nothing], V[:, nothing] = light.nothing, 0.0, 0.0
     V[nothing, nothing] = light.spread**2
+    at = at.reshape(gray.shape)
+    large = np.bincount(at[where], minlength=len(tone)) >= _OWN_PX
+    k = int(large.sum())
+    number = np.where(large, np.cumsum(large) - 1, k)  # small ones are off together
+    off = np.diag(np.full(k + 1, light.spread**2))
+    off[:k, :k] = V[np.ix_(large, large)]
     sigma = float(np.hypot(noise, light.scale))
-    shaded, costs = _shaded(gray, where, at.reshape(gray.shape), tone, V, sigma)
-    expected = gaussian_filter(shaded, _BLUR_PX, mode="nearest")
+    shade, costs = _shade(gray - tone[at], where, number[at], off, sigma)
+    expected = gaussian_filter(tone[at] + shade, _BLUR_PX, mode="nearest")
     loss = np.minimum(((gray - expected) / sigma) ** 2, _WORST)[where].sum() / _TOGETHER
     return float(-0.5 * (loss + costs))
 
 
-def _shaded(
-    gray: Picture, where: Mask, surface: Longs, tone: Array, V: Array, sigma: float
-) -> tuple[Array, float]:
-    """Return the brightness (h, w) of surfaces that the pixels `where` tell, and what it costs to take it for theirs.
+def _shade(left: Array, where: Mask, surface: Longs, off: Array, sigma: float) -> tuple[Array, float]:
+    """Return by how much (h, w) surfaces are brighter than the light has it, and what it costs to take it so.
 
-    surface (h, w): of each pixel; tone (n,), V (n, n): their brightness as the light has it. The light may be nearer
-    than it is taken to be, so that brightness falls along a surface, slowly. The cost is minus twice the logarithm of
-    the probability of such tones, and of how much room was left to choose them.
+    left (h, w): what the pixels `where` are brighter, each by sigma; surface (h, w): of each pixel; off (n, n): how far
+    surfaces may be off. The light may also be nearer than it is taken to be, so that brightness falls along a surface,
+    slowly. The cost is minus twice the logarithm of the probability of such tones, and of the room there was to choose.
     """
-    n, (y, x) = len(tone), np.indices(gray.shape)
+    n, (y, x) = len(off), np.indices(left.shape)
     count = np.maximum(np.bincount(surface[where], minlength=n), 1)
     across = [v - (np.bincount(surface[where], v[where], minlength=n) / count)[surface] for v in (x, y)]
-    basis = np.stack([np.ones(gray.shape), _FALL * across[0], _FALL * across[1]])
+    basis = np.stack([np.ones(left.shape), _FALL * across[0], _FALL * across[1]])
+    number = surface + n * np.arange(3)[:, None, None]  # of each pixel's tone and falls
+    B, its, weight = basis[:, where], surface[where], np.full(int(where.sum()), 1 / sigma**2)
     known = np.eye(3 * n)
-    known[:n, :n] = np.linalg.inv(V)
-    at = (surface[where] + n * np.arange(3)[:, None]).astype(np.int64)  # numbers of the tones and falls of each pixel
-    B, g, weight = basis[:, where], gray[where].astype(np.float64), np.ones(int(where.sum()))
+    known[:n, :n] = np.linalg.inv(off)
     found, N = np.zeros(3 * n), known
     for _ in range(_ROUNDS):
-        N, b = known.copy(), known[:, :n] @ tone
-        for i in range(3):
-            b += np.bincount(at[i], weight * B[i] * g, minlength=3 * n) / (_TOGETHER * sigma**2)
-            for j in range(3):
-                told = np.bincount(at[0], weight * B[i] * B[j], minlength=n) / (_TOGETHER * sigma**2)
-                N[i * n + np.arange(n), j * n + np.arange(n)] += told
+        W = B * weight / _TOGETHER
+        N, b = known.copy(), np.concatenate([np.bincount(its, w * left[where], minlength=n) for w in W])
+        for i, j in np.ndindex(3, 3):
+            N[i * n + np.arange(n), j * n + np.arange(n)] += np.bincount(its, W[i] * B[j], minlength=n)
         found = np.linalg.solve(N, b)
-        r = g - (found[at] * B).sum(axis=0)
-        weight = np.minimum(1.0, _WORST * sigma**2 / np.maximum(r**2, 1e-12))
-    off = found - np.append(tone, np.zeros(2 * n))
-    shaded = (found[surface + n * np.arange(3)[:, None, None]] * basis).sum(axis=0)
-    return shaded, float(off @ known @ off + np.linalg.slogdet(N)[1] - np.linalg.slogdet(known)[1])
+        r = left[where] - (found[number[:, where]] * B).sum(axis=0)
+        weight = np.minimum(1 / sigma**2, _WORST / np.maximum(r**2, 1e-12))
+    shade = (found[number] * basis).sum(axis=0)
+    return shade, float(found @ known @ found + np.linalg.slogdet(N)[1] - np.linalg.slogdet(known)[1])

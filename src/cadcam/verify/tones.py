@@ -19,11 +19,11 @@ from cadcam.arrays import Array, Ids, Mask
 from cadcam.cad.edges import FeatureEdges
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import noise_of
+from cadcam.locate.light import Light, colors_of, fitted_light, surfaces
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Scene
-from cadcam.locate.light import Light, colors_of, fitted_light, surfaces
 
 Longs = npt.NDArray[np.int64]
 Window = tuple[slice, slice]
