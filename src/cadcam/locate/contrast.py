@@ -34,8 +34,7 @@ def _without(part: Part, sight: Sight, world_from_part: Rigid) -> Mask:
     photo = sight.photo
     camera_from_part = photo.viewpoint.camera_from_world @ world_from_part
     view = open_renderer(part.scene).render(photo.camera, camera_from_part, channels=Channel.NORMAL | Channel.FACE)
-    normal = view.normal.astype(np.float64) @ camera_from_part.rotation
-    color = colors_of(part, view.face)
+    normal, color = view.normal, colors_of(part, view.face)  # normals as the camera has them: the light moves with it
     at = sight.project(world_from_part)
     seen = np.isfinite(at.q).all(axis=1)
     q = at.q[seen, None] + _ASIDE_PX * np.array([-1.0, 1.0])[:, None] * at.normal[seen, None]

@@ -254,16 +254,29 @@ def _location(part: Part, fitted: Solution, freedom: Freedom, chosen: int) -> Lo
         (_TOGETHER_PX**2 * (G @ n) @ (G @ n).T for G, n in zip(gains, normals, strict=True)), np.zeros((6, 6))
     )
     estimate = PoseEstimate(pose, B @ fit.covariance @ B.T + together, from_calibration, B, fit.dof)
-    told, color = in_color(part, sights, pose)
-    scatter = _scatter(fit, sum(n))
-    evidence = judged(told, pose, B, chosen=chosen, scatter=scatter, color=color)
-    doubted = evidence.quality < _DOUBT[1] or evidence.without > 0 or fit.between > LOOSE_PX
-    if doubted and evidence.quality > _DOUBT[0] and not evidence.gain:
-        lit = showing(part, told, pose)
-        evidence = judged(lit, pose, B, chosen=chosen, scatter=scatter, color=color)
-        evidence = replace(evidence, faint=1 - sum(len(s.samples) for s in lit) / sum(len(s.samples) for s in told))
+    evidence, doubted = _evidence(part, fitted, B, chosen)
     reason = _reason(part, estimate, evidence, fit, photos)
     return Location(estimate, _matches(fitted), evidence.quality, reason, doubted=doubted)
+
+
+def _evidence(part: Part, fitted: Solution, B: Array, chosen: int) -> tuple[Seen, bool]:
+    """Return what the photos show of the part where it was fitted along B (6, k), and whether that is doubted.
+
+    Where it is half of the lines, those that the light gives no contrast are left out; none where the model fits better
+    stretched.
+    """
+    pose, fit = fitted.pose, fitted.fit
+    scatter = _scatter(fit, sum(int(m.usable.sum()) for m in fitted.measured))
+    told, color = in_color(part, fitted.sights, pose)
+    evidence = judged(told, pose, B, chosen=chosen, scatter=scatter, color=color)
+    doubted = evidence.quality < _DOUBT[1] or evidence.without > 0 or fit.between > LOOSE_PX
+    if evidence.gain or not _DOUBT[0] < evidence.quality < _DOUBT[1]:
+        return evidence, doubted
+    lit = showing(part, told, pose)
+    faint = 1 - sum(len(s.samples) for s in lit) / sum(len(s.samples) for s in told)
+    if faint > 0:
+        evidence = replace(judged(lit, pose, B, chosen=chosen, scatter=scatter, color=color), faint=faint)
+    return evidence, doubted
 
 
 def _scatter(fit: GroupedFit, n: int) -> float:

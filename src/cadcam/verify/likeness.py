@@ -114,7 +114,7 @@ def _shade(left: Array, where: Mask, surface: Longs, off: Array, sigma: float) -
     count = np.maximum(np.bincount(surface[where], minlength=n), 1)
     across = [v - (np.bincount(surface[where], v[where], minlength=n) / count)[surface] for v in (x, y)]
     basis = np.stack([np.ones(left.shape), _FALL * across[0], _FALL * across[1]])
-    number = surface + n * np.arange(3)[:, None, None]  # of each pixel's tone and falls
+    number: Longs = np.add(surface, n * np.arange(3)[:, None, None])  # of each pixel's tone and falls
     B, its, weight = basis[:, where], surface[where], np.full(int(where.sum()), 1 / sigma**2)
     known = np.eye(3 * n)
     known[:n, :n] = np.linalg.inv(off)
