@@ -39,7 +39,7 @@ def _without(part: Part, sight: Sight, world_from_part: Rigid) -> Mask:
     seen = np.isfinite(at.q).all(axis=1)
     q = at.q[seen, None] + _ASIDE_PX * np.array([-1.0, 1.0])[:, None] * at.normal[seen, None]
     x, y = np.moveaxis(np.clip(np.rint(q).astype(np.int64), 0, np.array(photo.camera.size) - 1), 2, 0)
-    change, sigma = fitted_light(photo.gray, normal, color).contrast(normal[y, x], color[y, x])
+    change, sigma = fitted_light(photo.gray, normal, color).contrast(normal[y, x].astype(np.float64), color[y, x])
     out = np.zeros(len(at.q), bool)
     out[seen] = np.abs(change) + sigma < _FAINT * sight.noise
     return out

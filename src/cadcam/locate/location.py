@@ -19,7 +19,7 @@ class Location:
 
     quality in [0, 1]: how sure it is that the pose is right; at least `FOUND` means found. reason: one line for
     people, why it is believed or not. alternatives: other poses that the photos allow nearly as well (symmetry, planar
-    flip), best first. doubted: whether lines had to be left out before it was believed, or edges fit only loosely.
+    flip), best first. doubted: whether little spoke for it at first, lines being few, faint or fitted only loosely.
     """
 
     pose: PoseEstimate

@@ -35,6 +35,7 @@ from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
 _TOGETHER_PX = 0.005  # by which all edges of a photo are off together: light from one side bends alike beside them
 _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
 _DOUBT = (0.25, 0.62)  # quality of a pose that half of the lines agree with: worth a second, wider search
+_FREE = 0.4  # share of the lines that any pose could be fitted to, more than of a box: little else speaks for a pose
 _FARTHEST_PX = 3.0  # an edge farther off is another one
 _LOOSER = 3.0  # times as much, that a fit is looser than another one
 _WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
@@ -269,7 +270,7 @@ def _evidence(part: Part, fitted: Solution, B: Array, chosen: int) -> tuple[Seen
     scatter = _scatter(fit, sum(int(m.usable.sum()) for m in fitted.measured))
     told, color = in_color(part, fitted.sights, pose)
     evidence = judged(told, pose, B, chosen=chosen, scatter=scatter, color=color)
-    doubted = evidence.quality < _DOUBT[1] or evidence.without > 0 or fit.between > LOOSE_PX
+    doubted = evidence.quality < _DOUBT[1] or evidence.without > 0 or evidence.fitted > _FREE or fit.between > LOOSE_PX
     if evidence.gain or not _DOUBT[0] < evidence.quality < _DOUBT[1]:
         return evidence, doubted
     lit = showing(part, told, pose)

@@ -110,11 +110,11 @@ def _shade(left: Array, where: Mask, surface: Longs, off: Array, sigma: float) -
     surfaces may be off. The light may also be nearer than it is taken to be, so that brightness falls along a surface,
     slowly. The cost is minus twice the logarithm of the probability of such tones, and of the room there was to choose.
     """
-    n, (y, x) = len(off), np.indices(left.shape)
+    n, places = len(off), np.indices(left.shape)
     count = np.maximum(np.bincount(surface[where], minlength=n), 1)
-    across = [v - (np.bincount(surface[where], v[where], minlength=n) / count)[surface] for v in (x, y)]
+    across = [v - (np.bincount(surface[where], v[where], minlength=n) / count)[surface] for v in places]
     basis = np.stack([np.ones(left.shape), _FALL * across[0], _FALL * across[1]])
-    number: Longs = np.add(surface, n * np.arange(3)[:, None, None])  # of each pixel's tone and falls
+    number = surface + n * np.arange(3)[:, None, None]  # of each pixel's tone and falls
     B, its, weight = basis[:, where], surface[where], np.full(int(where.sum()), 1 / sigma**2)
     known = np.eye(3 * n)
     known[:n, :n] = np.linalg.inv(off)
