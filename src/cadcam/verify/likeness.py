@@ -112,7 +112,7 @@ def _shade(left: Array, where: Mask, surface: Longs, off: Array, sigma: float) -
     """
     n, places = len(off), np.indices(left.shape)
     count = np.maximum(np.bincount(surface[where], minlength=n), 1)
-    across = [v - (np.bincount(surface[where], v[where], minlength=n) / count)[surface] for v in places]
+    across = [v - (np.bincount(surface[where], v[where], minlength=n) / count)[surface] for v in (places[0], places[1])]
     basis = np.stack([np.ones(left.shape), _FALL * across[0], _FALL * across[1]])
     number = surface + n * np.arange(3)[:, None, None]  # of each pixel's tone and falls
     B, its, weight = basis[:, where], surface[where], np.full(int(where.sum()), 1 / sigma**2)
