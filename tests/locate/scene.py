@@ -19,7 +19,7 @@ from cadcam.render.view import Channel, Look
 
 CAMERA = Camera.from_focal((640, 480), 900.0)
 NOISE = 3 / 255
-_DIM = Look(head=0.25, fill=0.7, back=0.1, fill_from=(0.7, -0.6, 0.1), background=(0.35, 0.35, 0.35), supersampling=4)
+DIM = Look(head=0.25, fill=0.7, back=0.1, fill_from=(0.7, -0.6, 0.1), background=(0.35, 0.35, 0.35), supersampling=4)
 
 
 @cache
@@ -49,7 +49,7 @@ def pose_of(rng: np.random.Generator) -> Rigid:
 
 def photo_of(pose: Rigid, rng: np.random.Generator) -> Photo:
     """Return the noisy photo of the block at camera_from_part `pose`; its world is the camera."""
-    view = open_renderer(block().scene, threads=1).render(CAMERA, pose, channels=Channel.IMAGE, look=_DIM)
+    view = open_renderer(block().scene, threads=1).render(CAMERA, pose, channels=Channel.IMAGE, look=DIM)
     gray: Picture = view.gray + rng.normal(scale=NOISE, size=view.gray.shape).astype(np.float32)
     return Photo.of(np.clip(gray, 0, 1), CAMERA)
 

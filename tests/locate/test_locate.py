@@ -12,6 +12,8 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.hypothesis import Hypothesis
 from cadcam.locate.locate import locate
 from cadcam.locate.location import Location
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
 from cadcam.locate.refine import refined
 from cadcam.locate.solution import EDGES, EdgeOptions
 
@@ -60,6 +62,26 @@ def test_a_start_that_no_approach_helps_is_refined_nearby_before_far_off(
     assert found.found
     assert largest_miss(found.pose.world_from_part, pose) < 1
     assert asked == [EDGES.search_px] * 2
+
+
+def test_a_start_better_than_what_its_approach_leads_to_is_preferred(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From within a part, an approach may lead to a pose that is half believed, far off a start nearly right."""
+    pose, asked = pose_of(rng), []
+    aside = Rigid(translation=[150.0, 0, 0]) @ pose
+
+    def half_believed(part: Part, photos: list[Photo], start: Rigid, **kwargs: object) -> object:
+        asked.append(start)
+        location, sights = refined(part, photos, start, **kwargs)
+        return (replace(location, quality=0.7, doubted=doubted), sights) if start is aside else (location, sights)
+
+    monkeypatch.setattr("cadcam.locate.locate.approach", lambda *_, **__: [Hypothesis(aside, 1.0, 0.5)])
+    monkeypatch.setattr("cadcam.locate.locate.refined", half_believed)
+    for doubted in (True, False):
+        found = locate(block(), [photo_of(pose, rng)], off(pose, rng, degrees=1, px=2))
+        assert (largest_miss(found.pose.world_from_part, pose) < 1) == doubted
+    assert len(asked) == 3
 
 
 def test_a_hypothesis_that_leads_where_one_led_before_is_not_refined(

@@ -8,7 +8,7 @@ import pytest
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.proportions import Stretched, stretched
+from cadcam.locate.proportions import Stretched, _pulled, stretched
 from cadcam.locate.refine import refine
 from cadcam.locate.sight import Sight
 from cadcam.native.profiles import met
@@ -46,6 +46,14 @@ def test_a_model_of_right_proportions_fits_best_as_it_is(rng: np.random.Generato
     part, shots, pose, said = fitted(SIZE, rng)
     assert stretched(sights(part, shots, pose), pose, np.eye(6)).by < 0.02
     assert "axis (" not in said
+
+
+def test_a_model_that_a_try_moves_out_of_the_photo_stays_as_long_as_it_was(rng: np.random.Generator) -> None:
+    """All of it is behind the camera: no line is left to pull."""
+    behind, seen = Rigid(translation=[0, 0, -5000.0]) @ CORNER, sights(BOX, photo(BOX, CORNER, rng), CORNER)
+    pose, lengths = _pulled(seen, behind, np.zeros(3), np.eye(6), SIZE / 2)
+    assert pose is behind
+    assert not lengths.any()
 
 
 def test_a_model_of_wrong_proportions_is_not_found_and_the_reason_names_them(rng: np.random.Generator) -> None:

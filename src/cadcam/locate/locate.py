@@ -67,8 +67,9 @@ def locate(
     chosen = SEARCHED if start is None else 0
     basins = Basins(freedom)
     tried = _refined(part, photos, hypotheses[:most], freedom, options, chosen, basins)
-    if start is not None and not any(location.found for _, location in tried):
-        tried += [(0.0, location) for location in _as_it_is(part, photos, start, reach, freedom, options, basins)]
+    if start is not None and not any(location.found and not location.doubted for _, location in tried):
+        score = max(h.score for h in hypotheses)  # none is likelier than a start that is as good as said
+        tried += [(score, location) for location in _as_it_is(part, photos, start, reach, freedom, options, basins)]
     ranked = _ranked(tried)
     score, best = ranked[0]
     alike = _alike(part, best) if start is None else []

@@ -19,7 +19,7 @@ class Location:
 
     quality in [0, 1]: how sure it is that the pose is right; at least `FOUND` means found. reason: one line for
     people, why it is believed or not. alternatives: other poses that the photos allow nearly as well (symmetry, planar
-    flip), best first.
+    flip), best first. doubted: whether little spoke for it at first, lines being few, faint or fitted only loosely.
     """
 
     pose: PoseEstimate
@@ -27,6 +27,7 @@ class Location:
     quality: float
     reason: str = ""
     alternatives: tuple[Location, ...] = field(default=(), repr=False)
+    doubted: bool = False
 
     @classmethod
     def nowhere(cls, world_from_part: Rigid, reason: str) -> Location:

@@ -90,6 +90,8 @@ def _pulled(
     k = B.shape[1]
     for reach, soft in _PULLS:
         seen = seen or _Seen(sights, pose, s, B, middle, reach)
+        if not len(seen.J):
+            break  # out of all photos
         stiff = np.zeros((k + 3, k + 3))
         stiff[k:, k:] = _OF_PULL * (soft / _USUAL) ** 2 * (np.eye(3) + _SUM * np.full((3, 3), 1 / 3))
         before = np.append(np.zeros(k), s - s.mean())

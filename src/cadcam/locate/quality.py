@@ -84,7 +84,8 @@ class Seen:
     shown nowhere, hidden: what of it lies behind a border; scatter: of edges, relative to the size of what is seen;
     gain: how much larger the net share would be with a model of other proportions, and which those are; color: share
     of constraints that the colours beside the lines add. gone: the body of which nothing is shown, -1: none; without:
-    the share of samples that were its own, where it was left out of all this.
+    the share of samples that were its own, where it was left out of all this; faint: the share of samples that were
+    left out because the light gives them no contrast.
     """
 
     samples: int
@@ -99,6 +100,7 @@ class Seen:
     color: float = 0.0
     gone: int = -1
     without: float = 0.0
+    faint: float = 0.0
 
     @property
     def fitted(self) -> float:
@@ -130,7 +132,8 @@ class Seen:
         body = f", those of a body with {self.without:.0%} of them left out: nothing of it is there" * (
             self.without > 0
         )
-        return edges + body + color + free + other
+        faint = f", {self.faint:.0%} left out: the light gives them no contrast" * (self.faint > 0)
+        return edges + faint + body + color + free + other
 
 
 def judged(

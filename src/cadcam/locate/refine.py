@@ -20,6 +20,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.agreement import SCATTERED_PX, agreed
 from cadcam.locate.attraction import attracted
 from cadcam.locate.color import in_color
+from cadcam.locate.contrast import showing
 from cadcam.locate.evidence import Evidence, pose_jacobian
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.location import FOUND, Location
@@ -34,6 +35,7 @@ from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
 _TOGETHER_PX = 0.005  # by which all edges of a photo are off together: light from one side bends alike beside them
 _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
 _DOUBT = (0.25, 0.62)  # quality of a pose that half of the lines agree with: worth a second, wider search
+_FREE = 0.4  # share of the lines that any pose could be fitted to, more than of a box: little else speaks for a pose
 _FARTHEST_PX = 3.0  # an edge farther off is another one
 _LOOSER = 3.0  # times as much, that a fit is looser than another one
 _WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
@@ -98,7 +100,7 @@ def refined(
             break
         around = replace(options, search_px=search_px)
         sights, pose = _attracted(part, photos, sights, pose, freedom, around)
-        second, _ = _measured(part, sights, pose, freedom, evidence, options, chosen)
+        second, _ = _measured(part, sights, pose, freedom, evidence, options, chosen, wider)
         if second.quality > best.quality:
             best, drawn = second, sights
     return best, drawn
@@ -125,7 +127,7 @@ def _refined(
     """Return what `refined` does, but for what colour has it look at again."""
 
     def once(sights: Sequence[Sight], pose: Rigid) -> _Answer:
-        return *_measured(part, sights, pose, freedom, evidence, options, chosen), sights
+        return *_measured(part, sights, pose, freedom, evidence, options, chosen, wider), sights
 
     def measured(sights: Sequence[Sight], pose: Rigid) -> _Answer:
         """Return the answer at a pose, its lines as seen from there, or at the one that most edges agree on."""
@@ -180,13 +182,14 @@ def _measured(
     evidence: Sequence[Evidence],
     options: EdgeOptions,
     chosen: int,
+    wider: bool,
 ) -> tuple[Location, Solution | None]:
     """Return what the measurement of a pose close by finds, and what was measured, if anything."""
     try:
         fitted = solved(sights, pose, freedom, evidence, options)
     except DegenerateGeometry as error:
         return _lost(sights, pose, freedom, str(error)), None
-    return _location(part, fitted, freedom, chosen), fitted
+    return _location(part, fitted, freedom, chosen, wider), fitted
 
 
 def _loose(fitted: Solution | None) -> bool:
@@ -240,7 +243,7 @@ def _sights(
     ]
 
 
-def _location(part: Part, fitted: Solution, freedom: Freedom, chosen: int) -> Location:
+def _location(part: Part, fitted: Solution, freedom: Freedom, chosen: int, wider: bool) -> Location:
     sights, pose, fit = fitted.sights, fitted.pose, fitted.fit
     B = freedom.at(pose)
     n = [int(m.usable.sum()) for m in fitted.measured]
@@ -253,9 +256,29 @@ def _location(part: Part, fitted: Solution, freedom: Freedom, chosen: int) -> Lo
         (_TOGETHER_PX**2 * (G @ n) @ (G @ n).T for G, n in zip(gains, normals, strict=True)), np.zeros((6, 6))
     )
     estimate = PoseEstimate(pose, B @ fit.covariance @ B.T + together, from_calibration, B, fit.dof)
-    told, color = in_color(part, sights, pose)
-    evidence = judged(told, pose, B, chosen=chosen, scatter=_scatter(fit, sum(n)), color=color)
-    return Location(estimate, _matches(fitted), evidence.quality, _reason(part, estimate, evidence, fit, photos))
+    evidence, doubted = _evidence(part, fitted, B, chosen, wider)
+    reason = _reason(part, estimate, evidence, fit, photos)
+    return Location(estimate, _matches(fitted), evidence.quality, reason, doubted=doubted)
+
+
+def _evidence(part: Part, fitted: Solution, B: Array, chosen: int, wider: bool) -> tuple[Seen, bool]:
+    """Return what the photos show of the part where it was fitted along B (6, k), and whether that is doubted.
+
+    Where half of the lines agree, those that the light gives no contrast are left out; not where the model fits better
+    stretched, nor of starts known to be good (`wider`).
+    """
+    pose, fit = fitted.pose, fitted.fit
+    scatter = _scatter(fit, sum(int(m.usable.sum()) for m in fitted.measured))
+    told, color = in_color(part, fitted.sights, pose)
+    evidence = judged(told, pose, B, chosen=chosen, scatter=scatter, color=color)
+    doubted = evidence.quality < _DOUBT[1] or evidence.without > 0 or evidence.fitted > _FREE or fit.between > LOOSE_PX
+    if not wider or evidence.gain or not _DOUBT[0] < evidence.quality < _DOUBT[1]:
+        return evidence, doubted
+    lit = showing(part, told, pose)
+    faint = 1 - sum(len(s.samples) for s in lit) / sum(len(s.samples) for s in told)
+    if faint > 0:
+        evidence = replace(judged(lit, pose, B, chosen=chosen, scatter=scatter, color=color), faint=faint)
+    return evidence, doubted
 
 
 def _scatter(fit: GroupedFit, n: int) -> float:

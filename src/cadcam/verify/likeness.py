@@ -2,8 +2,10 @@
 
 Edges alone are taken for each other where a displacement brings one near another's place. What lies between them is
 not: a wrong guess leaves strips of a wrong tone beside every edge. Places of a body are compared by all pixels that it
-covers in any of them. Neighbouring pixels are off together, and some by anything: their squared residuals are bounded,
-and each counts as a small part of an observation.
+covers in any of them. The pixels of a surface are off together, as far as the light is not known: each surface has its
+own tone, about as bright as the light makes it, and falling slowly along it; a guess is not preferred because it puts
+a surface where a tone that is wrong for all of it would be less so. Neighbouring pixels are off together too, and some
+by anything: their squared residuals are bounded, and each counts as a small part of an observation.
 """
 
 from __future__ import annotations
@@ -11,19 +13,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from cadcam.arrays import Array, Mask, Picture
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import noise_of
+from cadcam.locate.light import Light, fitted_light, surfaces
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.verify.light import Light, fitted_light, surfaces
 from cadcam.verify.tones import Drawn, Window
 
+Longs = npt.NDArray[np.int64]
 _RIM_PX = 4  # around a body's picture that counts too
 _BLUR_PX = 0.7  # of the photo, about
 _WORST = 9.0  # squared sigmas that a pixel is off at most
 _TOGETHER = 12.0  # pixels that count as one
+_OWN_PX = 100  # of a surface that has its own tone
+_FALL = 5e-4  # of brightness along a surface, for each px: standard deviation
+_ROUNDS = 3
 
 
 def likenesses(
@@ -74,14 +81,51 @@ def _in_photo(photo: Photo, camera_from_part: Rigid, guesses: Sequence[Part], bo
 
 
 def _log_likelihood(drawn: Drawn, gray: Picture, where: Mask, light: Light, noise: float) -> float:
-    """Return the log likelihood of the pixels `where` (h, w) of a window, up to a constant."""
+    """Return the log likelihood of the pixels `where` (h, w) of a window, up to a constant, whatever the tones are."""
     from scipy.ndimage import gaussian_filter
 
-    normal, color = drawn.normal.reshape(-1, 3), drawn.color.ravel()
-    _, first, at = np.unique(surfaces(normal, color), return_index=True, return_inverse=True)
+    normal, color, part = drawn.normal.reshape(-1, 3), drawn.color.ravel(), drawn.part.ravel()
+    _, first, at = np.unique([surfaces(normal, color), part], axis=1, return_index=True, return_inverse=True)
     tone, V = light.brightness(normal[first], color[first])
-    tone[color[first] < 0] = light.nothing
-    sigma = np.sqrt(np.diag(V) + noise**2)[at].reshape(gray.shape)
-    expected = gaussian_filter(tone[at].reshape(gray.shape), _BLUR_PX, mode="nearest")
-    loss = np.minimum(((gray - expected) / sigma) ** 2, _WORST) + 2 * np.log(sigma)
-    return float(-0.5 * loss[where].sum() / _TOGETHER)
+    nothing = color[first] < 0
+    tone[nothing], V[nothing], V[:, nothing] = light.nothing, 0.0, 0.0
+    V[nothing, nothing] = light.spread**2
+    at = at.reshape(gray.shape)
+    large = np.bincount(at[where], minlength=len(tone)) >= _OWN_PX
+    k = int(large.sum())
+    number = np.where(large, np.cumsum(large) - 1, k)  # small ones are off together
+    off = np.diag(np.full(k + 1, light.spread**2))
+    off[:k, :k] = V[np.ix_(large, large)]
+    sigma = float(np.hypot(noise, light.scale))
+    shade, costs = _shade(gray - tone[at], where, number[at], off, sigma)
+    expected = gaussian_filter(tone[at] + shade, _BLUR_PX, mode="nearest")
+    loss = np.minimum(((gray - expected) / sigma) ** 2, _WORST)[where].sum() / _TOGETHER
+    return float(-0.5 * (loss + costs))
+
+
+def _shade(left: Array, where: Mask, surface: Longs, off: Array, sigma: float) -> tuple[Array, float]:
+    """Return by how much (h, w) surfaces are brighter than the light has it, and what it costs to take it so.
+
+    left (h, w): what the pixels `where` are brighter, each by sigma; surface (h, w): of each pixel; off (n, n): how far
+    surfaces may be off. The light may also be nearer than it is taken to be, so that brightness falls along a surface,
+    slowly. The cost is minus twice the logarithm of the probability of such tones, and of the room there was to choose.
+    """
+    n, places = len(off), np.indices(left.shape)
+    count = np.maximum(np.bincount(surface[where], minlength=n), 1)
+    across = [v - (np.bincount(surface[where], v[where], minlength=n) / count)[surface] for v in (places[0], places[1])]
+    basis = np.stack([np.ones(left.shape), _FALL * across[0], _FALL * across[1]])
+    number = surface + n * np.arange(3)[:, None, None]  # of each pixel's tone and falls
+    B, its, weight = basis[:, where], surface[where], np.full(int(where.sum()), 1 / sigma**2)
+    known = np.eye(3 * n)
+    known[:n, :n] = np.linalg.inv(off)
+    found, N = np.zeros(3 * n), known
+    for _ in range(_ROUNDS):
+        W = B * weight / _TOGETHER
+        N, b = known.copy(), np.concatenate([np.bincount(its, w * left[where], minlength=n) for w in W])
+        for i, j in np.ndindex(3, 3):
+            N[i * n + np.arange(n), j * n + np.arange(n)] += np.bincount(its, W[i] * B[j], minlength=n)
+        found = np.linalg.solve(N, b)
+        r = left[where] - (found[number[:, where]] * B).sum(axis=0)
+        weight = np.minimum(1 / sigma**2, _WORST / np.maximum(r**2, 1e-12))
+    shade = (found[number] * basis).sum(axis=0)
+    return shade, float(found @ known @ found + np.linalg.slogdet(N)[1] - np.linalg.slogdet(known)[1])

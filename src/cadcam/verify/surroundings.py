@@ -13,11 +13,11 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.light import colors_of, fitted_light
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel
-from cadcam.verify.light import colors_of, fitted_light
 from cadcam.verify.sightlines import Sightlines
 
 Longs = npt.NDArray[np.int64]

@@ -1,7 +1,7 @@
 """How bright a photo is where a body ought to be: as that body should be in this light, or as what it would hide.
 
 Pixels of the body's picture are taken together by what they show with the body and without it. The light, fitted to all
-the rest of the photo (`cadcam.verify.light`), says how bright each of these surfaces is, and how surely; pieces of one
+the rest of the photo (`cadcam.locate.light`), says how bright each of these surfaces is, and how surely; pieces of one
 surface err together. Either way the light may not be as it was fitted, for a shadow say, with a probability that no
 surface can make up for: then the tones are any that the photo has elsewhere, and edges that ought to show need not.
 """
@@ -19,11 +19,11 @@ from cadcam.arrays import Array, Ids, Mask
 from cadcam.cad.edges import FeatureEdges
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import noise_of
+from cadcam.locate.light import Light, colors_of, fitted_light, surfaces
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Scene
-from cadcam.verify.light import Light, colors_of, fitted_light, surfaces
 
 Longs = npt.NDArray[np.int64]
 Window = tuple[slice, slice]

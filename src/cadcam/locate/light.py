@@ -63,13 +63,14 @@ class Light:
         return np.asarray(value), np.sqrt(np.einsum("ni,ij,nj->n", change, self.covariance, change))
 
 
-def fitted_light(gray: Picture, normal: Array, color: Ids, *, without: Mask | None = None) -> Light:
+def fitted_light(gray: Picture, normal: Array | Picture, color: Ids, *, without: Mask | None = None) -> Light:
     """Return the light that explains the photo (H, W) with these normals (H, W, 3) and colours (H, W).
 
     Every surface counts once, however large it is: its pixels err together. without (H, W): pixels that do not count.
     """
     few = slice(None, None, _EVERY)
-    g, n, c = gray[few, few].ravel().astype(np.float64), normal[few, few].reshape(-1, 3), color[few, few].ravel()
+    g, n = (a.astype(np.float64) for a in (gray[few, few].ravel(), normal[few, few].reshape(-1, 3)))
+    c = color[few, few].ravel()
     if without is not None:
         counts = ~without[few, few].ravel()
         g, n, c = g[counts], n[counts], c[counts]
