@@ -123,7 +123,7 @@ def part_vertices(mesh: Mesh) -> tuple[Longs, Longs, Longs]:
 
 def weld(points: Array, group: Longs) -> Longs:
     """Return for each point (N, 3) the first point of its group that coincides with it, within the weld tolerance."""
-    first = _same_rows(points, group)
+    first = same_rows(points, group)
     kept = np.flatnonzero(first == np.arange(len(points)))
     near = _near_pairs(points[kept], group[kept])
     if len(near):
@@ -175,7 +175,7 @@ def _near_pairs(points: Array, group: Longs) -> Longs:
     return np.concatenate(found)
 
 
-def _same_rows(points: Array, group: Longs) -> Longs:
+def same_rows(points: Array, group: Longs) -> Longs:
     """Return for each row the first row of its group with exactly its coordinates."""
     bits = np.ascontiguousarray(points + 0.0).view(np.uint64)  # + 0.0 turns -0.0 into 0.0
     hashed = group.astype(np.uint64)

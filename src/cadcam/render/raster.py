@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Mask
 from cadcam.cad.topology import is_solid
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal
@@ -104,6 +104,13 @@ class RasterRenderer:
                 yield under_way.popleft().result()
         while under_way:
             yield under_way.popleft().result()
+
+    def hides(self, points: Array, eye: Array, *, tolerance: float) -> Mask:
+        """Return which points (N, 3) mm a face hides from the eye (3,), in space and exactly: as `occlusion.Occluders`.
+
+        A face hides a point that lies more than `tolerance` mm off its plane, where it meets the way to the eye.
+        """
+        return self._native.hides(points, eye, tolerance)
 
     def _prepare(self, camera: Camera, channels: Channel, look: Look, pictures: int) -> None:
         """Check sizes and memory, then make the lens' tables, before any thread starts."""

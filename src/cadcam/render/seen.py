@@ -17,6 +17,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.cad.edges import EdgeKind, edge_table
 from cadcam.cad.mesh import Mesh
+from cadcam.cad.topology import same_rows
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal
 from cadcam.native.seen import ALWAYS, FACING, TURNING, EdgesInSpace, EyePoint, Sight
@@ -94,9 +95,9 @@ def _planes(mesh: Mesh) -> tuple[Array, Ids]:
     offset = -np.einsum("ij,ij->i", normals, mesh.vertices[mesh.faces[:, 0]])
     planes = np.column_stack([normals, offset])
     size = np.append(np.ones(3), max(float(np.abs(offset).max(initial=0.0)), 1.0))
-    steps = np.rint(planes / (_SAME_PLANE * size)).astype(np.int64)
-    _, first, plane_of = np.unique(steps, axis=0, return_index=True, return_inverse=True)
-    return planes[first], plane_of.ravel().astype(np.int32)
+    first = same_rows(np.rint(planes / (_SAME_PLANE * size)), np.zeros(len(planes), np.int64))
+    kept = first == np.arange(len(planes))
+    return planes[kept], (np.cumsum(kept) - 1)[first].astype(np.int32)
 
 
 class SeenEdges:
