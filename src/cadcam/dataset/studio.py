@@ -73,7 +73,7 @@ class Studio:
 
     def __init__(self, stage: Stage, edges: Drawable) -> None:
         self.stage = stage
-        self._part = RasterRenderer(stage.scene, threads=1, backs=False)
+        self._part = RasterRenderer(stage.scene, threads=1, backs=False, solid=edges.solid)
         self._props: dict[int, RasterRenderer] = {}
         self._edges = SeenEdges(stage.scene, edges)
         self._tolerance = COINCIDENT_SHARE * 2 * middle_and_radius(stage.scene.mesh)[1]

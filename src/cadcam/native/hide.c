@@ -3,8 +3,8 @@
 
 #include "internal.h"
 
-/* The way from a point p to the eye: its middle, half of its length by axis, all of it as a vector d. */
-typedef struct { double p[3], d[3], middle[3], half[3]; } sight_line;
+/* The way from a point p to the eye, d, and the box around it. */
+typedef struct { double p[3], d[3], low[3], high[3]; } sight_line;
 
 static void cross(const double a[3], const double b[3], double out[3]) {
     for (int k = 0; k < 3; k++) out[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
@@ -14,28 +14,26 @@ static double dot(const double a[3], const double b[3]) { return a[0] * b[0] + a
 
 static sight_line line_to(const double eye[3], const double p[3]) {
     sight_line l;
-    for (int k = 0; k < 3; k++) {
-        l.p[k] = p[k], l.d[k] = eye[k] - p[k];
-        l.middle[k] = 0.5 * (eye[k] + p[k]), l.half[k] = 0.5 * fabs(l.d[k]);
-    }
+    for (int k = 0; k < 3; k++) l.p[k] = p[k], l.d[k] = eye[k] - p[k], l.low[k] = fmin(p[k], eye[k]), l.high[k] = fmax(p[k], eye[k]);
     return l;
 }
 
-/* Whether a line may meet a cluster's box: no axis, nor the line's own direction with one, keeps them apart (Gottschalk, Lin
- * and Manocha, "OBBTree", SIGGRAPH 1996). */
+static int boxes_apart(const sight_line *l, const cluster *c) {
+    return l->high[0] < c->low[0] || l->low[0] > c->high[0] || l->high[1] < c->low[1] || l->low[1] > c->high[1] ||
+           l->high[2] < c->low[2] || l->low[2] > c->high[2];
+}
+
+/* Whether a line may meet a cluster's box: no axis, nor one across it and the line, keeps them apart (Gottschalk, Lin and
+ * Manocha, "OBBTree", SIGGRAPH 1996). */
 static int may_meet(const sight_line *l, const cluster *c) {
-    double off[3], size[3], round = 0;
-    for (int k = 0; k < 3; k++) {
-        off[k] = l->middle[k] - 0.5 * (c->low[k] + c->high[k]), size[k] = 0.5 * (c->high[k] - c->low[k]);
-        round += fabs(l->middle[k]) + l->half[k] + fabs(c->low[k]) + fabs(c->high[k]);
-    }
-    round *= 0x1p-48;
-    for (int k = 0; k < 3; k++)
-        if (fabs(off[k]) > size[k] + l->half[k] + round) return 0;
+    double off[3], size[3];
+    if (boxes_apart(l, c)) return 0;
+    for (int k = 0; k < 3; k++) off[k] = 0.5 * (c->low[k] + c->high[k]) - l->p[k], size[k] = 0.5 * (c->high[k] - c->low[k]);
     for (int k = 0; k < 3; k++) {
         const int i = (k + 1) % 3, j = (k + 2) % 3;
-        const double apart = fabs(0.5 * (l->d[i] * off[j] - l->d[j] * off[i]));
-        if (apart > (size[i] + round) * l->half[j] + (size[j] + round) * l->half[i]) return 0;
+        const double reach = size[i] * fabs(l->d[j]) + size[j] * fabs(l->d[i]);
+        const double one = l->d[i] * off[j], other = l->d[j] * off[i];
+        if (fabs(one - other) > reach + 0x1p-40 * (fabs(one) + fabs(other))) return 0;
     }
     return 1;
 }
