@@ -178,25 +178,25 @@ static void write_code(stream *s, const huffman *code, int distance) {
 typedef struct {
     uint32_t bits;
     int32_t n;
-} written;
+} coding;
 
-static void find_written(const huffman *code, written w[TOKENS]) {
-    for (int i = 0; i < END; i++) w[i] = (written){code->code[i], code->length[i]};
-    w[END] = (written){0, 0};
+static void find_codings(const huffman *code, coding w[TOKENS]) {
+    for (int i = 0; i < END; i++) w[i] = (coding){code->code[i], code->length[i]};
+    w[END] = (coding){0, 0};
     for (int length = SHORTEST; length <= LONGEST; length++) {
         const coded l = length_code(length);
         const int n = code->length[l.symbol];
-        w[END + length] = (written){code->code[l.symbol] | (uint32_t)l.more << n, n + l.bits + 1}; /* and the distance: a zero */
+        w[END + length] = (coding){code->code[l.symbol] | (uint32_t)l.more << n, n + l.bits + 1}; /* and the distance: a zero */
     }
 }
 
 static void write_tokens(packer *k, const huffman *code) {
-    written w[TOKENS] = {0};
+    coding w[TOKENS] = {0};
     stream s = k->out;
-    find_written(code, w);
+    find_codings(code, w);
     k->token[k->tokens] = END; /* nothing: tokens are written by twos */
     for (int i = 0; i < k->tokens; i += 2) {
-        const written a = w[k->token[i]], b = w[k->token[i + 1]];
+        const coding a = w[k->token[i]], b = w[k->token[i + 1]];
         put(&s, a.bits | (uint64_t)b.bits << a.n, a.n + b.n);
     }
     put(&s, code->code[END], code->length[END]);
