@@ -51,7 +51,7 @@ def _replace(target: str, data: bytes) -> None:
 
 
 def _write(path: str, data: bytes) -> None:
-    """Write a new file by the system's own calls: Python's asks more of it, and a data set has seven files a view."""
+    """Write a new file by the system's own calls: Python's ask more of it, and a data set has seven files a view."""
     file, left = os.open(path, _NEW, 0o666), memoryview(data)
     try:
         while left:  # once, or where a disk is nearly full a few times

@@ -6,7 +6,6 @@ not matter who makes a view, in what order, or how often the work was cut off.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing, suppress
 from dataclasses import dataclass
@@ -95,7 +94,7 @@ def make_dataset(
     with closing(_made(stage, layout, director, todo, workers or cores(), cluster)) as made:
         for files in made:
             for path, content in files.items():
-                write_whole(os.path.join(folder, path), content)
+                write_whole(f"{folder}/{path}", content)
             if on_view:
                 on_view()
     visible = assemble(folder, layout, plan.views, name=name, key_points=names)
