@@ -22,8 +22,10 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from compileall import compile_dir
 from pathlib import Path
 
+import cadcam
 from cadcam.cad.parts import ship_block
 from cadcam.camera.camera import Camera
 from cadcam.dataset.make import make_dataset
@@ -93,6 +95,7 @@ def by_processes(name: str, count: int, processes: int, fill: Span) -> Rate:
 
 def labelled(views: int, fill: Span) -> Rate:
     """Return the rate of whole data sets, their processes' start and the reading of records included."""
+    compile_dir(Path(cadcam.__file__).parent, quiet=1)  # as every installation has it, and a checkout may not
     scene = Scene.of(ship_block(triangles=TRIANGLES))
     folder = Path(tempfile.mkdtemp(prefix="cadcam-dataset-"))
     plan = plan_of(views, fill)

@@ -6,6 +6,7 @@ import errno
 import os
 import secrets
 import stat
+from contextlib import suppress
 from pathlib import Path
 
 from cadcam.errors import UnwritableFile
@@ -19,13 +20,12 @@ def write_whole(path: str | os.PathLike[str], data: bytes) -> None:
     The bytes go to a temporary file in the same folder, which then replaces `path` in one step. Raises
     `UnwritableFile` with the system's reason.
     """
-    target = Path(path)
     try:
         try:
-            _replace(target, data)
+            _replace(os.fspath(path), data)
         except FileNotFoundError:  # mostly the folder is there
-            target.parent.mkdir(parents=True, exist_ok=True)
-            _replace(target, data)
+            Path(path).parent.mkdir(parents=True, exist_ok=True)
+            _replace(os.fspath(path), data)
     except OSError as error:
         raise UnwritableFile(path, error.strerror or str(error), _remedy(error)) from error
 
@@ -35,21 +35,23 @@ def _remedy(error: OSError) -> str:
     return "free some space, then run it again" if full else "choose a folder you may write to"
 
 
-def _replace(target: Path, data: bytes) -> None:
+def _replace(target: str, data: bytes) -> None:
     old = _mode(target)
-    half = target.with_name(f".{target.name}.{secrets.token_hex(4)}")
+    folder, name = os.path.split(target)
+    half = os.path.join(folder, f".{name}.{secrets.token_hex(4)}")
     try:
         _write(half, data)
         if old is not None:
-            half.chmod(old)
-        half.replace(target)
+            os.chmod(half, old)
+        os.replace(half, target)
     except BaseException:
-        half.unlink(missing_ok=True)
+        with suppress(FileNotFoundError):
+            os.unlink(half)
         raise
 
 
-def _write(path: Path, data: bytes) -> None:
-    """Write a new file by the system's own calls: Python's asks more of it, and a data set has seven files a view."""
+def _write(path: str, data: bytes) -> None:
+    """Write a new file by the system's own calls: Python's ask more of it, and a data set has seven files a view."""
     file, left = os.open(path, _NEW, 0o666), memoryview(data)
     try:
         while left:  # once, or where a disk is nearly full a few times
@@ -58,10 +60,10 @@ def _write(path: Path, data: bytes) -> None:
         os.close(file)
 
 
-def _mode(target: Path) -> int | None:
+def _mode(target: str) -> int | None:
     """Return the permissions of the file that is there, which stay; None where there is none."""
     try:
-        mode = target.stat().st_mode
+        mode = os.stat(target).st_mode
     except FileNotFoundError:
         return None
     if stat.S_ISDIR(mode):

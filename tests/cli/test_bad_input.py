@@ -226,7 +226,7 @@ def test_a_disk_that_fills_up_leaves_the_old_file(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "replace", full)
+    monkeypatch.setattr("os.replace", full)
     ran = cadcam(*command)
     assert ran.code == 2
     assert "No space left on device" in ran.err

@@ -164,7 +164,7 @@ def test_a_refused_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "replace", full)
+    monkeypatch.setattr("os.replace", full)
     with pytest.raises(UnwritableFile, match="No space left"):
         write_camera(path, Camera.from_focal((10, 10), 5))
     assert path.read_bytes() == before

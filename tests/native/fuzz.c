@@ -127,6 +127,12 @@ static void one(int number) {
         v.centres = centres = samples > 1 ? lens_of(width, height, 1, f, cx, cy, bend, hole, blind) : NULL;
     }
     cc_scene *scene = cc_scene_new(vertices, faces, n_faces, part, part, colors, n_parts);
+    const double eye[3] = {around(), upto(9) ? around() : vertices[1], wild()};
+    uint8_t *hidden = malloc((size_t)n_vertices);
+    cc_scene_hides(scene, eye, upto(1) * unit(), n_vertices, vertices, hidden);
+    for (int i = 0; i < n_vertices; i++)
+        if (hidden[i] > 1) exit(fprintf(stderr, "hidden is %d\n", hidden[i]));
+    free(hidden);
     cc_worker *worker = cc_worker_new();
     size_t pixels = (size_t)width * (size_t)height;
     picture a = layers(pixels), b = layers(pixels);

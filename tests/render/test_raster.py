@@ -17,6 +17,8 @@ from cadcam.errors import BadValue, DegenerateGeometry, MissingCore, NotEnoughMe
 from cadcam.geometry.rigid import Rigid
 from cadcam.native import core
 from cadcam.render import memory
+from cadcam.render.embree import Caster
+from cadcam.render.occlusion import Occluders
 from cadcam.render.raster import RasterRenderer, plane_points, subdivided
 from cadcam.render.ray import RayRenderer
 from cadcam.render.view import Channel, Look, Scene
@@ -346,3 +348,30 @@ def test_an_empty_mesh_and_impossible_arguments_are_refused(monkeypatch: pytest.
     monkeypatch.setattr(memory, "available_bytes", lambda: 2**20)
     with pytest.raises(NotEnoughMemory, match=r"800 x 600 px needs 0\.0 GiB .* smaller picture"):
         renderer.render(Camera.from_focal((800, 600), 50.0), HERE)
+
+
+def test_what_hides_a_point_in_space_is_what_rays_find(rng: np.random.Generator) -> None:
+    """Corners, middles of faces and places in the air, from eyes all round and within: to the last one."""
+    scene = Scene.of(ship_block(triangles=5000))
+    mesh, caster = scene.mesh, Caster(scene.mesh)
+    renderer, rays = RasterRenderer(scene), Occluders(mesh, caster)
+    middles = mesh.vertices[mesh.faces[rng.integers(mesh.n_faces, size=200)]].mean(axis=1)
+    corners = mesh.vertices[rng.integers(len(mesh.vertices), size=200)]
+    points = np.concatenate([corners, middles, caster.center + caster.radius * rng.uniform(-1, 1, (200, 3))])
+    tolerance, hidden = 2e-6 * caster.radius, 0
+    for away in (0.1, 0.5, 1.5, 4.0):
+        eye = caster.center + away * caster.radius * rng.normal(size=3)
+        found = renderer.hides(points, eye, tolerance=tolerance)
+        assert (found == rays.hidden(points, eye, np.full(len(points), tolerance))).all()
+        hidden += int(found.sum())
+    assert 0.2 < hidden / (4 * len(points)) < 0.95
+
+
+def test_the_side_that_two_faces_share_hides_what_is_behind_it() -> None:
+    """And a point on a face, or within the tolerance of its plane, is not hidden by it, from either side."""
+    renderer = RasterRenderer(scene_of(box([0, 0, 0], [1, 1, 1], name="box", color=(1, 1, 1))))
+    eye = np.array([0.5, 0.5, 9.0])  # straight above the diagonal of the lid
+    points = np.array([[0.5, 0.5, 1.0], [0.5, 0.5, 0.9], [0.5, 0.5, 0.9999], [0.25, 0.25, 0.5], [0.5, 0.5, 1.5]])
+    assert renderer.hides(points, eye, tolerance=1e-3).tolist() == [False, True, False, True, False]
+    assert renderer.hides(points, eye, tolerance=0.0).tolist() == [False, True, True, True, False]
+    assert renderer.hides(points[:1], np.array([0.5, 0.5, 0.5]), tolerance=0.0).tolist() == [False]

@@ -38,9 +38,12 @@ class EdgeTable:
     corner_edge: Ids
 
 
-def edge_table(mesh: Mesh) -> EdgeTable:
-    """Return all edges of the mesh; faces of one part meet where their vertices coincide, whatever their indices."""
-    return _edge_table(mesh, corner_points(mesh))
+def edge_table(mesh: Mesh, points: Longs | None = None) -> EdgeTable:
+    """Return all edges of the mesh; faces of one part meet where their vertices coincide, whatever their indices.
+
+    points: what `corner_points` returns for the mesh, where it is known already.
+    """
+    return _edge_table(mesh, corner_points(mesh) if points is None else points)
 
 
 def _edge_table(mesh: Mesh, points: Longs) -> EdgeTable:
@@ -93,9 +96,12 @@ class HalfEdges:
         return cls(order, start, np.diff(start, append=len(order)), edge, forward)
 
 
-def is_solid(mesh: Mesh) -> bool:
-    """Return whether each part is closed round a volume > 0, its sides in pairs that run against each other."""
-    half = HalfEdges.of(corner_points(mesh))
+def is_solid(mesh: Mesh, points: Longs | None = None) -> bool:
+    """Return whether each part is closed round a volume > 0, its sides in pairs that run against each other.
+
+    points: what `corner_points` returns for the mesh, where it is known already.
+    """
+    half = HalfEdges.of(corner_points(mesh) if points is None else points)
     ways = np.where(half.forward[half.order], 1, -1)
     a, b, c = (mesh.vertices[mesh.faces[:, k]] - mesh.vertices[mesh.faces[0, 0]] for k in range(3))
     volumes = np.bincount(mesh.part, np.einsum("ij,ij->i", a, np.cross(b, c)), len(mesh.part_names))
@@ -123,7 +129,7 @@ def part_vertices(mesh: Mesh) -> tuple[Longs, Longs, Longs]:
 
 def weld(points: Array, group: Longs) -> Longs:
     """Return for each point (N, 3) the first point of its group that coincides with it, within the weld tolerance."""
-    first = _same_rows(points, group)
+    first = same_rows(points, group)
     kept = np.flatnonzero(first == np.arange(len(points)))
     near = _near_pairs(points[kept], group[kept])
     if len(near):
@@ -175,7 +181,7 @@ def _near_pairs(points: Array, group: Longs) -> Longs:
     return np.concatenate(found)
 
 
-def _same_rows(points: Array, group: Longs) -> Longs:
+def same_rows(points: Array, group: Longs) -> Longs:
     """Return for each row the first row of its group with exactly its coordinates."""
     bits = np.ascontiguousarray(points + 0.0).view(np.uint64)  # + 0.0 turns -0.0 into 0.0
     hashed = group.astype(np.uint64)

@@ -94,7 +94,7 @@ def make_dataset(
     with closing(_made(stage, layout, director, todo, workers or cores(), cluster)) as made:
         for files in made:
             for path, content in files.items():
-                write_whole(folder / path, content)
+                write_whole(f"{folder}/{path}", content)
             if on_view:
                 on_view()
     visible = assemble(folder, layout, plan.views, name=name, key_points=names)

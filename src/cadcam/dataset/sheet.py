@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -40,15 +39,16 @@ def contact_sheet(folder: Path, layout: Layout, views: int) -> bytes:
 
 def _tile(folder: Path, layout: Layout, index: int) -> Picture:
     record = read_record(folder, layout, index)
-    picture = to_rgb(read_picture(folder / layout.path(layout.picture, index))).copy()
-    whole, seen = (read_picture(folder / layout.path(kind, index)) > 0.5 for kind in ("mask", "mask_visib"))
-    picture[whole & ~seen] = 0.6 * picture[whole & ~seen] + 0.4 * np.array(_BLUE, np.float32)
+    picture = to_rgb(read_picture(folder / layout.path(layout.picture, index)))
+    if record["made"]["occluders"]:
+        picture = picture.copy()
+        whole, seen = (read_picture(folder / layout.path(kind, index)) > 0.5 for kind in ("mask", "mask_visib"))
+        picture[whole & ~seen] = 0.6 * picture[whole & ~seen] + 0.4 * np.array(_BLUE, np.float32)
     by = max(1, round(picture.shape[1] / _TILE_PX))
     tile = _smaller(picture, by)
     with np.load(folder / layout.path("edges", index)) as edges:
-        q, start = _moved(edges["q"], by), edges["start"]
-    lines = [q[i:j] for i, j in pairwise(start)]
-    tile = draw_polylines(tile, lines, color=_GREEN, width=1.0, opacity=0.9)
+        lines = np.insert(_moved(edges["q"], by), edges["start"][1:-1], np.nan, axis=0)
+    tile = draw_polylines(tile, [lines], color=_GREEN, width=1.0, opacity=0.9)
     if record["coco"] is not None:
         tile = draw_polylines(tile, [_moved(_outline(record["coco"]["bbox"]), by)], color=_YELLOW, width=1.0)
     tile = _with_points(tile, record, by)

@@ -61,17 +61,20 @@ class Director:
     def __init__(self, plan: Plan, scene: Scene, props: tuple[Prop, ...]) -> None:
         self.plan, self.props = plan, props
         self.middle, self.radius = middle_and_radius(scene.mesh)
+        self._jitters = plan.focal_jitter > 0 or plan.centre_jitter_px > 0
 
     def shot(self, index: int) -> Shot:
         """Return view `index`, the same whenever and wherever it is drawn."""
-        streams = dict(zip(_TOPICS, np.random.default_rng([self.plan.seed, index]).spawn(len(_TOPICS)), strict=True))
-        camera = self._camera(streams["camera"])
-        pose = self._pose(index, camera, streams["pose"])
-        look, backdrop = self._look(streams["light"]), self._backdrop(streams["background"])
-        if backdrop.kind == PLAIN:
-            look = replace(look, background=(backdrop.level,) * 3)
-        occluders = self._occluders(pose, streams["occluders"])
-        return Shot(index, camera, pose, look, backdrop, occluders, int(streams["sensor"].integers(2**63)))
+        seeds = dict(zip(_TOPICS, np.random.SeedSequence([self.plan.seed, index]).spawn(len(_TOPICS)), strict=True))
+
+        def stream(topic: str) -> np.random.Generator:
+            return np.random.default_rng(seeds[topic])
+
+        camera = self._camera(stream("camera")) if self._jitters else self.plan.camera
+        pose, backdrop = self._pose(index, camera, stream("pose")), self._backdrop(stream("background"))
+        look = self._look(stream("light"), backdrop.level if backdrop.kind == PLAIN else 0.0)
+        occluders = self._occluders(pose, stream("occluders")) if self.props else ()
+        return Shot(index, camera, pose, look, backdrop, occluders, int(stream("sensor").integers(2**63)))
 
     def farthest(self) -> float:
         """Return a depth (mm) that no surface of any view exceeds."""
@@ -83,8 +86,6 @@ class Director:
         camera, plan = self.plan.camera, self.plan
         zoom = 1 + plan.focal_jitter * float(np.clip(rng.standard_normal(), -3, 3))
         shift = plan.centre_jitter_px * rng.standard_normal(2)
-        if zoom == 1 and not shift.any():
-            return camera
         K = camera.K.copy()
         K[:2, :2] *= zoom
         K[:2, 2] += shift
@@ -112,7 +113,7 @@ class Director:
             return low + (high - low) * share
         return 1 / (1 / high + (1 / low - 1 / high) * share)
 
-    def _look(self, rng: np.random.Generator) -> Look:
+    def _look(self, rng: np.random.Generator, background: float) -> Look:
         lights = self.plan.lights
         head, ambient = (_drawn(span, rng) for span in (lights.head, lights.ambient))
         fill, back = (_drawn(lights.distant, rng) for _ in range(2))
@@ -125,7 +126,7 @@ class Director:
             ambient=ambient,
             fill_from=(float(fill_from[0]), float(fill_from[1]), float(fill_from[2])),
             back_from=(float(back_from[0]), float(back_from[1]), float(back_from[2])),
-            background=(0.0, 0.0, 0.0),
+            background=(background,) * 3,
             supersampling=self.plan.samples,
         )
 
@@ -137,8 +138,6 @@ class Director:
     def _occluders(self, camera_from_part: Rigid, rng: np.random.Generator) -> tuple[Placed, ...]:
         """Return occluders on the way to places of the part, nearest first; one that finds no room is left out."""
         low, high = self.plan.occluders.count
-        if not self.props or not high:
-            return ()
         part = camera_from_part @ self.middle
         taken = [(part, self.radius)]
         placed: list[tuple[float, Placed]] = []

@@ -11,15 +11,13 @@ from cadcam.arrays import Array, Ids, Mask, Picture
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal
 from cadcam.dataset.backdrop import backdrop_picture
-from cadcam.dataset.plan import PLAIN
+from cadcam.dataset.plan import PLAIN, middle_and_radius
 from cadcam.dataset.props import Prop
 from cadcam.dataset.shot import Shot
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import to_gray
 from cadcam.image.sensor.sensor import Sensor
 from cadcam.native.layers import Box, mask_region
-from cadcam.render.embree import Caster
-from cadcam.render.occlusion import Occluders
 from cadcam.render.raster import RasterRenderer
 from cadcam.render.seen import Drawable, SeenEdges, seen_points
 from cadcam.render.view import Channel, Look, Scene, View
@@ -75,12 +73,10 @@ class Studio:
 
     def __init__(self, stage: Stage, edges: Drawable) -> None:
         self.stage = stage
-        self._part = RasterRenderer(stage.scene, threads=1, backs=False)
+        self._part = RasterRenderer(stage.scene, threads=1, backs=False, solid=edges.solid)
         self._props: dict[int, RasterRenderer] = {}
         self._edges = SeenEdges(stage.scene, edges)
-        caster = Caster(stage.scene.mesh)
-        self._occluders = Occluders(stage.scene.mesh, caster)
-        self._tolerance = COINCIDENT_SHARE * 2 * caster.radius
+        self._tolerance = COINCIDENT_SHARE * 2 * middle_and_radius(stage.scene.mesh)[1]
 
     def take(self, shot: Shot, photo: bytes | None = None) -> Take:
         """Return the labelled view of a shot; `photo`: content of the background's file, where it is one."""
@@ -122,7 +118,7 @@ class Studio:
         eye, shown = view.camera_from_world.origin, np.flatnonzero(seen_points(view, p, q))
         inside = view.camera.sees(q)
         seen = np.where(inside, HIDDEN, ABSENT).astype(np.int32)
-        hidden = self._occluders.hidden(self.stage.key_points[shown], eye, np.full(len(shown), self._tolerance))
+        hidden = self._part.hides(self.stage.key_points[shown], eye, tolerance=self._tolerance)
         seen[shown[~hidden]] = VISIBLE
         return seen
 

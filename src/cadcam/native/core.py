@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Picture
+from cadcam.arrays import Array, Ids, Mask, Picture
 from cadcam.errors import BadValue, MissingCore, NotEnoughMemory
 
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
@@ -62,6 +62,7 @@ def library() -> c.CDLL:
     signatures: dict[str, tuple[object, list[object]]] = {
         "cc_scene_new": (pointer, [pointer, pointer, i64, pointer, pointer, pointer, i64]),
         "cc_scene_free": (None, [pointer]),
+        "cc_scene_hides": (None, [pointer, pointer, c.c_double, i64, pointer, pointer]),
         "cc_lens_new": (pointer, [pointer, i32, i32]),
         "cc_lens_free": (None, [pointer]),
         "cc_worker_new": (pointer, []),
@@ -120,6 +121,14 @@ class NativeScene(Handle):
         of_faces = (array.ctypes.data for array in (part, paint, colors))
         made = library().cc_scene_new(vertices.ctypes.data, faces.ctypes.data, len(faces), *of_faces, len(colors))
         super().__init__(made, "cc_scene_free", f"a scene of {len(faces)} triangles")
+
+    def hides(self, points: Array, eye: Array, tolerance: float) -> Mask:
+        """Return which points (N, 3) mm a face hides from the eye (3,); one within `tolerance` of its plane never."""
+        points, eye = np.ascontiguousarray(points, np.float64), np.ascontiguousarray(eye, np.float64)
+        out = np.zeros(len(points), bool)
+        places = (points.ctypes.data, out.ctypes.data)
+        library().cc_scene_hides(self.address, eye.ctypes.data, tolerance, len(points), *places)
+        return out
 
 
 class NativeLens(Handle):

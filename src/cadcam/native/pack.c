@@ -12,6 +12,7 @@ enum {
     LONGEST = 258,
     END = 256,
     SYMBOLS = 286,
+    TOKENS = END + LONGEST + 1,
     PIXEL = 4, /* bytes, at most */
     DIGIT = 7, /* bits: two hold how often a symbol comes */
     LONGEST_CODE = 15,
@@ -35,9 +36,8 @@ typedef struct {
     const uint8_t *end;
     int pixel; /* bytes */
     uint32_t adler[2];
-    uint32_t count[SYMBOLS]; /* of the tokens' symbols */
     int tokens;
-    uint16_t token[BLOCK]; /* a byte, or END + the length of a stretch */
+    uint16_t token[BLOCK + 1]; /* a byte, or END + the length of a stretch */
 } packer;
 
 /* Write n bits, 48 at most: the whole bytes there are, as eight of which the rest is written again. */
@@ -174,51 +174,79 @@ static void write_code(stream *s, const huffman *code, int distance) {
     }
 }
 
-static void write_tokens(packer *k, const huffman *code) {
-    stream s = k->out;
-    for (int i = 0; i < k->tokens; i++) {
-        const uint16_t token = k->token[i];
-        if (token < END) {
-            put(&s, code->code[token], code->length[token]);
-            continue;
-        }
-        const coded l = length_code(token - END);
+/* What a token is written as: bits, and how many, 21 at most. */
+typedef struct {
+    uint32_t bits;
+    int32_t n;
+} coding;
+
+static void find_codings(const huffman *code, coding w[TOKENS]) {
+    for (int i = 0; i < END; i++) w[i] = (coding){code->code[i], code->length[i]};
+    w[END] = (coding){0, 0};
+    for (int length = SHORTEST; length <= LONGEST; length++) {
+        const coded l = length_code(length);
         const int n = code->length[l.symbol];
-        put(&s, code->code[l.symbol] | (uint64_t)l.more << n, n + l.bits + 1); /* and the distance: a zero */
+        w[END + length] = (coding){code->code[l.symbol] | (uint32_t)l.more << n, n + l.bits + 1}; /* and the distance: a zero */
+    }
+}
+
+static void write_tokens(packer *k, const huffman *code) {
+    coding w[TOKENS] = {0};
+    stream s = k->out;
+    find_codings(code, w);
+    k->token[k->tokens] = END; /* nothing: tokens are written by twos */
+    for (int i = 0; i < k->tokens; i += 2) {
+        const coding a = w[k->token[i]], b = w[k->token[i + 1]];
+        put(&s, a.bits | (uint64_t)b.bits << a.n, a.n + b.n);
     }
     put(&s, code->code[END], code->length[END]);
     k->out = s;
 }
 
+/* How often each symbol comes. */
+static void count_symbols(const packer *k, uint32_t count[SYMBOLS]) {
+    uint32_t of[TOKENS] = {0};
+    for (int i = 0; i < k->tokens; i++) of[k->token[i]]++;
+    memset(count, 0, SYMBOLS * sizeof *count), memcpy(count, of, END * sizeof *count);
+    for (int length = SHORTEST; length <= LONGEST; length++) count[length_code(length).symbol] += of[END + length];
+    count[END] = 1;
+}
+
 /* At least as many bytes as the tokens take. */
-static int64_t size_of(const packer *k, const huffman *code) {
+static int64_t size_of(const uint32_t count[SYMBOLS], const huffman *code) {
     int64_t bits = 0;
-    for (int i = 0; i < SYMBOLS; i++) bits += (int64_t)k->count[i] * (code->length[i] + (i > END ? 6 : 0));
+    for (int i = 0; i < SYMBOLS; i++) bits += (int64_t)count[i] * (code->length[i] + (i > END ? 6 : 0));
     return bits / 8 + HEADER;
 }
 
 /* Write the tokens gathered; 0 where there is no room for them. */
 static int write_block(packer *k, int last) {
     huffman code;
-    k->count[END] = 1;
-    find_code(k->count, SYMBOLS, LONGEST_CODE, &code);
-    if (k->end - k->out.at < size_of(k, &code)) return 0;
+    uint32_t count[SYMBOLS];
+    count_symbols(k, count);
+    find_code(count, SYMBOLS, LONGEST_CODE, &code);
+    if (k->end - k->out.at < size_of(count, &code)) return 0;
     put(&k->out, (uint64_t)(last | 2 << 1), 3);
     write_code(&k->out, &code, k->pixel);
     write_tokens(k, &code);
-    memset(k->count, 0, sizeof k->count), k->tokens = 0;
+    k->tokens = 0;
     return 1;
 }
 
+/* Eight bytes, the first the lowest. */
 static uint64_t eight(const uint8_t *p) {
     uint64_t v;
     memcpy(&v, p, sizeof v);
-    return v;
+    return __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ ? v : __builtin_bswap64(v);
 }
 
 /* Of eight bytes that differ: how many stand before the first that does. */
-static int before_first(uint64_t differ) {
-    return (__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ ? __builtin_ctzll(differ) : __builtin_clzll(differ)) >> 3;
+static int before_first(uint64_t differ) { return __builtin_ctzll(differ) >> 3; }
+
+/* Of eight bytes, the top bit of each that is zero. */
+static uint64_t zeros(uint64_t v) {
+    const uint64_t low = 0x7F7F7F7F7F7F7F7F;
+    return ~(((v & low) + low) | v | low);
 }
 
 /* How many bytes are the same, up to `most`, which is at least 1; the seven behind them are looked at too. */
@@ -251,16 +279,27 @@ static void sum_up(uint32_t adler[2], const uint8_t *p, int64_t n) {
     adler[0] = a, adler[1] = b;
 }
 
+/* How many bytes there are, 6 at most, before a stretch that repeats what stands a pixel before: the eight are looked at. */
+static int unlike(const uint8_t *row, const uint8_t *before) {
+    const uint64_t same = zeros(eight(row) ^ eight(before)), three = same & same >> 8 & same >> 16;
+    return three ? before_first(three) : 6;
+}
+
 /* Gather the tokens of a filtered row of n bytes, before which others stand unless it is the first; 0 where there is no
  * room. */
 static int take_row(packer *k, const uint8_t *row, int64_t n, int first) {
     for (int64_t i = 0; i < n;) {
-        const int most = (int)(n - i < LONGEST ? n - i : LONGEST);
-        const int run = first && i < k->pixel ? 0 : same(row + i, row + i - k->pixel, most);
-        const int symbol = run < SHORTEST ? row[i] : length_code(run).symbol;
-        if (k->tokens == BLOCK && !write_block(k, 0)) return 0;
-        k->count[symbol]++, k->token[k->tokens++] = (uint16_t)(run < SHORTEST ? symbol : END + run);
-        i += run < SHORTEST ? 1 : run;
+        if (k->tokens > BLOCK - 7 && !write_block(k, 0)) return 0;
+        uint16_t *const to = k->token + k->tokens;
+        const int sure = first && i < k->pixel ? 1 : n - i < 8 ? 0 : unlike(row + i, row + i - k->pixel);
+        if (sure) {
+            for (int j = 0; j < 6; j++) to[j] = row[i + j]; /* those that are no such bytes are written again */
+            k->tokens += sure, i += sure;
+            continue;
+        }
+        const int run = same(row + i, row + i - k->pixel, (int)(n - i < LONGEST ? n - i : LONGEST));
+        *to = (uint16_t)(run < SHORTEST ? row[i] : END + run);
+        k->tokens++, i += run < SHORTEST ? 1 : run;
     }
     return 1;
 }

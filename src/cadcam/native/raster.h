@@ -48,6 +48,9 @@ typedef struct {
 CC_API cc_scene *cc_scene_new(const double *vertices, const int32_t *faces, int64_t n_faces, const int32_t *part,
                               const int32_t *paint, const float *colors, int64_t n_colors);
 CC_API void cc_scene_free(cc_scene *scene);
+/* Of points p (n, 3) in the world: out (n) is 1 where a triangle, either side of it, meets the open line between the point and
+ * the eye while the point lies more than `tolerance` off the triangle's plane; 0 elsewhere. */
+CC_API void cc_scene_hides(const cc_scene *scene, const double eye[3], double tolerance, int64_t n, const double *p, uint8_t *out);
 
 /* `points` (H, W, 2): the plane point of each pixel's centre, NaN where it sees nothing. NULL where memory is short. */
 CC_API cc_lens *cc_lens_new(const double *points, int32_t width, int32_t height);

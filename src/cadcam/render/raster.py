@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Mask
 from cadcam.cad.topology import is_solid
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal
@@ -49,13 +49,16 @@ class RasterRenderer:
 
     `threads` is the number of threads, by default one a core. Pictures do not depend on it. `backs=False` leaves out
     faces that show their back, where the mesh is solid and the camera outside its box: those in front of them hide
-    them, so that only samples that lie on a silhouette to within float's rounding of depth can differ. Raises
-    `MissingCore` where the compiled core is not installed.
+    them, so that only samples that lie on a silhouette to within float's rounding of depth can differ; `solid`: what
+    `is_solid` says of the mesh, where it is known already. Raises `MissingCore` where the compiled core is not
+    installed.
     """
 
     name = "raster"
 
-    def __init__(self, scene: Scene, *, threads: int | None = None, backs: bool = True) -> None:
+    def __init__(
+        self, scene: Scene, *, threads: int | None = None, backs: bool = True, solid: bool | None = None
+    ) -> None:
         if threads is not None and threads < 1:
             raise BadValue("threads", threads, "a whole number of at least 1")
         mesh = scene.mesh
@@ -63,7 +66,7 @@ class RasterRenderer:
             raise DegenerateGeometry("a mesh without faces cannot be rendered")
         self._scene = scene
         self._native = NativeScene(mesh.vertices, mesh.faces, mesh.part, scene.paint, scene.colors)
-        self._solid = mesh.bounds if not backs and is_solid(mesh) else None
+        self._solid = None if backs or not (is_solid(mesh) if solid is None else solid) else mesh.bounds
         self._threads = threads or os.cpu_count() or 1
         self._pool = ThreadPoolExecutor(max_workers=self._threads)
         self._workers = Workers()
@@ -104,6 +107,13 @@ class RasterRenderer:
                 yield under_way.popleft().result()
         while under_way:
             yield under_way.popleft().result()
+
+    def hides(self, points: Array, eye: Array, *, tolerance: float) -> Mask:
+        """Return which points (N, 3) mm a face hides from the eye (3,), in space and exactly: as `occlusion.Occluders`.
+
+        A face hides a point that lies more than `tolerance` mm off its plane, where it meets the way to the eye.
+        """
+        return self._native.hides(points, eye, tolerance)
 
     def _prepare(self, camera: Camera, channels: Channel, look: Look, pictures: int) -> None:
         """Check sizes and memory, then make the lens' tables, before any thread starts."""

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.cad.edges import EdgeKind, edge_table
 from cadcam.cad.mesh import Mesh
+from cadcam.cad.topology import corner_points, is_solid, same_rows
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal
 from cadcam.native.seen import ALWAYS, FACING, TURNING, EdgesInSpace, EyePoint, Sight
@@ -52,13 +53,14 @@ class Drawable:
 
     Features come first, then the edges that may be contours, each a chain of its own. A feature of a solid is seen only
     where one of its faces is turned to the eye (FACING), a contour where only one is (TURNING). planes (P, 4): normal
-    and offset; n x + d > 0 in front of it.
+    and offset; n x + d > 0 in front of it. solid: whether the whole mesh is.
     """
 
     segments: Segments
     sides: Ids
     rule: npt.NDArray[np.uint8]
     planes: Array
+    solid: bool
 
     def wanted(self, front: Mask) -> Mask:
         """Return which of them an eye may see that is in front of these planes (P,), as native/seen.c has it."""
@@ -69,7 +71,8 @@ class Drawable:
 def drawable_edges(scene: Scene) -> Drawable:
     """Return the features of a scene and the edges that may be contours."""
     mesh, edges = scene.mesh, scene.edges
-    table = edge_table(mesh)
+    points = corner_points(mesh)
+    table = edge_table(mesh, points)
     solid = solid_parts(mesh, table)[edges.part] & (edges.faces[:, 1] >= 0)
     smooth = (table.count == 2) & (table.angle > _FLAT) & ~_among(table.vertices, edges.vertices, mesh.vertices)
     faces, n = table.faces[smooth], int(smooth.sum())
@@ -85,7 +88,8 @@ def drawable_edges(scene: Scene) -> Drawable:
     )
     rule = np.concatenate([np.where(solid, FACING, ALWAYS), np.full(n, TURNING)]).astype(np.uint8)
     planes, plane_of = _planes(mesh)
-    return Drawable(segments, plane_of[np.concatenate([edges.faces, faces])], rule, planes)
+    sides = plane_of[np.concatenate([edges.faces, faces])]
+    return Drawable(segments, sides, rule, planes, is_solid(mesh, points))
 
 
 def _planes(mesh: Mesh) -> tuple[Array, Ids]:
@@ -94,9 +98,9 @@ def _planes(mesh: Mesh) -> tuple[Array, Ids]:
     offset = -np.einsum("ij,ij->i", normals, mesh.vertices[mesh.faces[:, 0]])
     planes = np.column_stack([normals, offset])
     size = np.append(np.ones(3), max(float(np.abs(offset).max(initial=0.0)), 1.0))
-    steps = np.rint(planes / (_SAME_PLANE * size)).astype(np.int64)
-    _, first, plane_of = np.unique(steps, axis=0, return_index=True, return_inverse=True)
-    return planes[first], plane_of.ravel().astype(np.int32)
+    first = same_rows(np.rint(planes / (_SAME_PLANE * size)), np.zeros(len(planes), np.int64))
+    kept = first == np.arange(len(planes))
+    return planes[kept], (np.cumsum(kept) - 1)[first].astype(np.int32)
 
 
 class SeenEdges:
