@@ -271,8 +271,8 @@ def _evidence(part: Part, fitted: Solution, B: Array, chosen: int, wider: bool) 
     scatter = _scatter(fit, sum(int(m.usable.sum()) for m in fitted.measured))
     told, color = in_color(part, fitted.sights, pose)
     evidence = judged(told, pose, B, chosen=chosen, scatter=scatter, color=color)
-    doubted = evidence.quality < _DOUBT[1] or evidence.without > 0 or evidence.fitted > _FREE or fit.between > LOOSE_PX
-    if not wider or evidence.gain or not _DOUBT[0] < evidence.quality < _DOUBT[1]:
+    doubted = evidence.quality < FOUND or evidence.without > 0 or evidence.fitted > _FREE or fit.between > LOOSE_PX
+    if not wider or evidence.gain or not _DOUBT[0] < evidence.quality < FOUND:
         return evidence, doubted
     lit = showing(part, told, pose)
     faint = 1 - sum(len(s.samples) for s in lit) / sum(len(s.samples) for s in told)
