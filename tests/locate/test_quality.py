@@ -79,6 +79,7 @@ def test_the_fewer_motions_are_free_the_more_the_same_edges_prove(rng: np.random
 
 def test_what_a_fit_meets_for_nothing_proves_nothing() -> None:
     assert Seen(100, 1.0, 0.1, 1.0, 0.0, 0.0, 0.0).quality == 0.0
+    assert Seen(100, 0.96, 0.13, 6 / 7, 0.0, 0.0, 0.0).quality == 0.0  # a rail 81 mm along itself: one line is left
     one_third = Seen(100, 1 / 3, 0.0, 1 / 3, 0.0, 0.0, 0.0)
     assert one_third.quality == pytest.approx(0.0, abs=1e-12)
     assert Seen(100, 1.0, 0.1, 0.6, 0.0, 0.0, 0.0).quality == 1.0

@@ -77,7 +77,7 @@ _SHARES = (0.0, 0.43, 0.95)  # net shares that make quality 0, 1/2 and 1
 _COLOR = 2  # constraints that tell which colour the part has
 _GONE, _MOST_GONE = 0.05, 1 / 3  # share of a body that may be shown by chance, and of all samples that may be its own
 _WITHOUT = (0.1, 0.5)  # quality at which a body is left out
-_LEAST = 12  # samples that can tell anything at all
+_LEAST, _MOST_FITTED = 12, 0.8  # samples that can tell anything at all; share of constraints fitted that leaves enough
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,12 +121,12 @@ class Seen:
     @property
     def quality(self) -> float:
         """Return how sure it is that the pose is right, 0 to 1."""
-        if self.samples < _LEAST or self.fitted >= 1:
+        if self.samples < _LEAST or self.fitted > _MOST_FITTED:
             return 0.0
         return float(np.interp(self.net, _SHARES, (0.0, 0.5, 1.0)))
 
     def __str__(self) -> str:
-        if self.samples < _LEAST or self.fitted >= 1:
+        if self.samples < _LEAST or self.fitted > _MOST_FITTED:
             return "so few edges of the part would be in the picture that any place would fit"
         free = f", {self.fitted:.0%} could be fitted anywhere" if self.fitted > 0.2 else ""
         other = f"; more were it {self.proportions} (other part, unit or scale?)" if self.gain > _TOLD else ""
