@@ -11,7 +11,7 @@ from cadcam.locate.freedom import Freedom
 from cadcam.locate.locate import locate
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality import SEARCHED, Seen, _gone, behind_border, distinct_lines
+from cadcam.locate.quality import SEARCHED, Seen, _gone, _worth, behind_border, distinct_lines
 from cadcam.locate.refine import refine
 from cadcam.locate.view_range import ViewRange
 
@@ -79,6 +79,7 @@ def test_the_fewer_motions_are_free_the_more_the_same_edges_prove(rng: np.random
 
 def test_what_a_fit_meets_for_nothing_proves_nothing() -> None:
     assert Seen(100, 1.0, 0.1, 1.0, 0.0, 0.0, 0.0).quality == 0.0
+    assert Seen(100, 0.96, 0.13, 6 / 7, 0.0, 0.0, 0.0).quality == 0.0  # a rail 81 mm along itself: one line is left
     one_third = Seen(100, 1 / 3, 0.0, 1 / 3, 0.0, 0.0, 0.0)
     assert one_third.quality == pytest.approx(0.0, abs=1e-12)
     assert Seen(100, 1.0, 0.1, 0.6, 0.0, 0.0, 0.0).quality == 1.0
@@ -94,6 +95,25 @@ def test_lines_on_one_edge_of_the_photo_count_once() -> None:
     one = line.reshape(5, -1)[:, 0]
     assert one[0] == one[1] == one[2]
     assert len({one[0], one[3], one[4]}) == 3
+
+
+def outline(corner: float, side: float = 100.0) -> tuple[np.ndarray, np.ndarray]:
+    """Return samples 4 px apart and their normals on a square with rounded corners, straight sides so long."""
+    quarter = np.arange(0.0, side + corner * np.pi / 2, 4.0)
+    bend = np.clip((quarter - side) / max(corner, 1e-9), 0, np.pi / 2)
+    turned = np.repeat(np.arange(4) * np.pi / 2, len(quarter)) + np.tile(bend, 4)
+    return 4.0 * np.cumsum(np.stack([np.cos(turned), np.sin(turned)], axis=1), axis=0), np.stack(
+        [-np.sin(turned), np.cos(turned)], axis=1
+    )
+
+
+@pytest.mark.parametrize(("corner", "side", "expected"), [(12.0, 100.0, 8.0), (12.0, 40.0, 5.0), (40.0, 0.0, 2.0)])
+def test_a_rounded_corner_does_not_make_one_edge_of_two(corner: float, side: float, expected: float) -> None:
+    """Four sides are worth eight; of short ones corners leave one each, two at the end; a circle is one line."""
+    q, normal = outline(corner, side)
+    run = np.zeros(len(q), np.int32)
+    line, length = distinct_lines(q, run)
+    assert _worth(q, normal, run, line, length) == expected
 
 
 def test_what_lies_bare_to_one_side_of_a_border_is_hidden_and_nothing_else(rng: np.random.Generator) -> None:

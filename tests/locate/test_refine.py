@@ -28,6 +28,7 @@ from cadcam.locate.solution import EdgeOptions
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Look
 
+from ..cad.solids import prism as turned_prism
 from .photos import CAMERA, noisy, photo, shot, view
 
 OFF = Rigid.exp([1.2, -0.9, 1.5, 0.01, -0.008, 0.012])  # some 6 px at these distances
@@ -267,3 +268,21 @@ def test_a_path_traced_block_is_found_from_its_published_starts(shared) -> None:
     assert np.median(error) < 0.1
     assert max(error) < 0.3
     assert 0.5 < np.sqrt(np.mean(z2)) < 1.6
+
+
+def test_how_far_a_turned_part_is_turned_is_not_said(rng: np.random.Generator) -> None:
+    """Its corners move when it turns, but they are the model's: 0.5 degrees were claimed at any turn."""
+    bolt = Part.of(merge([turned_prism(64, radius=20.0, height=60.0), turned_prism(64, radius=32.0, height=12.0)]))
+    pose = view(bolt, (0.8, -0.5, 0.7))
+    turn = Rigid.exp([0, 0, 0, 0, 0, 0.5])
+    found = refine(bolt, [photo(bolt, pose, rng)], pose @ turn)
+    assert found.found, found.reason
+    assert "turned about its axis" in found.reason
+    sd = np.sqrt(np.diag(found.pose.covariance))
+    assert sd[5] > 1.0
+    assert sd[:5].max() < 0.1  # mm and rad: all else is told
+    assert found.pose.freedom.shape == (6, 6)
+    ends = np.array([[0.0, 0, 0], [0, 0, 60]])
+    assert found.pose.world_from_part @ ends == pytest.approx(pose @ ends, abs=0.15)
+    held = refine(bolt, [photo(bolt, pose, rng)], pose, freedom=Freedom.along([0, 0, 1]))
+    assert np.linalg.matrix_rank(held.pose.covariance, tol=1e-12) == 1

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.cad.mesh import Mesh
+from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts import machined_bracket
+from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 
 from ..cad.solids import box, prism
@@ -51,3 +52,20 @@ def test_rotations_that_the_tolerance_cannot_tell_apart_are_one() -> None:
 
     block = load(Path(__file__).resolve().parents[2] / "models" / "shipblock_10k.obj", unit="mm")
     assert len(Part.of(block).symmetries) == 1
+
+
+@pytest.mark.parametrize("sides", [16, 64])
+def test_a_turned_part_may_be_turned_about_its_axis(sides: int) -> None:
+    away = Rigid.exp([30.0, -20.0, 50.0, 0.3, -0.8, 0.5])
+    spin = Part.of(prism(sides).transformed(away)).spin
+    assert spin is not None
+    points = away @ np.array([[0.0, 0, 0], [0, 0, 30]])
+    assert Rigid.exp(spin) @ points == pytest.approx(points, abs=1e-9 * 100)
+    assert np.linalg.norm(spin[3:]) == pytest.approx(1.0)
+
+
+def test_a_part_with_anything_to_one_side_may_not() -> None:
+    ball = np.array([[10.0, 10, 5], [11, 10, 5], [10, 11, 5], [10, 10, 6]])
+    lump = Mesh.single(ball, np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))
+    for mesh in (merge([prism(64), lump]), prism(6), box([0, 0, 0], [50, 50, 10]), machined_bracket()):
+        assert Part.of(mesh).spin is None

@@ -58,6 +58,16 @@ class Freedom:
         """Return the translation along `direction` (3,)."""
         return cls(np.r_[_unit(direction, "direction"), np.zeros(3)][:, None], frame)
 
+    def without(self, twist: Array | None, world_from_part: Rigid) -> Freedom:
+        """Return this freedom less one twist (6,) of the part, if that is free at a pose; it stays where it is."""
+        if twist is None:
+            return self
+        B = self.at(world_from_part)
+        inside = B.T @ twist
+        if np.linalg.norm(B @ inside - twist) > 1e-9 * np.linalg.norm(twist) or B.shape[1] == 1:
+            return self
+        return Freedom(B @ np.linalg.svd(inside[None])[2][1:].T)
+
     def at(self, world_from_part: Rigid) -> Array:
         """Return B (6, k), orthonormal columns: the twists xi of `world_from_part @ Rigid.exp(xi)` that are free.
 

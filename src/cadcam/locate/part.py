@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from functools import cached_property
 
+from cadcam.arrays import Array
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.aspects import Aspects
-from cadcam.locate.symmetry import symmetries
+from cadcam.locate.symmetry import spin_of, symmetries
 from cadcam.render.embree import Caster
 from cadcam.render.view import Scene
 from cadcam.render.visible import LineDrawer
@@ -46,3 +47,8 @@ class Part:
     def symmetries(self) -> list[Rigid]:
         """The motions part_from_part in which the part looks the same, the identity first."""
         return symmetries(self.scene.mesh, self.scene.edges)
+
+    @cached_property
+    def spin(self) -> Array | None:
+        """The twist (6,) of a turned part's rotation about its axis, which no photo shows; None of other parts."""
+        return spin_of(self.scene.mesh, self.scene.edges)

@@ -10,7 +10,8 @@ But the pose is not a random one. It was fitted, and k degrees of freedom lay th
 photo has; a start that was the best of very many poses used up some more. Evidence is what agrees beyond these
 (an event counts by how seldom it would come about anywhere in the search: Desolneux, Moisan and Morel, From Gestalt
 Theory to Image Analysis, 2008, ch. 3). A line is worth two constraints, where it lies and how it turns, a short one
-one; lines that lie on one edge of the photo count once. With C constraints in sight
+one, and so is each straight stretch of a line that bends: a corner that is rounded does not make one edge of two.
+Lines that lie on one edge of the photo count once. With C constraints in sight
 
     free = (k + those of the search) / C        net = (share - free) / (1 - free) - 0.6 absent - 20 scatter / extent
 
@@ -48,6 +49,7 @@ from cadcam.image.profile import candidates
 from cadcam.locate.chequers import along_chequers
 from cadcam.locate.proportions import stretched
 from cadcam.locate.sight import Sight
+from cadcam.native.profiles import along_runs
 
 Longs = npt.NDArray[np.int64]
 SEARCHED = 3  # constraints that the best of all poses of a part in a photo meets without it
@@ -61,6 +63,9 @@ _FAINT = 0.4  # of the strongest slope nearby
 _FAR, _AT = np.array([0.0, 14.0, 22.0, 14.0, 22.0]), np.array([0.0, 0.3, 1.9, 3.4, 5.0])  # px, rad
 _SHIFTS = _FAR[:, None] * np.stack([np.cos(_AT), np.sin(_AT)], axis=1)  # px: in place, then elsewhere
 _WORTH_PX = (10.0, 24.0)  # length from which a line is worth one constraint, and two
+_CORNER, _CORNERS = np.radians(30.0), 16  # by which a line turns from one stretch to the next; most stretches of one
+_MUCH = 0.2  # share of constraints that is free, from which on bends are looked at
+_BENT, _AROUND = 1 / 170, 3  # rad a px, on the mean of so many samples to each side: from there on a line is bent
 _ONE_EDGE = 8.0, np.cos(np.radians(4.0))  # px and turn within which lines lie on one edge of the photo
 _STRAIGHT = 0.95  # chord over arc of a line that may lie on another
 _NOWHERE = 0.25  # share of a line's samples below which it is missed
@@ -72,7 +77,7 @@ _SHARES = (0.0, 0.43, 0.95)  # net shares that make quality 0, 1/2 and 1
 _COLOR = 2  # constraints that tell which colour the part has
 _GONE, _MOST_GONE = 0.05, 1 / 3  # share of a body that may be shown by chance, and of all samples that may be its own
 _WITHOUT = (0.1, 0.5)  # quality at which a body is left out
-_LEAST = 12  # samples that can tell anything at all
+_LEAST, _MOST_FITTED = 12, 0.8  # samples that can tell anything at all; share of constraints fitted that leaves enough
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,12 +123,12 @@ class Seen:
     @property
     def quality(self) -> float:
         """Return how sure it is that the pose is right, 0 to 1."""
-        if self.samples < _LEAST or self.fitted >= 1:
+        if self.samples < _LEAST or self.fitted > _MOST_FITTED:
             return 0.0
         return float(np.interp(self.net, _SHARES, (0.0, 0.5, 1.0)))
 
     def __str__(self) -> str:
-        if self.samples < _LEAST or self.fitted >= 1:
+        if self.samples < _LEAST or self.fitted > _MOST_FITTED:
             return "so few edges of the part would be in the picture that any place would fit"
         free = f", {self.fitted:.0%} could be fitted anywhere" if self.fitted > 0.2 else ""
         other = f"; more were it {self.proportions} (other part, unit or scale?)" if self.gain > _TOLD else ""
@@ -189,7 +194,8 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, s
         told += len(which)
         shown += len(which) * float(share[0])
         by_chance += len(which) * float(share[1:].mean())
-        worth += float(np.searchsorted(_WORTH_PX, length, side="right").sum())
+        of_lines = float(np.searchsorted(_WORTH_PX, length, side="right").sum())
+        worth += of_lines if constraints < _MUCH * of_lines else _worth(q, normal, run, lines, length)
         extent = max(extent, float(np.hypot(*np.ptp(q, axis=0))))
         missed = _missed(here, lines)
         absent += float(missed.sum())
@@ -274,6 +280,22 @@ def distinct_lines(q: Array, run: Ids) -> tuple[Longs, Array]:
     owner = np.argmax(np.where(on, arc, -1.0), axis=1)
     _, line = np.unique(owner, return_inverse=True)
     return np.repeat(line, last - first + 1), np.bincount(line, arc).astype(np.float64)
+
+
+def _worth(q: Array, normal: Array, run: Ids, line: Longs, length: Array) -> float:
+    """Return how many constraints samples (n,) on lines of these lengths (L,) px lay on a pose.
+
+    A line is worth what its straight stretches are; one that bends everywhere, or hardly, what its length is.
+    """
+    same = run[1:] == run[:-1]
+    step, turn = (np.append(0.0, same * np.hypot(*np.diff(a, axis=0).T)) for a in (q, normal))
+    straight = along_runs(turn, run, _AROUND) < _BENT * along_runs(step, run, _AROUND)
+    turned = np.cumsum(turn)
+    turned -= turned[np.searchsorted(run, run)]
+    stretch = np.minimum(turned // _CORNER, _CORNERS - 1).astype(np.int64)
+    of_stretch = np.bincount(line * _CORNERS + stretch, step * straight, len(length) * _CORNERS)
+    worth = [np.searchsorted(_WORTH_PX, px, side="right") for px in (length, of_stretch)]
+    return float(np.maximum(worth[0], worth[1].reshape(-1, _CORNERS).sum(axis=1)).sum())
 
 
 def _missed(shown: Mask, line: Longs) -> Array:

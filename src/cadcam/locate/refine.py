@@ -44,6 +44,7 @@ _ABOUT = 0.25  # share of the lines that colour speaks for, from which on a pose
 _AROUND_PX = (3.0, 5.0, 8.0)  # searches there
 _SAME_PX = 0.5  # a search that ends this near to where it began, at a pose that was found, finds the same again
 _Answer = tuple[Location, Solution | None, Sequence[Sight]]  # what was found, measured, and drawn for it
+_ANY_TURN = np.pi**2 / 3  # rad^2: variance of a turn that may be any
 _UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose that nothing was measured of
 
 
@@ -89,6 +90,7 @@ def refined(
     """Return what `refine` does, and the photos with the part's lines as drawn within a pixel or two of that pose."""
     if not photos:
         raise BadValue("photos", "none", "at least one photo")
+    given, freedom = freedom, freedom.without(part.spin, start)
     best, drawn = _refined(part, photos, start, freedom, evidence, options, chosen, wider)
     for search_px in _AROUND_PX if wider else ():
         if best.quality >= _DOUBT[1] or all(photo.chroma is None for photo in photos):
@@ -103,7 +105,18 @@ def refined(
         second, _ = _measured(part, sights, pose, freedom, evidence, options, chosen, wider)
         if second.quality > best.quality:
             best, drawn = second, sights
-    return best, drawn
+    return best if freedom is given or part.spin is None else _turned_anyhow(best, part.spin), drawn
+
+
+def _turned_anyhow(location: Location, spin: Array) -> Location:
+    """Return the answer of a turned part, whose turn about its axis, a twist (6,), no photo tells."""
+    pose = location.pose
+    told = replace(
+        pose,
+        from_noise=pose.from_noise + _ANY_TURN * np.outer(spin, spin),
+        freedom=np.linalg.qr(np.column_stack([pose.freedom, spin]))[0],
+    )
+    return replace(location, pose=told, reason=f"{location.reason}; turned about its axis the part looks the same")
 
 
 def _colored(

@@ -8,7 +8,7 @@ samples of an edge together.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.edges import Projected
 from cadcam.locate.evidence import Evidence, rows_of
 from cadcam.locate.freedom import Freedom
+from cadcam.locate.response import bend_of, leanings, straightened
 from cadcam.locate.sight import Cells, Measured, Sight, measure, nearest_steps
 
 Longs = npt.NDArray[np.int64]
@@ -31,6 +32,7 @@ _UNEVEN = 0.4  # of what edges are off by as a whole: they are off by that besid
 LOOSE_PX = 0.25  # by which edges of a good pose are seldom off as a whole
 _ROUNDS = (3, 8, 8, 8)  # reweightings in the first measurement, the second, and more where it is not settled
 _SETTLED_PX = 0.2  # by which nine tenths of the lines may move in the last step
+_EVERY = 4  # of how many samples one tells whether the camera's response is bent
 _PIECES = 30  # groups that the edges are cut into at least
 
 
@@ -102,7 +104,35 @@ def solved(
         if number and quantile(np.abs(np.concatenate(last.moved)), 0.9) < _SETTLED_PX:
             break
         places = [s.project(pose) for s in sights]
-    return last
+    return _unbent(last, [c.blur for c in cells], other, iterations, options)
+
+
+def _unbent(
+    last: Solution, blurs: Sequence[float], evidence: tuple[Array, Array, Array], iterations: int, options: EdgeOptions
+) -> Solution:
+    """Return the solution with what a bent response of the camera does to the steps taken out, where it shows.
+
+    Borders of round surfaces do not tell it: light shifts them as well, all to the inside.
+    """
+    sights, places, measured = last.sights, last.places, last.measured
+    use = [np.flatnonzero(m.usable) for m in measured]
+    ends = np.cumsum([len(u) for u in use])
+    told = [np.flatnonzero(s.samples.chain[u] >= 0)[::_EVERY] for s, u in zip(sights, use, strict=True)]
+    few = [u[k] for u, k in zip(use, told, strict=True)]
+    groups = np.split(last.fit.group[: ends[-1]], ends[:-1])
+    group = np.concatenate([g[k] for g, k in zip(groups, told, strict=True)])
+    rows = np.concatenate([at.row[k] for at, k in zip(places, few, strict=True)]) @ last.B
+    lean = np.concatenate([leanings(*one) for one in zip(sights, places, few, blurs, strict=True)])
+    bend = bend_of(last.fit, rows, lean, group) if len(lean) else None
+    if bend is None:
+        return last
+    leans = [leanings(*one) for one in zip(sights, places, use, blurs, strict=True)]
+    lean = np.concatenate(leans)
+    measured = straightened(measured, leans, bend)
+    fit = _step(sights, places, measured, evidence, last.B, iterations, options, on_lines=True)
+    by_bend = bend.sd * fit.gain[:, : len(lean)] @ lean
+    fit = replace(fit, covariance=fit.covariance + np.outer(by_bend, by_bend))
+    return replace(last, pose=last.before @ Rigid.exp(last.B @ fit.x), measured=measured, fit=fit)
 
 
 def _left(measured: Measured, moved: Array) -> Array:

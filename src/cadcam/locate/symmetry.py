@@ -1,10 +1,10 @@
-"""In which poses a part looks the same: the rotations that map its edges onto themselves."""
+"""In which poses a part looks the same: the rotations that map its edges onto themselves, and the axis it turned on."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Ids
 from cadcam.cad.edges import FeatureEdges
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
@@ -12,6 +12,7 @@ from cadcam.geometry.rigid import Rigid
 _SAMPLES = 400
 _MOST = 64  # points that are tried in place of another
 _SAME = 2e-3  # of the part's radius: a rotation that leaves the edges this near to each other is a symmetry
+_ROUND = np.radians(30.0)  # corners of a circle are no farther apart: with longer sides they would be edges
 _APART = 0.01  # rad: rotations nearer to each other are one, known to within _SAME
 
 
@@ -41,6 +42,57 @@ def symmetries(mesh: Mesh, edges: FeatureEdges) -> list[Rigid]:
         if np.max(tree.query(moved)[0]) < spacing and np.max(lines.query(moved)[0]) < 2 * tolerance:
             found.append(R)
     return [Rigid(R, centre - R @ centre) for R in found]
+
+
+def spin_of(mesh: Mesh, edges: FeatureEdges) -> Array | None:
+    """Return the twist (6,) of the rotation about the axis of a turned part, mm and rad in its frame; None without one.
+
+    All corners lie on circles about the axis, all around, and all edges run along these. That the circles have corners
+    is the model's doing; no photo tells how far the part is turned.
+    """
+    T = mesh.vertices[mesh.faces]
+    area = mesh.face_areas
+    if not area.sum() > 0:
+        return None
+    centre = (area @ T.mean(axis=1)) / area.sum()
+    T = T - centre  # surface integral of x x': area / 12 (sum of v v' + (sum v) (sum v)')
+    total = T.sum(axis=1)
+    moments = np.einsum("f,fki,fkj->ij", area, T, T) + np.einsum("f,fi,fj->ij", area, total, total)
+    used = np.unique(mesh.faces)
+    for axis in np.linalg.eigh(moments)[1].T:
+        if _turned(mesh.vertices - centre, axis, used, edges.vertices):
+            return np.concatenate([np.cross(centre, axis), axis])
+    return None
+
+
+def _turned(p: Array, axis: Array, used: Ids, edges: Ids) -> bool:
+    """Return whether points (V, 3), those that are used, and edges between them (S, 2) are those of a turned part."""
+    across = np.linalg.svd(axis[None])[2][1:]
+    height, (x, y) = p @ axis, across @ p.T
+    radius = np.hypot(x, y)
+    tolerance = _SAME * float(np.hypot(height, radius)[used].max())
+    a, b = edges.T
+    if (np.maximum(np.abs(height[a] - height[b]), np.abs(radius[a] - radius[b])) > tolerance).any():
+        return False
+    off = used[radius[used] > 2 * tolerance]
+    level, ring = (_clusters(value[off], tolerance) for value in (height, radius))
+    circle = level * (int(ring.max(initial=0)) + 1) + ring
+    turn = np.arctan2(y, x)[off]
+    order = np.lexsort([turn, circle])
+    circle, turn = circle[order], turn[order]
+    first = np.flatnonzero(np.diff(circle, prepend=-1))
+    last = np.append(first[1:], len(circle)) - 1
+    gap = np.diff(turn, append=0.0)
+    gap[last] = turn[first] + 2 * np.pi - turn[last]
+    return len(off) > 0 and float(gap.max()) < _ROUND + _APART
+
+
+def _clusters(values: Array, tolerance: float) -> Ids:
+    """Return the number of the cluster of each value: between two of them there is more than the tolerance."""
+    order = np.argsort(values)
+    out = np.zeros(len(values), np.int32)
+    out[order] = np.cumsum(np.diff(values[order], prepend=values[order[:1]]) > tolerance)
+    return out
 
 
 def _candidates(corners: Array, tolerance: float) -> list[Array]:
