@@ -211,6 +211,7 @@ def test_a_cluster_that_is_not_there_or_no_dask_is_said(tmp_path: Path, monkeypa
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MissingExtra, match=r"cadcam\[cluster\]"):
         make_dataset(tmp_path / "two", scene(), plan(1), cluster="tcp://127.0.0.1:1")
+    assert not (tmp_path / "two").exists(), "a folder was begun that nothing could be put into"
 
 
 def _brighter() -> object:

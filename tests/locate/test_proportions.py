@@ -51,7 +51,7 @@ def test_a_model_of_right_proportions_fits_best_as_it_is(rng: np.random.Generato
 def test_a_model_that_a_try_moves_out_of_the_photo_stays_as_long_as_it_was(rng: np.random.Generator) -> None:
     """All of it is behind the camera: no line is left to pull."""
     behind, seen = Rigid(translation=[0, 0, -5000.0]) @ CORNER, sights(BOX, photo(BOX, CORNER, rng), CORNER)
-    pose, lengths = _pulled(seen, behind, np.zeros(3), np.eye(6), SIZE / 2)
+    pose, lengths = _pulled(seen, behind, np.zeros(3), np.eye(6), SIZE / 2, None)
     assert pose is behind
     assert not lengths.any()
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterable, Iterator
+from importlib.util import find_spec
 from itertools import islice
 
 from cadcam.dataset.worker import Answer, Files, Job, Maker, Task, files_in
@@ -18,15 +19,20 @@ _PATIENCE_S = 20
 _kept = threading.local()  # the maker of a thread, and its job
 
 
+def require_dask() -> None:
+    """Raise `MissingExtra` where Dask is not installed."""
+    if find_spec("distributed") is None:
+        raise MissingExtra("a data set on a cluster", "cluster", "distributed")
+
+
 def on_cluster(job: Job, tasks: Iterable[Task], address: str) -> Iterator[Files]:
     """Yield the files of each task as they come, in any order, made by the cluster at `address`.
 
     Raises `MissingExtra` without Dask, `UnreachableCluster`, `WorkerDied`, and the error that a task ended with.
     """
-    try:
-        from distributed import Client, KilledWorker, as_completed
-    except ImportError:
-        raise MissingExtra("a data set on a cluster", "cluster", "distributed") from None
+    require_dask()
+    from distributed import Client, KilledWorker, as_completed
+
     try:
         client = Client(address, timeout=_PATIENCE_S, set_as_default=False)
     except (OSError, ValueError) as error:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from cadcam.camera.camera import Camera
 from cadcam.dataset.assembly import assemble
-from cadcam.dataset.cluster import on_cluster
+from cadcam.dataset.cluster import on_cluster, require_dask
 from cadcam.dataset.head import begin, head_of
 from cadcam.dataset.key_points import corners
 from cadcam.dataset.layout import CAMERA, CONTACT, VIEWS_A_SCENE, Layout
@@ -75,12 +75,14 @@ def make_dataset(
 
     workers: processes, by default one a core. cluster: address of a Dask scheduler, in place of processes. on_start is
     told how many views are to be made and how many are there; on_view is called after each. Raises `BadValue` for a
-    folder that holds another data set, `UnwritableFile`, `WorkerDied`, `UnreachableCluster`.
+    folder that holds another data set, `UnwritableFile`, `MissingExtra`, `WorkerDied`, `UnreachableCluster`.
     """
     folder, layout = Path(folder), Layout(_named(split), "gray" if plan.gray else "rgb")
     if workers is not None and workers < 1:
         raise BadValue("workers", workers, "a whole number of at least 1")
     _check_core()
+    if cluster:
+        require_dask()
     names, points = corners(scene) if plan.key_points is None else (plan.key_point_names, plan.key_points)
     props = props_of(plan.occluders, 2 * middle_and_radius(scene.mesh)[1], plan.seed)
     director = Director(plan, scene, props)

@@ -104,11 +104,15 @@ def solved(
         if number and quantile(np.abs(np.concatenate(last.moved)), 0.9) < _SETTLED_PX:
             break
         places = [s.project(pose) for s in sights]
-    return _unbent(last, [c.blur for c in cells], other, iterations, options)
+    return _unbent(last, [c.blur for c in cells], other, iterations, pieces)
 
 
 def _unbent(
-    last: Solution, blurs: Sequence[float], evidence: tuple[Array, Array, Array], iterations: int, options: EdgeOptions
+    last: Solution,
+    blurs: Sequence[float],
+    evidence: tuple[Array, Array, Array],
+    iterations: int,
+    pieces: Sequence[Longs],
 ) -> Solution:
     """Return the solution with what a bent response of the camera does to the steps taken out, where it shows.
 
@@ -129,7 +133,7 @@ def _unbent(
     leans = [leanings(*one) for one in zip(sights, places, use, blurs, strict=True)]
     lean = np.concatenate(leans)
     measured = straightened(measured, leans, bend)
-    fit = _step(sights, places, measured, evidence, last.B, iterations, options, on_lines=True)
+    fit = _step(sights, places, measured, evidence, last.B, iterations, pieces, on_lines=True)
     by_bend = bend.sd * fit.gain[:, : len(lean)] @ lean
     fit = replace(fit, covariance=fit.covariance + np.outer(by_bend, by_bend))
     return replace(last, pose=last.before @ Rigid.exp(last.B @ fit.x), measured=measured, fit=fit)

@@ -26,7 +26,7 @@ from cadcam import __version__
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import UnreadableFile, UnwritableFile
-from cadcam.files.jsontext import Place
+from cadcam.files.jsontext import Place, parsed_line
 from cadcam.files.matrix import pose_as_json
 from cadcam.files.pose_estimate import pose_estimate_as_json, pose_estimate_at
 from cadcam.files.text import read_text
@@ -180,8 +180,8 @@ def head_of(
 def read_track(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     """Return the lines of a log's frames, poses as `PoseEstimate`. Raises `UnreadableFile` naming the line."""
     lines = read_text(path, max_bytes=_MAX_BYTES).text.splitlines()
-    _check_head(path, _parsed(path, 1, lines[0]))
-    entries = [_parsed(path, number, line) for number, line in enumerate(lines[1:], 2)]
+    _check_head(path, _object(path, 1, lines[0]))
+    entries = [_object(path, number, line) for number, line in enumerate(lines[1:], 2)]
     for number, entry in enumerate(entries, 2):
         for name in ("pose", "filtered"):
             if entry[name] is not None:
@@ -194,7 +194,7 @@ def _continued(path: str | os.PathLike[str], head: dict[str, Any]) -> list[dict[
     data = Path(path).read_bytes()
     whole = data[: data.rfind(b"\n") + 1]
     lines = whole.decode(errors="replace").splitlines()
-    there = _parsed(path, 1, lines[0]) if lines else {}
+    there = _object(path, 1, lines[0]) if lines else {}
     _check_head(path, there)
     if len(lines) == 1:  # of a run that failed at its first frame: perhaps by inputs that are other ones now
         return []
@@ -206,7 +206,7 @@ def _continued(path: str | os.PathLike[str], head: dict[str, Any]) -> list[dict[
             )
     if len(whole) < len(data):
         os.truncate(path, len(whole))
-    return [_parsed(path, number, line) for number, line in enumerate(lines[1:], 2)]
+    return [_object(path, number, line) for number, line in enumerate(lines[1:], 2)]
 
 
 def _check_head(path: str | os.PathLike[str], head: dict[str, Any]) -> None:
@@ -216,14 +216,8 @@ def _check_head(path: str | os.PathLike[str], head: dict[str, Any]) -> None:
         raise UnreadableFile(path, f"has version {head.get('version')!r}", f"version {VERSION} is read here")
 
 
-def _parsed(path: str | os.PathLike[str], number: int, line: str) -> dict[str, Any]:
-    try:
-        value = json.loads(line)
-    except ValueError as error:
-        raise UnreadableFile(path, f"line {number} is not JSON: {error}", "name another file") from None
-    if not isinstance(value, dict):
-        raise UnreadableFile(path, f"line {number} is not an object", "name another file")
-    return value
+def _object(path: str | os.PathLike[str], number: int, line: str) -> dict[str, Any]:
+    return parsed_line(path, number, line).object
 
 
 def _pose_of(path: str, entry: dict[str, Any]) -> PoseEstimate:
