@@ -2,11 +2,11 @@
  * every run, whatever came before it.
  *
  * Coordinates of every magnitude, shared, repeated and collinear corners, cameras inside the model, lenses with holes,
- * pictures down to one pixel, every channel present or not. Beyond what the sanitizers see, each picture is drawn twice,
- * with one band and with several: both must be equal, and every id in range. Then direction fields of random pictures,
- * and edges with wild places over them: poses stay rotations, scores in range. Then steps along lines in and out of a
- * picture, regressions by groups, marks at any homography, points and edges before and behind what a view shows,
- * crossings of segments, and pictures and masks of every size made files. */
+ * pictures down to one pixel, every channel present or not. Beyond what the sanitizers see, each picture is drawn
+ * twice, with one band and with several: both must be equal, and every id in range. Then direction fields of random
+ * pictures, and edges with wild places over them: poses stay rotations, scores in range. Then steps along lines in and
+ * out of a picture, regressions by groups, marks at any homography, points and edges before and behind what a view
+ * shows, crossings of segments, and pictures and masks of every size made files. */
 #include <float.h>
 #include <math.h>
 #include <stdio.h>
@@ -36,7 +36,7 @@ static double wild(void) {
     static const double odd[] = {0, 1, -1, 1e-300, 1e300, -1e300, 1e-12, 64, 1e150};
     return upto(9) ? around() * pow(10, upto(3)) : odd[upto(8)];
 }
-static float wild_weight(void) { return (float)fmin(fabs(wild()), FLT_MAX); } /* finite, not negative: as the core asks */
+static float wild_weight(void) { return (float)fmin(fabs(wild()), FLT_MAX); } /* finite and >= 0: as the core asks */
 
 static void rotation(double R[9]) { /* from a random quaternion */
     double q[4], s = 0;
@@ -76,12 +76,14 @@ static void draw(const cc_scene *scene, cc_view *v, picture *p, int mask, int ba
 static void differ(const char *what) { exit(fprintf(stderr, "%s differs between one band and several\n", what)); }
 
 /* Where n x n samples a pixel look through a lens that bends, and may be blind in places. */
-static cc_lens *lens_of(int width, int height, int n, double f, double cx, double cy, double bend, int hole, int blind) {
+static cc_lens *lens_of(int width, int height, int n, double f, double cx, double cy, double bend, int hole,
+                        int blind) {
     const int W = width * n, H = height * n;
     double *points = malloc((size_t)W * (size_t)H * 16);
     for (int y = 0; y < H; y++)
         for (int x = 0; x < W; x++) {
-            double u = ((x + 0.5) / n - 0.5 - cx) / f, w = ((y + 0.5) / n - 0.5 - cy) / f, g = 1 + bend * (u * u + w * w);
+            double u = ((x + 0.5) / n - 0.5 - cx) / f, w = ((y + 0.5) / n - 0.5 - cy) / f;
+            double g = 1 + bend * (u * u + w * w);
             int nowhere = blind || (hole && upto(4) == 0);
             points[2 * (y * W + x)] = nowhere ? NAN : u * g * (upto(500) ? 1 : 1e300);
             points[2 * (y * W + x) + 1] = w * g;
@@ -175,12 +177,14 @@ static cc_field field_of(int width, int height) { /* every buffer exactly as lar
     for (int i = 0; i < n_nodes; i++) nodes[i] = upto(20) ? (float)(around() * 40 + 20) : upto(1) ? (float)wild() : NAN;
     cc_straighten(picture, width, height, nodes, step, wide, high, straight, seen);
     for (int i = 0; i < wide * high; i++)
-        if (seen[i] > 1 || !(straight[i] >= 0 && straight[i] <= 1.0001f)) exit(fprintf(stderr, "straightened to %g\n", straight[i]));
+        if (seen[i] > 1 || !(straight[i] >= 0 && straight[i] <= 1.0001f))
+            exit(fprintf(stderr, "straightened to %g\n", straight[i]));
     free(nodes), free(straight), free(seen);
     uint8_t *halved = malloc((size_t)(width / 2) * (size_t)(height / 2) * CC_SECTORS + 1);
     cc_halve(planes, width, height, halved, half, half + CC_SECTORS);
     free(picture), free(scratch), free(small), free(half), free(halved);
-    return (cc_field){.planes = planes, .mean = moments, .variance = moments + CC_SECTORS, .width = width, .height = height};
+    const float *variance = moments + CC_SECTORS;
+    return (cc_field){.planes = planes, .mean = moments, .variance = variance, .width = width, .height = height};
 }
 
 static int is_rotation(const double R[9]) {
@@ -219,17 +223,19 @@ static void edges(void) {
     }
     const int n_free = 1 + upto(5);
     for (int i = 0; i < n_free; i++) freedom[i * n_free + i] = 1;
-    const cc_views v = {.eyes = eyes, .places = places, .first = first, .count = count, .n_eyes = n_eyes, .n_poses = n_poses};
+    const cc_views v = {.eyes = eyes, .places = places, .first = first, .count = count,
+                        .n_eyes = n_eyes, .n_poses = n_poses};
     for (int e = 0; e < n_eyes; e++) {
         const cc_field *f = &eyes[e].field;
         const int rx = upto(20), ry = upto(20), wide = f->width + 32;
         uint16_t *sums = malloc((size_t)(2 * rx + 16) * (size_t)(2 * ry + 1) * 2);
-        uint8_t *bytes = malloc((size_t)CC_SECTORS * (size_t)(f->height + 2 * CC_MARGIN) * (size_t)(wide + 2 * CC_MARGIN) +
-                                (size_t)wide * (size_t)f->height);
+        const size_t plane = (size_t)(f->height + 2 * CC_MARGIN) * (size_t)(wide + 2 * CC_MARGIN);
+        uint8_t *bytes = malloc(CC_SECTORS * plane + (size_t)wide * (size_t)f->height);
         cc_slide(&v, e, poses, upto(9) - 4, upto(9) - 4, rx, ry, keep, upto(3), sums, shift, score);
         cc_sweep(&v, e, poses, keep, upto(3), bytes, shift, score);
         for (int i = 0; i < 2 * n_poses * keep; i++)
-            if (shift[i] < 0 || shift[i] >= (i % 2 ? f->height : f->width)) exit(fprintf(stderr, "swept out of the field\n"));
+            if (shift[i] < 0 || shift[i] >= (i % 2 ? f->height : f->width))
+                exit(fprintf(stderr, "swept out of the field\n"));
         cc_certainties(&v, e, poses, 0.8, n_places + 1, sure);
         free(sums), free(bytes);
     }
@@ -254,17 +260,19 @@ static void along_lines(void) {
     float *pixels = malloc((size_t)(width * height) * 4);
     for (int i = 0, kind = upto(2); i < width * height; i++) pixels[i] = gray(kind);
     const cc_picture picture = {pixels, width, height};
-    double *q = doubles(2 * n, 70), *normal = malloc((size_t)n * 16 + 1), *twins = doubles(4 * n, 8), *held = doubles(2 * n, 5);
-    double *below = malloc((size_t)n * 8 + 1), *above = malloc((size_t)n * 8 + 1);
+    double *q = doubles(2 * n, 70), *twins = doubles(4 * n, 8), *held = doubles(2 * n, 5);
+    double *normal = malloc((size_t)n * 16 + 1), *below = malloc((size_t)n * 8 + 1), *above = malloc((size_t)n * 8 + 1);
     for (int i = 0; i < n; i++) {
         const double angle = 7 * unit();
         normal[2 * i] = cos(angle), normal[2 * i + 1] = sin(angle);
-        below[i] = 30 * unit(), above[i] = 30 * unit(), held[2 * i] = fabs(held[2 * i]), held[2 * i + 1] = fabs(held[2 * i + 1]);
+        below[i] = 30 * unit(), above[i] = 30 * unit();
+        held[2 * i] = fabs(held[2 * i]), held[2 * i + 1] = fabs(held[2 * i + 1]);
     }
     double *offset = malloc((size_t)(n * most) * 8 + 1), *slope = malloc((size_t)(n * most) * 8 + 1);
     cc_candidates(&picture, n, q, normal, 8 * unit(), reach, 0.002, most, offset, slope);
     for (int i = 0; i < n * most; i++)
-        if (!(isnan(offset[i]) ? isnan(slope[i]) : fabs(offset[i]) <= reach + 1)) exit(fprintf(stderr, "offset %g\n", offset[i]));
+        if (!(isnan(offset[i]) ? isnan(slope[i]) : fabs(offset[i]) <= reach + 1))
+            exit(fprintf(stderr, "offset %g\n", offset[i]));
     double *sums = malloc((size_t)(n * CC_STEP_SUMS) * 8 + 1), *steps = malloc((size_t)(n * CC_STEP_TERMS) * 8 + 1);
     cc_step_sums(&picture, n, q, normal, below, above, twins, 4 * unit(), 0.3 + 3 * unit(), 0.002, 0.998, sums);
     cc_steps(n, sums, held, steps);
@@ -275,13 +283,15 @@ static void along_lines(void) {
     rotation(R);
     double lens[CC_LENS];
     for (int i = 0; i < CC_LENS; i++) lens[i] = unit() - 0.5;
-    cc_camera_rows(n, K, upto(1) ? lens : NULL, upto(1) ? INFINITY : unit(), R, (double[3]){0, 0, 9}, p, t, q, normal, row);
+    cc_camera_rows(n, K, upto(1) ? lens : NULL, upto(1) ? INFINITY : unit(), R, (double[3]){0, 0, 9}, p, t, q, normal,
+                   row);
     cc_along_runs(n, 2, held, run, upto(12), mean);
     for (int i = 0; i < 6; i++) x[i] = 0;
     cc_pull(n, most, 6, row, offset, slope, upto(1) ? stiff : NULL, x, 1.0, 0.3, 1e-3, 2, x);
     const int64_t lines = n ? 1 + upto(n - 1) : 0, tries = 1 + upto(3);
     int64_t *first = malloc((size_t)lines * 8 + 1);
-    double *moved = doubles((int)tries * n, 20), *counts = malloc((size_t)tries * 8), *share = malloc((size_t)(tries * lines) * 8 + 1);
+    double *moved = doubles((int)tries * n, 20), *counts = malloc((size_t)tries * 8);
+    double *share = malloc((size_t)(tries * lines) * 8 + 1);
     for (int64_t l = 0; l < lines; l++) first[l] = l;
     cc_met(n, most, offset, slope, lines, first, tries, moved, 2.0, 0.4, 6.0, counts, share);
     for (int64_t k = 0; k < tries * lines; k++)
@@ -292,17 +302,20 @@ static void along_lines(void) {
 }
 
 static void grouped(void) {
-    const int groups = 1 + upto(12), k = 1 + upto(upto(9) ? 5 : CC_UNKNOWNS - 1), n = groups + upto(60), tried = 1 + upto(6);
+    const int groups = 1 + upto(12), k = 1 + upto(upto(9) ? 5 : CC_UNKNOWNS - 1);
+    const int n = groups + upto(60), tried = 1 + upto(6);
     double *y = doubles(n, 1), *J = doubles(n * k, 5), *w = malloc((size_t)n * 8), *of = malloc((size_t)groups * 24);
-    double *what = malloc((size_t)tried * 24), *x = malloc((size_t)k * 8), *C = malloc((size_t)(k * k) * 8), *p = malloc((size_t)tried * 8);
+    double *what = malloc((size_t)tried * 24), *x = malloc((size_t)k * 8), *C = malloc((size_t)(k * k) * 8);
+    double *p = malloc((size_t)tried * 8);
     double *scratch = malloc((size_t)(groups * ((k + 1) * (k + 4) / 2 + 1) + tried * k * (k + 1)) * 8);
     int64_t *group = malloc((size_t)n * 8);
     for (int i = 0; i < n; i++) w[i] = unit(), group[i] = i * groups / n;
     for (int i = 0; i < 3 * groups; i++) of[i] = upto(3) ? unit() : upto(1);
     for (int i = 0; i < 3 * tried; i++) what[i] = unit();
-    const cc_grouped data = {.y = y, .J = J, .w = w, .group = group, .of_group = of, .free = of + groups, .expected = of + 2 * groups,
-                             .variance = what, .share = what + tried, .prior = what + 2 * tried, .n = n, .groups = groups, .k = k,
-                             .tried = tried};
+    const cc_grouped data = {.y = y, .J = J, .w = w, .group = group,
+                             .of_group = of, .free = of + groups, .expected = of + 2 * groups,
+                             .variance = what, .share = what + tried, .prior = what + 2 * tried,
+                             .n = n, .groups = groups, .k = k, .tried = tried};
     cc_grouped_fit(&data, scratch, x, C, p);
     free(y), free(J), free(w), free(of), free(what), free(x), free(C), free(p), free(scratch), free(group);
 }
@@ -323,7 +336,8 @@ static void marks(void) {
         span[i] = whole ? 2 * acos(-1.0) : fmod(b - a + 20 * acos(-1.0), 2 * acos(-1.0));
     }
     const cc_mark mark = {r, ray, sector, span, radii, sectors};
-    double *places = doubles(count * pixels * width, 30), *H = doubles(count * 9, 1), *dH = doubles(count * terms * 9, 1);
+    double *places = doubles(count * pixels * width, 30);
+    double *H = doubles(count * 9, 1), *dH = doubles(count * terms * 9, 1);
     double *levels = doubles(count * 8, 1), *value = malloc((size_t)(count * pixels) * 8 + 1);
     double *slope = malloc((size_t)(count * pixels) * (size_t)(terms + 5 + loose) * 8 + 1);
     if (upto(1))
@@ -331,7 +345,8 @@ static void marks(void) {
     for (int i = 0; i < 2 * count; i++) /* more at rest than in motion, some by far more than their size */
         if (upto(2)) levels[8 * (i / 2) + 6 + i % 2] = 0;
     cc_mark_picture(&mark, count, pixels, width, places, H, terms, dH, levels, loose, value, slopes ? slope : NULL);
-    free(r), free(ray), free(span), free(sector), free(places), free(H), free(dH), free(levels), free(value), free(slope);
+    free(r), free(ray), free(span), free(sector), free(places);
+    free(H), free(dH), free(levels), free(value), free(slope);
 }
 
 static void seen(void) {
@@ -343,7 +358,8 @@ static void seen(void) {
     int32_t *sides = malloc((size_t)n * 8 + 1), *chain = malloc((size_t)n * 4 + 1);
     uint8_t *out = malloc((size_t)n + 1), *rule = malloc((size_t)n + 1), *front = malloc((size_t)planes);
     for (int i = 0; i < n; i++) {
-        sides[2 * i] = upto(planes - 1), sides[2 * i + 1] = upto(planes - 1), chain[i] = i / 5, rule[i] = (uint8_t)upto(2);
+        sides[2 * i] = upto(planes - 1), sides[2 * i + 1] = upto(planes - 1);
+        chain[i] = i / 5, rule[i] = (uint8_t)upto(2);
         if (i && upto(1)) memcpy(ends + 6 * i, ends + 6 * i - 3, 24); /* head to tail */
     }
     for (int i = 0; i < planes; i++) front[i] = (uint8_t)upto(1);
@@ -361,10 +377,13 @@ static void seen(void) {
                       malloc((size_t)room * 4 + 1), room, 0, 0};
     cc_seen_edges(&sight, &eye, &edges, front, 1, 1.5, upto(1) ? 2 * unit() : 0, &lines);
     for (int64_t i = 0; i < lines.points && lines.points <= room; i++)
-        if (!(fabs(lines.q[2 * i]) < 100 && fabs(lines.q[2 * i + 1]) < 100)) exit(fprintf(stderr, "seen beyond the picture\n"));
+        if (!(fabs(lines.q[2 * i]) < 100 && fabs(lines.q[2 * i + 1]) < 100))
+            exit(fprintf(stderr, "seen beyond the picture\n"));
     for (int64_t i = 0; i < lines.lines && lines.lines <= room; i++)
-        if (lines.start[i] < (i ? lines.start[i - 1] + 2 : 0)) exit(fprintf(stderr, "a line of less than two points\n"));
-    free(depth), free(normal), free(p), free(q), free(ends), free(sides), free(chain), free(out), free(rule), free(front);
+        if (lines.start[i] < (i ? lines.start[i - 1] + 2 : 0))
+            exit(fprintf(stderr, "a line of less than two points\n"));
+    free(depth), free(normal), free(p), free(q), free(ends);
+    free(sides), free(chain), free(out), free(rule), free(front);
     free(lines.q), free(lines.p), free(lines.edge), free(lines.start);
 }
 
@@ -386,17 +405,20 @@ static void crossing(void) {
     for (int i = 0; i < n[1]; i++) slack[i] = upto(1) ? 1e-9 : unit();
     const int64_t found = cc_crossings(&flat[0], &flat[1], slack, room, line, s);
     for (int64_t i = 0; i < found && i < room; i++)
-        if (line[i] < 0 || line[i] >= n[0] || !(s[i] >= 0 && s[i] <= 1)) exit(fprintf(stderr, "crossing at %g\n", s[i]));
+        if (line[i] < 0 || line[i] >= n[0] || !(s[i] >= 0 && s[i] <= 1))
+            exit(fprintf(stderr, "crossing at %g\n", s[i]));
     for (int k = 0; k < 4; k++) free(ends[k]);
     free(w[0]), free(w[1]), free(slack), free(s), free(line);
 }
 
-/* Pictures of noise, of runs and of nothing, in and out of the room they need; masks, depths and normals as files have them. */
+/* Pictures of noise, of runs and of nothing, in and out of the room they need; masks, depths and normals as files
+ * have them. */
 static void files(void) {
     const int width = 1 + upto(70), height = 1 + upto(40), pixel = 1 + upto(3), kind = upto(3), n = width * height;
     uint8_t *pixels = malloc((size_t)(n * pixel)), *mask = malloc((size_t)n), *packed;
     for (int i = 0; i < n * pixel; i++)
-        pixels[i] = (uint8_t)(kind == 3 || (kind == 2 && upto(9) == 0) ? upto(255) : kind && i && upto(99) ? pixels[i - 1] : 0);
+        if (kind == 3 || (kind == 2 && upto(9) == 0)) pixels[i] = (uint8_t)upto(255);
+        else pixels[i] = kind && i && upto(99) ? pixels[i - 1] : 0;
     const int64_t enough = cc_pack_room(width * pixel, height), room = upto(1) ? enough : upto((int)enough);
     packed = malloc((size_t)room + 1);
     const int64_t written = cc_pack(pixels, width * pixel, height, pixel, packed, room);
@@ -405,7 +427,8 @@ static void files(void) {
     for (int i = 0; i < n; i++) mask[i] = (uint8_t)(upto(kind * 5) == 0);
     for (int i = 0; i < n; i++) depth[i] = upto(2) ? INFINITY : upto(9) ? (float)(unit() * 9) : (float)wild();
     for (int i = 0; i < 3 * n; i++) normal[i] = upto(20) ? (float)around() : upto(1) ? (float)wild() : NAN;
-    cc_pack_depth(depth, width, height, 0.001f, packed, room), cc_pack_normals(depth, normal, width, height, packed, room);
+    cc_pack_depth(depth, width, height, 0.001f, packed, room);
+    cc_pack_normals(depth, normal, width, height, packed, room);
     const int some = upto(n);
     int64_t found[5], *first = malloc(((size_t)width + 1) * 8), *at = malloc((size_t)some * 8 + 1), last = -1;
     cc_mask_region(mask, width, height, found);

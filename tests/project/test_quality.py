@@ -81,3 +81,14 @@ def test_no_file_holds_two_jobs() -> None:
         if (n := len(p.read_text().splitlines())) > 450
     }
     assert not long
+
+
+def test_c_keeps_to_the_same_width_as_python() -> None:
+    width = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["ruff"]["line-length"]
+    wide = [
+        f"{p.relative_to(ROOT)}:{number}"
+        for p in [*ROOT.glob("src/**/*.[ch]"), *ROOT.glob("tests/**/*.c")]
+        for number, line in enumerate(p.read_text(encoding="utf-8").splitlines(), 1)
+        if len(line) > width
+    ]
+    assert not wide

@@ -5,19 +5,20 @@
  *     D2 = p i j + q j j + r i i,   D3 = s0 i i i + s1 i i j + s2 i j j + s3 j j j,
  *     s = (|a| off_u + |b| off_v + 2^-48 size + 2^-14 |B|) / |A|,   size >= |a x| + |b y| + |c| everywhere,
  * where A i + B j + C is the linear part of P: A = a ux + b vx and its like are off by a few 2^-53 size, and so is P; A
- * is kept at least 2^-20 |B| in size, which moves the sum by less than 2^-14 |B|. Let |X0| <= R, and write n for i - X0,
- * d for the slope p j + 2 r X0 of D2 at X0, and D for the values at X0. Then D2(i) = D2 + d n + r n n, D3 differs from
- * its value there by at most `steep` |n|, and with X = X0 - (1 - d) D2 - D3, of third order in j,
+ * is kept at least 2^-20 |B| in size, which moves the sum by less than 2^-14 |B|. Let |X0| <= R, and write n for
+ * i - X0, d for the slope p j + 2 r X0 of D2 at X0, and D for the values at X0. Then D2(i) = D2 + d n + r n n, D3
+ * differs from its value there by at most `steep` |n|, and with X = X0 - (1 - d) D2 - D3, of third order in j,
  *     (1 - d) F = i - X - d d n - d D3 + (1 - d) (r n n + steep n),   |n| <= |i - X| + bulge,   |n| <= 2 R,
  * with bulge >= |X - X0|, and the sizes of d and the rest at most those of their bounds. So F has the sign of i - X and
  * exceeds s where |i - X| (1 - e) > k + (1 + d) s,
  *     e = d d + (1 + d) (2 R |r| + steep),   k = d d bulge + d |D3| + (1 + d) bulge (|r| bulge + steep),
  * and 1 / (1 - e) is at most 1 + 3/2 e up to e = 1/3; for n n <= |n| |i - X| + |n| bulge, whose last part is at most
- * bulge |i - X| + bulge bulge, and J + R + bulge <= 2 R. We ask for that: bulge + s <= R - J, with d <= 1/4 and e <= 1/3.
- * X is X0 with its curvature cut to +-bulge, which cuts nothing up to R. Where |X0| > R it keeps X beyond every sample on
- * the side of X0, where F has the sign of -X0 and more than s, since |D(i)| <= bulge: what is decided is right there too.
- * Edges too flat for what we ask have all of D in s. Numbers in float are off by less than `rounding`. Samples within
- * the sum of these of X are in doubt, and rows with such samples are drawn by P; all others are decided.
+ * bulge |i - X| + bulge bulge, and J + R + bulge <= 2 R. We ask for that: bulge + s <= R - J, with d <= 1/4 and
+ * e <= 1/3. X is X0 with its curvature cut to +-bulge, which cuts nothing up to R. Where |X0| > R it keeps X beyond
+ * every sample on the side of X0, where F has the sign of -X0 and more than s, since |D(i)| <= bulge: what is decided
+ * is right there too. Edges too flat for what we ask have all of D in s. Numbers in float are off by less than
+ * `rounding`. Samples within the sum of these of X are in doubt, and rows with such samples are drawn by P; all others
+ * are decided.
  *
  * Which samples of a strip a triangle may reach at all follows without curvature: those inside have, up to a sign,
  * F >= -s, so that i >= X0 - s - |D(i)|. */
@@ -60,7 +61,8 @@ INLINE bows bows_of(const triangle *t, const bend *at) {
 
     const float J = (float)at->half;
     const f4 zero = {0}, s = narrow_d(slack * (1 + 0x1p-20)), N = size_f(x) + J * size_f(y);
-    const f4 P = size_f(p), Q = size_f(q), r1 = size_f(r), S0 = size_f(s0), S1 = size_f(s1), S2 = size_f(s2), S3 = size_f(s3);
+    const f4 P = size_f(p), Q = size_f(q), r1 = size_f(r);
+    const f4 S0 = size_f(s0), S1 = size_f(s1), S2 = size_f(s2), S3 = size_f(s3);
     const f4 h = S0 + S1 + S2 + S3, flat = s + J * J * (P + Q + r1 + J * h), R = J + 2 * flat;
     const f4 d = J * P + 2 * R * r1, cubic = R * R * R * h, steep = R * (3 * R * S0 + 2 * J * S1) + J * J * S2;
     const f4 bulge = (1 + d) * (R * (J * P + R * r1) + J * J * Q) + cubic, e = d * d + (1 + d) * (2 * R * r1 + steep);
@@ -96,7 +98,8 @@ INLINE int cross_bend(const bows *e, const bend *at, const rect *r, int32_t y0, 
     f8 first = start, last = end, X[3];
     for (int k = 0; k < 3; k++) {
         const f8 bulge = eight(e->bulge[k]), straight = fused(j, eight(e->y[k]), eight(e->x[k] + middle));
-        const f8 curve = fused(j, fused(j, fused(j, eight(e->k3[k]), eight(e->k2[k])), eight(e->k1[k])), eight(e->k0[k]));
+        const f8 k0 = eight(e->k0[k]), k1 = eight(e->k1[k]), k2 = eight(e->k2[k]), k3 = eight(e->k3[k]);
+        const f8 curve = fused(j, fused(j, fused(j, k3, k2), k1), k0);
         X[k] = straight + most_of(least_of(curve, bulge), -bulge);
         if (e->rights >> k & 1) last = least_of(last, X[k] + e->off[k]);
         else first = most_of(first, X[k] - e->off[k]);

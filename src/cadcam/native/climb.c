@@ -13,7 +13,7 @@ static void add_shifted(const cc_field *f, int sector, int32_t x, int32_t y, int
                         uint16_t *sums) {
     const uint8_t *plane = f->planes + (size_t)sector * (size_t)f->width * (size_t)f->height;
     const int32_t from_y = imax(0, -y), to_y = imin(high, f->height - y);
-    if (x >= 0 && x + stride <= f->width) { /* the common case, a window inside: what is beyond `wide` is not looked at */
+    if (x >= 0 && x + stride <= f->width) { /* the common case, a window inside: beyond `wide` nothing is looked at */
         for (int32_t j = from_y; j < to_y; j++) {
             const uint8_t *row = plane + (ptrdiff_t)(y + j) * f->width + x;
             uint16_t *restrict out = sums + (size_t)j * (size_t)stride;
@@ -46,22 +46,24 @@ static uint16_t largest(const uint16_t *sums, int32_t wide, int32_t high, int32_
     return best;
 }
 
-static void best_of(uint16_t *sums, int32_t wide, int32_t high, int32_t stride, int32_t keep, int32_t apart, double mean,
-                    double deviation, int32_t left, int32_t top, int32_t *shift, float *score) {
+static void best_of(uint16_t *sums, int32_t wide, int32_t high, int32_t stride, int32_t keep, int32_t apart,
+                    double mean, double deviation, int32_t left, int32_t top, int32_t *shift, float *score) {
     for (int32_t k = 0; k < keep; k++) {
         int32_t x, y;
         const uint16_t best = largest(sums, wide, high, stride, &x, &y);
         shift[2 * k] = left + x, shift[2 * k + 1] = top + y;
         score[k] = best ? (float)((best - mean) / deviation) : -INFINITY;
         if (k + 1 == keep) return;
-        for (int32_t j = imax(0, y - apart); j <= imin(high - 1, y + apart); j++)
-            for (int32_t i = imax(0, x - apart); i <= imin(wide - 1, x + apart); i++) sums[(size_t)j * (size_t)stride + (size_t)i] = 0;
+        for (int32_t j = imax(0, y - apart); j <= imin(high - 1, y + apart); j++) {
+            uint16_t *row = sums + (size_t)j * (size_t)stride;
+            for (int32_t i = imax(0, x - apart); i <= imin(wide - 1, x + apart); i++) row[i] = 0;
+        }
     }
 }
 
 void VARIANT(climb_slide)(const cc_views *v, int32_t eye, const double *poses, int32_t centre_x, int32_t centre_y,
-                          int32_t reach_x, int32_t reach_y, int32_t keep, int32_t apart, uint16_t *scratch, int32_t *shift,
-                          float *score) {
+                          int32_t reach_x, int32_t reach_y, int32_t keep, int32_t apart, uint16_t *scratch,
+                          int32_t *shift, float *score) {
     const cc_eye *e = &v->eyes[eye];
     const int32_t stride = (2 * reach_x + LANES) / LANES * LANES;
     const int32_t wide = 2 * reach_x + 1, high = 2 * reach_y + 1, left = centre_x - reach_x, top = centre_y - reach_y;
@@ -77,7 +79,8 @@ void VARIANT(climb_slide)(const cc_views *v, int32_t eye, const double *poses, i
             add_shifted(&e->field, sector, nearest(s.x) + left, nearest(s.y) + top, wide, high, stride, scratch);
             mean += e->field.mean[sector], variance += e->field.variance[sector];
         }
-        best_of(scratch, wide, high, stride, keep, apart, mean, sqrt(variance), left, top, shift + 2 * keep * k, score + keep * k);
+        best_of(scratch, wide, high, stride, keep, apart, mean, sqrt(variance), left, top, shift + 2 * keep * k,
+                score + keep * k);
     }
 }
 
@@ -172,8 +175,8 @@ typedef struct {
 } walk;
 
 static inline walk walk_of(const cc_field *f, const spot *s, const kernel *k, double nx, double ny, int sector) {
-    return (walk){f->planes + (size_t)sector * (size_t)f->width * (size_t)f->height, s->x - k->taps * nx, s->y - k->taps * ny,
-                  nx, ny, f->width, f->height, 2 * k->taps + 1};
+    const uint8_t *plane = f->planes + (size_t)sector * (size_t)f->width * (size_t)f->height;
+    return (walk){plane, s->x - k->taps * nx, s->y - k->taps * ny, nx, ny, f->width, f->height, 2 * k->taps + 1};
 }
 
 /* The certainties at places o to o + 3 of a walk, 0 outside the picture and beyond the last place. */
@@ -181,7 +184,8 @@ INLINE d4 four_of(const walk *w, int o) {
     const d4 number = o + *(const d4 *)COUNT; /* rounded as `nearest` does */
     const i4 column = __builtin_convertvector(w->x + number * w->nx + (1048576 + 0.5), i4) - 1048576;
     const i4 row = __builtin_convertvector(w->y + number * w->ny + (1048576 + 0.5), i4) - 1048576;
-    const i4 there = (column >= 0) & (column < w->width) & (row >= 0) & (row < w->height) & (o + *(const i4 *)LANE < w->n);
+    const i4 there = (column >= 0) & (column < w->width) & (row >= 0) & (row < w->height) &
+                     (o + *(const i4 *)LANE < w->n);
     const i4 at = (row * w->width + column) & there;
     const i4 found = {w->plane[at[0]], w->plane[at[1]], w->plane[at[2]], w->plane[at[3]]};
     return __builtin_convertvector(found & there, d4);
@@ -261,7 +265,8 @@ static void judge(const cc_views *v, int64_t k, int32_t eye, const double *pose,
     }
 }
 
-void VARIANT(climb_certainties)(const cc_views *v, int32_t eye, const double *poses, double blur, int64_t stride, float *out) {
+void VARIANT(climb_certainties)(const cc_views *v, int32_t eye, const double *poses, double blur, int64_t stride,
+                                float *out) {
     const kernel kernel = kernel_of(blur);
     for (int64_t k = 0; k < v->n_poses; k++) {
         const rigid c = seen_by(&v->eyes[eye], poses + 12 * k);

@@ -4,7 +4,7 @@
 #include "hot.h"
 #include "vectors.h"
 
-enum { WIDE = 24, GROUP = 4, MARGIN = WIDE + 8 }; /* positions and orientations at a time: their sums fill the registers */
+enum { WIDE = 24, GROUP = 4, MARGIN = WIDE + 8 }; /* positions and orientations at a time: sums fill the registers */
 
 #ifdef __AVX2__
 INLINE f8 gathered(const float *p, i8 at) { return (f8)_mm256_i32gather_ps(p, (__m256i)at, 4); }
@@ -127,7 +127,8 @@ INLINE void correlate(const float *p, const int32_t *at, const float *weight, in
 }
 
 /* One over the length of the picture's deviation from its mean under the taps that count; 0 where it is flat. */
-static void inverse_length(const float *p, const int32_t *at, const float *inside, int32_t taps, float least, f8 out[3]) {
+static void inverse_length(const float *p, const int32_t *at, const float *inside, int32_t taps, float least,
+                           f8 out[3]) {
     f8 one[3] = {eight(0), eight(0), eight(0)}, two[3] = {eight(0), eight(0), eight(0)};
     float n = 0;
     for (int32_t t = 0; t < taps; t++) {
@@ -282,7 +283,8 @@ static sums sums_at(const cc_register *r, const double pose[4]) {
     const float c = (float)(pose[3] * cos(pose[2])), s = (float)(pose[3] * sin(pose[2]));
     const f8 x0 = eight((float)pose[0]), y0 = eight((float)pose[1]);
     const float short_of = 1 - FLT_EPSILON; /* the last pixel: between it and the one before */
-    const f8 right = eight((float)(r->plane.width - 1) * short_of), bottom = eight((float)(r->plane.height - 1) * short_of);
+    const f8 right = eight((float)(r->plane.width - 1) * short_of);
+    const f8 bottom = eight((float)(r->plane.height - 1) * short_of);
     const f8 mean = eight(r->plane.pixels[0]); /* a value near the others: less is lost in the sums of squares */
     f8 one = eight(0), two = one, value = one, slope[4] = {one, one, one, one};
     for (int32_t k = 0; k < r->n; k += 8) { /* the caller fills up to a multiple of 8, with zeros in all but count */
@@ -326,7 +328,8 @@ static double climb(const cc_register *r, double pose[4]) {
         for (int m = 0; m < r->motions; m++)
             for (int k = 0; k < r->motions; k++) step[m] += r->inverse[m * r->motions + k] * s.slope[k] / s.value;
         const double far = moved(pose, step, r->radius);
-        if (!(hypot(pose[0] - start[0], pose[1] - start[1]) < r->reach) || !(fabs(log(pose[3] / scale)) < 0.4)) return 0;
+        if (!(hypot(pose[0] - start[0], pose[1] - start[1]) < r->reach) || !(fabs(log(pose[3] / scale)) < 0.4))
+            return 0;
         if (far < r->settled) {
             const sums last = sums_at(r, pose);
             return score_of(r, &last);

@@ -19,7 +19,8 @@ typedef struct {
     int32_t taps, count, masks;
     int32_t either_sign;  /* 1: the size of the correlation counts, not its sign */
     float least_variance; /* of the picture under the template; 0 is the correlation where it has less */
-    float *best;          /* (height, width): normalised correlation in the best orientation; 0 where taps leave the plane */
+    float *best;          /* (height, width): normalised correlation in the best orientation; 0 where taps leave
+                           * the plane */
     int32_t *which;       /* (height, width): that orientation, -1 alike */
 } cc_search;
 

@@ -7,7 +7,7 @@
 static const double SLACK = 1e-6;  /* of a cell: a segment along a cell's side is in the cells on both sides */
 static const double BEHIND = 1e-6; /* relative: a border this little behind a line still cuts it */
 
-/* n x n cells over all lines, about one a segment. Borders border[first[k]] to border[first[k + 1] - 1] touch cell k. */
+/* n x n cells over all lines, about one a segment. Cell k touches border[first[k]] to border[first[k + 1] - 1]. */
 typedef struct {
     double low[2], scale[2];
     int64_t n, *first, *border;

@@ -8,16 +8,16 @@
 
 #include "raster.h"
 
-/* Segments in the plane u = (x, y)/z: ends a, b (n, 2) and their inverse depths wa, wb (n), between which w is linear. */
+/* Segments in the plane u = (x, y)/z: ends a, b (n, 2) and inverse depths wa, wb (n) there, w linear between them. */
 typedef struct {
     const double *a, *b, *wa, *wb;
     int64_t n;
 } cc_flat;
 
-/* The crossings of lines with borders that are not behind them there: which line, and the fraction s of its image. slack
- * (borders->n) lengthens each border at both ends by that distance in u. Parallel segments do not cross; a crossing may come
- * more than once. Returns how many there are, -1 without memory; writes as many as there is room for. */
-CC_API int64_t cc_crossings(const cc_flat *lines, const cc_flat *borders, const double *slack, int64_t room, int64_t *line,
-                            double *s);
+/* The crossings of lines with borders that are not behind them there: which line, and the fraction s of its image.
+ * slack (borders->n) lengthens each border at both ends by that distance in u. Parallel segments do not cross; a
+ * crossing may come more than once. Returns how many there are, -1 without memory; writes as many as fit. */
+CC_API int64_t cc_crossings(const cc_flat *lines, const cc_flat *borders, const double *slack, int64_t room,
+                            int64_t *line, double *s);
 
 #endif

@@ -14,7 +14,7 @@ static rect narrowed(const cc_lens *lens, rect r, const box *b) {
     const double p = 0.5 * (b->x0 + b->x1) - near->map.u, p1 = 0.5 * (b->x1 - b->x0);
     const double q = 0.5 * (b->y0 + b->y1) - near->map.v, q1 = 0.5 * (b->y1 - b->y0);
     const double x = near->x + (near->xu * p + near->xv * q), y = near->y + (near->yu * p + near->yv * q);
-    const double wide = fabs(near->xu) * p1 + fabs(near->xv) * q1 + near->off_x + 1e-3; /* 1e-3 px: far above rounding */
+    const double wide = fabs(near->xu) * p1 + fabs(near->xv) * q1 + near->off_x + 1e-3; /* 1e-3 px: above rounding */
     const double high = fabs(near->yu) * p1 + fabs(near->yv) * q1 + near->off_y + 1e-3;
     if (!(fabs(x) + fabs(y) + wide + high < 1e6)) return r;
     r.x0 = imax(r.x0, (int32_t)(x - wide)), r.x1 = imin(r.x1, (int32_t)(x + wide + 1) - 1);
@@ -128,7 +128,10 @@ static void sort_by_depth(cc_frame *f) {
     uint32_t at[STEPS + 1] = {0};
     const size_t n = (size_t)f->n_candidates;
     double low = INFINITY, high = -INFINITY, *depth = f->depth;
-    for (size_t i = 0; i < n; i++) depth[i] = upper(depth[i], 0), low = lower(low, depth[i]), high = upper(high, depth[i]);
+    for (size_t i = 0; i < n; i++) {
+        depth[i] = upper(depth[i], 0);
+        low = lower(low, depth[i]), high = upper(high, depth[i]);
+    }
     double scale = high > low ? (STEPS - 1) / (high - low) : 0;
     if (!(scale < INFINITY)) scale = 0;
     for (size_t i = 0; i < n; i++) at[(uint32_t)((depth[i] - low) * scale) + 1]++;
@@ -144,7 +147,8 @@ int VARIANT(frame_look)(cc_frame *f) {
         if (k >= f->n_shares) return 0;
         const int64_t first = (int64_t)k * SHARE, end = first + SHARE < f->n_clusters ? first + SHARE : f->n_clusters;
         int32_t n = 0;
-        for (int64_t i = first; i < end; i += GROUP) n += locate_group(f, i, f->located + first + n, f->depth + first + n);
+        for (int64_t i = first; i < end; i += GROUP)
+            n += locate_group(f, i, f->located + first + n, f->depth + first + n);
         f->found[k] = n;
         if (atomic_fetch_sub(&f->shares_left, 1) > 1) continue;
         gather(f), sort_by_depth(f);

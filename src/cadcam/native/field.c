@@ -44,7 +44,7 @@ static void straighten_eight(const float *in, int32_t width, int32_t height, flo
     const f8 u = least_of(most_of(px - __builtin_convertvector(i, f8), eight(0)), eight(1));
     const f8 v = least_of(most_of(py - __builtin_convertvector(j, f8), eight(0)), eight(1));
     f8 a, b, c, d;
-    if (signs((i == i[0] + *(const i8 *)LANE) & (j == j[0])) == 255) { /* side by side, as most are: the lens bends little */
+    if (signs((i == i[0] + *(const i8 *)LANE) & (j == j[0])) == 255) { /* side by side, as most: lenses bend little */
         const float *from = in + (size_t)j[0] * (size_t)width + i[0], *under = from + width;
         a = *(const f8 *)from, b = *(const f8 *)(from + 1), c = *(const f8 *)under, d = *(const f8 *)(under + 1);
     } else {
@@ -56,8 +56,8 @@ static void straighten_eight(const float *in, int32_t width, int32_t height, flo
 }
 
 /* A row of places, from (x, y) on by (dx, dy). */
-static void straighten_run(const float *in, int32_t width, int32_t height, float x, float y, float dx, float dy, int32_t n,
-                           float *restrict out, uint8_t *restrict seen) {
+static void straighten_run(const float *in, int32_t width, int32_t height, float x, float y, float dx, float dy,
+                           int32_t n, float *restrict out, uint8_t *restrict seen) {
     const float right = (float)width - 0.5f, bottom = (float)height - 0.5f;
     const int32_t last_x = width > 1 ? width - 2 : 0, last_y = height > 1 ? height - 2 : 0;
     const int32_t next = width > 1, below = height > 1 ? width : 0;
@@ -66,7 +66,8 @@ static void straighten_run(const float *in, int32_t width, int32_t height, float
         seen[k] = px >= -0.5f && py >= -0.5f && px <= right && py <= bottom, out[k] = 0;
         if (!seen[k]) continue;
         const int32_t i = imin((int32_t)larger(px, 0), last_x), j = imin((int32_t)larger(py, 0), last_y);
-        const float u = larger(0, px - (float)i < 1 ? px - (float)i : 1), v = larger(0, py - (float)j < 1 ? py - (float)j : 1);
+        const float u = larger(0, px - (float)i < 1 ? px - (float)i : 1);
+        const float v = larger(0, py - (float)j < 1 ? py - (float)j : 1);
         const float *a = in + (size_t)j * (size_t)width + (size_t)i, *b = a + below;
         const float top = a[0] + u * (a[next] - a[0]);
         out[k] = top + v * (b[0] + u * (b[next] - b[0]) - top);
@@ -88,7 +89,8 @@ void VARIANT(field_straighten)(const float *in, int32_t width, int32_t height, c
             const float dx = (x1 - x0) * share, dy = (y1 - y0) * share;
             const int32_t n = imin(step, wide - x), eights = width > 1 && height > 1 ? n / 8 * 8 : 0;
             for (int32_t k = 0; k < eights; k += 8)
-                straighten_eight(in, width, height, x0 + (float)k * dx, y0 + (float)k * dy, dx, dy, out + at + k, seen + at + k);
+                straighten_eight(in, width, height, x0 + (float)k * dx, y0 + (float)k * dy, dx, dy, out + at + k,
+                                 seen + at + k);
             straighten_run(in, width, height, x0 + (float)eights * dx, y0 + (float)eights * dy, dx, dy, n - eights,
                            out + at + eights, seen + at + eights);
         }
@@ -123,7 +125,7 @@ static void find_row(const gradients *g, int32_t y) {
     else memset(g->gx + at, 0, 4 * w), memset(g->gy + at, 0, 4 * w), memset(g->m + at, 0, 4 * w);
 }
 
-/* What QUIET of all m lie below, by counting in bins of its logarithm: the exponent and the upper bits of the number. */
+/* What QUIET of all m lie below, by counting in bins of its logarithm: the exponent and upper bits of the number. */
 static float quiet(const gradients *g) {
     uint32_t count[BINS] = {0};
     size_t all = 0, below = 0;
@@ -164,9 +166,9 @@ static void add_to(float *restrict column, const float *restrict m, int32_t widt
     for (int32_t x = 0; x < width; x++) column[x] += sign * m[x];
 }
 
-/* How sure an edge is at each pixel of a row, in [0, 1]: against noise and its surroundings, and on top of its ridge. */
-static void certainty(const float *above, const float *m, const float *below, const float *gx, const float *gy, int32_t width,
-                      float noise2, float *restrict row) {
+/* How sure an edge is at each pixel of a row, in [0, 1]: against noise and surroundings, and on top of its ridge. */
+static void certainty(const float *above, const float *m, const float *below, const float *gx, const float *gy,
+                      int32_t width, float noise2, float *restrict row) {
     for (int32_t x = 1; x < width - 1; x++) {
         const float ax = fabsf(gx[x]), ay = fabsf(gy[x]), slanted = gx[x] * gy[x];
         const float across = larger(m[x - 1], m[x + 1]), along = larger(above[x], below[x]);
@@ -179,9 +181,9 @@ static void certainty(const float *above, const float *m, const float *below, co
     row[0] = row[width - 1] = 0;
 }
 
-/* A row's certainties over the sectors, by the fourth power of the cosine of twice the angle to them: sector s is across
- * from s + CC_SECTORS / 2, where the cosine is that of the other sign. gx, gy become the cosine and sine of twice the angle
- * of the gradient, sure becomes what is written where that is 1. */
+/* A row's certainties over the sectors, by the fourth power of the cosine of twice the angle to them: sector s is
+ * across from s + CC_SECTORS / 2, where the cosine is that of the other sign. gx, gy become the cosine and sine of
+ * twice the angle of the gradient, sure becomes what is written where that is 1. */
 static void spread(float *restrict gx, float *restrict gy, const float *restrict m, float *restrict sure, int32_t width,
                    size_t n, uint8_t *row) {
     static const float cosine[] = {1, 0.70710678f, 0, -0.70710678f}, sine[] = {0, 0.70710678f, 1, 0.70710678f};
@@ -230,13 +232,17 @@ void VARIANT(field_directions)(const float *in, int32_t width, int32_t height, f
         const float noise = larger(quiet(&g) * NOISE_OF_QUIET, floor) * NOISE;
         memset(column, 0, (w + 2 * REACH) * sizeof *column);
         for (int32_t y = -REACH; y < height - 1; y++) {
-            if (y + REACH < height) find_row(&g, y + REACH), add_to(column + REACH, g.m + kept_at(&g, y + REACH), width, 1);
+            if (y + REACH < height) {
+                find_row(&g, y + REACH);
+                add_to(column + REACH, g.m + kept_at(&g, y + REACH), width, 1);
+            }
             if (y > REACH) add_to(column + REACH, g.m + kept_at(&g, y - REACH - 1), width, -1);
             if (y < 1) continue;
             const size_t here = kept_at(&g, y);
             const float *m = g.m + here;
             window_mean(column, width, sure);
-            certainty(g.m + kept_at(&g, y - 1), m, g.m + kept_at(&g, y + 1), g.gx + here, g.gy + here, width, noise * noise, sure);
+            certainty(g.m + kept_at(&g, y - 1), m, g.m + kept_at(&g, y + 1), g.gx + here, g.gy + here, width,
+                      noise * noise, sure);
             spread(g.gx + here, g.gy + here, m, sure, width, n, planes + (size_t)y * w);
             for (size_t s = 0; s < CC_SECTORS; s++) count_in(planes + s * n + (size_t)y * w, width, totals + s);
         }
@@ -262,7 +268,8 @@ void VARIANT(field_halve)(const uint8_t *in, int32_t width, int32_t height, uint
             const two *a = (const two *)row, *b = (const two *)(row + width);
             uint8_t *restrict out = planes + s * n + (size_t)y * (size_t)w;
             for (int32_t x = 0; x < w; x++) { /* a line one pixel wide fills two of the four */
-                const uint16_t sum = (uint16_t)((uint16_t)((a[x] & 255) + (a[x] >> 8) + (b[x] & 255) + (b[x] >> 8)) >> 1);
+                const uint16_t four = (uint16_t)((a[x] & 255) + (a[x] >> 8) + (b[x] & 255) + (b[x] >> 8));
+                const uint16_t sum = (uint16_t)(four >> 1);
                 out[x] = (uint8_t)(sum < 255 ? sum : 255);
             }
             count_in(out, w, totals + s);

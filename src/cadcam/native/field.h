@@ -1,8 +1,8 @@
 /* Where a photo shows lines of which direction, and how well the edges of a part lie on them.
  *
- * Plain C11 like raster.h; every function writes its answers into memory of the caller. Pictures are (height, width), row
- * by row, pixel (0, 0) centred at (0, 0). A field holds CC_SECTORS planes of bytes: plane s says how surely a line runs
- * through a pixel whose normal has the direction s pi / CC_SECTORS (normals that differ by pi are one).
+ * Plain C11 like raster.h; every function writes its answers into memory of the caller. Pictures are (height, width),
+ * row by row, pixel (0, 0) centred at (0, 0). A field holds CC_SECTORS planes of bytes: plane s says how surely a line
+ * runs through a pixel whose normal has the direction s pi / CC_SECTORS (normals that differ by pi are one).
  */
 #ifndef CADCAM_FIELD_H
 #define CADCAM_FIELD_H
@@ -43,15 +43,15 @@ typedef struct {
     int64_t n_poses;
 } cc_views;
 
-/* Means over boxes of k x k pixels: out (height / k, width / k), what is over at the right and below is left out. `stride`
- * pixels lie between the beginnings of the rows. */
+/* Means over boxes of k x k pixels: out (height / k, width / k), what is over at the right and below is left out.
+ * `stride` pixels lie between the beginnings of the rows. */
 CC_API void cc_reduce(const float *in, int64_t stride, int32_t width, int32_t height, int32_t k, float *out);
 
 /* A picture (wide, high) whose pixels lie in another at places that are known at every `step`-th pixel of every
- * `step`-th row, from (0, 0) to beyond the last: nodes (x, y), NaN for nowhere; between nodes linearly. seen: 1 where the
- * place is in the picture, out: its value there, between pixels linearly; 0 elsewhere. */
-CC_API void cc_straighten(const float *in, int32_t width, int32_t height, const float *nodes, int32_t step, int32_t wide,
-                          int32_t high, float *out, uint8_t *seen);
+ * `step`-th row, from (0, 0) to beyond the last: nodes (x, y), NaN for nowhere; between nodes linearly. seen: 1 where
+ * the place is in the picture, out: its value there, between pixels linearly; 0 elsewhere. */
+CC_API void cc_straighten(const float *in, int32_t width, int32_t height, const float *nodes, int32_t step,
+                          int32_t wide, int32_t high, float *out, uint8_t *seen);
 
 /* The field of a picture: planes (CC_SECTORS, height, width), mean and variance (CC_SECTORS,). `floor` is the gradient
  * (grey value per pixel) that counts as noise at least. Scratch of 50 (width + 12) floats. */
@@ -69,14 +69,14 @@ CC_API void cc_slide(const cc_views *views, int32_t eye, const double *poses, in
                      int32_t reach_x, int32_t reach_y, int32_t keep, int32_t apart, uint16_t *scratch, int32_t *shift,
                      float *score);
 
-/* As cc_slide over the whole field, for many poses near its middle (cx, cy): planes are cut down to levels whose sums fit a
- * byte, places farther than CC_MARGIN px from the middle left out. At most CC_SWEPT places of a run. Writes the `keep`
- * best, no two within `apart`: where the middle comes to lie (2,) and score. Scratch of CC_SECTORS (height + 2 margins)
- * (width + 2 margins + 32) + (width + 32) height bytes. */
+/* As cc_slide over the whole field, for many poses near its middle (cx, cy): planes are cut down to levels whose sums
+ * fit a byte, places farther than CC_MARGIN px from the middle left out. At most CC_SWEPT places of a run. Writes the
+ * `keep` best, no two within `apart`: where the middle comes to lie (2,) and score. Scratch of
+ * CC_SECTORS (height + 2 margins) (width + 2 margins + 32) + (width + 32) height bytes. */
 #define CC_MARGIN 48
 #define CC_SWEPT 51
-CC_API void cc_sweep(const cc_views *views, int32_t eye, const double *poses, int32_t keep, int32_t apart, uint8_t *scratch,
-                     int32_t *shift, float *score);
+CC_API void cc_sweep(const cc_views *views, int32_t eye, const double *poses, int32_t keep, int32_t apart,
+                     uint8_t *scratch, int32_t *shift, float *score);
 
 /* Move each pose (in place) uphill: `steps` steps of Gauss-Newton towards the lines within 2.5 blur[step] px along the
  * places' normals, weighted by a Gaussian of that width, in the directions of `freedom` (6, n_free), columns of xi in
@@ -86,8 +86,9 @@ CC_API void cc_sweep(const cc_views *views, int32_t eye, const double *poses, in
 CC_API void cc_climb(const cc_views *views, double *poses, const double *freedom, int32_t n_free, const double *blur,
                      int32_t steps, double *scores);
 
-/* How sure a line runs at each place of each pose in one eye: the best under a Gaussian of `blur` px along the normal, in
- * [0, 1], -1 outside the picture. Writes (n_poses, stride) numbers, those of pose k from k stride on, its count of them. */
-CC_API void cc_certainties(const cc_views *views, int32_t eye, const double *poses, double blur, int64_t stride, float *out);
+/* How sure a line runs at each place of each pose in one eye: the best under a Gaussian of `blur` px along the normal,
+ * in [0, 1], -1 outside the picture. out (n_poses, stride): those of pose k, its count of them, from k stride on. */
+CC_API void cc_certainties(const cc_views *views, int32_t eye, const double *poses, double blur, int64_t stride,
+                           float *out);
 
 #endif

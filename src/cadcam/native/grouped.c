@@ -1,8 +1,8 @@
 /* Least squares of data that err in groups: see grouped.h.
  *
  * With r = (J_i, y_i) the sums of w r r' over all data, and those of w r over each group, say everything: an offset of
- * variance v takes f s s' from the former for each group, s its sum and f = v / (1 + v sum w). What is left is factored,
- * y's row last: that gives the solution, the misfit and the determinant at once.
+ * variance v takes f s s' from the former for each group, s its sum and f = v / (1 + v sum w). What is left is
+ * factored, y's row last: that gives the solution, the misfit and the determinant at once.
  */
 #include "grouped.h"
 
@@ -66,7 +66,7 @@ static double without_offsets(const cc_grouped *d, const groups *g, int32_t t, c
     return logs + log(product);
 }
 
-/* Factor the packed sums of J, y; x (k), the inverse (k, k) of J's, and the log likelihood; 0 where J's are singular. */
+/* Factor the packed sums of J, y; x (k), the inverse (k, k) of J's, the log likelihood; 0 where J's are singular. */
 static int solved(const double *left, int k, double *x, double *inverse, double *likelihood) {
     double L[WIDE][WIDE], R[WIDE][WIDE], scale[WIDE], log_det = 0;
     const double *row = left;
@@ -107,8 +107,8 @@ static int solved(const double *left, int k, double *x, double *inverse, double 
 }
 
 /* The mean of what was tried and its covariance: of each, and between them. */
-static void averaged(int32_t tried, int32_t k, const double *each_x, const double *each_inverse, const double *p, double *x,
-                     double *covariance) {
+static void averaged(int32_t tried, int32_t k, const double *each_x, const double *each_inverse, const double *p,
+                     double *x, double *covariance) {
     memset(x, 0, sizeof(double) * (size_t)k), memset(covariance, 0, sizeof(double) * (size_t)(k * k));
     for (int32_t t = 0; t < tried; t++)
         for (int32_t i = 0; i < k; i++) x[i] += p[t] * each_x[t * k + i];

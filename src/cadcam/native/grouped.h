@@ -11,8 +11,8 @@
 
 #define CC_UNKNOWNS 16 /* at most */
 
-/* y (n) = J (n, k) x with weights w (n) and group numbers from 0 on, ascending. Groups count of_group (groups,) times, 0
- * to 1. The variance between groups that is tried is variance[t] free[g] + share[t] expected[g], with log likelihood
+/* y (n) = J (n, k) x with weights w (n) and group numbers from 0 on, ascending. Groups count of_group (groups,) times,
+ * 0 to 1. The variance between groups that is tried is variance[t] free[g] + share[t] expected[g], with log likelihood
  * prior[t] beforehand. */
 typedef struct {
     const double *y, *J, *w;
@@ -23,8 +23,8 @@ typedef struct {
     int32_t k, tried;
 } cc_grouped;
 
-/* Write x (k) and its covariance (k, k), averaged over what was tried, and how likely (tried,) each of it is. Scratch of
- * groups ((k + 1) (k + 4) / 2 + 1) + tried k (k + 1) doubles. 0 where the data leave a parameter open, else 1. */
+/* Write x (k) and its covariance (k, k), averaged over what was tried, and how likely (tried,) each of it is. Scratch
+ * of groups ((k + 1) (k + 4) / 2 + 1) + tried k (k + 1) doubles. 0 where the data leave a parameter open, else 1. */
 CC_API int32_t cc_grouped_fit(const cc_grouped *data, double *scratch, double *x, double *covariance, double *p);
 
 #endif

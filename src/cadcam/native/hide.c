@@ -14,7 +14,10 @@ static double dot(const double a[3], const double b[3]) { return a[0] * b[0] + a
 
 static sight_line line_to(const double eye[3], const double p[3]) {
     sight_line l;
-    for (int k = 0; k < 3; k++) l.p[k] = p[k], l.d[k] = eye[k] - p[k], l.low[k] = fmin(p[k], eye[k]), l.high[k] = fmax(p[k], eye[k]);
+    for (int k = 0; k < 3; k++) {
+        l.p[k] = p[k], l.d[k] = eye[k] - p[k];
+        l.low[k] = fmin(p[k], eye[k]), l.high[k] = fmax(p[k], eye[k]);
+    }
     return l;
 }
 
@@ -23,12 +26,15 @@ static int boxes_apart(const sight_line *l, const cluster *c) {
            l->high[2] < c->low[2] || l->low[2] > c->high[2];
 }
 
-/* Whether a line may meet a cluster's box: no axis, nor one across it and the line, keeps them apart (Gottschalk, Lin and
- * Manocha, "OBBTree", SIGGRAPH 1996). */
+/* Whether a line may meet a cluster's box: no axis, nor one across it and the line, keeps them apart (Gottschalk, Lin
+ * and Manocha, "OBBTree", SIGGRAPH 1996). */
 static int may_meet(const sight_line *l, const cluster *c) {
     double off[3], size[3];
     if (boxes_apart(l, c)) return 0;
-    for (int k = 0; k < 3; k++) off[k] = 0.5 * (c->low[k] + c->high[k]) - l->p[k], size[k] = 0.5 * (c->high[k] - c->low[k]);
+    for (int k = 0; k < 3; k++) {
+        off[k] = 0.5 * (c->low[k] + c->high[k]) - l->p[k];
+        size[k] = 0.5 * (c->high[k] - c->low[k]);
+    }
     for (int k = 0; k < 3; k++) {
         const int i = (k + 1) % 3, j = (k + 2) % 3;
         const double reach = size[i] * fabs(l->d[j]) + size[j] * fabs(l->d[i]);
@@ -38,18 +44,19 @@ static int may_meet(const sight_line *l, const cluster *c) {
     return 1;
 }
 
-/* Whether a triangle meets the open line while p lies more than `tolerance` off its plane. Its sides count as it: two that
- * share one leave no gap, as the volume that a side spans with the line is the other's, exactly, with the sign turned. */
+/* Whether a triangle meets the open line while p lies more than `tolerance` off its plane. Its sides count as it: two
+ * that share one leave no gap, as the volume that a side spans with the line is exactly the negative of the other's. */
 static int hides(const sight_line *l, const double corner[3][3], double tolerance) {
     double to[3][3], side[2][3], normal[3], volume[3], turned[3];
     for (int k = 0; k < 3; k++)
         for (int i = 0; i < 3; i++) to[k][i] = corner[k][i] - l->p[i];
     for (int k = 0; k < 3; k++) cross(to[k], to[(k + 1) % 3], turned), volume[k] = dot(l->d, turned);
-    const int out = (volume[0] <= 0 && volume[1] <= 0 && volume[2] <= 0), in = (volume[0] >= 0 && volume[1] >= 0 && volume[2] >= 0);
+    const int out = volume[0] <= 0 && volume[1] <= 0 && volume[2] <= 0;
+    const int in = volume[0] >= 0 && volume[1] >= 0 && volume[2] >= 0;
     if (!out && !in) return 0;
     for (int i = 0; i < 3; i++) side[0][i] = to[1][i] - to[0][i], side[1][i] = to[2][i] - to[0][i];
     cross(side[0], side[1], normal);
-    const double height = dot(normal, to[0]), run = dot(normal, l->d); /* of the plane over p, and what the line climbs */
+    const double height = dot(normal, to[0]), run = dot(normal, l->d); /* of the plane over p; what the line climbs */
     return fabs(height) > tolerance * sqrt(dot(normal, normal)) && height / run > 0 && height / run < 1;
 }
 
@@ -66,7 +73,8 @@ static int cluster_hides(const cc_scene *s, int64_t i, const sight_line *l, doub
     return 0;
 }
 
-CC_API void cc_scene_hides(const cc_scene *scene, const double eye[3], double tolerance, int64_t n, const double *p, uint8_t *out) {
+CC_API void cc_scene_hides(const cc_scene *scene, const double eye[3], double tolerance, int64_t n, const double *p,
+                           uint8_t *out) {
     for (int64_t j = 0; j < n; j++) {
         const sight_line l = line_to(eye, p + 3 * j);
         out[j] = 0;

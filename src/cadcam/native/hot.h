@@ -82,7 +82,8 @@ static inline rect samples_of(const grid *g, box b) {
 }
 
 /* Whether n points all lie beyond one side of the picture (homogeneous, so true of points behind the camera too). */
-static inline int beyond_a_side(const box *l, const double *x, const double *y, const double *z, const uint8_t *i, int n) {
+static inline int beyond_a_side(const box *l, const double *x, const double *y, const double *z, const uint8_t *i,
+                                int n) {
     int left = 1, right = 1, above = 1, below = 1, behind = 1;
     for (int k = 0; k < n; k++) {
         double px = x[i[k]], py = y[i[k]], pz = z[i[k]];

@@ -8,7 +8,8 @@
 
 #include "raster.h"
 
-/* On x86-64 the hot files (hot.h) are compiled twice; a build with one compilation (for sanitizers) says CC_BASELINE_ONLY. */
+/* On x86-64 the hot files (hot.h) are compiled twice; a build with one compilation (for sanitizers) says
+ * CC_BASELINE_ONLY. */
 #if defined(__x86_64__) && !defined(CC_BASELINE_ONLY)
 #define CC_HAS_V3 1
 #else
@@ -36,8 +37,8 @@ typedef struct {
 } cluster;
 
 /* A cluster's triangles, all in one place. Their planes in bytes, to tell backs by: 127 times the unit normal, and the
- * distance of the cluster's lowest corner in front of the plane in steps of 1/127 of the three sides of its box together;
- * all 0 where rounding turns the normal. */
+ * distance of the cluster's lowest corner in front of the plane in steps of 1/127 of the three sides of its box
+ * together; all 0 where rounding turns the normal. */
 typedef struct {
     int8_t x[CLUSTER], y[CLUSTER], z[CLUSTER], offset[CLUSTER];
     uint8_t corner[3][CLUSTER]; /* indices into the vertices of the cluster */
@@ -63,8 +64,8 @@ typedef struct { int32_t x0, x1, y0, y1; } rect; /* samples, both ends included;
 typedef struct { uint16_t x0, x1, y0, y1; } short_rect;
 typedef struct { double x0, x1, y0, y1; } box;   /* of the sampling plane */
 
-/* A lens that is affine to within a bound: the sample (i, j) from some middle looks at (u + ux i + uy j, v + vx i + vy j)
- * of the plane, off by at most (off_u, off_v). */
+/* A lens that is affine to within a bound: the sample (i, j) from some middle looks at
+ * (u + ux i + uy j, v + vx i + vy j) of the plane, off by at most (off_u, off_v). */
 typedef struct { double u, v, ux, uy, vx, vy, off_u, off_v; } affine;
 
 /* A square part of the picture about (x, y) with its affine map, and the way back: what looks at (u + p, v + q) is the
@@ -75,8 +76,8 @@ typedef struct {
     int32_t seen; /* whether any of its samples sees anything */
 } patch;
 
-/* One of 2 `half` samples a side with the curvature of the lens: map, and on top of it u2[0] i i + u2[1] i j + u2[2] j j
- * and u3[0] i i i + u3[1] i i j + u3[2] i j j + u3[3] j j j. */
+/* One of 2 `half` samples a side with the curvature of the lens: map, and on top of it
+ * u2[0] i i + u2[1] i j + u2[2] j j and u3[0] i i i + u3[1] i i j + u3[2] i j j + u3[3] j j j. */
 typedef struct {
     affine map; /* about sample (x + half - 1/2, y + half - 1/2) */
     double u2[3], v2[3], u3[4], v3[4];
@@ -87,10 +88,10 @@ typedef struct {
 
 struct cc_lens {
     int32_t width, height, tiles_x, tiles_y;
-    double *points;   /* of the plane, tile by tile, row by row: TILE x, then their y; NaN where nothing is seen and beyond
-                       * the border */
+    double *points;   /* of the plane, tile by tile, row by row: TILE x, then their y; NaN where nothing is seen and
+                       * beyond the border */
     double *side[4];  /* x0, x1, y0, y1 of the bounds of each tile, once more: 8 tiles are a vector */
-    box *block[16];   /* bounds of the points of each tile, of 2 x 2 tiles, 4 x 4 ...; (inf, -inf) where there are none */
+    box *block[16];   /* bounds of the points of each tile, of 2 x 2 tiles, 4 x 4 ...; (inf, -inf) where none are */
     uint8_t *partial; /* whether a tile has points without a direction */
     box all;          /* bounds of all points */
     /* Which samples may lie in a part of the plane: a pyramid over a grid of cells in squashed coordinates. */
@@ -116,15 +117,15 @@ int fill_patches(cc_lens *lens, const double *points); /* 0 where memory is shor
 void free_patches(cc_lens *lens);
 /* The smallest patch that holds a rectangle. */
 const patch *patch_of(const cc_lens *lens, const rect *r);
-/* The bend of a level that holds what begins at sample (x, y) and is at most half as wide and high as it, or, where x and
- * y are multiples of that half, as wide and high. */
+/* The bend of a level that holds what begins at sample (x, y) and is at most half as wide and high as it, or, where x
+ * and y are multiples of that half, as wide and high. */
 static inline const bend *bend_at(const cc_lens *lens, int level, int32_t x, int32_t y) {
     const int32_t step = PATCH / 2 << level;
     return &lens->bends[level][(size_t)(y / step) * (size_t)((lens->width + step - 1) / step) + (size_t)(x / step)];
 }
 
-/* The samples of a picture, n x n in each pixel: all in one grid. A picture has at most two, the centres (n = 1) and those
- * that its colours are averaged from. Without a lens, pixel x is sample `scale` x + `shift`. */
+/* The samples of a picture, n x n in each pixel: all in one grid. A picture has at most two, the centres (n = 1) and
+ * those that its colours are averaged from. Without a lens, pixel x is sample `scale` x + `shift`. */
 typedef struct {
     const cc_lens *lens;
     int32_t n, width, height, tiles_x, tiles_y;
@@ -158,7 +159,7 @@ struct cc_frame {
     candidate *candidates;                   /* nearest first */
     int64_t n_candidates;
     int32_t band_rows;                       /* rows of tiles of centres in a band */
-    band_load *bands;                        /* most candidates first: no thread is left alone with a long one at the end */
+    band_load *bands;                        /* most candidates first: no thread ends alone with a long one */
     int32_t n_bands;
     atomic_int next_band;
 };

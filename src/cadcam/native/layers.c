@@ -30,8 +30,8 @@ void cc_mask_region(const uint8_t *mask, int32_t width, int32_t height, int64_t 
     memcpy(found, all, sizeof all);
 }
 
-/* Go through all changes, those of a column from top to bottom: count each at first[x + 1], or, with a place to write, put it
- * where first[x] says and move that on. */
+/* Go through all changes, those of a column from top to bottom: count each at first[x + 1], or, with a place to write,
+ * put it where first[x] says and move that on. */
 static void visit(const uint8_t *mask, int32_t width, int32_t height, int64_t *first, int64_t room, int64_t *at) {
     const uint8_t *bottom = mask + (int64_t)(height - 1) * width;
     for (int64_t y = 0; y < height; y++) {

@@ -83,7 +83,8 @@ static int fill_cells(cc_lens *l) {
         for (int k = 0; k < TILE_AREA; k++) {
             const double *at = l->points + point_of(t, k);
             if (isnan(at[0])) continue;
-            uint16_t px = (uint16_t)(t % l->tiles_x * TILE + k % TILE), py = (uint16_t)(t / l->tiles_x * TILE + k / TILE);
+            uint16_t px = (uint16_t)(t % l->tiles_x * TILE + k % TILE);
+            uint16_t py = (uint16_t)(t / l->tiles_x * TILE + k / TILE);
             int32_t cx = (int32_t)((squash(at[0]) - l->origin_x) * l->scale_x);
             int32_t cy = (int32_t)((squash(at[TILE]) - l->origin_y) * l->scale_y);
             grow_rect(&l->cell[0][(size_t)cy * (size_t)(nx + 1) + (size_t)cx], &(short_rect){px, px, py, py});

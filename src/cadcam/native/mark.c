@@ -183,7 +183,7 @@ static share corner(const line *x, const line *y) {
     double by_h = density(h) * (normal((k - r * h) / q) - normal(k));
     double by_k = density(k) * (normal((h - r * k) / q) - normal(h));
     double by_r = exp(-0.5 * (h * h + k * k - 2 * r * h * k) / q2) / (2 * PI * q);
-    double turn = y->n[0] * x->n[1] - y->n[1] * x->n[0]; /* the slope of r by the turn of y; by that of x its negative */
+    double turn = y->n[0] * x->n[1] - y->n[1] * x->n[0]; /* slope of r by the turn of y; by that of x its negative */
     for (int i = 0; i < SLOPES; i++) {
         double dr = i < 9 ? turn * (y->turn[i] - x->turn[i]) : 0;
         out.d[i] = by_h * x->dt[i] + by_k * y->dt[i] + by_r * dr;

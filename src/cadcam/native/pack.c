@@ -1,5 +1,5 @@
-/* See pack.h and rows.h. A token is a byte, or a stretch that repeats what stands a pixel before it. Tokens are gathered
- * block by block and written with the block's own Huffman code. */
+/* See pack.h and rows.h. A token is a byte, or a stretch that repeats what stands a pixel before it. Tokens are
+ * gathered block by block and written with the block's own Huffman code. */
 #include "pack.h"
 #include "rows.h"
 
@@ -44,7 +44,7 @@ typedef struct {
 static void put(stream *s, uint64_t value, int n) {
     s->bits |= value << s->n;
     s->n += n;
-    for (int i = 0; i < 8; i++) s->at[i] = (uint8_t)(s->bits >> (8 * i)); /* one store, where bytes stand in this order */
+    for (int i = 0; i < 8; i++) s->at[i] = (uint8_t)(s->bits >> (8 * i)); /* one store, where bytes have this order */
     const int whole = s->n >> 3;
     s->at += whole, s->n &= 7, s->bits >>= 8 * whole;
 }
@@ -104,7 +104,7 @@ static int sorted(const uint32_t *weight, int symbols, int16_t *leaf) {
     return leaves;
 }
 
-/* Give out the codes of each length in order of the symbols (RFC 1951, 3.2.2), turned round: their first bit goes out first. */
+/* Number the codes of each length in order of the symbols (RFC 1951, 3.2.2), turned round: first bits go out first. */
 static void number_codes(huffman *h, int symbols) {
     uint32_t next[LONGEST_CODE + 2] = {0};
     for (int s = 0; s < symbols; s++)
@@ -143,7 +143,8 @@ static void tell(const uint8_t *length, int n, telling *t) {
         const int word = length[i] ? 16 : run > 10 ? 18 : 17, least = word == 16 ? 4 : 3;
         if (run < least) run = 1;
         if (run == 1 || word == 16) t->word[t->n] = length[i], t->more[t->n++] = 0;
-        if (run > 1) t->word[t->n] = (uint8_t)word, t->more[t->n++] = (uint8_t)(word == 18 ? run - 11 : word == 17 ? run - 3 : run - 4);
+        const int more = word == 18 ? run - 11 : word == 17 ? run - 3 : run - 4;
+        if (run > 1) t->word[t->n] = (uint8_t)word, t->more[t->n++] = (uint8_t)more;
     }
 }
 
@@ -186,7 +187,7 @@ static void find_codings(const huffman *code, coding w[TOKENS]) {
     for (int length = SHORTEST; length <= LONGEST; length++) {
         const coded l = length_code(length);
         const int n = code->length[l.symbol];
-        w[END + length] = (coding){code->code[l.symbol] | (uint32_t)l.more << n, n + l.bits + 1}; /* and the distance: a zero */
+        w[END + length] = (coding){code->code[l.symbol] | (uint32_t)l.more << n, n + l.bits + 1}; /* distance: a zero */
     }
 }
 
@@ -279,7 +280,7 @@ static void sum_up(uint32_t adler[2], const uint8_t *p, int64_t n) {
     adler[0] = a, adler[1] = b;
 }
 
-/* How many bytes there are, 6 at most, before a stretch that repeats what stands a pixel before: the eight are looked at. */
+/* How many bytes, 6 at most, come before a stretch that repeats what stands a pixel before: the eight are looked at. */
 static int unlike(const uint8_t *row, const uint8_t *before) {
     const uint64_t same = zeros(eight(row) ^ eight(before)), three = same & same >> 8 & same >> 16;
     return three ? before_first(three) : 6;
@@ -325,8 +326,8 @@ int64_t cc_pack_room(int64_t row_bytes, int64_t rows) {
     return 2 * bytes + HEADER * (bytes / BLOCK + 2);
 }
 
-int64_t pack_rows(next_row next, const void *picture, int64_t row_bytes, int64_t rows, int32_t pixel_bytes, uint8_t *out,
-                  int64_t room) {
+int64_t pack_rows(next_row next, const void *picture, int64_t row_bytes, int64_t rows, int32_t pixel_bytes,
+                  uint8_t *out, int64_t room) {
     const int64_t n = row_bytes + 1; /* with the filter's own byte */
     packer *k = calloc(1, sizeof *k);
     uint8_t *memory = calloc((size_t)(PIXEL + n + 8 + 2 * row_bytes), 1); /* 8: see `same` */
@@ -364,7 +365,8 @@ static int bytes_row(const void *picture, int64_t y, uint8_t *row) {
     return row[0] || memcmp(row, row + 1, (size_t)b->row_bytes - 1);
 }
 
-int64_t cc_pack(const uint8_t *pixels, int64_t row_bytes, int64_t rows, int32_t pixel_bytes, uint8_t *out, int64_t room) {
+int64_t cc_pack(const uint8_t *pixels, int64_t row_bytes, int64_t rows, int32_t pixel_bytes, uint8_t *out,
+                int64_t room) {
     const bytes picture = {pixels, row_bytes};
     return pack_rows(bytes_row, &picture, row_bytes, rows, pixel_bytes, out, room);
 }

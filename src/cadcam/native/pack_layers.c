@@ -11,7 +11,7 @@ typedef struct {
     float step;
 } layers;
 
-/* The first pixel from i on where there is something; n if there is none. Two at a time: most of a picture is often empty. */
+/* The first pixel from i on where there is something, else n. Two at a time: most of a picture is often empty. */
 static int64_t filled(const float *depth, int64_t i, int64_t n) {
     const float nothing[2] = {INFINITY, INFINITY};
     for (uint64_t two, none; i + 2 <= n; i += 2) {
@@ -69,7 +69,8 @@ int64_t cc_pack_depth(const float *depth, int32_t width, int32_t height, float s
     return pack_rows(depth_row, &picture, 2 * (int64_t)width, height, 2, out, room);
 }
 
-int64_t cc_pack_normals(const float *depth, const float *normal, int32_t width, int32_t height, uint8_t *out, int64_t room) {
+int64_t cc_pack_normals(const float *depth, const float *normal, int32_t width, int32_t height, uint8_t *out,
+                        int64_t room) {
     const layers picture = {.depth = depth, .normal = normal, .width = width};
     return pack_rows(normal_row, &picture, 3 * (int64_t)width, height, 3, out, room);
 }

@@ -1,5 +1,5 @@
-/* Patches: parts of a distorting camera's picture in which the lens is affine but for a little, and how little. Bends: the
- * same with the lens' curvature.
+/* Patches: parts of a distorting camera's picture in which the lens is affine but for a little, and how little. Bends:
+ * the same with the lens' curvature.
  *
  * The bounds are measured, not assumed: those of bends and of the smallest patches are the largest differences between
  * their map and the table's points, those of larger patches follow from their parts, whose maps differ from theirs most
@@ -31,7 +31,7 @@ static patch nowhere(double x, double y, int32_t seen) {
     return (patch){.map = map, .x = x, .y = y, .off_x = ANYWHERE, .off_y = ANYWHERE, .seen = seen};
 }
 
-/* Complete a patch whose plane points lie in (u, v) + J (i, j) + (in_u, in_v): centre the bounds, turn the map round. */
+/* Complete a patch whose plane points lie in (u, v) + J (i, j) + (in_u, in_v): centre its bounds, invert the map. */
 static patch completed(patch p, range in_u, range in_v, double half) {
     const double slack = 0x1p-40; /* far above the rounding of what is computed with it */
     p.map.u += 0.5 * (in_u.low + in_u.high), p.map.v += 0.5 * (in_v.low + in_v.high);
@@ -39,7 +39,8 @@ static patch completed(patch p, range in_u, range in_v, double half) {
     p.map.off_v = 0.5 * (in_v.high - in_v.low) + slack * (fabs(p.map.v) + (fabs(p.map.vx) + fabs(p.map.vy)) * half);
     double main = p.map.ux * p.map.vy, side = p.map.uy * p.map.vx, det = main - side;
     p.xu = p.map.vy / det, p.xv = -p.map.uy / det, p.yu = -p.map.vx / det, p.yv = p.map.ux / det;
-    p.off_x = fabs(p.xu) * p.map.off_u + fabs(p.xv) * p.map.off_v, p.off_y = fabs(p.yu) * p.map.off_u + fabs(p.yv) * p.map.off_v;
+    p.off_x = fabs(p.xu) * p.map.off_u + fabs(p.xv) * p.map.off_v;
+    p.off_y = fabs(p.yu) * p.map.off_u + fabs(p.yv) * p.map.off_v;
     /* nearly singular maps are not turned round accurately; what overflows is no use */
     int fit = fabs(det) >= 0x1p-10 * (fabs(main) + fabs(side)) && det != 0 && p.off_x < 1e9 && p.off_y < 1e9 &&
               fabs(p.xu) + fabs(p.xv) + fabs(p.yu) + fabs(p.yv) < 1e30 && p.map.off_u < 1e30 && p.map.off_v < 1e30;
@@ -60,8 +61,8 @@ static const double *point_at(const cc_lens *l, const double *points, int32_t x,
 }
 static int is_seen(const double *p) { return isfinite(p[0]) && isfinite(p[1]); }
 
-/* What a map, at + slopes, and curvatures leave of coordinate k, 0 or 1, of all points of a rectangle of whole tiles. None
- * is left out but those without a direction, NaN in the table: the numbers given are finite. */
+/* What a map, at + slopes, and curvatures leave of coordinate k, 0 or 1, of all points of a rectangle of whole tiles.
+ * None is left out but those without a direction, NaN in the table: the numbers given are finite. */
 static range left_by(const cc_lens *l, rect r, int k, double x0, double y0, const double map[3], const curves *c) {
     double low[2 * PATCH], high[2 * PATCH], left[2 * PATCH]; /* a bend is not wider */
     const int32_t n = (r.x1 - r.x0) / TILE * TILE + TILE;
@@ -81,7 +82,7 @@ static range left_by(const cc_lens *l, rect r, int k, double x0, double y0, cons
     return all;
 }
 
-/* What is left of the points of a rectangle after curvatures: the mean step from sample to sample, and what it leaves. */
+/* What is left of the points of a rectangle after curvatures: the mean step between samples, and what that leaves. */
 static patch fitted(const cc_lens *l, const double *points, rect r, double x0, double y0, const curves *u2,
                     const curves *v2) {
     mean u = {0}, v = {0}, x = {0}, y = {0}, ux = {0}, uy = {0}, vx = {0}, vy = {0};
@@ -102,7 +103,8 @@ static patch fitted(const cc_lens *l, const double *points, rect r, double x0, d
     p.map.u = of(&u) - p.map.ux * of(&x) - p.map.uy * of(&y);
     p.map.v = of(&v) - p.map.vx * of(&x) - p.map.vy * of(&y);
     const affine *m = &p.map;
-    if (!(fabs(m->u) + fabs(m->v) + fabs(m->ux) + fabs(m->uy) + fabs(m->vx) + fabs(m->vy) < 1e30)) return nowhere(x0, y0, 1);
+    const double size = fabs(m->u) + fabs(m->v) + fabs(m->ux) + fabs(m->uy) + fabs(m->vx) + fabs(m->vy);
+    if (!(size < 1e30)) return nowhere(x0, y0, 1);
     const range in_u = left_by(l, r, 0, x0, y0, (double[]){m->u, m->ux, m->uy}, u2);
     const range in_v = left_by(l, r, 1, x0, y0, (double[]){m->v, m->vx, m->vy}, v2);
     p.seen = in_u.low <= in_u.high;
@@ -116,8 +118,8 @@ static void take(difference *d, double value, double i, double j) {
     if (isfinite(value)) add(&d->value, value), add(&d->i, i), add(&d->j, j);
 }
 
-/* The mean third differences of one coordinate, k = 0 or 1, of the points of a rectangle, and the mean second differences
- * less what the third make of them. */
+/* The mean third differences of one coordinate, k = 0 or 1, of the points of a rectangle, and the mean second
+ * differences less what the third make of them. */
 static curves curvature(const cc_lens *l, const double *points, rect r, int k, double x0, double y0) {
     difference xx = {0}, xy = {0}, yy = {0};
     mean third[4] = {{0}};
@@ -127,7 +129,9 @@ static curves curvature(const cc_lens *l, const double *points, rect r, int k, d
             const double *p = point_at(l, points, x, y) + k, i = x - x0, j = y - y0;
             const double dxx = p[2] - 2 * p[0] + p[-2], dyy = p[row] - 2 * p[0] + p[-row];
             const double dxy = 0.25 * (p[row + 2] - p[row - 2] - p[2 - row] + p[-row - 2]);
-            const double dxxy = 0.5 * ((p[row + 2] - 2 * p[row] + p[row - 2]) - (p[2 - row] - 2 * p[-row] + p[-row - 2]));
+            const double dxx_after = p[row + 2] - 2 * p[row] + p[row - 2];
+            const double dxx_before = p[2 - row] - 2 * p[-row] + p[-row - 2];
+            const double dxxy = 0.5 * (dxx_after - dxx_before);
             const double dxyy = 0.5 * ((p[row + 2] - 2 * p[2] + p[2 - row]) - (p[row - 2] - 2 * p[-2] + p[-row - 2]));
             take(&xx, dxx, i, j), take(&xy, dxy, i, j), take(&yy, dyy, i, j);
             if (isfinite(dxxy)) add(&third[1], dxxy);
@@ -161,7 +165,8 @@ static bend bent(const cc_lens *l, const double *points, rect r, int32_t half) {
     memcpy(b.u2, u.q, sizeof b.u2), memcpy(b.v2, v.q, sizeof b.v2);
     memcpy(b.u3, u.t, sizeof b.u3), memcpy(b.v3, v.t, sizeof b.v3);
     const affine *m = &b.map;
-    const double det = fabs(m->ux * m->vy - m->uy * m->vx), of_u = fabs(m->vx) + fabs(m->vy), of_v = fabs(m->ux) + fabs(m->uy);
+    const double det = fabs(m->ux * m->vy - m->uy * m->vx);
+    const double of_u = fabs(m->vx) + fabs(m->vy), of_v = fabs(m->ux) + fabs(m->uy);
     b.rough = !(of_u * m->off_u + of_v * m->off_v < 2 * det); /* 2 px */
     b.strong = !(of_u * most_u + of_v * most_v < STRONG * det);
     b.map.off_u += most_u * 0x1p-40, b.map.off_v += most_v * 0x1p-40;
@@ -181,7 +186,8 @@ static patch joined(const patch *const part[], int n, double x, double y, double
     for (int k = 0; k < n; k++) {
         const double i = part[k]->x - x, j = part[k]->y - y;
         if (!part[k]->seen) continue;
-        add(&u, part[k]->map.u - (p.map.ux * i + p.map.uy * j)), add(&v, part[k]->map.v - (p.map.vx * i + p.map.vy * j));
+        add(&u, part[k]->map.u - (p.map.ux * i + p.map.uy * j));
+        add(&v, part[k]->map.v - (p.map.vx * i + p.map.vy * j));
     }
     p.map.u = of(&u), p.map.v = of(&v);
     range in_u = {INFINITY, -INFINITY}, in_v = in_u;
@@ -189,7 +195,8 @@ static patch joined(const patch *const part[], int n, double x, double y, double
         const patch *q = part[k];
         const double i = q->x - x, j = q->y - y;
         if (!q->seen) continue;
-        const double du = q->map.u - (p.map.u + p.map.ux * i + p.map.uy * j), dv = q->map.v - (p.map.v + p.map.vx * i + p.map.vy * j);
+        const double du = q->map.u - (p.map.u + p.map.ux * i + p.map.uy * j);
+        const double dv = q->map.v - (p.map.v + p.map.vx * i + p.map.vy * j);
         const double wide_u = q->map.off_u + (fabs(q->map.ux - p.map.ux) + fabs(q->map.uy - p.map.uy)) * half;
         const double wide_v = q->map.off_v + (fabs(q->map.vx - p.map.vx) + fabs(q->map.vy - p.map.vy)) * half;
         grow(&in_u, du - wide_u, du + wide_u), grow(&in_v, dv - wide_v, dv + wide_v);
@@ -203,7 +210,8 @@ static int32_t count_of(int32_t samples, int level) { return (samples + step_of(
 
 static int fill_level(cc_lens *l, int level) {
     const int32_t nx = count_of(l->width, level), ny = count_of(l->height, level), size = PATCH << level;
-    const int32_t below_x = count_of(l->width, level - 1), below_y = count_of(l->height, level - 1), next = level > 1 ? 2 : 1;
+    const int32_t below_x = count_of(l->width, level - 1), below_y = count_of(l->height, level - 1);
+    const int32_t next = level > 1 ? 2 : 1;
     l->patches[level] = malloc((size_t)nx * (size_t)ny * sizeof(patch));
     if (!l->patches[level]) return 0;
     for (int32_t j = 0; j < ny; j++)
@@ -244,7 +252,8 @@ int fill_patches(cc_lens *l, const double *points) {
     const int32_t nx = count_of(l->width, 0), ny = count_of(l->height, 0);
     l->patches[0] = malloc((size_t)nx * (size_t)ny * sizeof(patch));
     if (!l->patches[0]) return 0;
-    for (int32_t k = 0; k < nx * ny; k++) l->patches[0][k] = of_square(l, points, k % nx * step_of(0), k / nx * step_of(0));
+    for (int32_t k = 0; k < nx * ny; k++)
+        l->patches[0][k] = of_square(l, points, k % nx * step_of(0), k / nx * step_of(0));
     for (int level = 1; level == 1 || 3 * step_of(level - 1) < l->width || 3 * step_of(level - 1) < l->height; level++)
         if (!fill_level(l, level)) return 0;
     return fill_bends(l, points, 0) && fill_bends(l, points, 1);

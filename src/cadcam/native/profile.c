@@ -5,9 +5,9 @@
 
 #include "internal.h"
 
-CC_API void cc_step_sums(const cc_picture *picture, int64_t n, const double *q, const double *normal, const double *below,
-                         const double *above, const double *twins, double half_length, double blur, double dark,
-                         double bright, double *sums)
+CC_API void cc_step_sums(const cc_picture *picture, int64_t n, const double *q, const double *normal,
+                         const double *below, const double *above, const double *twins, double half_length, double blur,
+                         double dark, double bright, double *sums)
     IN_USE(step_sums,
            (const cc_picture *, int64_t, const double *, const double *, const double *, const double *, const double *,
             double, double, double, double, double *),
@@ -16,10 +16,11 @@ CC_API void cc_step_sums(const cc_picture *picture, int64_t n, const double *q, 
 CC_API void cc_steps(int64_t n, const double *sums, const double *held, double *out)
     IN_USE(steps, (int64_t, const double *, const double *, double *), (n, sums, held, out))
 
-CC_API void cc_candidates(const cc_picture *picture, int64_t n, const double *q, const double *normal, double half_length,
-                          int32_t reach, double least, int32_t most, double *offset, double *slope)
+CC_API void cc_candidates(const cc_picture *picture, int64_t n, const double *q, const double *normal,
+                          double half_length, int32_t reach, double least, int32_t most, double *offset, double *slope)
     IN_USE(slope_extrema,
-           (const cc_picture *, int64_t, const double *, const double *, double, int32_t, double, int32_t, double *, double *),
+           (const cc_picture *, int64_t, const double *, const double *, double, int32_t, double, int32_t, double *,
+            double *),
            (picture, n, q, normal, half_length, reach, least, most, offset, slope))
 
 /* What of a segment lies in the slab |t| <= half around a sample, in its axes: d along the normal, t along the line. */
@@ -93,7 +94,7 @@ static int64_t together(int64_t n, const double *q) {
     return k;
 }
 
-/* Which of m segments come within `reach` px of the box of n places, at most NEIGHBOURS: their number, or -1 for too many. */
+/* Which of m segments come within `reach` px of the box of n places: their number, or -1 for more than NEIGHBOURS. */
 static int close_to(int64_t n, const double *q, double reach, int64_t m, const double *segments, int64_t *found) {
     double left = INFINITY, right = -INFINITY, top = INFINITY, bottom = -INFINITY;
     for (int64_t i = 0; i < n; i++) {
@@ -131,8 +132,8 @@ void cc_clearance(int64_t n, const double *q, const double *normal, const int32_
             double ax = s[0] - x, ay = s[1] - y, bx = s[2] - x, by = s[3] - y;
             double da = ax * nx + ay * ny, db = bx * nx + by * ny;
             if ((da > most && db > most) || (da < -most && db < -most)) continue;
-            if (segment_run[k] == run[i] && segment_arc[2 * k] - near < arc[i] && arc[i] < segment_arc[2 * k + 1] + near)
-                continue;
+            const double *its_arc = segment_arc + 2 * k;
+            if (segment_run[k] == run[i] && its_arc[0] - near < arc[i] && arc[i] < its_arc[1] + near) continue;
             count += clipped(da, -ax * ny + ay * nx, db, -bx * ny + by * nx, half_length, met + count);
         }
         side(met, count, -1, half_length, most, below + i, twins + 4 * i, beyond + 2 * i);
@@ -142,7 +143,8 @@ void cc_clearance(int64_t n, const double *q, const double *normal, const int32_
 
 /* The unit normal of a line in the picture and how it moves along that with its part; D = dq/dp in the part's frame. */
 static void edge_row(const double D[2][3], const double *p, const double *t, double *normal, double *row) {
-    const double x = D[0][0] * t[0] + D[0][1] * t[1] + D[0][2] * t[2], y = D[1][0] * t[0] + D[1][1] * t[1] + D[1][2] * t[2];
+    const double x = D[0][0] * t[0] + D[0][1] * t[1] + D[0][2] * t[2];
+    const double y = D[1][0] * t[0] + D[1][1] * t[1] + D[1][2] * t[2];
     double length = hypot(x, y), v[3];
     length = length > 1e-300 ? length : 1e-300;
     normal[0] = -y / length, normal[1] = x / length;
@@ -235,7 +237,8 @@ static void step_by(double A[UNKNOWNS][UNKNOWNS], double *b, int k, double *x) {
 }
 
 void cc_pull(int64_t n, int32_t most, int32_t k, const double *rows, const double *offset, const double *strength,
-             const double *stiff, const double *before, double soft, double nothing, double held, int32_t pulls, double *x) {
+             const double *stiff, const double *before, double soft, double nothing, double held, int32_t pulls,
+             double *x) {
     const double sharp = -0.5 / (soft * soft);
     for (int32_t pull = 0; pull < pulls; pull++) {
         double A[UNKNOWNS][UNKNOWNS] = {{0}}, b[UNKNOWNS] = {0};
@@ -266,8 +269,8 @@ void cc_pull(int64_t n, int32_t most, int32_t k, const double *rows, const doubl
 }
 
 /* Which of a sample's steps count: nearly as strong as all that are close to them; their number. */
-static int strong_steps(int32_t most, const double *offset, const double *slope, double faint, double around, double *at,
-                        double *sign) {
+static int strong_steps(int32_t most, const double *offset, const double *slope, double faint, double around,
+                        double *at, double *sign) {
     int count = 0;
     for (int32_t m = 0; m < most; m++) {
         double strongest = 0;
@@ -279,7 +282,8 @@ static int strong_steps(int32_t most, const double *offset, const double *slope,
 }
 
 void cc_met(int64_t n, int32_t most, const double *offset, const double *slope, int64_t lines, const int64_t *first,
-            int64_t tries, const double *moved, double on, double faint, double around, double *scratch, double *share) {
+            int64_t tries, const double *moved, double on, double faint, double around, double *scratch,
+            double *share) {
     for (int64_t l = 0; l < lines; l++) {
         const int64_t from = first[l], to = l + 1 < lines ? first[l + 1] : n;
         for (int64_t t = 0; t < tries; t++) share[t * lines + l] = scratch[t] = 0;
@@ -295,6 +299,9 @@ void cc_met(int64_t n, int32_t most, const double *offset, const double *slope, 
                 share[t * lines + l] += rising, scratch[t] += falling;
             }
         }
-        for (int64_t t = 0; t < tries; t++) share[t * lines + l] = fmax(share[t * lines + l], scratch[t]) / (double)(to - from);
+        for (int64_t t = 0; t < tries; t++) {
+            double *const of = share + t * lines + l;
+            *of = fmax(*of, scratch[t]) / (double)(to - from);
+        }
     }
 }

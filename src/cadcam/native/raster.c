@@ -1,9 +1,9 @@
 /* From clusters to triangles ready to draw, band by band.
  *
  * Homogeneous rasterisation (Olano and Greer, "Triangle scan conversion using 2D homogeneous coordinates", 1997): with
- * the corners P_i of a triangle in the homogeneous sampling plane, e_0(q) = q . (P_1 x P_2) and its like are linear in the
- * plane point q = (x, y, 1), have one sign inside the triangle's visible part, and 1/z = q . N / (P_0 . N) with N the
- * triangle's normal there. Nothing is divided by z, so triangles that reach behind the camera need no clipping.
+ * the corners P_i of a triangle in the homogeneous sampling plane, e_0(q) = q . (P_1 x P_2) and its like are linear in
+ * the plane point q = (x, y, 1), have one sign inside the triangle's visible part, and 1/z = q . N / (P_0 . N) with N
+ * the triangle's normal there. Nothing is divided by z, so triangles that reach behind the camera need no clipping.
  * q is a pixel, or the undistorted point that a pixel of a distorting camera looks at: the same code draws both.
  *
  * Coverage is defined in double (strip.c says how it is decided without looking at every sample). A cross product
@@ -31,7 +31,8 @@ typedef struct {
 
 static void transform(const cc_frame *f, const cluster *c, corners *out) {
     const int n = c->n_vertices;
-    const double *restrict X = f->scene->vertices + 3 * (size_t)c->first_vertex, *restrict Y = X + n, *restrict Z = Y + n;
+    const double *restrict X = f->scene->vertices + 3 * (size_t)c->first_vertex;
+    const double *restrict Y = X + n, *restrict Z = Y + n;
     const double *M = f->view->plane;
     for (int i = 0; i < n; i++) {
         out->x[i] = M[0] * X[i] + M[1] * Y[i] + M[2] * Z[i] + M[3];
@@ -89,12 +90,13 @@ INLINE unsigned set_up(const cc_frame *f, const corners *v, const uint8_t i[3][4
     return bits;
 }
 
-/* Those of the pixels' plane in the plane of a grid's samples: edges that two triangles share stay each other's negative. */
+/* Those of the pixels' plane in that of a grid's samples: edges that two triangles share stay each other's negative. */
 INLINE quartet in_grid(const grid *g, const quartet *of) {
     quartet fine = *of;
     const double s = 1.0 / g->n;
     for (int k = 0; k < 4; k++) {
-        fine.a[k] = of->a[k] * s, fine.b[k] = of->b[k] * s, fine.c[k] = of->c[k] - (of->a[k] + of->b[k]) * (s * g->shift);
+        fine.a[k] = of->a[k] * s, fine.b[k] = of->b[k] * s;
+        fine.c[k] = of->c[k] - (of->a[k] + of->b[k]) * (s * g->shift);
         fine.size[k] = of->size[k] * 2.0; /* samples lie as much as half a pixel beside the centres */
     }
     return fine;
@@ -133,8 +135,8 @@ static inline void corners_of(const sighting *s, int k, uint8_t i[3]) {
     for (int j = 0; j < 3; j++) i[j] = s->faces->corner[j][s->which[k]];
 }
 
-/* List the triangles of a cluster, but for those that show their back, where the view leaves them out: those whose plane
- * the camera is behind by more than the half steps that its numbers are rounded by. */
+/* List the triangles of a cluster, but for those that show their back, where the view leaves them out: those whose
+ * plane the camera is behind by more than the half steps that its numbers are rounded by. */
 static void list(const cc_frame *f, sighting *s) {
     const cluster *c = s->cluster;
     const face_block *of = s->faces;
@@ -171,12 +173,14 @@ typedef struct {
 
 static void reach(const grid *g, const patch *near, const bounds *of, rect part, int n, reaches *out) {
     const double s = near ? 1 : g->scale, t = near ? 0 : g->shift; /* a patch has samples, not pixels */
-    const double slack_x = 1e-5 + (near ? near->off_x : 0), slack_y = 1e-5 + (near ? near->off_y : 0); /* far above rounding */
+    const double slack_x = 1e-5 + (near ? near->off_x : 0); /* far above rounding */
+    const double slack_y = 1e-5 + (near ? near->off_y : 0);
     const double left = t - slack_x, top = t - slack_y, right = t + slack_x, bottom = t + slack_y;
     const double width = g->width, height = g->height;
     for (int k = 0; k < n; k++) { /* ceil and floor of numbers made at least 0 and -1: both vectorise everywhere */
         double x0 = lower(upper(s * of->x0[k] + left, 0), width), y0 = lower(upper(s * of->y0[k] + top, 0), height);
-        double x1 = lower(upper(s * of->x1[k] + right, -1) + 1, width), y1 = lower(upper(s * of->y1[k] + bottom, -1) + 1, height);
+        double x1 = lower(upper(s * of->x1[k] + right, -1) + 1, width);
+        double y1 = lower(upper(s * of->y1[k] + bottom, -1) + 1, height);
         int32_t first = (int32_t)x0, above = (int32_t)y0;
         out->x0[k] = imax(first + (x0 > first), part.x0), out->y0[k] = imax(above + (y0 > above), part.y0);
         out->x1[k] = imin((int32_t)x1 - 1, part.x1), out->y1[k] = imin((int32_t)y1 - 1, part.y1);
@@ -367,7 +371,8 @@ static void draw_band(const band bands[]) {
 
 int VARIANT(frame_work)(cc_frame *f, cc_worker *worker) {
     band bands[GRIDS];
-    if (!row_reserve(worker, (size_t)f->grids[f->n_grids - 1].tiles_x * TILE * 8)) return -1; /* sums and means: shade.c */
+    const size_t row = (size_t)f->grids[f->n_grids - 1].tiles_x * TILE;
+    if (!row_reserve(worker, row * 8)) return -1; /* sums and means: shade.c */
     for (;;) {
         const int32_t next = atomic_fetch_add(&f->next_band, 1);
         if (next >= f->n_bands) return 0;

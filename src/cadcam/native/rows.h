@@ -8,7 +8,7 @@
 typedef int (*next_row)(const void *picture, int64_t y, uint8_t *row);
 
 /* As cc_pack in pack.h. */
-int64_t pack_rows(next_row next, const void *picture, int64_t row_bytes, int64_t rows, int32_t pixel_bytes, uint8_t *out,
-                  int64_t room);
+int64_t pack_rows(next_row next, const void *picture, int64_t row_bytes, int64_t rows, int32_t pixel_bytes,
+                  uint8_t *out, int64_t room);
 
 #endif

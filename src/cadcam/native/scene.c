@@ -97,11 +97,13 @@ static keyed *sorted_faces(const double *v, const int32_t *faces, size_t n) {
 }
 
 /* Append one cluster of n sorted triangles; vertices that they share are stored once. */
-static void add_cluster(cc_scene *s, const double *v, const int32_t *faces, const keyed *sorted, size_t n, size_t *n_vertices) {
+static void add_cluster(cc_scene *s, const double *v, const int32_t *faces, const keyed *sorted, size_t n,
+                        size_t *n_vertices) {
     face_block *of = &s->faces[s->n_clusters];
     cluster *c = &s->clusters[s->n_clusters++];
     size_t used = 0;
-    *c = (cluster){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}, (uint32_t)*n_vertices, 0, (uint16_t)n};
+    *c = (cluster){
+        {INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}, (uint32_t)*n_vertices, 0, (uint16_t)n};
     memset(of, 0, sizeof *of);
     int32_t seen[CORNERS];
     for (size_t i = 0; i < n; i++) {
@@ -131,7 +133,10 @@ static int unit_normal(const double *v, const int32_t *f, double n[3]) {
     const double *a = v + 3 * (size_t)f[0], *b = v + 3 * (size_t)f[1], *c = v + 3 * (size_t)f[2];
     double p[3], q[3], pp = 0, qq = 0, nn = 0;
     for (int k = 0; k < 3; k++) p[k] = b[k] - a[k], q[k] = c[k] - a[k], pp += p[k] * p[k], qq += q[k] * q[k];
-    for (int k = 0; k < 3; k++) n[k] = p[(k + 1) % 3] * q[(k + 2) % 3] - p[(k + 2) % 3] * q[(k + 1) % 3], nn += n[k] * n[k];
+    for (int k = 0; k < 3; k++) {
+        n[k] = p[(k + 1) % 3] * q[(k + 2) % 3] - p[(k + 2) % 3] * q[(k + 1) % 3];
+        nn += n[k] * n[k];
+    }
     const double length = sqrt(nn);
     for (int k = 0; k < 3; k++) n[k] = length > 0 ? n[k] / length : 0;
     return length > 0x1p-24 * sqrt(pp * qq);
@@ -147,7 +152,8 @@ static void set_planes(cc_scene *s, const double *v, const int32_t *faces, int64
         double n[3];
         if (!unit_normal(v, f, n)) continue;
         const double above = n[0] * (c->low[0] - p[0]) + n[1] * (c->low[1] - p[1]) + n[2] * (c->low[2] - p[2]);
-        of->x[k] = (int8_t)lrint(127 * n[0]), of->y[k] = (int8_t)lrint(127 * n[1]), of->z[k] = (int8_t)lrint(127 * n[2]);
+        of->x[k] = (int8_t)lrint(127 * n[0]), of->y[k] = (int8_t)lrint(127 * n[1]);
+        of->z[k] = (int8_t)lrint(127 * n[2]);
         of->offset[k] = (int8_t)lrint(127 * above / sides);
     }
 }
@@ -293,7 +299,8 @@ static void set_limits(cc_frame *f) {
         all = (box){INFINITY, -INFINITY, INFINITY, -INFINITY};
         for (int g = 0; g < f->n_grids; g++) {
             const box a = f->grids[g].lens->all;
-            all.x0 = fmin(all.x0, a.x0), all.x1 = fmax(all.x1, a.x1), all.y0 = fmin(all.y0, a.y0), all.y1 = fmax(all.y1, a.y1);
+            all.x0 = fmin(all.x0, a.x0), all.x1 = fmax(all.x1, a.x1);
+            all.y0 = fmin(all.y0, a.y0), all.y1 = fmax(all.y1, a.y1);
         }
         mx = 1e-6 * (fabs(all.x0) + fabs(all.x1)), my = 1e-6 * (fabs(all.y0) + fabs(all.y1));
     }

@@ -11,9 +11,9 @@ static f4 broad(float v) { return v - (f4){0}; }
 static f4 lower(f4 a, f4 b) { return (f4)(((i4)a & (a < b)) | ((i4)b & ~(a < b))); }
 static f4 size_of_each(f4 v) { return (f4)((i4)v & INT32_MAX); }
 
-/* Whether the point of inverse depth w on the ray (u, v, 1), seen at pixel (x, y), has nothing in front at one of the four
- * pixel centres around it. The plane of the face seen there meets the ray at its own depth times 1 - slope, slope =
- * along/across: multiplied out, and all four at once. */
+/* Whether the point of inverse depth w on the ray (u, v, 1), seen at pixel (x, y), has nothing in front at one of the
+ * four pixel centres around it. The plane of the face seen there meets the ray at its own depth times 1 - slope,
+ * slope = along/across: multiplied out, and all four at once. */
 static int shows(const cc_sight *s, float u, float v, float w, float x, float y) {
     const float right = (float)s->width - 0.5f, bottom = (float)s->height - 0.5f;
     if (!(x >= -0.5f && x <= right && y >= -0.5f && y <= bottom && w > 0)) return 0;
@@ -42,9 +42,9 @@ void cc_seen(const cc_sight *s, int64_t n, const double *p, const double *q, uin
     }
 }
 
-/* The polyline under way: where it begins, and the edge at whose very end it has arrived, or -1. Its last point but one, and
- * from there: the last one, how far that is at least, and between which directions the line passes what was left out. The
- * sample looked at last: the edge it is of or that followed it, what it showed, and how many px back it is. */
+/* The polyline under way: where it begins, and the edge at whose very end it has arrived, or -1. Its last point but
+ * one, and from there: the last one, how far that is at least, and between which directions the line passes what was
+ * left out. The sample looked at last: the edge it is of or that followed it, what it showed, how many px back. */
 typedef struct {
     cc_lines *to;
     double shortest, bend, length, back;
@@ -66,8 +66,8 @@ static void lift(pen *n) {
 
 static double cross(const double a[2], const double b[2]) { return a[0] * b[1] - a[1] * b[0]; }
 
-/* Whether the last point is not needed on the way to q: the straight line from the one before passes all that were left out
- * since within `bend` px (Williams, "Fast polyline approximation", Comput. J. 21, 1978). Be ready for the next. */
+/* Whether the last point is not needed on the way to q: the straight line from the one before passes all that were left
+ * out since within `bend` px (Williams, "Fast polyline approximation", Comput. J. 21, 1978). Be ready for the next. */
 static int needless(pen *n, const double q[2]) {
     double to[2] = {q[0] - n->before[0], q[1] - n->before[1]}, reach = sqrt(to[0] * to[0] + to[1] * to[1]);
     const int passes = n->reach > 0 && reach >= n->reach && cross(n->right, to) >= 0 && cross(to, n->left) >= 0;
@@ -94,7 +94,7 @@ static void point(pen *n, const double q[2], const double p[3], int64_t edge) {
     to->edge[at] = (int32_t)edge;
 }
 
-/* An end of an edge for the camera: where in its axes, where in the plane (x, y)/z, at which pixel, and whether it sees it. */
+/* An end of an edge for the camera: where in its axes, in the plane (x, y)/z, at which pixel, whether it sees it. */
 typedef struct {
     double p[3], u[2], w, q[2];
     int in_view;
@@ -129,7 +129,8 @@ static void carry(const cc_sight *s, const cc_eye_point *eye, const double world
 
 /* How far a point lies inside each border of what the camera sees, in numbers linear in the point: pixels times z. */
 static void borders(const cc_sight *s, const cc_eye_point *eye, const double p[3], double inside[5]) {
-    const double *K = eye->K, x = K[0] * p[0] + K[1] * p[1] + (K[2] + 0.5) * p[2], y = K[4] * p[1] + (K[5] + 0.5) * p[2];
+    const double *K = eye->K;
+    const double x = K[0] * p[0] + K[1] * p[1] + (K[2] + 0.5) * p[2], y = K[4] * p[1] + (K[5] + 0.5) * p[2];
     inside[0] = x, inside[1] = s->width * p[2] - x;
     inside[2] = y, inside[3] = s->height * p[2] - y;
     inside[4] = p[2] - eye->near;
@@ -220,11 +221,12 @@ static void walk(pen *n, const cc_sight *s, const line *l, double step) {
     if (near) n->back += length;
 }
 
-/* Whether an edge is wanted, by its rule, where its first face is in front of the camera (2) and its other one is (1). */
-static const uint8_t wanted[3][4] = {[CC_ALWAYS] = {1, 1, 1, 1}, [CC_FACING] = {0, 1, 1, 1}, [CC_TURNING] = {0, 1, 1, 0}};
+/* Whether an edge is wanted, by its rule, where the camera is in front of its first face (2) and of its other (1). */
+static const uint8_t wanted[3][4] = {
+    [CC_ALWAYS] = {1, 1, 1, 1}, [CC_FACING] = {0, 1, 1, 1}, [CC_TURNING] = {0, 1, 1, 0}};
 
-/* Find the edges wanted among those from `from` on, before `to`; return how many. Most of them are not, by no pattern: no
- * branch is taken on it. */
+/* Find the edges wanted among those from `from` on, before `to`; return how many. Most of them are not, by no pattern:
+ * no branch is taken on it. */
 static int32_t find_wanted(const cc_edges *edges, const uint8_t *front, int64_t from, int64_t to, int64_t *found) {
     int32_t n = 0;
     for (int64_t i = from; i < to; i++) {
@@ -234,8 +236,8 @@ static int32_t find_wanted(const cc_edges *edges, const uint8_t *front, int64_t 
     return n;
 }
 
-void cc_seen_edges(const cc_sight *sight, const cc_eye_point *eye, const cc_edges *edges, const uint8_t *front, double step,
-                   double shortest, double bend, cc_lines *lines) {
+void cc_seen_edges(const cc_sight *sight, const cc_eye_point *eye, const cc_edges *edges, const uint8_t *front,
+                   double step, double shortest, double bend, cc_lines *lines) {
     enum { BLOCK = 1024 };
     pen n = {.to = lines, .shortest = shortest, .bend = bend, .arrived = -1, .walked = -1};
     const double *last = NULL; /* where `end` is in space: mostly the next edge begins there */
@@ -251,7 +253,8 @@ void cc_seen_edges(const cc_sight *sight, const cc_eye_point *eye, const cc_edge
             line l;
             l.a = a, l.b = b, l.ends = edges->ends + 6 * i, l.number = i;
             l.goes_on = i && edges->chain[i] == edges->chain[i - 1];
-            if (!last || last[0] != l.ends[0] || last[1] != l.ends[1] || last[2] != l.ends[2]) carry(sight, eye, l.ends, a);
+            if (!last || last[0] != l.ends[0] || last[1] != l.ends[1] || last[2] != l.ends[2])
+                carry(sight, eye, l.ends, a);
             carry(sight, eye, l.ends + 3, b);
             last = l.ends + 3;
             if (!clip(sight, eye, &l)) continue;

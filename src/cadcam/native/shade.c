@@ -3,7 +3,7 @@
 #include "vectors.h"
 
 /* What the shading of one output needs, in float: the direction of plane points and the light, in the world. */
-typedef struct { float d[9], rotation[9], fill[3], back[3], ambient, head; } light; /* fill, back: times their strength */
+typedef struct { float d[9], rotation[9], fill[3], back[3], ambient, head; } light; /* fill, back: times strength */
 
 typedef struct { f8 x, y, z; } triple;
 
@@ -199,7 +199,8 @@ static void write_centres(const page *p) {
         clear_between(b, drawn);
         for (int32_t r = 0; r < rows; r++) {
             write_nothing(&p->view, y + r, 0, imin(drawn.x0 * TILE, p->view.width));
-            write_nothing(&p->view, y + r, imin(imax(drawn.x1, drawn.x0 - 1) * TILE + TILE, p->view.width), p->view.width);
+            const int32_t beyond = imax(drawn.x1, drawn.x0 - 1) * TILE + TILE;
+            write_nothing(&p->view, y + r, imin(beyond, p->view.width), p->view.width);
         }
         for (int32_t x = drawn.x0; x <= drawn.x1; x++) {
             const size_t tile = (size_t)(y / TILE - b->first_tiles) * (size_t)b->grid->tiles_x + (size_t)x;
@@ -266,7 +267,10 @@ static void write_samples(const page *p, float *room) {
     for (int32_t y = b->y0; y <= b->y1; y += n) {
         const rect drawn = drawn_in(b, y / TILE, (y + n - 1) / TILE);
         int32_t x0 = p->view.width, x1 = p->view.width;
-        if (drawn.x0 <= drawn.x1) x0 = drawn.x0 * TILE / n, x1 = imin((drawn.x1 * TILE + TILE + n - 1) / n, p->view.width);
+        if (drawn.x0 <= drawn.x1) {
+            x0 = drawn.x0 * TILE / n;
+            x1 = imin((drawn.x1 * TILE + TILE + n - 1) / n, p->view.width);
+        }
         /* the pixels at either end may have samples in tiles beside */
         const rect tiles = {x0 * n / TILE, imin((x1 * n + TILE - 1) / TILE, b->grid->tiles_x) - 1, drawn.y0, drawn.y1};
         clear_between(b, tiles);
@@ -287,7 +291,10 @@ static light light_in(const grid *g, const cc_view *v) {
         const double x = v->ray[k] / scale, y = v->ray[k + 1] / scale;
         l.d[k] = (float)x, l.d[k + 1] = (float)y, l.d[k + 2] = (float)(v->ray[k + 2] - (x + y) * shift);
     }
-    for (int k = 0; k < 3; k++) l.fill[k] = v->fill * (float)v->fill_from[k], l.back[k] = v->back * (float)v->back_from[k];
+    for (int k = 0; k < 3; k++) {
+        l.fill[k] = v->fill * (float)v->fill_from[k];
+        l.back[k] = v->back * (float)v->back_from[k];
+    }
     return l;
 }
 

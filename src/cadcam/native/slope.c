@@ -38,8 +38,8 @@ static void part_inside(const cc_picture *p, const strip *s, const double *n, in
 
 INLINE i8 at_most(i8 v, int32_t most) { return v - ((v > most) & (v - most)); }
 
-/* Brightness at -reach .. reach px along the normal, averaged along the line; NaN outside the picture. `out` has room for
- * a vector more. */
+/* Brightness at -reach .. reach px along the normal, averaged along the line; NaN outside the picture. `out` has room
+ * for a vector more. */
 static void profile(const cc_picture *p, const double *q, const double *n, double half_length, int reach, float *out) {
     const strip s = strip_of(q, n, half_length);
     int from, to;
@@ -48,14 +48,16 @@ static void profile(const cc_picture *p, const double *q, const double *n, doubl
     if (from >= to) return;
     const int far = reach + (int)half_length + 2; /* places are counted from a pixel near by: a float has few bits */
     const int32_t left = imax((int32_t)q[0] - far, 0), top = imax((int32_t)q[1] - far, 0);
-    const int32_t right = p->width - 2 - left, bottom = p->height - 2 - top; /* rounding must not lead out of the picture */
+    const int32_t right = p->width - 2 - left, bottom = p->height - 2 - top; /* rounding must not leave the picture */
     const float *pixels = p->pixels + (int64_t)top * p->width + left, share = 1.0f / (float)s.along;
     for (int k = from; k < to; k += 8) {
         const i8 place = at_most(k + *(const i8 *)LANE, to - 1); /* the last vector may be filled up */
         const f8 across = __builtin_convertvector(place - reach, f8);
-        f8 x = across * (float)n[0] + (float)(s.x - left), y = across * (float)n[1] + (float)(s.y - top), sum = eight(0);
+        f8 x = across * (float)n[0] + (float)(s.x - left), y = across * (float)n[1] + (float)(s.y - top);
+        f8 sum = eight(0);
         for (int j = 0; j < s.along; j++, x += (float)s.pace_x, y += (float)s.pace_y) {
-            const i8 column = at_most(__builtin_convertvector(x, i8), right), row = at_most(__builtin_convertvector(y, i8), bottom);
+            const i8 column = at_most(__builtin_convertvector(x, i8), right);
+            const i8 row = at_most(__builtin_convertvector(y, i8), bottom);
             const i8 at = row * p->width + column;
             const f8 u = x - __builtin_convertvector(column, f8), v = y - __builtin_convertvector(row, f8);
             f8 a, b, c, d;
@@ -83,7 +85,8 @@ static void smoothed_slope(const float *values, int count, float *r) {
     static const float kernel[SIDE] = {0.24197072f, 0.10798193f, 0.013295546f}; /* k phi(k) */
     for (int k = SIDE; k < count - SIDE; k += 8) {
         f8 sum = eight(0);
-        for (int j = 1; j <= SIDE; j++) sum += kernel[j - 1] * (*(const f8 *)(values + k + j) - *(const f8 *)(values + k - j));
+        for (int j = 1; j <= SIDE; j++)
+            sum += kernel[j - 1] * (*(const f8 *)(values + k + j) - *(const f8 *)(values + k - j));
         *(f8 *)(r + k) = sum;
     }
 }
@@ -96,8 +99,9 @@ INLINE unsigned extrema(const float *r, float least) {
     return signs((size >= least) & (size > before) & (size >= after));
 }
 
-void VARIANT(slope_extrema)(const cc_picture *picture, int64_t n, const double *q, const double *normal, double half_length,
-                            int32_t reach, double least, int32_t most, double *offset, double *slope) {
+void VARIANT(slope_extrema)(const cc_picture *picture, int64_t n, const double *q, const double *normal,
+                            double half_length, int32_t reach, double least, int32_t most, double *offset,
+                            double *slope) {
     float values[LONGEST + 16], r[LONGEST + 16]; /* vectors reach beyond the profile */
     const int within = imin(reach, LONGEST / 2 - SIDE - 2) + SIDE + 1, count = 2 * within + 1;
     for (int k = 0; k < LONGEST + 16; k++) values[k] = r[k] = NAN;
@@ -110,7 +114,8 @@ void VARIANT(slope_extrema)(const cc_picture *picture, int64_t n, const double *
             unsigned left = extrema(r + first, (float)least) & ((1u << imin(count - SIDE - 1 - first, 8)) - 1);
             for (int k = first; left; left >>= 1, k++) {
                 if (!(left & 1)) continue;
-                const double here = fabs(r[k]), sign = r[k] < 0 ? -1 : 1, before = sign * r[k - 1], after = sign * r[k + 1];
+                const double here = fabs(r[k]), sign = r[k] < 0 ? -1 : 1;
+                const double before = sign * r[k - 1], after = sign * r[k + 1];
                 const double bend = before + after - 2 * here, shift = bend < 0 ? 0.5 * (before - after) / bend : 0;
                 insert(k - within + shift, r[k], most, o, s);
             }

@@ -6,7 +6,7 @@
 
 enum { OWN = 5, TERMS = OWN + 2, CHUNK = 256, SUMS = TERMS * (TERMS + 1) / 2 + TERMS + 1 };
 enum { COUNTED = SUMS, CLIPPED, OF_TERMS }; /* what follows the sums in the caller's memory: CC_STEP_SUMS in all */
-#define TWIN 1e-4 /* variance of a pixel over that of a twin's contrast: it hardly matters, but for twins out of sight */
+#define TWIN 1e-4 /* variance of a pixel over that of a twin's contrast: it hardly matters but for twins out of sight */
 #define HELD 1e12  /* as good as infinite */
 #define SPREAD 3.0 /* blurs beyond which a step is level */
 #define MAGIC 6755399441055744.0 /* 1.5 * 2^52: what is added to it is rounded to a whole number in its low bits */
@@ -214,9 +214,9 @@ static void set_twins(equations *e, const double *twins, double below, double ab
     }
 }
 
-void VARIANT(step_sums)(const cc_picture *picture, int64_t n, const double *q, const double *normal, const double *below,
-                        const double *above, const double *twins, double half_length, double blur, double dark,
-                        double bright, double *sums) {
+void VARIANT(step_sums)(const cc_picture *picture, int64_t n, const double *q, const double *normal,
+                        const double *below, const double *above, const double *twins, double half_length, double blur,
+                        double dark, double bright, double *sums) {
     for (int64_t i = 0; i < n; i++) {
         equations e;
         memset(&e, 0, sizeof e);

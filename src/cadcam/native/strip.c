@@ -3,12 +3,12 @@
  * Spans. The samples of row y inside edge k, a x + t >= least with t = b y + c, are those from one on (a > 0) or up to
  * one (a < 0): rounded a x grows with x, and the sign of a rounded sum is that of the sum. In exact numbers that one is
  * where x meets X = -t / a. Here X is t m with m = -1 / a rounded: off by less than 2^-51 |X|, and a x by 2^-53 of
- * itself, so that up to |X| = 2^17 (pictures end before) only a sample within 2^-34 px of t m can be in doubt. Spans with
- * one within MARGIN are settled by the definition; all others are exact as they are.
+ * itself, so that up to |X| = 2^17 (pictures end before) only a sample within 2^-34 px of t m can be in doubt. Spans
+ * with one within MARGIN are settled by the definition; all others are exact as they are.
  *
- * Most spans are found in float, eight rows at a time: with X = x + y j about the first column and row, both x and y are
- * rounded by 2^-24 of themselves and so is the sum, which puts X off by less than 2^-21 (|x| + |y| j), what doubles before
- * it lost included. Where a sample lies as near as that, doubles decide. */
+ * Most spans are found in float, eight rows at a time: with X = x + y j about the first column and row, both x and y
+ * are rounded by 2^-24 of themselves and so is the sum, which puts X off by less than 2^-21 (|x| + |y| j), what doubles
+ * before it lost included. Where a sample lies as near as that, doubles decide. */
 #include "hot.h"
 #ifdef __AVX2__ /* elsewhere tile_plain.c draws, with the same results */
 #include "strip.h"
@@ -17,15 +17,15 @@
 
 enum { STRIPS = 16 }; /* crossed at a time */
 
-/* Where edges cross the rows of samples, at x = (b y + c) m. Those that bound from the left come first, those that bound
- * from the right last. */
+/* Where edges cross the rows of samples, at x = (b y + c) m. Those that bound from the left come first, those that
+ * bound from the right last. */
 typedef struct {
     double b[3], c[3], m[3];
     int lefts, rights;
     int unsure; /* numbers so large or small that only the definition is safe */
 } crossings;
 
-/* In the plane of the samples itself. Edges along the rows bound no row from a side: they cut rows off the rectangle. */
+/* In the plane of the samples itself. Edges along the rows bound none from a side: they cut rows off the rectangle. */
 static crossings straight(const triangle *t, rect *r) {
     crossings e = {.unsure = extreme(t)};
     if (e.unsure) return e;
@@ -80,8 +80,8 @@ INLINE int cross_strip(const triangle *t, const crossings *e, const rect *r, int
 }
 
 /* Edges of four triangles in float, about the first column and the first row of the first strip of each: two edges from
- * the left, two from the right (one of them twice), at x + y j, each side off by less than `off`; for which of them this
- * says enough, as bits. */
+ * the left, two from the right (one of them twice), at x + y j, each side off by less than `off`; for which of them
+ * this says enough, as bits. */
 typedef struct {
     f4 x[4], y[4], off[2];
     unsigned fit;
@@ -92,7 +92,8 @@ typedef struct { f4 alone, one, other; } sided;
 
 INLINE sided by_side(const f4 v[3], const i4 left[3]) {
     const i4 first = left[1] == left[2], last = left[0] == left[1];
-    return (sided){choose_f(first, v[0], choose_f(last, v[2], v[1])), choose_f(first, v[1], v[0]), choose_f(last, v[1], v[2])};
+    const f4 alone = choose_f(first, v[0], choose_f(last, v[2], v[1]));
+    return (sided){alone, choose_f(first, v[1], v[0]), choose_f(last, v[1], v[2])};
 }
 
 INLINE quick quick_of(const quartet *q, const rect r[4]) {
@@ -110,12 +111,13 @@ INLINE quick quick_of(const quartet *q, const rect r[4]) {
         x[k] = narrow_d(xk), y[k] = narrow_d(yk), off[k] = narrow_d(offk), left[k] = (i4)narrow_d(m) < 0;
     }
     const sided X = by_side(x, left), Y = by_side(y, left), off_of = by_side(off, left);
-    const i4 same = (left[0] == left[1]) & (left[1] == left[2]), more = left[0] + left[1] + left[2] < -1; /* on the left */
+    const i4 same = (left[0] == left[1]) & (left[1] == left[2]);
+    const i4 more = left[0] + left[1] + left[2] < -1; /* on the left */
     const f4 off_both = most_f(off_of.one, off_of.other);
-    return (quick){.x = {choose_f(more, X.one, X.alone), choose_f(more, X.other, X.alone), choose_f(more, X.alone, X.one),
-                         choose_f(more, X.alone, X.other)},
-                   .y = {choose_f(more, Y.one, Y.alone), choose_f(more, Y.other, Y.alone), choose_f(more, Y.alone, Y.one),
-                         choose_f(more, Y.alone, Y.other)},
+    return (quick){.x = {choose_f(more, X.one, X.alone), choose_f(more, X.other, X.alone),
+                         choose_f(more, X.alone, X.one), choose_f(more, X.alone, X.other)},
+                   .y = {choose_f(more, Y.one, Y.alone), choose_f(more, Y.other, Y.alone),
+                         choose_f(more, Y.alone, Y.one), choose_f(more, Y.alone, Y.other)},
                    .off = {choose_f(more, off_both, off_of.alone), choose_f(more, off_of.alone, off_both)},
                    .fit = signs_d(fit) & ~signs_f(same)};
 }
@@ -124,10 +126,13 @@ INLINE quick quick_of(const quartet *q, const rect r[4]) {
 INLINE int cross_quickly(const quick *q, int m, const rect *r, int32_t k, spans *s) {
     const f8 j = __builtin_convertvector(k * TILE + *(const i8 *)LANE, f8);
     const f8 start = eight(-0.5f), end = eight((float)(r->x1 - r->x0) + 0.5f);
-    const f8 left = most_of(fused(j, eight(q->y[0][m]), eight(q->x[0][m])), fused(j, eight(q->y[1][m]), eight(q->x[1][m])));
-    const f8 right = least_of(fused(j, eight(q->y[2][m]), eight(q->x[2][m])), fused(j, eight(q->y[3][m]), eight(q->x[3][m])));
+    const f8 left = most_of(fused(j, eight(q->y[0][m]), eight(q->x[0][m])),
+                            fused(j, eight(q->y[1][m]), eight(q->x[1][m])));
+    const f8 right = least_of(fused(j, eight(q->y[2][m]), eight(q->x[2][m])),
+                              fused(j, eight(q->y[3][m]), eight(q->x[3][m])));
     const f8 first = up(most_of(left - q->off[0][m], start)), last = down(least_of(right + q->off[1][m], end));
-    const f8 first_sure = up(most_of(left + q->off[0][m], start)), last_sure = down(least_of(right - q->off[1][m], end));
+    const f8 first_sure = up(most_of(left + q->off[0][m], start));
+    const f8 last_sure = down(least_of(right - q->off[1][m], end));
     if (signs((first != first_sure) | (last != last_sure))) return -1;
     const i8 from = r->x0 + __builtin_convertvector(first, i8), to = r->x0 + __builtin_convertvector(last, i8);
     return keep_spans(s, from, to, r, (r->y0 / TILE + k) * TILE);

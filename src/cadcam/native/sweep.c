@@ -21,7 +21,8 @@ static swept prepared(const cc_field *f, int32_t levels, uint8_t *scratch) {
     for (int k = 0; k < CC_SECTORS; k++)
         for (int32_t y = 0; y < f->height; y++) {
             const uint8_t *from = f->planes + ((size_t)k * (size_t)f->height + (size_t)y) * (size_t)f->width;
-            uint8_t *restrict to = s.planes + (size_t)k * plane + ((size_t)y + CC_MARGIN) * (size_t)s.stride + CC_MARGIN;
+            const size_t row = ((size_t)y + CC_MARGIN) * (size_t)s.stride;
+            uint8_t *restrict to = s.planes + (size_t)k * plane + row + CC_MARGIN;
             for (int32_t x = 0; x < f->width; x++) to[x] = (uint8_t)((from[x] * levels + 127) / 255);
         }
     s.sums = scratch + CC_SECTORS * plane;
@@ -57,8 +58,8 @@ static int32_t largest(const swept *s, int32_t width, int32_t *x, int32_t *y) {
     return best;
 }
 
-void VARIANT(sweep_field)(const cc_views *v, int32_t eye, const double *poses, int32_t keep, int32_t apart, uint8_t *scratch,
-                          int32_t *shift, float *score) {
+void VARIANT(sweep_field)(const cc_views *v, int32_t eye, const double *poses, int32_t keep, int32_t apart,
+                          uint8_t *scratch, int32_t *shift, float *score) {
     const cc_eye *e = &v->eyes[eye];
     const cc_field *f = &e->field;
     int32_t most = 1;
@@ -74,7 +75,8 @@ void VARIANT(sweep_field)(const cc_views *v, int32_t eye, const double *poses, i
         for (int32_t i = 0; i < imin(v->count[k * v->n_eyes + eye], CC_SWEPT); i++) {
             spot at;
             if (!image_of(e, &c, &places[i], &at)) continue;
-            const int32_t x = nearest(at.x) - cx + CC_MARGIN, y = nearest(at.y) - cy + CC_MARGIN, sector = sector_of(at.dx, at.dy);
+            const int32_t x = nearest(at.x) - cx + CC_MARGIN, y = nearest(at.y) - cy + CC_MARGIN;
+            const int32_t sector = sector_of(at.dx, at.dy);
             if (x < 0 || y < 0 || x > 2 * CC_MARGIN || y > 2 * CC_MARGIN) continue;
             offset[n++] = ((size_t)sector * (size_t)s.rows + (size_t)y) * (size_t)s.stride + (size_t)x;
             mean += s.scale * f->mean[sector], variance += s.scale * s.scale * f->variance[sector] + 1.0 / 12;
@@ -85,8 +87,9 @@ void VARIANT(sweep_field)(const cc_views *v, int32_t eye, const double *poses, i
             const int32_t best = largest(&s, f->width, &x, &y);
             shift[2 * (keep * k + i)] = x, shift[2 * (keep * k + i) + 1] = y;
             score[keep * k + i] = best > 0 ? (float)((best - mean) / sqrt(variance)) : -INFINITY;
+            const int32_t left = imax(0, x - apart), right = imin(s.wide - 1, x + apart);
             for (int32_t j = imax(0, y - apart); j <= imin(s.height - 1, y + apart); j++)
-                memset(s.sums + (size_t)j * (size_t)s.wide + imax(0, x - apart), 0, (size_t)(imin(s.wide - 1, x + apart) - imax(0, x - apart) + 1));
+                memset(s.sums + (size_t)j * (size_t)s.wide + left, 0, (size_t)(right - left + 1));
         }
     }
 }

@@ -1,5 +1,5 @@
-/* From a triangle to the samples it covers, where there is no AVX2: all in double, as coverage is defined (raster.c), in
- * loops that compilers turn into whatever vectors there are. Results are those of tile.c, bit by bit. */
+/* From a triangle to the samples it covers, where there is no AVX2: all in double, as coverage is defined (raster.c),
+ * in loops that compilers turn into whatever vectors there are. Results are those of tile.c, bit by bit. */
 #include "hot.h"
 #ifndef __AVX2__
 

@@ -32,7 +32,10 @@ INLINE f8 floats(d4 a, d4 b) { return (f8)_mm256_set_m128(_mm256_cvtpd_ps((__m25
 /* Eight records of four floats, number by number. */
 INLINE void transposed(const float *const r[8], f8 out[4]) {
     __m256 p[4];
-    for (int k = 0; k < 4; k++) p[k] = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(r[k])), _mm_loadu_ps(r[k + 4]), 1);
+    for (int k = 0; k < 4; k++) {
+        const __m256 low = _mm256_castps128_ps256(_mm_loadu_ps(r[k]));
+        p[k] = _mm256_insertf128_ps(low, _mm_loadu_ps(r[k + 4]), 1);
+    }
     const __m256 a = _mm256_unpacklo_ps(p[0], p[1]), b = _mm256_unpacklo_ps(p[2], p[3]);
     const __m256 c = _mm256_unpackhi_ps(p[0], p[1]), d = _mm256_unpackhi_ps(p[2], p[3]);
     out[0] = (f8)_mm256_shuffle_ps(a, b, 0x44), out[1] = (f8)_mm256_shuffle_ps(a, b, 0xEE);
