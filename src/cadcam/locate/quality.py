@@ -77,7 +77,8 @@ _SHARES = (0.0, 0.43, 0.95)  # net shares that make quality 0, 1/2 and 1
 _COLOR = 2  # constraints that tell which colour the part has
 _GONE, _MOST_GONE = 0.05, 1 / 3  # share of a body that may be shown by chance, and of all samples that may be its own
 _WITHOUT = (0.1, 0.5)  # quality at which a body is left out
-_LEAST, _MOST_FITTED = 12, 0.8  # samples that can tell anything at all; share of constraints fitted that leaves enough
+_LEAST = 12  # samples that can tell anything at all
+_MOST_FITTED, _UNPROVEN = 0.8, 0.45  # share of constraints fitted that leaves enough for a proof; quality without one
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,9 +124,10 @@ class Seen:
     @property
     def quality(self) -> float:
         """Return how sure it is that the pose is right, 0 to 1."""
-        if self.samples < _LEAST or self.fitted > _MOST_FITTED:
+        if self.samples < _LEAST or self.fitted >= 1:
             return 0.0
-        return float(np.interp(self.net, _SHARES, (0.0, 0.5, 1.0)))
+        quality = float(np.interp(self.net, _SHARES, (0.0, 0.5, 1.0)))
+        return min(quality, _UNPROVEN) if self.fitted > _MOST_FITTED else quality
 
     def __str__(self) -> str:
         if self.samples < _LEAST or self.fitted > _MOST_FITTED:

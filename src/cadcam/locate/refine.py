@@ -277,8 +277,8 @@ def _location(part: Part, fitted: Solution, freedom: Freedom, chosen: int, wider
 def _evidence(part: Part, fitted: Solution, B: Array, chosen: int, wider: bool) -> tuple[Seen, bool]:
     """Return what the photos show of the part where it was fitted along B (6, k), and whether that is doubted.
 
-    Where half of the lines agree, those that the light gives no contrast are left out; not where the model fits better
-    stretched, nor of starts known to be good (`wider`).
+    Of a pose that would just not be found, lines that the light gives no contrast are left out; not where the model
+    fits better stretched, nor where starts are known to be good (not `wider`).
     """
     pose, fit = fitted.pose, fitted.fit
     scatter = _scatter(fit, sum(int(m.usable.sum()) for m in fitted.measured))

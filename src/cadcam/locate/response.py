@@ -77,8 +77,8 @@ def _weighed(excess: float, variance: float) -> Bend | None:
     """Return what to expect of a bend that was measured with this variance, None where there is hardly one."""
     usual, sd = _USUAL
     total = variance + sd**2
-    factor = np.sqrt(variance / total) * np.exp(0.5 * (excess**2 / variance - (excess - usual) ** 2 / total))
-    there = 1 / (1 + 1 / (_SELDOM * factor))
+    log_factor = 0.5 * (np.log(variance / total) + excess**2 / variance - (excess - usual) ** 2 / total)
+    there = float(np.exp(-np.logaddexp(0.0, -np.log(_SELDOM) - log_factor)))
     if there < _DOUBT:
         return None
     mean, left = (excess * sd**2 + usual * variance) / total, variance * sd**2 / total
