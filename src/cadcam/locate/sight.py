@@ -18,7 +18,7 @@ from cadcam.render.wireframe import LineOptions
 
 Longs = npt.NDArray[np.int64]
 _LINES = LineOptions(margin_px=0.0)
-_STRONG, _OF = 120, 480  # cells that tell the blur, the strongest of so many
+_STRONG = 240  # cells that tell the blur
 _APART = 1.5  # blurs: a cell ends that far before the next line
 _PAST, _TWIN = 2.0, 3.0  # blurs: it ends that far beyond a twin, which must be as far away
 _LINEAR = 1.2  # blurs: how far off a linear fit is believed
@@ -74,7 +74,6 @@ class Sight:
     def blur(self, at: Projected, *, half_length: float, reach_px: float) -> float:
         """Return the blur of the photo's steps (px), from the strongest of the part's lines."""
         free = np.flatnonzero(np.minimum(self.samples.below, self.samples.above) >= reach_px)
-        free = free[:: max(1, len(free) // _OF)]
         found = candidates(
             self.photo.gray, at.q[free], at.normal[free], half_length=half_length, reach=2, noise=self.noise, most=1
         )
