@@ -13,8 +13,9 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.refine import refine
 from cadcam.verify.adjustment import Estimate
 from cadcam.verify.deviation import State
-from cadcam.verify.inspection import Inspection, InspectionOptions, _believed, inspect
+from cadcam.verify.inspection import Inspection, InspectionOptions, _believed, _state, inspect
 from cadcam.verify.measured import Displacement
+from cadcam.verify.presence import Presence
 from cadcam.verify.tolerance import Selection, Tolerances
 
 from .scene import CAMERA, POSE, displaced, part, photo, photographed, plate
@@ -189,3 +190,17 @@ def test_what_contradicts_its_own_edges_is_not_believed() -> None:
     assert _believed(Displacement(np.eye(3)[:, :1], told, 0.9, 5)) is None
     assert _believed(Displacement(np.eye(3)[:, :1], told, 0.04, 5)) is not None
     assert _believed(Displacement(np.eye(3)[:, :1], replace(told, value=np.array([5.0])), 0.9, 5)) is not None
+
+
+def test_one_line_alone_where_others_ought_to_show_does_not_tell_how_far_a_body_is_displaced() -> None:
+    """A bracket that was missing was called 1.98 +- 0.03 mm off, by what lay behind one of its five edges."""
+    none = np.zeros((1, 1))
+    moved = Displacement(np.eye(3)[:, :1], Estimate(np.array([1.98]), np.eye(1) * 3e-4, none, none, none), 5e-28, 1)
+    states = {
+        Presence(5, 1, 2.8): State.UNCLEAR,
+        Presence(2, 1, 2.8): State.DISPLACED,  # seen edge-on or half hidden, it has no more to show
+        Presence(5, 1, 20.0): State.DISPLACED,  # surely there
+        Presence(5, 2, 2.8): State.DISPLACED,
+    }
+    for presence, state in states.items():
+        assert _state(presence, moved, True, 8.0, near=True) is state, presence

@@ -122,9 +122,15 @@ def _as_it_is(
 
 
 def _ranked(tried: Sequence[tuple[float, Location]]) -> list[tuple[float, Location]]:
-    """Return score and location, best first: by quality, and by the score of the hypothesis that it came from."""
+    """Return score and location, best first: by quality, and by the score of the hypothesis that it came from.
+
+    Where a doubted one would be first, as it needs a body to be absent, one that is as good and needs nothing is.
+    """
     most = max(max(score for score, _ in tried), 1e-9)
-    return sorted(tried, key=lambda t: -(t[1].quality + _BY_SCORE * t[0] / most))
+    ranked = sorted(tried, key=lambda t: -(t[1].quality + _BY_SCORE * t[0] / most))
+    least = max(FOUND, ranked[0][1].quality - _AS_GOOD)
+    first = next((t for t in ranked if t[1].quality >= least and not t[1].doubted), ranked[0])
+    return [first, *(t for t in ranked if t is not first)]
 
 
 def _beside_rivals(part: Part, ranked: Sequence[tuple[float, Location]], alike: Sequence[Location]) -> Location:

@@ -188,8 +188,9 @@ def _state(presence: Presence, moved: Displacement | None, alarm: bool, enough: 
         return State.MISSING
     if moved is None or presence.log_ratio < (0.0 if alarm else DOUBTFUL):
         return State.UNCLEAR  # what is measured may be something else
-    if alarm and moved.edges < 2 and presence.seen < 2 and not near and presence.log_ratio < enough:
-        return State.UNCLEAR  # a single line there may be another one, the body not being sure to be where it is drawn
+    alone = presence.seen < 2 and (not near or presence.expected > 2)
+    if alarm and moved.edges < 2 and alone and presence.log_ratio < enough:
+        return State.UNCLEAR  # a single line there may be another one: others ought to show, or the body is far off
     if not alarm and _believed(moved) is None:
         return State.UNCLEAR  # what cannot be told is not in place either
     return State.DISPLACED if alarm else State.IN_PLACE
