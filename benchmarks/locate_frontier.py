@@ -1,0 +1,264 @@
+"""What less scatter by noise costs in error: linear fits of a pose to all lines at once, on the ground of photos.
+
+The fit of `cadcam locate` judges each line in a short cell of its own. Here is what a linear fit could do instead: in
+each cell all parallel lines of the model step together, as the pose moves them, the levels between them are free,
+and what lies between and beside them is a random process of the covariance seen beside the edges (locate_ground.py).
+How firmly that ground is held to be level is one number, its `hold`: 1 takes the covariance as it was seen, 0.1 a tenth
+of it. The firmer it is held, the less noise moves the pose, and the more the ground does.
+
+    python benchmarks/locate_frontier.py ../shared/data/shipblock_clean
+
+tells for each noise and hold the scatter by fresh noise over the intensity bound, and the error of photos without
+noise. Lines are drawn at the true poses and nothing is decided by the photo: no outliers, no weights.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+from scipy.spatial import cKDTree
+from scipy.special import ndtr
+
+import locate_bound
+from cadcam.arrays import Array, Ids, Picture
+from cadcam.camera.camera import Camera
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.edges import EdgeSamples, project, sample_lines
+from cadcam.locate.part import Part
+from locate_ground import CELL_PX, Ground, ground_of
+from locate_sets import PhotoSet
+
+HOLDS = (1.0, 0.3, 0.1, 0.03)
+REACHES = (5, 12)  # px that cells reach beyond their outermost lines
+DRAWS = 8  # pictures of noise a photo
+PARALLEL = 0.985  # cosine between normals of lines that step in one cell
+CLEAR = 2.5  # px, more than two blurs: nearer to a line's foot no level is told
+ALIKE = 5  # cells to either side whose contrasts are taken together
+FORESEEN = 3 / 255  # noise at which contrasts are told
+MARGIN = 3.0  # px, for cubic interpolation
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell `CELL_PX` long: places d (m,) px along the normal at q, and the K lines that step in it.
+
+    at (K,) px: where along the normal; rows (K, 6): how they move along it with the pose (locate_bound.motion).
+    """
+
+    q: Array
+    normal: Array
+    d: Array
+    at: Array
+    rows: Array
+    run: int
+
+
+@dataclass(frozen=True)
+class Optics:
+    """What shapes a profile: the blur of a step, px, and the ground between the steps."""
+
+    blur: float
+    ground: Ground
+
+    def levels(self, cell: Cell) -> Array:
+        """Return columns (m, K + 1): a level, and a step at each line."""
+        return np.column_stack([np.ones(len(cell.d)), ndtr((cell.d[:, None] - cell.at) / self.blur)])
+
+    def moves(self, cell: Cell, heights: Array) -> Array:
+        """Return columns (m, 6): how steps of these heights change the profile with the pose."""
+        x = (cell.d[:, None] - cell.at) / self.blur
+        bells = np.exp(-0.5 * x**2) / (np.sqrt(2 * np.pi) * self.blur)
+        return np.asarray(-(bells * heights) @ cell.rows)
+
+    def covariance(self, cell: Cell, noise: float, hold: float) -> Array:
+        """Return (m, m): noise, and the ground of each stretch between lines, told apart by their blurred steps."""
+        steps = ndtr((cell.d[:, None] - cell.at) / self.blur).T
+        total = noise**2 / self.ground.length_px * np.eye(len(cell.d))
+        for k in range(len(cell.at) + 1):
+            share = (steps[k - 1] if k else 1.0) * (1 - steps[k] if k < len(cell.at) else 1.0)
+            away = np.abs(np.rint(cell.d - cell.at[max(k - 1, 0)])).astype(int)
+            away = np.minimum(away, len(self.ground.covariance) - 1)
+            total += hold * self.ground.covariance[np.ix_(away, away)] * np.outer(share, share)
+        return total
+
+
+class Drawing:
+    """The visible lines of a part at a pose, in cells that reach so far beyond their outermost lines."""
+
+    def __init__(self, part: Part, camera: Camera, camera_from_part: Rigid, reach_px: int) -> None:
+        lines = part.lines.draw(camera, camera_from_part).visible
+        centre = camera_from_part @ part.scene.mesh.vertices.mean(axis=0)
+        self._pose, self._camera, self._centre, self._reach = camera_from_part, camera, centre, reach_px
+        dense = sample_lines(lines, camera, step_px=1.0, reach_px=CLEAR)
+        self._q, self._normal, self._rows, self._run = self._motion(dense)
+        self._near = cKDTree(self._q)
+        own = self._motion(sample_lines(lines, camera, step_px=CELL_PX, reach_px=reach_px + CLEAR))
+        found = (self._cell(*(values[i] for values in own)) for i in range(len(own[0])))
+        self.cells = [cell for cell in found if cell is not None]
+
+    def _motion(self, samples: EdgeSamples) -> tuple[Array, Array, Array, Ids]:
+        at = project(samples, self._camera, self._pose)
+        p = self._pose @ samples.p
+        places = locate_bound.Samples(at.q, at.normal, p, samples.run, samples.chain)
+        return at.q, at.normal, locate_bound.motion(self._camera, places, self._centre), samples.run
+
+    def _cell(self, q: Array, normal: Array, row: Array, run: int) -> Cell | None:
+        """Return the cell there; None where it is at a corner, other lines cross it or there is no room for levels."""
+        at, rows, crossed = self._beside(q, normal, row, run)
+        low = max((c for c in crossed if c < 0), default=-np.inf) + CLEAR
+        high = min((c for c in crossed if c >= 0), default=np.inf) - CLEAR
+        inside = (at > low + CLEAR) & (at < high - CLEAR)
+        at, rows = at[inside], rows[inside]
+        if not (at == 0).any() or (np.diff(at) < CLEAR).any():
+            return None
+        d = np.arange(max(np.ceil(low), np.floor(at[0]) - self._reach), min(high, np.ceil(at[-1]) + self._reach) + 1)
+        ends = q + d[[0, -1], None] * normal
+        if d[0] > at[0] - CLEAR or d[-1] < at[-1] + CLEAR:
+            return None
+        if (ends < MARGIN).any() or (ends > np.array(self._camera.size) - 1 - MARGIN).any():
+            return None
+        return Cell(q, normal, d, at, rows, run)
+
+    def _beside(self, q: Array, normal: Array, row: Array, run: int) -> tuple[Array, Array, list[float]]:
+        """Return places and motions of the lines that run along through a cell, in order, and where others cross it."""
+        k = np.array(self._near.query_ball_point(q, self._reach + 2 * CLEAR))
+        away, along = (self._q[k] - q) @ normal, (self._q[k] - q) @ np.array([-normal[1], normal[0]])
+        k, away, along = (values[np.abs(along) <= 0.5 * CELL_PX + 0.6] for values in (k, away, along))
+        turn = self._normal[k] @ normal
+        lines, crossed = [(0.0, row)], []
+        for other in np.unique(self._run[k]):
+            some = np.flatnonzero(self._run[k] == other)
+            here = some[np.argmin(np.abs(along[some]))]
+            whole = abs(turn[here]) > PARALLEL and np.ptp(along[some]) > 0.75 * CELL_PX
+            if other == run and whole:
+                continue
+            if whole:
+                lines.append((float(away[here]), self._rows[k[here]] * np.sign(turn[here])))
+            else:
+                crossed += away[some].tolist()
+        lines.sort(key=lambda line: line[0])
+        return np.array([d for d, _ in lines]), np.array([r for _, r in lines]), crossed
+
+    def profiles(self, picture: Array) -> list[Array]:
+        """Return the brightness of the cells at their places, means along the lines."""
+        t = np.arange(CELL_PX) - (CELL_PX - 1) / 2
+        q = np.concatenate([c.q + c.d[:, None] * c.normal for c in self.cells])
+        normal = np.repeat([c.normal for c in self.cells], [len(c.d) for c in self.cells], axis=0)
+        along = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+        at = q[:, None] + t[:, None] * along[:, None]
+        values = map_coordinates(picture, (at[..., 1], at[..., 0]), order=3, mode="nearest").mean(axis=1)
+        return np.split(values, np.cumsum([len(c.d) for c in self.cells])[:-1])
+
+
+@dataclass(frozen=True)
+class LinearFit:
+    """A pose from profiles: the sum of weights @ profile over the cells, in the frame of locate_bound.motion."""
+
+    weights: list[Array]
+
+    @classmethod
+    def of(
+        cls, cells: Sequence[Cell], heights: Sequence[Array], optics: Optics, noise: float, hold: float
+    ) -> LinearFit:
+        """Return the generalised least-squares fit; a cell with K lines comes K times, so each counts 1 / K."""
+        information, weights = np.zeros((6, 6)), []
+        for cell, height in zip(cells, heights, strict=True):
+            levels, moves = optics.levels(cell), optics.moves(cell, height)
+            solved = np.linalg.solve(optics.covariance(cell, noise, hold), np.column_stack([levels, moves]))
+            k = levels.shape[1]
+            free = solved[:, k:] - solved[:, :k] @ np.linalg.solve(levels.T @ solved[:, :k], levels.T @ solved[:, k:])
+            information += moves.T @ free / (k - 1)
+            weights.append(free.T / (k - 1))
+        return cls([np.linalg.solve(information, w) for w in weights])
+
+    def pose(self, profiles: Sequence[Array]) -> Array:
+        """Return the shift (3,) in mm and the turn (3,) in rad that profiles show."""
+        return np.asarray(sum(w @ y for w, y in zip(self.weights, profiles, strict=True)))
+
+
+def heights_of(cells: Sequence[Cell], profiles: Sequence[Array], optics: Optics) -> list[Array]:
+    """Return the contrast of each line in each cell: medians over the cells beside it with as many lines."""
+    own = []
+    for cell, y in zip(cells, profiles, strict=True):
+        levels = optics.levels(cell)
+        solved = np.linalg.solve(optics.covariance(cell, FORESEEN, 1.0), levels)
+        own.append(np.linalg.solve(levels.T @ solved, solved.T @ y)[1:])
+    kinds = [(cell.run, len(cell.at)) for cell in cells]
+    beside = [range(max(i - ALIKE, 0), min(i + ALIKE + 1, len(own))) for i in range(len(own))]
+    return [np.median([own[j] for j in beside[i] if kinds[j] == kinds[i]], axis=0) for i in range(len(own))]
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A photo without noise, its cells, what they show of it, and of pictures of noise of sd 1."""
+
+    gray: Picture
+    cells: list[Cell]
+    profiles: list[Array]
+    noises: list[list[Array]]
+
+
+class Frontier:
+    """All photos of a set, in cells of one reach."""
+
+    def __init__(self, photos: PhotoSet, optics: Optics, reach_px: int, *, seed: int = 1) -> None:
+        self._photos, self._optics = photos, optics
+        rng = np.random.default_rng(seed)
+        self._shots = {}
+        for frame, truth in photos.truth.items():
+            drawing, gray = Drawing(photos.part, photos.camera, truth, reach_px), photos.gray(0, frame)
+            noises = [drawing.profiles(rng.normal(size=gray.shape)) for _ in range(DRAWS)]
+            seen = drawing.profiles(np.asarray(gray, np.float64))
+            self._shots[frame] = Shot(gray, drawing.cells, seen, noises)
+
+    @cached_property
+    def _heights(self) -> dict[int, list[Array]]:
+        return {k: heights_of(shot.cells, shot.profiles, self._optics) for k, shot in self._shots.items()}
+
+    def at(self, noise: float, hold: float) -> tuple[Array, Array]:
+        """Return scatter over the bound (3,), rms over photos, and the errors (F, 3) mm of photos without noise."""
+        ratios, errors = [], []
+        for frame, shot in self._shots.items():
+            fit = LinearFit.of(shot.cells, self._heights[frame], self._optics, noise, hold)
+            errors.append(fit.pose(shot.profiles)[:3])
+            by_noise = noise * np.array([fit.pose(y)[:3] for y in shot.noises])
+            told = locate_bound.information(
+                shot.gray, self._photos.part, self._photos.camera, self._photos.truth[frame], noise
+            )
+            ratios.append((by_noise**2).mean(axis=0) / locate_bound.bound(told)[:3] ** 2)
+        return np.sqrt(np.mean(ratios, axis=0)), np.array(errors)
+
+
+def report(photos: PhotoSet) -> Iterator[str]:
+    """Yield a table by reach, noise and hold."""
+    ground, blur = ground_of(photos, sorted(photos.truth))
+    yield "| reach | noise | hold | scatter over the bound x, y, z | error without noise x, y, z: rms, mm | mean, mm |"
+    yield "|---|---|---|---|---|---|"
+    for reach in REACHES:
+        frontier = Frontier(photos, Optics(blur, ground), reach)
+        for noise in (n for n in photos.noises if n):
+            for hold in HOLDS:
+                ratio, errors = frontier.at(noise / 255, hold)
+                columns = (_row(ratio, 2), _row(np.sqrt((errors**2).mean(axis=0)), 3), _row(errors.mean(axis=0), 3))
+                yield f"| {reach} px | {noise} | {hold:g} | " + " | ".join(columns) + " |"
+
+
+def _row(values: Array, digits: int) -> str:
+    return ", ".join(f"{v:.{digits}f}" for v in values)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scene", type=Path, help="folder of a scene with exact poses")
+    for line in report(PhotoSet(parser.parse_args().scene)):
+        print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()
