@@ -1,10 +1,11 @@
 """Are parts in real videos followed to the end, how near to the reference, how steady, how alike from two cameras.
 
-    python benchmarks/video.py ../shared/data [--overlays FOLDER] > docs/benchmarks/video.md
+    python benchmarks/video.py ../shared/data [--overlays FOLDER]
 
-The videos are ViSP's cube and tea box (every second, every fourth frame of the films are in the sets), M3T's wooden
-triangle two photos. Each is tracked from the first reference pose and from none. The models have no texture: a cube
-looks the same from 24 sides, a box from 4, and without a start a pose counts as the nearest of these.
+prints the sections of docs/benchmarks/video.md. The videos are ViSP's cube and tea box (every second, every fourth
+frame of the films are in the sets), M3T's wooden triangle two photos. Each is tracked from the first reference pose and
+from none. The models have no texture: a cube looks the same from 24 sides, a box from 4, and without a start a pose
+counts as the nearest of these.
 """
 
 from __future__ import annotations
@@ -35,54 +36,66 @@ from video_sets import Clip, box_symmetries, clips, frames_of, part_of, triangle
 LIMITS = {"cube": (2.0, 1.0)}
 LIMIT = (4.0, 2.0)  # tea box: its sides bulge, left and right reference poses differ by 2.5 mm and 1.1 deg
 _AGREEMENT = """\
-Agreement: distance of the part's centre, and angle, from the reference (ViSP's pose polished by an edge fit); within:
-share of frames inside the limit. Poses of single frames, by edges and by print that was learned in frames before; below
-each the filtered ones, by all frames so far. "edges" is the same without print (`--no-print`).
+## Agreement with the reference
+
+Distance of the part's centre, and angle, from the reference (ViSP's pose polished by an edge fit); *within*: share of
+frames inside the limit. First the poses of single frames, by edges and by print learned in earlier frames; in the row
+below the filtered ones, by all frames so far. *edges*: the same without print (`--no-print`). CPU ms: a frame.
 
 | video | start | frames | found | ways | mm median / p90 / max | deg median / p90 / max | within | CPU ms |
 |---|---|---|---|---|---|---|---|---|"""
 _REFERENCES = """
-The same between the two references: ViSP's own pose against that polished by an edge fit.
+How well the references agree with each other, ViSP's own pose against that polished by an edge fit:
 
 | video | mm median / p90 / max | deg median / p90 / max | within |
 |---|---|---|---|"""
 _STRAIGHTENED = """
-Whose error is it? The reference straightened by print: moved, each frame as little as possible, to where the print of
-frames 1 to 12 apart agrees (`straightened` in benchmarks/video_print.py; it uses no edge and none of our poses). Errors
-of single frames go by that, those that all frames share remain. From it:
+## Whose error is it?
+
+The straightened reference: each frame's reference pose is moved, as little as possible, to where the print of frames 1
+to 12 apart agrees (`straightened` in benchmarks/video_print.py; it uses no edges and none of our poses). That removes
+the reference's errors of single frames and leaves those that all frames share. Distances from it:
 
 | video | poses | mm median / p90 / max | deg median / p90 / max | within |
 |---|---|---|---|---|"""
 _FAR = """
-The frames in which ours are beyond the limit from the reference, and how far all are from the straightened one there.
+The frames in which ours are beyond the limit from the reference, and how far each is from the straightened one there:
 
 | video | frame | ours from reference | ours from straightened | edges from straightened | reference from straightened |
 |---|---|---|---|---|---|"""
 _PRINT = """
-Which pose does the print on the part follow: the motion from one frame to another that makes the print of both agree
-best (benchmarks/video_print.py), against what the poses say it is; it uses no edge of the part. Errors that are the
-same in both frames do not show. Every second frame begins a pair. Ours follow the same print and must do well here.
+## Motion from frame to frame, judged by print alone
+
+The motion that makes the print of two frames agree best (benchmarks/video_print.py, no edges), against the motion that
+the poses state. Errors that both frames share do not show. Every second frame begins a pair. Ours follow the same
+print, so they have to do well here; edges and references do not.
 
 | video | frames apart | poses | pairs | mm median / p90 | deg median / p90 |
 |---|---|---|---|---|---|"""
 _JITTER = """
-Jitter: the second difference of the part's centre from frame to frame, as the standard deviation of one position if
-nothing moved unevenly (rms of its length / sqrt(18)), mm. The hand's own motion is in it.
+## Jitter
+
+The second difference of the part's centre from frame to frame, stated as the standard deviation of a single position
+(rms of its length / sqrt(18)), mm. The hand's own uneven motion is in it.
 
 | video | ours | filtered | edges | reference | ViSP |
 |---|---|---|---|---|---|"""
 _STEREO = """
-Stereo: left and right tracked each by itself, both poses brought into the left camera by the published mount; how far
-they differ. ViSP tracked both together, so that its two poses are one. The right picture's border cuts the box off:
-there edges alone lose it in many frames, and what is left of its edges, which bulge, turns the reference's poses.
+## Left against right
+
+Left and right tracked each by itself, both poses brought into the left camera by the published mount: how far they
+differ. ViSP tracked both cameras together, so its two poses are one. The right picture's border cuts the box off; what
+is left of its bulging edges turns the poses of edges and reference.
 
 | poses | mm median / p90 / max | deg median / p90 / max |
 |---|---|---|"""
 _TRIANGLE = """
-m3t_triangle, partly hidden by a bottle: from the published pose (good to 1-3 px) and from none; lines: median distance
-of the model's lines from the photo's edges. So little of it is to be seen that its lines prove hardly more than any fit
-would; that it is green, and the cloth around it black and white, makes up for that. Without a start it is not found:
-lines of the cloth fit better than the few that are seen, but they run through corners of chequers and are not believed.
+## A wooden triangle, half hidden
+
+m3t_triangle, partly behind a bottle, from the published pose (good to 1 to 3 px) and from none. *lines*: median
+distance of the model's lines from the photo's edges. So few of its lines are visible that they prove hardly more than
+any fit would; its green on a black and white cloth makes up for that. Without a start it is not found: lines of the
+cloth fit better than the few of the part, but they run through corners of chequers and are not believed.
 
 | photo | start | found | quality | mm from published | deg | lines, px (published pose) | CPU ms |
 |---|---|---|---|---|---|---|---|"""
@@ -120,7 +133,7 @@ def main() -> None:
     arguments.add_argument("--only", default="cube,mono,left,right,left+right", help="which videos")
     given = arguments.parse_args()
     every = clips(given.data)
-    print(f"# Real videos\n\n{_paragraph(__doc__)}\n\n{_AGREEMENT}")
+    print(_AGREEMENT)
     runs: dict[str, Run] = {}
     edges: dict[str, Run] = {}
     for name in given.only.split(","):
@@ -339,12 +352,6 @@ def _spread(values: Array) -> str:
     if not len(values):
         return "none"
     return " / ".join(f"{v:.2f}" for v in (np.median(values), np.quantile(values, 0.9, method="higher"), values.max()))
-
-
-def _paragraph(text: str | None) -> str:
-    assert text is not None
-    head, _, last = text.strip().split("\n\n")
-    return f"{head}\n\n{last}"
 
 
 if __name__ == "__main__":
