@@ -68,14 +68,11 @@ def verification_page(found: Verification, photos: Sequence[Photo], origin: Orig
 
 def _head(found: Verification, origin: Origin) -> str:
     where = " · ".join(t for t in (origin.serial, origin.station, f"{origin.time:%Y-%m-%d %H:%M} UTC") if t)
+    why = escape(found.reason.replace("+-", "±"))
     return (
         f'<header style="background:{COLORS[found.verdict]}"><h1>{escape(origin.part)}</h1>'
-        f'<div class="verdict">{found.verdict.value}</div><p>{escape(_typeset(found.reason))}</p><p>{escape(where)}</p></header>'
+        f'<div class="verdict">{found.verdict.value}</div><p>{why}</p><p>{escape(where)}</p></header>'
     )
-
-
-def _typeset(text: str) -> str:
-    return text.replace("+-", "±")
 
 
 def _overlays(found: Verification, seen: Inspection, photos: Sequence[Photo]) -> str:
@@ -156,7 +153,7 @@ def _feature_cells(f: FeatureDeviation) -> list[str]:
     if f.displacement is None:
         return [*cells, "", "", "", ""]
     turn, U = np.degrees(f.turn), np.degrees(2 * f.turn_sigma)
-    turned = f"{turn:+.3f} ± {U:.3f} deg" if np.isfinite(U) else ""
+    turned = f"{round(float(turn), 3) + 0.0:+.3f} ± {U:.3f} deg" if np.isfinite(U) else ""
     size = f"{f.size:.3f} ± {2 * f.sigma:.3f} mm"
     return [*cells, size, vector(f.vector), turned, f"{f.p_value:.2g}"]
 

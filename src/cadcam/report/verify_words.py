@@ -100,7 +100,7 @@ def in_unit(j: Judgement) -> tuple[str, str, str]:
     limit = f"{scale * j.limit.value:.3g} {unit}"
     if not np.isfinite(j.deviation):
         return "", "", limit
-    return f"{scale * j.deviation:+.3f} {unit}", f"{scale * j.U:.3f}", limit
+    return f"{round(scale * j.deviation, 3) + 0.0:+.3f} {unit}", f"{scale * j.U:.3f}", limit
 
 
 def rule_words(found: Verification) -> str:
