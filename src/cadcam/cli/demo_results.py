@@ -52,7 +52,7 @@ def verdict_table(folder: Path, said: Sequence[Said]) -> Table:
 
     verdict = said[-1]
     p, sigma = _camera_in_part(folder)
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for axis, value, spread, true in zip("XYZ", p, sigma, CLOSE_POSE.origin, strict=True):
         rows.append((f"camera, {axis}", *_beside(value, spread, true), "mm", ""))
     rows += [_judged_row(j) for j in verdict["judgements"]]

@@ -16,7 +16,6 @@ from cadcam.locate.photo import Photo
 from cadcam.report.verify_words import vector
 from cadcam.verify.deviation import EdgeDeviation, FeatureDeviation, State
 from cadcam.verify.inspection import Inspection
-from cadcam.verify.judge import direction_words
 from cadcam.verify.tolerance import Quantity
 from cadcam.verify.verdict import Judgement
 from cadcam.whole import write_whole
@@ -150,8 +149,7 @@ def _label_text(f: FeatureDeviation, judgements: Sequence[Judgement]) -> str:
         return f"{f.name}: missing"
     for j in judgements:
         if j.feature == f.name and j.limit.quantity is Quantity.POSITION and np.isfinite(j.U):
-            along = "" if j.limit.direction is None else f" along {direction_words(j.limit.direction)}"
-            return f"{f.name}: {j.deviation:.2f} ± {j.U:.2f} mm{along}"
+            return f"{f.name}: {j.deviation:.2f} ± {j.U:.2f} mm"
     return f"{f.name}: {f.size:.2f} ± {2 * f.sigma:.2f} mm"
 
 
