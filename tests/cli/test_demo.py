@@ -127,6 +127,12 @@ def test_the_displaced_and_the_forgotten_part_fail_and_nothing_else_is_blamed(de
     assert all("why" in f for f in report["features"] if f["state"] == "unclear")
 
 
+def test_the_readme_says_what_the_demo_finds(demo: Path) -> None:
+    judged = json.loads((demo / "report.json").read_text())["judgements"][0]
+    found = f"bracket {judged['deviation_mm']:.1f} ± {judged['expanded_uncertainty_mm']:.1f} mm off"
+    assert found in (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
+
+
 def test_the_verdict_is_shown_beside_the_truth(said: str) -> None:
     table = said.partition("3. The block")[2]
     line = next(row for row in table.splitlines() if row.strip().startswith("bracket, along y"))
@@ -199,3 +205,14 @@ def test_a_folder_that_cannot_be_made_is_exit_2(tmp_path: Path, capsys: pytest.C
     ran = Ran(code, *capsys.readouterr())
     assert ran.code == 2
     assert "name another folder" in ran.err
+
+
+def test_a_folder_that_may_not_be_written_to_is_exit_2_before_any_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("cadcam.cli.demo.os.access", lambda *_: False)  # whoever runs the tests may be root
+    code = main(["demo", str(tmp_path)])
+    ran = Ran(code, *capsys.readouterr())
+    assert ran.code == 2
+    assert "read-only" in ran.err
+    assert not list(tmp_path.iterdir())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import io
 import json
+import os
 import shlex
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
@@ -103,6 +104,8 @@ def _make(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UnwritableFile(folder, error.strerror or str(error), "name another folder") from error
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise UnwritableFile(folder, "it is read-only", "name another folder, or change its permissions")
 
 
 def _write_inputs(folder: Path) -> None:

@@ -24,7 +24,7 @@ SEEN = np.array([1800.0, 800.0, 300.0])  # about the middle of what it sees
 CLOSE_POSE = Rigid.look_at([900, -1100, 2300], SEEN)
 START = Rigid.look_at([800, -1000, 2300], [1900, 800, 300])  # where somebody thinks that it was held
 MARKS_POSE, MARK_SIGMA_PX = Rigid.look_at([420, 1250, 1600], [310, 200, 200]), 0.05
-LIGHT = Light((Lamp((0.35, -0.55, 1.0), 0.65, 4.0),), flash=0.75, ambient=0.25)  # under the roof, and at the camera
+LIGHT = Light((Lamp((0.35, -0.55, 1.0), 0.65, 2.0),), flash=0.75, ambient=0.25)  # under the roof, and at the camera
 SAMPLES = 8  # renderings that the photo is the mean of
 
 DISPLACED, DISPLACED_BY = "bracket 2.1 port", (0.0, 6.0, 0.0)

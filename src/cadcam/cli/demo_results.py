@@ -146,7 +146,8 @@ def _beside(value: float, sigma: float, true: float) -> tuple[str, str, str, str
     """Return value, sigma, truth and the error in sigmas, as text."""
     shown, spread = with_sigma(value, sigma)
     decimals = len(shown.partition(".")[2])
-    return shown, f"+- {spread}", f"{true:.{decimals}f}", f"{(value - true) / sigma:+.1f}"
+    shown = f"{round(value, decimals) + 0.0:.{decimals}f}"  # no -0.00
+    return shown, f"+- {spread}", f"{true:.{decimals}f}", f"{round((value - true) / sigma, 1) + 0.0:+.1f}"
 
 
 def _judged_row(judged: Said) -> tuple[str, ...]:
