@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from cadcam.camera.estimate import CameraEstimate
-from cadcam.report.table import Table, counted, with_sigma
+from cadcam.report.table import Table, with_sigma
 
 Said = dict[str, Any]
 
@@ -59,8 +59,9 @@ def verdict_table(folder: Path, said: Sequence[Said]) -> Table:
     moved, turned = start_off()
     notes = (
         f"found from a start {moved:.0f} mm and {turned:.1f} deg off; the limits are those of tolerances.yaml",
-        f"{verdict['reason']}; so that `cadcam verify` ends with exit code 1",
-        _others(verdict["features"]),
+        f"{verdict['reason']} (U = 2 sigma)",
+        *_others(verdict["features"]),
+        f"`cadcam verify` ends with exit code 1 for FAIL; all that it measured: {folder / 'report.html'}",
     )
     columns = ("", "measured", "sigma", "truth", "error/sigma", "unit", "verdict")
     title = f"3. The block as it was built, found in a photo and judged by its CAD: {verdict['verdict_in_full']}"
@@ -163,12 +164,13 @@ def _judged_row(judged: Said) -> tuple[str, ...]:
     return f"{name}, along y", *_beside(judged["deviation_mm"], sigma, true), "mm", said
 
 
-def _others(features: Sequence[Said]) -> str:
+def _others(features: Sequence[Said]) -> list[str]:
     """Return what became of the bodies that nothing is asked of, and which are all in place in truth."""
     others = [f for f in features if f["role"] != "judged" and f["state"] != "out of view"]
-    by_state: dict[str, list[Said]] = {}
-    for feature in others:
-        by_state.setdefault(feature["state"], []).append(feature)
-    said = [f"{len(by_state.pop('in place', []))} are in place"]
-    said += [f"{', '.join(f['name'] for f in of)} {state}" for state, of in by_state.items()]
-    return f"of {counted(len(others), 'other')} in view, all as drawn in truth, {'; '.join(said)}"
+    placed = sum(f["state"] == "in place" for f in others)
+    said = [f"of {len(others)} other bodies in view, all as drawn in truth, {placed} are found in place"]
+    return said + [f"{f['name']} is {f['state']}{_why(f)}" for f in others if f["state"] != "in place"]
+
+
+def _why(feature: Said) -> str:
+    return f" ({feature['why']})" if "why" in feature else ""
