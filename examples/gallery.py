@@ -24,9 +24,18 @@ def main(demo: Path, root: Path) -> None:
     cadcam.write_picture(data / "block_photo.jpg", cadcam.read_picture(demo / "photo.png"), quality=88)
     for name in ("bench", "overlay", "sum", "canny"):
         cadcam.write_picture(renders / f"{name}.jpg", cadcam.read_picture(demo / f"{name}.png"), quality=82)
+    verdict = photo_of((demo / "report.html").read_text(encoding="utf-8"))
+    (renders / "verdict.svg").write_text(verdict, encoding="utf-8")
     drawing(renders / "bracket.png", machined_bracket())
     for path in sorted([*data.iterdir(), *renders.iterdir()]):
         print(f"{path.relative_to(root)}: {path.stat().st_size // 1024} kB")
+
+
+def photo_of(report: str) -> str:
+    """Return the photo of a report, with the deviations of the part's edges, as a picture of its own."""
+    start = report.index('<svg class="photo"')
+    svg = report[start : report.index("</svg>", start) + len("</svg>")]
+    return svg.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
 
 
 def drawing(path: Path, mesh: cadcam.Mesh) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 import subprocess
 import sys
@@ -11,12 +12,27 @@ import numpy as np
 import pytest
 
 from cadcam.camera.estimate import CameraEstimate
+from cadcam.cli.demo_as_built import (
+    CLOSE_CAMERA,
+    CLOSE_POSE,
+    DISPLACED,
+    FORGOTTEN,
+    MARKS_POSE,
+    position_in_part,
+    true_position,
+)
 from cadcam.cli.demo_inputs import BENCH_UV, PRINTED, TRUE_CAMERA, TRUE_POSE
 from cadcam.cli.main import main
 from cadcam.files.camera import read_camera
+from cadcam.files.jsontext import parsed
+from cadcam.files.pose_estimate import pose_estimate_at
+from cadcam.files.text import read_text
+from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture
 
 from .job import Ran
+
+WITHIN = 4.0  # sigmas, beyond which a figure shown is not one of its covariance: one in 16 000
 
 
 @pytest.fixture(scope="module")
@@ -67,16 +83,101 @@ def test_the_true_camera_is_found_within_its_covariance(demo: Path) -> None:
     assert distance < 4 * len(free)  # expected: about 12 of 12 + 12/36 of them; four times as much is beyond 99.99 %
 
 
+def test_the_close_camera_is_the_one_that_saw_the_marks(demo: Path) -> None:
+    estimate = read_camera(demo / "close_camera.json").estimate
+    assert estimate is not None
+    truth = CameraEstimate(CLOSE_CAMERA, MARKS_POSE, estimate.observations, (), np.zeros_like(estimate.cofactor))
+    free = [estimate.parameters.index(name) for name in estimate.free]
+    error, C = (estimate.values - truth.values)[free], estimate.covariance[np.ix_(free, free)]
+    assert error @ np.linalg.solve(C, error) < 4 * len(free)
+
+
+def test_the_block_is_found_where_it_was_photographed(demo: Path) -> None:
+    pose = pose_estimate_at(parsed(read_text(demo / "pose.json")))
+    error = (pose.world_from_part.inv @ CLOSE_POSE).log()
+    assert np.abs(error / np.sqrt(np.diag(pose.covariance))).max() < WITHIN
+    p, sigma = position_in_part(pose.world_from_part, pose.covariance)
+    assert np.abs((p - CLOSE_POSE.origin) / sigma).max() < WITHIN
+
+
+def test_where_the_camera_stands_is_as_uncertain_as_poses_drawn_from_the_covariance_say(
+    rng: np.random.Generator,
+) -> None:
+    root = rng.normal(scale=1e-3, size=(6, 6)) * np.array([300.0] * 3 + [1.0] * 3)[:, None]
+    _, sigma = position_in_part(CLOSE_POSE, root @ root.T)
+    drawn = [(CLOSE_POSE @ Rigid.exp(root @ rng.normal(size=6))).inv.translation for _ in range(4000)]
+    np.testing.assert_allclose(np.std(drawn, axis=0), sigma, rtol=4 / np.sqrt(2 * 4000) + 0.01)
+
+
+def test_the_displaced_and_the_forgotten_part_fail_and_nothing_else_is_blamed(demo: Path) -> None:
+    report = json.loads((demo / "report.json").read_text())
+    assert report["verdict"] == "FAIL"
+    judged = {j["feature"]: j for j in report["judgements"]}
+    for name in ("bracket", "outer longitudinal"):
+        j = judged[name]
+        assert abs(j["deviation_mm"] - true_position(name)) < WITHIN * j["expanded_uncertainty_mm"] / j["k"]
+    assert [judged[n]["verdict"] for n in ("bracket", "outer longitudinal", "inner longitudinal")] == [
+        "FAIL",
+        "PASS",
+        "FAIL",
+    ]
+    states = {f["name"]: f["state"] for f in report["features"]}
+    assert (states.pop("bracket"), states.pop("inner longitudinal")) == ("displaced", "missing")
+    assert set(states.values()) <= {"in place", "unclear", "out of view"}
+    assert all("why" in f for f in report["features"] if f["state"] == "unclear")
+
+
+def test_the_readme_says_what_the_demo_finds(demo: Path) -> None:
+    judged = json.loads((demo / "report.json").read_text())["judgements"][0]
+    found = f"bracket {judged['deviation_mm']:.1f} ± {judged['expanded_uncertainty_mm']:.1f} mm off"
+    assert found in (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_verdict_is_shown_beside_the_truth(said: str) -> None:
+    table = said.partition("3. The block")[2]
+    line = next(row for row in table.splitlines() if row.strip().startswith("bracket, along y"))
+    assert "6.00" in line
+    assert "FAIL" in line
+    assert "inner longitudinal is missing" in table
+
+
+def test_the_report_shows_the_photo_and_needs_nothing_else(demo: Path) -> None:
+    page = (demo / "report.html").read_text()
+    assert "data:image/jpeg;base64," in page
+    assert "http" not in page
+    assert "inner longitudinal: missing" in page
+
+
 def test_its_commands_give_the_same_files_again(demo: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from cadcam.cli.demo import _commands
 
-    for command in _commands(demo)[1:3]:
+    commands = _commands(demo)
+    for command in (*commands[1:3], commands[8]):
         output = Path(command[command.index("-o") + 1])
         before = output.read_bytes()
         output.unlink()
         assert main(shlex.split(shlex.join(command))[1:]) == 0
         assert output.read_bytes() == before
+    before = (demo / "report.json").read_text()
+    assert main(shlex.split(shlex.join(commands[9]))[1:]) == 1
+    again, first = (json.loads(text) for text in ((demo / "report.json").read_text(), before))
+    assert again["judgements"] == first["judgements"]
     capsys.readouterr()
+
+
+def test_json_holds_all_that_was_found_and_what_is_true(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("cadcam.cli.demo_as_built.SAMPLES", 2)  # quicker: what it shows is tested above
+    assert main(["demo", str(tmp_path / "json"), "--json"]) == 0
+    told = capsys.readouterr()
+    document = json.loads(told.out)
+    assert told.err == ""
+    assert document["verified"]["verdict"] == "FAIL"
+    assert document["verified_truth"] == {"displaced": {DISPLACED: [0.0, 6.0, 0.0]}, "missing": [FORGOTTEN]}
+    assert document["located"]["found"] is True
+    assert {Path(file).name for file in document["files"]} == {path.name for path in (tmp_path / "json").iterdir()}
+    assert [c.split()[1] for c in document["commands"]][-3:] == ["calibrate", "locate", "verify"]
 
 
 def test_the_gallery_is_made_from_it(demo: Path, tmp_path: Path) -> None:
@@ -104,3 +205,14 @@ def test_a_folder_that_cannot_be_made_is_exit_2(tmp_path: Path, capsys: pytest.C
     ran = Ran(code, *capsys.readouterr())
     assert ran.code == 2
     assert "name another folder" in ran.err
+
+
+def test_a_folder_that_may_not_be_written_to_is_exit_2_before_any_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("cadcam.cli.demo.os.access", lambda *_: False)  # whoever runs the tests may be root
+    code = main(["demo", str(tmp_path)])
+    ran = Ran(code, *capsys.readouterr())
+    assert ran.code == 2
+    assert "read-only" in ran.err
+    assert not list(tmp_path.iterdir())

@@ -18,8 +18,9 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.native import core
 from cadcam.render import memory
 from cadcam.render.embree import Caster
+from cadcam.render.lens_tables import plane_points, subdivided
 from cadcam.render.occlusion import Occluders
-from cadcam.render.raster import RasterRenderer, plane_points, subdivided
+from cadcam.render.raster import RasterRenderer
 from cadcam.render.ray import RayRenderer
 from cadcam.render.view import Channel, Look, Scene
 

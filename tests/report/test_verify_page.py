@@ -22,7 +22,7 @@ from cadcam.record.export import read_records
 from cadcam.record.record import Source
 from cadcam.report.verify_json import Origin, verification_as_json
 from cadcam.report.verify_page import verification_page, write_verification_page
-from cadcam.verify.judge import Verification, verify
+from cadcam.verify.judge import Verification, direction_words, verify
 from cadcam.verify.tolerance import Feature, Limit, Quantity, Selection, Tolerances
 from cadcam.verify.verdict import Verdict
 
@@ -70,6 +70,21 @@ def test_a_feature_is_datum_or_judged_by_a_limit_or_only_compared(found: tuple[V
     assert {name: role for name, role in again.items() if name not in named} == {
         name: role for name, role in told.items() if name not in named
     }
+
+
+def test_what_fails_is_named_with_its_size_and_labelled_with_what_was_judged(found: tuple[Verification, Photo]) -> None:
+    j = found[0].judgements[0]
+    said = f"{j.deviation:.2f} +- {j.U:.2f} mm"
+    assert found[0].reason == f"rib <1> is {said} off its place, limit 0.5 mm"
+    page = verification_page(found[0], [found[1]], ORIGIN)
+    assert f"rib &lt;1&gt;: {said.replace('+-', '±')}" in page
+
+
+@pytest.mark.parametrize(
+    ("direction", "words"), [((0, 1, 0), "y"), ((0, 0, -1), "-z"), ((0.6, 0, 0.8), "(0.60, 0.00, 0.80)")]
+)
+def test_a_direction_along_an_axis_has_its_name(direction: tuple[float, ...], words: str) -> None:
+    assert direction_words(direction) == words
 
 
 def test_the_page_fetches_nothing_and_escapes_names(found: tuple[Verification, Photo]) -> None:

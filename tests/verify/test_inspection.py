@@ -12,7 +12,7 @@ from cadcam.cad.parts.shape import box
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.refine import refine
 from cadcam.verify.adjustment import Estimate
-from cadcam.verify.deviation import State
+from cadcam.verify.deviation import State, Unclear
 from cadcam.verify.inspection import Inspection, InspectionOptions, _believed, _state, inspect
 from cadcam.verify.measured import Displacement
 from cadcam.verify.presence import Presence
@@ -203,4 +203,6 @@ def test_one_line_alone_where_others_ought_to_show_does_not_tell_how_far_a_body_
         Presence(5, 2, 2.8): State.DISPLACED,
     }
     for presence, state in states.items():
-        assert _state(presence, moved, True, 8.0, near=True) is state, presence
+        told, why = _state(presence, moved, True, 8.0, near=True)
+        assert told is state, presence
+        assert why is (Unclear.ALONE if state is State.UNCLEAR else None)

@@ -75,7 +75,7 @@ def made_photo(block: Mesh, rng: np.random.Generator) -> Picture:
     """Return a grey picture of the block in a hall, as a camera with blur, vignetting and noise would take it."""
     from scipy.ndimage import gaussian_filter
 
-    scene = scene_without_edges(merge([block, *_hall()]))
+    scene = scene_without_edges(merge([block, *hall()]))
     look = Look(head=0.4, fill=0.6, back=0.0, ambient=0.25, fill_from=(-0.6, -0.7, -0.5), supersampling=2)
     light = open_renderer(scene).render(TRUE_CAMERA, TRUE_POSE, channels=Channel.IMAGE, look=look).gray
     falloff = 1 - 0.25 * np.sum(TRUE_CAMERA.normalised(TRUE_CAMERA.pixel_grid()) ** 2, axis=-1)
@@ -109,7 +109,7 @@ def _visible_corners(block: Mesh, wireframe: Wireframe) -> tuple[Array, Array]:
     return p[true][first], q[true][first]
 
 
-def _hall() -> list[Mesh]:
+def hall() -> list[Mesh]:
     """Return what stands around the block and is not in its CAD model."""
     floor = _slab((-9000, -9000, -150), (13000, 12000, -120), "floor", (0.72, 0.71, 0.68))
     wall = _slab((-4200, -9000, -120), (-4000, 12000, 9000), "wall", (0.66, 0.69, 0.71))

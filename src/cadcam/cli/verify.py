@@ -196,6 +196,7 @@ def _origin(arguments: argparse.Namespace, shots: Shots) -> Origin:
     from pathlib import Path
 
     from cadcam.record.record import Source
+    from cadcam.report.camera import camera_words
     from cadcam.report.verify_json import Origin
 
     sources = [Source(*file) for file in shots.files]
@@ -204,7 +205,7 @@ def _origin(arguments: argparse.Namespace, shots: Shots) -> Origin:
         from cadcam.files.text import read_text
 
         sources.append(Source("tolerances", arguments.tolerances, read_text(arguments.tolerances).sha256))
-    cameras = tuple(f"{p.viewpoint.name}: {p.camera}" for p in shots.photos)
+    cameras = tuple(f"{p.viewpoint.name}: {camera_words(p.camera)}" for p in shots.photos)
     return Origin(Path(arguments.model).stem, tuple(sources), cameras, arguments.serial or "", arguments.station or "")
 
 

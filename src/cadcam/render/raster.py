@@ -24,15 +24,14 @@ from cadcam.camera.lens import Ideal
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.native.core import LONGEST, Frame, NativeLens, NativeScene, Request, Workers
+from cadcam.render.lens_tables import TABLE_BYTES, TABLES
 from cadcam.render.memory import Buffers, check_memory
 from cadcam.render.shade import unit
 from cadcam.render.view import PLAIN, Channel, Look, Scene, View
 
-_CACHED = 1 << 14  # pixels unprojected at a time
 _BAND = 1 << 17  # samples drawn at a time, of 8 bytes: they stay in the second-level cache
 _MANY = 1 << 18  # faces from which threads look for them together, and finer bands are worth what they draw twice
 _BYTES_A_PIXEL = {"image": 12, "coverage": 4, "depth": 4, "normal": 12, "part": 4, "face": 4, "rgb": 3}
-_LENS_BYTES = 48  # a pixel of the lens table: the points, their copies in tiles, the way back
 _OF_CHANNEL = {
     Channel.IMAGE: ("image", "coverage"),
     Channel.DEPTH: ("depth",),
@@ -121,7 +120,7 @@ class RasterRenderer:
         if max(camera.size) * n > LONGEST:
             raise BadValue("picture size times supersampling", f"{camera.size} x {n}", f"at most {LONGEST} px a side")
         pixels = camera.width * camera.height
-        table = 0 if isinstance(camera.lens, Ideal) else _LENS_BYTES * (1 + n * n * (n > 1))
+        table = 0 if isinstance(camera.lens, Ideal) else TABLE_BYTES * (1 + n * n * (n > 1))
         layers = sum(_BYTES_A_PIXEL[name] for name in _names(channels))
         what = f"a view of {camera.width} x {camera.height} px" + (f" with {n} x {n} samples a pixel" if n > 1 else "")
         check_memory(pixels * (layers * pictures + table), what)
@@ -176,44 +175,17 @@ class RasterRenderer:
         return request
 
     def _lens(self, camera: Camera, n: int) -> NativeLens:
-        """Return the table of a camera for n x n samples a pixel; those of the last camera are kept."""
+        """Return the table of a camera for n x n samples a pixel; this renderer keeps those of the last camera."""
         of_camera = (camera.size, camera.K.tobytes(), camera.lens)
         key = (*of_camera, n)
         if key not in self._lenses:
             self._lenses = {k: v for k, v in self._lenses.items() if k[:-1] == of_camera}
-            points = plane_points(camera)
-            self._lenses[key] = NativeLens(points if n == 1 else subdivided(points, n))
+            self._lenses[key] = TABLES.table(camera, n)
         return self._lenses[key]
 
 
 def _outside(box: Array, point: Array) -> bool:
     return bool(((point < box[0]) | (point > box[1])).any())
-
-
-def plane_points(camera: Camera) -> Array:
-    """Return the point (x/z, y/z) of the undistorted plane (H, W, 2) that each pixel centre looks at; NaN if none."""
-    points = np.full((camera.height, camera.width, 2), np.nan)
-    x = np.arange(camera.width, dtype=np.float64)
-    rows = max(1, _CACHED // camera.width)  # few at a time, to stay in the cache
-    for top in range(0, camera.height, rows):
-        y = np.arange(top, min(top + rows, camera.height), dtype=np.float64)
-        ray = camera.unproject(np.stack(np.meshgrid(x, y), axis=-1))
-        points[top : top + rows] = ray[..., :2] / np.where(ray[..., 2:] > 0, ray[..., 2:], np.nan)
-    return points
-
-
-def subdivided(points: Array, n: int) -> Array:
-    """Return plane points (nH, nW, 2) of n x n samples a pixel, extrapolated linearly from the centres' (H, W, 2).
-
-    Off by an eighth of the lens' second difference: below 2e-3 px for a strong lens on 320 px, less on more pixels.
-    """
-    height, width = points.shape[:2]
-    per_x = np.gradient(points, axis=1) if width > 1 else np.zeros_like(points)
-    per_y = np.gradient(points, axis=0) if height > 1 else np.zeros_like(points)
-    out = np.zeros((n * height, n * width, 2))
-    for j, i in np.ndindex(n, n):
-        out[j::n, i::n] = points + ((i + 0.5) / n - 0.5) * per_x + ((j + 0.5) / n - 0.5) * per_y
-    return out
 
 
 def _layers(channels: Channel) -> list[tuple[str, tuple[int, ...], type[np.generic]]]:

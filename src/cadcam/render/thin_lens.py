@@ -13,7 +13,7 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal, Lens
 from cadcam.camera.perspective import direction
 from cadcam.geometry.rigid import Rigid
-from cadcam.render.raster import plane_points
+from cadcam.render.lens_tables import plane_points
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -139,12 +139,23 @@ def _freedom(dof: int) -> str:
     return f"{dof} degree{'s' * (dof != 1)} of freedom"
 
 
+def camera_words(camera: Camera) -> str:
+    """Return size, internals (px) and lens of a camera, a line."""
+    (cx, cy), skew = camera.principal_point, f", skew {plain(camera.skew, 4)}" if camera.skew else ""
+    internals = f"fx {plain(camera.fx)}, fy {plain(camera.fy)}, cx {plain(cx)}, cy {plain(cy)}{skew} px"
+    return f"{camera.width} x {camera.height} px, {internals}, {_lens_words(camera)}"
+
+
+def _lens_words(camera: Camera) -> str:
+    coefficients = ", ".join(f"{k} {plain(v)}" for k, v in camera.lens.parameters.items() if v)
+    return f"lens {camera.lens.name}" + (f": {coefficients}" if coefficients else "")
+
+
 def camera_table(camera: Camera, *, sized: bool = True) -> Table:
     """Return K, and lens and size as notes; without `sized` the picture's size is not known."""
     picture = f"picture {camera.width} x {camera.height} px" if sized else "picture size not known"
     notes = [f"{picture}; pixel (0, 0) is the centre of the top-left one"]
-    coefficients = ", ".join(f"{k} {plain(v)}" for k, v in camera.lens.parameters.items() if v)
-    notes.append(f"lens {camera.lens.name}" + (f": {coefficients}" if coefficients else ""))
+    notes.append(_lens_words(camera))
     return Table("Camera matrix K, px", ("", "", ""), matrix_rows(camera.K), (), tuple(notes))
 
 

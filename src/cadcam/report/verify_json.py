@@ -119,6 +119,8 @@ def _feature(f: FeatureDeviation) -> dict[str, Any]:
         "log_likelihood_ratio_present": f.presence.log_ratio,
         "p_mm": or_nulls(f.p),
     }
+    if f.why is not None:
+        out["why"] = f.why.value
     if f.displacement is None:
         return out
     return out | {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import os
+from collections.abc import Sequence
 from html import escape
 
 import numpy as np
@@ -13,8 +14,10 @@ from cadcam.image.picture import encoded
 from cadcam.image.svg import hex_color
 from cadcam.locate.photo import Photo
 from cadcam.report.verify_words import vector
-from cadcam.verify.deviation import EdgeDeviation, State
+from cadcam.verify.deviation import EdgeDeviation, FeatureDeviation, State
 from cadcam.verify.inspection import Inspection
+from cadcam.verify.tolerance import Quantity
+from cadcam.verify.verdict import Judgement
 from cadcam.whole import write_whole
 
 # Okabe and Ito's hues: blue, pale grey, vermilion; told apart by people with any colour vision
@@ -42,16 +45,24 @@ def full_scale(seen: Inspection) -> float:
 
 
 def write_overlay_svg(
-    path: str | os.PathLike[str], photo: Photo, number: int, seen: Inspection, *, quality: int = 85
+    path: str | os.PathLike[str],
+    photo: Photo,
+    number: int,
+    seen: Inspection,
+    *,
+    judgements: Sequence[Judgement] = (),
+    quality: int = 85,
 ) -> None:
     """Write the <svg> as a picture of its own, whole or not at all."""
-    alone = overlay_svg(photo, number, seen, quality=quality).replace(
+    alone = overlay_svg(photo, number, seen, judgements=judgements, quality=quality).replace(
         "<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1
     )
     write_whole(path, alone.encode())
 
 
-def overlay_svg(photo: Photo, number: int, seen: Inspection, *, quality: int = 85) -> str:
+def overlay_svg(
+    photo: Photo, number: int, seen: Inspection, *, judgements: Sequence[Judgement] = (), quality: int = 85
+) -> str:
     """Return the <svg> of a photo: edges in the colours of their deviations, displaced and missing features marked."""
     width, height = photo.camera.size
     data = base64.b64encode(encoded(photo.gray, "JPEG", quality=quality)).decode()
@@ -63,7 +74,7 @@ def overlay_svg(photo: Photo, number: int, seen: Inspection, *, quality: int = 8
         if extra.photo == number:
             title = f"{extra.length_px:.0f} px that no edge explains, near {extra.near}"
             body.append(_dots(extra.q, EXTRA, title))
-    body += _marks(photo, number, seen, width)
+    body += _marks(photo, number, seen, width, judgements)
     alt = escape(f"photo {number + 1} with the deviations of the part's edges in colour")
     return (
         f'<svg class="photo" viewBox="0 0 {width} {height}" role="img" aria-label="{alt}">' + "".join(body) + "</svg>"
@@ -101,7 +112,7 @@ def _dots(q: Array, color: str, title: str) -> str:
     return f'<path d="{path}" stroke="{color}" stroke-width="3" stroke-linecap="round">{said}</path>'
 
 
-def _marks(photo: Photo, number: int, seen: Inspection, width: int) -> list[str]:
+def _marks(photo: Photo, number: int, seen: Inspection, width: int, judgements: Sequence[Judgement]) -> list[str]:
     """Return arrows of displaced features and labels of missing ones."""
     camera_from_part = photo.viewpoint.camera_from_world @ seen.pose.world_from_part
     shown = [f for f in seen.features if f.state in (State.DISPLACED, State.MISSING) and np.isfinite(f.p).all()]
@@ -113,23 +124,33 @@ def _marks(photo: Photo, number: int, seen: Inspection, width: int) -> list[str]
             moves.append((f, q[0], q[1] - q[0]))
     longest = max((float(np.hypot(*d)) for _, _, d in moves), default=0.0)
     times = max(_ARROW_SHARE * width / longest, 1.0) if longest > 0 else 1.0
-    out: list[str] = []
-    placed: list[Array] = []
+    out = [_arrow(q, times * d, width) for f, q, d in moves if f.state is State.DISPLACED]
+    labels, placed = [], list[Array]()
     for f, q, d in moves:
-        if f.state is State.DISPLACED:
-            out.append(_arrow(q, times * d, width))
-            text = f"{f.name}: {f.size:.2f} ± {2 * f.sigma:.2f} mm"
-        else:
-            text = f"{f.name}: missing"
         q = q.copy()
         while any(np.abs(q - other).max() < width / 26 for other in placed):
             q[1] += width / 26
         placed.append(q)
-        out.append(_label(q, text, width, leftwards=_leftwards(q, d, text, width)))
+        text = _label_text(f, judgements)
+        labels.append(_label(q, text, width, leftwards=_leftwards(q, d, text, width)))
     if longest > 0:
         scale = f"arrows: displacements x {times:.0f}"
-        out.append(_label(np.array([8.0, 0.97 * photo.camera.height]), scale, width, leftwards=False))
+        labels.append(_label(np.array([8.0, 0.97 * photo.camera.height]), scale, width, leftwards=False))
+    if labels:
+        size = _LABEL_SHARE * width
+        style = 'font-family="sans-serif" fill="#ffffff" stroke="#000000" paint-order="stroke"'
+        out.append(f'<g class="labels" font-size="{size:.0f}" {style}>{"".join(labels)}</g>')
     return out
+
+
+def _label_text(f: FeatureDeviation, judgements: Sequence[Judgement]) -> str:
+    """Return a feature's name with what was judged of its position, else with the displacement that the photo shows."""
+    if f.state is State.MISSING:
+        return f"{f.name}: missing"
+    for j in judgements:
+        if j.feature == f.name and j.limit.quantity is Quantity.POSITION and np.isfinite(j.U):
+            return f"{f.name}: {j.deviation:.2f} ± {j.U:.2f} mm"
+    return f"{f.name}: {f.size:.2f} ± {2 * f.sigma:.2f} mm"
 
 
 def _arrow(q: Array, d: Array, width: int) -> str:
@@ -149,7 +170,7 @@ def _arrow(q: Array, d: Array, width: int) -> str:
 
 def _leftwards(q: Array, d: Array, text: str, width: int) -> bool:
     """Return whether a label at q reaches to the left: away from its arrow, if there is room for it on that side."""
-    length = _APART + _LETTER * len(text) * _LABEL_SHARE * width
+    length = _label_length(text, width)
     fits_left, fits_right = q[0] > length, width - q[0] > length
     return bool(fits_left and (d[0] > 0 or not fits_right))
 
@@ -157,7 +178,10 @@ def _leftwards(q: Array, d: Array, text: str, width: int) -> bool:
 def _label(q: Array, text: str, width: int, *, leftwards: bool) -> str:
     size = _LABEL_SHARE * width
     anchor = ' text-anchor="end"' if leftwards else ""
-    x = q[0] + (-_APART if leftwards else _APART)
-    style = f'font-family="sans-serif" font-size="{size:.0f}" fill="#ffffff" stroke="#000000" '
-    style += f'stroke-width="{size / 5:.1f}" paint-order="stroke"'
-    return f'<text x="{x:.0f}" y="{q[1] - 0.4 * size:.0f}"{anchor} {style}>{escape(text)}</text>'
+    x = q[0] - _APART if leftwards else min(q[0] + _APART, max(width - _label_length(text, width), 0.0) + _APART)
+    place = f'x="{x:.0f}" y="{q[1] - 0.4 * size:.0f}"'
+    return f'<text {place}{anchor} stroke-width=".18em">{escape(text)}</text>'
+
+
+def _label_length(text: str, width: int) -> float:
+    return _APART + _LETTER * len(text) * _LABEL_SHARE * width

@@ -15,12 +15,12 @@ from cadcam.report.verify_json import Origin
 from cadcam.report.verify_overlay import EXTRA, MISSING, UNSEEN, deviation_color, full_scale, overlay_svg
 from cadcam.report.verify_plots import COLORS, edges_plot, shares_plot, stations_plot, tolerance_bar
 from cadcam.report.verify_words import (
-    UNCLEAR,
     assumptions,
     in_unit,
     role,
     rule_words,
     shares_in_words,
+    unclear_words,
     vector,
     weakest_direction,
 )
@@ -30,8 +30,10 @@ from cadcam.verify.judge import Verification
 from cadcam.verify.verdict import Judgement, Verdict
 from cadcam.whole import write_whole
 
+_HELD = "\u00a0"  # a space at which no line is broken
 _STYLE = """
-svg.photo{border-radius:6px;background:#000;margin:.5rem 0}svg.plot{max-width:540px}svg.bar{width:180px;height:26px}
+svg.photo{border-radius:6px;background:#000;margin:.5rem 0}
+@media(min-width:721px){svg.photo .labels text{font-size:.6em}}svg.plot{max-width:540px}svg.bar{width:180px;height:26px}
 td:last-child{overflow-wrap:anywhere}
 .legend i{width:22px;height:0;border-top:4px solid}
 .scale{display:inline-block;width:140px;height:12px;border:1px solid var(--line);vertical-align:middle;margin:0 6px}
@@ -51,7 +53,7 @@ def verification_page(found: Verification, photos: Sequence[Photo], origin: Orig
     parts = [_head(found, origin)]
     if seen is not None and seen.found:
         parts += [
-            _overlays(seen, photos),
+            _overlays(found, seen, photos),
             _judgements(found),
             _features(found, seen),
             _plots(found, seen),
@@ -66,13 +68,14 @@ def verification_page(found: Verification, photos: Sequence[Photo], origin: Orig
 
 def _head(found: Verification, origin: Origin) -> str:
     where = " · ".join(t for t in (origin.serial, origin.station, f"{origin.time:%Y-%m-%d %H:%M} UTC") if t)
+    why = escape(found.reason.replace("+-", "±"))
     return (
         f'<header style="background:{COLORS[found.verdict]}"><h1>{escape(origin.part)}</h1>'
-        f'<div class="verdict">{found.verdict.value}</div><p>{escape(found.reason)}</p><p>{escape(where)}</p></header>'
+        f'<div class="verdict">{found.verdict.value}</div><p>{why}</p><p>{escape(where)}</p></header>'
     )
 
 
-def _overlays(seen: Inspection, photos: Sequence[Photo]) -> str:
+def _overlays(found: Verification, seen: Inspection, photos: Sequence[Photo]) -> str:
     full = full_scale(seen)
     colors = ",".join(deviation_color(full * s, full) for s in (-1.0, -0.5, 0.0, 0.5, 1.0))
     keys = [
@@ -83,9 +86,10 @@ def _overlays(seen: Inspection, photos: Sequence[Photo]) -> str:
     if any(f.state is State.MISSING for f in seen.features):
         keys.append(_key(MISSING, "missing", "dashed"))
     if seen.extra:
-        keys.append(_key(EXTRA, "no edge of the model explains it", "dotted"))
+        keys.append(_key(EXTRA, "in the photo, but no edge of the CAD: shadows, dirt, what was added", "dotted"))
     views = "".join(
-        (f"<h3>{escape(photo.viewpoint.name)}</h3>" if len(photos) > 1 else "") + overlay_svg(photo, i, seen)
+        (f"<h3>{escape(photo.viewpoint.name)}</h3>" if len(photos) > 1 else "")
+        + overlay_svg(photo, i, seen, judgements=found.judgements)
         for i, photo in enumerate(photos)
     )
     note = "Hover over an edge, or touch it, for its deviation. The edges are drawn where the model has them."
@@ -108,10 +112,19 @@ def _judgements(found: Verification) -> str:
 
 def _cells(j: Judgement) -> list[str]:
     deviation, U, limit = in_unit(j)
-    said = f"± {U} (k {j.limit.k:.3g})" if U else ""
+    said = f"± {U} (k {j.limit.k:.3g})".replace(" ", _HELD) if U else ""
     tag = f'<span class="tag" style="color:{COLORS[j.verdict]}">{j.verdict.value}</span>'
     what = escape(j.limit.quantity.name.lower())
-    return [f"<b>{escape(j.feature)}</b>", what, deviation, said, limit, tolerance_bar(j), tag, escape(j.reason)]
+    return [
+        f"<b>{escape(j.feature)}</b>",
+        what,
+        deviation.replace(" ", _HELD),
+        said,
+        limit,
+        tolerance_bar(j),
+        tag,
+        escape(j.reason),
+    ]
 
 
 def _features(found: Verification, seen: Inspection) -> str:
@@ -123,8 +136,7 @@ def _features(found: Verification, seen: Inspection) -> str:
         "Displacement against a pose fitted to the datum without the feature, ± 2 sigma, part axes, as far as the "
         "photos show it. Chance: how probable such a displacement is of a feature in place."
     ]
-    if any(f.state is State.UNCLEAR for f in seen.features):
-        notes.append(f"{UNCLEAR.capitalize()}.")
+    notes += [f"U{text[1:]}." for text in unclear_words(seen)]
     if seen.left_out:
         notes.append(f"Left out of the datum, for they do not agree with the rest: {', '.join(seen.left_out)}.")
     hidden = [f.name for f in seen.features if f.state is State.OUT_OF_VIEW]
@@ -141,7 +153,7 @@ def _feature_cells(f: FeatureDeviation) -> list[str]:
     if f.displacement is None:
         return [*cells, "", "", "", ""]
     turn, U = np.degrees(f.turn), np.degrees(2 * f.turn_sigma)
-    turned = f"{turn:+.3f} ± {U:.3f} deg" if np.isfinite(U) else ""
+    turned = f"{round(float(turn), 3) + 0.0:+.3f} ± {U:.3f} deg" if np.isfinite(U) else ""
     size = f"{f.size:.3f} ± {2 * f.sigma:.3f} mm"
     return [*cells, size, vector(f.vector), turned, f"{f.p_value:.2g}"]
 

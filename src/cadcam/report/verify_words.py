@@ -6,7 +6,7 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.geometry.rotation import hat
-from cadcam.report.table import Table
+from cadcam.report.table import Table, counted
 from cadcam.verify.deviation import FeatureDeviation, State
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.judge import Verification
@@ -44,10 +44,13 @@ def judgement_table(found: Verification) -> Table:
     )
 
 
-UNCLEAR = (
-    "unclear: the edges seen do not tell where it is (they are parallel, faint or few, or feet), "
-    "or what they tell contradicts itself"
-)
+def unclear_words(seen: Inspection) -> list[str]:
+    """Return which features are unclear, and why: a line a reason."""
+    why: dict[str, list[str]] = {}
+    for f in seen.features:
+        if f.state is State.UNCLEAR and f.why is not None:
+            why.setdefault(f.why.value, []).append(f.name)
+    return [f"unclear, {', '.join(names)}: {reason}" for reason, names in why.items()]
 
 
 def role(found: Verification, feature: FeatureDeviation) -> str:
@@ -72,12 +75,14 @@ def feature_table(found: Verification, seen: Inspection) -> Table:
         "displacement against a pose fitted to the datum without the feature, +- 2 sigma, in the part's axes, as far "
         "as the photos show it"
     ]
-    if any(f.state is State.UNCLEAR for f in seen.features):
-        notes.append(UNCLEAR)
+    notes += unclear_words(seen)
     if seen.left_out:
         notes.append(f"left out of the datum, for they do not agree with the rest: {', '.join(seen.left_out)}")
     if seen.extra:
-        notes.append(f"{len(seen.extra)} curves of the photos inside the part that no edge of the model explains")
+        notes.append(
+            f"{counted(len(seen.extra), 'curve')} inside the part that no edge of the model explains: shadows, dirt, "
+            "or things that are not in the CAD"
+        )
     return Table(
         "Features in view",
         ("feature", "state", "edges seen", "displaced mm", "2 sigma", "vector mm", "role"),
@@ -95,7 +100,7 @@ def in_unit(j: Judgement) -> tuple[str, str, str]:
     limit = f"{scale * j.limit.value:.3g} {unit}"
     if not np.isfinite(j.deviation):
         return "", "", limit
-    return f"{scale * j.deviation:+.3f} {unit}", f"{scale * j.U:.3f}", limit
+    return f"{round(scale * j.deviation, 3) + 0.0:+.3f} {unit}", f"{scale * j.U:.3f}", limit
 
 
 def rule_words(found: Verification) -> str:

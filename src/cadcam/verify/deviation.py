@@ -22,6 +22,23 @@ class State(Enum):
     OUT_OF_VIEW = "out of view"
 
 
+class Unclear(Enum):
+    """Why the photos do not tell where a feature is, and what would."""
+
+    UNSEEN = "none of its edges that should show is seen: give more light, or light from another side"
+    SHORT_EDGES = "its edges in view are too short to tell whether it is there: go closer, or take another view"
+    DOUBTFUL = "too few of its edges that should show are seen to be sure that it is there: more light, or another view"
+    CROWDED = "its edges lie within a few pixels of other lines: go closer, or take another view"
+    FAINT = "its edges are too faint to be measured: give more light, or light from another side"
+    ALONE = "a single line shows beside its place, which may be something else's: take another view"
+    FOOT = "only the line on which it stands is measured, which need not move with it: take another view"
+    LITTLE = "what is measured of its edges is too short to tell where it is: go closer, or take another view"
+    POSE = "without it the pose is not known well enough: take more of the part into the picture"
+    CALIBRATION = "the camera's calibration is too uncertain to tell: calibrate it better"
+    CONTRADICTS = "what its edges tell contradicts itself: take another view"
+    FAR = "it seems to be farther from its place than was looked: look farther (--reach)"
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgeDeviation:
     """How far an edge lies from where the CAD has it, seen in one photo, the pose fitted without it.
@@ -58,7 +75,7 @@ class FeatureDeviation:
     nothing is said. size: its length in mm, sigma: the standard deviation along the worst of the directions seen.
     turn, turn_sigma: rad about the line of sight `axis` (3,); nan where the edges do not show it. p_value: how
     probable such a displacement is of a feature in place. datum: whether the pose was fitted to it too (not when this
-    was computed: its own edges are left out).
+    was computed: its own edges are left out). why: of an unclear one, the reason.
     """
 
     name: str
@@ -73,6 +90,7 @@ class FeatureDeviation:
     p: Array = field(default_factory=lambda: np.zeros(3))
     shift_px: float = 0.0
     datum: bool = False
+    why: Unclear | None = None
 
     @property
     def vector(self) -> Array:

@@ -16,13 +16,14 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.verify.alarms import AS_IN_PLACE, false_discoveries_below, surely_below, tail_probability
 from cadcam.verify.association import CAPTURE_PX
-from cadcam.verify.deviation import EdgeDeviation, Extra, FeatureDeviation, State
+from cadcam.verify.deviation import EdgeDeviation, Extra, FeatureDeviation, State, Unclear
 from cadcam.verify.extra import unexplained
 from cadcam.verify.look import DOUBTFUL, OF_DISPLACED, Case, Look, looked, looked_again, sure
 from cadcam.verify.measured import Displacement, Measured, told
 from cadcam.verify.presence import Presence
 from cadcam.verify.survey import Survey, surveyed
 from cadcam.verify.tolerance import Tolerances, whole_parts
+from cadcam.verify.unclear import why_doubtful, why_untold
 
 _SURVEYS, _REDRAW_PX = 3, 0.3  # while the datum moves lines by so much they are drawn again; so often at most
 _CONTRADICTS = 0.01  # probability below which a displacement is not that of a feature in place
@@ -173,27 +174,34 @@ def _features(
     alarms = surely_below(p_values, OF_DISPLACED * options.alarms)
     out = []
     for i in range(len(survey.names)):
-        state = _state(presence[i], moved[i], bool(alarms[i]), enough, near=_px(survey, i, moved[i]) <= CAPTURE_PX)
+        state, why = _state(presence[i], moved[i], bool(alarms[i]), enough, near=_px(survey, i, moved[i]) <= CAPTURE_PX)
         if state in (State.DISPLACED, State.IN_PLACE) and _beyond(survey, i, moved[i], options):
-            state = State.UNCLEAR
+            state, why = State.UNCLEAR, Unclear.FAR
+        if state is State.UNCLEAR and why is None:
+            why = why_untold(survey, measured, i, moved[i])
         said = moved[i] if state is State.DISPLACED else _believed(moved[i])
-        out.append(_feature(i, state, presence[i], said, measured, survey))
+        out.append(replace(_feature(i, state, presence[i], said, measured, survey), why=why))
     return tuple(out)
 
 
-def _state(presence: Presence, moved: Displacement | None, alarm: bool, enough: float, *, near: bool) -> State:
+def _state(
+    presence: Presence, moved: Displacement | None, alarm: bool, enough: float, *, near: bool
+) -> tuple[State, Unclear | None]:
+    """Return the state; of an unclear one also why, where that follows from what is asked here."""
     if presence.expected == 0 and moved is None:
-        return State.OUT_OF_VIEW
+        return State.OUT_OF_VIEW, None
     if presence.log_ratio <= -enough:
-        return State.MISSING
-    if moved is None or presence.log_ratio < (0.0 if alarm else DOUBTFUL):
-        return State.UNCLEAR  # what is measured may be something else
+        return State.MISSING, None
+    if presence.log_ratio < (0.0 if alarm else DOUBTFUL):  # what is measured may be something else
+        return State.UNCLEAR, why_doubtful(presence)
+    if moved is None:
+        return State.UNCLEAR, None
     alone = presence.seen < 2 and (not near or presence.expected > 2)
     if alarm and moved.edges < 2 and alone and presence.log_ratio < enough:
-        return State.UNCLEAR  # a single line there may be another one: others ought to show, or the body is far off
+        return State.UNCLEAR, Unclear.ALONE  # others ought to show, or the body is far off
     if not alarm and _believed(moved) is None:
-        return State.UNCLEAR  # what cannot be told is not in place either
-    return State.DISPLACED if alarm else State.IN_PLACE
+        return State.UNCLEAR, None  # what cannot be told is not in place either
+    return (State.DISPLACED if alarm else State.IN_PLACE), None
 
 
 def _believed(moved: Displacement | None) -> Displacement | None:

@@ -19,6 +19,8 @@ from cadcam.verify.tolerance import Feature, Limit, Quantity, Tolerances
 from cadcam.verify.verdict import Judgement, Verdict, decided, overall, towards
 
 _NAN = float("nan")
+_NAMED = 3  # features that fail, in the one line for people
+_AXIS = 1e-9  # of a direction that may be off an axis by rounding
 _DISAGREE = 9.0  # misfit from which edges do not tell one displacement
 
 
@@ -72,7 +74,7 @@ def _judgement(name: str, limit: Limit, found: FeatureDeviation, seen: Inspectio
     without = {
         State.MISSING: (Verdict.NOT_FOUND, "it is missing: nothing of it to measure"),
         State.OUT_OF_VIEW: (Verdict.UNDECIDED, "not in view"),
-        State.UNCLEAR: (Verdict.UNDECIDED, "its edges do not tell where it is"),
+        State.UNCLEAR: (Verdict.UNDECIDED, found.why.value if found.why else "its edges do not tell where it is"),
     }
     if found.state in without:
         verdict, reason = without[found.state]
@@ -87,7 +89,7 @@ def _presence(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection
         return Judgement(name, limit, _NAN, _NAN, Verdict.FAIL, f"missing: {said}")
     if p.log_ratio >= seen.passable:
         return Judgement(name, limit, _NAN, _NAN, Verdict.PASS, said)
-    why = "not in view" if p.expected == 0 else f"{said}: too few to be sure"
+    why = "not in view" if p.expected == 0 else f"{said}: too few to be sure that these are its own; take another view"
     return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, why)
 
 
@@ -121,7 +123,7 @@ def _along(name: str, limit: Limit, seen: Inspection) -> Judgement:
     if moved is None:
         return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, "the photos do not show this direction")
     value, sigma = float(moved.estimate.value[0]), float(np.sqrt(moved.estimate.covariance[0, 0]))
-    said = f"along {_vector(moved.basis[:, 0])}, none assumed across it"
+    said = f"along {direction_words(moved.basis[:, 0])}, none assumed across it"
     return Judgement(name, limit, value, sigma, decided(value, sigma, limit), said)
 
 
@@ -165,17 +167,30 @@ def together(k: float, n: int) -> float:
 def _why(verdict: Verdict, judgements: Sequence[Judgement]) -> str:
     if not judgements:
         return "no limits given: nothing was judged"
-    of = [j for j in judgements if j.verdict is verdict]
     if verdict is Verdict.PASS:
         return f"all {len(judgements)} limits are kept, uncertainty included"
-    if verdict is Verdict.UNDECIDED:
+    if verdict is Verdict.FAIL:
+        said = [_failed(j) for j in judgements if j.verdict is Verdict.FAIL]
+    else:
         of = [j for j in judgements if j.verdict in (Verdict.UNDECIDED, Verdict.NOT_FOUND)]
-    first = of[0]
-    more = f", and {len(of) - 1} more" if len(of) > 1 else ""
-    said = "is beyond its limit" if verdict is Verdict.FAIL else "cannot be decided"
-    if first.limit.quantity is Quantity.PRESENCE and verdict is Verdict.FAIL:
-        said = "fails"
-    return f"{first.feature}: {first.limit.quantity.name.lower()} {said}{more} ({first.reason})"
+        said = [f"{j.feature}: {j.limit.quantity.name.lower()} cannot be decided ({j.reason})" for j in of[:1]]
+        said += [""] * (len(of) - 1)
+    named = [text for text in said[:_NAMED] if text]
+    more = len(said) - len(named)
+    return "; ".join([*named, *([f"and {more} more"] if more else [])])
+
+
+def _failed(j: Judgement) -> str:
+    """Return in words what is wrong with a feature that failed."""
+    quantity, name = j.limit.quantity, j.feature
+    if quantity is Quantity.PRESENCE:
+        return f"{name} is missing"
+    if quantity is Quantity.ANGLE:
+        turn, U, limit = (np.degrees(x) for x in (j.deviation, j.U, j.limit.value))
+        return f"{name} is turned by {turn:.2f} +- {U:.2f} deg, limit {limit:.3g} deg"
+    what = "has a piece of edge" if quantity is Quantity.PROFILE else "is"
+    along = "" if j.limit.direction is None else f" along {direction_words(j.limit.direction)}"
+    return f"{name} {what} {j.deviation:.2f} +- {j.U:.2f} mm off its place{along}, limit {j.limit.value:.3g} mm"
 
 
 def _nothing(reason: str, tolerances: Tolerances, located: Location, seen: Inspection | None) -> Verification:
@@ -185,6 +200,15 @@ def _nothing(reason: str, tolerances: Tolerances, located: Location, seen: Inspe
         for limit in f.limits
     )
     return Verification(Verdict.NOT_FOUND, reason, judgements, seen, tolerances, located)
+
+
+def direction_words(v: Sequence[float] | np.typing.NDArray[np.float64]) -> str:
+    """Return a direction in the part's axes: the axis' name where it is one, else its components."""
+    d = np.asarray(v, np.float64)
+    axis = int(np.argmax(np.abs(d)))
+    if np.abs(d).sum() - abs(d[axis]) < _AXIS * abs(d[axis]):
+        return f"{'-' if d[axis] < 0 else ''}{'xyz'[axis]}"
+    return _vector(d)
 
 
 def _vector(v: np.typing.NDArray[np.float64]) -> str:

@@ -85,7 +85,8 @@ def _log_likelihood(drawn: Drawn, gray: Picture, where: Mask, light: Light, nois
     from scipy.ndimage import gaussian_filter
 
     normal, color, part = drawn.normal.reshape(-1, 3), drawn.color.ravel(), drawn.part.ravel()
-    _, first, at = np.unique([surfaces(normal, color), part], axis=1, return_index=True, return_inverse=True)
+    kind = surfaces(normal, color) * (int(part.max(initial=0)) + 2) + part  # of one surface and part, one number
+    _, first, at = np.unique(kind, return_index=True, return_inverse=True)
     tone, V = light.brightness(normal[first], color[first])
     nothing = color[first] < 0
     tone[nothing], V[nothing], V[:, nothing] = light.nothing, 0.0, 0.0

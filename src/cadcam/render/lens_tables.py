@@ -1,0 +1,83 @@
+"""Where each pixel of a distorting camera looks, made once for all renderers that draw what it sees.
+
+A table takes longer to make than a picture to draw. Who looks at many scenes with one camera, as verifying does, opens
+a renderer a scene; the tables used last are kept between them, as far as memory that nobody may miss goes.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.camera.camera import Camera
+from cadcam.camera.lens import Lens
+from cadcam.native.core import NativeLens
+
+TABLE_BYTES = 48  # a pixel of a table: the points, their copies in tiles, the way back
+KEPT_BYTES = 1 << 28  # of tables that are kept although no renderer may need them any more
+_CACHED = 1 << 14  # pixels unprojected at a time
+
+Key = tuple[tuple[int, int], bytes, Lens, int]
+
+
+class LensTables:
+    """The tables used last, of any cameras; together they take no more than `kept_bytes`."""
+
+    def __init__(self, kept_bytes: int = KEPT_BYTES) -> None:
+        self._kept_bytes = kept_bytes
+        self._tables: OrderedDict[Key, NativeLens] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def table(self, camera: Camera, n: int) -> NativeLens:
+        """Return the table of a camera for n x n samples a pixel."""
+        key = (camera.size, camera.K.tobytes(), camera.lens, n)
+        with self._lock:
+            if key in self._tables:
+                self._tables.move_to_end(key)
+                return self._tables[key]
+        points = plane_points(camera)
+        made = NativeLens(points if n == 1 else subdivided(points, n))
+        if type(camera.lens).__eq__ is object.__eq__:
+            return made  # no other lens is like it, so that nobody will ask again
+        with self._lock:
+            self._tables[key] = made
+            while sum(map(_bytes, self._tables)) > self._kept_bytes:
+                self._tables.popitem(last=False)
+        return made
+
+
+TABLES = LensTables()
+
+
+def plane_points(camera: Camera) -> Array:
+    """Return the point (x/z, y/z) of the undistorted plane (H, W, 2) that each pixel centre looks at; NaN if none."""
+    points = np.full((camera.height, camera.width, 2), np.nan)
+    x = np.arange(camera.width, dtype=np.float64)
+    rows = max(1, _CACHED // camera.width)  # few at a time, to stay in the cache
+    for top in range(0, camera.height, rows):
+        y = np.arange(top, min(top + rows, camera.height), dtype=np.float64)
+        ray = camera.unproject(np.stack(np.meshgrid(x, y), axis=-1))
+        points[top : top + rows] = ray[..., :2] / np.where(ray[..., 2:] > 0, ray[..., 2:], np.nan)
+    return points
+
+
+def subdivided(points: Array, n: int) -> Array:
+    """Return plane points (nH, nW, 2) of n x n samples a pixel, extrapolated linearly from the centres' (H, W, 2).
+
+    Off by an eighth of the lens' second difference: below 2e-3 px for a strong lens on 320 px, less on more pixels.
+    """
+    height, width = points.shape[:2]
+    per_x = np.gradient(points, axis=1) if width > 1 else np.zeros_like(points)
+    per_y = np.gradient(points, axis=0) if height > 1 else np.zeros_like(points)
+    out = np.zeros((n * height, n * width, 2))
+    for j, i in np.ndindex(n, n):
+        out[j::n, i::n] = points + ((i + 0.5) / n - 0.5) * per_x + ((j + 0.5) / n - 0.5) * per_y
+    return out
+
+
+def _bytes(key: Key) -> int:
+    (width, height), _, _, n = key
+    return TABLE_BYTES * width * height * n * n

@@ -1,0 +1,51 @@
+"""Why the photos do not tell where a feature is: a person is told what to change, not only that something is wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cadcam.verify.adjustment import CAUSES
+from cadcam.verify.deviation import Unclear
+from cadcam.verify.measured import Displacement, Measured
+from cadcam.verify.presence import Presence
+from cadcam.verify.survey import Survey
+
+_MOST = 0.5  # of the places, or of the variance, that a reason has to account for
+_OF_CAUSE = {"pose": Unclear.POSE, "calibration": Unclear.CALIBRATION}  # else its own edges do not tell
+
+
+def why_doubtful(presence: Presence) -> Unclear:
+    """Return why it is not sure that a feature is there at all."""
+    if presence.expected == 0:
+        return Unclear.SHORT_EDGES
+    return Unclear.UNSEEN if presence.seen == 0 else Unclear.DOUBTFUL
+
+
+def why_untold(survey: Survey, measured: Measured, number: int, moved: Displacement | None) -> Unclear:
+    """Return why a feature that is there has no place that could be told, or none that can be believed."""
+    rows = measured.members[number]
+    if not rows.any():
+        return _why_unmeasured(survey, number)
+    if measured.pose_without(rows) is None:
+        return Unclear.POSE
+    if moved is not None and moved.known:
+        return Unclear.CONTRADICTS
+    if (measured.mate[rows] >= 0).all():
+        return Unclear.FOOT
+    return Unclear.LITTLE if moved is None else _by_cause(moved)
+
+
+def _why_unmeasured(survey: Survey, number: int) -> Unclear:
+    seen = survey.rows(number) & survey.matched.support
+    if not seen.any():
+        return Unclear.UNSEEN
+    crowded = ~np.isfinite(survey.matched.step[seen])
+    return Unclear.CROWDED if crowded.mean() > _MOST else Unclear.FAINT
+
+
+def _by_cause(moved: Displacement) -> Unclear:
+    """Return what to improve where a displacement is not known well enough: what makes most of its variance."""
+    variances = {cause: float(np.trace(getattr(moved.estimate, cause))) for cause in CAUSES}
+    cause = max(variances, key=lambda c: variances[c])
+    enough = variances[cause] > _MOST * sum(variances.values())
+    return _OF_CAUSE.get(cause, Unclear.LITTLE) if enough else Unclear.LITTLE
