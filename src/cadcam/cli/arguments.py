@@ -199,9 +199,7 @@ def real(text: str) -> float:
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
     if value != 0 and not _SMALLEST <= abs(value) <= _LARGEST:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is out of range; give 0, or a number between 1e-12 and 1e9 in size"
-        )
+        raise argparse.ArgumentTypeError(f"{text!r} is out of range; give 0, or a number between 1e-12 and 1e9 in size")
     return value
 
 

@@ -81,7 +81,18 @@ def add_to(verbs: Verbs) -> None:
     )
     parser.add_argument("points", help="points file")
     add_estimate_options(parser)
-    group = parser.add_argument_group("study")
+    _add_study_options(parser.add_argument_group("study"))
+    where = parser.add_argument_group("uncertainty of projections").add_mutually_exclusive_group()
+    where.add_argument("--depth", type=real, metavar="MM", help="for points at this depth (default: the points' mean)")
+    where.add_argument("--plane", metavar="NX,NY,NZ,D", help="for points p on the plane NX X + NY Y + NZ Z = D, mm")
+    output = parser.add_argument_group("output")
+    output.add_argument("--plots", metavar="DIR", help="write figures there (extra: cadcam[plots])")
+    output.add_argument("--format", default="png", choices=("png", "svg", "pdf"), help="of the figures (default png)")
+    add_points_options(parser)
+    add_json(parser)
+
+
+def _add_study_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--draws", type=whole, default=2000, metavar="N", help="synthetic sets of Method A (default 2000; 0: none)"
     )
@@ -103,14 +114,6 @@ def add_to(verbs: Verbs) -> None:
     group.add_argument(
         "--unseen", action="store_true", help="with --alternate: keep poses that do not see the points (--method dlt*)"
     )
-    where = parser.add_argument_group("uncertainty of projections").add_mutually_exclusive_group()
-    where.add_argument("--depth", type=real, metavar="MM", help="for points at this depth (default: the points' mean)")
-    where.add_argument("--plane", metavar="NX,NY,NZ,D", help="for points p on the plane NX X + NY Y + NZ Z = D, mm")
-    output = parser.add_argument_group("output")
-    output.add_argument("--plots", metavar="DIR", help="write figures there (extra: cadcam[plots])")
-    output.add_argument("--format", default="png", choices=("png", "svg", "pdf"), help="of the figures (default png)")
-    add_points_options(parser)
-    add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> None:
