@@ -17,6 +17,8 @@ Mask: TypeAlias = npt.NDArray[np.bool_]
 Index: TypeAlias = npt.NDArray[np.integer[Any]] | Mask  # what selects from an array
 Floats: TypeAlias = npt.ArrayLike
 
+LARGEST = 1e30  # of a number in a file: float32 holds it, and the eighth power of it, as products of squares have, fits
+
 
 def frozen(
     values: npt.ArrayLike,

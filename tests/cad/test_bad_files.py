@@ -82,6 +82,8 @@ TEXT_CASES = [
     ("a.obj", TRIANGLE.replace(b"f 1 2 3", b"f 1 2 99999999999999999999"), "line 4"),
     ("a.obj", b"\0\1\2\3" * 50, "not OBJ text"),
     ("a.obj", TRIANGLE.replace(b"v 1 0 0", b"v 1e200 0 0"), "1e.200 mm"),
+    ("a.obj", TRIANGLE.replace(b"f 1 2 3", b"v 1e300 1 0\nf 1 2 4 3"), "1e.300 mm"),
+    ("a.obj", TRIANGLE.replace(b"f 1 2 3", b"v 1e999 1 0\nf 1 2 4 3"), "line 4: vertex 4 is .inf"),
     ("a.off", b"3 1 0\n", "begin with OFF"),
     ("a.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n", "claims 3 vertices and 1 faces but 2 lines"),
     ("a.off", b"OFF\n3 one 0\n", "line 2"),

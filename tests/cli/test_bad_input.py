@@ -177,6 +177,7 @@ CASES = [
         ("camera.json", "'size'", "did you mean 'size_px'"),
     ),
     Case("no output folder", (*RENDER[:-1], "no/out.png"), lambda j: None, ("no/out.png", "mkdir -p no")),
+    Case("output in a file", (*RENDER[:-1], "photo.png/out.png"), lambda j: None, ("photo.png/out.png", "is a file")),
     Case(
         "output is a folder", (*RENDER[:-1], "out.png"), lambda j: (j / "out.png").mkdir(), ("out.png", "is a folder")
     ),

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import cadcam
+from cadcam.cli import arguments
 from cadcam.cli import main as cli
 from cadcam.errors import BadValue
 
@@ -73,9 +74,46 @@ def test_a_wrong_command_line_is_exit_2(words: list[str], capsys: pytest.Capture
     assert said.count("\n") == 1
 
 
+def _numeric() -> list[tuple[str, str]]:
+    """Every option of every verb that takes one number, as (command, option)."""
+    found: list[tuple[str, str]] = []
+
+    def look(parser: argparse.ArgumentParser, words: tuple[str, ...]) -> None:
+        for action in parser._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                for name, below in action.choices.items():
+                    look(below, (*words, name))
+            elif action.type in NUMBERS and action.nargs is None:
+                found.append((" ".join(words), action.option_strings[-1]))
+
+    look(cli.parser(), ())
+    return found
+
+
+NUMBERS = (float, int, arguments.real, arguments.whole, arguments.seed)
+
+
+@pytest.mark.parametrize(("verb", "option"), _numeric())
+def test_a_number_that_none_can_mean_is_refused_by_every_option(
+    verb: str, option: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Squares of 1e300 overflow, not a number spreads, a billion billion threads never start."""
+    for value in ("nan", "inf", "-1e300", "1e300", "1e-300", "99999999999999999999", "a"):
+        with pytest.raises(SystemExit) as stopped:
+            cli.parser().parse_args([*verb.split(), f"{option}={value}"])
+        assert stopped.value.code == 2
+        assert f"argument {option}" in (said := capsys.readouterr().err)
+        assert f"'{value}' is " in said
+
+
 @pytest.mark.parametrize(
     ("raised", "code", "traced"),
-    [(BadValue("size", 0, "more"), 2, False), (KeyboardInterrupt(), 130, False), (ZeroDivisionError("oops"), 70, True)],
+    [
+        (BadValue("size", 0, "more"), 2, False),
+        (MemoryError("8 TiB"), 2, False),
+        (KeyboardInterrupt(), 130, False),
+        (ZeroDivisionError("oops"), 70, True),
+    ],
 )
 def test_exit_codes_tell_what_happened(
     raised: BaseException,

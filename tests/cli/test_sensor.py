@@ -72,7 +72,6 @@ def test_render_shows_what_the_sensor_makes_of_the_model(cadcam: Cadcam, job: Pa
         (("sensor", "apply", "phon", "photo.png", "-o", "a.png"), "did you mean 'phone'"),
         (("sensor", "apply", "phone", "none.png", "-o", "a.png"), "no such file"),
         (("sensor", "apply", "phone", "photo.png", "-o", "a.txt"), "suffix"),
-        (("sensor", "apply", "phone", "photo.png", "-o", "a.png", "--seed", "-1"), "--seed"),
         (("sensor", "apply", "phone", "photo.png", "-o", "a.png", "--linearise", "0"), "gamma"),
         (("render", "block.obj", "-o", "a.npy", "--channel", "depth", "--sensor", "phone"), "--sensor"),
         (("render", "block.obj", "-o", "a.png", "--transparent", "--sensor", "phone"), "--sensor"),

@@ -127,9 +127,8 @@ def test_without_matplotlib_the_extra_is_named_before_the_work(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--draws", "5"), "100 or more, or 0"),
-        (("--steps", "10"), "10000 or more, or 0"),
-        (("--seed", "-1"), "0 or a positive whole number"),
+        (("--draws", "5"), "100 to 10000000, or 0"),
+        (("--steps", "10"), "10000 to 10000000, or 0"),
         (("--sigma-mm", "0.1", "--steps", "20000"), "B has noise of pixels only"),
         (("--unseen",), "--alternate"),
         (("--alternate", "30"), "2 numbers"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cadcam.errors import UnreadableFile
@@ -27,6 +28,31 @@ def test_what_numbers_are_expected_is_said_in_words(shape: tuple[int | None, ...
     with pytest.raises(UnreadableFile) as refused:
         Place("f.json", ("a", "b"), value).array(shape)
     assert str(refused.value) == says
+
+
+@pytest.mark.parametrize("value", [1e31, [1.0, -1e300], [[1e308]]])
+def test_a_number_whose_powers_overflow_is_refused(value: object) -> None:
+    shape = tuple(None for _ in np.shape(value))
+    with pytest.raises(UnreadableFile, match=r"c.json: x is .*1e.30 in size"):
+        Place("c.json", ("x",), value).array(shape)
+
+
+@pytest.mark.parametrize(
+    "value", [[[-1.0]], [[1, 2], [2, 1]], [[1, 0.5], [0.4, 1]], [[0, 1], [1, 1]], [[1e-30, 2e-30], [2e-30, 1e-30]]]
+)
+def test_what_is_no_covariance_is_refused_whatever_its_unit(value: list) -> None:
+    with pytest.raises(UnreadableFile, match=r"c.json: x is no covariance"):
+        Place("c.json", ("x",), value).covariance()
+
+
+@pytest.mark.parametrize("scale", [1e-20, 1, 1e20])
+def test_a_covariance_without_full_rank_is_one(scale: float) -> None:
+    """Six numbers that three causes move, in units a million apart: rounding makes eigenvalues below zero."""
+    causes = np.random.default_rng(3).normal(size=(6, 3)) * np.array([1, 1, 1, 1e-6, 1e-6, 1e-6])[:, None]
+    value = (scale * causes @ causes.T).tolist()
+    assert np.linalg.eigvalsh(Place("c.json", ("x",), value).covariance(6))[0] < 1e-12 * scale
+    with pytest.raises(UnreadableFile, match="x has shape"):
+        Place("c.json", ("x",), value).covariance(5)
 
 
 def test_what_is_nested_too_deeply_is_refused_wherever_json_is_read(tmp_path: Path) -> None:

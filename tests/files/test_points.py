@@ -89,6 +89,7 @@ def test_a_file_without_header_takes_the_names_given(tmp_path: Path) -> None:
     [
         (GOOD.replace("20.25", "abc"), "line 3, column y_px is 'abc', not a number"),
         (GOOD.replace("20.25", "nan"), "line 3, column y_px is 'nan'; give a finite number"),
+        (GOOD.replace("20.25", "-1e300"), "line 3, column y_px is '-1e300'; give a finite number, at most 1e.30"),
         (GOOD.replace("20.25", ""), "line 3, column y_px is empty"),
         (GOOD.replace("20.25", "1e999"), "line 3, column y_px is '1e999'"),
         (GOOD.replace(",20.25", ""), "line 3 has 5 cells, the header 6"),

@@ -4,50 +4,18 @@
  * Coordinates of every magnitude, shared, repeated and collinear corners, cameras inside the model, lenses with holes,
  * pictures down to one pixel, every channel present or not. Beyond what the sanitizers see, each picture is drawn
  * twice, with one band and with several: both must be equal, and every id in range. Then direction fields of random
- * pictures, and edges with wild places over them: poses stay rotations, scores in range. Then steps along lines in and
- * out of a picture, regressions by groups, marks at any homography, points and edges before and behind what a view
- * shows, crossings of segments, and pictures and masks of every size made files. */
-#include <float.h>
+ * pictures, and edges with wild places over them: poses stay rotations, scores in range. Then what stands in
+ * fuzz_lines.c. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "crossing.h"
 #include "field.h"
-#include "grouped.h"
-#include "layers.h"
-#include "mark.h"
-#include "pack.h"
-#include "profile.h"
+#include "fuzz_chance.h"
 #include "raster.h"
-#include "seen.h"
 
-static uint64_t state;
-static void start(int scene) { state = 88172645463325252ull + (uint64_t)scene * 0x9E3779B97F4A7C15ull; }
-static uint64_t next(void) { /* xorshift64, Marsaglia 2003 */
-    state ^= state << 13, state ^= state >> 7, state ^= state << 17;
-    return state;
-}
-static int upto(int n) { return (int)(next() % (uint64_t)(n + 1)); }
-static double unit(void) { return (double)(next() >> 11) / 9007199254740992.0; }
-static double around(void) { return 2 * unit() - 1; }
-static double wild(void) {
-    static const double odd[] = {0, 1, -1, 1e-300, 1e300, -1e300, 1e-12, 64, 1e150};
-    return upto(9) ? around() * pow(10, upto(3)) : odd[upto(8)];
-}
-static float wild_weight(void) { return (float)fmin(fabs(wild()), FLT_MAX); } /* finite and >= 0: as the core asks */
-
-static void rotation(double R[9]) { /* from a random quaternion */
-    double q[4], s = 0;
-    for (int k = 0; k < 4; k++) q[k] = around(), s += q[k] * q[k];
-    for (int k = 0; k < 4; k++) q[k] /= sqrt(s);
-    double w = q[0], x = q[1], y = q[2], z = q[3];
-    double r[9] = {1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-                   2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-                   2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)};
-    memcpy(R, r, sizeof r);
-}
+void lines_and_files(void); /* fuzz_lines.c */
 
 typedef struct { float *image, *coverage, *depth, *normal; int32_t *part, *face; uint8_t *rgb; } picture;
 
@@ -157,8 +125,6 @@ static void one(int number) {
     free(vertices), free(faces), free(part), free(colors);
 }
 
-static float gray(int kind) { return kind == 0 ? 0.5f : kind == 1 ? (float)unit() : (float)upto(1); }
-
 static cc_field field_of(int width, int height) { /* every buffer exactly as large as it must be */
     const size_t n = (size_t)width * (size_t)height;
     float *picture = malloc(n * 4), *scratch = malloc(50 * ((size_t)width + 12) * 4), *moments = malloc(CC_SECTORS * 8);
@@ -248,202 +214,11 @@ static void edges(void) {
     free(eyes), free(places), free(first), free(count), free(shift), free(score), free(sure), free(poses), free(scores);
 }
 
-static double *doubles(int n, double scale) { /* a few of them wild, or no numbers */
-    double *a = malloc((size_t)n * 8 + 1);
-    for (int i = 0; i < n; i++) a[i] = upto(30) ? around() * scale : upto(1) ? wild() : NAN;
-    return a;
-}
-
-/* Profiles and steps at places in and out of a picture, and what lines are pulled and projected by. */
-static void along_lines(void) {
-    const int width = 1 + upto(60), height = 1 + upto(60), n = upto(40), most = 1 + upto(4), reach = upto(70);
-    float *pixels = malloc((size_t)(width * height) * 4);
-    for (int i = 0, kind = upto(2); i < width * height; i++) pixels[i] = gray(kind);
-    const cc_picture picture = {pixels, width, height};
-    double *q = doubles(2 * n, 70), *twins = doubles(4 * n, 8), *held = doubles(2 * n, 5);
-    double *normal = malloc((size_t)n * 16 + 1), *below = malloc((size_t)n * 8 + 1), *above = malloc((size_t)n * 8 + 1);
-    for (int i = 0; i < n; i++) {
-        const double angle = 7 * unit();
-        normal[2 * i] = cos(angle), normal[2 * i + 1] = sin(angle);
-        below[i] = 30 * unit(), above[i] = 30 * unit();
-        held[2 * i] = fabs(held[2 * i]), held[2 * i + 1] = fabs(held[2 * i + 1]);
-    }
-    double *offset = malloc((size_t)(n * most) * 8 + 1), *slope = malloc((size_t)(n * most) * 8 + 1);
-    cc_candidates(&picture, n, q, normal, 8 * unit(), reach, 0.002, most, offset, slope);
-    for (int i = 0; i < n * most; i++)
-        if (!(isnan(offset[i]) ? isnan(slope[i]) : fabs(offset[i]) <= reach + 1))
-            exit(fprintf(stderr, "offset %g\n", offset[i]));
-    double *sums = malloc((size_t)(n * CC_STEP_SUMS) * 8 + 1), *steps = malloc((size_t)(n * CC_STEP_TERMS) * 8 + 1);
-    cc_step_sums(&picture, n, q, normal, below, above, twins, 4 * unit(), 0.3 + 3 * unit(), 0.002, 0.998, sums);
-    cc_steps(n, sums, held, steps);
-    double K[9] = {100, 1, 30, 0, 90, 30, 0, 0, 1}, R[9], *p = doubles(3 * n, 9), *t = doubles(3 * n, 1), x[9];
-    double *row = malloc((size_t)n * 48 + 1), *mean = malloc((size_t)n * 16 + 1), *stiff = doubles(36, 1);
-    int32_t *run = malloc((size_t)n * 4 + 1);
-    for (int i = 0; i < n; i++) run[i] = i / 5;
-    rotation(R);
-    double lens[CC_LENS];
-    for (int i = 0; i < CC_LENS; i++) lens[i] = unit() - 0.5;
-    cc_camera_rows(n, K, upto(1) ? lens : NULL, upto(1) ? INFINITY : unit(), R, (double[3]){0, 0, 9}, p, t, q, normal,
-                   row);
-    cc_along_runs(n, 2, held, run, upto(12), mean);
-    for (int i = 0; i < 6; i++) x[i] = 0;
-    cc_pull(n, most, 6, row, offset, slope, upto(1) ? stiff : NULL, x, 1.0, 0.3, 1e-3, 2, x);
-    const int64_t lines = n ? 1 + upto(n - 1) : 0, tries = 1 + upto(3);
-    int64_t *first = malloc((size_t)lines * 8 + 1);
-    double *moved = doubles((int)tries * n, 20), *counts = malloc((size_t)tries * 8);
-    double *share = malloc((size_t)(tries * lines) * 8 + 1);
-    for (int64_t l = 0; l < lines; l++) first[l] = l;
-    cc_met(n, most, offset, slope, lines, first, tries, moved, 2.0, 0.4, 6.0, counts, share);
-    for (int64_t k = 0; k < tries * lines; k++)
-        if (!(share[k] >= 0 && share[k] <= 1)) exit(fprintf(stderr, "share %g\n", share[k]));
-    free(first), free(moved), free(counts), free(share);
-    free(pixels), free(q), free(normal), free(twins), free(held), free(below), free(above), free(offset), free(slope);
-    free(sums), free(steps), free(p), free(t), free(row), free(mean), free(stiff), free(run);
-}
-
-static void grouped(void) {
-    const int groups = 1 + upto(12), k = 1 + upto(upto(9) ? 5 : CC_UNKNOWNS - 1);
-    const int n = groups + upto(60), tried = 1 + upto(6);
-    double *y = doubles(n, 1), *J = doubles(n * k, 5), *w = malloc((size_t)n * 8), *of = malloc((size_t)groups * 24);
-    double *what = malloc((size_t)tried * 24), *x = malloc((size_t)k * 8), *C = malloc((size_t)(k * k) * 8);
-    double *p = malloc((size_t)tried * 8);
-    double *scratch = malloc((size_t)(groups * ((k + 1) * (k + 4) / 2 + 1) + tried * k * (k + 1)) * 8);
-    int64_t *group = malloc((size_t)n * 8);
-    for (int i = 0; i < n; i++) w[i] = unit(), group[i] = i * groups / n;
-    for (int i = 0; i < 3 * groups; i++) of[i] = upto(3) ? unit() : upto(1);
-    for (int i = 0; i < 3 * tried; i++) what[i] = unit();
-    const cc_grouped data = {.y = y, .J = J, .w = w, .group = group,
-                             .of_group = of, .free = of + groups, .expected = of + 2 * groups,
-                             .variance = what, .share = what + tried, .prior = what + 2 * tried,
-                             .n = n, .groups = groups, .k = k, .tried = tried};
-    cc_grouped_fit(&data, scratch, x, C, p);
-    free(y), free(J), free(w), free(of), free(what), free(x), free(C), free(p), free(scratch), free(group);
-}
-
-/* Marks of rings and sectors; their share of ink has no cause to leave [0, 1] but through wild homographies. */
-static void marks(void) {
-    const int radii = 1 + upto(5), rays = 1 + upto(7), sectors = 1 + upto(6), count = upto(3), pixels = upto(30);
-    const int terms = upto(1) ? 4 : 4 + upto(CC_MARK_TERMS - 4), width = upto(1) ? 2 : 8, slopes = upto(2) > 0;
-    const int loose = upto(3);
-    double *r = malloc((size_t)radii * 8), *ray = malloc((size_t)rays * 16), *span = malloc((size_t)sectors * 8);
-    int32_t *sector = malloc((size_t)sectors * 16);
-    for (int i = 0; i < radii; i++) r[i] = (i + unit()) * 4 + 0.1;
-    for (int i = 0; i < rays; i++) ray[2 * i] = cos(i + 0.3), ray[2 * i + 1] = sin(i + 0.3);
-    for (int i = 0; i < sectors; i++) {
-        const int whole = upto(1), from = upto(radii - 1), a = upto(rays - 1), b = upto(rays - 1);
-        sector[4 * i] = upto(1) ? -1 : from, sector[4 * i + 1] = from + upto(radii - 1 - from);
-        sector[4 * i + 2] = whole ? -1 : a, sector[4 * i + 3] = whole ? -1 : b;
-        span[i] = whole ? 2 * acos(-1.0) : fmod(b - a + 20 * acos(-1.0), 2 * acos(-1.0));
-    }
-    const cc_mark mark = {r, ray, sector, span, radii, sectors};
-    double *places = doubles(count * pixels * width, 30);
-    double *H = doubles(count * 9, 1), *dH = doubles(count * terms * 9, 1);
-    double *levels = doubles(count * 8, 1), *value = malloc((size_t)(count * pixels) * 8 + 1);
-    double *slope = malloc((size_t)(count * pixels) * (size_t)(terms + 5 + loose) * 8 + 1);
-    if (upto(1))
-        for (int i = 0; i < 9 * count; i++) H[i] = (i % 9 % 4 == 0) + 0.01 * around();
-    for (int i = 0; i < 2 * count; i++) /* more at rest than in motion, some by far more than their size */
-        if (upto(2)) levels[8 * (i / 2) + 6 + i % 2] = 0;
-    cc_mark_picture(&mark, count, pixels, width, places, H, terms, dH, levels, loose, value, slopes ? slope : NULL);
-    free(r), free(ray), free(span), free(sector), free(places);
-    free(H), free(dH), free(levels), free(value), free(slope);
-}
-
-static void seen(void) {
-    const int width = 1 + upto(40), height = 1 + upto(40), n = upto(50), planes = 1 + upto(5);
-    float *depth = malloc((size_t)(width * height) * 4), *normal = malloc((size_t)(width * height) * 12);
-    for (int i = 0; i < width * height; i++) depth[i] = upto(3) ? (float)(9 + unit()) : INFINITY;
-    for (int i = 0; i < 3 * width * height; i++) normal[i] = upto(5) ? (float)around() : upto(9) ? 0 : (float)wild();
-    double *p = doubles(3 * n, 20), *q = doubles(2 * n, 50), *ends = doubles(6 * n, 12);
-    int32_t *sides = malloc((size_t)n * 8 + 1), *chain = malloc((size_t)n * 4 + 1);
-    uint8_t *out = malloc((size_t)n + 1), *rule = malloc((size_t)n + 1), *front = malloc((size_t)planes);
-    for (int i = 0; i < n; i++) {
-        sides[2 * i] = upto(planes - 1), sides[2 * i + 1] = upto(planes - 1);
-        chain[i] = i / 5, rule[i] = (uint8_t)upto(2);
-        if (i && upto(1)) memcpy(ends + 6 * i, ends + 6 * i - 3, 24); /* head to tail */
-    }
-    for (int i = 0; i < planes; i++) front[i] = (uint8_t)upto(1);
-    const cc_sight sight = {depth, normal, 1 / 30.f, 1 / 30.f, 1e-3f, 0.1f, width, height};
-    cc_seen(&sight, n, p, q, out);
-    for (int i = 0; i < n; i++)
-        if (out[i] > 1) exit(fprintf(stderr, "seen is %d\n", out[i]));
-    cc_eye_point eye = {.K = {30, 1, width / 2., 0, 30, height / 2.}, .near = 1e-3};
-    double R[9];
-    rotation(R);
-    for (int i = 0; i < 12; i++) eye.pose[i] = i % 4 < 3 ? R[i / 4 * 3 + i % 4] : i == 11 ? 9 : 0;
-    const cc_edges edges = {ends, sides, chain, rule, n};
-    const int64_t room = upto(3) ? 50 * n : upto(9);
-    cc_lines lines = {malloc((size_t)room * 16 + 1), malloc((size_t)room * 24 + 1), malloc((size_t)room * 4 + 1),
-                      malloc((size_t)room * 4 + 1), room, 0, 0};
-    cc_seen_edges(&sight, &eye, &edges, front, 1, 1.5, upto(1) ? 2 * unit() : 0, &lines);
-    for (int64_t i = 0; i < lines.points && lines.points <= room; i++)
-        if (!(fabs(lines.q[2 * i]) < 100 && fabs(lines.q[2 * i + 1]) < 100))
-            exit(fprintf(stderr, "seen beyond the picture\n"));
-    for (int64_t i = 0; i < lines.lines && lines.lines <= room; i++)
-        if (lines.start[i] < (i ? lines.start[i - 1] + 2 : 0))
-            exit(fprintf(stderr, "a line of less than two points\n"));
-    free(depth), free(normal), free(p), free(q), free(ends);
-    free(sides), free(chain), free(out), free(rule), free(front);
-    free(lines.q), free(lines.p), free(lines.edge), free(lines.start);
-}
-
-/* Segments anywhere, upright and level ones on the grid's own lines among them. */
-static void crossing(void) {
-    const int n[2] = {upto(30), upto(30)}, even = upto(1), room = upto(200);
-    cc_flat flat[2];
-    double *ends[4], *w[2], *slack = malloc((size_t)n[1] * 8 + 1), *s = malloc((size_t)room * 8 + 1);
-    int64_t *line = malloc((size_t)room * 8 + 1);
-    for (int k = 0; k < 4; k++) {
-        ends[k] = doubles(2 * n[k / 2], 2);
-        for (int i = 0; even && i < 2 * n[k / 2]; i++) ends[k][i] = upto(8);
-    }
-    for (int k = 0; k < 2; k++) {
-        w[k] = malloc((size_t)n[k] * 16 + 1);
-        for (int i = 0; i < 2 * n[k]; i++) w[k][i] = upto(9) ? unit() : fabs(wild());
-        flat[k] = (cc_flat){ends[2 * k], ends[2 * k + 1], w[k], w[k] + n[k], n[k]};
-    }
-    for (int i = 0; i < n[1]; i++) slack[i] = upto(1) ? 1e-9 : unit();
-    const int64_t found = cc_crossings(&flat[0], &flat[1], slack, room, line, s);
-    for (int64_t i = 0; i < found && i < room; i++)
-        if (line[i] < 0 || line[i] >= n[0] || !(s[i] >= 0 && s[i] <= 1))
-            exit(fprintf(stderr, "crossing at %g\n", s[i]));
-    for (int k = 0; k < 4; k++) free(ends[k]);
-    free(w[0]), free(w[1]), free(slack), free(s), free(line);
-}
-
-/* Pictures of noise, of runs and of nothing, in and out of the room they need; masks, depths and normals as files
- * have them. */
-static void files(void) {
-    const int width = 1 + upto(70), height = 1 + upto(40), pixel = 1 + upto(3), kind = upto(3), n = width * height;
-    uint8_t *pixels = malloc((size_t)(n * pixel)), *mask = malloc((size_t)n), *packed;
-    for (int i = 0; i < n * pixel; i++)
-        if (kind == 3 || (kind == 2 && upto(9) == 0)) pixels[i] = (uint8_t)upto(255);
-        else pixels[i] = kind && i && upto(99) ? pixels[i - 1] : 0;
-    const int64_t enough = cc_pack_room(width * pixel, height), room = upto(1) ? enough : upto((int)enough);
-    packed = malloc((size_t)room + 1);
-    const int64_t written = cc_pack(pixels, width * pixel, height, pixel, packed, room);
-    if (written > room || (room == enough && written < 0)) exit(fprintf(stderr, "packed into %d\n", (int)written));
-    float *depth = malloc((size_t)n * 4), *normal = malloc((size_t)n * 12);
-    for (int i = 0; i < n; i++) mask[i] = (uint8_t)(upto(kind * 5) == 0);
-    for (int i = 0; i < n; i++) depth[i] = upto(2) ? INFINITY : upto(9) ? (float)(unit() * 9) : (float)wild();
-    for (int i = 0; i < 3 * n; i++) normal[i] = upto(20) ? (float)around() : upto(1) ? (float)wild() : NAN;
-    cc_pack_depth(depth, width, height, 0.001f, packed, room);
-    cc_pack_normals(depth, normal, width, height, packed, room);
-    const int some = upto(n);
-    int64_t found[5], *first = malloc(((size_t)width + 1) * 8), *at = malloc((size_t)some * 8 + 1), last = -1;
-    cc_mask_region(mask, width, height, found);
-    if (found[0] < 0 || found[0] > n || found[3] >= width || found[4] >= height) exit(fprintf(stderr, "no region\n"));
-    const int64_t changes = cc_mask_changes(mask, width, height, first, some, at);
-    for (int64_t i = 0; i < changes && changes <= some; last = at[i++])
-        if (at[i] <= last || at[i] >= n) exit(fprintf(stderr, "changes out of order\n"));
-    free(pixels), free(mask), free(packed), free(depth), free(normal), free(first), free(at);
-}
-
 int main(int argc, char **argv) {
     const int n = argc > 1 ? atoi(argv[1]) : 100, first = argc > 2 ? atoi(argv[2]) : 0;
     for (int i = first; i < first + n; i++) {
         start(i);
-        one(i), edges(), along_lines(), grouped(), marks(), seen(), crossing(), files();
+        one(i), edges(), lines_and_files();
     }
     printf("%d scenes drawn with %s\n", n, cc_variant());
     return 0;

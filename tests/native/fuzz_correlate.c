@@ -9,15 +9,7 @@
 #include <string.h>
 
 #include "correlate.h"
-
-static uint64_t state = 88172645463325252ull;
-static uint64_t next(void) { /* xorshift64, Marsaglia 2003 */
-    state ^= state << 13, state ^= state >> 7, state ^= state << 17;
-    return state;
-}
-static int upto(int n) { return (int)(next() % (uint64_t)(n + 1)); }
-static float unit(void) { return (float)(next() >> 40) / 16777216.0f; }
-static float around(void) { return 2 * unit() - 1; }
+#include "fuzz_chance.h"
 
 static void fail(const char *what, int i) {
     fprintf(stderr, "task %d: %s\n", i, what);
@@ -26,7 +18,7 @@ static void fail(const char *what, int i) {
 
 static float *filled(size_t n, int kind) { /* exactly as large as it must be */
     float *p = malloc(n * sizeof *p + !n);
-    for (size_t i = 0; i < n; i++) p[i] = kind == 0 ? 0.5f : kind == 1 ? unit() : (float)(i & 1);
+    for (size_t i = 0; i < n; i++) p[i] = kind == 0 ? 0.5f : kind == 1 ? (float)unit() : (float)(i & 1);
     return p;
 }
 
@@ -71,9 +63,9 @@ static void climb(int i, const cc_plane *plane) {
     float *u = filled((size_t)size, 1), *v = filled((size_t)size, 1), *value = filled((size_t)size, 1);
     float *slope = filled((size_t)(size * motions), 1);
     for (int k = 0; k < size; k++) {
-        u[k] = k < n ? 20 * around() : 0, v[k] = k < n ? 20 * around() : 0;
-        value[k] = k < n ? around() / sqrtf((float)n) : 0;
-        for (int m = 0; m < motions; m++) slope[m * size + k] = k < n ? around() : 0;
+        u[k] = k < n ? 20 * (float)around() : 0, v[k] = k < n ? 20 * (float)around() : 0;
+        value[k] = k < n ? (float)around() / sqrtf((float)n) : 0;
+        for (int m = 0; m < motions; m++) slope[m * size + k] = k < n ? (float)around() : 0;
     }
     double inverse[16], pose[20], score[5] = {0};
     for (int k = 0; k < 16; k++) inverse[k] = upto(4) ? around() : 1e12 * around();
@@ -89,15 +81,47 @@ static void climb(int i, const cc_plane *plane) {
     free(u), free(v), free(value), free(slope);
 }
 
+static int ascending(const void *a, const void *b) {
+    const float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+/* Spots: eight pixels at a time or one, the response is the second of its eight steps; the outline stays as it was. */
+static void spots(int i, const cc_plane *plane) {
+    const int w = plane->width, h = plane->height;
+    cc_spots s = {.plane = *plane, .reach = upto(6), .dark = upto(1), .level = 1e-3f + (float)unit()};
+    for (int d = 0; d < 8; d++) {
+        s.dx_in[d] = upto(2 * s.reach) - s.reach, s.dy_in[d] = upto(2 * s.reach) - s.reach;
+        s.dx_out[d] = upto(2 * s.reach) - s.reach, s.dy_out[d] = upto(2 * s.reach) - s.reach;
+    }
+    s.response = malloc((size_t)(w * h) * sizeof(float));
+    for (int k = 0; k < w * h; k++) s.response[k] = -7;
+    cc_find_spots(&s);
+    for (int y = 0; y < h; y++)
+        for (int x = 0; x < w; x++) {
+            const float *here = plane->pixels + y * w + x, response = s.response[y * w + x];
+            const int inner = x >= s.reach && x < w - s.reach && y >= s.reach && y < h - s.reach;
+            float step[8];
+            for (int d = 0; inner && d < 8; d++) {
+                const float in = here[s.dy_in[d] * w + s.dx_in[d]], out = here[s.dy_out[d] * w + s.dx_out[d]];
+                step[d] = (s.dark ? out - in : in - out) / fmaxf(out + in, s.level);
+            }
+            if (inner) qsort(step, 8, sizeof *step, ascending);
+            if (response != (inner ? step[1] : -7)) fail("a spot that is none", i);
+        }
+    free(s.response);
+}
+
 int main(int argc, char **argv) {
     const int tasks = argc > 1 ? atoi(argv[1]) : 100;
+    start(0);
     for (int i = 0; i < tasks; i++) {
         const int w = 1 + upto(upto(1) ? 70 : 4), h = 1 + upto(upto(1) ? 40 : 4), factor = 1 + upto(6);
         float *pixels = filled((size_t)(w * h), upto(2));
         const cc_plane plane = {pixels, w, h};
         float *small = malloc(sizeof(float) * (size_t)((w + factor - 1) / factor * ((h + factor - 1) / factor)));
         cc_shrink(&plane, factor, small);
-        search(i, &plane), climb(i, &plane);
+        search(i, &plane), climb(i, &plane), spots(i, &plane);
         free(pixels), free(small);
     }
     printf("%d scenes\n", tasks);

@@ -24,8 +24,8 @@ except MissingCore as error:
     pytest.skip(str(error), allow_module_level=True)
 
 SOURCES = Path(core.__file__).parent
-FUZZ = Path(__file__).with_name("fuzz.c")
-FUZZ_CORRELATE = Path(__file__).with_name("fuzz_correlate.c")
+FUZZ = ("fuzz.c", "fuzz_lines.c")
+FUZZ_CORRELATE = ("fuzz_correlate.c",)
 
 
 def test_instruction_sets_give_the_same_bits() -> None:
@@ -80,7 +80,7 @@ def test_a_missing_core_says_why_and_what_to_do(monkeypatch: pytest.MonkeyPatch,
         core.library.cache_clear()
 
 
-def fuzz(tmp_path: Path, scenes: int, vectors: str, harness: Path = FUZZ) -> None:
+def fuzz(tmp_path: Path, scenes: int, vectors: str, harness: tuple[str, ...] = FUZZ) -> None:
     """Build the core with AddressSanitizer and UBSan, and give it random and vicious tasks."""
     if vectors == "avx2" and core.choose_variant(-1) == "baseline":
         pytest.skip("this processor has the baseline only")
@@ -88,7 +88,7 @@ def fuzz(tmp_path: Path, scenes: int, vectors: str, harness: Path = FUZZ) -> Non
     if compiler is None:
         pytest.skip("no C compiler")
     program = tmp_path / "fuzz"
-    files = [*sorted(SOURCES.glob("*.c")), harness]
+    files = [*sorted(SOURCES.glob("*.c")), *(Path(__file__).with_name(name) for name in (*harness, "fuzz_chance.c"))]
     flags = ["-std=c11", "-g", "-O1", "-ffp-contract=off", "-fsanitize=address,undefined,float-cast-overflow"]
     flags += ["-fno-sanitize-recover=all", "-DCC_VARIANT=_baseline", "-DCC_BASELINE_ONLY", f"-I{SOURCES}"]
     flags += ["-mavx2", "-mfma"] if vectors == "avx2" else []

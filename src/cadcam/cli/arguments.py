@@ -18,6 +18,10 @@ Run: TypeAlias = Callable[[argparse.Namespace], "int | None"]
 
 _FULL = 90  # characters of a line that its sentence goes on behind: texts are written 120 wide
 
+# No length, angle, share or noise that is meant lies beyond these; squares of what does overflow, or divide by zero.
+_SMALLEST, _LARGEST = 1e-12, 1e9
+_LONGEST_SIDE_PX = 1_000_000
+
 
 class Parser(argparse.ArgumentParser):
     """A parser whose errors are one message, as those of the library are: the usage stands in the help.
@@ -121,7 +125,7 @@ def add_points_options(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--columns", type=names, metavar="A,B", help="the two image columns, where there are several")
     group.add_argument("--header", type=names, metavar="A,B,...", help="column names of a file without a header line")
-    group.add_argument("--sigma", type=float, metavar="PX", help="noise of one pixel coordinate, if it is known")
+    group.add_argument("--sigma", type=real, metavar="PX", help="noise of one pixel coordinate, if it is known")
 
 
 def read_points_as_asked(arguments: argparse.Namespace, path: str) -> Observations:
@@ -158,10 +162,12 @@ def check_in_picture(observations: Observations, size: tuple[int, int]) -> None:
 
 def size(text: str) -> tuple[int, int]:
     """Return (width, height) of a text such as 768x576."""
-    width, cross, height = text.lower().partition("x")
-    if cross and width.strip().isdigit() and height.strip().isdigit() and int(width) and int(height):
-        return int(width), int(height)
-    raise argparse.ArgumentTypeError(f"{text!r} is not a picture size; give WIDTHxHEIGHT in px, such as 768x576")
+    sides = [part.strip() for part in text.lower().split("x")]
+    if len(sides) == 2 and all(side.isdecimal() and 1 <= int(side) <= _LONGEST_SIDE_PX for side in sides):
+        return int(sides[0]), int(sides[1])
+    raise argparse.ArgumentTypeError(
+        f"{text!r} is not a picture size; give WIDTHxHEIGHT in px, such as 768x576, up to {_LONGEST_SIDE_PX} a side"
+    )
 
 
 def color(text: str) -> tuple[float, float, float]:
@@ -186,9 +192,41 @@ def names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
-def number(what: str, text: str) -> float:
-    """Return the number in a text; `BadValue` naming `what`."""
+def real(text: str) -> float:
+    """Return the number in a text: 0, or between 1e-12 and 1e9 in size."""
     try:
-        return float(text)
+        value = float(text)
     except ValueError:
-        raise BadValue(what, repr(text), "a number") from None
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+    if value != 0 and not _SMALLEST <= abs(value) <= _LARGEST:
+        raise argparse.ArgumentTypeError(f"{text!r} is out of range; give 0, or a number between 1e-12 and 1e9 in size")
+    return value
+
+
+def whole(text: str) -> int:
+    """Return the whole number in a text, up to 1e9 in size."""
+    return _whole(text, -int(_LARGEST), int(_LARGEST))
+
+
+def seed(text: str) -> int:
+    """Return the start of random numbers in a text: a whole number from 0 to 2^63 - 1."""
+    return _whole(text, 0, 2**63 - 1)
+
+
+def _whole(text: str, least: int, most: int) -> int:
+    try:
+        value = int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
+    if not least <= value <= most:
+        raise argparse.ArgumentTypeError(f"{text!r} is out of range; give a whole number from {least} to {most}")
+    return value
+
+
+def number(what: str, text: str) -> float:
+    """Return the number that is a part of an option's text, as `real`; `BadValue` naming `what`."""
+    try:
+        return real(text)
+    except argparse.ArgumentTypeError:
+        expected = "a number: 0, or between 1e-12 and 1e9 in size"
+        raise BadValue(what, repr(text), expected) from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cadcam.cli.arguments import (
     POINTS_OPTIONS,
@@ -26,6 +27,9 @@ from cadcam.cli.estimating import (
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
 from cadcam.errors import BadValue
 from cadcam.image.suffixes import READABLE
+
+if TYPE_CHECKING:
+    from cadcam.camera.joint_estimate import JointEstimate
 
 _EXAMPLES = f"""\
   cadcam calibrate points.csv --photo photo.png -o camera.json
@@ -107,9 +111,7 @@ def run(arguments: argparse.Namespace) -> None:
 def _run_jointly(arguments: argparse.Namespace) -> None:
     from cadcam.calibrate.joint import estimate_of, fit_jointly
     from cadcam.calibrate.nested import nested_advice
-    from cadcam.files.camera import write_camera
     from cadcam.files.joint import joint_as_json
-    from cadcam.files.poses import write_poses
     from cadcam.fit.robust import Loss
     from cadcam.report.joint import joint_tables
 
@@ -134,19 +136,29 @@ def _run_jointly(arguments: argparse.Namespace) -> None:
         )
         advice = None if arguments.no_advice or arguments.loss else nested_advice(fit)
     estimate = estimate_of(fit)
-    if arguments.output:
-        write_camera(arguments.output, estimate.view(0))
-    if arguments.poses:
-        write_poses(arguments.poses, {name: estimate.pose(j) for j, name in enumerate(estimate.names)})
+    written = _written(arguments, estimate)
     if arguments.json:
         told = {} if advice is None else {"advice": [q.verdict for q in advice.questions]}
         print_json(joint_as_json(estimate) | told)
     else:
         print_tables(joint_tables(estimate, advice))
+    for line in written:
+        say(line)
+
+
+def _written(arguments: argparse.Namespace, estimate: JointEstimate) -> list[str]:
+    """Write what -o and --poses ask for; return what was written, a line each."""
+    from cadcam.files.camera import write_camera
+    from cadcam.files.poses import write_poses
+
+    said = []
     if arguments.output:
-        say(f"wrote {arguments.output}: the camera with the joint covariance, posed as in {estimate.names[0]}")
+        write_camera(arguments.output, estimate.view(0))
+        said.append(f"wrote {arguments.output}: the camera with the joint covariance, posed as in {estimate.names[0]}")
     if arguments.poses:
-        say(f"wrote {arguments.poses}: {len(views)} poses")
+        write_poses(arguments.poses, {name: estimate.pose(j) for j, name in enumerate(estimate.names)})
+        said.append(f"wrote {arguments.poses}: {len(estimate.names)} poses")
+    return said
 
 
 def _run_alone(arguments: argparse.Namespace, path: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, names, size, verb
+from cadcam.cli.arguments import Verbs, add_json, names, real, size, verb
 from cadcam.cli.output import print_json, print_tables, say
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def add_to(verbs: Verbs) -> None:
     )
     parser.add_argument(
         "--pixel-um",
-        type=float,
+        type=real,
         metavar="UM",
         help="pixel pitch in um, for formats with a sensor (HALCON, Blender, USD)",
     )

@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, size, verb
+from cadcam.cli.arguments import Verbs, add_json, real, seed, size, verb, whole
 from cadcam.cli.models import add_model_options, load_as_asked, model_as_json
 from cadcam.cli.output import print_json, print_tables, progress, say, working
 
@@ -55,14 +55,14 @@ def add_to(verbs: Verbs) -> None:
     parser = verb(verbs, "dataset", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
     add_model_options(parser)
     parser.add_argument("-o", "--output", metavar="FOLDER", required=True, help="folder of the data set")
-    parser.add_argument("--views", type=int, metavar="N", help="how many (default 100, or one a pose)")
-    parser.add_argument("--seed", type=int, metavar="N", help="another seed, another data set (default 0)")
+    parser.add_argument("--views", type=whole, metavar="N", help="how many (default 100, or one a pose)")
+    parser.add_argument("--seed", type=seed, metavar="N", help="another seed, another data set (default 0)")
     parser.add_argument("--plan", metavar="FILE", help="plan file: YAML, see below")
     _add_seeing(parser.add_argument_group("camera and where it stands"))
     _add_looks(parser.add_argument_group("what it sees"))
     group = parser.add_argument_group("how it is made")
     group.add_argument("--split", default="train", metavar="NAME", help="BOP's name of the set (default train)")
-    group.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
+    group.add_argument("--workers", type=whole, metavar="N", help="processes (default: one a core)")
     group.add_argument("--cluster", metavar="ADDRESS", help="a Dask scheduler's address, in place of processes")
     add_json(parser)
 
@@ -71,20 +71,18 @@ def _add_seeing(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--camera", metavar="FILE", help="camera file, its lens too")
     group.add_argument("--size", type=size, metavar="WxH", help="without a camera: picture size (default 640x480)")
     group.add_argument(
-        "--view-angle-deg", type=float, metavar="DEG", help="without a camera: over the shorter side (default 40)"
+        "--view-angle-deg", type=real, metavar="DEG", help="without a camera: over the shorter side (default 40)"
     )
-    group.add_argument(
-        "--focal-jitter-percent", type=float, metavar="P", help="sigma of the focal length, view by view"
-    )
-    group.add_argument("--centre-jitter-px", type=float, metavar="PX", help="sigma of the principal point")
+    group.add_argument("--focal-jitter-percent", type=real, metavar="P", help="sigma of the focal length, view by view")
+    group.add_argument("--centre-jitter-px", type=real, metavar="PX", help="sigma of the principal point")
     group.add_argument("--from", dest="from_", metavar="V", help="from where the part is seen (below; default any)")
     group.add_argument("--up", type=numbers, metavar="X,Y,Z", help="what is up, in the part's axes (default 0,0,1)")
-    group.add_argument("--roll-deg", type=float, metavar="DEG", help="how far it may stand from upright (default 180)")
+    group.add_argument("--roll-deg", type=real, metavar="DEG", help="how far it may stand from upright (default 180)")
     group.add_argument(
         "--fill", type=span, metavar="A,B", help="part by picture's shorter side, to 2 (default 0.4,0.9)"
     )
     group.add_argument("--distance-mm", type=span, metavar="A,B", help="of the part's middle, in place of --fill")
-    group.add_argument("--off-centre", type=float, metavar="S", help="share of the shorter side (default 0.1)")
+    group.add_argument("--off-centre", type=real, metavar="S", help="share of the shorter side (default 0.1)")
     group.add_argument("--poses", metavar="FILE", help="camera_from_part of each view, as `cadcam render --poses`")
 
 
@@ -99,7 +97,7 @@ def _add_looks(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument("--occluder-size", type=span, metavar="A,B", help="by the part's diameter (default 0.1,0.3)")
     group.add_argument("--sensor", metavar="NAME", help="preset or sensor file, see `cadcam sensor` (default: ideal)")
-    group.add_argument("--samples", type=int, metavar="N", help="N x N rays a pixel (default 2)")
+    group.add_argument("--samples", type=whole, metavar="N", help="N x N rays a pixel (default 2)")
     group.add_argument("--gray", action="store_true", default=None, help="grey pictures")
     group.add_argument("--key-points", metavar="FILE", help="name, X, Y, Z of the points to label (default: corners)")
 
@@ -114,10 +112,7 @@ def span(text: str) -> list[float]:
 
 def numbers(text: str) -> list[float]:
     """Return the numbers in a text, separated by commas."""
-    try:
-        return [float(value) for value in text.split(",")]
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not numbers separated by commas") from None
+    return [real(value) for value in text.split(",")]
 
 
 def run(arguments: argparse.Namespace) -> None:

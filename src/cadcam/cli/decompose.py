@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, refuse, size, verb
+from cadcam.cli.arguments import Verbs, add_json, real, refuse, size, verb
 from cadcam.cli.output import print_json, print_tables
 from cadcam.errors import BadValue
 
@@ -41,8 +41,8 @@ def add_to(verbs: Verbs) -> None:
         "--rows", choices=("uv", "xy"), help="the matrix' rows: (U, V, 1) = (row, column, 1), or (x, y, 1)"
     )
     parser.add_argument("--size", type=size, metavar="WxH", help="picture size in px, for OpenGL's values of a matrix")
-    parser.add_argument("--near", type=float, default=10.0, metavar="MM", help="near plane, mm (default 10)")
-    parser.add_argument("--far", type=float, default=100_000.0, metavar="MM", help="far plane, mm (default 100000)")
+    parser.add_argument("--near", type=real, default=10.0, metavar="MM", help="near plane, mm (default 10)")
+    parser.add_argument("--far", type=real, default=100_000.0, metavar="MM", help="far plane, mm (default 100000)")
     add_json(parser)
 
 

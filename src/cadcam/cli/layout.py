@@ -6,7 +6,7 @@ import argparse
 import re
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, refuse, verb
+from cadcam.cli.arguments import Verbs, add_json, refuse, verb, whole
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say, working
 from cadcam.errors import BadValue
 
@@ -60,7 +60,7 @@ def add_to(verbs: Verbs) -> None:
     parser = verb(verbs, "layout", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
     parser.add_argument("scene", nargs="?", help="scene file (see below)")
     parser.add_argument(
-        "-k", type=int, metavar="N", help="cameras to choose beside the fixed ones (default: the scene's)"
+        "-k", type=whole, metavar="N", help="cameras to choose beside the fixed ones (default: the scene's)"
     )
     parser.add_argument(
         "--keep",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from cadcam.cli.arguments import Verbs, add_json, size, verb
+from cadcam.cli.arguments import Verbs, add_json, real, size, verb
 from cadcam.cli.output import check_target, print_json, print_tables, say
 from cadcam.errors import BadValue
 
@@ -32,13 +32,13 @@ def add_to(verbs: Verbs) -> None:
     parser.add_argument("--sensor", metavar="NAME", help="format (1/2), chip (IMX264) or size in mm (5.94x3.96)")
     parser.add_argument("--pixels", type=size, metavar="WxH", help="its columns and rows, where the name does not say")
     parser.add_argument("--effective", action="store_true", help="use nine tenths of its width and height only")
-    parser.add_argument("--focal", type=float, metavar="MM", help="focal length")
-    parser.add_argument("--distance", type=float, metavar="MM", help="from the lens to what is in focus")
-    parser.add_argument("--width", type=float, metavar="MM", help="width of what is seen there")
-    parser.add_argument("--mm-per-pixel", type=float, metavar="MM", help="in place of --width: a pixel on the object")
-    parser.add_argument("--f-number", type=float, metavar="N", help="focal length by diameter of the opening")
-    parser.add_argument("--image-circle", type=float, metavar="MM", help="the lens' picture: does it cover the sensor?")
-    parser.add_argument("--speed", type=float, metavar="MM/S", help="of the object, for the longest exposure")
+    parser.add_argument("--focal", type=real, metavar="MM", help="focal length")
+    parser.add_argument("--distance", type=real, metavar="MM", help="from the lens to what is in focus")
+    parser.add_argument("--width", type=real, metavar="MM", help="width of what is seen there")
+    parser.add_argument("--mm-per-pixel", type=real, metavar="MM", help="in place of --width: a pixel on the object")
+    parser.add_argument("--f-number", type=real, metavar="N", help="focal length by diameter of the opening")
+    parser.add_argument("--image-circle", type=real, metavar="MM", help="the lens' picture: does it cover the sensor?")
+    parser.add_argument("--speed", type=real, metavar="MM/S", help="of the object, for the longest exposure")
     parser.add_argument("--diagram", metavar="FILE", help="lens-selection diagram of this sensor: .png, .svg, .pdf")
     parser.add_argument("--list", action="store_true", help="list the sensors known by name")
     add_json(parser)

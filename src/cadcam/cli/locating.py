@@ -12,6 +12,7 @@ from cadcam.cli.arguments import (
     check_in_picture,
     number,
     read_points_as_asked,
+    real,
     refuse,
 )
 from cadcam.cli.output import progress, working
@@ -69,7 +70,7 @@ def add_view_options(parser: argparse.ArgumentParser) -> None:
         "--views", default="any", metavar="V", help="from where the part may be seen (below; default any)"
     )
     group.add_argument(
-        "--roll", type=float, metavar="DEG", help="the part's z stands upright in the photo within so many degrees"
+        "--roll", type=real, metavar="DEG", help="the part's z stands upright in the photo within so many degrees"
     )
     group.add_argument("--distance", metavar="NEAR,FAR", help="of the camera from the part's middle, mm")
 

@@ -106,6 +106,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except CadcamError as error:
         print(f"cadcam {arguments.verb}: {error}", file=sys.stderr)
         return 2
+    except MemoryError as error:
+        print(f"cadcam {arguments.verb}: {_too_much(error)}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print(f"cadcam {arguments.verb}: interrupted", file=sys.stderr)
         return 130
@@ -121,6 +124,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception:
         return _bug(arguments.verb)
     return code
+
+
+def _too_much(error: MemoryError) -> str:
+    reason = f" ({error})" if str(error) else ""
+    return f"there is not enough memory for what was asked{reason}; ask for less, or for fewer things at a time"
 
 
 def _bug(verb: str) -> int:

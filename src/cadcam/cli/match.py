@@ -6,7 +6,7 @@ import argparse
 import math
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, refuse, verb
+from cadcam.cli.arguments import Verbs, add_json, real, refuse, verb, whole
 from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, view_as_json
 from cadcam.cli.models import load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
@@ -60,13 +60,11 @@ def _add_template_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("template")
     group.add_argument("--mask", metavar="FILE", help="picture of the template's size: where it is dark does not count")
     group.add_argument(
-        "--angles", type=float, nargs=2, default=(-180, 180), metavar="DEG", help="from, to, x towards y (default all)"
+        "--angles", type=real, nargs=2, default=(-180, 180), metavar="DEG", help="from, to, x towards y (default all)"
     )
-    group.add_argument(
-        "--scales", type=float, nargs=2, default=(1, 1), metavar="S", help="least, largest (default 1 1)"
-    )
-    group.add_argument("--count", type=int, default=3, metavar="N", help="peaks to report (default 3)")
-    group.add_argument("--least-score", type=float, default=0.4, metavar="S", help="of a peak, 0 to 1 (default 0.4)")
+    group.add_argument("--scales", type=real, nargs=2, default=(1, 1), metavar="S", help="least, largest (default 1 1)")
+    group.add_argument("--count", type=whole, default=3, metavar="N", help="peaks to report (default 3)")
+    group.add_argument("--least-score", type=real, default=0.4, metavar="S", help="of a peak, 0 to 1 (default 0.4)")
     group.add_argument("--either-sign", action="store_true", help="reversed contrast matches as well")
 
 
@@ -75,7 +73,7 @@ def _add_part_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--unit", metavar="U", help="the model's unit where its file names none: mm (default), m, in ..."
     )
-    group.add_argument("--tolerance", type=float, metavar="MM", help="STEP, IGES: largest distance to the true surface")
+    group.add_argument("--tolerance", type=real, metavar="MM", help="STEP, IGES: largest distance to the true surface")
     add_camera_options(parser, required=False)
     group.add_argument(
         "--appearance",
@@ -84,9 +82,9 @@ def _add_part_options(parser: argparse.ArgumentParser) -> None:
         help="what is compared: drawn lines or shades with the photo's gradient, or grey levels (default lines)",
     )
     group.add_argument(
-        "--reach", type=float, default=45.0, metavar="PX", help="how far off the pose may be (default 45)"
+        "--reach", type=real, default=45.0, metavar="PX", help="how far off the pose may be (default 45)"
     )
-    group.add_argument("--turn", type=float, default=20.0, metavar="DEG", help="likewise, turned (default 20)")
+    group.add_argument("--turn", type=real, default=20.0, metavar="DEG", help="likewise, turned (default 20)")
     group.add_argument("--edges", action="store_true", help="also say how close the photo's edges are to each CAD edge")
     group.add_argument("--peaks", action="store_true", help="also print each feature's peaks")
 

@@ -6,7 +6,7 @@ import argparse
 import math
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, names, number, refuse, verb
+from cadcam.cli.arguments import Verbs, add_json, names, number, real, refuse, verb
 from cadcam.cli.output import check_target, print_json, print_tables, say
 from cadcam.errors import BadValue, UnknownName
 
@@ -100,7 +100,7 @@ def _add_view_options(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--sigma",
-        type=float,
+        type=real,
         metavar="PX",
         help="noise of one pixel coordinate (default: that of each camera's calibration)",
     )
@@ -114,7 +114,7 @@ def _add_point_options(parser: argparse.ArgumentParser) -> None:
         help="the points lie on the plane NX X + NY Y + NZ Z = D, mm (--plane=-1,0,0,5 with a minus first)",
     )
     group.add_argument(
-        "--plane-sigma", type=float, default=0.0, metavar="MM", help="how well the plane's height is known"
+        "--plane-sigma", type=real, default=0.0, metavar="MM", help="how well the plane's height is known"
     )
     group.add_argument(
         "--distance",

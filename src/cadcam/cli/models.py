@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
+from cadcam.cli.arguments import real
 from cadcam.cli.output import say, working
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ def add_model_options(parser: argparse.ArgumentParser) -> None:
         "--unit", metavar="U", help="the model's unit where its file names none: um, mm (default), cm, m, in, ft"
     )
     parser.add_argument(
-        "--tolerance", type=float, metavar="MM", help="STEP, IGES: largest distance of triangles from the true surface"
+        "--tolerance", type=real, metavar="MM", help="STEP, IGES: largest distance of triangles from the true surface"
     )
 
 

@@ -26,6 +26,8 @@ def check_target(path: str, suffixes: Sequence[str]) -> None:
         raise UnwritableFile(path, error.strerror or str(error), "choose another name") from None
     if folder:
         raise UnwritableFile(path, "is a folder", "name a file in it")
+    if target.parent.is_file():
+        raise UnwritableFile(path, f"{str(target.parent)!r} is a file, no folder", "name a folder that is there")
     if not target.parent.is_dir():
         raise UnwritableFile(
             path, f"there is no folder {str(target.parent)!r}", f"make it first: mkdir -p {target.parent}"

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import given, refuse
+from cadcam.cli.arguments import given, real, refuse, whole
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
@@ -33,14 +33,14 @@ def add_photograph_options(parser: argparse.ArgumentParser) -> None:
         help="hall (lamps under the roof, soft shadows; the default with --f-number), sun (hard shadows), ring (flash "
         "round the lens), even; +Z is up",
     )
-    group.add_argument("--lens", type=float, metavar="MM", help="focal length, for --f-number")
-    group.add_argument("--f-number", type=float, metavar="N", help="opening of the lens: blurs what is out of focus")
+    group.add_argument("--lens", type=real, metavar="MM", help="focal length, for --f-number")
+    group.add_argument("--f-number", type=real, metavar="N", help="opening of the lens: blurs what is out of focus")
     group.add_argument(
-        "--focus", type=float, metavar="MM", help="distance in focus, from the lens (default: the middle of the model)"
+        "--focus", type=real, metavar="MM", help="distance in focus, from the lens (default: the middle of the model)"
     )
     group.add_argument(
         "--samples",
-        type=int,
+        type=whole,
         metavar="N",
         help=f"renderings that make up the photograph (default: {_SAMPLES}; more for much blur, fewer for speed)",
     )

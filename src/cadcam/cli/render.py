@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, refuse, size, verb
+from cadcam.cli.arguments import Verbs, add_json, refuse, size, verb, whole
 from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, view_as_json
 from cadcam.cli.looks import add_look_options, check_look_options
 from cadcam.cli.models import add_model_options, load_as_asked, model_as_json
@@ -38,6 +38,7 @@ _SUFFIXES = {
     "parts": (".npy", ".png"),
     "faces": (".npy", ".png"),
 }
+_MOST_THREADS = 1024
 _VIEWS = ("iso", "front", "back", "left", "right", "top", "bottom")
 _EXAMPLES = f"""\
   cadcam render part.step -o part.png                                     a view chosen so that the part fills it
@@ -86,7 +87,7 @@ def add_to(verbs: Verbs) -> None:
     )
     parser.add_argument(
         "--threads",
-        type=int,
+        type=whole,
         metavar="N",
         help="of the raster renderer, with --poses of writing too (default: one a core)",
     )
@@ -130,8 +131,8 @@ def scene_as_asked(arguments: argparse.Namespace, mesh: Mesh) -> Scene:
 
 def _check_renderer_options(arguments: argparse.Namespace) -> None:
     """Refuse what chooses how pixels are rendered where none are, and threads where one does all."""
-    if arguments.threads is not None and arguments.threads < 1:
-        raise BadValue("--threads", arguments.threads, "a whole number of at least 1")
+    if arguments.threads is not None and not 1 <= arguments.threads <= _MOST_THREADS:
+        raise BadValue("--threads", arguments.threads, f"a whole number from 1 to {_MOST_THREADS}")
     lines = arguments.channel == "wireframe"
     if lines:
         none = "none: lines are found in space, not in rendered pixels"

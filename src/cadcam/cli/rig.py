@@ -85,31 +85,34 @@ def add_to(verbs: Verbs) -> None:
     parser.add_argument(
         "--poses", metavar="FILE", help="write camera_from_world of the first camera in every frame (.txt, .csv)"
     )
-    model = parser.add_argument_group("cameras")
-    model.add_argument("--size", type=size, metavar="WxH", help="picture size in px, for points files")
-    model.add_argument(
+    _add_camera_options(parser.add_argument_group("cameras"))
+    add_points_options(parser)
+    add_json(parser)
+
+
+def _add_camera_options(group: argparse._ArgumentGroup) -> None:
+    group.add_argument("--size", type=size, metavar="WxH", help="picture size in px, for points files")
+    group.add_argument(
         "--known",
         action="append",
         default=[],
         metavar="NAME=FILE",
         help="keep the internals and lens of this camera file",
     )
-    model.add_argument(
+    group.add_argument(
         "--fix",
         action="append",
         default=[],
         metavar="NAME=VALUE",
         help="hold a parameter of all cameras: skew degrees, aspect, focal U0 V0 px; may be repeated",
     )
-    model.add_argument(
+    group.add_argument(
         "--lens",
         metavar="MODEL:TERMS",
         help="lens of all cameras, as in `cadcam calibrate` (default: ideal; for boards brown-conrady:k1,k2,p1,p2)",
     )
-    model.add_argument("--free-skew", action="store_true", help="boards: estimate the skew too (held at 0 otherwise)")
-    model.add_argument("--keep-all", action="store_true", help="boards: leave out no strays and no outlier pictures")
-    add_points_options(parser)
-    add_json(parser)
+    group.add_argument("--free-skew", action="store_true", help="boards: estimate the skew too (held at 0 otherwise)")
+    group.add_argument("--keep-all", action="store_true", help="boards: leave out no strays and no outlier pictures")
 
 
 def run(arguments: argparse.Namespace) -> None:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cadcam.cli.arguments import Help, Verbs, verb
+from cadcam.cli.arguments import Help, Verbs, real, seed, verb
 from cadcam.cli.output import check_target, print_json, say
 from cadcam.errors import BadValue
 from cadcam.image.suffixes import WRITABLE
@@ -46,9 +46,9 @@ def add_to(verbs: Verbs) -> None:
     apply.add_argument("profile", metavar="PROFILE", help="file or preset")
     apply.add_argument("image", metavar="IMAGE", help="picture, linear in radiance (renderings are taken as such)")
     apply.add_argument("-o", "--output", metavar="FILE", required=True, help="picture to write (.png or .jpg)")
-    apply.add_argument("--seed", type=int, default=0, metavar="N", help="of the noise (default: 0)")
+    apply.add_argument("--seed", type=seed, default=0, metavar="N", help="of the noise (default: 0)")
     apply.add_argument(
-        "--linearise", type=float, metavar="GAMMA", help="undo this gamma of the image first: 0.45 for most photos"
+        "--linearise", type=real, metavar="GAMMA", help="undo this gamma of the image first: 0.45 for most photos"
     )
     apply.set_defaults(run=run_apply)
 
@@ -111,15 +111,13 @@ def add_sensor_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--sensor", metavar="PROFILE", help="what the camera does to the picture: a file or a preset (`cadcam sensor`)"
     )
-    group.add_argument("--seed", type=int, metavar="N", help="of its noise (default: 0)")
+    group.add_argument("--seed", type=seed, metavar="N", help="of its noise (default: 0)")
 
 
-def generator(seed: int, path: str | None = None) -> Generator:
-    """Return the source of chance of a seed, for one of many pictures by its file's name."""
+def generator(start: int, path: str | None = None) -> Generator:
+    """Return the source of chance that --seed starts, for one of many pictures by its file's name."""
     import zlib
 
     import numpy as np
 
-    if seed < 0:
-        raise BadValue("--seed", seed, "a whole number of at least 0")
-    return np.random.default_rng([seed] if path is None else [seed, zlib.crc32(Path(path).name.encode())])
+    return np.random.default_rng([start] if path is None else [start, zlib.crc32(Path(path).name.encode())])

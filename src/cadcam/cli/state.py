@@ -7,7 +7,7 @@ import os
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Help, Verbs, add_json, verb
+from cadcam.cli.arguments import Help, Verbs, add_json, verb, whole
 from cadcam.cli.output import check_target, print_json, print_tables, say
 from cadcam.errors import BadValue
 
@@ -87,7 +87,7 @@ def _add_job(jobs: Verbs) -> argparse.ArgumentParser:
 def _list_job(jobs: Verbs) -> argparse.ArgumentParser:
     parser = _job(jobs, "list", "list records, the latest at the end")
     _add_filters(parser)
-    parser.add_argument("--newest", type=int, default=30, metavar="N", help="no more than the latest N (default 30)")
+    parser.add_argument("--newest", type=whole, default=30, metavar="N", help="no more than the latest N (default 30)")
     return parser
 
 

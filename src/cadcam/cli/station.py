@@ -6,7 +6,7 @@ import argparse
 
 from cadcam.cli import station_jobs as jobs
 from cadcam.cli import station_simulate
-from cadcam.cli.arguments import Help, Verbs, add_json, names, verb
+from cadcam.cli.arguments import Help, Verbs, add_json, names, real, seed, verb, whole
 
 _DESCRIPTION = """\
 Measure with a camera that is carried over a plane. A plate of marks is laid down and surveyed at a grid of positions;
@@ -60,7 +60,7 @@ def _add_pictures(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("pictures")
     group.add_argument("--positions", metavar="FILE", help="list of the pictures' positions")
     group.add_argument("--pixels", metavar="FILE", help="marks found by other means: name,view,x_px,y_px")
-    group.add_argument("--sigma", type=float, metavar="PX", help="noise of one pixel coordinate (default: as found)")
+    group.add_argument("--sigma", type=real, metavar="PX", help="noise of one pixel coordinate (default: as found)")
     group.add_argument("--mark", help="what the marks look like (default: as the plate file says)")
     group.add_argument("--radius", metavar="PX[,PX]", help="radius of a mark in the picture, or its range")
 
@@ -82,7 +82,7 @@ def _calibrate(todo: Verbs) -> argparse.ArgumentParser:
     parser.add_argument("--plate", required=True, metavar="FILE", help="plate file")
     parser.add_argument("--survey", required=True, metavar="FILE", help="survey file")
     parser.add_argument(
-        "--survey-sigma", type=float, metavar="MM", help="noise of one surveyed coordinate (default: by the residuals)"
+        "--survey-sigma", type=real, metavar="MM", help="noise of one surveyed coordinate (default: by the residuals)"
     )
     parser.add_argument(
         "--repeatability", metavar="MM[,MM]", help="standard deviation of the view from visit to visit, x and y"
@@ -90,9 +90,7 @@ def _calibrate(todo: Verbs) -> argparse.ArgumentParser:
     parser.add_argument(
         "--lens", metavar="FILE", help="camera file: its lens distortion is taken off all pixels (default: none)"
     )
-    parser.add_argument(
-        "--limit", type=float, default=2.0, metavar="PX", help="largest residual of a plate (default 2)"
-    )
+    parser.add_argument("--limit", type=real, default=2.0, metavar="PX", help="largest residual of a plate (default 2)")
     parser.add_argument("-o", "--output", metavar="FILE", help="station file to write (.json)")
     _add_pictures(parser)
     return parser
@@ -143,7 +141,7 @@ def _recalibrate(todo: Verbs) -> argparse.ArgumentParser:
         "--known", required=True, metavar="X,Y", help="where the mark is, mm (--known=-1,2 if negative)"
     )
     parser.add_argument(
-        "--known-sigma", type=float, default=0.0, metavar="MM", help="how well that is known (default 0)"
+        "--known-sigma", type=real, default=0.0, metavar="MM", help="how well that is known (default 0)"
     )
     parser.add_argument("-o", "--output", metavar="FILE", help="station file to write (.json)")
     _add_pictures(parser)
@@ -165,15 +163,13 @@ def _simulate(todo: Verbs) -> argparse.ArgumentParser:
     parser.add_argument(
         "--robots", type=names, default=("1", "6", "7", "12"), metavar="A,B", help="of 1, 6, 7, 12 (default all)"
     )
-    parser.add_argument("--deflection", type=float, default=20.0, metavar="MM", help="of the mechanics (default 20)")
-    parser.add_argument("--survey-sigma", type=float, default=0.1, metavar="MM", help="default 0.1")
-    parser.add_argument(
-        "--noise", type=float, default=0.03, metavar="PX", help="of one pixel coordinate (default 0.03)"
-    )
-    parser.add_argument("--marks", type=int, default=40, metavar="N", help="marks of a day's work (default 40)")
+    parser.add_argument("--deflection", type=real, default=20.0, metavar="MM", help="of the mechanics (default 20)")
+    parser.add_argument("--survey-sigma", type=real, default=0.1, metavar="MM", help="default 0.1")
+    parser.add_argument("--noise", type=real, default=0.03, metavar="PX", help="of one pixel coordinate (default 0.03)")
+    parser.add_argument("--marks", type=whole, default=40, metavar="N", help="marks of a day's work (default 40)")
     parser.add_argument("--pictures", action="store_true", help="render pictures and find the marks in them (slow)")
     parser.add_argument("--sensor", metavar="PROFILE", help="of those pictures: a file or a preset (`cadcam sensor`)")
-    parser.add_argument("--seed", type=int, default=1, help="of the simulation's chance (default 1)")
+    parser.add_argument("--seed", type=seed, default=1, help="of the simulation's chance (default 1)")
     _rule_only(parser)
     return parser
 

@@ -50,8 +50,8 @@ def simulate(arguments: argparse.Namespace) -> None:
 
 
 def _refuse(arguments: argparse.Namespace) -> None:
-    if arguments.marks < 4:
-        raise BadValue("--marks", arguments.marks, "4 or more")
+    if not 4 <= arguments.marks <= 10_000:
+        raise BadValue("--marks", arguments.marks, "4 to 10000")
     if arguments.pictures and not arguments.folder:
         raise BadValue("--pictures", "given without a folder", "a folder to write them to")
     if arguments.sensor and not arguments.pictures:

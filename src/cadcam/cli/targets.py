@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cadcam.cli.arguments import Help, Run, Verbs, add_json, refuse, verb
+from cadcam.cli.arguments import Help, Run, Verbs, add_json, real, refuse, verb, whole
 from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say
 from cadcam.errors import BadValue
@@ -74,8 +74,8 @@ def add_to(verbs: Verbs) -> None:
     find = _job(jobs, "find", run_find, "pictures -> marks, with standard deviations", _FIND_EXAMPLES)
     find.add_argument("pictures", nargs="+", metavar="PICTURE", help="pictures, patterns ('images/*.png'), or folders")
     find.add_argument("--mark", required=True, metavar="MARK", help="what is looked for, such as dot-ring:4cm:8cm:12cm")
-    find.add_argument("--radius", type=float, nargs="+", metavar="PX", help="of the outermost border: one, or from to")
-    find.add_argument("--count", type=int, metavar="N", help="how many there are in each picture")
+    find.add_argument("--radius", type=real, nargs="+", metavar="PX", help="of the outermost border: one, or from to")
+    find.add_argument("--count", type=whole, metavar="N", help="how many there are in each picture")
     methods, rules = (
         ("auto", "spots", "correlation", "blobs"),
         "rule for the position; all but the first for comparison",
@@ -85,8 +85,8 @@ def add_to(verbs: Verbs) -> None:
     find.add_argument("--camera", metavar="FILE", help="camera file: fit poses through it")
     find.add_argument("--perspective", action="store_true", help="no camera: fit the perspective of several borders")
     find.add_argument("--any-number", action="store_true", help="coded marks: whichever number is read")
-    find.add_argument("--margin", type=float, default=0.7, metavar="M", help="ground fitted too, by the radius (0.7)")
-    find.add_argument("--least-score", type=float, default=0.8, metavar="S", help="of a mark, 0 to 1 (default 0.8)")
+    find.add_argument("--margin", type=real, default=0.7, metavar="M", help="ground fitted too, by the radius (0.7)")
+    find.add_argument("--least-score", type=real, default=0.8, metavar="S", help="of a mark, 0 to 1 (default 0.8)")
     find.add_argument("--csv", metavar="FILE", help="write all marks: .csv")
     find.add_argument("-o", "--output", metavar="FILE", help="write the (one) picture with its marks: .png or .jpg")
     add_json(find)
@@ -95,7 +95,7 @@ def add_to(verbs: Verbs) -> None:
     draw.add_argument("output", help="file to write (.pdf, .svg)")
     draw.add_argument("--page", metavar="SIZE", help="paper: a4, a3 ... letter (default: the marks with a margin)")
     draw.add_argument("--grid", metavar="CxR:MM", help="columns x rows and their distance, such as 4x3:55mm")
-    draw.add_argument("--numbers", type=int, metavar="N", help="coded marks: as many, from the mark's number on")
+    draw.add_argument("--numbers", type=whole, metavar="N", help="coded marks: as many, from the mark's number on")
     draw.add_argument("--plan", metavar="FILE", help="write the places of the marks: .csv")
 
 

@@ -7,7 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, add_points_options, number, read_points_as_asked, refuse, verb
+from cadcam.cli.arguments import (
+    Verbs,
+    add_json,
+    add_points_options,
+    number,
+    read_points_as_asked,
+    real,
+    refuse,
+    seed,
+    verb,
+    whole,
+)
 from cadcam.cli.estimating import add_estimate_options, estimate_as_asked
 from cadcam.cli.output import print_json, print_tables, progress, say, working
 from cadcam.errors import BadValue, UnwritableFile
@@ -43,6 +54,7 @@ table says so. The noise is that of the residuals unless --sigma states it. --se
 
 
 _STEPS = 1_000_000  # as many as the thesis took
+_MOST = 10_000_000  # draws or steps: a gigabyte of them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,20 +81,31 @@ def add_to(verbs: Verbs) -> None:
     )
     parser.add_argument("points", help="points file")
     add_estimate_options(parser)
-    group = parser.add_argument_group("study")
+    _add_study_options(parser.add_argument_group("study"))
+    where = parser.add_argument_group("uncertainty of projections").add_mutually_exclusive_group()
+    where.add_argument("--depth", type=real, metavar="MM", help="for points at this depth (default: the points' mean)")
+    where.add_argument("--plane", metavar="NX,NY,NZ,D", help="for points p on the plane NX X + NY Y + NZ Z = D, mm")
+    output = parser.add_argument_group("output")
+    output.add_argument("--plots", metavar="DIR", help="write figures there (extra: cadcam[plots])")
+    output.add_argument("--format", default="png", choices=("png", "svg", "pdf"), help="of the figures (default png)")
+    add_points_options(parser)
+    add_json(parser)
+
+
+def _add_study_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
-        "--draws", type=int, default=2000, metavar="N", help="synthetic sets of Method A (default 2000; 0: none)"
+        "--draws", type=whole, default=2000, metavar="N", help="synthetic sets of Method A (default 2000; 0: none)"
     )
     group.add_argument(
         "--steps",
-        type=int,
+        type=whole,
         metavar="N",
         help="Markov steps of Method B (default 1000000, with free lens terms 200000, with --sigma-mm 0: none)",
     )
     group.add_argument(
-        "--sigma-mm", type=float, default=0.0, metavar="MM", help="noise of a world coordinate too (Method A)"
+        "--sigma-mm", type=real, default=0.0, metavar="MM", help="noise of a world coordinate too (Method A)"
     )
-    group.add_argument("--seed", type=int, default=1, metavar="N", help="start of the random numbers (default 1)")
+    group.add_argument("--seed", type=seed, default=1, metavar="N", help="start of the random numbers (default 1)")
     group.add_argument(
         "--alternate",
         metavar="MM,DEG",
@@ -91,14 +114,6 @@ def add_to(verbs: Verbs) -> None:
     group.add_argument(
         "--unseen", action="store_true", help="with --alternate: keep poses that do not see the points (--method dlt*)"
     )
-    where = parser.add_argument_group("uncertainty of projections").add_mutually_exclusive_group()
-    where.add_argument("--depth", type=float, metavar="MM", help="for points at this depth (default: the points' mean)")
-    where.add_argument("--plane", metavar="NX,NY,NZ,D", help="for points p on the plane NX X + NY Y + NZ Z = D, mm")
-    output = parser.add_argument_group("output")
-    output.add_argument("--plots", metavar="DIR", help="write figures there (extra: cadcam[plots])")
-    output.add_argument("--format", default="png", choices=("png", "svg", "pdf"), help="of the figures (default png)")
-    add_points_options(parser)
-    add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -121,10 +136,8 @@ def _check(arguments: argparse.Namespace) -> None:
     """Refuse what would fail after the work, before it."""
     for name, least in (("draws", 100), ("steps", 10_000)):
         value = getattr(arguments, name)
-        if value and value < least:
-            raise BadValue(f"--{name}", value, f"{least} or more, or 0 to leave that method out")
-    if arguments.seed < 0:
-        raise BadValue("--seed", arguments.seed, "0 or a positive whole number")
+        if value and not least <= value <= _MOST:
+            raise BadValue(f"--{name}", value, f"{least} to {_MOST}, or 0 to leave that method out")
     if arguments.sigma_mm and arguments.steps:
         raise BadValue("--sigma-mm", f"{arguments.sigma_mm:g} with Method B", "--steps 0: B has noise of pixels only")
     if arguments.alternate is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from cadcam.cli.arguments import POINTS_OPTIONS, Verbs, add_json, refuse, verb
+from cadcam.cli.arguments import POINTS_OPTIONS, Verbs, add_json, real, refuse, verb
 from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, start_as_asked
 from cadcam.cli.models import add_model_options, load_as_asked
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
@@ -66,10 +66,10 @@ def add_to(verbs: Verbs) -> None:
     add_start_options(parser)
     parser.add_argument("--pose", metavar="FILE", help="where the part was found before, to a pixel or two: no search")
     parser.add_argument(
-        "--reach", type=float, default=8.0, metavar="PX", help="how far displaced features are looked for (default 8)"
+        "--reach", type=real, default=8.0, metavar="PX", help="how far displaced features are looked for (default 8)"
     )
     parser.add_argument(
-        "--alarms", type=float, default=0.01, metavar="SHARE", help="share of false alarms allowed (default 0.01)"
+        "--alarms", type=real, default=0.01, metavar="SHARE", help="share of false alarms allowed (default 0.01)"
     )
     parser.add_argument("--serial", help="which one of these parts, for the report")
     parser.add_argument("--station", help="where it was measured, for the report")

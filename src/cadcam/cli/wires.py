@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import refuse
+from cadcam.cli.arguments import real, refuse
 from cadcam.cli.output import working
 from cadcam.errors import NothingInView
 
@@ -35,10 +35,10 @@ def add_line_options(parser: argparse.ArgumentParser, *, color_by: str = "kind")
         default=color_by,
         help=f"colours: by kind of edge, by part, or one for all (default {color_by})",
     )
-    group.add_argument("--width", type=float, default=_WIDTH_PX, metavar="PX", help=f"line width (default {_WIDTH_PX})")
+    group.add_argument("--width", type=real, default=_WIDTH_PX, metavar="PX", help=f"line width (default {_WIDTH_PX})")
     group.add_argument(
         "--crease-angle",
-        type=float,
+        type=real,
         default=_CREASE_DEG,
         metavar="DEG",
         help=f"least angle between two facets that is drawn as an edge (default {_CREASE_DEG:g})",

@@ -230,7 +230,7 @@ def _estimate_at(place: Place, camera: Camera, pose: Rigid, observations: Observ
             pose,
             observations,
             at.at("free").texts(),
-            at.at("cofactor").array((None, None)),
+            at.at("cofactor").covariance(),
             at.at("method").text(),
             None
             if other is None

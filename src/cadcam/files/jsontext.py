@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import LARGEST, Array
 from cadcam.errors import CadcamError, UnknownName, UnreadableFile
 from cadcam.files.text import TextFile
 
@@ -50,7 +50,7 @@ class Place:
                 raise self.error(f"has an {UnknownName('key', key, known)}")
 
     def number(self) -> float:
-        """Return a finite number."""
+        """Return a finite number, at most `LARGEST` in size."""
         return float(self.array(()))
 
     def text(self) -> str:
@@ -66,7 +66,7 @@ class Place:
         return tuple(self.value)
 
     def array(self, shape: tuple[int | None, ...]) -> Array:
-        """Return an array of finite numbers of this shape; None is any length."""
+        """Return an array of finite numbers, at most `LARGEST` in size, of this shape; None is any length."""
         expected = f"{_in_words(shape)} is expected"
         if _has_other_than_numbers(self.value):
             raise self.error(f"is {shortened(self.value)}", expected)
@@ -81,6 +81,25 @@ class Place:
             raise self.error(f"has shape {array.shape}", expected)
         if not np.isfinite(array).all():
             raise self.error("is not finite", "leave out what is not known")
+        if (np.abs(array) > LARGEST).any():
+            raise self.error(f"is {shortened(self.value)}", f"numbers of at most {LARGEST:g} in size are expected")
+        return array
+
+    def covariance(self, size: int | None = None) -> Array:
+        """Return a covariance or a cofactor: a square array, symmetric, in which nothing has a negative variance.
+
+        Correlations may go beyond 1 by a millionth: those of a covariance without full rank do, by rounding.
+        """
+        array = self.array((size, size))
+        expected = "a symmetric array without negative variances is expected, as it was written"
+        if array.shape[0] != array.shape[1]:
+            raise self.error(f"has shape {array.shape}", expected)
+        sd = np.sqrt(np.diag(array).clip(0))
+        unit = np.where(sd > 0, sd, 1.0)
+        correlation = array / unit[:, None] / unit
+        lowest = np.linalg.eigvalsh(correlation)[0] if array.size else 0.0
+        if not (np.abs(correlation - correlation.T) <= 1e-6).all() or lowest < -1e-6:
+            raise self.error("is no covariance", expected)
         return array
 
     def build(self, make: Callable[[], T]) -> T:

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import LARGEST, Array
 from cadcam.cad.units import MM, unit_name
 from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
 from cadcam.files.text import Line, TextFile, is_number, lines_of_cells, number_in, read_text
@@ -302,7 +302,7 @@ def _numbers(path: str, name: str, pose: Any) -> list[float]:
         array = np.array(pose, dtype=np.float64)
     except (TypeError, ValueError):
         array = np.zeros(0)
-    if not array.size or not np.isfinite(array).all() or isinstance(pose, bool):
+    if not array.size or not (np.abs(array) <= LARGEST).all() or isinstance(pose, bool):
         raise UnreadableFile(path, f"pose {name!r} is {str(pose)[:60]!r}", "give finite numbers, or 3 or 4 rows of 4")
     if array.size == 16:
         array = _without_last_row(path, array.reshape(1, 4, 4))

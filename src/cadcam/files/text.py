@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
+from cadcam.arrays import LARGEST
 from cadcam.errors import UnreadableFile
 
 MAX_BYTES = 64_000_000  # a points file of a million lines; anything longer is a wrong file
@@ -111,6 +112,7 @@ def number_in(file: TextFile, line: int, what: str, cell: str) -> float:
     except ValueError:
         remedy = "write a decimal point, not a comma" if "," in cell else "give a number, or remove the line"
         raise UnreadableFile(file.path, f"{place} is {cell[:40]!r}, not a number", remedy) from None
-    if not abs(value) < float("inf"):
-        raise UnreadableFile(file.path, f"{place} is {cell[:40]!r}", "give a finite number, or remove the line")
+    if not abs(value) <= LARGEST:
+        remedy = f"give a finite number, at most {LARGEST:g} in size, or remove the line"
+        raise UnreadableFile(file.path, f"{place} is {cell[:40]!r}", remedy)
     return value

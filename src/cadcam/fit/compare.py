@@ -40,12 +40,12 @@ class Difference:
 
     @property
     def max_px(self) -> float:
-        """Return the largest distance."""
+        """Return the largest distance, px."""
         return float(np.nanmax(self.distance))
 
     @property
     def rms_px(self) -> float:
-        """Return the root mean square distance."""
+        """Return the root mean square distance, px."""
         return float(np.sqrt(np.nanmean(self.distance**2)))
 
     @property

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from cadcam.camera.sensor_format import CHIPS, FORMATS, SensorFormat
 from cadcam.files.jsontext import or_null
 from cadcam.report.figures import BLUE, INK, ORANGE, figure, write_figure
 from cadcam.report.table import Table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _DRAWN_MM = (4.0, 6.0, 8.0, 12.0, 16.0, 25.0, 35.0, 50.0, 75.0, 100.0)
 
@@ -100,37 +103,17 @@ def write_lens_diagram(
     chosen: Optics | None = None,
     farthest_mm: float = 20000.0,
 ) -> None:
-    """Draw Fig 5-3 for a sensor: width of the field over the distance, a line for each lens; `chosen` is marked.
+    """Draw the dissertation's Fig 5-3 for a sensor: width of the field over the distance, a line for each focal length.
 
-    Raises `MissingExtra` without matplotlib.
+    `chosen` is marked; lines end at `farthest_mm`, or beyond what is chosen. Raises `MissingExtra` without matplotlib.
     """
     farthest = max(farthest_mm, 1.2 * chosen.distance_mm if chosen else 0.0)
-    D = np.geomspace(200.0, farthest, 60)
     with figure(7.2, 5.0) as drawn:
         axes = drawn.subplots()
-        for f in focals_mm:
-            seen = 1.5 * f < D
-            axes.plot(D[seen] / 1000, sensor.size_mm[0] * (D[seen] / f - 1) / 1000, color=BLUE, lw=1.1)
-            axes.annotate(
-                f"{f:g}",
-                (farthest / 1000, sensor.size_mm[0] * (farthest / f - 1) / 1000),
-                xytext=(3, 0),
-                textcoords="offset points",
-                va="center",
-                fontsize=8,
-                color=BLUE,
-            )
+        for focal in focals_mm:
+            _draw_line(axes, sensor.size_mm[0], focal, farthest)
         if chosen is not None:
-            at = chosen.distance_mm / 1000, chosen.field_mm[0] / 1000
-            axes.plot(*at, "o", color=ORANGE, ms=7)
-            axes.annotate(
-                f"{chosen.focal_mm:.3g} mm: {at[1]:.3g} m at {at[0]:.3g} m",
-                at,
-                xytext=(8, -12),
-                textcoords="offset points",
-                color=ORANGE,
-                bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
-            )
+            _mark(axes, chosen)
         axes.set(xscale="log", yscale="log", xlabel="distance, m", ylabel="width of the field, m")
         size = sensor.size_mm
         axes.set_title(f"focal length in mm, sensor {sensor.name} ({size[0]:.4g} x {size[1]:.4g} mm)", color=INK)
@@ -139,6 +122,36 @@ def write_lens_diagram(
         axes.yaxis.set_major_formatter("{x:g}")
         axes.margins(x=0)
         write_figure(path, drawn)
+
+
+def _draw_line(axes: Axes, sensor_width_mm: float, focal_mm: float, farthest_mm: float) -> None:
+    """Draw how wide a lens sees over the distance, from one and a half focal lengths on, named at the end."""
+    distance = np.geomspace(200.0, farthest_mm, 60)
+    distance = distance[distance > 1.5 * focal_mm]
+    axes.plot(distance / 1000, sensor_width_mm * (distance / focal_mm - 1) / 1000, color=BLUE, lw=1.1)
+    axes.annotate(
+        f"{focal_mm:g}",
+        (farthest_mm / 1000, sensor_width_mm * (farthest_mm / focal_mm - 1) / 1000),
+        xytext=(3, 0),
+        textcoords="offset points",
+        va="center",
+        fontsize=8,
+        color=BLUE,
+    )
+
+
+def _mark(axes: Axes, chosen: Optics) -> None:
+    """Mark a lens at its distance and field, with both in words."""
+    at = chosen.distance_mm / 1000, chosen.field_mm[0] / 1000
+    axes.plot(*at, "o", color=ORANGE, ms=7)
+    axes.annotate(
+        f"{chosen.focal_mm:.3g} mm: {at[1]:.3g} m at {at[0]:.3g} m",
+        at,
+        xytext=(8, -12),
+        textcoords="offset points",
+        color=ORANGE,
+        bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
+    )
 
 
 def _distance(mm: float) -> str:

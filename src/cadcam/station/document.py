@@ -162,12 +162,12 @@ def _placement(place: Place, plate: Plate) -> Placement:
 
 def _again(place: Place) -> Repeatability:
     dof = place.at("dof").number() if "dof" in place.object else np.inf
-    return Repeatability(place.at("covariance_mm2").array((2, 2)), dof)
+    return Repeatability(place.at("covariance_mm2").covariance(2), dof)
 
 
 def _sighting(place: Place, camera: str) -> Sighting:
     at, q = place.at("position_mm").array((2,)), place.at("pixel_px").array((2,))
-    covariance, picture = place.at("covariance_px2").array((2, 2)), place.at("picture").text()
+    covariance, picture = place.at("covariance_px2").covariance(2), place.at("picture").text()
     return place.build(lambda: Sighting(place.at("name").text(), camera, at, q, covariance, picture))
 
 

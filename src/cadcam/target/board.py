@@ -19,6 +19,7 @@ from cadcam.cad.units import MM, unit_name
 from cadcam.errors import BadValue
 
 MAX_POINTS = 50_000
+LARGEST_MM = 1e6  # of what is written as a text: a kilometre is no board, nor any part of one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,7 +115,10 @@ def length_mm(part: str, what: str, text: str, form: str) -> float:
         raise BadValue(f"length {part!r} of {what}", repr(text), f"a length, as in {form}") from None
     if not unit:
         raise BadValue(f"length {part!r} of {what}", repr(text), f"a length with its unit, as in {form}")
-    return value * MM[unit_name(unit)]
+    mm = value * MM[unit_name(unit)]
+    if abs(mm) > LARGEST_MM:
+        raise BadValue(f"length {part!r} of {what}", repr(text), f"a length of at most {LARGEST_MM:g} mm")
+    return mm
 
 
 def grid(columns: int, rows: int) -> Ids:

@@ -10,6 +10,7 @@ from cadcam.arrays import Array
 Longs = npt.NDArray[np.int64]
 
 
+@np.errstate(over="ignore", invalid="ignore")  # coordinates that no model has are refused next, with their place
 def triangulated(vertices: Array, counts: Longs, corners: Longs) -> tuple[Longs, Longs]:
     """Return triangles (T, 3) and the polygon (T,) each comes from.
 
