@@ -113,6 +113,35 @@ def steps(
     return sums.solved(held, noise=noise)
 
 
+def step_rests(
+    gray: Picture,
+    q: Array,
+    normal: Array,
+    sums: StepSums,
+    *,
+    below: Array,
+    above: Array,
+    half_length: float,
+    blur: float,
+    twins: Array,
+    bins: int,
+    width: float,
+) -> tuple[Array, Array, Array]:
+    """Return what steps with free slopes leave over of their cells' pixels, by distance from the line."""
+    return profiles.step_residuals(
+        gray, q, normal, below, above, twins, sums.sums, half_length=half_length, blur=blur, bins=bins, width=width
+    )
+
+
+def step_columns(d: Array, blur: float) -> Array:
+    """Return the columns (n, 5) of a fit at distances d (n,) px: level, step, its derivative, slopes below and above."""
+    from scipy.special import ndtr
+
+    step, bell = ndtr(d / blur), np.exp(-0.5 * (d / blur) ** 2) / (blur * math.sqrt(2 * math.pi))
+    above = d * step + blur**2 * bell
+    return np.stack([np.ones_like(d), step, bell, d - above, above], axis=-1)
+
+
 def noise_of(gray: Picture) -> float:
     """Return the sd of a pixel's noise, from the median of second differences that no plane or straight edge passes.
 

@@ -102,6 +102,8 @@ class Cells:
     bow: Array
     half_length: float
     blur: float
+    twins: Array
+    room: Array
     first: StepSums | None = None
 
     @classmethod
@@ -124,31 +126,44 @@ class Cells:
         """
         blur, samples = sight.blur(at, half_length=half_length, reach_px=reach_px), sight.samples
         rooms = ((samples.below, samples.beyond[:, 0]), (samples.above, samples.beyond[:, 1]))
-        below, above = (np.minimum(_room(next_line, beyond, blur), reach_px) for next_line, beyond in rooms)
+        room = np.stack([_room(next_line, beyond, blur) for next_line, beyond in rooms], axis=1)
+        below, above = np.minimum(room, reach_px).T
         apart = np.abs(samples.twins[:, :, 0]).min(axis=1) > _TWIN * blur
         enough = (below >= room_px) & (above >= room_px)
         which = np.flatnonzero(apart & enough & np.isfinite(at.q).all(axis=1))
         free, bow = np.zeros((len(which), 2)), _bow(at, samples.run, half_length, blur)
-        cells = cls(which, below[which], above[which], free, bow[which], half_length, blur)
-        sums = cells.sums_at(sight, at, where)
-        found, run = sums.solved(free, noise=0.5 * sight.noise), samples.run[which]
+        cells = cls(
+            which, below[which], above[which], free, bow[which], half_length, blur, samples.twins[which], room[which]
+        )
+        cells, sums = cells.settled(sight, at, where)
+        return replace(cells, first=sums)
+
+    def settled(self, sight: Sight, at: Projected, where: Array | None) -> tuple[Cells, StepSums]:
+        """Return the cells with slopes held as the photo asks for, and their sums."""
+        sums = self.sums_at(sight, at, where)
+        found, run = sums.solved(np.zeros((len(self.which), 2)), noise=0.5 * sight.noise), sight.samples.run[self.which]
         slope2 = along_runs(found.slopes, run, _STRETCH) ** 2
         held = along_runs(found.noise**2, run, _STRETCH)[:, None] / np.maximum(slope2, 1e-12)
-        return replace(cells, held=np.where(np.isfinite(held), held, 0.0), first=sums)
+        return replace(self, held=np.where(np.isfinite(held), held, 0.0)), sums
+
+    def placed(self, at: Projected, where: Array | None) -> tuple[Array, Array]:
+        """Return where the cells lie, and their normals, both (n, 2)."""
+        normal = at.normal[self.which]
+        aside = self.bow if where is None else self.bow + where[self.which]
+        return at.q[self.which] + aside[:, None] * normal, normal
 
     def sums_at(self, sight: Sight, at: Projected, where: Array | None) -> StepSums:
         """Return what the cells' pixels add up to; where (N,) px: how far along the normal each cell is shifted."""
-        q, normal = at.q[self.which], at.normal[self.which]
-        aside = self.bow if where is None else self.bow + where[self.which]
+        q, normal = self.placed(at, where)
         return step_sums(
             sight.photo.gray,
-            q + aside[:, None] * normal,
+            q,
             normal,
             below=self.below,
             above=self.above,
             half_length=self.half_length,
             blur=self.blur,
-            twins=sight.samples.twins[self.which],
+            twins=self.twins,
         )
 
 

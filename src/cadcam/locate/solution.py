@@ -17,6 +17,7 @@ from cadcam.arrays import Array, quantile
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.grouped import GroupedFit, grouped_fit
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.bands import banded
 from cadcam.locate.edges import Projected
 from cadcam.locate.evidence import Evidence, rows_of
 from cadcam.locate.freedom import Freedom
@@ -91,8 +92,7 @@ def solved(
     pieces, on_lines = _pieces(sights, options), False
     for number, iterations in enumerate(_ROUNDS):
         measured = [
-            measure(s, at, c, w, sums=None if number else c.first)
-            for s, at, c, w in zip(sights, places, cells, where, strict=True)
+            _measured(s, at, c, w, look=number > 0) for s, at, c, w in zip(sights, places, cells, where, strict=True)
         ]
         B = freedom.at(pose)
         other = rows_of(evidence, [s.photo for s in sights], pose)
@@ -105,6 +105,14 @@ def solved(
             break
         places = [s.project(pose) for s in sights]
     return _unbent(last, [c.blur for c in cells], other, iterations, pieces)
+
+
+def _measured(sight: Sight, at: Projected, cells: Cells, where: Array, *, look: bool) -> Measured:
+    if not look:
+        return measure(sight, at, cells, where, sums=cells.first)
+    sums = cells.sums_at(sight, at, where)
+    cells, sums = banded(sight, at, cells, where, sums)
+    return measure(sight, at, cells, where, sums=sums)
 
 
 def _unbent(

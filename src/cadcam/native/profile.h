@@ -34,6 +34,13 @@ CC_API void cc_step_sums(const cc_picture *picture, int64_t n, const double *q, 
                          double dark, double bright, double *sums);
 CC_API void cc_steps(int64_t n, const double *sums, const double *held, double *out);
 
+/* What those steps leave over when slopes are free, by distance from the line: of each cell 2 bins + 1 doubles, the sums
+ * of it in `bins` bins of `width` px whose middle is at the line, how many pixels each has, and the variance of a pixel;
+ * all 0 where there is no step. The other arguments are those that the sums were made with. */
+CC_API void cc_step_residuals(const cc_picture *picture, int64_t n, const double *q, const double *normal,
+                              const double *below, const double *above, const double *twins, double half_length,
+                              double blur, const double *sums, int32_t bins, double width, double *out);
+
 /* Extrema of the slope along each profile, smoothed by a Gaussian of 1 px: `most` of them a sample, the strongest
  * first, no weaker than `least`; offset (px along the normal) and slope (brightness a px, with its sign), NaN where
  * there is no more. The profile is averaged over 2 half_length along the line and reaches from -reach to reach px. */

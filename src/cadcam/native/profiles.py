@@ -27,6 +27,7 @@ def _core() -> c.CDLL:
     pointer, i64, i32, real, picture = c.c_void_p, c.c_int64, c.c_int32, c.c_double, c.POINTER(_Picture)
     core.cc_step_sums.argtypes = [picture, i64, *[pointer] * 5, *[real] * 4, pointer]
     core.cc_steps.argtypes = [i64, *[pointer] * 3]
+    core.cc_step_residuals.argtypes = [picture, i64, *[pointer] * 5, real, real, pointer, i32, real, pointer]
     core.cc_candidates.argtypes = [picture, i64, pointer, pointer, real, i32, real, i32, pointer, pointer]
     core.cc_clearance.argtypes = [i64, *[pointer] * 4, i64, *[pointer] * 3, *[real] * 3, *[pointer] * 4]
     core.cc_edge_rows.argtypes = [i64, *[pointer] * 6]
@@ -34,7 +35,8 @@ def _core() -> c.CDLL:
     core.cc_along_runs.argtypes = [i64, i32, pointer, pointer, i64, pointer]
     core.cc_pull.argtypes = [i64, i32, i32, *[pointer] * 5, *[real] * 3, i32, pointer]
     core.cc_met.argtypes = [i64, i32, pointer, pointer, i64, pointer, i64, pointer, *[real] * 3, pointer, pointer]
-    names = ("step_sums", "steps", "candidates", "clearance", "edge_rows", "camera_rows", "along_runs", "pull", "met")
+    steps = ("step_sums", "steps", "step_residuals", "candidates")
+    names = (*steps, "clearance", "edge_rows", "camera_rows", "along_runs", "pull", "met")
     for name in (f"cc_{name}" for name in names):
         getattr(core, name).restype = None
     return core
@@ -67,6 +69,33 @@ def steps(sums: Array, held: Array) -> Array:
     out = np.zeros((len(sums), STEP_TERMS))
     _core().cc_steps(len(out), *addresses(*arrays, out))
     return out
+
+
+def step_residuals(
+    gray: Picture,
+    q: Array,
+    normal: Array,
+    below: Array,
+    above: Array,
+    twins: Array,
+    sums: Array,
+    *,
+    half_length: float,
+    blur: float,
+    bins: int,
+    width: float,
+) -> tuple[Array, Array, Array]:
+    """Return what steps leave over of each cell's pixels: sums and numbers (n, bins), a pixel's variance (n,).
+
+    Bins of `width` px lie around the line (profile.h). The other arguments are those that the sums were made with.
+    """
+    gray, arrays = np.ascontiguousarray(gray, np.float32), _doubles(q, normal, below, above, twins, sums)
+    out = np.zeros((len(arrays[0]), 2 * bins + 1))
+    *places, of = addresses(*arrays)
+    _core().cc_step_residuals(
+        _picture(gray), len(out), *places, half_length, blur, of, bins, width, out.ctypes.data
+    )
+    return out[:, :bins], out[:, bins : 2 * bins], out[:, -1]
 
 
 def candidates(
