@@ -21,7 +21,7 @@ COVER = ((0, 0), (110, 0), (110, 14), (62, 14), (62, 27), (0, 27))  # x, z, mm
 WIDE = 70.0  # mm, of the cover
 GAP = 1.3  # mm, under the cover
 PRINT = 0.02  # mm, how far print stands out
-DARK, BRIGHT, GREY = 0.06, 0.85, 0.3  # how much light print throws back
+DARK, RIM, GREY = 0.06, 0.42, 0.3  # how much light print throws back, and the part 0.52
 
 Dressing = tuple[tuple[Mesh, float], ...]
 
@@ -37,7 +37,7 @@ def plate_print(*, sides: int) -> Dressing:
     """Return painted rims of two holes and of one border, and stripes of print beside two others."""
     rims = [_ring(*HOLES[0], 1.0, sides), _ring(*HOLES[2], 1.6, sides)]
     stripes = [_bar((1.8, 6), (3.0, 74)), _bar((8, 78.6), (92, 80)), _bar((10, 1.6), (110, 2.6))]
-    return tuple((moved(m, (0, 0, THICK)), a) for m, a in zip([*rims, *stripes], (BRIGHT, DARK, DARK, BRIGHT, DARK)))
+    return tuple((moved(m, (0, 0, THICK)), a) for m, a in zip([*rims, *stripes], (RIM, DARK, DARK, RIM, DARK)))
 
 
 def stepped_cover() -> Mesh:
@@ -53,7 +53,7 @@ def cover_foot() -> Dressing:
     upper = _bar((1.9, 5), (3.1, WIDE - 5)), _bar((6, 0), (58, 1.3))
     lower = (_bar((105.4, 8), (107.4, WIDE - 8)),)
     printed = [*(moved(m, (0, 0, high)) for m in upper), *(moved(m, (0, 0, low)) for m in lower)]
-    return ((foot, DARK), *zip(printed, (DARK, BRIGHT, GREY)))
+    return ((foot, DARK), *zip(printed, (DARK, RIM, GREY)))
 
 
 def _bar(low: tuple[float, float], high: tuple[float, float]) -> Mesh:

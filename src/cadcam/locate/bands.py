@@ -1,43 +1,48 @@
 """Narrow bands beside a part's lines that its model does not have: contact shadows, print, painted rims, gaps.
 
 A band ends in a step of its own, some pixels beside the line's. A fit that knows of one step only is drawn towards it
-by up to 0.3 px, the same all along the edge, and no covariance would tell. One cell hardly shows such a step in its
+by up to 0.5 px, the same all along the edge, and no covariance would tell. One cell hardly shows such a step in its
 noise, a stretch of them does: what the fits leave over is averaged along it, by distance from the line, and the step
-looked for there which explains most of it beyond what levels, slopes and known lines do. Of a step that explains
-clearly more than noise and grain would, every cell is told: it is a twin like another line of the model.
+looked for there which explains most of it beyond what levels, slopes and known lines do (a score test). Of a step that
+explains clearly more than noise and grain would, every cell is told: it is a twin, like another line of the model.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array
-from cadcam.image.profile import StepSums, step_columns, step_rests
+from cadcam.image.profile import StepSums, step_rests
 from cadcam.locate.edges import Projected
 from cadcam.locate.sight import Cells, Sight
+from cadcam.native.profiles import band_gains
 
 Longs = npt.NDArray[np.int64]
 _BINS, _WIDTH = 24, 0.5  # px: by distance from the line
-_MIDDLES = (np.arange(_BINS) + 0.5 - 0.5 * _BINS) * _WIDTH
-_APART = np.arange(1.0, 5.01, 0.25)  # px: how far from the line a band's end is looked for
-_TRIED = np.concatenate([-_APART, _APART])
+_APART = np.arange(1.0, 5.01, 0.5)  # px: how far from the line a band's end is looked for
+_TRIED = np.concatenate([-_APART[::-1], _APART])
 _TOGETHER = 12  # cells of a stretch
 _FEW = 3  # cells of the shortest
+_ENOUGH = 800  # cells of a photo from which on only every second one is asked, from twice as many every third
 _INSIDE = 0.25  # px: so much farther cells reach at least
 _CLEAR = 20.0  # variances of noise and grain that a band explains
 _PAST = 2.0  # blurs: cells reach so far beyond a band's end
-_HARDLY = 1e-3  # of a pixel's weight a cell: a step that hardly differs from what the fit knows
+_SHORT = 1.5  # blurs: cells end that far before a step that they are not told of
+_NARROW, _SHARPER = 0.8, 0.92  # of how far cells reach, and of the blur that they show, where bands are taken for blur
+_LEFT, _MOST = 0.2, 0.5  # of how far a band drew the steps, what may be left of it; px, at most that far
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Stretches:
-    """Means of what is left over in B stretches of cells.
+    """What is left over in B stretches of cells.
 
-    of (n,): each cell's stretch; rest, number (B, bins); variance (B,) of a pixel; known (B, bins, k): the columns of
-    the fit; free (B, 2): how far below and above a band is looked for, 0 where a line of the model is known.
+    of (n,): each cell's stretch, -1 for none; rest, number (B, bins): sums and numbers of pixels; variance (B,) of a
+    pixel; known (B, 2): steps of the model below and above, nan for none; room (B, 2): how far below and above bands
+    are looked for.
     """
 
     of: Longs
@@ -45,95 +50,128 @@ class _Stretches:
     number: Array
     variance: Array
     known: Array
-    free: Array
+    room: Array
+
+    def clear(self, some: Longs, known: Array, room: Array, blur: float) -> tuple[Longs, Array]:
+        """Return which of some stretches show a step clearly, and where; known (n, 3): the steps known there."""
+        rest, number, variance = self.rest[some], self.number[some], self.variance[some]
+        gain = band_gains(rest, number, variance, known, room, _TRIED, width=_WIDTH, blur=blur)
+        best = np.argmax(gain, axis=1)
+        which = np.flatnonzero(gain[np.arange(len(best)), best] > _CLEAR)
+        return which, np.array([_peak(gain[k], int(best[k])) for k in which])
 
 
-def banded(sight: Sight, at: Projected, cells: Cells, where: Array, sums: StepSums) -> tuple[Cells, StepSums]:
-    """Return cells that know of the bands beside their lines, and their sums; both as given where there are none."""
+def banded(
+    sight: Sight, at: Projected, cells: Cells, where: Array, anew: Mapping[str, float] | None = None
+) -> tuple[Cells, Cells, StepSums]:
+    """Return cells of the photo's true blur, cells that know of the bands beside their lines, and the sums of these.
+
+    where (N,) px along the normals: where the steps are. anew: how cells are laid out, where bands may have been taken
+    for blur; then they are laid out once more.
+    """
+    sums = cells.sums_at(sight, at, where)
     if not len(cells.which):
-        return cells, sums
+        return cells, cells, sums
     stretches = _stretches(sight, at, cells, where, sums)
-    side, apart = _found(stretches, cells.blur)
+    apart, end = _found(stretches, cells.blur)
     if not np.isfinite(apart).any():
-        return cells, sums
+        return cells, cells, sums
+    if anew is not None:
+        narrow = sight.blur(at, half_length=cells.half_length, reach_px=_NARROW * anew["reach_px"])
+        if narrow < _SHARPER * cells.blur:
+            return banded(sight, at, Cells.of(sight, at, where=where, blur=narrow, **anew), where)
+    told, its_sums = _told(cells, stretches.of, apart, end).settled(sight, at, where)
+    drawn = _drawn(sums, its_sums, stretches.of)
+    return cells, replace(told, doubt=_LEFT * np.where(_any(apart)[stretches.of], drawn, 0.0)), its_sums
+
+
+def _any(apart: Array) -> npt.NDArray[np.bool_]:
+    return np.append(np.isfinite(apart).any(axis=1), False)  # the last one: cells of no stretch
+
+
+def _told(cells: Cells, of: Longs, apart: Array, end: Array) -> Cells:
+    """Return cells that know of steps `apart` (B, 2) px below and above, nan for none, and end before `end`."""
+    apart, end = np.vstack([apart, [np.nan, np.nan]])[of], np.vstack([end, [np.inf, np.inf]])[of]
     twins, reach = cells.twins.copy(), np.stack([cells.below, cells.above], axis=1)
-    for k in (0, 1):
-        place = apart[stretches.of, k]
-        told = np.isfinite(place)
-        twins[told, k] = np.column_stack([place[told], np.zeros(told.sum())])
-        past = np.minimum(np.abs(place) + _PAST * cells.blur, cells.room[:, k])
-        reach[:, k] = np.where(told, np.maximum(reach[:, k], past), reach[:, k])
-    cells = replace(cells, twins=twins, below=reach[:, 0], above=reach[:, 1])
-    return cells.settled(sight, at, where)
+    there = np.isfinite(apart)
+    twins[there] = np.column_stack([apart[there], np.zeros(there.sum())])
+    past = np.minimum(np.abs(apart) + _PAST * cells.blur, cells.room)
+    reach = np.minimum(np.where(there, np.fmax(reach, past), reach), end)
+    return replace(cells, twins=twins, below=reach[:, 0], above=reach[:, 1])
+
+
+def _drawn(without: StepSums, told: StepSums, of: Longs) -> Array:
+    """Return by how much (n,) px the bands drew the steps of each cell's stretch."""
+    place = []
+    for sums in (without, told):
+        found = sums.solved(np.zeros((len(of), 2)))
+        seen = np.isfinite(found.moment) & np.isfinite(found.contrast)
+        moment, contrast = (
+            np.bincount(of + 1, np.where(seen, v, 0.0)) for v in (found.moment, found.contrast)
+        )
+        with np.errstate(all="ignore"):
+            place.append(-moment / contrast)
+    with np.errstate(all="ignore"):
+        return np.asarray(np.fmin(np.abs(place[0] - place[1]), _MOST)[of + 1])
 
 
 def _stretches(sight: Sight, at: Projected, cells: Cells, where: Array, sums: StepSums) -> _Stretches:
-    q, normal = cells.placed(at, where)
-    rest, number, variance = step_rests(
-        sight.photo.gray, q, normal, sums, below=cells.below, above=cells.above, half_length=cells.half_length,
-        blur=cells.blur, twins=cells.twins, bins=_BINS, width=_WIDTH,
-    )
+    """Return what fits with the sums given leave over in the stretches of a photo's lines."""
     run = sight.samples.run[cells.which].astype(np.int64)
     count = np.bincount(run)
     place = np.arange(len(run)) - (np.cumsum(count) - count)[run]
     pieces = np.maximum(np.round(count / _TOGETHER), 1).astype(np.int64)[run]
     of = np.cumsum(np.diff(run * len(run) + place * pieces // count[run], prepend=-1) > 0) - 1
-    first = np.flatnonzero(np.diff(of, prepend=-1))
-    number_of, pixels = np.add.reduceat(number, first), number.sum(axis=1)
-    mean = np.add.reduceat(rest, first) / np.maximum(number_of, 1)
-    of_pixel = np.add.reduceat(variance * pixels, first) / np.maximum(np.add.reduceat(pixels, first), 1)
-    twins = cells.twins[:, :, 0]
-    there = np.isfinite(twins)
+    some = slice(None, None, 1 + len(run) // _ENOUGH)
+    q, normal = cells.placed(at, where)
+    below, above, twins = cells.below[some], cells.above[some], cells.twins[some]
+    rest, number, variance = step_rests(
+        sight.photo.gray, q[some], normal[some], StepSums(sums.sums[some]), below=below, above=above,
+        half_length=cells.half_length, blur=cells.blur, twins=twins, bins=_BINS, width=_WIDTH,
+    )  # fmt: skip
+    first = np.flatnonzero(np.diff(of[some], prepend=-1))
+    index = np.full(int(of[-1]) + 1, -1)
+    index[of[some][first]] = np.arange(len(first))
+    size = np.diff(first, append=len(below))
+    there = np.isfinite(twins[:, :, 0])
     known = np.add.reduceat(there, first, dtype=float)
-    place_of = np.add.reduceat(np.where(there, twins, 0.0), first) / np.maximum(known, 1)
-    reach = np.minimum.reduceat(np.stack([cells.below, cells.above], axis=1), first) - _INSIDE
-    enough = np.bincount(of)[:, None] >= _FEW
-    return _Stretches(
-        of, mean, number_of, of_pixel, _known(place_of, known > 0, cells.blur), np.where((known > 0) | ~enough, 0.0, reach)
-    )
-
-
-def _known(places: Array, there: Array, blur: float) -> Array:
-    """Return the columns (B, bins, 7) of fits with up to two twins at places (B, 2), where they are there."""
-    own = np.broadcast_to(step_columns(_MIDDLES, blur), (len(places), _BINS, 5))
-    twins = [_beyond(_MIDDLES - places[:, k, None], side, blur) * there[:, k, None] for k, side in ((0, -1), (1, 1))]
-    return np.concatenate([own, np.stack(twins, axis=2)], axis=2)
-
-
-def _beyond(d: Array, side: Array | int, blur: float) -> Array:
-    from scipy.special import ndtr
-
-    return np.asarray(ndtr(side * d / blur))
+    places = np.add.reduceat(np.where(there, twins[:, :, 0], 0.0), first) / np.where(known > 0, known, np.nan)
+    reach = np.minimum.reduceat(np.stack([below, above], axis=1), first) - _INSIDE
+    room = np.where((known > 0) | (size < _FEW)[:, None], 0.0, reach)
+    mean = np.add.reduceat(variance, first) / size
+    return _Stretches(index[of], np.add.reduceat(rest, first), np.add.reduceat(number, first), mean, places, room)
 
 
 def _found(s: _Stretches, blur: float) -> tuple[Array, Array]:
-    """Return where (B, 2) px below and above bands end, nan where there is none."""
-    apart = np.full((len(s.rest), 2), np.nan)
-    tried = _beyond(_MIDDLES - _TRIED[:, None], np.sign(_TRIED)[:, None], blur)
-    allowed = np.abs(_TRIED) < s.free[:, np.where(_TRIED < 0, 0, 1)]
-    gain, _ = _gains(s.rest, s.number, s.variance, s.known, tried, allowed)
-    best = np.argmax(gain, axis=1)
-    some = np.flatnonzero(gain[np.arange(len(best)), best] > _CLEAR)
-    side = (_TRIED[best] > 0).astype(int)
-    apart[some, side[some]] = [_peak(_TRIED, gain[k], best[k]) for k in some]
-    return side, apart
+    """Return where (B, 2) px below and above bands end, nan where there is none, and where cells have to end.
+
+    A second step is looked for beside the first: on the other side it ends another band; on the same side cells end
+    before the farther one.
+    """
+    n = len(s.rest)
+    apart, end = np.full((n, 2), np.nan), np.full((n, 2), np.inf)
+    known = np.column_stack([s.known, np.full(n, np.nan)])
+    some, first = s.clear(np.arange(n), known, s.room, blur)
+    if not len(some):
+        return apart, end
+    apart[some, (first > 0).astype(int)] = first
+    known[some, 2] = first
+    again, second = s.clear(some, known[some], s.room[some], blur)
+    for k, place in zip(some[again], second, strict=True):
+        side = int(place > 0)
+        other = apart[k, side]
+        if np.isnan(other):
+            apart[k, side] = place
+        else:
+            near, far = sorted((other, place), key=abs)
+            apart[k, side], end[k, side] = near, abs(far) - _SHORT * blur
+    return apart, end
 
 
-def _gains(rest, number, variance, known, tried, allowed):
-    A = np.einsum("bni,bn,bnj->bij", known, number, known)
-    A += 1e-6 * np.eye(A.shape[1])
-    cross = np.einsum("bni,bn,tn->bit", known, number, tried)
-    factors = np.linalg.solve(A, cross)
-    weight = np.einsum("bn,tn->bt", number, tried**2) - np.einsum("bit,bit->bt", cross, factors)
-    right = np.einsum("bn,bn->bn", number, rest)
-    seen = right @ tried.T - np.einsum("bit,bi->bt", factors, np.einsum("bni,bn->bi", known, right))
-    fair = allowed & (weight > _HARDLY * number.sum(axis=1, keepdims=True))
-    beta = seen / np.maximum(weight, 1e-9)
-    return np.where(fair, seen * beta / np.maximum(variance, 1e-12)[:, None], 0.0), beta
-
-
-def _peak(x: Array, y: Array, best: int) -> float:
-    if not 0 < best < len(x) - 1 or min(y[best - 1], y[best + 1]) <= 0:
-        return float(x[best])
-    rise = 0.5 * (y[best + 1] - y[best - 1]) / (2 * y[best] - y[best - 1] - y[best + 1])
-    return float(x[best] + rise * (x[best + 1] - x[best]))
+def _peak(gain: Array, best: int) -> float:
+    """Return where the parabola through the highest of some gains and its neighbours is highest."""
+    at, around = _TRIED[best], gain[max(best - 1, 0) : best + 2]
+    if len(around) < 3 or not around.min() > 0 or _TRIED[best - 1] * _TRIED[best + 1] < 0:
+        return float(at)
+    before, here, after = around
+    return float(at + 0.5 * (after - before) / (2 * here - before - after) * (_TRIED[best + 1] - at))

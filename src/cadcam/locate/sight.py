@@ -90,7 +90,8 @@ class Cells:
     """Which of a sight's samples have room for a cell, how far the cells reach, and the light they are seen in.
 
     which (N,): numbers of the samples; below, above (N,) px; held (N, 2): how firmly the slopes are held
-    (`image.profile.StepSums`); bow (N,) px: how far along the normal the step of a bent line lies beyond its
+    (`image.profile.StepSums`); twins (N, 2, 2): other steps in them, as `EdgeSamples` has them; room (N, 2) px: how far
+    they might reach below and above; doubt (N,) px: by which their steps may be off all along a stretch; bow (N,) px: how far along the normal the step of a bent line lies beyond its
     tangent, on the mean of the cell; half_length, blur (px). first: their sums at the places where they were
     laid out, which the first measurement needs again.
     """
@@ -104,6 +105,7 @@ class Cells:
     blur: float
     twins: Array
     room: Array
+    doubt: Array
     first: StepSums | None = None
 
     @classmethod
@@ -116,15 +118,18 @@ class Cells:
         reach_px: float,
         room_px: float,
         where: Array | None = None,
+        blur: float | None = None,
     ) -> Cells:
         """Return the cells of a sight; room_px is what a cell needs on each side of its line.
 
-        where (N,) px along the normals: where the steps are about, default on the lines.
+        where (N,) px along the normals: where the steps are about, default on the lines. blur: px, default as the
+        strongest lines show it.
 
         The ground's slopes are held by what they are on average in the stretch of line around each cell, of which noise
         tells little: where the ground is level they cost nothing, where light bends it they are free.
         """
-        blur, samples = sight.blur(at, half_length=half_length, reach_px=reach_px), sight.samples
+        blur = sight.blur(at, half_length=half_length, reach_px=reach_px) if blur is None else blur
+        samples = sight.samples
         rooms = ((samples.below, samples.beyond[:, 0]), (samples.above, samples.beyond[:, 1]))
         room = np.stack([_room(next_line, beyond, blur) for next_line, beyond in rooms], axis=1)
         below, above = np.minimum(room, reach_px).T
@@ -132,9 +137,8 @@ class Cells:
         enough = (below >= room_px) & (above >= room_px)
         which = np.flatnonzero(apart & enough & np.isfinite(at.q).all(axis=1))
         free, bow = np.zeros((len(which), 2)), _bow(at, samples.run, half_length, blur)
-        cells = cls(
-            which, below[which], above[which], free, bow[which], half_length, blur, samples.twins[which], room[which]
-        )
+        light = (half_length, blur, samples.twins[which], room[which], np.zeros(len(which)))
+        cells = cls(which, below[which], above[which], free, bow[which], *light)
         cells, sums = cells.settled(sight, at, where)
         return replace(cells, first=sums)
 
@@ -169,12 +173,16 @@ class Cells:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
-    """Offsets (N,) px of the photo's steps from the model's lines, their sd by noise, contrast, which are usable."""
+    """Offsets (N,) px of the photo's steps from the model's lines, their sd by noise, contrast, which are usable.
+
+    doubt (N,) px: by which all steps of a stretch of line may be off.
+    """
 
     offset: Array
     sigma: Array
     contrast: Array
     usable: Mask
+    doubt: Array
 
 
 def measure(sight: Sight, at: Projected, cells: Cells, where: Array, *, sums: StepSums | None = None) -> Measured:
@@ -186,10 +194,10 @@ def measure(sight: Sight, at: Projected, cells: Cells, where: Array, *, sums: St
     """
     n = len(sight.samples)
     offset, sigma, contrast = (np.full(n, np.nan) for _ in range(3))
-    usable = np.zeros(n, bool)
+    usable, doubt = np.zeros(n, bool), np.zeros(n)
     which = cells.which
     if not len(which):
-        return Measured(offset, sigma, contrast, usable)
+        return Measured(offset, sigma, contrast, usable, doubt)
     sums = cells.sums_at(sight, at, where) if sums is None else sums
     found, run = sums.solved(cells.held, noise=0.5 * sight.noise), sight.samples.run[which]
     c, sd_c = along_runs(found.contrast, run, _CONTRAST), np.sqrt(along_runs(found.sd_contrast**2, run, _CONTRAST))
@@ -201,8 +209,8 @@ def measure(sight: Sight, at: Projected, cells: Cells, where: Array, *, sums: St
         near = np.abs(shift) < _LINEAR * max(cells.blur, 0.7)
         usable[which] = (np.abs(c) > _CLEAR * sd_c) & near & (found.clipped < _CLIPPED)
         offset[which] = where[which] + shift
-    contrast[which] = c
-    return Measured(offset, sigma, contrast, usable)
+    contrast[which], doubt[which] = c, cells.doubt
+    return Measured(offset, sigma, contrast, usable, doubt)
 
 
 def nearest_steps(sight: Sight, at: Projected, *, half_length: float, reach: int) -> Array:

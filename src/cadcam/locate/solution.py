@@ -91,8 +91,13 @@ def solved(
     cells = [Cells.of(s, at, where=w, **room) for s, at, w in zip(sights, places, where, strict=True)]
     pieces, on_lines = _pieces(sights, options), False
     for number, iterations in enumerate(_ROUNDS):
+        told = [(c, c.first) for c in cells]
+        if number:
+            anew = room if number == 1 else None
+            looked = [banded(*one, anew) for one in zip(sights, places, cells, where, strict=True)]
+            cells, told = [c for c, _, _ in looked], [(c, sums) for _, c, sums in looked]
         measured = [
-            _measured(s, at, c, w, look=number > 0) for s, at, c, w in zip(sights, places, cells, where, strict=True)
+            measure(s, at, c, w, sums=sums) for s, at, (c, sums), w in zip(sights, places, told, where, strict=True)
         ]
         B = freedom.at(pose)
         other = rows_of(evidence, [s.photo for s in sights], pose)
@@ -105,14 +110,6 @@ def solved(
             break
         places = [s.project(pose) for s in sights]
     return _unbent(last, [c.blur for c in cells], other, iterations, pieces)
-
-
-def _measured(sight: Sight, at: Projected, cells: Cells, where: Array, *, look: bool) -> Measured:
-    if not look:
-        return measure(sight, at, cells, where, sums=cells.first)
-    sums = cells.sums_at(sight, at, where)
-    cells, sums = banded(sight, at, cells, where, sums)
-    return measure(sight, at, cells, where, sums=sums)
 
 
 def _unbent(
@@ -178,8 +175,8 @@ def _step(
     J = np.concatenate([*(at.row[m.usable] for at, m in zip(places, measured, strict=True)), rows]) @ B
     piece = np.concatenate([of[m.usable] for of, m in zip(pieces, measured, strict=True)])
     group = np.cumsum(np.diff(piece, prepend=piece[:1]) > 0, dtype=np.int64)
-    limbs = _of_limbs(sights, measured, group)
-    edges = len(limbs)
+    expected = _expected(sights, measured, group)
+    edges = len(expected)
     relative = _relative(variance[: len(group)], group) if on_lines else np.ones(edges)
     return grouped_fit(
         y,
@@ -189,7 +186,7 @@ def _step(
         usual=_USUAL_PX,
         relative=np.concatenate([relative, np.ones(len(other))]),
         uneven=_UNEVEN,
-        expected=np.concatenate([limbs, np.zeros(len(other))]),
+        expected=np.concatenate([expected, np.zeros(len(other))]),
         exact=np.arange(edges + len(other)) >= edges,
         iterations=iterations,
     )
@@ -206,15 +203,16 @@ def _relative(variance: Array, group: Longs) -> Array:
     return np.asarray(np.mean(told) / told) if len(told) else np.zeros(0)
 
 
-def _of_limbs(sights: Sequence[Sight], measured: Sequence[Measured], group: Longs) -> Array:
-    """Return by how much groups on borders of round surfaces are expected to be off (G,), px^2.
+def _expected(sights: Sequence[Sight], measured: Sequence[Measured], group: Longs) -> Array:
+    """Return by how much groups beside bands and on borders of round surfaces are expected to be off (G,), px^2.
 
     Towards such a border brightness changes with the root of the distance, which no slope of the ground describes.
     """
     if not len(group):
         return np.zeros(0)
     round_off = np.concatenate([s.samples.chain[m.usable] < 0 for s, m in zip(sights, measured, strict=True)])
-    return np.asarray(_LIMB_PX**2 * np.bincount(group, round_off) / np.bincount(group))
+    doubt = np.concatenate([m.doubt[m.usable] for m in measured])
+    return np.asarray(np.bincount(group, _LIMB_PX**2 * round_off + doubt**2) / np.bincount(group))
 
 
 def _pieces(sights: Sequence[Sight], options: EdgeOptions) -> list[Longs]:
