@@ -32,7 +32,8 @@ _INSIDE = 0.25  # px: so much farther cells reach at least
 _CLEAR = 20.0  # variances of noise and grain that a band explains
 _PAST = 2.0  # blurs: cells reach so far beyond a band's end
 _SHORT = 1.5  # blurs: cells end that far before a step that they are not told of
-_NARROW, _SHARPER = 0.8, 0.92  # of how far cells reach, and of the blur that they show, where bands are taken for blur
+_NARROW, _SHARPER = 0.72, 0.92  # of how far cells reach, and of the blur that they show, where bands are taken for blur
+_BLURRED = 1.2  # px: blur from which on narrow cells do not tell it
 _LEFT, _MOST = 0.2, 0.5  # of how far a band drew the steps, what may be left of it; px, at most that far
 
 
@@ -76,7 +77,7 @@ def banded(
     apart, end = _found(stretches, cells.blur)
     if not np.isfinite(apart).any():
         return cells, cells, sums
-    if anew is not None:
+    if anew is not None and cells.blur < _BLURRED:
         narrow = sight.blur(at, half_length=cells.half_length, reach_px=_NARROW * anew["reach_px"])
         if narrow < _SHARPER * cells.blur:
             return banded(sight, at, Cells.of(sight, at, where=where, blur=narrow, **anew), where)
