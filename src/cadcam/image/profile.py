@@ -133,15 +133,6 @@ def step_rests(
     )
 
 
-def step_columns(d: Array, blur: float) -> Array:
-    """Return the columns (n, 5) of a fit at distances d (n,) px: level, step, its derivative, slopes below and above."""
-    from scipy.special import ndtr
-
-    step, bell = ndtr(d / blur), np.exp(-0.5 * (d / blur) ** 2) / (blur * math.sqrt(2 * math.pi))
-    above = d * step + blur**2 * bell
-    return np.stack([np.ones_like(d), step, bell, d - above, above], axis=-1)
-
-
 def noise_of(gray: Picture) -> float:
     """Return the sd of a pixel's noise, from the median of second differences that no plane or straight edge passes.
 
@@ -177,10 +168,10 @@ def blur_of(gray: Picture, q: Array, normal: Array, *, reach: Array, half_length
     best = int(np.argmin(misfit))
     if not np.isfinite(misfit[best]):
         return default
-    return float(np.exp(_parabola(np.log(_BLURS), misfit, best)))
+    return float(np.exp(parabola(np.log(_BLURS), misfit, best)))
 
 
-def _parabola(x: Array, y: Array, best: int) -> float:
+def parabola(x: Array, y: Array, best: int) -> float:
     """Return where the parabola through the lowest of equally important places and its neighbours is lowest."""
     if not 0 < best < len(x) - 1 or not np.isfinite(y[best - 1 : best + 2]).all():
         return float(x[best])

@@ -16,24 +16,27 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array
-from cadcam.image.profile import StepSums, step_rests
+from cadcam.image.profile import StepSums, parabola, step_rests, step_sums
 from cadcam.locate.edges import Projected
 from cadcam.locate.sight import Cells, Sight
 from cadcam.native.profiles import band_gains
 
 Longs = npt.NDArray[np.int64]
-_BINS, _WIDTH = 24, 0.5  # px: by distance from the line
-_APART = np.arange(1.0, 5.01, 0.5)  # px: how far from the line a band's end is looked for
+_BINS, _WIDTH = 28, 0.5  # px: by distance from the line
+_FAR = 6.5  # px: how far to each side; nearer, steps 1.5 and 3.5 px away can look the same
+_APART = np.arange(1.0, 5.01, 0.25)  # px: how far from the line a band's end is looked for
 _TRIED = np.concatenate([-_APART[::-1], _APART])
+_COARSE = _TRIED[::2]  # first
 _TOGETHER = 12  # cells of a stretch
 _FEW = 3  # cells of the shortest
-_ENOUGH = 800  # cells of a photo from which on only every second one is asked, from twice as many every third
+_ENOUGH = 500  # cells of a photo from which on only every second one is asked, from twice as many every third
 _INSIDE = 0.25  # px: so much farther cells reach at least
 _CLEAR = 16.0  # variances of noise and grain that a band explains
+_MAYBE = 0.5  # of that, as places half a pixel apart show it
 _PAST = 2.0  # blurs: cells reach so far beyond a band's end
 _SHORT = 1.5  # blurs: cells end that far before a step that they are not told of
-_NARROW, _SHARPER = 0.72, 0.92  # of how far cells reach, and of the blur that they show, where bands are taken for blur
-_BLURRED = 1.2  # px: blur from which on narrow cells do not tell it
+_SHARPER = np.array([0.6, 0.72, 0.86, 1.0])  # of the blur: tried where bands may have been taken for it
+_SAME = 0.02  # by which a blur may be off
 _LEFT, _MOST = 0.2, 0.5  # of how far a band drew the steps, what may be left of it; px, at most that far
 
 
@@ -55,11 +58,16 @@ class _Stretches:
 
     def clear(self, some: Longs, known: Array, room: Array, blur: float) -> tuple[Longs, Array]:
         """Return which of some stretches show a step clearly, and where; known (n, 3): the steps known there."""
-        rest, number, variance = self.rest[some], self.number[some], self.variance[some]
-        gain = band_gains(rest, number, variance, known, room, _TRIED, width=_WIDTH, blur=blur)
+        maybe = np.flatnonzero(self._gains(some, known, room, blur, _COARSE).max(axis=1, initial=0.0) > _MAYBE * _CLEAR)
+        gain = self._gains(some[maybe], known[maybe], room[maybe], blur, _TRIED)
         best = np.argmax(gain, axis=1)
-        which = np.flatnonzero(gain[np.arange(len(best)), best] > _CLEAR)
-        return which, np.array([_peak(gain[k], int(best[k])) for k in which])
+        clear = np.flatnonzero(gain[np.arange(len(best)), best] > _CLEAR)
+        return maybe[clear], np.array([_peak(gain[k], int(best[k])) for k in clear])
+
+    def _gains(self, some: Longs, known: Array, room: Array, blur: float, tried: Array) -> Array:
+        """Return what steps at places tried explain (n, t) in some stretches."""
+        left = self.rest[some], self.number[some], self.variance[some]
+        return band_gains(*left, known, room, tried, width=_WIDTH, blur=blur)
 
 
 def banded(
@@ -70,20 +78,31 @@ def banded(
     where (N,) px along the normals: where the steps are. anew: how cells are laid out, where bands may have been taken
     for blur; then they are laid out once more.
     """
-    sums = cells.sums_at(sight, at, where)
     if not len(cells.which):
-        return cells, cells, sums
-    stretches = _stretches(sight, at, cells, where, sums)
+        return cells, cells, cells.sums_at(sight, at, where)
+    stretches = _stretches(sight, at, cells, where)
     apart, end = _found(stretches, cells.blur)
+    plain = cells.sums_at(sight, at, where)
     if not np.isfinite(apart).any():
-        return cells, cells, sums
-    if anew is not None and cells.blur < _BLURRED:
-        narrow = sight.blur(at, half_length=cells.half_length, reach_px=_NARROW * anew["reach_px"])
-        if narrow < _SHARPER * cells.blur:
-            return banded(sight, at, Cells.of(sight, at, where=where, blur=narrow, **anew), where)
-    told, its_sums = _told(cells, stretches.of, apart, end).settled(sight, at, where)
-    drawn = _drawn(sums, its_sums, stretches.of)
-    return cells, replace(told, doubt=_LEFT * np.where(_any(apart)[stretches.of], drawn, 0.0)), its_sums
+        return cells, cells, plain
+    told, sums = _told(cells, stretches.of, apart, end).settled(sight, at, where)
+    if anew is not None:
+        blur = _blur(sight, at, cells, where, anew)
+        if abs(blur / cells.blur - 1) > _SAME:
+            return banded(sight, at, Cells.of(sight, at, where=where, blur=blur, **anew), where)
+    drawn = _drawn(plain, sums, stretches.of)
+    return cells, replace(told, doubt=_LEFT * np.where(_any(apart)[stretches.of], drawn, 0.0)), sums
+
+
+def _blur(sight: Sight, at: Projected, cells: Cells, where: Array, anew: Mapping[str, float]) -> float:
+    """Return the blur at which steps fit best that know of bands."""
+    tried, misfit = cells.blur * _SHARPER, []
+    for blur in tried:
+        _, told, sums = banded(sight, at, Cells.of(sight, at, where=where, blur=float(blur), **anew), where)
+        noise = sums.solved(told.held).noise
+        misfit.append(float(np.mean(np.log(noise[np.isfinite(noise)]))))
+    best = int(np.argmin(misfit))
+    return float(np.exp(parabola(np.log(tried), np.array(misfit), best)))
 
 
 def _any(apart: Array) -> npt.NDArray[np.bool_]:
@@ -116,20 +135,19 @@ def _drawn(without: StepSums, told: StepSums, of: Longs) -> Array:
         return np.asarray(np.fmin(np.abs(place[0] - place[1]), _MOST)[of + 1])
 
 
-def _stretches(sight: Sight, at: Projected, cells: Cells, where: Array, sums: StepSums) -> _Stretches:
-    """Return what fits with the sums given leave over in the stretches of a photo's lines."""
+def _stretches(sight: Sight, at: Projected, cells: Cells, where: Array) -> _Stretches:
+    """Return what fits leave over in the stretches of a photo's lines."""
     run = sight.samples.run[cells.which].astype(np.int64)
     count = np.bincount(run)
     place = np.arange(len(run)) - (np.cumsum(count) - count)[run]
     pieces = np.maximum(np.round(count / _TOGETHER), 1).astype(np.int64)[run]
     of = np.cumsum(np.diff(run * len(run) + place * pieces // count[run], prepend=-1) > 0) - 1
     some = slice(None, None, 1 + len(run) // _ENOUGH)
-    q, normal = cells.placed(at, where)
-    below, above, twins = cells.below[some], cells.above[some], cells.twins[some]
-    rest, number, variance = step_rests(
-        sight.photo.gray, q[some], normal[some], StepSums(sums.sums[some]), below=below, above=above,
-        half_length=cells.half_length, blur=cells.blur, twins=twins, bins=_BINS, width=_WIDTH,
-    )  # fmt: skip
+    q, normal, twins = (a[some] for a in (*cells.placed(at, where), cells.twins))
+    below, above = np.minimum(cells.room[some], _FAR).T
+    cell = {"below": below, "above": above, "half_length": cells.half_length, "blur": cells.blur, "twins": twins}
+    sums = step_sums(sight.photo.gray, q, normal, **cell)
+    rest, number, variance = step_rests(sight.photo.gray, q, normal, sums, **cell, bins=_BINS, width=_WIDTH)
     first = np.flatnonzero(np.diff(of[some], prepend=-1))
     index = np.full(int(of[-1]) + 1, -1)
     index[of[some][first]] = np.arange(len(first))

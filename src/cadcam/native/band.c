@@ -7,11 +7,13 @@
 enum { OWN = 5, TERMS = OWN + CC_BAND_KNOWN };
 #define ROOT_HALF 0.70710678118654752
 #define OF_BELL 0.39894228040143268 /* 1 / sqrt(2 pi) */
+#define FAR 5.0 /* blurs beyond which a step is level */
 #define HARDLY 1e-3 /* of all pixels: a step that weighs less hardly differs from what is known */
 
 /* A step of height 1 at a place, away from the line: where bins are beyond it. */
 static double beyond(double d, double place, double blur) {
-    return 0.5 * erfc((place < 0 ? 1 : -1) * ROOT_HALF / blur * (d - place));
+    const double x = (place < 0 ? place - d : d - place) / blur;
+    return fabs(x) < FAR ? 0.5 * erfc(-ROOT_HALF * x) : x > 0;
 }
 
 /* Level, step, its bell, and the ramps below and above at a distance, as cc_steps fits them. */
