@@ -23,19 +23,20 @@ from cadcam.native.profiles import band_gains
 
 Longs = npt.NDArray[np.int64]
 _BINS, _WIDTH = 28, 0.5  # px: by distance from the line
-_FAR = 6.5  # px: how far to each side; nearer, steps 1.5 and 3.5 px away can look the same
+_FAR = 5.5  # px: how far to each side; nearer, steps 1.5 and 3.5 px away can look the same
 _APART = np.arange(1.0, 5.01, 0.25)  # px: how far from the line a band's end is looked for
 _TRIED = np.concatenate([-_APART[::-1], _APART])
 _COARSE = _TRIED[::2]  # first
-_TOGETHER = 12  # cells of a stretch
+_TOGETHER = 16  # cells of a stretch
 _FEW = 3  # cells of the shortest
 _ENOUGH = 500  # cells of a photo from which on only every second one is asked, from twice as many every third
 _INSIDE = 0.25  # px: so much farther cells reach at least
-_CLEAR = 16.0  # variances of noise and grain that a band explains
+_CLEAR = 20.0  # variances of noise and grain that a band explains
 _MAYBE = 0.5  # of that, as places half a pixel apart show it
 _PAST = 2.0  # blurs: cells reach so far beyond a band's end
 _SHORT = 1.5  # blurs: cells end that far before a step that they are not told of
 _SHARPER = np.array([0.6, 0.72, 0.86, 1.0])  # of the blur: tried where bands may have been taken for it
+_BESIDE = 0.3  # of the cells beside bands, from which on these may have been taken for blur
 _SAME = 0.02  # by which a blur may be off
 _LEFT, _MOST = 0.2, 0.5  # of how far a band drew the steps, what may be left of it; px, at most that far
 
@@ -86,7 +87,7 @@ def banded(
     if not np.isfinite(apart).any():
         return cells, cells, plain
     told, sums = _told(cells, stretches.of, apart, end).settled(sight, at, where)
-    if anew is not None:
+    if anew is not None and _any(apart)[stretches.of].mean() > _BESIDE:
         blur = _blur(sight, at, cells, where, anew)
         if abs(blur / cells.blur - 1) > _SAME:
             return banded(sight, at, Cells.of(sight, at, where=where, blur=blur, **anew), where)
@@ -156,7 +157,7 @@ def _stretches(sight: Sight, at: Projected, cells: Cells, where: Array) -> _Stre
     known = np.add.reduceat(there, first, dtype=float)
     places = np.add.reduceat(np.where(there, twins[:, :, 0], 0.0), first) / np.where(known > 0, known, np.nan)
     reach = np.minimum.reduceat(np.stack([below, above], axis=1), first) - _INSIDE
-    room = np.where((known > 0) | (size < _FEW)[:, None], 0.0, reach)
+    room = np.where((known > 0) | (np.bincount(of)[of[some][first]] < _FEW)[:, None], 0.0, reach)
     mean = np.add.reduceat(variance, first) / size
     return _Stretches(index[of], np.add.reduceat(rest, first), np.add.reduceat(number, first), mean, places, room)
 
