@@ -1,7 +1,7 @@
 """Parts with narrow bands beside their borders: contact shadows, gaps underneath, print and painted rims.
 
-The CAD model knows nothing of the bands: they lie on the bench or on the part, 1 to 3 mm wide, and in a photo they are a
-second step of brightness 1 to 6 px beside the border. What stands in the picture besides the part is its dressing:
+The CAD model knows nothing of the bands: they lie on the bench or on the part, 1 to 3 mm wide, and in a photo they are
+a second step of brightness 1 to 6 px beside the border. What stands in the picture besides the part is its dressing:
 meshes in the part's frame, each with how much light it throws back.
 """
 
@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from cadcam.arrays import Array
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts.shape import box, circle, extruded, filled, moved, prism, rounded, turned
 
 THICK = 2.5  # mm, of the plate
-HOLES = (((22.0, 20.0), 9.0), ((22.0, 62.0), 6.0), (((86.0, 58.0)), 11.0))  # centre and radius, mm
+HOLES = (((22.0, 20.0), 9.0), ((22.0, 62.0), 6.0), ((86.0, 58.0), 11.0))  # centre and radius, mm
 SLOT = ((50.0, 14.0), (104.0, 26.0))  # corners, mm
 PLATE = np.array([(0, 0), (120, 0), (120, 48), (100, 80), (0, 80)], float)
 COVER = ((0, 0), (110, 0), (110, 14), (62, 14), (62, 27), (0, 27))  # x, z, mm
@@ -37,7 +36,9 @@ def plate_print(*, sides: int) -> Dressing:
     """Return painted rims of two holes and of one border, and stripes of print beside two others."""
     rims = [_ring(*HOLES[0], 1.0, sides), _ring(*HOLES[2], 1.6, sides)]
     stripes = [_bar((1.8, 6), (3.0, 74)), _bar((8, 78.6), (92, 80)), _bar((10, 1.6), (110, 2.6))]
-    return tuple((moved(m, (0, 0, THICK)), a) for m, a in zip([*rims, *stripes], (RIM, DARK, DARK, RIM, DARK)))
+    return tuple(
+        (moved(m, (0, 0, THICK)), a) for m, a in zip([*rims, *stripes], (RIM, DARK, DARK, RIM, DARK), strict=True)
+    )
 
 
 def stepped_cover() -> Mesh:
@@ -53,7 +54,7 @@ def cover_foot() -> Dressing:
     upper = _bar((1.9, 5), (3.1, WIDE - 5)), _bar((6, 0), (58, 1.3))
     lower = (_bar((105.4, 8), (107.4, WIDE - 8)),)
     printed = [*(moved(m, (0, 0, high)) for m in upper), *(moved(m, (0, 0, low)) for m in lower)]
-    return ((foot, DARK), *zip(printed, (DARK, RIM, GREY)))
+    return ((foot, DARK), *zip(printed, (DARK, RIM, GREY), strict=True))
 
 
 def _bar(low: tuple[float, float], high: tuple[float, float]) -> Mesh:
@@ -62,9 +63,5 @@ def _bar(low: tuple[float, float], high: tuple[float, float]) -> Mesh:
 
 def _ring(centre: tuple[float, float], radius: float, wide: float, sides: int) -> Mesh:
     """Return paint around a hole."""
-    cells = [filled(circle(centre, radius + wide, sides), [_inner(centre, radius, sides)])]
+    cells = [filled(circle(centre, radius + wide, sides), [circle(centre, radius, sides)])]
     return extruded(cells, 0.0, PRINT, name="print", color=None)
-
-
-def _inner(centre: tuple[float, float], radius: float, sides: int) -> Array:
-    return circle(centre, radius, sides)

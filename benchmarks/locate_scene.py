@@ -79,7 +79,9 @@ SETTINGS = {
         lambda: thin_plate(sides=384),
         lambda: thin_plate(sides=96),
         (),
-        Camera.from_focal((560, 448), 1100.0, fy=1098.0, cx=281.3, cy=221.9, lens=BrownConrady(-0.12, 0.07, 5e-4, -4e-4)),
+        Camera.from_focal(
+            (560, 448), 1100.0, fy=1098.0, cx=281.3, cy=221.9, lens=BrownConrady(-0.12, 0.07, 5e-4, -4e-4)
+        ),
         (420.0, 560.0),
         (30.0, 65.0),
         (0.0, 330.0),
@@ -89,7 +91,9 @@ SETTINGS = {
         stepped_cover,
         stepped_cover,
         (),
-        Camera.from_focal((560, 448), 1100.0, fy=1098.0, cx=281.3, cy=221.9, lens=BrownConrady(-0.12, 0.07, 5e-4, -4e-4)),
+        Camera.from_focal(
+            (560, 448), 1100.0, fy=1098.0, cx=281.3, cy=221.9, lens=BrownConrady(-0.12, 0.07, 5e-4, -4e-4)
+        ),
         (420.0, 560.0),
         (20.0, 55.0),
         (0.0, 330.0),

@@ -127,9 +127,7 @@ def _drawn(without: StepSums, told: StepSums, of: Longs) -> Array:
     for sums in (without, told):
         found = sums.solved(np.zeros((len(of), 2)))
         seen = np.isfinite(found.moment) & np.isfinite(found.contrast)
-        moment, contrast = (
-            np.bincount(of + 1, np.where(seen, v, 0.0)) for v in (found.moment, found.contrast)
-        )
+        moment, contrast = (np.bincount(of + 1, np.where(seen, v, 0.0)) for v in (found.moment, found.contrast))
         with np.errstate(all="ignore"):
             place.append(-moment / contrast)
     with np.errstate(all="ignore"):

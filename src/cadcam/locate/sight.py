@@ -90,10 +90,10 @@ class Cells:
     """Which of a sight's samples have room for a cell, how far the cells reach, and the light they are seen in.
 
     which (N,): numbers of the samples; below, above (N,) px; held (N, 2): how firmly the slopes are held
-    (`image.profile.StepSums`); twins (N, 2, 2): other steps in them, as `EdgeSamples` has them; room (N, 2) px: how far
-    they might reach below and above; doubt (N,) px: by which their steps may be off all along a stretch; bow (N,) px: how far along the normal the step of a bent line lies beyond its
-    tangent, on the mean of the cell; half_length, blur (px). first: their sums at the places where they were
-    laid out, which the first measurement needs again.
+    (`image.profile.StepSums`); bow (N,) px: how far along the normal the step of a bent line lies beyond its
+    tangent, on the mean of the cell; half_length, blur (px). twins (N, 2, 2): other steps in them, as `EdgeSamples` has
+    them; room (N, 2) px: how far they might reach below and above; doubt (N,) px: by which steps may be off all along a
+    stretch of line. first: their sums at the places where they were laid out, which the first measurement needs again.
     """
 
     which: Longs

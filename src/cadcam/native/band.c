@@ -7,7 +7,7 @@
 enum { OWN = 5, TERMS = OWN + CC_BAND_KNOWN };
 #define ROOT_HALF 0.70710678118654752
 #define OF_BELL 0.39894228040143268 /* 1 / sqrt(2 pi) */
-#define FAR 5.0 /* blurs beyond which a step is level */
+#define FAR 7.0 /* blurs beyond which a step is level */
 #define HARDLY 1e-3 /* of all pixels: a step that weighs less hardly differs from what is known */
 
 /* A step of height 1 at a place, away from the line: where bins are beyond it. */

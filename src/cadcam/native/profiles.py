@@ -95,9 +95,7 @@ def step_residuals(
     gray, arrays = np.ascontiguousarray(gray, np.float32), _doubles(q, normal, below, above, twins, sums)
     out = np.zeros((len(arrays[0]), 2 * bins + 1))
     *places, of = addresses(*arrays)
-    _core().cc_step_residuals(
-        _picture(gray), len(out), *places, half_length, blur, of, bins, width, out.ctypes.data
-    )
+    _core().cc_step_residuals(_picture(gray), len(out), *places, half_length, blur, of, bins, width, out.ctypes.data)
     return out[:, :bins], out[:, bins : 2 * bins], out[:, -1]
 
 
