@@ -35,7 +35,7 @@ _CLEAR = 20.0  # variances of noise and grain that a band explains
 _MAYBE = 0.5  # of that, as places half a pixel apart show it
 _PAST = 2.0  # blurs: cells reach so far beyond a band's end
 _SHORT = 1.5  # blurs: cells end that far before a step that they are not told of
-_SHARPER = np.array([0.6, 0.72, 0.86, 1.0])  # of the blur: tried where bands may have been taken for it
+_BLURS = np.array([0.6, 0.72, 0.86, 1.0, 1.2])  # of the blur: tried where bands may have been taken for it
 _BESIDE = 0.3  # of the cells beside bands, from which on these may have been taken for blur
 _SAME = 0.02  # by which a blur may be off
 _LEFT, _MOST = 0.2, 0.5  # of how far a band drew the steps, what may be left of it; px, at most that far
@@ -97,7 +97,7 @@ def banded(
 
 def _blur(sight: Sight, at: Projected, cells: Cells, where: Array, anew: Mapping[str, float]) -> float:
     """Return the blur at which steps fit best that know of bands."""
-    tried, misfit = cells.blur * _SHARPER, []
+    tried, misfit = cells.blur * _BLURS, []
     for blur in tried:
         _, told, sums = banded(sight, at, Cells.of(sight, at, where=where, blur=float(blur), **anew), where)
         noise = sums.solved(told.held).noise
