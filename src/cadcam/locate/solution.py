@@ -81,9 +81,18 @@ class Solution:
 
 
 def solved(
-    sights: Sequence[Sight], pose: Rigid, freedom: Freedom, evidence: Sequence[Evidence], options: EdgeOptions
+    sights: Sequence[Sight],
+    pose: Rigid,
+    freedom: Freedom,
+    evidence: Sequence[Evidence],
+    options: EdgeOptions,
+    *,
+    bands: bool = True,
 ) -> Solution:
-    """Return the pose after measuring steps where they are first seen, then on the lines themselves."""
+    """Return the pose after measuring steps where they are first seen, then on the lines themselves.
+
+    bands: whether bands beside the lines are looked for, which the model does not have (`locate.bands`).
+    """
     half = 0.5 * options.step_px
     places = [s.project(pose) for s in sights]
     room = {"half_length": half, "reach_px": options.reach_px, "room_px": options.room_px}
@@ -91,8 +100,8 @@ def solved(
     cells = [Cells.of(s, at, where=w, **room) for s, at, w in zip(sights, places, where, strict=True)]
     pieces, on_lines = _pieces(sights, options), False
     for number, iterations in enumerate(_ROUNDS):
-        told = [(c, c.first) for c in cells]
-        if number:
+        told = [(c, None if number else c.first) for c in cells]
+        if bands and number:
             anew = room if number == 1 else None
             looked = [banded(*one, anew) for one in zip(sights, places, cells, where, strict=True)]
             cells, told = [c for c, _, _ in looked], [(c, sums) for _, c, sums in looked]
