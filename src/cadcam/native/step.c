@@ -106,7 +106,8 @@ static void add_left(equations *e, pixels *p, double blur) {
         d4 d = *(const d4 *)(p->d + k), step, bell;
         bell_and_step(d * sharp, &bell, &step);
         const d4 ramp = d * step + blur * bell;
-        d4 rest = *(const d4 *)(p->value + k) - (x[0] + x[1] * step + x[2] * sharp * bell + x[3] * (d - ramp) + x[4] * ramp);
+        d4 rest = *(const d4 *)(p->value + k) - x[0] - x[1] * step - x[2] * sharp * bell;
+        rest -= x[3] * (d - ramp) + x[4] * ramp;
         for (int i = OWN; i < e->terms; i++) {
             const twin *w = &e->twins[i - OWN];
             bell_and_step((d - w->at - w->slope * *(const d4 *)(p->t + k)) * (sharp * w->side), &bell, &step);
