@@ -34,7 +34,7 @@ CC_API void cc_step_sums(const cc_picture *picture, int64_t n, const double *q, 
                          double dark, double bright, double *sums);
 CC_API void cc_steps(int64_t n, const double *sums, const double *held, double *out);
 
-/* What those steps leave over when slopes are free, by distance from the line: of each cell 2 bins + 1 doubles, the sums
+/* What those steps leave over when slopes are free, by distance from the line: each cell 2 bins + 1 doubles: sums
  * of it in `bins` bins of `width` px whose middle is at the line, how many pixels each has, and the variance of a
  * pixel; all 0 where there is no step. The other arguments are those that the sums were made with. */
 CC_API void cc_step_residuals(const cc_picture *picture, int64_t n, const double *q, const double *normal,
@@ -42,8 +42,8 @@ CC_API void cc_step_residuals(const cc_picture *picture, int64_t n, const double
                               double blur, const double *sums, int32_t bins, double width, double *out);
 
 /* What steps beside lines explain of what is left over in n stretches of cells: of its sums `rest` and numbers of
- * pixels `number` (n, bins <= CC_BAND_BINS) in bins as above. variance (n): of a pixel. known (n, CC_BAND_KNOWN): places
- * of other steps that the fits know of, NaN for none; tried (tries): places of steps that they do not, below lines where
+ * pixels `number` (n, bins <= CC_BAND_BINS), bins as above. variance (n): of a pixel. known (n, CC_BAND_KNOWN): places
+ * of other steps that the fits know of, NaN for none; tried (tries): places of steps that they do not, below lines if
  * negative; only those nearer than room (n, 2) below and above are. Writes gain (n, tries), in variances of a pixel: by
  * how much the sum of squares shrinks with such a step beside level, step, its shift, slopes and known steps. 0 where
  * there is no memory, else 1. */
