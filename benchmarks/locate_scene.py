@@ -29,6 +29,7 @@ from cadcam.camera.lens import BrownConrady
 from cadcam.files.camera import write_camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
+from locate_banded import GAP, Dressing, cover_foot, plate_print, stepped_cover, thin_plate
 from locate_traced import Bench, pictures
 
 NOISES = (0, 3, 8)
@@ -47,6 +48,8 @@ class Setting:
     distance: tuple[float, float]  # mm
     elevation_deg: tuple[float, float]
     azimuth_deg: tuple[float, float]
+    dressing: Callable[[], Dressing] = tuple
+    gap: float = 0.0  # mm, under the part
 
 
 SETTINGS = {
@@ -71,6 +74,31 @@ SETTINGS = {
         (4300.0, 5600.0),
         (15.0, 50.0),
         (200.0, 330.0),
+    ),
+    "plate": Setting(
+        lambda: thin_plate(sides=384),
+        lambda: thin_plate(sides=96),
+        (),
+        Camera.from_focal(
+            (560, 448), 1100.0, fy=1098.0, cx=281.3, cy=221.9, lens=BrownConrady(-0.12, 0.07, 5e-4, -4e-4)
+        ),
+        (420.0, 560.0),
+        (30.0, 65.0),
+        (0.0, 330.0),
+        lambda: plate_print(sides=384),
+    ),
+    "cover": Setting(
+        stepped_cover,
+        stepped_cover,
+        (),
+        Camera.from_focal(
+            (560, 448), 1100.0, fy=1098.0, cx=281.3, cy=221.9, lens=BrownConrady(-0.12, 0.07, 5e-4, -4e-4)
+        ),
+        (420.0, 560.0),
+        (20.0, 55.0),
+        (0.0, 330.0),
+        cover_foot,
+        GAP,
     ),
 }
 
@@ -154,12 +182,13 @@ def generate(out: Path, part: str, *, views_n: int, starts_n: int, rounds: int, 
             rows.append(f"{k} " + row(start).replace(",", " "))
     (out / "starts.txt").write_text("\n".join(rows) + "\n")
     (out / "starts.meta.csv").write_text("\n".join(meta) + "\n")
-    centred = -np.append(model.bounds.mean(axis=0)[:2], model.bounds[0, 2])
+    centred = -np.append(model.bounds.mean(axis=0)[:2], model.bounds[0, 2] - setting.gap)
     bench = Bench(
         replace(traced, vertices=traced.vertices + centred),
         tuple(way(cable) + centred for cable in setting.cables),
         float(np.linalg.norm(model.size_mm) / 2),
         seed,
+        tuple((replace(mesh, vertices=mesh.vertices + centred), albedo) for mesh, albedo in setting.dressing()),
     )
     todo = {
         k: pose @ Rigid(translation=-centred)

@@ -31,12 +31,16 @@ _GOLDEN = np.array([0.7548776662466927, 0.5698402909980532])  # the R2 sequence 
 
 @dataclass(frozen=True)
 class Bench:
-    """What stands around the part: the part's size scales it all. reach: mm, half the diagonal of the part."""
+    """What stands around the part: the part's size scales it all. reach: mm, half the diagonal of the part.
+
+    dressing: what lies on the part or under it, and how much light it throws back.
+    """
 
     part: Mesh
     cables: tuple[Array, ...]
     reach: float
     seed: int
+    dressing: tuple[tuple[Mesh, float], ...] = ()
 
 
 def pictures(bench: Bench, camera: Camera, poses: Mapping[int, Rigid], rounds: int) -> Iterator[tuple[int, Array]]:
@@ -109,6 +113,8 @@ def _things(mi: Any, bench: Bench) -> dict[str, Any]:
     for k, cable in enumerate(bench.cables):
         mesh = tube(cable, _across(cable), (0.045 * s, 0.02 * s), 24, name="cable", color=(0, 0, 0))
         things[f"cable {k}"] = _shape(mi, mesh, _plain(mi, 0.07 + 0.5 * (k % 2)), s)
+    for k, (mesh, albedo) in enumerate(bench.dressing):
+        things[f"dressing {k}"] = _shape(mi, mesh, _plain(mi, albedo), s)
     for k, (matrix, kind) in enumerate(_clutter(rng, s)):
         things[f"clutter {k}"] = {
             "type": kind,

@@ -37,7 +37,18 @@ FLAGS += ["-fno-math-errno", "-fno-trapping-math"]  # these change no number; lo
 # The hot files, once for each instruction set; the choice is made at run time (best_level in scene.c).
 HOT = ("cull.c", "raster.c", "strip.c", "bent.c", "tile.c", "tile_plain.c", "shade.c", "correlate.c", "step.c")
 HOT += ("field.c", "climb.c", "sweep.c", "slope.c")
-ONCE = ("scene.c", "lens.c", "patch.c", "match.c", "profile.c", "field_calls.c", "seen.c", "mark.c", "grouped.c")
+ONCE = (
+    "scene.c",
+    "lens.c",
+    "patch.c",
+    "match.c",
+    "profile.c",
+    "band.c",
+    "field_calls.c",
+    "seen.c",
+    "mark.c",
+    "grouped.c",
+)
 ONCE += ("pack.c", "pack_layers.c", "layers.c", "hide.c", "crossing.c")
 VARIANTS = {"_baseline": [], "_v3": ["-mavx2", "-mfma", "-mbmi", "-mbmi2"]}
 X86_64 = platform.machine().lower() in ("x86_64", "amd64")

@@ -22,7 +22,10 @@ def fitted(off: Array, rng: np.random.Generator) -> Solution:
     row = rng.normal(size=(GROUPS, 6))[group] * [1, 1, 0.3, 200, 200, 300] + 0.05 * rng.normal(size=(len(group), 6))
     y = off[group] + SIGMA * rng.normal(size=len(group))
     fit = grouped_fit(y, row, np.full(len(group), SIGMA**2), group, usual=0.05, robust=False)
-    seen = cast(Any, ([SimpleNamespace(row=row)], [SimpleNamespace(usable=np.ones(len(group), bool))]))
+    seen = cast(
+        Any,
+        ([SimpleNamespace(row=row)], [SimpleNamespace(usable=np.ones(len(group), bool), doubt=np.zeros(len(group)))]),
+    )
     return Solution([], Rigid(), Rigid.exp(fit.x), np.eye(6), *seen, fit)
 
 

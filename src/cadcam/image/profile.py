@@ -113,6 +113,26 @@ def steps(
     return sums.solved(held, noise=noise)
 
 
+def step_rests(
+    gray: Picture,
+    q: Array,
+    normal: Array,
+    sums: StepSums,
+    *,
+    below: Array,
+    above: Array,
+    half_length: float,
+    blur: float,
+    twins: Array,
+    bins: int,
+    width: float,
+) -> tuple[Array, Array, Array]:
+    """Return what steps with free slopes leave over of their cells' pixels, by distance from the line."""
+    return profiles.step_residuals(
+        gray, q, normal, below, above, twins, sums.sums, half_length=half_length, blur=blur, bins=bins, width=width
+    )
+
+
 def noise_of(gray: Picture) -> float:
     """Return the sd of a pixel's noise, from the median of second differences that no plane or straight edge passes.
 
@@ -148,10 +168,10 @@ def blur_of(gray: Picture, q: Array, normal: Array, *, reach: Array, half_length
     best = int(np.argmin(misfit))
     if not np.isfinite(misfit[best]):
         return default
-    return float(np.exp(_parabola(np.log(_BLURS), misfit, best)))
+    return float(np.exp(parabola(np.log(_BLURS), misfit, best)))
 
 
-def _parabola(x: Array, y: Array, best: int) -> float:
+def parabola(x: Array, y: Array, best: int) -> float:
     """Return where the parabola through the lowest of equally important places and its neighbours is lowest."""
     if not 0 < best < len(x) - 1 or not np.isfinite(y[best - 1 : best + 2]).all():
         return float(x[best])

@@ -199,7 +199,7 @@ def _measured(
 ) -> tuple[Location, Solution | None]:
     """Return what the measurement of a pose close by finds, and what was measured, if anything."""
     try:
-        fitted = solved(sights, pose, freedom, evidence, options)
+        fitted = solved(sights, pose, freedom, evidence, options, bands=wider)
     except DegenerateGeometry as error:
         return _lost(sights, pose, freedom, str(error)), None
     return _location(part, fitted, freedom, chosen, wider), fitted

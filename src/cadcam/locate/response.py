@@ -17,7 +17,7 @@ gamma is measured as ever, and what is left of the doubt goes into the covarianc
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -91,5 +91,5 @@ def straightened(measured: Sequence[Measured], leans: Sequence[Array], bend: Ben
     for m, lean in zip(measured, leans, strict=True):
         offset = m.offset.copy()
         offset[m.usable] -= bend.excess * lean
-        out.append(Measured(offset, m.sigma, m.contrast, m.usable))
+        out.append(replace(m, offset=offset))
     return out

@@ -91,8 +91,9 @@ class Cells:
 
     which (N,): numbers of the samples; below, above (N,) px; held (N, 2): how firmly the slopes are held
     (`image.profile.StepSums`); bow (N,) px: how far along the normal the step of a bent line lies beyond its
-    tangent, on the mean of the cell; half_length, blur (px). first: their sums at the places where they were
-    laid out, which the first measurement needs again.
+    tangent, on the mean of the cell; half_length, blur (px). twins (N, 2, 2): other steps in them, as `EdgeSamples` has
+    them; room (N, 2) px: how far they might reach below and above; doubt (N,) px: by which steps may be off all along a
+    stretch of line. first: their sums at the places where they were laid out, which the first measurement needs again.
     """
 
     which: Longs
@@ -102,6 +103,9 @@ class Cells:
     bow: Array
     half_length: float
     blur: float
+    twins: Array
+    room: Array
+    doubt: Array
     first: StepSums | None = None
 
     @classmethod
@@ -114,52 +118,71 @@ class Cells:
         reach_px: float,
         room_px: float,
         where: Array | None = None,
+        blur: float | None = None,
     ) -> Cells:
         """Return the cells of a sight; room_px is what a cell needs on each side of its line.
 
-        where (N,) px along the normals: where the steps are about, default on the lines.
+        where (N,) px along the normals: where the steps are about, default on the lines. blur: px, default as the
+        strongest lines show it.
 
         The ground's slopes are held by what they are on average in the stretch of line around each cell, of which noise
         tells little: where the ground is level they cost nothing, where light bends it they are free.
         """
-        blur, samples = sight.blur(at, half_length=half_length, reach_px=reach_px), sight.samples
+        blur = sight.blur(at, half_length=half_length, reach_px=reach_px) if blur is None else blur
+        samples = sight.samples
         rooms = ((samples.below, samples.beyond[:, 0]), (samples.above, samples.beyond[:, 1]))
-        below, above = (np.minimum(_room(next_line, beyond, blur), reach_px) for next_line, beyond in rooms)
+        room = np.stack([_room(next_line, beyond, blur) for next_line, beyond in rooms], axis=1)
+        below, above = np.minimum(room, reach_px).T
         apart = np.abs(samples.twins[:, :, 0]).min(axis=1) > _TWIN * blur
         enough = (below >= room_px) & (above >= room_px)
         which = np.flatnonzero(apart & enough & np.isfinite(at.q).all(axis=1))
         free, bow = np.zeros((len(which), 2)), _bow(at, samples.run, half_length, blur)
-        cells = cls(which, below[which], above[which], free, bow[which], half_length, blur)
-        sums = cells.sums_at(sight, at, where)
-        found, run = sums.solved(free, noise=0.5 * sight.noise), samples.run[which]
+        light = (half_length, blur, samples.twins[which], room[which], np.zeros(len(which)))
+        cells = cls(which, below[which], above[which], free, bow[which], *light)
+        cells, sums = cells.settled(sight, at, where)
+        return replace(cells, first=sums)
+
+    def settled(self, sight: Sight, at: Projected, where: Array | None) -> tuple[Cells, StepSums]:
+        """Return the cells with slopes held as the photo asks for, and their sums."""
+        sums = self.sums_at(sight, at, where)
+        found, run = sums.solved(np.zeros((len(self.which), 2)), noise=0.5 * sight.noise), sight.samples.run[self.which]
         slope2 = along_runs(found.slopes, run, _STRETCH) ** 2
         held = along_runs(found.noise**2, run, _STRETCH)[:, None] / np.maximum(slope2, 1e-12)
-        return replace(cells, held=np.where(np.isfinite(held), held, 0.0), first=sums)
+        return replace(self, held=np.where(np.isfinite(held), held, 0.0)), sums
+
+    def placed(self, at: Projected, where: Array | None) -> tuple[Array, Array]:
+        """Return where the cells lie, and their normals, both (n, 2)."""
+        normal = at.normal[self.which]
+        aside = self.bow if where is None else self.bow + where[self.which]
+        return at.q[self.which] + aside[:, None] * normal, normal
 
     def sums_at(self, sight: Sight, at: Projected, where: Array | None) -> StepSums:
         """Return what the cells' pixels add up to; where (N,) px: how far along the normal each cell is shifted."""
-        q, normal = at.q[self.which], at.normal[self.which]
-        aside = self.bow if where is None else self.bow + where[self.which]
+        q, normal = self.placed(at, where)
         return step_sums(
             sight.photo.gray,
-            q + aside[:, None] * normal,
+            q,
             normal,
             below=self.below,
             above=self.above,
             half_length=self.half_length,
             blur=self.blur,
-            twins=sight.samples.twins[self.which],
+            twins=self.twins,
         )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
-    """Offsets (N,) px of the photo's steps from the model's lines, their sd by noise, contrast, which are usable."""
+    """Offsets (N,) px of the photo's steps from the model's lines, their sd by noise, contrast, which are usable.
+
+    doubt (N,) px: by which all steps of a stretch of line may be off.
+    """
 
     offset: Array
     sigma: Array
     contrast: Array
     usable: Mask
+    doubt: Array
 
 
 def measure(sight: Sight, at: Projected, cells: Cells, where: Array, *, sums: StepSums | None = None) -> Measured:
@@ -171,10 +194,10 @@ def measure(sight: Sight, at: Projected, cells: Cells, where: Array, *, sums: St
     """
     n = len(sight.samples)
     offset, sigma, contrast = (np.full(n, np.nan) for _ in range(3))
-    usable = np.zeros(n, bool)
+    usable, doubt = np.zeros(n, bool), np.zeros(n)
     which = cells.which
     if not len(which):
-        return Measured(offset, sigma, contrast, usable)
+        return Measured(offset, sigma, contrast, usable, doubt)
     sums = cells.sums_at(sight, at, where) if sums is None else sums
     found, run = sums.solved(cells.held, noise=0.5 * sight.noise), sight.samples.run[which]
     c, sd_c = along_runs(found.contrast, run, _CONTRAST), np.sqrt(along_runs(found.sd_contrast**2, run, _CONTRAST))
@@ -186,8 +209,8 @@ def measure(sight: Sight, at: Projected, cells: Cells, where: Array, *, sums: St
         near = np.abs(shift) < _LINEAR * max(cells.blur, 0.7)
         usable[which] = (np.abs(c) > _CLEAR * sd_c) & near & (found.clipped < _CLIPPED)
         offset[which] = where[which] + shift
-    contrast[which] = c
-    return Measured(offset, sigma, contrast, usable)
+    contrast[which], doubt[which] = c, cells.doubt
+    return Measured(offset, sigma, contrast, usable, doubt)
 
 
 def nearest_steps(sight: Sight, at: Projected, *, half_length: float, reach: int) -> Array:

@@ -17,6 +17,7 @@ from cadcam.arrays import Array, quantile
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.grouped import GroupedFit, grouped_fit
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.bands import banded
 from cadcam.locate.edges import Projected
 from cadcam.locate.evidence import Evidence, rows_of
 from cadcam.locate.freedom import Freedom
@@ -80,9 +81,18 @@ class Solution:
 
 
 def solved(
-    sights: Sequence[Sight], pose: Rigid, freedom: Freedom, evidence: Sequence[Evidence], options: EdgeOptions
+    sights: Sequence[Sight],
+    pose: Rigid,
+    freedom: Freedom,
+    evidence: Sequence[Evidence],
+    options: EdgeOptions,
+    *,
+    bands: bool = True,
 ) -> Solution:
-    """Return the pose after measuring steps where they are first seen, then on the lines themselves."""
+    """Return the pose after measuring steps where they are first seen, then on the lines themselves.
+
+    bands: whether bands beside the lines are looked for, which the model does not have (`locate.bands`).
+    """
     half = 0.5 * options.step_px
     places = [s.project(pose) for s in sights]
     room = {"half_length": half, "reach_px": options.reach_px, "room_px": options.room_px}
@@ -90,9 +100,13 @@ def solved(
     cells = [Cells.of(s, at, where=w, **room) for s, at, w in zip(sights, places, where, strict=True)]
     pieces, on_lines = _pieces(sights, options), False
     for number, iterations in enumerate(_ROUNDS):
+        told = [(c, None if number else c.first) for c in cells]
+        if bands and number:
+            anew = room if number == 1 else None
+            looked = [banded(*one, anew) for one in zip(sights, places, cells, where, strict=True)]
+            cells, told = [c for c, _, _ in looked], [(c, sums) for _, c, sums in looked]
         measured = [
-            measure(s, at, c, w, sums=None if number else c.first)
-            for s, at, c, w in zip(sights, places, cells, where, strict=True)
+            measure(s, at, c, w, sums=sums) for s, at, (c, sums), w in zip(sights, places, told, where, strict=True)
         ]
         B = freedom.at(pose)
         other = rows_of(evidence, [s.photo for s in sights], pose)
@@ -170,8 +184,8 @@ def _step(
     J = np.concatenate([*(at.row[m.usable] for at, m in zip(places, measured, strict=True)), rows]) @ B
     piece = np.concatenate([of[m.usable] for of, m in zip(pieces, measured, strict=True)])
     group = np.cumsum(np.diff(piece, prepend=piece[:1]) > 0, dtype=np.int64)
-    limbs = _of_limbs(sights, measured, group)
-    edges = len(limbs)
+    expected = _expected(sights, measured, group)
+    edges = len(expected)
     relative = _relative(variance[: len(group)], group) if on_lines else np.ones(edges)
     return grouped_fit(
         y,
@@ -181,7 +195,7 @@ def _step(
         usual=_USUAL_PX,
         relative=np.concatenate([relative, np.ones(len(other))]),
         uneven=_UNEVEN,
-        expected=np.concatenate([limbs, np.zeros(len(other))]),
+        expected=np.concatenate([expected, np.zeros(len(other))]),
         exact=np.arange(edges + len(other)) >= edges,
         iterations=iterations,
     )
@@ -198,15 +212,16 @@ def _relative(variance: Array, group: Longs) -> Array:
     return np.asarray(np.mean(told) / told) if len(told) else np.zeros(0)
 
 
-def _of_limbs(sights: Sequence[Sight], measured: Sequence[Measured], group: Longs) -> Array:
-    """Return by how much groups on borders of round surfaces are expected to be off (G,), px^2.
+def _expected(sights: Sequence[Sight], measured: Sequence[Measured], group: Longs) -> Array:
+    """Return by how much groups beside bands and on borders of round surfaces are expected to be off (G,), px^2.
 
     Towards such a border brightness changes with the root of the distance, which no slope of the ground describes.
     """
     if not len(group):
         return np.zeros(0)
     round_off = np.concatenate([s.samples.chain[m.usable] < 0 for s, m in zip(sights, measured, strict=True)])
-    return np.asarray(_LIMB_PX**2 * np.bincount(group, round_off) / np.bincount(group))
+    doubt = np.concatenate([m.doubt[m.usable] for m in measured])
+    return np.asarray(np.bincount(group, _LIMB_PX**2 * round_off + doubt**2) / np.bincount(group))
 
 
 def _pieces(sights: Sequence[Sight], options: EdgeOptions) -> list[Longs]:

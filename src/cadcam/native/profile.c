@@ -16,6 +16,14 @@ CC_API void cc_step_sums(const cc_picture *picture, int64_t n, const double *q, 
 CC_API void cc_steps(int64_t n, const double *sums, const double *held, double *out)
     IN_USE(steps, (int64_t, const double *, const double *, double *), (n, sums, held, out))
 
+CC_API void cc_step_residuals(const cc_picture *picture, int64_t n, const double *q, const double *normal,
+                              const double *below, const double *above, const double *twins, double half_length,
+                              double blur, const double *sums, int32_t bins, double width, double *out)
+    IN_USE(step_residuals,
+           (const cc_picture *, int64_t, const double *, const double *, const double *, const double *, const double *,
+            double, double, const double *, int32_t, double, double *),
+           (picture, n, q, normal, below, above, twins, half_length, blur, sums, bins, width, out))
+
 CC_API void cc_candidates(const cc_picture *picture, int64_t n, const double *q, const double *normal,
                           double half_length, int32_t reach, double least, int32_t most, double *offset, double *slope)
     IN_USE(slope_extrema,

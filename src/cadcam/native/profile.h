@@ -34,6 +34,25 @@ CC_API void cc_step_sums(const cc_picture *picture, int64_t n, const double *q, 
                          double dark, double bright, double *sums);
 CC_API void cc_steps(int64_t n, const double *sums, const double *held, double *out);
 
+/* What those steps leave over when slopes are free, by distance from the line: each cell 2 bins + 1 doubles: sums
+ * of it in `bins` bins of `width` px whose middle is at the line, how many pixels each has, and the variance of a
+ * pixel; all 0 where there is no step. The other arguments are those that the sums were made with. */
+CC_API void cc_step_residuals(const cc_picture *picture, int64_t n, const double *q, const double *normal,
+                              const double *below, const double *above, const double *twins, double half_length,
+                              double blur, const double *sums, int32_t bins, double width, double *out);
+
+/* What steps beside lines explain of what is left over in n stretches of cells: of its sums `rest` and numbers of
+ * pixels `number` (n, bins <= CC_BAND_BINS), bins as above. variance (n): of a pixel. known (n, CC_BAND_KNOWN): places
+ * of other steps that the fits know of, NaN for none; tried (tries): places of steps that they do not, below lines if
+ * negative; only those nearer than room (n, 2) below and above are. Writes gain (n, tries), in variances of a pixel: by
+ * how much the sum of squares shrinks with such a step beside level, step, its shift, slopes and known steps. 0 where
+ * there is no memory, else 1. */
+#define CC_BAND_BINS 32
+#define CC_BAND_KNOWN 3
+CC_API int32_t cc_band_gains(int64_t n, int32_t bins, double width, double blur, const double *rest,
+                             const double *number, const double *variance, const double *known, const double *room,
+                             int32_t tries, const double *tried, double *gain);
+
 /* Extrema of the slope along each profile, smoothed by a Gaussian of 1 px: `most` of them a sample, the strongest
  * first, no weaker than `least`; offset (px along the normal) and slope (brightness a px, with its sign), NaN where
  * there is no more. The profile is averaged over 2 half_length along the line and reaches from -reach to reach px. */

@@ -14,6 +14,7 @@ from cadcam.native.core import addresses, library
 
 Longs = npt.NDArray[np.int64]
 STEP_SUMS, STEP_TERMS = 39, 9  # CC_STEP_SUMS, CC_STEP_TERMS
+BAND_BINS, BAND_KNOWN = 32, 3  # CC_BAND_BINS, CC_BAND_KNOWN
 LENS, PULLED, MOST_STEPS = 12, 9, 16  # CC_LENS; motions of cc_pull; CC_MOST_STEPS
 
 
@@ -27,6 +28,9 @@ def _core() -> c.CDLL:
     pointer, i64, i32, real, picture = c.c_void_p, c.c_int64, c.c_int32, c.c_double, c.POINTER(_Picture)
     core.cc_step_sums.argtypes = [picture, i64, *[pointer] * 5, *[real] * 4, pointer]
     core.cc_steps.argtypes = [i64, *[pointer] * 3]
+    core.cc_step_residuals.argtypes = [picture, i64, *[pointer] * 5, real, real, pointer, i32, real, pointer]
+    core.cc_band_gains.argtypes = [i64, i32, real, real, *[pointer] * 5, i32, pointer, pointer]
+    core.cc_band_gains.restype = i32
     core.cc_candidates.argtypes = [picture, i64, pointer, pointer, real, i32, real, i32, pointer, pointer]
     core.cc_clearance.argtypes = [i64, *[pointer] * 4, i64, *[pointer] * 3, *[real] * 3, *[pointer] * 4]
     core.cc_edge_rows.argtypes = [i64, *[pointer] * 6]
@@ -34,7 +38,8 @@ def _core() -> c.CDLL:
     core.cc_along_runs.argtypes = [i64, i32, pointer, pointer, i64, pointer]
     core.cc_pull.argtypes = [i64, i32, i32, *[pointer] * 5, *[real] * 3, i32, pointer]
     core.cc_met.argtypes = [i64, i32, pointer, pointer, i64, pointer, i64, pointer, *[real] * 3, pointer, pointer]
-    names = ("step_sums", "steps", "candidates", "clearance", "edge_rows", "camera_rows", "along_runs", "pull", "met")
+    steps = ("step_sums", "steps", "step_residuals", "candidates")
+    names = (*steps, "clearance", "edge_rows", "camera_rows", "along_runs", "pull", "met")
     for name in (f"cc_{name}" for name in names):
         getattr(core, name).restype = None
     return core
@@ -67,6 +72,45 @@ def steps(sums: Array, held: Array) -> Array:
     out = np.zeros((len(sums), STEP_TERMS))
     _core().cc_steps(len(out), *addresses(*arrays, out))
     return out
+
+
+def step_residuals(
+    gray: Picture,
+    q: Array,
+    normal: Array,
+    below: Array,
+    above: Array,
+    twins: Array,
+    sums: Array,
+    *,
+    half_length: float,
+    blur: float,
+    bins: int,
+    width: float,
+) -> tuple[Array, Array, Array]:
+    """Return what steps leave over of each cell's pixels: sums and numbers (n, bins), a pixel's variance (n,).
+
+    Bins of `width` px lie around the line (profile.h). The other arguments are those that the sums were made with.
+    """
+    gray, arrays = np.ascontiguousarray(gray, np.float32), _doubles(q, normal, below, above, twins, sums)
+    out = np.zeros((len(arrays[0]), 2 * bins + 1))
+    *places, of = addresses(*arrays)
+    _core().cc_step_residuals(_picture(gray), len(out), *places, half_length, blur, of, bins, width, out.ctypes.data)
+    return out[:, :bins], out[:, bins : 2 * bins], out[:, -1]
+
+
+def band_gains(
+    rest: Array, number: Array, variance: Array, known: Array, room: Array, tried: Array, *, width: float, blur: float
+) -> Array:
+    """Return what steps at places tried (t,) beside lines explain (n, t) of what is left over (n, bins) (profile.h)."""
+    rest, number, variance, known, room, tried = arrays = _doubles(rest, number, variance, known, room, tried)
+    if not (rest.shape[1] <= BAND_BINS and known.shape[1] == BAND_KNOWN):
+        raise BadValue("bins and known steps of a stretch", (rest.shape, known.shape), f"{BAND_BINS}, {BAND_KNOWN}")
+    gain = np.zeros((len(rest), len(tried)))
+    *given, places, out = addresses(*arrays, gain)
+    if not _core().cc_band_gains(*rest.shape, width, blur, *given, len(tried), places, out):
+        raise MemoryError
+    return gain
 
 
 def candidates(

@@ -1,5 +1,5 @@
-/* Steps fitted to the pixels of cells along lines: cc_step_sums and cc_steps of profile.h, compiled once for each
- * instruction set. */
+/* Steps fitted to the pixels of cells along lines, and what they leave over: cc_step_sums, cc_steps and
+ * cc_step_residuals of profile.h, compiled once for each instruction set. */
 #include "hot.h"
 #include "profile.h"
 #include "vectors.h"
@@ -23,12 +23,20 @@ typedef struct {
     double at, slope, side;
 } twin;
 
+/* What the steps of a cell leave over, by distance from the line: sums of it and numbers of pixels in bins of a width,
+ * the first from `from` on. x: the terms' factors. */
+typedef struct {
+    double x[TERMS], from, width, *sum, *number;
+    int32_t count;
+} residuals;
+
 typedef struct {
     d4 sum[SUMS];
     double first, dark, bright;
     twin twins[2];
     l4 clipped;
     int count, terms;
+    const residuals *left; /* if they are asked for, not the sums */
 } equations;
 
 /* exp(-y), y from 0 on; off by less than 1e-8 of it: 2^k times a polynomial on half a power to both sides. */
@@ -89,8 +97,33 @@ INLINE void add_terms(equations *e, pixels *p, double blur, const twin *twins, c
     e->count += p->n, p->n = 0;
 }
 
+/* Add what the steps leave over of the pixels to its bins. */
+static void add_left(equations *e, pixels *p, double blur) {
+    const residuals *left = e->left;
+    const double sharp = 1 / blur, *x = left->x;
+    for (int k = 0; k < 4; k++) p->d[p->n + k] = p->t[p->n + k] = p->value[p->n + k] = 0;
+    for (int k = 0; k < p->n; k += 4) {
+        d4 d = *(const d4 *)(p->d + k), step, bell;
+        bell_and_step(d * sharp, &bell, &step);
+        const d4 ramp = d * step + blur * bell;
+        d4 rest = *(const d4 *)(p->value + k) - x[0] - x[1] * step - x[2] * sharp * bell;
+        rest -= x[3] * (d - ramp) + x[4] * ramp;
+        for (int i = OWN; i < e->terms; i++) {
+            const twin *w = &e->twins[i - OWN];
+            bell_and_step((d - w->at - w->slope * *(const d4 *)(p->t + k)) * (sharp * w->side), &bell, &step);
+            rest -= x[i] * step;
+        }
+        for (int m = 0; m < 4 && k + m < p->n; m++) {
+            const int bin = (int)floor((d[m] - left->from) / left->width);
+            if (bin >= 0 && bin < left->count) left->sum[bin] += rest[m], left->number[bin]++;
+        }
+    }
+    p->n = 0;
+}
+
 static void add(equations *e, pixels *p, double blur) {
-    if (e->terms == OWN) add_terms(e, p, blur, e->twins, OWN);
+    if (e->left) add_left(e, p, blur);
+    else if (e->terms == OWN) add_terms(e, p, blur, e->twins, OWN);
     else if (e->terms == OWN + 1) add_terms(e, p, blur, e->twins, OWN + 1);
     else add_terms(e, p, blur, e->twins, OWN + 2);
 }
@@ -190,14 +223,21 @@ INLINE int solved(double A[TERMS][TERMS], const double *y, const int n, double *
     return 1;
 }
 
-INLINE void solve(const double *sum, const int terms, const double *held, double *out) {
-    double A[TERMS][TERMS], x[TERMS], explained, Q[2];
-    const double *y = sum + terms * (terms + 1) / 2, count = sum[COUNTED];
+/* The terms' factors x, the share of the squares that they explain, and cofactors of the step and its bell; 0 where the
+ * pixels do not tell them. */
+INLINE int factors(const double *sum, const int terms, const double *held, double *x, double *explained, double *Q) {
+    double A[TERMS][TERMS];
     for (int i = 0, s = 0; i < terms; i++)
         for (int j = 0; j <= i; j++, s++) A[i][j] = sum[s];
     for (int i = 0; i < 2; i++) A[3 + i][3 + i] += lower(held[i], HELD);
     for (int i = OWN; i < terms; i++) A[i][i] += TWIN;
-    if (count < terms + 3 || !solved(A, y, terms, x, &explained, Q)) return;
+    return sum[COUNTED] >= terms + 3 && solved(A, sum + terms * (terms + 1) / 2, terms, x, explained, Q);
+}
+
+INLINE void solve(const double *sum, const int terms, const double *held, double *out) {
+    double x[TERMS], explained, Q[2];
+    const double *y = sum + terms * (terms + 1) / 2, count = sum[COUNTED];
+    if (!factors(sum, terms, held, x, &explained, Q)) return;
     const double rss = upper(y[terms] - explained, 0);
     /* a term held by a prior takes no degree of freedom away: its spread is part of the model */
     const double freedom = count - terms + (held[0] > 0) + (held[1] > 0);
@@ -240,5 +280,25 @@ void VARIANT(steps)(int64_t n, const double *sums, const double *held, double *o
         if (s[OF_TERMS] == OWN) solve(s, OWN, held + 2 * i, o);
         else if (s[OF_TERMS] == OWN + 1) solve(s, OWN + 1, held + 2 * i, o);
         else if (s[OF_TERMS] == OWN + 2) solve(s, OWN + 2, held + 2 * i, o);
+    }
+}
+
+void VARIANT(step_residuals)(const cc_picture *picture, int64_t n, const double *q, const double *normal,
+                             const double *below, const double *above, const double *twins, double half_length,
+                             double blur, const double *sums, int32_t bins, double width, double *out) {
+    static const double free[2] = {0, 0};
+    memset(out, 0, sizeof *out * (size_t)n * (size_t)(2 * bins + 1));
+    for (int64_t i = 0; i < n; i++) {
+        const double *s = sums + CC_STEP_SUMS * i;
+        double *o = out + (2 * bins + 1) * i, explained = 0, Q[2];
+        residuals left = {.from = -0.5 * bins * width, .width = width, .sum = o, .number = o + bins, .count = bins};
+        equations e;
+        memset(&e, 0, sizeof e);
+        set_twins(&e, twins + 4 * i, below[i], above[i], half_length, blur);
+        const int terms = e.terms, known = terms == (int)s[OF_TERMS];
+        if (!known || !factors(s, terms, free, left.x, &explained, Q)) continue;
+        e.left = &left;
+        gather(picture, q + 2 * i, normal + 2 * i, below[i], above[i], half_length, blur, &e);
+        o[2 * bins] = upper(s[terms * (terms + 1) / 2 + terms] - explained, 0) / (s[COUNTED] - terms);
     }
 }
