@@ -161,12 +161,15 @@ class Run:
         starts = [Start(-1, k, self.photos.truth[k]) for k in self.frames]
         found = []
         for _ in range(FRESH):
-            grays = {k: self.photos.gray(0, k) for k in self.frames}
-            noisy = {k: g + np.float32(noise / 255) * rng.standard_normal(g.shape, np.float32) for k, g in grays.items()}
+            noisy = {k: self._noisy(k, noise / 255, rng) for k in self.frames}
             found += self._told(entry, noise, Pictures.of(noisy, self.photos.camera), starts)
         near = {k: [o.shift for o in found if o.frame == k and o.vertex_px < NEAR_PX] for k in self.frames}
         variances = [np.var(shifts, axis=0, ddof=1) for shifts in near.values() if len(shifts) > 1]
         return np.sqrt(np.mean(variances, axis=0)) / (noise * self._least) if variances else np.full(3, np.nan)
+
+    def _noisy(self, frame: int, sigma: float, rng: np.random.Generator) -> Picture:
+        gray = self.photos.gray(0, frame)
+        return gray + np.float32(sigma) * rng.standard_normal(gray.shape, np.float32)
 
     def _told(self, entry: Entry, noise: int, pictures: Pictures, starts: Sequence[Start]) -> list[Outcome]:
         task = self._bar.add_task(f"noise {noise}: {entry.name}", total=len(starts))
