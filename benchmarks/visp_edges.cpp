@@ -32,7 +32,8 @@ std::vector<Stage> stages(int n, char **words) {
     std::istringstream word(words[k]);
     Stage s{};
     char cross = 0;
-    if (!(word >> s.range >> cross >> s.rounds) || cross != 'x') throw std::runtime_error("not RANGExROUNDS: " + word.str());
+    word >> s.range >> cross >> s.rounds;
+    if (!word || cross != 'x') throw std::runtime_error("not RANGExROUNDS: " + word.str());
     all.push_back(s);
   }
   return all;
