@@ -110,6 +110,7 @@ def test_a_hypothesis_that_leads_where_one_led_before_is_not_refined(
         "cadcam.locate.locate.approach", lambda *_, **__: [Hypothesis(start, 1.0, 0.5) for start in starts]
     )
     monkeypatch.setattr("cadcam.locate.locate.refined", noted)
+    monkeypatch.setattr(Photo, "calmed", lambda photo: photo)  # looked at once
     locate(block(), [photo_of(pose, rng)], off(pose, rng, degrees=0.3, px=2))
     assert len(asked) == 1
 

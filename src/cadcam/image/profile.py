@@ -29,6 +29,8 @@ from cadcam.native import profiles
 DARK, BRIGHT = 0.002, 0.998  # beyond these a pixel is clipped
 _ROWS = 48  # rows of a photo that tell its noise
 _BLURS = np.array([0.5, 0.7, 0.95, 1.3, 1.8, 2.5, 3.5])  # px, tried in `blur_of`
+_FAINTEST = 0.025  # contrast of steps that are looked for
+_SPREADS = (0.0, 0.7, 1.0, 1.4, 1.7)  # px, tried in `calming`
 _FEW = 8  # cells that tell the blur at least
 _ALONE = np.array([[-np.inf, 0.0], [np.inf, 0.0]])  # no twins
 _QUANTISED = 1.0 / 255 / math.sqrt(12.0)  # the least noise of an eight-bit photo
@@ -194,11 +196,46 @@ class Candidates:
 
 
 def candidates(
-    gray: Picture, q: Array, normal: Array, *, half_length: float, reach: int, noise: float, most: int = 4
+    gray: Picture,
+    q: Array,
+    normal: Array,
+    *,
+    half_length: float,
+    reach: int,
+    noise: float,
+    most: int = 4,
+    spread: float = 0.0,
+    clear: float = 4.0,
 ) -> Candidates:
-    """Return where brightness steps along the normals within `reach` px, clearly above the noise."""
-    of_slope = noise * np.sqrt(1 / (4 * np.sqrt(np.pi)) / max(2 * half_length, 1.0))
+    """Return where brightness steps along the normals within `reach` px, clearly above the noise.
+
+    spread: by which Gaussian (sd, px) the picture was smoothed; noise: of a pixel before that. clear: how many standard
+    deviations of a slope by noise a step has at least.
+    """
+    of_slope = slope_noise(noise, half_length, spread)
     offset, slope = profiles.candidates(
-        gray, q, normal, half_length=half_length, reach=reach, least=max(4 * of_slope, 0.002), most=most
+        gray, q, normal, half_length=half_length, reach=reach, least=max(clear * of_slope, 0.002), most=most
     )
     return Candidates(offset, slope)
+
+
+def slope_noise(noise: float, half_length: float, spread: float = 0.0) -> float:
+    """Return the sd that noise gives the slope of a profile, of a picture smoothed by a Gaussian of sd `spread` px.
+
+    The profile is the mean over 2 half_length px along the line, and smoothed by a Gaussian of 1 px across it.
+    """
+    across2, length = 1 + spread**2, max(2 * half_length, 1.0)
+    along = length if spread == 0 else max(length, math.sqrt(4 * math.pi * (length**2 / 12 + spread**2)))
+    return noise * math.sqrt(1 / (4 * math.sqrt(math.pi) * across2**1.5) / along)
+
+
+def calming(noise: float) -> float:
+    """Return by which Gaussian (sd, px) a picture is to be smoothed for steps of contrast _FAINTEST to stand out.
+
+    0 where they do as it is. Steps of a sharp picture are 1 px wide, and those of a blurred one all the more in need.
+    """
+    for spread in _SPREADS:
+        height = _FAINTEST / math.sqrt(2 * math.pi * (2 + spread**2))
+        if height > 4 * slope_noise(noise, 2.0, spread):
+            return spread
+    return _SPREADS[-1]

@@ -105,7 +105,7 @@ def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> 
         size = float(np.max(span[1] - span[0])) if span is not None else 0.0
         k = max(1, math.ceil(size / _FINE_PX))
         levels = min(1 + max(int(math.log2(size / k / _COARSE_PX)), 0), _LEVELS) if size else _LEVELS
-        fields.append(direction_fields(photo.gray, photo.camera, reduction=k, levels=levels, region=region))
+        fields.append(direction_fields(photo.lines, photo.camera, reduction=k, levels=levels, region=region))
         places.append(pose)
     if not fields:
         raise NothingInView("the start puts the part outside of every photo; check the start and the part's unit")

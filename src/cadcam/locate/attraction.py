@@ -15,7 +15,6 @@ import numpy as np
 
 from cadcam.arrays import Array, quantile
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.profile import candidates
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.sight import Sight
 from cadcam.native.profiles import pulled
@@ -53,7 +52,7 @@ def _pulled(sights: Sequence[Sight], pose: Rigid, B: Array, *, reach: int, soft:
     rows, offsets, slopes = [], [], []
     for sight in sights:
         at = sight.project(pose)
-        found = candidates(sight.photo.gray, at.q, at.normal, half_length=2.0, reach=reach, noise=sight.noise)
+        found = sight.candidates(at.q, at.normal, half_length=2.0, reach=reach)
         some = np.isfinite(found.offset[:, 0])
         rows.append(at.row[some] @ B)
         offsets.append(found.offset[some])

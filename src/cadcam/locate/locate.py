@@ -19,7 +19,7 @@ from cadcam.locate.location import FOUND, Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality import SEARCHED
-from cadcam.locate.refine import refined
+from cadcam.locate.refine import in_spite_of_noise, refined
 from cadcam.locate.search import search_once
 from cadcam.locate.solution import EDGES, EdgeOptions
 from cadcam.locate.view_range import WHOLE_SPHERE, ViewRange
@@ -32,6 +32,9 @@ _EQUAL, _ELSEWHERE = 0.9, 0.5  # share of its score, and distance in radii, that
 # Times the score of anything elsewhere: right poses have 1.14 to 1.8, mostly above 1.3, wrong ones 1.0 to 1.18. The
 # second is for poses with a quality of at least _CLEAR.
 _STANDS_OUT, _CLEAR = (1.25, 1.1), 0.75
+# In clutter wrong poses score as well as the right one, or better. Refined they do not come near: right ones have a
+# quality of 0.6 to 0.85 there, the best of eight elsewhere 0.3, and 0.0 where the part is absent.
+_ABOVE, _SURE = 0.3, 0.6  # quality beyond that of all others refined, and quality, that make a pose stand out
 _UNCERTAIN = 0.45  # quality of a pose that may as well be at another place
 _SAME, _BASIN = 0.02, 0.1  # radii: refined poses nearer to each other are one; starts nearer to a pose end in it
 _LOOKED_AT = 5_000  # pixels of a photo that tell whether anything can be seen in it
@@ -58,15 +61,34 @@ def locate(
     _check(photos)
     if start is None and freedom is not FREE:
         raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
-    if start is None:
-        (hypotheses, outside), most = (search_once(part, photos, views), None), _TRIED[1]
-    else:
-        (hypotheses, outside), most = _near(part, photos, start, reach, freedom), _TRIED[0]
+    searched = search_once(part, photos, views) if start is None else []
+
+    def found_in(photos: Sequence[Photo]) -> Location:
+        around = (searched, None) if start is None else _near(part, photos, start, reach, freedom)
+        return _located(part, photos, start, *around, reach, freedom, options)
+
+    return in_spite_of_noise(photos, found_in)
+
+
+def _located(
+    part: Part,
+    photos: Sequence[Photo],
+    start: Rigid | None,
+    hypotheses: Sequence[Hypothesis],
+    outside: NothingInView | None,
+    reach: Reach,
+    freedom: Freedom,
+    options: EdgeOptions,
+) -> Location:
+    """Return what `locate` finds in photos as they are, from hypotheses around a start or from all over the photos."""
+    most = _TRIED[start is None]
     if not hypotheses:
         hypotheses = [Hypothesis(Rigid() if start is None else start, 0.0, 0.0, options.search_px)]
     chosen = SEARCHED if start is None else 0
     basins = Basins(freedom)
-    tried = _refined(part, photos, hypotheses[:most], freedom, options, chosen, basins)
+    first = hypotheses[0]
+    crowded = start is None and not _stands_out(part, first.world_from_part, first.score, _STANDS_OUT[0], hypotheses)
+    tried = _refined(part, photos, hypotheses[:most], freedom, options, chosen, basins, every=crowded)
     if start is not None and not any(location.found and not location.doubted for _, location in tried):
         score = max(h.score for h in hypotheses)  # none is likelier than a start that is as good as said
         tried += [(score, location) for location in _as_it_is(part, photos, start, reach, freedom, options, basins)]
@@ -79,7 +101,11 @@ def locate(
         why = best.reason.removeprefix("not found: ")
         why = f"not found: the best of {len(hypotheses)} hypotheses does not hold: {why}"
         return replace(best, reason=why, alternatives=tuple(alike))
-    if start is None and not _stands_out(part, best, score, hypotheses):
+    ahead = _STANDS_OUT[best.quality >= _CLEAR]
+    if start is None and not (
+        _stands_out(part, best.pose.world_from_part, score, ahead, hypotheses)
+        or (crowded and _alone(part, best, tried))
+    ):
         return _uncertain(best, "lines elsewhere in the photos look nearly as much like the part", alike)
     return _beside_rivals(part, ranked, alike)
 
@@ -158,14 +184,21 @@ def _elsewhere(part: Part, one: Rigid, other: Rigid) -> bool:
     return bool(np.linalg.norm(one @ middle - other @ middle) > _ELSEWHERE * radius)
 
 
-def _stands_out(part: Part, best: Location, score: float, hypotheses: Sequence[Hypothesis]) -> bool:
-    """Return whether a pose that a search found scores well above what it found elsewhere.
+def _alone(part: Part, best: Location, tried: Sequence[tuple[float, Location]]) -> bool:
+    """Return whether a pose is surely better than all that were refined elsewhere."""
+    here = best.pose.world_from_part
+    away = [o.quality for _, o in tried if _elsewhere(part, here, o.pose.world_from_part)]
+    return best.quality >= max(_SURE, _ABOVE + max(away, default=1.0))
+
+
+def _stands_out(part: Part, pose: Rigid, score: float, ahead: float, hypotheses: Sequence[Hypothesis]) -> bool:
+    """Return whether a pose that a search found scores `ahead` times what it found elsewhere, or more.
 
     The best of very many wrong poses fits some lines of any cluttered photo; it does so hardly better than the next
     best ones do.
     """
-    away = [h.score for h in hypotheses if _elsewhere(part, best.pose.world_from_part, h.world_from_part)]
-    return score >= _STANDS_OUT[best.quality >= _CLEAR] * max(away, default=0.0)
+    away = [h.score for h in hypotheses if _elsewhere(part, pose, h.world_from_part)]
+    return score >= ahead * max(away, default=0.0)
 
 
 def _check(photos: Sequence[Photo]) -> None:
@@ -190,12 +223,17 @@ def _refined(
     options: EdgeOptions,
     chosen: int,
     basins: Basins,
+    *,
+    every: bool = False,
 ) -> list[tuple[float, Location]]:
-    """Return score and location of the hypotheses refined: until one is found, and then those that are as good."""
+    """Return score and location of the hypotheses refined: until one is found, and then those that are as good.
+
+    every: all of them, but for those that would end where others did.
+    """
     done: list[tuple[float, Location]] = []
     for h in hypotheses:
         found = [o for _, o in done if o.found]
-        if found and h.score < _RIVAL * hypotheses[0].score:
+        if found and not every and h.score < _RIVAL * hypotheses[0].score:
             break
         if any(_apart(part, h.world_from_part, o.pose.world_from_part) < _BASIN for o in found):
             continue  # it would end there too

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ from cadcam.errors import SizeMismatch
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.chroma import chroma_of
 from cadcam.image.picture import checked, to_gray
+from cadcam.image.profile import calming, noise_of
 
 _EDGE_PX = 0.1  # sigma of a stated viewpoint; edges bring their own noise, this one is not used for them
 
@@ -22,12 +23,15 @@ _EDGE_PX = 0.1  # sigma of a stated viewpoint; edges bring their own noise, this
 class Photo:
     """A grey picture (H, W) float32 in [0, 1] taken from `viewpoint` (camera, place in the world, what errs there).
 
-    chroma: its colour (H, W, 2) (`image.chroma`), or None; made from the picture where that is given in colour.
+    chroma: its colour (H, W, 2) (`image.chroma`), or None; made from the picture where that is given in colour. calm:
+    the picture smoothed by a Gaussian of sd `spread` px, in which lines are looked for where noise hides them, or None.
     """
 
     gray: Picture
     viewpoint: Viewpoint
     chroma: Picture | None = None
+    calm: Picture | None = None
+    spread: float = 0.0
 
     def __post_init__(self) -> None:
         if self.chroma is None and np.ndim(self.gray) == 3:
@@ -48,6 +52,21 @@ class Photo:
         """Return the photo, grey or in colour, of an exactly known camera; by default the world is its frame."""
         pose = Rigid() if camera_from_world is None else camera_from_world
         return cls(checked(picture), Viewpoint.exact(name, camera, pose, sigma_px=_EDGE_PX))
+
+    def calmed(self) -> Photo:
+        """Return the photo with a picture in which noise hides fewer lines; itself where it hides none."""
+        from scipy.ndimage import gaussian_filter
+
+        spread = calming(noise_of(self.gray))
+        if spread == 0:
+            return self
+        calm = np.asarray(gaussian_filter(self.gray, spread, truncate=3.0, mode="nearest"), np.float32)
+        return replace(self, calm=calm, spread=spread)
+
+    @property
+    def lines(self) -> Picture:
+        """Return the picture (H, W) in which lines are looked for."""
+        return self.gray if self.calm is None else self.calm
 
     @property
     def camera(self) -> Camera:

@@ -22,7 +22,6 @@ import numpy as np
 
 from cadcam.arrays import Array, quantile
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.profile import candidates
 from cadcam.locate.attraction import pulled_onto
 from cadcam.locate.sight import Sight
 from cadcam.native.profiles import met
@@ -111,9 +110,7 @@ class _Seen:
         rows, offsets, slopes, runs, before = [], [], [], [], 0
         for sight in _scaled(sights, middle, s):
             at = sight.project(pose)
-            found = candidates(
-                sight.photo.gray, at.q, at.normal, half_length=2.0, reach=reach, noise=sight.noise, most=_STEPS
-            )
+            found = sight.candidates(at.q, at.normal, half_length=2.0, reach=reach, most=_STEPS)
             by_place = at.row[:, :3]  # a twist's translation moves a point as the point itself
             row = np.concatenate([at.row @ B, by_place * (sight.samples.p - middle)], axis=1)
             some = np.isfinite(row).all(axis=1)

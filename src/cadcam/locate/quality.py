@@ -45,7 +45,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.profile import candidates
+from cadcam.image.profile import slope_noise
 from cadcam.locate.chequers import along_chequers
 from cadcam.locate.proportions import stretched
 from cadcam.locate.sight import Sight
@@ -60,6 +60,9 @@ _REACH = 6  # px: how far around a line its step is compared
 _ROOM_PX = 2.5  # a sample nearer than this to another line says nothing
 _AGREE_PX = 0.5  # by which neighbours on a line may differ
 _FAINT = 0.4  # of the strongest slope nearby
+# Where noise hides lines: how far along a line steps are averaged to each side, px, and how clear they are, sd.
+_IN_NOISE = 4.0, 3.0
+_WIDE, _SURELY, _MOST_SHIFTED = 1.0, 1.5, 1.2  # px, blur of a step there; sd, and px, that noise may shift it by
 _FAR, _AT = np.array([0.0, 14.0, 22.0, 14.0, 22.0]), np.array([0.0, 0.3, 1.9, 3.4, 5.0])  # px, rad
 _SHIFTS = _FAR[:, None] * np.stack([np.cos(_AT), np.sin(_AT)], axis=1)  # px: in place, then elsewhere
 _WORTH_PX = (10.0, 24.0)  # length from which a line is worth one constraint, and two
@@ -72,6 +75,7 @@ _NOWHERE = 0.25  # share of a line's samples below which it is missed
 _BORDERS, _BEHIND = 32, 0.15  # directions of borders that are tried; share of the samples behind one that may be shown
 _ABSENT, _SCATTER, _GAIN = 0.6, 20.0, 2.0  # what these cost
 _IN_DOUBT, _OTHER = (0.3, 0.75), 0.04  # quality at which other proportions are tried; what makes them others
+_ALWAYS = 1.1  # more than any quality
 _TOLD = 0.05  # gain worth words
 _SHARES = (0.0, 0.43, 0.95)  # net shares that make quality 0, 1/2 and 1
 _COLOR = 2  # constraints that tell which colour the part has
@@ -160,7 +164,8 @@ def judged(
         left = seen(sights, world_from_part, constraints=constraints, scatter=scatter)
         first = replace(left, without=first.without)
     first = replace(first, color=color * max(1 - first.free * _COLOR / constraints, 0.0))
-    if not _IN_DOUBT[0] < first.quality < _IN_DOUBT[1]:
+    in_noise = any(s.photo.calm is not None for s in sights)  # a line or two that is missing hardly shows there
+    if not _IN_DOUBT[0] < first.quality < (_ALWAYS if in_noise else _IN_DOUBT[1]):
         return first
     other = stretched(sights, world_from_part, B)
     if other.by < _OTHER:
@@ -177,7 +182,8 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, s
     constraints: how many of them its fit, and the search before it, could meet anywhere. scatter: sd (px) by which
     edges are off as a whole.
     """
-    near = float(np.clip(_SCATTERS * scatter, *_NEAR_PX))
+    in_noise = any(s.photo.calm is not None for s in sights)  # the allowance there is for noise, not for another model
+    near = _NEAR_PX[0] if in_noise else float(np.clip(_SCATTERS * scatter, *_NEAR_PX))
     told, shown, by_chance, worth, extent, absent, hidden = 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     bodies: list[tuple[Ids, Mask]] = []
     most, room_px = _ASKED // len(sights), _ROOM_PX + 1.0
@@ -239,22 +245,42 @@ def _shown(sight: Sight, q: Array, normal: Array, run: Ids, room: Array, near_px
     """
     places = (q + _SHIFTS[:, None]).reshape(-1, 2)
     normals = np.tile(normal, (len(_SHIFTS), 1))
-    found = candidates(sight.photo.gray, places, normals, half_length=2.0, reach=_REACH, noise=sight.noise)
+    half_length, clear = (2.0, 4.0) if sight.photo.calm is None else _IN_NOISE
+    found = sight.candidates(places, normals, half_length=half_length, reach=_REACH, clear=clear)
+    sd = _sd_place(sight, found.slope, half_length)
     offset = np.abs(found.offset).reshape(len(_SHIFTS), len(q), -1)
     slope = np.where(offset <= room[:, None], np.abs(found.slope).reshape(offset.shape), 0.0)
     strongest = slope.max(axis=2)
-    near = (offset < near_px) & (slope > _FAINT * strongest[:, :, None])
+    near = (offset < np.hypot(near_px, sd).reshape(offset.shape)) & (slope > _FAINT * strongest[:, :, None])
     best = np.argmax(np.where(near, slope, 0.0), axis=2).ravel() + np.arange(len(places)) * offset.shape[2]
-    at, sign = found.offset.ravel()[best], np.sign(found.slope.ravel()[best])
-    good, at, sign = (a.reshape(len(_SHIFTS), -1) for a in (near.ravel()[best], at, sign))
-    shown = _continued(good, at, sign, run)
+    at, sign, sd = found.offset.ravel()[best], np.sign(found.slope.ravel()[best]), sd.ravel()[best]
+    good, at, sign, sd = (a.reshape(len(_SHIFTS), -1) for a in (near.ravel()[best], at, sign, sd))
+    shown = _continued(good, at, sign, run, sd)
     return shown[0], 2 * shown.sum(axis=1) / ((strongest > 0).sum(axis=1) + len(q))
 
 
-def _continued(good: Mask, offset: Array, sign: Array, run: Ids) -> Mask:
-    """Return which good samples (..., n) have a neighbour on their run that is good, of the same sign and distance."""
+def _sd_place(sight: Sight, slope: Array, half_length: float) -> Array:
+    """Return what noise may shift steps (N, M) of these slopes by, px: nil but where noise hides lines.
+
+    A step of slope a, smoothed to a width s by a filter of width f, bends by a / s^2 at its top; noise n of the slope
+    bends it by sqrt(3/2) n / f.
+    """
+    if sight.photo.calm is None:
+        return np.zeros(slope.shape)
+    filter2 = 1 + sight.photo.spread**2
+    shift = slope_noise(sight.noise, half_length, sight.photo.spread) * np.sqrt(1.5 / filter2) * (filter2 + _WIDE**2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.minimum(_SURELY * shift / np.abs(slope), _MOST_SHIFTED))
+
+
+def _continued(good: Mask, offset: Array, sign: Array, run: Ids, sd: Array) -> Mask:
+    """Return which good samples (..., n) have a neighbour on their run that is good, of the same sign and distance.
+
+    sd (..., n) px: what noise may shift them by.
+    """
     same = (run[1:] == run[:-1]) & (sign[..., 1:] == sign[..., :-1])
-    pair = good[..., 1:] & good[..., :-1] & same & (np.abs(np.diff(offset)) < _AGREE_PX)
+    apart = np.sqrt(_AGREE_PX**2 + sd[..., 1:] ** 2 + sd[..., :-1] ** 2)
+    pair = good[..., 1:] & good[..., :-1] & same & (np.abs(np.diff(offset)) < apart)
     out = np.zeros(good.shape, bool)
     out[..., 1:] |= pair
     out[..., :-1] |= pair

@@ -7,7 +7,7 @@ would (`locate.quality`). Where that is in doubt, lines are looked for again: wi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -34,6 +34,7 @@ from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
 
 _TOGETHER_PX = 0.005  # by which all edges of a photo are off together: light from one side bends alike beside them
 _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
+_CLEARLY = 0.1  # quality by which an answer that is not found must be better to take the place of another one
 _DOUBT = (0.25, 0.62)  # quality of a pose that half of the lines agree with: worth a second, wider search
 _FREE = 0.4  # share of the lines that any pose could be fitted to, more than of a box: little else speaks for a pose
 _FARTHEST_PX = 3.0  # an edge farther off is another one
@@ -71,9 +72,25 @@ def refine(
     are only other lines. Where colour speaks for a doubtful answer it is about right: lines are looked for once more
     from there, narrowly first.
     """
-    return refined(
-        part, photos, start, freedom=freedom, evidence=evidence, options=options, chosen=chosen, wider=wider
-    )[0]
+
+    def found_in(photos: Sequence[Photo]) -> Location:
+        return refined(
+            part, photos, start, freedom=freedom, evidence=evidence, options=options, chosen=chosen, wider=wider
+        )[0]
+
+    return in_spite_of_noise(photos, found_in) if wider else found_in(photos)
+
+
+def in_spite_of_noise(photos: Sequence[Photo], found_in: Callable[[Sequence[Photo]], Location]) -> Location:
+    """Return what is found in photos; where that is nothing and noise hides lines, what is found in calmer ones."""
+    first = found_in(photos)
+    if first.found:
+        return first
+    calm = [photo.calmed() for photo in photos]
+    if all(photo.calm is None for photo in calm):
+        return first
+    second = found_in(calm)
+    return second if second.found or second.quality > first.quality + _CLEARLY else first
 
 
 def refined(
@@ -285,7 +302,8 @@ def _evidence(part: Part, fitted: Solution, B: Array, chosen: int, wider: bool) 
     told, color = in_color(part, fitted.sights, pose)
     evidence = judged(told, pose, B, chosen=chosen, scatter=scatter, color=color)
     doubted = evidence.quality < FOUND or evidence.without > 0 or evidence.fitted > _FREE or fit.between > LOOSE_PX
-    if not wider or evidence.gain or not _DOUBT[0] < evidence.quality < FOUND:
+    in_noise = any(s.photo.calm is not None for s in fitted.sights)  # there missing lines pass for faint ones
+    if not wider or in_noise or evidence.gain or not _DOUBT[0] < evidence.quality < FOUND:
         return evidence, doubted
     lit = showing(part, told, pose)
     faint = 1 - sum(len(s.samples) for s in lit) / sum(len(s.samples) for s in told)

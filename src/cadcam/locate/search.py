@@ -42,7 +42,9 @@ from cadcam.locate.view_range import WHOLE_SPHERE, ViewRange
 from cadcam.native.fields import Longs, Views
 
 _SWEPT_PX = 33.0  # the part's size in the field that it is swept over
-_JUDGED_PX = 180.0  # and in that where evidence is judged: noise is averaged there, and lines are apart
+# And in that where evidence is judged, and how far off lines may be there, px. Finely noise is averaged, and lines are
+# apart. But after their climbs poses are off by some hundredths of the part's size: a right one seems wrong then.
+_FINELY, _ROUGHLY = (180.0, 0.8), (90.0, 2.0)
 _SMALLEST, _LARGEST = 0.2, 1.2  # the part's size in units of the photo's shorter side, where no distance is declared
 _SCALE, _ROLL_DEG = 1.2, 10.0  # steps of the sweep: distances, turns in the picture
 _SWEPT = 42  # samples of an aspect that are swept
@@ -52,7 +54,7 @@ _CLIMBS = (
     Climb(1, 96, (2.5, 1.5, 1.0, 1.0), 100),
     Climb(2, 128, (2.5, 1.5, 1.0, 1.0), 60),
 )
-_APPROACHED, _NEIGHBOURS = 24, 0.25  # hypotheses that are approached, and how far apart they are, in radii
+_APPROACHED, _NEIGHBOURS = (24, 14), 0.25  # poses of either judgement that are approached; how far apart, radii
 _NEAR = Reach(rotation_deg=12.0, shift_px=0.06, depth=0.12)  # of such approaches; the shift in units of the part's size
 _RETURNED = 20
 _AMONG_EQUALS = np.array([0.6123, 0.3871, 0.6894])  # in no plane of any symmetry
@@ -85,10 +87,24 @@ def search_once(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SP
         for distance in _distances(aspects, photo.camera, views)
     ]
     found = np.concatenate([np.zeros((0, 12)), *rows])
-    starts = distinct(aspects, found, _judged(aspects, scales, found), _APPROACHED, within=_NEIGHBOURS)
+    starts = _to_approach(aspects, scales, found)
     around = _approached(part, photos, rigids_of(found[starts]))
     found = np.array([row_of(h.world_from_part) for h in around]).reshape(-1, 12)
-    return _ranked(aspects, around, found, _judged(aspects, scales, found))
+    return _ranked(aspects, around, found, _judged(aspects, scales, found, *_FINELY))
+
+
+def _to_approach(aspects: Aspects, scales: _Scales, found: Array) -> list[int]:
+    """Return which of poses (N, 12) are approached: the best judged roughly, and the best judged as they are."""
+    every = np.array(
+        [
+            k
+            for way, most in zip((_FINELY, _ROUGHLY), _APPROACHED, strict=True)
+            for k in distinct(aspects, found, _judged(aspects, scales, found, *way), most, within=_NEIGHBOURS)
+        ],
+        np.int64,
+    )
+    first = distinct(aspects, found[every], -np.arange(len(every), dtype=np.float64), len(every), within=_NEIGHBOURS)
+    return [int(k) for k in every[first]]
 
 
 def unmade(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE) -> list[tuple[int, int]]:
@@ -141,7 +157,7 @@ class _Scales:
 
 def _fields(photo: Photo) -> list[DirectionField]:
     k = max(1, math.ceil(max(photo.camera.size) / _WIDEST_PX))
-    every = [f for b, n in _BASES for f in direction_fields(photo.gray, photo.camera, reduction=b * k, levels=n)]
+    every = [f for b, n in _BASES for f in direction_fields(photo.lines, photo.camera, reduction=b * k, levels=n)]
     return sorted((f for f in every if min(f.camera.size) >= _NARROWEST_PX), key=lambda f: f.reduction)
 
 
@@ -219,15 +235,15 @@ def _rotations(part: Part, views: ViewRange) -> tuple[Longs, Array]:
     return np.repeat(chosen, n), (turn[None] @ upright[:, None]).reshape(-1, 3, 3)
 
 
-def _judged(aspects: Aspects, scales: _Scales, poses: Array) -> Array:
-    """Return the evidence (N,) for poses (N, 12), each judged where the part is about _JUDGED_PX large."""
+def _judged(aspects: Aspects, scales: _Scales, poses: Array, size_px: float, blur: float) -> Array:
+    """Return the evidence (N,) for poses (N, 12), each judged where the part is about size_px large."""
     if not len(poses):
         return np.zeros(0)
-    wanted = np.rint(2 * np.log2(np.maximum(scales.sizes(aspects, poses) / _JUDGED_PX, 1.0)))
+    wanted = np.rint(2 * np.log2(np.maximum(scales.sizes(aspects, poses) / size_px, 1.0)))
     out = np.zeros(len(poses))
     for step in np.unique(wanted):
         own = wanted == step
-        out[own] = evidence(aspects, scales.stage(2 ** (step / 2)), poses[own])
+        out[own] = evidence(aspects, scales.stage(2 ** (step / 2)), poses[own], blur)
     return out
 
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Mask, quantile
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.profile import StepSums, blur_of, candidates, noise_of, step_sums
+from cadcam.image.profile import Candidates, Steps, StepSums, blur_of, candidates, noise_of, step_sums
 from cadcam.locate.edges import EdgeSamples, Projected, project, sample_lines
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -71,12 +71,26 @@ class Sight:
         """Return the sight with the chosen samples."""
         return Sight(self.photo, self.noise, self.drawn, self.samples.select(which))
 
+    def candidates(
+        self, q: Array, normal: Array, *, half_length: float, reach: int, most: int = 4, clear: float = 4.0
+    ) -> Candidates:
+        """Return where the photo steps along normals (N, 2) at places q (N, 2) px (`image.profile.candidates`)."""
+        return candidates(
+            self.photo.lines,
+            q,
+            normal,
+            half_length=half_length,
+            reach=reach,
+            noise=self.noise,
+            most=most,
+            spread=self.photo.spread,
+            clear=clear,
+        )
+
     def blur(self, at: Projected, *, half_length: float, reach_px: float) -> float:
         """Return the blur of the photo's steps (px), from the strongest of the part's lines."""
         free = np.flatnonzero(np.minimum(self.samples.below, self.samples.above) >= reach_px)
-        found = candidates(
-            self.photo.gray, at.q[free], at.normal[free], half_length=half_length, reach=2, noise=self.noise, most=1
-        )
+        found = self.candidates(at.q[free], at.normal[free], half_length=half_length, reach=2, most=1)
         strength = np.nan_to_num(np.abs(found.slope[:, 0]))
         best = np.argsort(-strength)[:_STRONG]
         best = best[strength[best] > 0]
@@ -200,7 +214,7 @@ def measure(sight: Sight, at: Projected, cells: Cells, where: Array, *, sums: St
         return Measured(offset, sigma, contrast, usable, doubt)
     sums = cells.sums_at(sight, at, where) if sums is None else sums
     found, run = sums.solved(cells.held, noise=0.5 * sight.noise), sight.samples.run[which]
-    c, sd_c = along_runs(found.contrast, run, _CONTRAST), np.sqrt(along_runs(found.sd_contrast**2, run, _CONTRAST))
+    c, sd_c = along_runs(found.contrast, run, _CONTRAST), _sd_contrast(sight, found, run)
     sure = np.abs(found.contrast) > _SURE * found.sd_contrast  # before a chequered ground the sign changes along a line
     c = np.where(sure, found.contrast, c)
     more = np.sqrt(along_runs(found.noise**2, run, _STRETCH)) / found.noise
@@ -213,11 +227,23 @@ def measure(sight: Sight, at: Projected, cells: Cells, where: Array, *, sums: St
     return Measured(offset, sigma, contrast, usable, doubt)
 
 
+def _sd_contrast(sight: Sight, found: Steps, run: Ids) -> Array:
+    """Return the sd (n,) by which a contrast must be clear: that of one cell, for texture runs along lines.
+
+    Where lines are looked for in spite of noise, white noise counts as the mean over neighbours has it.
+    """
+    variance = found.sd_contrast**2
+    if sight.photo.calm is not None:
+        n = len(run)
+        first, last = np.searchsorted(run, run), np.searchsorted(run, run, side="right") - 1
+        averaged = np.minimum(np.arange(n) + _CONTRAST, last) - np.maximum(np.arange(n) - _CONTRAST, first) + 1
+        variance = variance * (1 - np.minimum(sight.noise / found.noise, 1) ** 2 * (1 - 1 / averaged))
+    return np.sqrt(along_runs(variance, run, _CONTRAST))
+
+
 def nearest_steps(sight: Sight, at: Projected, *, half_length: float, reach: int) -> Array:
     """Return where (N,) px along the normals the photo steps, the place nearest to the line; 0 where it does not."""
-    found = candidates(
-        sight.photo.gray, at.q, at.normal, half_length=half_length, reach=reach, noise=sight.noise, most=3
-    )
+    found = sight.candidates(at.q, at.normal, half_length=half_length, reach=reach, most=3)
     strong = np.abs(found.slope) > _FAINT * np.abs(found.slope[:, :1])
     far = np.where(strong, np.abs(found.offset), np.inf)
     best = np.argmin(far, axis=1)
