@@ -26,7 +26,7 @@ def fitted(off: Array, rng: np.random.Generator) -> Solution:
         Any,
         ([SimpleNamespace(row=row)], [SimpleNamespace(usable=np.ones(len(group), bool), doubt=np.zeros(len(group)))]),
     )
-    return Solution([], Rigid(), Rigid.exp(fit.x), np.eye(6), *seen, fit)
+    return Solution([], Rigid(), Rigid.exp(fit.x), np.eye(6), *seen, fit, [])
 
 
 def moved_px(pose: Rigid) -> float:

@@ -71,6 +71,11 @@ class _Stretches:
         return band_gains(*left, known, room, tried, width=_WIDTH, blur=blur)
 
 
+def has_bands(sight: Sight, at: Projected, cells: Cells, where: Array) -> bool:
+    """Return whether bands show beside a photo's lines; where (N,) px along the normals: where the steps are."""
+    return len(cells.which) > 0 and bool(np.isfinite(_found(_stretches(sight, at, cells, where), cells.blur)[0]).any())
+
+
 def banded(
     sight: Sight, at: Projected, cells: Cells, where: Array, anew: Mapping[str, float] | None = None
 ) -> tuple[Cells, Cells, StepSums]:

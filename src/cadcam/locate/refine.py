@@ -214,12 +214,25 @@ def _measured(
     chosen: int,
     wider: bool,
 ) -> tuple[Location, Solution | None]:
-    """Return what the measurement of a pose close by finds, and what was measured, if anything."""
+    """Return what the measurement of a pose close by finds, and what was measured, if anything.
+
+    Bands beside the lines are told only if edges then agree more closely, and closely where the part is not found
+    without them: with a step more at every line anything fits, if loosely. Not where starts are known to be good.
+    """
     try:
-        fitted = solved(sights, pose, freedom, evidence, options, bands=wider)
+        fitted = solved(sights, pose, freedom, evidence, options)
     except DegenerateGeometry as error:
         return _lost(sights, pose, freedom, str(error)), None
-    return _location(part, fitted, freedom, chosen, wider), fitted
+    location = _location(part, fitted, freedom, chosen, wider)
+    if not (wider and fitted.beside_bands):
+        return location, fitted
+    try:
+        told = solved(sights, pose, freedom, evidence, options, bands=True)
+    except DegenerateGeometry:
+        return location, fitted
+    second = _location(part, told, freedom, chosen, wider)
+    closer = told.fit.between < fitted.fit.between and (location.found or not _loose(told))
+    return (second, told) if second.found and closer else (location, fitted)
 
 
 def _loose(fitted: Solution | None) -> bool:

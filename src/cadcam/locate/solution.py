@@ -17,7 +17,7 @@ from cadcam.arrays import Array, quantile
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.grouped import GroupedFit, grouped_fit
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.bands import banded
+from cadcam.locate.bands import banded, has_bands
 from cadcam.locate.edges import Projected
 from cadcam.locate.evidence import Evidence, rows_of
 from cadcam.locate.freedom import Freedom
@@ -64,7 +64,7 @@ EDGES = EdgeOptions()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """The refined pose, and what was measured for its last step from `before`: x in the basis B there."""
+    """The refined pose, and what was measured for its last step from `before`, in `cells`: x in the basis B there."""
 
     sights: Sequence[Sight]
     before: Rigid
@@ -73,11 +73,18 @@ class Solution:
     places: Sequence[Projected]
     measured: Sequence[Measured]
     fit: GroupedFit
+    cells: Sequence[Cells]
 
     @property
     def moved(self) -> list[Array]:
         """Return by how much (n,) px the last step moved the samples of each photo along their normals."""
         return [at.row @ (self.B @ self.fit.x) for at in self.places]
+
+    @property
+    def beside_bands(self) -> bool:
+        """Return whether bands show beside the lines (`locate.bands`)."""
+        looked = zip(self.sights, self.places, self.cells, strict=True)
+        return any(has_bands(*one, np.zeros(len(one[0].samples))) for one in looked)
 
 
 def solved(
@@ -87,11 +94,11 @@ def solved(
     evidence: Sequence[Evidence],
     options: EdgeOptions,
     *,
-    bands: bool = True,
+    bands: bool = False,
 ) -> Solution:
     """Return the pose after measuring steps where they are first seen, then on the lines themselves.
 
-    bands: whether bands beside the lines are looked for, which the model does not have (`locate.bands`).
+    bands: whether cells are told of bands beside the lines, which the model does not have (`locate.bands`).
     """
     half = 0.5 * options.step_px
     places = [s.project(pose) for s in sights]
@@ -112,7 +119,7 @@ def solved(
         other = rows_of(evidence, [s.photo for s in sights], pose)
         fit = _step(sights, places, measured, other, B, iterations, pieces, on_lines=on_lines)
         on_lines = fit.between < LOOSE_PX
-        last = Solution(sights, pose, pose @ Rigid.exp(B @ fit.x), B, places, measured, fit)
+        last = Solution(sights, pose, pose @ Rigid.exp(B @ fit.x), B, places, measured, fit, cells)
         pose = last.pose
         where = [_left(m, moved) for m, moved in zip(measured, last.moved, strict=True)]
         if number and quantile(np.abs(np.concatenate(last.moved)), 0.9) < _SETTLED_PX:
