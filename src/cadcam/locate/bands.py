@@ -71,9 +71,12 @@ class _Stretches:
         return band_gains(*left, known, room, tried, width=_WIDTH, blur=blur)
 
 
-def has_bands(sight: Sight, at: Projected, cells: Cells, where: Array) -> bool:
-    """Return whether bands show beside a photo's lines; where (N,) px along the normals: where the steps are."""
-    return len(cells.which) > 0 and bool(np.isfinite(_found(_stretches(sight, at, cells, where), cells.blur)[0]).any())
+def share_beside_bands(sight: Sight, at: Projected, cells: Cells, where: Array) -> float:
+    """Return which share of a photo's cells lies beside bands; where (N,) px along the normals: where the steps are."""
+    if not len(cells.which):
+        return 0.0
+    stretches = _stretches(sight, at, cells, where)
+    return float(_any(_found(stretches, cells.blur)[0])[stretches.of].mean())
 
 
 def banded(

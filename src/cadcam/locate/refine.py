@@ -43,6 +43,7 @@ _WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
 _WEAKEST, _BESIDE_PX = 3, 4.0  # motions along which a loose pose may be another one, and how far lines move by them
 _ABOUT = 0.25  # share of the lines that colour speaks for, from which on a pose is about right
 _AROUND_PX = (3.0, 5.0, 8.0)  # searches there
+_BANDED = 0.15  # share of a photo's lines that lie beside bands, from which on these are told
 _SAME_PX = 0.5  # a search that ends this near to where it began, at a pose that was found, finds the same again
 _Answer = tuple[Location, Solution | None, Sequence[Sight]]  # what was found, measured, and drawn for it
 _ANY_TURN = np.pi**2 / 3  # rad^2: variance of a turn that may be any
@@ -224,7 +225,7 @@ def _measured(
     except DegenerateGeometry as error:
         return _lost(sights, pose, freedom, str(error)), None
     location = _location(part, fitted, freedom, chosen, wider)
-    if not (wider and fitted.beside_bands):
+    if not wider or fitted.beside_bands < _BANDED:
         return location, fitted
     try:
         told = solved(sights, pose, freedom, evidence, options, bands=True)

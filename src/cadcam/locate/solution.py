@@ -17,7 +17,7 @@ from cadcam.arrays import Array, quantile
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.grouped import GroupedFit, grouped_fit
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.bands import banded, has_bands
+from cadcam.locate.bands import banded, share_beside_bands
 from cadcam.locate.edges import Projected
 from cadcam.locate.evidence import Evidence, rows_of
 from cadcam.locate.freedom import Freedom
@@ -81,10 +81,10 @@ class Solution:
         return [at.row @ (self.B @ self.fit.x) for at in self.places]
 
     @property
-    def beside_bands(self) -> bool:
-        """Return whether bands show beside the lines (`locate.bands`)."""
+    def beside_bands(self) -> float:
+        """Return the largest share of a photo's cells that lies beside bands (`locate.bands`)."""
         looked = zip(self.sights, self.places, self.cells, strict=True)
-        return any(has_bands(*one, np.zeros(len(one[0].samples))) for one in looked)
+        return max(share_beside_bands(*one, np.zeros(len(one[0].samples))) for one in looked)
 
 
 def solved(
