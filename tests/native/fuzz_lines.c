@@ -17,6 +17,30 @@
 #include "profile.h"
 #include "seen.h"
 
+/* What steps leave over of the pixels of cells, and what steps beside them explain of that: never less than nothing. */
+static void beside_lines(const cc_picture *picture, int n, const double *q, const double *normal, const double *below,
+                         const double *above, const double *twins, double half_length, double blur,
+                         const double *sums) {
+    const int bins = 1 + upto(CC_BAND_BINS - 1), all = 2 * bins + 1, tries = upto(40);
+    const double width = 0.1 + unit();
+    double *left = malloc((size_t)(n * all) * 8 + 1), *rest = malloc((size_t)(n * bins) * 8 + 1);
+    double *number = malloc((size_t)(n * bins) * 8 + 1), *variance = malloc((size_t)n * 8 + 1);
+    double *known = doubles(n * CC_BAND_KNOWN, 8), *room = doubles(2 * n, 8), *tried = doubles(tries, 8);
+    double *gain = malloc((size_t)(n * tries) * 8 + 1);
+    cc_step_residuals(picture, n, q, normal, below, above, twins, half_length, blur, sums, bins, width, left);
+    for (int i = 0; i < n; i++) {
+        memcpy(rest + i * bins, left + i * all, (size_t)bins * 8);
+        memcpy(number + i * bins, left + i * all + bins, (size_t)bins * 8);
+        variance[i] = left[i * all + all - 1];
+        known[i * CC_BAND_KNOWN + upto(CC_BAND_KNOWN - 1)] = NAN;
+    }
+    memset(gain, 0, (size_t)(n * tries) * 8);
+    cc_band_gains(n, bins, width, blur, rest, number, variance, known, room, tries, tried, gain);
+    for (int i = 0; i < n * tries; i++)
+        if (gain[i] < 0) exit(fprintf(stderr, "gain %g\n", gain[i]));
+    free(left), free(rest), free(number), free(variance), free(known), free(room), free(tried), free(gain);
+}
+
 /* Profiles and steps at places in and out of a picture, and what lines are pulled and projected by. */
 static void along_lines(void) {
     const int width = 1 + upto(60), height = 1 + upto(60), n = upto(40), most = 1 + upto(4), reach = upto(70);
@@ -37,8 +61,10 @@ static void along_lines(void) {
         if (!(isnan(offset[i]) ? isnan(slope[i]) : fabs(offset[i]) <= reach + 1))
             exit(fprintf(stderr, "offset %g\n", offset[i]));
     double *sums = malloc((size_t)(n * CC_STEP_SUMS) * 8 + 1), *steps = malloc((size_t)(n * CC_STEP_TERMS) * 8 + 1);
-    cc_step_sums(&picture, n, q, normal, below, above, twins, 4 * unit(), 0.3 + 3 * unit(), 0.002, 0.998, sums);
+    const double half_length = 4 * unit(), blur = 0.3 + 3 * unit();
+    cc_step_sums(&picture, n, q, normal, below, above, twins, half_length, blur, 0.002, 0.998, sums);
     cc_steps(n, sums, held, steps);
+    beside_lines(&picture, n, q, normal, below, above, twins, half_length, blur, sums);
     double K[9] = {100, 1, 30, 0, 90, 30, 0, 0, 1}, R[9], *p = doubles(3 * n, 9), *t = doubles(3 * n, 1), x[9];
     double *row = malloc((size_t)n * 48 + 1), *mean = malloc((size_t)n * 16 + 1), *stiff = doubles(36, 1);
     int32_t *run = malloc((size_t)n * 4 + 1);
