@@ -218,14 +218,16 @@ def _measured(
     """Return what the measurement of a pose close by finds, and what was measured, if anything.
 
     Bands beside the lines are told only if edges then agree more closely, and closely where the part is not found
-    without them: with a step more at every line anything fits, if loosely. Not where starts are known to be good.
+    without them: with a step more at every line anything fits, if loosely. Not where starts are known to be good, nor
+    for the many poses of a search that hold nothing.
     """
     try:
         fitted = solved(sights, pose, freedom, evidence, options)
     except DegenerateGeometry as error:
         return _lost(sights, pose, freedom, str(error)), None
     location = _location(part, fitted, freedom, chosen, wider)
-    if not wider or fitted.beside_bands < _BANDED:
+    hopeless = chosen > 0 and not location.found
+    if not wider or hopeless or fitted.beside_bands < _BANDED:
         return location, fitted
     try:
         told = solved(sights, pose, freedom, evidence, options, bands=True)
