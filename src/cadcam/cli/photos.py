@@ -68,7 +68,9 @@ def viewpoints_of(
     if rig:
         return _of_rig(paths, rig), None
     if len(cameras) != len(paths):
-        raise BadValue("--camera", f"given {len(cameras)} times for {len(paths)} photos", "one a photo")
+        times = "once" if len(cameras) == 1 else f"{len(cameras)} times"
+        given = f"given {times} for {len(paths)} photos ({', '.join(paths)})"
+        raise BadValue("--camera", given, "one a photo; the last file is the CAD model")
     return _of_files(paths, cameras)
 
 

@@ -129,7 +129,11 @@ def step_rests(
     bins: int,
     width: float,
 ) -> tuple[Array, Array, Array]:
-    """Return what steps with free slopes leave over of their cells' pixels, by distance from the line."""
+    """Return what steps with free slopes leave over of their cells' pixels, by distance from the line.
+
+    Of N cells: sums of it and numbers of pixels (N, bins), in bins of `width` px whose middle is at the line, and the
+    variance (N,) of a pixel; brightness. sums: of the same cells, as `step_sums` returns them for the other arguments.
+    """
     return profiles.step_residuals(
         gray, q, normal, below, above, twins, sums.sums, half_length=half_length, blur=blur, bins=bins, width=width
     )
