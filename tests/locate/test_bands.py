@@ -14,10 +14,11 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import StepSums, step_rests, step_sums
 from cadcam.locate import solution
 from cadcam.locate.bands import banded
+from cadcam.locate.cells import Cells, measure
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine import refine
-from cadcam.locate.sight import Cells, Sight, measure
+from cadcam.locate.sight import Sight
 from cadcam.native.core import choose_variant
 from cadcam.native.profiles import band_gains
 

@@ -7,14 +7,16 @@ import pytest
 
 from cadcam.cad.parts import machined_bracket
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.absent import behind_border, body_gone
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.locate import locate
 from cadcam.locate.location import FOUND
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality import SEARCHED, Seen, _gone, _worth, behind_border, distinct_lines
+from cadcam.locate.quality import SEARCHED, Seen
 from cadcam.locate.refine import refine
 from cadcam.locate.view_range import ViewRange
+from cadcam.locate.worth import distinct_lines, worth_of_stretches
 
 from ..cad.solids import box
 from .photos import CAMERA, noisy, photo, view
@@ -115,7 +117,7 @@ def test_a_rounded_corner_does_not_make_one_edge_of_two(corner: float, side: flo
     q, normal = outline(corner, side)
     run = np.zeros(len(q), np.int32)
     line, length = distinct_lines(q, run)
-    assert _worth(q, normal, run, line, length) == expected
+    assert worth_of_stretches(q, normal, run, line, length) == expected
 
 
 def test_what_lies_bare_to_one_side_of_a_border_is_hidden_and_nothing_else(rng: np.random.Generator) -> None:
@@ -151,8 +153,8 @@ def test_a_start_away_from_the_part_is_not_found(rng: np.random.Generator) -> No
 def test_one_body_of_which_nothing_is_shown_is_told_from_others() -> None:
     """Body 2 has 20 of 100 samples; were a tenth of it shown, or did it have over a third of all, it is not gone."""
     part = np.repeat([0, 1, 2], [50, 30, 20]).astype(np.int32)
-    assert _gone([(part, part != 2)]) == (2, 0.2)
-    assert _gone([(part, part == 1)]) == (2, 0.2)
-    assert _gone([(part, (part != 2) | (np.arange(100) > 97))])[0] == -1
-    assert _gone([(part, part != 0)])[0] == -1
-    assert _gone([(part, part != 2), (part, part == 2)])[0] == -1  # another photo shows it
+    assert body_gone([(part, part != 2)]) == (2, 0.2)
+    assert body_gone([(part, part == 1)]) == (2, 0.2)
+    assert body_gone([(part, (part != 2) | (np.arange(100) > 97))])[0] == -1
+    assert body_gone([(part, part != 0)])[0] == -1
+    assert body_gone([(part, part != 2), (part, part == 2)])[0] == -1  # another photo shows it

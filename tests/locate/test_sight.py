@@ -9,9 +9,10 @@ from scipy.ndimage import gaussian_filter
 from cadcam.cad.parts.shape import circle, prism
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.cells import Cells, measure
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.sight import Cells, Sight, measure
+from cadcam.locate.sight import Sight
 
 CAMERA = Camera.from_focal((160, 120), 900.0)
 FINE = 8  # samples a pixel, each way

@@ -23,7 +23,7 @@ from cadcam.locate.matches import EdgeMatches
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality import Seen, judged
-from cadcam.locate.sight import Sight
+from cadcam.locate.sight import Sight, in_noise
 from cadcam.locate.solution import LOOSE_PX, Solution
 from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
 
@@ -74,8 +74,8 @@ def _evidence(part: Part, fitted: Solution, B: Array, chosen: int, wider: bool) 
     told, color = in_color(part, fitted.sights, pose)
     evidence = judged(told, pose, B, chosen=chosen, scatter=scatter, color=color)
     doubted = evidence.quality < FOUND or evidence.without > 0 or evidence.fitted > _FREE or fit.between > LOOSE_PX
-    in_noise = any(s.photo.calm is not None for s in fitted.sights)  # there missing lines pass for faint ones
-    if not wider or in_noise or evidence.gain or not DOUBT[0] < evidence.quality < FOUND:
+    hides = in_noise(fitted.sights)  # there missing lines pass for faint ones
+    if not wider or hides or evidence.gain or not DOUBT[0] < evidence.quality < FOUND:
         return evidence, doubted
     lit = showing(part, told, pose)
     faint = 1 - sum(len(s.samples) for s in lit) / sum(len(s.samples) for s in told)

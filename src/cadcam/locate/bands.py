@@ -17,8 +17,9 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array
 from cadcam.image.profile import StepSums, parabola, step_rests, step_sums
+from cadcam.locate.cells import Cells
 from cadcam.locate.edges import Projected
-from cadcam.locate.sight import Cells, Sight
+from cadcam.locate.sight import Sight
 from cadcam.native.profiles import band_gains
 
 Longs = npt.NDArray[np.int64]

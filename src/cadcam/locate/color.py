@@ -23,9 +23,10 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.chroma import values_at
+from cadcam.locate.absent import behind_border
 from cadcam.locate.part import Part
-from cadcam.locate.quality import behind_border, distinct_lines
 from cadcam.locate.sight import Sight
+from cadcam.locate.worth import distinct_lines
 
 Longs = npt.NDArray[np.int64]
 _BESIDE = np.array([2.0, 3.0, 4.0])  # px from a line where its sides' colours are taken; codecs blur them so far

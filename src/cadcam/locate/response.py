@@ -25,8 +25,9 @@ import numpy.typing as npt
 from cadcam.arrays import Array
 from cadcam.fit.grouped import GroupedFit
 from cadcam.image.chroma import values_at
+from cadcam.locate.cells import Measured
 from cadcam.locate.edges import Projected
-from cadcam.locate.sight import Measured, Sight
+from cadcam.locate.sight import Sight
 
 Longs = npt.NDArray[np.int64]
 _OF_BLUR = np.sqrt(np.pi) / 3

@@ -18,11 +18,12 @@ from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.grouped import GroupedFit, grouped_fit
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.bands import banded, share_beside_bands
+from cadcam.locate.cells import Cells, Measured, measure
 from cadcam.locate.edges import Projected
 from cadcam.locate.evidence import Evidence, rows_of
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.response import bend_of, leanings, straightened
-from cadcam.locate.sight import Cells, Measured, Sight, measure, nearest_steps
+from cadcam.locate.sight import Sight, nearest_steps
 
 Longs = npt.NDArray[np.int64]
 CLOSE_PX = 3  # px: how far from the lines their steps may be after the search

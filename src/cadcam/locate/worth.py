@@ -1,0 +1,64 @@
+"""How many constraints lines lay on a pose.
+
+A line is worth two, where it lies and how it turns; a short one one. Lines that lie on one edge of the photo are one.
+Each straight stretch of a line that bends counts by itself: a corner that is rounded does not make one edge of two.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Ids
+from cadcam.native.profiles import along_runs
+
+Longs = npt.NDArray[np.int64]
+_WORTH_PX = (10.0, 24.0)  # length from which a line is worth one constraint, and two
+_CORNER, _CORNERS = np.radians(30.0), 16  # by which a line turns from one stretch to the next; most stretches of one
+_BENT, _AROUND = 1 / 170, 3  # rad a px, on the mean of so many samples to each side: from there on a line is bent
+_ONE_EDGE = 8.0, np.cos(np.radians(4.0))  # px and turn within which lines lie on one edge of the photo
+_STRAIGHT = 0.95  # chord over arc of a line that may lie on another
+
+
+def distinct_lines(q: Array, run: Ids) -> tuple[Longs, Array]:
+    """Return the number of the distinct line of each sample (n,), and the length (L,) px of each of these lines.
+
+    A straight run lies on another's line where both its ends are near that and its direction is about the same; it goes
+    to the longest such.
+    """
+    first = np.flatnonzero(np.diff(run, prepend=-1))
+    last = np.append(first[1:], len(run)) - 1
+    a, b = q[first], q[last]
+    step = np.hypot(*np.diff(q, axis=0, prepend=q[:1]).T)
+    step[first] = 0.0
+    arc, chord = np.add.reduceat(step, first), np.hypot(*(b - a).T)
+    along = (b - a) / np.maximum(chord, 1e-9)[:, None]
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    straight = chord > _STRAIGHT * arc
+    far = np.maximum(*(np.abs(np.einsum("ijk,jk->ij", end[:, None] - a, across)) for end in (a, b)))
+    on = (far < _ONE_EDGE[0]) & (np.abs(along @ along.T) > _ONE_EDGE[1]) & straight & straight[:, None]
+    np.fill_diagonal(on, True)
+    owner = np.argmax(np.where(on, arc, -1.0), axis=1)
+    _, line = np.unique(owner, return_inverse=True)
+    return np.repeat(line, last - first + 1), np.bincount(line, arc).astype(np.float64)
+
+
+def worth_of_lines(length: Array) -> float:
+    """Return how many constraints lines of these lengths (L,) px lay on a pose, whether they bend or not."""
+    return float(np.searchsorted(_WORTH_PX, length, side="right").sum())
+
+
+def worth_of_stretches(q: Array, normal: Array, run: Ids, line: Longs, length: Array) -> float:
+    """Return how many constraints samples (n,) on lines of these lengths (L,) px lay on a pose.
+
+    A line is worth what its straight stretches are; one that bends everywhere, or hardly, what its length is.
+    """
+    same = run[1:] == run[:-1]
+    step, turn = (np.append(0.0, same * np.hypot(*np.diff(a, axis=0).T)) for a in (q, normal))
+    straight = along_runs(turn, run, _AROUND) < _BENT * along_runs(step, run, _AROUND)
+    turned = np.cumsum(turn)
+    turned -= turned[np.searchsorted(run, run)]
+    stretch = np.minimum(turned // _CORNER, _CORNERS - 1).astype(np.int64)
+    of_stretch = np.bincount(line * _CORNERS + stretch, step * straight, len(length) * _CORNERS)
+    worth = [np.searchsorted(_WORTH_PX, px, side="right") for px in (length, of_stretch)]
+    return float(np.maximum(worth[0], worth[1].reshape(-1, _CORNERS).sum(axis=1)).sum())
