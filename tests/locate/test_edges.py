@@ -88,6 +88,43 @@ def test_room_does_not_depend_on_which_samples_are_asked_together(rng: np.random
                 np.testing.assert_array_equal(together[one], single)
 
 
+def test_a_twin_does_not_go_on_beyond_the_reach_for_samples_with_neighbours_alone() -> None:
+    """What runs on along a twin out of reach tells no sample anything, though the box of two samples holds it."""
+    axes = np.array([[-0.669, 0.743], [0.743, 0.669]])  # along the line, along its normal
+    axes /= np.linalg.norm(axes, axis=1)[:, None]
+    places = np.array([[[-6.0, 0.6], [4.6, 4.31]], [[5.4, 4.59], [100.0, 0.5]]])  # (t, d) of two segments' ends
+    segments = (places @ axes).reshape(2, 4)
+    q, normal = np.array([[0.0, 0.0], [0.0, 8.0]]), np.tile(axes[1], (2, 1))
+    lines = (segments, np.arange(2, dtype=np.int32), np.tile([0.0, 9.0], (2, 1)))
+    own, arc, options = np.full(2, -1, np.int32), np.zeros(2), {"half_length": 6.0, "near": 4.0, "most": 1.0}
+    alone = clearance(q[:1], normal[:1], own[:1], arc[:1], *lines, **options)
+    for single, together in zip(alone, clearance(q, normal, own, arc, *lines, **options), strict=True):
+        np.testing.assert_array_equal(single, together[:1])
+    np.testing.assert_allclose(alone[1], 0.6)
+
+
+def test_the_nearest_line_counts_however_many_are_farther() -> None:
+    """Two hundred lines 5 to 9 px off come first; the one at 2 px comes last, and the room ends there."""
+    far = np.linspace(5.0, 9.0, 200)
+    d = np.append(far, 2.0)
+    segments = np.stack([np.full_like(d, -20.0), d, np.full_like(d, 20.0), d], axis=1)
+    _, above, twins, beyond = clearance(
+        np.zeros((1, 2)),
+        np.array([[0.0, 1.0]]),
+        np.full(1, -1, np.int32),
+        np.zeros(1),
+        segments,
+        np.arange(len(d), dtype=np.int32),
+        np.tile([0.0, 40.0], (len(d), 1)),
+        half_length=3.0,
+        near=20.0,
+        most=10.0,
+    )
+    assert above[0] == 2.0
+    np.testing.assert_array_equal(twins[0, 1], [2.0, 0.0])
+    assert beyond[0, 1] == 5.0
+
+
 def test_normals_stand_on_the_lines_under_lens_and_skew(part: Part) -> None:
     samples = sample_lines(part.lines.draw(CAMERA, POSE).visible, CAMERA, step_px=6.0, reach_px=10.0)
     at = project(samples, CAMERA, POSE)

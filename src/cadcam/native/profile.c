@@ -2,6 +2,7 @@
 #include "profile.h"
 
 #include <math.h>
+#include <stdlib.h>
 
 #include "internal.h"
 
@@ -36,7 +37,8 @@ typedef struct {
     double t0, d0, t1, d1;
 } piece;
 
-static inline int clipped(double da, double ta, double db, double tb, double half, piece *out) {
+/* Cut a segment to the slab; return whether anything of it is in there and within `most` of the sample. */
+static inline int clipped(double da, double ta, double db, double tb, double half, double most, piece *out) {
     if (ta > tb) {
         double s = ta;
         ta = tb, tb = s, s = da, da = db, db = s;
@@ -45,21 +47,20 @@ static inline int clipped(double da, double ta, double db, double tb, double hal
     double slope = tb > ta ? (db - da) / (tb - ta) : 0;
     out->t0 = ta < -half ? -half : ta, out->d0 = ta < -half ? da + slope * (-half - ta) : da;
     out->t1 = tb > half ? half : tb, out->d1 = tb > half ? db + slope * (half - tb) : db;
-    return 1;
+    return (out->d0 <= most || out->d1 <= most) && (out->d0 >= -most || out->d1 >= -most);
 }
 
-enum { MET = 64 }; /* pieces that a sample remembers */
 #define PARALLEL 0.4   /* slope up to which a line is a twin */
 #define BESIDE_PX 0.4  /* what lies so near a line is of it */
 #define COVERED 0.9    /* share of the slab that a twin crosses */
 
 /* The room on one side, to the nearest line and to what lies beyond its twin; the nearest line as a twin, if it is one:
  * straight, about parallel, and through the whole slab. */
-static void side(const piece *met, int n, double sign, double half, double most, double *room, double *twin,
+static void side(const piece *met, int64_t n, double sign, double half, double most, double *room, double *twin,
                  double *beyond) {
-    int nearest = -1;
+    int64_t nearest = -1;
     *room = *beyond = most, twin[0] = sign * INFINITY, twin[1] = 0;
-    for (int k = 0; k < n; k++) {
+    for (int64_t k = 0; k < n; k++) {
         double d0 = sign * met[k].d0, d1 = sign * met[k].d1, lo = d0 < d1 ? d0 : d1, hi = d0 < d1 ? d1 : d0;
         if (hi >= 0 && lo < *room) *room = lo > 0 ? lo : 0, nearest = k;
     }
@@ -69,7 +70,7 @@ static void side(const piece *met, int n, double sign, double half, double most,
     }
     /* the longest piece near the nearest point tells the line */
     const piece *of = met + nearest;
-    for (int k = 0; k < n; k++) {
+    for (int64_t k = 0; k < n; k++) {
         double lo = sign * met[k].d0 < sign * met[k].d1 ? sign * met[k].d0 : sign * met[k].d1;
         if (lo >= 0 && lo < *room + BESIDE_PX && met[k].t1 - met[k].t0 > of->t1 - of->t0) of = met + k;
     }
@@ -79,7 +80,7 @@ static void side(const piece *met, int n, double sign, double half, double most,
         return;
     }
     double across = 0;
-    for (int k = 0; k < n; k++) {
+    for (int64_t k = 0; k < n; k++) {
         double e0 = met[k].d0 - at - slope * met[k].t0, e1 = met[k].d1 - at - slope * met[k].t1;
         if (fabs(e0) < BESIDE_PX && fabs(e1) < BESIDE_PX) {
             across += met[k].t1 - met[k].t0;
@@ -92,7 +93,7 @@ static void side(const piece *met, int n, double sign, double half, double most,
     else twin[0] = at, twin[1] = slope;
 }
 
-enum { TOGETHER = 16, NEIGHBOURS = 512 }; /* samples near each other, and segments that they may share */
+enum { TOGETHER = 16 }; /* samples near each other, which look for segments once */
 #define TOGETHER_PX 40.0
 
 /* How many of n places from the first on lie near it. */
@@ -102,51 +103,51 @@ static int64_t together(int64_t n, const double *q) {
     return k;
 }
 
-/* Which of m segments come within `reach` px of the box of n places: their number, or -1 for more than NEIGHBOURS. */
-static int close_to(int64_t n, const double *q, double reach, int64_t m, const double *segments, int64_t *found) {
+/* Find which of m segments come within `reach` px of the box of n places; return their number. */
+static int64_t close_to(int64_t n, const double *q, double reach, int64_t m, const double *segments, int64_t *found) {
     double left = INFINITY, right = -INFINITY, top = INFINITY, bottom = -INFINITY;
     for (int64_t i = 0; i < n; i++) {
         left = fmin(left, q[2 * i] - reach), right = fmax(right, q[2 * i] + reach);
         top = fmin(top, q[2 * i + 1] - reach), bottom = fmax(bottom, q[2 * i + 1] + reach);
     }
-    int count = 0;
+    int64_t count = 0;
     for (int64_t k = 0; k < m; k++) {
         const double *s = segments + 4 * k;
         if (((s[0] < left) & (s[2] < left)) | ((s[0] > right) & (s[2] > right))) continue;
         if (((s[1] < top) & (s[3] < top)) | ((s[1] > bottom) & (s[3] > bottom))) continue;
-        if (count == NEIGHBOURS) return -1;
         found[count++] = k;
     }
     return count;
 }
 
-void cc_clearance(int64_t n, const double *q, const double *normal, const int32_t *run, const double *arc, int64_t m,
-                  const double *segments, const int32_t *segment_run, const double *segment_arc, double half_length,
-                  double near, double most, double *below, double *above, double *twins, double *beyond) {
-    int64_t close[NEIGHBOURS], asked = m, end = 0;
-    int some = 0;
-    for (int64_t i = 0; i < n; i++) {
+int32_t cc_clearance(int64_t n, const double *q, const double *normal, const int32_t *run, const double *arc, int64_t m,
+                     const double *segments, const int32_t *segment_run, const double *segment_arc, double half_length,
+                     double near, double most, double *below, double *above, double *twins, double *beyond) {
+    const double reach = hypot(half_length, most) + BESIDE_PX; /* more than any piece is away: rounding drops none */
+    int64_t *close = malloc(((size_t)m + 1) * sizeof *close), asked = 0, end = 0;
+    piece *met = malloc(((size_t)m + 1) * sizeof *met);
+    const int32_t done = close && met;
+    for (int64_t i = 0; i < n && done; i++) {
         if (i == end) {
             end = i + together(n - i, q + 2 * i);
-            const int found = close_to(end - i, q + 2 * i, hypot(half_length, most), m, segments, close);
-            some = found >= 0, asked = some ? found : m;
+            asked = close_to(end - i, q + 2 * i, reach, m, segments, close);
         }
         double x = q[2 * i], y = q[2 * i + 1], nx = normal[2 * i], ny = normal[2 * i + 1];
-        piece met[MET];
-        int count = 0;
-        for (int64_t j = 0; j < asked && count < MET; j++) {
-            const int64_t k = some ? close[j] : j;
-            const double *s = segments + 4 * k;
+        int64_t count = 0;
+        for (int64_t j = 0; j < asked; j++) {
+            const int64_t k = close[j];
+            const double *s = segments + 4 * k, *its_arc = segment_arc + 2 * k;
             double ax = s[0] - x, ay = s[1] - y, bx = s[2] - x, by = s[3] - y;
             double da = ax * nx + ay * ny, db = bx * nx + by * ny;
             if ((da > most && db > most) || (da < -most && db < -most)) continue;
-            const double *its_arc = segment_arc + 2 * k;
             if (segment_run[k] == run[i] && its_arc[0] - near < arc[i] && arc[i] < its_arc[1] + near) continue;
-            count += clipped(da, -ax * ny + ay * nx, db, -bx * ny + by * nx, half_length, met + count);
+            count += clipped(da, -ax * ny + ay * nx, db, -bx * ny + by * nx, half_length, most, met + count);
         }
         side(met, count, -1, half_length, most, below + i, twins + 4 * i, beyond + 2 * i);
         side(met, count, 1, half_length, most, above + i, twins + 4 * i + 2, beyond + 2 * i + 1);
     }
+    free(close), free(met);
+    return done;
 }
 
 /* The unit normal of a line in the picture and how it moves along that with its part; D = dq/dp in the part's frame. */

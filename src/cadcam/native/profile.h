@@ -63,11 +63,12 @@ CC_API void cc_candidates(const cc_picture *picture, int64_t n, const double *q,
  * `most`. Segments (m, 4) x0 y0 x1 y1 with the run each belongs to and the arc length along it at its two ends; a
  * sample does not see what lies on its own run within `near` px of arc. twins (n, 2, 2): where the nearest line below
  * and above is straight, about parallel and crosses the whole slab: (d, slope) as cc_steps takes them, and in beyond
- * (n, 2) how far there is no line but it; else infinite, and beyond is the room as far as that line. */
-CC_API void cc_clearance(int64_t n, const double *q, const double *normal, const int32_t *run, const double *arc,
-                         int64_t m, const double *segments, const int32_t *segment_run, const double *segment_arc,
-                         double half_length, double near, double most, double *below, double *above, double *twins,
-                         double *beyond);
+ * (n, 2) how far there is no line but it; else infinite, and beyond is the room as far as that line. 0 where there is
+ * no memory, else 1. */
+CC_API int32_t cc_clearance(int64_t n, const double *q, const double *normal, const int32_t *run, const double *arc,
+                            int64_t m, const double *segments, const int32_t *segment_run, const double *segment_arc,
+                            double half_length, double near, double most, double *below, double *above, double *twins,
+                            double *beyond);
 
 /* How lines move across themselves: of n samples with J = dq/d(point in the camera's frame) (n, 2, 3), rotation of the
  * camera from the part (3, 3), p and tangent (n, 3) in the part's frame, the unit normal (n, 2) in the picture and

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Picture
-from cadcam.errors import BadValue
+from cadcam.errors import BadValue, NotEnoughMemory
 from cadcam.native.core import addresses, library
 
 Longs = npt.NDArray[np.int64]
@@ -33,13 +33,14 @@ def _core() -> c.CDLL:
     core.cc_band_gains.restype = i32
     core.cc_candidates.argtypes = [picture, i64, pointer, pointer, real, i32, real, i32, pointer, pointer]
     core.cc_clearance.argtypes = [i64, *[pointer] * 4, i64, *[pointer] * 3, *[real] * 3, *[pointer] * 4]
+    core.cc_clearance.restype = i32
     core.cc_edge_rows.argtypes = [i64, *[pointer] * 6]
     core.cc_camera_rows.argtypes = [i64, pointer, pointer, real, *[pointer] * 7]
     core.cc_along_runs.argtypes = [i64, i32, pointer, pointer, i64, pointer]
     core.cc_pull.argtypes = [i64, i32, i32, *[pointer] * 5, *[real] * 3, i32, pointer]
     core.cc_met.argtypes = [i64, i32, pointer, pointer, i64, pointer, i64, pointer, *[real] * 3, pointer, pointer]
     steps = ("step_sums", "steps", "step_residuals", "candidates")
-    names = (*steps, "clearance", "edge_rows", "camera_rows", "along_runs", "pull", "met")
+    names = (*steps, "edge_rows", "camera_rows", "along_runs", "pull", "met")
     for name in (f"cc_{name}" for name in names):
         getattr(core, name).restype = None
     return core
@@ -149,7 +150,8 @@ def clearance(
     twins, beyond = np.zeros((len(q), 2, 2)), np.zeros((len(q), 2))
     places, lines = addresses(q, normal, run, arc), addresses(segments, segment_run, segment_arc)
     out = addresses(below, above, twins, beyond)
-    _core().cc_clearance(len(q), *places, len(segments), *lines, half_length, near, most, *out)
+    if not _core().cc_clearance(len(q), *places, len(segments), *lines, half_length, near, most, *out):
+        raise NotEnoughMemory(f"there is not enough memory for the room beside lines of {len(segments)} segments")
     return below, above, twins, beyond
 
 
