@@ -13,6 +13,7 @@ from cadcam.errors import BadValue
 Array: TypeAlias = npt.NDArray[np.float64]  # geometry
 Picture: TypeAlias = npt.NDArray[np.float32]  # images in [0, 1], depth in mm
 Ids: TypeAlias = npt.NDArray[np.int32]  # faces, parts
+Longs: TypeAlias = npt.NDArray[np.int64]  # places in arrays, and what is counted with them
 Mask: TypeAlias = npt.NDArray[np.bool_]
 Index: TypeAlias = npt.NDArray[np.integer[Any]] | Mask  # what selects from an array
 Floats: TypeAlias = npt.ArrayLike

@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask
+from cadcam.arrays import Array, Ids, Longs, Mask
 
 # A polyline goes on where the direction turns by less than this: the sides of an octagonal hole still make one loop,
 # the corner of a rectangle ends the line.
 TURN_DEG = 50.0
-
-Longs = npt.NDArray[np.int64]
 
 
 def chained(ends: Array, points: Longs, group: npt.NDArray[np.integer]) -> tuple[Longs, Mask, Ids]:

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask
+from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.cad.edge_kind import EdgeKind
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.nearby import TriangleTree
-from cadcam.cad.topology import EdgeTable, Longs, weld
+from cadcam.cad.topology import EdgeTable, components, weld
 
 TOLERANCE_SHARE, TOLERANCE_MOST_MM = 1e-5, 0.5
 FLUSH_DEG = 2.0  # two faces this parallel continue one another
@@ -76,15 +76,10 @@ def resolve_contacts(
 
 def bodies(mesh: Mesh, table: EdgeTable) -> Longs:
     """Return the number (F,) of the connected body of each face."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     edge = table.corner_edge.ravel()
     valid = edge >= 0
     face = np.repeat(np.arange(mesh.n_faces), 3)[valid]
-    first = table.faces[edge[valid], 0]
-    graph = coo_array((np.ones(len(face), np.int8), (face, first)), shape=(mesh.n_faces, mesh.n_faces))
-    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+    return components(np.column_stack([face, table.faces[edge[valid], 0]]), mesh.n_faces)
 
 
 def _touch(

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.cad.mesh import Mesh
-from cadcam.cad.topology import EdgeTable
+from cadcam.cad.topology import EdgeTable, components
 
 # A run of at least so many equal bends (each up to the steepest, alike within the share, parallel within the angle) is
 # a rounded surface. A chamfer has two, a cylinder of nine facets nine bends of 40 degrees; an octagonal bar keeps its
@@ -17,8 +16,6 @@ STEEPEST_DEG = 41.0
 ALIKE = 0.25
 PARALLEL_DEG = 20.0
 FLAT_DEG = 0.5
-
-Longs = npt.NDArray[np.int64]
 
 
 def facet_edges(mesh: Mesh, table: EdgeTable, sharp: Mask) -> Mask:
@@ -35,13 +32,7 @@ def facet_edges(mesh: Mesh, table: EdgeTable, sharp: Mask) -> Mask:
     sides = np.sort(facet[table.faces[candidates]], axis=1)
     _, representative, bend = np.unique(sides, axis=0, return_index=True, return_inverse=True)
     edges = candidates[representative]
-    links = _links(mesh, table, edges, sides[representative])
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    n = len(edges)
-    graph = coo_array((np.ones(len(links), np.int8), (links[:, 0], links[:, 1])), shape=(n, n))
-    run = connected_components(graph, directed=False)[1]
+    run = components(_links(mesh, table, edges, sides[representative]), len(edges))
     long = np.bincount(run)[run] >= FACET_RUN
     result[candidates] = long[bend.ravel()]
     return result
@@ -89,12 +80,8 @@ def _step(mesh: Mesh, table: EdgeTable) -> Array:
 
 def _flat_patches(table: EdgeTable, n_faces: int) -> Longs:
     """Return for each face the number of the flat patch it lies in."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     flat = table.faces[(table.count == 2) & (table.angle < np.radians(FLAT_DEG))]
-    graph = coo_array((np.ones(len(flat), np.int8), (flat[:, 0], flat[:, 1])), shape=(n_faces, n_faces))
-    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+    return components(flat, n_faces)
 
 
 def _links(mesh: Mesh, table: EdgeTable, edges: Longs, sides: Longs) -> Longs:

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Ids, Mask
+from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.cad.mesh import Mesh, compacted
 from cadcam.cad.needles import height_ratio, without_needles
 from cadcam.cad.repeats import repeats
-from cadcam.cad.topology import HalfEdges, Longs, part_vertices, weld
+from cadcam.cad.topology import HalfEdges, components, part_vertices, weld
 from cadcam.cad.winding import winding_number
 from cadcam.errors import DegenerateGeometry
 
@@ -137,22 +137,17 @@ def _components(half: HalfEdges, n_faces: int) -> tuple[Longs, Mask, Mask]:
     Two copies of each face, one turned: an edge whose faces run in opposite senses links equal copies, an edge whose
     faces run in the same sense links unlike ones. A component falls into two mirror images, or is one-sided.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     first = half.start[half.count == 2]
     one, other = half.order[first], half.order[first + 1]
     against = half.forward[one] == half.forward[other]
     one, other = one // 3, other // 3
-    plain = coo_array((np.ones(len(one), np.int8), (one, other)), shape=(n_faces, n_faces))
-    n, label = connected_components(plain, directed=False)
-    component = np.asarray(label, np.int64)
+    component = components(np.column_stack([one, other]), n_faces)
+    n = int(component.max(initial=-1)) + 1
     if not against.any():
         return component, np.zeros(n_faces, bool), np.ones(n, bool)
     rows = np.concatenate([one, one + n_faces])
     columns = np.concatenate([other + n_faces * against, other + n_faces * ~against])
-    double = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(2 * n_faces, 2 * n_faces))
-    copy = np.asarray(connected_components(double, directed=False)[1], np.int64).reshape(2, -1)
+    copy = components(np.column_stack([rows, columns]), 2 * n_faces).reshape(2, -1)
     state = copy[0] > copy[1]
     orientable = np.ones(n, bool)
     orientable[component[copy[0] == copy[1]]] = False

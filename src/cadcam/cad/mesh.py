@@ -105,7 +105,7 @@ class Mesh:
         """Lowest and highest corner (2, 3) in mm of the box around all faces; stray vertices do not count."""
         if not self.n_faces:
             raise DegenerateGeometry("a mesh without faces has no size")
-        used = self.vertices if used_vertices(self).all() else self.vertices[used_vertices(self)]
+        used = self.vertices[used_vertices(self)]
         return np.stack([used.min(axis=0), used.max(axis=0)])
 
     @property

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.cad.mesh import Mesh
 
-Longs = npt.NDArray[np.int64]
 _LEAF = 4
 _BLOCK = 40_000  # points searched together: bounds the memory of the search
 _CROWD = 16  # points that are first looked at as one box

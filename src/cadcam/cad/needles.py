@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.cad.mesh import Mesh
-from cadcam.cad.topology import HalfEdges, Longs, weld_tolerance
+from cadcam.cad.topology import HalfEdges, weld_tolerance
 from cadcam.errors import DegenerateGeometry
 
 # A face lower than this share of the weld tolerance has a normal made of rounding errors.

@@ -35,12 +35,12 @@ _Part = tuple[str, npt.ArrayLike, npt.NDArray[np.integer], npt.ArrayLike | None]
 
 def _unit(thing: Any, said: str | None) -> str:
     stated = getattr(thing, "units", None)
-    own = unit_name(stated) if isinstance(stated, str) else None
-    if said is None and own is None:
+    units = {unit_name(unit) for unit in (said, stated) if isinstance(unit, str)}
+    if not units:
         raise BadValue(f"unit of a {_type(thing)}", "not said", 'unit="mm" (or m, in ...): the object has none')
-    if said is not None and own is not None and unit_name(said) != own:
-        raise BadValue("unit", said, f"{own}, which the object states itself; leave it out")
-    return own if said is None and own is not None else unit_name(said or "")
+    if len(units) > 1:
+        raise BadValue("unit", said, f"{unit_name(str(stated))}, which the object states itself; leave it out")
+    return units.pop()
 
 
 def _parts(thing: Any, name: str) -> list[_Part]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cadcam.arrays import Mask
-from cadcam.cad.topology import HalfEdges, Longs
+from cadcam.arrays import Longs, Mask
+from cadcam.cad.topology import HalfEdges, components
 
 
 def repeats(corners: Longs) -> Mask:
@@ -47,14 +47,10 @@ def _same_corners(corners: Longs) -> tuple[Longs, Longs]:
 
 def _between_bodies(corners: Longs, paired: Mask) -> Mask:
     """Return which faces (F,) have only edges of even count, in a component that has unpaired faces too."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     half = HalfEdges.of(corners)
     even = (half.count[half.edge] % 2 == 0).reshape(-1, 3).all(axis=1)
     face = np.arange(len(corners)).repeat(3)
     first = half.order[half.start[half.edge]] // 3
-    graph = coo_array((np.ones(len(face), np.int8), (face, first)), shape=(len(corners), len(corners)))
-    component = connected_components(graph, directed=False)[1]
+    component = components(np.column_stack([face, first]), len(corners))
     mixed = np.bincount(component, ~paired)[component] > 0
     return np.asarray(even & mixed)

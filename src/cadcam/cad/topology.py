@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask
+from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.cad.mesh import Mesh
 
 # Two vertices of a part closer than this share of its diagonal are one point: a part of 1 m is welded at 1 µm. The
@@ -15,8 +15,6 @@ from cadcam.cad.mesh import Mesh
 WELD_SHARE = 1e-6
 FLOAT32_SHARE = 2.5e-7
 _ASKEW = np.array([0.4386, 0.5720, 0.6930])  # a direction that no part is drawn along, of length just below 1
-
-Longs = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,18 +125,23 @@ def part_vertices(mesh: Mesh) -> tuple[Longs, Longs, Longs]:
     return unique // parts, unique % parts, (np.cumsum(seen) - 1)[key]
 
 
+def components(links: npt.NDArray[np.integer], n: int) -> Longs:
+    """Return the number (n,) of the connected component of each of n things; links (L, 2) are pairs of them."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(len(links), np.int8), (links[:, 0], links[:, 1])), shape=(n, n))
+    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+
+
 def weld(points: Array, group: Longs) -> Longs:
     """Return for each point (N, 3) the first point of its group that coincides with it, within the weld tolerance."""
     first = same_rows(points, group)
     kept = np.flatnonzero(first == np.arange(len(points)))
     near = _near_pairs(points[kept], group[kept])
     if len(near):
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
         n = len(kept)
-        graph = coo_array((np.ones(len(near), np.int8), (near[:, 0], near[:, 1])), shape=(n, n))
-        label = connected_components(graph, directed=False)[1]
+        label = components(near, n)
         lowest = np.full(n, n, np.int64)
         np.minimum.at(lowest, label, np.arange(n))
         joined = np.arange(len(points))

@@ -6,13 +6,11 @@ import ctypes as c
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.errors import NotEnoughMemory
 from cadcam.native.core import addresses, library
 
-Longs = npt.NDArray[np.int64]
 Flat = tuple[Array, Array, Array, Array]  # ends a, b (N, 2) and inverse depths wa, wb (N,)
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.native import crossing
-from cadcam.native.crossing import Longs
 from cadcam.render.clip import FlatSegments
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask
+from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.render.clip import WIDEST, Frustum
@@ -27,8 +27,6 @@ _NEAR_SHARE = 1e-6  # of the farthest vertex' depth
 _MARGIN_PX = 2.0
 _ROUNDS = 96  # an edge of 1e9 px is 25 halvings a side
 _FACES = 1 << 15
-
-Longs = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)

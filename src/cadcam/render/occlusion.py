@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask
+from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.topology import EdgeTable
 from cadcam.geometry.rotation import hat
 from cadcam.render.cores import blocks, on_all_cores
 from cadcam.render.embree import Caster
 
-Longs = npt.NDArray[np.int64]
 _ROUNDS = 48  # rejected hits a ray survives: each skips at least twice as far as the last
 _SURE = 100.0  # a face whose plane misses the point by this many tolerances is taken on Embree's word
 

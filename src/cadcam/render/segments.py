@@ -6,10 +6,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from cadcam.arrays import Ids, Index, Mask
+from cadcam.arrays import Ids, Index, Longs, Mask
 from cadcam.cad.chains import chained
 from cadcam.cad.edges import EdgeKind
-from cadcam.render.occlusion import Longs
 from cadcam.render.silhouette import Topology, Turn
 from cadcam.render.view import Scene
 

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.render.clip import FlatSegments
-from cadcam.render.occlusion import Longs
 
 _NEGLIGIBLE = 1e-7  # of u: cuts closer together than this (1e-4 px for a focal length of 1000 px) are one
 _END = 1e-8  # of a line: cuts closer to its ends are none

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Ids, Mask
+from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal
 from cadcam.render.clip import FlatSegments
-from cadcam.render.occlusion import Longs
 from cadcam.render.segments import Segments
 from cadcam.render.stretches import Stretches
 from cadcam.render.view import Scene

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cadcam.arrays import Array, Ids, Mask
+from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.cad.contact import contact_tolerance
 from cadcam.cad.edges import EdgeKind
 from cadcam.cad.topology import corner_points
@@ -32,7 +32,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.render.clip import FlatSegments, Frustum
 from cadcam.render.crossing import crossings
 from cadcam.render.embree import Caster
-from cadcam.render.occlusion import Longs, Occluders
+from cadcam.render.occlusion import Occluders
 from cadcam.render.segments import Segments, contours, features
 from cadcam.render.silhouette import Topology, Turn
 from cadcam.render.stretches import Stretches

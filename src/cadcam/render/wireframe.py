@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask, frozen
+from cadcam.arrays import Array, Ids, Longs, Mask, frozen
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
-
-Longs = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)

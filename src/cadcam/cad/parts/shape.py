@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.cad.formats.polygons import clip_ears
 from cadcam.cad.mend import mend
 from cadcam.cad.mesh import Mesh
+from cadcam.cad.topology import components
 
-Longs = npt.NDArray[np.int64]
 Rows = Sequence[Sequence[float]] | Array
 Color = tuple[float, float, float]
 Piece = tuple[Array, Longs, int]  # points, triangles, surface
@@ -111,18 +110,13 @@ def _rim(triangles: Longs, n: int) -> Longs:
 
 def _runs(points: Array, rim: Longs) -> Longs:
     """Return the number (R,) of the smooth run that each side of the rim belongs to."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     leaving = np.full(len(points), -1)
     leaving[rim[:, 0]] = np.arange(len(rim))
     following = leaving[rim[:, 1]]
     along = points[rim[:, 1]] - points[rim[:, 0]]
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     smooth = np.einsum("ij,ij->i", along, along[following]) > np.cos(np.radians(SMOOTH_DEG))
-    one = np.flatnonzero(smooth)
-    graph = coo_array((np.ones(len(one)), (one, following[one])), shape=(len(rim), len(rim)))
-    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+    return components(np.column_stack([np.flatnonzero(smooth), following[smooth]]), len(rim))
 
 
 def box(low: Sequence[float], high: Sequence[float], *, name: str, color: Color | None = None) -> Mesh:

@@ -8,11 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts.shape import (
     Color,
-    Longs,
     arc,
     box,
     circle,
