@@ -8,6 +8,7 @@ import struct
 import subprocess
 import sys
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +43,10 @@ def whole(suffix: str, tmp_path: Path) -> bytes:
 
 def glb(change: dict[str, object], tmp_path: Path) -> bytes:
     """Return a sound GLB with some entries of its JSON replaced."""
-    data = whole(".glb", tmp_path)
+    return changed(whole(".glb", tmp_path), change)
+
+
+def changed(data: bytes, change: dict[str, object]) -> bytes:
     size = struct.unpack_from("<I", data, 12)[0]
     text = json.dumps({**json.loads(data[20 : 20 + size]), **change}).encode()
     text += b" " * (-len(text) % 4)
@@ -66,6 +70,7 @@ TEXT_CASES = [
     ("a.stl", STL.replace(b"1 0 0", b"1 nan 0"), "line 5"),
     ("a.stl", STL.replace(b"vertex 1 0 0\n", b""), "2 corners"),
     ("a.stl", b"solid nothing\nfacet\nendsolid\n" + b" " * 60, "no geometry"),
+    ("a.stl", b"\f solid a\nfacet normal 0 0 1\nendsolid", "no geometry"),
     ("a.stl", b"x" * 200, "claims 2021161080 triangles"),
     ("a.obj", b"# only words\n", "no geometry"),
     ("a.obj", b"v 0 0 0\nv 1 1 1\n", "2 vertices but no faces"),
@@ -80,6 +85,8 @@ TEXT_CASES = [
     ("a.obj", TRIANGLE.replace(b"f 1 2 3", b"f 1 two 3"), "line 4: face '1 two 3'"),
     ("a.obj", TRIANGLE.replace(b"f 1 2 3", b"f 1 2"), "line 4: a face with 2 corners"),
     ("a.obj", TRIANGLE.replace(b"f 1 2 3", b"f 1 2 99999999999999999999"), "line 4"),
+    ("a.obj", TRIANGLE.replace(b"f 1 2 3", b"f 1 2 3;4"), "line 4: face '1 2 3;4'"),
+    ("a.obj", TRIANGLE.replace(b"v 1 0 0\nv 0 1 0", b"v 1 0\nv 0 1 0 1"), "line 2: vertex '1 0'"),
     ("a.obj", b"\0\1\2\3" * 50, "not OBJ text"),
     ("a.obj", TRIANGLE.replace(b"v 1 0 0", b"v 1e200 0 0"), "1e.200 mm"),
     ("a.obj", TRIANGLE.replace(b"f 1 2 3", b"v 1e300 1 0\nf 1 2 4 3"), "1e.300 mm"),
@@ -91,6 +98,9 @@ TEXT_CASES = [
     ("a.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 q\n3 0 1 2\n", "line 5: vertex '0 1 q'"),
     ("a.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", "line 6.*vertex 3"),
     ("a.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1\n", "line 6"),
+    ("a.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n-1 0 1 2\n", "line 6: a face with -1 corners"),
+    ("a.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 %d\n" % 10**30, "line 6: .* whole number in place 3"),
+    ("a.off", b"OFF\n3 1 0\n0 0\n1 0\n0 1\n3 0 1 2\n", "line 3: vertex '0 0'"),
     ("a.off", b"OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n", "3 vertices but no faces"),
     ("a.ply", b"ply\nformat ascii 1.0\n", "no complete PLY header"),
     ("a.ply", PLY.replace(b"float y", b"flaot y"), "line 5"),
@@ -101,6 +111,10 @@ TEXT_CASES = [
     ("a.ply", PLY + b"0 0 0\n1 nan 0\n0 1 0\n3 0 1 2\n", "vertex 1"),
     ("a.ply", PLY + b"0 0 0\n1 0 0\n0 1 0\n3 0 1 5\n", "face 0 refers to vertex 5"),
     ("a.ply", PLY + b"0 0 0\n1 0 0\n0 1 0\n3 0 1\n", "line 13"),
+    ("a.ply", PLY + b"0 0 0\n1 0 0\n0 1 0\n3 0 1 1e30\n", "line 13: .*list of vertex numbers"),
+    ("a.ply", PLY.replace(b"vertex 3", b"vertex 6") + b"0 0\n" * 6 + b"3 0 1 2\n", "line 10: '0 0' is not 3 numbers"),
+    ("a.ply", PLY_BINARY.replace(b"float y", b"float x") + bytes(60), "line 5: .*'property float x'"),
+    ("a.ply", PLY_BINARY.replace(b"float x", b"list uchar float x") + bytes(99), "no property 'x'"),
     ("a.ply", PLY_BINARY + bytes(20), "claims 3 entries of 'vertex', which take at least 36 bytes"),
     ("a.ply", PLY_BINARY.replace(b"vertex 3", b"vertex 4000000000") + bytes(20), "truncated"),
     ("a.ply", PLY_BINARY + bytes(36) + b"\x03" + bytes(5), "truncated"),
@@ -161,6 +175,12 @@ GLB_CASES: list[tuple[dict[str, object], str]] = [
     ({"accessors": []}, "inconsistent"),
     ({"accessors": [{"bufferView": 0, "componentType": 5126, "count": 10**9, "type": "VEC3"}] * 2}, "truncated"),
     ({"accessors": [{"bufferView": 0, "componentType": 5126, "count": -1, "type": "VEC3"}] * 2}, "accessor 0"),
+    ({"accessors": [{"bufferView": 0, "componentType": 5126, "count": 1e999, "type": "VEC3"}] * 2}, "inconsistent"),
+    ({"accessors": [{"componentType": 5126, "count": 10**14, "type": "VEC3"}] * 2}, "accessor . has no data"),
+    (
+        {"accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC2"}] * 2},
+        "2 numbers a vertex",
+    ),
     ({"extensionsRequired": ["KHR_draco_mesh_compression"]}, "draco"),
     ({"buffers": [{"byteLength": 4, "uri": "../secret.bin"}]}, "outside its own folder"),
     ({"buffers": [{"byteLength": 4, "uri": "gone.bin"}]}, "gone.bin: cannot be read"),
@@ -173,6 +193,33 @@ def test_a_glb_that_contradicts_itself_is_refused(tmp_path: Path, change: dict[s
     (tmp_path / "a.glb").write_bytes(glb(change, tmp_path))
     with pytest.raises(UnreadableFile, match=words):
         load(tmp_path / "a.glb")
+
+
+@pytest.mark.parametrize("change", [{"asset": {"version": "2.0", "extras": ["any"]}}, {"extensionsRequired": 5}])
+def test_a_glb_may_hold_what_nobody_asked_for(tmp_path: Path, change: dict[str, object]) -> None:
+    (tmp_path / "a.glb").write_bytes(glb(change, tmp_path))
+    assert load(tmp_path / "a.glb").n_faces == 12
+
+
+def test_a_node_scaled_to_nothing_hides_only_itself(tmp_path: Path) -> None:
+    """Animations hide a node so; its normals have no inverse to be turned by."""
+    normals = np.tile(np.float32([0, 0, 1]), (12, 3, 1))
+    write(replace(box((0, 0, 0), (1, 2, 3)), corner_normals=normals), tmp_path / "whole.glb")
+    data = (tmp_path / "whole.glb").read_bytes()
+    nodes = {"nodes": [{"mesh": 0}, {"mesh": 0, "scale": [0, 0, 0]}], "scenes": [{"nodes": [0, 1]}]}
+    (tmp_path / "a.glb").write_bytes(changed(data, nodes))
+    assert load(tmp_path / "a.glb").n_faces == 12
+
+
+@pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\r"])
+def test_an_ascii_stl_is_read_whatever_its_names_and_line_ends(tmp_path: Path, end: bytes) -> None:
+    text = STL.replace(b"solid a", b"solid a vertex of facets").replace(b"\n", end)
+    (tmp_path / "a.stl").write_bytes(text)
+    mesh = load(tmp_path / "a.stl")
+    assert (mesh.n_faces, mesh.part_names) == (1, ("a vertex of facets",))
+    (tmp_path / "a.stl").write_bytes(text.replace(b"1 0 0", b"1 O 0"))
+    with pytest.raises(UnreadableFile, match="line 5: vertex '1 O 0'"):
+        load(tmp_path / "a.stl")
 
 
 MODEL_CASES = [

@@ -6,6 +6,7 @@ import json
 import struct
 import zipfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -140,6 +141,12 @@ def test_an_obj_of_polygons_groups_and_relative_numbers_is_understood(tmp_path: 
     areas = [float(mesh.subset([name]).face_areas.sum()) for name in mesh.part_names]
     assert areas == pytest.approx([1, 10])  # the arrow is concave: a fan would give 16 - 6 and overlap
     assert (mesh.face_normals[:, 2] > 0.99).all()
+
+
+def test_a_name_of_two_lines_stays_one_line_of_an_obj(tmp_path: Path) -> None:
+    mesh = replace(box((0, 0, 0), (1, 2, 3)), part_names=("one\nf 1 2 99",))
+    write(mesh, tmp_path / "a.obj")
+    assert load(tmp_path / "a.obj").part_names == ("one f 1 2 99",)
 
 
 def test_materials_name_the_parts_of_an_obj_without_groups(tmp_path: Path) -> None:

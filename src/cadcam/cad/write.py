@@ -53,7 +53,7 @@ def _obj(mesh: Mesh) -> bytes:
     lines = ["# cadcam, millimetres"]
     lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in (mesh.vertices + 0.0).tolist()]
     for number, name in enumerate(mesh.part_names):
-        lines.append(f"g {name}")
+        lines.append(f"g {' '.join(name.splitlines())}")
         lines += [f"f {a} {b} {c}" for a, b, c in (mesh.faces[mesh.part == number] + 1).tolist()]
     return ("\n".join(lines) + "\n").encode()
 

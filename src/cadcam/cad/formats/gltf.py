@@ -35,7 +35,8 @@ def read_gltf(path: Path, data: bytes) -> Model:
     Files that this package wrote with surfaces say so, and give them back.
     """
     scene = Scene(path, data)
-    brep = (scene.json["asset"].get("extras") or {}).get(SURFACES) == "primitives"
+    extras = scene.json["asset"].get("extras")  # anything at all
+    brep = isinstance(extras, dict) and extras.get(SURFACES) == "primitives"
     return Model(collected(path, list(scene.shapes()), brep=brep), unit="m")
 
 
@@ -76,7 +77,7 @@ def collected(path: Path, shapes: list[Shape], *, brep: bool) -> Mesh:
             part.append(np.full(len(triangles), number))
             surface.append(np.full(len(triangles), n_surfaces if brep else -1))
             colors.append(primitive.colors)
-            if primitive.normals is not None and len(primitive.normals) == len(primitive.points):
+            if brep and primitive.normals is not None and len(primitive.normals) == len(primitive.points):
                 normals.append(_corner_normals(primitive.normals, triangles, turn))
             n_surfaces += 1
             at += len(primitive.points)
@@ -89,7 +90,7 @@ def collected(path: Path, shapes: list[Shape], *, brep: bool) -> Mesh:
         names=names,
         face_colors=np.concatenate([np.zeros((0, 3)), *colors]),
         surface=np.concatenate([np.zeros(0, np.int64), *surface]),
-        corner_normals=np.concatenate(normals) if brep and len(normals) == n_surfaces > 0 else None,
+        corner_normals=np.concatenate(normals) if len(normals) == n_surfaces > 0 else None,
     )
 
 
@@ -102,7 +103,8 @@ def _label(shape: Shape, fallback: str) -> str:
 
 
 def _corner_normals(normals: Array, triangles: npt.NDArray[np.int64], turn: Array) -> Array:
-    turned = normals @ np.linalg.inv(turn)
+    """Return the normals at the corners of triangles, turned as planes are: by cofactors, which scales of 0 have."""
+    turned = normals @ (np.cross(turn[[1, 2, 0]], turn[[2, 0, 1]]).T * np.copysign(1.0, np.linalg.det(turn)))
     length = np.linalg.norm(turned, axis=1, keepdims=True)
     return np.asarray((turned / np.where(length > 0, length, 1))[triangles])
 
@@ -121,12 +123,10 @@ class Scene:
             raise UnreadableFile(path, f"holds no valid glTF JSON ({error})", _AGAIN) from None
         if not version.startswith("2"):
             raise UnreadableFile(path, f"is glTF {version}", "only glTF 2 is read")
-        needed = set(self.json.get("extensionsRequired", ())) & {
-            "KHR_draco_mesh_compression",
-            "EXT_meshopt_compression",
-        }
-        if needed:
-            raise UnreadableFile(path, f"is compressed with {needed.pop()}", "export it without mesh compression")
+        required = self.json.get("extensionsRequired")
+        for name in ("KHR_draco_mesh_compression", "EXT_meshopt_compression"):
+            if isinstance(required, list) and name in required:
+                raise UnreadableFile(path, f"is compressed with {name}", "export it without mesh compression")
         self.buffers: dict[int, bytes] = {}
 
     def _chunks(self, data: bytes) -> bytes:
@@ -179,7 +179,7 @@ class Scene:
                     primitives = [p for raw in mesh["primitives"] if (p := self._primitive(raw)) is not None]
                     if primitives:
                         yield Shape(here, world, str(mesh.get("name", "")), primitives)
-        except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+        except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise UnreadableFile(
                 self.path, f"its JSON is inconsistent ({type(error).__name__}: {error})", _AGAIN
             ) from None
@@ -188,7 +188,7 @@ class Scene:
         mode = raw.get("mode", _TRIANGLES)
         if mode not in (_TRIANGLES, _STRIP, _FAN):
             return None
-        points = self._accessor(raw["attributes"]["POSITION"]).astype(np.float64)
+        points = self._vectors(raw["attributes"]["POSITION"])
         index = self._accessor(raw["indices"]).ravel().astype(np.int64) if "indices" in raw else np.arange(len(points))
         if index.size and int(index.max()) >= len(points):
             at = int(np.argmax(index >= len(points)))
@@ -202,7 +202,7 @@ class Scene:
         return Primitive(
             points,
             triangles,
-            None if normals is None else self._accessor(normals).astype(np.float64),
+            None if normals is None else self._vectors(normals),
             self._colors(raw, triangles, len(points)),
         )
 
@@ -224,14 +224,19 @@ class Scene:
         curved = 1.055 * linear ** (1 / 2.4) - 0.055
         return np.asarray(np.where(linear <= 0.0031308, 12.92 * linear, curved))  # IEC 61966-2-1
 
+    def _vectors(self, number: int) -> Array:
+        rows = self._accessor(number)
+        if rows.shape[1] != 3:
+            raise UnreadableFile(self.path, f"accessor {number} has {rows.shape[1]} numbers a vertex, not 3", _AGAIN)
+        return rows.astype(np.float64)
+
     def _accessor(self, number: int) -> npt.NDArray[Any]:
         accessor = self.json["accessors"][number]
-        if "sparse" in accessor:
-            raise UnreadableFile(self.path, f"accessor {number} is sparse", "export it without sparse accessors")
+        if "sparse" in accessor or "bufferView" not in accessor:
+            what = "is sparse" if "sparse" in accessor else "has no data"
+            raise UnreadableFile(self.path, f"accessor {number} {what}", "export it without sparse accessors")
         kind, width = np.dtype(_TYPE[accessor["componentType"]]), _WIDTH[accessor["type"]]
         count = int(accessor["count"])
-        if "bufferView" not in accessor:
-            return np.zeros((count, width), kind)
         view = self.json["bufferViews"][accessor["bufferView"]]
         data = self._buffer(view["buffer"])
         stride = int(view.get("byteStride", kind.itemsize * width))

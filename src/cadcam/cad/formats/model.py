@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from cadcam.arrays import Array
 from cadcam.cad.mesh import Mesh, unique_names
 from cadcam.errors import UnreadableFile
 
@@ -36,7 +37,6 @@ def assembled(
     *,
     part: npt.NDArray[np.integer] | None = None,
     names: Sequence[str] = (),
-    colors: npt.NDArray[np.floating] | None = None,
     surface: npt.NDArray[np.integer] | None = None,
     corner_normals: npt.NDArray[np.floating] | None = None,
     face_colors: npt.NDArray[np.floating] | None = None,
@@ -58,34 +58,53 @@ def assembled(
     present = np.flatnonzero(np.bincount(part, minlength=len(names)))
     number = np.full(len(names), -1, np.int32)
     number[present] = np.arange(len(present))
-    colors = np.full((len(names), 3), np.nan) if colors is None else np.array(colors, np.float64)
+    part_colors = np.full((len(names), 3), np.nan, np.float32)
     if face_colors is not None:
-        face_colors = _lifted(np.asarray(face_colors, np.float32), part, colors)
+        part_colors, face_colors = _shared(np.asarray(face_colors, np.float32), part, len(names))
     return Mesh(
         vertices=np.asarray(vertices, np.float64),
         faces=np.asarray(faces),
         part=number[part],
         surface=np.full(len(faces), -1, np.int32) if surface is None else np.asarray(surface),
         part_names=unique_names([names[i] or path.stem for i in present]),
-        part_colors=np.asarray(colors, np.float32)[present],
+        part_colors=part_colors[present],
         corner_normals=None if corner_normals is None else np.asarray(corner_normals, np.float32),
         face_colors=face_colors,
     )
 
 
-def _lifted(
-    of_faces: npt.NDArray[np.float32], part: npt.NDArray[np.integer], of_parts: npt.NDArray[np.floating]
-) -> npt.NDArray[np.float32] | None:
-    """Move the colour that all faces of a part share to the part, in place; return what is left, None if nothing."""
-    low = np.full((len(of_parts), 3), np.inf, np.float32)
+def _shared(
+    of_faces: npt.NDArray[np.float32], part: npt.NDArray[np.integer], n_parts: int
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32] | None]:
+    """Return the colour (P, 3) that all faces of a part share, and those (F, 3) of the other faces, None without any.
+
+    NaN where there is no such colour.
+    """
+    low = np.full((n_parts, 3), np.inf, np.float32)
     high = -low
     known = np.nan_to_num(of_faces, nan=-1)  # below every colour
     np.minimum.at(low, part, known)
     np.maximum.at(high, part, known)
-    even = ((low == high) & (low >= 0)).all(axis=1)
-    of_parts[even] = low[even]
-    left = np.where(even[part][:, None], np.float32(np.nan), of_faces)
-    return None if np.isnan(left).all() else left
+    even = ((low == high) & (low >= 0)).all(axis=1, keepdims=True)
+    left = np.where(even[part], np.float32(np.nan), of_faces)
+    return np.where(even, low, np.float32(np.nan)), None if np.isnan(left).all() else left
+
+
+def numbers(rows: Sequence[Sequence[bytes]], n: int, complaint: Callable[[int], UnreadableFile]) -> Array:
+    """Return the first n words of each row as numbers (N, n); raise `complaint(k)` for the first row k without them."""
+    try:
+        table = np.array([row[:n] for row in rows], float)
+        if table.shape == (len(rows), n):
+            return table
+    except ValueError:
+        pass
+    found = []
+    for k, row in enumerate(rows):
+        try:
+            found.append([float(row[i]) for i in range(n)])
+        except (ValueError, IndexError):
+            raise complaint(k) from None
+    return np.array(found, float).reshape(-1, n)
 
 
 def check_finite(path: Path, vertices: npt.NDArray[np.floating], place: Place) -> None:

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.cad.formats.model import Model, assembled, check_indices, refuse_binary
+from cadcam.arrays import Longs
+from cadcam.cad.formats.model import Model, assembled, check_indices, numbers, refuse_binary
 from cadcam.cad.formats.polygons import triangulated
 from cadcam.errors import UnreadableFile
 
-Longs = npt.NDArray[np.int64]
 _REMEDY = "check the line, or export the model again"
 
 
@@ -104,27 +104,17 @@ def _relabelled(line: bytes, label: list[str], found: _Lines, owner: int) -> int
 
 def _vertices(path: Path, lines: _Lines) -> npt.NDArray[np.float64]:
     """Return positions (V, 3); further numbers on a line (weight, colour) are passed over."""
-    try:
-        words = b" ".join(lines.vertices).split()
-        if len(words) == 3 * len(lines.vertices):
-            return np.array(words, dtype=float).reshape(-1, 3)
-        return np.array([line.split(None, 3)[:3] for line in lines.vertices], dtype=float).reshape(-1, 3)
-    except ValueError:
-        pass
-    for line, number in zip(lines.vertices, lines.vertex_line, strict=True):
-        try:
-            if len([float(word) for word in line.split()[:3]]) == 3:
-                continue
-        except ValueError:
-            pass
-        text = line.decode("utf-8", "replace").strip()
-        raise UnreadableFile(path, f"line {number}: vertex {text!r} is not three numbers", _REMEDY)
-    raise UnreadableFile(path, "holds vertices that are not three numbers", _REMEDY)
+
+    def complaint(k: int) -> UnreadableFile:
+        text = lines.vertices[k].decode("utf-8", "replace").strip()
+        return UnreadableFile(path, f"line {lines.vertex_line[k]}: vertex {text!r} is not three numbers", _REMEDY)
+
+    return numbers([line.split(None, 3) for line in lines.vertices], 3, complaint)
 
 
 def _corners(path: Path, lines: _Lines) -> tuple[Longs, Longs]:
     """Return corners per face (N,) and the vertex numbers as written, one face after the other."""
-    plain = re.sub(rb"/[^\s;]*", b"", b" ; ".join(lines.faces)).split(b";")
+    plain = re.sub(rb"/\S*", b"", b"\n".join(lines.faces)).split(b"\n")  # vertex numbers only
     words = [line.split() for line in plain] if lines.faces else []
     counts = np.array([len(line) for line in words], np.int64)
     if len(counts) and counts.min() < 3:

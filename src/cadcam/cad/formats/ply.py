@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.cad.formats.model import Model, assembled, check_indices
+from cadcam.arrays import Longs
+from cadcam.cad.formats.model import Model, assembled, check_indices, numbers
 from cadcam.cad.formats.polygons import triangulated
 from cadcam.errors import UnreadableFile
 
-Longs = npt.NDArray[np.int64]
 _AGAIN = "export it again"
 _TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -117,6 +117,8 @@ def _header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
 
 
 def _with(element: _Element, added: _Property) -> _Element:
+    if any(p.name == added.name for p in element.properties):
+        raise ValueError("a property given twice")
     return _Element(element.name, element.size, (*element.properties, added))
 
 
@@ -177,7 +179,7 @@ class _Binary:
             p.name: (np.full(element.size, lengths[p.name], np.int64), columns[p.name].ravel().astype(np.int64))
             for p in lists
         }
-        return columns, found
+        return {name: column for name, column in columns.items() if name not in found}, found
 
     def _first_lengths(self, element: _Element) -> dict[str, int]:
         at, lengths = self.at, {}
@@ -249,24 +251,13 @@ class _Ascii:
         n = len(element.properties)
         if not n:
             return {}, {}
-        try:
-            table = np.array([row[:n] for row in rows], dtype=float).reshape(-1, n)
-        except ValueError:
-            raise self._complaint(rows, first, n) from None
+        table = numbers(rows, n, lambda k: self._complaint(first + k, rows[k], f"{n} numbers"))
         return {p.name: table[:, k] for k, p in enumerate(element.properties)}, {}
 
-    def _complaint(self, rows: list[list[bytes]], first: int, n: int) -> UnreadableFile:
-        """Return the error that names the first row which is not n numbers."""
-        for k, row in enumerate(rows):
-            try:
-                if len([float(word) for word in row[:n]]) == n:
-                    continue
-            except ValueError:
-                pass
-            shown = b" ".join(row).decode("utf-8", "replace")
-            line = self.line + first + k
-            return UnreadableFile(self.path, f"line {line}: {shown!r} is not {n} numbers", "check the line")
-        return UnreadableFile(self.path, f"its entries are not {n} numbers each", _AGAIN)
+    def _complaint(self, row: int, words: list[bytes], wanted: str) -> UnreadableFile:
+        """Return the error that a row of the body is not what is wanted."""
+        shown = b" ".join(words).decode("utf-8", "replace")
+        return UnreadableFile(self.path, f"line {self.line + row}: {shown!r} is not {wanted}", "check the line")
 
     def _lists(self, element: _Element, rows: list[list[bytes]], first: int) -> tuple[Columns, Lists]:
         scalars: dict[str, list[float]] = {p.name: [] for p in element.properties if not p.count}
@@ -285,14 +276,17 @@ class _Ascii:
                         if len(words) != n:
                             raise ValueError
                         counts[p.name].append(n)
-                        values[p.name].extend(int(float(word)) for word in words)
+                        values[p.name].extend(_whole(word) for word in words)
                         at += n
             except (ValueError, IndexError, OverflowError):
-                shown = b" ".join(row).decode("utf-8", "replace")
-                raise UnreadableFile(
-                    self.path,
-                    f"line {self.line + first + k}: {shown!r} is not a list of vertex numbers",
-                    "check the line",
-                ) from None
+                raise self._complaint(first + k, row, "a list of vertex numbers") from None
         lists = {name: (np.array(counts[name], np.int64), np.array(values[name], np.int64)) for name in counts}
         return {name: np.array(column) for name, column in scalars.items()}, lists
+
+
+def _whole(word: bytes) -> int:
+    """Return a vertex number, which some writers give a decimal point."""
+    value = int(float(word))
+    if abs(value) > 10**18:
+        raise OverflowError
+    return value

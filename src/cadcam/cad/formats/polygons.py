@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array
-
-Longs = npt.NDArray[np.int64]
+from cadcam.arrays import Array, Longs
 
 
 @np.errstate(over="ignore", invalid="ignore")  # coordinates that no model has are refused next, with their place

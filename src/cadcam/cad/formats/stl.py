@@ -6,9 +6,9 @@ import re
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.cad.formats.model import Model, assembled
+from cadcam.arrays import Array
+from cadcam.cad.formats.model import Model, assembled, numbers
 from cadcam.errors import UnreadableFile
 
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -49,51 +49,37 @@ def _binary(path: Path, data: bytes) -> Model:
 
 
 def _ascii(path: Path, data: bytes) -> Model:
-    """Return the solids of an ASCII STL, read by its words: line breaks and case do not matter."""
-    text = data.lower()
-    names, begins = [], []
-    for match in re.finditer(rb"^[ \t]*solid\b[ \t]*([^\r\n]*)", data, re.MULTILINE | re.IGNORECASE):
-        names.append(match[1].decode("utf-8", "replace").strip())
-        begins.append(match.start())
-    ends = len(re.findall(rb"^\s*endsolid\b", text, re.MULTILINE))
-    if ends < len(names):
+    """Return the solids of an ASCII STL, read by its words: line breaks within a solid and case do not matter."""
+    data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    marks = list(re.finditer(rb"^\s*(end)?solid\b[ \t]*([^\n]*)", data, re.MULTILINE | re.IGNORECASE))
+    names, parts = [], []
+    for mark, after in zip(marks, [*marks[1:], None], strict=True):
+        if mark[1] is None:
+            names.append(mark[2].decode("utf-8", "replace").strip())
+            parts.append(_corners(path, data, mark.end(), len(data) if after is None else after.start()))
+    if len(marks) < 2 * len(names):
         raise UnreadableFile(path, f"ends at byte {len(data)} before 'endsolid': truncated", _AGAIN)
-    vertices: list[npt.NDArray[np.float64]] = []
-    counts: list[int] = []
-    for begin, end in zip(begins, [*begins[1:], len(text)], strict=True):
-        words = text[begin:end].split(b"vertex")[1:]
-        numbers = _numbers(path, data, words, begin)
-        if len(numbers) % 3:
-            raise UnreadableFile(path, f"solid {len(counts)} has {len(numbers)} corners, not a multiple of 3", _AGAIN)
-        vertices.append(numbers)
-        counts.append(len(numbers) // 3)
-    corners = np.concatenate(vertices)
-    part = np.repeat(np.arange(len(counts)), counts)
-    mesh = assembled(path, corners, np.arange(len(corners)).reshape(-1, 3), part=part, names=names)
-    return Model(mesh)
+    for number, part in enumerate(parts):
+        if len(part) % 3:
+            raise UnreadableFile(path, f"solid {number} has {len(part)} corners, not a multiple of 3", _AGAIN)
+    corners = np.concatenate(parts)
+    part_of = np.repeat(np.arange(len(parts)), [len(part) // 3 for part in parts])
+    faces = np.arange(len(corners)).reshape(-1, 3)
+    return Model(assembled(path, corners, faces, part=part_of, names=names))
 
 
-def _numbers(path: Path, data: bytes, words: list[bytes], begin: int) -> npt.NDArray[np.float64]:
-    """Return the three numbers (N, 3) that follow each word 'vertex'."""
-    triples = [word.split(None, 3)[:3] for word in words]
-    try:
-        array = np.array(triples, dtype=float).reshape(-1, 3)
-        if np.isfinite(array).all():
-            return array
-    except ValueError:
-        pass
-    at, text = begin, data.lower()
-    for triple in triples:
-        at = text.index(b"vertex", at) + 6
-        if not _three_finite(triple):
-            line = data.count(b"\n", 0, at) + 1
-            found = b" ".join(data[at:].split(b"\n", 1)[0].split()).decode("utf-8", "replace")
-            raise UnreadableFile(path, f"line {line}: vertex {found!r} is not three finite numbers", _AGAIN)
-    raise UnreadableFile(path, "holds corners that are not three numbers", _AGAIN)
+def _corners(path: Path, data: bytes, begin: int, end: int) -> Array:
+    """Return the three finite numbers (N, 3) that follow each word 'vertex' between two bytes."""
+    words = data[begin:end].lower().split(b"vertex")
 
+    def complaint(k: int) -> UnreadableFile:
+        at = begin + len(b"vertex".join(words[: k + 1])) + len(b"vertex")
+        line = data.count(b"\n", 0, at) + 1
+        found = b" ".join(data[at:].split(b"\n", 1)[0].split()).decode("utf-8", "replace")
+        return UnreadableFile(path, f"line {line}: vertex {found!r} is not three finite numbers", _AGAIN)
 
-def _three_finite(words: list[bytes]) -> bool:
-    try:
-        return len(words) == 3 and all(np.isfinite(float(word)) for word in words)
-    except ValueError:
-        return False
+    corners = numbers([word.split(None, 3) for word in words[1:]], 3, complaint)
+    bad = ~np.isfinite(corners).all(axis=1)
+    if bad.any():
+        raise complaint(int(np.argmax(bad)))
+    return corners
