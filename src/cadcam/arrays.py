@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import Any, NoReturn, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -33,19 +33,23 @@ def frozen(
     """Return a read-only copy of `values` whose trailing axes have `shape` (None = any length).
 
     With `batched`, leading axes are free; otherwise the number of axes must be that of `shape`. Raises `BadValue`
-    naming `what`, the first offending index and its value.
+    naming `what`, the first offending index and its value; also where a whole number is asked for and another given,
+    or one that `dtype` does not hold.
     """
     try:
-        array = np.array(values, dtype=dtype)
-    except (TypeError, ValueError) as error:
+        given = np.asarray(values)
+        array = np.array(given, dtype=dtype)
+    except (TypeError, ValueError, OverflowError) as error:
         raise BadValue(what, repr(values)[:80], f"numbers of shape {_text(shape)}") from error
     tail = array.shape[array.ndim - len(shape) :] if array.ndim >= len(shape) else ()
     fits = len(tail) == len(shape) and all(n is None or n == m for n, m in zip(shape, tail, strict=True))
     if not fits or (not batched and array.ndim != len(shape)):
         raise BadValue(what, f"of shape {array.shape}", f"shape {_text(shape, batched)}")
     if finite and array.dtype.kind == "f" and not np.isfinite(array).all():
-        index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise BadValue(f"{what}{list(index) if index else ''}", array[index], "a finite number")
+        _refuse(what, array, ~np.isfinite(array), "a finite number")
+    if array.dtype.kind in "iu" and not np.can_cast(given.dtype, array.dtype) and (array != given).any():
+        span = np.iinfo(array.dtype)
+        _refuse(what, given, array != given, f"a whole number from {span.min} to {span.max}")
     array.setflags(write=False)
     return array
 
@@ -88,6 +92,12 @@ def quantile(values: npt.NDArray[np.floating[Any]], share: float) -> float:
     parted = np.partition(flat, k)
     low = float(parted[k])
     return low if place == k else low + (place - k) * (float(parted[k + 1 :].min()) - low)
+
+
+def _refuse(what: str, values: npt.NDArray[Any], bad: Mask, expected: str) -> NoReturn:
+    """Raise `BadValue` for the first bad value, naming its index."""
+    index = tuple(int(i) for i in np.argwhere(bad)[0])
+    raise BadValue(f"{what}{list(index) if index else ''}", values[index], expected)
 
 
 def _text(shape: tuple[int | None, ...], batched: bool = False) -> str:

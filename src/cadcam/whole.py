@@ -6,6 +6,7 @@ import errno
 import os
 import secrets
 import stat
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -17,7 +18,8 @@ _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 def write_whole(path: str | os.PathLike[str], data: bytes) -> None:
     """Write `data` to `path` so that the file is either the old one or complete; parent folders are made.
 
-    The bytes go to a temporary file in the same folder, which then replaces `path` in one step. Raises
+    The bytes go to a temporary file in the same folder, which then replaces `path` in one step. Of a symbolic link the
+    file that it names is written; what is no file, such as /dev/stdout, takes the bytes as they come. Raises
     `UnwritableFile` with the system's reason.
     """
     try:
@@ -28,6 +30,8 @@ def write_whole(path: str | os.PathLike[str], data: bytes) -> None:
             _replace(os.fspath(path), data)
     except OSError as error:
         raise UnwritableFile(path, error.strerror or str(error), _remedy(error)) from error
+    except ValueError as error:  # a zero byte in the name
+        raise UnwritableFile(repr(path), str(error), "choose another name") from None
 
 
 def _remedy(error: OSError) -> str:
@@ -36,13 +40,21 @@ def _remedy(error: OSError) -> str:
 
 
 def _replace(target: str, data: bytes) -> None:
-    old = _mode(target)
-    folder, name = os.path.split(target)
-    half = os.path.join(folder, f".{name}.{secrets.token_hex(4)}")
+    old = _mode(target, os.lstat)
+    if old is not None and stat.S_ISLNK(old):
+        old = _mode(target, os.stat)
+        if old is None or stat.S_ISREG(old):
+            target = os.path.realpath(target)
+    if old is not None and stat.S_ISDIR(old):
+        raise UnwritableFile(target, "is a folder", "name a file in it")
+    if old is not None and not stat.S_ISREG(old):
+        _write(target, os.O_WRONLY, data)
+        return
+    half = os.path.join(os.path.dirname(target), f".{secrets.token_hex(8)}.part")
     try:
-        _write(half, data)
+        _write(half, _NEW, data)
         if old is not None:
-            os.chmod(half, old)
+            os.chmod(half, stat.S_IMODE(old))  # the permissions of the file that is there stay
         os.replace(half, target)
     except BaseException:
         with suppress(FileNotFoundError):
@@ -50,9 +62,9 @@ def _replace(target: str, data: bytes) -> None:
         raise
 
 
-def _write(path: str, data: bytes) -> None:
-    """Write a new file by the system's own calls: Python's ask more of it, and a data set has seven files a view."""
-    file, left = os.open(path, _NEW, 0o666), memoryview(data)
+def _write(path: str, how: int, data: bytes) -> None:
+    """Write a file by the system's own calls: Python's ask more of it, and a data set has seven files a view."""
+    file, left = os.open(path, how, 0o666), memoryview(data)
     try:
         while left:  # once, or where a disk is nearly full a few times
             left = left[os.write(file, left) :]
@@ -60,12 +72,9 @@ def _write(path: str, data: bytes) -> None:
         os.close(file)
 
 
-def _mode(target: str) -> int | None:
-    """Return the permissions of the file that is there, which stay; None where there is none."""
+def _mode(path: str, status: Callable[[str], os.stat_result]) -> int | None:
+    """Return the kind and permissions of what is there, None where nothing is."""
     try:
-        mode = os.stat(target).st_mode
+        return status(path).st_mode
     except FileNotFoundError:
         return None
-    if stat.S_ISDIR(mode):
-        raise UnwritableFile(target, "is a folder", "name a file in it")
-    return mode & 0o7777

@@ -1,0 +1,67 @@
+"""The gate through which arrays enter a value: what it lets through, and what it says of what it does not."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cadcam.arrays import component_major, frozen, in_parts, quantile
+from cadcam.errors import BadValue
+
+
+def test_a_frozen_array_is_a_copy_that_nobody_can_write() -> None:
+    given = np.zeros((2, 3))
+    array = frozen(given, "points", (None, 3))
+    given[0, 0] = 7
+    assert array[0, 0] == 0
+    with pytest.raises(ValueError, match="read-only"):
+        array[0, 0] = 1
+
+
+@pytest.mark.parametrize(
+    ("values", "dtype", "words"),
+    [
+        ([[1.0, 2.0], [3.0]], np.float64, "numbers of shape"),
+        ([[1.0, 2.0]], np.float64, r"of shape \(1, 2\); expected shape \(N, 3\)"),
+        ([[1.0, 2.0, np.inf]], np.float64, r"x\[0, 2\] is inf; expected a finite number"),
+        ([[1, 2, 10**400]], np.float64, "numbers of shape"),
+        ([[1, 2, 2**40]], np.int32, "numbers of shape|whole number"),
+        (np.array([[1, 2, 2**40]]), np.int32, r"x\[0, 2\] is 1099511627776; expected a whole number"),
+        ([[1, 2, 2.5]], np.int32, r"x\[0, 2\] is 2.5; expected a whole number"),
+        (np.array([[1, -2, 0]]), np.uint8, r"x\[0, 1\] is -2; expected a whole number from 0 to 255"),
+        ([["a", "b", "c"]], np.float64, "numbers of shape"),
+    ],
+)
+def test_what_is_not_as_asked_is_refused_with_its_place(values: Any, dtype: npt.DTypeLike, words: str) -> None:
+    with pytest.raises(BadValue, match=words):
+        frozen(values, "x", (None, 3), dtype)
+
+
+def test_whole_numbers_of_another_kind_are_let_through() -> None:
+    for given in (np.arange(3), np.arange(3.0), np.arange(3, dtype=np.uint64), [False, True, True]):
+        array = frozen(given, "ids", (3,), np.int32)
+        assert array.dtype == np.int32
+        np.testing.assert_array_equal(array, np.asarray(given, int))
+
+
+def test_parts_come_back_in_order_and_of_one_shape(rng: np.random.Generator) -> None:
+    x = rng.random((5, 7, 2))
+    together = in_parts(lambda p: p[..., :1] * 2, x)
+    np.testing.assert_array_equal(in_parts(lambda p: p[..., :1] * 2, x, at_once=4), together)
+    assert in_parts(lambda p: p, np.zeros((0, 2))).shape == (0, 2)
+
+
+def test_components_are_runs_of_memory() -> None:
+    J = component_major((4, 5), 2, 3)
+    assert J.shape == (4, 5, 2, 3)
+    assert J[..., 1, 2].flags.c_contiguous
+
+
+def test_the_quantile_is_that_of_numpy(rng: np.random.Generator) -> None:
+    for n in (1, 2, 3, 10, 101):
+        values = rng.normal(size=n)
+        for share in (0.0, 0.1, 0.5, 0.9, 1.0):
+            assert quantile(values, share) == pytest.approx(float(np.quantile(values, share)), rel=1e-14, abs=1e-15)
