@@ -38,8 +38,9 @@ def test_the_blur_is_told_to_a_third(blur: float) -> None:
         (np.minimum(scene(0.8) * 2 + 0.35, 1.0), "overexposed"),
         (np.maximum(scene(0.8) - 0.66, 0), "too dark"),
         (scene(8.0), "out of focus"),
+        (scene(0.8)[:2], "no room for edges"),
     ],
-    ids=["empty", "a third white", "white", "dark", "blurred"],
+    ids=["empty", "a third white", "white", "dark", "blurred", "two rows"],
 )
 def test_each_fault_is_named(picture: Picture, says: str) -> None:
     found = " ".join(faults_of(picture))

@@ -419,3 +419,10 @@ def test_alpha_that_cannot_be_stored_is_refused(tmp_path, name, alpha, message):
     with pytest.raises(BadValue, match=message):
         write_picture(tmp_path / name, np.ones((5, 7)), alpha=alpha)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_picture_too_long_for_a_jpeg_is_refused_before_the_encoder_sees_it(tmp_path):
+    with pytest.raises(BadValue, match="at most 65500 px a side in a JPEG; use PNG"):
+        write_picture(tmp_path / "a.jpg", np.zeros((1, 65501), np.float32))
+    write_picture(tmp_path / "a.jpg", np.zeros((1, 65500), np.float32))
+    assert read_picture(tmp_path / "a.jpg").shape == (1, 65500)

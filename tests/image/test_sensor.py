@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from cadcam.errors import BadValue, UnknownName
-from cadcam.image.sensor.charge import Blooming, Noise, Smear
+from cadcam.image.sensor.charge import Blooming, Exposure, Noise, Smear
 from cadcam.image.sensor.light import Blur, Interlace, Motion, PixelAspect, Vignetting, fit_vignetting, shifted
 from cadcam.image.sensor.presets import PRESETS, preset
-from cadcam.image.sensor.sensor import EFFECTS, Exposure, Sensor
+from cadcam.image.sensor.sensor import EFFECTS, Sensor
 from cadcam.image.sensor.video import EdgeEnhancement, Gain, Gamma, Jitter, Jpeg, Quantisation
 
 FLOAT32 = float(np.finfo(np.float32).eps)
@@ -265,3 +265,10 @@ def test_numbers_out_of_range_are_refused():
             make()
     with pytest.raises(UnknownName, match="did you mean 'phone'"):
         preset("phones")
+
+
+def test_a_vignetting_that_is_no_number_and_a_picture_narrower_than_a_pixel_are_refused(rng):
+    with pytest.raises(BadValue, match="a4 of the vignetting is nan; expected a finite number"):
+        Vignetting(a4=float("nan"))
+    with pytest.raises(BadValue, match="picture is 5 px wide; expected 10 px or more"):
+        PixelAspect(10.0).apply(np.ones((4, 5), np.float32), rng)

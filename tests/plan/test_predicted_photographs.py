@@ -8,8 +8,8 @@ import numpy as np
 
 import cadcam
 from cadcam.image.picture import to_gray
+from cadcam.image.sensor.charge import Exposure
 from cadcam.image.sensor.presets import GLOBAL_SHUTTER
-from cadcam.image.sensor.sensor import Exposure
 from cadcam.image.sensor.video import Gain
 from cadcam.plan.finding import Finder, circle_covariance
 from cadcam.render.photograph import behind, blur_before

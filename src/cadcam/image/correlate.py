@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -84,7 +84,7 @@ class Peaks:
     scale: Array
     score: Array
     covariance: Array
-    complete: bool = field(default=True)
+    complete: bool = True
 
     def __post_init__(self) -> None:
         n = len(np.atleast_1d(self.score))
@@ -134,7 +134,7 @@ def register(
     poses = np.array(start, np.float64).reshape(-1, 4)
     for level in _levels(template.coarsest()):
         poses, _ = _refined(picture, template, level, poses, options.motions)
-    return _peaks(picture, template, poses, options, True)
+    return _peaks(picture, template, poses, options)
 
 
 class _Pyramid:
@@ -164,7 +164,7 @@ def _search(picture: _Pyramid, template: Template, factor: int, options: Correla
         poses, score = _refined(picture, template, level, poses, options.motions)
         poses, score = _best_apart(template, poses, score, options, keep, options.least_score - _SMOOTHED)
         keep = max(keep // 4, options.count + 1)
-    peaks = _peaks(picture, template, poses, options, True)
+    peaks = _peaks(picture, template, poses, options)
     best = float(np.abs(peaks.score[:1]).max(initial=options.least_score))
     return replace(peaks, complete=not (len(left) and left[0] > worst * best))
 
@@ -236,23 +236,23 @@ def _refined(
 def _best_apart(
     template: Template, poses: Array, score: Array, options: CorrelateOptions, count: int, least: float
 ) -> tuple[Array, Array]:
-    """Return the best poses that are in the picture's terms different ones, best first."""
+    """Return the best poses that lie apart in the picture, by place or by angle, best first."""
     size = np.abs(score) if options.either_sign else score
     order = np.argsort(-size, kind="stable")
     order = order[size[order] >= least][: 3 * count]
     x, y, angle = (poses[order, k] - poses[order, k][:, None] for k in range(3))
     near = options.apart * min(template.size)
     same = (x * x + y * y < near * near) & ~_turned(angle, 0.0, options.apart)
-    open_ = np.ones(len(order), bool)
+    free = np.ones(len(order), bool)
     kept: list[int] = []
     for k in range(len(order)):
-        if open_[k] and len(kept) < count:
+        if free[k] and len(kept) < count:
             kept.append(int(order[k]))
-            open_ &= ~same[k]
+            free &= ~same[k]
     return poses[kept], score[kept]
 
 
-def _peaks(picture: _Pyramid, template: Template, poses: Array, options: CorrelateOptions, complete: bool) -> Peaks:
+def _peaks(picture: _Pyramid, template: Template, poses: Array, options: CorrelateOptions) -> Peaks:
     """Return the peaks near poses, by cubic interpolation."""
     poses, score = _refined(picture, template, 1, poses, options.motions, cubic=True)
     poses, score = _best_apart(template, poses, score, options, len(poses), options.least_score)
@@ -260,10 +260,10 @@ def _peaks(picture: _Pyramid, template: Template, poses: Array, options: Correla
     poses, score = poses[allowed][: options.count], score[allowed][: options.count]
     poses[:, 2] = _wrapped(poses[:, 2])
     covariance = _covariance(template, poses, score, options.motions)
-    return Peaks(poses[:, :2], poses[:, 2], poses[:, 3], score, covariance, complete)
+    return Peaks(poses[:, :2], poses[:, 2], poses[:, 3], score, covariance)
 
 
-def _within(poses: Array, template: Template, options: CorrelateOptions) -> npt.NDArray[np.bool_]:
+def _within(poses: Array, template: Template, options: CorrelateOptions) -> Mask:
     """Return which poses are of the angles and scales asked for, to the reach of their climb."""
     slack = 0.5 * template.step(template.coarsest())
     low, high = options.angles
@@ -272,7 +272,7 @@ def _within(poses: Array, template: Template, options: CorrelateOptions) -> npt.
     return np.asarray(turned & (scale <= 0.5 * math.log(options.scales[1] / options.scales[0]) + slack))
 
 
-def _in_picture(poses: Array, template: Template, picture: Picture) -> npt.NDArray[np.bool_]:
+def _in_picture(poses: Array, template: Template, picture: Picture) -> Mask:
     points = template.points(1, 3)
     u, v = points.u[: points.count], points.v[: points.count]
     extent = np.array([[a, b] for a in (u.min(), u.max()) for b in (v.min(), v.max())], np.float64)

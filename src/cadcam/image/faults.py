@@ -12,6 +12,7 @@ _BURNT = 0.5  # share of pixels at white or black above which too little is left
 _WHITE, _BLACK = 0.995, 0.005
 _SOFT = 4.0  # px: an edge blurred by more has no place to speak of
 _STEEP = 0.002  # share of the pixels whose slopes tell the blur
+_SMALLEST = 3  # px along a side
 _SPAN = 25  # px: window in which an edge goes from dark to bright
 
 
@@ -24,6 +25,8 @@ def faults_of(picture: npt.ArrayLike) -> list[str]:
         found.append(f"it is overexposed: {100 * white:.0f} % of its pixels are white")
     if black > _BURNT:
         found.append(f"it is too dark: {100 * black:.0f} % of its pixels are black")
+    if min(gray.shape) < _SMALLEST:
+        return [*found, f"it is {gray.shape[1]} x {gray.shape[0]} px: there is no room for edges"]
     spread = float(gray.std())
     if spread < _FLAT:
         return [*found, f"it is empty: grey values vary by {spread:.4f} of white (standard deviation)"]

@@ -18,13 +18,14 @@ import numpy.typing as npt
 from cadcam.arrays import Picture
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
 from cadcam.image.decode import decoded, first_pixel
+from cadcam.image.suffixes import FORMS
 from cadcam.whole import write_whole
 
 MAX_PIXELS = 500_000_000
 LUMA = (0.2126, 0.7152, 0.0722)  # ITU-R BT.709
 
 _BRIGHTEST = 100.0  # times white: no lamp in view is brighter, every photo in bytes is
-_SUFFIXES = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
+_LONGEST_JPEG = 65500  # px: libjpeg's own limit, a little below that of the format
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,9 +90,9 @@ def write_picture(
     another suffix, `BadValue` for NaN or a wrong shape, `UnwritableFile` where the system refuses.
     """
     suffix = Path(path).suffix.lower()
-    if suffix not in _SUFFIXES:
-        raise UnknownName("picture suffix", suffix, _SUFFIXES)
-    write_whole(path, encoded(picture, _SUFFIXES[suffix], alpha=alpha, bits=bits, quality=quality))
+    if suffix not in FORMS:
+        raise UnknownName("picture suffix", suffix, FORMS)
+    write_whole(path, encoded(picture, FORMS[suffix], alpha=alpha, bits=bits, quality=quality))
 
 
 def encoded(
@@ -105,6 +106,8 @@ def encoded(
         values = _with_alpha(values, alpha, form)
     if bits not in (8, 16) or (bits == 16 and (values.ndim == 3 or form != "PNG")):
         raise BadValue("bits", bits, "8, or 16 for a grey PNG")
+    if form == "JPEG" and max(values.shape[:2]) > _LONGEST_JPEG:
+        raise BadValue("picture", f"of shape {values.shape}", f"at most {_LONGEST_JPEG} px a side in a JPEG; use PNG")
     white, dtype = (255.0, np.uint8) if bits == 8 else (65535.0, np.uint16)
     stored = np.clip(values, 0.0, 1.0)
     stored *= white

@@ -3,4 +3,5 @@
 from __future__ import annotations
 
 READABLE = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".webp")
-WRITABLE = (".png", ".jpg", ".jpeg")
+FORMS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}  # of what can be written
+WRITABLE = tuple(FORMS)

@@ -77,7 +77,7 @@ class Template:
         return self._worst[factor]
 
     def _least_when_off(self, factor: int) -> float:
-        dx, dy = self._grid(factor, self._reach(factor))
+        dx, dy = _disc(self._reach(factor))
         inside = self._inside(dx, dy, 0.0, 1.0, factor)
         dx, dy = dx[inside], dy[inside]
         if len(dx) < 9:
@@ -119,7 +119,7 @@ class Template:
         return self._twins[factor]
 
     def _taps(self, factor: int) -> int:
-        dx, dy = self._grid(factor, self._reach(factor))
+        dx, dy = _disc(self._reach(factor))
         return int(self._inside(dx, dy, 0.0, 1.0, factor).sum())
 
     def _reach(self, factor: int) -> float:
@@ -130,14 +130,8 @@ class Template:
         h, w = self.mask.shape
         return float(np.hypot(x - (w - 1) / 2, y - (h - 1) / 2).max()) / factor
 
-    def _grid(self, factor: int, reach: float) -> tuple[Array, Array]:
-        n = math.floor(reach)
-        dy, dx = (a.ravel().astype(np.float64) for a in np.mgrid[-n : n + 1, -n : n + 1])
-        kept = np.hypot(dx, dy) <= reach
-        return dx[kept], dy[kept]
-
     def _oriented(self, factor: int, motions: Array) -> tuple[Orientations, Array]:
-        dx, dy = self._grid(factor, self._reach(factor) * float(motions[:, 1].max()))
+        dx, dy = _disc(self._reach(factor) * float(motions[:, 1].max()))
         angle, scale = motions[:, :1], motions[:, 1:]
         inside = self._inside(dx, dy, angle, scale, factor)
         used = inside.any(axis=0)
@@ -204,6 +198,14 @@ def _normalised(u: Array, v: Array, value: Array, gx: Array, gy: Array, motions:
     slope = slope - slope.mean(axis=1, keepdims=True)
     slope = slope - (slope @ value)[:, None] * value
     return Points.of(u, v, value, slope)
+
+
+def _disc(radius: float) -> tuple[Array, Array]:
+    """Return the offsets (dx, dy) of the pixels whose centres lie in a disc about one of them."""
+    n = math.floor(radius)
+    dy, dx = (a.ravel().astype(np.float64) for a in np.mgrid[-n : n + 1, -n : n + 1])
+    kept = np.hypot(dx, dy) <= radius
+    return dx[kept], dy[kept]
 
 
 def _centres(length: int, factor: int) -> Array:

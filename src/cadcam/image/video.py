@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from cadcam.arrays import Picture
 from cadcam.errors import MissingExtra, UnreadableFile
 from cadcam.image.picture import to_gray
@@ -29,7 +27,7 @@ def read_video(path: str | os.PathLike[str]) -> Iterator[Picture]:
             there, frame = video.read()
             if not there:
                 break
-            yield to_gray(np.asarray(frame[..., ::-1], np.float32) / np.float32(255))  # OpenCV's order is blue first
+            yield to_gray(frame[..., ::-1])  # OpenCV's order is blue first
             number += 1
         if number == 0:
             raise UnreadableFile(path, "holds no frame that can be decoded", "export it again, for instance as H.264")

@@ -1,4 +1,4 @@
-"""Effects on the charge: light smeared into other rows while it is carried away, wells that overflow, noise.
+"""Effects on the charge: exposure, light smeared into other rows while it is carried away, full wells, noise.
 
 Charge is told in units of the full scale: 1 is the well that gives white at a gain of 1.
 """
@@ -11,6 +11,20 @@ import numpy as np
 
 from cadcam.arrays import Array, Picture
 from cadcam.image.sensor.effect import check
+
+
+@dataclass(frozen=True, slots=True)
+class Exposure:
+    """I' = factor I: shutter time and aperture together, by those that make a radiance of 1 white."""
+
+    factor: float = 1.0
+
+    def __post_init__(self) -> None:
+        check("factor of the exposure", self.factor, 0.0, above=True)
+
+    def apply(self, picture: Picture, rng: np.random.Generator) -> Picture:
+        """Return the picture so exposed."""
+        return np.asarray(picture * np.float32(self.factor), dtype=np.float32)
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,11 +22,13 @@ class Effect(Protocol):
         ...
 
 
-def check(what: str, value: float, low: float, high: float = math.inf, *, above: bool = False) -> None:
+def check(what: str, value: float, low: float = -math.inf, high: float = math.inf, *, above: bool = False) -> None:
     """Raise `BadValue` unless low <= value <= high (low < value, if `above`) and the value is finite."""
-    if not (math.isfinite(value) and (low < value if above else low <= value) and value <= high):
-        bound = f"above {low:g}" if above else f"of at least {low:g}"
-        raise BadValue(what, value, f"a number {bound}" + (f" and at most {high:g}" if math.isfinite(high) else ""))
+    if math.isfinite(value) and (low < value if above else low <= value) and value <= high:
+        return
+    bounds = [f"above {low:g}" if above else f"of at least {low:g}"] * math.isfinite(low)
+    bounds += [f"at most {high:g}"] * math.isfinite(high)
+    raise BadValue(what, value, f"a number {' and '.join(bounds)}" if bounds else "a finite number")
 
 
 def check_pair(what: str, value: tuple[float, float]) -> None:

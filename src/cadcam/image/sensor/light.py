@@ -36,6 +36,8 @@ class Vignetting:
 
     def __post_init__(self) -> None:
         check("focal_px of the vignetting", self.focal_px, 0.0)
+        for name in ("a2", "a4", "a6"):
+            check(f"{name} of the vignetting", getattr(self, name))
         check_pair("offset_px of the vignetting", self.offset_px)
 
     def share(self, shape: tuple[int, ...]) -> Array:
@@ -158,8 +160,10 @@ class PixelAspect:
         check("ratio of the pixel aspect", self.ratio, 0.1, 10.0)
 
     def apply(self, picture: Picture, rng: np.random.Generator) -> Picture:
-        """Return the picture in such pixels."""
+        """Return the picture in such pixels; `BadValue` for one narrower than a pixel."""
         width = int(picture.shape[1] / self.ratio + 1e-9)
+        if width < 1:
+            raise BadValue("picture", f"{picture.shape[1]} px wide", f"{self.ratio:g} px or more, that of a pixel")
         edges = np.minimum(np.arange(width + 1) * self.ratio, picture.shape[1])
         total = np.concatenate([np.zeros_like(picture[:, :1]), picture], axis=1, dtype=np.float64).cumsum(axis=1)
         left = np.minimum(edges.astype(np.int64), picture.shape[1] - 1)

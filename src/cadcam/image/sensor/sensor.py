@@ -16,24 +16,10 @@ import numpy.typing as npt
 
 from cadcam.arrays import Picture
 from cadcam.image.picture import checked
-from cadcam.image.sensor.charge import Blooming, Noise, Smear
-from cadcam.image.sensor.effect import Effect, check
+from cadcam.image.sensor.charge import Blooming, Exposure, Noise, Smear
+from cadcam.image.sensor.effect import Effect
 from cadcam.image.sensor.light import Blur, Interlace, Motion, PixelAspect, Vignetting
 from cadcam.image.sensor.video import EdgeEnhancement, Gain, Gamma, Jitter, Jpeg, Quantisation
-
-
-@dataclass(frozen=True, slots=True)
-class Exposure:
-    """I' = factor I: shutter time and aperture together, by those that make a radiance of 1 white."""
-
-    factor: float = 1.0
-
-    def __post_init__(self) -> None:
-        check("factor of the exposure", self.factor, 0.0, above=True)
-
-    def apply(self, picture: Picture, rng: np.random.Generator) -> Picture:
-        """Return the picture so exposed."""
-        return np.asarray(picture * np.float32(self.factor), dtype=np.float32)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
