@@ -21,10 +21,9 @@ from cadcam.arrays import Array
 from cadcam.calibrate.points import calibrate, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
-from cadcam.camera.extended_pinhole import EXTERNALS, NAMES
+from cadcam.camera.extended_pinhole import EXTERNALS, NAMES, internals_of
 from cadcam.camera.lens import BrownConrady, Division, Fisheye, Ideal
 from cadcam.camera.observations import Observations
-from cadcam.camera.sensitivity import internals_of
 from cadcam.errors import CadcamError
 from cadcam.fit.camera_model import CameraModel
 from cadcam.fit.multistart import descend

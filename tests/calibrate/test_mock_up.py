@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from cadcam.calibrate.points import calibrate, locate_camera
-from cadcam.camera.extended_pinhole import EXTERNALS, NAMES, ExtendedPinhole
+from cadcam.camera.extended_pinhole import EXTERNALS, NAMES, ExtendedPinhole, internals_of
 from cadcam.camera.lens import Ideal
-from cadcam.camera.sensitivity import internals_of
 from cadcam.fit.camera_model import CameraModel
 from cadcam.fit.multistart import descend
 from cadcam.geometry import rotation as so3

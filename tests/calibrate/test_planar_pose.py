@@ -7,10 +7,9 @@ import pytest
 
 from cadcam.calibrate.points import calibrate, locate_camera
 from cadcam.camera.camera import Camera
-from cadcam.camera.extended_pinhole import EXTERNALS
+from cadcam.camera.extended_pinhole import EXTERNALS, internals_of
 from cadcam.camera.lens import Fisheye
 from cadcam.camera.observations import Observations
-from cadcam.camera.sensitivity import internals_of
 from cadcam.fit.camera_model import CameraModel
 from cadcam.fit.multistart import descend
 from cadcam.geometry import rotation as so3

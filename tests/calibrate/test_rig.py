@@ -11,9 +11,9 @@ from scipy.stats import binom, chi2
 from cadcam.calibrate.joint import fit_jointly
 from cadcam.calibrate.measure import measure_points
 from cadcam.calibrate.rig import RigCamera, calibrate_rig
+from cadcam.camera.extended_pinhole import internals_of
 from cadcam.camera.observations import Observations
 from cadcam.camera.rig_estimate import MOUNT, RigEstimate
-from cadcam.camera.sensitivity import internals_of
 from cadcam.errors import BadValue, DegenerateGeometry, InconsistentViews, TooFewPoints, UnknownName, UnreadableFile
 from cadcam.files.rig import read_rig, write_rig
 from cadcam.fit.robust import Loss

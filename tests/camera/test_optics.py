@@ -236,3 +236,11 @@ def test_a_sensor_has_a_format_a_chip_or_a_size():
 def test_impossible_optics_are_refused(make, message):
     with pytest.raises(BadValue, match=message):
         make()
+
+
+def test_a_lens_focused_at_infinity_has_numbers_for_all_that_is_asked() -> None:
+    optics = Optics(CHIPS["IMX264"], 8.0, inf, 4.0)
+    assert optics.mm_per_pixel == (inf, inf)
+    assert optics.motion_px(100.0, 0.01) == 0.0
+    assert optics.longest_exposure_s(100.0, 0.5) == inf
+    assert optics.camera().fx == pytest.approx(8.0 / 0.00345)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cadcam.camera.camera import Camera
-from cadcam.camera.extended_pinhole import EXTERNALS, NAMES, ExtendedPinhole, angles_of, rotation_of
+from cadcam.camera.extended_pinhole import EXTERNALS, NAMES, ExtendedPinhole, angles_of, internals_of, rotation_of
 from cadcam.camera.lens import (
     LENSES,
     BrownConrady,
@@ -20,7 +20,6 @@ from cadcam.camera.lens import (
     OddRadial,
     TiltedBrownConrady,
 )
-from cadcam.camera.sensitivity import internals_of
 from cadcam.fit.camera_model import CameraModel, angles, rotations_of
 from cadcam.geometry.rigid import Rigid
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cadcam.camera.camera import Camera
+from cadcam.camera.extended_pinhole import internals_of
 from cadcam.camera.lens import BrownConrady
-from cadcam.camera.sensitivity import internals_of
 from cadcam.fit.block_least_squares import minimise_blocks
 from cadcam.fit.hand_eye_pixels import HandEyePixels, HandEyeState, InternalsPrior
 from cadcam.fit.hand_eye_poses import PATTERNS, HandEyePoses, adjust, adjust_robustly

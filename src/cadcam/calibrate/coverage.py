@@ -10,9 +10,9 @@ import numpy as np
 from cadcam.arrays import Array, Picture, frozen
 from cadcam.calibrate.boards import BoardCalibration
 from cadcam.camera.camera import Camera
-from cadcam.camera.extended_pinhole import INTERNALS
+from cadcam.camera.extended_pinhole import INTERNALS, internals_of
 from cadcam.camera.joint_estimate import JointEstimate
-from cadcam.camera.sensitivity import internals_of, project_in_camera
+from cadcam.camera.sensitivity import project_in_camera
 
 _CELLS = (8, 6)  # columns and rows that a picture is divided into
 _WIDE_DEG = 25.0  # of tilt, that a good set has in two directions

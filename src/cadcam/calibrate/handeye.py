@@ -20,9 +20,8 @@ from cadcam.calibrate.handeye_estimate import MOUNTINGS, HandEyeEstimate, Mounti
 from cadcam.calibrate.handeye_held_out import held_out, scale_of_target
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
-from cadcam.camera.extended_pinhole import ExtendedPinhole
+from cadcam.camera.extended_pinhole import ExtendedPinhole, internals_of
 from cadcam.camera.observations import Observations
-from cadcam.camera.sensitivity import internals_of
 from cadcam.errors import BadValue, TooFewPoints, UnknownName
 from cadcam.fit import hand_eye
 from cadcam.fit.block_least_squares import BlockSolution, minimise_blocks

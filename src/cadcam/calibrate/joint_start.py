@@ -15,10 +15,9 @@ from cadcam.arrays import Array
 from cadcam.calibrate.points import calibrate, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
-from cadcam.camera.extended_pinhole import INTERNALS, ExtendedPinhole
+from cadcam.camera.extended_pinhole import INTERNALS, ExtendedPinhole, internals_of
 from cadcam.camera.lens import Lens
 from cadcam.camera.observations import Observations
-from cadcam.camera.sensitivity import internals_of
 from cadcam.errors import CadcamError, DegenerateGeometry, MirroredPoints, NotConverged
 from cadcam.fit import joint_start as seeds
 from cadcam.fit.block_least_squares import BlockSolution, minimise_blocks

@@ -16,8 +16,8 @@ from cadcam.arrays import Array
 from cadcam.calibrate.boards import BoardCalibration
 from cadcam.calibrate.coverage import internal_sensitivity, part_of_picture
 from cadcam.camera.camera import Camera
-from cadcam.camera.extended_pinhole import INTERNALS
-from cadcam.camera.sensitivity import internals_of, project_local
+from cadcam.camera.extended_pinhole import INTERNALS, internals_of
+from cadcam.camera.sensitivity import project_local
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 

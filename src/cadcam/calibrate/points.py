@@ -13,10 +13,10 @@ from cadcam.calibrate.linear import dlt_estimate, dlt_states, seen_from_the_fron
 from cadcam.calibrate.refuse import mirrored_internals, refuse_as_good_as_flat, refuse_mirrored
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
-from cadcam.camera.extended_pinhole import EXTERNALS, INTERNALS, NAMES
+from cadcam.camera.extended_pinhole import EXTERNALS, INTERNALS, NAMES, internals_of
 from cadcam.camera.lens import Ideal, Lens
 from cadcam.camera.observations import Observations
-from cadcam.camera.sensitivity import internals_of, rotation_by_angles
+from cadcam.camera.sensitivity import rotation_by_angles
 from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints, UnknownName
 from cadcam.fit.camera_model import CameraModel
 from cadcam.fit.layout import distinct, flatness, refuse_flat

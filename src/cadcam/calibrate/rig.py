@@ -11,11 +11,10 @@ from cadcam.arrays import Array
 from cadcam.calibrate import rig_start
 from cadcam.calibrate.joint import JointFit, fit_jointly
 from cadcam.camera.camera import Camera
-from cadcam.camera.extended_pinhole import INTERNALS, ExtendedPinhole
+from cadcam.camera.extended_pinhole import INTERNALS, ExtendedPinhole, internals_of
 from cadcam.camera.lens import Lens
 from cadcam.camera.observations import Observations
 from cadcam.camera.rig_estimate import RigEstimate
-from cadcam.camera.sensitivity import internals_of
 from cadcam.errors import BadValue, DegenerateGeometry, NotConverged, TooFewPoints
 from cadcam.fit.block_least_squares import BlockSolution, minimise_blocks
 from cadcam.fit.joint_model import OWN, JointModel, JointState

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from cadcam.calibrate.boards import BoardCalibration, BoardPicture, calibrate_boards
 from cadcam.calibrate.rig import RigCamera, calibrate_rig
 from cadcam.camera.camera import Camera
-from cadcam.camera.extended_pinhole import INTERNALS
+from cadcam.camera.extended_pinhole import INTERNALS, internals_of
 from cadcam.camera.lens import Lens
 from cadcam.camera.observations import Observations
 from cadcam.camera.rig_estimate import RigEstimate
-from cadcam.camera.sensitivity import internals_of
 from cadcam.errors import BadValue
 
 

@@ -1,4 +1,4 @@
-"""The opening of a thin lens: how wide, and the distance that is in focus. Together with a camera that is all of blur.
+"""The opening of a thin lens: how wide it is, and the distance that is in focus. A camera and it tell all blur.
 
 A point of the opening at (u, v) from its middle sees the scene as a pinhole there would, on a sensor shifted so that
 what lies at the focus distance D stays where it is. Of a point at depth z it sees the picture shifted by
@@ -18,10 +18,8 @@ import numpy as np
 
 from cadcam.arrays import Array, Floats
 from cadcam.camera.camera import Camera
-from cadcam.camera.optics import WAVELENGTH_UM, Optics
+from cadcam.camera.optics import AIRY_SIGMA, WAVELENGTH_UM, Optics
 from cadcam.errors import BadValue
-
-_AIRY_SIGMA = 0.42  # of wavelength by f-number: the Gaussian nearest to the Airy disc's core
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,4 +47,4 @@ class Aperture:
 
     def diffraction_px(self, camera: Camera, wavelength_um: float = WAVELENGTH_UM) -> float:
         """Return the sigma in px of the Gaussian like the Airy disc's core: 0.42 lambda N (1 + m) = 0.42 lambda f/A."""
-        return _AIRY_SIGMA * wavelength_um / 1000 * camera.fx / self.diameter_mm
+        return AIRY_SIGMA * wavelength_um / 1000 * camera.fx / self.diameter_mm

@@ -9,7 +9,7 @@ import numpy as np
 from cadcam.arrays import Array, Floats, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import NAMES, ExtendedPinhole
-from cadcam.camera.fitted import scaled
+from cadcam.camera.fitted import Fitted, scaled
 from cadcam.camera.observations import Observations
 from cadcam.camera.sensitivity import project_with_sensitivity, rotation_by_angles, twist_by_local
 from cadcam.errors import BadValue, UnknownName
@@ -19,7 +19,7 @@ _ANGLES = slice(3, 6)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CameraEstimate:
+class CameraEstimate(Fitted):
     """A camera and where it stands, estimated from points; a pose is the same with its internals fixed.
 
     free: the names of the estimated parameters, a subset of `parameters` (the thesis' eleven, then the lens' own).
@@ -71,14 +71,14 @@ class CameraEstimate:
         return self.observations.q - self.camera.project(self.camera_from_world @ self.observations.p_world)
 
     @property
-    def sum_of_squares(self) -> float:
-        """Return the sum of dU^2 + dV^2 over all points, px^2."""
-        return float(np.sum(self.residuals**2))
+    def unknowns(self) -> int:
+        """Return the number of free parameters."""
+        return len(self.free)
 
     @property
-    def thesis_residual(self) -> float:
-        """Return the thesis' residual sqrt(sum(dU^2 + dV^2)/N) for N points, px."""
-        return float(np.sqrt(self.sum_of_squares / len(self.observations)))
+    def stated_px(self) -> float | None:
+        """Return the observations' sigma_px."""
+        return self.observations.sigma_px
 
     @property
     def rms_px(self) -> float:
@@ -92,36 +92,14 @@ class CameraEstimate:
         return self.observations.names[i], float(distance[i])
 
     @property
-    def dof(self) -> int:
-        """Return the degrees of freedom, 2 N minus the number of free parameters."""
-        return 2 * len(self.observations) - len(self.free)
-
-    @property
-    def sigma0(self) -> float | None:
-        """Return the noise of one pixel coordinate by the residuals, sqrt(sum of squares/dof); None if dof is 0."""
-        return float(np.sqrt(self.sum_of_squares / self.dof)) if self.dof > 0 else None
-
-    @property
-    def noise_px(self) -> float:
-        """Return the pixel noise behind `covariance`: the observations' sigma_px if stated, else sigma0, else inf.
-
-        With dof = 0 and nothing stated the points fit exactly whatever their noise: it is unknown, every sigma is inf.
-        """
-        stated = self.observations.sigma_px
-        noise = self.sigma0 if stated is None else stated
-        return np.inf if noise is None else noise
-
-    @property
     def covariance(self) -> Array:
         """Return the covariance (n, n) of `parameters` in mm, rad, px; rows and columns of fixed ones are zero.
 
         The angles' part is undefined at b = +-90 deg (gimbal lock): use `pose_covariance` there. With `noise_px` inf
         the diagonal of the free parameters is inf and the rest zero.
         """
-        T = np.eye(len(self.parameters))
-        T[_ANGLES, _ANGLES] = np.linalg.pinv(rotation_by_angles(self.camera_from_world.rotation))
         free = np.isin(self.parameters, self.free)
-        return scaled(T @ self.cofactor @ T.T * np.outer(free, free), self.noise_px)
+        return scaled(self._cofactor * np.outer(free, free), self.noise_px)
 
     def sigma(self, name: str) -> float:
         """Return the standard deviation of one parameter (mm, rad, px); 0 for a fixed one."""
@@ -132,9 +110,7 @@ class CameraEstimate:
     def correlation(self) -> Array:
         """Return the correlation matrix of the free parameters, in the order of `free`; the noise does not enter."""
         index = [self._index(name) for name in self.free]
-        T = np.eye(len(self.parameters))
-        T[_ANGLES, _ANGLES] = np.linalg.pinv(rotation_by_angles(self.camera_from_world.rotation))
-        C = (T @ self.cofactor @ T.T)[np.ix_(index, index)]
+        C = self._cofactor[np.ix_(index, index)]
         sd = np.sqrt(np.diag(C))
         return np.asarray(C / np.outer(sd, sd))
 
@@ -150,6 +126,13 @@ class CameraEstimate:
         _, J = project_with_sensitivity(self.camera, self.camera_from_world, points.reshape(-1, 3))
         cofactor = J @ self.cofactor @ np.swapaxes(J, -1, -2)
         return scaled(cofactor, self.noise_px).reshape(*points.shape[:-1], 2, 2)
+
+    @property
+    def _cofactor(self) -> Array:
+        """Return the cofactor matrix (n, n) by `parameters`: with the thesis' angles for the local rotation."""
+        T = np.eye(len(self.parameters))
+        T[_ANGLES, _ANGLES] = np.linalg.pinv(rotation_by_angles(self.camera_from_world.rotation))
+        return np.asarray(T @ self.cofactor @ T.T)
 
     def _index(self, name: str) -> int:
         if name not in self.parameters:

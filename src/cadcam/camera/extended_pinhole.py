@@ -23,7 +23,7 @@ from cadcam.geometry.rigid import Rigid
 
 # rows of our camera frame (x right, y down, z forward) in the thesis' (x' down, y' right, z' back)
 OURS_FROM_THESIS = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-_PIXEL_FROM_UV = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+PIXEL_FROM_UV = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,11 +64,8 @@ class ExtendedPinhole:
     @classmethod
     def from_camera(cls, camera: Camera, camera_from_world: Rigid) -> ExtendedPinhole:
         """Return the eleven parameters of a camera and its pose; the lens is not among them."""
-        K, (X, Y, Z) = camera.K, camera_from_world.origin
-        a, b, c = angles_of(OURS_FROM_THESIS.T @ camera_from_world.rotation)
-        aspect = np.hypot(K[0, 0], K[0, 1]) / K[1, 1]
-        skew = np.arctan2(K[0, 1], K[0, 0])
-        return cls.from_vector([X, Y, Z, a, b, c, aspect, K[1, 1], skew, K[1, 2], K[0, 2]])
+        angles = angles_of(OURS_FROM_THESIS.T @ camera_from_world.rotation)
+        return cls.from_vector(np.concatenate([camera_from_world.origin, angles, internals_of(camera.K)]))
 
     @classmethod
     def from_matrix(cls, C: Floats) -> ExtendedPinhole:
@@ -136,7 +133,7 @@ class ExtendedPinhole:
     def unnormalised_matrix(self) -> Array:
         """Return the thesis' K = U S W P Rz Ry Rx D (EQ 2.75, order corrected), 3x4; its row 2 is (depth)/focal."""
         P = self.K @ np.column_stack([self.camera_from_world.rotation, self.camera_from_world.translation])
-        return np.asarray(_PIXEL_FROM_UV @ P / self.focal)
+        return np.asarray(PIXEL_FROM_UV @ P / self.focal)
 
     @property
     def matrix(self) -> Array:
@@ -152,6 +149,13 @@ class ExtendedPinhole:
 
 NAMES: tuple[str, ...] = tuple(f.name for f in fields(ExtendedPinhole))
 EXTERNALS, INTERNALS = NAMES[:6], NAMES[6:]
+
+
+def internals_of(K: Array) -> Array:
+    """Return (aspect, focal, skew, U0, V0) of a camera matrix, px and rad."""
+    return np.array(
+        [np.hypot(K[0, 0], K[0, 1]) / K[1, 1], K[1, 1], np.arctan2(K[0, 1], K[0, 0]), K[1, 2], K[0, 2]],
+    )
 
 
 def rotation_of(a: float, b: float, c: float) -> Array:
@@ -185,12 +189,12 @@ def uv_from_pixels(q: Floats) -> Array:
 def uv_matrix(camera: Camera, camera_from_world: Rigid) -> Array:
     """Return the 3x4 matrix (U, V, 1) ~ C (X, Y, Z, 1) of a camera and pose, in the scale of K (row 2 is the depth)."""
     P = camera.K @ np.column_stack([camera_from_world.rotation, camera_from_world.translation])
-    return np.asarray(_PIXEL_FROM_UV @ P)
+    return np.asarray(PIXEL_FROM_UV @ P)
 
 
 def uv_from_pixel_matrix(P: Floats) -> Array:
     """Return the thesis' C (rows U, V, 1) of a 3x4 matrix P with rows (x, y, 1), or the other way round."""
-    return np.asarray(_PIXEL_FROM_UV @ frozen(P, "projection matrix", (3, 4)))
+    return np.asarray(PIXEL_FROM_UV @ frozen(P, "projection matrix", (3, 4)))
 
 
 def _refuse_singular(M: Array) -> None:

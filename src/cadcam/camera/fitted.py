@@ -40,7 +40,7 @@ class Fitted(ABC):
 
     @property
     def thesis_residual(self) -> float:
-        """Return the thesis' residual, the root of the sum of squares by the number of points, px."""
+        """Return the thesis' residual sqrt(sum of squares / N) for N points, px."""
         return float(np.sqrt(self.sum_of_squares / len(self.residuals)))
 
     @property
@@ -55,7 +55,10 @@ class Fitted(ABC):
 
     @property
     def noise_px(self) -> float:
-        """Return the noise behind every covariance: as stated, else sigma0, else inf."""
+        """Return the noise behind every covariance: as stated, else sigma0, else inf.
+
+        Without degrees of freedom and with nothing stated the points fit exactly whatever their noise: it is unknown.
+        """
         noise = self.sigma0 if self.stated_px is None else self.stated_px
         return np.inf if noise is None else noise
 

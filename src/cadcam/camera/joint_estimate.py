@@ -9,7 +9,7 @@ import numpy as np
 from cadcam.arrays import Array, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
-from cadcam.camera.extended_pinhole import EXTERNALS, INTERNALS, NAMES, ExtendedPinhole
+from cadcam.camera.extended_pinhole import EXTERNALS, INTERNALS, NAMES, internals_of
 from cadcam.camera.fitted import stand_out
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, UnknownName
@@ -70,11 +70,9 @@ class JointEstimate:
     @property
     def parameters(self) -> dict[str, float]:
         """Return all shared values by name: internals (px, rad), lens coefficients, bend (mm)."""
-        pinhole = ExtendedPinhole.from_camera(self.camera, self.pose(0))
-        internals = dict(zip(INTERNALS, pinhole.vector[len(EXTERNALS) :].tolist(), strict=True))
-        return (
-            internals | self.camera.lens.parameters | dict(zip(("bend_x", "bend_y"), self.bend.tolist(), strict=True))
-        )
+        internals = dict(zip(INTERNALS, internals_of(self.camera.K).tolist(), strict=True))
+        bend = dict(zip(("bend_x", "bend_y"), self.bend.tolist(), strict=True))
+        return internals | self.camera.lens.parameters | bend
 
     def pose(self, j: int) -> Rigid:
         """Return camera_from_world of one view."""

@@ -17,6 +17,8 @@ from cadcam.camera.sensor_format import SensorFormat
 from cadcam.errors import BadValue
 
 WAVELENGTH_UM = 0.55  # green, amid what a monochrome sensor sees
+AIRY_SIGMA = 0.42  # of wavelength by f-number: the Gaussian nearest to the Airy disc's core
+_AIRY_RING = 2.44  # of the same: the diameter of the Airy disc's first dark ring
 TELE_DEG, WIDE_DEG = 15.0, 60.0  # thesis 5.2, its two names interchanged
 # focal lengths that makers of C-mount lenses offer, mm
 STANDARD_MM = (3.5, 4.0, 5.0, 6.0, 8.0, 9.0, 12.0, 16.0, 25.0, 35.0, 50.0, 75.0, 100.0)
@@ -73,9 +75,10 @@ class Optics:
 
     @property
     def mm_per_pixel(self) -> tuple[float, float]:
-        """Return the size of a pixel on the object, across and down."""
-        pitch = self.sensor.pitch_mm
-        return pitch[0] / self.magnification, pitch[1] / self.magnification
+        """Return the size of a pixel on the object, across and down; infinite at an infinite distance."""
+        across, down = self.sensor.pitch_mm
+        times = self.distance_mm / self.camera_constant_mm
+        return across * times, down * times
 
     @property
     def angles_deg(self) -> tuple[float, float, float]:
@@ -121,7 +124,7 @@ class Optics:
         """Return the diameter in px of the Airy disc to its first dark ring, 2.44 lambda N (1 + m)."""
         _positive("wavelength", wavelength_um, "um")
         effective = self._f_number * (1 + self.magnification)
-        return 2.44 * wavelength_um / 1000 * effective / self.sensor.pitch_mm[0]
+        return _AIRY_RING * wavelength_um / 1000 * effective / self.sensor.pitch_mm[0]
 
     def motion_px(self, speed_mm_s: float, exposure_s: float) -> float:
         """Return by how many px what moves across the view at the distance is smeared: v t m by the pitch."""
@@ -214,7 +217,7 @@ def blur_sigma_px(optics: Optics, z_mm: float, *, pixel: bool = True) -> float:
     Defocus: a disc of diameter d, d^2/16. Diffraction: the Airy disc's core, sigma = 0.42 lambda N (1 + m). The pixel's
     own area: 1/12 px^2.
     """
-    airy = optics.diffraction_px() / 2.44 * 0.42
+    airy = optics.diffraction_px() * AIRY_SIGMA / _AIRY_RING
     return sqrt(optics.defocus_px(z_mm) ** 2 / 16 + airy**2 + (1 / 12 if pixel else 0.0))
 
 

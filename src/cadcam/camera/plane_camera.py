@@ -13,14 +13,13 @@ import numpy as np
 
 from cadcam.arrays import Array, Floats, frozen
 from cadcam.camera.camera import Camera
+from cadcam.camera.extended_pinhole import PIXEL_FROM_UV
 from cadcam.camera.fitted import Fitted, scaled
 from cadcam.camera.lens import Ideal
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
-
-_UV = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +38,7 @@ class PlaneCamera:
     @classmethod
     def from_uv_matrix(cls, C: Floats) -> PlaneCamera:
         """Return the camera of the thesis' matrix with (U, V, 1) ~ C (x, y, 1), U the row and V the column (EQ 6.2)."""
-        return cls(_UV @ frozen(C, "plane to (U, V) matrix", (3, 3)))
+        return cls(PIXEL_FROM_UV @ frozen(C, "plane to (U, V) matrix", (3, 3)))
 
     @classmethod
     def of(cls, camera: Camera, camera_from_plane: Rigid) -> PlaneCamera:
@@ -52,7 +51,7 @@ class PlaneCamera:
     @property
     def uv_matrix(self) -> Array:
         """Return the thesis' C (3, 3) with C22 = 1; `DegenerateGeometry` if the plane's origin has depth 0."""
-        C = _UV @ self.matrix
+        C = PIXEL_FROM_UV @ self.matrix
         if abs(C[2, 2]) <= 1e-12 * np.abs(C[2]).max():
             raise DegenerateGeometry("C22 = 1 is impossible: the plane's origin has depth 0; shift the origin")
         return np.asarray(C / C[2, 2])

@@ -9,10 +9,10 @@ import numpy as np
 
 from cadcam.arrays import Array, frozen
 from cadcam.camera.camera import Camera
-from cadcam.camera.extended_pinhole import INTERNALS
+from cadcam.camera.extended_pinhole import INTERNALS, internals_of
 from cadcam.camera.fitted import stand_out
 from cadcam.camera.observations import Observations
-from cadcam.camera.sensitivity import internals_of, twist_by_local
+from cadcam.camera.sensitivity import twist_by_local
 from cadcam.camera.viewpoint import ErrorSource, Viewpoint
 from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry.rigid import Rigid

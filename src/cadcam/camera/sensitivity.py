@@ -16,7 +16,7 @@ import numpy as np
 
 from cadcam.arrays import Array, component_major
 from cadcam.camera.camera import Camera
-from cadcam.camera.extended_pinhole import OURS_FROM_THESIS, angles_of
+from cadcam.camera.extended_pinhole import OURS_FROM_THESIS, angles_of, internals_of
 from cadcam.camera.lens import Lens
 from cadcam.geometry.rigid import Rigid
 from cadcam.geometry.rotation import hat
@@ -28,16 +28,7 @@ def project_with_sensitivity(camera: Camera, camera_from_world: Rigid, p_world: 
     NaN where the camera sees nothing (`Camera.project`).
     """
     F, R = camera_from_world.origin, camera_from_world.rotation
-    internals = internals_of(camera.K)
-    q, J = project_local(F, R, internals, camera.lens, p_world)
-    return q, J
-
-
-def internals_of(K: Array) -> Array:
-    """Return (aspect, focal, skew, U0, V0) of a camera matrix."""
-    return np.array(
-        [np.hypot(K[0, 0], K[0, 1]) / K[1, 1], K[1, 1], np.arctan2(K[0, 1], K[0, 0]), K[1, 2], K[0, 2]],
-    )
+    return project_local(F, R, internals_of(camera.K), camera.lens, p_world)
 
 
 def project_local(F: Array, R: Array, internals: Array, lens: Lens, p_world: Array) -> tuple[Array, Array]:

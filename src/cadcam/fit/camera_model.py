@@ -12,9 +12,9 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
-from cadcam.camera.extended_pinhole import NAMES, OURS_FROM_THESIS, ExtendedPinhole
+from cadcam.camera.extended_pinhole import NAMES, OURS_FROM_THESIS, ExtendedPinhole, internals_of
 from cadcam.camera.lens import Lens
-from cadcam.camera.sensitivity import internals_of, project_batch, project_local, rotation_by_angles
+from cadcam.camera.sensitivity import project_batch, project_local, rotation_by_angles
 from cadcam.fit.layout import Indices
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid

@@ -144,7 +144,7 @@ def _of_many(w: Array) -> tuple[Array, Array, Array]:
 def _of_one(w: Array) -> tuple[float, float, float]:
     """Return the same numbers of one vector: motions are made one at a time in inner loops."""
     t = math.hypot(*w.tolist())
-    if t < 1e-2:  # series, as below
+    if t < 1e-2:  # series, as above
         t2 = t * t
         return 1 - t2 / 6 + t2**2 / 120 - t2**3 / 5040, 0.5 - t2 / 24 + t2**2 / 720, 1 / 6 - t2 / 120 + t2**2 / 5040
     return math.sin(t) / t, 0.5 * (math.sin(t / 2) / (t / 2)) ** 2, (t - math.sin(t)) / t**3
