@@ -71,6 +71,12 @@ def test_a_photo_of_another_size_is_refused_with_a_remedy(shape: tuple[int, int]
             job()
 
 
+def test_a_photo_in_bytes_is_drawn_on_as_it_is() -> None:
+    """As OpenCV and cameras give it; divided by 255, it is the same photo."""
+    photo, lines = np.full((120, 160, 3), 102, np.uint8), card_wireframe()
+    np.testing.assert_array_equal(overlay(photo, lines), overlay(photo / np.float32(255), lines))
+
+
 def test_blending_leaves_the_background_and_mixes_the_model() -> None:
     view = card_view()
     picture = blended(GRAY, view, opacity=0.25)

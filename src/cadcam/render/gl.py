@@ -15,10 +15,6 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Iterable, Iterator
-from typing import Any
-
-import numpy as np
-import numpy.typing as npt
 
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, DegenerateGeometry
@@ -27,8 +23,6 @@ from cadcam.render.gl_context import GlInfo, open_gl
 from cadcam.render.gl_scene import GpuScene
 from cadcam.render.memory import Buffers, check_memory
 from cadcam.render.view import PLAIN, Channel, Look, Scene, View, layers_of, with_image, with_rgb
-
-_BACKGROUND = {"coverage": 0.0, "depth": np.inf, "normal": 0.0, "part": -1, "face": -1}
 
 
 class GlRenderer:
@@ -83,10 +77,13 @@ class GlRenderer:
         """Return the view; see `Renderer.render`."""
         if not self._end.alive:
             raise BadValue("renderer", "closed", "one that is still open")
-        layers = self._layers(camera, with_image(channels))
+        wanted = layers_of(with_image(channels))
+        need = camera.width * camera.height * sum(layer.pixel_bytes for layer in wanted.values())
+        check_memory(need, f"a view of {camera.width} x {camera.height} px")
+        layers = {name: self._buffers.take(layer.shape(camera), layer.dtype) for name, layer in wanted.items()}
         if not self._thread.submit(lambda: self._gpu.fill(layers, camera, camera_from_world, look)).result():
             for name, layer in layers.items():
-                layer[...] = look.background if name == "image" else _BACKGROUND[name]
+                layer[...] = look.background if name == "image" else wanted[name].background
         return View(camera, camera_from_world, with_rgb(layers, channels))
 
     def render_batch(
@@ -100,15 +97,3 @@ class GlRenderer:
         """Yield a view for each camera_from_world; see `Renderer.render_batch`."""
         for pose in poses:
             yield self.render(camera, pose, channels=channels, look=look)
-
-    def _layers(self, camera: Camera, channels: Channel) -> dict[str, npt.NDArray[Any]]:
-        """Return arrays for what is asked for, with arbitrary numbers in them."""
-        numbers, shape = layers_of(channels), (camera.height, camera.width)
-        need = 4 * camera.width * camera.height * sum(numbers.values())
-        check_memory(need, f"a view of {camera.width} x {camera.height} px")
-        return {
-            name: self._buffers.take(
-                (*shape, n) if n > 1 else shape, np.int32 if name in ("part", "face") else np.float32
-            )
-            for name, n in numbers.items()
-        }

@@ -140,4 +140,5 @@ def open_gl(device: int | str | None = None) -> GlThread:
 
 @cache
 def _opened(info: GlInfo, process: int) -> GlThread:
+    """Return the context on a device; one for each process, since a fork does not inherit the thread that holds it."""
     return GlThread(info)

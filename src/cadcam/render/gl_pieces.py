@@ -23,7 +23,7 @@ REACH_PX = 1.0  # of faces drawn as they are, of which there may be millions
 PIECE_REACH_PX = 8.0  # of pieces, which come from large faces: fewer of them are worth a wider margin
 _STRAIGHT_PX = 4.0  # shorter edges are not asked whether they bend
 _FARTHEST = 1e6  # |u| beyond this is less than 0.2 seconds of arc from the focal plane
-_NEAR_SHARE = 1e-6  # of the farthest vertex' depth
+NEAR_SHARE = 1e-6  # of the farthest depth: what is nearer is cut off
 _MARGIN_PX = 2.0
 _ROUNDS = 96  # an edge of 1e9 px is 25 halvings a side
 _FACES = 1 << 15
@@ -59,7 +59,7 @@ class Pieces:
 def pieces(camera: Camera, camera_from_world: Rigid, vertices: Array, faces: Ids) -> Pieces:
     """Return the image of a mesh (vertices mm, world frame) in a camera's distorted pixels."""
     p = np.concatenate(on_all_cores(lambda b: camera_from_world @ vertices[b], blocks(len(vertices))))
-    frustum = _frustum(camera, near=_NEAR_SHARE * max(float(p[:, 2].max()), 1e-300))
+    frustum = _frustum(camera, near=NEAR_SHARE * max(float(p[:, 2].max()), 1e-300))
     q, beyond = (
         np.concatenate(part)
         for part in zip(

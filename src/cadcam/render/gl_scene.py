@@ -16,7 +16,7 @@ from cadcam.errors import NotEnoughMemory
 from cadcam.geometry.rigid import Rigid
 from cadcam.render import gl_shaders as glsl
 from cadcam.render.gl_context import GlThread
-from cadcam.render.gl_pieces import PIECE_REACH_PX, REACH_PX, Pieces, pieces
+from cadcam.render.gl_pieces import NEAR_SHARE, PIECE_REACH_PX, REACH_PX, Pieces, pieces
 from cadcam.render.gl_target import Tables, Target
 from cadcam.render.gl_tiles import Tile, tiles
 from cadcam.render.shade import unit
@@ -24,9 +24,8 @@ from cadcam.render.view import Channel, Look, Scene, layers_of
 
 Layers = dict[str, npt.NDArray[Any]]
 
-WORDS = layers_of(Channel.ALL)  # of 4 bytes a pixel
+_WORDS = {name: layer.pixel_bytes // 4 for name, layer in layers_of(Channel.ALL).items()}  # of a pixel
 TILE_SIDE, TILE_PIXELS = 8192, 3_200_000  # at 10 words a pixel within the 128 MiB that OpenGL promises for a buffer
-_NEAR_SHARE = 1e-6  # of the farthest depth: what is nearer is cut off
 _ITEMS, _ROW = 64, 1 << 15  # shader invocations in a group, groups along x before the next row of them
 
 
@@ -125,10 +124,10 @@ class GpuScene:
         resolve["fill_from"], resolve["back_from"] = tuple(unit(look.fill_from)), tuple(unit(look.back_from))
         resolve["background"] = tuple(look.background)
         resolve["size"], resolve["samples"] = (tile.width, tile.height), n
-        start = {name: sum(WORDS[k] for k in list(layers)[:i]) * pixels for i, name in enumerate(layers)}
-        for name in WORDS:
+        start = {name: sum(_WORDS[k] for k in list(layers)[:i]) * pixels for i, name in enumerate(layers)}
+        for name in _WORDS:
             resolve[f"at_{name}"] = start.get(name, -1)
-        out = self._target.output(4 * pixels * sum(WORDS[name] for name in layers))
+        out = self._target.output(4 * pixels * sum(_WORDS[name] for name in layers))
         self._target.use()
         self._run("resolve", pixels, self._kinds, self._colors, out)
         for name, layer in layers.items():
@@ -197,7 +196,7 @@ def _depth_range(scene: Scene, pose: Rigid) -> tuple[float, float]:
 
 def _pose_block(camera: Camera, pose: Rigid, farthest: float) -> Array:
     """Return what the shaders' `Pose` block holds, in its order."""
-    clip = projection_matrix(camera, near=_NEAR_SHARE * farthest, far=2 * farthest) @ model_view_matrix(pose)
+    clip = projection_matrix(camera, near=NEAR_SHARE * farthest, far=2 * farthest) @ model_view_matrix(pose)
     return np.concatenate([pose.rotation.ravel(), pose.translation, clip.ravel(), np.linalg.inv(camera.K)[:2].ravel()])
 
 

@@ -62,9 +62,9 @@ class Occluders:
             if not len(live):
                 break
             at = self._distance(faces, points[live], along[live])
-            blocks = self._blocks(faces, points[live], along[live], length[live], tolerance[live], at)
-            hidden[live[blocks]] = True
-            live, at = live[~blocks], at[~blocks]
+            blocked = self._blocks(faces, points[live], along[live], length[live], tolerance[live], at)
+            hidden[live[blocked]] = True
+            live, at = live[~blocked], at[~blocked]
             start[live] = np.maximum(start[live], np.clip(np.nan_to_num(at), 0, length[live])) + skip[live]
             skip[live] *= 2
             live = live[start[live] < length[live]]
@@ -76,12 +76,13 @@ class Occluders:
             return np.asarray(-self.height(faces, points) / np.einsum("ij,ij->i", self.normals[faces], along))
 
     def _blocks(self, faces: Ids, points: Array, along: Array, length: Array, tolerance: Array, at: Array) -> Mask:
+        """Return which faces stand between their points and the eyes, `length` mm off along unit directions."""
         off = np.abs(self.height(faces, points))
-        blocks = (off > tolerance) & (at > 0) & (at < length)
-        near = np.flatnonzero(blocks & (off < _SURE * tolerance))
+        blocked = (off > tolerance) & (at > 0) & (at < length)
+        near = np.flatnonzero(blocked & (off < _SURE * tolerance))
         if len(near):  # seldom
-            blocks[near] = self._inside(faces[near], points[near] + at[near, None] * along[near])
-        return blocks
+            blocked[near] = self._inside(faces[near], points[near] + at[near, None] * along[near])
+        return blocked
 
     def _inside(self, faces: Ids, points: Array) -> Mask:
         """Return which points of the faces' planes lie in the closed triangles."""

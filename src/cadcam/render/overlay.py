@@ -16,7 +16,7 @@ from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, SizeMismatch
 from cadcam.image.draw import draw_polylines
 from cadcam.image.edges import EdgePoints, canny, distance_to_edges
-from cadcam.image.picture import equalized, to_gray, to_rgb
+from cadcam.image.picture import checked, equalized, to_gray, to_rgb
 from cadcam.image.svg import SvgLayer, write_svg
 from cadcam.render.view import View
 from cadcam.render.wireframe import Polylines, Wireframe
@@ -168,8 +168,8 @@ def edge_distances(
 
 
 def fitting(photo: npt.ArrayLike, camera: Camera) -> Picture:
-    """Return the photo; raises `SizeMismatch`, with the remedy, unless it has the camera's size."""
-    picture = np.asarray(photo, np.float32)
+    """Return the photo in [0, 1]; raises `SizeMismatch`, with the remedy, unless it has the camera's size."""
+    picture = checked(photo)
     size = picture.shape[1::-1]
     if size != camera.size:
         turned = size == camera.size[::-1]

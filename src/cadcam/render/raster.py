@@ -27,19 +27,10 @@ from cadcam.native.core import LONGEST, Frame, NativeLens, NativeScene, Request,
 from cadcam.render.lens_tables import TABLE_BYTES, TABLES
 from cadcam.render.memory import Buffers, check_memory
 from cadcam.render.shade import unit
-from cadcam.render.view import PLAIN, Channel, Look, Scene, View
+from cadcam.render.view import PLAIN, Channel, Look, Scene, View, layers_of
 
 _BAND = 1 << 17  # samples drawn at a time, of 8 bytes: they stay in the second-level cache
 _MANY = 1 << 18  # faces from which threads look for them together, and finer bands are worth what they draw twice
-_BYTES_A_PIXEL = {"image": 12, "coverage": 4, "depth": 4, "normal": 12, "part": 4, "face": 4, "rgb": 3}
-_OF_CHANNEL = {
-    Channel.IMAGE: ("image", "coverage"),
-    Channel.DEPTH: ("depth",),
-    Channel.NORMAL: ("normal",),
-    Channel.PART: ("part",),
-    Channel.FACE: ("face",),
-    Channel.RGB: ("rgb",),
-}
 _SHADED = Channel.IMAGE | Channel.RGB
 
 
@@ -121,7 +112,7 @@ class RasterRenderer:
             raise BadValue("picture size times supersampling", f"{camera.size} x {n}", f"at most {LONGEST} px a side")
         pixels = camera.width * camera.height
         table = 0 if isinstance(camera.lens, Ideal) else TABLE_BYTES * (1 + n * n * (n > 1))
-        layers = sum(_BYTES_A_PIXEL[name] for name in _names(channels))
+        layers = sum(layer.pixel_bytes for layer in layers_of(channels).values())
         what = f"a view of {camera.width} x {camera.height} px" + (f" with {n} x {n} samples a pixel" if n > 1 else "")
         check_memory(pixels * (layers * pictures + table), what)
         if table:
@@ -131,8 +122,7 @@ class RasterRenderer:
 
     def _view(self, camera: Camera, pose: Rigid, channels: Channel, look: Look, *, threads: int) -> View:
         layers = {
-            name: self._buffers.take((camera.height, camera.width, *tail), dtype)
-            for name, tail, dtype in _layers(channels)
+            name: self._buffers.take(layer.shape(camera), layer.dtype) for name, layer in layers_of(channels).items()
         }
         n = look.supersampling if channels & _SHADED else 1
         self._draw(self._request(camera, pose, look, n, layers, threads), threads)
@@ -186,13 +176,3 @@ class RasterRenderer:
 
 def _outside(box: Array, point: Array) -> bool:
     return bool(((point < box[0]) | (point > box[1])).any())
-
-
-def _layers(channels: Channel) -> list[tuple[str, tuple[int, ...], type[np.generic]]]:
-    types: dict[str, type[np.generic]] = {"part": np.int32, "face": np.int32, "rgb": np.uint8}
-    tails: dict[str, tuple[int, ...]] = {"image": (3,), "normal": (3,), "rgb": (3,)}
-    return [(name, tails.get(name, ()), types.get(name, np.float32)) for name in _names(channels)]
-
-
-def _names(channels: Channel) -> list[str]:
-    return [name for channel, names in _OF_CHANNEL.items() if channel in channels for name in names]

@@ -18,6 +18,7 @@ from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.render.cores import blocks, on_all_cores
 from cadcam.render.embree import Caster
+from cadcam.render.lens_tables import slopes
 from cadcam.render.memory import check_memory
 from cadcam.render.shade import shade
 from cadcam.render.view import PLAIN, Channel, Look, Scene, View, layers_of, with_image, with_rgb
@@ -54,11 +55,13 @@ class RayRenderer:
         look: Look = PLAIN,
     ) -> View:
         """Return the view; see `Renderer.render`."""
-        pixels, n = camera.width * camera.height, sum(layers_of(with_image(channels)).values())
-        check_memory(
-            pixels * (4 * n + _RAY_BYTES * (pixels <= _KEPT)), f"a view of {camera.width} x {camera.height} px"
-        )
-        layers = _blank(camera, with_image(channels), look)
+        pixels, wanted = camera.width * camera.height, layers_of(with_image(channels))
+        pixel_bytes = sum(layer.pixel_bytes for layer in wanted.values()) + _RAY_BYTES * (pixels <= _KEPT)
+        check_memory(pixels * pixel_bytes, f"a view of {camera.width} x {camera.height} px")
+        layers: dict[str, npt.NDArray[Any]] = {
+            name: np.full(layer.shape(camera), look.background if name == "image" else layer.background, layer.dtype)
+            for name, layer in wanted.items()
+        }
         depths = (camera_from_world @ self._scene.mesh.vertices)[:, 2][self._scene.mesh.faces]
         span = np.stack([depths.min(axis=1), depths.max(axis=1)], axis=1)
         self._keep_rays(camera)
@@ -109,8 +112,7 @@ class RayRenderer:
         wide = slice(max(band.start - 1, 0), min(band.stop + 1, camera.height))
         rays = self._directions(camera, wide)
         inner = slice(band.start - wide.start, band.stop - wide.start)
-        per_x = np.gradient(rays, axis=1) if camera.width > 1 else np.zeros_like(rays)
-        per_y = np.gradient(rays, axis=0) if len(rays) > 1 else np.zeros_like(rays)
+        per_x, per_y = slopes(rays)
         return rays[inner], per_x[inner], per_y[inner]
 
     def _keep_rays(self, camera: Camera) -> None:
@@ -162,23 +164,6 @@ class _Hits:
         return shade(
             self.normal, (-self.ray).astype(np.float32), self._scene.colors[self._scene.paint[self.face]], look
         )
-
-
-def _blank(camera: Camera, channels: Channel, look: Look) -> dict[str, npt.NDArray[Any]]:
-    shape = (camera.height, camera.width)
-    layers: dict[str, npt.NDArray[Any]] = {}
-    if Channel.IMAGE in channels:
-        layers["image"] = np.full((*shape, 3), look.background, np.float32)
-        layers["coverage"] = np.zeros(shape, np.float32)
-    if Channel.DEPTH in channels:
-        layers["depth"] = np.full(shape, np.inf, np.float32)
-    if Channel.NORMAL in channels:
-        layers["normal"] = np.zeros((*shape, 3), np.float32)
-    if Channel.PART in channels:
-        layers["part"] = np.full(shape, -1, np.int32)
-    if Channel.FACE in channels:
-        layers["face"] = np.full(shape, -1, np.int32)
-    return layers
 
 
 def _store(layers: dict[str, npt.NDArray[Any]], band: slice, hits: _Hits, look: Look, *, centred: bool) -> None:

@@ -48,9 +48,8 @@ def sample_points(n: int, blur_px: float = 0.0) -> SamplePoints:
     from scipy.stats.qmc import Sobol
 
     half = 1 << int(np.ceil(np.log2(n))) >> 1
-    x = Sobol(6, scramble=False).random(half) + 1 / (
-        4 * half
-    )  # with the mirrored: each number in the middle of n shares
+    x = Sobol(6, scramble=False).random(half)
+    x += 1 / (4 * half)  # with their mirror images, numbers then lie in the middle of equal shares
     x = np.concatenate([x, 1 - x])
     return SamplePoints(in_pixel(x[:, :2], blur_px), on_disc(x[:, 2:4]), on_disc(x[:, 4:6]))
 

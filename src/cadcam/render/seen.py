@@ -23,7 +23,7 @@ from cadcam.camera.lens import Ideal
 from cadcam.native.seen import ALWAYS, FACING, TURNING, EdgesInSpace, EyePoint, Sight
 from cadcam.render.clip import FlatSegments, Frustum
 from cadcam.render.occlusion import solid_parts
-from cadcam.render.segments import Segments
+from cadcam.render.segments import FLAT, Segments
 from cadcam.render.stretches import Stretches
 from cadcam.render.trace import Tracer
 from cadcam.render.view import Scene, View
@@ -34,7 +34,6 @@ _STEEPEST = 0.5  # a face's plane is continued by at most this share of its dept
 _STEP_PX = 1.0
 _SHORTEST_PX = 1.5  # stretches below it are chance
 _NEAR = 1e-5  # of the scene's diagonal
-_FLAT = 1e-5  # rad: between faces this close to coplanar there is no contour
 _CHORD_PX = 0.02  # as far as a line may pass points of it that are left out
 _SAME_PLANE = 1e-9  # of a normal's length, and of the largest distance of a plane from the origin
 
@@ -74,7 +73,7 @@ def drawable_edges(scene: Scene) -> Drawable:
     points = corner_points(mesh)
     table = edge_table(mesh, points)
     solid = solid_parts(mesh, table)[edges.part] & (edges.faces[:, 1] >= 0)
-    smooth = (table.count == 2) & (table.angle > _FLAT) & ~_among(table.vertices, edges.vertices, mesh.vertices)
+    smooth = (table.count == 2) & (table.angle > FLAT) & ~_among(table.vertices, edges.vertices, mesh.vertices)
     faces, n = table.faces[smooth], int(smooth.sum())
     none, after = np.full(n, -1, np.int32), int(edges.chain.max(initial=-1)) + 1
     segments = Segments(

@@ -12,7 +12,7 @@ from cadcam.cad.edges import EdgeKind
 from cadcam.render.silhouette import Topology, Turn
 from cadcam.render.view import Scene
 
-_FLAT = 1e-5  # rad: between faces this close to coplanar there is no contour
+FLAT = 1e-5  # rad: between faces this close to coplanar there is no contour
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +53,7 @@ def contours(scene: Scene, topology: Topology, edge: Ids, turn: Turn, points: Lo
     table = topology.table
     drawn = np.zeros(len(table.count), bool)
     drawn[edge[edge >= 0]] = True
-    found = np.flatnonzero(turn.silhouette & ~drawn & (table.angle > _FLAT))
+    found = np.flatnonzero(turn.silhouette & ~drawn & (table.angle > FLAT))
     vertices = table.vertices[found]
     part, away = scene.mesh.part[table.faces[found, 0]], turn.away[found]
     order, turned, chain = chained(scene.mesh.vertices[vertices], points[vertices], 2 * part + away)

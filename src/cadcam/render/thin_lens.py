@@ -13,7 +13,7 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal, Lens
 from cadcam.camera.perspective import direction
 from cadcam.geometry.rigid import Rigid
-from cadcam.render.lens_tables import plane_points
+from cadcam.render.lens_tables import plane_points, slopes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,8 +36,7 @@ class ThinLens:
     def __init__(self, camera: Camera, aperture: Aperture | None) -> None:
         self._camera, self._aperture = camera, aperture
         self._plane = plane_points(camera)
-        self._per_x = np.gradient(self._plane, axis=1) if camera.width > 1 else np.zeros_like(self._plane)
-        self._per_y = np.gradient(self._plane, axis=0) if camera.height > 1 else np.zeros_like(self._plane)
+        self._per_x, self._per_y = slopes(self._plane)
 
     def pinhole(self, camera_from_world: Rigid, pixel: Array, opening: Array) -> Pinhole:
         """Return the pinhole at a point (2,) of the opening, a unit disc, looking through `pixel` beside the centres.

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import Flag, auto
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -47,18 +47,36 @@ class Channel(Flag):
     ALL = IMAGE | DEPTH | NORMAL | PART | FACE
 
 
-_LAYERS: Mapping[Channel, Mapping[str, int]] = {
-    Channel.IMAGE: {"image": 3, "coverage": 1},
-    Channel.DEPTH: {"depth": 1},
-    Channel.NORMAL: {"normal": 3},
-    Channel.PART: {"part": 1},
-    Channel.FACE: {"face": 1},
+class Layer(NamedTuple):
+    """What an array of a view holds: numbers of a pixel, their type, and what they are where there is no model."""
+
+    numbers: int
+    dtype: type[np.generic]
+    background: float = 0.0  # of the image and its bytes: as the look says
+
+    def shape(self, camera: Camera) -> tuple[int, ...]:
+        """Return (H, W), or (H, W, numbers) for more than one."""
+        return (camera.height, camera.width, self.numbers)[: 2 + (self.numbers > 1)]
+
+    @property
+    def pixel_bytes(self) -> int:
+        """Return the bytes of a pixel."""
+        return self.numbers * np.dtype(self.dtype).itemsize
+
+
+_LAYERS: Mapping[Channel, Mapping[str, Layer]] = {
+    Channel.IMAGE: {"image": Layer(3, np.float32), "coverage": Layer(1, np.float32)},
+    Channel.DEPTH: {"depth": Layer(1, np.float32, np.inf)},
+    Channel.NORMAL: {"normal": Layer(3, np.float32)},
+    Channel.PART: {"part": Layer(1, np.int32, -1)},
+    Channel.FACE: {"face": Layer(1, np.int32, -1)},
+    Channel.RGB: {"rgb": Layer(3, np.uint8)},
 }
 
 
-def layers_of(channels: Channel) -> dict[str, int]:
-    """Return the layers that make up some channels: how many numbers of 4 bytes a pixel has in each."""
-    return {name: n for channel, layers in _LAYERS.items() if channel in channels for name, n in layers.items()}
+def layers_of(channels: Channel) -> dict[str, Layer]:
+    """Return the layers that make up some channels, by name."""
+    return {name: layer for channel, layers in _LAYERS.items() if channel in channels for name, layer in layers.items()}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,7 +139,7 @@ class Look:
     supersampling: int = 1
 
     def __post_init__(self) -> None:
-        if not 1 <= self.supersampling <= 16:
+        if not 1 <= self.supersampling <= 16 or self.supersampling != int(self.supersampling):
             raise BadValue("supersampling", self.supersampling, "a whole number from 1 to 16")
         strengths = (self.head, self.fill, self.back, self.ambient)
         if not all(0 <= s < float("inf") for s in strengths):
