@@ -229,3 +229,14 @@ def test_without_opencv_a_charuco_board_names_the_extra(monkeypatch: pytest.Monk
     with pytest.raises(MissingExtra, match=r'pip install "cadcam\[boards\]"'):
         detect(np.zeros((50, 50)), parse_pattern(TEXTS[3]))
     assert len(detect(shot(TEXTS[0])[0], parse_pattern(TEXTS[0]))) == 40
+
+
+@pytest.mark.parametrize("text", TEXTS)
+@pytest.mark.parametrize("shape", [(1, 1), (3, 40), (7, 9), (15, 200), (16, 17)])
+def test_a_picture_too_small_for_a_board_shows_none(
+    text: str, shape: tuple[int, int], rng: np.random.Generator
+) -> None:
+    need(text)
+    for picture in (rng.random(shape), np.zeros(shape)):
+        with pytest.raises(NoBoard):
+            detect(picture, parse_pattern(text))

@@ -212,3 +212,9 @@ def test_the_dissertation_s_bench_is_calibrated_from_pictures_of_its_targets() -
     assert estimate.rms_px < 0.03
     error = estimate.values - np.array(BENCH_CAMERA)
     assert error @ np.linalg.solve(estimate.covariance, error) < 19.7
+
+
+@pytest.mark.parametrize("method", ["auto", "spots", "correlation", "blobs"])
+def test_a_mark_larger_than_the_picture_is_not_in_it(method: str, rng: np.random.Generator) -> None:
+    for shape in ((3, 40), (7, 9), (40, 90)):
+        assert find_marks(rng.random(shape), dot_and_ring(8.0, 16.0, 24.0), radius_px=shape[1] / 2, method=method) == []

@@ -38,7 +38,7 @@ MARKS = [
 ]
 
 
-@pytest.mark.parametrize("mark", [*MARKS, *map(inverted, MARKS)], ids=str)
+@pytest.mark.parametrize("mark", [*MARKS, *map(inverted, MARKS), coded_ring(37, 30.0001, 45.00001, 60.123456)], ids=str)
 def test_a_mark_s_name_reads_back_as_the_mark(mark) -> None:
     again = parse_mark(str(mark))
     assert np.array_equal(again.sectors, mark.sectors)

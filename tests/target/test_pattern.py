@@ -18,7 +18,10 @@ def board(text: str) -> Pattern:
     return parse_pattern(text)
 
 
-@pytest.mark.parametrize("text", [*TEXTS, "chessboard:9x6:12.7mm", "charuco:8x6:30mm:20mm:4X4_50:legacy"])
+@pytest.mark.parametrize(
+    "text",
+    [*TEXTS, "chessboard:9x6:12.7mm", "circles:7x6:30.0001234mm:12.3456789mm", "charuco:8x6:30mm:20mm:4X4_50:legacy"],
+)
 def test_a_board_s_text_reads_back_as_the_board(text: str) -> None:
     assert str(parse_pattern(text)) == text
     assert parse_pattern(str(parse_pattern(text))) == parse_pattern(text)

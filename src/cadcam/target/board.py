@@ -121,6 +121,11 @@ def length_mm(part: str, what: str, text: str, form: str) -> float:
     return mm
 
 
+def length_text(mm: float) -> str:
+    """Return a length as `length_mm` reads it, with twelve digits: what was typed in another unit stays as short."""
+    return f"{mm:.12g}mm"
+
+
 def grid(columns: int, rows: int) -> Ids:
     """Return (column, row) of columns x rows places, along the rows."""
     row, column = np.divmod(np.arange(columns * rows, dtype=np.int32), np.int32(columns))

@@ -8,9 +8,10 @@ import numpy as np
 
 from cadcam.arrays import Array, Ids, Picture
 from cadcam.errors import NoBoard
+from cadcam.fit.plane_maps import mapped, perspectives
 from cadcam.target.chess import fitted_corners
 from cadcam.target.grid import Grid
-from cadcam.target.opencv import find_markers
+from cadcam.target.opencv import areas, find_markers
 from cadcam.target.pattern import Charuco
 
 _AROUND = 2.6  # squares: markers that near to a corner predict its place
@@ -64,13 +65,12 @@ def _consistent(board: Charuco, number: Ids, q: Array) -> _Markers:
         return _Markers(np.zeros((0, 4, 2)), np.zeros((0, 4, 2)))
     place = _places(board, number)
     middle = place.mean(axis=1)
+    side = np.sqrt(np.abs(areas(q))) * board.square_mm / board.marker_mm
     good = np.zeros(len(number), dtype=bool)
     for i in range(len(number)):
         near = np.argsort(np.hypot(*(middle - middle[i]).T), kind="stable")[1:4]
-        H = _homography(place[near].reshape(-1, 2), q[near].reshape(-1, 2))
-        side = np.sqrt(abs(_area(q[i]))) * board.square_mm / board.marker_mm
-        off = np.hypot(*(_apply(H, place[i]) - q[i]).T).max()
-        good[i] = off < _FITS * side * (1 if len(near) > 1 else 3)
+        off = np.hypot(*(mapped(_map(place[near], q[near]), place[i]) - q[i]).T).max()
+        good[i] = off < _FITS * side[i] * (1 if len(near) > 1 else 3)
     return _Markers(place[good], q[good])
 
 
@@ -83,36 +83,17 @@ def _predicted(board: Charuco, markers: _Markers) -> tuple[Ids, Array]:
         near = np.flatnonzero(distance < _AROUND)
         if not near.size or distance[near].min() > 1.0:
             continue
-        H = _homography(markers.place[near].reshape(-1, 2), markers.q[near].reshape(-1, 2))
-        cells.append(cell)
-        places.append(_apply(H, cell[None].astype(np.float64))[0])
+        there = mapped(_map(markers.place[near], markers.q[near]), cell[None].astype(np.float64))[0]
+        if np.isfinite(there).all():
+            cells.append(cell)
+            places.append(there)
     return np.array(cells, dtype=np.int32).reshape(-1, 2), np.array(places).reshape(-1, 2)
 
 
-def _homography(p: Array, q: Array) -> Array:
-    """Return H (3, 3) with (q, 1) ~ H (p, 1) by the normalised linear transform; p and q (N, 2), N >= 4."""
-    P, Q = _normaliser(p), _normaliser(q)
-    a, b = _apply(P, p), _apply(Q, q)
-    one, zero = np.column_stack([a, np.ones(len(a))]), np.zeros((len(a), 3))
-    A = np.concatenate([np.hstack([one, zero, -b[:, :1] * one]), np.hstack([zero, one, -b[:, 1:] * one])])
-    H = np.linalg.svd(A)[2][-1].reshape(3, 3)
-    return np.asarray(np.linalg.inv(Q) @ H @ P)
-
-
-def _normaliser(x: Array) -> Array:
-    centre = x.mean(axis=0)
-    scale = 1 / max(float(np.abs(x - centre).mean()), 1e-12)
-    return np.array([[scale, 0, -scale * centre[0]], [0, scale, -scale * centre[1]], [0, 0, 1.0]])
-
-
-def _apply(H: Array, x: Array) -> Array:
-    y = x @ H[:, :2].T + H[:, 2]
-    return np.asarray(y[..., :2] / y[..., 2:])
-
-
-def _area(q: Array) -> float:
-    x, y = q.T
-    return float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) / 2)
+def _map(p: Array, q: Array) -> Array:
+    """Return the perspective (3, 3) that takes corners of markers p (M, 4, 2) to q."""
+    p, q = p.reshape(1, -1, 2), q.reshape(1, -1, 2)
+    return np.asarray(perspectives(p, q, np.ones(p.shape[:2]))[0])
 
 
 def _other_dictionaries(gray: Picture, board: Charuco) -> str:

@@ -91,9 +91,14 @@ def correlation_at(gray: Picture, x: Index, y: Index, of: Taps, *, zero_mean: bo
 def cross(
     gray: Picture, picture: Picture, *, least: float = 0.6, most: int = 200, zero_mean: bool = True
 ) -> tuple[Array, Array]:
-    """Return places (N, 2), to parts of a pixel, and correlations (N,) of a template, best first: program `cross`."""
+    """Return places (N, 2), to parts of a pixel, and correlations (N,) of a template, best first: program `cross`.
+
+    The template lies wholly in the picture; there is no place for one that is larger.
+    """
     whole = taps(picture)
     half = picture.shape[0] // 2
+    if 2 * half >= min(gray.shape):
+        return np.zeros((0, 2)), np.zeros(0)
     slices = whole.subset((whole.dx == 0) | (whole.dy == 0))
     every = max(1, 2 * half // _FEW)
     few = slices.subset((slices.dx + slices.dy) % every == 0)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Picture, frozen
 from cadcam.errors import NoBoard
-from cadcam.image.picture import checked, to_gray
+from cadcam.image.picture import to_gray
 from cadcam.target import opencv
 from cadcam.target.board import Pattern
 from cadcam.target.charuco import charuco_grid
@@ -25,6 +25,7 @@ _SMOOTHINGS = (1.5, 1.0, 2.5, 4.0)  # px of the reduced picture
 _WINDOWS = (0.08, 0.03, 0.2)  # of the reduced picture's longer side
 _LEAST_SHARE = 0.4  # of the board's points that a view must show
 _LEAST = 6
+_SMALLEST = 16  # px along a side: below it there is no room for a board
 _CLEAR, _AGREE = 12, 3  # as many tries that end with the same grid, of as many points: there is no other
 _STRAY = 0.5  # of a row: as many marks beyond the board make it another board
 
@@ -77,7 +78,9 @@ def detect(picture: npt.ArrayLike, pattern: Pattern) -> Detection:
     A board that is seen in part is taken if what is seen can lie at one place only (its indistinguishable turns apart)
     and is two fifths of it at least. Raises `MissingExtra` for a ChArUco board without OpenCV.
     """
-    gray = to_gray(checked(picture))
+    gray = to_gray(picture)
+    if min(gray.shape) < _SMALLEST:
+        raise NoBoard(str(pattern), f"the picture is {gray.shape[1]} x {gray.shape[0]} px")
     if isinstance(pattern, Charuco):
         return _charuco(gray, pattern)
     tried: list[str] = []

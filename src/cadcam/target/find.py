@@ -17,7 +17,7 @@ from cadcam.arrays import Array, Ids, Mask, Picture, frozen
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, TooFewMarks, UnknownName
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.picture import checked, to_gray
+from cadcam.image.picture import to_gray
 from cadcam.target.candidates import METHODS, Candidates, approached, candidates, screened
 from cadcam.target.cross import surface, taps, template
 from cadcam.target.leaning import NORMAL_SD, fit_both_tilts
@@ -108,41 +108,64 @@ def find_marks(
     fitted too, less than the gap to what is next. any_number: of a coded mark, whichever number is read. Raises
     `BadValue`, `UnknownName`.
     """
-    _check(count, least_score, margin)
-    gray = to_gray(checked(picture))
+    gray = to_gray(picture)
     search = _search(gray, mark, method, subpixel, any_number, radius_px is not None)
-    radii = _radii(radius_px, max(gray.shape))
-    most, fitted = (_MOST, _MOST) if count is None else (2 * count + _SPARE, count + _FITTED)
-    rough = search in ("spots", "correlation")
-    seen = screened(gray, mark, candidates(gray, mark, search, radii), most=most, margin=margin, rough=rough)
-    near = approached(gray, mark.rings, seen, margin, enough=count) if rough else seen
-    fits = []
-    for one, part in _kinds(gray, mark, near, any_number):
-        clear = _plausible(part, one, radii)
-        if len(clear) > fitted or not rough:
-            clear = screened(gray, one, clear, most=fitted, margin=margin)
-        fit = fit_marks(gray, one, clear.q, clear.shapes, perspective=perspective, margin=margin)
-        fits.append((one, fit.subset(_kept(fit, one, radii, least_score))))
+    radii = _radii(radius_px, gray)
+    task = _Task(mark, search, radii, count, margin, least_score, any_number, perspective)
     toward = None if normal is None else frozen(normal, "normal", (3,))
-    if camera is not None:
-        fits = [
-            (one, fit_both_tilts(gray, one, camera, fit, normal=toward, normal_sd=normal_sd, margin=margin))
-            for one, fit in fits
-        ]
-    found = [_found(gray, one, fit, i, search, subpixel) for one, fit in fits for i in range(len(fit))]
+    found = []
+    for one, fit in task.fits(gray):
+        if camera is not None:
+            fit = fit_both_tilts(gray, one, camera, fit, normal=toward, normal_sd=normal_sd, margin=margin)
+        found += [_found(gray, one, fit, i, search, subpixel) for i in range(len(fit))]
     found = _apart(sorted(found, key=lambda f: -f.score))
     if count is not None and len(found) < count:
         raise TooFewMarks(str(mark), len(found), count)
     return found[:count]
 
 
-def _check(count: int | None, least_score: float, margin: float) -> None:
-    if count is not None and count < 1:
-        raise BadValue("count", count, "1 or more, or none where it is not known")
-    if not 0 <= least_score <= 1:
-        raise BadValue("least_score", least_score, "a correlation from 0 to 1")
-    if not 0 < margin < np.inf:
-        raise BadValue("margin", margin, "a positive share of the radius")
+@dataclass(frozen=True, slots=True, eq=False)
+class _Task:
+    """What is looked for, by which search, and which fits count; see `find_marks`."""
+
+    mark: Mark
+    search: str
+    radii: tuple[float, float] | None
+    count: int | None
+    margin: float
+    least_score: float
+    any_number: bool
+    perspective: bool
+
+    def __post_init__(self) -> None:
+        if self.count is not None and self.count < 1:
+            raise BadValue("count", self.count, "1 or more, or none where it is not known")
+        if not 0 <= self.least_score <= 1:
+            raise BadValue("least_score", self.least_score, "a correlation from 0 to 1")
+        if not 0 < self.margin < np.inf:
+            raise BadValue("margin", self.margin, "a positive share of the radius")
+
+    def fits(self, gray: Picture) -> Iterator[tuple[Mark, MarkFit]]:
+        """Yield the fits that are marks, kind by kind."""
+        for one, seen in _kinds(gray, self.mark, self._near(gray), self.any_number):
+            clear = seen.subset(_right_size(seen.shapes, one, self.radii))
+            most = _MOST if self.count is None else self.count + _FITTED
+            if len(clear) > most or not self._rough:
+                clear = screened(gray, one, clear, most=most, margin=self.margin)
+            fit = fit_marks(gray, one, clear.q, clear.shapes, perspective=self.perspective, margin=self.margin)
+            yield one, fit.subset(_kept(fit, one, self.radii, self.least_score))
+
+    def _near(self, gray: Picture) -> Candidates:
+        """Return candidates near enough for a fit to settle."""
+        most = _MOST if self.count is None else 2 * self.count + _SPARE
+        seen = candidates(gray, self.mark, self.search, self.radii)
+        seen = screened(gray, self.mark, seen, most=most, margin=self.margin, rough=self._rough)
+        return approached(gray, self.mark.rings, seen, self.margin, enough=self.count) if self._rough else seen
+
+    @property
+    def _rough(self) -> bool:
+        """Return whether the search knows places and shapes to a fifth of the size only."""
+        return self.search in ("spots", "correlation")
 
 
 def _search(gray: Picture, mark: Mark, method: str, subpixel: str, any_number: bool, known: bool) -> str:
@@ -162,9 +185,10 @@ def _search(gray: Picture, mark: Mark, method: str, subpixel: str, any_number: b
     return method
 
 
-def _radii(radius_px: float | tuple[float, float] | None, longest: int) -> tuple[float, float] | None:
+def _radii(radius_px: float | tuple[float, float] | None, gray: Picture) -> tuple[float, float] | None:
     if radius_px is None:
         return None
+    longest = max(gray.shape)
     low, high = np.broadcast_to(np.asarray(radius_px, np.float64), (2,)).tolist()
     if not 1.0 <= low <= high <= longest:
         raise BadValue(
@@ -185,10 +209,6 @@ def _kinds(gray: Picture, mark: Mark, seen: Candidates, any_number: bool) -> Ite
         for number in wanted:
             which = np.flatnonzero([n == number for n in numbers]).astype(np.int32)
             yield renumbered(mark, number), replace(seen, shapes=shapes).subset(which)
-
-
-def _plausible(seen: Candidates, mark: Mark, radii: tuple[float, float] | None) -> Candidates:
-    return seen.subset(_right_size(seen.shapes, mark, radii))
 
 
 def _right_size(shapes: Array, mark: Mark, radii: tuple[float, float] | None) -> Mask:

@@ -3,8 +3,8 @@
 Within a pixel the map from picture to board is taken as linear; its curvature there is below 1e-4 px for any lens of
 use. Pixels that an ink border may cross are averaged over a lattice of `_SAMPLES` points (a Fibonacci lattice: its
 projections on both axes are evenly spaced, so that upright borders are as exact as slanted ones, and it is symmetric
-about the pixel's centre, so that what is off here is made up for across a mark); all others take the
-ink at their centre.
+about the pixel's centre, so that what is off here is made up for across a mark); all others take the ink at their
+centre.
 """
 
 from __future__ import annotations

@@ -55,23 +55,28 @@ def fit_both_tilts(
     (first, one), (second, two) = (
         seen_through(gray, mark, camera, tuple(pair[k] for pair in starts), margin=margin, blur=blur) for k in (0, 1)
     )
-    # the logarithm of: the first tilt by the second
-    independent = one.window.weight.sum(axis=1) / np.maximum(one.shared, two.shared)
-    odds = independent * np.log(_misfit(second) / _misfit(first))
-    if normal is not None:
-        away = [np.array([_angle(p.rotation[:, 2], normal) for p in f.poses or ()]) for f in (first, second)]
-        odds = odds + (away[1] ** 2 - away[0] ** 2) / (2 * normal_sd**2)
-    sure = np.where(first.good, _SURE, -_SURE)
-    decided: Array = np.where(first.good == second.good, odds, sure).clip(-_SURE, _SURE).astype(np.float64)
-    other = np.asarray(1.0 / (1.0 + np.exp(decided)))
-    chosen = _weighed(first, second, other)
     prior = None if normal is None else (normal, normal_sd)
+    independent = one.window.weight.sum(axis=1) / np.maximum(one.shared, two.shared)
+    other = _doubt(first, second, independent, prior)
+    chosen = _weighed(first, second, other)
     for i in np.flatnonzero(chosen.good & first.good & second.good):
         tilt = Tilt.of(mark, camera, *((second, two) if other[i] > 0.5 else (first, one)), int(i))
         mean = tilt.mean(prior) if tilt.upright() < _MERGED else None
         if mean is not None:
             chosen.q[i], chosen.covariance[i], chosen.doubt[i] = mean
     return chosen
+
+
+def _doubt(first: MarkFit, second: MarkFit, independent: Array, prior: tuple[Array, float] | None) -> Array:
+    """Return the probability (B,) of the second tilt; independent (B,): how many pixels count."""
+    odds = independent * np.log(_misfit(second) / _misfit(first))  # logarithms, of the first by the second
+    if prior is not None:
+        normal, sd = prior
+        away = [np.array([_angle(p.rotation[:, 2], normal) for p in f.poses or ()]) for f in (first, second)]
+        odds = odds + (away[1] ** 2 - away[0] ** 2) / (2 * sd**2)
+    sure = np.where(first.good, _SURE, -_SURE)
+    decided: Array = np.where(first.good == second.good, odds, sure).clip(-_SURE, _SURE).astype(np.float64)
+    return np.asarray(1.0 / (1.0 + np.exp(decided)))
 
 
 def _misfit(fit: MarkFit) -> Array:

@@ -16,7 +16,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Floats, Mask, frozen
 from cadcam.errors import BadValue, UnknownName
-from cadcam.target.board import Ink, length_mm
+from cadcam.target.board import Ink, length_mm, length_text
 
 Sector: TypeAlias = tuple[float, float, float, float]  # inner and outer radius, mm; from and to, rad
 
@@ -351,7 +351,7 @@ def _check_growing(kind: str, diameters: tuple[float, ...]) -> None:
 
 
 def _name(kind: str, diameters: tuple[float, ...]) -> str:
-    return ":".join([kind, *(f"{d:g}mm" for d in diameters)])
+    return ":".join([kind, *map(length_text, diameters)])
 
 
 def _runs(on: Mask) -> list[tuple[int, int]]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Ids, Index, Mask, Picture
 from cadcam.camera.camera import Camera
+from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import BRIGHT, DARK, noise_of
 from cadcam.native.marks import LOOSE
@@ -254,8 +255,6 @@ def tangent(camera: Camera, q: Array, pixels: Array) -> tuple[Array, Array]:
 
 
 def _poses(fit: Fit, geometry: Geometry, L: Array, R: Array, scale: Array) -> tuple[Rigid, ...]:
-    from cadcam.geometry import rotation as so3
-
     g = fit.parameters[:, geometry.places]
     w = np.zeros((len(g), 3))
     w[:, : geometry.count - 3] = g[:, 3:]

@@ -123,11 +123,12 @@ def find_markers(gray: Picture, name: str, *, thorough: bool = True) -> tuple[Id
         return np.zeros(0, dtype=np.int32), np.zeros((0, 4, 2))
     q = np.array([pixels(c) for c in corners])
     number = np.asarray(numbers, dtype=np.int32).ravel()
-    order = np.argsort(-np.abs(_areas(q)), kind="stable")
+    order = np.argsort(-np.abs(areas(q)), kind="stable")
     _, first = np.unique(number[order], return_index=True)
     return number[order][first], q[order][first]
 
 
-def _areas(q: Array) -> Array:
+def areas(q: Array) -> Array:
+    """Return the signed areas (M,) px^2 of quadrangles (M, 4, 2)."""
     x, y = q[..., 0], q[..., 1]
     return np.asarray(np.sum(x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1), axis=1) / 2)

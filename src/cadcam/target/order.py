@@ -122,8 +122,7 @@ def _found(q: Array, plan: Plan, signs: tuple[int, ...], sigma_px: float) -> Ids
     """Return the first orders (B, N) that explain enough marks, or the best of all that were tried, with their rivals.
 
     Of triangles 128 are tried: where one in twenty carries true marks only, as it does with one false mark to each true
-    one, all fail in one case of 700.
-    rank: beats chance, then the number of marks, then by how far it beats chance.
+    one, all fail in one case of 700. rank: beats chance, then the number of marks, then by how far it beats chance.
     """
     few = by_quads(q, plan)
     enough = max(FEWEST, _ENOUGH[few] * min(len(q), len(plan)))

@@ -112,8 +112,8 @@ def log_chance(found: Judged, b: int, q: Array, plan: Plan, sigma_px: float) -> 
     """Return log10 of how many orders as good as number b chance would give: the least over the kinds of map.
 
     Tests: twice C(n, s) P(m, s) choices of the s marks that fix a map, as far as a camera could see them so, times
-    three kinds. Each other mark falls within
-    r of one of the plan's with p = visible pi r^2 / area; k of n do with the binomial's tail.
+    three kinds. Each other mark falls within r of one of the plan's with p = visible pi r^2 / area; k of n do with the
+    binomial's tail.
     """
     from scipy.special import betainc, gammaln
 

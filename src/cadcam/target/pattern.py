@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Floats, Ids, Mask
 from cadcam.errors import BadValue, UnknownName
-from cadcam.target.board import Ink, Pattern, check_counts, check_length, grid, length_mm
+from cadcam.target.board import Ink, Pattern, check_counts, check_length, grid, length_mm, length_text
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Chessboard(Pattern):
         return Ink(np.hstack([black, black + 1]) * self.square_mm, np.zeros((0, 3)))
 
     def __str__(self) -> str:
-        return f"chessboard:{self.columns}x{self.rows}:{self.square_mm:g}mm"
+        return f"chessboard:{self.columns}x{self.rows}:{length_text(self.square_mm)}"
 
 
 @dataclass(frozen=True)
@@ -160,8 +160,8 @@ class Charuco(Pattern):
         return Ink(np.concatenate(shapes), np.zeros((0, 3)))
 
     def __str__(self) -> str:
-        text = f"charuco:{self.columns}x{self.rows}:{self.square_mm:g}mm:{self.marker_mm:g}mm:{self.dictionary}"
-        return text + ":legacy" * self.legacy
+        lengths = f"{length_text(self.square_mm)}:{length_text(self.marker_mm)}"
+        return f"charuco:{self.columns}x{self.rows}:{lengths}:{self.dictionary}" + ":legacy" * self.legacy
 
 
 @dataclass(frozen=True)
@@ -235,8 +235,8 @@ class CircleGrid(Pattern):
 
     def __str__(self) -> str:
         name = "staggered-circles" if self.staggered else "circles"
-        diameter = "" if self.diameter_mm is None else f":{self.diameter_mm:g}mm"
-        return f"{name}:{self.columns}x{self.rows}:{self.spacing_mm:g}mm{diameter}"
+        diameter = "" if self.diameter_mm is None else f":{length_text(self.diameter_mm)}"
+        return f"{name}:{self.columns}x{self.rows}:{length_text(self.spacing_mm)}{diameter}"
 
 
 FORMS = {

@@ -7,28 +7,26 @@ import numpy as np
 from cadcam.arrays import Array, Picture
 from cadcam.target.mark import FULL, Mark, ring_numbers
 
-_SAMPLES = 240  # around a ring
+_SAMPLES, _BIT = 240, 16  # around a ring, and over a bit of it
 _CLEAR = 0.15  # of the ring's contrast: bits nearer to the middle are doubtful
 
 
 def oriented(gray: Picture, mark: Mark, q: Array, shapes: Array) -> Array:
     """Return shapes (B, 2, 2) px by mm, turned so that the mark's sectors lie where they are seen."""
     angles = np.arange(_SAMPLES) * (FULL / _SAMPLES)
-    seen, expected = np.zeros((len(q), _SAMPLES)), np.zeros(_SAMPLES)
-    for radius in _radii(mark):
-        inked = mark.inked(radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)) != mark.light
-        expected = np.concatenate([expected, inked]) if expected.any() else inked.astype(float)
-        ring = _ring(gray, q, shapes, radius)
-        seen = np.concatenate([seen, ring], axis=1) if seen.any() else ring
-    score = np.stack([_agreement(seen, expected, k) for k in range(_SAMPLES)], axis=1)
+    circle = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    dark = np.array([mark.inked(radius * circle) != mark.light for radius in _radii(mark)], np.float64)
+    seen = np.concatenate([_ring(gray, q, shapes, radius * circle) for radius in _radii(mark)], axis=1)
+    score = np.stack([_agreement(seen, dark, k) for k in range(_SAMPLES)], axis=1)
     return _turned(shapes, score.argmax(axis=1) * (FULL / _SAMPLES))
 
 
 def read(gray: Picture, like: Mark, q: Array, shapes: Array) -> tuple[list[int | None], Array]:
     """Return the numbers of coded marks of the same family, None where none can be read, and their turned shapes."""
     bits = code_bits(like)
-    radius = float(np.mean(_radii(like)))
-    ring = _ring(gray, q, shapes, radius, samples=bits * 16)
+    angles = (np.arange(bits * _BIT) + 0.5) * (FULL / (bits * _BIT))
+    circle = float(np.mean(_radii(like))) * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    ring = _ring(gray, q, shapes, circle)
     valid = set(ring_numbers(bits))
     numbers: list[int | None] = []
     turn = np.zeros(len(q))
@@ -67,18 +65,17 @@ def _radii(mark: Mark) -> list[float]:
     return [float(np.mean(r)) for r in rings]
 
 
-def _ring(gray: Picture, q: Array, shapes: Array, radius: float, samples: int = _SAMPLES) -> Array:
+def _ring(gray: Picture, q: Array, shapes: Array, circle: Array) -> Array:
+    """Return the grey values (B, S) where marks show points (S, 2) mm."""
     from scipy.ndimage import map_coordinates
 
-    angles = (np.arange(samples) + 0.5 * (samples != _SAMPLES)) * (FULL / samples)
-    circle = radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     at = q[:, None] + circle @ np.swapaxes(shapes, 1, 2)
     return np.asarray(map_coordinates(gray, [at[..., 1], at[..., 0]], order=1, mode="nearest"), np.float64)
 
 
-def _agreement(seen: Array, expected: Array, by: int) -> Array:
-    rings = expected.reshape(-1, _SAMPLES)
-    turned = np.roll(rings, by, axis=1).ravel()
+def _agreement(seen: Array, dark: Array, by: int) -> Array:
+    """Return how well rings (B, R S) look like those of a mark (R, S), 1 where it is dark, turned by some samples."""
+    turned = np.roll(dark, by, axis=1).ravel()
     return np.asarray(-(seen @ (turned - turned.mean())))
 
 

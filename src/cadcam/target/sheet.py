@@ -134,9 +134,8 @@ def _pdf(pattern: Sheet, size: tuple[float, float]) -> bytes:
     return _numbered(objects)
 
 
-Border: TypeAlias = list[
-    tuple[float, ...]
-]  # a closed line: (x, y) a straight line there, (x1, y1, x2, y2, x, y) a curve
+# a closed line: (x, y) a straight line there, (x1, y1, x2, y2, x, y) a curve
+Border: TypeAlias = list[tuple[float, ...]]
 
 
 def _borders(x: float, y: float, inner: float, outer: float, start: float, stop: float) -> list[Border]:
