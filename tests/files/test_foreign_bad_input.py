@@ -205,6 +205,11 @@ HOSTILE = {
         "<f>500</f><p3>0.1</p3></calibration></sensor></sensors></chunk></document>",
         "has p3, which no lens here has",
     ),
+    "half.xml": (
+        '<document version="2.0.0"><chunk><sensors><sensor id="0"><resolution width="640.5" height="480"/><calibration>'
+        "<f>500</f></calibration></sensor></sensors></chunk></document>",
+        "has width 640.5.*a whole number is expected",
+    ),
     "splined.cameramodel": (
         "{'lensmodel': 'LENSMODEL_SPLINED_STEREOGRAPHIC_order=3'}",
         "mrcal-convert-lensmodel helps",

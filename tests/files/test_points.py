@@ -136,7 +136,7 @@ def test_sigma_is_one_number_for_all_points(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("sigma", [None, 0.1])
 def test_writing_and_reading_keeps_every_bit(tmp_path: Path, rng: np.random.Generator, sigma: float | None) -> None:
-    names = ("plain", "with, comma", 'with "quotes"', "-")
+    names = ("#1", "with, comma", 'with "quotes"', "-")  # a # in front would make a comment of the line
     points = Observations(rng.normal(size=(4, 3)) * 1e5, rng.normal(size=(4, 2)), names, sigma_px=sigma)
     write_points(tmp_path / "out.csv", points)
     back = read_points(tmp_path / "out.csv")
@@ -144,6 +144,13 @@ def test_writing_and_reading_keeps_every_bit(tmp_path: Path, rng: np.random.Gene
     np.testing.assert_array_equal(back.q, points.q)
     assert back.names == names
     assert back.sigma_px == sigma
+
+
+@pytest.mark.parametrize("name", ["two\nlines", " blank", "tab\t", ""])
+def test_a_name_that_would_not_come_back_is_not_written(tmp_path: Path, name: str) -> None:
+    with pytest.raises(BadValue, match=r"^name is"):
+        write_points(tmp_path / "out.csv", Observations(np.ones((1, 3)), np.ones((1, 2)), (name,)))
+    assert not (tmp_path / "out.csv").exists()
 
 
 @pytest.mark.parametrize(

@@ -32,6 +32,16 @@ def test_an_estimate_comes_back_to_the_last_bit(tmp_path: Path, rng: np.random.G
         np.testing.assert_array_equal(read_part_pose(tmp_path / "pose.json").matrix, POSE.matrix)
 
 
+def test_a_covariance_that_is_none_is_refused(tmp_path: Path) -> None:
+    write_part_pose(tmp_path / "pose.json", PoseEstimate(POSE, np.eye(6), np.eye(6), np.eye(6)[:, :3], 5.0))
+    text = (tmp_path / "pose.json").read_text()
+    given = json.loads(text)
+    given["from_noise"][2][2] = -1.0
+    (tmp_path / "pose.json").write_text(json.dumps(given))
+    with pytest.raises(UnreadableFile, match="from_noise is no covariance"):
+        pose_estimate_at(parsed(read_text(tmp_path / "pose.json")))
+
+
 def rows(pose: Rigid) -> str:
     return "\n".join(" ".join(repr(float(v)) for v in row) for row in pose.matrix)
 

@@ -14,7 +14,7 @@ from cadcam.files.poses import read_poses, write_poses
 from cadcam.geometry.rigid import Rigid
 
 RNG = np.random.default_rng(8)
-POSES = {name: Rigid.look_at(RNG.normal(size=3) * 500, [1, 2, 3]) for name in ("left", "a, b", "Ø 3")}
+POSES = {name: Rigid.look_at(RNG.normal(size=3) * 500, [1, 2, 3]) for name in ("left", "a, b", "Ø 3", "#4")}
 HEAD = "# camera_from_world, mm\nname, r11, r12, r13, r21, r22, r23, r31, r32, r33, tx, ty, tz\n"
 ONE = "a, 1,0,0, 0,1,0, 0,0,1, 1,2,3\n"
 
@@ -81,6 +81,6 @@ def test_what_is_wrong_is_named(tmp_path: Path, text: str, message: str) -> None
 def test_an_empty_folder_and_a_name_of_two_lines_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UnreadableFile, match="holds no pose file"):
         read_poses(tmp_path)
-    for name in ("", " a", "#a", "a\nb"):
-        with pytest.raises(BadValue, match="pose name"):
+    for name in ("", " a", "a\nb"):
+        with pytest.raises(BadValue, match=r"^name is"):
             write_poses(tmp_path / "p.csv", {name: Rigid()})

@@ -147,6 +147,7 @@ BAD = {
     "columns.csv": ("x,y,z,w,p,r\n1,2,3,4,5,6\n", "columns x, y, z, w, p, r; kuka is x y z a b c .* fanuc would fit"),
     "twice.csv": ("a,1,2,3,4,5,6\na,1,2,3,4,5,7\n", "names two poses 'a'"),
     "cut.json": ("[[1, 2", "is not JSON"),
+    "huge.json": (f"[[1, 2, 3, 4, 5, 1{'0' * 400}]]", "pose '1' is"),
     "text.json": ('["a", "b"]', "pose '1' is"),
     "uneven.json": ("[[1,2,3,4,5,6],[1,2,3]]", r"poses of \[3, 6\] numbers"),
     "none.json": ("[]", "holds no poses"),

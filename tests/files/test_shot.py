@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -36,6 +37,9 @@ def test_any_other_picture_has_a_sidecar_or_a_line_in_a_list(tmp_path):
         read_shot(tmp_path / "p.png")
     write_positions(tmp_path / "positions.csv", {"p.png": SHOT})
     assert read_shot(tmp_path / "p.png", read_positions(tmp_path / "positions.csv")) == SHOT
+    named = {"p.png": replace(SHOT, camera="left, 2"), "q.png": replace(SHOT, camera="#3")}
+    write_positions(tmp_path / "named.csv", named)
+    assert read_positions(tmp_path / "named.csv") == named
     write_sidecar(tmp_path / "p.png", SHOT)
     assert read_shot(tmp_path / "p.png") == SHOT
 
@@ -84,6 +88,12 @@ def test_what_is_wrong_in_a_list_is_named(tmp_path, text, says):
         read_positions(tmp_path / "positions.csv")
 
 
+@pytest.mark.parametrize("camera", ["a\n9 9", "#3"])
+def test_a_camera_that_would_change_the_header_is_not_written(tmp_path, camera):
+    with pytest.raises(BadValue, match="camera"):
+        write_pgm(tmp_path / "p.pgm", GRAY, replace(SHOT, camera=camera))
+
+
 def test_what_is_no_position_is_refused(tmp_path):
     with pytest.raises(BadValue, match="camera position x"):
         Shot(float("nan"), 0.0)
@@ -91,6 +101,9 @@ def test_what_is_no_position_is_refused(tmp_path):
         header_shot(tmp_path / "none.pgm")
     (tmp_path / "p.pgm").write_bytes(b"P5\n#Camera pos: 1.2.3 4\n1 1\n255\n\0")
     with pytest.raises(UnreadableFile, match="no position"):
+        header_shot(tmp_path / "p.pgm")
+    (tmp_path / "p.pgm").write_bytes(b"P5\n#Camera pos: 1e999 4\n1 1\n255\n\0")
+    with pytest.raises(UnreadableFile, match="finite number of mm"):
         header_shot(tmp_path / "p.pgm")
     (tmp_path / "p.png.json").write_text('{"x_mm": 1, "y_mm": 2, "z_mm": 3}')
     write_picture(tmp_path / "p.png", GRAY)

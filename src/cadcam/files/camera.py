@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 
-import cadcam
 from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
@@ -27,7 +26,7 @@ from cadcam.camera.extended_pinhole import NAMES, ExtendedPinhole
 from cadcam.camera.lens import LENSES, Ideal, Lens
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, UnknownName
-from cadcam.files.jsontext import Place, as_json, or_null, parsed
+from cadcam.files.jsontext import Place, as_json, head_as_json, or_null, parsed
 from cadcam.files.matrix import pose_as_json, pose_at
 from cadcam.files.text import TextFile, read_text
 from cadcam.geometry.rigid import Rigid
@@ -35,7 +34,7 @@ from cadcam.whole import write_whole
 
 FORMAT, VERSION = "cadcam camera", 1
 UNITS = {"X": "mm", "Y": "mm", "Z": "mm", "a": "rad", "b": "rad", "c": "rad", "focal": "px", "skew": "rad"}
-UNITS |= {"U0": "px", "V0": "px"}  # aspect and the lens' coefficients have none
+UNITS |= {"U0": "px", "V0": "px", "bend_x": "mm", "bend_y": "mm"}  # aspect and the lens' coefficients have none
 
 _FOCAL = ("fx_px", "fy_px", "cx_px", "cy_px", "skew_px")
 _KEYS = ("format", "version", "written_by", "size_px", "K_px", *_FOCAL, "lens", "camera_from_world", "estimate")
@@ -61,7 +60,7 @@ def read_camera(path: str | os.PathLike[str]) -> CameraFile:
 def camera_file_of(file: TextFile) -> CameraFile:
     """Return what the text of a camera file holds, as `read_camera`."""
     place = parsed(file)
-    _check_version(place)  # first: a newer version may well have other keys
+    place.check_head(FORMAT, VERSION, stated=False)  # first: a newer version may well have other keys
     place.only(*_KEYS)
     camera = camera_at(place)
     posed = "camera_from_world" in place.object
@@ -88,7 +87,7 @@ def write_camera(
 
 def camera_as_json(camera: Camera | CameraEstimate, *, camera_from_world: Rigid | None = None) -> dict[str, Any]:
     """Return the JSON document that `write_camera` writes."""
-    head = {"format": FORMAT, "version": VERSION, "written_by": f"cadcam {cadcam.__version__}"}
+    head = head_as_json(FORMAT, VERSION)
     if isinstance(camera, Camera):
         return head | bare_camera_as_json(camera, camera_from_world)
     estimate = _estimate_json(camera) | {"observations": observations_as_json(camera.observations)}
@@ -162,17 +161,6 @@ def observations_as_json(observations: Observations) -> dict[str, Any]:
     }
 
 
-def _check_version(place: Place) -> None:
-    stated = place.object.get("format", FORMAT)
-    if stated != FORMAT:
-        raise place.error(f"says its format is {stated!r}", f"only {FORMAT!r} is read here")
-    version = place.object.get("version", VERSION)
-    if version != VERSION:
-        raise place.error(
-            f"has version {version!r}", f"this cadcam ({cadcam.__version__}) reads version {VERSION}; use a newer one"
-        )
-
-
 def camera_at(place: Place) -> Camera:
     """Return the camera at a place of a JSON file."""
     size = place.at("size_px").array((2,)).tolist()
@@ -221,6 +209,17 @@ def observations_at(place: Place) -> Observations:
     )
 
 
+def check_residual(place: Place, actual: float, size: tuple[int, int], what: str) -> None:
+    """Refuse a stated residual that is not the one of what the file holds: it was edited by hand."""
+    stated = place.at("residual_px").number()
+    scale = 1e-9 * max(size)  # px: rounding of pixels and of the projection, with room
+    if not abs(stated - actual) <= max(scale, 1e-6 * stated):
+        raise place.error(
+            f"states a residual of {stated:.6g} px but its {what} and points give {actual:.6g} px",
+            "the file was edited: calibrate again, or leave the camera alone without its estimate",
+        )
+
+
 def _estimate_at(place: Place, camera: Camera, pose: Rigid, observations: Observations) -> CameraEstimate:
     at = place.at("estimate")
     other = at.at("alternative") if "alternative" in at.object else None
@@ -237,15 +236,5 @@ def _estimate_at(place: Place, camera: Camera, pose: Rigid, observations: Observ
             else _estimate_at(other, camera_at(other), pose_at(other.at("camera_from_world")), observations),
         )
     )
-    _check_residual(at, estimate)
+    check_residual(at, estimate.thesis_residual, camera.size, "camera")
     return estimate
-
-
-def _check_residual(place: Place, estimate: CameraEstimate) -> None:
-    stated, actual = place.at("residual_px").number(), estimate.thesis_residual
-    scale = 1e-9 * max(estimate.camera.size)  # px: rounding of pixels and of the projection, with room
-    if not abs(stated - actual) <= max(scale, 1e-6 * stated):
-        raise place.error(
-            f"states a residual of {stated:.6g} px but its camera and points give {actual:.6g} px",
-            "the file was edited: remove its estimate, or calibrate again",
-        )

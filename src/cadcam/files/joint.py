@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-import cadcam
 from cadcam.camera.joint_estimate import JointEstimate
-from cadcam.files.camera import UNITS
-from cadcam.files.jsontext import or_null
+from cadcam.files.camera import key_of
+from cadcam.files.jsontext import head_as_json, or_null
 from cadcam.files.matrix import pose_as_json
 
 FORMAT, VERSION = "cadcam joint calibration", 1
@@ -19,15 +18,13 @@ def joint_as_json(estimate: JointEstimate) -> dict[str, Any]:
     """Return the camera, its shared parameters with both kinds of sigma and their covariance, and every view."""
     camera = estimate.camera
     return {
-        "format": FORMAT,
-        "version": VERSION,
-        "written_by": f"cadcam {cadcam.__version__}",
+        **head_as_json(FORMAT, VERSION),
         "method": estimate.method,
         "size_px": list(camera.size),
         "K_px": camera.K.tolist(),
         "lens": {"model": camera.lens.name, **camera.lens.parameters},
         "parameters": {
-            _key(name): _parameter(estimate, name) for name in estimate.parameters if _worth(estimate, name)
+            key_of(name): _parameter(estimate, name) for name in estimate.parameters if _worth(estimate, name)
         },
         "free": list(estimate.free),
         "covariance": estimate.covariance.tolist(),
@@ -67,8 +64,3 @@ def _view(estimate: JointEstimate, j: int) -> dict[str, Any]:
         "position_sigma_mm": sd[:3].tolist(),
         "rotation_sigma_rad": sd[3:].tolist(),
     }
-
-
-def _key(name: str) -> str:
-    unit = UNITS.get(name, "mm" if name.startswith("bend") else "")
-    return f"{name}_{unit}" if unit else name

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+import cadcam
 from cadcam.arrays import LARGEST, Array
 from cadcam.errors import CadcamError, UnknownName, UnreadableFile
 from cadcam.files.text import TextFile
@@ -102,6 +103,16 @@ class Place:
             raise self.error("is no covariance", expected)
         return array
 
+    def check_head(self, form: str, version: int, *, stated: bool = True, remedy: str = "") -> None:
+        """Refuse a document of another format or version than these; stated: whether it has to say them."""
+        given = self.object.get("format", None if stated else form)
+        if given != form:
+            raise self.error(f"says its format is {given!r}", remedy or f"only {form!r} is read here")
+        number = self.object.get("version", None if stated else version)
+        if number != version:
+            remedy = f"this cadcam ({cadcam.__version__}) reads version {version}; use a newer one"
+            raise self.error(f"has version {number!r}", remedy)
+
     def build(self, make: Callable[[], T]) -> T:
         """Return what `make` returns; its `CadcamError` becomes one that names this place."""
         try:
@@ -143,6 +154,11 @@ def parsed_line(path: str | os.PathLike[str], number: int, line: str) -> Place:
 def as_json(value: Any) -> bytes:
     """Return indented JSON with rows of numbers on one line; floats keep every bit, NaN and infinity are refused."""
     return (_written(value, "") + "\n").encode()
+
+
+def head_as_json(form: str, version: int) -> dict[str, Any]:
+    """Return the first keys of a document of ours, which `Place.check_head` looks at."""
+    return {"format": form, "version": version, "written_by": f"cadcam {cadcam.__version__}"}
 
 
 class _Twice(ValueError):

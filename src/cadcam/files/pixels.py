@@ -11,8 +11,6 @@ Columns as in a points file: x_px y_px (column, row) or U V (row, column); name 
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,7 +23,7 @@ from cadcam.camera.measurement import Measurement
 from cadcam.errors import UnreadableFile
 from cadcam.files.jsontext import as_json, or_null
 from cadcam.files.points import header_line, pixel_columns
-from cadcam.files.text import TextFile, lines_of_cells, number_in, read_text
+from cadcam.files.text import TextFile, lines_of_cells, number_in, read_text, rows_of_cells
 from cadcam.whole import write_whole
 
 _NAMES = ("name", "id", "point", "label")
@@ -68,9 +66,10 @@ def read_pixels(path: str | os.PathLike[str], *, columns: Sequence[str] | None =
             raise UnreadableFile(path, what, "remove one of them")
         seen[key] = line.number, [number_in(file, line.number, f"column {header[i]}", line.cells[i]) for i in (x, y)]
     names, views = (tuple(dict.fromkeys(key[k] for key in seen)) for k in (0, 1))
+    place, row = ({name: i for i, name in enumerate(of)} for of in (names, views))
     q = np.full((len(views), len(names), 2), np.nan)
     for (n, v), (_, pixel) in seen.items():
-        q[views.index(v), names.index(n)] = pixel
+        q[row[v], place[n]] = pixel
     return Pixels(names, views, q, file.path, file.sha256)
 
 
@@ -95,15 +94,14 @@ def write_measurement(
     if os.fspath(path).lower().endswith(".json"):
         write_whole(path, as_json(measurement_as_json(measured, pixels=pixels, joint=joint)))
         return
-    out = io.StringIO()
-    rows = csv.writer(out, lineterminator="\n")
-    rows.writerow(["name", "X_mm", "Y_mm", "Z_mm", "sigma_X_mm", "sigma_Y_mm", "sigma_Z_mm", *_QUALITY, "views"])
+    header = ("name", "X_mm", "Y_mm", "Z_mm", "sigma_X_mm", "sigma_Y_mm", "sigma_Z_mm", *_QUALITY, "views")
+    rows = []
     quality = np.column_stack([measured.gap, measured.gap_sigma, np.degrees(measured.angle), measured.chi2])
     values = zip(measured.names, measured.points, measured.sigma, quality, measured.dof, measured.seen_by, strict=True)
     for name, p, s, four, dof, views in values:
         numbers = ["" if np.isnan(v) else repr(float(v)) for v in (*p, *s, *four)]
-        rows.writerow([name, *numbers, int(dof), " ".join(views)])
-    write_whole(path, out.getvalue().encode())
+        rows.append([name, *numbers, str(int(dof)), " ".join(views)])
+    write_whole(path, rows_of_cells(header, rows))
 
 
 _QUALITY = ("gap_mm", "gap_sigma_mm", "angle_deg", "chi2", "dof")

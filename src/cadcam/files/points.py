@@ -14,8 +14,6 @@ A lowercase u, v is refused: OpenCV's u is a column and the thesis' U is a row, 
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 import re
 from collections.abc import Sequence
@@ -27,7 +25,7 @@ from cadcam.arrays import Array
 from cadcam.cad.units import MM, unit_name
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
-from cadcam.files.text import Line, TextFile, is_number, lines_of_cells, number_in, read_text
+from cadcam.files.text import Line, TextFile, is_number, lines_of_cells, number_in, read_text, rows_of_cells
 from cadcam.whole import write_whole
 
 _WORLD = re.compile(r"([XYZxyz])(?:[_ ]?[\[(]?([A-Za-z]+)[\])]?)?")
@@ -79,15 +77,13 @@ def read_points(
 def write_points(path: str | os.PathLike[str], observations: Observations) -> None:
     """Write the observations as CSV (name, X_mm, Y_mm, Z_mm, x_px, y_px[, sigma_px]), whole or not at all.
 
-    Numbers keep every bit: `read_points` gives the same ones back.
+    Numbers keep every bit: `read_points` gives the same ones back. Raises `BadValue` for a name that is not one line.
     """
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
     sigma = () if observations.sigma_px is None else (repr(observations.sigma_px),)
-    writer.writerow(["name", "X_mm", "Y_mm", "Z_mm", "x_px", "y_px", *(["sigma_px"] if sigma else [])])
-    for name, p, q in zip(observations.names, observations.p_world, observations.q, strict=True):
-        writer.writerow([name, *(repr(float(v)) for v in (*p, *q)), *sigma])
-    write_whole(path, out.getvalue().encode())
+    header = ("name", "X_mm", "Y_mm", "Z_mm", "x_px", "y_px", *(("sigma_px",) if sigma else ()))
+    points = zip(observations.names, observations.p_world, observations.q, strict=True)
+    rows = ([name, *(repr(float(v)) for v in (*p, *q)), *sigma] for name, p, q in points)
+    write_whole(path, rows_of_cells(header, rows))
 
 
 def header_line(file: TextFile, lines: list[Line]) -> tuple[str, ...]:

@@ -49,8 +49,8 @@ def pose_estimate_at(place: Place) -> PoseEstimate:
     return place.build(
         lambda: PoseEstimate(
             pose_at(place.at("world_from_part")),
-            place.at("from_noise").array((6, 6)),
-            place.at("from_calibration").array((6, 6)),
+            place.at("from_noise").covariance(6),
+            place.at("from_calibration").covariance(6),
             place.at("freedom").array((6, None)),
             np.inf if dof is None else place.at("degrees_of_freedom").number(),
         )

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 
-from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
+from cadcam.errors import CadcamError, UnknownName, UnreadableFile
 from cadcam.files.jsontext import Place, parsed
 from cadcam.files.matrix import pose_in, read_pose, stated
-from cadcam.files.text import Line, TextFile, lines_of_cells, number_in, read_text
+from cadcam.files.text import Line, TextFile, lines_of_cells, number_in, read_text, rows_of_cells
 from cadcam.geometry.rigid import Rigid
 from cadcam.whole import write_whole
 
@@ -53,15 +51,10 @@ def read_poses(path: str | os.PathLike[str]) -> dict[str, Rigid]:
 
 def write_poses(path: str | os.PathLike[str], poses: Mapping[str, Rigid]) -> None:
     """Write camera_from_world (mm) by name as the text that `read_poses` reads, every bit of the numbers kept."""
-    text = io.StringIO()
-    text.write("# camera_from_world, mm\n")
-    lines = csv.writer(text, lineterminator="\n")
-    lines.writerow(_COLUMNS)
-    for name, pose in poses.items():
-        if not name or name != name.strip() or name.startswith("#") or "\n" in name:
-            raise BadValue("pose name", repr(name), "one line of text, without blanks around it or a # before it")
-        lines.writerow([name, *(repr(float(v)) for v in (*pose.rotation.ravel(), *pose.translation))])
-    write_whole(path, text.getvalue().encode())
+    rows = (
+        [name, *(repr(float(v)) for v in (*pose.rotation.ravel(), *pose.translation))] for name, pose in poses.items()
+    )
+    write_whole(path, b"# camera_from_world, mm\n" + rows_of_cells(_COLUMNS, rows))
 
 
 def _files_in(folder: Path) -> list[Path]:

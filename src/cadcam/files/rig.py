@@ -14,11 +14,17 @@ from typing import Any
 
 import numpy as np
 
-import cadcam
 from cadcam.camera.observations import Observations
 from cadcam.camera.rig_estimate import MOUNT, RigEstimate
-from cadcam.files.camera import bare_camera_as_json, camera_at, key_of, observations_as_json, observations_at
-from cadcam.files.jsontext import Place, as_json, or_null, parsed
+from cadcam.files.camera import (
+    bare_camera_as_json,
+    camera_at,
+    check_residual,
+    key_of,
+    observations_as_json,
+    observations_at,
+)
+from cadcam.files.jsontext import Place, as_json, head_as_json, or_null, parsed
 from cadcam.files.matrix import pose_as_json, pose_at
 from cadcam.files.text import read_text
 from cadcam.geometry.rigid import Rigid
@@ -51,7 +57,7 @@ def write_rig(path: str | os.PathLike[str], estimate: RigEstimate) -> None:
 def read_rig(path: str | os.PathLike[str]) -> RigEstimate:
     """Return the rig in a file that `write_rig` wrote. Raises `UnreadableFile` naming the key."""
     place = parsed(read_text(path, max_bytes=256_000_000))
-    _check_version(place)
+    place.check_head(FORMAT, VERSION, remedy=f"only {FORMAT!r} is read here: a file of `cadcam rig`")
     place.only(*_KEYS)
     cameras, frames = _items(place.at("cameras")), _items(place.at("frames"))
     views = tuple(tuple(_view_at(frame, c, len(cameras)) for frame in frames) for c in range(len(cameras)))
@@ -73,16 +79,14 @@ def read_rig(path: str | os.PathLike[str]) -> RigEstimate:
             method=place.at("method").text(),
         )
     )
-    _check_residual(place, estimate)
+    check_residual(place, estimate.residual, estimate.cameras[0].size, "rig")
     return estimate
 
 
 def rig_as_json(estimate: RigEstimate) -> dict[str, Any]:
     """Return the JSON document that `write_rig` writes."""
     return {
-        "format": FORMAT,
-        "version": VERSION,
-        "written_by": f"cadcam {cadcam.__version__}",
+        **head_as_json(FORMAT, VERSION),
         "method": estimate.method,
         "residual_px": estimate.residual,
         "degrees_of_freedom": estimate.dof,
@@ -146,16 +150,6 @@ def _key(parameter: str) -> str:
     return f"{camera}.{key_of(name)}"
 
 
-def _check_version(place: Place) -> None:
-    stated, version = place.object.get("format"), place.object.get("version")
-    if stated != FORMAT:
-        raise place.error(f"says its format is {stated!r}", f"only {FORMAT!r} is read here: a file of `cadcam rig`")
-    if version != VERSION:
-        raise place.error(
-            f"has version {version!r}", f"this cadcam ({cadcam.__version__}) reads version {VERSION}; use a newer one"
-        )
-
-
 def _items(place: Place) -> list[Place]:
     if not isinstance(place.value, list):
         raise place.error("is not a list", "a list [...] is expected")
@@ -177,13 +171,3 @@ def _only_camera(place: Place) -> dict[str, Any]:
 
 def _stacked(motions: list[Rigid]) -> Rigid:
     return Rigid(np.array([m.rotation for m in motions]), np.array([m.translation for m in motions]))
-
-
-def _check_residual(place: Place, estimate: RigEstimate) -> None:
-    stated, actual = place.at("residual_px").number(), estimate.residual
-    scale = 1e-9 * max(estimate.cameras[0].size)  # px: rounding, with room
-    if not abs(stated - actual) <= max(scale, 1e-6 * stated):
-        raise place.error(
-            f"states a residual of {stated:.6g} px but its rig and points give {actual:.6g} px",
-            "the file was edited: calibrate again",
-        )

@@ -300,7 +300,7 @@ def _named(value: Any) -> tuple[str, Any]:
 def _numbers(path: str, name: str, pose: Any) -> list[float]:
     try:
         array = np.array(pose, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         array = np.zeros(0)
     if not array.size or not (np.abs(array) <= LARGEST).all() or isinstance(pose, bool):
         raise UnreadableFile(path, f"pose {name!r} is {str(pose)[:60]!r}", "give finite numbers, or 3 or 4 rows of 4")

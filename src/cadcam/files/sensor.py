@@ -29,12 +29,7 @@ FORMAT, VERSION = "cadcam sensor", 1
 def read_sensor(path: str | os.PathLike[str]) -> Sensor:
     """Return the sensor in a file. Raises `UnreadableFile` naming the key that is wrong and the nearest known one."""
     place = parsed(read_text(path))
-    if place.object.get("format") != FORMAT:
-        raise place.error(
-            f"says its format is {place.object.get('format')!r}", f'a sensor file begins with "format": {FORMAT!r}'
-        )
-    if place.object.get("version") != VERSION:
-        raise place.error(f"has version {place.object.get('version')!r}", f"this cadcam reads version {VERSION}")
+    place.check_head(FORMAT, VERSION, remedy=f'a sensor file begins with "format": {FORMAT!r}')
     place.only("format", "version", "name", *EFFECTS)
     name = place.at("name").text() if "name" in place.object else Path(path).stem
     effects = {key: _effect(place.at(key), key) for key in EFFECTS if key in place.object}

@@ -21,8 +21,6 @@ picture, they have to agree.
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 import re
 from collections.abc import Mapping
@@ -36,8 +34,8 @@ import numpy.typing as npt
 from cadcam.errors import BadValue, UnreadableFile
 from cadcam.files.jsontext import as_json, parsed
 from cadcam.files.points import header_line
-from cadcam.files.text import TextFile, lines_of_cells, number_in, read_text
-from cadcam.image.picture import checked, to_gray
+from cadcam.files.text import TextFile, lines_of_cells, number_in, read_text, rows_of_cells
+from cadcam.image.picture import to_gray
 from cadcam.whole import write_whole
 
 AGREE_MM, AGREE_S = 0.01, 1.0  # headers are written with two decimals and whole seconds
@@ -115,7 +113,10 @@ def header_shot(picture: str | os.PathLike[str]) -> Shot | None:
         raise UnreadableFile(path, f"its header says {found[0]!r}, no position", "write two numbers in mm") from None
     camera, grab = _CAMERA.search(text), _GRAB.search(text)
     time = None if grab is None else _time(path, grab[1].strip(" ?\t\r"))
-    return Shot(x, y, "" if camera is None else camera[1].strip(), time)
+    try:
+        return Shot(x, y, "" if camera is None else camera[1].strip(), time)
+    except BadValue as error:
+        raise UnreadableFile(path, f"its header says {found[0]!r}: {error}") from None
 
 
 def read_sidecar(path: str | os.PathLike[str]) -> Shot:
@@ -160,17 +161,19 @@ def read_positions(path: str | os.PathLike[str]) -> dict[str, Shot]:
 
 def write_positions(path: str | os.PathLike[str], shots: Mapping[str, Shot]) -> None:
     """Write a list of positions by file name."""
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(_COLUMNS)
-    for name, s in shots.items():
-        rows.writerow([name, s.camera, repr(s.x), repr(s.y), "" if s.time is None else s.time.isoformat()])
-    write_whole(path, text.getvalue().encode())
+    rows = (
+        [name, s.camera, repr(s.x), repr(s.y), "" if s.time is None else s.time.isoformat()]
+        for name, s in shots.items()
+    )
+    write_whole(path, rows_of_cells(_COLUMNS, rows))
 
 
 def write_pgm(path: str | os.PathLike[str], gray: npt.ArrayLike, shot: Shot | None = None) -> None:
-    """Write a grey picture (H, W) in [0, 1] as raw PGM of 8 bits, the shot in its header (Prog 3)."""
-    values = to_gray(checked(gray))
+    """Write a grey picture (H, W) in [0, 1] as raw PGM of 8 bits, the shot in its header (Prog 3).
+
+    Raises `BadValue` for a camera's name that such a header cannot hold.
+    """
+    values = to_gray(gray)
     height, width = values.shape
     comment = "" if shot is None else _comment(shot)
     data = (np.clip(values, 0.0, 1.0) * 255 + 0.5).astype(np.uint8)
@@ -178,6 +181,8 @@ def write_pgm(path: str | os.PathLike[str], gray: npt.ArrayLike, shot: Shot | No
 
 
 def _comment(shot: Shot) -> str:
+    if "#" in shot.camera or len(shot.camera.splitlines()) > 1:
+        raise BadValue("camera", repr(shot.camera), "one line without #, as a PGM's header holds")
     grab = "" if shot.time is None else f" # grab: {_ctime(shot.time.astimezone(UTC))}"
     camera = f"# camera: {shot.camera}\n" if shot.camera else ""
     return f"#Camera pos: {_mm(shot.x)} {_mm(shot.y)}{grab}\n{camera}"

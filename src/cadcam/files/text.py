@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
 from cadcam.arrays import LARGEST
-from cadcam.errors import UnreadableFile
+from cadcam.errors import BadValue, UnreadableFile
 
 MAX_BYTES = 64_000_000  # a points file of a million lines; anything longer is a wrong file
 _DELIMITERS = ("\t", ";", ",")
@@ -86,6 +86,25 @@ def lines_of_cells(file: TextFile) -> Iterator[Line]:
         else:
             cells = next(csv.reader([text], delimiter=delimiter, skipinitialspace=True))
             yield Line(number, tuple(c.strip() for c in cells))
+
+
+def rows_of_cells(header: Sequence[str], rows: Iterable[Sequence[str]]) -> bytes:
+    """Return a header and rows, each with a name in front, as the CSV that `lines_of_cells` reads back.
+
+    Raises `BadValue` for an empty name, and for a cell that would not come back: of several lines, or with blanks
+    around it.
+    """
+    lines = [header, *rows]
+    if not all(name for name, *_ in lines):
+        raise BadValue("name", "''", "one line of text")
+    return "".join(",".join(map(_cell, line)) + "\n" for line in lines).encode()
+
+
+def _cell(text: str) -> str:
+    if text != text.strip() or len(text.splitlines()) > 1:
+        raise BadValue("name", repr(text), "one line of text, without blanks around it")
+    quoted = text.startswith("#") or any(c in text for c in ',"')  # a line that begins with # would be a comment
+    return '"' + text.replace('"', '""') + '"' if quoted else text
 
 
 def comments_of(file: TextFile) -> list[str]:

@@ -42,13 +42,14 @@ def read(source: Source) -> Foreign:
         one, scene = (root, None) if "fx" in root.object else (None, root)
         if scene is not None and source.has(_ONE):
             one = parsed(source.text(_ONE))
-    size = (whole(one.at("width")), whole(one.at("height"))) if one is not None else None
     if scene is None:
         if one is None:
             raise Place(source.path, (), {}).error("holds neither camera.json nor scene_camera.json")
         fx, fy, cx, cy = (one.at(name).number() for name in ("fx", "fy", "cx", "cy"))
         K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-        return Foreign("bop", (NamedCamera("camera", Camera((whole(one.at("width")), whole(one.at("height"))), K)),))
+        camera = one.build(lambda: Camera((whole(one.at("width")), whole(one.at("height"))), K))
+        return Foreign("bop", (NamedCamera("camera", camera),))
+    size = (whole(one.at("width")), whole(one.at("height"))) if one is not None else None
     shape = size or source.needed_size("scene_camera.json without camera.json beside it")
     names = [name for name, value in scene.object.items() if isinstance(value, dict)]
     if not names:

@@ -49,7 +49,7 @@ def read(source: Source) -> Foreign:
     if not any(sensors.values()):
         raise root.error("has no calibrated sensor", "align the cameras, then export them again")
     cameras = [named for node in _cameras(chunk) if (named := _aligned(node, sensors, chunk, source.mm)) is not None]
-    left = sum(1 for _ in _cameras(chunk)) - len(cameras)
+    left = len(_cameras(chunk)) - len(cameras)
     notes = (f"{left} cameras are not aligned and left out",) if cameras and left else ()
     only = [named for named in sensors.values() if named is not None]
     return Foreign("metashape", tuple(cameras or only), notes)
@@ -115,12 +115,13 @@ def _sensor(node: Node) -> NamedCamera | None:
     if not adjusted:
         return None
     resolution = adjusted[0].maybe("resolution") or node.at("resolution")
-    size = (int(resolution.attribute("width")), int(resolution.attribute("height")))
-    return NamedCamera(node.element.get("label", "camera"), _calibrated(adjusted[0], size))
+    width, height = (resolution.whole(name, resolution.attribute(name)) for name in ("width", "height"))
+    return NamedCamera(node.element.get("label", "camera"), _calibrated(adjusted[0], (width, height)))
 
 
 def _size(calibration: Node) -> tuple[int, int]:
-    return int(calibration.number("width")), int(calibration.number("height"))
+    width, height = (calibration.whole(name, calibration.number(name)) for name in ("width", "height"))
+    return width, height
 
 
 def _calibrated(node: Node, size: tuple[int, int]) -> Camera:

@@ -2,9 +2,9 @@
 
 focalLength, apertures and their offsets in tenths of a scene unit; metersPerUnit on the stage. With the window of
 GfCamera, [-A/2 + offset, A/2 + offset], and the picture spanning it edge to edge: fx = focalLength W/A,
-cx + 1/2 = W/2 - W offset/A, and in y, which points up, cy + 1/2 = H/2 + H offset/A with the vertical
-pair. A prim looks along -z with y up; matrices are for row vectors. The picture's size is that of a RenderProduct whose
-camera this is. USD stores these as floats: text keeps all digits, USD itself rounds them to 24 bits.
+cx + 1/2 = W/2 - W offset/A, and in y, which points up, cy + 1/2 = H/2 + H offset/A with the vertical pair. A prim
+looks along -z with y up; matrices are for row vectors. The picture's size is that of a RenderProduct whose camera this
+is. USD stores these as floats: text keeps all digits, USD itself rounds them to 24 bits.
 Source: OpenUSD `pxr/usd/usdGeom/camera.h`, `pxr/base/gf/camera.cpp`, `pxr/usd/usdRender/schema.usda`.
 """
 
@@ -47,7 +47,7 @@ def read(source: Source) -> Foreign:
     root = parsed_usda(source.text())
     stage = Place(source.path, (), root.attributes)
     mm = 1000 * (stage.at("metersPerUnit").number() if "metersPerUnit" in root.attributes else 0.01)
-    products = _products(root, "")
+    products = _products(root)
     cameras = []
     for path, matrix, prim in _cameras(root, "", np.eye(4), source.path):
         place = Place(source.path, tuple(path.strip("/").split("/")), prim.attributes)
@@ -166,7 +166,7 @@ def _turn(axis: int, degrees: float) -> Array:
     return np.asarray(so3.exp(np.radians(degrees) * np.eye(3)[axis]).T)
 
 
-def _products(prim: Prim, path: str) -> dict[str, tuple[int, int]]:
+def _products(prim: Prim) -> dict[str, tuple[int, int]]:
     """Return the picture size by the camera's path, of every render product."""
     found: dict[str, tuple[int, int]] = {}
     for child in prim.children:
@@ -174,7 +174,7 @@ def _products(prim: Prim, path: str) -> dict[str, tuple[int, int]]:
         camera, size = values.get("camera"), values.get("resolution", [])
         if child.kind == "RenderProduct" and isinstance(camera, str) and _is_size(size):
             found[camera.strip("<>")] = int(size[0]), int(size[1])
-        found |= _products(child, f"{path}/{child.name}")
+        found |= _products(child)
     return found
 
 

@@ -69,6 +69,12 @@ class Node:
             return default
         return float(self.at(name).numbers(1)[0])
 
+    def whole(self, name: str, value: float) -> int:
+        """Return a number of this element as a whole one; an error naming it otherwise."""
+        if value != int(value):
+            raise self.error(f"has {name} {value:g}", "a whole number is expected")
+        return int(value)
+
     def attribute(self, name: str) -> float:
         """Return a number in an attribute."""
         try:
