@@ -39,8 +39,8 @@ from cadcam.fit.least_squares import cofactor, minimise
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import to_gray
 from cadcam.image.profile import steps
+from cadcam.image.sensor.charge import Exposure
 from cadcam.image.sensor.presets import GLOBAL_SHUTTER
-from cadcam.image.sensor.sensor import Exposure
 from cadcam.image.sensor.video import Gain
 from cadcam.plan.finding import Finder, circle_covariance
 from cadcam.plan.predict import predict_points

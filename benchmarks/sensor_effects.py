@@ -36,10 +36,10 @@ from cadcam.errors import CadcamError
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import to_gray
 from cadcam.image.profile import blur_of, steps
-from cadcam.image.sensor.charge import Blooming, Noise, Smear
+from cadcam.image.sensor.charge import Blooming, Exposure, Noise, Smear
 from cadcam.image.sensor.light import Blur, Interlace, Motion, Vignetting
 from cadcam.image.sensor.presets import PRESETS
-from cadcam.image.sensor.sensor import Exposure, Sensor
+from cadcam.image.sensor.sensor import Sensor
 from cadcam.image.sensor.video import EdgeEnhancement, Gain, Gamma, Jitter, Jpeg, Quantisation
 from cadcam.render.light import LIGHTS
 from cadcam.render.photograph import Photographer, behind, blur_before

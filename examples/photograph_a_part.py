@@ -16,8 +16,8 @@ import numpy as np
 import cadcam
 from cadcam.cad.parts import ship_block
 from cadcam.image.picture import to_gray
+from cadcam.image.sensor.charge import Exposure
 from cadcam.image.sensor.presets import CCIR_1996, GLOBAL_SHUTTER, PHONE
-from cadcam.image.sensor.sensor import Exposure
 from cadcam.render.photograph import behind, blur_before
 
 FLOOR = (0.35, 0.36, 0.38)
