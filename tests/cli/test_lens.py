@@ -37,6 +37,13 @@ def test_a_pixel_on_the_object_stands_for_the_width(cadcam: Cadcam) -> None:
     assert by_pixel == json.loads(cadcam(*words, "--width", 3 * 768).out)
 
 
+def test_the_list_of_sensors_is_json_where_that_is_asked_for(cadcam: Cadcam) -> None:
+    known = {sensor["name"]: sensor for sensor in cadcam("lens", "--list", "--json").json["sensors"]}
+    assert known["IMX264"]["pixels"] == [2448, 2048]
+    assert known["1/2"]["pixels"] is None
+    assert len(known) == len(cadcam("lens", "--list").out.strip().splitlines()) - 3  # title, heads and rule
+
+
 @pytest.mark.parametrize("suffix", ["png", "svg"])
 def test_the_diagram_is_drawn(cadcam: Cadcam, tmp_path: Path, suffix: str) -> None:
     pytest.importorskip("matplotlib")

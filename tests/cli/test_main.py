@@ -7,6 +7,7 @@ import re
 import shlex
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -104,6 +105,33 @@ def test_a_number_that_none_can_mean_is_refused_by_every_option(
         assert stopped.value.code == 2
         assert f"argument {option}" in (said := capsys.readouterr().err)
         assert f"'{value}' is " in said
+
+
+@pytest.mark.parametrize(("verb", "option"), _numeric())
+def test_a_number_with_a_minus_is_a_value_however_it_is_written(
+    verb: str, option: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without the parser's own rule for negative numbers -1e9 would count as an option left without its value."""
+    for value in ("-1e9", "-1,0,0,5", "-.5e3"):
+        with suppress(SystemExit):  # for what else the verb needs, or a value out of range
+            cli.parser().parse_args([*verb.split(), option, value])
+        assert "expected one argument" not in capsys.readouterr().err
+
+
+def test_two_numbers_with_a_minus_are_the_values_of_one_option() -> None:
+    assert cli.parser().parse_args(["match", "a.png", "b.png", "--angles", "-1e1", "-.5e1"]).angles == [-10.0, -5.0]
+    assert cli.parser().parse_args(["measure", "p.csv", "--plane", "-1,0,0,5"]).plane == "-1,0,0,5"
+
+
+@pytest.mark.parametrize("words", [["doctor"], ["state", "list"], ["targets", "print", "dot:3mm", "a.svg"]])
+def test_an_unknown_option_points_to_the_help_that_lists_the_known_ones(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        cli.main([*words, "--nonsense"])
+    assert stopped.value.code == 2
+    told = " ".join(("cadcam", *words[: 2 if words[0] != "doctor" else 1]))
+    assert capsys.readouterr().err == f"{told}: unrecognized arguments: --nonsense; see {told} --help\n"
 
 
 @pytest.mark.parametrize(

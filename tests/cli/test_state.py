@@ -83,7 +83,8 @@ def test_the_environment_names_the_store(cadcam: Cadcam, here: Path, monkeypatch
 def test_the_last_day_counts_to_its_end(cadcam: Cadcam, here: Path) -> None:
     (here / "one.json").write_text('{"part": "p", "time_utc": "2026-03-01T18:00:00Z", "deviations": []}')
     cadcam("state", "add", "one.json")
-    for since, until, count in (("2026-03-01", "2026-03-01", 1), ("2026-03-02", "2026-03-03", 0)):
+    days = (("2026-03-01", "2026-03-01", 1), ("20260301", "20260301", 1), ("2026-03-02", "2026-03-03", 0))
+    for since, until, count in (*days, ("2026-03-01T17", "2026-03-01T17:59", 0)):
         assert cadcam("state", "list", "--since", since, "--until", until, "--json").json["of"] == count
 
 

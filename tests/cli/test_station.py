@@ -229,6 +229,8 @@ CASES = {
     "a distance without a drawing": ((*MEASURE, *BOTH, "--distance", "A,B"), None, "--distance"),
     "an unknown reference": (("station", "map", "station_6.json", "--reference", "x"), None, "unknown position 'x'"),
     "too few marks to simulate": (("station", "simulate", "--marks", "1"), None, "--marks is 1"),
+    "no robot": (("station", "simulate", "--robots", ","), None, "robots of the hall is none"),
+    "a survey of negative noise": (("station", "simulate", "--survey-sigma", "-1"), None, "survey_mm of the hall is"),
     "a sensor without a picture": (("station", "simulate", "--sensor", "phone"), None, "--sensor"),
     "an unknown sensor": (
         ("station", "simulate", "x", "--pictures", "--sensor", "fone"),
@@ -295,6 +297,19 @@ def test_a_position_file_that_disagrees_with_the_header_is_refused(
     ran = cadcam("station", "calibrate", pictured / "p1.pgm", *given, "--positions", tmp_path / "positions.csv")
     assert ran.code == 2
     assert "has for p1.pgm the camera at (6001.00, 15000.00) mm" in ran.err
+
+
+def test_a_noise_of_zero_is_refused_and_not_taken_for_none_given(
+    cadcam: Cadcam, pictured: Path, tmp_path: Path
+) -> None:
+    given = ("--plate", pictured / "plate.json", "--survey", pictured / "survey.csv", "--survey-sigma", "0.1")
+    calibrate = ("station", "calibrate", pictured / "p1.pgm", *given)
+    assert cadcam(*calibrate, "-o", tmp_path / "s.json").code == 0
+    for words in (calibrate, ("station", "measure", pictured / "A.pgm", "--station", tmp_path / "s.json")):
+        ran = cadcam(*words, "--sigma", "0")
+        assert ran.code == 2
+        assert "sigma_px" in ran.err
+        assert "a positive number of p" in ran.err
 
 
 def test_a_plate_picture_is_no_daily_picture(cadcam: Cadcam, pictured: Path, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import shutil
 import textwrap
 from collections.abc import Callable
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
 Verbs: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 Run: TypeAlias = Callable[[argparse.Namespace], "int | None"]
 
+NO = 3  # exit code: done, but the answer is no
+
 _FULL = 90  # characters of a line that its sentence goes on behind: texts are written 120 wide
 
 # No length, angle, share or noise that is meant lies beyond these; squares of what does overflow, or divide by zero.
@@ -26,12 +29,14 @@ _LONGEST_SIDE_PX = 1_000_000
 class Parser(argparse.ArgumentParser):
     """A parser whose errors are one message, as those of the library are: the usage stands in the help.
 
-    Empty texts, as a script's unset variable leaves them, are refused: each would count as an option left out.
+    Empty texts, as a script's unset variable leaves them, are refused: each would count as an option left out. What
+    begins as a negative number is a value wherever it stands: -1e9 and -1,0,0,5 as well as -1, as from Python 3.14 on.
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self.register("type", None, _filled)
+        self._negative_number_matcher = re.compile(r"-\.?\d")
 
     def add_subparsers(self, **kwargs: Any) -> Any:
         """Return the action that verbs are added to; what stands behind a verb is that verb's to judge."""
@@ -77,10 +82,12 @@ def _is_sentence(line: str) -> bool:
     return bool(line) and not line[0].isspace() and "  " not in line
 
 
-def verb(verbs: Verbs, name: str, run: Run, *, short: str, description: str, examples: str) -> argparse.ArgumentParser:
+def verb(
+    verbs: Verbs, name: str, run: Run | None, *, short: str, description: str, examples: str
+) -> argparse.ArgumentParser:
     """Return a new verb's parser: `short` stands in the list of verbs, `examples` below its own help.
 
-    run: does the work and returns the exit code, None for 0.
+    run: does the work and returns the exit code, None for 0; no `run` of a verb whose jobs (`add_jobs`) have their own.
     """
     parser = verbs.add_parser(
         name,
@@ -91,6 +98,20 @@ def verb(verbs: Verbs, name: str, run: Run, *, short: str, description: str, exa
     )
     parser.set_defaults(run=run, parser=parser)
     return parser
+
+
+def job(jobs: Verbs, name: str, run: Run, *, short: str, examples: str = "") -> argparse.ArgumentParser:
+    """Return the parser of one of the jobs of a verb; what is asked of a verb's parser can be asked of it too."""
+    epilog = f"examples:\n{examples}" if examples else None
+    parser = jobs.add_parser(name, help=short, description=short, epilog=epilog, formatter_class=Help)
+    parser.set_defaults(run=run, parser=parser)
+    return parser
+
+
+def add_jobs(parser: argparse.ArgumentParser) -> Verbs:
+    """Return what the jobs of a verb are added to."""
+    jobs: Verbs = parser.add_subparsers(dest="job", metavar="JOB [options]", required=True, title="jobs")
+    return jobs
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

@@ -6,7 +6,7 @@ import argparse
 import re
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, refuse, verb, whole
+from cadcam.cli.arguments import NO, Verbs, add_json, refuse, verb, whole
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say, working
 from cadcam.errors import BadValue
 
@@ -91,7 +91,7 @@ def add_to(verbs: Verbs) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Plan, report; return the exit code."""
     if arguments.sample is not None:
-        _sample(arguments.sample)
+        _sample(arguments)
         return 0
     if arguments.scene is None:
         raise BadValue("scene", "not given", "a scene file; cadcam layout --sample FOLDER writes two to start from")
@@ -107,10 +107,13 @@ def run(arguments: argparse.Namespace) -> int:
     return _report(arguments, layout, following)
 
 
-def _sample(folder: str) -> None:
+def _sample(arguments: argparse.Namespace) -> None:
     from cadcam.plan.samples import write_samples
 
-    for path in write_samples(folder):
+    written = write_samples(arguments.sample)
+    if arguments.json:
+        print_json({"written": [str(path) for path in written]})
+    for path in written:
         say(f"wrote {path}")
 
 
@@ -185,7 +188,7 @@ def _report(arguments: argparse.Namespace, layout: Layout, following: list[tuple
         print_tables(tables)
         for path in arguments.output:
             say(f"wrote {path}")
-    return 0 if layout.outcome is Outcome.SUITABLE else 3
+    return 0 if layout.outcome is Outcome.SUITABLE else NO
 
 
 def _page(path: str, layout: Layout, changes: tuple[WhatIf, ...], following: list[tuple[Candidate, Score]]) -> None:

@@ -47,10 +47,13 @@ def add_to(verbs: Verbs) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Solve, print, draw."""
     from cadcam.camera.optics import solve_optics, standard_lenses
-    from cadcam.report.lens import formats_table, lens_as_json, lens_table, write_lens_diagram
+    from cadcam.report.lens import formats_as_json, formats_table, lens_as_json, lens_table, write_lens_diagram
 
     if arguments.list:
-        print_tables([formats_table()])
+        if arguments.json:
+            print_json(formats_as_json())
+        else:
+            print_tables([formats_table()])
         return
     if arguments.diagram:
         check_target(arguments.diagram, (".png", ".svg", ".pdf"))

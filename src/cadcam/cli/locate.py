@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, refuse, verb
+from cadcam.cli.arguments import NO, Verbs, add_json, refuse, verb
 from cadcam.cli.locating import (
     START_HELP,
     VIEWS_HELP,
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from cadcam.locate.photo import Photo
     from cadcam.locate.view_range import ViewRange
 
-NOT_FOUND = 3  # exit code
 _REFUSED = (1.0, 0.15, 0.1)  # colour of lines that are not believed
 _EXAMPLES = f"""\
   cadcam locate photo.png part.step --camera camera.json -o overlay.png
@@ -104,7 +103,7 @@ def run(arguments: argparse.Namespace) -> int:
         print_json(document | {"faults": faults, "model": model_as_json(report, mesh)})
     else:
         _print(arguments, part, location, shots, faults)
-    return 0 if location.found else NOT_FOUND
+    return 0 if location.found else NO
 
 
 def located(

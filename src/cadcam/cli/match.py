@@ -6,7 +6,7 @@ import argparse
 import math
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, real, refuse, verb, whole
+from cadcam.cli.arguments import NO, Verbs, add_json, real, refuse, verb, whole
 from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, view_as_json
 from cadcam.cli.models import load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from cadcam.locate.photo import Photo
     from cadcam.locate.templates import TemplateMatches
 
-NOT_FOUND = 3
 _TEMPLATE_OPTIONS = ("--mask", "--angles", "--scales", "--count", "--least-score", "--either-sign")
 _PART_OPTIONS = (
     *("--camera", "--pose", "--unit", "--tolerance"),
@@ -131,7 +130,7 @@ def _run_template(arguments: argparse.Namespace) -> int:
     else:
         print_tables([peaks_table(peaks, f"Peaks of {arguments.what} in {arguments.photo}")])
         _say_written(arguments)
-    return 0 if len(peaks) else NOT_FOUND
+    return 0 if len(peaks) else NO
 
 
 def _template(arguments: argparse.Namespace) -> Template:
@@ -173,7 +172,7 @@ def _run_part(arguments: argparse.Namespace) -> int:
         print_json(document | matches_as_json(matches) | {"edges": closeness_as_json(close)})
     else:
         _print_part(arguments, matches, close)
-    return 0 if matches.found else NOT_FOUND
+    return 0 if matches.found else NO
 
 
 def _photo(arguments: argparse.Namespace) -> tuple[Photo, Any, dict[str, Any]]:

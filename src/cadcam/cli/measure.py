@@ -111,7 +111,7 @@ def _add_point_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--plane",
         metavar="NX,NY,NZ,D",
-        help="the points lie on the plane NX X + NY Y + NZ Z = D, mm (--plane=-1,0,0,5 with a minus first)",
+        help="the points lie on the plane NX X + NY Y + NZ Z = D, mm",
     )
     group.add_argument(
         "--plane-sigma", type=real, default=0.0, metavar="MM", help="how well the plane's height is known"

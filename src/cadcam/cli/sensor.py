@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cadcam.cli.arguments import Help, Verbs, real, seed, verb
+from cadcam.cli.arguments import Verbs, add_jobs, job, real, seed, verb
 from cadcam.cli.output import check_target, print_json, say
 from cadcam.errors import BadValue
 from cadcam.image.suffixes import WRITABLE
@@ -36,13 +36,12 @@ vision), phone."""
 def add_to(verbs: Verbs) -> None:
     """Add the verb and its two jobs."""
     short = "what a camera does to a picture: noise, blur, gamma, jitter ..."
-    parser = verb(verbs, "sensor", run_show, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
-    jobs = parser.add_subparsers(dest="job", metavar="JOB [options]", required=True, title="jobs")
-    show = jobs.add_parser("show", help="print a profile, or what there is", formatter_class=Help)
+    parser = verb(verbs, "sensor", None, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
+    jobs = add_jobs(parser)
+    show = job(jobs, "show", run_show, short="print a profile (JSON), or what there is")
     show.add_argument("profile", metavar="PROFILE", nargs="?", help="file or preset; without it: presets and effects")
     show.add_argument("-o", "--output", metavar="FILE", help="write the profile to this .json")
-    show.set_defaults(run=run_show)
-    apply = jobs.add_parser("apply", help="picture -> what the sensor makes of it", formatter_class=Help)
+    apply = job(jobs, "apply", run_apply, short="picture -> what the sensor makes of it")
     apply.add_argument("profile", metavar="PROFILE", help="file or preset")
     apply.add_argument("image", metavar="IMAGE", help="picture, linear in radiance (renderings are taken as such)")
     apply.add_argument("-o", "--output", metavar="FILE", required=True, help="picture to write (.png or .jpg)")
@@ -50,7 +49,6 @@ def add_to(verbs: Verbs) -> None:
     apply.add_argument(
         "--linearise", type=real, metavar="GAMMA", help="undo this gamma of the image first: 0.45 for most photos"
     )
-    apply.set_defaults(run=run_apply)
 
 
 def run_show(arguments: argparse.Namespace) -> None:

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import argparse
 import os
-from datetime import UTC, datetime
+from contextlib import suppress
+from datetime import UTC, date, datetime, time
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Help, Verbs, add_json, verb, whole
+from cadcam.cli.arguments import Run, Verbs, add_jobs, add_json, job, verb, whole
 from cadcam.cli.output import check_target, print_json, print_tables, say
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from cadcam.record.record import Record
     from cadcam.record.store import Store
 
@@ -39,27 +38,17 @@ what is exported as .json or .jsonl can be added to another store; .csv is for s
 def add_to(verbs: Verbs) -> None:
     """Add the verb and what it can do."""
     short = "keep what was measured of each part; list, trend, export"
-    parser = verb(verbs, "state", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
-    jobs = parser.add_subparsers(dest="job", metavar="JOB [options]", required=True, title="jobs")
-    _add_job(jobs)
-    _list_job(jobs).set_defaults(job_of=_list)
-    _show_job(jobs).set_defaults(job_of=_show)
-    _trend_job(jobs).set_defaults(job_of=_trend)
-    _export_job(jobs).set_defaults(job_of=_export)
+    parser = verb(verbs, "state", None, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
+    jobs = add_jobs(parser)
+    _add_add(jobs)
+    _add_list(jobs)
+    _add_show(jobs)
+    _add_trend(jobs)
+    _add_export(jobs)
 
 
-def run(arguments: argparse.Namespace) -> None:
-    """Open the store and do the job; a store is begun by what is added to it, not by a file that cannot be read."""
-    from cadcam.record.store import open_store
-
-    where = arguments.store or os.environ.get("CADCAM_STORE") or DEFAULT_STORE
-    if arguments.job == "add":
-        records = _records(arguments)
-        with open_store(where) as store:
-            _add(arguments, store, records)
-        return
-    with open_store(where, create=False) as store:
-        arguments.job_of(arguments, store)
+def _address(arguments: argparse.Namespace) -> str:
+    return arguments.store or os.environ.get("CADCAM_STORE") or DEFAULT_STORE
 
 
 def add_store_option(parser: argparse.ArgumentParser) -> None:
@@ -69,47 +58,42 @@ def add_store_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _job(jobs: Verbs, name: str, short: str) -> argparse.ArgumentParser:
-    parser = jobs.add_parser(name, help=short, description=short, formatter_class=Help)
+def _job(jobs: Verbs, name: str, run: Run, short: str) -> argparse.ArgumentParser:
+    parser = job(jobs, name, run, short=short)
     add_store_option(parser)
     add_json(parser)
     return parser
 
 
-def _add_job(jobs: Verbs) -> argparse.ArgumentParser:
-    parser = _job(jobs, "add", "keep the results in JSON files of `cadcam verify`, or exported records")
+def _add_add(jobs: Verbs) -> None:
+    parser = _job(jobs, "add", run_add, "keep the results in JSON files of `cadcam verify`, or exported records")
     parser.add_argument("files", nargs="+", metavar="FILE", help="JSON of `cadcam verify`, or an export")
     for name, what in (("part", "kind of part"), ("serial", "which one of them"), ("station", "where it was measured")):
         parser.add_argument(f"--{name}", help=f"{what}, in place of what the file says")
-    return parser
 
 
-def _list_job(jobs: Verbs) -> argparse.ArgumentParser:
-    parser = _job(jobs, "list", "list records, the latest at the end")
+def _add_list(jobs: Verbs) -> None:
+    parser = _job(jobs, "list", run_list, "list records, the latest at the end")
     _add_filters(parser)
     parser.add_argument("--newest", type=whole, default=30, metavar="N", help="no more than the latest N (default 30)")
-    return parser
 
 
-def _show_job(jobs: Verbs) -> argparse.ArgumentParser:
-    parser = _job(jobs, "show", "show all that one record holds")
+def _add_show(jobs: Verbs) -> None:
+    parser = _job(jobs, "show", run_show, "show all that one record holds")
     parser.add_argument("id", help=f"the record's id, or its beginning ({_SHORT_ID} characters or more)")
-    return parser
 
 
-def _trend_job(jobs: Verbs) -> argparse.ArgumentParser:
-    parser = _job(jobs, "trend", "show a feature's deviation over the parts, with mean and sigma")
+def _add_trend(jobs: Verbs) -> None:
+    parser = _job(jobs, "trend", run_trend, "show a feature's deviation over the parts, with mean and sigma")
     parser.add_argument("feature", help="the feature's name")
     parser.add_argument("--kind", help="which of its deviations, where it has several: position, angle ...")
     _add_filters(parser)
-    return parser
 
 
-def _export_job(jobs: Verbs) -> argparse.ArgumentParser:
-    parser = _job(jobs, "export", "write records to a file")
+def _add_export(jobs: Verbs) -> None:
+    parser = _job(jobs, "export", run_export, "write records to a file")
     parser.add_argument("output", help=".csv (a line a deviation), .json or .jsonl (all there is)")
     _add_filters(parser)
-    return parser
 
 
 def _add_filters(parser: argparse.ArgumentParser) -> None:
@@ -131,10 +115,14 @@ def _records(arguments: argparse.Namespace) -> list[Record]:
     return [replace(record, **given) for file in arguments.files for record in read_records(file)]
 
 
-def _add(arguments: argparse.Namespace, store: Store, records: Sequence[Record]) -> None:
+def run_add(arguments: argparse.Namespace) -> None:
+    """Keep records; a store is begun by what is added to it, not by a file that cannot be read."""
+    from cadcam.record.store import open_store
     from cadcam.report.table import counted
 
-    store.add(*records)
+    records = _records(arguments)
+    with open_store(_address(arguments)) as store:
+        store.add(*records)
     if arguments.json:
         print_json({"store": store.name, "added": [record.id for record in records]})
     else:
@@ -143,12 +131,26 @@ def _add(arguments: argparse.Namespace, store: Store, records: Sequence[Record])
         say(f"{counted(len(records), 'record')} added to {store.name}")
 
 
-def _list(arguments: argparse.Namespace, store: Store) -> None:
+def _asked_for(arguments: argparse.Namespace) -> list[Record]:
+    """Return the records that the filters let through, oldest first."""
+    with _there(arguments) as store:
+        return store.query(**_asked(arguments))
+
+
+def _there(arguments: argparse.Namespace) -> Store:
+    """Return the store, which has to be there."""
+    from cadcam.record.store import open_store
+
+    return open_store(_address(arguments), create=False)
+
+
+def run_list(arguments: argparse.Namespace) -> None:
+    """Print the latest records."""
     from cadcam.report.state import list_table
 
     if arguments.newest < 1:
         raise BadValue("--newest", arguments.newest, "1 or more")
-    records = store.query(**_asked(arguments))
+    records = _asked_for(arguments)
     shown = records[-arguments.newest :]
     if arguments.json:
         print_json({"records": [_as_json(record) for record in shown], "of": len(records)})
@@ -156,12 +158,14 @@ def _list(arguments: argparse.Namespace, store: Store) -> None:
         print_tables([list_table(shown, of=len(records))])
 
 
-def _show(arguments: argparse.Namespace, store: Store) -> None:
+def run_show(arguments: argparse.Namespace) -> None:
+    """Print a record in full."""
     from cadcam.report.state import record_tables
 
     if len(arguments.id) < _SHORT_ID:
         raise BadValue("id", repr(arguments.id), f"{_SHORT_ID} characters of it or more")
-    found = store.query(id_begins=arguments.id)
+    with _there(arguments) as store:
+        found = store.query(id_begins=arguments.id)
     if len(found) != 1:
         raise BadValue("id", f"{arguments.id!r}, that of {len(found)} records in {store.name}", "one that is listed")
     if arguments.json:
@@ -170,12 +174,12 @@ def _show(arguments: argparse.Namespace, store: Store) -> None:
         print_tables(record_tables(found[0]))
 
 
-def _trend(arguments: argparse.Namespace, store: Store) -> None:
+def run_trend(arguments: argparse.Namespace) -> None:
+    """Print a feature's deviation over the parts."""
     from cadcam.record.trend import trend
     from cadcam.report.state import trend_tables
 
-    records = store.query(**_asked(arguments))
-    seen = trend(records, arguments.feature, kind=arguments.kind)
+    seen = trend(_asked_for(arguments), arguments.feature, kind=arguments.kind)
     if not arguments.json:
         print_tables(trend_tables(seen))
         return
@@ -188,12 +192,13 @@ def _trend(arguments: argparse.Namespace, store: Store) -> None:
     print_json({"feature": seen.feature, **{f"{k}_{seen.unit}": v for k, v in said.items()}, "points": points})
 
 
-def _export(arguments: argparse.Namespace, store: Store) -> None:
+def run_export(arguments: argparse.Namespace) -> None:
+    """Write records to a file."""
     from cadcam.record.export import SUFFIXES, write_records
     from cadcam.report.table import counted
 
     check_target(arguments.output, SUFFIXES)
-    records = store.query(**_asked(arguments))
+    records = _asked_for(arguments)
     write_records(arguments.output, records)
     if arguments.json:
         print_json({"output": arguments.output, "records": len(records)})
@@ -220,10 +225,12 @@ def _as_json(record: Record) -> dict[str, Any]:
 
 def _when(text: str) -> tuple[datetime, datetime]:
     """Return first and last moment of a day, or the same moment twice of a time."""
+    with suppress(ValueError):
+        day = datetime.combine(date.fromisoformat(text), time.min, UTC)
+        return day, datetime.combine(day, time.max, UTC)
     try:
-        time = datetime.fromisoformat(text)
+        moment = datetime.fromisoformat(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not a time; give 2026-03-01 or 2026-03-01T14:30") from None
-    time = time if time.tzinfo else time.replace(tzinfo=UTC)
-    day = len(text) <= len("2026-03-01")
-    return time, time.replace(hour=23, minute=59, second=59, microsecond=999999) if day else time
+    moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+    return moment, moment

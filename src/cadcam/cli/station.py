@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from cadcam.cli import station_jobs as jobs
-from cadcam.cli import station_simulate
-from cadcam.cli.arguments import Help, Verbs, add_json, names, real, seed, verb, whole
+from cadcam.cli import station_jobs, station_simulate
+from cadcam.cli.arguments import Run, Verbs, add_jobs, add_json, job, names, real, seed, verb, whole
 
 _DESCRIPTION = """\
 Measure with a camera that is carried over a plane. A plate of marks is laid down and surveyed at a grid of positions;
@@ -35,23 +34,18 @@ drawing file: name,x_mm,y_mm                     "mark": "dot-ring:40mm:80mm:120
 def add_to(verbs: Verbs) -> None:
     """Add the verb and its jobs."""
     short = "a camera on a gantry: calibrate its area, map the mechanics, measure, re-calibrate"
-    parser = verb(verbs, "station", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
-    todo = parser.add_subparsers(dest="job", metavar="JOB [options]", required=True, title="jobs")
-    _calibrate(todo).set_defaults(job_of=jobs.calibrate)
-    _map(todo).set_defaults(job_of=jobs.map_deviations)
-    _measure(todo).set_defaults(job_of=jobs.measure_marks)
-    _recalibrate(todo).set_defaults(job_of=jobs.recalibrate)
-    _report(todo).set_defaults(job_of=jobs.report)
-    _simulate(todo).set_defaults(job_of=station_simulate.simulate)
+    parser = verb(verbs, "station", None, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
+    jobs = add_jobs(parser)
+    _add_calibrate(jobs)
+    _add_map(jobs)
+    _add_measure(jobs)
+    _add_recalibrate(jobs)
+    _add_report(jobs)
+    _add_simulate(jobs)
 
 
-def run(arguments: argparse.Namespace) -> None:
-    """Do the job."""
-    arguments.job_of(arguments)
-
-
-def _job(todo: Verbs, name: str, short: str) -> argparse.ArgumentParser:
-    parser = todo.add_parser(name, help=short, description=short, formatter_class=Help)
+def _job(jobs: Verbs, name: str, run: Run, short: str) -> argparse.ArgumentParser:
+    parser = job(jobs, name, run, short=short)
     add_json(parser)
     return parser
 
@@ -72,11 +66,15 @@ def _add_rule(parser: argparse.ArgumentParser) -> None:
         choices=("smooth", "bilinear", "linear", "nearest", "b4"),
         help="how calibrations share in a measurement (default smooth: least predicted error; b4: the dissertation's)",
     )
-    parser.add_argument("--extrapolate", action="store_true", help="measure outside of the calibrated area too")
 
 
-def _calibrate(todo: Verbs) -> argparse.ArgumentParser:
-    parser = _job(todo, "calibrate", "calibrate a camera from pictures of the plate at a grid of positions")
+def _add_calibrate(jobs: Verbs) -> None:
+    parser = _job(
+        jobs,
+        "calibrate",
+        station_jobs.calibrate,
+        "calibrate a camera from pictures of the plate at a grid of positions",
+    )
     parser.add_argument("pictures", nargs="*", metavar="PICTURE", help="pictures of the plate, one for each position")
     parser.add_argument("--camera", help="the camera's name (default: as the pictures say)")
     parser.add_argument("--plate", required=True, metavar="FILE", help="plate file")
@@ -93,22 +91,26 @@ def _calibrate(todo: Verbs) -> argparse.ArgumentParser:
     parser.add_argument("--limit", type=real, default=2.0, metavar="PX", help="largest residual of a plate (default 2)")
     parser.add_argument("-o", "--output", metavar="FILE", help="station file to write (.json)")
     _add_pictures(parser)
-    return parser
 
 
-def _map(todo: Verbs) -> argparse.ArgumentParser:
-    parser = _job(todo, "map", "how the mechanics deviate over the area, told apart from the vision's error")
+def _add_map(jobs: Verbs) -> None:
+    parser = _job(
+        jobs,
+        "map",
+        station_jobs.map_deviations,
+        "how the mechanics deviate over the area, told apart from the vision's error",
+    )
     parser.add_argument("stations", nargs="+", metavar="STATION", help="station files")
     parser.add_argument("--reference", metavar="POSITION", help="deviations relative to this position (default: mean)")
     parser.add_argument("--pairs", action="store_true", help="print every calibration at every position")
     parser.add_argument(
         "--plot", metavar="FILE", help="heat maps in x and y with arrows: .svg, .png, .pdf (cadcam[plots])"
     )
-    return parser
 
 
-def _measure(todo: Verbs) -> argparse.ArgumentParser:
-    parser = _job(todo, "measure", "measure marks, one in each picture")
+def _add_measure(jobs: Verbs) -> None:
+    short = "measure marks, one in each picture"
+    parser = _job(jobs, "measure", station_jobs.measure_marks, short)
     parser.add_argument(
         "pictures", nargs="*", metavar="PICTURE", help="pictures of one mark each; named as their files"
     )
@@ -129,36 +131,40 @@ def _measure(todo: Verbs) -> argparse.ArgumentParser:
     parser.add_argument("--store", metavar="FILE|URL", help="add a record for each mark to this store of product state")
     parser.add_argument("--block", help="which block the marks are on, for log and store")
     _add_rule(parser)
+    parser.add_argument("--extrapolate", action="store_true", help="measure outside of the calibrated area too")
     _add_pictures(parser)
-    return parser
 
 
-def _recalibrate(todo: Verbs) -> argparse.ArgumentParser:
-    parser = _job(todo, "recalibrate", "take off everywhere what one mark of known place is off by")
+def _add_recalibrate(jobs: Verbs) -> None:
+    parser = _job(
+        jobs, "recalibrate", station_jobs.recalibrate, "take off everywhere what one mark of known place is off by"
+    )
     parser.add_argument("station_file", metavar="STATION", help="station file")
     parser.add_argument("pictures", nargs="*", metavar="PICTURE", help="picture of the mark")
-    parser.add_argument(
-        "--known", required=True, metavar="X,Y", help="where the mark is, mm (--known=-1,2 if negative)"
-    )
+    parser.add_argument("--known", required=True, metavar="X,Y", help="where the mark is, mm")
     parser.add_argument(
         "--known-sigma", type=real, default=0.0, metavar="MM", help="how well that is known (default 0)"
     )
     parser.add_argument("-o", "--output", metavar="FILE", help="station file to write (.json)")
     _add_pictures(parser)
-    return parser
 
 
-def _report(todo: Verbs) -> argparse.ArgumentParser:
-    parser = _job(todo, "report", "write stations and their log as one HTML file")
+def _add_report(jobs: Verbs) -> None:
+    short = "write stations and their log as one HTML file"
+    parser = _job(jobs, "report", station_jobs.report, short)
     parser.add_argument("stations", nargs="+", metavar="STATION", help="station files")
     parser.add_argument("--log", metavar="FILE", help="log of `station measure`")
     parser.add_argument("--drawing", metavar="FILE", help="drawing file: the log's latest marks are compared with it")
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="report to write (.html)")
-    return parser
 
 
-def _simulate(todo: Verbs) -> argparse.ArgumentParser:
-    parser = _job(todo, "simulate", "simulate a hall: write its files, calibrate, measure, compare with the truth")
+def _add_simulate(jobs: Verbs) -> None:
+    parser = _job(
+        jobs,
+        "simulate",
+        station_simulate.simulate,
+        "simulate a hall: write its files, calibrate, measure, compare with the truth",
+    )
     parser.add_argument("folder", nargs="?", metavar="FOLDER", help="folder for the files of the hall (default: none)")
     parser.add_argument(
         "--robots", type=names, default=("1", "6", "7", "12"), metavar="A,B", help="of 1, 6, 7, 12 (default all)"
@@ -170,9 +176,4 @@ def _simulate(todo: Verbs) -> argparse.ArgumentParser:
     parser.add_argument("--pictures", action="store_true", help="render pictures and find the marks in them (slow)")
     parser.add_argument("--sensor", metavar="PROFILE", help="of those pictures: a file or a preset (`cadcam sensor`)")
     parser.add_argument("--seed", type=seed, default=1, help="of the simulation's chance (default 1)")
-    _rule_only(parser)
-    return parser
-
-
-def _rule_only(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--rule", default="smooth", choices=("smooth", "bilinear", "linear", "nearest"))
+    _add_rule(parser)

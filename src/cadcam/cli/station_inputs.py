@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -52,8 +52,7 @@ def source(arguments: argparse.Namespace) -> Source:
     positions = read_positions(arguments.positions) if arguments.positions else None
     if arguments.pixels:
         pixels = read_pixels(arguments.pixels)
-        folder = Path(arguments.pictures[0]).parent if arguments.pictures else None
-        if folder is not None:
+        if arguments.pictures:
             raise BadValue("--pixels", "given beside pictures", "one of the two")
         return Source(pixels.views, pixels, positions, arguments.positions or "")
     if not arguments.pictures:
@@ -127,19 +126,18 @@ def _station_of(picture: str, shot: Shot, stations: Mapping[str, GantryCalibrati
 def _in_picture(arguments: argparse.Namespace, picture: str, shot: Shot, station: GantryCalibration) -> Sighting:
     from cadcam.station.gantry import Sighting
     from cadcam.station.marks import find_mark
-    from cadcam.target.mark import parse_mark
 
     plate = station.positions[0].placement.plate
     look = look_of(arguments, plate, None)
     if look.radius_px is None:
-        look = look_of(arguments, plate, station.radius_px(parse_mark(arguments.mark or plate.mark).radius))
+        look = replace(look, radius_px=station.radius_px(look.mark.radius))
     gray, _ = gray_picture(picture)
     try:
         q, covariance = find_mark(gray, look, lens=station.lens)
     except BadValue as error:
         raise UnreadableFile(picture, str(error)) from error
     name = Path(picture).stem
-    if arguments.sigma:
+    if arguments.sigma is not None:
         return _sighting(name, station.camera, shot, q, arguments.sigma, picture)
     return Sighting(name, station.camera, _at(shot), q, covariance, picture)
 

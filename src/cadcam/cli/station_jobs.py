@@ -192,7 +192,8 @@ class _Finder:
         gray, sha256 = gray_picture(picture)
         found = find_plate(gray, self.plate, look_of(self._arguments, self.plate, self._radius), lens=self.lens)
         self._radius = found.radius_px
-        return found.q, self._arguments.sigma or found.sigma_px, sha256
+        stated = self._arguments.sigma
+        return found.q, found.sigma_px if stated is None else stated, sha256
 
     def _listed(self, pixels: Pixels, picture: str) -> tuple[Array, float | None]:
         import numpy as np

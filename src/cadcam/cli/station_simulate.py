@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cadcam.cli.arguments import refuse
 from cadcam.cli.output import print_json, print_tables, say, working
 from cadcam.errors import BadValue, UnwritableFile
 
@@ -26,7 +27,7 @@ def simulate(arguments: argparse.Namespace) -> None:
 
     from cadcam.station.simulate import calibrate_robot, day, distances, write_day
 
-    _refuse(arguments)
+    _check_options(arguments)
     rng = np.random.default_rng(arguments.seed)
     hall = _hall(arguments, rng)
     folder = _folder(arguments.folder)
@@ -49,13 +50,14 @@ def simulate(arguments: argparse.Namespace) -> None:
         say(f"wrote plate, surveys, pixels, stations and a day's marks into {folder}")
 
 
-def _refuse(arguments: argparse.Namespace) -> None:
+def _check_options(arguments: argparse.Namespace) -> None:
     if not 4 <= arguments.marks <= 10_000:
         raise BadValue("--marks", arguments.marks, "4 to 10000")
-    if arguments.pictures and not arguments.folder:
-        raise BadValue("--pictures", "given without a folder", "a folder to write them to")
-    if arguments.sensor and not arguments.pictures:
-        raise BadValue("--sensor", "given without --pictures", "both: only a picture goes through a sensor")
+    if arguments.folder is None:
+        refuse(arguments, "--pictures", why="without a folder", expected="a folder to write them to")
+    if not arguments.pictures:
+        through = "both: only a picture goes through a sensor"
+        refuse(arguments, "--sensor", why="without --pictures", expected=through)
 
 
 def _hall(arguments: argparse.Namespace, rng: np.random.Generator) -> Hall:

@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cadcam.cli.arguments import Help, Run, Verbs, add_json, real, refuse, verb, whole
+from cadcam.cli.arguments import NO, Verbs, add_jobs, add_json, job, real, refuse, verb, whole
 from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say
 from cadcam.errors import BadValue
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from cadcam.target.find import FoundMark
     from cadcam.target.mark import Mark
 
-NOT_FOUND = 3
 _RULES = ("photometric", "parabola", "centroid", "autocorrelation", "autocorrelation-grid")
 MARK_HELP = """\
 marks (diameters, with their unit; light- before a mark: white on black):
@@ -69,9 +68,14 @@ Print without "fit to page" and measure what is printed below the marks. --plan 
 def add_to(verbs: Verbs) -> None:
     """Add the verb and its two jobs."""
     short = "marks: find them in pictures to hundredths of a pixel; print them at true scale"
-    parser = verb(verbs, "targets", run_find, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
-    jobs = parser.add_subparsers(dest="job", metavar="JOB [options]", required=True, title="jobs")
-    find = _job(jobs, "find", run_find, "pictures -> marks, with standard deviations", _FIND_EXAMPLES)
+    parser = verb(verbs, "targets", None, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
+    jobs = add_jobs(parser)
+    _add_find(jobs)
+    _add_print(jobs)
+
+
+def _add_find(jobs: Verbs) -> None:
+    find = job(jobs, "find", run_find, short="pictures -> marks, with standard deviations", examples=_FIND_EXAMPLES)
     find.add_argument("pictures", nargs="+", metavar="PICTURE", help="pictures, patterns ('images/*.png'), or folders")
     find.add_argument("--mark", required=True, metavar="MARK", help="what is looked for, such as dot-ring:4cm:8cm:12cm")
     find.add_argument("--radius", type=real, nargs="+", metavar="PX", help="of the outermost border: one, or from to")
@@ -90,19 +94,16 @@ def add_to(verbs: Verbs) -> None:
     find.add_argument("--csv", metavar="FILE", help="write all marks: .csv")
     find.add_argument("-o", "--output", metavar="FILE", help="write the (one) picture with its marks: .png or .jpg")
     add_json(find)
-    draw = _job(jobs, "print", run_print, "a mark, or a plate of them, as PDF or SVG", _PRINT_EXAMPLES)
+
+
+def _add_print(jobs: Verbs) -> None:
+    draw = job(jobs, "print", run_print, short="a mark, or a plate of them, as PDF or SVG", examples=_PRINT_EXAMPLES)
     draw.add_argument("mark", help="such as dot-ring:40mm:80mm:120mm (see below)")
     draw.add_argument("output", help="file to write (.pdf, .svg)")
     draw.add_argument("--page", metavar="SIZE", help="paper: a4, a3 ... letter (default: the marks with a margin)")
     draw.add_argument("--grid", metavar="CxR:MM", help="columns x rows and their distance, such as 4x3:55mm")
     draw.add_argument("--numbers", type=whole, metavar="N", help="coded marks: as many, from the mark's number on")
     draw.add_argument("--plan", metavar="FILE", help="write the places of the marks: .csv")
-
-
-def _job(jobs: Verbs, name: str, run: Run, short: str, examples: str) -> argparse.ArgumentParser:
-    parser = jobs.add_parser(name, help=short, description=short, epilog=f"examples:\n{examples}", formatter_class=Help)
-    parser.set_defaults(run=run, parser=parser)
-    return parser
 
 
 def run_print(arguments: argparse.Namespace) -> None:
@@ -186,7 +187,7 @@ def run_find(arguments: argparse.Namespace) -> int:
     _report(arguments, mark, found)
     for message in short:
         say(message)
-    return 0 if all(found.values()) else NOT_FOUND
+    return 0 if all(found.values()) else NO
 
 
 def _find(arguments: argparse.Namespace, mark: Mark, file: str) -> list[FoundMark]:

@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, refuse, verb
-from cadcam.cli.locate import NOT_FOUND, overlaid
+from cadcam.cli.arguments import NO, Verbs, add_json, refuse, verb
+from cadcam.cli.locate import overlaid
 from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, part_as_asked, start_as_asked
 from cadcam.cli.models import add_model_options, load_as_asked
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say
@@ -101,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
                 step()
         entries = log.entries
     _report(arguments, entries)
-    return 0 if any(entry["found"] for entry in entries) else NOT_FOUND
+    return 0 if any(entry["found"] for entry in entries) else NO
 
 
 def _check_options(arguments: argparse.Namespace) -> None:

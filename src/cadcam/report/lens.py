@@ -80,7 +80,7 @@ def lens_as_json(optics: Optics) -> dict[str, Any]:
 def formats_table() -> Table:
     """Return the sensors known by name."""
     rows = []
-    for sensor in (*FORMATS.values(), *CHIPS.values()):
+    for sensor in _known_sensors():
         size, used = sensor.size_mm, sensor.effective().size_mm
         pixels = "" if sensor.pixels is None else f"{sensor.pixels[0]} x {sensor.pixels[1]}"
         rows.append(
@@ -93,6 +93,25 @@ def formats_table() -> Table:
             )
         )
     return Table("sensors", ("name", "size mm", "diagonal mm", "nine tenths mm", "pixels"), tuple(rows), left=("name",))
+
+
+def formats_as_json() -> dict[str, Any]:
+    """Return the sensors known by name: mm, pixels null where the name does not say them."""
+    return {
+        "sensors": [
+            {
+                "name": sensor.name,
+                "sensor_mm": list(sensor.size_mm),
+                "nine_tenths_mm": list(sensor.effective().size_mm),
+                "pixels": None if sensor.pixels is None else list(sensor.pixels),
+            }
+            for sensor in _known_sensors()
+        ]
+    }
+
+
+def _known_sensors() -> tuple[SensorFormat, ...]:
+    return (*FORMATS.values(), *CHIPS.values())
 
 
 def write_lens_diagram(

@@ -135,6 +135,12 @@ class Hall:
     noise_px: float
     sensor: Sensor = SENSOR
 
+    def __post_init__(self) -> None:
+        for name in ("survey_mm", "backlash_mm", "vibration_mm", "noise_px"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise BadValue(f"{name} of the hall", value, "a number from 0 on")
+
     def gantry(self, name: str) -> Gantry:
         """Return a gantry by its name. Raises `UnknownName`."""
         if name not in self.gantries:
@@ -204,8 +210,10 @@ def make_hall(
     """Return a hall as B4 was: 768 x 576 pixels of about 1.3 x 1.2 mm, four robots on 8.5 x 9.5 m each.
 
     deflection_mm: how far the views' deviations differ between a gantry's worst two places. sensor: of its cameras.
-    Raises `UnknownName`, and `BadValue` for a sensor that would change the pictures' size.
+    Raises `UnknownName`, and `BadValue` for no robot, noise below 0, or a sensor that would change the pictures' size.
     """
+    if not robots:
+        raise BadValue("robots of the hall", "none", f"at least one of {', '.join(ROBOTS)}")
     for name in robots:
         if name not in ROBOTS:
             raise UnknownName("robot", name, ROBOTS)

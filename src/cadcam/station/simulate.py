@@ -11,6 +11,7 @@ import numpy as np
 from cadcam.arrays import Array, Floats
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal
+from cadcam.errors import TooFewPoints
 from cadcam.files.shot import Shot, write_positions
 from cadcam.image.picture import read_picture, to_gray
 from cadcam.station.gantry import GantryCalibration, Repeatability, Sighting, calibrate_gantry
@@ -131,7 +132,10 @@ def day(hall: Hall, rng: np.random.Generator, *, marks: int) -> Day:
 def distances(
     stations: Mapping[str, GantryCalibration], work: Day, *, rule: Rule = "smooth", longest_mm: float = 30_000.0
 ) -> Coverage:
-    """Return the distances between each mark and the next of a day's work, up to a length, beside the truth."""
+    """Return the distances of each two marks of a day's work, up to a length, beside the truth.
+
+    Raises `TooFewPoints` where all are longer.
+    """
     measured = measure(stations, work.sightings, rule=rule)
     rows = []
     for i in range(0, len(work.points) - 1, 2):
@@ -139,7 +143,9 @@ def distances(
         if 0 < true <= longest_mm:
             found = measured.distance(work.sightings[i].name, work.sightings[i + 1].name)
             rows.append((true, found.value - true, found.half_width))
-    columns = np.array(rows).reshape(-1, 3)
+    if not rows:
+        raise TooFewPoints("a day's work", 0, 1, of=f"distances up to {longest_mm:g} mm")
+    columns = np.array(rows)
     return Coverage(columns[:, 0], columns[:, 1], columns[:, 2])
 
 
