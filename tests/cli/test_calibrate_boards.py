@@ -47,6 +47,16 @@ def test_pictures_become_a_camera_file_poses_and_pictures_of_what_was_found(
     assert read_picture(tmp_path / "found" / names[0]).shape == (360, 480, 3)
 
 
+def test_pictures_of_one_name_in_two_folders_keep_a_pose_each(cadcam: Cadcam, folder: Path, tmp_path: Path) -> None:
+    places = [tmp_path / where / name for where in ("one", "two") for name in ("a.png", "b.png")]
+    for place, picture in zip(places, sorted(folder.glob("*.png")), strict=True):
+        place.parent.mkdir(exist_ok=True)
+        place.write_bytes(picture.read_bytes())
+    ran = cadcam("calibrate", *places, "--board", CHESS, "--no-advice", "--poses", tmp_path / "poses.csv")
+    assert ran.code == 0, ran.err
+    assert list(read_poses(tmp_path / "poses.csv")) == [str(place) for place in places]
+
+
 def test_json_says_the_same(cadcam: Cadcam, folder: Path) -> None:
     files = sorted(folder.glob("*.png"))[:3]
     ran = cadcam("calibrate", *files, "--board", CHESS, "--lens", "brown-conrady:k1", "--no-advice", "--json")

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import argparse
-from glob import glob
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import refuse
+from cadcam.cli.estimating import fixed_as_asked, lens_as_asked
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say, working
-from cadcam.errors import BadValue, UnreadableFile, UnwritableFile
-from cadcam.image.suffixes import READABLE
+from cadcam.cli.photos import picture_files
+from cadcam.errors import BadValue, UnwritableFile
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from cadcam.calibrate.boards import BoardCalibration, BoardPicture
-    from cadcam.camera.lens import Lens
-
+    from cadcam.target.board import Pattern
 
 BOARD_HELP = """\
 boards (cadcam board prints one):
@@ -39,37 +38,23 @@ def add_board_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run_boards(
-    arguments: argparse.Namespace, fixed: Mapping[str, float], lens: Lens | None, free_lens: Sequence[str]
-) -> None:
+def run_boards(arguments: argparse.Namespace) -> None:
     """Find the board in all pictures, calibrate, print, write."""
-    from cadcam.calibrate.boards import calibrate_boards, find_board
+    from cadcam.calibrate.boards import calibrate_boards
     from cadcam.calibrate.coverage import coverage
     from cadcam.calibrate.nested import nested_advice
     from cadcam.calibrate.next_view import next_views
-    from cadcam.files.camera import write_camera
     from cadcam.report.boards import board_tables, boards_as_json
     from cadcam.target.pattern import parse_pattern
 
     _check_options(arguments)
     pattern, files = parse_pattern(arguments.board), picture_files(arguments.points)
-    found: list[BoardPicture] = []
-    with progress("finding the board", len(files)) as step:
-        for file in files:
-            found.append(find_board(file, pattern))
-            step()
+    model = board_model_as_asked(arguments)
+    found = found_boards(files, pattern)
     if arguments.pictures:
         _write_found(arguments.pictures, found)
-    held = dict(fixed) if arguments.free_skew else {"skew": 0.0} | dict(fixed)
     with working(f"estimating one camera from {len(files)} pictures"):
-        calibration = calibrate_boards(
-            found,
-            fixed=held,
-            lens=lens,
-            free_lens=free_lens if lens is not None else None,
-            bend=arguments.bend,
-            keep_all=arguments.keep_all,
-        )
+        calibration = calibrate_boards(found, bend=arguments.bend, **model)
         seen, views = coverage(calibration), next_views(calibration)
         nested = None if arguments.no_advice else nested_advice(calibration.fit)
     if arguments.json:
@@ -77,29 +62,31 @@ def run_boards(
         print_json(boards_as_json(calibration, seen, views) | told)
     else:
         print_tables(board_tables(calibration, seen, views, nested))
-    if arguments.output:
-        write_camera(arguments.output, calibration.estimate.view(0))
-        say(f"wrote {arguments.output} (the pose in it is that of {calibration.estimate.views[0].source})")
-    _write_rest(arguments, calibration)
+    _write(arguments, calibration)
 
 
-def picture_files(paths: Sequence[str]) -> list[str]:
-    """Return the files of paths, patterns and folders of pictures, each once, in order. Raises `UnreadableFile`."""
-    files: list[str] = []
-    for path in paths:
-        if Path(path).is_dir():
-            inside = sorted(str(p) for p in Path(path).iterdir() if p.suffix.lower() in READABLE)
-            if not inside:
-                raise UnreadableFile(path, "is a folder without pictures", f"pictures end in {' '.join(READABLE)}")
-            files += inside
-        elif any(c in path for c in "*?[") and not Path(path).exists():
-            matching = sorted(glob(path))  # noqa: PTH207 - a pattern with a folder in it, as a shell has them
-            if not matching:
-                raise UnreadableFile(path, "no file has such a name", "check the folder and the pattern")
-            files += matching
-        else:
-            files.append(path)
-    return list(dict.fromkeys(files))
+def board_model_as_asked(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return fixed, lens, free_lens and keep_all, as `calibrate_boards` takes them: no skew unless --free-skew."""
+    lens, free_lens = lens_as_asked(arguments)
+    fixed = fixed_as_asked(arguments)
+    return {
+        "fixed": fixed if arguments.free_skew else {"skew": 0.0} | fixed,
+        "lens": lens,
+        "free_lens": None if lens is None else free_lens,
+        "keep_all": arguments.keep_all,
+    }
+
+
+def found_boards(files: Sequence[str], pattern: Pattern) -> list[BoardPicture]:
+    """Return what each picture shows of the board."""
+    from cadcam.calibrate.boards import find_board
+
+    found = []
+    with progress("finding the board", len(files)) as step:
+        for file in files:
+            found.append(find_board(file, pattern))
+            step()
+    return found
 
 
 def _check_options(arguments: argparse.Namespace) -> None:
@@ -135,17 +122,23 @@ def _write_found(folder: str, found: Sequence[BoardPicture]) -> None:
         write_picture(Path(folder) / f"{number:03d}_{Path(one.name).stem}_{state}.png", picture)
 
 
-def _write_rest(arguments: argparse.Namespace, calibration: BoardCalibration) -> None:
+def _write(arguments: argparse.Namespace, calibration: BoardCalibration) -> None:
+    """Write what -o, --pictures and --poses ask for."""
     from cadcam.calibrate.coverage import coverage_picture
+    from cadcam.files.camera import write_camera
     from cadcam.files.poses import write_poses
     from cadcam.image.picture import write_picture
 
+    estimate = calibration.estimate
+    if arguments.output:
+        write_camera(arguments.output, estimate.view(0))
+        say(f"wrote {arguments.output} (the pose in it is that of {estimate.views[0].source})")
     if arguments.pictures:
         write_picture(Path(arguments.pictures) / "coverage.png", coverage_picture(calibration))
         say(f"wrote {len(calibration.pictures)} pictures and coverage.png into {arguments.pictures}")
     if arguments.poses:
-        estimate = calibration.estimate
-        write_poses(
-            arguments.poses, {Path(view.source).name: estimate.pose(j) for j, view in enumerate(estimate.views)}
-        )
-        say(f"wrote {arguments.poses}")
+        names = [Path(view.source).name for view in estimate.views]
+        if len(set(names)) < len(names):  # pictures of one name in several folders
+            names = list(estimate.names)
+        write_poses(arguments.poses, {name: estimate.pose(j) for j, name in enumerate(names)})
+        say(f"wrote {arguments.poses}: {len(names)} poses")

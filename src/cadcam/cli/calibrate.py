@@ -89,8 +89,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Calibrate, print, write."""
     if arguments.board:
         refuse(arguments, *POINTS_OPTIONS, why="beside --board", expected="none: no points files are read")
-        lens, free_lens = lens_as_asked(arguments)
-        run_boards(arguments, fixed_as_asked(arguments), lens, free_lens)
+        run_boards(arguments)
         return
     if pictures := [path for path in arguments.points if Path(path).suffix.lower() in READABLE]:
         raise BadValue("points file", f"the picture {pictures[0]}", "a text file; or --board BOARD for pictures of one")

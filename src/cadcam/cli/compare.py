@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cadcam.cli.arguments import Verbs, add_json, size, verb
 from cadcam.cli.output import check_target, print_json, print_tables, say
+from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
     from cadcam.camera.camera import Camera
-    from cadcam.fit.compare import Difference
 
 _EXAMPLES = """\
   cadcam compare before.json after.json                     as they are
@@ -53,12 +53,11 @@ def run(arguments: argparse.Namespace) -> None:
         check_target(arguments.output, (".png", ".svg"))
     a = _camera(arguments, arguments.a, arguments.camera_a)
     b = _camera(arguments, arguments.b, arguments.camera_b)
-    difference: Difference = compare(a, b, rotate=arguments.rotate)
+    difference = compare(a, b, rotate=arguments.rotate)
     if arguments.output:
         write_difference(arguments.output, difference, a.size)
     if arguments.json:
-        document: dict[str, Any] = {"a": arguments.a, "b": arguments.b, **difference_as_json(difference)}
-        print_json(document)
+        print_json({"a": arguments.a, "b": arguments.b, **difference_as_json(difference)})
     else:
         print_tables([difference_table(difference, (arguments.a, arguments.b))])
     if arguments.output:
@@ -66,7 +65,6 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _camera(arguments: argparse.Namespace, path: str, name: str | None) -> Camera:
-    from cadcam.errors import BadValue
     from cadcam.files.foreign.registry import read_cameras
 
     found = read_cameras(path, size=arguments.size).named(name).cameras

@@ -153,6 +153,7 @@ def _row(named: NamedCamera) -> tuple[str, ...]:
 
 def _document(found: Foreign, written: Written | None) -> dict[str, Any]:
     from cadcam.files.camera import camera_as_json
+    from cadcam.files.jsontext import or_null
 
     cameras = [
         {"name": named.name, **camera_as_json(named.camera, camera_from_world=named.camera_from_world)}
@@ -163,11 +164,7 @@ def _document(found: Foreign, written: Written | None) -> dict[str, Any]:
         document["written"] = {
             "format": written.format,
             "files": list(written.paths),
-            "losses": [{"what": loss.what, "text": loss.text, "px": _finite(loss.px)} for loss in written.losses],
+            "losses": [{"what": loss.what, "text": loss.text, "px": or_null(loss.px)} for loss in written.losses],
             "read_back_px": written.read_back_px,
         }
     return document
-
-
-def _finite(value: float) -> float | None:
-    return value if abs(value) < float("inf") else None

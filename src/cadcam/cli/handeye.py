@@ -19,9 +19,10 @@ from cadcam.cli.arguments import (
     refuse,
     verb,
 )
-from cadcam.cli.boards import BOARD_HELP, picture_files
+from cadcam.cli.boards import BOARD_HELP, found_boards
 from cadcam.cli.cameras import read_any_camera
-from cadcam.cli.output import check_target, print_json, print_tables, progress, say, working
+from cadcam.cli.output import check_target, print_json, print_tables, say, working
+from cadcam.cli.photos import picture_files
 from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
 from cadcam.image.suffixes import READABLE
 
@@ -194,16 +195,12 @@ def _camera(arguments: argparse.Namespace) -> Camera | CameraEstimate:
 
 def _boards(arguments: argparse.Namespace, camera: Camera | CameraEstimate) -> dict[str, Observations | None]:
     """Return what each picture shows of the board, by the stem of its file, None where it does not show it."""
-    from cadcam.calibrate.boards import board_views, find_board
+    from cadcam.calibrate.boards import board_views
     from cadcam.target.pattern import parse_pattern
 
     pattern = parse_pattern(arguments.board)
     files = _by_stem([Path(file) for file in picture_files(arguments.views)])
-    found = []
-    with progress("finding the board", len(files)) as step:
-        for file in files.values():
-            found.append(find_board(file, pattern))
-            step()
+    found = found_boards([str(file) for file in files.values()], pattern)
     for picture in found:
         if picture.detection is None:
             say(f"{picture.name}: {picture.problem}; its pose is not used")

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from cadcam.render.cutout import Cutout
     from cadcam.render.overlay import LineStyle
     from cadcam.render.view import Look, Scene, View
-    from cadcam.render.visible import LineDrawer
 
 Color = tuple[float, float, float]
 
@@ -83,11 +82,14 @@ class Dress:
     """What is put around and on the shaded model, and how it becomes a file."""
 
     def __init__(self, arguments: argparse.Namespace, scene: Scene) -> None:
+        from cadcam.files.sensor import sensor_named
+        from cadcam.render.visible import LineDrawer
+
         self._arguments = arguments
         usual = WALL if is_photograph(arguments) else "white"
         self._background = None if arguments.transparent else background(arguments.background or usual)
-        self._drawer = _drawer(scene) if arguments.edges else None
-        self._sensor = None if arguments.sensor is None else _sensor(arguments.sensor)
+        self._drawer = LineDrawer(scene) if arguments.edges else None
+        self._sensor = None if arguments.sensor is None else sensor_named(arguments.sensor)
 
     def write(self, path: str, view: View) -> dict[str, Any]:
         """Write the picture; return how many pixels saw the model."""
@@ -118,12 +120,6 @@ class Dress:
         return {"seen_pixels": int(np.count_nonzero(model.alpha))}
 
 
-def _sensor(name: str) -> Sensor:
-    from cadcam.files.sensor import sensor_named
-
-    return sensor_named(name)
-
-
 def background(text: str) -> Color | Picture:
     """Return the colour that a text says, or the photo in the file of this name."""
     try:
@@ -134,12 +130,6 @@ def background(text: str) -> Color | Picture:
     from cadcam.image.picture import read_picture
 
     return read_picture(text)
-
-
-def _drawer(scene: Scene) -> LineDrawer:
-    from cadcam.render.visible import LineDrawer
-
-    return LineDrawer(scene)
 
 
 def _soft(arguments: argparse.Namespace) -> LineStyle:

@@ -160,7 +160,7 @@ def run(arguments: argparse.Namespace) -> None:
     else:
         print_tables(tables)
     if measured.refused:
-        say(f"cadcam measure: {len(measured.refused)} of {len(pixels.names)} points could not be measured")
+        say(f"{len(measured.refused)} of {len(pixels.names)} points could not be measured")
     if arguments.output:
         say(f"wrote {arguments.output}")
 

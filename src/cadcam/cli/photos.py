@@ -1,15 +1,17 @@
-"""Photos with the cameras that took them, on the command line: one photo, several cameras, or a rig."""
+"""Pictures on the command line: their files; photos with the cameras that took them, one, several, or a rig."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
+from glob import glob
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cadcam.cli.output import working
-from cadcam.errors import BadValue, SizeMismatch, UnknownName
+from cadcam.errors import BadValue, SizeMismatch, UnknownName, UnreadableFile
+from cadcam.image.suffixes import READABLE
 
 if TYPE_CHECKING:
     from cadcam.camera.viewpoint import Viewpoint
@@ -43,6 +45,25 @@ def add_photo_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rig", metavar="FILE", help="rig file of `cadcam rig`: photos are named as its cameras (left.png, left=1.png)"
     )
+
+
+def picture_files(paths: Sequence[str]) -> list[str]:
+    """Return the files of paths, patterns and folders of pictures, each once, in order. Raises `UnreadableFile`."""
+    files: list[str] = []
+    for path in paths:
+        if Path(path).is_dir():
+            inside = sorted(str(p) for p in Path(path).iterdir() if p.suffix.lower() in READABLE)
+            if not inside:
+                raise UnreadableFile(path, "is a folder without pictures", f"pictures end in {' '.join(READABLE)}")
+            files += inside
+        elif any(c in path for c in "*?[") and not Path(path).exists():
+            matching = sorted(glob(path))  # noqa: PTH207 - a pattern with a folder in it, as a shell has them
+            if not matching:
+                raise UnreadableFile(path, "no file has such a name", "check the folder and the pattern")
+            files += matching
+        else:
+            files.append(path)
+    return list(dict.fromkeys(files))
 
 
 def read_shots(paths: Sequence[str], cameras: Sequence[str], rig: str | None) -> Shots:

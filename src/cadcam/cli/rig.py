@@ -17,10 +17,11 @@ from cadcam.cli.arguments import (
     size,
     verb,
 )
-from cadcam.cli.boards import BOARD_HELP, picture_files
+from cadcam.cli.boards import BOARD_HELP, board_model_as_asked
 from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.estimating import fixed_as_asked, lens_as_asked
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say, working
+from cadcam.cli.photos import picture_files
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
 from cadcam.image.suffixes import READABLE
 
@@ -165,18 +166,9 @@ def _from_boards(
             for file in row:
                 found[name].append(None if file is None else find_board(file, pattern))
                 step()
-    lens, free_lens = lens_as_asked(arguments)
-    fixed = fixed_as_asked(arguments)
+    model = board_model_as_asked(arguments)
     with working(f"estimating a rig of {len(files)} cameras from {len(frames)} frames"):
-        boards = calibrate_rig_boards(
-            found,
-            frames=frames,
-            known=known,
-            fixed=fixed if arguments.free_skew else {"skew": 0.0} | fixed,
-            lens=lens,
-            free_lens=free_lens if lens is not None else None,
-            keep_all=arguments.keep_all,
-        )
+        boards = calibrate_rig_boards(found, frames=frames, known=known, **model)
     return boards.estimate, boards.alone
 
 

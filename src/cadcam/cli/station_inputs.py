@@ -45,7 +45,7 @@ class Source:
 
 def source(arguments: argparse.Namespace) -> Source:
     """Return what the command line names."""
-    from cadcam.cli.boards import picture_files
+    from cadcam.cli.photos import picture_files
     from cadcam.files.pixels import read_pixels
     from cadcam.files.shot import read_positions
 

@@ -164,7 +164,7 @@ def _marks(mark: Mark, numbers: int | None, places: int) -> tuple[Mark, ...]:
 
 def run_find(arguments: argparse.Namespace) -> int:
     """Find, write, report."""
-    from cadcam.cli.boards import picture_files
+    from cadcam.cli.photos import picture_files
     from cadcam.errors import TooFewMarks
     from cadcam.target.mark import parse_mark
 
