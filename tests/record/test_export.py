@@ -58,7 +58,7 @@ def test_a_verification_is_read_by_its_keys_and_may_hold_more(tmp_path: Path) ->
     ("text", "says"),
     [
         ('{"part": "p"}', "has no 'deviations'"),
-        ('{"part": "p", "deviations": [{"feature": "f"}]}', "deviations.1 has no deviation"),
+        ('{"part": "p", "deviations": [{"feature": "f"}]}', "deviations.0 has no deviation"),
         ('{"part": "p", "deviations": [], "time_utc": "noon"}', "time_utc is 'noon'"),
         ('{"part": "p", "deviations": [], "verdict": "GOOD"}', "unknown verdict"),
         ('{"part": "p", "deviations": [], "sources": [{"role": "cad", "path": "x", "sha256": "12"}]}', "64 hex"),

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from cadcam.errors import BadValue, UnreadableFile
+from cadcam.errors import BadValue, UnreadableFile, UnwritableFile
 from cadcam.record.store import open_store
 from cadcam.station.document import read_plate, read_station, read_stations, write_plate, write_station
 from cadcam.station.log import append_log, log_entries, read_log, records
@@ -54,7 +54,7 @@ def spoiled(path, *keys, value):
         (("positions", 0, "survey_mm", "a"), None, "has no 'a'"),
         (("positions", 0, "survey_mm", "a"), [0.0, 0.0], "positions.0 is refused: the surveyed reflectors"),
         (("positions", 0, "pixels_px", "9"), [1.0, 2.0], "names the mark '9'"),
-        (("positions",), {}, "is no list"),
+        (("positions",), {}, "is not a list"),
         (("positions",), [], "at least 1 position; 0 given"),
         (("repeatability", "covariance_mm2"), [[1.0]], "repeatability"),
         (("plate", "colour"), "red", "unknown key 'colour'"),
@@ -108,6 +108,24 @@ def test_what_is_wrong_in_a_survey_is_named(tmp_path, text, says):
     (tmp_path / "survey.csv").write_text(text)
     with pytest.raises(UnreadableFile, match=says):
         read_survey(tmp_path / "survey.csv", Plate.b4())
+
+
+def test_entries_that_the_disk_does_not_hold_leave_the_log_as_it_was(tmp_path, stations, work):
+    """A disk that takes a part of a write reports no error until the next one: half a line would spoil the log."""
+    resource = pytest.importorskip("resource")
+    log, entries = tmp_path / "log.jsonl", log_entries(measure(stations, work.sightings), work.sightings)
+    append_log(log, entries[:1])
+    before = log.read_bytes()
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) + 40, hard))
+    try:
+        with pytest.raises(UnwritableFile, match=r"log\.jsonl: cannot be written"):
+            append_log(log, entries[1:])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert log.read_bytes() == before
+    append_log(log, entries[1:])
+    assert read_log(log) == json.loads(json.dumps(entries))
 
 
 def test_a_log_grows_and_is_never_rewritten(tmp_path, stations, work):

@@ -85,12 +85,7 @@ class _Given:
 
     def whole(self, key: str, default: int) -> int:
         place = self.place(key)
-        if place is None:
-            return default
-        number = place.number()
-        if number != int(number):
-            raise place.error(f"is {number:g}", "a whole number is expected")
-        return int(number)
+        return default if place is None else place.whole()
 
     def text(self, key: str) -> str | None:
         place = self.place(key)
@@ -138,9 +133,7 @@ class _Given:
 
     def _flag(self, key: str) -> bool:
         place = self.place(key)
-        if place is not None and not isinstance(place.value, bool):
-            raise place.error(f"is {place.value!r}", "true or false is expected")
-        return place is not None and bool(place.value)
+        return place is not None and place.flag()
 
     def _camera(self) -> Camera:
         file = self.text("camera")

@@ -66,6 +66,25 @@ class Place:
             raise self.error(f"is {shortened(self.value)}", "a list of texts is expected")
         return tuple(self.value)
 
+    def items(self, remedy: str = "a list [...] is expected") -> list[Place]:
+        """Return the places in a list, counted from 0 as JSON's own tools do."""
+        if not isinstance(self.value, list):
+            raise self.error("is not a list", remedy)
+        return [Place(self.path, (*self.keys, str(i)), value) for i, value in enumerate(self.value)]
+
+    def flag(self) -> bool:
+        """Return true or false."""
+        if not isinstance(self.value, bool):
+            raise self.error(f"is {shortened(self.value)}", "true or false is expected")
+        return self.value
+
+    def whole(self) -> int:
+        """Return a whole number."""
+        number = self.number()
+        if number != int(number):
+            raise self.error(f"is {number:g}", "a whole number is expected")
+        return int(number)
+
     def array(self, shape: tuple[int | None, ...]) -> Array:
         """Return an array of finite numbers, at most `LARGEST` in size, of this shape; None is any length."""
         expected = f"{_in_words(shape)} is expected"

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cadcam.errors import CadcamError, UnknownName, UnreadableFile
-from cadcam.files.jsontext import Place, parsed
+from cadcam.files.jsontext import parsed
 from cadcam.files.matrix import pose_in, read_pose, stated
 from cadcam.files.text import Line, TextFile, lines_of_cells, number_in, read_text, rows_of_cells
 from cadcam.geometry.rigid import Rigid
@@ -65,11 +65,8 @@ def _files_in(folder: Path) -> list[Path]:
 
 
 def _in_json(file: TextFile) -> Iterator[tuple[str, Rigid]]:
-    poses = parsed(file).at("poses")
-    if not isinstance(poses.value, list):
-        raise poses.error("is not a list", 'write "poses": [{"name": ..., "camera_from_world": ...}, ...]')
-    for i, value in enumerate(poses.value):
-        place = Place(file.path, ("poses", str(i)), value)
+    listed = 'write "poses": [{"name": ..., "camera_from_world": ...}, ...]'
+    for i, place in enumerate(parsed(file).at("poses").items(listed)):
         name = place.at("name").text() if "name" in place.object else f"{i:04d}"
         yield name, pose_in(place)
 

@@ -59,7 +59,7 @@ def read_rig(path: str | os.PathLike[str]) -> RigEstimate:
     place = parsed(read_text(path, max_bytes=256_000_000))
     place.check_head(FORMAT, VERSION, remedy=f"only {FORMAT!r} is read here: a file of `cadcam rig`")
     place.only(*_KEYS)
-    cameras, frames = _items(place.at("cameras")), _items(place.at("frames"))
+    cameras, frames = place.at("cameras").items(), place.at("frames").items()
     views = tuple(tuple(_view_at(frame, c, len(cameras)) for frame in frames) for c in range(len(cameras)))
     by_frame = place.at("covariance_by_frame")
     estimate = place.build(
@@ -150,14 +150,8 @@ def _key(parameter: str) -> str:
     return f"{camera}.{key_of(name)}"
 
 
-def _items(place: Place) -> list[Place]:
-    if not isinstance(place.value, list):
-        raise place.error("is not a list", "a list [...] is expected")
-    return [Place(place.path, (*place.keys, str(i + 1)), value) for i, value in enumerate(place.value)]
-
-
 def _view_at(frame: Place, c: int, count: int) -> Observations | None:
-    seen = _items(frame.at("seen"))
+    seen = frame.at("seen").items()
     if len(seen) != count:
         raise frame.error(
             f"has observations of {len(seen)} cameras", f"one for each of {count}, null where it saw nothing"

@@ -130,15 +130,9 @@ def _model(place: Place, folder: Path, sources: Sources, role: str, *more: str) 
 def _obstacles(place: Place, folder: Path, sources: Sources) -> Mesh | None:
     if "obstacles" not in place.object:
         return None
-    items = _items(place.at("obstacles"))
+    items = place.at("obstacles").items("write '- {model: post.stl}' lines")
     placed = [_model(item, folder, sources, "obstacle", *_POSE).transformed(_pose(item)) for item in items]
     return merge(placed) if placed else None
-
-
-def _items(place: Place) -> list[Place]:
-    if not isinstance(place.value, list):
-        raise place.error("is no list", "write '- {model: post.stl}' lines")
-    return [Place(place.path, (*place.keys, str(i)), value) for i, value in enumerate(place.value)]
 
 
 def _poses(place: Place) -> dict[str, Rigid]:
@@ -171,9 +165,8 @@ def _combinations(entry: Place) -> list[tuple[Array, Array]]:
         place = entry.at(key)
         if not isinstance(place.value, list) or len(place.value) != 3:
             raise place.error("is no list of three", "numbers, or ranges [low, high]")
-        for i, value in enumerate(place.value):
-            one = Place(place.path, (*place.keys, str(i)), value)
-            axes.append(_range(one, steps) if isinstance(value, list) else one.array(())[None])
+        for one in place.items():
+            axes.append(_range(one, steps) if isinstance(one.value, list) else one.array(())[None])
     if np.prod([len(a) for a in axes]) > _MOST_POSES:
         raise entry.error("has too many combinations", f"at most {_MOST_POSES}: fewer ranges, or steps: 2")
     return [(np.array(v[:3]), np.array(v[3:])) for v in product(*axes)]
@@ -354,15 +347,11 @@ def _number(place: Place, key: str, default: float) -> float:
 
 
 def _whole(place: Place, key: str, default: int) -> int:
-    value = _number(place, key, default)
-    if value != int(value) or value < 0:
-        raise place.at(key).error(f"is {value:g}", "a whole number")
-    return int(value)
+    value = place.at(key).whole() if key in place.object else default
+    if value < 0:
+        raise place.at(key).error(f"is {value}", "a whole number from 0 on is expected")
+    return value
 
 
 def _flag(place: Place, key: str) -> bool:
-    if key not in place.object:
-        return False
-    if not isinstance(place.object[key], bool):
-        raise place.at(key).error(f"is {place.object[key]!r}", "true or false")
-    return bool(place.object[key])
+    return key in place.object and place.at(key).flag()

@@ -13,7 +13,7 @@ import csv
 import io
 import json
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -63,7 +63,7 @@ def read_records(path: str | os.PathLike[str]) -> list[Record]:
         return [record_at(place)]
     if place.object.get("version") != VERSION:
         raise place.error(f"has version {place.object.get('version')!r}", f"version {VERSION} is read here")
-    return [record_at(one) for one in _items(place.at("records"))]
+    return [record_at(one) for one in place.at("records").items()]
 
 
 def record_as_json(record: Record) -> dict[str, Any]:
@@ -90,9 +90,9 @@ def record_at(place: Place) -> Record:
         given["quality"] = place.at("quality").number()
     if place.object.get("pose") is not None:
         given["pose"] = pose_estimate_at(place.at("pose"))
-    given["deviations"] = tuple(_deviation_at(d) for d in _items(place.at("deviations")))
+    given["deviations"] = tuple(_deviation_at(d) for d in place.at("deviations").items())
     if "sources" in place.object:
-        given["sources"] = tuple(_source_at(s) for s in _items(place.at("sources")))
+        given["sources"] = tuple(_source_at(s) for s in place.at("sources").items())
     return place.build(lambda: Record(**given))
 
 
@@ -171,10 +171,3 @@ def _time(place: Place) -> datetime:
     except ValueError:
         raise place.error(f"is {place.value!r}", "write 2026-03-02T12:00:00Z") from None
     return time.replace(tzinfo=UTC) if time.tzinfo is None else time  # the key says that it is UTC
-
-
-def _items(place: Place) -> Iterator[Place]:
-    if not isinstance(place.value, list):
-        raise place.error("is not a list", "a list [...] is expected")
-    for i, value in enumerate(place.value):
-        yield Place(place.path, (*place.keys, str(i + 1)), value)

@@ -42,7 +42,7 @@ def read_station(path: str | os.PathLike[str]) -> GantryCalibration:
         raise place.error(f"has version {place.object.get('version')}", f"this cadcam reads version {VERSION}")
     plate = read_plate_in(place.at("plate"))
     lens = camera_at(place.at("lens")) if "lens" in place.object else None
-    positions = [_position(one, plate, lens) for one in _items(place.at("positions"))]
+    positions = [_position(one, plate, lens) for one in place.at("positions").items()]
     station = place.build(
         lambda: calibrate_gantry(place.at("camera").text(), positions, repeatability=_again(place.at("repeatability")))
     )
@@ -173,9 +173,3 @@ def _sighting(place: Place, camera: str) -> Sighting:
 
 def _points(place: Place) -> Array:
     return np.array([place.at(name).array((2,)) for name in place.object], dtype=np.float64).reshape(-1, 2)
-
-
-def _items(place: Place) -> list[Place]:
-    if not isinstance(place.value, list):
-        raise place.error("is no list", "a list of calibrated positions is expected")
-    return [Place(place.path, (*place.keys, str(i)), value) for i, value in enumerate(place.value)]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Any
 
@@ -56,17 +57,30 @@ def log_entries(
 
 
 def append_log(path: str | os.PathLike[str], entries: Sequence[Mapping[str, Any]]) -> None:
-    """Add entries to a log, all of them in one write, and see them on the disk; the log is made where there is none."""
+    """Add entries to a log, all of them or none, and see them on the disk; the log is made where there is none."""
     data = "".join(json.dumps(entry, ensure_ascii=False) + "\n" for entry in entries).encode()
     try:
         handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
         try:
-            os.write(handle, data)
-            os.fsync(handle)
+            _append(handle, data)
         finally:
             os.close(handle)
     except OSError as error:
         raise UnwritableFile(path, error.strerror or str(error), "choose a place you may write to") from error
+
+
+def _append(handle: int, data: bytes) -> None:
+    """Write all of the data; what a full disk took of it is taken back, so that no reader meets half a line."""
+    before, left = os.fstat(handle).st_size, memoryview(data)
+    try:
+        while left:
+            left = left[os.write(handle, left) :]
+        os.fsync(handle)
+    except OSError:
+        if os.fstat(handle).st_size == before + len(data) - len(left):  # else another program has added to it since
+            with suppress(OSError):
+                os.ftruncate(handle, before)
+        raise
 
 
 def read_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
