@@ -142,3 +142,13 @@ def test_arrays_inside_are_copies_and_read_only() -> None:
     assert T.translation[0] == 0
     with pytest.raises(ValueError, match="read-only"):
         T.translation[0] = 1
+
+
+def test_motions_of_a_batch_are_taken_by_index() -> None:
+    batch = Rigid.exp(np.random.default_rng(5).normal(size=(5, 6)))
+    for index in (2, np.int64(2), slice(1, 3), [0, 4], np.array([4, 0]), np.array([True, False, True, False, False])):
+        assert np.array_equal(batch[index].matrix, batch.matrix[index])
+    with pytest.raises(BadValue, match="a batch of motions"):
+        batch[2][0]
+    with pytest.raises(IndexError):
+        batch[5]

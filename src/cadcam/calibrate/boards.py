@@ -21,7 +21,6 @@ from cadcam.camera.lens import BrownConrady, Lens
 from cadcam.camera.observations import Observations
 from cadcam.errors import CadcamError, NoBoard, TooFewPoints
 from cadcam.fit.many_poses import Views, poses_of_views
-from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture_with_info
 from cadcam.target.board import Pattern
 from cadcam.target.circles import disc_shift
@@ -34,7 +33,7 @@ _STRAY_POINT = 6.0  # times the robust sigma of all residuals
 _STRAY_PX = 0.3  # and at least that far off
 _MAY_LEAVE = 0.25  # of the views: more outliers than that are no outliers
 _SETTLED_PX = 1e-4  # change of the discs' shifts
-_LARGEST_HINT = 3  # names in a list before "..."
+_NAMED = 3  # names in a list before "and so many more"
 
 
 class BoardsDisagree(CadcamError):
@@ -171,8 +170,7 @@ def _unshifted(views: Sequence[Observations], camera: Camera, radius: float) -> 
         both = poses_of_views(camera, Views.of([(v.p_world, v.q) for v in out]))
         poses = both.chosen(np.zeros(len(out), dtype=int))
         for j, (view, found) in enumerate(zip(views, np.isfinite(both.sum_of_squares[:, 0]), strict=True)):
-            pose = Rigid(poses.rotation[j], poses.translation[j])
-            out[j] = replace(view, q=view.q - disc_shift(camera, pose, view.p_world, radius)) if found else view
+            out[j] = replace(view, q=view.q - disc_shift(camera, poses[j], view.p_world, radius)) if found else view
     return out
 
 
@@ -235,7 +233,7 @@ def _without_outliers(
             views[i] = _subset(views[i], kept)
         fit, estimate = _settled([views[i] for i in used], size, solver, radius)
     while not keep_all and (worst := estimate.outlier_views()):
-        if len(left_out) - len(pictures) + len(shown) + 1 > _MAY_LEAVE * len(shown) or len(used) <= _LEAST_VIEWS:
+        if len(shown) - len(used) + 1 > _MAY_LEAVE * len(shown) or len(used) <= _LEAST_VIEWS:
             break
         j = worst[0]
         each = estimate.view_residuals
@@ -307,5 +305,5 @@ def _losses(pictures: Sequence[BoardPicture]) -> str:
 
 
 def _listed(texts: Sequence[str]) -> str:
-    more = f" and {len(texts) - _LARGEST_HINT} more" if len(texts) > _LARGEST_HINT else ""
-    return ", ".join(texts[:_LARGEST_HINT]) + more
+    more = f" and {len(texts) - _NAMED} more" if len(texts) > _NAMED else ""
+    return ", ".join(texts[:_NAMED]) + more

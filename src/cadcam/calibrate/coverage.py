@@ -76,7 +76,10 @@ def coverage(calibration: BoardCalibration) -> Coverage:
         q[:, 1], q[:, 0], bins=(_CELLS[1], _CELLS[0]), range=((-0.5, height - 0.5), (-0.5, width - 0.5))
     )
     return Coverage(
-        counts, tilts_deg(estimate.poses.rotation), calibration.distance_mm, direction_sigma(estimate).reshape(6, 8)
+        counts,
+        tilts_deg(estimate.poses.rotation),
+        calibration.distance_mm,
+        direction_sigma(estimate).reshape(_CELLS[::-1]),
     )
 
 
@@ -117,7 +120,11 @@ def direction_sigma(estimate: JointEstimate) -> Array:
 def sigma_of(camera: Camera, free: list[str], covariance: Array) -> Array:
     """Return `direction_sigma` for any covariance of free internals and lens coefficients."""
     J = internal_sensitivity(camera, free)
-    J = np.where(np.isfinite(J), J, 0.0)
+    return worst_sigmas(np.where(np.isfinite(J), J, 0.0), covariance)
+
+
+def worst_sigmas(J: Array, covariance: Array) -> Array:
+    """Return the sigmas (...,) along the worse direction of pixels that follow parameters by J (..., 2, n)."""
     C = J @ covariance @ np.swapaxes(J, -1, -2)
     return np.asarray(np.sqrt(np.linalg.eigvalsh(C)[..., -1].clip(0)))
 

@@ -79,8 +79,10 @@ def measure_on_plane(
     noise = estimate.noise_px if sigma_px is None else sigma_px
     if len(names) != len(pixels):
         raise BadValue("number of names", len(names), f"one for each of {len(pixels)} pixels")
-    if not (np.isfinite(noise) and noise > 0 and np.isfinite(estimate.noise_px)):
-        raise BadValue("pixel noise", noise, "a positive number of px: state it with the calibration's points")
+    if not np.isfinite(estimate.noise_px):
+        raise BadValue("pixel noise of the calibration", "unknown", "five points or more, or sigma_px stated with them")
+    if not (np.isfinite(noise) and noise > 0):
+        raise BadValue("sigma_px", noise, "a positive number of px")
     p = estimate.camera.unproject(pixels)
     kept = np.asarray(np.isfinite(p).all(axis=1))
     if not kept.any():

@@ -20,7 +20,7 @@ from cadcam.calibrate.handeye_estimate import MOUNTINGS, HandEyeEstimate, Mounti
 from cadcam.calibrate.handeye_held_out import held_out, scale_of_target
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
-from cadcam.camera.extended_pinhole import ExtendedPinhole, internals_of
+from cadcam.camera.extended_pinhole import camera_of, internals_of
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, TooFewPoints, UnknownName
 from cadcam.fit import hand_eye
@@ -215,8 +215,7 @@ def _internals(camera: Camera) -> Array:
 
 
 def _camera_of(internals: Array, like: Camera) -> Camera:
-    pinhole = ExtendedPinhole(0, 0, 0, 0, 0, 0, *(float(x) for x in internals[:5]))
-    return pinhole.camera(like.size, type(like.lens)(*(float(c) for c in internals[5:])))
+    return camera_of(internals[:5], like.size, type(like.lens)(*(float(c) for c in internals[5:])))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,7 +15,7 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.errors import DegenerateMotions, InconsistentPoses
 from cadcam.fit import hand_eye
-from cadcam.fit.hand_eye import motions, taken
+from cadcam.fit.hand_eye import motions
 from cadcam.fit.hand_eye_poses import HandEyePoses, PosesFit, adjust_robustly
 from cadcam.fit.layout import Indices
 from cadcam.fit.screw import angles_and_slides, freedom, line_of
@@ -81,8 +81,8 @@ def refuse_strangers(poses: HandEyePoses, names: Sequence[str]) -> None:
     for how, other in _orders(n).items():
         inside = (other >= 0) & (other < n)
         moved = HandEyePoses(
-            taken(poses.base_from_flange, other[inside]),
-            taken(poses.held_from_fixed, np.flatnonzero(inside)),
+            poses.base_from_flange[other[inside]],
+            poses.held_from_fixed[inside],
             poses.covariance[inside],
         )
         if float(np.median(_angle_differences(moved))) < min(median / _BETTER, _STRANGERS):
@@ -298,8 +298,8 @@ def _unit_too(scale: float) -> str:
 
 def _turned_on_the_spot(poses: HandEyePoses, fit: PosesFit, words: Words, i: int) -> bool:
     """Return whether the target of one pose stands where it should but is turned against it."""
-    should = fit.flange_from_held.inv @ taken(poses.base_from_flange, np.array([i])).inv @ fit.base_from_fixed
-    seen = taken(poses.held_from_fixed, np.array([i]))
+    should = fit.flange_from_held.inv @ poses.base_from_flange[[i]].inv @ fit.base_from_fixed
+    seen = poses.held_from_fixed[[i]]
     if words.held == "target":
         should, seen = should.inv, seen.inv
     between = should.inv @ seen
@@ -315,17 +315,17 @@ def _free(slides: Array, turns: Array, held: str) -> str:
         parts.append(f"the {held}'s whole position (x, y and z)")
     elif len(slides) == 2:
         parts.append(
-            f"the {held}'s position in the plane of {_vector(slides[0])} and {_vector(slides[1])} of the flange"
+            f"the {held}'s position in the plane of {_direction(slides[0])} and {_direction(slides[1])} of the flange"
         )
     elif len(slides) == 1:
-        parts.append(f"the {held}'s position along {_vector(slides[0])} of the flange")
+        parts.append(f"the {held}'s position along {_direction(slides[0])} of the flange")
     if len(turns) == 3:
         parts.append("its whole rotation")
     else:
         for turn in turns:
             point, direction = line_of(turn)
             through = "" if len(slides) == 3 else f", rotation and position together, through {_vector(point, 1)} mm"
-            parts.append(f"its turn about {_vector(direction)} of the flange{through}")
+            parts.append(f"its turn about {_direction(direction)} of the flange{through}")
     return ", and ".join(parts)
 
 
@@ -333,8 +333,8 @@ def _free_in_base(poses: HandEyePoses, slides: Array, mounting: str) -> str:
     """Say where an eye-to-hand camera slides in the base: along with what the flange holds."""
     if mounting != "eye-to-hand" or len(slides) != 1:
         return ""
-    in_base = _signed(poses.base_from_flange.rotation[0] @ slides[0])
-    return f" (and with it the camera's position along {_vector(in_base)} of the base)"
+    in_base = poses.base_from_flange.rotation[0] @ slides[0]
+    return f" (and with it the camera's position along {_direction(in_base)} of the base)"
 
 
 def _axes(A: Rigid) -> str:
@@ -347,16 +347,15 @@ def _axes(A: Rigid) -> str:
     n = w[large] / angle[large, None]
     _, _, Vt = np.linalg.svd(n, full_matrices=False)
     along = np.degrees(np.arccos(np.clip(np.abs(n @ Vt[0]), 0, 1)))
-    return f"about axes within {along.max():.2g} deg of {_vector(_signed(Vt[0]))} of the flange"
+    return f"about axes within {along.max():.2g} deg of {_direction(Vt[0])} of the flange"
 
 
-def _signed(v: Array) -> Array:
-    """Turn a direction so that its largest component is positive."""
-    return np.asarray(v * np.sign(v[np.argmax(np.abs(v))]))
+def _direction(v: Array) -> str:
+    """Return a direction in words, turned so that its largest component is positive."""
+    return _vector(v * np.sign(v[np.argmax(np.abs(v))]), 3)
 
 
-def _vector(v: Array, decimals: int = 3) -> str:
-    v = v if decimals != 3 else _signed(v)
+def _vector(v: Array, decimals: int) -> str:
     return "(" + ", ".join(f"{x + 0.0:.{decimals}f}" for x in np.round(v, decimals)) + ")"
 
 

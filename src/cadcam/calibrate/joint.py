@@ -13,7 +13,7 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.calibrate import joint_start
 from cadcam.camera.camera import Camera
-from cadcam.camera.extended_pinhole import INTERNALS, ExtendedPinhole
+from cadcam.camera.extended_pinhole import INTERNALS, camera_of
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import Ideal, Lens
 from cadcam.camera.observations import Observations
@@ -143,7 +143,7 @@ def fit_of(
 def estimate_of(fit: JointFit) -> JointEstimate:
     """Return the estimate that a raw fit stands for."""
     state, model, known, variance = fit.solution.state, fit.model, fit.known, fit.variance
-    n = len(model.free)
+    n, by_view = len(model.free), covariance_by_view(known)
     R = so3.nearest(state.R)
     T = _local_from_own(R)
     counts = model.measured.sum(axis=1)
@@ -157,7 +157,7 @@ def estimate_of(fit: JointFit) -> JointEstimate:
         free=model.free,
         bend=state.bend,
         covariance=variance * known.shared[:n, :n],
-        by_view=_by_view(known, n),
+        by_view=None if by_view is None else by_view[:n, :n],
         pose_covariance=T @ (variance * known.own) @ np.swapaxes(T, -1, -2),
         cross=-variance * (known.shared[:n] @ np.swapaxes(known.lever, -1, -2)) @ np.swapaxes(T, -1, -2),
         noise_px=noise,
@@ -242,8 +242,7 @@ def _refuse_two_places(
 
 
 def _camera(model: JointModel, state: JointState, size: tuple[int, int]) -> Camera:
-    pinhole = ExtendedPinhole(0, 0, 0, 0, 0, 0, *(float(x) for x in state.internals))
-    return pinhole.camera(size, model.lens_of(state))
+    return camera_of(state.internals, size, model.lens_of(state))
 
 
 def _local_from_own(R: Array) -> Array:
@@ -254,11 +253,12 @@ def _local_from_own(R: Array) -> Array:
     return T
 
 
-def _by_view(known: Cofactors, n: int) -> Array | None:
+def covariance_by_view(known: Cofactors) -> Array | None:
+    """Return the covariance of the shared parameters by the scatter between views, None where they are too few."""
     if len(known.scores) < _VIEWS:
         return None
     try:
-        return known.jackknifed()[:n, :n]
+        return known.jackknifed()
     except (TooFewPoints, DegenerateGeometry):
         return None
 

@@ -15,7 +15,7 @@ from cadcam.arrays import Array
 from cadcam.calibrate.points import calibrate, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
-from cadcam.camera.extended_pinhole import INTERNALS, ExtendedPinhole, internals_of
+from cadcam.camera.extended_pinhole import INTERNALS, camera_of, internals_by_name, internals_of
 from cadcam.camera.lens import Lens
 from cadcam.camera.observations import Observations
 from cadcam.errors import CadcamError, DegenerateGeometry, MirroredPoints, NotConverged
@@ -56,7 +56,7 @@ def start(
 
 def guessed(model: JointModel, camera: Camera, fixed: Mapping[str, float]) -> JointState:
     """Return the state of a guessed camera, fixed values put in place, its lens taken over if it is of the model's."""
-    values = dict(zip(INTERNALS, internals_of(camera.K), strict=True)) | dict(fixed)
+    values = internals_by_name(camera) | dict(fixed)
     state = _posed(model, _flattened(model), np.array([values[n] for n in INTERNALS]))
     if type(camera.lens) is type(model.lens):
         free = {n: v for n, v in camera.lens.parameters.items() if n in model.free}
@@ -80,8 +80,7 @@ def _in_sight(model: JointModel, state: JointState) -> JointState:
     blind = np.flatnonzero(~np.isfinite(r).all(axis=(1, 2)))
     if not blind.size:
         return state
-    pinhole = ExtendedPinhole(0, 0, 0, 0, 0, 0, *(float(x) for x in state.internals))
-    return _moved(state, _sought(model, state, pinhole.camera((1, 1), model.lens_of(state)), blind))
+    return _moved(state, _sought(model, state, camera_of(state.internals, (1, 1), model.lens_of(state)), blind))
 
 
 def _sought(model: JointModel, state: JointState, camera: Camera, index: Indices) -> dict[int, CameraEstimate]:
@@ -177,7 +176,7 @@ def _of_deep(
 
 def _posed(model: JointModel, flat: _Flattened, internals: Array) -> JointState:
     """Return the state of these internals with every view's pose from a linear transform."""
-    K = ExtendedPinhole(0, 0, 0, 0, 0, 0, *(float(x) for x in internals)).K
+    K = camera_of(internals, (1, 1)).K
     R, t = seeds.poses_of_homographies(flat.H, K)
     R = R @ np.swapaxes(flat.axes, -1, -2)
     t = t - (R @ flat.origin[..., None])[..., 0]

@@ -101,13 +101,12 @@ def _refuse_behind(pinhole: ExtendedPinhole, observations: Observations) -> None
     behind = np.flatnonzero(z <= 0)
     if len(behind) == len(z):
         raise MirroredPoints(
-            f"all {len(z)} points lie behind the camera that fits them: the world frame is left-handed or the image "
-            f"is mirrored "
-            "(columns for U and V exchanged, or rows counted upwards)"
+            f"all {len(z)} points lie behind the camera that fits them: the world frame is left-handed or the image is "
+            "mirrored (columns for U and V exchanged, or rows counted upwards)"
         )
     if len(behind):
         raise DegenerateGeometry(
             f"{len(behind)} of {len(z)} points lie behind the camera that fits them, "
-            f"{observations.names[behind[0]]!r} first: "
-            "points and pixels do not belong together, or are too few and too noisy for a direct linear transform"
+            f"{observations.names[behind[0]]!r} first: points and pixels do not belong together, or are too few "
+            "and too noisy for a direct linear transform"
         )

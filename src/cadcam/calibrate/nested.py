@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cadcam.arrays import Array
 from cadcam.calibrate.held_out import held_out_error, shared_values
 from cadcam.calibrate.joint import JointFit, fit_of
 from cadcam.camera.extended_pinhole import INTERNALS
@@ -167,7 +168,7 @@ def _compared(
     )
 
 
-def _by_view(fit: JointFit, place: list[int], off: np.typing.NDArray[np.float64]) -> float:
+def _by_view(fit: JointFit, place: list[int], off: Array) -> float:
     from scipy.stats import f
 
     k, q = len(fit.views), len(place)
@@ -186,7 +187,7 @@ def _fitted(fit: JointFit, free: Sequence[str], state: JointState) -> JointFit:
     return fit_of(model, solution, fit.views, fit.size, fit.origin)
 
 
-def _neutral_values(fit: JointFit, names: tuple[str, ...]) -> np.typing.NDArray[np.float64]:
+def _neutral_values(fit: JointFit, names: tuple[str, ...]) -> Array:
     values = fit.model.values(fit.solution.state)
     return np.array([values[n] for n in names])
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.calibrate.boards import BoardCalibration
-from cadcam.calibrate.coverage import internal_sensitivity, part_of_picture
+from cadcam.calibrate.coverage import internal_sensitivity, part_of_picture, worst_sigmas
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import INTERNALS, internals_of
 from cadcam.camera.sensitivity import project_local
@@ -52,12 +52,15 @@ class NextView:
         turns = []
         if self.right_deg:
             side = "right" if self.right_deg > 0 else "left"
-            turns.append(f"about its vertical axis by {abs(self.right_deg):.0f} deg, its {side} side away from you")
+            turns.append(
+                f"about its vertical axis by {abs(self.right_deg):.0f} deg, its {side} side away from the camera"
+            )
         if self.lower_deg:
             side = "lower" if self.lower_deg > 0 else "upper"
-            turns.append(f"about its horizontal axis by {abs(self.lower_deg):.0f} deg, its {side} side away")
-        said = " and ".join(turns).replace("away from you", "away from the camera").replace("away and", "away and")
-        return f"and tilt it {said}" if turns else "and straight, not tilted"
+            turns.append(
+                f"about its horizontal axis by {abs(self.lower_deg):.0f} deg, its {side} side away from the camera"
+            )
+        return f"and tilt it {' and '.join(turns)}" if turns else "and straight, not tilted"
 
 
 def next_views(calibration: BoardCalibration, *, count: int = 3) -> list[NextView]:
@@ -85,10 +88,7 @@ def next_views(calibration: BoardCalibration, *, count: int = 3) -> list[NextVie
 
 
 def _worst(J: Array, information: Array) -> float:
-    C = J @ np.linalg.solve(information, np.swapaxes(J.reshape(-1, J.shape[-1]), 0, 1)).T.reshape(J.shape).swapaxes(
-        1, 2
-    )
-    return float(np.sqrt(np.linalg.eigvalsh(C)[..., -1].max()))
+    return float(worst_sigmas(J, np.asarray(np.linalg.inv(information))).max())
 
 
 def _gain(camera: Camera, pose: Rigid, points: Array, free: list[str]) -> Array:

@@ -13,7 +13,7 @@ from cadcam.calibrate.linear import dlt_estimate, dlt_states, seen_from_the_fron
 from cadcam.calibrate.refuse import mirrored_internals, refuse_as_good_as_flat, refuse_mirrored
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
-from cadcam.camera.extended_pinhole import EXTERNALS, INTERNALS, NAMES, internals_of
+from cadcam.camera.extended_pinhole import EXTERNALS, INTERNALS, NAMES, internals_by_name, internals_of
 from cadcam.camera.lens import Ideal, Lens
 from cadcam.camera.observations import Observations
 from cadcam.camera.sensitivity import rotation_by_angles
@@ -87,12 +87,10 @@ def locate_camera(observations: Observations, camera: Camera) -> CameraEstimate:
     refuse_flat(observations.p_world, unknowns=len(EXTERNALS))
     _refuse_blind_pixels(observations, camera)
     model = CameraModel(observations.p_world, observations.q, EXTERNALS, camera.lens)
-    internals = internals_of(camera.K)
-    found = minima(model, internals[None])
+    found = minima(model, internals_of(camera.K)[None])
     method = "pose by reprojection least squares, global search"
     estimate = _estimate(model, found, observations, camera.size, method, camera)
-    fixed = dict(zip(INTERNALS, internals, strict=True))
-    _refuse_mirrored(model, camera.size, fixed, observations, estimate.sum_of_squares)
+    _refuse_mirrored(model, camera.size, internals_by_name(camera), observations, estimate.sum_of_squares)
     return estimate
 
 

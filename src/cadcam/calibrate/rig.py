@@ -9,9 +9,9 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.calibrate import rig_start
-from cadcam.calibrate.joint import JointFit, fit_jointly
+from cadcam.calibrate.joint import JointFit, covariance_by_view, fit_jointly
 from cadcam.camera.camera import Camera
-from cadcam.camera.extended_pinhole import INTERNALS, ExtendedPinhole, internals_of
+from cadcam.camera.extended_pinhole import camera_of, internals_by_name
 from cadcam.camera.lens import Lens
 from cadcam.camera.observations import Observations
 from cadcam.camera.rig_estimate import RigEstimate
@@ -27,7 +27,6 @@ from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
 _FINE = Options(damping=0.0, settled=1e-12, enough=1e-16)
-_FRAMES = 4  # below, their scatter says nothing
 _LEAST_NOISE = 1e-6  # px, of a camera by itself: pixels that fit exactly are not infinitely better than others
 
 
@@ -60,7 +59,7 @@ class RigCamera:
         if self.known is None:
             assert self.size is not None  # one of the two was given
             return fit_jointly(seen, self.size, fixed=self.fixed, lens=self.lens, free_lens=self.free_lens, loss=loss)
-        held = dict(zip(INTERNALS, internals_of(self.known.K).tolist(), strict=True))
+        held = internals_by_name(self.known)
         return fit_jointly(seen, self.known.size, fixed=held, lens=self.known.lens, loss=loss)
 
 
@@ -125,7 +124,7 @@ def _estimate(
     R = so3.nearest(state.R)
     local = _local_from_steps(model, mounts)
     Ad = Rigid(R, state.t - R @ origin).inv.adjoint()
-    by_frame = _by_frame(known)
+    by_frame = covariance_by_view(known)
     return RigEstimate(
         names=model.names,
         cameras=tuple(_camera(model, state, c, size) for c, size in enumerate(sizes)),
@@ -144,8 +143,7 @@ def _estimate(
 
 
 def _camera(model: RigModel, state: RigState, c: int, size: tuple[int, int]) -> Camera:
-    pinhole = ExtendedPinhole(0, 0, 0, 0, 0, 0, *(float(x) for x in state.internals[c]))
-    return pinhole.camera(size, model.cameras[c].lens_of(model.of_camera(state, c)))
+    return camera_of(state.internals[c], size, model.cameras[c].lens_of(model.of_camera(state, c)))
 
 
 def _local_from_steps(model: RigModel, mounts: Rigid) -> Array:
@@ -154,15 +152,6 @@ def _local_from_steps(model: RigModel, mounts: Rigid) -> Array:
     for c in range(1, len(model.cameras)):
         out[model.mount_columns(c), model.mount_columns(c)] = Ad[c]
     return out
-
-
-def _by_frame(known: Cofactors) -> Array | None:
-    if len(known.scores) < _FRAMES:
-        return None
-    try:
-        return known.jackknifed()
-    except (TooFewPoints, DegenerateGeometry):
-        return None
 
 
 def _alone(name: str, camera: RigCamera, loss: Loss | None) -> JointFit:

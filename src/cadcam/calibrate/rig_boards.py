@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from cadcam.calibrate.boards import BoardCalibration, BoardPicture, calibrate_boards
 from cadcam.calibrate.rig import RigCamera, calibrate_rig
 from cadcam.camera.camera import Camera
-from cadcam.camera.extended_pinhole import INTERNALS, internals_of
+from cadcam.camera.extended_pinhole import INTERNALS, internals_by_name
 from cadcam.camera.lens import Lens
 from cadcam.camera.observations import Observations
 from cadcam.camera.rig_estimate import RigEstimate
@@ -48,7 +48,7 @@ def calibrate_rig_boards(
     for name, row in pictures.items():
         taken = [p for p in row if p is not None]
         if name in known:
-            held = dict(zip(INTERNALS, internals_of(known[name].K).tolist(), strict=True))
+            held = internals_by_name(known[name])
             found = calibrate_boards(taken, fixed=held, lens=known[name].lens, keep_all=keep_all)
             cameras[name] = RigCamera(_views(row, found), known=known[name])
         else:

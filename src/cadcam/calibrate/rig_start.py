@@ -44,10 +44,6 @@ class Alone:
     covariance: Array
     longer: int
 
-    def at(self, index: Indices) -> Rigid:
-        """Return camera_from_world of some views."""
-        return Rigid(self.poses.rotation[index], self.poses.translation[index])
-
     def misfits(self, index: Indices, poses: Rigid) -> Array:
         """Return the mean squared distance (n,), px^2, of the points of some views if they had these poses."""
         state = self.state
@@ -77,7 +73,7 @@ class _Pair:
 
     def relative(self) -> tuple[Rigid, Array]:
         """Return b_from_a (k) and the covariance (k, 6, 6) of a step exp(d) b_from_a."""
-        b_from_a = self.b.at(self.in_b) @ self.a.at(self.in_a).inv
+        b_from_a = self.b.poses[self.in_b] @ self.a.poses[self.in_a].inv
         Ad = b_from_a.adjoint()
         S = self.b.covariance[self.in_b] + Ad @ self.a.covariance[self.in_a] @ np.swapaxes(Ad, -1, -2)
         reach = 1.0 + np.linalg.norm(b_from_a.translation, axis=-1)
@@ -113,12 +109,12 @@ def rig_poses(cameras: Sequence[Alone], camera_from_rig: Rigid, count: int) -> R
     best, R, t = np.full(count, np.inf), np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
     R[np.concatenate([c.frames for c in cameras])] = np.nan
     for c, one in enumerate(cameras):
-        proposed = _one(camera_from_rig, c).inv @ one.poses
+        proposed = camera_from_rig[c].inv @ one.poses
         cost, seen = np.zeros(count), one.frames
         for d, other in enumerate(cameras):
             both, mine, theirs = np.intersect1d(seen, other.frames, return_indices=True)
             if len(both):
-                poses = _one(camera_from_rig, d) @ Rigid(proposed.rotation[mine], proposed.translation[mine])
+                poses = camera_from_rig[d] @ proposed[mine]
                 cost[both] += other.misfits(theirs, poses)
         better = (cost[seen] < best[seen]) | np.isnan(R[seen, 0, 0])
         R[seen[better]], t[seen[better]] = proposed.rotation[better], proposed.translation[better]
@@ -130,7 +126,7 @@ def _agreed(pair: _Pair, labels: Sequence[str]) -> Rigid:
     """Return the robust mean of b_from_a. Raises `InconsistentViews`."""
     relative, S = pair.relative()
     middle, deviation, typical = _middle(relative, S)
-    base = _one(relative, middle)
+    base = relative[middle]
     if typical > _GROSS:
         _refuse_all(pair, typical, labels)
     gross = (deviation > _GROSS * max(1.0, typical)) & ~_seen_alike(pair, base)
@@ -146,7 +142,7 @@ def _middle(relative: Rigid, S: Array) -> tuple[int, Array, float]:
     if k < 2:
         return 0, np.zeros(k), 0.0
     tried = np.unique(np.linspace(0, k - 1, min(k, _TRIED)).round().astype(int))
-    deviations = np.stack([_deviation(relative, S, _one(relative, m), S[m]) for m in tried])
+    deviations = np.stack([_deviation(relative, S, relative[m], S[m]) for m in tried])
     typical = np.sort(deviations, axis=1)[:, (k - 2) // 2 + 1]  # each has its own 0 in front
     best = int(np.argmin(typical))
     return int(tried[best]), deviations[best], float(typical[best])
@@ -160,8 +156,8 @@ def _deviation(relative: Rigid, S: Array, base: Rigid, S_base: Array) -> Array:
 
 def _seen_alike(pair: _Pair, base: Rigid) -> Mask:
     """Return in which frames one camera's pose predicts well what the other sees: the rest is a flat target's flip."""
-    in_b = pair.b.misfits(pair.in_b, base @ pair.a.at(pair.in_a))
-    in_a = pair.a.misfits(pair.in_a, base.inv @ pair.b.at(pair.in_b))
+    in_b = pair.b.misfits(pair.in_b, base @ pair.a.poses[pair.in_a])
+    in_a = pair.a.misfits(pair.in_a, base.inv @ pair.b.poses[pair.in_b])
     return np.asarray((np.sqrt(in_b) < _SEEN * pair.b.longer) | (np.sqrt(in_a) < _SEEN * pair.a.longer))
 
 
@@ -227,10 +223,6 @@ def _refuse_unlinked(cameras: Sequence[Alone], found: dict[int, Rigid]) -> None:
         f"no frame is seen by camera {' or '.join(lost)} together with {' or '.join(linked)}: how they stand to each "
         "other cannot be known; add frames in which both see the points (other cameras may link them)"
     )
-
-
-def _one(motions: Rigid, i: int) -> Rigid:
-    return Rigid(motions.rotation[i], motions.translation[i])
 
 
 def _listed(texts: Sequence[str]) -> str:

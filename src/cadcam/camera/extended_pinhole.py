@@ -158,6 +158,16 @@ def internals_of(K: Array) -> Array:
     )
 
 
+def internals_by_name(camera: Camera) -> dict[str, float]:
+    """Return the internals of a camera by their names, aspect, focal, skew, U0, V0; px and rad."""
+    return dict(zip(INTERNALS, internals_of(camera.K).tolist(), strict=True))
+
+
+def camera_of(internals: Array, size: tuple[int, int], lens: Lens | None = None) -> Camera:
+    """Return the camera of `size` (width, height) px with these internals (5,), the reverse of `internals_of`."""
+    return ExtendedPinhole(0, 0, 0, 0, 0, 0, *(float(x) for x in internals)).camera(size, lens)
+
+
 def rotation_of(a: float, b: float, c: float) -> Array:
     """Return Rz(c) Ry(b) Rx(a) of EQ 2.68-2.70 (Ry's signs corrected), angles in rad."""
     (sa, sb, sc), (ca, cb, cc) = np.sin([a, b, c]), np.cos([a, b, c])

@@ -9,7 +9,7 @@ import numpy as np
 from cadcam.arrays import Array, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
-from cadcam.camera.extended_pinhole import EXTERNALS, INTERNALS, NAMES, internals_of
+from cadcam.camera.extended_pinhole import EXTERNALS, NAMES, internals_by_name
 from cadcam.camera.fitted import stand_out
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, UnknownName
@@ -70,13 +70,13 @@ class JointEstimate:
     @property
     def parameters(self) -> dict[str, float]:
         """Return all shared values by name: internals (px, rad), lens coefficients, bend (mm)."""
-        internals = dict(zip(INTERNALS, internals_of(self.camera.K).tolist(), strict=True))
+        internals = internals_by_name(self.camera)
         bend = dict(zip(("bend_x", "bend_y"), self.bend.tolist(), strict=True))
         return internals | self.camera.lens.parameters | bend
 
     def pose(self, j: int) -> Rigid:
         """Return camera_from_world of one view."""
-        return Rigid(self.poses.rotation[j], self.poses.translation[j])
+        return self.poses[j]
 
     def value(self, name: str) -> float:
         """Return one shared parameter."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from cadcam.arrays import Array, frozen
 from cadcam.camera.camera import Camera
-from cadcam.camera.extended_pinhole import INTERNALS, internals_of
+from cadcam.camera.extended_pinhole import INTERNALS, internals_by_name
 from cadcam.camera.fitted import stand_out
 from cadcam.camera.observations import Observations
 from cadcam.camera.sensitivity import twist_by_local
@@ -115,12 +115,12 @@ class RigEstimate:
 
     def frame(self, j: int) -> Rigid:
         """Return rig_from_world of one frame."""
-        return Rigid(self.rig_from_world.rotation[j], self.rig_from_world.translation[j])
+        return self.rig_from_world[j]
 
     def values(self, name: str) -> dict[str, float]:
         """Return a camera's internals (px, rad) and lens coefficients by name."""
         camera = self.camera(name)
-        return dict(zip(INTERNALS, internals_of(camera.K).tolist(), strict=True)) | camera.lens.parameters
+        return internals_by_name(camera) | camera.lens.parameters
 
     def sigma(self, name: str, parameter: str, *, by_frame: bool = False) -> float:
         """Return the standard deviation of a camera's parameter, 0 if it was not free; by frames: nan for too few."""
@@ -227,7 +227,7 @@ class RigEstimate:
         return self.names.index(name)
 
     def _mount(self, c: int) -> Rigid:
-        return Rigid(self.camera_from_rig.rotation[c], self.camera_from_rig.translation[c])
+        return self.camera_from_rig[c]
 
     def _columns(self, c: int) -> slice:
         start = sum(len(f) + len(MOUNT) for f in self.free[:c]) - (len(MOUNT) if c else 0)

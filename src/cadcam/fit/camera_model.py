@@ -12,7 +12,7 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
-from cadcam.camera.extended_pinhole import NAMES, OURS_FROM_THESIS, ExtendedPinhole, internals_of
+from cadcam.camera.extended_pinhole import NAMES, OURS_FROM_THESIS, camera_of, internals_of
 from cadcam.camera.lens import Lens
 from cadcam.camera.sensitivity import project_batch, project_local, rotation_by_angles
 from cadcam.fit.layout import Indices
@@ -99,8 +99,7 @@ class CameraModel:
 
     def camera(self, state: Array, size: tuple[int, int]) -> Camera:
         """Return the camera of one state."""
-        pinhole = ExtendedPinhole(0, 0, 0, 0, 0, 0, *(float(x) for x in state[_INTERNALS]))
-        return pinhole.camera(size, self._lens(state))
+        return camera_of(state[_INTERNALS], size, self._lens(state))
 
     def pixels(self, states: Array) -> Array:
         """Return where each state sees the points (..., N, 2) px; NaN where it does not."""

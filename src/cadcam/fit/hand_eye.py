@@ -39,14 +39,9 @@ def pairs(n: int) -> tuple[Indices, Indices]:
 def motions(base_from_flange: Rigid, held_from_fixed: Rigid) -> tuple[Rigid, Rigid]:
     """Return the batches A (flange j from flange i) and B (held j from held i) of all pairs: A X = X B."""
     i, j = pairs(len(base_from_flange.rotation))
-    A = taken(base_from_flange, j).inv @ taken(base_from_flange, i)
-    B = taken(held_from_fixed, j) @ taken(held_from_fixed, i).inv
+    A = base_from_flange[j].inv @ base_from_flange[i]
+    B = held_from_fixed[j] @ held_from_fixed[i].inv
     return A, B
-
-
-def taken(poses: Rigid, index: Indices) -> Rigid:
-    """Return some poses of a batch."""
-    return Rigid(poses.rotation[index], poses.translation[index])
 
 
 def tsai_lenz(A: Rigid, B: Rigid, *, weights: Array | None = None) -> Rigid:

@@ -16,7 +16,6 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.errors import DegenerateGeometry
-from cadcam.fit.hand_eye import taken
 from cadcam.fit.layout import Indices
 from cadcam.fit.variance_components import variance_components
 from cadcam.geometry import rotation as so3
@@ -55,9 +54,7 @@ class HandEyePoses:
 
     def some(self, index: Indices) -> HandEyePoses:
         """Return some of the poses."""
-        return HandEyePoses(
-            taken(self.base_from_flange, index), taken(self.held_from_fixed, index), self.covariance[index]
-        )
+        return HandEyePoses(self.base_from_flange[index], self.held_from_fixed[index], self.covariance[index])
 
     def _offset_motions(self, flange_from_held: Rigid, base_from_fixed: Rigid) -> Rigid:
         return self.base_from_flange.inv @ (base_from_fixed @ (flange_from_held @ self.held_from_fixed).inv)
@@ -133,12 +130,13 @@ def adjust(
     """Return the least-squares adjustment from a start near it; the robot's noise is estimated unless it is given."""
     X, Z = flange_from_held, base_from_fixed
     e, D, M = poses.linearised(X, Z)
-    s, spread = (_median_variances(e), np.zeros((2, 2))) if variances is None else (variances, np.zeros((2, 2)))
+    s, spread = _median_variances(e) if variances is None else variances, np.zeros((2, 2))
     smallest = np.inf
     for _ in range(30):
         if variances is None:
-            s, spread = _noise(e, D, M, s)
-        W = np.linalg.inv(M + np.einsum("k,kij->ij", s, PATTERNS))
+            found = variance_components(e, D, M, PATTERNS, s, floor=SMALLEST**2)
+            s, spread = found.variances, found.covariance
+        W = _weights(M, s)
         step = _step(e, D, W)
         size = float(np.max(np.abs(step) / _STEP))
         if size < 1e-9 or (size < 1e-5 and size >= smallest):
@@ -146,13 +144,13 @@ def adjust(
         smallest = min(size, smallest)
         X, Z = X @ Rigid.exp(step[:6]), Z @ Rigid.exp(step[6:])
         e, D, M = poses.linearised(X, Z)
-    return PosesFit(X, Z, e, D, np.asarray(W), s, spread)
+    return PosesFit(X, Z, e, D, W, s, spread)
 
 
 def evaluated(poses: HandEyePoses, flange_from_held: Rigid, base_from_fixed: Rigid, like: PosesFit) -> PosesFit:
     """Return offsets, Jacobian and weights at other motions, with the robot's noise of another fit."""
     e, D, M = poses.linearised(flange_from_held, base_from_fixed)
-    W = np.linalg.inv(M + np.einsum("k,kij->ij", like.variances, PATTERNS))
+    W = _weights(M, like.variances)
     return PosesFit(flange_from_held, base_from_fixed, e, D, W, like.variances, like.variances_covariance)
 
 
@@ -170,7 +168,7 @@ def adjust_robustly(poses: HandEyePoses, flange_from_held: Rigid, base_from_fixe
     X, Z, s = flange_from_held, base_from_fixed, noise**2
     for _ in range(40):
         e, D, M = poses.linearised(X, Z)
-        W = np.linalg.inv(M + np.einsum("k,kij->ij", s, PATTERNS))
+        W = _weights(M, s)
         d2 = np.einsum("ni,nij,nj->n", e, W, e)
         tamed = W / (1 + d2 / 6)[:, None, None]
         step = _step(e, D, tamed)
@@ -181,9 +179,9 @@ def adjust_robustly(poses: HandEyePoses, flange_from_held: Rigid, base_from_fixe
     return PosesFit(X, Z, e, D, W, s, np.zeros((2, 2)))
 
 
-def _noise(e: Array, D: Array, M: Array, start: Array) -> tuple[Array, Array]:
-    found = variance_components(e, D, M, PATTERNS, start, floor=SMALLEST**2)
-    return found.variances, found.covariance
+def _weights(M: Array, s: Array) -> Array:
+    """Inverse covariances (n, 6, 6) of offsets whose cameras have M (n, 6, 6) and whose robot has variances s (2,)."""
+    return np.asarray(np.linalg.inv(M + np.einsum("k,kij->ij", s, PATTERNS)))
 
 
 def _median_variances(e: Array) -> Array:

@@ -40,8 +40,7 @@ def refuse_flat(p_world: Array, *, unknowns: int) -> None:
     if e[1] <= COLLINEAR * e[0]:
         raise DegenerateGeometry(
             f"the world points lie on a line (rms extents {_text(e)} mm, width by length {_ratio(e[1], e[0]):.2g}): "
-            f"the "
-            "camera may turn about it; add points beside it"
+            "the camera may turn about it; add points beside it"
         )
     if p_world.shape[1] == 3 and e[2] <= COPLANAR * e[0] and unknowns > _PLANE_KNOWS:
         raise DegenerateGeometry(

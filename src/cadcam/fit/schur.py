@@ -110,21 +110,26 @@ class Blocks:
         """Return the sum of squares of all residuals."""
         return float(np.einsum("kr,kr->", self.r, self.r) + self.alone_r @ self.alone_r)
 
+    @property
+    def _rows_of_points(self) -> npt.NDArray[np.intp]:
+        """The rows (c, 2) of the two coordinates of each image point."""
+        return np.arange(self.r.shape[1] // 2 * 2).reshape(-1, 2) if self.pairs is None else self.pairs
+
     def squared_distances(self) -> Array:
         """Return the squared length (k, c) of each point's residual vector; 0 where nothing was measured."""
-        rows = np.arange(self.r.shape[1] // 2 * 2).reshape(-1, 2) if self.pairs is None else self.pairs
+        rows = self._rows_of_points
         return np.asarray(self.r[:, rows[:, 0]] ** 2 + self.r[:, rows[:, 1]] ** 2)
 
     def measured_pairs(self) -> Mask:
         """Return which points (k, c) were measured."""
-        rows = np.arange(self.r.shape[1] // 2 * 2).reshape(-1, 2) if self.pairs is None else self.pairs
+        rows = self._rows_of_points
         if self.measured is None:
             return np.ones((len(self.r), len(rows)), dtype=bool)
         return np.asarray(self.measured[:, rows].all(axis=-1))
 
     def weighted(self, weights: Array) -> Blocks:
         """Return the blocks with the rows of each point multiplied by the square root of its weight (k, c)."""
-        rows = np.arange(self.r.shape[1] // 2 * 2).reshape(-1, 2) if self.pairs is None else self.pairs
+        rows = self._rows_of_points
         w = np.ones_like(self.r)
         w[:, rows] = np.sqrt(weights)[..., None]
         return replace(self, stacked=w[:, None] * self.stacked)

@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.camera.camera import Camera
-from cadcam.camera.extended_pinhole import EXTERNALS, ExtendedPinhole
+from cadcam.camera.extended_pinhole import EXTERNALS, camera_of
 from cadcam.errors import NotConverged
 from cadcam.fit.camera_model import CameraModel, angles, rotations_of
 from cadcam.fit.layout import spread_subset, triples
@@ -93,7 +92,7 @@ def _starts(model: CameraModel, internals: Array, fixed: Mapping[str, float], ef
 
 
 def _pose_starts(model: CameraModel, internals: Array, externals: Mapping[str, float], effort: Effort) -> Array:
-    camera = Camera((1, 1), ExtendedPinhole(0, 0, 0, 0, 0, 0, *internals).K, model.lens)
+    camera = camera_of(internals, (1, 1), model.lens)
     rays = camera.unproject(model.q)
     spread = _spread_starts(model, internals, rays, externals, effort.spread * (8 if externals else 1))
     if externals:

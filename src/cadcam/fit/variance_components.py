@@ -14,6 +14,9 @@ import numpy as np
 
 from cadcam.arrays import Array
 
+_ITERATIONS, _HALVINGS = 60, 30
+_SETTLED = 1e-6  # relative change of the variances
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Components:
@@ -33,7 +36,6 @@ def variance_components(
     *,
     floor: Array | None = None,
     prior: Array | None = None,
-    iterations: int = 60,
 ) -> Components:
     """Return the variances of the sources `patterns` (k, d, d) for y (n, d), D (n, d, p) and M (n, d, d).
 
@@ -42,64 +44,71 @@ def variance_components(
     finite.
     """
     floor = 1e-8 * start if floor is None else floor
+    model = _Model(y, D, M, patterns, np.zeros((D.shape[2],) * 2) if prior is None else prior)
     s = np.maximum(start, floor)
-    likelihood = _likelihood(y, D, M, patterns, s, prior)
-    information = np.eye(len(s))
-    for _ in range(iterations):
-        gradient, information = _score(y, D, M, patterns, s, prior)
+    likelihood = model.likelihood(s)
+    for _ in range(_ITERATIONS):
+        gradient, information = model.score(s)
         held = (s <= floor) & (gradient < 0)
         if held.all():
             break
         step = np.zeros(len(s))
         step[~held] = np.linalg.solve(information[np.ix_(~held, ~held)], gradient[~held])
-        change, s, likelihood = _moved(y, D, M, patterns, s, step, floor, prior, likelihood)
-        if change < 1e-6:
+        before, (s, likelihood) = s, model.uphill(s, step, floor, likelihood)
+        if float(np.max(np.abs(s - before) / before)) < _SETTLED:
             break
-    V = M + np.einsum("k,kij->ij", s, patterns)
-    spread = np.linalg.inv(_score(y, D, M, patterns, s, prior)[1])
-    return Components(s, np.asarray(spread), np.asarray(np.linalg.inv(V)))
+    return Components(s, np.asarray(np.linalg.inv(model.score(s)[1])), model.weights(s))
 
 
-def _moved(
-    y: Array, D: Array, M: Array, patterns: Array, s: Array, step: Array, floor: Array, prior: Array | None, now: float
-) -> tuple[float, Array, float]:
-    """Take the step, halved until the likelihood does not fall; return the relative change with the new state."""
-    for _ in range(30):
-        candidate = np.maximum(s + np.clip(step, -0.9 * s, 9 * s), floor)
-        then = _likelihood(y, D, M, patterns, candidate, prior)
-        if then >= now - 1e-12 * abs(now):
-            return float(np.max(np.abs(candidate - s) / s)), candidate, then
-        step = step / 2
-    return 0.0, s, now
+@dataclass(frozen=True, slots=True, eq=False)
+class _Model:
+    """The observations y (n, d), D (n, d, p), M (n, d, d), the patterns (k, d, d) and the prior (p, p) on b."""
 
+    y: Array
+    D: Array
+    M: Array
+    patterns: Array
+    prior: Array
 
-def _solved(y: Array, D: Array, M: Array, patterns: Array, s: Array, prior: Array | None) -> tuple[Array, Array, Array]:
-    """Weights W_i (n, d, d), the covariance C (p, p) of b, and z_i = W_i (y_i - D_i b) (n, d)."""
-    W = np.linalg.inv(M + np.einsum("k,kij->ij", s, patterns))
-    WD = W @ D
-    H = np.einsum("nip,niq->pq", D, WD) + (0 if prior is None else prior)
-    C = np.linalg.inv(H)
-    b = C @ np.einsum("nip,ni->p", WD, y)
-    return W, C, np.einsum("nij,nj->ni", W, y - D @ b)
+    def weights(self, s: Array) -> Array:
+        """Return V_i^-1 (n, d, d) at variances s (k,)."""
+        return np.asarray(np.linalg.inv(self.M + np.einsum("k,kij->ij", s, self.patterns)))
 
+    def solved(self, s: Array) -> tuple[Array, Array, Array]:
+        """Return the weights W_i (n, d, d), the covariance C (p, p) of b, and z_i = W_i (y_i - D_i b) (n, d)."""
+        W = self.weights(s)
+        WD = W @ self.D
+        C = np.linalg.inv(np.einsum("nip,niq->pq", self.D, WD) + self.prior)
+        b = C @ np.einsum("nip,ni->p", WD, self.y)
+        return W, C, np.einsum("nij,nj->ni", W, self.y - self.D @ b)
 
-def _likelihood(y: Array, D: Array, M: Array, patterns: Array, s: Array, prior: Array | None) -> float:
-    W, C, z = _solved(y, D, M, patterns, s, prior)
-    logs = np.linalg.slogdet(W)[1].sum() + np.linalg.slogdet(C)[1]
-    return 0.5 * float(logs - np.sum(z * y))
+    def likelihood(self, s: Array) -> float:
+        """Return the logarithm of the restricted likelihood, up to a constant."""
+        W, C, z = self.solved(s)
+        logs = np.linalg.slogdet(W)[1].sum() + np.linalg.slogdet(C)[1]
+        return 0.5 * float(logs - np.sum(z * self.y))
 
+    def score(self, s: Array) -> tuple[Array, Array]:
+        """Return gradient (k,) and Fisher information (k, k) of the restricted likelihood by the variances."""
+        W, C, z = self.solved(s)
+        WE = W[:, None] @ self.patterns  # (n, k, d, d)
+        WD = W @ self.D
+        EWD = self.patterns @ WD[:, None]  # (n, k, d, p)
+        CK = C @ np.tensordot(EWD, WD, axes=((0, 2), (0, 1)))  # (k, p, p)
+        trace = np.einsum("nkii->k", WE) - np.einsum("kpp->k", CK)
+        Ez = (self.patterns @ z[:, None, :, None])[..., 0]
+        gradient = 0.5 * (np.tensordot(Ez, z, axes=((0, 2), (0, 1))) - trace)
+        mixed = np.tensordot(EWD, W[:, None] @ EWD, axes=((0, 2), (0, 2)))  # (k, p, k, p)
+        information = np.einsum("nkij,nlji->kl", WE, WE) - 2 * np.einsum("pq,kplq->kl", C, mixed)
+        information += np.einsum("kpq,lqp->kl", CK, CK)
+        return gradient, 0.5 * information
 
-def _score(y: Array, D: Array, M: Array, patterns: Array, s: Array, prior: Array | None) -> tuple[Array, Array]:
-    """Gradient (k,) and Fisher information (k, k) of the restricted likelihood by the variances."""
-    W, C, z = _solved(y, D, M, patterns, s, prior)
-    WE = W[:, None] @ patterns  # (n, k, d, d)
-    WD = W @ D
-    EWD = patterns @ WD[:, None]  # (n, k, d, p)
-    CK = C @ np.tensordot(EWD, WD, axes=((0, 2), (0, 1)))  # (k, p, p)
-    trace = np.einsum("nkii->k", WE) - np.einsum("kpp->k", CK)
-    Ez = (patterns @ z[:, None, :, None])[..., 0]
-    gradient = 0.5 * (np.tensordot(Ez, z, axes=((0, 2), (0, 1))) - trace)
-    mixed = np.tensordot(EWD, W[:, None] @ EWD, axes=((0, 2), (0, 2)))  # (k, p, k, p)
-    information = np.einsum("nkij,nlji->kl", WE, WE) - 2 * np.einsum("pq,kplq->kl", C, mixed)
-    information += np.einsum("kpq,lqp->kl", CK, CK)
-    return gradient, 0.5 * information
+    def uphill(self, s: Array, step: Array, floor: Array, now: float) -> tuple[Array, float]:
+        """Return variances and likelihood after the step, halved until the likelihood does not fall."""
+        for _ in range(_HALVINGS):
+            candidate = np.maximum(s + np.clip(step, -0.9 * s, 9 * s), floor)
+            then = self.likelihood(candidate)
+            if then >= now - 1e-12 * abs(now):
+                return candidate, then
+            step = step / 2
+        return s, now

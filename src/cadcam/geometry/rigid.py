@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, frozen
+from cadcam.arrays import Array, Floats, Index, frozen
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry import rotation as so3
 
@@ -127,6 +127,12 @@ class Rigid:
             t = _apply(self.rotation, other.translation) + self.translation
             return Rigid._made(self.rotation @ other.rotation, t)
         return _apply(self.rotation, np.asarray(other, dtype=np.float64)) + self.translation
+
+    def __getitem__(self, index: int | np.integer[Any] | slice | list[int] | Index) -> Rigid:
+        """Return some motions of a batch (N, ...), or one of them, by an index of its first axis."""
+        if self.rotation.ndim == 2 or self.translation.ndim == 1:
+            raise BadValue("motion to take from", repr(self), "a batch of motions")
+        return Rigid._made(self.rotation[index], self.translation[index])
 
     @property
     def each(self) -> list[Rigid]:
