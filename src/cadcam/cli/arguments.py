@@ -251,3 +251,14 @@ def number(what: str, text: str) -> float:
     except argparse.ArgumentTypeError:
         expected = "a number: 0, or between 1e-12 and 1e9 in size"
         raise BadValue(what, repr(text), expected) from None
+
+
+def numbers(what: str, text: str, count: int | None = None, *, form: str = "") -> list[float]:
+    """Return the numbers in an option's text, separated by commas; `BadValue` naming `what` unless they are `count`.
+
+    form: what would be right, such as "X,Y in mm".
+    """
+    values = [number(what, part.strip()) for part in text.split(",")]
+    if count is not None and len(values) != count:
+        raise BadValue(what, repr(text), form or f"{count} numbers with commas between")
+    return values

@@ -76,7 +76,7 @@ def _add_seeing(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--focal-jitter-percent", type=real, metavar="P", help="sigma of the focal length, view by view")
     group.add_argument("--centre-jitter-px", type=real, metavar="PX", help="sigma of the principal point")
     group.add_argument("--from", dest="from_", metavar="V", help="from where the part is seen (below; default any)")
-    group.add_argument("--up", type=numbers, metavar="X,Y,Z", help="what is up, in the part's axes (default 0,0,1)")
+    group.add_argument("--up", type=reals, metavar="X,Y,Z", help="what is up, in the part's axes (default 0,0,1)")
     group.add_argument("--roll-deg", type=real, metavar="DEG", help="how far it may stand from upright (default 180)")
     group.add_argument(
         "--fill", type=span, metavar="A,B", help="part by picture's shorter side, to 2 (default 0.4,0.9)"
@@ -104,13 +104,13 @@ def _add_looks(group: argparse._ArgumentGroup) -> None:
 
 def span(text: str) -> list[float]:
     """Return (least, greatest) of a text such as 0.4,0.9 or 2."""
-    values = numbers(text)
+    values = reals(text)
     if len(values) not in (1, 2):
         raise argparse.ArgumentTypeError(f"{text!r} is not a range; give A,B or one number")
     return [values[0], values[-1]]
 
 
-def numbers(text: str) -> list[float]:
+def reals(text: str) -> list[float]:
     """Return the numbers in a text, separated by commas."""
     return [real(value) for value in text.split(",")]
 

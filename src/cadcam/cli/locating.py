@@ -11,6 +11,7 @@ from cadcam.cli.arguments import (
     add_points_options,
     check_in_picture,
     number,
+    numbers,
     read_points_as_asked,
     real,
     refuse,
@@ -83,19 +84,17 @@ def views_as_asked(arguments: argparse.Namespace) -> ViewRange:
         one = "one of them: a start is not searched for"
         refuse(arguments, "--views", "--roll", "--distance", why="beside a start", expected=one)
     text, _, angle = arguments.views.partition(":")
-    numbers = [number("--views", v) for v in text.split(",")] if "," in text else []
-    if text not in ("any", "above") and len(numbers) != 3:
+    axis = numbers("--views", text) if "," in text else []
+    if text not in ("any", "above") and len(axis) != 3:
         raise BadValue("--views", repr(arguments.views), "any, above, above:DEG or X,Y,Z:DEG")
     around: dict[str, Any] = {"half_angle_deg": number("--views", angle) if angle else 180.0 if text == "any" else 80.0}
-    if numbers:
-        around["axis"] = numbers
+    if axis:
+        around["axis"] = axis
     if arguments.roll is not None:
         around["roll_deg"] = arguments.roll
     if arguments.distance is not None:
-        ends = [number("--distance", v) for v in arguments.distance.split(",")]
-        if len(ends) != 2:
-            raise BadValue("--distance", repr(arguments.distance), "two numbers: nearest,farthest in mm")
-        around["distance_mm"] = (ends[0], ends[1])
+        near, far = numbers("--distance", arguments.distance, 2, form="two numbers: nearest,farthest in mm")
+        around["distance_mm"] = (near, far)
     return ViewRange(**around)
 
 
@@ -170,9 +169,7 @@ def freedom_as_asked(arguments: argparse.Namespace) -> Freedom:
     if arguments.start is None and arguments.points is None:
         raise BadValue("--freedom", f"{arguments.freedom!r} without a start", "--start or --points: the rest stays so")
     count, make = makers[kind]
-    values = [number("--freedom", v) for v in rest.split(",") if v.strip()]
-    if len(values) != count:
-        raise BadValue("--freedom", repr(arguments.freedom), f"{count} numbers after {kind}:")
+    values = numbers("--freedom", rest, count, form=f"{count} numbers after {kind}:")
     parts = [values[i : i + 3] for i in range(0, count, 3)]
     return make(*parts, frame="part" if frame == "part" else "world")
 

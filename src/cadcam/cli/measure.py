@@ -6,7 +6,7 @@ import argparse
 import math
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, names, number, real, refuse, verb
+from cadcam.cli.arguments import Verbs, add_json, names, numbers, real, refuse, verb
 from cadcam.cli.output import check_target, print_json, print_tables, say
 from cadcam.errors import BadValue, UnknownName
 
@@ -295,10 +295,8 @@ def _sigmas(text: str | None) -> tuple[float, float]:
     """Return mm and radians of a text such as 0.1,0.01 (mm, degrees)."""
     if text is None:
         return 0.0, 0.0
-    mm, comma, degrees = text.partition(",")
-    if not comma:
-        raise BadValue("--motion-sigma", repr(text), "MM,DEG such as 0.1,0.01")
-    return number("--motion-sigma, mm", mm), math.radians(number("--motion-sigma, degrees", degrees))
+    mm, degrees = numbers("--motion-sigma", text, 2, form="MM,DEG such as 0.1,0.01")
+    return mm, math.radians(degrees)
 
 
 def _plane(text: str | None) -> Plane | None:
@@ -308,7 +306,5 @@ def _plane(text: str | None) -> Plane | None:
 
     if text is None:
         return None
-    values = [number("--plane", v) for v in text.split(",")]
-    if len(values) != 4:
-        raise BadValue("--plane", repr(text), "four numbers NX,NY,NZ,D such as 0,0,1,-1250")
+    values = numbers("--plane", text, 4, form="four numbers NX,NY,NZ,D such as 0,0,1,-1250")
     return Plane(np.array(values[:3]), np.array(values[3]))

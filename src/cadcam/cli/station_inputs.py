@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cadcam.cli.arguments import number
+from cadcam.cli.arguments import numbers
 from cadcam.errors import BadValue, UnreadableFile
 
 if TYPE_CHECKING:
@@ -96,11 +96,6 @@ def sightings(
             found.append(_sighting(name, station.camera, shot, q, _sigma(arguments, station), picture))
             shots.append(shot)
     return found, shots
-
-
-def numbers(what: str, text: str) -> tuple[float, ...]:
-    """Return the numbers in a text separated by commas."""
-    return tuple(number(what, part) for part in text.split(","))
 
 
 def gray_picture(path: str) -> tuple[Picture, str]:

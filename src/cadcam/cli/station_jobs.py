@@ -6,9 +6,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cadcam.cli.arguments import numbers
 from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say
-from cadcam.cli.station_inputs import Source, gray_picture, look_of, numbers, sightings, source
+from cadcam.cli.station_inputs import Source, gray_picture, look_of, sightings, source
 from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
 
 if TYPE_CHECKING:
@@ -125,9 +126,7 @@ def recalibrate(arguments: argparse.Namespace) -> None:
         check_target(arguments.output, (".json",))
     station = read_station(arguments.station_file)
     seen, _ = sightings(arguments, {station.camera: station})
-    known = numbers("--known", arguments.known)
-    if len(known) != 2:
-        raise BadValue("--known", repr(arguments.known), "X,Y in mm")
+    known = numbers("--known", arguments.known, 2, form="X,Y in mm")
     if len(seen) != 1:
         raise BadValue("marks for the re-calibration", len(seen), "one mark of known place")
     before = measure(station, seen)

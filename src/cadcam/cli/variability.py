@@ -11,7 +11,7 @@ from cadcam.cli.arguments import (
     Verbs,
     add_json,
     add_points_options,
-    number,
+    numbers,
     read_points_as_asked,
     real,
     refuse,
@@ -145,7 +145,7 @@ def _check(arguments: argparse.Namespace) -> None:
     if arguments.plots is None:
         refuse(arguments, "--format", why="without --plots", expected="both, or leave it out")
     if arguments.alternate:
-        _numbers("--alternate", arguments.alternate, 2)
+        numbers("--alternate", arguments.alternate, 2)
     if arguments.plots:
         from cadcam.report.figures import figure
 
@@ -160,7 +160,7 @@ def _studied(arguments: argparse.Namespace, estimate: CameraEstimate) -> _Studie
     from cadcam.calibrate.variability import first_order
 
     first = first_order(estimate, sigma_mm=arguments.sigma_mm, method=arguments.method)
-    plane = _numbers("--plane", arguments.plane, 4) if arguments.plane else None
+    plane = numbers("--plane", arguments.plane, 4) if arguments.plane else None
     map_ = projection_map(estimate, depth_mm=arguments.depth, plane=plane)
     return _Studies(
         first=first,
@@ -208,7 +208,7 @@ def _alternating(arguments: argparse.Namespace, estimate: CameraEstimate) -> Alt
     from cadcam.calibrate.alternating import alternating_externals
     from cadcam.calibrate.variability import BLOCK
 
-    spread_mm, spread_deg = _numbers("--alternate", arguments.alternate, 2)
+    spread_mm, spread_deg = numbers("--alternate", arguments.alternate, 2)
     draws = arguments.draws or 2000
     with progress("alternating externals", -(-draws // BLOCK)) as step:
         return alternating_externals(
@@ -228,13 +228,6 @@ def _rng(arguments: argparse.Namespace, study: int) -> Any:
     import numpy as np
 
     return np.random.default_rng([arguments.seed, study])
-
-
-def _numbers(option: str, text: str, count: int) -> list[float]:
-    values = [number(option, part.strip()) for part in text.split(",")]
-    if len(values) != count:
-        raise BadValue(option, repr(text), f"{count} numbers with commas between")
-    return values
 
 
 def _tables(arguments: argparse.Namespace, studies: _Studies) -> list[Table]:

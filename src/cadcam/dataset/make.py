@@ -78,11 +78,7 @@ def make_dataset(
     folder that holds another data set, `UnwritableFile`, `MissingExtra`, `WorkerDied`, `UnreachableCluster`.
     """
     folder, layout = Path(folder), Layout(_named(split), "gray" if plan.gray else "rgb")
-    if workers is not None and workers < 1:
-        raise BadValue("workers", workers, "a whole number of at least 1")
-    _check_core()
-    if cluster:
-        require_dask()
+    _check_makers(workers, cluster)
     names, points = corners(scene) if plan.key_points is None else (plan.key_point_names, plan.key_points)
     props = props_of(plan.occluders, 2 * middle_and_radius(scene.mesh)[1], plan.seed)
     director = Director(plan, scene, props)
@@ -104,12 +100,16 @@ def make_dataset(
     return Made(folder, layout, len(todo), tuple(visible), stage.depth_step)
 
 
-def _check_core() -> None:
-    """Say now what every worker would."""
+def _check_makers(workers: int | None, cluster: str | None) -> None:
+    """Say now what every worker would, and what would fail once the work is prepared."""
+    if workers is not None and workers < 1:
+        raise BadValue("workers", workers, "a whole number of at least 1")
     try:
         library()
     except MissingCore as error:
         raise MissingCore(error.why, "the renderer of data sets", "reinstall") from None
+    if cluster:
+        require_dask()
 
 
 def missing(folder: Path, layout: Layout, views: int) -> list[int]:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array
+from cadcam.camera.measurement import PIXELS
 from cadcam.camera.viewpoint import ErrorSource, Viewpoint
 from cadcam.geometry.rigid import Rigid
 from cadcam.plan.ask import Asked
@@ -22,7 +23,7 @@ from cadcam.verify.tolerance import Limit, Rule
 from cadcam.verify.verdict import SIMPLE_SHARE
 
 _AT_ONCE = 5_000_000  # numbers in the tables of shared errors: they are quadratic in the number of cameras
-PIXELS, HEIGHT = "pixels", "plane"
+HEIGHT = "plane"
 
 
 class Outcome(Enum):

@@ -68,13 +68,12 @@ class Survey:
 
 @dataclass(frozen=True, slots=True)
 class Role:
-    """What a chosen camera is there for: features it sees in all poses and in some, and what is lost without it.
+    """What a chosen camera is there for: how many features it sees in all poses, and what is lost without it.
 
     without: the score of the set without it; only_it: limits that are measured in all poses only because of it.
     """
 
     sees: int
-    sees_in_some: int
     without: Score
     only_it: int
 
@@ -183,12 +182,7 @@ def _role(seen: Survey, chosen: Sequence[int], i: int) -> Role:
     poses = len(seen.poses)
     measured = _measured(seen, chosen, poses)
     left = _measured(seen, without, poses)
-    return Role(
-        int(sees.all(axis=0).sum()),
-        int(sees.any(axis=0).sum()),
-        seen.problem.score(without),
-        int((measured & ~left).sum()),
-    )
+    return Role(int(sees.all(axis=0).sum()), seen.problem.score(without), int((measured & ~left).sum()))
 
 
 def _measured(seen: Survey, chosen: Sequence[int], poses: int) -> Mask:

@@ -81,10 +81,7 @@ def predict_points(
         raise BadValue("plane_sigma_mm", plane_sigma_mm, "a number of mm from 0 on")
     views = [view.project(points) for view in viewpoints]
     q, J = np.stack([v[0] for v in views]), np.stack([v[1] for v in views])
-    in_picture = np.stack([view.camera.sees(at) for view, at in zip(viewpoints, q, strict=True)])
-    shown = in_picture if seen is None else np.asarray(seen, bool) & np.isfinite(q).all(axis=-1)
-    if shown.shape != q.shape[:2]:
-        raise BadValue("seen", f"of shape {shown.shape}", f"({len(viewpoints)} viewpoints, {len(points)} points)")
+    shown = _shown(viewpoints, q, seen)
     W = np.asarray(np.linalg.inv(_noise(viewpoints, noise, len(points))))
     evidence = Evidence(J, W).where(shown)
     sources = distinct_sources(viewpoints)
@@ -116,6 +113,16 @@ def shifts(
         for (source, _), D in zip(view.errors, of_view, strict=True):
             E[v, :, :, at[owners.index(id(source.owner))]] += D @ source.root
     return E, at
+
+
+def _shown(viewpoints: Sequence[Viewpoint], q: Array, seen: Mask | None) -> Mask:
+    """Return which viewpoint sees which point (V, N), imaged at q (V, N, 2): as it is told, or where it can."""
+    if seen is None:
+        return np.stack([view.camera.sees(at) for view, at in zip(viewpoints, q, strict=True)])
+    told = np.asarray(seen, bool)
+    if told.shape != q.shape[:2]:
+        raise BadValue("seen", f"of shape {told.shape}", f"({q.shape[0]} viewpoints, {q.shape[1]} points)")
+    return np.asarray(told & np.isfinite(q).all(axis=-1))
 
 
 def _noise(viewpoints: Sequence[Viewpoint], noise: Floats | None, n: int) -> Array:

@@ -56,7 +56,7 @@ def parameter_table(estimate: CameraEstimate) -> Table:
     rows = []
     for name, value in zip(estimate.parameters, estimate.values.tolist(), strict=True):
         unit, meaning = MEANING.get(name, ("", "lens"))
-        scale = _scale(name)
+        scale = shown_scale(name)
         free = name in estimate.free
         if name not in NAMES and not free and not value:
             continue  # a lens term that is not used
@@ -76,7 +76,7 @@ def pinhole_table(pinhole: ExtendedPinhole) -> Table:
     rows = []
     for name, value in zip(NAMES, pinhole.vector.tolist(), strict=True):
         unit, meaning = MEANING[name]
-        rows.append((name, plain(_scale(name) * value), unit, meaning))
+        rows.append((name, plain(shown_scale(name) * value), unit, meaning))
     return Table(
         "Eleven parameters", ("parameter", "value", "unit", "meaning"), tuple(rows), ("parameter", "unit", "meaning")
     )
@@ -199,7 +199,7 @@ def alternative_table(estimate: CameraEstimate, other: CameraEstimate) -> Table:
     """Return both poses that a flat target allows, side by side."""
     rows = []
     for name, one, two in zip(NAMES[:6], estimate.values.tolist(), other.values.tolist(), strict=False):
-        scale = _scale(name)
+        scale = shown_scale(name)
         rows.append((name, plain(scale * one), plain(scale * two), MEANING[name][0]))
     rows.append(("residual", f"{estimate.thesis_residual:.3g}", f"{other.thesis_residual:.3g}", "px"))
     return Table(
@@ -262,7 +262,7 @@ def compared(
     """Return an estimate's parameters with sigmas beside other estimates and printed values, one column each."""
     rows = []
     for name, value in zip(estimate.parameters[: len(NAMES)], estimate.values.tolist(), strict=False):
-        scale = _scale(name)
+        scale = shown_scale(name)
         shown, sigma = with_sigma(scale * value, scale * estimate.sigma(name))
         decimals = len(shown.partition(".")[2])
         cells = [
@@ -285,7 +285,7 @@ def against_truth(
     """Return the free parameters with sigmas beside the true ones, and the errors in sigmas."""
     rows = []
     for name in estimate.free:
-        scale, value, sigma = _scale(name), estimate.value(name), estimate.sigma(name)
+        scale, value, sigma = shown_scale(name), estimate.value(name), estimate.sigma(name)
         shown, spread = with_sigma(scale * value, scale * sigma)
         decimals = len(shown.partition(".")[2])
         error = f"{(value - truth[name]) / sigma:+.1f}"
@@ -296,6 +296,6 @@ def against_truth(
     return Table(title, columns, tuple(rows), ("parameter", "sigma", "unit"), notes)
 
 
-def _scale(name: str) -> float:
-    """Return what turns a parameter into its shown unit."""
+def shown_scale(name: str) -> float:
+    """Return what turns a parameter into the unit that it is shown in: degrees for angles, else mm and px as it is."""
     return float(np.degrees(1.0)) if name in ANGLES else 1.0

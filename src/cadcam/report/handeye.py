@@ -19,7 +19,8 @@ from cadcam.report.table import Table, matrix_rows, with_sigma
 
 FORMAT, VERSION = "cadcam hand-eye", 1
 _SCALE_SIGMAS, _SCALE_SHARE = 4.0, 0.005  # a target's size off by more of both is told
-_FEW_FREEDOM = 2.1  # 20 degrees of freedom
+_FEW = 6  # poses
+_FEW_FREEDOM = 2.1  # coverage factor: 20 degrees of freedom
 _NAMES = {
     "eye-in-hand": ("flange_from_camera", "base_from_target"),
     "eye-to-hand": ("base_from_camera", "flange_from_target"),
@@ -142,10 +143,9 @@ def hand_eye_as_json(estimate: HandEyeEstimate) -> dict[str, Any]:
 
 def _pose_json(estimate: HandEyeEstimate, i: int) -> dict[str, Any]:
     held, pixels = estimate.held_out, estimate.noise_px is not None
-    stated = Rigid(estimate.base_from_flange.rotation[i], estimate.base_from_flange.translation[i])
     out: dict[str, Any] = {
         "name": estimate.names[i],
-        "base_from_flange": pose_as_json(stated),
+        "base_from_flange": pose_as_json(estimate.base_from_flange[i]),
         "offset_mm_rad": estimate.offsets[i].tolist(),
         "held_out_mm": float(held.mm[i]),
         "held_out_rotation_rad": float(held.rotation[i]),
@@ -212,9 +212,6 @@ def _doubts(estimate: HandEyeEstimate) -> list[str]:
             f"warning: the robot's noise comes from {n} poses, and every sigma with it; 10 or more are better"
         )
     return doubts
-
-
-_FEW = 6
 
 
 def _camera_pose(estimate: HandEyeEstimate) -> Rigid:

@@ -7,7 +7,7 @@ import numpy as np
 from cadcam.calibrate.nested import Advice
 from cadcam.camera.extended_pinhole import INTERNALS
 from cadcam.camera.joint_estimate import JointEstimate
-from cadcam.report.camera import ANGLES, MEANING, camera_table
+from cadcam.report.camera import MEANING, camera_table, shown_scale
 from cadcam.report.table import Table, with_sigma
 
 _BEND = {"bend_x": ("mm", "bow of the board along x"), "bend_y": ("mm", "along y")}
@@ -28,10 +28,10 @@ def parameter_table(estimate: JointEstimate) -> Table:
         if name not in INTERNALS and name not in estimate.free and not value:
             continue
         unit, meaning = MEANING.get(name, _BEND.get(name, ("", "lens")))
-        scale = float(np.degrees(1.0)) if name in ANGLES else 1.0
+        scale = shown_scale(name)
         shown, sigma = with_sigma(scale * value, scale * estimate.sigma(name))
         by_view = estimate.sigma(name, by_view=True)
-        other = with_sigma(value, scale * by_view)[1] if name in estimate.free and np.isfinite(by_view) else ""
+        other = with_sigma(scale * value, scale * by_view)[1] if name in estimate.free and np.isfinite(by_view) else ""
         rows.append((name, shown, f"+- {sigma}" if name in estimate.free else "fixed", other, unit, meaning))
     points = sum(len(v) for v in estimate.views)
     return Table(

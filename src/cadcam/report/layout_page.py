@@ -15,7 +15,7 @@ from html import escape
 import numpy as np
 
 from cadcam import __version__
-from cadcam.arrays import Picture
+from cadcam.arrays import Array, Picture
 from cadcam.image.picture import encoded
 from cadcam.plan.assess import Outcome
 from cadcam.plan.candidate import Candidate
@@ -48,6 +48,7 @@ COLORS = {
     Outcome.UNSUITABLE: "#c23b00",
     Outcome.NOT_MEASURED: "#8a1f5c",
 }
+_PLANS = (("From above (x to the right, y up)", (0, 1)), ("From the side (x to the right, z up)", (0, 2)))
 _STYLE = """
 img{width:100%;height:auto;display:block;border-radius:6px;border:1px solid var(--line)}
 svg.bar{width:150px;height:24px}
@@ -164,9 +165,6 @@ def _where(layout: Layout) -> str:
     return section("Seen from above and from the side", f'<div class="two">{cells}</div><p class="soft">{note}</p>')
 
 
-_PLANS = (("From above (x to the right, y up)", (0, 1)), ("From the side (x to the right, z up)", (0, 2)))
-
-
 def _views(report: LayoutReport) -> str:
     if not report.views:
         return ""
@@ -243,5 +241,5 @@ def _number(text: str) -> str:
     return f'<span class="num">{escape(text)}</span>' if text else ""
 
 
-def _xyz(p: np.typing.NDArray[np.float64]) -> str:
+def _xyz(p: Array) -> str:
     return ", ".join(f"{x:.0f}" for x in p)

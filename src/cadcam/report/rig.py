@@ -12,10 +12,18 @@ from cadcam.calibrate.boards import BoardCalibration
 from cadcam.camera.rig_estimate import RelativePose, RigEstimate
 from cadcam.camera.sensitivity import twist_by_local
 from cadcam.geometry import rotation as so3
-from cadcam.report.camera import ANGLES, MEANING
+from cadcam.report.camera import MEANING, shown_scale
 from cadcam.report.table import Table, with_sigma
 
 _ROUGHLY = 1.5  # times the classical sigma that the frames' scatter may be before it is spoken of
+_ROWS = (
+    ("X", "mm", "focal centre of {1} in the axes of {0}"),
+    ("Y", "mm", ""),
+    ("Z", "mm", ""),
+    ("rx", "deg", "rotation vector that turns directions in {0}'s axes into {1}'s"),
+    ("ry", "deg", ""),
+    ("rz", "deg", ""),
+)
 
 
 def rig_tables(estimate: RigEstimate, alone: Mapping[str, BoardCalibration] | None = None) -> list[Table]:
@@ -73,16 +81,6 @@ def frames_table(estimate: RigEstimate) -> Table:
     return Table("Frames: residual a point (and points)", columns, (*rows, last), ("frame", ""))
 
 
-_ROWS = (
-    ("X", "mm", "focal centre of {1} in the axes of {0}"),
-    ("Y", "mm", ""),
-    ("Z", "mm", ""),
-    ("rx", "deg", "rotation vector that turns directions in {0}'s axes into {1}'s"),
-    ("ry", "deg", ""),
-    ("rz", "deg", ""),
-)
-
-
 def _place_and_turn(pose: RelativePose) -> tuple[Array, Array, Array]:
     """Return X Y Z (mm) and the rotation vector (deg), and their standard deviations, classical and by frames."""
     F, w = pose.b_from_a.origin, so3.log(pose.b_from_a.rotation)
@@ -113,7 +111,7 @@ def _parameter(estimate: RigEstimate, c: int, parameter: str) -> str:
     name = estimate.names[c]
     if not _worth(estimate, c, parameter):
         return "0" if parameter in estimate.values(name) else "-"
-    scale = float(np.degrees(1.0)) if parameter in ANGLES else 1.0
+    scale = shown_scale(parameter)
     value, sigma = with_sigma(scale * estimate.values(name)[parameter], scale * estimate.sigma(name, parameter))
     return f"{value} +- {sigma}" if parameter in estimate.free[c] else f"{value} fixed"
 

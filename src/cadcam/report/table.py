@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TextIO
 
 import numpy as np
+import numpy.typing as npt
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +100,6 @@ def with_sigma(value: float, sigma: float) -> tuple[str, str]:
     return f"{value:.{decimals}f}", f"{sigma:.{decimals}f}"
 
 
-def matrix_rows(matrix: Sequence[Sequence[float]] | np.typing.NDArray[np.float64]) -> tuple[tuple[str, ...], ...]:
+def matrix_rows(matrix: npt.ArrayLike) -> tuple[tuple[str, ...], ...]:
     """Return the cells of a matrix."""
     return tuple(tuple(plain(float(v)) if abs(v) > 1e-12 else "0" for v in row) for row in np.asarray(matrix))

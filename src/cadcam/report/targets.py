@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,7 +13,10 @@ import numpy as np
 from cadcam.report.table import Table
 from cadcam.target.find import FoundMark
 
-_HEADER = "picture,id,x,y,sigma_x,sigma_y,covariance_xy,size_px,angle_deg,number,score,contrast,blur_px,flags,method"
+_COLUMNS = (
+    *("picture", "id", "x", "y", "sigma_x", "sigma_y", "covariance_xy", "size_px"),
+    *("angle_deg", "number", "score", "contrast", "blur_px", "flags", "method"),
+)
 
 
 def marks_table(title: str, marks: Sequence[FoundMark]) -> Table:
@@ -30,7 +35,9 @@ def marks_table(title: str, marks: Sequence[FoundMark]) -> Table:
 
 def marks_csv(found: Mapping[str, Sequence[FoundMark]]) -> str:
     """Return all marks of all pictures, a line each."""
-    lines = [_HEADER]
+    text = io.StringIO()
+    lines = csv.writer(text, lineterminator="\n")
+    lines.writerow(_COLUMNS)
     for file, marks in found.items():
         for i, one in enumerate(marks):
             place = [f"{v:.5f}" for v in one.pixel]
@@ -39,11 +46,8 @@ def marks_csv(found: Mapping[str, Sequence[FoundMark]]) -> str:
             number = "" if one.number is None else str(one.number)
             quality = [f"{one.score:.5f}", f"{one.contrast:.5f}", f"{one.blur:.4f}"]
             flags = " ".join(flag.replace(" ", "-") for flag in one.flags)
-            name = f'"{file}"' if "," in file else file
-            lines.append(
-                ",".join([name, str(i + 1), *place, *spread, angle, number, *quality, flags, f'"{one.method}"'])
-            )
-    return "\n".join(lines) + "\n"
+            lines.writerow([file, i + 1, *place, *spread, angle, number, *quality, flags, one.method])
+    return text.getvalue()
 
 
 def marks_as_json(mark: str, found: Mapping[str, Sequence[FoundMark]]) -> dict[str, Any]:

@@ -6,7 +6,7 @@ and a picture takes a tenth of the time.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -119,16 +119,13 @@ def find_mark(gray: Picture, look: MarkLook, *, lens: Camera | None = None) -> t
 
 
 def _found(gray: Picture, look: MarkLook, lens: Camera | None) -> list[FoundMark]:
-    from dataclasses import replace
-
     from cadcam.target.find import find_marks
 
     radius = look.radius_px
     by = 1 if radius is None else max(1, int(np.min(radius) / _ENOUGH))
-    if by == 1:
+    if radius is None or by == 1:
         return find_marks(gray, look.mark, radius_px=radius, camera=lens)
-    small = tuple(float(r) / by for r in np.atleast_1d(np.asarray(radius)))
-    sought = small[0] if len(small) == 1 else (small[0], small[1])
+    sought = (radius[0] / by, radius[1] / by) if isinstance(radius, tuple) else radius / by
     reduced = _reduced(gray, by)
     camera = None if lens is None else _camera_of(reduced, lens, by)
     found = find_marks(reduced, look.mark, radius_px=sought, camera=camera)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from cadcam.arrays import Array, Floats, frozen
 from cadcam.calibrate.flat import calibrate_plane
@@ -169,7 +170,7 @@ def local_scale(estimate: PlaneEstimate, p: Floats) -> LocalScale:
     return LocalScale(float(values[0]), float(values[1]), float(values[3]), np.asarray(total))
 
 
-def _scales(h: np.typing.NDArray[np.complex128], p: Array) -> np.typing.NDArray[np.complex128]:
+def _scales(h: npt.NDArray[np.complex128], p: Array) -> npt.NDArray[np.complex128]:
     """Return (scale x, scale y, aspect, skew) of complex matrix entries: analytic, so that a complex step may pass."""
     H = h.reshape(3, 3)
     u = H[:, :2] @ p + H[:, 2]
