@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Callable
 from pathlib import Path
 
@@ -41,12 +42,14 @@ def test_marks_are_printed_with_their_plan(cadcam: Callable[..., Ran], tmp_path:
 
 def test_marks_are_found_written_and_drawn(cadcam: Callable[..., Ran], photo: Path) -> None:
     table, drawn = photo.with_name("marks.csv"), photo.with_name("found.png")
+    photo = photo.rename(photo.with_name('left, "first".png'))
     ran = cadcam("targets", "find", photo, "--mark", TEXT, "--json", "--csv", table, "-o", drawn)
     assert ran.code == 0
     (seen,) = ran.json["pictures"]
     x = sorted(one["q"][0] for one in seen["marks"])
     assert x == pytest.approx([119.5 - 60, 119.5, 119.5 + 60], abs=0.02)
-    assert len(table.read_text().splitlines()) == 4
+    with table.open(newline="") as file:
+        assert [(row["picture"], row["id"]) for row in csv.DictReader(file)] == [(str(photo), i) for i in "123"]
     assert read_picture(drawn).shape == (120, 240, 3)
     assert "radius px" in cadcam("targets", "find", photo, "--mark", TEXT, "--radius", "12").out
 

@@ -77,3 +77,15 @@ def test_tabs_in_yaml_are_named_because_they_look_like_blanks(tmp_path: Path, te
 def test_a_line_that_holds_no_object_is_named() -> None:
     with pytest.raises(UnreadableFile, match=r"log\.jsonl: line 3 is \[1\]; an object \{\.\.\.\} is expected"):
         parsed_line("log.jsonl", 3, "[1]")
+
+
+def test_items_flags_and_whole_numbers_say_where_they_stand() -> None:
+    place = Place("f.json", ("a",), [True, 3, 2.5, "yes"])
+    flag, whole, broken, text = place.items()
+    assert (flag.flag(), whole.whole()) == (True, 3)
+    with pytest.raises(UnreadableFile, match=r"f.json: a.2 is 2.5; a whole number is expected"):
+        broken.whole()
+    with pytest.raises(UnreadableFile, match=r'f.json: a.3 is "yes"; true or false is expected'):
+        text.flag()
+    with pytest.raises(UnreadableFile, match=r"f.json: a.0 is not a list; write '- part' lines"):
+        flag.items("write '- part' lines")

@@ -84,12 +84,14 @@ def test_a_plate_comes_back(tmp_path):
 
 
 def test_surveys_and_drawings_come_back(tmp_path, rng):
-    plate, places = Plate.b4(), {"p1.pgm": rng.normal(size=(4, 2)), "p2.pgm": rng.normal(size=(4, 2))}
+    b4 = Plate.b4()
+    plate = Plate(b4.marks, b4.reflectors, reflector_names=("a", "b, left", 'c "inner"', "d"))
+    places = {"p1.pgm": rng.normal(size=(4, 2)), "p, 2.pgm": rng.normal(size=(4, 2))}
     write_survey(tmp_path / "survey.csv", plate, places)
     back = read_survey(tmp_path / "survey.csv", plate)
     assert all(np.array_equal(back[name], places[name]) for name in places)
-    write_drawing(tmp_path / "drawing.csv", {"A": np.array([1.5, 2.0])})
-    assert read_drawing(tmp_path / "drawing.csv")["A"].tolist() == [1.5, 2.0]
+    write_drawing(tmp_path / "drawing.csv", {"A, upper": np.array([1.5, 2.0])})
+    assert read_drawing(tmp_path / "drawing.csv")["A, upper"].tolist() == [1.5, 2.0]
 
 
 @pytest.mark.parametrize(

@@ -155,6 +155,15 @@ def test_one_position_alone_measures_nearby(hall, stations, rng):
     assert measure(station, [seen]).points[0, :2] == pytest.approx(hall.view_centre("6", at), abs=1.5)
 
 
+def test_a_day_without_a_short_distance_and_a_hall_of_nothing_are_refused(hall, stations, rng):
+    with pytest.raises(TooFewPoints, match="distances up to 1 mm"):
+        distances(stations, day(hall, rng, marks=4), longest_mm=1.0)
+    with pytest.raises(BadValue, match="robots of the hall is none"):
+        make_hall(rng, robots=())
+    with pytest.raises(BadValue, match=r"vibration_mm of the hall is -0\.1"):
+        make_hall(rng, vibration_mm=-0.1)
+
+
 @pytest.mark.slow
 def test_distances_are_within_their_stated_interval_in_93_to_97_percent():
     """Twenty halls, 24 distances a day each: the share is good to 1 % if halls are alike."""

@@ -13,6 +13,7 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal
 from cadcam.errors import TooFewPoints
 from cadcam.files.shot import Shot, write_positions
+from cadcam.files.text import rows_of_cells
 from cadcam.image.picture import read_picture, to_gray
 from cadcam.station.gantry import GantryCalibration, Repeatability, Sighting, calibrate_gantry
 from cadcam.station.hall import Hall, Visit
@@ -27,6 +28,7 @@ from cadcam.target.mark import parse_mark
 from cadcam.whole import write_whole
 
 _REPEATED, _VISITS = 5, 6  # marks, and visits of each, that tell the repeatability
+_PIXELS = ("name", "view", "x_px", "y_px")
 _WITHIN = 250.0  # mm: how far from the middle of the view the daily mark may lie
 
 
@@ -152,11 +154,12 @@ def distances(
 def write_inputs(folder: Path, station: GantryCalibration) -> None:
     """Write what a calibration was made from as files that `cadcam station calibrate` reads, named by its camera."""
     fits = {one.name: one for one in station.positions}
-    lines = ["name,view,x_px,y_px"]
-    for view, one in fits.items():
-        seen = one.estimate.observations
-        lines += [f"{n},{view},{x!r},{y!r}" for n, (x, y) in zip(seen.names, one.pixels.tolist(), strict=True)]
-    write_whole(folder / f"plate_{station.camera}_pixels.csv", ("\n".join(lines) + "\n").encode())
+    rows = [
+        (name, view, repr(x), repr(y))
+        for view, one in fits.items()
+        for name, (x, y) in zip(one.estimate.observations.names, one.pixels.tolist(), strict=True)
+    ]
+    write_whole(folder / f"plate_{station.camera}_pixels.csv", rows_of_cells(_PIXELS, rows))
     plate = station.positions[0].placement.plate
     surveyed = {view: one.placement.surveyed for view, one in fits.items()}
     write_survey(folder / f"survey_{station.camera}.csv", plate, surveyed)
@@ -166,14 +169,14 @@ def write_inputs(folder: Path, station: GantryCalibration) -> None:
 
 def write_day(folder: Path, hall: Hall, work: Day, rng: np.random.Generator, *, pictures: bool = False) -> None:
     """Write a day's marks as pixels with positions, their true places as a drawing, and pictures if asked to."""
-    shots, lines = {}, ["name,view,x_px,y_px"]
+    shots, rows = {}, []
     for s, p in zip(work.sightings, work.points, strict=True):
         file = f"{s.name}.pgm"
         shots[file] = _shot(s.position, s.camera)
-        lines.append(",".join([s.name, file, *(repr(v) for v in s.q.tolist())]))
+        rows.append((s.name, file, *(repr(v) for v in s.q.tolist())))
         if pictures:
             write_hall_picture(folder / file, hall, shots[file], p[None], hall.visit(rng), rng)
-    write_whole(folder / "day_pixels.csv", ("\n".join(lines) + "\n").encode())
+    write_whole(folder / "day_pixels.csv", rows_of_cells(_PIXELS, rows))
     write_positions(folder / "day_positions.csv", shots)
     write_drawing(folder / "day_truth.csv", {s.name: p for s, p in zip(work.sightings, work.points, strict=True)})
 

@@ -18,9 +18,12 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.errors import UnreadableFile
 from cadcam.files.points import header_line
-from cadcam.files.text import Line, TextFile, lines_of_cells, number_in, read_text
+from cadcam.files.text import Line, TextFile, lines_of_cells, number_in, read_text, rows_of_cells
 from cadcam.station.plate import Plate
 from cadcam.whole import write_whole
+
+_SURVEY = ("picture", "reflector", "x_mm", "y_mm")
+_DRAWING = ("name", "x_mm", "y_mm")
 
 
 def read_survey(path: str | os.PathLike[str], plate: Plate) -> dict[str, Array]:
@@ -28,7 +31,7 @@ def read_survey(path: str | os.PathLike[str], plate: Plate) -> dict[str, Array]:
 
     Raises `UnreadableFile` naming the line, or the picture that lacks a reflector.
     """
-    file, rows = _table(path, ("picture", "reflector", "x_mm", "y_mm"))
+    file, rows = _table(path, _SURVEY)
     found: dict[str, dict[str, tuple[float, float]]] = {}
     for line, row in rows:
         picture, name = Path(row["picture"]).name, row["reflector"]
@@ -46,17 +49,17 @@ def read_survey(path: str | os.PathLike[str], plate: Plate) -> dict[str, Array]:
 
 def write_survey(path: str | os.PathLike[str], plate: Plate, surveyed: Mapping[str, Array]) -> None:
     """Write the surveyed reflectors (M, 2) mm by the picture's file name."""
-    lines = ["picture,reflector,x_mm,y_mm"]
-    for picture, places in surveyed.items():
-        lines += [
-            f"{picture},{n},{x!r},{y!r}" for n, (x, y) in zip(plate.reflector_names, places.tolist(), strict=True)
-        ]
-    write_whole(path, ("\n".join(lines) + "\n").encode())
+    rows = [
+        (picture, name, repr(x), repr(y))
+        for picture, places in surveyed.items()
+        for name, (x, y) in zip(plate.reflector_names, places.tolist(), strict=True)
+    ]
+    write_whole(path, rows_of_cells(_SURVEY, rows))
 
 
 def read_drawing(path: str | os.PathLike[str]) -> dict[str, Array]:
     """Return where the marks (2,) mm are on the drawing, by name. Raises `UnreadableFile` naming the line."""
-    file, rows = _table(path, ("name", "x_mm", "y_mm"))
+    file, rows = _table(path, _DRAWING)
     out: dict[str, Array] = {}
     for line, row in rows:
         if row["name"] in out:
@@ -67,8 +70,8 @@ def read_drawing(path: str | os.PathLike[str]) -> dict[str, Array]:
 
 def write_drawing(path: str | os.PathLike[str], drawn: Mapping[str, Array]) -> None:
     """Write the marks' places (2,) mm on the drawing, by name."""
-    lines = ["name,x_mm,y_mm", *(f"{n},{float(p[0])!r},{float(p[1])!r}" for n, p in drawn.items())]
-    write_whole(path, ("\n".join(lines) + "\n").encode())
+    rows = [(name, repr(float(p[0])), repr(float(p[1]))) for name, p in drawn.items()]
+    write_whole(path, rows_of_cells(_DRAWING, rows))
 
 
 def _table(
