@@ -67,6 +67,10 @@ def test_bad_scenes_stop_before_the_core(vertices: list, faces: list, paint: lis
         )
 
 
+def test_directions_too_close_for_a_number_share_a_cell() -> None:
+    assert core.NativeLens(np.array([[[0.0, 0.0], [1e-310, 0.0]]])).size == (2, 1)
+
+
 def test_a_missing_core_says_why_and_what_to_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     core.library.cache_clear()
     broken = tmp_path / "broken.so"

@@ -118,16 +118,15 @@ class NativeScene(Handle):
         _check_indices("face's colour", paint, len(colors))
         if not faces.shape == (len(part), 3) == (len(paint), 3):
             raise BadValue("faces", f"of shape {faces.shape}", f"shape ({len(part)}, 3), one row a part and a colour")
-        of_faces = (array.ctypes.data for array in (part, paint, colors))
-        made = library().cc_scene_new(vertices.ctypes.data, faces.ctypes.data, len(faces), *of_faces, len(colors))
+        shape, look = addresses(vertices, faces), addresses(part, paint, colors)
+        made = library().cc_scene_new(*shape, len(faces), *look, len(colors))
         super().__init__(made, "cc_scene_free", f"a scene of {len(faces)} triangles")
 
     def hides(self, points: Array, eye: Array, tolerance: float) -> Mask:
         """Return which points (N, 3) mm a face hides from the eye (3,); one within `tolerance` of its plane never."""
         points, eye = np.ascontiguousarray(points, np.float64), np.ascontiguousarray(eye, np.float64)
         out = np.zeros(len(points), bool)
-        places = (points.ctypes.data, out.ctypes.data)
-        library().cc_scene_hides(self.address, eye.ctypes.data, tolerance, len(points), *places)
+        library().cc_scene_hides(self.address, *addresses(eye), tolerance, len(points), *addresses(points, out))
         return out
 
 

@@ -4,6 +4,8 @@
 
 #include "internal.h"
 
+#define TINY 1e-300 /* directions that differ by less share a cell: one over it times a width is still a number */
+
 static const short_rect NOWHERE = {UINT16_MAX, 0, UINT16_MAX, 0};
 static const box NOTHING = {INFINITY, -INFINITY, INFINITY, -INFINITY};
 
@@ -77,7 +79,7 @@ static int fill_cells(cc_lens *l) {
     l->origin_x = squash(l->all.x0), l->origin_y = squash(l->all.y0);
     double range_x = squash(l->all.x1) - l->origin_x, range_y = squash(l->all.y1) - l->origin_y;
     int32_t nx = l->width, ny = l->height;
-    l->scale_x = range_x > 0 ? nx / range_x : 0, l->scale_y = range_y > 0 ? ny / range_y : 0;
+    l->scale_x = range_x > TINY ? nx / range_x : 0, l->scale_y = range_y > TINY ? ny / range_y : 0;
     if (!make_level(l, 0, nx + 1, ny + 1)) return 0;
     for (int32_t t = 0; t < l->tiles_x * l->tiles_y; t++)
         for (int k = 0; k < TILE_AREA; k++) {

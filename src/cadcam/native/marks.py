@@ -10,7 +10,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.errors import BadValue
-from cadcam.native.core import library
+from cadcam.native.core import addresses, library
 
 _MOST_RADII, _MOST_TERMS = 128, 16  # CC_MARK_RADII, CC_MARK_TERMS
 _LEVELS, _ALWAYS, LOOSE = 8, 5, 3  # c s m gx gy b dx dy; of those the first always have slopes, the last need not
@@ -65,8 +65,8 @@ class Borders:
         )
 
     def _structure(self) -> _Mark:
-        arrays = (self.radii, self.rays, self.sectors, self.span)
-        return _Mark(*(a.ctypes.data for a in arrays), len(self.radii), len(self.sectors))
+        arrays = addresses(self.radii, self.rays, self.sectors, self.span)
+        return _Mark(*arrays, len(self.radii), len(self.sectors))
 
 
 def picture(borders: Borders, places: Array, H: Array, levels: Array) -> Array:

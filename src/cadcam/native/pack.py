@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Picture
 from cadcam.errors import NotEnoughMemory
-from cadcam.native.core import library
+from cadcam.native.core import addresses, library
 
 _kept = threading.local()  # the room of a thread: most of it is never touched, and fresh memory would be cleared
 
@@ -51,7 +51,7 @@ def packed_normal_rows(depth: Picture, normal: Picture) -> bytes:
     """Return unit normals (H, W, 3) as (n + 1)/2 in steps of 1/255, as a PNG file holds them; 0 where depth is inf."""
     depth, normal = np.ascontiguousarray(depth, np.float32), np.ascontiguousarray(normal, np.float32)
     height, width = depth.shape
-    places = (depth.ctypes.data, normal.ctypes.data)
+    places = addresses(depth, normal)
     return _packed(height, 3 * width, lambda out: _core().cc_pack_normals(*places, width, height, *out))
 
 

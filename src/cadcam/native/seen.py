@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Mask, Picture
-from cadcam.native.core import library
+from cadcam.native.core import addresses, library
 
 ALWAYS, FACING, TURNING = 0, 1, 2  # CC_ALWAYS ...: when an edge is drawn
 
@@ -61,15 +61,14 @@ class Sight:
     ) -> None:
         self._kept = np.ascontiguousarray(depth, np.float32), np.ascontiguousarray(normal, np.float32)
         height, width = depth.shape
-        places = (array.ctypes.data for array in self._kept)
-        self.request = _Sight(*places, *pixel, slack, steepest, width, height)
+        self.request = _Sight(*addresses(*self._kept), *pixel, slack, steepest, width, height)
 
     def points(self, p: Array, q: Array) -> Mask:
         """Return which points (n,) are seen: p (n, 3) mm in the camera frame, q (n, 2) px."""
         p, q = np.ascontiguousarray(p, np.float64), np.ascontiguousarray(q, np.float64)
-        out = np.zeros(len(p), np.uint8)
-        _core().cc_seen(c.byref(self.request), len(p), *(array.ctypes.data for array in (p, q, out)))
-        return out.astype(bool)
+        out = np.zeros(len(p), bool)
+        _core().cc_seen(c.byref(self.request), len(p), *addresses(p, q, out))
+        return out
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,7 +97,7 @@ class EdgesInSpace:
         kinds = (np.float64, np.int32, np.int32, np.uint8)
         given = (ends, sides, chain, rule)
         self._kept = [np.ascontiguousarray(a, kind) for a, kind in zip(given, kinds, strict=True)]
-        self._edges = _Edges(*(array.ctypes.data for array in self._kept), len(chain))
+        self._edges = _Edges(*addresses(*self._kept), len(chain))
         self._room = 1024  # points; more once a view had more
 
     def seen(self, sight: Sight, eye: EyePoint, front: Mask, *, step: float, shortest: float, bend: float) -> SeenLines:
@@ -116,7 +115,7 @@ class EdgesInSpace:
     ) -> tuple[SeenLines, int, int]:
         """Return what there is room for, and how many points and lines there are."""
         out = SeenLines(np.zeros((room, 2)), np.zeros((room, 3)), *np.zeros((2, room), np.int32))
-        told = _Lines(*(array.ctypes.data for array in (out.q, out.p, out.edge, out.start)), room)
+        told = _Lines(*addresses(out.q, out.p, out.edge, out.start), room)
         place = _EyePoint((c.c_double * 12)(*eye.pose.ravel()), (c.c_double * 6)(*eye.K.ravel()), eye.near)
         front = np.ascontiguousarray(front, bool)
         given = (c.byref(sight.request), c.byref(place), c.byref(self._edges), front.ctypes.data)
