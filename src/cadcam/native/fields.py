@@ -15,7 +15,7 @@ from cadcam.errors import BadValue
 from cadcam.native.core import addresses, library
 
 SECTORS = 8
-MARGIN, SWEPT = 48, 51  # CC_MARGIN, CC_SWEPT
+MARGIN, SPARE, SWEPT = 48, 3, 51  # CC_MARGIN, CC_SPARE, CC_SWEPT
 PLACE = np.dtype([("p", np.float32, 3), ("tangent", np.float32, 3), ("weight", np.float32)])
 Bytes = npt.NDArray[np.uint8]
 Longs = npt.NDArray[np.int64]
@@ -169,7 +169,8 @@ class Views:
         _, height, width = self._kept[eye].planes.values.shape
         shift, score = np.zeros((len(poses), keep, 2), np.int32), np.zeros((len(poses), keep), np.float32)
         wide = width + 32
-        scratch = np.zeros(SECTORS * (height + 2 * MARGIN) * (wide + 2 * MARGIN) + wide * height, np.uint8)
+        rows = height + SPARE
+        scratch = np.zeros(SECTORS * (rows + 2 * MARGIN) * (wide + 2 * MARGIN) + wide * rows, np.uint8)
         _core().cc_sweep(
             self._given(len(poses)), eye, poses.ctypes.data, keep, apart, *addresses(scratch, shift, score)
         )
