@@ -48,14 +48,17 @@ _FINELY, _ROUGHLY = (180.0, 0.8), (90.0, 2.0)
 _SMALLEST, _LARGEST = 0.2, 1.2  # the part's size in units of the photo's shorter side, where no distance is declared
 _SCALE, _ROLL_DEG = 1.2, 10.0  # steps of the sweep: distances, turns in the picture
 _SWEPT = 42  # samples of an aspect that are swept
-_TAKEN = 700  # hypotheses of each distance that climb
+_TAKEN = 1000  # hypotheses of each distance that climb
 _CLIMBS = (
     Climb(0, 64, (2.5, 1.5, 1.0, 1.0), 350),
     Climb(1, 96, (2.5, 1.5, 1.0, 1.0), 100),
-    Climb(2, 128, (2.5, 1.5, 1.0, 1.0), 60),
+    Climb(2, 128, (2.5, 1.5, 1.0, 1.0), 20),
 )
-_APPROACHED, _NEIGHBOURS = (24, 14), 0.25  # poses of either judgement that are approached; how far apart, radii
+_BESIDE = Climb(2, 64, (1.0,), 0)  # how poses beside these are judged: where they are
+_APPROACHED, _NEIGHBOURS = (16, 8), 0.25  # poses of either judgement that are approached; how far apart, radii
 _NEAR = Reach(rotation_deg=12.0, shift_px=0.06, depth=0.12)  # of such approaches; the shift in units of the part's size
+# Where else the part is put to see whether lines run there too, in units of its size in the picture.
+_ASIDE = np.array([[(0.12, 0.22)[k % 2] * f((k + 0.3) * math.pi / 8) for f in (np.cos, np.sin)] for k in range(16)])
 _RETURNED = 20
 _AMONG_EQUALS = np.array([0.6123, 0.3871, 0.6894])  # in no plane of any symmetry
 _BASES = ((1, 1), (2, 6), (3, 6))  # fields are reduced by the first number times so many powers of two
@@ -90,21 +93,17 @@ def search_once(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SP
     starts = _to_approach(aspects, scales, found)
     around = _approached(part, photos, rigids_of(found[starts]))
     found = np.array([row_of(h.world_from_part) for h in around]).reshape(-1, 12)
-    return _ranked(aspects, around, found, _judged(aspects, scales, found, *_FINELY))
+    finely, roughly = (_peaks(aspects, scales, found, *way) for way in (_FINELY, _ROUGHLY))
+    return _ranked(aspects, around, found, finely + roughly)
 
 
 def _to_approach(aspects: Aspects, scales: _Scales, found: Array) -> list[int]:
-    """Return which of poses (N, 12) are approached: the best judged roughly, and the best judged as they are."""
-    every = np.array(
-        [
-            k
-            for way, most in zip((_FINELY, _ROUGHLY), _APPROACHED, strict=True)
-            for k in distinct(aspects, found, _judged(aspects, scales, found, *way), most, within=_NEIGHBOURS)
-        ],
-        np.int64,
-    )
+    """Return which of poses (N, 12) are approached: the best of all, and the best of those judged roughly."""
+    finely, roughly = (_peaks(aspects, scales, found, *way) for way in (_FINELY, _ROUGHLY))
+    best = zip((finely + roughly, roughly), _APPROACHED, strict=True)
+    every = [k for score, most in best for k in distinct(aspects, found, score, most, within=_NEIGHBOURS)]
     first = distinct(aspects, found[every], -np.arange(len(every), dtype=np.float64), len(every), within=_NEIGHBOURS)
-    return [int(k) for k in every[first]]
+    return [every[k] for k in first]
 
 
 def unmade(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE) -> list[tuple[int, int]]:
@@ -148,11 +147,27 @@ class _Scales:
             chosen.append(chosen[-1] // 2)
         return [self.stage(k) for k in chosen]
 
+    def beside(self, aspects: Aspects, poses: Array, every: int = 1) -> list[Array]:
+        """Return poses (N, 12) moved in the photo where the part is largest, by every so many vectors of _ASIDE."""
+        eye = np.argmax(self._sizes(aspects, poses), axis=0)
+        out = [np.empty_like(poses) for _ in _ASIDE[::every]]
+        for e, (T, fields) in enumerate(zip(self._places, self._fields, strict=True)):
+            own = np.flatnonzero(eye == e)
+            seen, camera = composed(T, poses[own]), fields[0].camera
+            size = self.sizes(aspects, poses[own]) / fields[0].reduction
+            for moved, aside in zip(out, _ASIDE[::every], strict=True):
+                moved[own] = composed(T.inv, turned(aspects, camera, seen, size[:, None] * aside))
+        return out
+
     def sizes(self, aspects: Aspects, poses: Array) -> Array:
         """Return how large (N,), px, the part is in the photo where it is largest, for poses (N, 12)."""
+        return np.asarray(self._sizes(aspects, poses).max(axis=0))
+
+    def _sizes(self, aspects: Aspects, poses: Array) -> Array:
+        """Return how large (photos, N), px, the part is in each photo."""
         middle = poses[:, :9].reshape(-1, 3, 3) @ aspects.centre + poses[:, 9:]
         away = [np.linalg.norm(middle - T.origin, axis=1) for T in self._places]
-        return np.asarray(np.maximum.reduce([_size(aspects, f, d) for f, d in zip(self.focal, away, strict=True)]))
+        return np.stack([_size(aspects, f, d) for f, d in zip(self.focal, away, strict=True)])
 
 
 def _fields(photo: Photo) -> list[DirectionField]:
@@ -181,7 +196,11 @@ def _promising(aspects: Aspects, scales: _Scales, eye: int, distance: float, loo
     stages = scales.stages(eye, float(_size(aspects, scales.focal[eye], np.array(distance))))
     poses = _swept(aspects, stages[0], eye, distance, looks)
     for climb in _CLIMBS:
-        poses, score, _ = climbed(aspects, stages[min(climb.level, len(stages) - 1)], poses, np.eye(6), climb)
+        stage = stages[min(climb.level, len(stages) - 1)]
+        poses, score, _ = climbed(aspects, stage, poses, np.eye(6), climb)
+        if climb is _CLIMBS[-1]:
+            beside = (climbed(aspects, stage, p, np.eye(6), _BESIDE)[1] for p in scales.beside(aspects, poses, 2))
+            score = score - np.maximum.reduce(list(beside))
         poses = poses[distinct(aspects, poses, score, climb.kept)]
     return poses
 
@@ -245,6 +264,16 @@ def _judged(aspects: Aspects, scales: _Scales, poses: Array, size_px: float, blu
         own = wanted == step
         out[own] = evidence(aspects, scales.stage(2 ** (step / 2)), poses[own], blur)
     return out
+
+
+def _peaks(aspects: Aspects, scales: _Scales, poses: Array, size_px: float, blur: float) -> Array:
+    """Return the evidence (N,) for poses (N, 12) above the most that there is for the part a little beside each.
+
+    In clutter lines run near any line. Where they are the part's there are fewer as soon as it is put elsewhere.
+    """
+    here = _judged(aspects, scales, poses, size_px, blur)
+    beside = [_judged(aspects, scales, moved, size_px, blur) for moved in scales.beside(aspects, poses)]
+    return np.asarray(here - np.maximum.reduce(beside))
 
 
 def _approached(part: Part, photos: Sequence[Photo], starts: list[Rigid]) -> list[Hypothesis]:

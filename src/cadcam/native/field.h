@@ -92,4 +92,9 @@ CC_API void cc_climb(const cc_views *views, double *poses, const double *freedom
 CC_API void cc_certainties(const cc_views *views, int32_t eye, const double *poses, double blur, int64_t stride,
                            float *out);
 
+/* Which of n poses are kept, best first, as numbers: none of whose corners (n, 4, 3) is farther than `apart` from those
+ * of one that is kept already is left out; at most `most`. Returns how many. kept (most,), scratch of n bytes. */
+CC_API int64_t cc_firsts(const double *corners, int64_t n, int64_t most, double apart, uint8_t *scratch,
+                           int64_t *kept);
+
 #endif

@@ -67,10 +67,12 @@ def _core() -> c.CDLL:
         "cc_sweep": [views, i32, at, i32, i32, *[at] * 3],
         "cc_certainties": [views, i32, at, c.c_double, i64, at],
         "cc_climb": [views, at, at, i32, at, i32, at],
+        "cc_firsts": [at, i64, i64, c.c_double, at, at],
     }
     for name, arguments in signatures.items():
         function = getattr(core, name)
         function.restype, function.argtypes = None, arguments
+    core.cc_firsts.restype = i64
     return core
 
 
@@ -117,6 +119,18 @@ def halve(planes: Planes) -> Planes:
     made = _planes(height // 2, width // 2)
     _core().cc_halve(planes.values.ctypes.data, width, height, *addresses(*made))
     return made
+
+
+def firsts(corners: Array, most: int, apart: float) -> Longs:
+    """Return the numbers of at most so many of N poses by their corners (N, 4, 3), the first of those near each other.
+
+    Poses are near each other where no corner of one is farther than `apart` from the other's.
+    """
+    corners = np.ascontiguousarray(corners, np.float64)
+    n = len(corners)
+    kept, scratch = np.zeros(min(most, n), np.int64), np.zeros(n, np.uint8)
+    found = _core().cc_firsts(corners.ctypes.data, n, len(kept), apart, *addresses(scratch, kept))
+    return kept[:found]
 
 
 class Eye(NamedTuple):

@@ -64,6 +64,18 @@ static int32_t largest(const swept *s, int32_t *x, int32_t *y) {
     return best;
 }
 
+/* The largest of the sums at places around one, some third and sixth of a part's size away. */
+static int32_t largest_beside(const swept *s, int32_t width, int32_t x, int32_t y) {
+    static const int32_t aside[8][2] = {{10, 3}, {-3, 10}, {-10, -3}, {3, -10}, {3, 5}, {-5, 3}, {-3, -5}, {5, -3}};
+    int32_t most = 0;
+    for (int k = 0; k < 8; k++) {
+        const int32_t i = x + aside[k][0], j = y + aside[k][1];
+        if (i < 0 || j < 0 || i >= width || j >= s->height) continue;
+        most = imax(most, s->sums[(size_t)j * (size_t)s->wide + (size_t)i]);
+    }
+    return most;
+}
+
 void VARIANT(sweep_field)(const cc_views *v, int32_t eye, const double *poses, int32_t keep, int32_t apart,
                           uint8_t *scratch, int32_t *shift, float *score) {
     const cc_eye *e = &v->eyes[eye];
@@ -77,7 +89,7 @@ void VARIANT(sweep_field)(const cc_views *v, int32_t eye, const double *poses, i
         const cc_place *places = v->places + v->first[k * v->n_eyes + eye];
         size_t offset[CC_SWEPT];
         int32_t n = 0;
-        double mean = 0, variance = 1e-9;
+        double variance = 1e-9;
         for (int32_t i = 0; i < imin(v->count[k * v->n_eyes + eye], CC_SWEPT); i++) {
             spot at;
             if (!image_of(e, &c, &places[i], &at)) continue;
@@ -85,14 +97,15 @@ void VARIANT(sweep_field)(const cc_views *v, int32_t eye, const double *poses, i
             const int32_t sector = sector_of(at.dx, at.dy);
             if (x < 0 || y < 0 || x > 2 * CC_MARGIN || y > 2 * CC_MARGIN) continue;
             offset[n++] = ((size_t)sector * (size_t)s.rows + (size_t)y) * (size_t)s.stride + (size_t)x;
-            mean += s.scale * f->mean[sector], variance += s.scale * s.scale * f->variance[sector] + 1.0 / 12;
+            variance += s.scale * s.scale * f->variance[sector] + 1.0 / 12;
         }
         add_up(&s, f->width, offset, n);
         for (int32_t i = 0; i < keep; i++) {
             int32_t x = 0, y = 0;
             const int32_t best = largest(&s, &x, &y);
             shift[2 * (keep * k + i)] = x, shift[2 * (keep * k + i) + 1] = y;
-            score[keep * k + i] = best > 0 ? (float)((best - mean) / sqrt(variance)) : -INFINITY;
+            const int32_t beside = largest_beside(&s, f->width, x, y);
+            score[keep * k + i] = best > 0 ? (float)((best - beside) / sqrt(variance)) : -INFINITY;
             const int32_t left = imax(0, x - apart), right = imin(s.wide - 1, x + apart);
             for (int32_t j = imax(0, y - apart); j <= imin(s.height - 1, y + apart); j++)
                 memset(s.sums + (size_t)j * (size_t)s.wide + left, 0, (size_t)(right - left + 1));
