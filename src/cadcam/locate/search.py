@@ -89,12 +89,29 @@ def search_once(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SP
         for eye, photo in enumerate(photos)
         for distance in _distances(aspects, photo.camera, views)
     ]
-    found = np.concatenate([np.zeros((0, 12)), *rows])
+    eye = photos[0].viewpoint.camera_from_world.origin
+    found = _of_one_side(part, eye, np.concatenate([np.zeros((0, 12)), *rows]))
     starts = _to_approach(aspects, scales, found)
     around = _approached(part, photos, rigids_of(found[starts]))
-    found = np.array([row_of(h.world_from_part) for h in around]).reshape(-1, 12)
+    found = _of_one_side(part, eye, np.array([row_of(h.world_from_part) for h in around]).reshape(-1, 12))
+    around = [replace(h, world_from_part=T) for h, T in zip(around, rigids_of(found), strict=True)]
     finely, roughly = (_peaks(aspects, scales, found, *way) for way in (_FINELY, _ROUGHLY))
     return _ranked(aspects, around, found, finely + roughly)
+
+
+def _of_one_side(part: Part, eye: Array, poses: Array) -> Array:
+    """Return poses (N, 12), those of a turned part turned about its axis so that it is seen most along _AMONG_EQUALS.
+
+    Else what is approached and refined would be one pose in as many turns.
+    """
+    if part.spin is None:
+        return poses
+    R, t = poses[:, :9].reshape(-1, 3, 3), poses[:, 9:]
+    seen = np.einsum("nji,nj->ni", R, eye - t)  # the eye (3,) in the part frame
+    along = [(S.inv @ seen - part.aspects.centre) @ _AMONG_EQUALS for S in part.symmetries]
+    turn = np.stack([S.rotation for S in part.symmetries])[np.argmax(along, axis=0)]
+    shift = np.stack([S.translation for S in part.symmetries])[np.argmax(along, axis=0)]
+    return np.concatenate([(R @ turn).reshape(-1, 9), (R @ shift[..., None])[..., 0] + t], axis=1)
 
 
 def _to_approach(aspects: Aspects, scales: _Scales, found: Array) -> list[int]:
