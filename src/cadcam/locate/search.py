@@ -4,6 +4,9 @@
    large; what fits best, wherever it is, goes on.
 2. The best climb on finer and finer fields; what speaks for each is judged edge by edge (`climb.evidence`).
 3. Those that stand out are approached (`approach`) as a user's rough start would be, and judged again.
+
+In clutter lines run near any line, so that what speaks for a pose means little by itself. Everywhere but in the first
+climbs it counts above what speaks for the part put a little beside that pose, a fifth of its size or so to any side.
 """
 
 from __future__ import annotations
@@ -70,8 +73,9 @@ def search(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE)
     """Return poses (world_from_part) that the photos may show, from anywhere within `views`, best first.
 
     Good to about a pixel of the photo: for `refine` to take up. score: how much likelier the photos are with the part
-    there than without, in nats. A symmetric part comes back once for each of the poses in which it looks the same, one
-    after the other. The part's aspects are made on first use, which takes some seconds once.
+    there than a little beside, in nats, as judged finely and roughly together. A symmetric part comes back once for
+    each of the poses in which it looks the same, one after the other. The part's aspects are made on first use, which
+    takes some seconds once.
     """
     return [
         replace(h, world_from_part=h.world_from_part @ part_from_part)
@@ -165,15 +169,21 @@ class _Scales:
         return [self.stage(k) for k in chosen]
 
     def beside(self, aspects: Aspects, poses: Array, every: int = 1) -> list[Array]:
-        """Return poses (N, 12) moved in the photo where the part is largest, by every so many vectors of _ASIDE."""
-        eye = np.argmax(self._sizes(aspects, poses), axis=0)
+        """Return poses (N, 12) moved in the photo where the part is largest, by every so many vectors of _ASIDE.
+
+        Poses behind all cameras, and moved ones that no camera sees, come back as they are.
+        """
+        middle = _middles(aspects, poses)
+        depth = np.stack([(T @ middle)[:, 2] for T in self._places])
+        eye = np.argmax(np.where(depth > 0, self._sizes(aspects, poses), 0.0), axis=0)
         out = [np.empty_like(poses) for _ in _ASIDE[::every]]
         for e, (T, fields) in enumerate(zip(self._places, self._fields, strict=True)):
             own = np.flatnonzero(eye == e)
             seen, camera = composed(T, poses[own]), fields[0].camera
             size = self.sizes(aspects, poses[own]) / fields[0].reduction
             for moved, aside in zip(out, _ASIDE[::every], strict=True):
-                moved[own] = composed(T.inv, turned(aspects, camera, seen, size[:, None] * aside))
+                there = composed(T.inv, turned(aspects, camera, seen, size[:, None] * aside))
+                moved[own] = np.where(np.isfinite(there).all(axis=1, keepdims=True), there, poses[own])
         return out
 
     def sizes(self, aspects: Aspects, poses: Array) -> Array:
@@ -182,9 +192,14 @@ class _Scales:
 
     def _sizes(self, aspects: Aspects, poses: Array) -> Array:
         """Return how large (photos, N), px, the part is in each photo."""
-        middle = poses[:, :9].reshape(-1, 3, 3) @ aspects.centre + poses[:, 9:]
+        middle = _middles(aspects, poses)
         away = [np.linalg.norm(middle - T.origin, axis=1) for T in self._places]
         return np.stack([_size(aspects, f, d) for f, d in zip(self.focal, away, strict=True)])
+
+
+def _middles(aspects: Aspects, poses: Array) -> Array:
+    """Return where the part's middle is (N, 3) at poses (N, 12)."""
+    return np.asarray(poses[:, :9].reshape(-1, 3, 3) @ aspects.centre + poses[:, 9:])
 
 
 def _fields(photo: Photo) -> list[DirectionField]:
@@ -286,7 +301,7 @@ def _judged(aspects: Aspects, scales: _Scales, poses: Array, size_px: float, blu
 def _peaks(aspects: Aspects, scales: _Scales, poses: Array, size_px: float, blur: float) -> Array:
     """Return the evidence (N,) for poses (N, 12) above the most that there is for the part a little beside each.
 
-    In clutter lines run near any line. Where they are the part's there are fewer as soon as it is put elsewhere.
+    Where lines are the part's there are fewer as soon as it is put elsewhere.
     """
     here = _judged(aspects, scales, poses, size_px, blur)
     beside = [_judged(aspects, scales, moved, size_px, blur) for moved in scales.beside(aspects, poses)]

@@ -2,8 +2,6 @@
 
 A line is worth two, where it lies and how it turns; a short one one. Lines that lie on one edge of the photo are one.
 Each straight stretch of a line that bends counts by itself: a corner that is rounded does not make one edge of two.
-A line that bends all along is worth one more for each third of a turn, up to the five that an ellipse has: on a short
-arc lies any line, on a longer one only one that bends as much, and on all of a rim only that rim, seen from there.
 """
 
 from __future__ import annotations
@@ -18,7 +16,6 @@ Longs = npt.NDArray[np.int64]
 _WORTH_PX = (10.0, 24.0)  # length from which a line is worth one constraint, and two
 _CORNER, _CORNERS = np.radians(30.0), 16  # by which a line turns from one stretch to the next; most stretches of one
 _BENT, _AROUND = 1 / 170, 3  # rad a px, on the mean of so many samples to each side: from there on a line is bent
-_THIRD, _OF_ELLIPSE = np.radians(120.0), 5
 _ONE_EDGE = 8.0, np.cos(np.radians(4.0))  # px and turn within which lines lie on one edge of the photo
 _STRAIGHT = 0.95  # chord over arc of a line that may lie on another
 
@@ -54,8 +51,7 @@ def worth_of_lines(length: Array) -> float:
 def worth_of_stretches(q: Array, normal: Array, run: Ids, line: Longs, length: Array) -> float:
     """Return how many constraints samples (n,) on lines of these lengths (L,) px lay on a pose.
 
-    A line is worth what its straight stretches are; one that bends hardly what its length is; one that bends everywhere
-    what its bend is.
+    A line is worth what its straight stretches are; one that bends everywhere, or hardly, what its length is.
     """
     same = run[1:] == run[:-1]
     step, turn = (np.append(0.0, same * np.hypot(*np.diff(a, axis=0).T)) for a in (q, normal))
@@ -65,6 +61,4 @@ def worth_of_stretches(q: Array, normal: Array, run: Ids, line: Longs, length: A
     stretch = np.minimum(turned // _CORNER, _CORNERS - 1).astype(np.int64)
     of_stretch = np.bincount(line * _CORNERS + stretch, step * straight, len(length) * _CORNERS)
     worth = [np.searchsorted(_WORTH_PX, px, side="right") for px in (length, of_stretch)]
-    bends = np.floor(np.bincount(line, turn * ~straight, len(length)) / _THIRD)
-    bent = np.where(worth[0] == len(_WORTH_PX), np.minimum(worth[0] + bends, _OF_ELLIPSE), worth[0])
-    return float(np.maximum(bent, worth[1].reshape(-1, _CORNERS).sum(axis=1)).sum())
+    return float(np.maximum(worth[0], worth[1].reshape(-1, _CORNERS).sum(axis=1)).sum())
