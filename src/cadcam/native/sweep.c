@@ -15,7 +15,8 @@ typedef struct {
 
 /* Copy the planes, `levels` steps deep, with margins of nothing around them. */
 static swept prepared(const cc_field *f, int32_t levels, uint8_t *scratch) {
-    swept s = {.planes = scratch, .rows = f->height + 2 * CC_MARGIN + CC_SPARE, .height = f->height, .scale = levels / 255.0};
+    const int32_t rows = f->height + 2 * CC_MARGIN + CC_SPARE;
+    swept s = {.planes = scratch, .rows = rows, .height = f->height, .scale = levels / 255.0};
     s.wide = (f->width + LANES - 1) / LANES * LANES;
     s.stride = s.wide + 2 * CC_MARGIN;
     const size_t plane = (size_t)s.stride * (size_t)s.rows;
