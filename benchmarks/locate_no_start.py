@@ -29,6 +29,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.geometry.rotation import exp
 from cadcam.image.picture import write_picture
 from cadcam.locate.locate import locate
+from cadcam.locate.location import FOUND
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.view_range import ViewRange
@@ -134,8 +135,8 @@ def same(body: Body, truth: Rigid) -> list[Rigid]:
     return [truth @ middle @ Rigid(g, np.zeros(3)) @ middle.inv for g in body.symmetry]
 
 
-def row(body: Body, n: int, noise: float, save: Path | None, *, whole: bool) -> str:
-    rng = np.random.default_rng(7)
+def row(body: Body, n: int, noise: float, seed: int, save: Path | None, *, whole: bool) -> str:
+    rng = np.random.default_rng(seed)
     whole = whole or len(body.symmetry) > 1
     part, views = Part.of(body.mesh), declared(body.mesh, whole=whole)
     renderer = open_renderer(part.scene)
@@ -164,9 +165,10 @@ def row(body: Body, n: int, noise: float, save: Path | None, *, whole: bool) -> 
         if error >= RIGHT_PX:
             print(f"  {body.name} {k}: {error:.0f} px off, quality {location.quality:.2f}", flush=True)
     lows = f"{min(good, default=np.nan):.2f} / {max(bad, default=np.nan):.2f}"
+    found = sum(q >= FOUND for q in good) / n
     poses_right = f"{len(body.symmetry)}{' and any turn' if body.round else ''}"
     return (
-        f"| {body.name} | {len(good) / n:.0%} | {poses_right} | {np.mean(complete):.0%} | {lows}"
+        f"| {body.name} | {len(good) / n:.0%} | {found:.0%} | {poses_right} | {np.mean(complete):.0%} | {lows}"
         f" | {np.median(cpu):.2f} / {max(cpu):.2f} | {np.median(wall):.2f} | {prepared:.1f} |"
     )
 
@@ -176,15 +178,17 @@ def main() -> None:
     parser.add_argument("scene", type=Path, help="folder with the ship block's model.obj")
     parser.add_argument("--views", type=int, default=40, help="pictures of each body (default %(default)s)")
     parser.add_argument("--noise", type=float, default=3.0, help="grey levels (default %(default)s)")
+    parser.add_argument("--seed", type=int, default=7, help="of places, ground and noise (default %(default)s)")
     parser.add_argument("--bodies", nargs="+", help="names, or beginnings of names (default: all)")
     parser.add_argument("--whole", action="store_true", help="search the whole sphere for all of them")
     parser.add_argument("--save", type=Path, help="write the pictures into this folder")
     a = parser.parse_args()
-    print("| body | right first | right poses | of them reported | quality, lowest right / highest wrong", end="")
-    print(" | CPU median / most, s | wall, s | preparation CPU, s |\n|---|---|---|---|---|---|---|---|")
+    print("| body | right first | and found | right poses | of them reported", end="")
+    print(" | quality, lowest right / highest wrong | CPU median / most, s | wall, s | preparation CPU, s |")
+    print("|---|---|---|---|---|---|---|---|---|")
     for body in bodies(a.scene):
         if not a.bodies or body.name.startswith(tuple(a.bodies)):
-            print(row(body, a.views, a.noise, a.save, whole=a.whole), flush=True)
+            print(row(body, a.views, a.noise, a.seed, a.save, whole=a.whole), flush=True)
 
 
 if __name__ == "__main__":

@@ -46,6 +46,29 @@ def test_a_part_is_found_from_nothing_in_any_turn(
     assert found[0].score > 1.2 * found[1].score
 
 
+def test_a_camera_that_looks_away_from_near_by_does_no_harm(rng: np.random.Generator) -> None:
+    pose = view(BRACKET, (0.5, 0.7, 1.0))
+    middle = pose @ BRACKET.aspects.centre
+    aside = Rigid.look_at(middle + np.array([0.0, 200.0, -100.0]), middle + np.array([0.0, 900.0, -100.0]))
+    away = Photo.of(noisy(gaussian_filter(rng.uniform(0, 1, (480, 640)), 3.0), 0.01, rng), CAMERA, aside)
+    assert (aside @ middle)[2] < 0
+    found = search(BRACKET, [photo(BRACKET, pose, rng), away], FROM_ABOVE)
+    assert min(error_px(BRACKET, CAMERA, h.world_from_part, pose) for h in found[:3]) < RIGHT_PX
+
+
+def test_a_part_beside_hatched_ground_is_found(rng: np.random.Generator) -> None:
+    """Hatched ground has lines of two directions near any line: much of the part fits there wherever it is put."""
+    pose = view(BRACKET, (0.5, 0.7, 1.0), away=7.0, aim=0.8)
+    clean = shot(BRACKET, pose)
+    y, x = np.mgrid[: clean.shape[0], : clean.shape[1]]
+    hatched = 0.5 + 0.2 * np.sign(np.sin(x / 2.5)) * np.sign(np.sin(y / 2.5))
+    q = CAMERA.project(pose @ BRACKET.scene.mesh.vertices)
+    ground = x > q[:, 0].max() + 12 if q[:, 0].mean() < clean.shape[1] / 2 else x < q[:, 0].min() - 12
+    taken = Photo.of(noisy(np.where(ground, gaussian_filter(hatched, 0.6), clean), 0.01, rng), CAMERA)
+    found = search(BRACKET, [taken], ViewRange(axis=FROM_ABOVE.axis, half_angle_deg=35.0, distance_mm=(400.0, 800.0)))
+    assert error_px(BRACKET, CAMERA, found[0].world_from_part, pose) < RIGHT_PX
+
+
 def test_a_symmetric_part_comes_back_in_every_pose_in_which_it_looks_the_same(rng: np.random.Generator) -> None:
     part = Part.of(box([0, 0, 0], [60, 60, 25]))
     pose = view(part, (0.5, 0.8, 0.7), away=6.0)

@@ -195,8 +195,8 @@ static void edges(void) {
         const cc_field *f = &eyes[e].field;
         const int rx = upto(20), ry = upto(20), wide = f->width + 32;
         uint16_t *sums = malloc((size_t)(2 * rx + 16) * (size_t)(2 * ry + 1) * 2);
-        const size_t plane = (size_t)(f->height + 2 * CC_MARGIN) * (size_t)(wide + 2 * CC_MARGIN);
-        uint8_t *bytes = malloc(CC_SECTORS * plane + (size_t)wide * (size_t)f->height);
+        const size_t plane = (size_t)(f->height + 2 * CC_MARGIN + CC_SPARE) * (size_t)(wide + 2 * CC_MARGIN);
+        uint8_t *bytes = malloc(CC_SECTORS * plane + (size_t)wide * (size_t)(f->height + CC_SPARE));
         cc_slide(&v, e, poses, upto(9) - 4, upto(9) - 4, rx, ry, keep, upto(3), sums, shift, score);
         cc_sweep(&v, e, poses, keep, upto(3), bytes, shift, score);
         for (int i = 0; i < 2 * n_poses * keep; i++)

@@ -19,7 +19,7 @@ from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.direction_field import DirectionField
 from cadcam.locate.aspects import PLACES, Aspect, Aspects
-from cadcam.native.fields import PLACE, Eye, Longs, Views
+from cadcam.native.fields import PLACE, Eye, Longs, Views, firsts
 
 _SAME = 0.02  # of the part's radius: poses whose corners differ by less are one
 _A = TypeVar("_A")
@@ -122,23 +122,27 @@ def evidence(aspects: Aspects, stage: Stage, poses: Array, blur: float = 0.8) ->
     views = views_of(aspects, stage, poses, PLACES)
     total = np.zeros(len(poses))
     for e, (field, camera_from_world) in enumerate(zip(stage.fields, stage.cameras_from_world, strict=True)):
-        found = views.certainties(e, poses, blur)
+        sure = views.certainties(e, poses, blur)
         seen = composed(camera_from_world, poses)
         distance = np.linalg.norm(seen[:, :9].reshape(-1, 3, 3) @ aspects.centre + seen[:, 9:], axis=1)
         size = 2 * aspects.radius / distance * field.camera.fx
-        for k, aspect in enumerate(_aspects_of(aspects, camera_from_world, poses)):
-            total[k] += _of_edges(aspect, found[k, : len(aspect.places)], float(size[k]))
+        total += _of_edges(_aspects_of(aspects, camera_from_world, poses), sure, size)
     return total
 
 
-def _of_edges(aspect: Aspect, sure: Picture, size_px: float) -> float:
-    """Return what certainties (N,) under an aspect's places say for it, in nats; the part's ball is size_px large."""
-    if not len(sure):
-        return 0.0
-    independent = min(aspect.length * size_px / len(sure) / _APART_PX, 1.0)
-    gain = np.where(sure >= 0, (sure - _EVEN) * (_NATS * independent), 0.0)
-    of_line = np.minimum(np.bincount(aspect.line, gain), _MOST_NATS)
-    return float(np.log(1 - _SEEN + _SEEN * np.exp(of_line)).sum())
+def _of_edges(shown: Sequence[Aspect], sure: Picture, size_px: Array) -> Array:
+    """Return what certainties (N, M) under the places of N aspects say for each, in nats; the part is size_px (N,)."""
+    n = np.array([min(len(aspect.places), sure.shape[1]) for aspect in shown], np.int64)
+    length = np.array([aspect.length for aspect in shown])
+    independent = np.minimum(length * size_px / np.maximum(n, 1) / _APART_PX, 1.0)
+    line = np.concatenate([np.zeros(0, np.int64), *(a.line[:k] for a, k in zip(shown, n.tolist(), strict=True))])
+    pose = np.repeat(np.arange(len(n)), n)
+    its = sure[np.arange(sure.shape[1]) < n[:, None]]
+    gain = np.where(its >= 0, (its - _EVEN) * (_NATS * independent[pose]), 0.0)
+    most = int(line.max(initial=0)) + 1
+    number = pose * most + line
+    of_line = np.minimum(np.bincount(number, gain, len(n) * most), _MOST_NATS)  # of lines that are not seen: 0, ln 1
+    return np.asarray(np.log(1 - _SEEN + _SEEN * np.exp(of_line)).reshape(-1, most).sum(axis=1))
 
 
 def _aspects_of(aspects: Aspects, camera_from_world: Rigid, poses: Array) -> list[Aspect]:
@@ -149,14 +153,9 @@ def _aspects_of(aspects: Aspects, camera_from_world: Rigid, poses: Array) -> lis
 
 def distinct(aspects: Aspects, poses: Array, score: Array, most: int, within: float = _SAME) -> list[int]:
     """Return at most so many of the best poses, best first, no two within so many radii of each other."""
-    left = np.argsort(-score, kind="stable")
-    kept: list[int] = []
-    corners = _corners(aspects, poses)
-    while len(left) and len(kept) < most:
-        kept.append(int(left[0]))
-        away = corners[left] - corners[left[0]]
-        left = left[np.einsum("nij,nij->ni", away, away).max(axis=1) > (within * aspects.radius) ** 2]
-    return kept
+    order = np.argsort(-score, kind="stable")
+    kept = firsts(_corners(aspects, poses[order]), most, within * aspects.radius)
+    return [int(k) for k in order[kept]]
 
 
 def near(aspects: Aspects, poses: Array, one: int, within: float) -> Longs:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,7 +25,7 @@ from cadcam.locate.solution import EDGES, EdgeOptions
 from cadcam.locate.view_range import WHOLE_SPHERE, ViewRange
 
 _RIVAL = 0.85  # share of the best hypothesis' score that makes another one as good
-_TRIED = (4, 8)  # hypotheses that are refined: with a start, without one
+_TRIED = (4, 10)  # hypotheses that are refined: with a start, without one
 _AS_GOOD = 0.15  # quality that an alternative may lack
 _BY_SCORE = 0.3  # quality that the best hypothesis' score is worth
 _EQUAL, _ELSEWHERE = 0.9, 0.5  # share of its score, and distance in radii, that make another place a rival
@@ -86,9 +86,13 @@ def _located(
         hypotheses = [Hypothesis(Rigid() if start is None else start, 0.0, 0.0, options.search_px)]
     chosen = SEARCHED if start is None else 0
     basins = Basins(freedom)
-    first = hypotheses[0]
-    crowded = start is None and not _stands_out(part, first.world_from_part, first.score, _STANDS_OUT[0], hypotheses)
-    tried = _refined(part, photos, hypotheses[:most], freedom, options, chosen, basins, every=crowded)
+
+    def clear(score: float, location: Location) -> bool:
+        ahead = _STANDS_OUT[location.quality >= _CLEAR]
+        return start is not None or _stands_out(part, location.pose.world_from_part, score, ahead, hypotheses)
+
+    tried = _refined(part, photos, hypotheses[:most], freedom, options, chosen, basins, clear)
+    every = not any(clear(*t) for t in tried if t[1].found)
     if start is not None and not any(location.found and not location.doubted for _, location in tried):
         score = max(h.score for h in hypotheses)  # none is likelier than a start that is as good as said
         tried += [(score, location) for location in _as_it_is(part, photos, start, reach, freedom, options, basins)]
@@ -101,11 +105,7 @@ def _located(
         why = best.reason.removeprefix("not found: ")
         why = f"not found: the best of {len(hypotheses)} hypotheses does not hold: {why}"
         return replace(best, reason=why, alternatives=tuple(alike))
-    ahead = _STANDS_OUT[best.quality >= _CLEAR]
-    if start is None and not (
-        _stands_out(part, best.pose.world_from_part, score, ahead, hypotheses)
-        or (crowded and _alone(part, best, tried))
-    ):
+    if not (clear(score, best) or (every and _alone(part, best, tried))):
         return _uncertain(best, "lines elsewhere in the photos look nearly as much like the part", alike)
     return _beside_rivals(part, ranked, alike)
 
@@ -223,17 +223,16 @@ def _refined(
     options: EdgeOptions,
     chosen: int,
     basins: Basins,
-    *,
-    every: bool = False,
+    clear: Callable[[float, Location], bool],
 ) -> list[tuple[float, Location]]:
     """Return score and location of the hypotheses refined: until one is found, and then those that are as good.
 
-    every: all of them, but for those that would end where others did.
+    While none that is found is `clear`, all of them, but for those that would end where others did.
     """
     done: list[tuple[float, Location]] = []
     for h in hypotheses:
         found = [o for _, o in done if o.found]
-        if found and not every and h.score < _RIVAL * hypotheses[0].score:
+        if h.score < _RIVAL * hypotheses[0].score and any(clear(*d) for d in done if d[1].found):
             break
         if any(_apart(part, h.world_from_part, o.pose.world_from_part) < _BASIN for o in found):
             continue  # it would end there too

@@ -110,7 +110,8 @@ class Seen:
 
     def __str__(self) -> str:
         if self.samples < LEAST or self.fitted > _MOST_FITTED:
-            return "so few edges of the part would be in the picture that any place would fit"
+            few = "so few edges of the part would be in the picture that any place would fit"
+            return few + "; nearer, from another side or by a second camera more of them would be"
         free = f", {self.fitted:.0%} could be fitted anywhere" if self.fitted > 0.2 else ""
         other = f"; more were it {self.proportions} (other part, unit or scale?)" if self.gain > _TOLD else ""
         color = f", colours beside them count like {self.color:.0%} more" if self.color > 0 else ""

@@ -4,6 +4,9 @@
    large; what fits best, wherever it is, goes on.
 2. The best climb on finer and finer fields; what speaks for each is judged edge by edge (`climb.evidence`).
 3. Those that stand out are approached (`approach`) as a user's rough start would be, and judged again.
+
+In clutter lines run near any line, so that what speaks for a pose means little by itself. Everywhere but in the first
+climbs it counts above what speaks for the part put a little beside that pose, a fifth of its size or so to any side.
 """
 
 from __future__ import annotations
@@ -48,14 +51,17 @@ _FINELY, _ROUGHLY = (180.0, 0.8), (90.0, 2.0)
 _SMALLEST, _LARGEST = 0.2, 1.2  # the part's size in units of the photo's shorter side, where no distance is declared
 _SCALE, _ROLL_DEG = 1.2, 10.0  # steps of the sweep: distances, turns in the picture
 _SWEPT = 42  # samples of an aspect that are swept
-_TAKEN = 700  # hypotheses of each distance that climb
+_TAKEN = 1000  # hypotheses of each distance that climb
 _CLIMBS = (
     Climb(0, 64, (2.5, 1.5, 1.0, 1.0), 350),
     Climb(1, 96, (2.5, 1.5, 1.0, 1.0), 100),
-    Climb(2, 128, (2.5, 1.5, 1.0, 1.0), 60),
+    Climb(2, 128, (2.5, 1.5, 1.0, 1.0), 20),
 )
-_APPROACHED, _NEIGHBOURS = (24, 14), 0.25  # poses of either judgement that are approached; how far apart, radii
+_BESIDE = Climb(2, 64, (1.0,), 0)  # how poses beside these are judged: where they are
+_APPROACHED, _NEIGHBOURS = (16, 8), 0.25  # poses of either judgement that are approached; how far apart, radii
 _NEAR = Reach(rotation_deg=12.0, shift_px=0.06, depth=0.12)  # of such approaches; the shift in units of the part's size
+# Where else the part is put to see whether lines run there too, in units of its size in the picture.
+_ASIDE = np.array([[(0.12, 0.22)[k % 2] * f((k + 0.3) * math.pi / 8) for f in (np.cos, np.sin)] for k in range(16)])
 _RETURNED = 20
 _AMONG_EQUALS = np.array([0.6123, 0.3871, 0.6894])  # in no plane of any symmetry
 _BASES = ((1, 1), (2, 6), (3, 6))  # fields are reduced by the first number times so many powers of two
@@ -67,8 +73,9 @@ def search(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE)
     """Return poses (world_from_part) that the photos may show, from anywhere within `views`, best first.
 
     Good to about a pixel of the photo: for `refine` to take up. score: how much likelier the photos are with the part
-    there than without, in nats. A symmetric part comes back once for each of the poses in which it looks the same, one
-    after the other. The part's aspects are made on first use, which takes some seconds once.
+    there than a little beside, in nats, as judged finely and roughly together. A symmetric part comes back once for
+    each of the poses in which it looks the same, one after the other. The part's aspects are made on first use, which
+    takes some seconds once.
     """
     return [
         replace(h, world_from_part=h.world_from_part @ part_from_part)
@@ -86,25 +93,38 @@ def search_once(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SP
         for eye, photo in enumerate(photos)
         for distance in _distances(aspects, photo.camera, views)
     ]
-    found = np.concatenate([np.zeros((0, 12)), *rows])
+    eye = photos[0].viewpoint.camera_from_world.origin
+    found = _of_one_side(part, eye, np.concatenate([np.zeros((0, 12)), *rows]))
     starts = _to_approach(aspects, scales, found)
     around = _approached(part, photos, rigids_of(found[starts]))
-    found = np.array([row_of(h.world_from_part) for h in around]).reshape(-1, 12)
-    return _ranked(aspects, around, found, _judged(aspects, scales, found, *_FINELY))
+    found = _of_one_side(part, eye, np.array([row_of(h.world_from_part) for h in around]).reshape(-1, 12))
+    around = [replace(h, world_from_part=T) for h, T in zip(around, rigids_of(found), strict=True)]
+    finely, roughly = (_peaks(aspects, scales, found, *way) for way in (_FINELY, _ROUGHLY))
+    return _ranked(aspects, around, found, finely + roughly)
+
+
+def _of_one_side(part: Part, eye: Array, poses: Array) -> Array:
+    """Return poses (N, 12), those of a turned part turned about its axis so that it is seen most along _AMONG_EQUALS.
+
+    Else what is approached and refined would be one pose in as many turns.
+    """
+    if part.spin is None:
+        return poses
+    R, t = poses[:, :9].reshape(-1, 3, 3), poses[:, 9:]
+    seen = np.einsum("nji,nj->ni", R, eye - t)  # the eye (3,) in the part frame
+    along = [(S.inv @ seen - part.aspects.centre) @ _AMONG_EQUALS for S in part.symmetries]
+    turn = np.stack([S.rotation for S in part.symmetries])[np.argmax(along, axis=0)]
+    shift = np.stack([S.translation for S in part.symmetries])[np.argmax(along, axis=0)]
+    return np.concatenate([(R @ turn).reshape(-1, 9), (R @ shift[..., None])[..., 0] + t], axis=1)
 
 
 def _to_approach(aspects: Aspects, scales: _Scales, found: Array) -> list[int]:
-    """Return which of poses (N, 12) are approached: the best judged roughly, and the best judged as they are."""
-    every = np.array(
-        [
-            k
-            for way, most in zip((_FINELY, _ROUGHLY), _APPROACHED, strict=True)
-            for k in distinct(aspects, found, _judged(aspects, scales, found, *way), most, within=_NEIGHBOURS)
-        ],
-        np.int64,
-    )
+    """Return which of poses (N, 12) are approached: the best of all, and the best of those judged roughly."""
+    finely, roughly = (_peaks(aspects, scales, found, *way) for way in (_FINELY, _ROUGHLY))
+    best = zip((finely + roughly, roughly), _APPROACHED, strict=True)
+    every = [k for score, most in best for k in distinct(aspects, found, score, most, within=_NEIGHBOURS)]
     first = distinct(aspects, found[every], -np.arange(len(every), dtype=np.float64), len(every), within=_NEIGHBOURS)
-    return [int(k) for k in every[first]]
+    return [every[k] for k in first]
 
 
 def unmade(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE) -> list[tuple[int, int]]:
@@ -148,11 +168,38 @@ class _Scales:
             chosen.append(chosen[-1] // 2)
         return [self.stage(k) for k in chosen]
 
+    def beside(self, aspects: Aspects, poses: Array, every: int = 1) -> list[Array]:
+        """Return poses (N, 12) moved in the photo where the part is largest, by every so many vectors of _ASIDE.
+
+        Poses behind all cameras, and moved ones that no camera sees, come back as they are.
+        """
+        middle = _middles(aspects, poses)
+        depth = np.stack([(T @ middle)[:, 2] for T in self._places])
+        eye = np.argmax(np.where(depth > 0, self._sizes(aspects, poses), 0.0), axis=0)
+        out = [np.empty_like(poses) for _ in _ASIDE[::every]]
+        for e, (T, fields) in enumerate(zip(self._places, self._fields, strict=True)):
+            own = np.flatnonzero(eye == e)
+            seen, camera = composed(T, poses[own]), fields[0].camera
+            size = self.sizes(aspects, poses[own]) / fields[0].reduction
+            for moved, aside in zip(out, _ASIDE[::every], strict=True):
+                there = composed(T.inv, turned(aspects, camera, seen, size[:, None] * aside))
+                moved[own] = np.where(np.isfinite(there).all(axis=1, keepdims=True), there, poses[own])
+        return out
+
     def sizes(self, aspects: Aspects, poses: Array) -> Array:
         """Return how large (N,), px, the part is in the photo where it is largest, for poses (N, 12)."""
-        middle = poses[:, :9].reshape(-1, 3, 3) @ aspects.centre + poses[:, 9:]
+        return np.asarray(self._sizes(aspects, poses).max(axis=0))
+
+    def _sizes(self, aspects: Aspects, poses: Array) -> Array:
+        """Return how large (photos, N), px, the part is in each photo."""
+        middle = _middles(aspects, poses)
         away = [np.linalg.norm(middle - T.origin, axis=1) for T in self._places]
-        return np.asarray(np.maximum.reduce([_size(aspects, f, d) for f, d in zip(self.focal, away, strict=True)]))
+        return np.stack([_size(aspects, f, d) for f, d in zip(self.focal, away, strict=True)])
+
+
+def _middles(aspects: Aspects, poses: Array) -> Array:
+    """Return where the part's middle is (N, 3) at poses (N, 12)."""
+    return np.asarray(poses[:, :9].reshape(-1, 3, 3) @ aspects.centre + poses[:, 9:])
 
 
 def _fields(photo: Photo) -> list[DirectionField]:
@@ -181,7 +228,11 @@ def _promising(aspects: Aspects, scales: _Scales, eye: int, distance: float, loo
     stages = scales.stages(eye, float(_size(aspects, scales.focal[eye], np.array(distance))))
     poses = _swept(aspects, stages[0], eye, distance, looks)
     for climb in _CLIMBS:
-        poses, score, _ = climbed(aspects, stages[min(climb.level, len(stages) - 1)], poses, np.eye(6), climb)
+        stage = stages[min(climb.level, len(stages) - 1)]
+        poses, score, _ = climbed(aspects, stage, poses, np.eye(6), climb)
+        if climb is _CLIMBS[-1]:
+            beside = (climbed(aspects, stage, p, np.eye(6), _BESIDE)[1] for p in scales.beside(aspects, poses, 2))
+            score = score - np.maximum.reduce(list(beside))
         poses = poses[distinct(aspects, poses, score, climb.kept)]
     return poses
 
@@ -245,6 +296,16 @@ def _judged(aspects: Aspects, scales: _Scales, poses: Array, size_px: float, blu
         own = wanted == step
         out[own] = evidence(aspects, scales.stage(2 ** (step / 2)), poses[own], blur)
     return out
+
+
+def _peaks(aspects: Aspects, scales: _Scales, poses: Array, size_px: float, blur: float) -> Array:
+    """Return the evidence (N,) for poses (N, 12) above the most that there is for the part a little beside each.
+
+    Where lines are the part's there are fewer as soon as it is put elsewhere.
+    """
+    here = _judged(aspects, scales, poses, size_px, blur)
+    beside = [_judged(aspects, scales, moved, size_px, blur) for moved in scales.beside(aspects, poses)]
+    return np.asarray(here - np.maximum.reduce(beside))
 
 
 def _approached(part: Part, photos: Sequence[Photo], starts: list[Rigid]) -> list[Hypothesis]:

@@ -72,8 +72,9 @@ CC_API void cc_slide(const cc_views *views, int32_t eye, const double *poses, in
 /* As cc_slide over the whole field, for many poses near its middle (cx, cy): planes are cut down to levels whose sums
  * fit a byte, places farther than CC_MARGIN px from the middle left out. At most CC_SWEPT places of a run. Writes the
  * `keep` best, no two within `apart`: where the middle comes to lie (2,) and score. Scratch of
- * CC_SECTORS (height + 2 margins) (width + 2 margins + 32) + (width + 32) height bytes. */
+ * CC_SECTORS (height + 2 margins + spare) (width + 2 margins + 32) + (width + 32) (height + spare) bytes. */
 #define CC_MARGIN 48
+#define CC_SPARE 3
 #define CC_SWEPT 51
 CC_API void cc_sweep(const cc_views *views, int32_t eye, const double *poses, int32_t keep, int32_t apart,
                      uint8_t *scratch, int32_t *shift, float *score);
@@ -90,5 +91,10 @@ CC_API void cc_climb(const cc_views *views, double *poses, const double *freedom
  * in [0, 1], -1 outside the picture. out (n_poses, stride): those of pose k, its count of them, from k stride on. */
 CC_API void cc_certainties(const cc_views *views, int32_t eye, const double *poses, double blur, int64_t stride,
                            float *out);
+
+/* Which of n poses are kept, best first, as numbers: none of whose corners (n, 4, 3) is farther than `apart` from those
+ * of one that is kept already is left out; at most `most`. Returns how many. kept (most,), scratch of n bytes. */
+CC_API int64_t cc_firsts(const double *corners, int64_t n, int64_t most, double apart, uint8_t *scratch,
+                           int64_t *kept);
 
 #endif

@@ -3,6 +3,15 @@
 
 #include "internal.h"
 
+/* Whether none of four corners is farther from the other's than the root of far2. */
+static int near_each_other(const double *a, const double *b, double far2) {
+    for (int i = 0; i < 12; i += 3) {
+        const double x = a[i] - b[i], y = a[i + 1] - b[i + 1], z = a[i + 2] - b[i + 2];
+        if (!(x * x + y * y + z * z <= far2)) return 0;
+    }
+    return 1;
+}
+
 CC_API void cc_reduce(const float *in, int64_t stride, int32_t width, int32_t height, int32_t k, float *out)
     IN_USE(field_reduce, (const float *, int64_t, int32_t, int32_t, int32_t, float *),
            (in, stride, width, height, k, out))
@@ -44,3 +53,16 @@ CC_API void cc_straighten(const float *in, int32_t width, int32_t height, const 
     IN_USE(field_straighten,
            (const float *, int32_t, int32_t, const float *, int32_t, int32_t, int32_t, float *, uint8_t *),
            (in, width, height, nodes, step, wide, high, out, seen))
+
+CC_API int64_t cc_firsts(const double *corners, int64_t n, int64_t most, double apart, uint8_t *scratch,
+                           int64_t *kept) {
+    int64_t found = 0;
+    for (int64_t k = 0; k < n; k++) scratch[k] = 0;
+    for (int64_t k = 0; k < n && found < most; k++) {
+        if (scratch[k]) continue;
+        kept[found++] = k;
+        for (int64_t j = k + 1; j < n; j++)
+            if (!scratch[j]) scratch[j] = (uint8_t)near_each_other(corners + 12 * k, corners + 12 * j, apart * apart);
+    }
+    return found;
+}

@@ -15,7 +15,7 @@ from cadcam.errors import BadValue
 from cadcam.native.core import addresses, library
 
 SECTORS = 8
-MARGIN, SWEPT = 48, 51  # CC_MARGIN, CC_SWEPT
+MARGIN, SPARE, SWEPT = 48, 3, 51  # CC_MARGIN, CC_SPARE, CC_SWEPT
 PLACE = np.dtype([("p", np.float32, 3), ("tangent", np.float32, 3), ("weight", np.float32)])
 Bytes = npt.NDArray[np.uint8]
 Longs = npt.NDArray[np.int64]
@@ -67,10 +67,12 @@ def _core() -> c.CDLL:
         "cc_sweep": [views, i32, at, i32, i32, *[at] * 3],
         "cc_certainties": [views, i32, at, c.c_double, i64, at],
         "cc_climb": [views, at, at, i32, at, i32, at],
+        "cc_firsts": [at, i64, i64, c.c_double, at, at],
     }
     for name, arguments in signatures.items():
         function = getattr(core, name)
         function.restype, function.argtypes = None, arguments
+    core.cc_firsts.restype = i64
     return core
 
 
@@ -117,6 +119,18 @@ def halve(planes: Planes) -> Planes:
     made = _planes(height // 2, width // 2)
     _core().cc_halve(planes.values.ctypes.data, width, height, *addresses(*made))
     return made
+
+
+def firsts(corners: Array, most: int, apart: float) -> Longs:
+    """Return the numbers of at most so many of N poses by their corners (N, 4, 3), the first of those near each other.
+
+    Poses are near each other where no corner of one is farther than `apart` from the other's.
+    """
+    corners = np.ascontiguousarray(corners, np.float64)
+    n = len(corners)
+    kept, scratch = np.zeros(min(most, n), np.int64), np.zeros(n, np.uint8)
+    found = _core().cc_firsts(corners.ctypes.data, n, len(kept), apart, *addresses(scratch, kept))
+    return kept[:found]
 
 
 class Eye(NamedTuple):
@@ -169,7 +183,8 @@ class Views:
         _, height, width = self._kept[eye].planes.values.shape
         shift, score = np.zeros((len(poses), keep, 2), np.int32), np.zeros((len(poses), keep), np.float32)
         wide = width + 32
-        scratch = np.zeros(SECTORS * (height + 2 * MARGIN) * (wide + 2 * MARGIN) + wide * height, np.uint8)
+        rows = height + SPARE
+        scratch = np.zeros(SECTORS * (rows + 2 * MARGIN) * (wide + 2 * MARGIN) + wide * rows, np.uint8)
         _core().cc_sweep(
             self._given(len(poses)), eye, poses.ctypes.data, keep, apart, *addresses(scratch, shift, score)
         )

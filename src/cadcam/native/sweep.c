@@ -2,7 +2,9 @@
 #include "place.h"
 
 #define LANES 32
-#define ROWS 24 /* summed at a time: they stay in the first-level cache */
+#define HIGH (CC_SPARE + 1) /* rows whose sums are held in registers */
+
+typedef uint8_t bytes __attribute__((vector_size(LANES), may_alias, aligned(1)));
 
 typedef struct {
     uint8_t *planes, *sums;
@@ -13,7 +15,8 @@ typedef struct {
 
 /* Copy the planes, `levels` steps deep, with margins of nothing around them. */
 static swept prepared(const cc_field *f, int32_t levels, uint8_t *scratch) {
-    swept s = {.planes = scratch, .rows = f->height + 2 * CC_MARGIN, .height = f->height, .scale = levels / 255.0};
+    const int32_t rows = f->height + 2 * CC_MARGIN + CC_SPARE;
+    swept s = {.planes = scratch, .rows = rows, .height = f->height, .scale = levels / 255.0};
     s.wide = (f->width + LANES - 1) / LANES * LANES;
     s.stride = s.wide + 2 * CC_MARGIN;
     const size_t plane = (size_t)s.stride * (size_t)s.rows;
@@ -29,33 +32,49 @@ static swept prepared(const cc_field *f, int32_t levels, uint8_t *scratch) {
     return s;
 }
 
-/* Add up the planes behind n offsets into the sums, a few rows at a time. */
-static void add_up(const swept *s, const size_t *offset, int32_t n) {
-    memset(s->sums, 0, (size_t)s->wide * (size_t)s->height);
-    for (int32_t top = 0; top < s->height; top += ROWS) {
-        const int32_t bottom = imin(top + ROWS, s->height);
-        for (int32_t k = 0; k < n; k++)
-            for (int32_t y = top; y < bottom; y++) {
-                const uint8_t *restrict from = s->planes + offset[k] + (size_t)y * (size_t)s->stride;
-                uint8_t *restrict to = s->sums + (size_t)y * (size_t)s->wide;
-                for (int32_t x = 0; x < s->wide; x += LANES)
-                    for (int32_t i = 0; i < LANES; i++) to[x + i] = (uint8_t)(to[x + i] + from[x + i]);
-            }
-    }
+/* Add up the planes behind n offsets into the sums, HIGH rows at a time; nil beyond the field. */
+static void add_up(const swept *s, int32_t width, const size_t *offset, int32_t n) {
+    const size_t stride = (size_t)s->stride, wide = (size_t)s->wide;
+    bytes inside;
+    for (int32_t i = 0; i < LANES; i++) inside[i] = s->wide - LANES + i < width ? 255 : 0;
+    for (int32_t y = 0; y < s->height; y += HIGH)
+        for (int32_t x = 0; x < s->wide; x += LANES) {
+            const uint8_t *from = s->planes + (size_t)y * stride + (size_t)x;
+            uint8_t *to = s->sums + (size_t)y * wide + (size_t)x;
+            bytes sum[HIGH] = {{0}};
+            for (int32_t k = 0; k < n; k++)
+                for (size_t j = 0; j < HIGH; j++) sum[j] += *(const bytes *)(from + offset[k] + j * stride);
+            if (x + LANES == s->wide)
+                for (size_t j = 0; j < HIGH; j++) sum[j] &= inside;
+            for (size_t j = 0; j < HIGH; j++) *(bytes *)(to + j * wide) = sum[j];
+        }
 }
 
-/* The largest of the sums: its value, and where; what lies beyond the field is passed over. */
-static int32_t largest(const swept *s, int32_t width, int32_t *x, int32_t *y) {
-    int32_t best = -1;
-    for (int32_t j = 0; j < s->height; j++) {
-        const uint8_t *row = s->sums + (size_t)j * (size_t)s->wide;
-        uint8_t top = 0;
-        for (int32_t i = 0; i < width; i++) top = row[i] > top ? row[i] : top;
-        if (top <= best) continue;
-        best = top, *y = j;
-        for (*x = 0; row[*x] != top;) ++*x;
+/* The largest of the sums: its value, and where it comes first. */
+static int32_t largest(const swept *s, int32_t *x, int32_t *y) {
+    const size_t n = (size_t)s->wide * (size_t)s->height;
+    bytes most = {0};
+    for (size_t i = 0; i < n; i += LANES) {
+        const bytes here = *(const bytes *)(s->sums + i), more = (bytes)(here > most);
+        most = (here & more) | (most & ~more);
     }
+    uint8_t best = 0;
+    for (int i = 0; i < LANES; i++) best = most[i] > best ? most[i] : best;
+    const ptrdiff_t at = (const uint8_t *)memchr(s->sums, best, n) - s->sums;
+    *x = (int32_t)(at % s->wide), *y = (int32_t)(at / s->wide);
     return best;
+}
+
+/* The largest of the sums at places around one, some third and sixth of a part's size away. */
+static int32_t largest_beside(const swept *s, int32_t width, int32_t x, int32_t y) {
+    static const int32_t aside[8][2] = {{10, 3}, {-3, 10}, {-10, -3}, {3, -10}, {3, 5}, {-5, 3}, {-3, -5}, {5, -3}};
+    int32_t most = 0;
+    for (int k = 0; k < 8; k++) {
+        const int32_t i = x + aside[k][0], j = y + aside[k][1];
+        if (i < 0 || j < 0 || i >= width || j >= s->height) continue;
+        most = imax(most, s->sums[(size_t)j * (size_t)s->wide + (size_t)i]);
+    }
+    return most;
 }
 
 void VARIANT(sweep_field)(const cc_views *v, int32_t eye, const double *poses, int32_t keep, int32_t apart,
@@ -71,7 +90,7 @@ void VARIANT(sweep_field)(const cc_views *v, int32_t eye, const double *poses, i
         const cc_place *places = v->places + v->first[k * v->n_eyes + eye];
         size_t offset[CC_SWEPT];
         int32_t n = 0;
-        double mean = 0, variance = 1e-9;
+        double variance = 1e-9;
         for (int32_t i = 0; i < imin(v->count[k * v->n_eyes + eye], CC_SWEPT); i++) {
             spot at;
             if (!image_of(e, &c, &places[i], &at)) continue;
@@ -79,14 +98,15 @@ void VARIANT(sweep_field)(const cc_views *v, int32_t eye, const double *poses, i
             const int32_t sector = sector_of(at.dx, at.dy);
             if (x < 0 || y < 0 || x > 2 * CC_MARGIN || y > 2 * CC_MARGIN) continue;
             offset[n++] = ((size_t)sector * (size_t)s.rows + (size_t)y) * (size_t)s.stride + (size_t)x;
-            mean += s.scale * f->mean[sector], variance += s.scale * s.scale * f->variance[sector] + 1.0 / 12;
+            variance += s.scale * s.scale * f->variance[sector] + 1.0 / 12;
         }
-        add_up(&s, offset, n);
+        add_up(&s, f->width, offset, n);
         for (int32_t i = 0; i < keep; i++) {
             int32_t x = 0, y = 0;
-            const int32_t best = largest(&s, f->width, &x, &y);
+            const int32_t best = largest(&s, &x, &y);
             shift[2 * (keep * k + i)] = x, shift[2 * (keep * k + i) + 1] = y;
-            score[keep * k + i] = best > 0 ? (float)((best - mean) / sqrt(variance)) : -INFINITY;
+            const int32_t beside = largest_beside(&s, f->width, x, y);
+            score[keep * k + i] = best > 0 ? (float)((best - beside) / sqrt(variance)) : -INFINITY;
             const int32_t left = imax(0, x - apart), right = imin(s.wide - 1, x + apart);
             for (int32_t j = imax(0, y - apart); j <= imin(s.height - 1, y + apart); j++)
                 memset(s.sums + (size_t)j * (size_t)s.wide + left, 0, (size_t)(right - left + 1));
