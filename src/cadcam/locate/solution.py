@@ -191,33 +191,36 @@ def _step(
     variance = np.concatenate([*(m.sigma[m.usable] ** 2 for m in measured), other_variance])
     J = np.concatenate([*(at.row[m.usable] for at, m in zip(places, measured, strict=True)), rows]) @ B
     piece = np.concatenate([of[m.usable] for of, m in zip(pieces, measured, strict=True)])
-    group = np.cumsum(np.diff(piece, prepend=piece[:1]) > 0, dtype=np.int64)
+    group, line = (np.cumsum(np.diff(of, prepend=of[:1]) > 0, dtype=np.int64) for of in piece.T)
     expected = _expected(sights, measured, group)
-    edges = len(expected)
-    relative = _relative(variance[: len(group)], group) if on_lines else np.ones(edges)
+    edges, alone = len(expected), np.arange(len(other))
+    of_group, of_line = (_relative(variance[: len(of)], of, on_lines) for of in (group, line))
+    family = line[np.flatnonzero(np.diff(group, prepend=-1))]
     return grouped_fit(
         y,
         J,
         variance,
-        np.concatenate([group, edges + np.arange(len(other))]),
+        np.concatenate([group, edges + alone]),
         usual=_USUAL_PX,
-        relative=np.concatenate([relative, np.ones(len(other))]),
+        relative=np.concatenate([of_group, np.ones(len(other))]),
         uneven=_UNEVEN,
         expected=np.concatenate([expected, np.zeros(len(other))]),
         exact=np.arange(edges + len(other)) >= edges,
+        family=np.concatenate([family, len(of_line) + alone]),
+        family_relative=np.concatenate([of_line, np.ones(len(other))]),
         iterations=iterations,
     )
 
 
-def _relative(variance: Array, group: Longs) -> Array:
+def _relative(variance: Array, group: Longs, on_lines: bool) -> Array:
     """Return how the variances compare (G,) by which groups are off as a whole: as those of their means by noise.
 
     Shadows, reflections and texture add to a step of brightness as noise does: they shift it the less the higher it is,
     and are less alike along a longer edge. How much there is of them, which few edges tell poorly, then hardly moves
-    the pose, only what is told of it.
+    the pose, only what is told of it. on_lines: whether that is so.
     """
     told = np.bincount(group, 1 / variance)
-    return np.asarray(np.mean(told) / told) if len(told) else np.zeros(0)
+    return np.asarray(np.mean(told) / told if on_lines and len(told) else np.ones(len(told)))
 
 
 def _expected(sights: Sequence[Sight], measured: Sequence[Measured], group: Longs) -> Array:
@@ -233,9 +236,10 @@ def _expected(sights: Sequence[Sight], measured: Sequence[Measured], group: Long
 
 
 def _pieces(sights: Sequence[Sight], options: EdgeOptions) -> list[Longs]:
-    """Return numbers of the pieces of edge that the samples of each photo lie on: ascending, of all photos together.
+    """Return numbers (N, 2) of the piece of line, and of the line, that the samples of each photo lie on.
 
-    Parts that are small in the picture have shorter pieces: a few groups would not tell how they scatter.
+    They ascend, over all photos together. Parts that are small in the picture have shorter pieces: a few groups would
+    not tell how they scatter.
     """
     most = min(options.group_px / options.step_px, sum(len(s.samples) for s in sights) / _PIECES)
     most = max(int(most), 5)
@@ -245,6 +249,7 @@ def _pieces(sights: Sequence[Sight], options: EdgeOptions) -> list[Longs]:
         count = np.bincount(run)
         place = np.arange(len(run)) - (np.cumsum(count) - count)[run]
         pieces = np.maximum(np.round(count / most), 1)[run].astype(np.int64)
-        out.append(before + run * len(run) + place * pieces // np.maximum(count, 1)[run])
+        number = before + run * len(run) + place * pieces // np.maximum(count, 1)[run]
+        out.append(np.stack([number, before + run * len(run)], axis=1))
         before += (int(run.max(initial=-1)) + 1) * len(run)
     return out
