@@ -93,8 +93,9 @@ def grouped_fit(
     all 1. expected (G,): variance between them that is to be expected, default none. exact (G,): groups without an
     offset or scatter of their own, believed as they are; whole families are. family (G,): ascending numbers of what
     groups belong to, default none to anything; family_relative (F,): how the variances of what these have in common
-    compare, default all 1. uneven: groups that are off are so unevenly: within is at least this share of between. Robust fits start from x = 0, near which half of the other data must lie. Raises
-    `DegenerateGeometry` where the data leave a parameter open.
+    compare, default all 1. uneven: groups that are off are so unevenly: within is at least this share of between. Robust
+    fits start from x = 0, near which half of the other data must lie. Raises `DegenerateGeometry` where the data leave
+    a parameter open.
     """
     sums = _Sums(y, J, group, relative, expected, exact, family, family_relative)
     free = sums.free[group]

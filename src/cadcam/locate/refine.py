@@ -18,6 +18,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.agreement import SCATTERED_PX, agreed
 from cadcam.locate.answer import DOUBT, location_of, lost
 from cadcam.locate.attraction import attracted
+from cadcam.locate.bands import LEFT, MOST_PX
 from cadcam.locate.color import in_color
 from cadcam.locate.evidence import Evidence, pose_jacobian
 from cadcam.locate.freedom import FREE, Freedom
@@ -35,6 +36,7 @@ _WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
 _WEAKEST, _BESIDE_PX = 3, 4.0  # motions along which a loose pose may be another one, and how far lines move by them
 _ABOUT = 0.25  # share of the lines that colour speaks for, from which on a pose is about right
 _AROUND_PX = (3.0, 5.0, 8.0)  # searches there
+_EITHER = np.sqrt(0.5)  # of the way to another answer that is as likely
 _BANDED = 0.15  # share of a photo's lines that lie beside bands, from which on these are told
 _SAME_PX = 0.5  # a search that ends this near to where it began, at a pose that was found, finds the same again
 _ANY_TURN = np.pi**2 / 3  # rad^2: variance of a turn that may be any
@@ -123,6 +125,15 @@ class _Answer:
     def loose(self) -> bool:
         """Return whether edges fit the pose only loosely."""
         return self.solution is not None and self.solution.fit.between > LOOSE_PX
+
+    def unlike(self, other: Solution, share: float) -> _Answer:
+        """Return the answer with a share of the way to another solution as the sd of an error along it."""
+        at = self.location.pose
+        away = at.world_from_part.inv @ other.pose
+        px = max(s.moved_px(self.pose, other.pose) for s in self.sights)
+        by = share * min(1.0, MOST_PX / max(px, 1e-300)) * (at.freedom @ (at.freedom.T @ away.log()))
+        pose = replace(at, from_noise=at.from_noise + np.outer(by, by))
+        return replace(self, location=replace(self.location, pose=pose))
 
     def better_than(self, other: _Answer) -> bool:
         """Return whether this answer is better than another.
@@ -218,7 +229,8 @@ class _Task:
 
         Bands beside the lines are told only if edges then agree more closely, and closely where the part is not found
         without them: with a step more at every line anything fits, if loosely. Not where starts are known to be good,
-        nor for the many poses of a search that hold nothing.
+        nor for the many poses of a search that hold nothing. How far bands told and untold lead apart counts as an
+        error in either case.
         """
         try:
             fitted = self.solved(sights, pose)
@@ -228,13 +240,16 @@ class _Task:
         hopeless = self.chosen > 0 and not plain.location.found
         if not self.wider or hopeless or fitted.beside_bands < _BANDED:
             return plain
+        fitted = fitted.in_spite_of_bands()
         try:
-            beside = self.solved(sights, pose, bands=True)
+            told = self.solved(sights, pose, bands=True)
         except DegenerateGeometry:
-            return plain
-        told = self.answered(beside)
-        closer = beside.fit.between < fitted.fit.between and (plain.location.found or not told.loose)
-        return told if told.location.found and closer else plain
+            return self.answered(fitted)
+        second = self.answered(told)
+        closer = told.fit.between < fitted.fit.between and (plain.location.found or not second.loose)
+        if second.location.found and closer:
+            return second.unlike(fitted, LEFT)
+        return self.answered(fitted).unlike(told, _EITHER)
 
     def solved(self, sights: Sequence[Sight], pose: Rigid, *, bands: bool = False) -> Solution:
         return solved(sights, pose, self.freedom, self.evidence, self.options, bands=bands)
