@@ -65,8 +65,8 @@ class GroupedFit:
 
         Of its two parts together, as B. L. Welch adds them (Biometrika 34, 1947).
         """
-        families = np.maximum.reduceat(self.of_group, np.flatnonzero(np.diff(self.family, prepend=-1)))
-        groups, families = (max(float(a.sum()) - len(self.x), 1.0) for a in (self.of_group, families))
+        counts = np.maximum.reduceat(self.of_group, np.flatnonzero(np.diff(self.family, prepend=-1)))
+        groups, families = (max(float(a.sum()) - len(self.x), 1.0) for a in (self.of_group, counts))
         common = (self.alike / self.between) ** 2 if self.between > 0 else 0.0
         return 1 / ((1 - common) ** 2 / groups + common**2 / families)
 
@@ -93,9 +93,9 @@ def grouped_fit(
     all 1. expected (G,): variance between them that is to be expected, default none. exact (G,): groups without an
     offset or scatter of their own, believed as they are; whole families are. family (G,): ascending numbers of what
     groups belong to, default none to anything; family_relative (F,): how the variances of what these have in common
-    compare, default all 1. uneven: groups that are off are so unevenly: within is at least this share of between. Robust
-    fits start from x = 0, near which half of the other data must lie. Raises `DegenerateGeometry` where the data leave
-    a parameter open.
+    compare, default all 1. uneven: groups that are off are so unevenly: within is at least this share of between.
+    Robust fits start from x = 0, near which half of the other data must lie. Raises `DegenerateGeometry` where the data
+    leave a parameter open.
     """
     sums = _Sums(y, J, group, relative, expected, exact, family, family_relative)
     free = sums.free[group]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -72,7 +73,8 @@ def _evidence(part: Part, fitted: Solution, B: Array, chosen: int, wider: bool) 
     pose, fit = fitted.pose, fitted.fit
     scatter = _scatter(fit, sum(int(m.usable.sum()) for m in fitted.measured))
     told, color = in_color(part, fitted.sights, pose)
-    evidence = judged(told, pose, B, chosen=chosen, scatter=scatter, color=color)
+    ask = partial(judged, chosen=chosen, scatter=scatter, color=color, bands=fitted.regression.bands)
+    evidence = ask(told, pose, B)
     doubted = evidence.quality < FOUND or evidence.without > 0 or evidence.fitted > _FREE or fit.between > LOOSE_PX
     hides = in_noise(fitted.sights)  # there missing lines pass for faint ones
     if not wider or hides or evidence.gain or not DOUBT[0] < evidence.quality < FOUND:
@@ -80,7 +82,7 @@ def _evidence(part: Part, fitted: Solution, B: Array, chosen: int, wider: bool) 
     lit = showing(part, told, pose)
     faint = 1 - sum(len(s.samples) for s in lit) / sum(len(s.samples) for s in told)
     if faint > 0:
-        evidence = replace(judged(lit, pose, B, chosen=chosen, scatter=scatter, color=color), faint=faint)
+        evidence = replace(ask(lit, pose, B), faint=faint)
     return evidence, doubted
 
 

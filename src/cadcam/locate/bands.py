@@ -25,7 +25,8 @@ from cadcam.native.profiles import band_gains
 Longs = npt.NDArray[np.int64]
 _BINS, _WIDTH = 28, 0.5  # px: by distance from the line
 _FAR = 5.5  # px: how far to each side; nearer, steps 1.5 and 3.5 px away can look the same
-_APART = np.arange(1.0, 5.01, 0.25)  # px: how far from the line a band's end is looked for
+FARTHEST_PX = 5.0  # how wide bands are at most
+_APART = np.arange(1.0, FARTHEST_PX + 0.01, 0.25)  # px: how far from the line a band's end is looked for
 _TRIED = np.concatenate([-_APART[::-1], _APART])
 _COARSE = _TRIED[::2]  # first
 _TOGETHER = 16  # cells of a stretch

@@ -23,11 +23,12 @@ from cadcam.locate.color import in_color
 from cadcam.locate.evidence import Evidence, pose_jacobian
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.location import Location
+from cadcam.locate.options import EDGES, EdgeOptions
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality import seen
 from cadcam.locate.sight import Sight
-from cadcam.locate.solution import CLOSE_PX, EDGES, LOOSE_PX, EdgeOptions, Solution, solved
+from cadcam.locate.solution import CLOSE_PX, LOOSE_PX, Solution, solved
 
 _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
 _CLEARLY = 0.1  # quality by which an answer that is not found must be better to take the place of another one

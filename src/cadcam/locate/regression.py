@@ -15,10 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array
-from cadcam.errors import BadValue, DegenerateGeometry
+from cadcam.errors import DegenerateGeometry
 from cadcam.fit.grouped import GroupedFit, grouped_fit
 from cadcam.locate.cells import Measured
 from cadcam.locate.edges import Projected
+from cadcam.locate.options import EdgeOptions
 from cadcam.locate.sight import Sight
 
 Longs = npt.NDArray[np.int64]
@@ -27,28 +28,6 @@ _LIMB_PX = 0.2  # by which the border of a round surface is off: it darkens ever
 _UNEVEN = 0.4  # of what edges are off by as a whole: they are off by that beside, they turn and bend too
 _DRAWN_PX = 0.05  # by which bands draw all lines towards dark or bright, beyond what is told
 _PIECES = 30  # groups that the edges are cut into at least
-
-
-@dataclass(frozen=True, slots=True)
-class EdgeOptions:
-    """How edges are looked for.
-
-    search_px: how far from the start's lines the photo's may lie. step_px: length of the cell that a sample stands for.
-    reach_px: how far to each side of a line its pixels are used; room_px: the least of that, nearer to another line a
-    sample is left out. group_px: length of edge that is taken to err as one.
-    """
-
-    search_px: float = 8.0
-    step_px: float = 4.0
-    reach_px: float = 4.5
-    room_px: float = 2.5
-    group_px: float = 150.0
-
-    def __post_init__(self) -> None:
-        for name in self.__slots__:
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise BadValue(name, value, "a positive number of px")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

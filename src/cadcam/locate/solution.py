@@ -20,7 +20,8 @@ from cadcam.locate.cells import Cells, Measured, measure
 from cadcam.locate.edges import Projected
 from cadcam.locate.evidence import Evidence, rows_of
 from cadcam.locate.freedom import Freedom
-from cadcam.locate.regression import EdgeOptions, Regression
+from cadcam.locate.options import EdgeOptions
+from cadcam.locate.regression import Regression
 from cadcam.locate.response import bend_of, leanings, straightened
 from cadcam.locate.sight import Sight, nearest_steps
 
@@ -31,9 +32,6 @@ LOOSE_PX = 0.25  # by which edges of a good pose are seldom off as a whole
 _ROUNDS = (3, 8, 8, 8)  # reweightings in the first measurement, the second, and more where it is not settled
 _SETTLED_PX = 0.2  # by which nine tenths of the lines may move in the last step
 _EVERY = 4  # of how many samples one tells whether the camera's response is bent
-
-
-EDGES = EdgeOptions()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
