@@ -241,16 +241,15 @@ class _Task:
         hopeless = self.chosen > 0 and not plain.location.found
         if not self.wider or hopeless or fitted.beside_bands < _BANDED:
             return plain
-        fitted = fitted.in_spite_of_bands()
         try:
             told = self.solved(sights, pose, bands=True)
         except DegenerateGeometry:
-            return self.answered(fitted)
+            return self.answered(fitted.beside_its_bands())
         second = self.answered(told)
         closer = told.fit.between < fitted.fit.between and (plain.location.found or not second.loose)
         if second.location.found and closer:
-            return second.unlike(fitted, LEFT)
-        return self.answered(fitted).unlike(told, _EITHER)
+            return self.answered(told.beside_its_bands()).unlike(fitted, LEFT)
+        return self.answered(fitted.beside_its_bands()).unlike(told, _EITHER)
 
     def solved(self, sights: Sequence[Sight], pose: Rigid, *, bands: bool = False) -> Solution:
         return solved(sights, pose, self.freedom, self.evidence, self.options, bands=bands)

@@ -36,12 +36,12 @@ class Regression:
 
     sights: Sequence[Sight]
     pieces: Sequence[Longs]
-    bands: bool
+    bands: bool = False
 
     @classmethod
-    def of(cls, sights: Sequence[Sight], options: EdgeOptions, *, bands: bool) -> Regression:
+    def of(cls, sights: Sequence[Sight], options: EdgeOptions) -> Regression:
         """Return the regression on the samples of photos."""
-        return cls(sights, _pieces(sights, options), bands)
+        return cls(sights, _pieces(sights, options))
 
     def step(
         self,

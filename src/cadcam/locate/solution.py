@@ -64,9 +64,18 @@ class Solution:
         looked = zip(self.sights, self.places, self.cells, strict=True)
         return max(share_beside_bands(*one, np.zeros(len(one[0].samples))) for one in looked)
 
-    def in_spite_of_bands(self) -> Solution:
-        """Return the solution of the same steps where bands lie beside the lines that were not told of them."""
-        return replace(self, regression=replace(self.regression, bands=True))._fitted(_ROUNDS[-1])
+    def beside_its_bands(self) -> Solution:
+        """Return the solution of the same steps for lines that bands lie beside (`locate.regression`).
+
+        A loose fit keeps its pose: there edges are off for other reasons, and lines that may all be off leave a pose to
+        a few. Only the covariance is that of such lines.
+        """
+        there = replace(self, regression=replace(self.regression, bands=True))
+        fitted = there._fitted(_ROUNDS[-1])
+        if max(self.fit.between, fitted.fit.between) <= LOOSE_PX:
+            return fitted
+        away = fitted.fit.x - self.fit.x
+        return replace(there, fit=replace(self.fit, covariance=fitted.fit.covariance + np.outer(away, away)))
 
     def _fitted(self, iterations: int) -> Solution:
         """Return the solution fitted once more to its steps, which lie on their lines."""
@@ -95,7 +104,7 @@ def solved(
     room = {"half_length": half, "reach_px": options.reach_px, "room_px": options.room_px}
     where = [nearest_steps(s, at, half_length=half, reach=CLOSE_PX) for s, at in zip(sights, places, strict=True)]
     cells = [Cells.of(s, at, where=w, **room) for s, at, w in zip(sights, places, where, strict=True)]
-    regression, on_lines = Regression.of(sights, options, bands=bands), False
+    regression, on_lines = Regression.of(sights, options), False
     for number, iterations in enumerate(_ROUNDS):
         told = [(c, None if number else c.first) for c in cells]
         if bands and number:
