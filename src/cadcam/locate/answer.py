@@ -50,7 +50,7 @@ def location_of(part: Part, fitted: Solution, freedom: Freedom, *, chosen: int, 
     )
     estimate = PoseEstimate(pose, B @ fit.covariance @ B.T + together, from_calibration, B, fit.dof)
     evidence, doubted = _evidence(part, fitted, B, chosen, wider)
-    reason = _reason(part, estimate, evidence, fit, photos)
+    reason = _reason(part, estimate, evidence, fitted, photos)
     return Location(estimate, _matches(fitted), evidence.quality, reason, doubted=doubted)
 
 
@@ -92,11 +92,12 @@ def _scatter(fit: GroupedFit, n: int) -> float:
     return float(np.sqrt(samples @ np.minimum(np.abs(fit.offset), _FARTHEST_PX) ** 2 / max(samples.sum(), 1)))
 
 
-def _reason(part: Part, estimate: PoseEstimate, evidence: Seen, fit: GroupedFit, photos: Sequence[Photo]) -> str:
+def _reason(part: Part, estimate: PoseEstimate, evidence: Seen, fitted: Solution, photos: Sequence[Photo]) -> str:
     if evidence.quality < FOUND:
         return f"not found: {evidence}"
     weakest = weakest_direction(estimate, part.aspects.centre, photos)
-    return f"{evidence}; edges are off by {fit.between:.2f} px as a whole; {weakest}"
+    beside = ", many beside bands that the model does not have" * fitted.regression.bands
+    return f"{evidence}; edges are off by {fitted.fit.between:.2f} px as a whole{beside}; {weakest}"
 
 
 def _matches(fitted: Solution) -> EdgeMatches:

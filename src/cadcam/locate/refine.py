@@ -234,25 +234,36 @@ class _Task:
         error in either case.
         """
         try:
-            fitted = self.solved(sights, pose)
+            fitted = solved(sights, pose, self.freedom, self.evidence, self.options)
         except DegenerateGeometry as error:
             return _Answer(lost(sights, pose, self.freedom, str(error)), None, sights)
         plain = self.answered(fitted)
         hopeless = self.chosen > 0 and not plain.location.found
         if not self.wider or hopeless or fitted.beside_bands < _BANDED:
             return plain
-        try:
-            told = self.solved(sights, pose, bands=True)
-        except DegenerateGeometry:
-            return self.answered(fitted.beside_its_bands())
-        second = self.answered(told)
-        closer = told.fit.between < fitted.fit.between and (plain.location.found or not second.loose)
-        if second.location.found and closer:
-            return self.answered(told.beside_its_bands()).unlike(fitted, LEFT)
-        return self.answered(fitted.beside_its_bands()).unlike(told, _EITHER)
+        anew = self.beside_bands(sights, pose, fitted, plain.location.found, lines=True)
+        if not anew.loose:
+            return anew
+        other = self.beside_bands(sights, pose, fitted, plain.location.found, lines=False)
+        return anew if anew.better_than(other) else other
 
-    def solved(self, sights: Sequence[Sight], pose: Rigid, *, bands: bool = False) -> Solution:
-        return solved(sights, pose, self.freedom, self.evidence, self.options, bands=bands)
+    def beside_bands(
+        self, sights: Sequence[Sight], pose: Rigid, untold: Solution, found: bool, *, lines: bool
+    ) -> _Answer:
+        """Return the answer that is told of the bands, or the one that is not, and whether it was found is known.
+
+        lines: as for `locate.solution`. Lines that may all be off leave a pose that they fit loosely to a few of them.
+        """
+        untold = untold.beside_its_bands()
+        try:
+            told = solved(sights, pose, self.freedom, self.evidence, self.options, bands=True, lines=lines)
+        except DegenerateGeometry:
+            return self.answered(untold)
+        told = told if lines else told.beside_its_bands()
+        answer = self.answered(told)
+        if answer.location.found and told.fit.between < untold.fit.between and (found or not answer.loose):
+            return answer.unlike(untold, LEFT)
+        return self.answered(untold).unlike(told, _EITHER)
 
     def answered(self, solution: Solution) -> _Answer:
         location = location_of(self.part, solution, self.freedom, chosen=self.chosen, wider=self.wider)

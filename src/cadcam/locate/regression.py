@@ -39,9 +39,9 @@ class Regression:
     bands: bool = False
 
     @classmethod
-    def of(cls, sights: Sequence[Sight], options: EdgeOptions) -> Regression:
+    def of(cls, sights: Sequence[Sight], options: EdgeOptions, *, bands: bool) -> Regression:
         """Return the regression on the samples of photos."""
-        return cls(sights, _pieces(sights, options))
+        return cls(sights, _pieces(sights, options), bands)
 
     def step(
         self,

@@ -94,17 +94,19 @@ def solved(
     options: EdgeOptions,
     *,
     bands: bool = False,
+    lines: bool = False,
 ) -> Solution:
     """Return the pose after measuring steps where they are first seen, then on the lines themselves.
 
-    bands: whether cells are told of bands beside the lines, which the model does not have (`locate.bands`).
+    bands: whether cells are told of bands beside the lines, which the model does not have (`locate.bands`). lines:
+    whether lines are taken to err as they do there (`locate.regression`).
     """
     half = 0.5 * options.step_px
     places = [s.project(pose) for s in sights]
     room = {"half_length": half, "reach_px": options.reach_px, "room_px": options.room_px}
     where = [nearest_steps(s, at, half_length=half, reach=CLOSE_PX) for s, at in zip(sights, places, strict=True)]
     cells = [Cells.of(s, at, where=w, **room) for s, at, w in zip(sights, places, where, strict=True)]
-    regression, on_lines = Regression.of(sights, options), False
+    regression, on_lines = Regression.of(sights, options, bands=lines), False
     for number, iterations in enumerate(_ROUNDS):
         told = [(c, None if number else c.first) for c in cells]
         if bands and number:
