@@ -89,8 +89,10 @@ def test_lines_meet_steps_of_one_sign_that_are_strong_and_close(rng: np.random.G
 def test_beside_bands_proportions_a_band_s_width_away_say_nothing(
     factor: float, excused: bool, rng: np.random.Generator
 ) -> None:
-    """A twentieth of the box is 3 px, which lines may lie off on the other side of a band; a sixth is 10 px."""
-    part, shots, pose, _ = fitted(SIZE * [1, factor, 1], rng)
+    """A twentieth of the box is 4 px, which lines may lie off on the other side of a band; a sixth is 12 px."""
+    far, part = view(BOX, (0.5, 0.7, 1.0), away=8.0), Part.of(box([0, 0, 0], SIZE * [1, factor, 1]))
+    shots = photo(BOX, far, rng)
+    pose = refine(part, [shots], far).pose.world_from_part
     drawn = sights(part, shots, pose)
     other = stretched(drawn, pose, np.eye(6))
     assert other.by == pytest.approx(factor - 1, abs=0.03)

@@ -12,7 +12,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.regression import Regression
 from cadcam.locate.solution import LOOSE_PX, Solution
 
-LINES, PIECES, EACH, SIGMA = 14, 3, 8, 0.08  # lines, pieces of each, samples of these, px
+LINES, PIECES, EACH, SIGMA = 24, 3, 8, 0.08  # lines, pieces of each, samples of these, px
 UNIT = np.array([1, 1, 0.3, 200, 200, 300])  # px by a unit of the twist
 NOTHING = np.zeros(0), np.zeros((0, 6)), np.zeros(0)
 PIECE = np.repeat(np.arange(LINES * PIECES), EACH)
