@@ -10,7 +10,7 @@ import pytest
 
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.regression import Regression
-from cadcam.locate.solution import LOOSE_PX, Solution
+from cadcam.locate.solution import Solution
 
 LINES, PIECES, EACH, SIGMA = 24, 3, 8, 0.08  # lines, pieces of each, samples of these, px
 UNIT = np.array([1, 1, 0.3, 200, 200, 300])  # px by a unit of the twist
@@ -65,15 +65,12 @@ def test_what_draws_all_lines_is_an_unknown_that_stays_in_the_offsets(rng: np.ra
     assert np.mean(seen * fit.offset[:-1]) == pytest.approx(0.1, abs=0.02 + 4 * sd)  # held to be 0.05 px, or less
 
 
-def test_a_loose_fit_beside_bands_keeps_its_pose_and_is_less_sure_of_it(rng: np.random.Generator) -> None:
-    for line, kept in ((0.06, False), (0.8, True)):
-        regression, given = asked(rng, line=line, piece=0.03, drawn=0.05, bands=False)
-        fit = regression.step(*given, 12, on_lines=True)
-        assert (fit.between > LOOSE_PX) is kept
-        places, measured, _, B = given
-        before = Solution([], Rigid(), Rigid.exp(fit.x), B, places, measured, fit, [], regression, NOTHING)
-        beside = before.beside_its_bands()
-        assert (beside.pose is before.pose) is kept
-        assert beside.regression.bands
-        if kept:
-            assert np.trace(beside.fit.covariance * UNIT**2) > np.trace(fit.covariance * UNIT**2)
+def test_a_fit_untold_of_bands_keeps_its_pose_and_is_less_sure_of_it(rng: np.random.Generator) -> None:
+    regression, given = asked(rng, line=0.06, piece=0.03, drawn=0.05, bands=False)
+    fit = regression.step(*given, 12, on_lines=True)
+    places, measured, _, B = given
+    before = Solution([], Rigid(), Rigid.exp(fit.x), B, places, measured, fit, [], regression, NOTHING)
+    beside = before.beside_its_bands()
+    assert beside.pose is before.pose
+    assert beside.regression.bands
+    assert np.trace(beside.fit.covariance * UNIT**2) > 1.2 * np.trace(fit.covariance * UNIT**2)

@@ -241,29 +241,30 @@ class _Task:
         hopeless = self.chosen > 0 and not plain.location.found
         if not self.wider or hopeless or fitted.beside_bands < _BANDED:
             return plain
-        anew = self.beside_bands(sights, pose, fitted, plain.location.found, lines=True)
-        if not anew.loose:
-            return anew
-        other = self.beside_bands(sights, pose, fitted, plain.location.found, lines=False)
-        return anew if anew.better_than(other) else other
+        return self.beside_bands(sights, pose, fitted, plain.location.found)
 
-    def beside_bands(
-        self, sights: Sequence[Sight], pose: Rigid, untold: Solution, found: bool, *, lines: bool
-    ) -> _Answer:
-        """Return the answer that is told of the bands, or the one that is not, and whether it was found is known.
+    def beside_bands(self, sights: Sequence[Sight], pose: Rigid, untold: Solution, found: bool) -> _Answer:
+        """Return the answer that is told of the bands, or the one that is not, and whether that one was found.
 
-        lines: as for `locate.solution`. Lines that may all be off leave a pose that they fit loosely to a few of them.
+        First lines may all be off (`locate.regression`), if there are enough. Where they then fit loosely, that leaves
+        the pose to a few of them, and the better answer may be one that takes them for right.
         """
-        untold = untold.beside_its_bands()
-        try:
-            told = solved(sights, pose, self.freedom, self.evidence, self.options, bands=True, lines=lines)
-        except DegenerateGeometry:
-            return self.answered(untold)
-        told = told if lines else told.beside_its_bands()
-        answer = self.answered(told)
-        if answer.location.found and told.fit.between < untold.fit.between and (found or not answer.loose):
-            return answer.unlike(untold, LEFT)
-        return self.answered(untold).unlike(told, _EITHER)
+        best, unlike = None, None
+        for lines in (True, False) if untold.tells_lines else (False,):
+            try:
+                told = solved(sights, pose, self.freedom, self.evidence, self.options, bands=True, lines=lines)
+            except DegenerateGeometry:
+                continue
+            answer, unlike = self.answered(told if lines else told.beside_its_bands()), unlike or told
+            closer = told.fit.between < untold.fit.between and (found or not answer.loose)
+            if answer.location.found and closer and (best is None or answer.better_than(best)):
+                best = answer.unlike(untold, LEFT)
+            if not answer.loose:
+                break
+        if best is not None:
+            return best
+        plain = self.answered(untold.beside_its_bands())
+        return plain if unlike is None else plain.unlike(unlike, _EITHER)
 
     def answered(self, solution: Solution) -> _Answer:
         location = location_of(self.part, solution, self.freedom, chosen=self.chosen, wider=self.wider)

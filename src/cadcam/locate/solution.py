@@ -64,18 +64,21 @@ class Solution:
         looked = zip(self.sights, self.places, self.cells, strict=True)
         return max(share_beside_bands(*one, np.zeros(len(one[0].samples))) for one in looked)
 
-    def beside_its_bands(self) -> Solution:
-        """Return the solution of the same steps for lines that bands lie beside (`locate.regression`).
+    @property
+    def tells_lines(self) -> bool:
+        """Return whether more lines were measured than there are unknowns where all of them may be off."""
+        lines = (len(np.unique(s.samples.run[m.usable])) for s, m in zip(self.sights, self.measured, strict=True))
+        return sum(lines) > self.B.shape[1] + 1
 
-        A loose fit keeps its pose: there edges are off for other reasons, and lines that may all be off leave a pose to
-        a few. Only the covariance is that of such lines.
+    def beside_its_bands(self) -> Solution:
+        """Return the solution with the covariance of lines that bands lie beside (`locate.regression`).
+
+        The pose stays: few lines, or such that are off for other reasons, would leave it to fewer where all may be off.
         """
         there = replace(self, regression=replace(self.regression, bands=True))
-        fitted = there._fitted(_ROUNDS[-1])
-        if max(self.fit.between, fitted.fit.between) <= LOOSE_PX:
-            return fitted
-        away = fitted.fit.x - self.fit.x
-        return replace(there, fit=replace(self.fit, covariance=fitted.fit.covariance + np.outer(away, away)))
+        fit = there._fitted(_ROUNDS[-1]).fit
+        away = fit.x - self.fit.x
+        return replace(there, fit=replace(self.fit, covariance=fit.covariance + np.outer(away, away)))
 
     def _fitted(self, iterations: int) -> Solution:
         """Return the solution fitted once more to its steps, which lie on their lines."""
