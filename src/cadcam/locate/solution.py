@@ -68,7 +68,7 @@ class Solution:
     def tells_lines(self) -> bool:
         """Return whether more lines were measured than there are unknowns where all of them may be off."""
         lines = (len(np.unique(s.samples.run[m.usable])) for s, m in zip(self.sights, self.measured, strict=True))
-        return sum(lines) > self.B.shape[1] + 1
+        return int(sum(lines)) > int(self.B.shape[1]) + 1
 
     def beside_its_bands(self) -> Solution:
         """Return the solution with the covariance of lines that bands lie beside (`locate.regression`).
