@@ -15,7 +15,7 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.agreement import SCATTERED_PX, agreed
+from cadcam.locate.agreement import BESIDE_BANDS_PX, SCATTERED_PX, agreed
 from cadcam.locate.answer import DOUBT, location_of, lost
 from cadcam.locate.attraction import attracted
 from cadcam.locate.bands import LEFT, MOST_PX
@@ -145,7 +145,8 @@ class _Answer:
         quality = [self.location.quality, other.location.quality]
         both = [a.solution for a in (self, other) if a.solution is not None]
         between = [s.fit.between for s in both]
-        if len(both) == 2 and max(between) > max(SCATTERED_PX, _LOOSER * min(between)):
+        scattered = BESIDE_BANDS_PX if any(s.regression.bands for s in both) else SCATTERED_PX
+        if len(both) == 2 and max(between) > max(scattered, _LOOSER * min(between)):
             quality = [seen(s.sights, s.pose, constraints=s.B.shape[1], scatter=0.0).quality for s in both]
         return quality[0] > quality[1]
 
