@@ -140,14 +140,16 @@ class _Answer:
         """Return whether this answer is better than another.
 
         Edges of a loose fit count as met from farther off. Where one of the two is much looser, both are held to what
-        the other meets.
+        the other meets; beside bands, where lines lie on either side of these, the closer of two that are as good.
         """
         quality = [self.location.quality, other.location.quality]
         both = [a.solution for a in (self, other) if a.solution is not None]
-        between = [s.fit.between for s in both]
-        scattered = BESIDE_BANDS_PX if any(s.regression.bands for s in both) else SCATTERED_PX
+        between, bands = [s.fit.between for s in both], any(s.regression.bands for s in both)
+        scattered = BESIDE_BANDS_PX if bands else SCATTERED_PX
         if len(both) == 2 and max(between) > max(scattered, _LOOSER * min(between)):
             quality = [seen(s.sights, s.pose, constraints=s.B.shape[1], scatter=0.0).quality for s in both]
+            if bands and abs(quality[0] - quality[1]) < _CLEARLY:
+                return between[0] < between[1]
         return quality[0] > quality[1]
 
 
