@@ -110,11 +110,11 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.locate.freedom import Freedom as Freedom
     from cadcam.locate.locate import locate as _locate
     from cadcam.locate.location import Location as Location
+    from cadcam.locate.options import EdgeOptions as EdgeOptions
     from cadcam.locate.part import Part as Part
     from cadcam.locate.photo import Photo as Photo
     from cadcam.locate.refine import refine as refine
     from cadcam.locate.salient import SalientOptions as SalientOptions
-    from cadcam.locate.solution import EdgeOptions as EdgeOptions
     from cadcam.locate.templates import TemplateMatches as TemplateMatches
     from cadcam.locate.templates import TemplateOptions as TemplateOptions
     from cadcam.locate.templates import match_templates as match_templates
@@ -211,7 +211,7 @@ _HOME = {
     "Division": "cadcam.camera.lens",
     "DoubleSphere": "cadcam.camera.lens",
     "EdgeKind": "cadcam.cad.edges",
-    "EdgeOptions": "cadcam.locate.solution",
+    "EdgeOptions": "cadcam.locate.options",
     "ExtendedPinhole": "cadcam.camera.extended_pinhole",
     "ExtendedUnified": "cadcam.camera.lens",
     "FieldOfView": "cadcam.camera.lens",

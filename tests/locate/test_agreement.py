@@ -11,6 +11,7 @@ from cadcam.arrays import Array
 from cadcam.fit.grouped import grouped_fit
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.agreement import agreed
+from cadcam.locate.regression import Regression
 from cadcam.locate.solution import Solution
 
 GROUPS, EACH, SIGMA = 40, 6, 0.04  # edges, samples of each, px
@@ -26,7 +27,8 @@ def fitted(off: Array, rng: np.random.Generator) -> Solution:
         Any,
         ([SimpleNamespace(row=row)], [SimpleNamespace(usable=np.ones(len(group), bool), doubt=np.zeros(len(group)))]),
     )
-    return Solution([], Rigid(), Rigid.exp(fit.x), np.eye(6), *seen, fit, [])
+    nothing = np.zeros(0), np.zeros((0, 6)), np.zeros(0)
+    return Solution([], Rigid(), Rigid.exp(fit.x), np.eye(6), *seen, fit, [], Regression([], []), nothing)
 
 
 def moved_px(pose: Rigid) -> float:

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.bands import FARTHEST_PX
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.proportions import Stretched, _pulled, stretched
+from cadcam.locate.quality import judged
 from cadcam.locate.refine import refine
 from cadcam.locate.sight import Sight
 from cadcam.native.profiles import met
@@ -81,3 +83,20 @@ def test_lines_meet_steps_of_one_sign_that_are_strong_and_close(rng: np.random.G
             signs.append(set(np.sign(slope[i][on])))
         share = max(np.mean([sign in some for some in signs]) for sign in (1.0, -1.0))
         assert found[t, line] == pytest.approx(share)
+
+
+@pytest.mark.parametrize(("factor", "excused"), [(1.05, True), (1.17, False)])
+def test_beside_bands_proportions_a_band_s_width_away_say_nothing(
+    factor: float, excused: bool, rng: np.random.Generator
+) -> None:
+    """A twentieth of the box is 4 px, which lines may lie off on the other side of a band; a sixth is 12 px."""
+    far, part = view(BOX, (0.5, 0.7, 1.0), away=8.0), Part.of(box([0, 0, 0], SIZE * [1, factor, 1]))
+    shots = photo(BOX, far, rng)
+    pose = refine(part, [shots], far).pose.world_from_part
+    drawn = sights(part, shots, pose)
+    other = stretched(drawn, pose, np.eye(6))
+    assert other.by == pytest.approx(factor - 1, abs=0.03)
+    assert (other.moved_px(drawn, pose) < FARTHEST_PX) is excused
+    plain, beside = (judged(drawn, pose, np.eye(6), chosen=3, scatter=0.05, bands=b) for b in (False, True))
+    assert plain.gain > 0
+    assert (beside.gain == 0) is excused

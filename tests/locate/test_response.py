@@ -69,3 +69,27 @@ def test_a_bend_is_believed_when_it_is_told_and_not_for_being_usual() -> None:
     assert doubtful is not None
     assert 0.4 < doubtful.excess < 0.8
     assert doubtful.sd > 0.3  # there, or not
+
+
+def test_what_looks_like_a_response_that_darkens_is_left_alone() -> None:
+    """y = L^(1/g) of a camera has g of 1 or more: shadows and dark print beside bright borders look like less."""
+    assert _weighed(-2.6, 0.3**2) is None
+    assert _weighed(-0.5, 0.1**2) is None
+    hardly = _weighed(0.1, 0.03**2)
+    assert hardly is not None
+    assert 0 < hardly.excess < 0.1
+
+
+@pytest.mark.parametrize(("excess", "sd"), [(1.2, 0.2), (0.9, 0.38), (0.1, 0.03), (0.6, 0.2)])
+def test_what_is_expected_of_a_bend_is_its_mean_over_what_it_may_be(excess: float, sd: float) -> None:
+    """By adding up over 0 to 8 in steps of 1e-4: a usual bend, or with the greater odds none."""
+    bend = np.arange(0.0, 8.0, 1e-4)
+    usual = np.exp(-0.5 * ((bend - 0.8) / 0.6) ** 2)
+    likely = usual / usual.sum() * np.exp(-0.5 * ((excess - bend) / sd) ** 2)
+    odds = 0.25 * likely.sum() / np.exp(-0.5 * (excess / sd) ** 2)
+    there, mean = odds / (1 + odds), float(likely @ bend / likely.sum())
+    variance = there * float(likely @ bend**2 / likely.sum()) - (there * mean) ** 2
+    told = _weighed(excess, sd**2)
+    assert told is not None
+    assert told.excess == pytest.approx(there * mean, rel=1e-3)
+    assert told.sd == pytest.approx(np.sqrt(variance), rel=1e-3)

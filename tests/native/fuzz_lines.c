@@ -145,22 +145,30 @@ static void moves(void) {
 }
 
 static void grouped(void) {
-    const int groups = 1 + upto(12), k = 1 + upto(upto(9) ? 5 : CC_UNKNOWNS - 1);
-    const int n = groups + upto(60), tried = 1 + upto(6);
+    const int groups = 1 + upto(12), k = 1 + upto(upto(9) ? 5 : CC_UNKNOWNS - 1), families = 1 + upto(groups - 1);
+    const int n = groups + upto(60), tried = 1 + upto(6), more = 1 + upto(4), each = (k + 1) * (k + 2) / 2 + k;
     double *y = doubles(n, 1), *J = doubles(n * k, 5), *w = malloc((size_t)n * 8), *of = malloc((size_t)groups * 24);
     double *what = malloc((size_t)tried * 24), *x = malloc((size_t)k * 8), *C = malloc((size_t)(k * k) * 8);
-    double *p = malloc((size_t)tried * 8);
-    double *scratch = malloc((size_t)(groups * ((k + 1) * (k + 4) / 2 + 1) + tried * k * (k + 1)) * 8);
-    int64_t *group = malloc((size_t)n * 8);
+    double *kin = malloc((size_t)families * 8), *theirs = malloc((size_t)more * 16);
+    double *p = malloc((size_t)(tried * more) * 8);
+    const int own = (k + 1) * (k + 4) / 2 + 1;
+    double *scratch = malloc((size_t)((groups + families) * own + tried * more * each) * 8);
+    int64_t *group = malloc((size_t)n * 8), *family = malloc((size_t)groups * 8);
     for (int i = 0; i < n; i++) w[i] = unit(), group[i] = i * groups / n;
+    for (int i = 0; i < groups; i++) family[i] = i * families / groups;
     for (int i = 0; i < 3 * groups; i++) of[i] = upto(3) ? unit() : upto(1);
     for (int i = 0; i < 3 * tried; i++) what[i] = unit();
-    const cc_grouped data = {.y = y, .J = J, .w = w, .group = group,
+    for (int i = 0; i < families; i++) kin[i] = upto(3) ? unit() : upto(1);
+    for (int i = 0; i < 2 * more; i++) theirs[i] = unit();
+    const cc_grouped data = {.y = y, .J = J, .w = w, .group = group, .family = family,
                              .of_group = of, .free = of + groups, .expected = of + 2 * groups,
                              .variance = what, .share = what + tried, .prior = what + 2 * tried,
-                             .n = n, .groups = groups, .k = k, .tried = tried};
+                             .family_free = kin, .family_variance = theirs, .family_prior = theirs + more,
+                             .n = n, .groups = groups, .families = families,
+                             .k = k, .tried = tried, .family_tried = more};
     cc_grouped_fit(&data, scratch, x, C, p);
     free(y), free(J), free(w), free(of), free(what), free(x), free(C), free(p), free(scratch), free(group);
+    free(kin), free(theirs), free(family);
 }
 
 /* Marks of rings and sectors; their share of ink has no cause to leave [0, 1] but through wild homographies. */

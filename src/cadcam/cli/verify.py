@@ -141,8 +141,8 @@ def _located(arguments: argparse.Namespace, part: Part, shots: Shots) -> Locatio
     """Return where the part is, by what was said about it."""
     from cadcam.cli.locate import located
     from cadcam.files.pose_estimate import read_part_pose
+    from cadcam.locate.options import EdgeOptions
     from cadcam.locate.refine import refine
-    from cadcam.locate.solution import EdgeOptions
 
     view, freedom = shots.photos[0].viewpoint, freedom_as_asked(arguments)
     if arguments.start or arguments.points:

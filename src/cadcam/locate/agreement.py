@@ -19,7 +19,7 @@ _TRIALS = 1000
 _CLOSE_PX, _CLOSE = 0.12, 2.5  # px, and standard deviations of its noise, that an edge may be off and still agree
 _MOST = 0.35  # of the edges have to agree, beyond as many as any motion can be fitted to
 _GAIN = 2.0  # times as many as do now
-_BESIDE_BANDS = (0.08, 1.25)  # px and times instead: the far side of a band is as clear a line
+BESIDE_BANDS_PX, _BESIDE_BANDS = 0.08, 1.25  # px and times instead: the far side of a band is as clear a line
 _FLAT = 1e-4  # determinant, of unit columns, of edges that tell no motion
 
 
@@ -27,7 +27,7 @@ def agreed(fitted: Solution) -> Rigid | None:
     """Return the pose that most edges of a fit agree on, where these are much more than agree on the fitted one."""
     fit, B = fitted.fit, fitted.B
     beside_bands = any((m.doubt > 0).any() for m in fitted.measured)
-    scattered, times = _BESIDE_BANDS if beside_bands else (SCATTERED_PX, _GAIN)
+    scattered, times = (BESIDE_BANDS_PX, _BESIDE_BANDS) if beside_bands else (SCATTERED_PX, _GAIN)
     if fit.between <= scattered:
         return None
     rows = np.concatenate([at.row[m.usable] for at, m in zip(fitted.places, fitted.measured, strict=True)]) @ B

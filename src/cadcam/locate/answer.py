@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -49,7 +50,7 @@ def location_of(part: Part, fitted: Solution, freedom: Freedom, *, chosen: int, 
     )
     estimate = PoseEstimate(pose, B @ fit.covariance @ B.T + together, from_calibration, B, fit.dof)
     evidence, doubted = _evidence(part, fitted, B, chosen, wider)
-    reason = _reason(part, estimate, evidence, fit, photos)
+    reason = _reason(part, estimate, evidence, fitted, photos)
     return Location(estimate, _matches(fitted), evidence.quality, reason, doubted=doubted)
 
 
@@ -72,7 +73,9 @@ def _evidence(part: Part, fitted: Solution, B: Array, chosen: int, wider: bool) 
     pose, fit = fitted.pose, fitted.fit
     scatter = _scatter(fit, sum(int(m.usable.sum()) for m in fitted.measured))
     told, color = in_color(part, fitted.sights, pose)
-    evidence = judged(told, pose, B, chosen=chosen, scatter=scatter, color=color)
+    bands = fitted.regression.bands and fitted.tells_lines
+    ask = partial(judged, chosen=chosen, scatter=scatter, color=color, bands=bands)
+    evidence = ask(told, pose, B)
     doubted = evidence.quality < FOUND or evidence.without > 0 or evidence.fitted > _FREE or fit.between > LOOSE_PX
     hides = in_noise(fitted.sights)  # there missing lines pass for faint ones
     if not wider or hides or evidence.gain or not DOUBT[0] < evidence.quality < FOUND:
@@ -80,7 +83,7 @@ def _evidence(part: Part, fitted: Solution, B: Array, chosen: int, wider: bool) 
     lit = showing(part, told, pose)
     faint = 1 - sum(len(s.samples) for s in lit) / sum(len(s.samples) for s in told)
     if faint > 0:
-        evidence = replace(judged(lit, pose, B, chosen=chosen, scatter=scatter, color=color), faint=faint)
+        evidence = replace(ask(lit, pose, B), faint=faint)
     return evidence, doubted
 
 
@@ -90,11 +93,12 @@ def _scatter(fit: GroupedFit, n: int) -> float:
     return float(np.sqrt(samples @ np.minimum(np.abs(fit.offset), _FARTHEST_PX) ** 2 / max(samples.sum(), 1)))
 
 
-def _reason(part: Part, estimate: PoseEstimate, evidence: Seen, fit: GroupedFit, photos: Sequence[Photo]) -> str:
+def _reason(part: Part, estimate: PoseEstimate, evidence: Seen, fitted: Solution, photos: Sequence[Photo]) -> str:
     if evidence.quality < FOUND:
         return f"not found: {evidence}"
     weakest = weakest_direction(estimate, part.aspects.centre, photos)
-    return f"{evidence}; edges are off by {fit.between:.2f} px as a whole; {weakest}"
+    beside = ", many beside bands that the model does not have" * fitted.regression.bands
+    return f"{evidence}; edges are off by {fitted.fit.between:.2f} px as a whole{beside}; {weakest}"
 
 
 def _matches(fitted: Solution) -> EdgeMatches:

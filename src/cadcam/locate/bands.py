@@ -25,7 +25,8 @@ from cadcam.native.profiles import band_gains
 Longs = npt.NDArray[np.int64]
 _BINS, _WIDTH = 28, 0.5  # px: by distance from the line
 _FAR = 5.5  # px: how far to each side; nearer, steps 1.5 and 3.5 px away can look the same
-_APART = np.arange(1.0, 5.01, 0.25)  # px: how far from the line a band's end is looked for
+FARTHEST_PX = 5.0  # how wide bands are at most
+_APART = np.arange(1.0, FARTHEST_PX + 0.01, 0.25)  # px: how far from the line a band's end is looked for
 _TRIED = np.concatenate([-_APART[::-1], _APART])
 _COARSE = _TRIED[::2]  # first
 _TOGETHER = 16  # cells of a stretch
@@ -39,7 +40,7 @@ _SHORT = 1.5  # blurs: cells end that far before a step that they are not told o
 _BLURS = np.array([0.6, 0.72, 0.86, 1.0, 1.2])  # of the blur: tried where bands may have been taken for it
 _BESIDE = 0.3  # of the cells beside bands, from which on these may have been taken for blur
 _SAME = 0.02  # by which a blur may be off
-_LEFT, _MOST = 0.2, 0.5  # of how far a band drew the steps, what may be left of it; px, at most that far
+LEFT, MOST_PX = 0.2, 0.5  # of how far a band drew the steps, what may be left of it; px, at most that far
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +102,7 @@ def banded(
         if abs(blur / cells.blur - 1) > _SAME:
             return banded(sight, at, Cells.of(sight, at, where=where, blur=blur, **anew), where)
     drawn = _drawn(plain, sums, stretches.of)
-    return cells, replace(told, doubt=_LEFT * np.where(_any(apart)[stretches.of], drawn, 0.0)), sums
+    return cells, replace(told, doubt=LEFT * np.where(_any(apart)[stretches.of], drawn, 0.0)), sums
 
 
 def _blur(sight: Sight, at: Projected, cells: Cells, where: Array, anew: Mapping[str, float]) -> float:
@@ -140,7 +141,7 @@ def _drawn(without: StepSums, told: StepSums, of: Longs) -> Array:
         with np.errstate(all="ignore"):
             place.append(-moment / contrast)
     with np.errstate(all="ignore"):
-        return np.asarray(np.fmin(np.abs(place[0] - place[1]), _MOST)[of + 1])
+        return np.asarray(np.fmin(np.abs(place[0] - place[1]), MOST_PX)[of + 1])
 
 
 def _stretches(sight: Sight, at: Projected, cells: Cells, where: Array) -> _Stretches:

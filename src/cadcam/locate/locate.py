@@ -16,12 +16,12 @@ from cadcam.locate.basins import Basins
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.hypothesis import Hypothesis
 from cadcam.locate.location import FOUND, Location
+from cadcam.locate.options import EDGES, EdgeOptions
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality import SEARCHED
 from cadcam.locate.refine import in_spite_of_noise, refined
 from cadcam.locate.search import search_once
-from cadcam.locate.solution import EDGES, EdgeOptions
 from cadcam.locate.view_range import WHOLE_SPHERE, ViewRange
 
 _RIVAL = 0.85  # share of the best hypothesis' score that makes another one as good

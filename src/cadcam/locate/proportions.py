@@ -54,6 +54,16 @@ class Stretched:
         """Return by how much the lengths differ from each other: 0.1 is a tenth."""
         return float(self.lengths.max() / self.lengths.min() - 1)
 
+    def moved_px(self, sights: Sequence[Sight], pose: Rigid) -> float:
+        """Return how far the lines, drawn in photos at a pose as the model was given, moved: nine tenths at most so."""
+        moved = []
+        for before, now in zip(sights, self.sights, strict=True):
+            was, at = before.project(pose), now.project(self.world_from_part)
+            moved.append(np.abs(((at.q - was.q) * was.normal).sum(axis=1)))
+        every = np.concatenate(moved)
+        every = every[np.isfinite(every)]
+        return quantile(every, 0.9) if len(every) else 0.0
+
     def __str__(self) -> str:
         s = np.log(self.lengths)
         odd = int(np.argmax(np.abs(s - np.median(s))))

@@ -40,6 +40,7 @@ import numpy as np
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.absent import LEAST, behind_border, body_gone, missed
+from cadcam.locate.bands import FARTHEST_PX
 from cadcam.locate.chequers import along_chequers
 from cadcam.locate.proportions import stretched
 from cadcam.locate.shown import ROOM_PX, near_px, shown
@@ -124,12 +125,20 @@ class Seen:
 
 
 def judged(
-    sights: Sequence[Sight], world_from_part: Rigid, B: Array, *, chosen: int, scatter: float, color: float = 0.0
+    sights: Sequence[Sight],
+    world_from_part: Rigid,
+    B: Array,
+    *,
+    chosen: int,
+    scatter: float,
+    color: float = 0.0,
+    bands: bool = False,
 ) -> Seen:
     """Return what `seen` does for a pose fitted along B (6, k), and in doubt whether other proportions fit better.
 
     chosen: how many constraints the start met by being the best of many poses. color: the share of the samples for
-    which the colour on both sides speaks (`locate.color`).
+    which the colour on both sides speaks (`locate.color`). bands: whether they lie beside the lines; then proportions
+    by which lines would only lie on the bands' other sides say nothing.
     """
     constraints = B.shape[1] + chosen
     first = seen(sights, world_from_part, constraints=constraints, scatter=scatter)
@@ -144,7 +153,7 @@ def judged(
     if not _IN_DOUBT[0] < first.quality < most:
         return first
     other = stretched(sights, world_from_part, B)
-    if other.by < _OTHER:
+    if other.by < _OTHER or (bands and other.moved_px(sights, world_from_part) < FARTHEST_PX):
         return first
     second = seen(other.sights, other.world_from_part, constraints=constraints, scatter=scatter)
     unexcused = replace(first, hidden=0.0)

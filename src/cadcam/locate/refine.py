@@ -15,18 +15,20 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.agreement import SCATTERED_PX, agreed
+from cadcam.locate.agreement import BESIDE_BANDS_PX, SCATTERED_PX, agreed
 from cadcam.locate.answer import DOUBT, location_of, lost
 from cadcam.locate.attraction import attracted
+from cadcam.locate.bands import LEFT, MOST_PX
 from cadcam.locate.color import in_color
 from cadcam.locate.evidence import Evidence, pose_jacobian
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.location import Location
+from cadcam.locate.options import EDGES, EdgeOptions
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality import seen
 from cadcam.locate.sight import Sight
-from cadcam.locate.solution import CLOSE_PX, EDGES, LOOSE_PX, EdgeOptions, Solution, solved
+from cadcam.locate.solution import CLOSE_PX, LOOSE_PX, Solution, solved
 
 _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
 _CLEARLY = 0.1  # quality by which an answer that is not found must be better to take the place of another one
@@ -35,6 +37,7 @@ _WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
 _WEAKEST, _BESIDE_PX = 3, 4.0  # motions along which a loose pose may be another one, and how far lines move by them
 _ABOUT = 0.25  # share of the lines that colour speaks for, from which on a pose is about right
 _AROUND_PX = (3.0, 5.0, 8.0)  # searches there
+_EITHER = np.sqrt(0.5)  # of the way to another answer that is as likely
 _BANDED = 0.15  # share of a photo's lines that lie beside bands, from which on these are told
 _SAME_PX = 0.5  # a search that ends this near to where it began, at a pose that was found, finds the same again
 _ANY_TURN = np.pi**2 / 3  # rad^2: variance of a turn that may be any
@@ -124,17 +127,29 @@ class _Answer:
         """Return whether edges fit the pose only loosely."""
         return self.solution is not None and self.solution.fit.between > LOOSE_PX
 
+    def unlike(self, other: Solution, share: float) -> _Answer:
+        """Return the answer with a share of the way to another solution as the sd of an error along it."""
+        at = self.location.pose
+        away = at.world_from_part.inv @ other.pose
+        px = max(s.moved_px(self.pose, other.pose) for s in self.sights)
+        by = share * min(1.0, MOST_PX / max(px, 1e-300)) * (at.freedom @ (at.freedom.T @ away.log()))
+        pose = replace(at, from_noise=at.from_noise + np.outer(by, by))
+        return replace(self, location=replace(self.location, pose=pose))
+
     def better_than(self, other: _Answer) -> bool:
         """Return whether this answer is better than another.
 
         Edges of a loose fit count as met from farther off. Where one of the two is much looser, both are held to what
-        the other meets.
+        the other meets; beside bands, where lines lie on either side of these, the closer of two that are as good.
         """
         quality = [self.location.quality, other.location.quality]
         both = [a.solution for a in (self, other) if a.solution is not None]
-        between = [s.fit.between for s in both]
-        if len(both) == 2 and max(between) > max(SCATTERED_PX, _LOOSER * min(between)):
+        between, bands = [s.fit.between for s in both], any(s.regression.bands for s in both)
+        scattered = BESIDE_BANDS_PX if bands else SCATTERED_PX
+        if len(both) == 2 and max(between) > max(scattered, _LOOSER * min(between)):
             quality = [seen(s.sights, s.pose, constraints=s.B.shape[1], scatter=0.0).quality for s in both]
+            if bands and abs(quality[0] - quality[1]) < _CLEARLY:
+                return between[0] < between[1]
         return quality[0] > quality[1]
 
 
@@ -218,26 +233,41 @@ class _Task:
 
         Bands beside the lines are told only if edges then agree more closely, and closely where the part is not found
         without them: with a step more at every line anything fits, if loosely. Not where starts are known to be good,
-        nor for the many poses of a search that hold nothing.
+        nor for the many poses of a search that hold nothing. How far bands told and untold lead apart counts as an
+        error in either case.
         """
         try:
-            fitted = self.solved(sights, pose)
+            fitted = solved(sights, pose, self.freedom, self.evidence, self.options)
         except DegenerateGeometry as error:
             return _Answer(lost(sights, pose, self.freedom, str(error)), None, sights)
         plain = self.answered(fitted)
         hopeless = self.chosen > 0 and not plain.location.found
         if not self.wider or hopeless or fitted.beside_bands < _BANDED:
             return plain
-        try:
-            beside = self.solved(sights, pose, bands=True)
-        except DegenerateGeometry:
-            return plain
-        told = self.answered(beside)
-        closer = beside.fit.between < fitted.fit.between and (plain.location.found or not told.loose)
-        return told if told.location.found and closer else plain
+        return self.beside_bands(sights, pose, fitted, plain.location.found)
 
-    def solved(self, sights: Sequence[Sight], pose: Rigid, *, bands: bool = False) -> Solution:
-        return solved(sights, pose, self.freedom, self.evidence, self.options, bands=bands)
+    def beside_bands(self, sights: Sequence[Sight], pose: Rigid, untold: Solution, found: bool) -> _Answer:
+        """Return the answer that is told of the bands, or the one that is not, and whether that one was found.
+
+        First lines may all be off (`locate.regression`), if there are enough. Where they then fit loosely, that leaves
+        the pose to a few of them, and the better answer may be one that takes them for right.
+        """
+        best, unlike = None, None
+        for lines in (True, False) if untold.tells_lines else (False,):
+            try:
+                told = solved(sights, pose, self.freedom, self.evidence, self.options, bands=True, lines=lines)
+            except DegenerateGeometry:
+                continue
+            answer, unlike = self.answered(told if lines else told.beside_its_bands()), unlike or told
+            closer = told.fit.between < untold.fit.between and (found or not answer.loose)
+            if answer.location.found and closer and (best is None or answer.better_than(best)):
+                best = answer.unlike(untold, LEFT)
+            if not answer.loose:
+                break
+        if best is not None:
+            return best
+        plain = self.answered(untold.beside_its_bands())
+        return plain if unlike is None else plain.unlike(unlike, _EITHER)
 
     def answered(self, solution: Solution) -> _Answer:
         location = location_of(self.part, solution, self.freedom, chosen=self.chosen, wider=self.wider)

@@ -16,6 +16,7 @@ gamma is measured as ever, and what is left of the doubt goes into the covarianc
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -34,6 +35,7 @@ _OF_BLUR = np.sqrt(np.pi) / 3
 _BESIDE = 3.0  # blurs from the line: there the sides have their own brightness
 _USUAL = (0.8, 0.6)  # g - 1 of cameras that bend their response, mean and sd
 _SELDOM = 0.25  # how many of those there are for one that does not
+_NEVER = 1e-6  # share of such cameras that the steps leave, below which nothing is told of a bend
 _DOUBT = 0.5  # probability of a bend up to which none is taken out
 _LEAST = 5.0  # degrees of freedom that tell anything
 
@@ -78,12 +80,23 @@ def _weighed(excess: float, variance: float) -> Bend | None:
     """Return what to expect of a bend that was measured with this variance, None where there is hardly one."""
     usual, sd = _USUAL
     total = variance + sd**2
+    mean, left = (excess * sd**2 + usual * variance) / total, variance * sd**2 / total
+    above = _above(mean / np.sqrt(left))  # of what the steps leave probable, and below of what is usual
+    if not above > _NEVER:
+        return None
     log_factor = 0.5 * (np.log(variance / total) + excess**2 / variance - (excess - usual) ** 2 / total)
+    log_factor += np.log(above / _above(usual / sd))
     there = float(np.exp(-np.logaddexp(0.0, -np.log(_SELDOM) - log_factor)))
     if there < _DOUBT:
         return None
-    mean, left = (excess * sd**2 + usual * variance) / total, variance * sd**2 / total
+    hazard = float(np.exp(-0.5 * mean**2 / left)) / (np.sqrt(2 * np.pi) * above)
+    mean, left = mean + np.sqrt(left) * hazard, left * (1 - hazard * (hazard + mean / np.sqrt(left)))
     return Bend(there * mean, float(np.sqrt(there * (left + (1 - there) * mean**2))))
+
+
+def _above(z: float) -> float:
+    """Return the share of a normal distribution that lies above 0, z standard deviations below its mean."""
+    return 0.5 * math.erfc(-z / math.sqrt(2))
 
 
 def straightened(measured: Sequence[Measured], leans: Sequence[Array], bend: Bend) -> list[Measured]:

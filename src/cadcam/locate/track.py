@@ -21,10 +21,10 @@ from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.locate import locate
 from cadcam.locate.location import FOUND, Location
 from cadcam.locate.motion import Motion
+from cadcam.locate.options import EDGES
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine import refine
-from cadcam.locate.solution import EDGES
 from cadcam.locate.texture import Followed, Texture
 
 _PATIENCE = 8  # frames between two searches without a start, once a part has been gone for long

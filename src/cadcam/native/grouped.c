@@ -1,8 +1,9 @@
 /* Least squares of data that err in groups: see grouped.h.
  *
  * With r = (J_i, y_i) the sums of w r r' over all data, and those of w r over each group, say everything: an offset of
- * variance v takes f s s' from the former for each group, s its sum and f = v / (1 + v sum w). What is left is
- * factored, y's row last: that gives the solution, the misfit and the determinant at once.
+ * variance v takes f s s' from the former for each group, s its sum and f = v / (1 + v sum w). What is left of s is
+ * s / (1 + v sum w), which adds up to the sums of families, and their offsets take from the rest in the same way. What
+ * is left then is factored, y's row last: that gives the solution, the misfit and the determinant at once.
  */
 #include "grouped.h"
 
@@ -15,14 +16,36 @@ enum { WIDE = CC_UNKNOWNS + 1, PACKED = WIDE * (WIDE + 1) / 2 };
 #define OPEN 1e-12   /* what others leave of a parameter's own square, below which it is open */
 #define RIDGE 1e-13  /* of each square */
 #define LEAST 1e-300
-#define HIGH 1e200   /* numbers up to it may be multiplied by one up to 1e100 */
+#define HIGH 1e150   /* two numbers up to it, or down to its inverse, may be multiplied */
+#define HARDLY 1e-12 /* of the likeliest: what is less likely is left out of the mean */
 
-/* Sums of a group: of the weights, of w r, and the products of the latter, lower half row by row. */
+/* Sums of groups or families: of the weights, of w r, and the products of the latter, lower half row by row. */
 typedef struct {
     double *total, *sum, *square;
-} groups;
+} sums;
 
-static void add_up(const cc_grouped *d, const groups *g, double *all) {
+/* A logarithm of a product, of few logarithms. */
+typedef struct {
+    double log, product;
+} logs;
+
+static void times(logs *of, double factor, double power) {
+    if (power == 1 && factor < HIGH && factor > 1 / HIGH) {
+        of->product *= factor;
+        if (of->product > HIGH || of->product < 1 / HIGH) of->log += log(of->product), of->product = 1;
+    } else of->log += power * log(factor);
+}
+
+static void squares(const sums *g, int64_t n, int32_t wide) {
+    double *square = g->square;
+    for (int64_t of = 0; of < n; of++) {
+        const double *sum = g->sum + of * wide;
+        for (int32_t a = 0; a < wide; a++)
+            for (int32_t b = 0; b <= a; b++) *square++ = sum[a] * sum[b];
+    }
+}
+
+static void add_up(const cc_grouped *d, const sums *g, double *all) {
     const int32_t wide = d->k + 1, packed = wide * (wide + 1) / 2;
     memset(all, 0, sizeof(double) * (size_t)packed);
     memset(g->total, 0, sizeof(double) * (size_t)d->groups);
@@ -39,36 +62,52 @@ static void add_up(const cc_grouped *d, const groups *g, double *all) {
             for (int32_t b = 0; b <= a; b++) all[s++] += wr * r[b];
         }
     }
-    for (int64_t of = 0; of < d->groups; of++) {
-        const double *sum = g->sum + of * wide;
-        double *square = g->square + of * packed;
-        for (int32_t a = 0; a < wide; a++)
-            for (int32_t b = 0; b <= a; b++) *square++ = sum[a] * sum[b];
-    }
+    squares(g, d->groups, wide);
 }
 
-/* What is left of the sums where groups have offsets; returns the log of the determinant that these add. */
-static double without_offsets(const cc_grouped *d, const groups *g, int32_t t, const double *all, double *left) {
-    const int32_t packed = (d->k + 1) * (d->k + 2) / 2;
-    double logs = 0, product = 1;
+/* What is left of the sums where groups have offsets, also of those of families; returns the log of the determinant
+ * that these add. */
+static double without_groups(const cc_grouped *d, const sums *g, int32_t t, const double *all, double *left,
+                             const sums *family) {
+    const int32_t wide = d->k + 1, packed = wide * (wide + 1) / 2;
+    logs added = {0, 1};
     memcpy(left, all, sizeof(double) * (size_t)packed);
+    memset(family->total, 0, sizeof(double) * (size_t)d->families);
+    memset(family->sum, 0, sizeof(double) * (size_t)(d->families * wide));
     for (int64_t of = 0; of < d->groups; of++) {
         const double v = d->variance[t] * d->free[of] + d->share[t] * d->expected[of];
         const double counts = d->of_group[of] > 1e-12 ? d->of_group[of] : 1e-12, total = g->total[of];
-        if (!(v > 0 && total > 0)) continue;
-        const double grown = 1 + v * total / counts, f = v / grown / counts, *square = g->square + of * packed;
+        const double grown = v > 0 && total > 0 ? 1 + v * total / counts : 1, *sum = g->sum + of * wide;
+        double *families = family->sum + d->family[of] * wide;
+        for (int32_t a = 0; a < wide; a++) families[a] += sum[a] / grown;
+        family->total[d->family[of]] += total / grown;
+        if (grown == 1) continue;
+        const double f = v / grown / counts, *square = g->square + of * packed;
         for (int32_t s = 0; s < packed; s++) left[s] -= f * square[s];
-        if (counts == 1 && grown < 1e100) { /* one logarithm for many */
-            product *= grown;
-            if (product > HIGH) logs += log(product), product = 1;
-        } else logs += counts * log(grown);
+        times(&added, grown, counts);
     }
-    return logs + log(product);
+    squares(family, d->families, wide);
+    return added.log + log(added.product);
 }
 
-/* Factor the packed sums of J, y; x (k), the inverse (k, k) of J's, the log likelihood; 0 where J's are singular. */
-static int solved(const double *left, int k, double *x, double *inverse, double *likelihood) {
-    double L[WIDE][WIDE], R[WIDE][WIDE], scale[WIDE], log_det = 0;
+/* The same where families have offsets too. */
+static double without_families(const cc_grouped *d, const sums *family, int32_t u, const double *all, double *left) {
+    const int32_t packed = (d->k + 1) * (d->k + 2) / 2;
+    logs added = {0, 1};
+    memcpy(left, all, sizeof(double) * (size_t)packed);
+    for (int64_t of = 0; of < d->families; of++) {
+        const double v = d->family_variance[u] * d->family_free[of], total = family->total[of];
+        if (!(v > 0 && total > 0)) continue;
+        const double grown = 1 + v * total, f = v / grown, *square = family->square + of * packed;
+        for (int32_t s = 0; s < packed; s++) left[s] -= f * square[s];
+        times(&added, grown, 1);
+    }
+    return added.log + log(added.product);
+}
+
+/* Factor the packed sums of J, y in units of their own; the log likelihood; 0 where J's are singular. */
+static int factored(const double *left, int k, double L[WIDE][WIDE], double *scale, double *likelihood) {
+    logs det = {0, 1};
     const double *row = left;
     for (int i = 0; i <= k; row += ++i) {
         const double own = row[i] > LEAST ? row[i] : LEAST;
@@ -80,10 +119,16 @@ static int solved(const double *left, int k, double *x, double *inverse, double 
         }
         double s = i < k ? 1 + RIDGE : row[i];
         for (int m = 0; m < i; m++) s -= L[i][m] * L[i][m];
-        if (i == k) *likelihood = -0.5 * (s + log_det);
+        if (i == k) *likelihood = -0.5 * s - det.log - log(det.product);
         else if (!(s > OPEN)) return 0;
-        else L[i][i] = sqrt(s), log_det += 2 * log(scale[i] * L[i][i]);
+        else L[i][i] = sqrt(s), times(&det, scale[i] * L[i][i], 1);
     }
+    return 1;
+}
+
+/* x (k) and the inverse (k, k) of J's sums. */
+static void solved(int k, double L[WIDE][WIDE], const double *scale, double *x, double *inverse) {
+    double R[WIDE][WIDE];
     for (int i = k - 1; i >= 0; i--) {
         double s = L[k][i];
         for (int m = i + 1; m < k; m++) s -= L[m][i] * x[m];
@@ -103,36 +148,51 @@ static int solved(const double *left, int k, double *x, double *inverse, double 
             inverse[i * k + j] = inverse[j * k + i] = s / (scale[i] * scale[j]);
         }
     }
-    return 1;
 }
 
 /* The mean of what was tried and its covariance: of each, and between them. */
-static void averaged(int32_t tried, int32_t k, const double *each_x, const double *each_inverse, const double *p,
-                     double *x, double *covariance) {
+static void averaged(int32_t tried, int32_t k, const double *left, const double *p, double *each_x, double *x,
+                     double *covariance) {
+    const int32_t packed = (k + 1) * (k + 2) / 2;
+    double L[WIDE][WIDE], scale[WIDE], inverse[CC_UNKNOWNS * CC_UNKNOWNS], likelihood;
     memset(x, 0, sizeof(double) * (size_t)k), memset(covariance, 0, sizeof(double) * (size_t)(k * k));
-    for (int32_t t = 0; t < tried; t++)
+    for (int32_t t = 0; t < tried; t++) {
+        if (!(p[t] > 0)) continue;
+        factored(left + t * packed, k, L, scale, &likelihood);
+        solved(k, L, scale, each_x + t * k, inverse);
         for (int32_t i = 0; i < k; i++) x[i] += p[t] * each_x[t * k + i];
-    for (int32_t t = 0; t < tried; t++)
+        for (int32_t i = 0; i < k * k; i++) covariance[i] += p[t] * inverse[i];
+    }
+    for (int32_t t = 0; t < tried; t++) {
+        if (!(p[t] > 0)) continue;
         for (int32_t i = 0; i < k; i++)
             for (int32_t j = 0; j < k; j++)
-                covariance[i * k + j] += p[t] * (each_inverse[(t * k + i) * k + j] +
-                                                 (each_x[t * k + i] - x[i]) * (each_x[t * k + j] - x[j]));
+                covariance[i * k + j] += p[t] * (each_x[t * k + i] - x[i]) * (each_x[t * k + j] - x[j]);
+    }
 }
 
 CC_API int32_t cc_grouped_fit(const cc_grouped *d, double *scratch, double *x, double *covariance, double *p) {
-    const int32_t k = d->k, wide = k + 1, packed = wide * (wide + 1) / 2;
-    const groups g = {scratch, scratch + d->groups, scratch + d->groups * (1 + wide)};
-    double *each_x = g.square + d->groups * packed, *each_inverse = each_x + d->tried * k;
-    double all[PACKED], left[PACKED], most = -INFINITY, sum = 0;
+    const int32_t k = d->k, wide = k + 1, packed = wide * (wide + 1) / 2, tried = d->tried * d->family_tried;
+    const int64_t own = 1 + wide + packed; /* numbers of a group or family */
+    const sums g = {scratch, scratch + d->groups, scratch + d->groups * (1 + wide)};
+    double *next = scratch + d->groups * own;
+    const sums family = {next, next + d->families, next + d->families * (1 + wide)};
+    double *left = next + d->families * own, *each_x = left + (int64_t)tried * packed;
+    double all[PACKED], some[PACKED], L[WIDE][WIDE], scale[WIDE], most = -INFINITY, sum = 0;
     add_up(d, &g, all);
-    for (int32_t t = 0; t < d->tried; t++) {
-        const double logs = without_offsets(d, &g, t, all, left);
-        if (!solved(left, k, each_x + t * k, each_inverse + t * k * k, p + t)) return 0;
-        p[t] += d->prior[t] - 0.5 * logs;
-        most = p[t] > most ? p[t] : most;
+    for (int32_t t = 0, at = 0; t < d->tried; t++) {
+        const double log_groups = without_groups(d, &g, t, all, some, &family);
+        for (int32_t u = 0; u < d->family_tried; u++, at++) {
+            double *here = left + (int64_t)at * packed;
+            const double log_families = without_families(d, &family, u, some, here);
+            if (!factored(here, k, L, scale, p + at)) return 0;
+            p[at] += d->prior[t] + d->family_prior[u] - 0.5 * (log_groups + log_families);
+            most = p[at] > most ? p[at] : most;
+        }
     }
-    for (int32_t t = 0; t < d->tried; t++) p[t] = exp(p[t] - most), sum += p[t];
-    for (int32_t t = 0; t < d->tried; t++) p[t] /= sum;
-    averaged(d->tried, k, each_x, each_inverse, p, x, covariance);
+    for (int32_t t = 0; t < tried; t++) p[t] = p[t] - most > log(HARDLY) ? exp(p[t] - most) : 0, sum += p[t];
+    if (!(sum > 0)) return 0;
+    for (int32_t t = 0; t < tried; t++) p[t] /= sum;
+    averaged(tried, k, left, p, each_x, x, covariance);
     return 1;
 }

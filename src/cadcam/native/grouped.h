@@ -13,18 +13,21 @@
 
 /* y (n) = J (n, k) x with weights w (n) and group numbers from 0 on, ascending. Groups count of_group (groups,) times,
  * 0 to 1. The variance between groups that is tried is variance[t] free[g] + share[t] expected[g], with log likelihood
- * prior[t] beforehand. */
+ * prior[t] beforehand. Groups belong to families, numbers from 0 on, ascending; between these it is family_variance[u]
+ * family_free[f], with log likelihood family_prior[u]. All t are tried with all u. */
 typedef struct {
     const double *y, *J, *w;
-    const int64_t *group;
+    const int64_t *group, *family;
     const double *of_group, *free, *expected;
     const double *variance, *share, *prior;
-    int64_t n, groups;
-    int32_t k, tried;
+    const double *family_free, *family_variance, *family_prior;
+    int64_t n, groups, families;
+    int32_t k, tried, family_tried;
 } cc_grouped;
 
-/* Write x (k) and its covariance (k, k), averaged over what was tried, and how likely (tried,) each of it is. Scratch
- * of groups ((k + 1) (k + 4) / 2 + 1) + tried k (k + 1) doubles. 0 where the data leave a parameter open, else 1. */
+/* Write x (k) and its covariance (k, k), averaged over what was tried, and how likely (tried, family_tried) each of it
+ * is. Scratch of (groups + families) ((k + 1) (k + 4) / 2 + 1) + tried family_tried ((k + 1) (k + 2) / 2 + k) doubles.
+ * 0 where the data leave a parameter open, else 1. */
 CC_API int32_t cc_grouped_fit(const cc_grouped *data, double *scratch, double *x, double *covariance, double *p);
 
 #endif

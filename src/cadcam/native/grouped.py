@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes as c
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -18,10 +19,11 @@ Longs = npt.NDArray[np.int64]
 
 class _Grouped(c.Structure):
     _fields_ = (
-        *((name, c.c_void_p) for name in ("y", "J", "w", "group", "of_group", "free", "expected")),
+        *((name, c.c_void_p) for name in ("y", "J", "w", "group", "family", "of_group", "free", "expected")),
         *((name, c.c_void_p) for name in ("variance", "share", "prior")),
-        *((name, c.c_int64) for name in ("n", "groups")),
-        *((name, c.c_int32) for name in ("k", "tried")),
+        *((name, c.c_void_p) for name in ("family_free", "family_variance", "family_prior")),
+        *((name, c.c_int64) for name in ("n", "groups", "families")),
+        *((name, c.c_int32) for name in ("k", "tried", "family_tried")),
     )
 
 
@@ -33,32 +35,47 @@ def _core() -> c.CDLL:
     return core
 
 
-def averaged_fit(
-    y: Array,
-    J: Array,
-    w: Array,
-    group: Longs,
-    *,
-    of_group: Array,
-    free: Array,
-    expected: Array,
-    variance: Array,
-    share: Array,
-    prior: Array,
-) -> tuple[Array, Array, Array] | None:
-    """Return x (k,), its covariance (k, k) and how likely each of the variances tried is (T,); None: x is left open.
+@dataclass(frozen=True, slots=True, eq=False)
+class Tried:
+    """What variances between groups, and between families of groups, are tried, with their log likelihoods `prior`.
 
-    Data y (n,), J (n, k) with weights w (n,) and ascending group numbers (n,). Groups count of_group (G,) times; the
-    variance between them is variance (T,) free (G,) + share (T,) expected (G,), with log likelihoods `prior` (T,).
+    Of groups it is variance (T,) free (G,) + share (T,) expected (G,); of the families (F,), each with each of the
+    former, family_variance (U,) family_free (F,). family (G,): of each group, ascending.
     """
-    groups, tried, k = len(of_group), len(prior), J.shape[1]
+
+    free: Array
+    expected: Array
+    variance: Array
+    share: Array
+    prior: Array
+    family: Longs
+    family_free: Array
+    family_variance: Array
+    family_prior: Array
+
+
+def averaged_fit(
+    y: Array, J: Array, w: Array, group: Longs, of_group: Array, tried: Tried
+) -> tuple[Array, Array, Array] | None:
+    """Return x (k,), its covariance (k, k) and how likely each of the variances tried is (T, U); None: x is left open.
+
+    Data y (n,), J (n, k) with weights w (n,) and ascending group numbers (n,). Groups count of_group (G,) times.
+    """
+    k, several, families = J.shape[1], (len(tried.prior), len(tried.family_prior)), len(tried.family_free)
     if k > UNKNOWNS:
         raise BadValue("parameters of a regression with groups", k, f"at most {UNKNOWNS}")
-    doubles = [np.ascontiguousarray(a, np.float64) for a in (y, J, w, of_group, free, expected, variance, share, prior)]
-    number = np.ascontiguousarray(group, np.int64)
-    at = [a.ctypes.data for a in doubles]
-    data = _Grouped(*at[:3], number.ctypes.data, *at[3:], len(y), groups, k, tried)
-    scratch = np.zeros(groups * ((k + 1) * (k + 4) // 2 + 1) + tried * k * (k + 1))
-    out = np.zeros(k), np.zeros((k, k)), np.zeros(tried)
-    found = _core().cc_grouped_fit(c.byref(data), scratch.ctypes.data, *(a.ctypes.data for a in out))
+    data = [_doubles(a) for a in (y, J, w)]
+    number = [np.ascontiguousarray(a, np.int64) for a in (group, tried.family)]
+    of_groups = [_doubles(a) for a in (of_group, tried.free, tried.expected, tried.variance, tried.share, tried.prior)]
+    of_families = [_doubles(a) for a in (tried.family_free, tried.family_variance, tried.family_prior)]
+    at = [a.ctypes.data for a in (*data, *number, *of_groups, *of_families)]
+    asked = _Grouped(*at, len(y), len(of_group), families, k, *several)
+    own, each = (k + 1) * (k + 4) // 2 + 1, (k + 1) * (k + 2) // 2 + k
+    scratch = np.zeros((len(of_group) + families) * own + several[0] * several[1] * each)
+    out = np.zeros(k), np.zeros((k, k)), np.zeros(several)
+    found = _core().cc_grouped_fit(c.byref(asked), scratch.ctypes.data, *(a.ctypes.data for a in out))
     return out if found else None
+
+
+def _doubles(a: Array) -> Array:
+    return np.ascontiguousarray(a, np.float64)
