@@ -5,7 +5,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +34,7 @@ from quality import its_own_mirror_image
 WHITE = 0.9  # of the brightest hundredth of a picture
 QUIET = Noise(12_000, 20)
 STEEL, DARK = (0.5, 0.5, 0.5), (0.07, 0.07, 0.07)
+PLAIN, GROUND = Surface(STEEL, 0.06), Surface((0.3, 0.3, 0.3), 0.15)
 
 
 def flange() -> Mesh:
@@ -66,8 +67,8 @@ class Condition:
 
     camera: Callable[[np.random.Generator], Camera] = lambda rng: Camera.from_focal((800, 600), rng.uniform(800, 1500))
     size: tuple[float, float] = (0.45, 0.75)  # of the part's diagonal over the picture's shorter side
-    part: Surface = Surface(STEEL, 0.06)
-    ground: Surface = Surface((0.3, 0.3, 0.3), 0.15)
+    part: Surface = PLAIN
+    ground: Surface = GROUND
     lamps: int = 3
     ambient: float = 0.45
     hidden: float = 0.0
@@ -177,7 +178,7 @@ class Case:
     seed: Sequence[int]
 
 
-@lru_cache(maxsize=None)
+@cache
 def mesh_of(name: str, data: Path | None, fine: bool) -> Mesh:
     """Return a part; fine: as it is photographed, rounder than its model."""
     if name in PARTS:
@@ -206,7 +207,7 @@ def case_of(name: str, k: int, seed: int, data: Path | None, folder: Path, start
     rough = [_start(camera, truth, from_part, rng) for _ in range(starts)]
     up = world_from_part.inv.rotation @ np.array([0, 0, 1.0])
     away = float(from_part[2])
-    ranged = ViewRange(axis=tuple(up), half_angle_deg=75.0, distance_mm=(0.7 * away, 1.4 * away))
+    ranged = ViewRange(axis=up, half_angle_deg=75.0, distance_mm=(0.7 * away, 1.4 * away))
     views = {"": ViewRange(), "range": ranged, "sphere": ViewRange()}[condition.search]
     part = Part.of(condition.model(model, folder))
     given: list[Rigid | None] = [None] if condition.search else list(rough)
@@ -256,16 +257,17 @@ def _stage(
         half, angle = s * rng.uniform(0.1, 0.4, 3), rng.uniform(0, 2 * np.pi)
         far = np.hypot(*np.maximum(-low, high)[:2]) + np.hypot(*half[:2]) + s * rng.uniform(0.0, 1.5)
         level = float(rng.uniform(0.1, 0.75))
-        body = box(-half, half, name="box") if rng.random() < 0.6 else _can(half)
-        place = Rigid(exp(np.array([0, 0, rng.uniform(0, np.pi)])), [far * np.cos(angle), far * np.sin(angle), 0.0])
+        body = box((-half).tolist(), half.tolist(), name="box") if rng.random() < 0.6 else _can(half)
+        place = Rigid(
+            exp(np.array([0, 0, rng.uniform(0, np.pi)])), np.array([far * np.cos(angle), far * np.sin(angle), 0.0])
+        )
         body = body.transformed(place)
-        body = body.transformed(Rigid(translation=[0, 0, low[2] - body.bounds[0, 2]]))
+        body = body.transformed(Rigid(translation=np.array([0, 0, low[2] - body.bounds[0, 2]])))
         things.append((body, Surface((level, level, level), 0.15, own.grain_mm)))
     if condition.hidden:
         things.append((_cover(part, pose, condition.hidden, s, rng), Surface((0.42, 0.42, 0.42), 0.1)))
     if condition.cable:
-        for _ in range(2):
-            things.append((_cable(part, pose, s, rng), Surface(DARK, 0.1)))
+        things += [(_cable(part, pose, s, rng), Surface(DARK, 0.1)) for _ in range(2)]
     lamps = tuple(
         Lamp((*rng.uniform(-1, 1, 2), rng.uniform(0.6, 1.2)), rng.uniform(0.3, 0.8), rng.uniform(2, 15))
         for _ in range(condition.lamps)
@@ -295,7 +297,7 @@ def _cover(part: Mesh, pose: Rigid, share: float, s: float, rng: np.random.Gener
     across = np.array([-along[1], along[0]])
     centre = near * np.append((border - half[0] / near) * along + (m.mean(axis=0) @ across) * across, 1.0)
     turn = exp(np.array([0, 0, angle]))
-    return box(-half, half, name="cover").transformed(pose.inv @ Rigid(turn, centre))
+    return box((-half).tolist(), half.tolist(), name="cover").transformed(pose.inv @ Rigid(turn, centre))
 
 
 def _cable(part: Mesh, pose: Rigid, s: float, rng: np.random.Generator) -> Mesh:
@@ -324,7 +326,8 @@ def picture_of(case: Case, folder: Path) -> Picture:
 
 def _write(path: Path, picture: Picture) -> None:
     if path.suffix != ".tif":
-        return write_picture(path, picture, quality=60)
+        write_picture(path, picture, quality=60)
+        return
     import tifffile
 
     white = 4095 if ".12." in path.name else 65535

@@ -1,4 +1,4 @@
-"""Pictures with exact poses for benchmarks/locate_battery.py: a part on a table in light, among things, as a lens sees it.
+"""The pictures of benchmarks/locate_battery.py: a part on a table in light, among things, as a lens sees it.
 
 Every pixel is the mean of renderings from single points of its area and of the lamps, as in `cadcam.render.photograph`;
 but surfaces here are grained, painted in patches, glossy or of metal, and light from all around is shut off where
@@ -36,8 +36,11 @@ _MANY = 4  # times the picture that another renderer draws, to be averaged
 
 @dataclass(frozen=True)
 class Surface:
-    """How a thing looks: its reflectance, how much that varies (relative sd) and over how many mm, patches of paint
-    (share of the darker ones' reflectance), strength of the gloss, and share of mirrored surroundings."""
+    """How a thing looks: its reflectance, how much that varies (relative sd), and over how many mm.
+
+    patches: reflectance of painted patches, relative; gloss: strength of highlights; metal: share of the light that it
+    mirrors.
+    """
 
     albedo: tuple[float, float, float]
     mottle: float = 0.05
@@ -49,8 +52,10 @@ class Surface:
 
 @dataclass(frozen=True)
 class Stage:
-    """Things with their surfaces, in the world (mm), and light; size: of the part, mm; around (N, 3): what is
-    looked at; sky: what is behind it all."""
+    """Things with their surfaces, in the world (mm), and light.
+
+    size: of the part, mm; sky: brightness behind it all; around (N, 3): what is looked at.
+    """
 
     things: Sequence[tuple[Mesh, Surface]]
     lamps: tuple[Lamp, ...]
@@ -118,10 +123,12 @@ def _averaged(stage: Stage, camera: Camera, camera_from_world: Rigid, samples: i
     return total / np.float32(len(points))
 
 
-def _lit(stage: Stage, p: Array, n: Array, to_eye: Array, thing: Array, lamp: Array, rng: np.random.Generator) -> Array:
+def _lit(
+    stage: Stage, p: Picture, n: Picture, to_eye: Picture, thing: Array, lamp: Array, rng: np.random.Generator
+) -> Picture:
     """Return the light (N, 3) that points p (N, 3) of normals n (N, 3) send along to_eye (N, 3)."""
     surfaces = [surface for _, surface in stage.things]
-    reflectance = np.empty((len(p), 3), np.float32)
+    reflectance = np.zeros((len(p), 3), np.float32)
     for k in np.unique(thing):
         own = thing == k
         reflectance[own] = _paint(stage, surfaces[k], p[own])
@@ -145,14 +152,14 @@ def _lit(stage: Stage, p: Array, n: Array, to_eye: Array, thing: Array, lamp: Ar
     return np.asarray(reflectance * (matt + metal * _around(stage, mirrored))[:, None] + (gloss * shine)[:, None])
 
 
-def _around(stage: Stage, towards: Array) -> Array:
+def _around(stage: Stage, towards: Picture) -> Picture:
     """Return how bright the hall is that a mirror shows (N,): a dark floor, brighter above, with windows and lamps."""
     x, y, z = towards.T
     windows = 1 / (1 + np.exp(-40 * (np.sin(3 * np.arctan2(y, x)) - 0.5))) * np.exp(-(((z - 0.35) / 0.2) ** 2))
     return np.asarray(0.25 + 0.5 * (1 + z) * stage.ambient + 1.2 * windows)
 
 
-def _paint(stage: Stage, surface: Surface, p: Array) -> Array:
+def _paint(stage: Stage, surface: Surface, p: Array | Picture) -> Picture:
     from scipy.ndimage import map_coordinates
 
     at = p.T / surface.grain_mm
@@ -167,7 +174,7 @@ def _paint(stage: Stage, surface: Surface, p: Array) -> Array:
     return np.asarray(np.clip(np.array(surface.albedo, np.float32) * level[:, None], 0.01, 0.95))
 
 
-def _met(stage: Stage, p: Array, n: Array, towards: Array, reach: float) -> Mask:
+def _met(stage: Stage, p: Picture, n: Picture, towards: Picture, reach: float) -> Mask:
     """Return which points have something before them on the way towards a direction within `reach` mm."""
     start = p + np.float32(_CLEAR * stage.size) * n
     return np.asarray(stage.caster.first_hit(start, towards, np.full(len(p), reach, np.float32)) >= 0)

@@ -52,9 +52,9 @@ class Sight:
         apart = apart[np.isfinite(apart)]
         return quantile(apart, 0.9) if len(apart) else 0.0
 
-    def thinned(self, most: int, *, together: int = 1, room_px: float = 0.0) -> Sight:
-        """Return the sight with about `most` of its samples that have room, `together` neighbours at a time."""
-        some = np.flatnonzero(np.minimum(self.samples.below, self.samples.above) >= room_px)
+    def thinned(self, most: int, *, together: int = 1, among: Mask | None = None) -> Sight:
+        """Return the sight with about `most` of its samples, or of those chosen, `together` neighbours at a time."""
+        some = np.arange(len(self.samples)) if among is None else np.flatnonzero(among)
         n = len(some)
         return self.select(some[np.arange(n) // together % max(1, round(n / most)) == 0])
 
