@@ -101,9 +101,9 @@ def _written(unit: str, suffix: str) -> Callable[[Mesh, Path], Mesh]:
 
 
 def _doubled(mesh: Mesh, folder: Path) -> Mesh:
-    """Return the model as a file holds it that has a third of its faces twice, as careless exports do."""
+    """Return the model as a file holds it that has the part twice in one place, as careless exports do."""
     path = folder / "model_doubled.obj"
-    write(merge([mesh, mesh.select(np.arange(mesh.n_faces) % 3 == 0)]), path)
+    write(merge([mesh, mesh]), path)
     return load(path, unit="mm")
 
 
@@ -150,7 +150,7 @@ CONDITIONS: dict[str, Condition] = {
     "16-bit TIFF": Condition(suffix=".16.tif"),
     "model in metres": Condition(model=_written("m", ".obj")),
     "model in inches": Condition(model=_written("in", ".stl")),
-    "faces there twice": Condition(model=_doubled),
+    "part there twice": Condition(model=_doubled),
     "by pyrender": Condition(renderer="pyrender", part=Surface(STEEL, 0.15, gloss=0.6)),
     "no start, 60 deg": Condition(search="range"),
     "no start, anywhere": Condition(search="sphere"),
@@ -187,14 +187,14 @@ def mesh_of(name: str, data: Path | None, fine: bool) -> Mesh:
     return load(data / "cad_nist_ctc" / f"{name}_asme1_ap203.stp", chordal_tolerance_mm=0.02 if fine else None)
 
 
-def case_of(name: str, k: int, seed: int, data: Path | None, folder: Path, starts: int) -> Case:
-    """Return the k-th case of a condition."""
+def case_of(name: str, k: int, seed: int, data: Path | None, folder: Path, starts: int, only: str = "") -> Case:
+    """Return the k-th case of a condition; only: of this part, not of one that is drawn."""
     chance = [seed, zlib.crc32(name.encode()), k]
     rng, condition = np.random.default_rng(chance), CONDITIONS[name]
     names = [*PARTS, *(f"nist_ctc_0{i}" for i in range(1, 6))] if data else list(PARTS)
     if condition.absent == "mirrored":
         names = [n for n in names if not its_own_mirror_image(mesh_of(n, data, False))]
-    which = names[int(np.random.default_rng(chance[:2]).permutation(len(names))[k % len(names)])]
+    which = only or names[int(np.random.default_rng(chance[:2]).permutation(len(names))[k % len(names)])]
     model, traced = mesh_of(which, data, False), mesh_of(which, data, True)
     camera = condition.camera(rng)
     middle, reach = model.bounds.mean(axis=0), float(np.linalg.norm(model.size_mm)) / 2
@@ -313,7 +313,7 @@ def _cable(part: Mesh, pose: Rigid, s: float, rng: np.random.Generator) -> Mesh:
 def picture_of(case: Case, folder: Path) -> Picture:
     """Return the case's picture as its file is read; the file is made if it is not there."""
     c = case.condition
-    path = folder / ("_".join(str(n) for n in case.seed) + c.suffix)
+    path = folder / ("_".join([case.name.split(": ")[1].replace(" ", "-"), *map(str, case.seed)]) + c.suffix)
     if not path.exists():
         camera_from_world = case.truth @ case.world_from_part.inv
         linear = (by_pyrender if c.renderer == "pyrender" else radiance)(case.stage, case.camera, camera_from_world)

@@ -177,7 +177,8 @@ def _paint(stage: Stage, surface: Surface, p: Array | Picture) -> Picture:
 def _met(stage: Stage, p: Picture, n: Picture, towards: Picture, reach: float) -> Mask:
     """Return which points have something before them on the way towards a direction within `reach` mm."""
     start = p + np.float32(_CLEAR * stage.size) * n
-    return np.asarray(stage.caster.first_hit(start, towards, np.full(len(p), reach, np.float32)) >= 0)
+    origins, directions = (np.asarray(a, np.float32).view(np.ndarray) for a in (start, towards))
+    return np.asarray(stage.caster.first_hit(origins, directions, np.full(len(p), reach)) >= 0)
 
 
 def by_pyrender(stage: Stage, camera: Camera, camera_from_world: Rigid) -> Picture:

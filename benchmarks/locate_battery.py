@@ -104,6 +104,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1, help="of all that is drawn (default %(default)s)")
     parser.add_argument("--parts", type=int, default=2, help="pictures of a condition (default %(default)s)")
     parser.add_argument("--starts", type=int, default=3, help="rough starts of a picture (default %(default)s)")
+    parser.add_argument("--part", default="", help="take this part alone (default: drawn)")
     parser.add_argument("--only", nargs="+", choices=CONDITIONS, help="these conditions (default: all)")
     parser.add_argument("--keep", type=Path, help="folder to keep the pictures in, and to take those that are there")
     parser.add_argument("--list", action="store_true", help="tell every start that is not right and found, in words")
@@ -114,7 +115,7 @@ def main() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         for name in a.only or CONDITIONS:
             for k in range(a.parts):
-                case = case_of(name, k, a.seed, a.data, folder, a.starts)
+                case = case_of(name, k, a.seed, a.data, folder, a.starts, a.part)
                 try:
                     photo = Photo.of(picture_of(case, folder), case.camera)
                 except MissingExtra as error:

@@ -52,3 +52,12 @@ def test_edges_that_all_scatter_outvote_nothing(rng: np.random.Generator) -> Non
 
 def test_where_all_edges_agree_nothing_is_tried(rng: np.random.Generator) -> None:
     assert agreed(fitted(np.zeros(GROUPS), rng)) == []
+
+
+def test_the_motion_that_moves_no_edge_far_is_among_those_tried(rng: np.random.Generator) -> None:
+    """A third of the edges, any of them, is off by 2 px to one side; others may be put right by motions farther off."""
+    for _ in range(5):
+        loose = fitted(np.where(rng.permutation(GROUPS) % 3 == 0, 2.0, 0.0), rng)
+        poses = agreed(loose)
+        assert 1 <= len(poses) <= 2
+        assert moved_px(poses[-1]) < 6 * SIGMA

@@ -146,10 +146,17 @@ def judged(
     other = stretched(sights, world_from_part, B)
     if other.by < _OTHER:
         return first
-    second = seen(other.sights, other.world_from_part, constraints=constraints, scatter=scatter)
-    unexcused = replace(first, hidden=0.0)
-    gain = replace(second, free=first.free, scatter=first.scatter, hidden=0.0, color=first.color).net - unexcused.net
-    return replace(unexcused, gain=gain, proportions=str(other)) if gain > 0 else first
+    poses = ((sights, world_from_part), (other.sights, other.world_from_part))
+    asked = [seen(_alone(s), pose, constraints=constraints, scatter=scatter) for s, pose in poses]
+    alike = [replace(a, free=first.free, scatter=first.scatter, hidden=0.0, color=first.color).net for a in asked]
+    gain = alike[1] - alike[0]
+    return replace(first, hidden=0.0, gain=gain, proportions=str(other)) if gain > 0 else first
+
+
+def _alone(sights: Sequence[Sight]) -> list[Sight]:
+    """Return sights with the lines that have room of their own: of thin plates a stretch may meet the other border."""
+    rooms = [np.minimum(s.samples.below, s.samples.above) for s in sights]
+    return [s.select(room >= ROOM_PX) for s, room in zip(sights, rooms, strict=True)]
 
 
 def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, scatter: float) -> Seen:

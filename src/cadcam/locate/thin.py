@@ -19,10 +19,10 @@ _THIN_PX = 1.5  # between the borders of a plate: the filter that looks for step
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Strips:
-    """What samples (n,) lie on, px: how far along the normal the middle of a thin plate is whose border they are, half
+    """What samples (n,) lie on, px: the thin plate whose border they are, or a line by itself, without thickness.
 
-    of its thickness, and how far from that middle, beyond the plate, the next line is. Lines by themselves are plates
-    without thickness.
+    middle: how far along the normal the middle of the plate lies; half: of its thickness; room: how far from that
+    middle, beyond the plate, the next line is.
     """
 
     middle: Array
