@@ -52,9 +52,7 @@ def test_a_crate_of_sheets_seen_from_afar_is_found_where_it_is_and_nowhere_else(
     sight = drawn(rng)
     samples = sight.samples
     here = seen([sight], POSE, constraints=6, scatter=0.05)
-    lone = seen(
-        [sight.select(np.minimum(samples.below, samples.above) >= ROOM_PX)], POSE, constraints=6, scatter=0.05
-    )
+    lone = seen([sight.select(np.minimum(samples.below, samples.above) >= ROOM_PX)], POSE, constraints=6, scatter=0.05)
     assert here.free < 0.6 * lone.free
     assert here.quality > max(0.6, lone.quality)
     for shift in ((6.0, 0.0), (0.0, 7.0), (-9.0, 5.0)):
