@@ -90,7 +90,7 @@ def trials(case: Case, others: Sequence[Case], rng: np.random.Generator) -> Iter
     noise = 0.5 + 0.05 * rng.standard_normal(photo.gray.shape)
     yield Trial("empty", part, _with(photo, np.clip(noise, 0, 1)), start(5, 3), False)
     if case.name not in REAL:
-        if not _its_own_mirror_image(part.scene.mesh):
+        if not its_own_mirror_image(part.scene.mesh):
             yield Trial("mirrored", part, _with(photo, pixels[:, ::-1]), truth, False)
         yield Trial("upside down", part, _with(photo, pixels[::-1, ::-1]), truth, False)
     for factor in (0.7, 1.4):
@@ -158,7 +158,7 @@ def vertex_set_error(case: Case, pose: Rigid) -> float:
     return float(max(d.min(axis=0).max(), d.min(axis=1).max()))
 
 
-def _its_own_mirror_image(mesh: Mesh) -> bool:
+def its_own_mirror_image(mesh: Mesh) -> bool:
     """Return whether a mesh looks the same mirrored along one of its axes: then its mirrored photo shows it."""
     from scipy.spatial import cKDTree
 

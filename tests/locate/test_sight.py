@@ -9,6 +9,7 @@ from scipy.ndimage import gaussian_filter
 from cadcam.cad.parts.shape import circle, prism
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
+from cadcam.image.sensor.light import Blur
 from cadcam.locate.cells import Cells, measure
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -42,3 +43,22 @@ def test_the_border_of_a_disc_is_measured_where_it_is(radius: float) -> None:
     outward = np.sign(((at.q - CAMERA.principal_point) * at.normal).sum(axis=1))
     assert found.usable.mean() > 0.9
     assert abs(np.mean((outward * found.offset)[found.usable])) < 0.018
+
+
+@pytest.mark.parametrize("defocus", [2.0, 3.0])
+def test_a_wide_blur_is_told_by_wide_cells(defocus: float) -> None:
+    """Across cells of 4.5 px a disc of blur of 3 px is a slope, which the widest blur that is tried fits best, 3.5 px.
+
+    A uniform disc of radius r spreads by r / 2 along any direction, the pixel and 0.5 px beside it: 1.18 and 1.61 px.
+    """
+    part = Part.of(prism([(-40, -30), (40, -30), (40, 30), (-40, 30)], 0, 40, name="block"))
+    pose = Rigid(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, CAMERA.fx + 40]))
+    x, y = ((np.arange(FINE * n) + 0.5) / FINE - 0.5 for n in CAMERA.size)
+    cx, cy = CAMERA.principal_point
+    inside = (np.abs(x - cx) < 40) & (np.abs(y[:, None] - cy) < 30)
+    fine = gaussian_filter(0.2 + 0.5 * inside, 0.5 * FINE)
+    sharp = fine.reshape(120, FINE, 160, FINE).mean(axis=(1, 3)).astype(np.float32)
+    gray = Blur(0.0, defocus).apply(sharp, np.random.default_rng(0))
+    sight = Sight.of(part, Photo.of(gray, CAMERA), pose, step_px=4.0, reach_px=9.0)
+    spread = np.sqrt(0.25 + 1 / 12 + defocus**2 / 4)
+    assert sight.blur(sight.project(pose), half_length=2.0, reach_px=4.5) == pytest.approx(spread, rel=0.25)

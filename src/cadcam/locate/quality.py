@@ -45,6 +45,7 @@ from cadcam.locate.chequers import along_chequers
 from cadcam.locate.proportions import stretched
 from cadcam.locate.shown import ROOM_PX, near_px, shown
 from cadcam.locate.sight import Sight, in_noise
+from cadcam.locate.thin import Strips
 from cadcam.locate.worth import distinct_lines, worth_of_lines, worth_of_stretches
 
 SEARCHED = 3  # constraints that the best of all poses of a part in a photo meets without it
@@ -155,10 +156,17 @@ def judged(
     other = stretched(sights, world_from_part, B)
     if other.by < _OTHER or (bands and other.moved_px(sights, world_from_part) < FARTHEST_PX):
         return first
-    second = seen(other.sights, other.world_from_part, constraints=constraints, scatter=scatter)
-    unexcused = replace(first, hidden=0.0)
-    gain = replace(second, free=first.free, scatter=first.scatter, hidden=0.0, color=first.color).net - unexcused.net
-    return replace(unexcused, gain=gain, proportions=str(other)) if gain > 0 else first
+    poses = ((sights, world_from_part), (other.sights, other.world_from_part))
+    asked = [seen(_alone(s), pose, constraints=constraints, scatter=scatter) for s, pose in poses]
+    alike = [replace(a, free=first.free, scatter=first.scatter, hidden=0.0, color=first.color).net for a in asked]
+    gain = alike[1] - alike[0]
+    return replace(first, hidden=0.0, gain=gain, proportions=str(other)) if gain > 0 else first
+
+
+def _alone(sights: Sequence[Sight]) -> list[Sight]:
+    """Return sights with the lines that have room of their own: of thin plates a stretch may meet the other border."""
+    rooms = [np.minimum(s.samples.below, s.samples.above) for s in sights]
+    return [s.select(room >= ROOM_PX) for s, room in zip(sights, rooms, strict=True)]
 
 
 def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, scatter: float) -> Seen:
@@ -168,7 +176,8 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, s
     edges are off as a whole.
     """
     near = near_px(sights, scatter)
-    asked = (s.thinned(_ASKED // len(sights), together=_TOGETHER, room_px=ROOM_PX) for s in sights)
+    most = _ASKED // len(sights)
+    asked = (s.thinned(most, together=_TOGETHER, among=Strips.of(s.samples).room >= ROOM_PX) for s in sights)
     photos = [_in_photo(s, world_from_part, near, constraints) for s in asked]
     n = max(sum(p.samples for p in photos), 1)
     extent = max((p.extent for p in photos), default=0.0)
@@ -210,9 +219,10 @@ def _in_photo(sight: Sight, world_from_part: Rigid, near: float, constraints: in
     n, body = len(which), samples.part[which]
     if not n:
         return _InPhoto(body, np.zeros(0, bool))
-    q, normal, run = at.q[which], at.normal[which], samples.run[which]
+    strips, normal, run = Strips.of(samples.select(which)), at.normal[which], samples.run[which]
+    q = at.q[which] + strips.middle[:, None] * normal
     lines, length = distinct_lines(q, run)
-    here, share = shown(sight, q, normal, run, np.minimum(samples.below, samples.above)[which], near)
+    here, share = shown(sight, q, normal, run, strips.room, near + strips.half)
     crossed = here & along_chequers(sight.photo.gray, q, normal, run)
     here, share[0] = here & ~crossed, max(share[0] - crossed.mean(), 0.0)
     worth = worth_of_lines(length)

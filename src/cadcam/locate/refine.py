@@ -222,11 +222,10 @@ class _Task:
         if answer.solution is not None and _away(sights, answer.solution.pose):
             pose = answer.solution.pose
             answer = self.measured(self.sights(pose, sights), pose)
-        closer = agreed(answer.solution) if self.wider and answer.solution is not None else None
-        if closer is None:
-            return answer
-        other = self.measured(self.sights(closer, answer.sights), closer)
-        return other if other.better_than(answer) else answer
+        for closer in agreed(answer.solution) if self.wider and answer.solution is not None else ():
+            other = self.measured(self.sights(closer, answer.sights), closer)
+            answer = other if other.better_than(answer) else answer
+        return answer
 
     def measured(self, sights: Sequence[Sight], pose: Rigid) -> _Answer:
         """Return what the measurement of a pose close by finds.

@@ -36,11 +36,11 @@ def near_px(sights: Sequence[Sight], scatter: float) -> float:
     return _NEAR_PX[0] if in_noise(sights) else float(np.clip(_SCATTERS * scatter, *_NEAR_PX))
 
 
-def shown(sight: Sight, q: Array, normal: Array, run: Ids, room: Array, near: float) -> tuple[Mask, Array]:
+def shown(sight: Sight, q: Array, normal: Array, run: Ids, room: Array, near: Array) -> tuple[Mask, Array]:
     """Return which samples (n,) show an edge, and the share that does in place and after each shift.
 
-    q, normal (n, 2), run (n,): where and on which lines they lie; room (n,) px: to the next line. near: as of
-    `near_px`. Samples near which there is no step at all count half.
+    q, normal (n, 2), run (n,): where and on which lines they lie; room (n,) px: to the next line. near (n,) px:
+    how near its step must be (`near_px`). Samples near which there is no step at all count half.
     """
     room = np.minimum(room - _OTHERS_PX, _REACH)
     places = (q + _SHIFTS[:, None]).reshape(-1, 2)
@@ -51,7 +51,9 @@ def shown(sight: Sight, q: Array, normal: Array, run: Ids, room: Array, near: fl
     offset = np.abs(found.offset).reshape(len(_SHIFTS), len(q), -1)
     slope = np.where(offset <= room[:, None], np.abs(found.slope).reshape(offset.shape), 0.0)
     strongest = slope.max(axis=2)
-    close = (offset < np.hypot(near, sd).reshape(offset.shape)) & (slope > _FAINT * strongest[:, :, None])
+    close = (offset < np.hypot(np.tile(near, len(_SHIFTS))[:, None], sd).reshape(offset.shape)) & (
+        slope > _FAINT * strongest[:, :, None]
+    )
     best = np.argmax(np.where(close, slope, 0.0), axis=2).ravel() + np.arange(len(places)) * offset.shape[2]
     at, sign, sd = found.offset.ravel()[best], np.sign(found.slope.ravel()[best]), sd.ravel()[best]
     good, at, sign, sd = (a.reshape(len(_SHIFTS), -1) for a in (close.ravel()[best], at, sign, sd))

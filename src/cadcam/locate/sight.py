@@ -19,6 +19,7 @@ from cadcam.render.wireframe import LineOptions
 Longs = npt.NDArray[np.int64]
 _LINES = LineOptions(margin_px=0.0)
 _STRONG = 240  # cells that tell the blur
+_TELLING, _ENOUGH = 3.0, 12  # blurs that a cell must reach to tell which it is; wide cells that are enough
 _FAINT = 0.4  # of the strongest slope nearby: weaker ones are no edges
 
 
@@ -52,9 +53,9 @@ class Sight:
         apart = apart[np.isfinite(apart)]
         return quantile(apart, 0.9) if len(apart) else 0.0
 
-    def thinned(self, most: int, *, together: int = 1, room_px: float = 0.0) -> Sight:
-        """Return the sight with about `most` of its samples that have room, `together` neighbours at a time."""
-        some = np.flatnonzero(np.minimum(self.samples.below, self.samples.above) >= room_px)
+    def thinned(self, most: int, *, together: int = 1, among: Mask | None = None) -> Sight:
+        """Return the sight with about `most` of its samples, or of those chosen, `together` neighbours at a time."""
+        some = np.arange(len(self.samples)) if among is None else np.flatnonzero(among)
         n = len(some)
         return self.select(some[np.arange(n) // together % max(1, round(n / most)) == 0])
 
@@ -79,7 +80,19 @@ class Sight:
         )
 
     def blur(self, at: Projected, *, half_length: float, reach_px: float) -> float:
-        """Return the blur of the photo's steps (px), from the strongest of the part's lines."""
+        """Return the blur of the photo's steps (px), from the strongest of the part's lines.
+
+        A cell that is not much wider than a step shows nothing but a slope, which any larger blur fits as well: where
+        the blur seems to be large, wider cells are asked, if there is room for them.
+        """
+        blur, _ = self._blur(at, half_length, reach_px)
+        if blur <= reach_px / _TELLING:
+            return blur
+        wide, cells = self._blur(at, half_length, 2 * reach_px)
+        return wide if cells >= _ENOUGH else blur
+
+    def _blur(self, at: Projected, half_length: float, reach_px: float) -> tuple[float, int]:
+        """Return the blur, and from how many cells that reach so far."""
         free = np.flatnonzero(np.minimum(self.samples.below, self.samples.above) >= reach_px)
         found = self.candidates(at.q[free], at.normal[free], half_length=half_length, reach=2, most=1)
         strength = np.nan_to_num(np.abs(found.slope[:, 0]))
@@ -87,7 +100,7 @@ class Sight:
         best = best[strength[best] > 0]
         q = at.q[free[best]] + found.offset[best] * at.normal[free[best]]
         reach = np.full(len(best), reach_px - 1.0)
-        return blur_of(self.photo.gray, q, at.normal[free[best]], reach=reach, half_length=half_length)
+        return blur_of(self.photo.gray, q, at.normal[free[best]], reach=reach, half_length=half_length), len(best)
 
 
 def in_noise(sights: Sequence[Sight]) -> bool:

@@ -1,0 +1,334 @@
+"""The cases of benchmarks/locate_battery.py: conditions, and what each seed draws for them."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+
+from battery_pictures import Stage, Surface, by_pyrender, radiance
+from cadcam.arrays import Array, Picture
+from cadcam.cad.load import load
+from cadcam.cad.mesh import Mesh, merge
+from cadcam.cad.parts import calibration_bench, machined_bracket, ship_block
+from cadcam.cad.parts.shape import box, circle, extruded, filled, prism, tube
+from cadcam.cad.write import write
+from cadcam.camera.camera import Camera
+from cadcam.camera.lens import BrownConrady, Fisheye
+from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rotation import exp
+from cadcam.image.picture import read_picture, to_gray, write_picture
+from cadcam.image.sensor.charge import Noise
+from cadcam.image.sensor.light import Blur, Motion, Vignetting
+from cadcam.image.sensor.sensor import Sensor
+from cadcam.image.sensor.video import EdgeEnhancement, Gain, Gamma
+from cadcam.locate.part import Part
+from cadcam.locate.view_range import ViewRange
+from cadcam.render.light import Lamp
+from quality import its_own_mirror_image
+
+WHITE = 0.9  # of the brightest hundredth of a picture
+QUIET = Noise(12_000, 20)
+STEEL, DARK = (0.5, 0.5, 0.5), (0.07, 0.07, 0.07)
+PLAIN, GROUND = Surface(STEEL, 0.06), Surface((0.3, 0.3, 0.3), 0.15)
+
+
+def flange() -> Mesh:
+    """Return a plate with six holes and a rim, and a slot that leaves it one pose only."""
+    holes = [circle((34 * np.cos(a), 34 * np.sin(a)), 4.5, 96) for a in np.arange(6) * np.pi / 3]
+    slot = np.array([(-6, -14), (14, -14), (14, -6), (-6, -6)], float)
+    plate = extruded([filled(circle((0, 0), 46, 384), [*holes, slot])], 0, 9, name="flange", color=None)
+    ring = extruded([filled(circle((0, 3), 20, 256), [circle((0, 3), 15, 256)])], 9, 26, name="rim", color=None)
+    return merge([plate, ring])
+
+
+def step_block() -> Mesh:
+    """Return a stepped and bevelled block of few edges."""
+    outline = np.array([(0, 0), (90, 0), (90, 22), (52, 22), (40, 48), (0, 48)], float)
+    return prism(outline, 0, 38, name="block")
+
+
+PARTS: dict[str, Callable[[], Mesh]] = {
+    "bracket": partial(machined_bracket, sides=96),
+    "ship block": partial(ship_block, triangles=8000, size=(2400.0, 2000.0, 1200.0)),
+    "bench": calibration_bench,
+    "flange": flange,
+    "step block": step_block,
+}
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What is special: all else is drawn plainly. hidden: share of the part behind a box; cut: outside the picture."""
+
+    camera: Callable[[np.random.Generator], Camera] = lambda rng: Camera.from_focal((800, 600), rng.uniform(800, 1500))
+    size: tuple[float, float] = (0.45, 0.75)  # of the part's diagonal over the picture's shorter side
+    part: Surface = PLAIN
+    ground: Surface = GROUND
+    lamps: int = 3
+    ambient: float = 0.45
+    hidden: float = 0.0
+    cable: bool = False
+    clutter: int = 3
+    cut: float = 0.0
+    sensor: Sensor = field(default_factory=lambda: Sensor(noise=QUIET))
+    color: bool = False
+    suffix: str = ".png"
+    model: Callable[[Mesh, Path], Mesh] = lambda mesh, folder: mesh
+    renderer: str = "own"
+    search: str = ""  # "range": without a start in a declared range; "sphere": from anywhere
+    absent: str = ""  # what is before the camera instead: "part", "mirrored"
+
+
+def _sensor(**effects: object) -> Sensor:
+    return Sensor(**{"noise": QUIET, **effects})  # type: ignore[arg-type]
+
+
+def _written(unit: str, suffix: str) -> Callable[[Mesh, Path], Mesh]:
+    """Return what writes a model in a unit and reads it again."""
+    mm = {"m": 1000.0, "in": 25.4}[unit]
+
+    def round_trip(mesh: Mesh, folder: Path) -> Mesh:
+        path = folder / f"model_{unit}{suffix}"
+        write(mesh.scaled(1 / mm), path)
+        return load(path, unit=unit)
+
+    return round_trip
+
+
+def _doubled(mesh: Mesh, folder: Path) -> Mesh:
+    """Return the model as a file holds it that has the part twice in one place, as careless exports do."""
+    path = folder / "model_doubled.obj"
+    write(merge([mesh, mesh]), path)
+    return load(path, unit="mm")
+
+
+def _focal(size: tuple[int, int], field_deg: float, **more: object) -> Camera:
+    return Camera.from_focal(size, size[0] / 2 / np.tan(np.radians(field_deg) / 2), **more)  # type: ignore[arg-type]
+
+
+CONDITIONS: dict[str, Condition] = {
+    "plain": Condition(),
+    "wide, 90 deg": Condition(camera=lambda rng: _focal((960, 720), 90.0)),
+    "long lens, 6 deg": Condition(camera=lambda rng: _focal((800, 600), 6.0)),
+    "4 Mpx": Condition(camera=lambda rng: _focal((2400, 1700), 35.0)),
+    "640 x 480": Condition(camera=lambda rng: _focal((640, 480), 45.0)),
+    "principal point off": Condition(
+        camera=lambda rng: _focal((800, 600), 40.0, cx=400 + rng.uniform(120, 200), cy=300 - rng.uniform(80, 140))
+    ),
+    "aspect and skew": Condition(camera=lambda rng: _focal((800, 600), 40.0, fy=820.0, skew=rng.uniform(30, 60))),
+    "strong Brown-Conrady": Condition(
+        camera=lambda rng: _focal((800, 600), 65.0, lens=BrownConrady(-0.32, 0.13, 2e-3, -1.5e-3, -0.02))
+    ),
+    "fisheye": Condition(camera=lambda rng: Camera.from_focal((900, 900), 300.0, lens=Fisheye(0.03, -0.01, 2e-3, 0.0))),
+    "print and grain": Condition(
+        part=Surface(STEEL, 0.25, 6.0, 0.55), ground=Surface((0.35, 0.35, 0.35), 0.4, 8.0, 0.5)
+    ),
+    "glossy": Condition(part=Surface(STEEL, 0.05, gloss=0.8)),
+    "metal": Condition(part=Surface((0.6, 0.6, 0.6), 0.04, metal=0.75, gloss=0.3)),
+    "dark on dark": Condition(part=Surface(DARK, 0.1), ground=Surface((0.09, 0.09, 0.09), 0.15), clutter=4),
+    "low contrast": Condition(sensor=_sensor(gain=Gain(0.16, 0.45))),
+    "one hard lamp": Condition(lamps=1, ambient=0.12),
+    "even light": Condition(lamps=0, ambient=1.0),
+    "in colour": Condition(part=Surface((0.6, 0.2, 0.12), 0.08), ground=Surface((0.2, 0.28, 0.35), 0.25), color=True),
+    "a third hidden by a box": Condition(hidden=0.33),
+    "cables": Condition(cable=True),
+    "clutter": Condition(clutter=14, ground=Surface((0.3, 0.3, 0.3), 0.3, 8.0, 0.6)),
+    "a third outside": Condition(cut=0.33),
+    "JPEG 60": Condition(suffix=".jpg"),
+    "motion blur, 5 px": Condition(sensor=_sensor(motion=Motion((4.0, 3.0)))),
+    "out of focus, 3 px": Condition(sensor=_sensor(blur=Blur(0.0, 3.0))),
+    "vignetting": Condition(sensor=_sensor(vignetting=Vignetting(a2=-0.75))),
+    "gamma 1/2.2": Condition(sensor=_sensor(gamma=Gamma(1 / 2.2))),
+    "noise 6 %": Condition(sensor=_sensor(noise=Noise(600, 24))),
+    "sharpened": Condition(sensor=_sensor(edge_enhancement=EdgeEnhancement(0.6))),
+    "12-bit TIFF": Condition(suffix=".12.tif"),
+    "16-bit TIFF": Condition(suffix=".16.tif"),
+    "model in metres": Condition(model=_written("m", ".obj")),
+    "model in inches": Condition(model=_written("in", ".stl")),
+    "part there twice": Condition(model=_doubled),
+    "by pyrender": Condition(renderer="pyrender", part=Surface(STEEL, 0.15, gloss=0.6)),
+    "no start, 60 deg": Condition(search="range"),
+    "no start, anywhere": Condition(search="sphere"),
+    "no start, in clutter": Condition(search="range", clutter=14),
+    "no start, a third hidden": Condition(search="range", hidden=0.33),
+    "absent": Condition(absent="part", clutter=6),
+    "absent, no start": Condition(absent="part", clutter=6, search="range"),
+    "mirrored": Condition(absent="mirrored"),
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A part before a camera: where it is, what else stands there, and the starts."""
+
+    name: str
+    condition: Condition
+    part: Part
+    camera: Camera
+    truth: Rigid
+    world_from_part: Rigid
+    stage: Stage
+    starts: Sequence[Rigid | None]
+    views: ViewRange
+    seed: Sequence[int]
+
+
+@cache
+def mesh_of(name: str, data: Path | None, fine: bool) -> Mesh:
+    """Return a part; fine: as it is photographed, rounder than its model."""
+    if name in PARTS:
+        return machined_bracket(sides=384) if fine and name == "bracket" else PARTS[name]()
+    assert data is not None
+    return load(data / "cad_nist_ctc" / f"{name}_asme1_ap203.stp", chordal_tolerance_mm=0.02 if fine else None)
+
+
+def case_of(name: str, k: int, seed: int, data: Path | None, folder: Path, starts: int, only: str = "") -> Case:
+    """Return the k-th case of a condition; only: of this part, not of one that is drawn."""
+    chance = [seed, zlib.crc32(name.encode()), k]
+    rng, condition = np.random.default_rng(chance), CONDITIONS[name]
+    names = [*PARTS, *(f"nist_ctc_0{i}" for i in range(1, 6))] if data else list(PARTS)
+    if condition.absent == "mirrored":
+        names = [n for n in names if not its_own_mirror_image(mesh_of(n, data, False))]
+    which = only or names[int(np.random.default_rng(chance[:2]).permutation(len(names))[k % len(names)])]
+    model, traced = mesh_of(which, data, False), mesh_of(which, data, True)
+    camera = condition.camera(rng)
+    middle, reach = model.bounds.mean(axis=0), float(np.linalg.norm(model.size_mm)) / 2
+    turn = exp(rng.uniform(0, 2 * np.pi) * np.array([0, 0, 1.0]))  # stands as it was drawn, turned about the upright
+    world_from_part = Rigid(turn, -turn @ np.append(middle[:2], model.bounds[0, 2]))
+    pose = _view(condition, camera, world_from_part @ middle, reach, rng)
+    stage = _stage(condition, traced.transformed(world_from_part), pose, camera, reach, rng)
+    truth = pose @ world_from_part
+    from_part = truth @ middle
+    rough = [_start(camera, truth, from_part, rng) for _ in range(starts)]
+    up = world_from_part.inv.rotation @ np.array([0, 0, 1.0])
+    away = float(from_part[2])
+    ranged = ViewRange(axis=up, half_angle_deg=75.0, distance_mm=(0.7 * away, 1.4 * away))
+    views = {"": ViewRange(), "range": ranged, "sphere": ViewRange()}[condition.search]
+    part = Part.of(condition.model(model, folder))
+    given: list[Rigid | None] = [None] if condition.search else list(rough)
+    return Case(f"{name}: {which}", condition, part, camera, truth, world_from_part, stage, given, views, chance)
+
+
+def _view(condition: Condition, camera: Camera, middle: Array, reach: float, rng: np.random.Generator) -> Rigid:
+    """Return camera_from_world: from above, the part as large in the picture as asked for, wholly in it or cut."""
+    share = rng.uniform(*condition.size) * (1.5 if condition.cut else 1.0)
+    distance = 2 * reach * camera.fx / (share * min(camera.size)) + reach / 2
+    azimuth, elevation = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(20, 65))
+    away = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
+    pose = Rigid.look_at(middle + distance * away, middle)
+    roll = Rigid.exp(np.array([0, 0, 0, 0, 0, rng.uniform(-0.4, 0.4)]))
+    aside = 0.5 * (1 - share) * np.array(camera.size) * rng.uniform(-0.6, 0.6, 2)
+    if condition.cut:
+        aside = np.array([np.sign(rng.uniform(-1, 1)) * 0.5 * camera.width, 0.1 * camera.height])
+        aside[0] -= np.sign(aside[0]) * 0.12 * share * camera.height  # so that about a third of it lies outside
+    to = camera.unproject((np.array(camera.size) - 1) / 2 + aside)
+    turn = np.cross([0, 0, 1.0], to)
+    sine = np.linalg.norm(turn)
+    return Rigid(exp(turn / max(sine, 1e-12) * np.arctan2(sine, to[2]))) @ roll @ pose
+
+
+def _start(camera: Camera, truth: Rigid, middle: Array, rng: np.random.Generator) -> Rigid:
+    axis, aside = rng.standard_normal(3), rng.standard_normal(2)
+    turn = np.radians(rng.uniform(10, 20)) * axis / np.linalg.norm(axis)
+    shift = rng.uniform(20, 40) * aside / np.linalg.norm(aside) * middle[2] / camera.fx
+    depth = rng.choice([-1, 1]) * rng.uniform(0.05, 0.10) * middle
+    about = Rigid(translation=middle)
+    return Rigid(translation=np.append(shift, 0.0) + depth) @ about @ Rigid(exp(turn)) @ about.inv @ truth
+
+
+def _stage(
+    condition: Condition, part: Mesh, pose: Rigid, camera: Camera, reach: float, rng: np.random.Generator
+) -> Stage:
+    """Return the part on its table, with what stands around it and before it, in light."""
+    s = reach
+    ground = replace(condition.ground, grain_mm=condition.ground.grain_mm * s / 60)
+    own = replace(condition.part, grain_mm=condition.part.grain_mm * s / 60)
+    low, high = part.bounds
+    table = box((-7 * s, -7 * s, low[2] - 0.3 * s), (7 * s, 7 * s, low[2]), name="table")
+    things: list[tuple[Mesh, Surface]] = [(table, ground)]
+    if condition.absent != "part":
+        things.append((part, own))
+    for _ in range(condition.clutter):
+        half, angle = s * rng.uniform(0.1, 0.4, 3), rng.uniform(0, 2 * np.pi)
+        far = np.hypot(*np.maximum(-low, high)[:2]) + np.hypot(*half[:2]) + s * rng.uniform(0.0, 1.5)
+        level = float(rng.uniform(0.1, 0.75))
+        body = box((-half).tolist(), half.tolist(), name="box") if rng.random() < 0.6 else _can(half)
+        place = Rigid(
+            exp(np.array([0, 0, rng.uniform(0, np.pi)])), np.array([far * np.cos(angle), far * np.sin(angle), 0.0])
+        )
+        body = body.transformed(place)
+        body = body.transformed(Rigid(translation=np.array([0, 0, low[2] - body.bounds[0, 2]])))
+        things.append((body, Surface((level, level, level), 0.15, own.grain_mm)))
+    if condition.hidden:
+        things.append((_cover(part, pose, condition.hidden, s, rng), Surface((0.42, 0.42, 0.42), 0.1)))
+    if condition.cable:
+        things += [(_cable(part, pose, s, rng), Surface(DARK, 0.1)) for _ in range(2)]
+    lamps = tuple(
+        Lamp((*rng.uniform(-1, 1, 2), rng.uniform(0.6, 1.2)), rng.uniform(0.3, 0.8), rng.uniform(2, 15))
+        for _ in range(condition.lamps)
+    )
+    return Stage(
+        things,
+        lamps,
+        condition.ambient,
+        2 * s,
+        float(rng.uniform(0.05, 0.4)),
+        int(rng.integers(1 << 30)),
+        part.vertices,
+    )
+
+
+def _can(half: Array) -> Mesh:
+    return prism(circle((0, 0), half[0], 64), -half[2], half[2], name="can")
+
+
+def _cover(part: Mesh, pose: Rigid, share: float, s: float, rng: np.random.Generator) -> Mesh:
+    """Return a box near the part that has about this share of its corners behind it, as the camera sees them."""
+    p = pose @ part.vertices
+    m, angle = p[:, :2] / p[:, 2:], rng.uniform(0, 2 * np.pi)
+    along = np.array([np.cos(angle), np.sin(angle)])
+    border, near = np.quantile(m @ along, share), float(p[:, 2].min()) - 0.3 * s
+    half = np.array([0.5, 1.2, 0.1]) * s
+    across = np.array([-along[1], along[0]])
+    centre = near * np.append((border - half[0] / near) * along + (m.mean(axis=0) @ across) * across, 1.0)
+    turn = exp(np.array([0, 0, angle]))
+    return box((-half).tolist(), half.tolist(), name="cover").transformed(pose.inv @ Rigid(turn, centre))
+
+
+def _cable(part: Mesh, pose: Rigid, s: float, rng: np.random.Generator) -> Mesh:
+    """Return a cable across the view, before the part."""
+    middle = pose @ part.bounds.mean(axis=0)
+    t, angle = np.linspace(-1, 1, 80), rng.uniform(0, np.pi)
+    bow, aside = rng.uniform(-0.3, 0.3), rng.uniform(-0.4, 0.4)
+    line = np.stack([2.5 * t, bow * np.cos(2 * t) + aside, np.zeros(80)], axis=1) * s @ exp(np.array([0, 0, angle])).T
+    mesh = tube(line, np.array([0, 0, 1.0]), (0.05 * s, 0.02 * s), 24, name="cable", color=DARK)
+    return mesh.transformed(pose.inv @ Rigid(translation=middle * (1 - 1.3 * s / middle[2])))
+
+
+def picture_of(case: Case, folder: Path) -> Picture:
+    """Return the case's picture as its file is read; the file is made if it is not there."""
+    c = case.condition
+    path = folder / ("_".join([case.name.split(": ")[1].replace(" ", "-"), *map(str, case.seed)]) + c.suffix)
+    if not path.exists():
+        camera_from_world = case.truth @ case.world_from_part.inv
+        linear = (by_pyrender if c.renderer == "pyrender" else radiance)(case.stage, case.camera, camera_from_world)
+        clean = WHITE * linear / max(float(np.quantile(linear, 0.99)), 1e-6)
+        taken = c.sensor.apply(clean, rng=np.random.default_rng(case.seed))
+        taken = taken[:, ::-1] if c.absent == "mirrored" else taken
+        _write(path, taken if c.color else to_gray(taken))
+    return read_picture(path, full_scale=4095 if ".12." in path.name else None)
+
+
+def _write(path: Path, picture: Picture) -> None:
+    if path.suffix != ".tif":
+        write_picture(path, picture, quality=60)
+        return
+    import tifffile
+
+    white = 4095 if ".12." in path.name else 65535
+    tifffile.imwrite(path, np.round(np.clip(picture, 0, 1) * white).astype(np.uint16))
