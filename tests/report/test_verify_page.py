@@ -21,7 +21,9 @@ from cadcam.locate.photo import Photo
 from cadcam.record.export import read_records
 from cadcam.record.record import Source
 from cadcam.report.verify_json import Origin, verification_as_json
+from cadcam.report.verify_overlay import overlay_svg
 from cadcam.report.verify_page import verification_page, write_verification_page
+from cadcam.report.verify_words import to_do
 from cadcam.verify.judge import Verification, direction_words, verify
 from cadcam.verify.tolerance import Feature, Limit, Quantity, Selection, Tolerances
 from cadcam.verify.verdict import Verdict
@@ -78,6 +80,35 @@ def test_what_fails_is_named_with_its_size_and_labelled_with_what_was_judged(fou
     assert found[0].reason == f"rib <1> is {said} off its place, limit 0.5 mm"
     page = verification_page(found[0], [found[1]], ORIGIN)
     assert f"rib &lt;1&gt;: {said.replace('+-', '±')}" in page
+
+
+def test_the_page_says_first_what_to_do(found: tuple[Verification, Photo]) -> None:
+    """What failed before what is undecided, of which every limit has a remedy."""
+    page = verification_page(found[0], [found[1]], ORIGIN)
+    assert page.index("What to do") < page.index("What the photo shows")
+    assert to_do(found[0])[0] == ("Put back into place, or have it decided whether it can stay", ["rib <1>"])
+    small = Limit(Quantity.POSITION, 0.06)
+    strict = Tolerances((*ASKED.features, Feature("bracket", Selection("bracket"), (small,))))
+    again = verify(part(), [found[1]], at(Rigid(), 1.0), strict)
+    undecided = [j for j in again.judgements if j.verdict is Verdict.UNDECIDED]
+    assert undecided
+    said = {name: what for what, names in to_do(again) for name in names}
+    for j in undecided:
+        assert j.remedy
+        assert j.remedy[1:] in said[j.feature] or j.feature == "rib <1>"
+
+
+def test_an_arrow_is_not_drawn_for_what_nobody_can_see(found: tuple[Verification, Photo]) -> None:
+    """Ten micrometres, surely told, would be drawn a thousand times as long."""
+    seen = found[0].inspection
+    assert seen is not None
+    rib = seen.feature("rib <1>")
+    assert rib.displacement is not None
+    assert "arrows: displacements x" in overlay_svg(found[1], 0, seen)
+    tiny = replace(rib, displacement=replace(rib.displacement, value=0.005 * rib.displacement.value))
+    small = replace(seen, features=(tiny,))
+    assert "arrows: displacements x" not in overlay_svg(found[1], 0, small)
+    assert "rib &lt;1&gt;" in overlay_svg(found[1], 0, small)
 
 
 @pytest.mark.parametrize(

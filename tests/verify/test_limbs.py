@@ -20,6 +20,7 @@ from cadcam.render.view import Channel, Look
 from cadcam.verify.deviation import State
 from cadcam.verify.inspection import Inspection, inspect
 from cadcam.verify.limbs import limb_errors
+from cadcam.verify.shown import Shown
 from cadcam.verify.sightlines import sightlines
 from cadcam.verify.surroundings import surroundings
 
@@ -77,7 +78,7 @@ def test_a_displaced_roller_is_found_all_the_same(rng: np.random.Generator) -> N
 def test_a_limb_seen_outside_of_its_place_tells_and_one_seen_inside_does_not() -> None:
     """Two limbs of a roller, seen 2 px to the same side: one moved away from it, one into it."""
     lines, sights = sightlines(stand(), [Photo.of(np.zeros((360, 480), np.float32), CAMERA, POSE)], Rigid())
-    beside = surroundings(stand(), [s.photo for s in sights], Rigid(), lines)
+    beside = surroundings([s.photo for s in sights], [Shown.of(stand(), s.photo, POSE) for s in sights], lines)
     limbs = (lines.kind == EdgeKind.CONTOUR) & (lines.part == stand().scene.mesh.part_names.index("roller"))
     down = lines.normal[:, 1]  # of the picture
     errors = limb_errors(lines, beside, np.where(limbs, 2.0 * np.sign(down), np.nan))

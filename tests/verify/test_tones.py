@@ -17,6 +17,7 @@ from cadcam.verify.deviation import State
 from cadcam.verify.inspection import inspect
 from cadcam.verify.likeness import likenesses
 from cadcam.verify.redrawn import redrawn
+from cadcam.verify.shown import Shown
 from cadcam.verify.sightlines import STEP_PX, sightlines
 from cadcam.verify.surroundings import surroundings
 from cadcam.verify.survey import surveyed
@@ -28,12 +29,20 @@ from .scene import CAMERA, POSE, displaced, part, photo, photographed, plate
 SMALL = [name for name in plate().part_names if name != "plate"]
 
 
+def shown_in(shot: Photo) -> Shown:
+    return Shown.of(part(), shot, shot.viewpoint.camera_from_world)
+
+
+def tones_of(shot: Photo) -> Tones:
+    return Tones(part(), [shot], Rigid(), [shown_in(shot)])
+
+
 @pytest.mark.parametrize("name", SMALL)
 def test_a_body_has_its_own_tones_and_where_it_is_missing_those_behind_it(rng: np.random.Generator, name: str) -> None:
     """Surely, both ways: with 5 bodies in view 6.5 is enough for either."""
     body = plate().part_names.index(name)
-    assert Tones(part(), [photo(plate(), rng)], Rigid()).log_ratio(body) > 6.5
-    assert Tones(part(), [photo(displaced(name, None), rng)], Rigid()).log_ratio(body) < -6.5
+    assert tones_of(photo(plate(), rng)).log_ratio(body) > 6.5
+    assert tones_of(photo(displaced(name, None), rng)).log_ratio(body) < -6.5
 
 
 def test_a_shadow_on_a_body_does_not_make_it_missing(rng: np.random.Generator) -> None:
@@ -41,7 +50,7 @@ def test_a_shadow_on_a_body_does_not_make_it_missing(rng: np.random.Generator) -
     gray, body = photographed(plate(), rng), plate().part_names.index("block")
     its = open_renderer(part().scene).render(CAMERA, POSE, channels=Channel.PART).part == body
     dark = Photo.of(np.where(its, 0.66 * gray, gray).astype(np.float32), CAMERA, POSE)
-    assert Tones(part(), [dark], Rigid()).log_ratio(body) > -6.5
+    assert tones_of(dark).log_ratio(body) > -6.5
     assert State.MISSING not in {f.state for f in inspect(part(), [dark], Rigid()).features}
 
 
@@ -51,7 +60,7 @@ def test_a_body_that_is_gone_from_a_shadow_is_missing(rng: np.random.Generator) 
     its = open_renderer(part().scene).render(CAMERA, POSE, channels=Channel.PART).part == body
     shadow = binary_dilation(its, iterations=30)
     dark = Photo.of(np.where(shadow, 0.66 * gray, gray).astype(np.float32), CAMERA, POSE)
-    assert Tones(part(), [dark], Rigid()).log_ratio(body) < -2.0
+    assert tones_of(dark).log_ratio(body) < -2.0
     assert inspect(part(), [dark], Rigid()).feature("block").state is State.MISSING
 
 
@@ -59,7 +68,7 @@ def test_the_light_knows_to_which_side_an_edge_is_brighter(rng: np.random.Genera
     """Where it says so, the photo's own sides agree: noise alone would turn none of steps this large."""
     shot = photo(plate(), rng)
     lines, _ = sightlines(part(), [shot], Rigid())
-    way = surroundings(part(), [shot], Rigid(), lines).way
+    way = surroundings([shot], [shown_in(shot)], lines).way
     told = (way != 0) & (lines.room > 5.0)
     assert told.sum() > 30
     sides = [np.rint(lines.q[told] + t * lines.normal[told]).astype(int) for t in (-3.0, 3.0)]
@@ -71,7 +80,7 @@ def test_edges_that_step_the_other_way_are_not_taken(rng: np.random.Generator) -
     shot = photo(plate(), rng)
     lines, _ = sightlines(part(), [shot], Rigid())
     sights = [Sight.of(part(), shot, Rigid(), step_px=STEP_PX, reach_px=14.0, noise=noise_of(shot.gray))]
-    way = surroundings(part(), [shot], Rigid(), lines).way
+    way = surroundings([shot], [shown_in(shot)], lines).way
     right = nearby_edges(lines, sights, reach_px=1.5, way=way)
     wrong = nearby_edges(lines, sights, reach_px=1.5, way=-way)
     told = (way != 0) & (lines.room > 5.0)
@@ -104,7 +113,7 @@ def test_the_photo_looks_most_like_the_body_where_it_stands(rng: np.random.Gener
     for i, place in enumerate(places):
         by[i][body] = place
     guesses = [g for g in (redrawn(part(), b) for b in by) if g is not None]
-    found, without = likenesses([shot], Rigid(), guesses, body)
+    found, without = likenesses([shot], Rigid(), guesses, body, [shown_in(shot)])
     assert off[int(np.argmax(found))] < 1.5
     assert found.max() > without
 
@@ -115,7 +124,7 @@ def test_where_a_body_is_missing_the_photo_looks_most_like_the_part_without_it(r
     by[body] = 3.0, 3.0, 0.0
     moved = redrawn(part(), by)
     assert moved is not None
-    found, without = likenesses([shot], Rigid(), [part(), moved], body)
+    found, without = likenesses([shot], Rigid(), [part(), moved], body, [shown_in(shot)])
     assert without > found.max()
 
 
@@ -131,6 +140,6 @@ def test_a_body_of_another_tone_than_the_light_says_stays_where_its_borders_are(
     by = np.zeros((9, 5, 3))
     by[1:, body, :2] = 9.0 * np.stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)], axis=1)
     guesses = [g for g in (redrawn(part(), b) for b in by) if g is not None]
-    found, without = likenesses([shot], Rigid(), guesses, body)
+    found, without = likenesses([shot], Rigid(), guesses, body, [shown_in(shot)])
     assert np.argmax(found) == 0
     assert found[0] > without

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask, Picture
+from cadcam.arrays import Array, Ids, Mask, Picture, quantile
 from cadcam.locate.part import Part
 
 Longs = npt.NDArray[np.int64]
-_EVERY = 5  # px between the pixels that the light is fitted to
+EVERY = 5  # px between the pixels that the light is fitted to
 _ROUNDS = 8
 _PRIOR = 0.3  # sigma of the light's coefficients before anything is seen
 _LEAST_SCALE = 0.005  # brightness: a surface is never better known
@@ -55,7 +55,8 @@ class Light:
 
     def contrast(self, normal: Array, color: Ids) -> tuple[Array, Array]:
         """Return the change of brightness (N,) between surfaces, normals (N, 2, 3), colours (N, 2), and its sigma."""
-        gain = np.array([[self.gain.get(int(c), 0.0) for c in pair] for pair in color]).reshape(-1, 2)
+        colors, at = np.unique(color, return_inverse=True)
+        gain = np.array([self.gain.get(int(c), 0.0) for c in colors])[at.reshape(-1)].reshape(-1, 2)
         by = gain[..., None] * np.stack([_basis(normal[:, 0]), _basis(normal[:, 1])], axis=1)
         empty = np.where(color < 0, self.nothing, 0.0)
         change = by[:, 1] - by[:, 0]
@@ -68,12 +69,17 @@ def fitted_light(gray: Picture, normal: Array | Picture, color: Ids, *, without:
 
     Every surface counts once, however large it is: its pixels err together. without (H, W): pixels that do not count.
     """
-    few = slice(None, None, _EVERY)
+    few = slice(None, None, EVERY)
     g, n = (a.astype(np.float64) for a in (gray[few, few].ravel(), normal[few, few].reshape(-1, 3)))
     c = color[few, few].ravel()
     if without is not None:
         counts = ~without[few, few].ravel()
         g, n, c = g[counts], n[counts], c[counts]
+    return light_of(g, n, c)
+
+
+def light_of(g: Array, n: Array, c: Ids) -> Light:
+    """Return the light that explains brightnesses g (N,) of pixels with these normals n (N, 3) and colours c (N,)."""
     nothing = float(np.median(g[c < 0])) if (c < 0).any() else 0.5
     g, n, c, weight = _by_surface(g[c >= 0], n[c >= 0], c[c >= 0])
     gain = {int(k): 1.0 for k in np.unique(c)}
@@ -102,7 +108,7 @@ def _by_surface(g: Array, n: Array, c: Ids) -> tuple[Array, Array, Ids, Array]:
     """Return brightness, normal, colour and weight of surfaces: pixels of one colour and about one normal."""
     _, first, at, count = np.unique(surfaces(n, c), return_index=True, return_inverse=True, return_counts=True)
     order = np.argsort(at, kind="stable")
-    middle = np.array([np.median(part) for part in np.split(g[order], np.cumsum(count)[:-1])]) if len(g) else g
+    middle = np.array([quantile(part, 0.5) for part in np.split(g[order], np.cumsum(count)[:-1])]) if len(g) else g
     return middle, n[first], c[first], np.minimum(count / _FULL, 1.0)
 
 
@@ -121,7 +127,10 @@ def _basis(normal: Array) -> Array:
 
 def colors_of(part: Part, face: Ids) -> Ids:
     """Return the number (H, W) of each pixel's colour, equal colours having one; -1 where there is no face."""
-    scene = part.scene
-    _, number = np.unique(np.round(scene.colors, 3), axis=0, return_inverse=True)
-    paint = number.reshape(-1)[scene.paint]
-    return np.where(face >= 0, paint[np.maximum(face, 0)], -1).astype(np.int32)
+    return np.where(face >= 0, paints_of(part)[np.maximum(face, 0)], -1).astype(np.int32)
+
+
+def paints_of(part: Part) -> Ids:
+    """Return the number (F,) of each face's colour, equal colours having one."""
+    _, number = np.unique(np.round(part.scene.colors, 3), axis=0, return_inverse=True)
+    return np.asarray(number.reshape(-1)[part.scene.paint], np.int32)

@@ -107,7 +107,7 @@ def _judgement(j: Judgement) -> dict[str, Any]:
             "k": j.limit.k,
             "rule": j.limit.rule.value,
         }
-    return out | {"reason": j.reason}
+    return out | {"reason": j.reason} | ({"remedy": j.remedy} if j.remedy else {})
 
 
 def _feature(f: FeatureDeviation) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from cadcam.whole import write_whole
 NEGATIVE, ZERO, POSITIVE = np.array([0.0, 0.45, 0.70]), np.array([0.85, 0.85, 0.85]), np.array([0.84, 0.37, 0.0])
 MISSING, EXTRA, UNSEEN = "#cc2fa0", "#f0e442", "#9a9a9a"
 _CORNER = 0.5  # SVG counts from the corner of the top-left pixel
+_MOST_TIMES, _LEAST_ARROW = 100.0, 40  # arrows are drawn at most so much longer, and not shorter than width / 40
 _ARROW_SHARE = 0.09  # of the photo's width: the longest arrow
 _LABEL_SHARE, _LETTER = 1 / 32, 0.62  # of the photo's width: a label's height; of that: a wide font's letter
 _APART = 8.0  # px from a label to what it names
@@ -123,8 +124,9 @@ def _marks(photo: Photo, number: int, seen: Inspection, width: int, judgements: 
         if np.isfinite(q).all() and photo.camera.sees(q[0]):
             moves.append((f, q[0], q[1] - q[0]))
     longest = max((float(np.hypot(*d)) for _, _, d in moves), default=0.0)
-    times = max(_ARROW_SHARE * width / longest, 1.0) if longest > 0 else 1.0
-    out = [_arrow(q, times * d, width) for f, q, d in moves if f.state is State.DISPLACED]
+    times = min(max(_ARROW_SHARE * width / longest, 1.0), _MOST_TIMES) if longest > 0 else 1.0
+    arrows = [(q, times * d) for f, q, d in moves if np.hypot(*d) * times > width / _LEAST_ARROW]
+    out = [_arrow(q, d, width) for q, d in arrows]
     labels, placed = [], list[Array]()
     for f, q, d in moves:
         q = q.copy()
@@ -133,7 +135,7 @@ def _marks(photo: Photo, number: int, seen: Inspection, width: int, judgements: 
         placed.append(q)
         text = _label_text(f, judgements)
         labels.append(_label(q, text, width, leftwards=_leftwards(q, d, text, width)))
-    if longest > 0:
+    if arrows:
         scale = f"arrows: displacements x {times:.0f}"
         labels.append(_label(np.array([8.0, 0.97 * photo.camera.height]), scale, width, leftwards=False))
     if labels:

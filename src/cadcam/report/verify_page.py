@@ -20,6 +20,7 @@ from cadcam.report.verify_words import (
     role,
     rule_words,
     shares_in_words,
+    to_do,
     unclear_words,
     vector,
     weakest_direction,
@@ -27,9 +28,11 @@ from cadcam.report.verify_words import (
 from cadcam.verify.deviation import FeatureDeviation, State
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.judge import Verification
+from cadcam.verify.tolerance import Quantity
 from cadcam.verify.verdict import Judgement, Verdict
 from cadcam.whole import write_whole
 
+_PLAIN = "#555555"  # of a state that is neither good nor bad
 _HELD = "\u00a0"  # a space at which no line is broken
 _STYLE = """
 svg.photo{border-radius:6px;background:#000;margin:.5rem 0}
@@ -50,7 +53,7 @@ def write_verification_page(
 def verification_page(found: Verification, photos: Sequence[Photo], origin: Origin) -> str:
     """Return the report as one HTML document."""
     seen = found.inspection
-    parts = [_head(found, origin)]
+    parts = [_head(found, origin), _to_do(found)]
     if seen is not None and seen.found:
         parts += [
             _overlays(found, seen, photos),
@@ -73,6 +76,11 @@ def _head(found: Verification, origin: Origin) -> str:
         f'<header style="background:{COLORS[found.verdict]}"><h1>{escape(origin.part)}</h1>'
         f'<div class="verdict">{found.verdict.value}</div><p>{why}</p><p>{escape(where)}</p></header>'
     )
+
+
+def _to_do(found: Verification) -> str:
+    lines = [f"<li>{escape(what)}: <b>{escape(', '.join(names))}</b></li>" for what, names in to_do(found)]
+    return section("What to do", f"<ul>{''.join(lines)}</ul>") if lines else ""
 
 
 def _overlays(found: Verification, seen: Inspection, photos: Sequence[Photo]) -> str:
@@ -130,7 +138,9 @@ def _cells(j: Judgement) -> list[str]:
 def _features(found: Verification, seen: Inspection) -> str:
     heads = ("feature", "state", "edges seen", "displaced", "vector mm", "turned", "chance", "role")
     rows = "".join(
-        row(heads, [*_feature_cells(f), role(found, f)]) for f in seen.features if f.state is not State.OUT_OF_VIEW
+        row(heads, [*_feature_cells(f, _kept(found, f)), role(found, f)])
+        for f in seen.features
+        if f.state is not State.OUT_OF_VIEW
     )
     notes = [
         "Displacement against a pose fitted to the datum without the feature, ± 2 sigma, part axes, as far as the "
@@ -146,9 +156,16 @@ def _features(found: Verification, seen: Inspection) -> str:
     return section("Features", cards(heads, rows) + said)
 
 
-def _feature_cells(f: FeatureDeviation) -> list[str]:
-    colors = {State.DISPLACED: COLORS[Verdict.FAIL], State.MISSING: COLORS[Verdict.FAIL], State.IN_PLACE: "#00785a"}
-    state = f'<span class="tag" style="color:{colors.get(f.state, "#555555")}">{f.state.value}</span>'
+def _kept(found: Verification, f: FeatureDeviation) -> bool:
+    """Return whether a position limit of a feature is not exceeded: its displacement is then nothing to mend."""
+    told = [j for j in found.judgements if j.feature == f.name and j.limit.quantity is Quantity.POSITION]
+    return bool(told) and all(j.verdict is not Verdict.FAIL for j in told)
+
+
+def _feature_cells(f: FeatureDeviation, kept: bool) -> list[str]:
+    failed = COLORS[Verdict.FAIL]
+    colors = {State.DISPLACED: _PLAIN if kept else failed, State.MISSING: failed, State.IN_PLACE: "#00785a"}
+    state = f'<span class="tag" style="color:{colors.get(f.state, _PLAIN)}">{f.state.value}</span>'
     cells = [f"<b>{escape(f.name)}</b>", state, f"{f.presence.seen} of {f.presence.expected}"]
     if f.displacement is None:
         return [*cells, "", "", "", ""]

@@ -11,7 +11,7 @@ from cadcam.verify.deviation import FeatureDeviation, State
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.judge import Verification
 from cadcam.verify.tolerance import Quantity, Rule
-from cadcam.verify.verdict import SIMPLE_SHARE, Judgement
+from cadcam.verify.verdict import SIMPLE_SHARE, Judgement, Verdict
 
 CAUSE_WORDS = {
     "noise": "pixel noise",
@@ -51,6 +51,26 @@ def unclear_words(seen: Inspection) -> list[str]:
         if f.state is State.UNCLEAR and f.why is not None:
             why.setdefault(f.why.value, []).append(f.name)
     return [f"unclear, {', '.join(names)}: {reason}" for reason, names in why.items()]
+
+
+def to_do(found: Verification) -> list[tuple[str, list[str]]]:
+    """Return what a person should do about the verdict, and about which features: what failed first."""
+    out: dict[str, list[str]] = {}
+    for j in found.judgements:
+        if j.verdict is Verdict.FAIL:
+            out.setdefault(_wrong(j), []).append(j.feature)
+    for j in found.judgements:
+        if j.verdict is Verdict.UNDECIDED and j.remedy:
+            out.setdefault(f"{j.remedy[0].upper()}{j.remedy[1:]}", []).append(j.feature)
+    return [(what, list(dict.fromkeys(names))) for what, names in out.items()]
+
+
+def _wrong(j: Judgement) -> str:
+    if j.limit.quantity is Quantity.PRESENCE:
+        return "Mount what is missing"
+    if j.limit.quantity is Quantity.ANGLE:
+        return "Turn back, or have it decided whether it can stay"
+    return "Put back into place, or have it decided whether it can stay"
 
 
 def role(found: Verification, feature: FeatureDeviation) -> str:

@@ -127,6 +127,22 @@ class Adjustment:
             common = common + missed @ missed.T
         return Estimate(value, noise, common, HJ @ pose.covariance @ HJ.T, seen @ seen.T, misfit)
 
+    def mean(self, rows: Mask, design: Array, pose: FittedPose) -> tuple[Array, float]:
+        """Return the variances (4,) of `CAUSES`, and the value, of one u in its design (n,): as `estimate`, but quick.
+
+        It is asked of every piece of every edge.
+        """
+        errors, J = self.errors.of_rows(rows), self.J[rows]
+        weights = errors.white(design[:, None])[:, 0]
+        weights = weights / (weights @ design)
+        by_pose = weights @ J
+        value = float(weights @ self.offset[rows] - by_pose @ pose.xi)
+        common = errors.common(weights[None])
+        seen = weights @ self.C[rows] - by_pose @ pose.by_cause
+        noise = float((weights**2) @ errors.sigma**2)
+        variances = [noise, float((common**2).sum()), float(by_pose @ pose.covariance @ by_pose), float(seen @ seen)]
+        return np.array(variances), value
+
     def unlikeliness(self, rows: Mask, design: Array, pose: FittedPose, *, prior: float) -> float:
         """Return minus twice the logarithm of the likelihood of the offsets of `rows` (N,), up to a constant.
 

@@ -46,7 +46,7 @@ def tail_probability(value: Array, covariance: Array, dof: float) -> float:
 
     Hotelling's statistic against F(m, dof): with few edges, tails are wide.
     """
-    from scipy.stats import chi2, f
+    from scipy.special import chdtrc, fdtrc  # what scipy.stats wraps: that takes half a second to import
 
     if not len(value):
         return float("nan")
@@ -56,7 +56,9 @@ def tail_probability(value: Array, covariance: Array, dof: float) -> float:
     if m == 0:
         return float("nan")
     statistic = float((((V[:, known].T @ value) ** 2) / w[known]).sum())
-    return float(chi2.sf(statistic, m)) if not np.isfinite(dof) else float(f.sf(statistic / m, m, max(dof, 1.0)))
+    if not np.isfinite(dof):
+        return float(chdtrc(m, statistic))
+    return float(fdtrc(m, max(dof, 1.0), statistic / m))
 
 
 def either(p: float, other: float) -> float:

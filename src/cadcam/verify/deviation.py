@@ -35,8 +35,14 @@ class Unclear(Enum):
     LITTLE = "what is measured of its edges is too short to tell where it is: go closer, or take another view"
     POSE = "without it the pose is not known well enough: take more of the part into the picture"
     CALIBRATION = "the camera's calibration is too uncertain to tell: calibrate it better"
+    ASTRAY = "its edges are off, but no more of them than a shadow or dirt may move: other light, or another view"
     CONTRADICTS = "what its edges tell contradicts itself: take another view"
     FAR = "it seems to be farther from its place than was looked: look farther (--reach)"
+
+    @property
+    def remedy(self) -> str:
+        """Return what would help, without why."""
+        return self.value.rpartition(": ")[2]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

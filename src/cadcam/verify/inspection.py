@@ -16,11 +16,14 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.verify.alarms import AS_IN_PLACE, false_discoveries_below, surely_below, tail_probability
 from cadcam.verify.association import CAPTURE_PX
+from cadcam.verify.astray import Doubt, shares, side_by_side
 from cadcam.verify.deviation import EdgeDeviation, Extra, FeatureDeviation, State, Unclear
 from cadcam.verify.extra import unexplained
+from cadcam.verify.ground import uneven_edges
 from cadcam.verify.look import DOUBTFUL, OF_DISPLACED, Case, Look, looked, looked_again, sure
 from cadcam.verify.measured import Displacement, Measured, told
-from cadcam.verify.presence import Presence
+from cadcam.verify.presence import Presence, in_place_ratio
+from cadcam.verify.redrawn import off_px
 from cadcam.verify.survey import Survey, surveyed
 from cadcam.verify.tolerance import Tolerances, whole_parts
 from cadcam.verify.unclear import why_doubtful, why_untold
@@ -139,7 +142,9 @@ def _reported(case: Case, look: Look, options: InspectionOptions) -> Inspection:
     part, photos = look.drawn, case.photos
     survey, presence, measured = look.survey, look.presence, look.measured
     names = survey.names
-    features = _features(survey, presence, measured, options)
+    measured, doubts, p_values = _doubted(survey, measured, photos)
+    presence = _placed(survey, presence, measured)
+    features = _features(survey, presence, measured, doubts, p_values, options)
     edges = _edges(part, survey, measured, options)
     fitted = measured.adjustment.pose()
     by_calibration = fitted.by_cause @ fitted.by_cause.T
@@ -165,22 +170,74 @@ def _reported(case: Case, look: Look, options: InspectionOptions) -> Inspection:
     )
 
 
+def _doubted(survey: Survey, measured: Measured, photos: Sequence[Photo]) -> tuple[Measured, list[Doubt], list[float]]:
+    """Return what is measured without edges astray of features that are in place, each one's doubt, and its p-value."""
+    moved = [measured.moved(i) for i in range(len(measured.members))]
+    doubts = [Doubt.of(measured, i, doubted=not _elsewhere(survey, i, moved[i])) for i in range(len(moved))]
+    often = shares(doubts, measured, lambda: uneven_edges(survey, photos))
+    members, p_values = list(measured.members), []
+    for i, (found, doubt, share) in enumerate(zip(moved, doubts, often, strict=True)):
+        p_values.append(float("nan") if found is None else doubt.p_value(found.p_value, share))
+        if found is not None and share > 0 and doubt.in_place(found):
+            members[i], doubts[i], p_values[i] = doubt.kept, Doubt(doubt.edges), doubt.rest_p
+        elif share == 0:
+            doubts[i] = Doubt(doubt.edges)
+    return replace(measured, members=tuple(members), found={}), doubts, p_values
+
+
+def _elsewhere(survey: Survey, number: int, moved: Displacement | None) -> bool:
+    """Return whether a feature was drawn, and then measured, farther off than edges are taken for its own.
+
+    All pixels that it covers then say so, not a few edges alone.
+    """
+    part = survey.whole_part(number)
+    if part is None or not survey.by[part].any():
+        return False
+    drawn = off_px(survey, survey.members[number], survey.by[part])
+    return min(drawn, _px(survey, number, moved)) > CAPTURE_PX
+
+
+def _placed(survey: Survey, presence: Sequence[Presence], measured: Measured) -> list[Presence]:
+    """Return the evidence that features are there, with that of where those edges lie that are seen."""
+    out = []
+    for found, rows in zip(presence, measured.members, strict=True):
+        pose = measured.pose_without(rows) if rows.any() and found.log_ratio > 0 else None
+        if pose is None:
+            out.append(found)
+            continue
+        worst = []
+        for group in side_by_side(measured, rows):
+            its = [group & (measured.lines.edge == e) for e in np.unique(measured.lines.edge[group])]
+            told = [measured.across_px(edge, pose) for edge in its]
+            worst.append(max(told, key=lambda t: abs(t[0]) / t[1]))
+        offset, sigma = np.array(worst).T
+        more = in_place_ratio(offset, sigma, survey.clutter)
+        out.append(replace(found, log_ratio=found.log_ratio + more))
+    return out
+
+
 def _features(
-    survey: Survey, presence: Sequence[Presence], measured: Measured, options: InspectionOptions
+    survey: Survey,
+    presence: Sequence[Presence],
+    measured: Measured,
+    doubts: Sequence[Doubt],
+    p_values: Sequence[float],
+    options: InspectionOptions,
 ) -> tuple[FeatureDeviation, ...]:
     enough = sure(presence, options.alarms)
-    moved = [measured.displacement(members) for members in measured.members]
-    p_values = [np.nan if m is None else m.p_value for m in moved]
     alarms = surely_below(p_values, OF_DISPLACED * options.alarms)
     out = []
     for i in range(len(survey.names)):
-        state, why = _state(presence[i], moved[i], bool(alarms[i]), enough, near=_px(survey, i, moved[i]) <= CAPTURE_PX)
-        if state in (State.DISPLACED, State.IN_PLACE) and _beyond(survey, i, moved[i], options):
+        found, alarm = measured.moved(i), bool(alarms[i])
+        state, why = _state(presence[i], found, alarm, enough, near=_px(survey, i, found) <= CAPTURE_PX)
+        if state in (State.DISPLACED, State.IN_PLACE) and _beyond(survey, i, found, options):
             state, why = State.UNCLEAR, Unclear.FAR
+        if state is State.IN_PLACE and doubts[i].gone:
+            state, why = State.UNCLEAR, Unclear.ASTRAY
         if state is State.UNCLEAR and why is None:
-            why = why_untold(survey, measured, i, moved[i])
-        said = moved[i] if state is State.DISPLACED else _believed(moved[i])
-        out.append(replace(_feature(i, state, presence[i], said, measured, survey), why=why))
+            why = why_untold(survey, measured, i, found)
+        said = found if state is State.DISPLACED else _believed(found)
+        out.append(replace(_feature(i, state, presence[i], said, measured, survey), p_value=p_values[i], why=why))
     return tuple(out)
 
 
@@ -258,9 +315,11 @@ def _feature(
 
 def _edges(part: Part, survey: Survey, measured: Measured, options: InspectionOptions) -> tuple[EdgeDeviation, ...]:
     out = [_edge(part, survey, measured, int(e)) for e in np.unique(survey.lines.edge[survey.usable])]
-    from scipy.stats import t
+    from scipy.special import stdtr
 
-    p_values = [2 * t.sf(abs(e.value) / e.sigma, measured.dof) if np.isfinite(e.sigma) else np.nan for e in out]
+    p_values = [
+        2 * float(stdtr(measured.dof, -abs(e.value) / e.sigma)) if np.isfinite(e.sigma) else np.nan for e in out
+    ]
     alarms = false_discoveries_below(p_values, options.alarms)
     return tuple(replace(e, off=bool(alarm)) for e, alarm in zip(out, alarms, strict=True))
 

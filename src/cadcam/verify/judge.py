@@ -21,6 +21,15 @@ from cadcam.verify.verdict import Judgement, Verdict, decided, overall, towards
 _NAN = float("nan")
 _NAMED = 3  # features that fail, in the one line for people
 _AXIS = 1e-9  # of a direction that may be off an axis by rounding
+_NEAR_AXIS = np.cos(np.radians(15.0))
+_ANOTHER_VIEW, _IN_VIEW = "take another view", "take a photo that shows it"
+_ALONG = "judge a direction, or add a photo from another side"
+_LESS_OF = {
+    "noise": "more light, or go closer",
+    "edges": "go closer, or take another view",
+    "pose": "take more of the part into the picture",
+    "calibration": "calibrate the camera better",
+}
 _DISAGREE = 9.0  # misfit from which edges do not tell one displacement
 
 
@@ -71,15 +80,27 @@ def judged(feature: Feature, seen: Inspection) -> list[Judgement]:
 def _judgement(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
     if limit.quantity is Quantity.PRESENCE:
         return _presence(name, limit, found, seen)
+    unclear = (found.why.value, found.why.remedy) if found.why else ("its edges do not tell where it is", _ANOTHER_VIEW)
     without = {
-        State.MISSING: (Verdict.NOT_FOUND, "it is missing: nothing of it to measure"),
-        State.OUT_OF_VIEW: (Verdict.UNDECIDED, "not in view"),
-        State.UNCLEAR: (Verdict.UNDECIDED, found.why.value if found.why else "its edges do not tell where it is"),
+        State.MISSING: (Verdict.NOT_FOUND, "it is missing: nothing of it to measure", ""),
+        State.OUT_OF_VIEW: (Verdict.UNDECIDED, "not in view", _IN_VIEW),
+        State.UNCLEAR: (Verdict.UNDECIDED, *unclear),
     }
     if found.state in without:
-        verdict, reason = without[found.state]
-        return Judgement(name, limit, _NAN, _NAN, verdict, reason)
-    return _QUANTITIES[limit.quantity](name, limit, found, seen)
+        verdict, reason, remedy = without[found.state]
+        return Judgement(name, limit, _NAN, _NAN, verdict, reason, remedy)
+    out = _QUANTITIES[limit.quantity](name, limit, found, seen)
+    if out.verdict is Verdict.UNDECIDED and not out.remedy:
+        return replace(out, remedy=_closer(found))
+    return out
+
+
+def _closer(found: FeatureDeviation) -> str:
+    """Return what makes a deviation surer that is too near to its limit: less of what makes most of its uncertainty."""
+    shares = found.shares
+    return "measure it more surely: " + _LESS_OF.get(
+        max(shares, key=lambda c: shares[c]) if shares else "", _ANOTHER_VIEW
+    )
 
 
 def _presence(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
@@ -89,8 +110,11 @@ def _presence(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection
         return Judgement(name, limit, _NAN, _NAN, Verdict.FAIL, f"missing: {said}")
     if p.log_ratio >= seen.passable:
         return Judgement(name, limit, _NAN, _NAN, Verdict.PASS, said)
-    why = "not in view" if p.expected == 0 else f"{said}: too few to be sure that these are its own; take another view"
-    return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, why)
+    if p.expected == 0:
+        return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, "not in view", _IN_VIEW)
+    remedy = found.why.remedy if found.why else _ANOTHER_VIEW
+    why = f"{said}: too few to be sure that these are its own: {remedy}"
+    return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, why, remedy)
 
 
 def _position(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
@@ -111,8 +135,8 @@ def _position(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection
         unseen = np.linalg.svd(found.seen)[0][:, -1] if found.seen.shape[1] else np.zeros(3)
         if one_photo and found.seen.shape[1]:
             unseen = np.cross(found.axis, found.seen[:, 0])
-        reason += f", but a displacement along {_vector(unseen)} would not show: judge a direction, or add a photo"
-        verdict = Verdict.UNDECIDED
+        reason += f", but a displacement {_towards(unseen)} would not show: {_ALONG}"
+        return Judgement(name, limit, found.size, sigma, Verdict.UNDECIDED, reason, _ALONG)
     return Judgement(name, limit, found.size, sigma, verdict, reason)
 
 
@@ -123,7 +147,7 @@ def _along(name: str, limit: Limit, seen: Inspection) -> Judgement:
     if moved is None:
         return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, "the photos do not show this direction")
     value, sigma = float(moved.estimate.value[0]), float(np.sqrt(moved.estimate.covariance[0, 0]))
-    said = f"along {direction_words(moved.basis[:, 0])}, none assumed across it"
+    said = f"measured along {direction_words(moved.basis[:, 0])}, as if it were in place across it"
     return Judgement(name, limit, value, sigma, decided(value, sigma, limit), said)
 
 
@@ -159,9 +183,9 @@ _QUANTITIES: dict[Quantity, Callable[[str, Limit, FeatureDeviation, Inspection],
 
 def together(k: float, n: int) -> float:
     """Return the coverage factor at which n independent values err, any of them, as rarely as one does at k."""
-    from scipy.stats import norm
+    from scipy.special import ndtr, ndtri
 
-    return float(norm.isf(-np.expm1(np.log1p(-norm.sf(k)) / n)))
+    return float(-ndtri(-np.expm1(np.log1p(-ndtr(-k)) / n)))
 
 
 def _why(verdict: Verdict, judgements: Sequence[Judgement]) -> str:
@@ -209,6 +233,13 @@ def direction_words(v: Sequence[float] | np.typing.NDArray[np.float64]) -> str:
     if np.abs(d).sum() - abs(d[axis]) < _AXIS * abs(d[axis]):
         return f"{'-' if d[axis] < 0 else ''}{'xyz'[axis]}"
     return _vector(d)
+
+
+def _towards(v: np.typing.NDArray[np.float64]) -> str:
+    """Return a direction (3,) that may as well be its opposite, for people: by the axis near it, or its components."""
+    axis = int(np.argmax(np.abs(v)))
+    d = v * (np.sign(v[axis]) or 1.0)
+    return f"nearly along {'xyz'[axis]}" if d[axis] >= _NEAR_AXIS * np.linalg.norm(d) else f"along {_vector(d)}"
 
 
 def _vector(v: np.typing.NDArray[np.float64]) -> str:

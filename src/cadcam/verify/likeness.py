@@ -11,21 +11,22 @@ by anything: their squared residuals are bounded, and each counts as a small par
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask, Picture
+from cadcam.arrays import Array, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import noise_of
-from cadcam.locate.light import Light, fitted_light, surfaces
+from cadcam.locate.light import Light
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.verify.tones import Drawn, Window
+from cadcam.verify.shown import Shown, Window
 
 Longs = npt.NDArray[np.int64]
 _RIM_PX = 4  # around a body's picture that counts too
-_BLUR_PX = 0.7  # of the photo, about
+_BLUR_PX, _BLURRED_PX = 0.7, 3  # of the photo, about; how far it reaches
 _WORST = 9.0  # squared sigmas that a pixel is off at most
 _TOGETHER = 12.0  # pixels that count as one
 _OWN_PX = 100  # of a surface that has its own tone
@@ -34,18 +35,19 @@ _ROUNDS = 3
 
 
 def likenesses(
-    photos: Sequence[Photo], world_from_part: Rigid, guesses: Sequence[Part], body: int
+    photos: Sequence[Photo], world_from_part: Rigid, guesses: Sequence[Part], body: int, shown: Sequence[Shown]
 ) -> tuple[Array, float]:
     """Return the log likelihoods (k,) of what the photos show where any of the guesses has a body, and that without it.
 
-    Up to a common constant. guesses: the part, that body drawn in several places.
+    Up to a common constant. guesses: the part, that body drawn in several places; shown: what the first of them shows
+    in each photo.
     """
     scores = np.zeros(len(guesses) + 1)
-    for photo in photos:
+    for photo, first in zip(photos, shown, strict=True):
         camera_from_part = photo.viewpoint.camera_from_world @ world_from_part
         window = _window(photo, camera_from_part, guesses, body)
         if window is not None:
-            scores += _in_photo(photo, camera_from_part, guesses, body, window)
+            scores += _in_photo(photo, camera_from_part, guesses, body, window, first)
     return scores[:-1], float(scores[-1])
 
 
@@ -64,69 +66,104 @@ def _window(photo: Photo, camera_from_part: Rigid, guesses: Sequence[Part], body
     return (slice(low[1], high[1]), slice(low[0], high[0])) if (high > low).all() else None
 
 
-def _in_photo(photo: Photo, camera_from_part: Rigid, guesses: Sequence[Part], body: int, window: Window) -> Array:
+def _in_photo(
+    photo: Photo, camera_from_part: Rigid, guesses: Sequence[Part], body: int, window: Window, first: Shown
+) -> Array:
     from scipy.ndimage import binary_dilation
 
-    drawn = [Drawn.of(part, photo, camera_from_part, window=window) for part in guesses]
-    drawn.append(Drawn.of(guesses[0], photo, camera_from_part, without=body, window=window))
-    covered = np.any([d.part == body for d in drawn], axis=0)
+    shown = [replace(first, face=first.face[window])]
+    shown += [Shown.of(part, photo, camera_from_part, window=window) for part in guesses[1:]]
+    shown.append(Shown.of(guesses[0], photo, camera_from_part, without=body, window=window))
+    covered = np.any([s.shows(body) for s in shown], axis=0)
     if not covered.any():
-        return np.zeros(len(drawn))
+        return np.zeros(len(shown))
     where = np.zeros(photo.gray.shape, bool)
     where[window] = binary_dilation(covered, iterations=_RIM_PX)
-    whole = Drawn.of(guesses[0], photo, camera_from_part)
-    light = fitted_light(photo.gray, whole.normal, whole.color, without=where)
-    noise = noise_of(photo.gray)
-    return np.array([_log_likelihood(d, photo.gray[window], where[window], light, noise) for d in drawn])
+    light, noise = first.light(photo, without=where), noise_of(photo.gray)
+    pixels = _Pixels.of(photo.gray[window].astype(np.float64), where[window])
+    return np.array([_log_likelihood(s, pixels, light, noise) for s in shown])
 
 
-def _log_likelihood(drawn: Drawn, gray: Picture, where: Mask, light: Light, noise: float) -> float:
-    """Return the log likelihood of the pixels `where` (h, w) of a window, up to a constant, whatever the tones are."""
-    from scipy.ndimage import gaussian_filter
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pixels:
+    """The pixels of a window that count, and those n around them that blur brings into them.
 
-    normal, color, part = drawn.normal.reshape(-1, 3), drawn.color.ravel(), drawn.part.ravel()
-    kind = surfaces(normal, color) * (int(part.max(initial=0)) + 2) + part  # of one surface and part, one number
-    _, first, at = np.unique(kind, return_index=True, return_inverse=True)
-    tone, V = light.brightness(normal[first], color[first])
-    nothing = color[first] < 0
+    shape: of the window; at (2, n): row and column, counts (n,): whether it counts itself; gray (n,).
+    """
+
+    shape: tuple[int, int]
+    at: Longs
+    counts: Mask
+    gray: Array
+
+    @classmethod
+    def of(cls, gray: Array, where: Mask) -> _Pixels:
+        """Return the pixels `where` (h, w) that count of a window, and those around them."""
+        from scipy.ndimage import maximum_filter
+
+        near = maximum_filter(where, 2 * _BLURRED_PX + 1)
+        at = np.array(np.nonzero(near))
+        return cls((where.shape[0], where.shape[1]), at, where[near], gray[near])
+
+    def blurred(self, value: Array) -> Array:
+        """Return values (n,) as the photo has them, blurred, of those that count."""
+        from scipy.ndimage import gaussian_filter
+
+        picture = np.zeros(self.shape)
+        picture[tuple(self.at)] = value
+        out = gaussian_filter(picture, _BLUR_PX, mode="nearest", radius=_BLURRED_PX)
+        return np.asarray(out[tuple(self.at)][self.counts])
+
+
+def _log_likelihood(shown: Shown, pixels: _Pixels, light: Light, noise: float) -> float:
+    """Return the log likelihood of the pixels that count, up to a constant, whatever the tones are."""
+    face = shown.face[tuple(pixels.at)]
+    of = shown.surface * (int(shown.part.max(initial=0)) + 2) + shown.part  # of one surface and part, one number
+    seen = np.flatnonzero(np.bincount(shown.face.ravel(), minlength=len(of)))
+    _, first, kind = np.unique(of[seen], return_index=True, return_inverse=True)
+    tone, V = light.brightness(shown.normal[seen[first]], shown.color[seen[first]])
+    nothing = shown.color[seen[first]] < 0
     tone[nothing], V[nothing], V[:, nothing] = light.nothing, 0.0, 0.0
     V[nothing, nothing] = light.spread**2
-    at = at.reshape(gray.shape)
-    large = np.bincount(at[where], minlength=len(tone)) >= _OWN_PX
+    of_face = np.zeros(len(of), np.int64)
+    of_face[seen] = kind.reshape(-1)
+    at = of_face[face]
+    large = np.bincount(at[pixels.counts], minlength=len(tone)) >= _OWN_PX
     k = int(large.sum())
     number = np.where(large, np.cumsum(large) - 1, k)  # small ones are off together
     off = np.diag(np.full(k + 1, light.spread**2))
     off[:k, :k] = V[np.ix_(large, large)]
     sigma = float(np.hypot(noise, light.scale))
-    shade, costs = _shade(gray - tone[at], where, number[at], off, sigma)
-    expected = gaussian_filter(tone[at] + shade, _BLUR_PX, mode="nearest")
-    loss = np.minimum(((gray - expected) / sigma) ** 2, _WORST)[where].sum() / _TOGETHER
+    shade, costs = _shade(pixels, pixels.gray - tone[at], number[at], off, sigma)
+    expected = pixels.blurred(tone[at] + shade)
+    loss = np.minimum(((pixels.gray[pixels.counts] - expected) / sigma) ** 2, _WORST).sum() / _TOGETHER
     return float(-0.5 * (loss + costs))
 
 
-def _shade(left: Array, where: Mask, surface: Longs, off: Array, sigma: float) -> tuple[Array, float]:
-    """Return by how much (h, w) surfaces are brighter than the light has it, and what it costs to take it so.
+def _shade(pixels: _Pixels, left: Array, surface: Longs, off: Array, sigma: float) -> tuple[Array, float]:
+    """Return by how much surfaces are brighter at the pixels (n,) than the light has it, and what it costs.
 
-    left (h, w): what the pixels `where` are brighter, each by sigma; surface (h, w): of each pixel; off (n, n): how far
-    surfaces may be off. The light may also be nearer than it is taken to be, so that brightness falls along a surface,
-    slowly. The cost is minus twice the logarithm of the probability of such tones, and of the room there was to choose.
+    left (n,): what the pixels are brighter, each by sigma; surface (n,): of each pixel; off (k, k): how far surfaces
+    may be off. The light may also be nearer than it is taken to be, so that brightness falls along a surface, slowly.
+    The cost is minus twice the logarithm of the probability of such tones, and of the room there was to choose.
     """
-    n, places = len(off), np.indices(left.shape)
-    count = np.maximum(np.bincount(surface[where], minlength=n), 1)
-    across = [v - (np.bincount(surface[where], v[where], minlength=n) / count)[surface] for v in (places[0], places[1])]
-    basis = np.stack([np.ones(left.shape), _FALL * across[0], _FALL * across[1]])
-    number = surface + n * np.arange(3)[:, None, None]  # of each pixel's tone and falls
-    B, its, weight = basis[:, where], surface[where], np.full(int(where.sum()), 1 / sigma**2)
+    n, counts = len(off), pixels.counts
+    its, own = surface[counts], left[counts]
+    count = np.maximum(np.bincount(its, minlength=n), 1)
+    across = [v - (np.bincount(its, v[counts], minlength=n) / count)[surface] for v in pixels.at]
+    basis = np.stack([np.ones(len(left)), _FALL * across[0], _FALL * across[1]])
+    number = surface + n * np.arange(3)[:, None]  # of each pixel's tone and falls
+    B, mine, weight = basis[:, counts], number[:, counts], np.full(len(own), 1 / sigma**2)
     known = np.eye(3 * n)
     known[:n, :n] = np.linalg.inv(off)
     found, N = np.zeros(3 * n), known
     for _ in range(_ROUNDS):
         W = B * weight / _TOGETHER
-        N, b = known.copy(), np.concatenate([np.bincount(its, w * left[where], minlength=n) for w in W])
+        N, b = known.copy(), np.concatenate([np.bincount(its, w * own, minlength=n) for w in W])
         for i, j in np.ndindex(3, 3):
             N[i * n + np.arange(n), j * n + np.arange(n)] += np.bincount(its, W[i] * B[j], minlength=n)
         found = np.linalg.solve(N, b)
-        r = left[where] - (found[number[:, where]] * B).sum(axis=0)
+        r = own - (found[mine] * B).sum(axis=0)
         weight = np.minimum(1 / sigma**2, _WORST / np.maximum(r**2, 1e-12))
     shade = (found[number] * basis).sum(axis=0)
     return shade, float(found @ known @ found + np.linalg.slogdet(N)[1] - np.linalg.slogdet(known)[1])

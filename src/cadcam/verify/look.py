@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from cadcam.errors import DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.render.view import Scene
 from cadcam.verify.likeness import likenesses
 from cadcam.verify.measured import Measured
 from cadcam.verify.presence import Presence, Visibility, log_ratio, visibility
@@ -32,7 +33,8 @@ _ROUNDS = 4  # of drawing displaced bodies again where they were found
 class Case:
     """What is inspected, and how.
 
-    freedom (6, k): motions that are free; reach_px: how far bodies are looked for; alarms: share of false ones allowed.
+    freedom (6, k): motions that are free; reach_px: how far bodies are looked for; alarms: share of false ones allowed;
+    lacking: the part without some of its bodies, as far as that was asked for.
     """
 
     part: Part
@@ -42,6 +44,17 @@ class Case:
     freedom: Array
     reach_px: float
     alarms: float
+    lacking: dict[int, Part] = field(default_factory=dict)
+
+    def without(self, body: int, by: Array) -> Part:
+        """Return the part without one of its bodies, the others drawn `by` (P, 3) mm beside their places.
+
+        Its edges are found once: as `redrawn` has it, they are those of the CAD.
+        """
+        if body not in self.lacking:
+            mesh = self.part.scene.mesh
+            self.lacking[body] = Part(Scene.of(mesh.select(mesh.part != body)))
+        return (redrawn(self.lacking[body], by) if by.any() else None) or self.lacking[body]
 
     @property
     def eye(self) -> Array | None:
@@ -137,7 +150,7 @@ def _likeliest(case: Case, look: Look, number: int) -> tuple[Array | None, float
     guesses = [(p, redrawn(case.part, _with(survey.by, part, p))) for p in places]
     told = [(p, guess) for p, guess in guesses if guess is not None]
     drawn = [look.drawn, *(guess for _, guess in told)]
-    likeness, without = likenesses(case.photos, case.world_from_part, drawn, part)
+    likeness, without = likenesses(case.photos, case.world_from_part, drawn, part, survey.shown)
     best = int(np.argmax(likeness))
     if best == 0 or likeness[best] <= without:
         return None, 0.0
@@ -186,18 +199,24 @@ def _presences(case: Case, drawn: Part, survey: Survey) -> list[Presence]:
     whether what they hide is seen.
     """
     out = [_by_its_edges(survey, i) for i in range(len(survey.names))]
-    tones = Tones(drawn, case.photos, case.world_from_part)
+    tones = Tones(drawn, case.photos, case.world_from_part, survey.shown)
     for i, found in enumerate(out):
         body = survey.whole_part(i) if found.expected and found.log_ratio < DOUBTFUL else None
         if body is None:
             continue
         told = tones.log_ratio(body, edges=found.log_ratio)
         if min(found.log_ratio, told) < _RATHER_NOT and told < DOUBTFUL:
-            told += uncovered_ratio(
-                drawn, case.photos, case.world_from_part, body, survey.evidence, clutter=survey.clutter
-            )
+            told += _uncovered(case, survey, body)
         out[i] = replace(found, log_ratio=told)
     return out
+
+
+def _uncovered(case: Case, survey: Survey, body: int) -> float:
+    """Return what the edges that a body hides add to its log likelihood ratio; 0 if there is no other body."""
+    if (case.part.scene.mesh.part == body).all():
+        return 0.0
+    without = case.without(body, survey.by)
+    return uncovered_ratio(without, case.photos, case.world_from_part, body, survey)
 
 
 def _by_its_edges(survey: Survey, number: int) -> Presence:
@@ -217,17 +236,16 @@ def _snooped(survey: Survey, there: Mask, case: Case) -> tuple[Measured, list[in
     Bodies between which the photos hardly decide are left out together: the rest then tells which of them is in place.
     Feet on a body that does not agree are not used: they move with it.
     """
-    eye, F = case.eye, case.freedom
     left_out: list[int] = []
     while True:
         used = there[survey.body] & ~np.isin(survey.mate, left_out)
         datum = survey.datum & ~np.isin(survey.body, left_out)
-        measured = Measured.of(survey, used, datum, eye, F)
+        measured = Measured.of(survey, used, datum, case.eye, case.freedom)
         measured.adjustment.pose()  # an error here says what is free
         if survey.stated:
             return measured, left_out
         bodies = np.unique(measured.body[measured.adjustment.datum]).tolist()
-        tests = [(i, *_against_others(survey, used, datum, eye, F, i)) for i in bodies]
+        tests = [(i, *_against_others(measured, i)) for i in bodies]
         told = [(i, p, loss) for i, p, loss in tests if np.isfinite(p)]
         suspect = [(loss, i) for i, p, loss in told if p <= OF_DISPLACED * case.alarms / len(told)]
         if not suspect:
@@ -239,15 +257,13 @@ def _snooped(survey: Survey, there: Mask, case: Case) -> tuple[Measured, list[in
         left_out += worst
 
 
-def _against_others(
-    survey: Survey, used: Mask, datum: Mask, eye: Array | None, F: Array, body: int
-) -> tuple[float, float]:
+def _against_others(measured: Measured, body: int) -> tuple[float, float]:
     """Return how probable a body's offsets are if it is in place, and how improbable its being off leaves the photos.
 
     In place is where the rest of the datum has it; edges' own errors too are those of the rest. Of several bodies that
     are displaced against the others the one is to blame whose displacement explains most: those that it pulled the pose
     away from are in place without it.
     """
-    its = (survey.body == body) | (survey.mate == body)
-    others = Measured.of(survey, used, datum & ~its, eye, F)
+    its = (measured.body == body) | (measured.mate == body)
+    others = measured.fitted_to(measured.adjustment.datum & ~its)
     return others.p_value(others.body == body), others.improbability(body)

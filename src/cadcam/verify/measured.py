@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -43,7 +43,7 @@ class Measured:
 
     body, lever, mate (N,), ground (N, 3) and members as in `Survey`; eye (3,): the camera's place in the part frame
     where one photo sees the part, None where several do; noise_scale: see `white_scale`; tau_px: common error of an
-    edge.
+    edge; own_noise: errors of edges without that one; found: displacements of features asked for before, by number.
     """
 
     lines: Sightlines
@@ -56,23 +56,31 @@ class Measured:
     eye: Array | None
     noise_scale: float
     tau_px: float
+    own_noise: EdgeNoise
+    found: dict[int, Displacement | None] = field(default_factory=dict)
 
     @classmethod
     def of(cls, survey: Survey, used: Mask, datum: Mask, eye: Array | None, freedom: Array) -> Measured:
         """Return what is measured from the places `used` (N,), the pose fitted to those also in `datum` (N,)."""
         rows = used & survey.matched.measured & survey.usable
         lines, offset = survey.lines.select(rows), survey.matched.offset[rows]
-        sigma, fitted = survey.matched.sigma[rows], datum[rows]
+        sigma = survey.matched.sigma[rows]
         scale = white_scale(offset, EdgeNoise.of(sigma, lines.edge, lines.along, 0.0))
-        sigma = sigma * scale
-        J = lines.by_pose
-        noise = EdgeNoise.of(sigma, lines.edge, lines.along, 0.0).with_more(survey.matched.common[rows])
-        tau = common_error(offset[fitted], noise.of_rows(fitted), J[fitted] @ freedom) if fitted.any() else 0.0
-        noise = replace(noise, tau=np.hypot(noise.tau, tau))
+        noise = EdgeNoise.of(sigma * scale, lines.edge, lines.along, 0.0).with_more(survey.matched.common[rows])
         members = tuple(m[rows] for m in survey.members)
-        adjustment = Adjustment(offset, J, lines.by_cause, noise, fitted, freedom)
+        adjustment = Adjustment(offset, lines.by_pose, lines.by_cause, noise, datum[rows], freedom)
         lever, mate, ground = survey.lever[rows], survey.mate[rows], survey.ground[rows]
-        return cls(lines, survey.body[rows], members, adjustment, lever, mate, ground, eye, scale, tau)
+        out = cls(lines, survey.body[rows], members, adjustment, lever, mate, ground, eye, scale, 0.0, noise)
+        return out.fitted_to(datum[rows])
+
+    def fitted_to(self, datum: Mask) -> Measured:
+        """Return the same with the pose, and the common error of edges, fitted to these places (n,)."""
+        whole = self.adjustment
+        noise, tau = self.own_noise, 0.0
+        if datum.any():
+            tau = common_error(whole.offset[datum], noise.of_rows(datum), whole.J[datum] @ whole.freedom)
+        noise = replace(noise, tau=np.hypot(noise.tau, tau))
+        return replace(self, adjustment=replace(whole, errors=noise, datum=datum), tau_px=tau, found={})
 
     @property
     def dof(self) -> float:
@@ -99,6 +107,12 @@ class Measured:
         px_per_mm = np.median(np.linalg.norm(G, axis=1))
         seen = w > (px_per_mm / SEEN_PX) ** 2
         return np.asarray(across @ V[:, seen][:, ::-1])
+
+    def moved(self, number: int) -> Displacement | None:
+        """Return how far a feature was displaced; None where that is not told."""
+        if number not in self.found:
+            self.found[number] = self.displacement(self.members[number])
+        return self.found[number]
 
     def displacement(self, rows: Mask, *, along: Array | None = None) -> Displacement | None:
         """Return how far the places were displaced as one; along (3,): in that direction alone. None: not told.
@@ -229,10 +243,14 @@ class Measured:
         """Return the mean deviation (mm) of places of one edge across it, sigma, and the variances (4,) of `CAUSES`."""
         if pose is None or not rows.any():
             return float("nan"), float("nan"), np.full(len(CAUSES), np.nan)
-        design = np.linalg.norm(self.lines.by_point[rows], axis=1)[:, None]
-        found = self.adjustment.estimate(rows, design, pose)
-        variances = np.array([getattr(found, cause)[0, 0] for cause in CAUSES])
-        return float(found.value[0]), float(np.sqrt(variances.sum())), variances
+        variances, value = self.adjustment.mean(rows, np.linalg.norm(self.lines.by_point[rows], axis=1), pose)
+        return value, float(np.sqrt(variances.sum())), variances
+
+    def across_px(self, rows: Mask, pose: FittedPose) -> tuple[float, float]:
+        """Return the mean offset (px) of places of one edge across it, and its sigma."""
+        value, sigma, _ = self.across(rows, pose=pose)
+        px = 1.0 / float(np.median(self.lines.mm_per_px[rows]))
+        return value * px, sigma * px
 
     def stations(self, rows: Mask, *, pose: FittedPose | None) -> Array:
         """Return (s, 3): position along the edge (px), deviation and sigma (mm) of pieces about `STATION_PX` long."""

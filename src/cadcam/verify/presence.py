@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Mask
-from cadcam.verify.association import Association, best_shift, supported
+from cadcam.verify.association import CAPTURE_PX, Association, best_shift, supported
 from cadcam.verify.sightlines import Sightlines
 from cadcam.verify.surroundings import Surroundings, alike
 
@@ -31,6 +31,7 @@ _AVERAGED = 5  # places whose steps were averaged
 _STEEP = 4.0  # of the curve from unseen to seen, by the logarithm of the contrast
 _MIDDLES, _USUAL_MIDDLE = np.geomspace(0.004, 0.12, 33), 0.015  # contrasts that are seen half the time
 _SUREST = 0.998  # probability up to which a group is believed to have contrast
+_IN_PLACE, _LEAST_SIGMA_PX = 0.9, 0.05  # share of bodies' edges that are where they should be, as well as is believed
 _LAPSE = 0.01  # share of edges with ample contrast that are not seen, before any are counted
 
 
@@ -134,6 +135,20 @@ def visibility(evidence: EdgeEvidence, others: Mask) -> Visibility:
     middle = float(_MIDDLES[int(np.argmax(fits - 0.5 * (np.log(_MIDDLES / _USUAL_MIDDLE)) ** 2))])
     ample = c > 2 * middle
     return Visibility(middle, (float((ample & ~seen).sum()) + 0.5) / (float(ample.sum()) + 0.5 / _LAPSE))
+
+
+def in_place_ratio(offset: Array, sigma: Array, clutter: float) -> float:
+    """Return what the places (n,) px of edges that are seen add to L: those of clutter lie anywhere, a body's in place.
+
+    Clutter that is seen in a share of places within `CAPTURE_PX` has the density -log(1 - clutter) / (2 CAPTURE_PX)
+    there; of what is seen, the nearest one, divided by that share. A body may as well be displaced: then this tells
+    nothing.
+    """
+    density = -np.log1p(-clutter) / (2 * CAPTURE_PX * clutter)
+    s = np.maximum(sigma, _LEAST_SIGMA_PX)
+    there = np.exp(-0.5 * (offset / s) ** 2) / (np.sqrt(2 * np.pi) * s)
+    in_place = np.log(_IN_PLACE * there / density + 1 - _IN_PLACE).sum()
+    return float(np.logaddexp(in_place, 0.0) - np.log(2.0))
 
 
 def edges_seen(lines: Sightlines, rows: Mask, support: Mask) -> Mask:

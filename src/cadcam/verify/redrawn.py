@@ -32,8 +32,7 @@ def redrawn(part: Part, by: Array) -> Part | None:
 
 def displaced(measured: Measured, number: int) -> Displacement | None:
     """Return the displacement of a feature, as far as its size was measured."""
-    rows = measured.members[number]
-    return told(measured.displacement(rows)) if rows.any() else None
+    return told(measured.moved(number)) if measured.members[number].any() else None
 
 
 def off_px(survey: Survey, rows: Mask, by: Array) -> float:

@@ -64,7 +64,7 @@ class EdgeNoise:
         if not len(X) or not self.tau.any():
             return np.asarray(by_noise)
         T = (self.tau**2)[:, None, None]
-        drawn = T * np.linalg.solve(np.eye(2) + T * self._sums(self.Z / self.sigma[:, None] ** 2), self._sums(by_noise))
+        drawn = T * np.linalg.solve(np.eye(2) + T * self.sums(self.Z / self.sigma[:, None] ** 2), self.sums(by_noise))
         return np.asarray(by_noise - np.einsum("ni,nik->nk", self.Z, drawn[self.edge]) / self.sigma[:, None] ** 2)
 
     def common(self, H: Array) -> Array:
@@ -77,18 +77,18 @@ class EdgeNoise:
 
     def log_determinant(self) -> float:
         """Return log det V."""
-        inner = np.eye(2) + (self.tau**2)[:, None, None] * self._sums(self.Z / self.sigma[:, None] ** 2)
+        inner = np.eye(2) + (self.tau**2)[:, None, None] * self.sums(self.Z / self.sigma[:, None] ** 2)
         return float(2 * np.log(self.sigma).sum() + np.linalg.slogdet(inner)[1].sum())
 
     def about_lines(self, X: Array) -> tuple[float, int]:
         """Return chi-square of values X (N,) about a line along each edge, and how many numbers these lines have."""
         W = self.Z / self.sigma[:, None] ** 2
-        A, b = self._sums(W), self._sums(X[:, None] / self.sigma[:, None] ** 2)[:, :, 0]
+        A, b = self.sums(W), self.sums(X[:, None] / self.sigma[:, None] ** 2)[:, :, 0]
         numbers = 1 + (A[:, 1, 1] > 0).astype(np.int64)
         taken = np.einsum("ei,eij,ej->e", b, np.linalg.pinv(A, hermitian=True), b)
         return float((X / self.sigma) @ (X / self.sigma) - taken.sum()), int(numbers.sum())
 
-    def _sums(self, X: Array) -> Array:
+    def sums(self, X: Array) -> Array:
         """Return Z^T X of each edge, (edges, 2, k)."""
         out = np.zeros((self.edges, 2, X.shape[1]))
         for i in range(2):
@@ -136,9 +136,10 @@ def common_error(offset: Array, noise: EdgeNoise, J: Array) -> float:
     Where they are most probable by the restricted likelihood, which knows that the motion was fitted to the same
     offsets. 0 where the noise alone explains them.
     """
+    sums = _Sums.of(np.column_stack([J, offset]), noise)
 
     def loss(log_tau: float) -> float:
-        return improbability(offset, replace(noise, tau=np.hypot(noise.tau, np.exp(log_tau))), J, J[:, :0])
+        return sums.improbability(noise.tau**2 + np.exp(2 * log_tau))
 
     low, high = np.log(_LEAST_PX), np.log(_MOST_PX)
     a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
@@ -156,3 +157,37 @@ def common_error(offset: Array, noise: EdgeNoise, J: Array) -> float:
             break
     tau = float(np.exp((low + high) / 2))
     return tau if tau > 2 * _LEAST_PX else 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sums:
+    """What offsets y (N,) of edges and the motion J (N, k) fitted to them add up to, whatever tau is.
+
+    whole (k + 1, k + 1): X^T X over sigma^2 for X = (J, y); of_lines (edges, 2, 2): Z^T Z over sigma^2, and of_edges
+    (edges, 2, k + 1): Z^T X over sigma^2, edge by edge; log_noise: log det of the noise alone.
+    """
+
+    whole: Array
+    of_lines: Array
+    of_edges: Array
+    log_noise: float
+
+    @classmethod
+    def of(cls, X: Array, noise: EdgeNoise) -> _Sums:
+        """Return the sums of X (N, k + 1)."""
+        W = X / noise.sigma[:, None] ** 2
+        lines = noise.sums(noise.Z / noise.sigma[:, None] ** 2)
+        return cls(X.T @ W, lines, noise.sums(W), float(2 * np.log(noise.sigma).sum()))
+
+    def improbability(self, tau2: Array) -> float:
+        """Return what `improbability` does where edges have the variances tau2 (edges,), and nothing else moves them.
+
+        X^T V^-1 X = X^T D X - sum over edges of S^T T (1 + T Z^T D Z)^-1 S for S = Z^T D X, D = diag(sigma^-2).
+        """
+        T = tau2[:, None, None]
+        inner = np.eye(2) + T * self.of_lines
+        drawn = T * np.linalg.solve(inner, self.of_edges)
+        N = self.whole - np.einsum("eik,eil->kl", self.of_edges, drawn)
+        x = np.linalg.lstsq(N[:-1, :-1], N[:-1, -1], rcond=None)[0]
+        log_V = self.log_noise + np.log(np.linalg.det(inner)).sum()
+        return float(log_V + np.linalg.slogdet(N[:-1, :-1])[1] + N[-1, -1] - N[:-1, -1] @ x)

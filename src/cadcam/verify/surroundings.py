@@ -12,12 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids
-from cadcam.geometry.rigid import Rigid
-from cadcam.locate.light import colors_of, fitted_light
-from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.render import open_renderer
-from cadcam.render.view import Channel
+from cadcam.verify.shown import Shown
 from cadcam.verify.sightlines import Sightlines
 
 Longs = npt.NDArray[np.int64]
@@ -44,26 +40,21 @@ class Surroundings:
     way: Array
 
 
-def surroundings(part: Part, photos: Sequence[Photo], world_from_part: Rigid, lines: Sightlines) -> Surroundings:
-    """Return what lies beside each place, the part being at this pose, in the light that the photos show."""
+def surroundings(photos: Sequence[Photo], shown: Sequence[Shown], lines: Sightlines) -> Surroundings:
+    """Return what lies beside each place, in the light that the photos show; shown: what the part shows in each."""
     n = len(lines)
     normals = np.zeros((n, 2, 3))
     contrast, way = np.zeros(n), np.zeros(n)
     parts, colors = np.full((n, 2), -1, np.int32), np.full((n, 2), -1, np.int32)
-    renderer = open_renderer(part.scene)
-    for i, photo in enumerate(photos):
-        camera_from_part = photo.viewpoint.camera_from_world @ world_from_part
-        view = renderer.render(photo.camera, camera_from_part, channels=Channel.NORMAL | Channel.FACE)
-        normal = view.normal.astype(np.float64) @ camera_from_part.rotation
-        color = colors_of(part, view.face)
-        light = fitted_light(photo.gray, normal, color)
+    for i, (photo, seen) in enumerate(zip(photos, shown, strict=True)):
+        light = seen.light(photo)
         rows = np.flatnonzero(lines.photo == i)
         for side, sign in enumerate((-1.0, 1.0)):
             q = np.rint(lines.q[rows] + sign * _ASIDE_PX * lines.normal[rows]).astype(np.int64)
             x, y = np.clip(q, 0, np.array(photo.camera.size) - 1).T
-            normals[rows, side], colors[rows, side] = normal[y, x], color[y, x]
-            face = view.face[y, x]
-            parts[rows, side] = np.where(face >= 0, part.scene.mesh.part[np.maximum(face, 0)], -1)
+            face = seen.face[y, x]
+            normals[rows, side], colors[rows, side] = seen.normal[face], seen.color[face]
+            parts[rows, side] = seen.part[face]
         change, sigma = light.contrast(normals[rows], colors[rows])
         contrast[rows] = np.maximum(np.abs(change) - sigma, 0.0)
         known = (np.abs(change) > _SURE_WAY * np.hypot(sigma, light.scale)) & (colors[rows] >= 0).all(axis=1)

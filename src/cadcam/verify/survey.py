@@ -17,6 +17,7 @@ from cadcam.verify.association import SEARCH_ROOM_PX, Association, associated, g
 from cadcam.verify.feet import Feet
 from cadcam.verify.limbs import limb_errors
 from cadcam.verify.presence import LEAST_PLACES, EdgeEvidence, Presence, clutter_of, presence
+from cadcam.verify.shown import Shown
 from cadcam.verify.sightlines import Sightlines, sightlines
 from cadcam.verify.surroundings import FAINT, surroundings
 from cadcam.verify.tolerance import Selection, Tolerances
@@ -37,7 +38,7 @@ class Survey:
     moves as one, each place in one of them: the widest feature that has it, or its part. usable (N,): whether its edge
     can be told from its neighbours; datum (N,): whether the pose may be fitted to it; stated: whether the datum was, by
     the tolerances. lever (N,) px/mm, mate (N,) and ground (N, 3): what the place is as a foot (`Feet`), the mate being
-    a body; ought (N,): whether the light gives its edge contrast.
+    a body; ought (N,): whether the light gives its edge contrast; shown: what the part shows in each photo.
     """
 
     lines: Sightlines
@@ -56,6 +57,7 @@ class Survey:
     evidence: EdgeEvidence
     clutter: float
     by: Array
+    shown: tuple[Shown, ...]
 
     def rows(self, number: int) -> Mask:
         """Return the places (N,) of a feature that can be used."""
@@ -133,7 +135,8 @@ def surveyed(
     body = _bodies(members)
     usable = lines.room >= SEARCH_ROOM_PX
     moved_as_one = np.where(usable, body, -1)
-    beside = surroundings(part, photos, world_from_part, lines)
+    shown = [Shown.of(part, photo, photo.viewpoint.camera_from_world @ world_from_part) for photo in photos]
+    beside = surroundings(photos, shown, lines)
     found = nearby_edges(lines, sights, reach_px=reach_px, way=beside.way)
     ought = usable & (beside.contrast > FAINT)
     matched = associated(lines, sights, found, moved_as_one, reach_px=reach_px, ought=ought)
@@ -157,6 +160,7 @@ def surveyed(
         EdgeEvidence.of(lines, usable, matched, beside),
         clutter_of(lines, found, moved_as_one, reach_px=reach_px),
         by,
+        tuple(shown),
     )
 
 

@@ -9,25 +9,20 @@ surface can make up for: then the tones are any that the photo has elsewhere, an
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Mask
-from cadcam.cad.edges import FeatureEdges
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import noise_of
-from cadcam.locate.light import Light, colors_of, fitted_light, surfaces
+from cadcam.locate.light import Light
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.render import open_renderer
-from cadcam.render.view import Channel, Scene
+from cadcam.verify.shown import Shown, Window
 
 Longs = npt.NDArray[np.int64]
-Window = tuple[slice, slice]
-EVERYWHERE: Window = (slice(None), slice(None))
 _RIM_PX = 3  # of the body's picture, which is blurred or another body's where that one is off
 _LEAST_PX = 60  # of a piece whose brightness counts: small ones are borders and corners
 _LAPSE = 0.02  # probability that the light is not as it was fitted
@@ -35,32 +30,6 @@ _UNEVEN = 0.006  # sigma of the brightness of pieces of one surface
 _BESIDE_PX = 14  # how far beside a body what it hides is looked at, and how far inside what is compared with it
 _ANY_MEAN, _ANY_SPREAD = 0.5, 0.3  # brightness of what is no part, and of the light as a whole
 _ONE_SURFACE = 0.995  # cosine between normals of one surface
-_PAIR, _ONE = np.zeros((0, 2), np.int32), np.zeros(0, np.int32)
-_NO_EDGES = FeatureEdges(_PAIR, _PAIR, _ONE, _ONE, _ONE)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Drawn:
-    """What a model shows in pixels: normal (h, w, 3) in the part frame, colour and part (h, w), -1 for nothing."""
-
-    normal: Array
-    color: Ids
-    part: Ids
-
-    @classmethod
-    def of(
-        cls, part: Part, photo: Photo, camera_from_part: Rigid, *, without: int = -1, window: Window = EVERYWHERE
-    ) -> Drawn:
-        """Return what a part shows in a window of the photo, the body `without` left out."""
-        mesh = part.scene.mesh
-        kept = np.flatnonzero(mesh.part != without)
-        scene = part.scene if without < 0 else Scene.of(mesh.select(mesh.part != without), edges=_NO_EDGES)
-        view = open_renderer(scene).render(photo.camera, camera_from_part, channels=Channel.NORMAL | Channel.FACE)
-        seen = view.face[window]
-        face = np.where(seen >= 0, kept[np.maximum(seen, 0)], -1).astype(np.int32)
-        normal = view.normal[window].astype(np.float64) @ camera_from_part.rotation
-        number = np.where(face >= 0, mesh.part[np.maximum(face, 0)], -1).astype(np.int32)
-        return cls(normal, colors_of(part, face), number)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,10 +41,10 @@ class _Pixels:
     surface: Longs
 
     @classmethod
-    def of(cls, drawn: Drawn, where: Mask) -> _Pixels:
-        """Return the pixels `where` (H, W)."""
-        normal, color = drawn.normal[where], drawn.color[where]
-        return cls(normal, color, surfaces(normal, color))
+    def of(cls, shown: Shown, where: Mask) -> _Pixels:
+        """Return the pixels `where` (h, w)."""
+        face = shown.face[where]
+        return cls(shown.normal[face], shown.color[face], shown.surface[face])
 
     def log_density(self, light: Light, tones: Array, at: Longs) -> float:
         """Return the log probability density of tones (r,) where the pixels `at` (r,) and their like are."""
@@ -92,87 +61,97 @@ class _Pixels:
 
 @dataclass(frozen=True)
 class Tones:
-    """A part at a pose in photos: what their brightness says of each of its bodies."""
+    """A part at a pose in photos: what their brightness says of each of its bodies; shown: what it shows in each."""
 
     part: Part
     photos: Sequence[Photo]
     world_from_part: Rigid
-
-    @cached_property
-    def _shown(self) -> list[Drawn]:
-        return [Drawn.of(self.part, photo, self._camera_from_part(photo)) for photo in self.photos]
-
-    def _camera_from_part(self, photo: Photo) -> Rigid:
-        return photo.viewpoint.camera_from_world @ self.world_from_part
+    shown: Sequence[Shown]
 
     def log_ratio(self, body: int, *, edges: float = 0.0) -> float:
         """Return the logarithm of the likelihood ratio of "there" to "not there" of part number `body`.
 
         edges: what its edges say, which goes by the same light where they are not seen.
         """
-        told = [self._in_photo(photo, shown, body) for photo, shown in zip(self.photos, self._shown, strict=True)]
+        told = [self._in_photo(photo, shown, body) for photo, shown in zip(self.photos, self.shown, strict=True)]
         there, not_there, other = np.sum(told, axis=0)
         if not np.any(told):
             return edges
         return _lapsing(edges + there, max(edges, 0.0) + other) - _lapsing(not_there, other)
 
-    def _in_photo(self, photo: Photo, shown: Drawn, body: int) -> tuple[float, float, float]:
+    def _in_photo(self, photo: Photo, whole: Shown, body: int) -> tuple[float, float, float]:
         """Return the log densities of the tones with the body, without it, and in any other light."""
         from scipy.ndimage import binary_erosion
 
-        its = shown.part == body
+        everywhere = whole.shows(body)
+        if not everywhere.any():
+            return 0.0, 0.0, 0.0
+        window = _around(everywhere, _BESIDE_PX + 4 * _RIM_PX)
+        its, shown = everywhere[window], replace(whole, face=whole.face[window])
         inside = binary_erosion(its, iterations=_RIM_PX)
         if inside.sum() < _LEAST_PX:
             return 0.0, 0.0, 0.0
-        light = fitted_light(photo.gray, shown.normal, shown.color, without=its)
-        hidden = Drawn.of(self.part, photo, self._camera_from_part(photo), without=body)
+        camera_from_part = photo.viewpoint.camera_from_world @ self.world_from_part
+        hidden = Shown.of(self.part, photo, camera_from_part, without=body, window=window)
         own, behind = _Pixels.of(shown, inside), _Pixels.of(hidden, inside)
         pairs = _pairs(own.surface, behind.surface)
         pieces = [np.flatnonzero(pairs == i) for i in np.flatnonzero(np.bincount(pairs) >= _LEAST_PX)]
         if not pieces:
             return 0.0, 0.0, 0.0
-        gray = photo.gray[inside].astype(np.float64)
-        tones, at = np.array([np.median(gray[piece]) for piece in pieces]), np.array([piece[0] for piece in pieces])
+        light = whole.light(photo, without=everywhere)
+        gray = photo.gray[window].astype(np.float64)
+        own_gray = gray[inside]
+        tones, at = np.array([np.median(own_gray[piece]) for piece in pieces]), np.array([p[0] for p in pieces])
         other = _log_normal(tones - light.mean, light.spread**2 * np.eye(len(tones)) + _ANY_SPREAD**2)
-        near = np.array([_from_beside(photo, shown, hidden, its, _where(inside, piece)) for piece in pieces])
+        noise = noise_of(photo.gray)
+        near = np.array([_from_beside(gray, noise, shown, hidden, its, _where(inside, p)) for p in pieces])
         known = np.isfinite(near[:, 0])
         not_there = behind.log_density(light, tones[~known], at[~known])
         not_there += _log_normal(near[known, 0], np.diag(near[known, 1] ** 2))
         return own.log_density(light, tones, at), not_there, other
 
 
+def _around(mask: Mask, room: int) -> Window:
+    """Return the rows and columns of a mask's box, with some room about it (px)."""
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    low, high = (int(rows[0]), int(columns[0])), (int(rows[-1]) + 1, int(columns[-1]) + 1)
+    return (
+        slice(max(low[0] - room, 0), min(high[0] + room, mask.shape[0])),
+        slice(max(low[1] - room, 0), min(high[1] + room, mask.shape[1])),
+    )
+
+
 def _where(inside: Mask, piece: Longs) -> Mask:
-    """Return the pixels (H, W) that are a piece of those inside."""
+    """Return the pixels (h, w) that are a piece of those inside."""
     out = np.zeros(inside.shape, bool)
     out.ravel()[np.flatnonzero(inside)[piece]] = True
     return out
 
 
-def _from_beside(photo: Photo, shown: Drawn, hidden: Drawn, its: Mask, piece: Mask) -> tuple[float, float]:
-    """Return how much brighter a piece (H, W) is than what it would hide is beside it, and how uneven that is.
+def _from_beside(gray: Array, noise: float, shown: Shown, hidden: Shown, its: Mask, piece: Mask) -> tuple[float, float]:
+    """Return how much brighter a piece (h, w) is than what it would hide is beside it, and how uneven that is.
 
     nan where too little of that surface is to be seen beside it.
     """
     from scipy.ndimage import binary_dilation, distance_transform_edt
 
-    rows, columns = np.nonzero(piece)
-    room = _BESIDE_PX + 2 * _RIM_PX
-    window = tuple(slice(max(int(x.min()) - room, 0), int(x.max()) + room + 1) for x in (rows, columns))
-    piece, gray = piece[window], photo.gray[window].astype(np.float64)
-    i = int(rows[0]) - window[0].start, int(columns[0]) - window[1].start
-    normal, color, part = hidden.normal[window], hidden.color[window], hidden.part[window]
-    same = (part == part[i]) & (color == color[i]) & (normal @ normal[i] > _ONE_SURFACE)
-    beside = same & (shown.part[window] == part) & ~binary_dilation(its[window], iterations=_RIM_PX)
+    window = _around(piece, _BESIDE_PX + 2 * _RIM_PX)
+    piece, gray, its = piece[window], gray[window], its[window]
+    there = hidden.face[window]
+    here = int(there[piece][0])
+    alike = (hidden.part == hidden.part[here]) & (hidden.color == hidden.color[here])
+    same = (alike & (hidden.normal @ hidden.normal[here] > _ONE_SURFACE))[there]
+    in_sight = shown.part[shown.face[window]] == hidden.part[there]
+    beside = same & in_sight & ~binary_dilation(its, iterations=_RIM_PX)
     beside &= distance_transform_edt(~piece) <= _BESIDE_PX + 2 * _RIM_PX
-    if part[i] < 0 or beside.sum() < _LEAST_PX:
+    if hidden.part[here] < 0 or beside.sum() < _LEAST_PX:
         return np.nan, np.nan
     own = piece & (distance_transform_edt(~beside) <= _BESIDE_PX + 2 * _RIM_PX)
     if own.sum() < _LEAST_PX:
         return np.nan, np.nan
     level, uneven = _level(gray[beside])
     tone, uneven_too = _level(gray[own])
-    noise2 = 2 * noise_of(photo.gray) ** 2
-    return tone - level, float(np.sqrt(_UNEVEN**2 + max(uneven**2 + uneven_too**2 - noise2, 0.0)))
+    return tone - level, float(np.sqrt(_UNEVEN**2 + max(uneven**2 + uneven_too**2 - 2 * noise**2, 0.0)))
 
 
 def _level(gray: Array) -> tuple[float, float]:

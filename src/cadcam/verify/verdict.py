@@ -59,12 +59,12 @@ def towards(value: Array, covariance: Array, limit: Limit) -> float:
     in the k sigma ellipsoid keeps the limit. If the true one does not, some direction alone shows that, and errs by k
     sigma as rarely as any. FAIL: the shortest in the ellipsoid that misses the true one as rarely as that is beyond it.
     """
-    from scipy.stats import chi2, norm
+    from scipy.special import chdtri, ndtr
 
     size, m = float(np.linalg.norm(value)), len(value)
     if size <= limit.value:
         return (lengths(value, covariance, limit.k)[1] - size) / limit.k
-    k = limit.k if m == 1 else float(np.sqrt(chi2.isf(norm.sf(limit.k), m)))
+    k = limit.k if m == 1 else float(np.sqrt(chdtri(m, ndtr(-limit.k))))
     return (size - lengths(value, covariance, k)[0]) / limit.k
 
 
@@ -109,7 +109,7 @@ def overall(verdicts: Iterable[Verdict]) -> Verdict:
 class Judgement:
     """A limit of a feature, what was measured (mm; rad for angles; nan where nothing was) and what follows.
 
-    reason: one line for people.
+    reason: one line for people; remedy: where it could not be decided, what would help.
     """
 
     feature: str
@@ -118,6 +118,7 @@ class Judgement:
     sigma: float
     verdict: Verdict
     reason: str = ""
+    remedy: str = ""
 
     @property
     def U(self) -> float:

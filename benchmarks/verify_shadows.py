@@ -1,0 +1,251 @@
+"""Are bodies that stand beside shadows told: photographs of a block under a lamp, a flash and light from around.
+
+    python benchmarks/verify_shadows.py [--pictures 30] [--case NAME ...] [--seed 1]
+
+Photographs (`cadcam.render.photograph`) of a block of a ship's double bottom, 4 x 3 x 2 m, in a hall: 960 x 720 px, a
+lamp that casts shadows with soft borders, a flash at the camera, blur 0.5 px, a machine-vision sensor's noise, eight
+bits. Where the camera stands and what light there is are drawn anew for each. Pictured are the block as drawn, one body
+missing, one displaced by 4 mm across the line of sight, or five defects at once (three displaced, two missing). Which
+body that is is drawn among the bars, brackets and longitudinals of which at least 1500 px are in view. As in `cadcam
+verify` the block is located first, from a start some pixels off.
+
+found: defects that are called what they are. present: missing bodies whose presence is a PASS. alarms: pictures in
+which any body is called displaced or missing that is not. in place, unclear: states of the bodies in view (of which an
+edge should show) that are as drawn. PASS, undecided,
+FAIL: verdicts on the presence of these. CPU: of locating, and of verifying, a picture, its median and the longest.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cache
+
+import numpy as np
+
+from cadcam.arrays import Array, Picture
+from cadcam.cad.mesh import Mesh, merge
+from cadcam.cad.parts.shipblock import ship_block
+from cadcam.camera.camera import Camera
+from cadcam.cli.demo_inputs import hall
+from cadcam.cli.wires import scene_without_edges
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.picture import to_gray
+from cadcam.image.sensor.presets import preset
+from cadcam.locate.locate import locate
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.render import open_renderer
+from cadcam.render.light import Lamp, Light
+from cadcam.render.photograph import Photographer
+from cadcam.render.view import Channel
+from cadcam.verify.deviation import FeatureDeviation, State
+from cadcam.verify.inspection import inspect
+from cadcam.verify.judge import judged
+from cadcam.verify.tolerance import Feature, Limit, Quantity, Selection
+from cadcam.verify.verdict import Verdict
+
+CAMERA = Camera.from_focal((960, 720), 1200.0)
+SAMPLES, DISPLACED_MM = 16, 4.0
+SUBJECTS = ("bar", "bracket", "longitudinal")
+LEAST_PX, LEAST_BODIES = 1500, 5
+CASES = {"as drawn": (0, 0), "one missing": (0, 1), "one displaced": (1, 0), "five defects": (3, 2)}
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A photo (the world is the true block), a start for the block's pose, and what is wrong with the block."""
+
+    photo: Photo
+    start: Rigid
+    moved: dict[str, Array]
+    gone: tuple[str, ...]
+
+    def truth(self, name: str) -> State:
+        """Return what became of a body."""
+        if name in self.gone:
+            return State.MISSING
+        return State.DISPLACED if name in self.moved else State.IN_PLACE
+
+
+@dataclass
+class Tally:
+    """What a case came to."""
+
+    pictures: int = 0
+    lost: int = 0
+    defects: int = 0
+    found: int = 0
+    present: int = 0
+    alarms: int = 0
+    states: list[State] = field(default_factory=list)
+    presences: list[Verdict] = field(default_factory=list)
+    locating: list[float] = field(default_factory=list)
+    verifying: list[float] = field(default_factory=list)
+
+
+@cache
+def block() -> Mesh:
+    whole = ship_block(triangles=10_000)
+    return whole.subset([name for name in whole.part_names if "pipe" not in name and "flange" not in name])
+
+
+@cache
+def part() -> Part:
+    out = Part.of(block())
+    _ = out.lines
+    return out
+
+
+def pose(rng: np.random.Generator) -> Rigid:
+    """Return camera_from_part of a camera that looks into the block from its open side."""
+    target = np.array([2000.0, 750.0, 350.0]) + rng.uniform(-1, 1, 3) * [1000, 250, 250]
+    turn, rise = np.radians(rng.uniform(-60, 60)), np.radians(rng.uniform(20, 55))
+    back = np.array([np.sin(turn) * np.cos(rise), -np.cos(turn) * np.cos(rise), np.sin(rise)])
+    up = np.array([0.0, 0.0, 1.0]) + rng.normal(0, 0.05, 3)
+    return Rigid.look_at(target + rng.uniform(1700, 3000) * back, target, up=up)
+
+
+def lights(rng: np.random.Generator) -> Light:
+    """Return a lamp at random somewhere above, as wide as half a degree to four, a flash and what comes from around."""
+    turn, rise = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(25, 80))
+    towards = (np.cos(turn) * np.cos(rise), np.sin(turn) * np.cos(rise), np.sin(rise))
+    lamp = Lamp((float(towards[0]), float(towards[1]), float(towards[2])), rng.uniform(0.4, 0.9), rng.uniform(0.5, 4.0))
+    return Light((lamp,), flash=rng.uniform(0.2, 0.9), ambient=rng.uniform(0.15, 0.35))
+
+
+def in_view(camera_from_part: Rigid) -> list[str]:
+    """Return the bodies that may be displaced or missing: enough of each is to be seen."""
+    view = open_renderer(part().scene).render(CAMERA, camera_from_part, channels=Channel.PART)
+    count = np.bincount(view.part[view.part >= 0], minlength=len(block().part_names))
+    return [n for n, k in zip(block().part_names, count, strict=True) if k >= LEAST_PX and n.startswith(SUBJECTS)]
+
+
+def built(moved: dict[str, Array], gone: tuple[str, ...]) -> Mesh:
+    """Return the block with bodies moved by vectors (3,) mm, and without others."""
+    mesh = block()
+    vertices, kept = mesh.vertices.copy(), np.ones(mesh.n_faces, bool)
+    for name, by in moved.items():
+        vertices[np.unique(mesh.faces[mesh.part == mesh.part_names.index(name)])] += by
+    for name in gone:
+        kept &= mesh.part != mesh.part_names.index(name)
+    return replace(mesh, vertices=vertices).select(kept)
+
+
+def photographed(mesh: Mesh, camera_from_part: Rigid, light: Light, rng: np.random.Generator) -> Picture:
+    """Return the grey picture of a mesh in its hall."""
+    seen = Photographer(scene_without_edges(merge([mesh, *hall()])))
+    radiance = seen.radiance(CAMERA, camera_from_part, light=light, blur_px=0.5, samples=SAMPLES)
+    return preset("global-shutter").apply(to_gray(radiance.over((0.3, 0.3, 0.3))), rng=rng)
+
+
+def shots(case: str, pictures: int, seed: int) -> Iterator[Shot]:
+    """Yield what is photographed."""
+    n_moved, n_gone = CASES[case]
+    rng = np.random.default_rng([seed, list(CASES).index(case)])
+    made = 0
+    while made < pictures:
+        camera_from_part, light = pose(rng), lights(rng)
+        names = in_view(camera_from_part)
+        if len(names) < LEAST_BODIES:
+            continue
+        chosen = [str(name) for name in rng.permutation(names)]
+        moved = {name: _across(camera_from_part, rng) for name in chosen[:n_moved]}
+        gone = tuple(chosen[n_moved : n_moved + n_gone])
+        gray = photographed(built(moved, gone), camera_from_part, light, rng)
+        start = Rigid.exp(rng.normal(0, 1, 6) * np.repeat([3.0, 2e-3], 3))
+        made += 1
+        yield Shot(Photo.of(gray, CAMERA, camera_from_part), start, moved, gone)
+
+
+def _across(camera_from_part: Rigid, rng: np.random.Generator) -> Array:
+    across = rng.normal(size=3)
+    across -= camera_from_part.rotation[2] * (camera_from_part.rotation[2] @ across)
+    return np.asarray(DISPLACED_MM * across / np.linalg.norm(across))
+
+
+def study(case: str, pictures: int, seed: int) -> Tally:
+    """Return how a case came out."""
+    out = Tally()
+    for shot in shots(case, pictures, seed):
+        judge(out, case, shot)
+    return out
+
+
+def judge(out: Tally, case: str, shot: Shot) -> None:
+    """Note how a picture came out; what was not as it should be is told on stderr."""
+    out.pictures += 1
+    began = time.process_time()
+    located = locate(part(), [shot.photo], shot.start)
+    out.locating.append(time.process_time() - began)
+    began = time.process_time()
+    seen = inspect(part(), [shot.photo], located.pose.world_from_part) if located.found else None
+    out.verifying.append(time.process_time() - began)
+    if seen is None or not seen.found:
+        out.lost += 1
+        print(f"{case} {out.pictures}: {located.reason if seen is None else seen.reason}", file=sys.stderr)
+        return
+    wrong = 0
+    for f in seen.features:
+        truth = shot.truth(f.name)
+        out.defects += truth is not State.IN_PLACE
+        out.found += truth is not State.IN_PLACE and f.state is truth
+        alarm = f.state in (State.DISPLACED, State.MISSING) and f.state is not truth
+        wrong += alarm
+        presence = judged(Feature(f.name, Selection(f.name), (Limit(Quantity.PRESENCE, 1.0),)), seen)[0].verdict
+        out.present += truth is State.MISSING and presence is Verdict.PASS
+        if alarm or (truth is not State.IN_PLACE and f.state is not truth):
+            tell(case, out.pictures, f, truth)
+        if truth is State.IN_PLACE and f.presence.expected:
+            out.states.append(f.state)
+            out.presences.append(presence)
+    out.alarms += wrong > 0
+
+
+def tell(case: str, number: int, f: FeatureDeviation, truth: State) -> None:
+    """Say on stderr what was not as it should be."""
+    said = f"{f.presence.seen}/{f.presence.expected} edges, L {f.presence.log_ratio:.1f}, p {f.p_value:.1g}"
+    print(
+        f"{case} {number}: {f.name}, {truth.value}, is {f.state.value}, {f.size:.2f} +- {f.sigma:.2f} mm, {said}",
+        file=sys.stderr,
+    )
+
+
+def row(case: str, tally: Tally) -> str:
+    n, bodies = tally.pictures, max(len(tally.states), 1)
+    found = f"{100 * tally.found / tally.defects:.1f} % of {tally.defects}" if tally.defects else ""
+    states = [f"{100 * tally.states.count(s) / bodies:.1f} %" for s in (State.IN_PLACE, State.UNCLEAR)]
+    verdicts = [
+        f"{100 * tally.presences.count(v) / bodies:.1f} %" for v in (Verdict.PASS, Verdict.UNDECIDED, Verdict.FAIL)
+    ]
+    times = [f"{1000 * np.median(t):.0f}, {1000 * np.max(t):.0f}" for t in (tally.locating, tally.verifying)]
+    cells = [
+        case,
+        str(n),
+        found,
+        str(tally.present),
+        str(tally.lost),
+        f"{100 * tally.alarms / n:.1f} %",
+        str(len(tally.states)),
+        *states,
+    ]
+    return "| " + " | ".join([*cells, *verdicts, *times]) + " |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--pictures", type=int, default=30)
+    parser.add_argument("--case", action="append", choices=CASES)
+    parser.add_argument("--seed", type=int, default=1)
+    arguments = parser.parse_args()
+    columns = "found | present | no pose | alarms | bodies | in place | unclear | PASS | undecided | FAIL"
+    print(f"| pictured | pictures | {columns} | locate CPU ms | verify CPU ms |\n|{'---|' * 14}")
+    for case in arguments.case or CASES:
+        print(row(case, study(case, arguments.pictures, arguments.seed)), flush=True)
+
+
+if __name__ == "__main__":
+    main()

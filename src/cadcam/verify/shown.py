@@ -1,0 +1,97 @@
+"""What a part at a pose shows in each pixel of a photo: which face, how that is turned, of which colour and body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Ids, Mask
+from cadcam.cad.edges import FeatureEdges
+from cadcam.cad.mesh import Mesh
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.light import EVERY, Light, light_of, paints_of, surfaces
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.render import open_renderer
+from cadcam.render.view import Channel, Scene
+
+Longs = npt.NDArray[np.int64]
+Window = tuple[slice, slice]
+_PAIR, _ONE = np.zeros((0, 2), np.int32), np.zeros(0, np.int32)
+_NO_EDGES = FeatureEdges(_PAIR, _PAIR, _ONE, _ONE, _ONE)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shown:
+    """What a part shows in the pixels of a photo, or of a window of it.
+
+    face (h, w): number of the face among the n that are seen, 0 for nothing of the part. Of these: normal (n, 3) in the
+    part frame, turned to the camera, color and part (n,), surface (n,): equal for faces of one colour that are turned
+    about alike. Of nothing: no normal (zeros), colour and part -1.
+    """
+
+    face: Ids
+    normal: Array
+    color: Ids
+    part: Ids
+    surface: Longs
+
+    @classmethod
+    def of(
+        cls,
+        part: Part,
+        photo: Photo,
+        camera_from_part: Rigid,
+        *,
+        without: int = -1,
+        window: Window | None = None,
+    ) -> Shown:
+        """Return what a part shows in a photo, or in a window of it, the body `without` left out."""
+        mesh, camera = part.scene.mesh, photo.camera
+        kept = mesh.part != without
+        if window is not None:
+            rows, columns = window
+            camera = camera.crop(columns.start, rows.start, (columns.stop - columns.start, rows.stop - rows.start))
+        if kept.any():
+            scene = part.scene if kept.all() else Scene.of(mesh.select(kept), edges=_NO_EDGES)
+            seen = open_renderer(scene).render(camera, camera_from_part, channels=Channel.FACE).face
+        else:  # of a part that is one body
+            seen = np.full((camera.height, camera.width), -1, np.int32)
+        return cls._of_faces(part, np.flatnonzero(kept), seen, camera_from_part.inv.translation)
+
+    @classmethod
+    def _of_faces(cls, part: Part, kept: Longs, seen: Ids, eye: Array) -> Shown:
+        """Return what is seen where the faces `seen` (h, w), of those `kept` of the part, meet the pixels."""
+        among = np.zeros(len(kept) + 1, bool)
+        among[seen] = True  # -1, nothing, is the last
+        which = np.flatnonzero(among[:-1])
+        number = np.zeros(len(kept) + 1, np.int32)
+        number[which] = np.arange(1, len(which) + 1)
+        faces = kept[which]
+        mesh = part.scene.mesh
+        normal = np.concatenate([np.zeros((1, 3)), _towards(mesh, faces, eye)])
+        color, of = (np.append(np.int32(-1), x[faces]).astype(np.int32) for x in (paints_of(part), mesh.part))
+        return cls(number[seen], normal, color, of, surfaces(normal, color))
+
+    def shows(self, body: int) -> Mask:
+        """Return which pixels (h, w) show part number `body`."""
+        return np.asarray((self.part == body)[self.face])
+
+    def light(self, photo: Photo, *, without: Mask | None = None) -> Light:
+        """Return the light that explains a whole photo; without (H, W): pixels that do not count."""
+        few = slice(None, None, EVERY)
+        gray, face = photo.gray[few, few].ravel(), self.face[few, few].ravel()
+        if without is not None:
+            counts = ~without[few, few].ravel()
+            gray, face = gray[counts], face[counts]
+        return light_of(gray.astype(np.float64), self.normal[face], self.color[face])
+
+
+def _towards(mesh: Mesh, faces: Longs, eye: Array) -> Array:
+    """Return the unit normals (n, 3) of faces, turned towards the eye (3,)."""
+    a, b, c = (mesh.vertices[mesh.faces[faces, i]] for i in range(3))
+    cross = np.cross(b - a, c - a)
+    cross /= np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+    return np.asarray(np.where(np.einsum("ni,ni->n", cross, eye - a) < 0, -1.0, 1.0)[:, None] * cross)

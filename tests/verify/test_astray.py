@@ -1,0 +1,107 @@
+"""Edges that a shadow leads astray: nobody is called displaced for one of them, and even light knows no shadow."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cadcam.arrays import Array
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.photo import Photo
+from cadcam.verify.association import CAPTURE_PX
+from cadcam.verify.astray import Doubt, _possible
+from cadcam.verify.deviation import State, Unclear
+from cadcam.verify.ground import uneven_edges
+from cadcam.verify.inspection import Inspection, inspect
+from cadcam.verify.presence import in_place_ratio
+
+from .scene import CAMERA, POSE, displaced, part, photo, photographed, plate
+
+BLOCK = (70, -70, 12), (120, -10, 45)
+
+
+def strip(gray: Array, ends: tuple[Array, Array], width: float, share: float) -> Photo:
+    """Return the photo with a shadow as wide as some mm along a line on the plate, which takes a share of the light."""
+    a, b = (np.asarray(p, np.float64) for p in ends)
+    side = np.cross(b - a, (0.0, 0.0, 1.0))
+    side *= width / np.linalg.norm(side)
+    corners = CAMERA.project(POSE @ np.stack([a, b, b + side, a + side]))
+    y, x = np.indices(gray.shape)
+    inside = np.ones(gray.shape, bool)
+    edges = np.roll(corners, -1, axis=0) - corners
+    turn = np.sign(edges[0, 0] * edges[1, 1] - edges[0, 1] * edges[1, 0])
+    for corner, edge in zip(corners, edges, strict=True):
+        inside &= turn * (edge[0] * (y - corner[1]) - edge[1] * (x - corner[0])) >= 0
+    return Photo.of(np.where(inside, (1 - share) * gray, gray).astype(np.float32), CAMERA, POSE)
+
+
+def with_shadows(rng: np.random.Generator) -> Photo:
+    """Return a photo in which shadows lie along a foot of the block, and across the plate elsewhere."""
+    gray = photographed(plate(), rng)
+    (x0, y0, z), (x1, _, _) = BLOCK
+    along_foot = strip(gray, (np.array([x0, y0, z]), np.array([x1, y0, z])), 1.6, 0.35)
+    across = strip(along_foot.gray, (np.array([-140.0, -95.0, z]), np.array([60.0, 85.0, z])), 9.0, 0.4)
+    return strip(across.gray, (np.array([-20.0, -95.0, z]), np.array([140.0, 60.0, z])), 7.0, 0.3)
+
+
+def off(seen: Inspection, name: str) -> list[float]:
+    return [abs(e.value / e.sigma) for e in seen.edges if e.part == name and np.isfinite(e.value)]
+
+
+def test_a_body_with_an_edge_beside_a_shadow_is_not_called_displaced(rng: np.random.Generator) -> None:
+    """The edge is off by far more than its sigma: were edges' errors Gaussian, the block would be."""
+    seen = inspect(part(), [with_shadows(rng)], Rigid())
+    assert max(off(seen, "block")) > 6.0
+    assert not [f.name for f in seen.features if f.state in (State.DISPLACED, State.MISSING)]
+    block = seen.feature("block")
+    assert block.state is State.IN_PLACE or block.why is Unclear.ASTRAY
+
+
+def test_ground_is_even_in_even_light_and_uneven_where_shadows_cross_it(rng: np.random.Generator) -> None:
+    for shot, uneven in ((photo(plate(), rng), False), (with_shadows(rng), True)):
+        told = uneven_edges(inspect(part(), [shot], Rigid()).survey, [shot])
+        assert len(told) > 8
+        assert any(told.values()) is uneven
+
+
+@pytest.mark.parametrize("by", [(1.5, 0.0, 0.0), (0.0, 1.5, 0.5)])
+def test_a_body_that_is_displaced_is_so_beside_shadows_too(rng: np.random.Generator, by: tuple[float, ...]) -> None:
+    """Several of its edges say so."""
+    gray = photographed(displaced("block", np.array(by)), rng)
+    shot = strip(gray, (np.array([-140.0, -95.0, 12.0]), np.array([40.0, 85.0, 12.0])), 9.0, 0.4)
+    assert inspect(part(), [shot], Rigid()).feature("block").state is State.DISPLACED
+
+
+def test_doubt_adds_what_edges_astray_explain() -> None:
+    """Of two of three edges: p + share (p_1 + p_2 + p_3) + share^2 (p_12 + p_13)."""
+    doubt = Doubt(3, 2, (0.5, 1.2))
+    assert doubt.p_value(1e-6, 0.01) == pytest.approx(1e-6 + 0.01 * 0.5 + 1e-4 * 1.2)
+    assert doubt.p_value(1e-6, 0.0) == 1e-6
+    assert doubt.p_value(0.5, 1.0) == 1.0
+    assert doubt.astray == 0  # two of three are off: it is rather displaced
+    assert Doubt(4, 2, (0.5, 1.2)).astray == 2
+
+
+def test_edges_go_astray_as_far_as_there_is_uneven_ground() -> None:
+    even, some = dict.fromkeys(range(20), False), {e: e < 2 for e in range(20)}
+    assert _possible(even, {5}) == 0.0
+    assert _possible({}, {5}) == 0.0
+    assert _possible(some, {0}) == 1.0  # its own
+    assert 0.0 < _possible(some, {5}) < 1.0
+    assert _possible({e: e < 8 for e in range(20)}, {9}) == 1.0
+
+
+@pytest.mark.parametrize("clutter", [0.05, 0.3, 0.6])
+def test_where_clutter_lies_says_nothing_for_a_body(rng: np.random.Generator, clutter: float) -> None:
+    """A likelihood ratio is 1 on the mean where its denominator is true, so at most 1 here; to four standard errors."""
+    rate = -np.log1p(-clutter)
+    ratios = []
+    for _ in range(4000):
+        nearest = []
+        while len(nearest) < 3:
+            places = rng.uniform(-CAPTURE_PX, CAPTURE_PX, rng.poisson(rate))
+            if len(places):
+                nearest.append(places[np.argmin(np.abs(places))])
+        ratios.append(np.exp(in_place_ratio(np.array(nearest), np.full(3, 0.08), clutter)))
+    assert np.mean(ratios) <= 1 + 4 * np.std(ratios) / np.sqrt(len(ratios))
+    assert in_place_ratio(np.zeros(3), np.full(3, 0.08), clutter) > 3.0
