@@ -27,7 +27,7 @@ from cadcam.image.sensor.light import Blur, Motion, Vignetting
 from cadcam.image.sensor.sensor import Sensor
 from cadcam.image.sensor.video import EdgeEnhancement, Gain, Gamma
 from cadcam.locate.part import Part
-from cadcam.locate.view_range import ViewRange
+from cadcam.locate.views.view_range import ViewRange
 from cadcam.render.light import Lamp
 from quality import its_own_mirror_image
 

@@ -20,11 +20,11 @@ from scipy.spatial import cKDTree
 
 from cadcam.cad.parts import ship_block
 from cadcam.image.png import packed, packed_depth, packed_normals
+from cadcam.render.lines.seen import SeenEdges
+from cadcam.render.lines.visible import LineDrawer
+from cadcam.render.lines.wireframe import LineOptions, Polylines
 from cadcam.render.raster import RasterRenderer
-from cadcam.render.seen import SeenEdges
 from cadcam.render.view import Channel, Scene, View
-from cadcam.render.visible import LineDrawer
-from cadcam.render.wireframe import LineOptions, Polylines
 from dataset import TRIANGLES, shots
 
 WANTED = Channel.RGB | Channel.DEPTH | Channel.NORMAL

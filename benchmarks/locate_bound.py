@@ -21,7 +21,7 @@ from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.geometry.rotation import hat
 from cadcam.locate.part import Part
-from cadcam.render.wireframe import Polylines
+from cadcam.render.lines.wireframe import Polylines
 
 STEP_PX = 1.0  # between samples along an edge
 PIECE = 12  # samples whose profiles are averaged

@@ -29,7 +29,7 @@ import locate_bound
 from cadcam.arrays import Array, Ids, Picture
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.edges import EdgeSamples, project, sample_lines
+from cadcam.locate.lines.edges import EdgeSamples, project, sample_lines
 from cadcam.locate.part import Part
 from locate_ground import CELL_PX, Ground, ground_of
 from locate_sets import PhotoSet

@@ -28,7 +28,7 @@ import locate_bound
 from cadcam.arrays import Array, Picture
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.edges import project, sample_lines
+from cadcam.locate.lines.edges import project, sample_lines
 from cadcam.locate.part import Part
 from locate_bound import edge_information
 from locate_sets import PhotoSet

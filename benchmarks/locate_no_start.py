@@ -32,7 +32,7 @@ from cadcam.locate.locate import locate
 from cadcam.locate.location import FOUND
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.view_range import ViewRange
+from cadcam.locate.views.view_range import ViewRange
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Look, Renderer
 

@@ -20,10 +20,10 @@ from cadcam.cad.load import load
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture, to_gray
-from cadcam.locate.appearance import APPEARANCES, Appearance
+from cadcam.locate.match.appearance import APPEARANCES, Appearance
+from cadcam.locate.match.templates import TemplateOptions, match_templates
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.templates import TemplateOptions, match_templates
 from overlay_distance import Photos, Shot, cube, ship_block, teabox
 
 DEGREES, PX, DEPTH, RIGHT_PX = 6.0, 15.0, 0.03, 5.0

@@ -25,11 +25,11 @@ from cadcam.camera.camera import Camera
 from cadcam.geometry import rotation
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture, to_rgb, write_picture
+from cadcam.render.lines.visible import LineDrawer
+from cadcam.render.lines.wireframe import LineOptions
 from cadcam.render.overlay import added, blended, edge_distances, over_edges, overlay, side_by_side, write_overlay_svg
 from cadcam.render.ray import RayRenderer
 from cadcam.render.view import Look, Scene
-from cadcam.render.visible import LineDrawer
-from cadcam.render.wireframe import LineOptions
 
 
 @dataclass(frozen=True)

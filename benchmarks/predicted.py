@@ -47,8 +47,8 @@ from cadcam.plan.predict import predict_points
 from cadcam.render.light import LIGHTS
 from cadcam.render.photograph import Photographer, behind, blur_before
 from cadcam.render.view import Scene
-from cadcam.target.find import find_marks
-from cadcam.target.mark import dot
+from cadcam.target.marks.find import find_marks
+from cadcam.target.marks.mark import dot
 
 SHORT = 0.25  # of the exposure that makes white of white: what moves must not smear
 SENSOR = replace(GLOBAL_SHUTTER, exposure=Exposure(SHORT), gain=Gain(1 / SHORT))

@@ -34,7 +34,7 @@ from cadcam.locate.locate import locate
 from cadcam.locate.location import FOUND
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.refine import refine
+from cadcam.locate.refine.refine import refine
 from locate_errors import auc
 from locate_sets import Case, PhotoSet, exact_cases, real_cases
 

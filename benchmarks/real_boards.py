@@ -21,8 +21,8 @@ from cadcam.arrays import Array, Picture
 from cadcam.calibrate.boards import calibrate_boards, find_board
 from cadcam.calibrate.joint import calibrate_jointly
 from cadcam.calibrate.points import locate_camera
-from cadcam.calibrate.rig import RigCamera, calibrate_rig
-from cadcam.calibrate.rig_boards import calibrate_rig_boards
+from cadcam.calibrate.rig.boards import calibrate_rig_boards
+from cadcam.calibrate.rig.rig import RigCamera, calibrate_rig
 from cadcam.camera.camera import Camera
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import BrownConrady
@@ -32,13 +32,13 @@ from cadcam.errors import CadcamError
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture, to_gray
-from cadcam.target import opencv
-from cadcam.target.board import Pattern
-from cadcam.target.circles import disc_grid, disc_shift
-from cadcam.target.detect import detect
-from cadcam.target.grid import Grid
-from cadcam.target.ideal import board_picture
-from cadcam.target.pattern import Chessboard, CircleGrid, parse_pattern
+from cadcam.target.boards import opencv
+from cadcam.target.boards.board import Pattern
+from cadcam.target.boards.circles import disc_grid, disc_shift
+from cadcam.target.boards.detect import detect
+from cadcam.target.boards.grid import Grid
+from cadcam.target.boards.pattern import Chessboard, CircleGrid, parse_pattern
+from cadcam.target.marks.ideal import board_picture
 
 CAMERA = Camera.from_focal((640, 480), 560.0, cx=325.0, cy=236.0, lens=BrownConrady(k1=-0.22, k2=0.07))
 RENDERED = ("chessboard:9x6:25mm", "charuco:8x6:30mm:22mm:5X5_100", "circles:8x6:26mm:14mm",

@@ -5,7 +5,7 @@
 effects:
 Boards are seen from the front, turned by 7 degrees, at a random place of the pixel grid, through a sensor with nothing
 but a blur of 0.7 px and the noise of 10500 electrons; then with one effect more. Found are chessboard corners and discs
-(`target.detect`, photometric fits) and a straight step edge (`image.profile`, cells of 17 x 17 px). Printed: rms
+(`target.boards.detect`, photometric fits) and a straight step edge (`image.profile`, cells of 17 x 17 px). Printed: rms
 distance to the truth of corners and of discs; how much too large the discs' radius is, black on white; how far the edge
 lies on its dark side, and how much that varies between cells. "common" is the shift of all marks of a picture alike,
 which a calibration takes up, and is taken off the rms beside it.
@@ -44,14 +44,14 @@ from cadcam.image.sensor.video import EdgeEnhancement, Gain, Gamma, Jitter, Jpeg
 from cadcam.render.light import LIGHTS
 from cadcam.render.photograph import Photographer, behind, blur_before
 from cadcam.render.view import Scene
-from cadcam.target.board import Pattern
-from cadcam.target.detect import detect
-from cadcam.target.find import find_marks
-from cadcam.target.ideal import board_picture, marks_picture
-from cadcam.target.leaning import fit_both_tilts
-from cadcam.target.mark import Mark, bulls_eye, dot, dot_and_ring, ring
-from cadcam.target.mark_fit import fit_marks
-from cadcam.target.pattern import parse_pattern
+from cadcam.target.boards.board import Pattern
+from cadcam.target.boards.detect import detect
+from cadcam.target.boards.pattern import parse_pattern
+from cadcam.target.marks.find import find_marks
+from cadcam.target.marks.fit import fit_marks
+from cadcam.target.marks.ideal import board_picture, marks_picture
+from cadcam.target.marks.leaning import fit_both_tilts
+from cadcam.target.marks.mark import Mark, bulls_eye, dot, dot_and_ring, ring
 
 CAMERA = Camera.from_focal((480, 360), 500.0)
 RING = dot_and_ring(7.0, 14.0, 21.0)

@@ -23,7 +23,7 @@ from cadcam.station.plane import calibrate_position
 from cadcam.station.plate import place_plate
 from cadcam.station.rules import RULES
 from cadcam.station.simulate import calibrate_robot, day, distances
-from cadcam.target.mark import parse_mark
+from cadcam.target.marks.mark import parse_mark
 
 _LONGEST = 30_000.0
 

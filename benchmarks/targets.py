@@ -28,14 +28,14 @@ from cadcam.errors import CadcamError
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.draw import draw_points, draw_polylines
 from cadcam.image.picture import read_picture, to_gray, write_picture
-from cadcam.target.cross import Taps, surface, taps, template
-from cadcam.target.find import FoundMark, find_marks
-from cadcam.target.ideal import board_picture, marks_picture
-from cadcam.target.leaning import fit_both_tilts
-from cadcam.target.mark import Mark, Plate, dot, dot_and_ring, inverted
-from cadcam.target.mark_fit import fit_marks
-from cadcam.target.opencv import has_opencv
-from cadcam.target.subpixel import Peak, centroid, parabola
+from cadcam.target.boards.opencv import has_opencv
+from cadcam.target.marks.cross import Taps, surface, taps, template
+from cadcam.target.marks.find import FoundMark, find_marks
+from cadcam.target.marks.fit import fit_marks
+from cadcam.target.marks.ideal import board_picture, marks_picture
+from cadcam.target.marks.leaning import fit_both_tilts
+from cadcam.target.marks.mark import Mark, Plate, dot, dot_and_ring, inverted
+from cadcam.target.marks.subpixel import Peak, centroid, parabola
 
 SIDE, FOCAL, RADIUS = 72, 800.0, 12.0  # px
 PAPER, INK = 0.8, 0.2

@@ -30,7 +30,7 @@ from cadcam.arrays import Array, Picture
 from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts.shipblock import ship_block
 from cadcam.camera.camera import Camera
-from cadcam.cli.demo_inputs import hall
+from cadcam.cli.demo.inputs import hall
 from cadcam.cli.wires import scene_without_edges
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import to_gray

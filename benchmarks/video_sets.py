@@ -22,8 +22,8 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.frames import Frames
 from cadcam.locate.part import Part
+from cadcam.locate.track.frames import Frames
 
 SIGMA_PX = 0.1
 

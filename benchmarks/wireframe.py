@@ -32,9 +32,9 @@ from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts.shipblock import ship_block
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
+from cadcam.render.lines.visible import LineDrawer
+from cadcam.render.lines.wireframe import LineOptions, Polylines
 from cadcam.render.view import Scene
-from cadcam.render.visible import LineDrawer
-from cadcam.render.wireframe import LineOptions, Polylines
 
 CAMERA = Camera.from_focal((1920, 1080), 1500.0)
 CHORD_MM = 0.1  # of the tessellation of the STEP files

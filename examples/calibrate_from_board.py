@@ -10,7 +10,7 @@ import numpy as np
 
 import cadcam
 from cadcam.calibrate.next_view import next_views
-from cadcam.target.ideal import board_picture
+from cadcam.target.marks.ideal import board_picture
 
 
 def main(folder: Path) -> None:

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 import cadcam
-from cadcam.target.ideal import board_picture
-from cadcam.target.mark import Plate, dot_and_ring
+from cadcam.target.marks.ideal import board_picture
+from cadcam.target.marks.mark import Plate, dot_and_ring
 
 
 def main() -> None:

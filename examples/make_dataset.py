@@ -17,7 +17,7 @@ import cadcam
 from cadcam.cad.parts import machined_bracket
 from cadcam.dataset.make import make_dataset
 from cadcam.dataset.plan import NOISE, PLAIN, Occluders, Plan
-from cadcam.locate.view_range import ViewRange
+from cadcam.locate.views.view_range import ViewRange
 
 
 def main(folder: Path) -> None:

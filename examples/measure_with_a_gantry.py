@@ -12,7 +12,7 @@ import sys
 import numpy as np
 
 import cadcam
-from cadcam.report.station import map_tables, sighting_tables
+from cadcam.report.station.tables import map_tables, sighting_tables
 from cadcam.report.table import show
 from cadcam.station.hall import make_hall
 from cadcam.station.simulate import calibrate_robot, sight

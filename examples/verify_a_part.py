@@ -19,10 +19,10 @@ from cadcam.cad.parts import ship_block
 from cadcam.image.picture import to_gray
 from cadcam.render.light import Lamp, Light
 from cadcam.report.table import show
-from cadcam.report.verify_json import Origin
-from cadcam.report.verify_overlay import write_overlay_svg
-from cadcam.report.verify_page import write_verification_page
-from cadcam.report.verify_words import verification_tables
+from cadcam.report.verify.json import Origin
+from cadcam.report.verify.overlay import write_overlay_svg
+from cadcam.report.verify.page import write_verification_page
+from cadcam.report.verify.words import verification_tables
 
 CAMERA = cadcam.Camera.from_focal((1200, 900), 1500.0)
 VIEW = cadcam.Rigid.look_at((200.0, -1900.0, 2300.0), (1900.0, 1000.0, 900.0))

@@ -19,9 +19,9 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.calibrate.boards import find_board as find_board
     from cadcam.calibrate.flat import calibrate_line as calibrate_line
     from cadcam.calibrate.flat import calibrate_plane as calibrate_plane
-    from cadcam.calibrate.handeye import calibrate_hand_eye as calibrate_hand_eye
-    from cadcam.calibrate.handeye import calibrate_hand_eye_from_poses as calibrate_hand_eye_from_poses
-    from cadcam.calibrate.handeye_estimate import HandEyeEstimate as HandEyeEstimate
+    from cadcam.calibrate.handeye.estimate import HandEyeEstimate as HandEyeEstimate
+    from cadcam.calibrate.handeye.handeye import calibrate_hand_eye as calibrate_hand_eye
+    from cadcam.calibrate.handeye.handeye import calibrate_hand_eye_from_poses as calibrate_hand_eye_from_poses
     from cadcam.calibrate.joint import calibrate_jointly as calibrate_jointly
     from cadcam.calibrate.joint import fit_jointly as fit_jointly
     from cadcam.calibrate.measure import measure_points as measure_points
@@ -29,9 +29,9 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.calibrate.points import calibrate as _calibrate
     from cadcam.calibrate.points import locate_camera as locate_camera
     from cadcam.calibrate.projection_map import projection_map as projection_map
-    from cadcam.calibrate.rig import RigCamera as RigCamera
-    from cadcam.calibrate.rig import calibrate_rig as calibrate_rig
-    from cadcam.calibrate.rig_boards import calibrate_rig_boards as calibrate_rig_boards
+    from cadcam.calibrate.rig.boards import calibrate_rig_boards as calibrate_rig_boards
+    from cadcam.calibrate.rig.rig import RigCamera as RigCamera
+    from cadcam.calibrate.rig.rig import calibrate_rig as calibrate_rig
     from cadcam.calibrate.variability import first_order as first_order
     from cadcam.calibrate.variability import markov_chain as markov_chain
     from cadcam.calibrate.variability import monte_carlo as monte_carlo
@@ -102,27 +102,27 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.image.picture import write_picture as write_picture
     from cadcam.image.sensor.sensor import Sensor as Sensor
     from cadcam.image.template import Template as Template
-    from cadcam.locate.approach import Reach as Reach
-    from cadcam.locate.closeness import Closeness as Closeness
-    from cadcam.locate.closeness import ClosenessOptions as ClosenessOptions
-    from cadcam.locate.closeness import closeness as closeness
-    from cadcam.locate.frames import Frames as Frames
     from cadcam.locate.freedom import Freedom as Freedom
     from cadcam.locate.locate import locate as _locate
     from cadcam.locate.location import Location as Location
-    from cadcam.locate.options import EdgeOptions as EdgeOptions
+    from cadcam.locate.match.closeness import Closeness as Closeness
+    from cadcam.locate.match.closeness import ClosenessOptions as ClosenessOptions
+    from cadcam.locate.match.closeness import closeness as closeness
+    from cadcam.locate.match.salient import SalientOptions as SalientOptions
+    from cadcam.locate.match.templates import TemplateMatches as TemplateMatches
+    from cadcam.locate.match.templates import TemplateOptions as TemplateOptions
+    from cadcam.locate.match.templates import match_templates as match_templates
     from cadcam.locate.part import Part as Part
     from cadcam.locate.photo import Photo as Photo
-    from cadcam.locate.refine import refine as refine
-    from cadcam.locate.salient import SalientOptions as SalientOptions
-    from cadcam.locate.templates import TemplateMatches as TemplateMatches
-    from cadcam.locate.templates import TemplateOptions as TemplateOptions
-    from cadcam.locate.templates import match_templates as match_templates
-    from cadcam.locate.track import track as track
-    from cadcam.locate.track_log import TrackLog as TrackLog
-    from cadcam.locate.track_log import read_track as read_track
-    from cadcam.locate.track_log import track_to as track_to
-    from cadcam.locate.view_range import ViewRange as ViewRange
+    from cadcam.locate.refine.options import EdgeOptions as EdgeOptions
+    from cadcam.locate.refine.refine import refine as refine
+    from cadcam.locate.search.approach import Reach as Reach
+    from cadcam.locate.track.frames import Frames as Frames
+    from cadcam.locate.track.log import TrackLog as TrackLog
+    from cadcam.locate.track.log import read_track as read_track
+    from cadcam.locate.track.log import track_to as track_to
+    from cadcam.locate.track.track import track as track
+    from cadcam.locate.views.view_range import ViewRange as ViewRange
     from cadcam.plan.layout import Layout as Layout
     from cadcam.plan.layout import next_views as next_views
     from cadcam.plan.layout import plan_layout as plan_layout
@@ -143,6 +143,9 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.render.light import Lamp as Lamp
     from cadcam.render.light import Light as Light
     from cadcam.render.light import named_light as named_light
+    from cadcam.render.lines.visible import visible_wireframe as visible_wireframe
+    from cadcam.render.lines.wireframe import LineOptions as LineOptions
+    from cadcam.render.lines.wireframe import Wireframe as Wireframe
     from cadcam.render.looks import named_look as named_look
     from cadcam.render.looks import repainted as repainted
     from cadcam.render.overlay import LineStyle as LineStyle
@@ -158,9 +161,6 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.render.view import Channel as Channel
     from cadcam.render.view import Look as Look
     from cadcam.render.view import Scene as Scene
-    from cadcam.render.visible import visible_wireframe as visible_wireframe
-    from cadcam.render.wireframe import LineOptions as LineOptions
-    from cadcam.render.wireframe import Wireframe as Wireframe
     from cadcam.station.document import read_plate as read_plate
     from cadcam.station.document import read_station as read_station
     from cadcam.station.document import read_stations as read_stations
@@ -173,13 +173,13 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.station.plane import calibrate_position as calibrate_position
     from cadcam.station.plate import Plate as Plate
     from cadcam.station.plate import place_plate as place_plate
-    from cadcam.target.find import FoundMark as FoundMark
-    from cadcam.target.find import find_marks as find_marks
-    from cadcam.target.mark import Mark as Mark
-    from cadcam.target.mark import parse_mark as parse_mark
-    from cadcam.target.order import Ordering as Ordering
-    from cadcam.target.order import order_marks as order_marks
-    from cadcam.target.pattern import parse_pattern as parse_pattern
+    from cadcam.target.boards.pattern import parse_pattern as parse_pattern
+    from cadcam.target.marks.find import FoundMark as FoundMark
+    from cadcam.target.marks.find import find_marks as find_marks
+    from cadcam.target.marks.mark import Mark as Mark
+    from cadcam.target.marks.mark import parse_mark as parse_mark
+    from cadcam.target.order.order import Ordering as Ordering
+    from cadcam.target.order.order import order_marks as order_marks
     from cadcam.verify.inspection import InspectionOptions as InspectionOptions
     from cadcam.verify.judge import Verification as Verification
     from cadcam.verify.judge import verify as _verify
@@ -203,24 +203,24 @@ _HOME = {
     "CameraEstimate": "cadcam.camera.estimate",
     "CameraFile": "cadcam.files.camera",
     "Channel": "cadcam.render.view",
-    "Closeness": "cadcam.locate.closeness",
-    "ClosenessOptions": "cadcam.locate.closeness",
+    "Closeness": "cadcam.locate.match.closeness",
+    "ClosenessOptions": "cadcam.locate.match.closeness",
     "CorrelateOptions": "cadcam.image.correlate",
     "Cutout": "cadcam.render.cutout",
     "Deviation": "cadcam.record.record",
     "Division": "cadcam.camera.lens",
     "DoubleSphere": "cadcam.camera.lens",
     "EdgeKind": "cadcam.cad.edges",
-    "EdgeOptions": "cadcam.locate.options",
+    "EdgeOptions": "cadcam.locate.refine.options",
     "ExtendedPinhole": "cadcam.camera.extended_pinhole",
     "ExtendedUnified": "cadcam.camera.lens",
     "FieldOfView": "cadcam.camera.lens",
     "Fisheye": "cadcam.camera.lens",
-    "FoundMark": "cadcam.target.find",
-    "Frames": "cadcam.locate.frames",
+    "FoundMark": "cadcam.target.marks.find",
+    "Frames": "cadcam.locate.track.frames",
     "Freedom": "cadcam.locate.freedom",
     "GantryCalibration": "cadcam.station.gantry",
-    "HandEyeEstimate": "cadcam.calibrate.handeye_estimate",
+    "HandEyeEstimate": "cadcam.calibrate.handeye.estimate",
     "Ideal": "cadcam.camera.lens",
     "InspectionOptions": "cadcam.verify.inspection",
     "InverseBrownConrady": "cadcam.camera.lens",
@@ -232,19 +232,19 @@ _HOME = {
     "Light": "cadcam.render.light",
     "LineCamera": "cadcam.camera.line_camera",
     "LineObservations": "cadcam.camera.line_camera",
-    "LineOptions": "cadcam.render.wireframe",
+    "LineOptions": "cadcam.render.lines.wireframe",
     "LineStyle": "cadcam.render.overlay",
     "Location": "cadcam.locate.location",
     "Look": "cadcam.render.view",
     "Loss": "cadcam.fit.robust",
-    "Mark": "cadcam.target.mark",
+    "Mark": "cadcam.target.marks.mark",
     "Measurement": "cadcam.camera.measurement",
     "Mesh": "cadcam.cad.mesh",
     "NamedCamera": "cadcam.files.foreign.model",
     "Observations": "cadcam.camera.observations",
     "OddRadial": "cadcam.camera.lens",
     "Optics": "cadcam.camera.optics",
-    "Ordering": "cadcam.target.order",
+    "Ordering": "cadcam.target.order.order",
     "Part": "cadcam.locate.part",
     "Peaks": "cadcam.image.correlate",
     "Photo": "cadcam.locate.photo",
@@ -255,48 +255,48 @@ _HOME = {
     "PoseEstimate": "cadcam.camera.pose_estimate",
     "Prediction": "cadcam.plan.predict",
     "Ray": "cadcam.geometry.ray",
-    "Reach": "cadcam.locate.approach",
+    "Reach": "cadcam.locate.search.approach",
     "Record": "cadcam.record.record",
-    "RigCamera": "cadcam.calibrate.rig",
+    "RigCamera": "cadcam.calibrate.rig.rig",
     "RigEstimate": "cadcam.camera.rig_estimate",
     "Rigid": "cadcam.geometry.rigid",
-    "SalientOptions": "cadcam.locate.salient",
+    "SalientOptions": "cadcam.locate.match.salient",
     "Scene": "cadcam.render.view",
     "Sensor": "cadcam.image.sensor.sensor",
     "SensorFormat": "cadcam.camera.sensor_format",
     "Sighting": "cadcam.station.gantry",
     "Source": "cadcam.record.record",
     "Template": "cadcam.image.template",
-    "TemplateMatches": "cadcam.locate.templates",
-    "TemplateOptions": "cadcam.locate.templates",
+    "TemplateMatches": "cadcam.locate.match.templates",
+    "TemplateOptions": "cadcam.locate.match.templates",
     "TiltedBrownConrady": "cadcam.camera.lens",
     "Tolerances": "cadcam.verify.tolerance",
-    "TrackLog": "cadcam.locate.track_log",
+    "TrackLog": "cadcam.locate.track.log",
     "Verification": "cadcam.verify.judge",
-    "ViewRange": "cadcam.locate.view_range",
+    "ViewRange": "cadcam.locate.views.view_range",
     "Viewpoint": "cadcam.camera.viewpoint",
-    "Wireframe": "cadcam.render.wireframe",
+    "Wireframe": "cadcam.render.lines.wireframe",
     "added": "cadcam.render.overlay",
     "alternating_externals": "cadcam.calibrate.alternating",
     "blended": "cadcam.render.overlay",
     "calibrate_boards": "cadcam.calibrate.boards",
     "calibrate_camera": "cadcam.calibrate.points:calibrate",
     "calibrate_gantry": "cadcam.station.gantry",
-    "calibrate_hand_eye": "cadcam.calibrate.handeye",
-    "calibrate_hand_eye_from_poses": "cadcam.calibrate.handeye",
+    "calibrate_hand_eye": "cadcam.calibrate.handeye.handeye",
+    "calibrate_hand_eye_from_poses": "cadcam.calibrate.handeye.handeye",
     "calibrate_jointly": "cadcam.calibrate.joint",
     "calibrate_line": "cadcam.calibrate.flat",
     "calibrate_plane": "cadcam.calibrate.flat",
     "calibrate_position": "cadcam.station.plane",
-    "calibrate_rig": "cadcam.calibrate.rig",
-    "calibrate_rig_boards": "cadcam.calibrate.rig_boards",
-    "closeness": "cadcam.locate.closeness",
+    "calibrate_rig": "cadcam.calibrate.rig.rig",
+    "calibrate_rig_boards": "cadcam.calibrate.rig.boards",
+    "closeness": "cadcam.locate.match.closeness",
     "compare_cameras": "cadcam.fit.compare:compare",
     "correlate": "cadcam.image.correlate",
     "edge_distances": "cadcam.render.overlay",
     "feature_edges": "cadcam.cad.edges",
     "find_board": "cadcam.calibrate.boards",
-    "find_marks": "cadcam.target.find",
+    "find_marks": "cadcam.target.marks.find",
     "first_order": "cadcam.calibrate.variability",
     "fit_jointly": "cadcam.calibrate.joint",
     "load": "cadcam.cad.load",
@@ -304,7 +304,7 @@ _HOME = {
     "locate_camera": "cadcam.calibrate.points",
     "locate_part": "cadcam.locate.locate:locate",
     "markov_chain": "cadcam.calibrate.variability",
-    "match_templates": "cadcam.locate.templates",
+    "match_templates": "cadcam.locate.match.templates",
     "measure_marks": "cadcam.station.measure:measure",
     "measure_points": "cadcam.calibrate.measure",
     "monte_carlo": "cadcam.calibrate.variability",
@@ -314,11 +314,11 @@ _HOME = {
     "next_views": "cadcam.plan.layout",
     "open_renderer": "cadcam.render",
     "open_store": "cadcam.record.store",
-    "order_marks": "cadcam.target.order",
+    "order_marks": "cadcam.target.order.order",
     "over_edges": "cadcam.render.overlay",
     "overlay": "cadcam.render.overlay",
-    "parse_mark": "cadcam.target.mark",
-    "parse_pattern": "cadcam.target.pattern",
+    "parse_mark": "cadcam.target.marks.mark",
+    "parse_pattern": "cadcam.target.boards.pattern",
     "place_plate": "cadcam.station.plate",
     "plan_layout": "cadcam.plan.layout",
     "predict_points": "cadcam.plan.predict",
@@ -342,21 +342,21 @@ _HOME = {
     "read_station": "cadcam.station.document",
     "read_stations": "cadcam.station.document",
     "read_tolerances": "cadcam.verify.tolerance_file",
-    "read_track": "cadcam.locate.track_log",
-    "refine": "cadcam.locate.refine",
+    "read_track": "cadcam.locate.track.log",
+    "refine": "cadcam.locate.refine.refine",
     "repainted": "cadcam.render.looks",
     "sensor_format": "cadcam.camera.sensor_format",
     "sensor_named": "cadcam.files.sensor",
     "side_by_side": "cadcam.render.overlay",
     "solve_optics": "cadcam.camera.optics",
     "standard_view": "cadcam.render.standard_view",
-    "track": "cadcam.locate.track",
-    "track_to": "cadcam.locate.track_log",
+    "track": "cadcam.locate.track.track",
+    "track_to": "cadcam.locate.track.log",
     "trend": "cadcam.record.trend",
     "uv_from_pixel_matrix": "cadcam.camera.extended_pinhole",
     "verify_part": "cadcam.verify.judge:verify",
     "viewer_parameters": "cadcam.files.foreign.viewers",
-    "visible_wireframe": "cadcam.render.visible",
+    "visible_wireframe": "cadcam.render.lines.visible",
     "what_if": "cadcam.plan.what_if",
     "whole_parts": "cadcam.verify.tolerance",
     "write_camera": "cadcam.files.camera",

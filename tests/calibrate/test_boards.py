@@ -34,8 +34,8 @@ from cadcam.camera.lens import BrownConrady
 from cadcam.camera.observations import Observations
 from cadcam.errors import NoBoard, TooFewPoints
 from cadcam.geometry.rotation import exp
-from cadcam.target.detect import detect
-from cadcam.target.pattern import parse_pattern
+from cadcam.target.boards.detect import detect
+from cadcam.target.boards.pattern import parse_pattern
 
 from ..target.shots import CAMERA, pose, shot
 

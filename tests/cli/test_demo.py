@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cadcam.camera.estimate import CameraEstimate
-from cadcam.cli.demo_as_built import (
+from cadcam.cli.demo.as_built import (
     CLOSE_CAMERA,
     CLOSE_POSE,
     DISPLACED,
@@ -21,7 +21,7 @@ from cadcam.cli.demo_as_built import (
     position_in_part,
     true_position,
 )
-from cadcam.cli.demo_inputs import BENCH_UV, PRINTED, TRUE_CAMERA, TRUE_POSE
+from cadcam.cli.demo.inputs import BENCH_UV, PRINTED, TRUE_CAMERA, TRUE_POSE
 from cadcam.cli.main import main
 from cadcam.files.camera import read_camera
 from cadcam.files.jsontext import parsed
@@ -41,7 +41,10 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("demo") / "new" / "folder"
     with pytest.MonkeyPatch.context() as patch:
         said: list[str] = []
-        patch.setattr("cadcam.cli.demo.print_tables", lambda tables: said.extend(x for t in tables for x in t.lines()))
+        patch.setattr(
+            "cadcam.cli.verbs.demo.print_tables",
+            lambda tables: said.extend(line for table in tables for line in table.lines()),
+        )
         assert main(["demo", str(folder)]) == 0
     (folder.parent / "said.txt").write_text("\n".join(said))
     return folder
@@ -149,7 +152,7 @@ def test_the_report_shows_the_photo_and_needs_nothing_else(demo: Path) -> None:
 
 
 def test_its_commands_give_the_same_files_again(demo: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from cadcam.cli.demo import _commands
+    from cadcam.cli.verbs.demo import _commands
 
     commands = _commands(demo)
     for command in (*commands[1:3], commands[8]):
@@ -168,7 +171,7 @@ def test_its_commands_give_the_same_files_again(demo: Path, capsys: pytest.Captu
 def test_json_holds_all_that_was_found_and_what_is_true(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("cadcam.cli.demo_as_built.SAMPLES", 2)  # quicker: what it shows is tested above
+    monkeypatch.setattr("cadcam.cli.demo.as_built.SAMPLES", 2)  # quicker: what it shows is tested above
     assert main(["demo", str(tmp_path / "json"), "--json"]) == 0
     told = capsys.readouterr()
     document = json.loads(told.out)
@@ -210,7 +213,7 @@ def test_a_folder_that_cannot_be_made_is_exit_2(tmp_path: Path, capsys: pytest.C
 def test_a_folder_that_may_not_be_written_to_is_exit_2_before_any_work(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("cadcam.cli.demo.os.access", lambda *_: False)  # whoever runs the tests may be root
+    monkeypatch.setattr("cadcam.cli.verbs.demo.os.access", lambda *_: False)  # whoever runs the tests may be root
     code = main(["demo", str(tmp_path)])
     ran = Ran(code, *capsys.readouterr())
     assert ran.code == 2

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.calibrate.handeye import calibrate_hand_eye
+from cadcam.calibrate.handeye.handeye import calibrate_hand_eye
 from cadcam.camera.camera import Camera
 from cadcam.camera.observations import Observations
 from cadcam.files.camera import read_camera, write_camera
@@ -18,7 +18,7 @@ from cadcam.files.robot_poses import read_robot_poses
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
-from cadcam.target.pattern import parse_pattern
+from cadcam.target.boards.pattern import parse_pattern
 
 from ..calibrate.test_boards import CHESS, VIEWS
 from ..target.shots import CAMERA as SHOT_CAMERA

@@ -20,7 +20,7 @@ from cadcam.files.pose_estimate import pose_estimate_at, read_part_pose
 from cadcam.files.text import read_text
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture, write_picture
-from cadcam.locate.aspects import Aspects
+from cadcam.locate.views.aspects import Aspects
 
 from .job import Ran
 from .locating import CAMERA, MIDDLE, MODELS, POSE, make_photo_job, photo, seen, write_start

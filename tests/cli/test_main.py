@@ -153,7 +153,7 @@ def test_exit_codes_tell_what_happened(
     def fail(_: argparse.Namespace) -> None:
         raise raised
 
-    monkeypatch.setattr("cadcam.cli.decompose.run", fail)
+    monkeypatch.setattr("cadcam.cli.verbs.decompose.run", fail)
     assert cli.main(["decompose", "x.json"]) == code
     said = capsys.readouterr()
     assert said.out == ""

@@ -14,9 +14,9 @@ from cadcam.files.camera import write_camera
 from cadcam.files.points import read_points
 from cadcam.image.picture import read_picture, write_picture
 from cadcam.render import open_renderer
+from cadcam.render.lines.visible import visible_wireframe
 from cadcam.render.overlay import overlay
 from cadcam.render.view import Channel, Look, Scene
-from cadcam.render.visible import visible_wireframe
 
 from .job import CAMERA, POSE, SIZE, Ran
 

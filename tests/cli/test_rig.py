@@ -15,8 +15,8 @@ from cadcam.files.poses import read_poses
 from cadcam.files.rig import read_rig
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
-from cadcam.target.ideal import board_picture
-from cadcam.target.pattern import parse_pattern
+from cadcam.target.boards.pattern import parse_pattern
+from cadcam.target.marks.ideal import board_picture
 
 from ..calibrate.rigs import TO_RIGHT, rig
 from ..calibrate.scenes import SIZE

@@ -12,8 +12,8 @@ import pytest
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture, write_picture
-from cadcam.target.ideal import board_picture
-from cadcam.target.mark import Plate, dot_and_ring
+from cadcam.target.marks.ideal import board_picture
+from cadcam.target.marks.mark import Plate, dot_and_ring
 
 from .job import Ran
 

@@ -17,7 +17,7 @@ import pytest
 from cadcam.files.camera import write_camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
-from cadcam.locate.track_log import read_track
+from cadcam.locate.track.log import read_track
 
 from .job import Ran
 from .locating import CAMERA, MIDDLE, MODELS, POSE, seen, write_start

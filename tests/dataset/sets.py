@@ -15,7 +15,7 @@ from cadcam.dataset.plan import NOISE, PLAIN, Occluders, Plan, middle_and_radius
 from cadcam.dataset.props import props_of
 from cadcam.dataset.shot import Director
 from cadcam.dataset.studio import Stage, Studio
-from cadcam.render.seen import drawable_edges
+from cadcam.render.lines.seen import drawable_edges
 from cadcam.render.view import Scene
 
 HALF = np.array([30.0, 20.0, 10.0])  # the part is a box about its origin

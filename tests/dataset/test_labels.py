@@ -167,7 +167,7 @@ def test_topics_draw_apart_from_each_other() -> None:
 
 
 def test_poses_keep_to_their_range() -> None:
-    from cadcam.locate.view_range import ViewRange
+    from cadcam.locate.views.view_range import ViewRange
 
     around = ViewRange(np.array([1.0, 0, 0]), 30.0, np.array([0.0, 0, 1.0]), 10.0, (300.0, 400.0))
     made = plan(200, around=around, off_centre=0.0, occluders=Occluders())

@@ -21,7 +21,7 @@ from cadcam.dataset.plan import Occluders
 from cadcam.dataset.worker import Job, Task
 from cadcam.errors import BadValue, MissingExtra, UnreachableCluster, UnreadableFile, UnwritableFile, WorkerDied
 from cadcam.image.picture import read_picture, write_picture
-from cadcam.render.seen import drawable_edges
+from cadcam.render.lines.seen import drawable_edges
 
 from .sets import contents, plan, same, scene, stage_and_director
 

@@ -10,9 +10,9 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.fit.grouped import grouped_fit
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.agreement import agreed
-from cadcam.locate.regression import Regression
-from cadcam.locate.solution import Solution
+from cadcam.locate.refine.agreement import agreed
+from cadcam.locate.refine.regression import Regression
+from cadcam.locate.refine.solution import Solution
 
 GROUPS, EACH, SIGMA = 40, 6, 0.04  # edges, samples of each, px
 

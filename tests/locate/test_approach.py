@@ -17,10 +17,10 @@ from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture
-from cadcam.locate.approach import Reach, approach
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.locate.search.approach import Reach, approach
 
 from ..cad.solids import box
 from .photos import CAMERA, photo, view

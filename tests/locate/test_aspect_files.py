@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.locate import aspect_files
-from cadcam.locate.aspect_files import file_of, read_aspects, write_aspects
 from cadcam.locate.part import Part
+from cadcam.locate.search import aspect_files
+from cadcam.locate.search.aspect_files import file_of, read_aspects, write_aspects
 
 from ..cad.solids import box
 

@@ -7,8 +7,8 @@ import pytest
 
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.aspects import PLACES, sphere_net
 from cadcam.locate.part import Part
+from cadcam.locate.views.aspects import PLACES, sphere_net
 
 from ..cad.solids import box
 

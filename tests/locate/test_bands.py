@@ -12,13 +12,13 @@ from cadcam.cad.parts.shape import box
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import StepSums, step_rests, step_sums
-from cadcam.locate import refine as refinement
-from cadcam.locate.bands import banded
-from cadcam.locate.cells import Cells, measure
+from cadcam.locate.lines.bands import banded
+from cadcam.locate.lines.cells import Cells, measure
+from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.refine import refine
-from cadcam.locate.sight import Sight
+from cadcam.locate.refine import refine as refinement
+from cadcam.locate.refine.refine import refine
 from cadcam.native.core import choose_variant
 from cadcam.native.profiles import band_gains
 

@@ -8,7 +8,7 @@ import pytest
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.edges import canny
-from cadcam.locate.closeness import ClosenessOptions, closeness
+from cadcam.locate.match.closeness import ClosenessOptions, closeness
 
 from .scene import CAMERA, block, off, photo_of, pose_of
 

@@ -13,13 +13,13 @@ from cadcam.cad.parts.shape import box, prism
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.chroma import chroma_of, values_at
 from cadcam.image.picture import to_gray
-from cadcam.locate.chequers import along_chequers
-from cadcam.locate.color import by_color
-from cadcam.locate.options import EDGES
+from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.refine import refine
-from cadcam.locate.sight import Sight
+from cadcam.locate.quality.chequers import along_chequers
+from cadcam.locate.quality.color import by_color
+from cadcam.locate.refine.options import EDGES
+from cadcam.locate.refine.refine import refine
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Scene
 

@@ -8,7 +8,7 @@ import pytest
 from cadcam.arrays import Array, Ids
 from cadcam.camera.viewpoint import ErrorSource, Viewpoint
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.consensus import Candidates, consensus, pose_of_matches
+from cadcam.locate.match.consensus import Candidates, consensus, pose_of_matches
 from cadcam.locate.photo import Photo
 
 from .scene import CAMERA, off, pose_of

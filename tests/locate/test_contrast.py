@@ -7,10 +7,10 @@ from scipy.ndimage import map_coordinates
 
 from cadcam.arrays import Picture
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.contrast import showing
+from cadcam.locate.lines.sight import Sight
 from cadcam.locate.photo import Photo
-from cadcam.locate.refine import refine
-from cadcam.locate.sight import Sight
+from cadcam.locate.quality.contrast import showing
+from cadcam.locate.refine.refine import refine
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Look
 

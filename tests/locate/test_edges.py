@@ -9,7 +9,7 @@ from cadcam.cad.parts.bracket import machined_bracket
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Ideal, Lens
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.edges import EdgeSamples, project, sample_lines
+from cadcam.locate.lines.edges import EdgeSamples, project, sample_lines
 from cadcam.locate.part import Part
 from cadcam.native.profiles import clearance
 

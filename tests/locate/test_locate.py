@@ -9,13 +9,13 @@ import pytest
 
 from cadcam.errors import NothingInView
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.hypothesis import Hypothesis
 from cadcam.locate.locate import _ranked, locate
 from cadcam.locate.location import Location
-from cadcam.locate.options import EDGES, EdgeOptions
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.refine import refined
+from cadcam.locate.refine.options import EDGES, EdgeOptions
+from cadcam.locate.refine.refine import refined
+from cadcam.locate.search.hypothesis import Hypothesis
 
 from .moving import location as told
 from .scene import CAMERA, block, largest_miss, off, photo_of, pose_of

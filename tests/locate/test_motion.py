@@ -8,7 +8,7 @@ import pytest
 from cadcam.arrays import Array
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.motion import Motion
+from cadcam.locate.track.motion import Motion
 
 CENTRE, RADIUS = np.array([30.0, 20.0, 10.0]), 40.0
 FIRST = Rigid.exp([-20.0, 5.0, 400.0, 0.4, 0.2, -0.3])

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.bands import FARTHEST_PX
+from cadcam.locate.lines.bands import FARTHEST_PX
+from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.proportions import Stretched, _pulled, stretched
-from cadcam.locate.quality import judged
-from cadcam.locate.refine import refine
-from cadcam.locate.sight import Sight
+from cadcam.locate.quality.proportions import Stretched, _pulled, stretched
+from cadcam.locate.quality.quality import judged
+from cadcam.locate.refine.refine import refine
 from cadcam.native.profiles import met
 
 from ..cad.solids import box

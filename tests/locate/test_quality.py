@@ -7,16 +7,16 @@ import pytest
 
 from cadcam.cad.parts import machined_bracket
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.absent import behind_border, body_gone
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.locate import locate
 from cadcam.locate.location import FOUND
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality import SEARCHED, Seen
-from cadcam.locate.refine import refine
-from cadcam.locate.view_range import ViewRange
-from cadcam.locate.worth import distinct_lines, worth_of_stretches
+from cadcam.locate.quality.absent import behind_border, body_gone
+from cadcam.locate.quality.quality import SEARCHED, Seen
+from cadcam.locate.quality.worth import distinct_lines, worth_of_stretches
+from cadcam.locate.refine.refine import refine
+from cadcam.locate.views.view_range import ViewRange
 
 from ..cad.solids import box
 from .photos import CAMERA, noisy, photo, view

@@ -21,7 +21,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture
 from cadcam.locate.locate import locate
 from cadcam.locate.photo import Photo
-from cadcam.locate.track import track
+from cadcam.locate.track.track import track
 
 PATH = Path(__file__).resolve().parents[2] / "benchmarks" / "video_sets.py"
 
@@ -60,7 +60,8 @@ def test_a_triangle_half_hidden_is_found_from_its_published_pose(
 ) -> None:
     """The published pose is good to 1-3 px: 3 mm at its distance of 0.6 m and 700 px, more along the view.
 
-    A bottle hides its far corner, and it lies on a chequered cloth full of lines, but it is green (`locate.color`).
+    A bottle hides its far corner, and it lies on a chequered cloth full of lines, but it is green
+    (`locate.quality.color`).
     """
     part, camera, pictures, published = sets.triangle(shared("data/m3t_triangle").parent)
     centre = part.scene.mesh.bounds.mean(axis=0)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.regression import Regression
-from cadcam.locate.solution import Solution
+from cadcam.locate.refine.regression import Regression
+from cadcam.locate.refine.solution import Solution
 
 LINES, PIECES, EACH, SIGMA = 24, 3, 8, 0.08  # lines, pieces of each, samples of these, px
 UNIT = np.array([1, 1, 0.3, 200, 200, 300])  # px by a unit of the twist

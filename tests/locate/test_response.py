@@ -8,10 +8,10 @@ from scipy.ndimage import gaussian_filter1d
 
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import steps
+from cadcam.locate.lines.response import _OF_BLUR, _weighed
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.refine import refine
-from cadcam.locate.response import _OF_BLUR, _weighed
+from cadcam.locate.refine.refine import refine
 
 from ..cad.solids import box
 from .photos import CAMERA, noisy, shot, view

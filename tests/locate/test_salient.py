@@ -9,8 +9,8 @@ from cadcam.arrays import Picture
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, MissingCore
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.appearance import APPEARANCES, counted, of_model, of_photo
-from cadcam.locate.salient import SalientOptions, corner_strength, salient_windows
+from cadcam.locate.match.appearance import APPEARANCES, counted, of_model, of_photo
+from cadcam.locate.match.salient import SalientOptions, corner_strength, salient_windows
 from cadcam.native import core
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, View

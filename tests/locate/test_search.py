@@ -20,8 +20,8 @@ from cadcam.locate.locate import locate
 from cadcam.locate.location import FOUND
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.search import search
-from cadcam.locate.view_range import ViewRange
+from cadcam.locate.search.search import search
+from cadcam.locate.views.view_range import ViewRange
 
 from ..cad.solids import box
 from .photos import CAMERA, noisy, photo, shot, view

@@ -10,10 +10,10 @@ from cadcam.cad.parts.shape import circle, prism
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.sensor.light import Blur
-from cadcam.locate.cells import Cells, measure
+from cadcam.locate.lines.cells import Cells, measure
+from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.sight import Sight
 
 CAMERA = Camera.from_focal((160, 120), 900.0)
 FINE = 8  # samples a pixel, each way

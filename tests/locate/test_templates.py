@@ -11,9 +11,9 @@ import pytest
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, MissingCore, UnknownName
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.match.salient import SalientOptions
+from cadcam.locate.match.templates import TemplateOptions, match_templates
 from cadcam.locate.photo import Photo
-from cadcam.locate.salient import SalientOptions
-from cadcam.locate.templates import TemplateOptions, match_templates
 from cadcam.native import core
 
 from .scene import CAMERA, NOISE, block, largest_miss, off, photo_of, pose_of

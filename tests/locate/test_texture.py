@@ -12,11 +12,11 @@ from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
 from cadcam.locate.evidence import PoseEvidence
-from cadcam.locate.frames import Frame, Frames
 from cadcam.locate.freedom import FREE, Freedom
-from cadcam.locate.texture import Followed, Texture
-from cadcam.locate.track import Step, TrackedFrame, track
-from cadcam.locate.track_log import TrackLog, head_of, track_to
+from cadcam.locate.track.frames import Frame, Frames
+from cadcam.locate.track.log import TrackLog, head_of, track_to
+from cadcam.locate.track.texture import Followed, Texture
+from cadcam.locate.track.track import Step, TrackedFrame, track
 
 from .printed import CAMERA, FIRST, STEP, miss_mm, part, photo, truth
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from cadcam.cad.mesh import merge
+from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
-from cadcam.locate.quality import seen
-from cadcam.locate.shown import ROOM_PX
-from cadcam.locate.sight import Sight
-from cadcam.locate.thin import Strips
+from cadcam.locate.quality.quality import seen
+from cadcam.locate.quality.shown import ROOM_PX
+from cadcam.locate.quality.thin import Strips
 
 from ..cad.solids import box
 from .photos import CAMERA, photo, view

@@ -14,14 +14,14 @@ import pytest
 from cadcam.errors import BadValue, NothingInView, UnreadableFile
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
-from cadcam.locate import track as module
-from cadcam.locate.frames import Frame, Frames
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.track import Step, track
-from cadcam.locate.track_log import COLUMNS, TrackLog, head_of, read_track, track_to
+from cadcam.locate.track import track as module
+from cadcam.locate.track.frames import Frame, Frames
+from cadcam.locate.track.log import COLUMNS, TrackLog, head_of, read_track, track_to
+from cadcam.locate.track.track import Step, track
 
 from .moving import CAMERA, FIRST, STEP, Sighting, block, frames, location, measured, truth
 

@@ -13,8 +13,8 @@ from cadcam.image.sensor.presets import GLOBAL_SHUTTER
 from cadcam.image.sensor.video import Gain
 from cadcam.plan.finding import Finder, circle_covariance
 from cadcam.render.photograph import behind, blur_before
-from cadcam.target.find import find_marks
-from cadcam.target.mark import dot
+from cadcam.target.marks.find import find_marks
+from cadcam.target.marks.mark import dot
 
 PAPER, INK, RADIUS = 0.8, 0.1, 30.0
 CAMERA = cadcam.Camera.from_focal((81, 81), 1500.0)

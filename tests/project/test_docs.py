@@ -44,5 +44,5 @@ def exists(name: str) -> bool:
 
 
 def test_a_dotted_name_may_lead_nowhere() -> None:
-    assert exists("cadcam.locate.edges.project")
-    assert not exists("cadcam.locate.edges.projekt")
+    assert exists("cadcam.locate.lines.edges.project")
+    assert not exists("cadcam.locate.lines.edges.projekt")

@@ -47,6 +47,8 @@ def test_tool_is_content(command: tuple[str, ...]) -> None:
         ("plan/coverage.py", "import matplotlib", "plotting stays in report"),
         ("plan/coverage.py", "import distributed", "Dask stays in dataset"),
         ("locate/part.py", "import sqlalchemy", "the database stays in record"),
+        ("locate/lines/sight.py", "from cadcam.locate.quality import quality", "so do those within locate"),
+        ("target/boards/board.py", "from cadcam.target.marks import mark", "so do those within target"),
     ],
 )
 def test_a_forbidden_import_breaks_its_contract(tmp_path: Path, room: str, line: str, contract: str) -> None:
@@ -65,7 +67,8 @@ def test_a_forbidden_import_breaks_its_contract(tmp_path: Path, room: str, line:
 
 def test_a_contract_is_held_by_every_room_but_the_one_that_it_names() -> None:
     """A room made later must not be forgotten in one of the lists."""
-    order, *stay = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    order, stay = contracts[0], [c for c in contracts if c["type"] == "forbidden"]
     rooms = {f"cadcam.{room.strip()}" for layer in order["layers"] for room in layer.split("|")} - {"cadcam.__main__"}
     for contract in stay:
         its_own = (

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.render.clip import FlatSegments
-from cadcam.render.crossing import crossings
+from cadcam.render.lines.clip import FlatSegments
+from cadcam.render.lines.crossing import crossings
 
 
 def segments(ends: np.ndarray, depth: float) -> FlatSegments:

@@ -18,8 +18,9 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Fisheye, Ideal, Lens
 from cadcam.errors import BadValue, DegenerateGeometry, NotEnoughMemory
 from cadcam.geometry.rigid import Rigid
-from cadcam.render import gl_context, gl_scene
-from cadcam.render.gl import GlRenderer
+from cadcam.render.gl import context as gl_context
+from cadcam.render.gl import scene as gl_scene
+from cadcam.render.gl.renderer import GlRenderer
 from cadcam.render.ray import RayRenderer
 from cadcam.render.view import Channel, Look, Scene
 

@@ -16,10 +16,11 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Fisheye, Lens
 from cadcam.errors import MissingExtra, MissingOpenGL
 from cadcam.geometry.rigid import Rigid
-from cadcam.render import gl_context, open_renderer
-from cadcam.render.gl_context import GlInfo, probe
-from cadcam.render.gl_pieces import PIECE_REACH_PX, REACH_PX, pieces
-from cadcam.render.gl_tiles import tiles
+from cadcam.render import open_renderer
+from cadcam.render.gl import context as gl_context
+from cadcam.render.gl.context import GlInfo, probe
+from cadcam.render.gl.pieces import PIECE_REACH_PX, REACH_PX, pieces
+from cadcam.render.gl.tiles import tiles
 from cadcam.render.view import Scene
 
 TRIANGLE = Mesh.single(np.array([[0, 0, 100.0], [50, 0, 100], [0, 50, 100]]), np.array([[0, 1, 2]]))

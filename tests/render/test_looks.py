@@ -17,12 +17,12 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.native import core
 from cadcam.render import RENDERERS, open_renderer
 from cadcam.render.cutout import Cutout
+from cadcam.render.lines.visible import visible_wireframe
 from cadcam.render.looks import LOOKS, named_look, repainted
 from cadcam.render.raster import RasterRenderer
 from cadcam.render.ray import RayRenderer
 from cadcam.render.standard_view import standard_view
 from cadcam.render.view import Channel, Look, Scene, View
-from cadcam.render.visible import visible_wireframe
 
 SIZE = (160, 120)
 BRACKET = Scene.of(machined_bracket())

@@ -14,6 +14,8 @@ from cadcam.cad.mesh import Mesh
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, SizeMismatch
 from cadcam.geometry.rigid import Rigid
+from cadcam.render.lines.visible import LineDrawer
+from cadcam.render.lines.wireframe import LineOptions, Wireframe
 from cadcam.render.overlay import (
     KIND_COLORS,
     LineStyle,
@@ -27,8 +29,6 @@ from cadcam.render.overlay import (
 )
 from cadcam.render.ray import RayRenderer
 from cadcam.render.view import Look, Scene, View
-from cadcam.render.visible import LineDrawer
-from cadcam.render.wireframe import LineOptions, Wireframe
 
 CAMERA = Camera.from_focal((160, 120), 200.0, fy=190.0, cx=70.5, cy=64.2)
 POSE = Rigid(np.eye(3), np.array([0.0, 0.0, 400.0]))

@@ -19,7 +19,7 @@ from cadcam.native import core
 from cadcam.render import memory
 from cadcam.render.embree import Caster
 from cadcam.render.lens_tables import plane_points, subdivided
-from cadcam.render.occlusion import Occluders
+from cadcam.render.lines.occlusion import Occluders
 from cadcam.render.raster import RasterRenderer
 from cadcam.render.ray import RayRenderer
 from cadcam.render.view import Channel, Look, Scene

@@ -16,12 +16,12 @@ from cadcam.camera.lens import BrownConrady, Lens
 from cadcam.errors import MissingCore
 from cadcam.geometry.rigid import Rigid
 from cadcam.native import core
-from cadcam.render import seen
+from cadcam.render.lines import seen
+from cadcam.render.lines.seen import SeenEdges, seen_points
+from cadcam.render.lines.visible import LineDrawer
+from cadcam.render.lines.wireframe import LineOptions, Polylines
 from cadcam.render.raster import RasterRenderer
-from cadcam.render.seen import SeenEdges, seen_points
 from cadcam.render.view import Channel, Scene, View
-from cadcam.render.visible import LineDrawer
-from cadcam.render.wireframe import LineOptions, Polylines
 
 try:
     core.library()

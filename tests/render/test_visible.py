@@ -19,9 +19,9 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Fisheye
 from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry.rigid import Rigid
+from cadcam.render.lines.visible import LineDrawer, visible_wireframe
+from cadcam.render.lines.wireframe import LineOptions, Polylines, Wireframe
 from cadcam.render.view import Scene
-from cadcam.render.visible import LineDrawer, visible_wireframe
-from cadcam.render.wireframe import LineOptions, Polylines, Wireframe
 
 BOTH = LineOptions(hidden=True, margin_px=0)
 CORNERS = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], float)

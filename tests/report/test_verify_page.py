@@ -20,10 +20,10 @@ from cadcam.locate.matches import EdgeMatches
 from cadcam.locate.photo import Photo
 from cadcam.record.export import read_records
 from cadcam.record.record import Source
-from cadcam.report.verify_json import Origin, verification_as_json
-from cadcam.report.verify_overlay import overlay_svg
-from cadcam.report.verify_page import verification_page, write_verification_page
-from cadcam.report.verify_words import to_do
+from cadcam.report.verify.json import Origin, verification_as_json
+from cadcam.report.verify.overlay import overlay_svg
+from cadcam.report.verify.page import verification_page, write_verification_page
+from cadcam.report.verify.words import to_do
 from cadcam.verify.judge import Verification, direction_words, verify
 from cadcam.verify.tolerance import Feature, Limit, Quantity, Selection, Tolerances
 from cadcam.verify.verdict import Verdict

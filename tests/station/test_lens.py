@@ -17,7 +17,7 @@ from cadcam.station.measure import measure
 from cadcam.station.plane import calibrate_position, refuse_misfit
 from cadcam.station.plate import place_plate
 from cadcam.station.simulate import calibrate_robot, day
-from cadcam.target.mark import parse_mark
+from cadcam.target.marks.mark import parse_mark
 
 BENT = BrownConrady(k1=-8.0, k2=20.0)  # as bad as lenses get: 37 px in the corners of the picture
 CAMERA = Camera.from_focal((768, 576), 4650.0, fy=5070.0, lens=BENT)

@@ -16,7 +16,7 @@ from cadcam.station.hall import Visit, make_hall
 from cadcam.station.hall_picture import hall_picture
 from cadcam.station.marks import MarkLook, find_mark, find_plate
 from cadcam.station.plate import Plate, turn
-from cadcam.target.mark import parse_mark
+from cadcam.target.marks.mark import parse_mark
 
 AT = np.array([8700.0, 17500.0])
 LOOK = MarkLook(parse_mark(Plate.b4().mark), 25.0)

@@ -10,9 +10,9 @@ from cadcam.arrays import Array, Picture
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady
 from cadcam.geometry.rigid import Rigid
-from cadcam.target.board import Pattern
-from cadcam.target.ideal import board_picture
-from cadcam.target.pattern import parse_pattern
+from cadcam.target.boards.board import Pattern
+from cadcam.target.boards.pattern import parse_pattern
+from cadcam.target.marks.ideal import board_picture
 
 CAMERA = Camera.from_focal((480, 360), 420.0, fy=424.0, cx=244.0, cy=176.0, lens=BrownConrady(k1=-0.22, k2=0.07))
 TEXTS = (

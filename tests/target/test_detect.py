@@ -9,11 +9,11 @@ from cadcam.arrays import Picture
 from cadcam.camera.camera import Camera
 from cadcam.errors import MissingExtra, NoBoard
 from cadcam.geometry.rigid import Rigid
-from cadcam.target import opencv
-from cadcam.target.circles import disc_shift
-from cadcam.target.detect import Detection, detect
-from cadcam.target.ideal import board_picture
-from cadcam.target.pattern import CircleGrid, parse_pattern
+from cadcam.target.boards import opencv
+from cadcam.target.boards.circles import disc_shift
+from cadcam.target.boards.detect import Detection, detect
+from cadcam.target.boards.pattern import CircleGrid, parse_pattern
+from cadcam.target.marks.ideal import board_picture
 
 from .shots import CAMERA, TEXTS, pose, shot
 

@@ -12,10 +12,10 @@ import pytest
 from cadcam.arrays import Array, Picture
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
-from cadcam.target.cross import best_radius, cross, surface, taps, template
-from cadcam.target.ideal import marks_picture
-from cadcam.target.mark import Mark, bulls_eye
-from cadcam.target.subpixel import Peak, autocorrelation
+from cadcam.target.marks.cross import best_radius, cross, surface, taps, template
+from cadcam.target.marks.ideal import marks_picture
+from cadcam.target.marks.mark import Mark, bulls_eye
+from cadcam.target.marks.subpixel import Peak, autocorrelation
 
 PRINTED = Peak(8.0, 1.72, 4)  # EQ 4.3
 MARK = bulls_eye(40.0, 80.0, 120.0)  # a disc in a ring, as in Fig. 4-2

@@ -11,10 +11,10 @@ from cadcam.camera.extended_pinhole import ExtendedPinhole
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, TooFewMarks, UnknownName
 from cadcam.geometry.rigid import Rigid
-from cadcam.target.find import FoundMark, find_marks
-from cadcam.target.ideal import board_picture, marks_picture
-from cadcam.target.mark import Mark, Plate, angle_mark, chess_mark, coded_ring, dot, dot_and_ring, inverted, ring
-from cadcam.target.subpixel import centroid, parabola
+from cadcam.target.marks.find import FoundMark, find_marks
+from cadcam.target.marks.ideal import board_picture, marks_picture
+from cadcam.target.marks.mark import Mark, Plate, angle_mark, chess_mark, coded_ring, dot, dot_and_ring, inverted, ring
+from cadcam.target.marks.subpixel import centroid, parabola
 
 CAMERA = Camera.from_focal((320, 240), 500.0)
 RADIUS = 12.5  # px of the marks below, if upright

@@ -6,8 +6,8 @@ import numpy as np
 
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
-from cadcam.target.ideal import board_picture
-from cadcam.target.pattern import parse_pattern
+from cadcam.target.boards.pattern import parse_pattern
+from cadcam.target.marks.ideal import board_picture
 
 CAMERA = Camera.from_focal((64, 48), 100.0, cx=20.0, cy=20.0)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.target.lattice import grown, placed, straightened
-from cadcam.target.pattern import parse_pattern
+from cadcam.target.boards.lattice import grown, placed, straightened
+from cadcam.target.boards.pattern import parse_pattern
 
 NOTHING = np.zeros(1000, dtype=np.int32)
 

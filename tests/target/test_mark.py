@@ -11,8 +11,8 @@ import pytest
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry.rigid import Rigid
-from cadcam.target.ideal import board_picture, marks_picture
-from cadcam.target.mark import (
+from cadcam.target.marks.ideal import board_picture, marks_picture
+from cadcam.target.marks.mark import (
     Plate,
     angle_mark,
     bulls_eye,

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from cadcam.image.picture import read_picture, to_gray
-from cadcam.target import opencv
-from cadcam.target.detect import detect
-from cadcam.target.pattern import Charuco, parse_pattern
+from cadcam.target.boards import opencv
+from cadcam.target.boards.detect import detect
+from cadcam.target.boards.pattern import Charuco, parse_pattern
 
 from .shots import CAMERA, pose, shot
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cadcam.errors import BadValue, CadcamError, UnknownName
-from cadcam.target.board import Pattern
-from cadcam.target.pattern import Chessboard, CircleGrid, parse_pattern
+from cadcam.target.boards.board import Pattern
+from cadcam.target.boards.pattern import Chessboard, CircleGrid, parse_pattern
 
 from .shots import TEXTS
 

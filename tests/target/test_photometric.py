@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.target import photometric
-from cadcam.target.photometric import fit_corners
+from cadcam.target.boards import photometric
+from cadcam.target.boards.photometric import fit_corners
 
 CORNER = [0.1, -0.2, 0.3, 1.7, 0.4, 0.9, 0.5, 0.01, 0.02]
 DISC = [0.1, -0.2, 0.05, 0.01, -0.4, 0.9, 0.5, 0.01, 0.02, 0.07]

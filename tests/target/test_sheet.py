@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cadcam.errors import BadValue, UnknownName
-from cadcam.target.pattern import parse_pattern
+from cadcam.target.boards.pattern import parse_pattern
 from cadcam.target.sheet import write_sheet
 
 POINT = 25.4 / 72

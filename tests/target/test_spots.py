@@ -7,7 +7,7 @@ import pytest
 
 from cadcam.errors import MissingCore
 from cadcam.native import core
-from cadcam.target.spots import spot_response, spots
+from cadcam.target.marks.spots import spot_response, spots
 
 try:
     core.library()

@@ -10,7 +10,7 @@ import pytest
 from cadcam.cad.mesh import merge
 from cadcam.cad.parts.shape import box
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.refine import refine
+from cadcam.locate.refine.refine import refine
 from cadcam.verify.adjustment import Estimate
 from cadcam.verify.deviation import State, Unclear
 from cadcam.verify.inspection import Inspection, InspectionOptions, _believed, _state, inspect

@@ -8,8 +8,8 @@ from scipy.ndimage import binary_dilation
 
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import noise_of
+from cadcam.locate.lines.sight import Sight
 from cadcam.locate.photo import Photo
-from cadcam.locate.sight import Sight
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel
 from cadcam.verify.association import nearby_edges, strays

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cadcam.geometry.rigid import Rigid
-from cadcam.report.verify_words import unclear_words
+from cadcam.report.verify.words import unclear_words
 from cadcam.verify.adjustment import Estimate
 from cadcam.verify.deviation import State, Unclear
 from cadcam.verify.inspection import Inspection, inspect

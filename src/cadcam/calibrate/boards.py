@@ -22,10 +22,10 @@ from cadcam.camera.observations import Observations
 from cadcam.errors import CadcamError, NoBoard, TooFewPoints
 from cadcam.fit.many_poses import Views, poses_of_views
 from cadcam.image.picture import read_picture_with_info
-from cadcam.target.board import Pattern
-from cadcam.target.circles import disc_shift
-from cadcam.target.detect import Detection, detect
-from cadcam.target.pattern import CircleGrid
+from cadcam.target.boards.board import Pattern
+from cadcam.target.boards.circles import disc_shift
+from cadcam.target.boards.detect import Detection, detect
+from cadcam.target.boards.pattern import CircleGrid
 
 USUAL_TERMS = ("k1", "k2", "p1", "p2")
 _LEAST_VIEWS = 3

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cadcam.calibrate.boards import BoardCalibration, BoardPicture
-    from cadcam.target.board import Pattern
+    from cadcam.target.boards.board import Pattern
 
 BOARD_HELP = """\
 boards (cadcam board prints one):
@@ -45,7 +45,7 @@ def run_boards(arguments: argparse.Namespace) -> None:
     from cadcam.calibrate.nested import nested_advice
     from cadcam.calibrate.next_view import next_views
     from cadcam.report.boards import board_tables, boards_as_json
-    from cadcam.target.pattern import parse_pattern
+    from cadcam.target.boards.pattern import parse_pattern
 
     _check_options(arguments)
     pattern, files = parse_pattern(arguments.board), picture_files(arguments.points)

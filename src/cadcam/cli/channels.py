@@ -18,10 +18,10 @@ from cadcam.errors import BadValue, UnknownName
 from cadcam.image.exr import write_exr
 from cadcam.image.picture import write_picture
 from cadcam.render import open_renderer
+from cadcam.render.lines.visible import LineDrawer
+from cadcam.render.lines.wireframe import LineOptions, Wireframe
 from cadcam.render.overlay import overlay, write_overlay_svg
 from cadcam.render.view import PLAIN, Channel, Look, Scene, View
-from cadcam.render.visible import LineDrawer
-from cadcam.render.wireframe import LineOptions, Wireframe
 from cadcam.whole import write_whole
 
 if TYPE_CHECKING:

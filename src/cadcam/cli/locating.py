@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from cadcam.locate.freedom import Freedom
     from cadcam.locate.part import Part
     from cadcam.locate.photo import Photo
-    from cadcam.locate.view_range import ViewRange
+    from cadcam.locate.views.view_range import ViewRange
 
 START_HELP = """\
 start:    --start FILE    where the part is, roughly: some 20 degrees, 40 px and 10 % of the distance off do no harm
@@ -78,7 +78,7 @@ def add_view_options(parser: argparse.ArgumentParser) -> None:
 
 def views_as_asked(arguments: argparse.Namespace) -> ViewRange:
     """Return the range of views that --views, --roll and --distance declare; they need a search, not a start."""
-    from cadcam.locate.view_range import ViewRange
+    from cadcam.locate.views.view_range import ViewRange
 
     if arguments.start or arguments.points:
         one = "one of them: a start is not searched for"
@@ -101,8 +101,8 @@ def views_as_asked(arguments: argparse.Namespace) -> ViewRange:
 @contextmanager
 def prepared(part: Part, photos: Sequence[Photo], views: ViewRange) -> Iterator[None]:
     """Make what a search of the part needs, or take it from the cache's folder; afterwards keep there what was made."""
-    from cadcam.locate.aspect_files import read_aspects, write_aspects
-    from cadcam.locate.search import unmade
+    from cadcam.locate.search.aspect_files import read_aspects, write_aspects
+    from cadcam.locate.search.search import unmade
 
     folder = cache_folder()
     kept = 0 if folder is None else read_aspects(part, folder)

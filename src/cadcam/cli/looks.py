@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import color, named_color, refuse
 from cadcam.cli.photographs import WALL, add_photograph_options, check_photograph_options, is_photograph
-from cadcam.cli.sensor import add_sensor_options, generator
+from cadcam.cli.verbs.sensor import add_sensor_options, generator
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ class Dress:
 
     def __init__(self, arguments: argparse.Namespace, scene: Scene) -> None:
         from cadcam.files.sensor import sensor_named
-        from cadcam.render.visible import LineDrawer
+        from cadcam.render.lines.visible import LineDrawer
 
         self._arguments = arguments
         usual = WALL if is_photograph(arguments) else "white"
@@ -94,7 +94,7 @@ class Dress:
     def write(self, path: str, view: View) -> dict[str, Any]:
         """Write the picture; return how many pixels saw the model."""
         from cadcam.render.cutout import Cutout
-        from cadcam.render.wireframe import LineOptions
+        from cadcam.render.lines.wireframe import LineOptions
 
         model = Cutout.of(view)
         if self._drawer is not None:

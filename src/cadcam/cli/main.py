@@ -15,7 +15,8 @@ import traceback
 from collections.abc import Sequence
 
 from cadcam import __version__
-from cadcam.cli import (
+from cadcam.cli.arguments import Help, Parser
+from cadcam.cli.verbs import (
     board,
     calibrate,
     compare,
@@ -41,7 +42,6 @@ from cadcam.cli import (
     variability,
     verify,
 )
-from cadcam.cli.arguments import Help, Parser
 from cadcam.errors import CadcamError
 
 VERBS = (

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from cadcam.cad.mesh import Mesh
     from cadcam.camera.camera import Camera
     from cadcam.geometry.rigid import Rigid
+    from cadcam.render.lines.wireframe import Wireframe
     from cadcam.render.overlay import LineStyle
     from cadcam.render.view import Scene
-    from cadcam.render.wireframe import Wireframe
 
 LOOKS = ("--hidden", "--color-by", "--width")  # options of lines that are drawn
 LINE = (0.0, 0.85, 0.35)  # on photos
@@ -84,8 +84,8 @@ def scene_without_edges(mesh: Mesh) -> Scene:
 
 def wireframe_of(arguments: argparse.Namespace, scene: Scene, camera: Camera, pose: Rigid) -> Wireframe:
     """Return the visible wireframe, with the hidden lines if asked for."""
-    from cadcam.render.visible import visible_wireframe
-    from cadcam.render.wireframe import LineOptions
+    from cadcam.render.lines.visible import visible_wireframe
+    from cadcam.render.lines.wireframe import LineOptions
 
     with working("removing hidden lines"), naming(arguments.model):
         return visible_wireframe(scene, camera, pose, options=LineOptions(hidden=arguments.hidden))

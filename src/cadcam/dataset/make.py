@@ -30,7 +30,7 @@ from cadcam.dataset.worker import Files, Job, Task
 from cadcam.errors import BadValue, MissingCore, UnreadableFile
 from cadcam.files.jsontext import as_json
 from cadcam.native.core import library
-from cadcam.render.seen import drawable_edges
+from cadcam.render.lines.seen import drawable_edges
 from cadcam.render.view import Scene
 from cadcam.whole import write_whole
 

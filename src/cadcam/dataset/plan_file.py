@@ -46,7 +46,7 @@ from cadcam.files.sensor import sensor_named
 from cadcam.files.text import read_text
 from cadcam.files.yamltext import parsed_yaml
 from cadcam.image.suffixes import READABLE
-from cadcam.locate.view_range import ViewRange
+from cadcam.locate.views.view_range import ViewRange
 
 KEYS = (
     *("views", "seed", "camera", "size", "view_angle_deg", "focal_jitter_percent", "centre_jitter_px"),

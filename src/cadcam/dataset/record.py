@@ -23,7 +23,7 @@ from cadcam.files.camera import bare_camera_as_json
 from cadcam.files.matrix import pose_as_json
 from cadcam.image.png import packed, packed_depth, packed_normals
 from cadcam.native.layers import Box, mask_changes
-from cadcam.render.wireframe import Polylines
+from cadcam.render.lines.wireframe import Polylines
 
 DEEPEST = 65535
 _PX = 4  # decimals of pixels in records: far below what any measurement resolves

@@ -18,11 +18,11 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import to_gray
 from cadcam.image.sensor.sensor import Sensor
 from cadcam.native.layers import Box, mask_region
+from cadcam.render.lines.seen import Drawable, SeenEdges, seen_points
+from cadcam.render.lines.visible import COINCIDENT_SHARE
+from cadcam.render.lines.wireframe import Polylines
 from cadcam.render.raster import RasterRenderer
-from cadcam.render.seen import Drawable, SeenEdges, seen_points
 from cadcam.render.view import Channel, Look, Scene, View
-from cadcam.render.visible import COINCIDENT_SHARE
-from cadcam.render.wireframe import Polylines
 
 _GEOMETRY = Channel.DEPTH | Channel.NORMAL
 NOWHERE = (-1, -1, -1, -1)

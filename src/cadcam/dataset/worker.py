@@ -18,7 +18,7 @@ from cadcam.dataset.record import files_of
 from cadcam.dataset.shot import Shot
 from cadcam.dataset.studio import Stage, Studio
 from cadcam.errors import CadcamError
-from cadcam.render.seen import Drawable
+from cadcam.render.lines.seen import Drawable
 
 Files: TypeAlias = dict[str, bytes]  # content by path, the record of the view last
 

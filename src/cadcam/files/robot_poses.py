@@ -1,7 +1,7 @@
 """Robot poses as controllers write them: each maker's convention by name, read as base_from_flange in mm.
 
 A file says nowhere whether its six numbers are KUKA's angles or a rotation vector, so the caller names the convention
-(`CONVENTIONS`); `cadcam.calibrate.handeye_conventions` tests which of them a camera's motion allows. Layouts:
+(`CONVENTIONS`); `cadcam.calibrate.handeye.conventions` tests which of them a camera's motion allows. Layouts:
 
 text     one pose a line, cells separated by commas, semicolons, tabs or blanks, # comments; with or without a line of
          column names (the convention's, any case, a unit such as X_mm allowed) and with or without a name in front

@@ -11,18 +11,18 @@ import numpy as np
 from cadcam.arrays import quantile
 from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.approach import REACH, Reach, approach
-from cadcam.locate.basins import Basins
 from cadcam.locate.freedom import FREE, Freedom
-from cadcam.locate.hypothesis import Hypothesis
 from cadcam.locate.location import FOUND, Location
-from cadcam.locate.options import EDGES, EdgeOptions
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality import SEARCHED
-from cadcam.locate.refine import in_spite_of_noise, refined
-from cadcam.locate.search import search_once
-from cadcam.locate.view_range import WHOLE_SPHERE, ViewRange
+from cadcam.locate.quality.quality import SEARCHED
+from cadcam.locate.refine.basins import Basins
+from cadcam.locate.refine.options import EDGES, EdgeOptions
+from cadcam.locate.refine.refine import in_spite_of_noise, refined
+from cadcam.locate.search.approach import REACH, Reach, approach
+from cadcam.locate.search.hypothesis import Hypothesis
+from cadcam.locate.search.search import search_once
+from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 
 _RIVAL = 0.85  # share of the best hypothesis' score that makes another one as good
 _TRIED = (4, 10)  # hypotheses that are refined: with a start, without one

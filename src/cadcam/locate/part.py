@@ -7,11 +7,11 @@ from functools import cached_property
 from cadcam.arrays import Array
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.aspects import Aspects
-from cadcam.locate.symmetry import spin_of, symmetries
+from cadcam.locate.views.aspects import Aspects
+from cadcam.locate.views.symmetry import spin_of, symmetries
 from cadcam.render.embree import Caster
+from cadcam.render.lines.visible import LineDrawer
 from cadcam.render.view import Scene
-from cadcam.render.visible import LineDrawer
 
 
 class Part:

@@ -12,10 +12,10 @@ from cadcam.image.draw import draw_points, draw_polylines
 from cadcam.plan.coverage import Painting
 from cadcam.plan.layout import Layout
 from cadcam.render import open_renderer
+from cadcam.render.lines.visible import LineDrawer
 from cadcam.render.overlay import LineStyle, overlay
 from cadcam.render.standard_view import standard_view
 from cadcam.render.view import Channel, Look, Scene
-from cadcam.render.visible import LineDrawer
 
 _WIDE = 960  # px: longest side of a picture
 SEEN, UNSEEN = (0.0, 0.62, 0.45), (0.84, 0.30, 0.0)

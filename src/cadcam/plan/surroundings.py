@@ -9,7 +9,7 @@ from cadcam.arrays import Array, Mask
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
 from cadcam.render.embree import Caster
-from cadcam.render.occlusion import Occluders
+from cadcam.render.lines.occlusion import Occluders
 
 _TOLERANCE = 1e-4  # of the part's diagonal: how far off a face a feature on it may be given
 _DIRECTIONS = 48

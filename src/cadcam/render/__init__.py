@@ -36,7 +36,7 @@ def open_renderer(scene: Scene, name: str = "auto", *, threads: int | None = Non
     if name == "auto":
         name, _ = auto_choice()
     if name == "gl":
-        from cadcam.render.gl import GlRenderer
+        from cadcam.render.gl.renderer import GlRenderer
 
         return GlRenderer(scene)
     if name == "raster":

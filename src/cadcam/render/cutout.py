@@ -11,9 +11,9 @@ from cadcam.arrays import Picture
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue
 from cadcam.image.picture import to_rgb
+from cadcam.render.lines.wireframe import Wireframe
 from cadcam.render.overlay import Color, LineStyle, fitting, model_alone, overlay
 from cadcam.render.view import View
-from cadcam.render.wireframe import Wireframe
 
 # Ink, half there: edges tell faces of like brightness apart without making a drawing of the picture.
 SOFT = LineStyle(color_by="one", color=(0.05, 0.08, 0.12), width=1.2, opacity=0.55, hidden_opacity=0.25)

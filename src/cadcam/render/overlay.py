@@ -18,8 +18,8 @@ from cadcam.image.draw import draw_polylines
 from cadcam.image.edges import EdgePoints, canny, distance_to_edges
 from cadcam.image.picture import checked, equalized, to_gray, to_rgb
 from cadcam.image.svg import SvgLayer, write_svg
+from cadcam.render.lines.wireframe import Polylines, Wireframe
 from cadcam.render.view import View
-from cadcam.render.wireframe import Polylines, Wireframe
 
 Color = tuple[float, float, float]
 

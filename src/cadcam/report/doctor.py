@@ -96,7 +96,7 @@ def _required(name: str, gives: str) -> Callable[[str], Finding]:
 
 def _opengl(topic: str) -> Finding:
     """Return what OpenGL on EGL says of itself, asked in a process of its own."""
-    from cadcam.render.gl_context import probe
+    from cadcam.render.gl.context import probe
 
     info = probe()
     if not info.available:

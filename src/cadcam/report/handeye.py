@@ -9,8 +9,8 @@ import numpy as np
 
 import cadcam
 from cadcam.arrays import Array
-from cadcam.calibrate.handeye_conventions import ConventionFit
-from cadcam.calibrate.handeye_estimate import HandEyeEstimate
+from cadcam.calibrate.handeye.conventions import ConventionFit
+from cadcam.calibrate.handeye.estimate import HandEyeEstimate
 from cadcam.files.jsontext import or_null, or_nulls
 from cadcam.files.matrix import pose_as_json
 from cadcam.geometry import rotation as so3

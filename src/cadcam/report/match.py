@@ -10,8 +10,8 @@ import numpy as np
 from cadcam.files.jsontext import or_null
 from cadcam.files.matrix import pose_as_json
 from cadcam.image.correlate import Peaks
-from cadcam.locate.closeness import Closeness
-from cadcam.locate.templates import Features, TemplateMatches
+from cadcam.locate.match.closeness import Closeness
+from cadcam.locate.match.templates import Features, TemplateMatches
 from cadcam.report.table import Table
 
 

@@ -8,9 +8,9 @@ from cadcam.arrays import Picture
 from cadcam.image.correlate import Peaks
 from cadcam.image.draw import draw_points, draw_polylines, draw_text
 from cadcam.image.template import Template
+from cadcam.locate.match.templates import TemplateMatches
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.templates import TemplateMatches
 
 _FOUND_COLOR, _OTHER_COLOR = (0.0, 0.85, 0.35), (1.0, 0.35, 0.0)
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cadcam.report.table import Table
-from cadcam.target.find import FoundMark
+from cadcam.target.marks.find import FoundMark
 
 _COLUMNS = (
     *("picture", "id", "x", "y", "sigma_x", "sigma_y", "covariance_xy", "size_px"),

@@ -10,8 +10,8 @@ from cadcam.arrays import Array, Picture
 from cadcam.files.shot import Shot, write_pgm
 from cadcam.geometry.rigid import Rigid
 from cadcam.station.hall import Hall, Visit
-from cadcam.target.ideal import marks_picture
-from cadcam.target.mark import parse_mark
+from cadcam.target.marks.ideal import marks_picture
+from cadcam.target.marks.mark import parse_mark
 
 _LENS_PX = 0.7  # standard deviation of the lens' blur
 _FLOOR, _PAPER, _INK = 0.35, 0.6, 0.05  # of the light that the sensor takes before it is white

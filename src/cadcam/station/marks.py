@@ -17,8 +17,8 @@ from cadcam.station.plate import Plate
 
 if TYPE_CHECKING:
     from cadcam.camera.camera import Camera
-    from cadcam.target.find import FoundMark
-    from cadcam.target.mark import Mark
+    from cadcam.target.marks.find import FoundMark
+    from cadcam.target.marks.mark import Mark
 
 _ENOUGH = 12.0  # px: radius of a mark in the picture it is looked for in
 _FEWEST = 4
@@ -64,7 +64,7 @@ def find_plate(gray: Picture, plate: Plate, look: MarkLook, *, lens: Camera | No
     Raises `TooFewMarks` below four, `NoOrder` where what is found is not this plate, `DegenerateGeometry` for two
     plates in view or an order that cannot be told, `BadValue` for marks that are burnt out.
     """
-    from cadcam.target.order import order_marks
+    from cadcam.target.order.order import order_marks
 
     found = _found(gray, look, lens)
     if len(found) < _FEWEST:
@@ -119,7 +119,7 @@ def find_mark(gray: Picture, look: MarkLook, *, lens: Camera | None = None) -> t
 
 
 def _found(gray: Picture, look: MarkLook, lens: Camera | None) -> list[FoundMark]:
-    from cadcam.target.find import find_marks
+    from cadcam.target.marks.find import find_marks
 
     radius = look.radius_px
     by = 1 if radius is None else max(1, int(np.min(radius) / _ENOUGH))

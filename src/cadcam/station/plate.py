@@ -30,7 +30,7 @@ class Plate:
     """Marks (K, 2) and reflectors (M, 2) in the plate's axes, mm, x to y counter-clockwise as in the world.
 
     sigma_mm: how exactly each coordinate of each point was made or known. mark: what the marks look like, as
-    `target.mark.parse_mark` reads it; nothing where it is not said.
+    `target.marks.mark.parse_mark` reads it; nothing where it is not said.
     """
 
     marks: Array

@@ -24,7 +24,7 @@ from cadcam.station.plane import calibrate_position
 from cadcam.station.plate import place_plate
 from cadcam.station.rules import Rule
 from cadcam.station.survey import write_drawing, write_survey
-from cadcam.target.mark import parse_mark
+from cadcam.target.marks.mark import parse_mark
 from cadcam.whole import write_whole
 
 _REPEATED, _VISITS = 5, 6  # marks, and visits of each, that tell the repeatability

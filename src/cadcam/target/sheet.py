@@ -11,7 +11,7 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.errors import BadValue, UnknownName
-from cadcam.target.board import Ink
+from cadcam.target.boards.board import Ink
 from cadcam.whole import write_whole
 
 PAGES: dict[str, tuple[float, float]] = {

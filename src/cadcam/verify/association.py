@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Mask, quantile
 from cadcam.image.profile import candidates
-from cadcam.locate.cells import Cells, measure
-from cadcam.locate.edges import Projected
-from cadcam.locate.sight import Sight
+from cadcam.locate.lines.cells import Cells, measure
+from cadcam.locate.lines.edges import Projected
+from cadcam.locate.lines.sight import Sight
 from cadcam.verify.sightlines import REACH_PX, STEP_PX, Sightlines
 
 Longs = npt.NDArray[np.int64]

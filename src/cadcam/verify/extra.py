@@ -12,8 +12,8 @@ from cadcam.image.edges import canny
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render import open_renderer
+from cadcam.render.lines.wireframe import LineOptions
 from cadcam.render.view import Channel, View
-from cadcam.render.wireframe import LineOptions
 from cadcam.verify.deviation import Extra
 
 LEAST_PX = 25.0  # shorter curves are texture, rust, dirt

@@ -19,9 +19,9 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import noise_of
-from cadcam.locate.light import Light
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.locate.quality.light import Light
 from cadcam.verify.shown import Shown, Window
 
 Longs = npt.NDArray[np.int64]

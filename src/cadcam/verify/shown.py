@@ -11,9 +11,9 @@ from cadcam.arrays import Array, Ids, Mask
 from cadcam.cad.edges import FeatureEdges
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.light import EVERY, Light, light_of, paints_of, surfaces
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.locate.quality.light import EVERY, Light, light_of, paints_of, surfaces
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Scene
 

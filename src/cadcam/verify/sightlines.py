@@ -13,11 +13,11 @@ from cadcam.camera.sensitivity import project_with_sensitivity
 from cadcam.camera.viewpoint import ErrorSource
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import noise_of
-from cadcam.locate.edges import EdgeSamples, project, sample_lines
+from cadcam.locate.lines.edges import EdgeSamples, project, sample_lines
+from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.sight import Sight
-from cadcam.render.wireframe import LineOptions
+from cadcam.render.lines.wireframe import LineOptions
 
 Longs = npt.NDArray[np.int64]
 STEP_PX, REACH_PX = 4.0, 7.0  # length of the cell that a place stands for, and how far to each side it reaches

@@ -1,9 +1,9 @@
 """How bright a photo is where a body ought to be: as that body should be in this light, or as what it would hide.
 
 Pixels of the body's picture are taken together by what they show with the body and without it. The light, fitted to all
-the rest of the photo (`cadcam.locate.light`), says how bright each of these surfaces is, and how surely; pieces of one
-surface err together. Either way the light may not be as it was fitted, for a shadow say, with a probability that no
-surface can make up for: then the tones are any that the photo has elsewhere, and edges that ought to show need not.
+the rest of the photo (`cadcam.locate.quality.light`), says how bright each of these surfaces is, and how surely; pieces
+of one surface err together. Either way the light may not be as it was fitted, for a shadow say, with a probability that
+no surface can make up for: then the tones are any that the photo has elsewhere, and edges that ought to show need not.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import noise_of
-from cadcam.locate.light import Light
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.locate.quality.light import Light
 from cadcam.verify.shown import Shown, Window
 
 Longs = npt.NDArray[np.int64]

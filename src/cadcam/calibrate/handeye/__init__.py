@@ -1,0 +1,1 @@
+"""Where a camera sits on a robot or in its cell."""

@@ -1,0 +1,1 @@
+"""Cameras rigidly mounted together."""

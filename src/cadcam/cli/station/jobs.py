@@ -1,0 +1,319 @@
+"""The jobs of `cadcam station` on real input."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cadcam.cli.arguments import numbers
+from cadcam.cli.cameras import read_any_camera
+from cadcam.cli.output import check_target, print_json, print_tables, progress, say
+from cadcam.cli.station.inputs import Source, gray_picture, look_of, sightings, source
+from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cadcam.arrays import Array
+    from cadcam.camera.camera import Camera
+    from cadcam.camera.measurement import Measurement
+    from cadcam.files.pixels import Pixels
+    from cadcam.files.shot import Shot
+    from cadcam.station.drawing import DistanceCheck, Trend
+    from cadcam.station.gantry import Repeatability, Sighting
+    from cadcam.station.plane import PlaneCalibration
+    from cadcam.station.plate import Plate
+
+
+def calibrate(arguments: argparse.Namespace) -> None:
+    """Calibrate all positions of a camera; print, write."""
+    from cadcam.report.station.tables import calibration_tables, map_tables
+    from cadcam.station.document import read_plate, station_as_json, write_station
+    from cadcam.station.gantry import calibrate_gantry
+    from cadcam.station.survey import read_survey
+
+    if arguments.output:
+        check_target(arguments.output, (".json",))
+    plate = read_plate(arguments.plate)
+    survey, given = read_survey(arguments.survey, plate), source(arguments)
+    shots = {picture: given.shot(picture) for picture in given.pictures}
+    camera = _one_camera(arguments.camera or "", shots)
+    lens = read_any_camera(arguments.lens).camera if arguments.lens else None
+    positions = []
+    find = _Finder(arguments, given, plate, lens)
+    with progress("finding the plate", len(shots)) as step:
+        for picture, shot in shots.items():
+            positions.append(_position(arguments, find, survey, picture, shot))
+            step()
+    station = calibrate_gantry(camera, positions, repeatability=_repeatability(arguments.repeatability))
+    if arguments.json:
+        print_json(station_as_json(station))
+    else:
+        tables = calibration_tables(station)
+        print_tables(tables + (map_tables([p.name for p in positions], station.map()) if len(positions) > 1 else []))
+    if arguments.output:
+        write_station(arguments.output, station)
+        say(f"wrote {arguments.output}")
+
+
+def map_deviations(arguments: argparse.Namespace) -> None:
+    """Print, and draw, how the mechanics deviate."""
+    from cadcam.report.station.tables import map_as_json, map_tables, pairs_table
+    from cadcam.station.document import read_stations
+
+    if arguments.plot:
+        check_target(arguments.plot, (".svg", ".png", ".pdf"))
+    stations = read_stations(arguments.stations)
+    documents = []
+    for camera, station in stations.items():
+        names = [one.name for one in station.positions]
+        if arguments.reference and arguments.reference not in names:
+            raise UnknownName("position", arguments.reference, names)
+        seen = station.map(reference=names.index(arguments.reference) if arguments.reference else None)
+        documents.append(map_as_json(camera, names, seen))
+        if not arguments.json:
+            if len(stations) > 1:
+                print(f"camera {camera}\n")
+            print_tables(map_tables(names, seen) + ([pairs_table(names, seen.split)] if arguments.pairs else []))
+    if arguments.json:
+        print_json({"maps": documents})
+    if arguments.plot:
+        from cadcam.report.figures import write_figure
+        from cadcam.report.station.plots import deviation_figure
+
+        write_figure(arguments.plot, deviation_figure(stations))
+        say(f"wrote {arguments.plot}")
+
+
+def measure_marks(arguments: argparse.Namespace) -> None:
+    """Measure marks; print, compare with the drawing, keep."""
+    from cadcam.report.station.tables import distance_tables, estimates_table, sighting_tables
+    from cadcam.station.document import read_stations
+    from cadcam.station.log import append_log, log_entries
+    from cadcam.station.measure import estimates, measure
+
+    stations = read_stations(arguments.station)
+    seen, shots = sightings(arguments, stations)
+    _refuse_twice(seen)
+    measured = measure(stations, seen, rule=arguments.rule, extrapolate=arguments.extrapolate)
+    checks, together = _against_drawing(arguments, measured)
+    entries = log_entries(measured, seen, times=[shot.time for shot in shots], block=arguments.block or "")
+    if arguments.log:  # kept before anything is printed: whoever reads the tables may go away
+        append_log(arguments.log, entries)
+        say(f"added {len(entries)} lines to {arguments.log}")
+    if arguments.store:
+        _keep(arguments, measured, seen, shots)
+    if arguments.json:
+        print_json({"measured": entries, "distances": [_check_as_json(c) for c in checks]})
+    else:
+        print_tables(sighting_tables(measured, seen))
+        if arguments.explain:
+            beyond = arguments.extrapolate
+            each = [(s, estimates(stations[s.camera], s, rule=arguments.rule, extrapolate=beyond)) for s in seen]
+            print_tables([estimates_table(s.name, found) for s, found in each])
+        if checks:
+            print_tables(distance_tables(checks, together))
+
+
+def recalibrate(arguments: argparse.Namespace) -> None:
+    """Take off everywhere what one known mark is off by."""
+    from cadcam.report.station.tables import sighting_tables
+    from cadcam.station.document import read_station, write_station
+    from cadcam.station.measure import measure
+
+    if arguments.output:
+        check_target(arguments.output, (".json",))
+    station = read_station(arguments.station_file)
+    seen, _ = sightings(arguments, {station.camera: station})
+    known = numbers("--known", arguments.known, 2, form="X,Y in mm")
+    if len(seen) != 1:
+        raise BadValue("marks for the re-calibration", len(seen), "one mark of known place")
+    before = measure(station, seen)
+    after = station.recalibrated(seen[0], known, sigma_mm=arguments.known_sigma)
+    off = [float(before.points[0, i] - known[i]) for i in (0, 1)]
+    if arguments.json:
+        print_json(
+            {"camera": station.camera, "mark": seen[0].name, "off_mm": off, "sigma_mm": before.sigma[0, :2].tolist()}
+        )
+    else:
+        print_tables(sighting_tables(before, seen)[:1])
+        print(f"off by {off[0]:+.2f}, {off[1]:+.2f} mm (x, y): taken off everywhere")
+    if arguments.output:
+        write_station(arguments.output, after)
+        say(f"wrote {arguments.output}")
+
+
+def report(arguments: argparse.Namespace) -> None:
+    """Write the HTML report."""
+    from cadcam.report.station.page import StationReport, write_station_page
+    from cadcam.station.document import read_stations
+    from cadcam.station.log import read_log
+
+    check_target(arguments.output, (".html",))
+    stations = read_stations(arguments.stations)
+    log = read_log(arguments.log) if arguments.log else []
+    if arguments.drawing and not log:
+        raise BadValue("--drawing", "given without a log", "--log too: its marks are compared with the drawing")
+    together = _trend_of_log(log, arguments.drawing) if arguments.drawing else None
+    write_station_page(arguments.output, StationReport(stations, log, together))
+    if arguments.json:
+        print_json({"output": arguments.output, "cameras": list(stations), "measurements": len(log)})
+    say(f"wrote {arguments.output}")
+
+
+def _one_camera(given: str, shots: Mapping[str, Shot]) -> str:
+    said = {shot.camera: picture for picture, shot in shots.items() if shot.camera}
+    if len(said) > 1:
+        (one, a), (other, b) = list(said.items())[:2]
+        raise BadValue("camera", f"{one!r} in {a} and {other!r} in {b}", "pictures of one camera")
+    camera = next(iter(said), "")
+    if given and camera and given != camera:
+        raise BadValue("--camera", repr(given), f"{camera!r}, which took {said[camera]}")
+    if not (given or camera):
+        raise BadValue("--camera", "not given, and the pictures do not say it", "the camera's name")
+    return given or camera
+
+
+class _Finder:
+    """Finds the plate in one picture after the other: how large its marks are, the first one tells the others."""
+
+    def __init__(self, arguments: argparse.Namespace, given: Source, plate: Plate, lens: Camera | None) -> None:
+        self.plate, self.lens, self._given, self._arguments = plate, lens, given, arguments
+        self._radius: float | None = None
+
+    def __call__(self, picture: str) -> tuple[Array, float | None, str]:
+        """Return the plate's pixels in its order, their noise, and the hash of the file they came from."""
+        if self._given.pixels is not None:
+            return *self._listed(self._given.pixels, picture), self._given.pixels.sha256
+        from cadcam.station.marks import find_plate
+
+        gray, sha256 = gray_picture(picture)
+        found = find_plate(gray, self.plate, look_of(self._arguments, self.plate, self._radius), lens=self.lens)
+        self._radius = found.radius_px
+        stated = self._arguments.sigma
+        return found.q, found.sigma_px if stated is None else stated, sha256
+
+    def _listed(self, pixels: Pixels, picture: str) -> tuple[Array, float | None]:
+        import numpy as np
+
+        names = self.plate.mark_names
+        q = np.full((len(names), 2), np.nan)
+        for mark, pixel in zip(pixels.names, pixels.q[pixels.views.index(picture)], strict=True):
+            if np.isfinite(pixel).all():
+                if mark not in names:
+                    raise UnknownName("mark of the plate", mark, names)
+                q[names.index(mark)] = pixel
+        return q, self._arguments.sigma
+
+
+def _position(
+    arguments: argparse.Namespace, find: _Finder, survey: Mapping[str, Array], picture: str, shot: Shot
+) -> PlaneCalibration:
+    """Return the calibration of one position; what is wrong with its picture names the picture."""
+    from cadcam.station.plane import calibrate_position, refuse_misfit
+    from cadcam.station.plate import place_plate
+
+    name = Path(picture).name
+    if name not in survey:
+        raise UnreadableFile(arguments.survey, f"has no reflectors for {name}", "survey the plate at every position")
+    try:
+        q, sigma, sha256 = find(picture)
+        placement = place_plate(find.plate, survey[name], sigma_mm=arguments.survey_sigma)
+        at = (shot.x, shot.y)
+        one = calibrate_position(name, at, q, placement, sigma_px=sigma, lens=find.lens, source=picture, sha256=sha256)
+        refuse_misfit(one, limit_px=arguments.limit)
+    except UnreadableFile:
+        raise
+    except CadcamError as error:
+        raise UnreadableFile(picture, str(error)) from error
+    return one
+
+
+def _repeatability(text: str | None) -> Repeatability | None:
+    from cadcam.station.gantry import Repeatability
+
+    if text is None:
+        return None
+    values = numbers("--repeatability", text)
+    if len(values) > 2:
+        raise BadValue("--repeatability", repr(text), "one number in mm, or two for x and y")
+    return Repeatability.stated(values[0], values[-1])
+
+
+def _refuse_twice(seen: Sequence[Sighting]) -> None:
+    names = [s.name for s in seen]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise BadValue("mark", f"{twice[0]!r} seen twice", "each mark in one picture of its name")
+
+
+def _against_drawing(
+    arguments: argparse.Namespace, measured: Measurement
+) -> tuple[tuple[DistanceCheck, ...], Trend | None]:
+    from cadcam.station.drawing import check_distances, independent, trend
+    from cadcam.station.survey import read_drawing
+
+    if not arguments.drawing:
+        if arguments.distance:
+            raise BadValue("--distance", "given without --drawing", "--drawing FILE with the marks' places")
+        return (), None
+    for pair in arguments.distance:
+        if len(pair) != 2:
+            raise BadValue("--distance", ",".join(pair), "two mark names such as A,B")
+    pairs = [(pair[0], pair[1]) for pair in arguments.distance] or None
+    checks = check_distances(measured, read_drawing(arguments.drawing), pairs)
+    apart = independent(checks)
+    return checks, trend([c.difference for c in apart], [c.drawn for c in apart]) if len(apart) >= 3 else None
+
+
+def _check_as_json(check: DistanceCheck) -> dict[str, Any]:
+    import numpy as np
+
+    return {
+        "of": [check.one, check.other],
+        "measured_mm": check.measured,
+        "half_width_95_mm": check.half_width,
+        "drawn_mm": check.drawn,
+        "difference_mm": check.difference,
+        "angle_deg": float(np.degrees(check.angle)),
+    }
+
+
+def _keep(
+    arguments: argparse.Namespace, measured: Measurement, seen: Sequence[Sighting], shots: Sequence[Shot]
+) -> None:
+    from cadcam.record.store import open_store
+    from cadcam.station.log import records
+    from cadcam.station.survey import read_drawing
+
+    drawn = read_drawing(arguments.drawing) if arguments.drawing else None
+    times = [shot.time for shot in shots]
+    with open_store(arguments.store) as store:
+        kept = records(measured, seen, part="coupling mark", serial=arguments.block or "", times=times, drawn=drawn)
+        store.add(*kept)
+        say(f"added {len(kept)} records to {store.name}")
+
+
+def _trend_of_log(log: Sequence[Mapping[str, Any]], drawing: str) -> Trend | None:
+    """Return the trend of distances between marks of one block, by each mark's latest measurement, no mark twice."""
+    from itertools import combinations
+
+    import numpy as np
+
+    from cadcam.station.drawing import trend
+    from cadcam.station.survey import read_drawing
+
+    drawn = read_drawing(drawing)
+    latest = {(e.get("block", ""), e["mark"]): np.array(e["point_mm"]) for e in log if e["mark"] in drawn}
+    pairs = {
+        (a, b): float(np.linalg.norm(drawn[b[1]] - drawn[a[1]])) for a, b in combinations(latest, 2) if a[0] == b[0]
+    }
+    used: set[tuple[str, str]] = set()
+    lengths, off = [], []
+    for (a, b), length in sorted(pairs.items(), key=lambda item: -item[1]):
+        if not {a, b} & used:
+            used |= {a, b}
+            lengths.append(length)
+            off.append(length - float(np.linalg.norm(latest[b] - latest[a])))
+    return trend(off, lengths) if len(off) >= 3 else None

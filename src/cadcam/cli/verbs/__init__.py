@@ -1,0 +1,1 @@
+"""One file a verb: its options, one library call, what is printed."""

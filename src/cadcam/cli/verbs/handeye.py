@@ -1,0 +1,280 @@
+"""`cadcam handeye`: robot poses and what the camera saw there -> where the camera sits, with sigmas."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from cadcam.cli.arguments import (
+    POINTS_OPTIONS,
+    Verbs,
+    add_json,
+    add_points_options,
+    names,
+    read_points_as_asked,
+    refuse,
+    verb,
+)
+from cadcam.cli.boards import BOARD_HELP, found_boards
+from cadcam.cli.cameras import read_any_camera
+from cadcam.cli.output import check_target, print_json, print_tables, say, working
+from cadcam.cli.photos import picture_files
+from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
+from cadcam.image.suffixes import READABLE
+
+if TYPE_CHECKING:
+    from cadcam.calibrate.handeye.estimate import HandEyeEstimate
+    from cadcam.camera.camera import Camera
+    from cadcam.camera.estimate import CameraEstimate
+    from cadcam.camera.observations import Observations
+    from cadcam.files.robot_poses import RobotNumbers
+    from cadcam.geometry.rigid import Rigid
+
+Seen = TypeVar("Seen")
+
+_DESCRIPTION = """\
+Find where a camera sits on a robot's flange (eye-in-hand) or stands in its cell (eye-to-hand), from ten or more robot
+poses and the pictures of one target taken there. No starting values are needed. Beforehand it is tested whether robot
+and camera moved alike: wrong order, direction, rotation convention, unit or single poses, and motions that leave a
+direction open, are refused with the evidence. The robot's own noise is estimated: every pose may be off by as much, so
+that its errors are not charged to the camera. Good poses turn the flange by 20 to 40 deg about at least two axes."""
+
+_EXAMPLES = f"""\
+  cadcam handeye r.csv --convention ur --mounting eye-in-hand --camera c.json --views shots/ --board chessboard:9x6:25mm
+  cadcam handeye robot.csv --convention kuka --mounting eye-in-hand --camera camera.json --views seen/ -o handeye.json
+  cadcam handeye robot.txt --mounting eye-in-hand --camera camera.json --views seen/*.csv       which convention fits?
+  cadcam handeye poses/ --convention ros --mounting eye-to-hand --camera-poses target.csv       poses, no pixels
+
+robot poses: base_from_flange, one a line, with or without column names and a name in front; or JSON; or a folder
+  name,X,Y,Z,A,B,C                       kuka    mm, deg: A about Z, B about Y', C about X''
+  p1,512.31,-20.9,402.2,178.1,1.2,-90.3  fanuc yaskawa staubli kawasaki  mm, deg      abb  mm, quaternion w first
+                                         ur  m, rotation vector    ros  m, quaternion w last
+                                         rotation-vector quaternion-wxyz quaternion-xyzw matrix   say --robot-unit
+views: one picture of the --board a pose, or one points file, X Y Z on the target and x_px y_px in its picture (cadcam
+calibrate --help); paired with the robot's poses by name (file p1.png or p1.csv, pose p1), or in order where the poses
+have no names. Poses whose picture does not show the board are not used.
+camera poses: camera_from_world, the target being the world, one a line as in `cadcam render --poses`
+
+{BOARD_HELP}"""
+
+
+def add_to(verbs: Verbs) -> None:
+    """Add the verb."""
+    parser = verb(
+        verbs,
+        "handeye",
+        run,
+        short="robot poses and what the camera saw -> where it sits",
+        description=_DESCRIPTION,
+        examples=_EXAMPLES,
+    )
+    parser.add_argument("robot", nargs="+", help="file or folder of robot poses, or files of one pose each")
+    parser.add_argument(
+        "--mounting", required=True, choices=("eye-in-hand", "eye-to-hand"), help="camera on the flange, or in the cell"
+    )
+    parser.add_argument(
+        "--convention",
+        metavar="NAME",
+        help="how the robot writes poses (below); left out: say which ones fit, and stop",
+    )
+    parser.add_argument("--robot-unit", metavar="U", help="unit of the robot's positions: mm, m ... (default: its own)")
+    parser.add_argument("--inverted", action="store_true", help="the file holds flange_from_base")
+    parser.add_argument("--camera", metavar="FILE", help="camera file; its internals are held")
+    parser.add_argument(
+        "--adjust-internals", action="store_true", help="let the internals move within the camera file's own covariance"
+    )
+    seen = parser.add_mutually_exclusive_group(required=True)
+    seen.add_argument(
+        "--views", nargs="+", metavar="FILE", help="pictures of the --board, or points files: one a pose, or a folder"
+    )
+    seen.add_argument(
+        "--camera-poses", metavar="FILE", help="poses of the target before the camera, in place of pixels"
+    )
+    parser.add_argument("--board", metavar="BOARD", help="the board in the pictures, such as chessboard:9x6:25mm")
+    parser.add_argument("--leave-out", type=names, default=(), metavar="A,B", help="names of poses not to use")
+    parser.add_argument("-o", "--output", metavar="FILE", help="result to write (.json)")
+    add_points_options(parser)
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Calibrate, print, write."""
+    from cadcam.files.jsontext import as_json
+    from cadcam.report.handeye import hand_eye_as_json, hand_eye_tables
+    from cadcam.whole import write_whole
+
+    if arguments.output:
+        check_target(arguments.output, (".json",))
+    estimate = _estimate(arguments)
+    document = hand_eye_as_json(estimate)
+    if arguments.output:
+        write_whole(arguments.output, as_json(document))
+    if arguments.json:
+        print_json(document)
+    else:
+        print_tables(hand_eye_tables(estimate))
+    if arguments.output:
+        say(f"wrote {arguments.output}")
+
+
+def _estimate(arguments: argparse.Namespace) -> HandEyeEstimate:
+    from cadcam.calibrate.handeye.handeye import calibrate_hand_eye, calibrate_hand_eye_from_poses
+    from cadcam.files.poses import read_poses
+    from cadcam.files.robot_poses import read_robot_numbers
+
+    robot = read_robot_numbers(*arguments.robot)
+    if arguments.camera_poses:
+        unused = ("--board", "--camera", "--adjust-internals", *POINTS_OPTIONS)
+        poses_alone = "none: poses need no camera and no pictures"
+        refuse(arguments, *unused, why="beside --camera-poses", expected=poses_alone)
+        labels, robot, poses = _paired(arguments, robot, read_poses(arguments.camera_poses))
+        seen = _stacked(poses)
+        flange = _base_from_flange(arguments, robot, lambda: seen)
+        with working(f"estimating from {len(labels)} poses"):
+            return calibrate_hand_eye_from_poses(flange, seen, mounting=arguments.mounting, names=labels)
+    if arguments.board:
+        refuse(arguments, *POINTS_OPTIONS, why="beside --board", expected="none: no points files are read")
+    camera = _camera(arguments)
+    found = _boards(arguments, camera) if arguments.board else _views(arguments)
+    labels, robot, views = _paired(arguments, robot, found)
+    flange = _base_from_flange(arguments, robot, lambda: _target_poses(views, camera, labels))
+    with working(f"estimating from {len(labels)} poses and their pictures"):
+        return calibrate_hand_eye(flange, views, camera, mounting=arguments.mounting, names=labels)
+
+
+def _base_from_flange(arguments: argparse.Namespace, robot: RobotNumbers, seen: Callable[[], Rigid]) -> Rigid:
+    """Return the robot's poses in the convention that was named; where none was, print which fit, and refuse."""
+    if arguments.convention is not None:
+        poses = robot.poses(arguments.convention, unit=arguments.robot_unit)
+        return poses.inv if arguments.inverted else poses
+    from cadcam.calibrate.handeye.conventions import conventions_that_fit
+    from cadcam.report.handeye import convention_table
+
+    readings: dict[str, Rigid] = {}
+    for name in robot.possible:
+        with suppress(CadcamError):  # a matrix that is none, a unit out of range: not this convention
+            readings[name] = robot.poses(name, unit=arguments.robot_unit or robot.unit or "mm")
+    fits = conventions_that_fit(readings, seen(), mounting=arguments.mounting)
+    print_tables([convention_table(fits)])
+    good = [f"{f.convention}{' --inverted' * f.inverted}" for f in fits if f.fits]
+    raise BadValue(
+        "--convention",
+        "not given",
+        f"one that the camera's motion allows: {', '.join(good)}"
+        if good
+        else "one that the camera's motion allows, but none does: are pictures and poses paired rightly?",
+    )
+
+
+def _target_poses(views: Sequence[Observations], camera: Camera | CameraEstimate, labels: Sequence[str]) -> Rigid:
+    from cadcam.calibrate.handeye.handeye import target_poses
+
+    return target_poses(views, _held(camera), names=labels)
+
+
+def _held(camera: Camera | CameraEstimate) -> Camera:
+    from cadcam.camera.estimate import CameraEstimate
+
+    return camera.camera if isinstance(camera, CameraEstimate) else camera
+
+
+def _camera(arguments: argparse.Namespace) -> Camera | CameraEstimate:
+    if not arguments.camera:
+        raise BadValue("--camera", "not given", "the camera file of the camera that took the views")
+    file = read_any_camera(arguments.camera)
+    if not arguments.adjust_internals:
+        return file.camera
+    if file.estimate is None:
+        raise UnreadableFile(arguments.camera, "has no estimate, so no covariance to adjust internals within")
+    return file.estimate
+
+
+def _boards(arguments: argparse.Namespace, camera: Camera | CameraEstimate) -> dict[str, Observations | None]:
+    """Return what each picture shows of the board, by the stem of its file, None where it does not show it."""
+    from cadcam.calibrate.boards import board_views
+    from cadcam.target.boards.pattern import parse_pattern
+
+    pattern = parse_pattern(arguments.board)
+    files = _by_stem([Path(file) for file in picture_files(arguments.views)])
+    found = found_boards([str(file) for file in files.values()], pattern)
+    for picture in found:
+        if picture.detection is None:
+            say(f"{picture.name}: {picture.problem}; its pose is not used")
+    if pattern.turns > 1:
+        say(f"{pattern} looks the same after a turn: it is taken as upright in every picture, so keep the camera so")
+    return dict(zip(files, board_views(found, _held(camera)), strict=True))
+
+
+def _by_stem(files: Sequence[Path]) -> dict[str, Path]:
+    """Return the files by their stems, in the order of the last numbers in them."""
+    stems: dict[str, Path] = {}
+    for file in sorted(files, key=_by_number):
+        if file.stem in stems:
+            raise UnreadableFile(file, f"is the second file called {file.stem!r}", "give each pose one")
+        stems[file.stem] = file
+    return stems
+
+
+def _views(arguments: argparse.Namespace) -> dict[str, Observations | None]:
+    """Return the observations by the stem of their files."""
+    files = [Path(v) for v in arguments.views]
+    if pictures := [f for f in files if f.suffix.lower() in READABLE]:
+        raise BadValue("points file", f"the picture {pictures[0]}", "a text file; or --board BOARD for pictures of one")
+    if len(files) == 1 and files[0].is_dir():
+        folder = files[0]
+        files = sorted(f for f in folder.iterdir() if f.suffix.lower() in (".csv", ".txt"))
+        if not files:
+            raise UnreadableFile(folder, "holds no points file (.csv, .txt)", "name the right folder; or --board BOARD")
+    return {stem: read_points_as_asked(arguments, str(file)) for stem, file in _by_stem(files).items()}
+
+
+def _paired(
+    arguments: argparse.Namespace, robot: RobotNumbers, seen: Mapping[str, Seen | None]
+) -> tuple[tuple[str, ...], RobotNumbers, list[Seen]]:
+    """Return names, the robot's poses and what was seen there, row by row, without those to leave out or unseen."""
+    rows = _rows(robot, list(seen))
+    for name in arguments.leave_out:
+        if name not in rows:
+            raise UnknownName("pose to leave out", name, rows)
+    kept = {name: what for name in rows if name not in arguments.leave_out and (what := seen[name]) is not None}
+    return tuple(kept), robot.some([rows[name] for name in kept]), list(kept.values())
+
+
+def _rows(robot: RobotNumbers, seen: list[str]) -> dict[str, int]:
+    """Return the robot's row of each picture: by name, by the number in the names, or in order where there are none."""
+    count = len(robot.numbers)
+    if not any(robot.names):
+        if count != len(seen):
+            raise UnreadableFile(robot.path, f"has {count} poses", f"there are {len(seen)} pictures; or give names")
+        return dict(zip(seen, range(count), strict=True))
+    by_name = {name: i for i, name in enumerate(robot.names)}
+    if not set(by_name) & set(seen):
+        numbers = {_by_number(Path(name))[:1]: i for name, i in by_name.items()}
+        mine = {name: _by_number(Path(name))[:1] for name in seen}
+        if len(numbers) == count and len(set(mine.values())) == len(seen) and set(mine.values()) <= set(numbers):
+            say("poses and pictures have no names in common; paired by the numbers in them")
+            return {name: numbers[number] for name, number in mine.items()}
+    lost = next((name for name in seen if name not in by_name), None)
+    if lost is not None:
+        raise UnreadableFile(robot.path, f"has no pose {lost!r}", f"its poses are {', '.join(list(by_name)[:8])} ...")
+    if len(seen) < count:
+        say(f"{count - len(seen)} of {count} robot poses have no picture and are not used")
+    return {name: by_name[name] for name in seen}
+
+
+def _by_number(path: Path) -> tuple[int, str]:
+    """Sort key: the last number in a name, then the name."""
+    digits = re.findall(r"\d+", path.stem)
+    return (int(digits[-1]) if digits else -1, path.stem)
+
+
+def _stacked(poses: Sequence[Rigid]) -> Rigid:
+    import numpy as np
+
+    from cadcam.geometry.rigid import Rigid
+
+    return Rigid(np.stack([p.rotation for p in poses]), np.stack([p.translation for p in poses]))

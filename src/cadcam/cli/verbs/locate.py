@@ -1,0 +1,225 @@
+"""`cadcam locate`: photo and CAD model -> where the part is, how sure that is, or that it is not there."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cadcam.cli.arguments import NO, Verbs, add_json, refuse, verb
+from cadcam.cli.locating import (
+    START_HELP,
+    VIEWS_HELP,
+    add_start_options,
+    add_view_options,
+    freedom_as_asked,
+    part_as_asked,
+    prepared,
+    start_as_asked,
+    views_as_asked,
+)
+from cadcam.cli.models import add_model_options, load_as_asked, model_as_json
+from cadcam.cli.output import check_target, print_json, print_tables, say, working
+from cadcam.cli.photos import Shots, add_photo_options, read_shots
+from cadcam.cli.wires import LINE, LOOKS, add_line_options, style_of
+from cadcam.errors import NothingInView
+from cadcam.image.suffixes import WRITABLE
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cadcam.arrays import Picture
+    from cadcam.cad.load import LoadReport
+    from cadcam.geometry.rigid import Rigid
+    from cadcam.locate.freedom import Freedom
+    from cadcam.locate.location import Location
+    from cadcam.locate.part import Part
+    from cadcam.locate.photo import Photo
+    from cadcam.locate.views.view_range import ViewRange
+
+_REFUSED = (1.0, 0.15, 0.1)  # colour of lines that are not believed
+_EXAMPLES = f"""\
+  cadcam locate photo.png part.step --camera camera.json -o overlay.png
+  cadcam locate photo.png part.obj --unit m --camera camera.json --start rough.txt --pose-out pose.json
+  cadcam locate photo.png part.stl --camera camera.json --points picked.csv --json
+  cadcam locate photo.png part.stl --camera camera.json --views above --distance 800,1500
+  cadcam locate left.png right.png part.stl --camera left.json --camera right.json -o both.png
+  cadcam locate left.png right.png part.stl --rig rig.json
+  cadcam locate photo.png plate.stl --camera camera.json --start rough.txt --freedom plane:0,0,1@part
+
+{START_HELP}
+{VIEWS_HELP}
+several photos: of a rig's cameras, or of one that was moved: every camera file says where it stood.
+
+exit code: 0 found, 3 not found, 2 wrong input. Not found means that the picture does not show the model's edges where
+any pose would put them: another part, a part that is hidden, a mirrored or blurred picture, a camera file of another
+camera. What was looked at is said, and the overlay shows the best candidate in red. --pose-out then writes nothing."""
+_DESCRIPTION = """\
+Find a part in a photo by its CAD model's edges, to a fraction of a pixel, and say how sure that is: the pose comes with
+its covariance (noise of the photo, errors of the camera's calibration), a quality between 0 and 1 (found from 0.5 on,
+for all parts), and the other poses that the photo allows (symmetric parts)."""
+
+
+def add_to(verbs: Verbs) -> None:
+    """Add the verb."""
+    short = "photo + CAD model + camera -> where the part is, with covariance, or that it is not there"
+    parser = verb(verbs, "locate", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
+    parser.add_argument("photos", nargs="+", metavar="photo", help="PNG, JPEG, TIFF ...: one, or one a camera")
+    add_model_options(parser)
+    add_photo_options(parser)
+    add_start_options(parser)
+    add_view_options(parser)
+    group = parser.add_argument_group("results")
+    group.add_argument("-o", "--output", metavar="FILE", help="photo with the model's lines on it: .png or .jpg")
+    group.add_argument("--pose-out", metavar="FILE", help="write the pose with its covariance: .json")
+    group.add_argument("--part", metavar="NAME", help="kind of part, for `cadcam state` (default: the model's name)")
+    add_line_options(parser, color_by="one")
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Locate, print, write; return the exit code."""
+    if arguments.output:
+        check_target(arguments.output, WRITABLE)
+    else:
+        refuse(arguments, *LOOKS, why="where no lines are drawn", expected="-o FILE beside it")
+    if arguments.pose_out:
+        check_target(arguments.pose_out, (".json",))
+    shots = read_shots(arguments.photos, arguments.camera, arguments.rig)
+    start, freedom = start_as_asked(arguments, shots.photos[0].viewpoint), freedom_as_asked(arguments)
+    views = views_as_asked(arguments)
+    mesh, report = load_as_asked(arguments)
+    part = part_as_asked(arguments, mesh)
+    location = located(part, shots, start, freedom, views)
+    faults = [] if location.found else faults_in_words(shots)
+    if arguments.output:
+        _write_overlay(arguments, part, shots, location)
+    if arguments.pose_out and location.found:
+        from cadcam.files.pose_estimate import write_part_pose
+
+        write_part_pose(arguments.pose_out, location.pose)
+    if arguments.json:
+        document = _as_json(arguments, location, shots, report)
+        print_json(document | {"faults": faults, "model": model_as_json(report, mesh)})
+    else:
+        _print(arguments, part, location, shots, faults)
+    return 0 if location.found else NO
+
+
+def located(
+    part: Part, shots: Shots, start: Rigid | None, freedom: Freedom, views: ViewRange | None = None
+) -> Location:
+    """Return where the part is: from the start, else from where the camera's file has its world, else searched for."""
+    from cadcam.locate.locate import locate
+    from cadcam.locate.views.view_range import WHOLE_SPHERE
+
+    views = WHOLE_SPHERE if views is None else views
+    if start is not None:
+        with working("looking for the part"):
+            return locate(part, shots.photos, start, freedom=freedom)
+    if shots.camera_from_world is not None:
+        try:
+            location = locate(part, shots.photos, shots.camera_from_world, freedom=freedom)
+        except NothingInView:  # the file's world is something else
+            location = None
+        if location is not None and location.found:
+            return location
+    with prepared(part, shots.photos, views), working("looking for the part"):
+        return locate(part, shots.photos, views=views, freedom=freedom)
+
+
+def faults_in_words(shots: Shots) -> list[str]:
+    """Return what is wrong with each photo in itself."""
+    from cadcam.image.faults import faults_of
+
+    pairs = zip(_photo_files(shots), shots.photos, strict=True)
+    return [f"{file}: {fault}" for file, photo in pairs for fault in faults_of(photo.gray)]
+
+
+def radius_of(part: Part) -> float:
+    """Return how far the part reaches from its origin, mm."""
+    import numpy as np
+
+    return float(np.linalg.norm(np.abs(part.scene.mesh.bounds).max(axis=0)))
+
+
+def _write_overlay(arguments: argparse.Namespace, part: Part, shots: Shots, location: Location) -> None:
+    from cadcam.image.picture import read_picture, write_picture
+
+    color = LINE if location.found else _REFUSED
+    drawn = [
+        overlaid(arguments, part, read_picture(file), photo, location.pose.world_from_part, color)
+        for file, photo in zip(_photo_files(shots), shots.photos, strict=True)
+    ]
+    write_picture(arguments.output, drawn[0] if len(drawn) == 1 else _beside(drawn))
+
+
+def overlaid(
+    arguments: argparse.Namespace,
+    part: Part,
+    picture: Picture,
+    photo: Photo,
+    world_from_part: Rigid,
+    color: tuple[float, float, float] = LINE,
+) -> Picture:
+    """Return a picture with the part's visible lines at a pose; without any where the pose puts it out of view."""
+    from cadcam.errors import NothingInView
+    from cadcam.image.picture import to_rgb
+    from cadcam.render.lines.wireframe import LineOptions
+    from cadcam.render.overlay import overlay
+
+    pose = photo.viewpoint.camera_from_world @ world_from_part
+    try:
+        wireframe = part.lines.draw(photo.camera, pose, options=LineOptions(hidden=arguments.hidden))
+    except NothingInView:
+        return to_rgb(picture)
+    return overlay(picture, wireframe, style=style_of(arguments, color=color))
+
+
+def _beside(pictures: Sequence[Picture]) -> Picture:
+    """Return pictures side by side, the lower ones filled up with white."""
+    import numpy as np
+
+    from cadcam.render.overlay import side_by_side
+
+    height = max(p.shape[0] for p in pictures)
+    return side_by_side(*(np.pad(p, ((0, height - len(p)), (0, 0), (0, 0)), constant_values=1.0) for p in pictures))
+
+
+def _photo_files(shots: Shots) -> list[str]:
+    return [path for role, path, _ in shots.files if role == "photo"]
+
+
+def _as_json(arguments: argparse.Namespace, location: Location, shots: Shots, report: LoadReport) -> dict[str, Any]:
+    """Return the document, which `cadcam state add` reads as a record without deviations."""
+    from datetime import UTC, datetime
+
+    from cadcam import __version__
+    from cadcam.report.locate import location_as_json
+
+    head = {
+        "format": "cadcam location",
+        "version": 1,
+        "software": f"cadcam {__version__}",
+        "time_utc": datetime.now(UTC).replace(tzinfo=None).isoformat() + "Z",
+        "part": arguments.part or Path(arguments.model).stem,
+    }
+    files = [*shots.files, ("cad", str(report.path), report.sha256)]
+    sources = [dict(zip(("role", "path", "sha256"), file, strict=True)) for file in files]
+    return head | location_as_json(location, shots.photos) | {"deviations": [], "sources": sources}
+
+
+def _print(arguments: argparse.Namespace, part: Part, location: Location, shots: Shots, faults: Sequence[str]) -> None:
+    from cadcam.report.locate import evidence_table, location_tables
+
+    if location.found:
+        print_tables(location_tables(location, shots.photos, radius_mm=radius_of(part)))
+    else:
+        print_tables([evidence_table(location)])
+        said = [f"{arguments.model} was not found in {', '.join(_photo_files(shots))}", *faults]
+        if not faults:
+            said.append("the picture itself is fit for use: is it this part, this camera, not mirrored, all in view?")
+        say("\n".join(said))
+    for path in (arguments.output, arguments.pose_out if location.found else None):
+        if path:
+            say(f"wrote {path}")

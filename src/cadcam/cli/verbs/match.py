@@ -1,0 +1,227 @@
+"""`cadcam match`: where in a photo a template, or the features of a CAD model, look most alike."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import TYPE_CHECKING, Any
+
+from cadcam.cli.arguments import NO, Verbs, add_json, real, refuse, verb, whole
+from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, view_as_json
+from cadcam.cli.models import load_as_asked, model_as_json
+from cadcam.cli.output import check_target, print_json, print_tables, say, working
+from cadcam.errors import BadValue, SizeMismatch
+from cadcam.image.suffixes import READABLE, WRITABLE
+
+if TYPE_CHECKING:
+    from cadcam.image.template import Template
+    from cadcam.locate.match.closeness import Closeness
+    from cadcam.locate.match.templates import TemplateMatches
+    from cadcam.locate.photo import Photo
+
+_TEMPLATE_OPTIONS = ("--mask", "--angles", "--scales", "--count", "--least-score", "--either-sign")
+_PART_OPTIONS = (
+    *("--camera", "--pose", "--unit", "--tolerance"),
+    *("--appearance", "--reach", "--turn", "--edges", "--peaks"),
+)
+_EXAMPLES = f"""\
+  cadcam match photo.png corner.png -o where.png
+  cadcam match photo.png corner.png --angles -20 20 --scales 0.9 1.1 --count 5 --json
+  cadcam match photo.png part.step --camera camera.json --pose start.txt -o features.png
+  cadcam match photo.png part.stl --unit mm --camera camera.json --edges --peaks
+
+The gap is what a peak's score has over the next one's: a high score with a small gap says that the picture shows the
+same thing twice. A feature whose best peak is wrong is no harm: the pose is that on which most features agree.
+
+exit codes: 0 found; 3 not found: nothing reaches --least-score, or too few features agree on a pose.
+
+{POSE_HELP}"""
+_DESCRIPTION = """\
+Match by area, by normalised correlation. With a picture as template: the peaks of its correlation over all positions
+and angles, to parts of a pixel and of a degree, with the gap to the runner-up. With a CAD model, a camera and a rough
+pose: windows worth matching are chosen in the model's drawing as that camera sees it, each is sought in the photo, and
+the pose that most of them agree on is taken; hidden and repeated features are survived."""
+
+
+def add_to(verbs: Verbs) -> None:
+    """Add the verb."""
+    short = "photo + template, or CAD model + camera + rough pose -> where they match"
+    parser = verb(verbs, "match", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
+    parser.add_argument("photo", help="PNG, JPEG, TIFF ...")
+    parser.add_argument("what", help="a picture: the template; or a CAD file: STL, OBJ, PLY, STEP ...")
+    parser.add_argument("-o", "--output", metavar="FILE", help="write the photo with what was found: .png or .jpg")
+    _add_template_options(parser)
+    _add_part_options(parser)
+    add_json(parser)
+
+
+def _add_template_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("template")
+    group.add_argument("--mask", metavar="FILE", help="picture of the template's size: where it is dark does not count")
+    group.add_argument(
+        "--angles", type=real, nargs=2, default=(-180, 180), metavar="DEG", help="from, to, x towards y (default all)"
+    )
+    group.add_argument("--scales", type=real, nargs=2, default=(1, 1), metavar="S", help="least, largest (default 1 1)")
+    group.add_argument("--count", type=whole, default=3, metavar="N", help="peaks to report (default 3)")
+    group.add_argument("--least-score", type=real, default=0.4, metavar="S", help="of a peak, 0 to 1 (default 0.4)")
+    group.add_argument("--either-sign", action="store_true", help="reversed contrast matches as well")
+
+
+def _add_part_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("CAD model")
+    group.add_argument(
+        "--unit", metavar="U", help="the model's unit where its file names none: mm (default), m, in ..."
+    )
+    group.add_argument("--tolerance", type=real, metavar="MM", help="STEP, IGES: largest distance to the true surface")
+    add_camera_options(parser, required=False)
+    group.add_argument(
+        "--appearance",
+        choices=("lines", "gradient", "gray"),
+        default="lines",
+        help="what is compared: drawn lines or shades with the photo's gradient, or grey levels (default lines)",
+    )
+    group.add_argument(
+        "--reach", type=real, default=45.0, metavar="PX", help="how far off the pose may be (default 45)"
+    )
+    group.add_argument("--turn", type=real, default=20.0, metavar="DEG", help="likewise, turned (default 20)")
+    group.add_argument("--edges", action="store_true", help="also say how close the photo's edges are to each CAD edge")
+    group.add_argument("--peaks", action="store_true", help="also print each feature's peaks")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Match, write, report."""
+    if arguments.output:
+        check_target(arguments.output, WRITABLE)
+    if arguments.what.lower().endswith(READABLE):
+        template = "for a picture as template"
+        refuse(arguments, *_PART_OPTIONS, why=template, expected="a CAD model, or leave it out")
+        return _run_template(arguments)
+    refuse(arguments, *_TEMPLATE_OPTIONS, why="for a CAD model", expected="a picture as template, or leave it out")
+    if not arguments.camera:
+        raise BadValue(
+            "--camera", "missing", "the camera that took the photo, for a CAD model; or a picture as template"
+        )
+    return _run_part(arguments)
+
+
+def _run_template(arguments: argparse.Namespace) -> int:
+    from cadcam.image.correlate import CorrelateOptions, correlate
+    from cadcam.image.picture import read_picture, to_gray, write_picture
+    from cadcam.report.match import peaks_as_json, peaks_table
+    from cadcam.report.match_picture import with_peaks
+
+    low, high = arguments.angles
+    if not 0 <= high - low <= 360:
+        raise BadValue("--angles", f"{low:g} {high:g}", "FROM TO in degrees, at most a full turn apart")
+    options = CorrelateOptions(
+        angles=(math.radians(low), math.radians(high)),
+        scales=tuple(arguments.scales),
+        count=arguments.count,
+        least_score=arguments.least_score,
+        either_sign=arguments.either_sign,
+    )
+    photo, template = to_gray(read_picture(arguments.photo)), _template(arguments)
+    with working("matching"):
+        peaks = correlate(photo, template, options=options)
+    if arguments.output:
+        write_picture(arguments.output, with_peaks(photo, template, peaks))
+    if arguments.json:
+        print_json({"photo": arguments.photo, "template": arguments.what, **peaks_as_json(peaks)})
+    else:
+        print_tables([peaks_table(peaks, f"Peaks of {arguments.what} in {arguments.photo}")])
+        _say_written(arguments)
+    return 0 if len(peaks) else NO
+
+
+def _template(arguments: argparse.Namespace) -> Template:
+    from cadcam.image.picture import read_picture, to_gray
+    from cadcam.image.template import Template
+
+    gray = to_gray(read_picture(arguments.what))
+    if not arguments.mask:
+        return Template(gray)
+    mask = to_gray(read_picture(arguments.mask))
+    if mask.shape != gray.shape:
+        size, expected = mask.shape[::-1], gray.shape[::-1]
+        raise BadValue(arguments.mask, f"{size[0]} x {size[1]} px", f"the template's {expected[0]} x {expected[1]} px")
+    return Template(gray, mask=mask > 0.5)
+
+
+def _run_part(arguments: argparse.Namespace) -> int:
+    from cadcam.image.picture import write_picture
+    from cadcam.locate.match.closeness import closeness
+    from cadcam.locate.match.templates import TemplateOptions, match_templates
+    from cadcam.locate.part import Part
+    from cadcam.report.match import closeness_as_json, matches_as_json
+    from cadcam.report.match_picture import with_features
+
+    photo, start, camera_json = _photo(arguments)
+    arguments.model = arguments.what
+    mesh, report = load_as_asked(arguments)
+    with working("finding edges"):
+        part = Part.of(mesh)
+    options = TemplateOptions(appearance=arguments.appearance, reach=arguments.reach, turn=math.radians(arguments.turn))
+    with working("matching"):
+        matches = match_templates(part, [photo], start, options=options)
+        pose = matches.pose.world_from_part if matches.found and matches.pose else start
+        close = closeness(photo.gray, part.lines.draw(photo.camera, pose))
+    if arguments.output:
+        write_picture(arguments.output, with_features(photo, part, matches))
+    if arguments.json:
+        document = {"photo": arguments.photo, "model": model_as_json(report, mesh), "camera": camera_json}
+        print_json(document | matches_as_json(matches) | {"edges": closeness_as_json(close)})
+    else:
+        _print_part(arguments, matches, close)
+    return 0 if matches.found else NO
+
+
+def _photo(arguments: argparse.Namespace) -> tuple[Photo, Any, dict[str, Any]]:
+    from cadcam.image.picture import read_picture, to_gray
+    from cadcam.locate.photo import Photo
+
+    camera, start = camera_and_pose(arguments.camera, arguments.pose)
+    gray = to_gray(read_picture(arguments.photo))
+    try:
+        return Photo.of(gray, camera), start, view_as_json(camera, start)
+    except SizeMismatch as error:
+        raise SizeMismatch(arguments.photo, error.size, error.expected, "give the camera that took it") from None
+
+
+def _print_part(arguments: argparse.Namespace, matches: TemplateMatches, close: Closeness) -> None:
+    from cadcam.report.match import closeness_table, feature_peaks, feature_table
+
+    tables = [feature_table(matches)]
+    tables += feature_peaks(matches.features) if arguments.peaks else []
+    tables += [closeness_table(close)] if arguments.edges else []
+    print_tables(tables)
+    where = "at the pose found" if matches.found else "at the pose given"
+    print("found" if matches.found else f"not found: {_why_not(matches)}")
+    print(f"edges of the photo lie on {100 * close.total:.0f} % of the visible lines {where}, beyond chance")
+    if matches.found and matches.pose is not None:
+        _print_pose(matches)
+    _say_written(arguments)
+
+
+def _why_not(matches: TemplateMatches) -> str:
+    from cadcam.locate.match.templates import CERTAIN
+
+    if matches.pose is None or matches.by_chance >= CERTAIN:
+        return "no more features agree on a pose than could by chance"
+    return "most features, or most lines, contradict the pose that some agree on"
+
+
+def _print_pose(matches: TemplateMatches) -> None:
+    import numpy as np
+
+    assert matches.pose is not None
+    T, sigma = matches.pose.world_from_part, np.sqrt(np.diag(matches.pose.covariance))
+    print("camera_from_part, mm:")
+    for row in T.matrix[:3]:
+        print("  " + " ".join(f"{v:14.8f}" for v in row))
+    mm, deg = (" ".join(f"{v:.3g}" for v in part) for part in (sigma[:3], np.degrees(sigma[3:])))
+    print(f"+- {mm} mm, {deg} degrees along and about the part's axes")
+
+
+def _say_written(arguments: argparse.Namespace) -> None:
+    if arguments.output:
+        say(f"wrote {arguments.output}")

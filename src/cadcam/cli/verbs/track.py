@@ -1,0 +1,150 @@
+"""`cadcam track`: a folder of pictures or a video and a CAD model -> where the part is in each frame."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cadcam.cli.arguments import NO, Verbs, add_json, refuse, verb
+from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, part_as_asked, start_as_asked
+from cadcam.cli.models import add_model_options, load_as_asked
+from cadcam.cli.output import check_target, print_json, print_tables, progress, say
+from cadcam.cli.photos import add_photo_options, file_of, viewpoints_of
+from cadcam.cli.verbs.locate import overlaid
+from cadcam.cli.wires import LOOKS, add_line_options
+from cadcam.errors import BadValue
+
+if TYPE_CHECKING:
+    from cadcam.locate.part import Part
+    from cadcam.locate.track.frames import Frame
+
+_EXAMPLES = f"""\
+  cadcam track frames/ part.obj --unit m --camera camera.json --start first.txt -o track.jsonl --csv track.csv
+  cadcam track film.mp4 part.step --camera camera.json -o track.jsonl --overlays seen/
+  cadcam track left/ right/ part.stl --camera left.json --camera right.json -o track.jsonl
+  cadcam track left=one.mp4 right=two.mp4 part.stl --rig rig.json -o track.jsonl
+  cadcam track 'shots/*.png' part.stl --camera camera.json --points picked.csv -o track.jsonl
+
+{START_HELP}
+frames: a folder of pictures in the order of the numbers in their names, a pattern, or a video (cadcam[video]). Of
+several cameras the n-th pictures were taken together.
+
+the log (-o) gets a line of JSON a frame, on the disk before the next frame is read: found, quality, and two poses with
+covariances. "pose" is what this frame's pictures show: the part's edges, and the print on its faces as earlier frames
+showed it (with --no-print edges alone: then it does not lean on other frames). A sudden motion is followed at once.
+"filtered" joins it with all frames before (constant velocity, changed as much as this part's motion was found to
+change): steadier, and better where a frame shows little, but late where the motion changes. Measure with "pose", guide
+and draw with "filtered".
+
+Run the same command again and it goes on after the last whole line; with other pictures, part, cameras or start it
+refuses. --csv writes a table for spreadsheets: of "pose", with --smooth of "filtered".
+
+how: followed, where the print on it led; predicted, near where the motion led; kept, around the last pose; recovered,
+searched around the last pose (or the start); searched without a start; lost. A part that stays away is searched for
+less and less often, every eighth frame at last.
+
+exit code: 0, or 3 where the part was found in no frame."""
+_DESCRIPTION = """\
+Follow a part through pictures: the print on it and its motion foretell where to look in the next frame, and how far
+around. What is lost is said to be lost, and searched for again."""
+
+
+def add_to(verbs: Verbs) -> None:
+    """Add the verb."""
+    short = "pictures or a video + CAD model + camera -> where the part is in each frame"
+    parser = verb(verbs, "track", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
+    parser.add_argument(
+        "frames", nargs="+", help="folder of pictures, pattern such as 'left/*.png', or video; one a camera"
+    )
+    add_model_options(parser)
+    add_photo_options(parser)
+    add_start_options(parser)
+    parser.add_argument("--no-velocity", action="store_true", help="expect the part where it was, not to move on")
+    parser.add_argument("--no-print", action="store_true", help="edges alone: do not learn and follow what faces show")
+    group = parser.add_argument_group("results")
+    group.add_argument("-o", "--output", metavar="FILE", required=True, help="log: .jsonl, a line a frame")
+    group.add_argument("--csv", metavar="FILE", help="the same as a table: .csv")
+    group.add_argument("--smooth", action="store_true", help="table and overlays show the filtered poses")
+    group.add_argument("--overlays", metavar="FOLDER", help="write each frame with the model's lines on it")
+    group.add_argument("--overwrite", action="store_true", help="begin anew where a log is there already")
+    add_line_options(parser, color_by="one")
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Track, log, print a summary; return the exit code."""
+    from cadcam.locate.track.frames import Frames
+    from cadcam.locate.track.log import TrackLog, head_of, track_to
+
+    _check_options(arguments)
+    viewpoints, said = viewpoints_of(arguments.frames, arguments.camera, arguments.rig)
+    start, freedom = start_as_asked(arguments, viewpoints[0]) or said, freedom_as_asked(arguments)
+    frames = Frames([file_of(path) for path in arguments.frames], viewpoints)
+    mesh, _ = load_as_asked(arguments)
+    part = part_as_asked(arguments, mesh)
+    how: dict[str, Any] = {
+        "freedom": freedom,
+        "velocity": not arguments.no_velocity,
+        "texture": not arguments.no_print,
+    }
+    if arguments.overwrite:
+        Path(arguments.output).unlink(missing_ok=True)
+    head = head_of(part, frames.viewpoints, start, **how)
+    with TrackLog.open(arguments.output, head, table=arguments.csv, filtered=arguments.smooth) as log:
+        if log.entries and not arguments.json:
+            say(f"{len(log.entries)} frames are in {arguments.output}; going on")
+        with progress("tracking", frames.count or 0) as step:
+            for frame, entry in track_to(log, part, frames, start, **how):
+                if arguments.overlays:
+                    _write_overlay(arguments, part, frame, entry)
+                step()
+        entries = log.entries
+    _report(arguments, entries)
+    return 0 if any(entry["found"] for entry in entries) else NO
+
+
+def _check_options(arguments: argparse.Namespace) -> None:
+    check_target(arguments.output, (".jsonl",))
+    if arguments.csv:
+        check_target(arguments.csv, (".csv",))
+    if arguments.overlays and Path(arguments.overlays).is_file():
+        raise BadValue("--overlays", f"{arguments.overlays!r}, a file", "a folder")
+    if not arguments.overlays:
+        refuse(arguments, *LOOKS, why="where no lines are drawn", expected="--overlays FOLDER beside it")
+        if not arguments.csv:
+            shown = "--csv FILE or --overlays FOLDER beside it: the log holds both poses"
+            refuse(arguments, "--smooth", why="where no pose is shown", expected=shown)
+
+
+def _write_overlay(arguments: argparse.Namespace, part: Part, frame: Frame, entry: dict[str, Any]) -> None:
+    """Write the frame of each camera with the part's lines, without any where it was lost; not again what is there."""
+    from cadcam.files.jsontext import Place
+    from cadcam.files.matrix import pose_at
+    from cadcam.image.picture import to_rgb, write_picture
+
+    for camera, photo in enumerate(frame.photos):
+        name = f"{frame.index:05d}.jpg" if len(frame.photos) == 1 else f"{frame.index:05d}_{camera + 1}.jpg"
+        path = Path(arguments.overlays) / name
+        if path.exists() and not arguments.overwrite:
+            continue
+        picture = to_rgb(photo.gray)
+        if entry["found"]:
+            which = "filtered" if arguments.smooth else "pose"
+            pose = pose_at(Place(arguments.output, (which,), entry[which]["world_from_part"]))
+            picture = overlaid(arguments, part, picture, photo, pose)
+        write_picture(path, picture)
+
+
+def _report(arguments: argparse.Namespace, entries: list[dict[str, Any]]) -> None:
+    from cadcam.report.locate import lost_stretches, track_table
+
+    found = sum(bool(entry["found"]) for entry in entries)
+    if arguments.json:
+        said = {"output": arguments.output, "frames": len(entries), "found": found}
+        print_json(said | {"lost": [list(stretch) for stretch in lost_stretches(entries)]})
+        return
+    print_tables([track_table(entries)])
+    for path in (arguments.output, arguments.csv, arguments.overlays):
+        if path:
+            say(f"wrote {path}")

@@ -1,0 +1,265 @@
+"""`cadcam verify`: a photo of a part, its CAD and its tolerances -> PASS, FAIL or UNDECIDED, with a report."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from cadcam.cli.arguments import POINTS_OPTIONS, Verbs, add_json, real, refuse, verb
+from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, start_as_asked
+from cadcam.cli.models import add_model_options, load_as_asked
+from cadcam.cli.output import check_target, print_json, print_tables, say, working
+from cadcam.cli.photos import Shots, add_photo_options, read_shots
+from cadcam.errors import BadValue
+from cadcam.image.suffixes import WRITABLE
+
+if TYPE_CHECKING:
+    from cadcam.locate.location import Location
+    from cadcam.locate.part import Part
+    from cadcam.report.verify.json import Origin
+    from cadcam.verify.judge import Verification
+    from cadcam.verify.tolerance import Tolerances
+
+_SUFFIXES = (".html", ".json")
+_OF_A_VERDICT = ("--tolerances", "--reach", "--alarms", "--serial", "--station")
+_POSED_PX = 4.0  # how far off a pose that was found before may be
+_DESCRIPTION = """\
+Judge a part against its CAD, from one photo or several. The part is found, its pose is fitted to datum features, and
+every other feature is compared with where the CAD has it: its displacement in mm with its uncertainty, and whether it
+is there at all. Each limit of the tolerance file gets a verdict by ISO 14253-1: with U = k sigma, PASS if |deviation|
+<= limit - U, FAIL if |deviation| > limit + U, else UNDECIDED. A photo too poor to judge does not say PASS.
+
+The uncertainty holds the photo's noise, what each edge has wrong as a whole, the pose, and the camera's calibration, as
+far as its file has one. One photo shows no displacement along the line of sight."""
+_EXAMPLES = f"""\
+  cadcam verify part.step --list -o names.png                     what a tolerance file can name, on a picture
+  cadcam verify part.step --list 'bar 1*'                         the edges (chains) of these parts
+  cadcam verify photo.png part.step --camera camera.json --template -o tolerances.yaml
+  cadcam verify photo.png part.step --camera camera.json --tolerances tolerances.yaml -o report.html
+  cadcam verify photo.png part.step --camera camera.json --tolerances tolerances.yaml --start rough.txt --json
+  cadcam verify left.png right.png part.step --rig rig.json --tolerances tolerances.yaml -o report.html -o report.json
+
+tolerance file (YAML; mm and degrees, in the part's axes):
+  k: 2                             coverage factor
+  datum: [{{part: tank top}}]        what the pose is fitted to; without it: all that is not judged
+  features:
+    stiffener:
+      part: bar 1.1 port           or a pattern; box_mm, chains, kinds narrow it
+      position_mm: 0.8             also: profile_mm, angle_deg; direction: [0, 1, 0] judges a position along it alone
+      presence: required
+
+{START_HELP}
+exit codes: 0 PASS, 1 FAIL, 3 UNDECIDED or not found (the reason is printed), 2 errors. Without --tolerances nothing is
+judged: displaced and missing parts are reported, and the code is 0, or 3 if the part is not found.
+`cadcam state add report.json` keeps the result.
+"""
+
+
+def add_to(verbs: Verbs) -> None:
+    """Add the verb."""
+    short = "photo + CAD + tolerances -> PASS, FAIL or UNDECIDED, deviations in mm with U, a report"
+    parser = verb(verbs, "verify", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
+    parser.add_argument("photos", nargs="*", metavar="photo", help="one photo, or one a camera")
+    add_model_options(parser)
+    add_photo_options(parser)
+    parser.add_argument("--tolerances", metavar="FILE", help="tolerance file (see below)")
+    add_start_options(parser)
+    parser.add_argument("--pose", metavar="FILE", help="where the part was found before, to a pixel or two: no search")
+    parser.add_argument(
+        "--reach", type=real, default=8.0, metavar="PX", help="how far displaced features are looked for (default 8)"
+    )
+    parser.add_argument(
+        "--alarms", type=real, default=0.01, metavar="SHARE", help="share of false alarms allowed (default 0.01)"
+    )
+    parser.add_argument("--serial", help="which one of these parts, for the report")
+    parser.add_argument("--station", help="where it was measured, for the report")
+    parser.add_argument(
+        "-o",
+        "--output",
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="report to write: .html or .json, may be repeated; with --list a picture, with --template a .yaml",
+    )
+    parser.add_argument("--list", nargs="?", const=True, metavar="PART", help="only say what a tolerance file can name")
+    parser.add_argument("--template", action="store_true", help="only write (-o FILE.yaml) or print a tolerance file")
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Verify, report; return the exit code."""
+    only = "--list" if arguments.list is not None else "--template"
+    if arguments.list is not None or arguments.template:
+        refuse(arguments, *_OF_A_VERDICT, why=f"beside {only}", expected="one of them: nothing is judged")
+    if arguments.list is not None:
+        _list(arguments)
+        return 0
+    for path in arguments.output:
+        check_target(path, (".yaml", ".yml") if arguments.template else _SUFFIXES)
+    shots = _shots(arguments)
+    part = _part(arguments)
+    if arguments.template:
+        _template(arguments, part, shots)
+        return 0
+    assert shots is not None  # `_shots` refuses
+    tolerances = _tolerances(arguments, part)
+    located = _located(arguments, part, shots)
+    return _verified(arguments, part, shots, located, tolerances)
+
+
+def _shots(arguments: argparse.Namespace) -> Shots | None:
+    if arguments.photos:
+        return read_shots(arguments.photos, arguments.camera, arguments.rig)
+    if arguments.template:
+        return None
+    raise BadValue("photos", "none given", "cadcam verify PHOTO MODEL --camera FILE; or --list, --template")
+
+
+def _part(arguments: argparse.Namespace) -> Part:
+    mesh, report = load_as_asked(arguments)
+    from cadcam.locate.part import Part
+
+    arguments.cad = (report.path, report.sha256)
+    with working("finding edges"):
+        part = Part.of(mesh)
+        _ = part.lines
+    return part
+
+
+def _tolerances(arguments: argparse.Namespace, part: Part) -> Tolerances:
+    from cadcam.verify.tolerance import whole_parts
+    from cadcam.verify.tolerance_file import read_tolerances
+
+    if arguments.tolerances is None:
+        return whole_parts(part.scene)
+    tolerances = read_tolerances(arguments.tolerances)
+    tolerances.check(part.scene)
+    return tolerances
+
+
+def _located(arguments: argparse.Namespace, part: Part, shots: Shots) -> Location:
+    """Return where the part is, by what was said about it."""
+    from cadcam.cli.verbs.locate import located
+    from cadcam.files.pose_estimate import read_part_pose
+    from cadcam.locate.refine.options import EdgeOptions
+    from cadcam.locate.refine.refine import refine
+
+    view, freedom = shots.photos[0].viewpoint, freedom_as_asked(arguments)
+    if arguments.start or arguments.points:
+        refuse(arguments, "--pose", why="beside --start or --points", expected="one of them")
+    if not arguments.pose:
+        return located(part, shots, start_as_asked(arguments, view), freedom)
+    refuse(arguments, *POINTS_OPTIONS, why="without --points", expected="both, or leave it out")
+    with working("finding the part"):
+        pose = read_part_pose(arguments.pose, camera_from_world=view.camera_from_world)
+        return refine(part, shots.photos, pose, freedom=freedom, options=EdgeOptions(search_px=_POSED_PX))
+
+
+def _verified(
+    arguments: argparse.Namespace, part: Part, shots: Shots, located: Location, tolerances: Tolerances
+) -> int:
+    from cadcam.verify.inspection import InspectionOptions
+    from cadcam.verify.judge import verify
+    from cadcam.verify.verdict import Verdict
+
+    options = InspectionOptions(reach_px=arguments.reach, alarms=arguments.alarms)
+    with working("comparing edges"):
+        found = verify(part, shots.photos, located, tolerances, options=options, freedom=freedom_as_asked(arguments))
+    _report(arguments, shots, found, _origin(arguments, shots))
+    if not found.judgements:
+        return found.verdict.exit_code if found.verdict is Verdict.NOT_FOUND else 0
+    return found.verdict.exit_code
+
+
+def _report(arguments: argparse.Namespace, shots: Shots, found: Verification, origin: Origin) -> None:
+    from cadcam.files.jsontext import as_json
+    from cadcam.report.verify.json import verification_as_json
+    from cadcam.report.verify.page import write_verification_page
+    from cadcam.report.verify.words import verification_tables
+    from cadcam.whole import write_whole
+
+    document = verification_as_json(found, origin)
+    for path in arguments.output:
+        if path.lower().endswith(".html"):
+            write_verification_page(path, found, shots.photos, origin)
+        else:
+            write_whole(path, as_json(document))
+    if arguments.json:
+        print_json(document)
+    else:
+        print_tables(verification_tables(found))
+        for path in arguments.output:
+            say(f"wrote {path}")
+
+
+def _origin(arguments: argparse.Namespace, shots: Shots) -> Origin:
+    from pathlib import Path
+
+    from cadcam.record.record import Source
+    from cadcam.report.camera import camera_words
+    from cadcam.report.verify.json import Origin
+
+    sources = [Source(*file) for file in shots.files]
+    sources.append(Source("cad", *arguments.cad))
+    if arguments.tolerances:
+        from cadcam.files.text import read_text
+
+        sources.append(Source("tolerances", arguments.tolerances, read_text(arguments.tolerances).sha256))
+    cameras = tuple(f"{p.viewpoint.name}: {camera_words(p.camera)}" for p in shots.photos)
+    return Origin(Path(arguments.model).stem, tuple(sources), cameras, arguments.serial or "", arguments.station or "")
+
+
+def _template(arguments: argparse.Namespace, part: Part, shots: Shots | None) -> None:
+    """Write or print a tolerance file; with photos and a pose, of what these show."""
+    from cadcam.verify.tolerance_file import template
+    from cadcam.whole import write_whole
+
+    seen: tuple[str, ...] = ()
+    if shots is not None:
+        from cadcam.verify.sightlines import sightlines
+
+        pose = _located(arguments, part, shots).pose.world_from_part
+        shown = set(sightlines(part, shots.photos, pose)[0].part.tolist())
+        seen = tuple(name for i, name in enumerate(part.scene.mesh.part_names) if i in shown)
+    text = template(part.scene, seen=seen)
+    if not arguments.output:
+        print(text, end="")
+    for path in arguments.output:
+        write_whole(path, text.encode())
+        say(f"wrote {path}")
+
+
+def _list(arguments: argparse.Namespace) -> None:
+    """Print what can be named; draw it."""
+    import numpy as np
+
+    from cadcam.report.verify.names import chain_table, part_table
+    from cadcam.verify.tolerance import Selection
+
+    for path in arguments.output:
+        check_target(path, WRITABLE)
+    shots = read_shots(arguments.photos, arguments.camera, arguments.rig) if arguments.photos else None
+    part = _part(arguments)
+    chosen = None if arguments.list is True else Selection(arguments.list)
+    table = part_table(part.scene) if chosen is None else chain_table(part.scene, chosen)
+    if arguments.json:
+        print_json({"columns": list(table.columns), "rows": [list(row) for row in table.rows]})
+    else:
+        print_tables([table])
+    if not arguments.output:
+        return
+    from cadcam.image.picture import to_rgb, write_picture
+    from cadcam.render.standard_view import standard_view
+    from cadcam.report.verify.names import names_on_paper, names_over_photo
+
+    mesh = part.scene.mesh
+    if shots is not None:
+        photo = shots.photos[0]
+        pose = photo.viewpoint.camera_from_world @ _located(arguments, part, shots).pose.world_from_part
+        picture = names_over_photo(to_rgb(photo.gray), part.lines, photo.camera, pose, chosen)
+    else:
+        shown = mesh if chosen is None else mesh.subset(np.flatnonzero(chosen.bodies(part.scene)).tolist())
+        picture = names_on_paper(part.lines, *standard_view(shown), chosen)
+    for path in arguments.output:
+        write_picture(path, picture)
+        say(f"wrote {path}")

@@ -1,0 +1,78 @@
+"""Pulling a part's lines onto the photo's steps from some way off.
+
+Samples on the visible lines look along their normals for steps of brightness, several each. Every step attracts the
+line, the nearer the more: a sample's weight is shared among its steps and "none of them" as in a mixture of normal
+distributions of one softness, which shrinks from round to round. All lines move as one rigid part, so the twin edges
+of a plate are told apart by all the others, and the first rounds, soft, see only the whole. (Soft assignment with
+annealing: S. Granger, X. Pennec, "Multi-scale EM-ICP", ECCV 2002.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cadcam.arrays import Array, quantile
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.freedom import Freedom
+from cadcam.locate.lines.sight import Sight
+from cadcam.native.profiles import pulled
+
+_SEARCHED = 400  # samples that search, of all photos together
+_SOFTNESS, _REACH = 0.6, 1.5  # of how far off the lines may be: width of the pull, and how far steps are looked for
+_SHRINKS = 0.5  # from one round to the next
+_LAST = (3, 0.7)  # reach and softness at the width of an edge, px
+_NOTHING = 0.3  # a strong step this far down its bell pulls as much as "none of them"
+_STRONG = 0.75  # quantile of the strongest slopes: what is at least as strong pulls fully
+_HELD = 1e-3  # of its own weight: what holds every motion
+_PULLS = 4  # Gauss-Newton steps on one set of candidates
+
+
+def attracted(sights: Sequence[Sight], start: Rigid, freedom: Freedom, *, search_px: float) -> Rigid:
+    """Return the pose whose lines lie on the photos' steps, up to `search_px` off at the start."""
+    few = [s.thinned(max(_SEARCHED // len(sights), 60)) for s in sights]
+    pose = start
+    for reach, soft in schedule(search_px):
+        pose = _pulled(few, pose, freedom.at(pose), reach=reach, soft=soft)
+    return pose
+
+
+def schedule(search_px: float) -> list[tuple[int, float]]:
+    """Return (reach px, softness px) of each round, the last one at the width of an edge."""
+    rounds, far = [], search_px
+    while far > _LAST[0] / 2:
+        rounds.append((int(np.ceil(_REACH * far)) + 1, _SOFTNESS * far))
+        far *= _SHRINKS
+    return [*rounds, _LAST]
+
+
+def _pulled(sights: Sequence[Sight], pose: Rigid, B: Array, *, reach: int, soft: float) -> Rigid:
+    """Return the pose after one round: candidates once, then a few steps among them."""
+    rows, offsets, slopes = [], [], []
+    for sight in sights:
+        at = sight.project(pose)
+        found = sight.candidates(at.q, at.normal, half_length=2.0, reach=reach)
+        some = np.isfinite(found.offset[:, 0])
+        rows.append(at.row[some] @ B)
+        offsets.append(found.offset[some])
+        slopes.append(found.slope[some])
+    J, offset, slope = (np.concatenate(a) for a in (rows, offsets, slopes))
+    if len(J) < 2 * J.shape[1]:
+        return pose
+    return pose @ Rigid.exp(B @ pulled_onto(J, offset, slope, soft=soft))
+
+
+def pulled_onto(
+    J: Array, offset: Array, slope: Array, *, soft: float, stiff: tuple[Array, Array] | None = None
+) -> Array:
+    """Return the step x (k,) by which N lines come onto their steps, of those (N, M) that each one sees.
+
+    J (N, k) says how x moves the lines; offset, slope (N, M) where along the normals (px) steps are, and how steep, the
+    steepest first, nan for none. stiff: weights (k, k) and the vector `before` (k,): they hold before + x near nil, in
+    units of a sample's pull.
+    """
+    size = np.abs(slope)
+    strength = np.minimum(size / max(quantile(np.fmax(size[:, 0], 0.0), _STRONG), 1e-30), 1.0)
+    # what no line tells stays where it is
+    return pulled(J, offset, strength, soft=soft, nothing=_NOTHING, held=_HELD, pulls=_PULLS, stiff=stiff)

@@ -1,0 +1,205 @@
+"""Narrow bands beside a part's lines that its model does not have: contact shadows, print, painted rims, gaps.
+
+A band ends in a step of its own, some pixels beside the line's. A fit that knows of one step only is drawn towards it
+by up to 0.5 px, the same all along the edge, and no covariance would tell. One cell hardly shows such a step in its
+noise, a stretch of them does: what the fits leave over is averaged along it, by distance from the line, and the step
+looked for there which explains most of it beyond what levels, slopes and known lines do (a score test). Of a step that
+explains clearly more than noise and grain would, every cell is told: it is a twin, like another line of the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array
+from cadcam.image.profile import StepSums, parabola, step_rests, step_sums
+from cadcam.locate.lines.cells import Cells
+from cadcam.locate.lines.edges import Projected
+from cadcam.locate.lines.sight import Sight
+from cadcam.native.profiles import band_gains
+
+Longs = npt.NDArray[np.int64]
+_BINS, _WIDTH = 28, 0.5  # px: by distance from the line
+_FAR = 5.5  # px: how far to each side; nearer, steps 1.5 and 3.5 px away can look the same
+FARTHEST_PX = 5.0  # how wide bands are at most
+_APART = np.arange(1.0, FARTHEST_PX + 0.01, 0.25)  # px: how far from the line a band's end is looked for
+_TRIED = np.concatenate([-_APART[::-1], _APART])
+_COARSE = _TRIED[::2]  # first
+_TOGETHER = 16  # cells of a stretch
+_FEW = 3  # cells of the shortest
+_ENOUGH = 500  # cells of a photo from which on only every second one is asked, from twice as many every third
+_INSIDE = 0.25  # px: so much farther cells reach at least
+_CLEAR = 20.0  # variances of noise and grain that a band explains
+_MAYBE = 0.5  # of that, as places half a pixel apart show it
+_PAST = 2.0  # blurs: cells reach so far beyond a band's end
+_SHORT = 1.5  # blurs: cells end that far before a step that they are not told of
+_BLURS = np.array([0.6, 0.72, 0.86, 1.0, 1.2])  # of the blur: tried where bands may have been taken for it
+_BESIDE = 0.3  # of the cells beside bands, from which on these may have been taken for blur
+_SAME = 0.02  # by which a blur may be off
+LEFT, MOST_PX = 0.2, 0.5  # of how far a band drew the steps, what may be left of it; px, at most that far
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stretches:
+    """What is left over in B stretches of cells.
+
+    of (n,): each cell's stretch, -1 for none; rest, number (B, bins): sums and numbers of pixels; variance (B,) of a
+    pixel; known (B, 2): steps of the model below and above, nan for none; room (B, 2): how far below and above bands
+    are looked for.
+    """
+
+    of: Longs
+    rest: Array
+    number: Array
+    variance: Array
+    known: Array
+    room: Array
+
+    def clear(self, some: Longs, known: Array, room: Array, blur: float) -> tuple[Longs, Array]:
+        """Return which of some stretches show a step clearly, and where; known (n, 3): the steps known there."""
+        maybe = np.flatnonzero(self._gains(some, known, room, blur, _COARSE).max(axis=1, initial=0.0) > _MAYBE * _CLEAR)
+        gain = self._gains(some[maybe], known[maybe], room[maybe], blur, _TRIED)
+        best = np.argmax(gain, axis=1)
+        clear = np.flatnonzero(gain[np.arange(len(best)), best] > _CLEAR)
+        return maybe[clear], np.array([_peak(gain[k], int(best[k])) for k in clear])
+
+    def _gains(self, some: Longs, known: Array, room: Array, blur: float, tried: Array) -> Array:
+        """Return what steps at places tried explain (n, t) in some stretches."""
+        left = self.rest[some], self.number[some], self.variance[some]
+        return band_gains(*left, known, room, tried, width=_WIDTH, blur=blur)
+
+
+def share_beside_bands(sight: Sight, at: Projected, cells: Cells, where: Array) -> float:
+    """Return which share of a photo's cells lies beside bands; where (N,) px along the normals: where the steps are."""
+    if not len(cells.which):
+        return 0.0
+    stretches = _stretches(sight, at, cells, where)
+    return float(_any(_found(stretches, cells.blur)[0])[stretches.of].mean())
+
+
+def banded(
+    sight: Sight, at: Projected, cells: Cells, where: Array, anew: Mapping[str, float] | None = None
+) -> tuple[Cells, Cells, StepSums]:
+    """Return cells of the photo's true blur, cells that know of the bands beside their lines, and the sums of these.
+
+    where (N,) px along the normals: where the steps are. anew: how cells are laid out, where bands may have been taken
+    for blur; then they are laid out once more.
+    """
+    if not len(cells.which):
+        return cells, cells, cells.sums_at(sight, at, where)
+    stretches = _stretches(sight, at, cells, where)
+    apart, end = _found(stretches, cells.blur)
+    plain = cells.sums_at(sight, at, where)
+    if not np.isfinite(apart).any():
+        return cells, cells, plain
+    told, sums = _told(cells, stretches.of, apart, end).settled(sight, at, where)
+    if anew is not None and _any(apart)[stretches.of].mean() > _BESIDE:
+        blur = _blur(sight, at, cells, where, anew)
+        if abs(blur / cells.blur - 1) > _SAME:
+            return banded(sight, at, Cells.of(sight, at, where=where, blur=blur, **anew), where)
+    drawn = _drawn(plain, sums, stretches.of)
+    return cells, replace(told, doubt=LEFT * np.where(_any(apart)[stretches.of], drawn, 0.0)), sums
+
+
+def _blur(sight: Sight, at: Projected, cells: Cells, where: Array, anew: Mapping[str, float]) -> float:
+    """Return the blur at which steps fit best that know of bands."""
+    tried, misfit = cells.blur * _BLURS, []
+    for blur in tried:
+        _, told, sums = banded(sight, at, Cells.of(sight, at, where=where, blur=float(blur), **anew), where)
+        noise = sums.solved(told.held).noise
+        misfit.append(float(np.mean(np.log(noise[np.isfinite(noise)]))))
+    best = int(np.argmin(misfit))
+    return float(np.exp(parabola(np.log(tried), np.array(misfit), best)))
+
+
+def _any(apart: Array) -> npt.NDArray[np.bool_]:
+    return np.append(np.isfinite(apart).any(axis=1), False)  # the last one: cells of no stretch
+
+
+def _told(cells: Cells, of: Longs, apart: Array, end: Array) -> Cells:
+    """Return cells that know of steps `apart` (B, 2) px below and above, nan for none, and end before `end`."""
+    apart, end = np.vstack([apart, [np.nan, np.nan]])[of], np.vstack([end, [np.inf, np.inf]])[of]
+    twins, reach = cells.twins.copy(), np.stack([cells.below, cells.above], axis=1)
+    there = np.isfinite(apart)
+    twins[there] = np.column_stack([apart[there], np.zeros(there.sum())])
+    past = np.minimum(np.abs(apart) + _PAST * cells.blur, cells.room)
+    reach = np.minimum(np.where(there, np.fmax(reach, past), reach), end)
+    return replace(cells, twins=twins, below=reach[:, 0], above=reach[:, 1])
+
+
+def _drawn(without: StepSums, told: StepSums, of: Longs) -> Array:
+    """Return by how much (n,) px the bands drew the steps of each cell's stretch."""
+    place = []
+    for sums in (without, told):
+        found = sums.solved(np.zeros((len(of), 2)))
+        seen = np.isfinite(found.moment) & np.isfinite(found.contrast)
+        moment, contrast = (np.bincount(of + 1, np.where(seen, v, 0.0)) for v in (found.moment, found.contrast))
+        with np.errstate(all="ignore"):
+            place.append(-moment / contrast)
+    with np.errstate(all="ignore"):
+        return np.asarray(np.fmin(np.abs(place[0] - place[1]), MOST_PX)[of + 1])
+
+
+def _stretches(sight: Sight, at: Projected, cells: Cells, where: Array) -> _Stretches:
+    """Return what fits leave over in the stretches of a photo's lines."""
+    run = sight.samples.run[cells.which].astype(np.int64)
+    count = np.bincount(run)
+    place = np.arange(len(run)) - (np.cumsum(count) - count)[run]
+    pieces = np.maximum(np.round(count / _TOGETHER), 1).astype(np.int64)[run]
+    of = np.cumsum(np.diff(run * len(run) + place * pieces // count[run], prepend=-1) > 0) - 1
+    some = slice(None, None, 1 + len(run) // _ENOUGH)
+    q, normal, twins = (a[some] for a in (*cells.placed(at, where), cells.twins))
+    below, above = np.minimum(cells.room[some], _FAR).T
+    cell = {"below": below, "above": above, "half_length": cells.half_length, "blur": cells.blur, "twins": twins}
+    sums = step_sums(sight.photo.gray, q, normal, **cell)
+    rest, number, variance = step_rests(sight.photo.gray, q, normal, sums, **cell, bins=_BINS, width=_WIDTH)
+    first = np.flatnonzero(np.diff(of[some], prepend=-1))
+    index = np.full(int(of[-1]) + 1, -1)
+    index[of[some][first]] = np.arange(len(first))
+    size = np.diff(first, append=len(below))
+    there = np.isfinite(twins[:, :, 0])
+    known = np.add.reduceat(there, first, dtype=float)
+    places = np.add.reduceat(np.where(there, twins[:, :, 0], 0.0), first) / np.where(known > 0, known, np.nan)
+    reach = np.minimum.reduceat(np.stack([below, above], axis=1), first) - _INSIDE
+    room = np.where((known > 0) | (np.bincount(of)[of[some][first]] < _FEW)[:, None], 0.0, reach)
+    mean = np.add.reduceat(variance, first) / size
+    return _Stretches(index[of], np.add.reduceat(rest, first), np.add.reduceat(number, first), mean, places, room)
+
+
+def _found(s: _Stretches, blur: float) -> tuple[Array, Array]:
+    """Return where (B, 2) px below and above bands end, nan where there is none, and where cells have to end.
+
+    A second step is looked for beside the first: on the other side it ends another band; on the same side cells end
+    before the farther one.
+    """
+    n = len(s.rest)
+    apart, end = np.full((n, 2), np.nan), np.full((n, 2), np.inf)
+    known = np.column_stack([s.known, np.full(n, np.nan)])
+    some, first = s.clear(np.arange(n), known, s.room, blur)
+    if not len(some):
+        return apart, end
+    apart[some, (first > 0).astype(int)] = first
+    known[some, 2] = first
+    again, second = s.clear(some, known[some], s.room[some], blur)
+    for k, place in zip(some[again], second, strict=True):
+        side = int(place > 0)
+        other = apart[k, side]
+        if np.isnan(other):
+            apart[k, side] = place
+        else:
+            near, far = sorted((other, place), key=abs)
+            apart[k, side], end[k, side] = near, abs(far) - _SHORT * blur
+    return apart, end
+
+
+def _peak(gain: Array, best: int) -> float:
+    """Return where the parabola through the highest of some gains and its neighbours is highest."""
+    at, around = _TRIED[best], gain[max(best - 1, 0) : best + 2]
+    if len(around) < 3 or not around.min() > 0 or _TRIED[best - 1] * _TRIED[best + 1] < 0:
+        return float(at)
+    before, here, after = around
+    return float(at + 0.5 * (after - before) / (2 * here - before - after) * (_TRIED[best + 1] - at))

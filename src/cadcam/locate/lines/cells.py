@@ -1,0 +1,193 @@
+"""Cells on the part's lines, and the steps that are measured in them.
+
+A cell is a short stretch of line with the pixels to both sides, as far as no other line needs them. It holds what the
+photo tells of the light there, so that a step is measured again at another place by a linear fit to the same pixels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Ids, Mask
+from cadcam.image.profile import Steps, StepSums, step_sums
+from cadcam.locate.lines.edges import Projected
+from cadcam.locate.lines.sight import Sight
+from cadcam.native.profiles import along_runs
+
+Longs = npt.NDArray[np.int64]
+_APART = 1.5  # blurs: a cell ends that far before the next line
+_PAST, _TWIN = 2.0, 3.0  # blurs: it ends that far beyond a twin, which must be as far away
+_LINEAR = 1.2  # blurs: how far off a linear fit is believed
+_CLEAR = 4.0  # sd of one cell: contrast of an edge that is there
+_SURE = 8.0  # sd of one cell: contrast that needs no neighbours
+_CLIPPED = 0.7  # share of black or white pixels from which a cell tells nothing
+# Cells to each side on the same run that contrast, and noise and slopes are averaged with. What is averaged is far less
+# noisy than a cell's own, and the weights of an edge's samples then do not flicker.
+_CONTRAST, _STRETCH = 3, 10
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cells:
+    """Which of a sight's samples have room for a cell, how far the cells reach, and the light they are seen in.
+
+    which (N,): numbers of the samples; below, above (N,) px; held (N, 2): how firmly the slopes are held
+    (`image.profile.StepSums`); bow (N,) px: how far along the normal the step of a bent line lies beyond its
+    tangent, on the mean of the cell; half_length, blur (px). twins (N, 2, 2): other steps in them, as `EdgeSamples` has
+    them; room (N, 2) px: how far they might reach below and above; doubt (N,) px: by which steps may be off all along a
+    stretch of line. first: their sums at the places where they were laid out, which the first measurement needs again.
+    """
+
+    which: Longs
+    below: Array
+    above: Array
+    held: Array
+    bow: Array
+    half_length: float
+    blur: float
+    twins: Array
+    room: Array
+    doubt: Array
+    first: StepSums | None = None
+
+    @classmethod
+    def of(
+        cls,
+        sight: Sight,
+        at: Projected,
+        *,
+        half_length: float,
+        reach_px: float,
+        room_px: float,
+        where: Array | None = None,
+        blur: float | None = None,
+    ) -> Cells:
+        """Return the cells of a sight; room_px is what a cell needs on each side of its line.
+
+        where (N,) px along the normals: where the steps are about, default on the lines. blur: px, default as the
+        strongest lines show it.
+
+        The ground's slopes are held by what they are on average in the stretch of line around each cell, of which noise
+        tells little: where the ground is level they cost nothing, where light bends it they are free.
+        """
+        blur = sight.blur(at, half_length=half_length, reach_px=reach_px) if blur is None else blur
+        samples = sight.samples
+        rooms = ((samples.below, samples.beyond[:, 0]), (samples.above, samples.beyond[:, 1]))
+        room = np.stack([_room(next_line, beyond, blur) for next_line, beyond in rooms], axis=1)
+        below, above = np.minimum(room, reach_px).T
+        apart = np.abs(samples.twins[:, :, 0]).min(axis=1) > _TWIN * blur
+        enough = (below >= room_px) & (above >= room_px)
+        which = np.flatnonzero(apart & enough & np.isfinite(at.q).all(axis=1))
+        free, bow = np.zeros((len(which), 2)), _bow(at, samples.run, half_length, blur)
+        light = (half_length, blur, samples.twins[which], room[which], np.zeros(len(which)))
+        cells = cls(which, below[which], above[which], free, bow[which], *light)
+        cells, sums = cells.settled(sight, at, where)
+        return replace(cells, first=sums)
+
+    def settled(self, sight: Sight, at: Projected, where: Array | None) -> tuple[Cells, StepSums]:
+        """Return the cells with slopes held as the photo asks for, and their sums."""
+        sums = self.sums_at(sight, at, where)
+        found, run = sums.solved(np.zeros((len(self.which), 2)), noise=0.5 * sight.noise), sight.samples.run[self.which]
+        slope2 = along_runs(found.slopes, run, _STRETCH) ** 2
+        held = along_runs(found.noise**2, run, _STRETCH)[:, None] / np.maximum(slope2, 1e-12)
+        return replace(self, held=np.where(np.isfinite(held), held, 0.0)), sums
+
+    def placed(self, at: Projected, where: Array | None) -> tuple[Array, Array]:
+        """Return where the cells lie, and their normals, both (n, 2)."""
+        normal = at.normal[self.which]
+        aside = self.bow if where is None else self.bow + where[self.which]
+        return at.q[self.which] + aside[:, None] * normal, normal
+
+    def sums_at(self, sight: Sight, at: Projected, where: Array | None) -> StepSums:
+        """Return what the cells' pixels add up to; where (N,) px: how far along the normal each cell is shifted."""
+        q, normal = self.placed(at, where)
+        return step_sums(
+            sight.photo.gray,
+            q,
+            normal,
+            below=self.below,
+            above=self.above,
+            half_length=self.half_length,
+            blur=self.blur,
+            twins=self.twins,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """Offsets (N,) px of the photo's steps from the model's lines, their sd by noise, contrast, which are usable.
+
+    doubt (N,) px: by which all steps of a stretch of line may be off.
+    """
+
+    offset: Array
+    sigma: Array
+    contrast: Array
+    usable: Mask
+    doubt: Array
+
+
+def measure(sight: Sight, at: Projected, cells: Cells, where: Array, *, sums: StepSums | None = None) -> Measured:
+    """Return the steps' offsets by a linear fit at places `where` (N,) px along the samples' normals.
+
+    sums: of the cells there, if known.
+
+    The fit holds near the step: a place must be right to about the blur.
+    """
+    n = len(sight.samples)
+    offset, sigma, contrast = (np.full(n, np.nan) for _ in range(3))
+    usable, doubt = np.zeros(n, bool), np.zeros(n)
+    which = cells.which
+    if not len(which):
+        return Measured(offset, sigma, contrast, usable, doubt)
+    sums = cells.sums_at(sight, at, where) if sums is None else sums
+    found, run = sums.solved(cells.held, noise=0.5 * sight.noise), sight.samples.run[which]
+    c, sd_c = along_runs(found.contrast, run, _CONTRAST), _sd_contrast(sight, found, run)
+    sure = np.abs(found.contrast) > _SURE * found.sd_contrast  # before a chequered ground the sign changes along a line
+    c = np.where(sure, found.contrast, c)
+    more = np.sqrt(along_runs(found.noise**2, run, _STRETCH)) / found.noise
+    with np.errstate(all="ignore"):
+        shift, sigma[which] = -found.moment / c, found.sd_moment * more / np.abs(c)
+        near = np.abs(shift) < _LINEAR * max(cells.blur, 0.7)
+        usable[which] = (np.abs(c) > _CLEAR * sd_c) & near & (found.clipped < _CLIPPED)
+        offset[which] = where[which] + shift
+    contrast[which], doubt[which] = c, cells.doubt
+    return Measured(offset, sigma, contrast, usable, doubt)
+
+
+def _sd_contrast(sight: Sight, found: Steps, run: Ids) -> Array:
+    """Return the sd (n,) by which a contrast must be clear: that of one cell, for texture runs along lines.
+
+    Where lines are looked for in spite of noise, white noise counts as the mean over neighbours has it.
+    """
+    variance = found.sd_contrast**2
+    if sight.photo.calm is not None:
+        n = len(run)
+        first, last = np.searchsorted(run, run), np.searchsorted(run, run, side="right") - 1
+        averaged = np.minimum(np.arange(n) + _CONTRAST, last) - np.maximum(np.arange(n) - _CONTRAST, first) + 1
+        variance = variance * (1 - np.minimum(sight.noise / found.noise, 1) ** 2 * (1 - 1 / averaged))
+    return np.sqrt(along_runs(variance, run, _CONTRAST))
+
+
+def _room(next_line: Array, beyond: Array, blur: float) -> Array:
+    """Return how far (N,) px cells may reach: short of the next line, or past it where it is a twin."""
+    return np.maximum(next_line - _APART * blur, np.minimum(next_line + _PAST * blur, beyond - _APART * blur))
+
+
+def _bow(at: Projected, run: Ids, half_length: float, blur: float) -> Array:
+    """Return how far (N,) px along the normals the steps of bent lines lie beyond their tangents, on their cells' mean.
+
+    A line of curvature k is k t^2 / 2 off its tangent at t, so k half_length^2 / 6 on the mean, and blur moves its step
+    towards the inside of the bend, by k blur^2 / 2. The neighbours on the line, s away, are k s^2 / 2 off.
+    """
+    before, here, after = at.q[:-2], at.q[1:-1], at.q[2:]
+    apart2 = 0.5 * (((after - here) ** 2).sum(axis=1) + ((before - here) ** 2).sum(axis=1))
+    curvature = np.zeros(len(run))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        bent = ((before + after - 2 * here) * at.normal[1:-1]).sum(axis=1) / apart2
+    curvature[1:-1] = np.where((run[2:] == run[:-2]) & np.isfinite(bent), bent, 0.0)
+    first, last = np.flatnonzero(np.diff(run, prepend=-1)), np.flatnonzero(np.diff(run, append=-1))
+    curvature[first], curvature[last] = curvature[np.minimum(first + 1, last)], curvature[np.maximum(last - 1, first)]
+    return curvature * (half_length**2 / 6 + blur**2 / 2)

@@ -1,0 +1,109 @@
+"""The camera's response, bent by a gamma: it moves every step towards its dark side, up to a third of a pixel.
+
+With brightness y = L^(1/g) of the light L, light halfway between those of two sides looks brighter than halfway between
+y1 and y2. To first order in g - 1 the middle of a blurred step is higher by (g - 1) (y2 - y1)^2 / (4 (y1 + y2)), and a
+step of blur s fitted to it by least squares is off along its normal by
+
+    (g - 1) h,   h = -K s (y2 - y1) / (y1 + y2),   K = sqrt(pi) / 3,
+
+for what is added to the step, Phi (1 - Phi), has 1/6 of the slope's weight and the slope itself 1 / (2 sqrt(pi)).
+
+Edges of either sign and of unlike contrast contradict each other on one pose: so g - 1 is told by what they are off by
+as a whole, to 0.05 to 0.4. Whether there is a gamma is weighed against none by what each makes of that (a Bayes factor:
+R. Kass and A. Raftery, J. Am. Stat. Assoc. 90, 1995); what is taken out is the mean of both, so that a camera without
+gamma is measured as ever, and what is left of the doubt goes into the covariance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array
+from cadcam.fit.grouped import GroupedFit
+from cadcam.image.chroma import values_at
+from cadcam.locate.lines.cells import Measured
+from cadcam.locate.lines.edges import Projected
+from cadcam.locate.lines.sight import Sight
+
+Longs = npt.NDArray[np.int64]
+_OF_BLUR = np.sqrt(np.pi) / 3
+_BESIDE = 3.0  # blurs from the line: there the sides have their own brightness
+_USUAL = (0.8, 0.6)  # g - 1 of cameras that bend their response, mean and sd
+_SELDOM = 0.25  # how many of those there are for one that does not
+_NEVER = 1e-6  # share of such cameras that the steps leave, below which nothing is told of a bend
+_DOUBT = 0.5  # probability of a bend up to which none is taken out
+_LEAST = 5.0  # degrees of freedom that tell anything
+
+
+@dataclass(frozen=True, slots=True)
+class Bend:
+    """A response y = L^(1/g): what excess = g - 1 is to be expected, and its sd."""
+
+    excess: float
+    sd: float
+
+
+def leanings(sight: Sight, at: Projected, which: Longs, blur: float) -> Array:
+    """Return by how much (n,) px the steps of the chosen samples are moved along their normals for a unit of g - 1."""
+    q, aside = at.q[which], _BESIDE * blur * at.normal[which]
+    low, high = values_at(sight.photo.gray[..., None], np.stack([q - aside, q + aside]))[..., 0]
+    lean = -_OF_BLUR * blur * (high - low) / np.maximum(high + low, 1e-3)
+    return np.asarray(np.nan_to_num(lean))
+
+
+def bend_of(fit: GroupedFit, J: Array, lean: Array, group: Longs) -> Bend | None:
+    """Return how the response is bent as the edges of a straight fit tell, None where they speak for a straight one.
+
+    J (n, k), lean (n,), group (n,): of some samples of each edge, and the number of its group in the fit. Regression of
+    the groups' offsets on how these follow the pose and the bend.
+    """
+    of, place = np.unique(group, return_inverse=True)
+    n = np.bincount(place, minlength=1)
+    root = np.sqrt(fit.of_group[of] / (fit.sd_offset[of] ** 2 + fit.between**2))
+    *pose, h = [root * np.bincount(place, column) / n for column in (*J.T, lean)]
+    r = root * fit.offset[of]
+    A = np.array(pose).T
+    h, r = (v - A @ np.linalg.lstsq(A, v)[0] for v in (h, r))
+    dof = float(fit.of_group[of].sum()) - A.shape[1] - 1
+    if dof < _LEAST or not h @ h > 0:
+        return None
+    excess = float(h @ r / (h @ h))
+    return _weighed(excess, float(np.sum((r - excess * h) ** 2) / (dof - 2) / (h @ h)))
+
+
+def _weighed(excess: float, variance: float) -> Bend | None:
+    """Return what to expect of a bend that was measured with this variance, None where there is hardly one."""
+    usual, sd = _USUAL
+    total = variance + sd**2
+    mean, left = (excess * sd**2 + usual * variance) / total, variance * sd**2 / total
+    above = _above(mean / np.sqrt(left))  # of what the steps leave probable, and below of what is usual
+    if not above > _NEVER:
+        return None
+    log_factor = 0.5 * (np.log(variance / total) + excess**2 / variance - (excess - usual) ** 2 / total)
+    log_factor += np.log(above / _above(usual / sd))
+    there = float(np.exp(-np.logaddexp(0.0, -np.log(_SELDOM) - log_factor)))
+    if there < _DOUBT:
+        return None
+    hazard = float(np.exp(-0.5 * mean**2 / left)) / (np.sqrt(2 * np.pi) * above)
+    mean, left = mean + np.sqrt(left) * hazard, left * (1 - hazard * (hazard + mean / np.sqrt(left)))
+    return Bend(there * mean, float(np.sqrt(there * (left + (1 - there) * mean**2))))
+
+
+def _above(z: float) -> float:
+    """Return the share of a normal distribution that lies above 0, z standard deviations below its mean."""
+    return 0.5 * math.erfc(-z / math.sqrt(2))
+
+
+def straightened(measured: Sequence[Measured], leans: Sequence[Array], bend: Bend) -> list[Measured]:
+    """Return the steps where a straight response would show them."""
+    out = []
+    for m, lean in zip(measured, leans, strict=True):
+        offset = m.offset.copy()
+        offset[m.usable] -= bend.excess * lean
+        out.append(replace(m, offset=offset))
+    return out

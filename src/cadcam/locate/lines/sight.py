@@ -1,0 +1,117 @@
+"""One photo with the samples of the part's visible lines in it, and where along their normals it steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Mask, quantile
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.profile import Candidates, blur_of, candidates, noise_of
+from cadcam.locate.lines.edges import EdgeSamples, Projected, project, sample_lines
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.render.lines.wireframe import LineOptions
+
+Longs = npt.NDArray[np.int64]
+_LINES = LineOptions(margin_px=0.0)
+_STRONG = 240  # cells that tell the blur
+_TELLING, _ENOUGH = 3.0, 12  # blurs that a cell must reach to tell which it is; wide cells that are enough
+_FAINT = 0.4  # of the strongest slope nearby: weaker ones are no edges
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """A photo, its noise (sd of a pixel), and the samples of the part's lines visible from where it was drawn."""
+
+    photo: Photo
+    noise: float
+    drawn: Rigid
+    samples: EdgeSamples
+
+    @classmethod
+    def of(
+        cls, part: Part, photo: Photo, world_from_part: Rigid, *, step_px: float, reach_px: float, noise: float = np.nan
+    ) -> Sight:
+        """Return the sight of the part at a pose; hidden lines are removed as seen from there."""
+        camera_from_part = photo.viewpoint.camera_from_world @ world_from_part
+        lines = part.lines.draw(photo.camera, camera_from_part, options=_LINES).visible
+        samples = sample_lines(lines, photo.camera, step_px=step_px, reach_px=reach_px)
+        return cls(photo, noise_of(photo.gray) if np.isnan(noise) else noise, world_from_part, samples)
+
+    def project(self, world_from_part: Rigid) -> Projected:
+        """Return the samples in the photo."""
+        return project(self.samples, self.photo.camera, self.photo.viewpoint.camera_from_world @ world_from_part)
+
+    def moved_px(self, one: Rigid, other: Rigid) -> float:
+        """Return how far the lines lie apart between two poses: nine tenths of them at most that far."""
+        few = self.select(slice(None, None, max(1, len(self.samples) // 60)))
+        apart = np.hypot(*(few.project(one).q - few.project(other).q).T)
+        apart = apart[np.isfinite(apart)]
+        return quantile(apart, 0.9) if len(apart) else 0.0
+
+    def thinned(self, most: int, *, together: int = 1, among: Mask | None = None) -> Sight:
+        """Return the sight with about `most` of its samples, or of those chosen, `together` neighbours at a time."""
+        some = np.arange(len(self.samples)) if among is None else np.flatnonzero(among)
+        n = len(some)
+        return self.select(some[np.arange(n) // together % max(1, round(n / most)) == 0])
+
+    def select(self, which: Mask | Longs | slice) -> Sight:
+        """Return the sight with the chosen samples."""
+        return Sight(self.photo, self.noise, self.drawn, self.samples.select(which))
+
+    def candidates(
+        self, q: Array, normal: Array, *, half_length: float, reach: int, most: int = 4, clear: float = 4.0
+    ) -> Candidates:
+        """Return where the photo steps along normals (N, 2) at places q (N, 2) px (`image.profile.candidates`)."""
+        return candidates(
+            self.photo.lines,
+            q,
+            normal,
+            half_length=half_length,
+            reach=reach,
+            noise=self.noise,
+            most=most,
+            spread=self.photo.spread,
+            clear=clear,
+        )
+
+    def blur(self, at: Projected, *, half_length: float, reach_px: float) -> float:
+        """Return the blur of the photo's steps (px), from the strongest of the part's lines.
+
+        A cell that is not much wider than a step shows nothing but a slope, which any larger blur fits as well: where
+        the blur seems to be large, wider cells are asked, if there is room for them.
+        """
+        blur, _ = self._blur(at, half_length, reach_px)
+        if blur <= reach_px / _TELLING:
+            return blur
+        wide, cells = self._blur(at, half_length, 2 * reach_px)
+        return wide if cells >= _ENOUGH else blur
+
+    def _blur(self, at: Projected, half_length: float, reach_px: float) -> tuple[float, int]:
+        """Return the blur, and from how many cells that reach so far."""
+        free = np.flatnonzero(np.minimum(self.samples.below, self.samples.above) >= reach_px)
+        found = self.candidates(at.q[free], at.normal[free], half_length=half_length, reach=2, most=1)
+        strength = np.nan_to_num(np.abs(found.slope[:, 0]))
+        best = np.argsort(-strength)[:_STRONG]
+        best = best[strength[best] > 0]
+        q = at.q[free[best]] + found.offset[best] * at.normal[free[best]]
+        reach = np.full(len(best), reach_px - 1.0)
+        return blur_of(self.photo.gray, q, at.normal[free[best]], reach=reach, half_length=half_length), len(best)
+
+
+def in_noise(sights: Sequence[Sight]) -> bool:
+    """Return whether lines are looked for in calmed photos, since noise hides them in those as they are."""
+    return any(s.photo.calm is not None for s in sights)
+
+
+def nearest_steps(sight: Sight, at: Projected, *, half_length: float, reach: int) -> Array:
+    """Return where (N,) px along the normals the photo steps, the place nearest to the line; 0 where it does not."""
+    found = sight.candidates(at.q, at.normal, half_length=half_length, reach=reach, most=3)
+    strong = np.abs(found.slope) > _FAINT * np.abs(found.slope[:, :1])
+    far = np.where(strong, np.abs(found.offset), np.inf)
+    best = np.argmin(far, axis=1)
+    return np.asarray(np.nan_to_num(found.offset[np.arange(len(best)), best]))

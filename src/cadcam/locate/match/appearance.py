@@ -1,0 +1,81 @@
+"""What of a photo and of a part's drawing is compared: pictures that look alike although their light differs.
+
+"lines": the part's visible lines, drawn, against the photo's gradient. "gradient": the gradient of the shaded part
+against the photo's. "gray": the shaded part against the photo, of either contrast; for parts painted as the model says
+and lit alike. Gradients are saturated, m/(m + c), so that the strongest edge does not outweigh all others.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+import numpy as np
+
+from cadcam.arrays import Mask, Picture
+from cadcam.render.lines.wireframe import Wireframe
+from cadcam.render.view import View
+
+Appearance = Literal["lines", "gradient", "gray"]
+APPEARANCES: tuple[Appearance, ...] = get_args(Appearance)
+
+_BLUR = 1.0  # px, of derivatives and of drawn lines alike
+_FAINT = 3.0  # times the median gradient: where a photo's gradient counts half
+_LEAST_FAINT = 0.01  # grey value per px, likewise, at least: steps of quantisation
+_LINE_PX = 1.5
+_DRAWN, _NEAR = 0.3, 6  # what counts as a line, and px that count beside it
+_BEYOND = 4  # px that count around the part: its outline shows, what is behind it does not
+
+
+def of_photo(gray: Picture, kind: Appearance) -> Picture:
+    """Return what a photo (H, W) looks like under an appearance."""
+    if kind == "gray":
+        return _blurred(gray, 0.7)
+    magnitude = _gradient(gray)
+    return _saturated(magnitude, max(_FAINT * float(np.median(magnitude)), _LEAST_FAINT))
+
+
+def of_model(view: View, wireframe: Wireframe, kind: Appearance) -> Picture:
+    """Return what the part looks like under an appearance, drawn by its view (IMAGE) or its lines."""
+    if kind == "gray":
+        return _blurred(view.gray, 0.7)
+    if kind == "gradient":
+        return _saturated(_gradient(view.gray), _LEAST_FAINT)
+    from cadcam.image.draw import draw_polylines
+
+    blank = np.zeros((view.camera.height, view.camera.width), np.float32)
+    drawn = draw_polylines(blank, wireframe.visible.lines, color=(1.0, 1.0, 1.0), width=_LINE_PX)[..., 0]
+    drawn = _blurred(drawn, _BLUR)
+    return np.asarray(drawn / max(float(drawn.max()), 1e-6), np.float32)
+
+
+def counted(view: View, drawing: Picture, kind: Appearance) -> Mask:
+    """Return which pixels of a drawing by `of_model` the model tells: the rest of the photo may hold anything.
+
+    Of lines, what is near them: faces may be printed on, dirty, or welded. Of shades, the part without its border.
+    """
+    from scipy.ndimage import binary_dilation, binary_erosion
+
+    if kind == "gray":
+        return np.asarray(binary_erosion(view.coverage >= 1, iterations=1))
+    told: Mask = binary_dilation(view.coverage > 0, iterations=_BEYOND)
+    return np.asarray(told & binary_dilation(drawing > _DRAWN, iterations=_NEAR) if kind == "lines" else told)
+
+
+def _gradient(gray: Picture) -> Picture:
+    from scipy.ndimage import gaussian_filter1d
+
+    def along(axis: int) -> Picture:
+        smooth = gaussian_filter1d(gray, _BLUR, axis=1 - axis, mode="nearest")
+        return np.asarray(gaussian_filter1d(smooth, _BLUR, axis=axis, order=1, mode="nearest"), np.float32)
+
+    return np.hypot(along(1), along(0))
+
+
+def _saturated(magnitude: Picture, half: float) -> Picture:
+    return np.asarray(magnitude / (magnitude + np.float32(half)), np.float32)
+
+
+def _blurred(gray: Picture, sigma: float) -> Picture:
+    from scipy.ndimage import gaussian_filter
+
+    return np.asarray(gaussian_filter(gray, sigma, mode="nearest"), np.float32)

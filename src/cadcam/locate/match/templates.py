@@ -1,0 +1,276 @@
+"""Area-based matching: windows of the part's drawing, as it looks from where it is thought to be, sought in the photos.
+
+Every round draws the part at the pose so far, so that its windows come in the right rotation, scale and perspective;
+chooses the salient ones; finds each one's peaks of rotated correlation near where it is expected; and takes the pose
+that most of them agree on. Hidden features find nothing or something wrong, repeated ones several places: neither
+counts unless it agrees with the others.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from cadcam.arrays import Array, Ids, Picture, frozen
+from cadcam.camera.pose_estimate import PoseEstimate
+from cadcam.errors import BadValue, UnknownName
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.correlate import CorrelateOptions, Peaks, correlate
+from cadcam.image.template import Template
+from cadcam.locate.match.appearance import APPEARANCES, Appearance, counted, of_model, of_photo
+from cadcam.locate.match.closeness import closeness
+from cadcam.locate.match.consensus import Candidates, consensus, pose_of_matches
+from cadcam.locate.match.salient import PLAIN_SALIENT, SalientOptions, Windows, salient_windows
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.render import open_renderer
+from cadcam.render.view import Channel, Look, Renderer
+
+CERTAIN = 1e-2  # poses by chance: below it the agreement is believed
+LEAST_SHARE = 1 / 3  # of the features, and of the lines, that support a pose that is believed
+_NARROWER = 0.4  # the reach from round to round
+_LEAST_REACH = 8.0  # px
+
+
+@dataclass(frozen=True, slots=True)
+class TemplateOptions:
+    """How a part is matched by windows.
+
+    appearance: what is compared. reach: px around its expected place in which a feature is sought, in the first round;
+    turn: rad that it may be turned in the picture. peaks: places kept for each. tolerance: px within which features
+    agree on a pose, in the first round. rounds: of drawing and matching. salient: how windows are chosen.
+    """
+
+    appearance: Appearance = "lines"
+    reach: float = 45.0
+    turn: float = math.radians(20)
+    peaks: int = 4
+    least_score: float = 0.3
+    tolerance: float = 5.0
+    rounds: int = 3
+    salient: SalientOptions = PLAIN_SALIENT
+
+    def __post_init__(self) -> None:
+        if self.appearance not in APPEARANCES:
+            raise UnknownName("appearance", self.appearance, APPEARANCES)
+        if not 1 <= self.reach < math.inf:
+            raise BadValue("reach", self.reach, "1 px or more")
+        if not 0 <= self.turn <= math.pi:
+            raise BadValue("turn", self.turn, "rad, from 0 to pi")
+        for name, value in (("peaks", self.peaks), ("rounds", self.rounds)):
+            if value < 1:
+                raise BadValue(name, value, "1 or more")
+        if not 0 < self.least_score <= 1:
+            raise BadValue("least_score", self.least_score, "a number above 0, at most 1")
+        if not self.tolerance > 0:
+            raise BadValue("tolerance", self.tolerance, "px, a number above 0")
+
+
+PLAIN_TEMPLATES = TemplateOptions()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Features:
+    """N windows that were sought: where the drawing had them, and every place that looks like them.
+
+    window (N, 2) px, the window's centre in the drawing; p_part, right (N, 3) mm as in `Windows`; photo (N,); gap (N,)
+    to what is near it in the drawing, 1 where not asked; peaks: N tables, in px of the photo; chosen (N,): which peak
+    the pose agrees with, -1 for none.
+    """
+
+    window: Array
+    p_part: Array
+    right: Array
+    photo: Ids
+    gap: Array
+    peaks: tuple[Peaks, ...]
+    chosen: Ids
+
+    def __post_init__(self) -> None:
+        n = len(self.peaks)
+        for name, shape in (("window", (n, 2)), ("p_part", (n, 3)), ("right", (n, 3)), ("gap", (n,))):
+            object.__setattr__(self, name, frozen(getattr(self, name), f"features' {name}", shape))
+        for name in ("photo", "chosen"):
+            object.__setattr__(self, name, frozen(getattr(self, name), f"features' {name}", (n,), np.int32))
+
+    def __len__(self) -> int:
+        return len(self.peaks)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TemplateMatches:
+    """What matching windows told of a part's place.
+
+    Matches (K): q (K, 2) px, p_part (K, 3) mm, covariance (K, 2, 2) px^2, photo (K,). pose: the one that most features
+    agree on, None where not even four do; by_chance: how many poses as well supported one may expect if all peaks lay
+    at random; close: the share of the visible lines at that pose with an edge of the photo on them, less what is by
+    chance (`closeness`). features: of the last round, with their peak tables.
+    """
+
+    q: Array
+    p_part: Array
+    covariance: Array
+    photo: Ids
+    pose: PoseEstimate | None
+    by_chance: float
+    close: float
+    features: Features = field(repr=False)
+
+    @property
+    def found(self) -> bool:
+        """Return whether the pose is believed: not by chance, and neither features nor lines mostly contradict it."""
+        if self.pose is None or self.by_chance >= CERTAIN:
+            return False
+        return len(self.q) >= LEAST_SHARE * len(self.features) and self.close >= LEAST_SHARE
+
+    @property
+    def sigma(self) -> Array:
+        """Return the standard deviation (K,) px of a coordinate, both alike."""
+        return np.asarray(np.sqrt(0.5 * np.einsum("nii->n", self.covariance)))
+
+
+def match_templates(
+    part: Part,
+    photos: Sequence[Photo],
+    start: Rigid,
+    *,
+    options: TemplateOptions = PLAIN_TEMPLATES,
+    rng: np.random.Generator | None = None,
+) -> TemplateMatches:
+    """Return the matches of a part's windows in photos, and the pose they agree on, from world_from_part `start`.
+
+    rng chooses the triples that are tried; by default always the same. Raises `MissingCore`.
+    """
+    renderer = open_renderer(part.scene, threads=1)
+    looks = [of_photo(photo.gray, options.appearance) for photo in photos]
+    rng = np.random.default_rng(0) if rng is None else rng
+    done = _round(part, renderer, photos, looks, start, options, rng)
+    now = options
+    for _ in range(options.rounds - 1):
+        if done.pose is None or done.by_chance >= CERTAIN:
+            break
+        now = _narrowed(now)
+        again = _round(part, renderer, photos, looks, done.pose.world_from_part, now, rng)
+        if again.pose is None:
+            break
+        done = replace(again, by_chance=done.by_chance)  # of the search: afterwards it is known where to look
+    return done if done.pose is None else replace(done, close=_close(part, photos, done.pose.world_from_part))
+
+
+def _close(part: Part, photos: Sequence[Photo], pose: Rigid) -> float:
+    """Return how close the photos' edges are to the part's lines at a pose, all photos' lines together."""
+    each = [closeness(p.gray, part.lines.draw(p.camera, p.viewpoint.camera_from_world @ pose)) for p in photos]
+    length = np.array([float(c.length.sum()) for c in each])
+    return float(np.dot([c.total for c in each], length) / max(float(length.sum()), 1e-9))
+
+
+def _narrowed(options: TemplateOptions) -> TemplateOptions:
+    """Return the options of the next round, which starts from a pose that features agree on."""
+    return replace(
+        options,
+        reach=max(_NARROWER * options.reach, _LEAST_REACH),
+        turn=max(_NARROWER * options.turn, math.radians(4)),
+        tolerance=max(0.5 * options.tolerance, 2.0),
+        salient=replace(options.salient, reach=0.0),  # what looks the same is out of reach by now
+    )
+
+
+def _round(
+    part: Part,
+    renderer: Renderer,
+    photos: Sequence[Photo],
+    looks: Sequence[Picture],
+    pose: Rigid,
+    options: TemplateOptions,
+    rng: np.random.Generator,
+) -> TemplateMatches:
+    """Return what one drawing of the part finds."""
+    windows = [_windows(part, renderer, photo, pose, options) for photo in photos]
+    photo = np.repeat(np.arange(len(photos)), [len(w) for w in windows]).astype(np.int32)
+    q = np.concatenate([w.q for w in windows])
+    peaks = tuple(
+        _peaks(looks[k], template, at, options)
+        for k, w in enumerate(windows)
+        for template, at in zip(w.templates, w.q, strict=True)
+    )
+    p = np.concatenate([w.p_part for w in windows])
+    gap = np.concatenate([w.gap for w in windows])
+    right = np.concatenate([w.right for w in windows])
+    features = Features(q, p, right, photo, gap, peaks, np.full(len(peaks), -1))
+    return _agreed(features, photos, pose, options, rng)
+
+
+def _windows(part: Part, renderer: Renderer, photo: Photo, pose: Rigid, options: TemplateOptions) -> Windows:
+    camera_from_part = photo.viewpoint.camera_from_world @ pose
+    view = renderer.render(
+        photo.camera, camera_from_part, channels=Channel.IMAGE | Channel.DEPTH, look=Look(background=(0.5, 0.5, 0.5))
+    )
+    wireframe = part.lines.draw(photo.camera, camera_from_part)
+    drawing = of_model(view, wireframe, options.appearance)
+    counts = counted(view, drawing, options.appearance)
+    return salient_windows(drawing, counts, view, camera_from_part, options=options.salient)
+
+
+def _peaks(look: Picture, template: Template, at: Array, options: TemplateOptions) -> Peaks:
+    """Return the peaks of a window within reach of its expected place, in px of the photo."""
+    far = math.ceil(options.reach) + template.size[0] // 2 + 1
+    x, y = (int(v) for v in at)
+    left, top = max(x - far, 0), max(y - far, 0)
+    crop = look[top : max(y + far + 1, 0), left : max(x + far + 1, 0)]
+    wanted = CorrelateOptions(
+        angles=(-options.turn, options.turn),
+        count=options.peaks,
+        least_score=options.least_score,
+        either_sign=options.appearance == "gray",
+    )
+    found = correlate(crop, template, options=wanted)
+    return replace(found, q=found.q + np.array([left, top]))
+
+
+def _agreed(
+    features: Features, photos: Sequence[Photo], start: Rigid, options: TemplateOptions, rng: np.random.Generator
+) -> TemplateMatches:
+    """Return the features with what most of them agree on."""
+    counts = np.array([len(p) for p in features.peaks], int)
+    feature = np.repeat(np.arange(len(features)), counts).astype(np.int32)
+    if len(feature) < 4:
+        return replace(_nothing(), features=features)
+    candidates = Candidates(
+        feature,
+        np.concatenate([p.q for p in features.peaks]),
+        np.concatenate([p.angle for p in features.peaks]),
+        np.concatenate([p.covariance[:, :2, :2] for p in features.peaks]),
+        np.abs(np.concatenate([p.score for p in features.peaks])),
+        features.p_part,
+        features.right,
+        features.photo,
+        options.reach,
+        options.turn,
+    )
+    best = consensus(candidates, photos, start, tolerance=options.tolerance, rng=rng)
+    if best is None:
+        return replace(_nothing(), features=features)
+    chosen = np.full(len(features), -1)
+    first = np.cumsum(counts) - counts
+    of = feature[best.chosen]
+    chosen[of] = best.chosen - first[of]
+    q, C, p, photo = (
+        candidates.q[best.chosen],
+        candidates.covariance[best.chosen],
+        features.p_part[of],
+        features.photo[of],
+    )
+    pose = pose_of_matches(photos, photo, p, q, C, best.world_from_part)
+    return TemplateMatches(q, p, C, photo, pose, best.by_chance, 0.0, replace(features, chosen=chosen))
+
+
+def _nothing() -> TemplateMatches:
+    none = np.zeros((0, 2))
+    whole = np.zeros(0, np.int32)
+    empty = Features(none, np.zeros((0, 3)), np.zeros((0, 3)), whole, np.zeros(0), (), whole)
+    return TemplateMatches(
+        none, np.zeros((0, 3)), np.zeros((0, 2, 2)), np.zeros(0, np.int32), None, math.inf, 0.0, empty
+    )

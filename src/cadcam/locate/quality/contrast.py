@@ -1,0 +1,45 @@
+"""Which of a part's lines the light can show: none between surfaces that it makes equally bright.
+
+How bright surfaces are follows from the photo itself, the part being at a pose (`cadcam.locate.quality.light`). At the
+right one a line without contrast is known to be one, and does not speak against the pose. At a wrong one the surfaces
+lie on anything: their light fits badly, so that little is known of contrasts, and lines of which it is known are shown
+nowhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cadcam.arrays import Mask
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.lines.sight import Sight
+from cadcam.locate.part import Part
+from cadcam.locate.quality.light import colors_of, fitted_light
+from cadcam.render import open_renderer
+from cadcam.render.view import Channel
+
+_ASIDE_PX = 1.5  # where the two sides of a line are looked at
+_FAINT = 2.0  # of the photo's noise: contrast, its uncertainty added, with which lines do not show
+
+
+def showing(part: Part, sights: Sequence[Sight], world_from_part: Rigid) -> list[Sight]:
+    """Return sights without the samples that lie between surfaces which the light makes equally bright at a pose."""
+    return [sight.select(~_without(part, sight, world_from_part)) for sight in sights]
+
+
+def _without(part: Part, sight: Sight, world_from_part: Rigid) -> Mask:
+    """Return which samples (N,) of a sight are known to have no contrast."""
+    photo = sight.photo
+    camera_from_part = photo.viewpoint.camera_from_world @ world_from_part
+    view = open_renderer(part.scene).render(photo.camera, camera_from_part, channels=Channel.NORMAL | Channel.FACE)
+    normal, color = view.normal, colors_of(part, view.face)  # normals as the camera has them: the light moves with it
+    at = sight.project(world_from_part)
+    seen = np.isfinite(at.q).all(axis=1)
+    q = at.q[seen, None] + _ASIDE_PX * np.array([-1.0, 1.0])[:, None] * at.normal[seen, None]
+    x, y = np.moveaxis(np.clip(np.rint(q).astype(np.int64), 0, np.array(photo.camera.size) - 1), 2, 0)
+    change, sigma = fitted_light(photo.gray, normal, color).contrast(normal[y, x].astype(np.float64), color[y, x])
+    out = np.zeros(len(at.q), bool)
+    out[seen] = np.abs(change) + sigma < _FAINT * sight.noise
+    return out

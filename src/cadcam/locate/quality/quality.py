@@ -1,0 +1,239 @@
+"""Is the part really there? How much of its edges the photo shows beyond what chance and the search give for nothing.
+
+The photo shows some of the part's lines where they are drawn, and would show some anywhere (`locate.quality.shown`):
+
+    share = (shown - by chance) / (1 - by chance)
+
+But the pose is not a random one. It was fitted, and k degrees of freedom lay that many constraints onto whatever the
+photo has; a start that was the best of very many poses used up some more. Evidence is what agrees beyond these
+(an event counts by how seldom it would come about anywhere in the search: Desolneux, Moisan and Morel, From Gestalt
+Theory to Image Analysis, 2008, ch. 3). With C constraints that the lines in sight are worth (`locate.quality.worth`)
+
+    free = (k + those of the search) / C        net = (share - free) / (1 - free) - 0.6 absent - 20 scatter / extent
+
+A box has nine lines, so a third is free; a part seen edge-on, or cut by the picture's border, has hardly anything left
+that could speak for it. absent: share of the visible length that lies on lines shown nowhere; scatter: by how much
+edges are off as a whole (px), extent: size of what is seen (px). Edges that scatter little must also be met closely.
+Lines absent behind a straight border do not count against the pose, nor do they count for it; where the answer is in
+doubt, one body of which nothing is shown is left out of what is asked, as if the model did not have it
+(`locate.quality.absent`).
+
+A model of wrong proportions is the hardest case: most lines fit, and the others may lie to one side. So where the
+answer is in doubt other proportions are tried (`locate.quality.proportions`), and what they gain counts twice against
+the model as it is: net - 2 (net' - net), with nothing excused. Lines that run through the corners of a chequered ground
+are that ground's (`locate.quality.chequers`): they are not shown. In a photo in colour, the colours on both sides of
+the lines speak for a share c of them (`locate.quality.color`), which tells something else than that there are steps;
+two constraints are lost on which colours these are, the rest count as further ones that are met: c' = c (1 - 2 / C),
+
+    share' = (share + c') / (1 + c')        free' = free / (1 + c')
+
+Quality 0.5, one threshold for all parts and photos, is a net share of 0.43.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cadcam.arrays import Array, Ids, Mask
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.lines.bands import FARTHEST_PX
+from cadcam.locate.lines.sight import Sight, in_noise
+from cadcam.locate.quality.absent import LEAST, behind_border, body_gone, missed
+from cadcam.locate.quality.chequers import along_chequers
+from cadcam.locate.quality.proportions import stretched
+from cadcam.locate.quality.shown import ROOM_PX, near_px, shown
+from cadcam.locate.quality.thin import Strips
+from cadcam.locate.quality.worth import distinct_lines, worth_of_lines, worth_of_stretches
+
+SEARCHED = 3  # constraints that the best of all poses of a part in a photo meets without it
+_ASKED = 450  # samples, of all photos together
+_TOGETHER = 4  # of these in a row: neighbours must be neighbours
+_MUCH = 0.2  # share of constraints that is free, from which on bends are looked at
+_ABSENT, _SCATTER, _GAIN = 0.6, 20.0, 2.0  # what these cost
+_IN_DOUBT, _OTHER = (0.3, 0.75), 0.04  # quality at which other proportions are tried; what makes them others
+_ALWAYS = 1.1  # more than any quality
+_TOLD = 0.05  # gain worth words
+_SHARES = (0.0, 0.43, 0.95)  # net shares that make quality 0, 1/2 and 1
+_COLOR = 2  # constraints that tell which colour the part has
+_WITHOUT = (0.1, 0.5)  # quality at which a body is left out
+_MOST_FITTED, _UNPROVEN = 0.8, 0.45  # share of constraints fitted that leaves enough for a proof; quality without one
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What the photos show of the part's visible edges.
+
+    samples: how many could tell; shown, by_chance: the share of them where the photo shows the edge, and where it would
+    anyway; free: the share of their constraints that any pose could be fitted to; absent: the share of samples on lines
+    shown nowhere, hidden: what of it lies behind a border; scatter: of edges, relative to the size of what is seen;
+    gain: how much larger the net share would be with a model of other proportions, and which those are; color: share
+    of constraints that the colours beside the lines add. gone: the body of which nothing is shown, -1: none; without:
+    the share of samples that were its own, where it was left out of all this; faint: the share of samples that were
+    left out because the light gives them no contrast.
+    """
+
+    samples: int
+    shown: float
+    by_chance: float
+    free: float
+    absent: float
+    hidden: float
+    scatter: float
+    gain: float = 0.0
+    proportions: str = ""
+    color: float = 0.0
+    gone: int = -1
+    without: float = 0.0
+    faint: float = 0.0
+
+    @property
+    def fitted(self) -> float:
+        """Return the share of all constraints, of lines and of colour, that any pose could be fitted to."""
+        return self.free / (1 + self.color)
+
+    @property
+    def net(self) -> float:
+        """Return the share of the edges that speaks for the pose, less what speaks against it."""
+        share = (self.shown - self.by_chance) / (1 - min(self.by_chance, 0.9))
+        share, free = (share + self.color) / (1 + self.color), self.fitted
+        net = (share - free) / (1 - free) - _ABSENT * (self.absent - self.hidden)
+        return net - _SCATTER * self.scatter - _GAIN * self.gain
+
+    @property
+    def quality(self) -> float:
+        """Return how sure it is that the pose is right, 0 to 1."""
+        if self.samples < LEAST or self.fitted >= 1:
+            return 0.0
+        quality = float(np.interp(self.net, _SHARES, (0.0, 0.5, 1.0)))
+        return min(quality, _UNPROVEN) if self.fitted > _MOST_FITTED else quality
+
+    def __str__(self) -> str:
+        if self.samples < LEAST or self.fitted > _MOST_FITTED:
+            few = "so few edges of the part would be in the picture that any place would fit"
+            return few + "; nearer, from another side or by a second camera more of them would be"
+        free = f", {self.fitted:.0%} could be fitted anywhere" if self.fitted > 0.2 else ""
+        other = f"; more were it {self.proportions} (other part, unit or scale?)" if self.gain > _TOLD else ""
+        color = f", colours beside them count like {self.color:.0%} more" if self.color > 0 else ""
+        edges = f"{self.shown:.0%} of the visible edges are there, {self.by_chance:.0%} would be by chance"
+        body = f", those of a body with {self.without:.0%} of them left out: nothing of it is there" * (
+            self.without > 0
+        )
+        faint = f", {self.faint:.0%} left out: the light gives them no contrast" * (self.faint > 0)
+        return edges + faint + body + color + free + other
+
+
+def judged(
+    sights: Sequence[Sight],
+    world_from_part: Rigid,
+    B: Array,
+    *,
+    chosen: int,
+    scatter: float,
+    color: float = 0.0,
+    bands: bool = False,
+) -> Seen:
+    """Return what `seen` does for a pose fitted along B (6, k), and in doubt whether other proportions fit better.
+
+    chosen: how many constraints the start met by being the best of many poses. color: the share of the samples for
+    which the colour on both sides speaks (`locate.quality.color`). bands: whether they lie beside the lines; then
+    proportions by which lines would only lie on the bands' other sides say nothing.
+    """
+    constraints = B.shape[1] + chosen
+    first = seen(sights, world_from_part, constraints=constraints, scatter=scatter)
+    if first.gone < 0 or not _WITHOUT[0] < first.quality < _WITHOUT[1]:
+        first = replace(first, without=0.0)
+    else:
+        sights = [s.select(s.samples.part != first.gone) for s in sights]
+        left = seen(sights, world_from_part, constraints=constraints, scatter=scatter)
+        first = replace(left, without=first.without)
+    first = replace(first, color=color * max(1 - first.free * _COLOR / constraints, 0.0))
+    most = _ALWAYS if in_noise(sights) else _IN_DOUBT[1]  # a line or two that is missing hardly shows in noise
+    if not _IN_DOUBT[0] < first.quality < most:
+        return first
+    other = stretched(sights, world_from_part, B)
+    if other.by < _OTHER or (bands and other.moved_px(sights, world_from_part) < FARTHEST_PX):
+        return first
+    poses = ((sights, world_from_part), (other.sights, other.world_from_part))
+    asked = [seen(_alone(s), pose, constraints=constraints, scatter=scatter) for s, pose in poses]
+    alike = [replace(a, free=first.free, scatter=first.scatter, hidden=0.0, color=first.color).net for a in asked]
+    gain = alike[1] - alike[0]
+    return replace(first, hidden=0.0, gain=gain, proportions=str(other)) if gain > 0 else first
+
+
+def _alone(sights: Sequence[Sight]) -> list[Sight]:
+    """Return sights with the lines that have room of their own: of thin plates a stretch may meet the other border."""
+    rooms = [np.minimum(s.samples.below, s.samples.above) for s in sights]
+    return [s.select(room >= ROOM_PX) for s, room in zip(sights, rooms, strict=True)]
+
+
+def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, scatter: float) -> Seen:
+    """Return how much of the part's visible edges the photos show at a pose.
+
+    constraints: how many of them its fit, and the search before it, could meet anywhere. scatter: sd (px) by which
+    edges are off as a whole.
+    """
+    near = near_px(sights, scatter)
+    most = _ASKED // len(sights)
+    asked = (s.thinned(most, together=_TOGETHER, among=Strips.of(s.samples).room >= ROOM_PX) for s in sights)
+    photos = [_in_photo(s, world_from_part, near, constraints) for s in asked]
+    n = max(sum(p.samples for p in photos), 1)
+    extent = max((p.extent for p in photos), default=0.0)
+    gone, of_gone = body_gone([(p.body, p.here) for p in photos])
+    return Seen(
+        samples=sum(p.samples for p in photos),
+        shown=sum(p.shown for p in photos) / n,
+        by_chance=sum(p.by_chance for p in photos) / n,
+        free=constraints / max(sum(p.worth for p in photos), 1e-9),
+        absent=sum(p.absent for p in photos) / n,
+        hidden=sum(p.hidden for p in photos) / n,
+        scatter=scatter / max(extent, 1.0),
+        gone=gone,
+        without=of_gone,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _InPhoto:
+    """What one photo shows of the samples that could tell: of each its body and whether it is here (n,), and sums."""
+
+    body: Ids
+    here: Mask
+    shown: float = 0.0
+    by_chance: float = 0.0
+    worth: float = 0.0
+    extent: float = 0.0
+    absent: float = 0.0
+    hidden: float = 0.0
+
+    @property
+    def samples(self) -> int:
+        return len(self.here)
+
+
+def _in_photo(sight: Sight, world_from_part: Rigid, near: float, constraints: int) -> _InPhoto:
+    at, samples = sight.project(world_from_part), sight.samples
+    which = np.flatnonzero(np.isfinite(at.q).all(axis=1))
+    n, body = len(which), samples.part[which]
+    if not n:
+        return _InPhoto(body, np.zeros(0, bool))
+    strips, normal, run = Strips.of(samples.select(which)), at.normal[which], samples.run[which]
+    q = at.q[which] + strips.middle[:, None] * normal
+    lines, length = distinct_lines(q, run)
+    here, share = shown(sight, q, normal, run, strips.room, near + strips.half)
+    crossed = here & along_chequers(sight.photo.gray, q, normal, run)
+    here, share[0] = here & ~crossed, max(share[0] - crossed.mean(), 0.0)
+    worth = worth_of_lines(length)
+    absent = missed(here, lines)
+    return _InPhoto(
+        body,
+        here,
+        shown=n * float(share[0]),
+        by_chance=n * float(share[1:].mean()),
+        worth=worth if constraints < _MUCH * worth else worth_of_stretches(q, normal, run, lines, length),
+        extent=float(np.hypot(*np.ptp(q, axis=0))),
+        absent=float(absent.sum()),
+        hidden=float(absent[behind_border(q, here)].sum()) if absent.any() else 0.0,
+    )

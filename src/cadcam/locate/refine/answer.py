@@ -1,0 +1,135 @@
+"""What a solution tells: the pose with its covariance, what the photos show of the part there, and the samples.
+
+The covariance is that of noise and of edges that err as a whole, with what the calibration adds; the quality is that of
+`locate.quality.quality`, looked at again without lines that the light hides where it would just not do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.camera.pose_estimate import PoseEstimate
+from cadcam.fit.grouped import GroupedFit
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.freedom import Freedom
+from cadcam.locate.lines.sight import Sight, in_noise
+from cadcam.locate.location import FOUND, Location
+from cadcam.locate.matches import EdgeMatches
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.locate.quality.color import in_color
+from cadcam.locate.quality.contrast import showing
+from cadcam.locate.quality.quality import Seen, judged
+from cadcam.locate.refine.solution import LOOSE_PX, Solution
+from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
+
+DOUBT = (0.25, 0.62)  # quality of a pose that half of the lines agree with: worth a second look
+_TOGETHER_PX = 0.005  # by which all edges of a photo are off together: light from one side bends alike beside them
+_FREE = 0.4  # share of the lines that any pose could be fitted to, more than of a box: little else speaks for a pose
+_FARTHEST_PX = 3.0  # an edge farther off is another one
+_UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose that nothing was measured of
+
+
+def location_of(part: Part, fitted: Solution, freedom: Freedom, *, chosen: int, wider: bool) -> Location:
+    """Return what was measured as a location. chosen, wider: as for `locate.refine`."""
+    sights, pose, fit = fitted.sights, fitted.pose, fitted.fit
+    B = freedom.at(pose)
+    n = [int(m.usable.sum()) for m in fitted.measured]
+    gains = np.split(B @ fit.gain[:, : sum(n)], np.cumsum(n)[:-1], axis=1)
+    points = [s.samples.p[m.usable] for s, m in zip(sights, fitted.measured, strict=True)]
+    normals = [at.normal[m.usable] for at, m in zip(fitted.places, fitted.measured, strict=True)]
+    photos = [s.photo for s in sights]
+    from_calibration = calibration_covariance(photos, points, normals, gains, pose)
+    together = sum(
+        (_TOGETHER_PX**2 * (G @ n) @ (G @ n).T for G, n in zip(gains, normals, strict=True)), np.zeros((6, 6))
+    )
+    estimate = PoseEstimate(pose, B @ fit.covariance @ B.T + together, from_calibration, B, fit.dof)
+    evidence, doubted = _evidence(part, fitted, B, chosen, wider)
+    reason = _reason(part, estimate, evidence, fitted, photos)
+    return Location(estimate, _matches(fitted), evidence.quality, reason, doubted=doubted)
+
+
+def lost(sights: Sequence[Sight], pose: Rigid, freedom: Freedom, why: str) -> Location:
+    """Return the answer where nothing could be measured."""
+    none = [np.full(len(s.samples), np.nan) for s in sights]
+    matches = _as_matches(sights, pose, none, none, [np.zeros(len(a)) for a in none])
+    B = freedom.at(pose)
+    return Location(
+        PoseEstimate(pose, B @ (B.T @ _UNKNOWN @ B) @ B.T, freedom=B, dof=1.0), matches, 0.0, f"not found: {why}"
+    )
+
+
+def _evidence(part: Part, fitted: Solution, B: Array, chosen: int, wider: bool) -> tuple[Seen, bool]:
+    """Return what the photos show of the part where it was fitted along B (6, k), and whether that is doubted.
+
+    Of a pose that would just not be found, lines that the light gives no contrast are left out; not where the model
+    fits better stretched, nor where starts are known to be good (not `wider`).
+    """
+    pose, fit = fitted.pose, fitted.fit
+    scatter = _scatter(fit, sum(int(m.usable.sum()) for m in fitted.measured))
+    told, color = in_color(part, fitted.sights, pose)
+    bands = fitted.regression.bands and fitted.tells_lines and fit.between <= LOOSE_PX
+    ask = partial(judged, chosen=chosen, scatter=scatter, color=color, bands=bands)
+    evidence = ask(told, pose, B)
+    doubted = evidence.quality < FOUND or evidence.without > 0 or evidence.fitted > _FREE or fit.between > LOOSE_PX
+    hides = in_noise(fitted.sights)  # there missing lines pass for faint ones
+    if not wider or hides or evidence.gain or not DOUBT[0] < evidence.quality < FOUND:
+        return evidence, doubted
+    lit = showing(part, told, pose)
+    faint = 1 - sum(len(s.samples) for s in lit) / sum(len(s.samples) for s in told)
+    if faint > 0:
+        evidence = replace(ask(lit, pose, B), faint=faint)
+    return evidence, doubted
+
+
+def _scatter(fit: GroupedFit, n: int) -> float:
+    """Return by how much (px, root mean square) edges, the first n data, are off as a whole, whatever they count."""
+    samples = np.bincount(fit.group[:n], minlength=len(fit.offset))
+    return float(np.sqrt(samples @ np.minimum(np.abs(fit.offset), _FARTHEST_PX) ** 2 / max(samples.sum(), 1)))
+
+
+def _reason(part: Part, estimate: PoseEstimate, evidence: Seen, fitted: Solution, photos: Sequence[Photo]) -> str:
+    if evidence.quality < FOUND:
+        return f"not found: {evidence}"
+    weakest = weakest_direction(estimate, part.aspects.centre, photos)
+    beside = ", many beside bands that the model does not have" * fitted.regression.bands
+    return f"{evidence}; edges are off by {fitted.fit.between:.2f} px as a whole{beside}; {weakest}"
+
+
+def _matches(fitted: Solution) -> EdgeMatches:
+    """Return the samples as the refined pose projects them, offsets and weights as measured for it."""
+    weights, offsets, done = [], [], 0
+    each = fitted.fit.weight * fitted.fit.of_group[fitted.fit.group]
+    for m, moved in zip(fitted.measured, fitted.moved, strict=True):
+        n = int(m.usable.sum())
+        weight = np.zeros(len(m.offset))
+        weight[m.usable] = each[done : done + n]
+        done += n
+        weights.append(weight)
+        offsets.append(np.where(m.usable, m.offset - moved, np.nan))
+    sigma = [np.where(m.usable, m.sigma, np.nan) for m in fitted.measured]
+    return _as_matches(fitted.sights, fitted.pose, offsets, sigma, weights)
+
+
+def _as_matches(
+    sights: Sequence[Sight], pose: Rigid, offset: Sequence[Array], sigma: Sequence[Array], weight: Sequence[Array]
+) -> EdgeMatches:
+    places = [s.project(pose) for s in sights]
+    kept = [np.isfinite(at.q).all(axis=1) for at in places]
+
+    def joined(parts: Sequence[Array]) -> Array:
+        return np.concatenate([a[k] for a, k in zip(parts, kept, strict=True)])
+
+    numbers = [
+        np.column_stack([s.samples.chain, np.full(len(s.samples), i)])[k]
+        for i, (s, k) in enumerate(zip(sights, kept, strict=True))
+    ]
+    chain, photo = np.concatenate(numbers).astype(np.int32).T
+    q, normal = joined([at.q for at in places]), joined([at.normal for at in places])
+    p = joined([s.samples.p for s in sights])
+    return EdgeMatches(q, normal, joined(offset), joined(sigma), joined(weight), p, chain, photo)

@@ -1,0 +1,320 @@
+"""The pose of a part to the limit of the pixels: visible CAD edges against the photo's own.
+
+Lines are drawn with hidden ones removed, pulled onto the photo's steps (`locate.lines.attraction`), the pose is solved
+from the steps near it (`locate.refine.solution`), and believed only where the photo shows far more of the part's edges
+than chance would (`locate.quality.quality`). Where that is in doubt, lines are looked for again: wider, beside the
+pose, by colour.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.errors import BadValue, DegenerateGeometry
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.evidence import Evidence, pose_jacobian
+from cadcam.locate.freedom import FREE, Freedom
+from cadcam.locate.lines.attraction import attracted
+from cadcam.locate.lines.bands import LEFT, MOST_PX
+from cadcam.locate.lines.sight import Sight
+from cadcam.locate.location import Location
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.locate.quality.color import in_color
+from cadcam.locate.quality.quality import seen
+from cadcam.locate.refine.agreement import BESIDE_BANDS_PX, SCATTERED_PX, agreed
+from cadcam.locate.refine.answer import DOUBT, location_of, lost
+from cadcam.locate.refine.options import EDGES, EdgeOptions
+from cadcam.locate.refine.solution import CLOSE_PX, LOOSE_PX, Solution, solved
+
+_REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
+_CLEARLY = 0.1  # quality by which an answer that is not found must be better to take the place of another one
+_LOOSER = 3.0  # times as much, that a fit is looser than another one
+_WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
+_WEAKEST, _BESIDE_PX = 3, 4.0  # motions along which a loose pose may be another one, and how far lines move by them
+_ABOUT = 0.25  # share of the lines that colour speaks for, from which on a pose is about right
+_AROUND_PX = (3.0, 5.0, 8.0)  # searches there
+_EITHER = np.sqrt(0.5)  # of the way to another answer that is as likely
+_BANDED = 0.15  # share of a photo's lines that lie beside bands, from which on these are told
+_SAME_PX = 0.5  # a search that ends this near to where it began, at a pose that was found, finds the same again
+_ANY_TURN = np.pi**2 / 3  # rad^2: variance of a turn that may be any
+
+
+def refine(
+    part: Part,
+    photos: Sequence[Photo],
+    start: Rigid,
+    *,
+    freedom: Freedom = FREE,
+    evidence: Sequence[Evidence] = (),
+    options: EdgeOptions = EDGES,
+    chosen: int = 0,
+    wider: bool = True,
+) -> Location:
+    """Return where the part stands, from a start world_from_part whose lines are off by no more than `search_px`.
+
+    photos: of one camera, of a rig, or of a moved camera, each with its viewpoint in the world. evidence: points and
+    lines of the part that are known otherwise. chosen: how many constraints the start met by being the best of many
+    poses in these photos; they prove nothing (`locate.quality.quality`). Where too little is seen to tell the pose the
+    answer has quality 0. wider: whether a doubtful answer is searched for once more, wider, from where it ended; lines
+    of a wrong pose often half agree. Where edges still fit only loosely, and the start was the best of many or the
+    answer is in doubt, poses beside it are tried too, narrowly. Where edges scatter, and most of them agree closely on
+    another pose, that one is looked at (`locate.refine.agreement`). None of it where the start is known to be good:
+    farther off there are only other lines. Where colour speaks for a doubtful answer it is about right: lines are
+    looked for once more from there, narrowly first.
+    """
+
+    def found_in(photos: Sequence[Photo]) -> Location:
+        return refined(
+            part, photos, start, freedom=freedom, evidence=evidence, options=options, chosen=chosen, wider=wider
+        )[0]
+
+    return in_spite_of_noise(photos, found_in) if wider else found_in(photos)
+
+
+def in_spite_of_noise(photos: Sequence[Photo], found_in: Callable[[Sequence[Photo]], Location]) -> Location:
+    """Return what is found in photos; where that is nothing and noise hides lines, what is found in calmer ones."""
+    first = found_in(photos)
+    if first.found:
+        return first
+    calm = [photo.calmed() for photo in photos]
+    if all(photo.calm is None for photo in calm):
+        return first
+    second = found_in(calm)
+    return second if second.found or second.quality > first.quality + _CLEARLY else first
+
+
+def refined(
+    part: Part,
+    photos: Sequence[Photo],
+    start: Rigid,
+    *,
+    freedom: Freedom = FREE,
+    evidence: Sequence[Evidence] = (),
+    options: EdgeOptions = EDGES,
+    chosen: int = 0,
+    wider: bool = True,
+) -> tuple[Location, Sequence[Sight]]:
+    """Return what `refine` does, and the photos with the part's lines as drawn within a pixel or two of that pose."""
+    if not photos:
+        raise BadValue("photos", "none", "at least one photo")
+    told = freedom.without(part.spin, start)
+    task = _Task(part, photos, told, evidence, options, chosen, wider)
+    best = task.from_start(start)
+    if wider:
+        best = task.in_color(task.again(best), start)
+    location = best.location
+    return location if told is freedom or part.spin is None else _turned_anyhow(location, part.spin), best.sights
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Answer:
+    """What was found, what was measured for it, if anything, and the lines drawn for it."""
+
+    location: Location
+    solution: Solution | None
+    sights: Sequence[Sight]
+
+    @property
+    def pose(self) -> Rigid:
+        return self.location.pose.world_from_part
+
+    @property
+    def loose(self) -> bool:
+        """Return whether edges fit the pose only loosely."""
+        return self.solution is not None and self.solution.fit.between > LOOSE_PX
+
+    def unlike(self, other: Solution, share: float) -> _Answer:
+        """Return the answer with a share of the way to another solution as the sd of an error along it."""
+        at = self.location.pose
+        away = at.world_from_part.inv @ other.pose
+        px = max(s.moved_px(self.pose, other.pose) for s in self.sights)
+        by = share * min(1.0, MOST_PX / max(px, 1e-300)) * (at.freedom @ (at.freedom.T @ away.log()))
+        pose = replace(at, from_noise=at.from_noise + np.outer(by, by))
+        return replace(self, location=replace(self.location, pose=pose))
+
+    def better_than(self, other: _Answer) -> bool:
+        """Return whether this answer is better than another.
+
+        Edges of a loose fit count as met from farther off. Where one of the two is much looser, both are held to what
+        the other meets; beside bands, where lines lie on either side of these, the closer of two that are as good.
+        """
+        quality = [self.location.quality, other.location.quality]
+        both = [a.solution for a in (self, other) if a.solution is not None]
+        between, bands = [s.fit.between for s in both], any(s.regression.bands for s in both)
+        scattered = BESIDE_BANDS_PX if bands else SCATTERED_PX
+        if len(both) == 2 and max(between) > max(scattered, _LOOSER * min(between)):
+            quality = [seen(s.sights, s.pose, constraints=s.B.shape[1], scatter=0.0).quality for s in both]
+            if bands and abs(quality[0] - quality[1]) < _CLEARLY:
+                return between[0] < between[1]
+        return quality[0] > quality[1]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Task:
+    """What `refine` is asked, and the ways to an answer."""
+
+    part: Part
+    photos: Sequence[Photo]
+    freedom: Freedom
+    evidence: Sequence[Evidence]
+    options: EdgeOptions
+    chosen: int
+    wider: bool
+
+    def from_start(self, start: Rigid) -> _Answer:
+        """Return what is found around a start."""
+        return self.settled(*self.attracted(self.sights(start), start, self.options.search_px))
+
+    def again(self, best: _Answer) -> _Answer:
+        """Return a doubtful or loose answer, or a better one: found wider around it, or narrowly beside it."""
+        quality = best.location.quality
+        if quality <= DOUBT[0] or (quality >= DOUBT[1] and not best.loose):
+            return best
+        best = self.farther(best)
+        return self.beside(best) if self.chosen or best.location.quality < DOUBT[1] else best
+
+    def farther(self, best: _Answer) -> _Answer:
+        """Return an answer, or a better one of lines that are looked for farther off."""
+        wide_px = max(_WIDER * self.options.search_px, _WIDER_PX)
+        sights, pose = self.attracted(best.sights, best.pose, wide_px)
+        if best.location.found and max(s.moved_px(best.pose, pose) for s in sights) < _SAME_PX:
+            return best
+        second = self.settled(sights, pose)
+        return second if second.better_than(best) else best
+
+    def beside(self, best: _Answer) -> _Answer:
+        """Return an answer, or the first better and closer fit among the poses beside it."""
+        if best.solution is None or not best.loose:
+            return best
+        for pose in _beside(best.solution):
+            second = self.settled(*self.attracted(best.sights, pose, CLOSE_PX))
+            if not second.loose and second.better_than(best):
+                return second
+        return best
+
+    def in_color(self, best: _Answer, start: Rigid) -> _Answer:
+        """Return a doubtful answer, or a better one found around where colour speaks for it or for the start."""
+        if all(photo.chroma is None for photo in self.photos):
+            return best
+        for search_px in _AROUND_PX:
+            if best.location.quality >= DOUBT[1]:
+                break
+            share, pose, sights = max((self.colored(pose) for pose in (best.pose, start)), key=lambda s: s[0])
+            if share < _ABOUT:
+                break
+            second = self.measured(*self.attracted(sights, pose, search_px))
+            if second.location.quality > best.location.quality:
+                best = second
+        return best
+
+    def colored(self, pose: Rigid) -> tuple[float, Rigid, Sequence[Sight]]:
+        """Return the share of the lines' samples that colour speaks for at a pose, the pose, and its sights."""
+        sights = self.sights(pose)
+        return in_color(self.part, sights, pose)[1], pose, sights
+
+    def settled(self, sights: Sequence[Sight], pose: Rigid) -> _Answer:
+        """Return the answer at a pose, its lines as seen from there, or at the one that most edges agree on."""
+        answer = self.measured(sights, pose)
+        if answer.solution is not None and _away(sights, answer.solution.pose):
+            pose = answer.solution.pose
+            answer = self.measured(self.sights(pose, sights), pose)
+        for closer in agreed(answer.solution) if self.wider and answer.solution is not None else ():
+            other = self.measured(self.sights(closer, answer.sights), closer)
+            answer = other if other.better_than(answer) else answer
+        return answer
+
+    def measured(self, sights: Sequence[Sight], pose: Rigid) -> _Answer:
+        """Return what the measurement of a pose close by finds.
+
+        Bands beside the lines are told only if edges then agree more closely, and closely where the part is not found
+        without them: with a step more at every line anything fits, if loosely. Not where starts are known to be good,
+        nor for the many poses of a search that hold nothing. How far bands told and untold lead apart counts as an
+        error in either case.
+        """
+        try:
+            fitted = solved(sights, pose, self.freedom, self.evidence, self.options)
+        except DegenerateGeometry as error:
+            return _Answer(lost(sights, pose, self.freedom, str(error)), None, sights)
+        plain = self.answered(fitted)
+        hopeless = self.chosen > 0 and not plain.location.found
+        if not self.wider or hopeless or fitted.beside_bands < _BANDED:
+            return plain
+        return self.beside_bands(sights, pose, fitted, plain.location.found)
+
+    def beside_bands(self, sights: Sequence[Sight], pose: Rigid, untold: Solution, found: bool) -> _Answer:
+        """Return the answer that is told of the bands, or the one that is not, and whether that one was found.
+
+        First lines may all be off (`locate.refine.regression`), if there are enough. Where they then fit loosely, that
+        leaves the pose to a few of them, and the better answer may be one that takes them for right.
+        """
+        best, unlike = None, None
+        for lines in (True, False) if untold.tells_lines else (False,):
+            try:
+                told = solved(sights, pose, self.freedom, self.evidence, self.options, bands=True, lines=lines)
+            except DegenerateGeometry:
+                continue
+            answer, unlike = self.answered(told if lines else told.beside_its_bands()), unlike or told
+            closer = told.fit.between < untold.fit.between and (found or not answer.loose)
+            if answer.location.found and closer and (best is None or answer.better_than(best)):
+                best = answer.unlike(untold, LEFT)
+            if not answer.loose:
+                break
+        if best is not None:
+            return best
+        plain = self.answered(untold.beside_its_bands())
+        return plain if unlike is None else plain.unlike(unlike, _EITHER)
+
+    def answered(self, solution: Solution) -> _Answer:
+        location = location_of(self.part, solution, self.freedom, chosen=self.chosen, wider=self.wider)
+        return _Answer(location, solution, solution.sights)
+
+    def attracted(self, sights: Sequence[Sight], start: Rigid, search_px: float) -> tuple[Sequence[Sight], Rigid]:
+        """Return the pose whose lines lie on steps of the photos near those at the start, and its sights."""
+        pose = attracted(sights, start, self.freedom, search_px=search_px)
+        return self.sights(pose, sights) if _away(sights, pose) else sights, pose
+
+    def sights(self, pose: Rigid, before: Sequence[Sight] = ()) -> list[Sight]:
+        """Return the lines drawn at a pose; what is known of the photos' noise from `before` is kept."""
+        noise = [s.noise for s in before] or [np.nan] * len(self.photos)
+        sizes = {"step_px": self.options.step_px, "reach_px": 2 * self.options.reach_px}
+        return [Sight.of(self.part, p, pose, noise=n, **sizes) for p, n in zip(self.photos, noise, strict=True)]
+
+
+def _away(sights: Sequence[Sight], pose: Rigid) -> bool:
+    """Return whether a pose is so far from where lines were drawn that others may be seen."""
+    return max(s.moved_px(s.drawn, pose) for s in sights) > _REDRAW_PX
+
+
+def _beside(fitted: Solution) -> list[Rigid]:
+    """Return poses beside that of a loose fit, along the motions of the lines in the photos that it tells least.
+
+    Lines of thin plates seen edge-on may be taken for each other, all in the same sense: that too is a fit, if a loose
+    one. Between it and the right pose lies a hill that no search from either climbs.
+    """
+    moved = []
+    for sight in fitted.sights:
+        camera_from_part = sight.photo.viewpoint.camera_from_world @ fitted.pose
+        q, J = sight.photo.camera.project_with_jacobian(camera_from_part @ sight.samples.p)
+        by_twist = pose_jacobian(sight.samples.p, J @ camera_from_part.rotation)
+        moved.append(by_twist[np.isfinite(q).all(axis=1)])
+    every = np.concatenate(moved) @ fitted.B
+    r = np.linalg.qr(every.reshape(-1, every.shape[2]) / np.sqrt(len(every)))[1]  # |r x|: px, root mean square
+    axes = np.linalg.eigh(r @ fitted.fit.covariance @ r.T)[1][:, -_WEAKEST:]
+    steps = fitted.B @ np.linalg.solve(r, _BESIDE_PX * axes)
+    return [fitted.pose @ Rigid.exp(sign * step) for step in steps.T for sign in (1, -1)]
+
+
+def _turned_anyhow(location: Location, spin: Array) -> Location:
+    """Return the answer of a turned part, whose turn about its axis, a twist (6,), no photo tells."""
+    pose = location.pose
+    told = replace(
+        pose,
+        from_noise=pose.from_noise + _ANY_TURN * np.outer(spin, spin),
+        freedom=np.linalg.qr(np.column_stack([pose.freedom, spin]))[0],
+    )
+    return replace(location, pose=told, reason=f"{location.reason}; turned about its axis the part looks the same")

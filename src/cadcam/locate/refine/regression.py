@@ -1,0 +1,166 @@
+"""The step of the pose that the offsets of the photos' edges ask for, by a regression with errors by edge.
+
+A chamfer, a shadow or paint shifts all samples of an edge together: pieces of edge have an offset of their own
+(`fit.grouped`). Beside bands, which run along whole lines, that is not all. The pieces of a line err alike there, and
+what bands do to the steps beyond what is told of them (`locate.lines.bands`) draws all lines to the same side, towards
+dark or towards bright; it is one more unknown, of a usual size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array
+from cadcam.errors import DegenerateGeometry
+from cadcam.fit.grouped import GroupedFit, grouped_fit
+from cadcam.locate.lines.cells import Measured
+from cadcam.locate.lines.edges import Projected
+from cadcam.locate.lines.sight import Sight
+from cadcam.locate.refine.options import EdgeOptions
+
+Longs = npt.NDArray[np.int64]
+_USUAL_PX = 0.05  # by which edges are off as a whole
+_LIMB_PX = 0.2  # by which the border of a round surface is off: it darkens ever faster towards it, or brightens
+_UNEVEN = 0.4  # of what edges are off by as a whole: they are off by that beside, they turn and bend too
+_DRAWN_PX = 0.05  # by which bands draw all lines towards dark or bright, beyond what is told
+_PIECES = 30  # groups that the edges are cut into at least
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Regression:
+    """How the samples of each photo belong together: numbers (N, 2) of piece and line; bands: beside the lines."""
+
+    sights: Sequence[Sight]
+    pieces: Sequence[Longs]
+    bands: bool = False
+
+    @classmethod
+    def of(cls, sights: Sequence[Sight], options: EdgeOptions, *, bands: bool) -> Regression:
+        """Return the regression on the samples of photos."""
+        return cls(sights, _pieces(sights, options), bands)
+
+    def step(
+        self,
+        places: Sequence[Projected],
+        measured: Sequence[Measured],
+        evidence: tuple[Array, Array, Array],
+        B: Array,
+        iterations: int,
+        *,
+        on_lines: bool,
+    ) -> GroupedFit:
+        """Return the step in the basis B (6, k) that the offsets and the other evidence ask for.
+
+        on_lines: whether the lines are known to lie on their own steps. Then it is light that shifts them; before, they
+        may lie on others', and clear ones are off as far as faint ones.
+        """
+        other, rows, other_variance = evidence
+        if not np.isfinite(rows).all():
+            raise DegenerateGeometry("points or lines given as evidence are not in front of their camera")
+        y = np.concatenate([*(m.offset[m.usable] for m in measured), other])
+        variance = np.concatenate([*(m.sigma[m.usable] ** 2 for m in measured), other_variance])
+        J = np.concatenate([*(at.row[m.usable] for at, m in zip(places, measured, strict=True)), rows]) @ B
+        piece, line = np.concatenate([of[m.usable] for of, m in zip(self.pieces, measured, strict=True)]).T
+        if not self.bands:
+            return self._fitted(measured, y, J, variance, piece, None, iterations, on_lines)
+        bright = -np.concatenate([np.sign(m.contrast[m.usable]) for m in measured])
+        drawn = np.append(np.concatenate([bright, np.zeros(len(other))]), 1.0)
+        J, y = np.column_stack([np.vstack([J, np.zeros(B.shape[1])]), drawn]), np.append(y, 0.0)
+        variance = np.append(variance, _DRAWN_PX**2)
+        return _undrawn(self._fitted(measured, y, J, variance, piece, line, iterations, on_lines), bright)
+
+    def _fitted(
+        self,
+        measured: Sequence[Measured],
+        y: Array,
+        J: Array,
+        variance: Array,
+        piece: Longs,
+        line: Longs | None,
+        iterations: int,
+        on_lines: bool,
+    ) -> GroupedFit:
+        """Return the fit of offsets, on pieces and lines, followed by what is known exactly."""
+        group, n = _numbered(piece), len(piece)
+        expected = _expected(self.sights, measured, group)
+        edges, exact = len(expected), len(y) - n
+        family, of_family = None, None
+        if line is not None:
+            of_line = _numbered(line)
+            of_family = _relative(variance[:n], of_line, on_lines)
+            begins = np.flatnonzero(np.diff(group, prepend=-1))
+            family = np.concatenate([of_line[begins], len(of_family) + np.arange(exact)])
+            of_family = np.concatenate([of_family, np.ones(exact)])
+        return grouped_fit(
+            y,
+            J,
+            variance,
+            np.concatenate([group, edges + np.arange(exact)]),
+            usual=_USUAL_PX,
+            relative=np.concatenate([_relative(variance[:n], group, on_lines), np.ones(exact)]),
+            uneven=_UNEVEN,
+            expected=np.concatenate([expected, np.zeros(exact)]),
+            exact=np.arange(edges + exact) >= edges,
+            family=family,
+            family_relative=of_family,
+            iterations=iterations,
+        )
+
+
+def _undrawn(fit: GroupedFit, bright: Array) -> GroupedFit:
+    """Return the fit of the pose alone, with what draws all samples (n,) towards bright left in the groups' offsets."""
+    k, n, group = len(fit.x) - 1, len(fit.offset), fit.group[: len(bright)]
+    drawn = fit.x[k] * np.bincount(group, bright, n) / np.maximum(np.bincount(group, minlength=n), 1)
+    return replace(fit, x=fit.x[:k], covariance=fit.covariance[:k, :k], offset=fit.offset + drawn, gain=fit.gain[:k])
+
+
+def _numbered(of: Longs) -> Longs:
+    """Return ascending numbers (n,) as such from 0 on, none left out."""
+    return np.cumsum(np.diff(of, prepend=of[:1]) > 0, dtype=np.int64)
+
+
+def _relative(variance: Array, group: Longs, on_lines: bool) -> Array:
+    """Return how the variances compare (G,) by which groups are off as a whole: as those of their means by noise.
+
+    Shadows, reflections and texture add to a step of brightness as noise does: they shift it the less the higher it is,
+    and are less alike along a longer edge. How much there is of them, which few edges tell poorly, then hardly moves
+    the pose, only what is told of it. on_lines: whether that is so.
+    """
+    told = np.bincount(group, 1 / variance)
+    return np.asarray(np.mean(told) / told if on_lines and len(told) else np.ones(len(told)))
+
+
+def _expected(sights: Sequence[Sight], measured: Sequence[Measured], group: Longs) -> Array:
+    """Return by how much groups beside bands and on borders of round surfaces are expected to be off (G,), px^2.
+
+    Towards such a border brightness changes with the root of the distance, which no slope of the ground describes.
+    """
+    if not len(group):
+        return np.zeros(0)
+    round_off = np.concatenate([s.samples.chain[m.usable] < 0 for s, m in zip(sights, measured, strict=True)])
+    doubt = np.concatenate([m.doubt[m.usable] for m in measured])
+    return np.asarray(np.bincount(group, _LIMB_PX**2 * round_off + doubt**2) / np.bincount(group))
+
+
+def _pieces(sights: Sequence[Sight], options: EdgeOptions) -> list[Longs]:
+    """Return numbers (N, 2) of the piece of line, and of the line, that the samples of each photo lie on.
+
+    They ascend, over all photos together. Parts that are small in the picture have shorter pieces: a few groups would
+    not tell how they scatter.
+    """
+    most = min(options.group_px / options.step_px, sum(len(s.samples) for s in sights) / _PIECES)
+    most = max(int(most), 5)
+    out, before = [], 0
+    for sight in sights:
+        run = sight.samples.run.astype(np.int64)
+        count = np.bincount(run)
+        place = np.arange(len(run)) - (np.cumsum(count) - count)[run]
+        pieces = np.maximum(np.round(count / most), 1)[run].astype(np.int64)
+        number = before + run * len(run) + place * pieces // np.maximum(count, 1)[run]
+        out.append(np.stack([number, before + run * len(run)], axis=1))
+        before += (int(run.max(initial=-1)) + 1) * len(run)
+    return out

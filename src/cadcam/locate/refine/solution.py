@@ -1,0 +1,161 @@
+"""The pose solved from the photos' steps, measured on the part's lines near it.
+
+Each step is fitted to the pixels (`image.profile`), first where it is seen, then on the line itself, and the pose
+solved for by a regression that knows that edges err as a whole (`locate.refine.regression`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, quantile
+from cadcam.fit.grouped import GroupedFit
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.evidence import Evidence, rows_of
+from cadcam.locate.freedom import Freedom
+from cadcam.locate.lines.bands import banded, share_beside_bands
+from cadcam.locate.lines.cells import Cells, Measured, measure
+from cadcam.locate.lines.edges import Projected
+from cadcam.locate.lines.response import bend_of, leanings, straightened
+from cadcam.locate.lines.sight import Sight, nearest_steps
+from cadcam.locate.refine.options import EdgeOptions
+from cadcam.locate.refine.regression import Regression
+
+Longs = npt.NDArray[np.int64]
+CLOSE_PX = 3  # px: how far from the lines their steps may be after the search
+_ON_LINE = 0.7  # px: steps this near are fitted on the line itself
+LOOSE_PX = 0.25  # by which edges of a good pose are seldom off as a whole
+_ROUNDS = (3, 8, 8, 8)  # reweightings in the first measurement, the second, and more where it is not settled
+_SETTLED_PX = 0.2  # by which nine tenths of the lines may move in the last step
+_EVERY = 4  # of how many samples one tells whether the camera's response is bent
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solution:
+    """The refined pose, and what was measured for its last step from `before`, in `cells`: x in the basis B there.
+
+    evidence: what else is known, as rows there; bent (n,) px: sd of what a bent response does to the usable samples.
+    """
+
+    sights: Sequence[Sight]
+    before: Rigid
+    pose: Rigid
+    B: Array
+    places: Sequence[Projected]
+    measured: Sequence[Measured]
+    fit: GroupedFit
+    cells: Sequence[Cells]
+    regression: Regression
+    evidence: tuple[Array, Array, Array]
+    bent: Array | None = None
+
+    @property
+    def moved(self) -> list[Array]:
+        """Return by how much (n,) px the last step moved the samples of each photo along their normals."""
+        return [at.row @ (self.B @ self.fit.x) for at in self.places]
+
+    @property
+    def beside_bands(self) -> float:
+        """Return the largest share of a photo's cells that lies beside bands (`locate.lines.bands`)."""
+        looked = zip(self.sights, self.places, self.cells, strict=True)
+        return max(share_beside_bands(*one, np.zeros(len(one[0].samples))) for one in looked)
+
+    @property
+    def tells_lines(self) -> bool:
+        """Return whether more lines were measured than there are unknowns where all of them may be off."""
+        lines = (len(np.unique(s.samples.run[m.usable])) for s, m in zip(self.sights, self.measured, strict=True))
+        return int(sum(lines)) > int(self.B.shape[1]) + 1
+
+    def beside_its_bands(self) -> Solution:
+        """Return the solution with the covariance of lines that bands lie beside (`locate.refine.regression`).
+
+        The pose stays: few lines, or such that are off for other reasons, would leave it to fewer where all may be off.
+        """
+        there = replace(self, regression=replace(self.regression, bands=True))
+        fit = there._fitted(_ROUNDS[-1]).fit
+        away = fit.x - self.fit.x
+        return replace(there, fit=replace(self.fit, covariance=fit.covariance + np.outer(away, away)))
+
+    def _fitted(self, iterations: int) -> Solution:
+        """Return the solution fitted once more to its steps, which lie on their lines."""
+        on = self.regression.step(self.places, self.measured, self.evidence, self.B, iterations, on_lines=True)
+        if self.bent is not None:
+            by_bend = on.gain[:, : len(self.bent)] @ self.bent
+            on = replace(on, covariance=on.covariance + np.outer(by_bend, by_bend))
+        return replace(self, pose=self.before @ Rigid.exp(self.B @ on.x), fit=on)
+
+
+def solved(
+    sights: Sequence[Sight],
+    pose: Rigid,
+    freedom: Freedom,
+    evidence: Sequence[Evidence],
+    options: EdgeOptions,
+    *,
+    bands: bool = False,
+    lines: bool = False,
+) -> Solution:
+    """Return the pose after measuring steps where they are first seen, then on the lines themselves.
+
+    bands: whether cells are told of bands beside the lines, which the model does not have (`locate.lines.bands`).
+    lines: whether lines are taken to err as they do there (`locate.refine.regression`).
+    """
+    half = 0.5 * options.step_px
+    places = [s.project(pose) for s in sights]
+    room = {"half_length": half, "reach_px": options.reach_px, "room_px": options.room_px}
+    where = [nearest_steps(s, at, half_length=half, reach=CLOSE_PX) for s, at in zip(sights, places, strict=True)]
+    cells = [Cells.of(s, at, where=w, **room) for s, at, w in zip(sights, places, where, strict=True)]
+    regression, on_lines = Regression.of(sights, options, bands=lines), False
+    for number, iterations in enumerate(_ROUNDS):
+        told = [(c, None if number else c.first) for c in cells]
+        if bands and number:
+            anew = room if number == 1 else None
+            looked = [banded(*one, anew) for one in zip(sights, places, cells, where, strict=True)]
+            cells, told = [c for c, _, _ in looked], [(c, sums) for _, c, sums in looked]
+        measured = [
+            measure(s, at, c, w, sums=sums) for s, at, (c, sums), w in zip(sights, places, told, where, strict=True)
+        ]
+        B = freedom.at(pose)
+        other = rows_of(evidence, [s.photo for s in sights], pose)
+        fit = regression.step(places, measured, other, B, iterations, on_lines=on_lines)
+        on_lines = fit.between < LOOSE_PX
+        moved = pose @ Rigid.exp(B @ fit.x)
+        last = Solution(sights, pose, moved, B, places, measured, fit, cells, regression, other)
+        pose = last.pose
+        where = [_left(m, moved) for m, moved in zip(measured, last.moved, strict=True)]
+        if number and quantile(np.abs(np.concatenate(last.moved)), 0.9) < _SETTLED_PX:
+            break
+        places = [s.project(pose) for s in sights]
+    return _unbent(last, iterations)
+
+
+def _unbent(last: Solution, iterations: int) -> Solution:
+    """Return the solution with what a bent response of the camera does to the steps taken out, where it shows.
+
+    Borders of round surfaces do not tell it: light shifts them as well, all to the inside.
+    """
+    sights, places, measured, blurs = last.sights, last.places, last.measured, [c.blur for c in last.cells]
+    use = [np.flatnonzero(m.usable) for m in measured]
+    ends = np.cumsum([len(u) for u in use])
+    told = [np.flatnonzero(s.samples.chain[u] >= 0)[::_EVERY] for s, u in zip(sights, use, strict=True)]
+    few = [u[k] for u, k in zip(use, told, strict=True)]
+    groups = np.split(last.fit.group[: ends[-1]], ends[:-1])
+    group = np.concatenate([g[k] for g, k in zip(groups, told, strict=True)])
+    rows = np.concatenate([at.row[k] for at, k in zip(places, few, strict=True)]) @ last.B
+    lean = np.concatenate([leanings(*one) for one in zip(sights, places, few, blurs, strict=True)])
+    bend = bend_of(last.fit, rows, lean, group) if len(lean) else None
+    if bend is None:
+        return last
+    leans = [leanings(*one) for one in zip(sights, places, use, blurs, strict=True)]
+    lean = np.concatenate(leans)
+    return replace(last, measured=straightened(measured, leans, bend), bent=bend.sd * lean)._fitted(iterations)
+
+
+def _left(measured: Measured, moved: Array) -> Array:
+    """Return where to fit the steps after the lines moved: on the lines, but for edges that stay away from them."""
+    left = np.where(measured.usable, measured.offset, 0.0) - moved
+    return np.where(np.abs(left) < _ON_LINE, 0.0, left) * measured.usable

@@ -1,0 +1,1 @@
+"""From a rough start or none to poses that are worth refining."""

@@ -1,0 +1,220 @@
+"""From a rough start to poses that edge refinement can take up: many hypotheses, then fewer and finer ones.
+
+1. Around the start, rotations (tilts of the view, turns in the picture) and depths on a grid; for each, the edges
+   of the aspect seen from there are slid over a coarse direction field to find where in the picture they fit best.
+   A shift in the picture is a turn of the camera about its centre: it changes nothing of what is seen.
+2. The best climb on finer and finer fields, all photos together; what runs into the same pose is one.
+The result is ranked by how far the certainty under the edges exceeds what edges put down anywhere would meet, in
+standard deviations of that.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.camera.camera import Camera
+from cadcam.errors import BadValue, NothingInView
+from cadcam.geometry import rotation as so3
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.direction_field import direction_fields
+from cadcam.locate.freedom import FREE, Freedom
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.locate.search.climb import Climb, Stage, climbed, composed, distinct, rigids_of, turned, views_of
+from cadcam.locate.search.hypothesis import Hypothesis
+from cadcam.locate.views.aspects import Aspects
+
+_FINE_PX = 360.0  # the part's size in the finest field at most: enough to tell poses apart, few pixels to look at
+_COARSE_PX, _LEVELS = 33.0, 3  # its size in the coarsest one at least, and how many fields there are at most
+_TILT_DEG, _ROLL_DEG, _DEPTH = 9.0, 6.0, 0.07  # steps of the grid: half of one is in reach of the climb
+_SLID = 56  # samples of an aspect that are slid
+_TAKEN = 32  # hypotheses that start climbing
+_WITHIN_PX, _WITHIN = 4.0, 2.0  # px of the photo at least, and of the finest field, that lines may be off at the end
+_FLIPPED, _MOST_FLIPPED = 1, 2  # the climb before which mirror poses are added, and of how many of the best
+_FLAT, _TILTED = 0.3, 0.002  # thickness over breadth of what has a mirror pose; 1 - cosine from which that is another
+_SPREAD, _MOST_SPREAD = 0.12, 1500  # step of restricted motions, in radii of the part's border; the most poses of those
+
+
+_CLIMBS = (  # from the coarsest field on
+    Climb(0, 96, (2.5, 2.0, 1.5, 1.0, 1.0), 16),
+    Climb(1, 128, (2.0, 1.5, 1.0, 1.0), 6),
+    Climb(2, 160, (1.5, 1.0, 1.0, 0.7), 6),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """How far off a start may be: rotation (deg), place in the picture (px of the photo), share of the depth."""
+
+    rotation_deg: float = 20.0
+    shift_px: float = 40.0
+    depth: float = 0.10
+
+    def __post_init__(self) -> None:
+        for name, value, most in (("rotation_deg", self.rotation_deg, 60.0), ("depth", self.depth, 0.5)):
+            if not 0 <= value <= most:
+                raise BadValue(f"reach {name}", value, f"0 to {most:g}")
+        if not 0 <= self.shift_px < math.inf:
+            raise BadValue("reach shift_px", self.shift_px, "a number of px, at least 0")
+
+
+REACH = Reach()
+
+
+def approach(
+    part: Part, photos: Sequence[Photo], start: Rigid, *, reach: Reach = REACH, freedom: Freedom = FREE
+) -> list[Hypothesis]:
+    """Return poses (world_from_part) within reach of a rough start that the photos may show, best first.
+
+    Good to about a pixel of the photo: for `refine` to take up. Empty where nothing is in reach. Raises
+    `NothingInView` where the start puts the part outside every photo.
+    """
+    stages = _stages(part, photos, start, reach)
+    free = freedom.at(start)
+    if free.shape[1] == 6:
+        poses = _slid(part.aspects, stages[-1], start, reach)
+    else:
+        poses = _spread(part.aspects, photos, start, free, reach)
+    for number, climb in enumerate(_CLIMBS):
+        if number == _FLIPPED and free.shape[1] == 6:
+            poses = np.concatenate([poses, _flips(part.aspects, stages[0], poses[:_MOST_FLIPPED])])
+        stage = stages[max(len(stages) - 1 - climb.level, 0)]
+        poses, score, agreement = climbed(part.aspects, stage, poses, free, climb)
+        kept = distinct(part.aspects, poses, score, climb.kept)
+        poses, score, agreement = poses[kept], score[kept], agreement[kept]
+    within = max(_WITHIN_PX, *(_WITHIN * field.reduction for field in stages[0].fields))
+    found = zip(rigids_of(poses), score.tolist(), agreement.tolist(), strict=True)
+    return [Hypothesis(*each, within) for each in found]
+
+
+def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> list[Stage]:
+    """Return the stages of all photos that see the part at its start, finest first."""
+    aspects, fields, places = part.aspects, [], []
+    for photo in photos:
+        pose = photo.viewpoint.camera_from_world
+        span = _span(aspects, photo.camera, pose @ start)
+        region = None if span is None else _region(span, photo.camera, reach)
+        if region is None:
+            continue
+        size = float(np.max(span[1] - span[0])) if span is not None else 0.0
+        k = max(1, math.ceil(size / _FINE_PX))
+        levels = min(1 + max(int(math.log2(size / k / _COARSE_PX)), 0), _LEVELS) if size else _LEVELS
+        fields.append(direction_fields(photo.lines, photo.camera, reduction=k, levels=levels, region=region))
+        places.append(pose)
+    if not fields:
+        raise NothingInView("the start puts the part outside of every photo; check the start and the part's unit")
+    levels = min(len(f) for f in fields)
+    return [Stage(tuple(f[k] for f in fields), tuple(places)) for k in range(levels)]
+
+
+def _span(aspects: Aspects, camera: Camera, camera_from_part: Rigid) -> tuple[Array, Array] | None:
+    """Return the corners of the box of px that the part's ball takes in a photo; None where it is behind."""
+    centre = camera_from_part @ aspects.centre
+    if centre[2] < 0.2 * aspects.radius:
+        return None
+    offsets = aspects.radius * np.concatenate([np.eye(3)[:2], -np.eye(3)[:2]])
+    q = camera.project(np.concatenate([[centre], centre + offsets]))
+    q = q[np.isfinite(q).all(axis=1)]
+    return (q.min(axis=0), q.max(axis=0)) if len(q) else None
+
+
+def _region(span: tuple[Array, Array], camera: Camera, reach: Reach) -> tuple[int, int, int, int] | None:
+    grow = reach.shift_px + (reach.depth + 0.02) * (span[1] - span[0])
+    low = np.clip(np.floor(span[0] - grow), 0, camera.size).astype(int)
+    high = np.clip(np.ceil(span[1] + grow) + 1, 0, camera.size).astype(int)
+    return None if (high - low).min() < 16 else (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
+
+
+def _slid(aspects: Aspects, stage: Stage, start: Rigid, reach: Reach) -> Array:
+    """Return the best poses (N, 12), world_from_part, of a grid around the start, each where it fits best."""
+    poses, scores = [], []
+    for eye, (field, camera_from_world) in enumerate(zip(stage.fields, stage.cameras_from_world, strict=True)):
+        seen = _grid(aspects, camera_from_world @ start, reach)
+        world = composed(camera_from_world.inv, seen)
+        shift_px = math.ceil(reach.shift_px / field.reduction) + 1
+        views = views_of(aspects, stage, world, _SLID)
+        shift, score = views.slide(eye, world, centre=(0, 0), reach=(shift_px, shift_px), keep=1, apart=2)
+        best = np.argsort(-score[:, 0])[:_TAKEN]
+        moved = turned(aspects, field.camera, seen[best], shift[best, 0].astype(float))
+        poses.append(composed(camera_from_world.inv, moved))
+        scores.append(score[best, 0])
+    order = np.argsort(-np.concatenate(scores), kind="stable")[:_TAKEN]
+    return np.concatenate(poses)[order]
+
+
+def _spread(aspects: Aspects, photos: Sequence[Photo], start: Rigid, free: Array, reach: Reach) -> Array:
+    """Return poses (N, 12) within reach of the start that the free motions, columns of twists (6, k), lead to."""
+    middle = start @ aspects.centre
+    near = min(photos, key=lambda p: float(np.linalg.norm(middle - p.viewpoint.camera_from_world.origin)))
+    distance = float(np.linalg.norm(middle - near.viewpoint.camera_from_world.origin))
+    aside = np.concatenate([np.eye(3), -so3.hat(aspects.centre)], axis=1) @ free  # of the middle, by the free motions
+    far = reach.shift_px * distance / near.camera.fx + reach.depth * distance
+    turn = np.linalg.norm(free[3:], axis=0) * aspects.radius
+    speed = np.maximum(np.linalg.norm(aside, axis=0), turn)  # how fast the part's border moves
+    most = np.minimum(
+        far / np.maximum(np.linalg.norm(aside, axis=0), 1e-12),
+        math.radians(reach.rotation_deg) * aspects.radius / np.maximum(turn, 1e-12),
+    )
+    n = np.maximum(np.ceil(most * speed / (_SPREAD * aspects.radius)), 1)
+    n = np.maximum(np.minimum(n, _MOST_SPREAD ** (1 / len(n)) / 2), 1).astype(int)
+    axes = [np.linspace(-m, m, 2 * k + 1) for m, k in zip(most, n, strict=True)]
+    twists = np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")], axis=1) @ free.T
+    moved = start @ Rigid.exp(twists)
+    return np.concatenate([moved.rotation.reshape(-1, 9), moved.translation], axis=1)
+
+
+def _flips(aspects: Aspects, stage: Stage, poses: Array) -> Array:
+    """Return the mirror poses (M, 12) of those of poses (N, 12) from which the part's visible edges lie near a plane.
+
+    From far away a plane of normal a looks the same at R and D R A, with the mirrors D = I - 2 v v' across the line of
+    sight v and A = I - 2 a a' across the plane (Necker's reversal).
+    """
+    camera_from_world = stage.cameras_from_world[0]
+    seen, out = composed(camera_from_world, poses), []
+    for row in seen:
+        R, t = row[:9].reshape(3, 3), row[9:]
+        places = aspects.aspect(*(int(k[0]) for k in aspects.nearest(-(t @ R)[None]))).places["p"].astype(float)
+        if len(places) < 3:
+            continue
+        middle = places.mean(axis=0)
+        variance, axes = np.linalg.eigh((places - middle).T @ (places - middle))
+        sight = R @ middle + t
+        a, v = axes[:, 0], sight / np.linalg.norm(sight)
+        if variance[0] < _FLAT**2 * variance[1] and 1 - abs(v @ R @ a) > _TILTED:
+            mirrored = (np.eye(3) - 2 * np.outer(v, v)) @ R @ (np.eye(3) - 2 * np.outer(a, a))
+            out.append(np.concatenate([mirrored.ravel(), sight - mirrored @ middle]))
+    return composed(camera_from_world.inv, np.array(out).reshape(-1, 12))
+
+
+def _grid(aspects: Aspects, camera_from_part: Rigid, reach: Reach) -> Array:
+    """Return poses (N, 12) camera_from_part around one: turned about the part's middle, nearer and farther."""
+    centre = camera_from_part @ aspects.centre
+    axis = centre / np.linalg.norm(centre)
+    side = so3.hat(axis) @ np.eye(3)[np.argmin(np.abs(axis))]
+    side /= np.linalg.norm(side)
+    axes = np.stack([side, so3.hat(axis) @ side, axis])
+    R = axes.T @ _turns(reach.rotation_deg) @ (axes @ camera_from_part.rotation)
+    n = round(reach.depth / _DEPTH)
+    depth = np.exp(np.linspace(-1, 1, 2 * n + 1) * math.log1p(reach.depth)) if n else np.ones(1)
+    middle = depth[:, None, None] * centre
+    t = middle - (R @ aspects.centre)[None]
+    R = np.broadcast_to(R, (len(depth), *R.shape))
+    return np.concatenate([R.reshape(-1, 9), t.reshape(-1, 3)], axis=1)
+
+
+@lru_cache(maxsize=8)
+def _turns(reach_deg: float) -> Array:
+    """Return rotations (N, 3, 3) whose vectors fill a ball: a hexagonal net of tilts (0, 1), even turns (2) about z."""
+    n = math.ceil(reach_deg / _TILT_DEG) + 1
+    i, j = (a.ravel() for a in np.meshgrid(np.arange(-2 * n, 2 * n + 1), np.arange(-2 * n, 2 * n + 1)))
+    tilt = _TILT_DEG * np.stack([i + 0.5 * j, math.sqrt(0.75) * j], axis=1)
+    m = round(reach_deg / _ROLL_DEG)
+    roll = _ROLL_DEG * np.arange(-m, m + 1)
+    every = np.column_stack([np.repeat(tilt, len(roll), axis=0), np.tile(roll, len(tilt))])
+    return so3.exp(np.radians(every[np.linalg.norm(every, axis=1) <= reach_deg + 0.25 * _TILT_DEG]))

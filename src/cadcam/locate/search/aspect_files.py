@@ -1,0 +1,84 @@
+"""Aspects kept on disk between runs: for a model of some thousand triangles making them takes seconds.
+
+A file holds what was made of one part, and is named after the content of its mesh and edges: a changed model has
+another name. It is written whole or not at all; one that cannot be read is made anew.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from cadcam.errors import UnwritableFile
+from cadcam.locate.part import Part
+from cadcam.locate.views.aspects import PLACES, Aspect
+from cadcam.native.fields import PLACE
+from cadcam.whole import write_whole
+
+_VERSION = 1  # of what an aspect is: files of another one have another name
+_NAMES = ("key", "distance", "length", "count", "places", "chain", "line")
+_MOST_BYTES = 256 * 2**20  # of all files; the oldest ones go
+
+
+def file_of(part: Part, folder: Path) -> Path:
+    """Return the file in which the aspects of a part are kept."""
+    scene, digest = part.scene, hashlib.sha256(f"{_VERSION} {PLACES}".encode())
+    for array in (scene.mesh.vertices, scene.mesh.faces, scene.edges.vertices, scene.edges.kind, part.aspects.net):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return folder / f"{digest.hexdigest()[:32]}.npz"
+
+
+def read_aspects(part: Part, folder: Path) -> int:
+    """Give a part the aspects that are kept of it; return how many, 0 where there is no file or none to be read."""
+    aspects = part.aspects
+    try:
+        with np.load(io.BytesIO(file_of(part, folder).read_bytes()), allow_pickle=False) as kept:
+            rows = {name: kept[name] for name in _NAMES}
+        ends = np.cumsum(rows["count"])[:-1]
+        runs = zip(*(np.split(rows[name], ends) for name in ("places", "chain", "line")), strict=True)
+        of_each = zip(rows["key"], rows["distance"], rows["length"], runs, strict=True)
+        made = {
+            (int(d), int(s)): Aspect(aspects.net[d], float(far), places.astype(PLACE), chain, line, float(length))
+            for (d, s), far, length, (places, chain, line) in of_each
+        }
+    except (OSError, EOFError, ValueError, KeyError, IndexError, TypeError, zipfile.BadZipFile, zlib.error):
+        return 0
+    aspects.take(made)
+    return len(made)
+
+
+def write_aspects(part: Part, folder: Path) -> None:
+    """Keep all aspects that were made of a part; where the folder cannot be written to, nothing is kept."""
+    made = part.aspects.made
+    if not made:
+        return
+    every = list(made.values())
+    buffer = io.BytesIO()
+    np.savez(
+        buffer,
+        key=np.array(list(made), np.int32).reshape(-1, 2),
+        distance=np.array([a.distance for a in every]),
+        length=np.array([a.length for a in every]),
+        count=np.array([len(a.places) for a in every]),
+        places=np.concatenate([a.places for a in every]),
+        chain=np.concatenate([a.chain for a in every]),
+        line=np.concatenate([a.line for a in every]),
+    )
+    try:
+        write_whole(file_of(part, folder), buffer.getvalue())
+        _forget(folder)
+    except (OSError, UnwritableFile):
+        return
+
+
+def _forget(folder: Path) -> None:
+    """Remove the oldest files beyond `_MOST_BYTES`."""
+    files = sorted(folder.glob("*.npz"), key=lambda file: -file.stat().st_mtime)
+    sizes = np.cumsum([file.stat().st_size for file in files])
+    for file in (f for f, total in zip(files, sizes, strict=True) if total > _MOST_BYTES):
+        file.unlink(missing_ok=True)

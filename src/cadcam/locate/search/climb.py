@@ -1,0 +1,181 @@
+"""Poses of a part climbing on direction fields: what `approach` and `search` have in common.
+
+Within, poses are rows of 12 numbers: the rotation's rows, then the translation (mm).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from cadcam.arrays import Array, Picture
+from cadcam.camera.camera import Camera
+from cadcam.geometry import rotation as so3
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.direction_field import DirectionField
+from cadcam.locate.views.aspects import PLACES, Aspect, Aspects
+from cadcam.native.fields import PLACE, Eye, Longs, Views, firsts
+
+_SAME = 0.02  # of the part's radius: poses whose corners differ by less are one
+_A = TypeVar("_A")
+_B = TypeVar("_B")
+_TOGETHER = 64  # poses that climb in one go
+_SEEN = 0.9  # the share of a part's edges that lighting lets one see
+_EVEN, _NATS, _APART_PX = 0.15, 4.0, 3.0  # certainty that says nothing; nats a sample; px between independent ones
+_MOST_NATS = 4.0  # what one edge can say
+_STEPS = 64  # more than an aspect has distances
+
+
+class Climb(NamedTuple):
+    """A climb: on which level, with how many samples of an aspect, over which blurs (px), how many go on."""
+
+    level: int
+    samples: int
+    blur: tuple[float, ...]
+    kept: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stage:
+    """The fields of all photos at one level, and where their cameras stand."""
+
+    fields: tuple[DirectionField, ...]
+    cameras_from_world: tuple[Rigid, ...]
+
+    @property
+    def eyes(self) -> list[Eye]:
+        """Return them as the C core takes them."""
+        pairs = zip(self.fields, self.cameras_from_world, strict=True)
+        return [Eye(f.planes, f.camera.K, T.rotation, T.translation) for f, T in pairs]
+
+
+def turned(aspects: Aspects, camera: Camera, seen: Array, shift: Array) -> Array:
+    """Return poses (N, 12) camera_from_part of a camera turned so that the part's middle moves by shift (N, 2) px."""
+    R, t = seen[:, :9].reshape(-1, 3, 3), seen[:, 9:]
+    q = camera.project(R @ aspects.centre + t)
+    one, other = camera.unproject(q), camera.unproject(q + shift)
+    axis = (so3.hat(one) @ other[..., None])[..., 0]
+    sine = np.linalg.norm(axis, axis=1, keepdims=True)
+    turn = so3.exp(axis * (np.arcsin(np.minimum(sine, 1.0)) / np.maximum(sine, 1e-300)))
+    return np.concatenate([(turn @ R).reshape(-1, 9), np.einsum("nij,nj->ni", turn, t)], axis=1)
+
+
+def composed(a: Rigid, poses: Array) -> Array:
+    """Return a @ each of poses (N, 12)."""
+    R = a.rotation @ poses[:, :9].reshape(-1, 3, 3)
+    return np.concatenate([R.reshape(-1, 9), poses[:, 9:] @ a.rotation.T + a.translation], axis=1)
+
+
+def views_of(aspects: Aspects, stage: Stage, poses: Array, samples: int) -> Views:
+    """Return what the eyes of a stage see of poses (N, 12) world_from_part: each the first samples of its aspect."""
+    R, t = poses[:, :9].reshape(-1, 3, 3), poses[:, 9:]
+    first = np.zeros((len(poses), len(stage.fields)), np.int64)
+    count = np.zeros(first.shape, np.int32)
+    runs, used = {}, 0
+    for e, camera_from_world in enumerate(stage.cameras_from_world):
+        eye = np.einsum("nji,nj->ni", R, camera_from_world.origin - t)  # in the part frame
+        net, step = aspects.nearest(eye)
+        key, number = np.unique(net * _STEPS + step, return_inverse=True)
+        at, n = np.zeros(len(key), np.int64), np.zeros(len(key), np.int32)
+        for k, (direction, distance) in enumerate(divmod(int(one), _STEPS) for one in key):
+            if (direction, distance) not in runs:
+                places = aspects.aspect(direction, distance).places[:samples]
+                runs[direction, distance] = (used, places)
+                used += len(places)
+            at[k], n[k] = runs[direction, distance][0], len(runs[direction, distance][1])
+        first[:, e], count[:, e] = at[number.ravel()], n[number.ravel()]
+    places = np.concatenate([np.zeros(0, np.float32), *(p.view(np.float32) for _, p in runs.values())]).view(PLACE)
+    return Views(stage.eyes, places, first, count)
+
+
+def climbed(aspects: Aspects, stage: Stage, poses: Array, freedom: Array, climb: Climb) -> tuple[Array, Array, Array]:
+    """Return poses (N, 12) after climbing on a stage, their scores (N,) and agreements (N,)."""
+    views = views_of(aspects, stage, poses, climb.samples)
+    some = [slice(k, k + _TOGETHER) for k in range(0, max(len(poses), 1), _TOGETHER)]
+    done = in_threads(lambda s: views.part(s).climb(poses[s], freedom, climb.blur), some)
+    poses, raw = (np.concatenate([d[k] for d in done]) for k in range(2))
+    total = raw.sum(axis=1)
+    score = (total[:, 0] - total[:, 1]) / np.sqrt(np.maximum(total[:, 2], 1e-9))
+    return poses, score, total[:, 0] / np.maximum(total[:, 3], 1e-9)
+
+
+def in_threads(work: Callable[[_A], _B], items: Sequence[_A]) -> list[_B]:
+    """Return what the work makes of each item, one thread a core; the C core lets them run side by side."""
+    if len(items) < 2:
+        return [work(item) for item in items]
+    with ThreadPoolExecutor(min(os.cpu_count() or 1, len(items))) as pool:
+        return list(pool.map(work, items))
+
+
+def evidence(aspects: Aspects, stage: Stage, poses: Array, blur: float = 0.8) -> Array:
+    """Return how much more likely the photos are if the part is there than if not (N,), in nats.
+
+    Pictures are full of straight lines: that one of them runs along an edge by chance does not become less likely the
+    longer both are. So edges are judged one by one. An edge is seen with probability _SEEN, and then lines run along
+    most of it; what it can say for a pose is bounded, as is what it says against it where nothing is found.
+    """
+    views = views_of(aspects, stage, poses, PLACES)
+    total = np.zeros(len(poses))
+    for e, (field, camera_from_world) in enumerate(zip(stage.fields, stage.cameras_from_world, strict=True)):
+        sure = views.certainties(e, poses, blur)
+        seen = composed(camera_from_world, poses)
+        distance = np.linalg.norm(seen[:, :9].reshape(-1, 3, 3) @ aspects.centre + seen[:, 9:], axis=1)
+        size = 2 * aspects.radius / distance * field.camera.fx
+        total += _of_edges(_aspects_of(aspects, camera_from_world, poses), sure, size)
+    return total
+
+
+def _of_edges(shown: Sequence[Aspect], sure: Picture, size_px: Array) -> Array:
+    """Return what certainties (N, M) under the places of N aspects say for each, in nats; the part is size_px (N,)."""
+    n = np.array([min(len(aspect.places), sure.shape[1]) for aspect in shown], np.int64)
+    length = np.array([aspect.length for aspect in shown])
+    independent = np.minimum(length * size_px / np.maximum(n, 1) / _APART_PX, 1.0)
+    line = np.concatenate([np.zeros(0, np.int64), *(a.line[:k] for a, k in zip(shown, n.tolist(), strict=True))])
+    pose = np.repeat(np.arange(len(n)), n)
+    its = sure[np.arange(sure.shape[1]) < n[:, None]]
+    gain = np.where(its >= 0, (its - _EVEN) * (_NATS * independent[pose]), 0.0)
+    most = int(line.max(initial=0)) + 1
+    number = pose * most + line
+    of_line = np.minimum(np.bincount(number, gain, len(n) * most), _MOST_NATS)  # of lines that are not seen: 0, ln 1
+    return np.asarray(np.log(1 - _SEEN + _SEEN * np.exp(of_line)).reshape(-1, most).sum(axis=1))
+
+
+def _aspects_of(aspects: Aspects, camera_from_world: Rigid, poses: Array) -> list[Aspect]:
+    R, t = poses[:, :9].reshape(-1, 3, 3), poses[:, 9:]
+    keys = aspects.nearest(np.einsum("nji,nj->ni", R, camera_from_world.origin - t))
+    return [aspects.aspect(*key) for key in zip(*(k.tolist() for k in keys), strict=True)]
+
+
+def distinct(aspects: Aspects, poses: Array, score: Array, most: int, within: float = _SAME) -> list[int]:
+    """Return at most so many of the best poses, best first, no two within so many radii of each other."""
+    order = np.argsort(-score, kind="stable")
+    kept = firsts(_corners(aspects, poses[order]), most, within * aspects.radius)
+    return [int(k) for k in order[kept]]
+
+
+def near(aspects: Aspects, poses: Array, one: int, within: float) -> Longs:
+    """Return which poses (N, 12) are within so many radii of one of them, itself included."""
+    corners = _corners(aspects, poses)
+    away = corners - corners[one]
+    return np.flatnonzero(np.einsum("nij,nij->ni", away, away).max(axis=1) <= (within * aspects.radius) ** 2)
+
+
+def _corners(aspects: Aspects, poses: Array) -> Array:
+    """Return where four points of the part's ball lie for each pose: (N, 4, 3) mm."""
+    points = aspects.centre + aspects.radius * np.concatenate([np.zeros((1, 3)), np.eye(3)])
+    return points @ np.swapaxes(poses[:, :9].reshape(-1, 3, 3), 1, 2) + poses[:, None, 9:]
+
+
+def row_of(pose: Rigid) -> Array:
+    """Return a pose as a row (12,)."""
+    return np.concatenate([pose.rotation.ravel(), pose.translation])
+
+
+def rigids_of(rows: Array) -> list[Rigid]:
+    """Return the poses of rows (N, 12)."""
+    return Rigid(so3.nearest(rows[:, :9].reshape(-1, 3, 3)), rows[:, 9:]).each

@@ -1,0 +1,323 @@
+"""Finding a part without any start: every view of it, everywhere in the photo, at every distance that is declared.
+
+1. For each distance, the aspects of the part in every turn are slid over a field so coarse that the part is some 30 px
+   large; what fits best, wherever it is, goes on.
+2. The best climb on finer and finer fields; what speaks for each is judged edge by edge (`climb.evidence`).
+3. Those that stand out are approached (`approach`) as a user's rough start would be, and judged again.
+
+In clutter lines run near any line, so that what speaks for a pose means little by itself. Everywhere but in the first
+climbs it counts above what speaks for the part put a little beside that pose, a fifth of its size or so to any side.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.camera.camera import Camera
+from cadcam.errors import NothingInView
+from cadcam.geometry import rotation as so3
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.direction_field import DirectionField, direction_fields
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.locate.search.approach import Reach, approach
+from cadcam.locate.search.climb import (
+    Climb,
+    Stage,
+    climbed,
+    composed,
+    distinct,
+    evidence,
+    in_threads,
+    near,
+    rigids_of,
+    row_of,
+    turned,
+)
+from cadcam.locate.search.hypothesis import Hypothesis
+from cadcam.locate.views.aspects import Aspects
+from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
+from cadcam.native.fields import Longs, Views
+
+_SWEPT_PX = 33.0  # the part's size in the field that it is swept over
+# And in that where evidence is judged, and how far off lines may be there, px. Finely noise is averaged, and lines are
+# apart. But after their climbs poses are off by some hundredths of the part's size: a right one seems wrong then.
+_FINELY, _ROUGHLY = (180.0, 0.8), (90.0, 2.0)
+_SMALLEST, _LARGEST = 0.2, 1.2  # the part's size in units of the photo's shorter side, where no distance is declared
+_SCALE, _ROLL_DEG = 1.2, 10.0  # steps of the sweep: distances, turns in the picture
+_SWEPT = 42  # samples of an aspect that are swept
+_TAKEN = 1000  # hypotheses of each distance that climb
+_CLIMBS = (
+    Climb(0, 64, (2.5, 1.5, 1.0, 1.0), 350),
+    Climb(1, 96, (2.5, 1.5, 1.0, 1.0), 100),
+    Climb(2, 128, (2.5, 1.5, 1.0, 1.0), 20),
+)
+_BESIDE = Climb(2, 64, (1.0,), 0)  # how poses beside these are judged: where they are
+_APPROACHED, _NEIGHBOURS = (16, 8), 0.25  # poses of either judgement that are approached; how far apart, radii
+_NEAR = Reach(rotation_deg=12.0, shift_px=0.06, depth=0.12)  # of such approaches; the shift in units of the part's size
+# Where else the part is put to see whether lines run there too, in units of its size in the picture.
+_ASIDE = np.array([[(0.12, 0.22)[k % 2] * f((k + 0.3) * math.pi / 8) for f in (np.cos, np.sin)] for k in range(16)])
+_RETURNED = 20
+_AMONG_EQUALS = np.array([0.6123, 0.3871, 0.6894])  # in no plane of any symmetry
+_BASES = ((1, 1), (2, 6), (3, 6))  # fields are reduced by the first number times so many powers of two
+_WIDEST_PX = 1100  # larger photos are reduced first
+_NARROWEST_PX = 12  # fields are not smaller
+
+
+def search(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE) -> list[Hypothesis]:
+    """Return poses (world_from_part) that the photos may show, from anywhere within `views`, best first.
+
+    Good to about a pixel of the photo: for `refine` to take up. score: how much likelier the photos are with the part
+    there than a little beside, in nats, as judged finely and roughly together. A symmetric part comes back once for
+    each of the poses in which it looks the same, one after the other. The part's aspects are made on first use, which
+    takes some seconds once.
+    """
+    return [
+        replace(h, world_from_part=h.world_from_part @ part_from_part)
+        for h in search_once(part, photos, views)
+        for part_from_part in part.symmetries
+    ]
+
+
+def search_once(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE) -> list[Hypothesis]:
+    """Return what `search` returns with but one of the poses in which a symmetric part looks the same."""
+    aspects, scales = part.aspects, _Scales(photos)
+    looks = _rotations(part, views)
+    rows = [
+        _promising(aspects, scales, eye, distance, looks)
+        for eye, photo in enumerate(photos)
+        for distance in _distances(aspects, photo.camera, views)
+    ]
+    eye = photos[0].viewpoint.camera_from_world.origin
+    found = _of_one_side(part, eye, np.concatenate([np.zeros((0, 12)), *rows]))
+    starts = _to_approach(aspects, scales, found)
+    around = _approached(part, photos, rigids_of(found[starts]))
+    found = _of_one_side(part, eye, np.array([row_of(h.world_from_part) for h in around]).reshape(-1, 12))
+    around = [replace(h, world_from_part=T) for h, T in zip(around, rigids_of(found), strict=True)]
+    finely, roughly = (_peaks(aspects, scales, found, *way) for way in (_FINELY, _ROUGHLY))
+    return _ranked(aspects, around, found, finely + roughly)
+
+
+def _of_one_side(part: Part, eye: Array, poses: Array) -> Array:
+    """Return poses (N, 12), those of a turned part turned about its axis so that it is seen most along _AMONG_EQUALS.
+
+    Else what is approached and refined would be one pose in as many turns.
+    """
+    if part.spin is None:
+        return poses
+    R, t = poses[:, :9].reshape(-1, 3, 3), poses[:, 9:]
+    seen = np.einsum("nji,nj->ni", R, eye - t)  # the eye (3,) in the part frame
+    along = [(S.inv @ seen - part.aspects.centre) @ _AMONG_EQUALS for S in part.symmetries]
+    turn = np.stack([S.rotation for S in part.symmetries])[np.argmax(along, axis=0)]
+    shift = np.stack([S.translation for S in part.symmetries])[np.argmax(along, axis=0)]
+    return np.concatenate([(R @ turn).reshape(-1, 9), (R @ shift[..., None])[..., 0] + t], axis=1)
+
+
+def _to_approach(aspects: Aspects, scales: _Scales, found: Array) -> list[int]:
+    """Return which of poses (N, 12) are approached: the best of all, and the best of those judged roughly."""
+    finely, roughly = (_peaks(aspects, scales, found, *way) for way in (_FINELY, _ROUGHLY))
+    best = zip((finely + roughly, roughly), _APPROACHED, strict=True)
+    every = [k for score, most in best for k in distinct(aspects, found, score, most, within=_NEIGHBOURS)]
+    first = distinct(aspects, found[every], -np.arange(len(every), dtype=np.float64), len(every), within=_NEIGHBOURS)
+    return [every[k] for k in first]
+
+
+def unmade(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE) -> list[tuple[int, int]]:
+    """Return which aspects a search would have to make first, as numbers for `Aspects.aspect`."""
+    aspects = part.aspects
+    numbers = np.unique(_rotations(part, views)[0]).tolist()
+    far = np.array([d for photo in photos for d in _distances(aspects, photo.camera, views)])
+    steps = np.unique(aspects.step_of(far)).tolist()
+    return [key for step in steps for key in ((number, step) for number in numbers) if key not in aspects.made]
+
+
+def _ranked(aspects: Aspects, found: list[Hypothesis], poses: Array, score: Array) -> list[Hypothesis]:
+    """Return each pose once, most evidence first; of poses close to each other that which fits the fine field best.
+
+    Evidence is bounded edge by edge, so that it tells places apart but not a pose from one some pixels off.
+    """
+    leaders = distinct(aspects, poses, score, _RETURNED, within=_NEIGHBOURS)
+    fit = np.array([h.score for h in found])
+    best = [members[np.argmax(fit[members])] for members in (near(aspects, poses, k, _NEIGHBOURS) for k in leaders)]
+    return [replace(found[k], score=float(score[j])) for k, j in zip(best, leaders, strict=True)]
+
+
+class _Scales:
+    """The fields of all photos at reductions 1, 2, 3, 4, 6, 8, 12 ..."""
+
+    def __init__(self, photos: Sequence[Photo]) -> None:
+        self._fields = [_fields(photo) for photo in photos]
+        self._places = tuple(photo.viewpoint.camera_from_world for photo in photos)
+        self.focal = [math.sqrt(photo.camera.fx * photo.camera.fy) for photo in photos]
+
+    def stage(self, reduction: float) -> Stage:
+        """Return the fields nearest to a reduction."""
+        fields = (min(own, key=lambda f: abs(math.log(f.reduction / reduction))) for own in self._fields)
+        return Stage(tuple(fields), self._places)
+
+    def stages(self, eye: int, size: float) -> list[Stage]:
+        """Return the fields in which a part of `size` px in one photo is about _SWEPT_PX large, then twice that ..."""
+        known = [f.reduction for f in self._fields[eye]]
+        chosen = [min(known, key=lambda k: abs(math.log(size / k / _SWEPT_PX)))]
+        while chosen[-1] % 2 == 0 and chosen[-1] // 2 in known:
+            chosen.append(chosen[-1] // 2)
+        return [self.stage(k) for k in chosen]
+
+    def beside(self, aspects: Aspects, poses: Array, every: int = 1) -> list[Array]:
+        """Return poses (N, 12) moved in the photo where the part is largest, by every so many vectors of _ASIDE.
+
+        Poses behind all cameras, and moved ones that no camera sees, come back as they are.
+        """
+        middle = _middles(aspects, poses)
+        depth = np.stack([(T @ middle)[:, 2] for T in self._places])
+        eye = np.argmax(np.where(depth > 0, self._sizes(aspects, poses), 0.0), axis=0)
+        out = [np.empty_like(poses) for _ in _ASIDE[::every]]
+        for e, (T, fields) in enumerate(zip(self._places, self._fields, strict=True)):
+            own = np.flatnonzero(eye == e)
+            seen, camera = composed(T, poses[own]), fields[0].camera
+            size = self.sizes(aspects, poses[own]) / fields[0].reduction
+            for moved, aside in zip(out, _ASIDE[::every], strict=True):
+                there = composed(T.inv, turned(aspects, camera, seen, size[:, None] * aside))
+                moved[own] = np.where(np.isfinite(there).all(axis=1, keepdims=True), there, poses[own])
+        return out
+
+    def sizes(self, aspects: Aspects, poses: Array) -> Array:
+        """Return how large (N,), px, the part is in the photo where it is largest, for poses (N, 12)."""
+        return np.asarray(self._sizes(aspects, poses).max(axis=0))
+
+    def _sizes(self, aspects: Aspects, poses: Array) -> Array:
+        """Return how large (photos, N), px, the part is in each photo."""
+        middle = _middles(aspects, poses)
+        away = [np.linalg.norm(middle - T.origin, axis=1) for T in self._places]
+        return np.stack([_size(aspects, f, d) for f, d in zip(self.focal, away, strict=True)])
+
+
+def _middles(aspects: Aspects, poses: Array) -> Array:
+    """Return where the part's middle is (N, 3) at poses (N, 12)."""
+    return np.asarray(poses[:, :9].reshape(-1, 3, 3) @ aspects.centre + poses[:, 9:])
+
+
+def _fields(photo: Photo) -> list[DirectionField]:
+    k = max(1, math.ceil(max(photo.camera.size) / _WIDEST_PX))
+    every = [f for b, n in _BASES for f in direction_fields(photo.lines, photo.camera, reduction=b * k, levels=n)]
+    return sorted((f for f in every if min(f.camera.size) >= _NARROWEST_PX), key=lambda f: f.reduction)
+
+
+def _size(aspects: Aspects, focal: float, distance: Array) -> Array:
+    """Return how large (px) the part's ball is at distances (mm) of its middle."""
+    r = aspects.radius
+    return np.asarray(2 * focal * r / np.sqrt(np.maximum(distance**2 - r**2, (0.2 * r) ** 2)))
+
+
+def _distances(aspects: Aspects, camera: Camera, views: ViewRange) -> list[float]:
+    """Return the distances (mm) to try: a geometric series."""
+    r, focal, side = aspects.radius, math.sqrt(camera.fx * camera.fy), min(camera.size)
+    least, most = (math.hypot(r, 2 * focal * r / (share * side)) for share in (_LARGEST, _SMALLEST))
+    near, far = (least, most) if views.distance_mm is None else views.distance_mm
+    n = max(1, math.ceil(math.log(far / near) / math.log(_SCALE)))
+    return [near * (far / near) ** ((k + 0.5) / n) for k in range(n)]
+
+
+def _promising(aspects: Aspects, scales: _Scales, eye: int, distance: float, looks: tuple[Longs, Array]) -> Array:
+    """Return what of a sweep at one distance over one photo stands up to finer fields: poses (N, 12)."""
+    stages = scales.stages(eye, float(_size(aspects, scales.focal[eye], np.array(distance))))
+    poses = _swept(aspects, stages[0], eye, distance, looks)
+    for climb in _CLIMBS:
+        stage = stages[min(climb.level, len(stages) - 1)]
+        poses, score, _ = climbed(aspects, stage, poses, np.eye(6), climb)
+        if climb is _CLIMBS[-1]:
+            beside = (climbed(aspects, stage, p, np.eye(6), _BESIDE)[1] for p in scales.beside(aspects, poses, 2))
+            score = score - np.maximum.reduce(list(beside))
+        poses = poses[distinct(aspects, poses, score, climb.kept)]
+    return poses
+
+
+def _swept(aspects: Aspects, stage: Stage, eye: int, distance: float, looks: tuple[Longs, Array]) -> Array:
+    """Return the best poses (N, 12) at one distance, each where in one photo it fits best."""
+    field, camera_from_world = stage.fields[eye], stage.cameras_from_world[eye]
+    numbers, R = looks
+    seen = np.concatenate([R.reshape(-1, 9), np.array([0, 0, distance]) - R @ aspects.centre], axis=1)
+    world = composed(camera_from_world.inv, seen)
+    edges = _edges(aspects, Stage((field,), (camera_from_world,)), numbers, distance)
+    some = [slice(k, k + 2048) for k in range(0, len(world), 2048)]
+    done = in_threads(lambda s: edges.part(s).sweep(0, world[s], keep=2, apart=2), some)
+    shift, score = (np.concatenate([d[k] for d in done]) for k in range(2))
+    best = np.argsort(-score.ravel(), kind="stable")[:_TAKEN]
+    to = shift.reshape(-1, 2)[best] - field.camera.principal_point
+    moved = turned(aspects, field.camera, seen[best // 2], to)
+    return composed(camera_from_world.inv, moved)
+
+
+def _edges(aspects: Aspects, stage: Stage, numbers: Longs, distance: float) -> Views:
+    """Return the edges to slide: of the net's directions `numbers` (N,) at a distance."""
+    step = int(aspects.step_of(np.array([distance]))[0])
+    used, which = np.unique(numbers, return_inverse=True)
+    runs = [aspects.aspect(int(k), step).places[:_SWEPT] for k in used]
+    count = np.array([len(run) for run in runs], np.int32)
+    first = np.cumsum(count) - count
+    return Views(stage.eyes, np.concatenate(runs), first[which.ravel(), None], count[which.ravel(), None])
+
+
+def _rotations(part: Part, views: ViewRange) -> tuple[Longs, Array]:
+    """Return directions of the net (N,) and rotations camera_from_part (N, 3, 3) looking along them, turned every way.
+
+    Of directions from which a symmetric part looks the same there is one: that most along _AMONG_EQUALS.
+    """
+    net = part.aspects.net
+    equal = np.stack([net @ S.rotation.T @ _AMONG_EQUALS for S in part.symmetries])
+    chosen = np.flatnonzero(views.allows(net) & (equal[0] >= equal.max(axis=0) - 1e-9))
+    if not len(chosen):
+        chosen = np.array([np.argmax(net @ views.axis)])
+    z = -net[chosen]
+    up = views.up - (z @ views.up)[:, None] * z
+    lying = np.linalg.norm(up, axis=1) < 1e-6
+    aside = np.eye(3)[np.argmin(np.abs(z), axis=1)]
+    up = np.where(lying[:, None], aside - (aside * z).sum(axis=1, keepdims=True) * z, up)
+    y = -up / np.linalg.norm(up, axis=1, keepdims=True)
+    upright = np.stack([np.cross(y, z), y, z], axis=1)
+    n = max(1, round(2 * views.roll_deg / _ROLL_DEG))
+    roll = np.radians(views.roll_deg * ((2 * np.arange(n) + 1) / n - 1))
+    turn = so3.exp(np.stack([0 * roll, 0 * roll, roll], axis=1))
+    return np.repeat(chosen, n), (turn[None] @ upright[:, None]).reshape(-1, 3, 3)
+
+
+def _judged(aspects: Aspects, scales: _Scales, poses: Array, size_px: float, blur: float) -> Array:
+    """Return the evidence (N,) for poses (N, 12), each judged where the part is about size_px large."""
+    if not len(poses):
+        return np.zeros(0)
+    wanted = np.rint(2 * np.log2(np.maximum(scales.sizes(aspects, poses) / size_px, 1.0)))
+    out = np.zeros(len(poses))
+    for step in np.unique(wanted):
+        own = wanted == step
+        out[own] = evidence(aspects, scales.stage(2 ** (step / 2)), poses[own], blur)
+    return out
+
+
+def _peaks(aspects: Aspects, scales: _Scales, poses: Array, size_px: float, blur: float) -> Array:
+    """Return the evidence (N,) for poses (N, 12) above the most that there is for the part a little beside each.
+
+    Where lines are the part's there are fewer as soon as it is put elsewhere.
+    """
+    here = _judged(aspects, scales, poses, size_px, blur)
+    beside = [_judged(aspects, scales, moved, size_px, blur) for moved in scales.beside(aspects, poses)]
+    return np.asarray(here - np.maximum.reduce(beside))
+
+
+def _approached(part: Part, photos: Sequence[Photo], starts: list[Rigid]) -> list[Hypothesis]:
+    """Return what is found around each of the starts."""
+
+    def around(start: Rigid) -> list[Hypothesis]:
+        middle = start @ part.aspects.centre
+        distance = min(float(np.linalg.norm(middle - photo.viewpoint.camera_from_world.origin)) for photo in photos)
+        size = float(_size(part.aspects, max(p.camera.fx for p in photos), np.array(distance)))
+        try:
+            return approach(part, photos, start, reach=replace(_NEAR, shift_px=_NEAR.shift_px * size))[:3]
+        except NothingInView:
+            return []
+
+    return [h for some in in_threads(around, starts) for h in some]

@@ -1,0 +1,276 @@
+"""Tracked frames on disk, line by line: a run that is killed loses no line, and goes on after the last whole one.
+
+The log is JSON lines. The first says what was tracked: {"format": "cadcam track", "version": 1, ...} with fingerprints
+of part, cameras, start and options; then a line a frame: {"frame", "files", "sha256", "found", "quality", "how",
+"reason", "pose", "filtered": null where the part was lost}. Poses are as `write_part_pose` writes them: "pose" by the
+frame's photos (with print that earlier frames showed where it was "followed"), "filtered" by all frames so far. A log
+is only continued with the same inputs.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from cadcam import __version__
+from cadcam.camera.pose_estimate import PoseEstimate
+from cadcam.camera.viewpoint import Viewpoint
+from cadcam.errors import UnreadableFile, UnwritableFile
+from cadcam.files.jsontext import Place, parsed_line
+from cadcam.files.matrix import pose_as_json
+from cadcam.files.pose_estimate import pose_estimate_as_json, pose_estimate_at
+from cadcam.files.text import read_text
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.freedom import FREE, Freedom
+from cadcam.locate.part import Part
+from cadcam.locate.track.frames import Frame, Frames
+from cadcam.locate.track.track import Step, TrackedFrame, Tracker
+
+FORMAT, VERSION = "cadcam track", 2
+_MAX_BYTES = 4_000_000_000
+_POSE = ("x_mm", "y_mm", "z_mm", *(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)))
+_SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "sigma_rx_deg", "sigma_ry_deg", "sigma_rz_deg")
+COLUMNS = ("frame", "files", "found", "quality", "how", *_POSE, *_SIGMAS)
+
+
+def track_to(
+    log: TrackLog,
+    part: Part,
+    frames: Frames,
+    start: Rigid | None = None,
+    *,
+    freedom: Freedom = FREE,
+    velocity: bool = True,
+    texture: bool = True,
+) -> Iterator[tuple[Frame, dict[str, Any]]]:
+    """Yield each frame with its line in the log, once that is on the disk; frames that were there already too.
+
+    Frames that the log has are read again, to see by their fingerprints that they are the same and to learn the print
+    that they show, but not located. The log says of itself with which inputs it was begun (`TrackLog.open`). Raises
+    `UnreadableFile` where a frame differs.
+    """
+    rest, there, steps = iter(frames), list(log.entries), log.steps()
+    tracker = Tracker(part, start, freedom=freedom, velocity=velocity, texture=texture)
+    for entry, step in zip(there, steps, strict=True):
+        frame = next(rest, None)
+        if frame is None:
+            raise UnreadableFile(log.path, f"has {len(there)} frames, more than there are pictures", "start a new log")
+        if tuple(entry["sha256"]) != frame.sha256:
+            raise UnreadableFile(
+                frame.names[0], f"is not the picture of frame {frame.index} in {log.path}", "start a new log"
+            )
+        tracker.recall(replace(step, photos=frame.photos))
+        yield frame, entry
+    for frame in rest:
+        yield frame, log.append(tracker.next(frame))
+
+
+class TrackLog:
+    """A log that lines are added to; made by `open`."""
+
+    def __init__(
+        self, path: str | os.PathLike[str], entries: list[dict[str, Any]], table: str | None, *, filtered: bool
+    ) -> None:
+        self.path = os.fspath(path)
+        self.entries = entries
+        self._filtered = filtered
+        self._file = _appending(path)
+        self._table = None if table is None else _appending(table)
+
+    @classmethod
+    def open(
+        cls,
+        path: str | os.PathLike[str],
+        head: dict[str, Any],
+        *,
+        table: str | os.PathLike[str] | None = None,
+        filtered: bool = False,
+    ) -> TrackLog:
+        """Return the log at `path`, begun with `head` or continued where it was begun with the same (`head_of`).
+
+        A last line that was cut off is removed; a log without frames is begun anew. table: a CSV file beside it, a
+        line a frame, written anew from the log, with the `filtered` poses or those of single frames.
+        Raises `UnreadableFile` where another run's results are there.
+        """
+        there = Path(path)
+        entries = _continued(path, head) if there.exists() and there.stat().st_size else []
+        if not entries:
+            _write(path, json.dumps(head, ensure_ascii=False) + "\n")
+        if table is not None:
+            _write(table, ",".join(COLUMNS) + "\n" + "".join(_row(entry, filtered) for entry in entries))
+        return cls(path, entries, None if table is None else os.fspath(table), filtered=filtered)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for file in (self._file, self._table):
+            if file is not None:
+                file.close()
+
+    def append(self, tracked: TrackedFrame) -> dict[str, Any]:
+        """Add a frame; return its line once it is on the disk."""
+        entry = entry_of(tracked)
+        _add(self._file, json.dumps(entry, ensure_ascii=False, allow_nan=False) + "\n")
+        if self._table is not None:
+            _add(self._table, _row(entry, self._filtered))
+        self.entries.append(entry)
+        return entry
+
+    def steps(self) -> list[Step]:
+        """Return the frames that are there, without their photos, for `track` to continue from."""
+        return [
+            Step(entry["frame"], _pose_of(self.path, entry) if entry["found"] else None, entry["how"])
+            for entry in self.entries
+        ]
+
+
+def entry_of(tracked: TrackedFrame) -> dict[str, Any]:
+    """Return the line of a frame."""
+    location = tracked.location
+    return {
+        "frame": tracked.frame.index,
+        "files": list(tracked.frame.names),
+        "sha256": list(tracked.frame.sha256),
+        "found": tracked.found,
+        "quality": location.quality,
+        "how": tracked.how,
+        "reason": location.reason,
+        "pose": pose_estimate_as_json(location.pose),
+        "filtered": None if tracked.filtered is None else pose_estimate_as_json(tracked.filtered),
+    }
+
+
+def head_of(
+    part: Part,
+    viewpoints: Sequence[Viewpoint],
+    start: Rigid | None = None,
+    *,
+    freedom: Freedom = FREE,
+    velocity: bool = True,
+    texture: bool = True,
+) -> dict[str, Any]:
+    """Return the first line of a log: what decides its results, apart from the pictures."""
+    mesh, edges = part.scene.mesh, part.scene.edges
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "software": f"cadcam {__version__}",
+        "part_sha256": _hash([mesh.vertices, mesh.faces, edges.vertices, edges.kind]),
+        "cameras_sha256": [_hash(_numbers(view)) for view in viewpoints],
+        "start": None if start is None else pose_as_json(start),
+        "freedom": {"frame": freedom.frame, "basis": freedom.basis.tolist()},
+        "velocity": velocity,
+        "texture": texture,
+    }
+
+
+def read_track(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
+    """Return the lines of a log's frames, poses as `PoseEstimate`. Raises `UnreadableFile` naming the line."""
+    lines = read_text(path, max_bytes=_MAX_BYTES).text.splitlines()
+    _check_head(path, _object(path, 1, lines[0]))
+    entries = [_object(path, number, line) for number, line in enumerate(lines[1:], 2)]
+    for number, entry in enumerate(entries, 2):
+        for name in ("pose", "filtered"):
+            if entry[name] is not None:
+                entry[name] = pose_estimate_at(Place(os.fspath(path), (f"line {number}", name), entry[name]))
+    return entries
+
+
+def _continued(path: str | os.PathLike[str], head: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the whole lines of a log after its head; a line that was cut off is cut from the file."""
+    data = Path(path).read_bytes()
+    whole = data[: data.rfind(b"\n") + 1]
+    lines = whole.decode(errors="replace").splitlines()
+    there = _object(path, 1, lines[0]) if lines else {}
+    _check_head(path, there)
+    if len(lines) == 1:  # of a run that failed at its first frame: perhaps by inputs that are other ones now
+        return []
+    for key, value in json.loads(json.dumps(head)).items():
+        if there.get(key) != value:
+            said, now = (json.dumps(v)[:60] for v in (there.get(key), value))
+            raise UnreadableFile(
+                path, f"was begun with another {key}: {said}, now {now}", "name a new log, or --overwrite this one"
+            )
+    if len(whole) < len(data):
+        os.truncate(path, len(whole))
+    return [_object(path, number, line) for number, line in enumerate(lines[1:], 2)]
+
+
+def _check_head(path: str | os.PathLike[str], head: dict[str, Any]) -> None:
+    if head.get("format") != FORMAT:
+        raise UnreadableFile(path, "is not a log of tracked frames", "name another file")
+    if head.get("version") != VERSION:
+        raise UnreadableFile(path, f"has version {head.get('version')!r}", f"version {VERSION} is read here")
+
+
+def _object(path: str | os.PathLike[str], number: int, line: str) -> dict[str, Any]:
+    return parsed_line(path, number, line).object
+
+
+def _pose_of(path: str, entry: dict[str, Any]) -> PoseEstimate:
+    return pose_estimate_at(Place(path, (f"frame {entry['frame']}", "pose"), entry["pose"]))
+
+
+def _row(entry: dict[str, Any], filtered: bool) -> str:
+    """Return the line of a frame in the table; the pose of a lost frame is left out."""
+    row = [entry["frame"], ";".join(entry["files"]), int(entry["found"]), entry["quality"], entry["how"]]
+    if entry["found"]:
+        pose = entry["filtered" if filtered else "pose"]
+        T = pose["world_from_part"]
+        row += [*T["translation_mm"], *(v for line in T["rotation"] for v in line)]
+        row += [*pose["sigma_mm"], *pose["sigma_deg"]]
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(row + [""] * (len(COLUMNS) - len(row)))
+    return text.getvalue()
+
+
+def _numbers(view: Viewpoint) -> Iterable[Any]:
+    """Return all numbers of a viewpoint that decide what is found."""
+    yield [*view.camera.size]
+    yield view.camera.K
+    yield [*view.camera.lens.parameters.values()]
+    yield view.camera_from_world.matrix
+    for source, effect in view.errors:
+        yield source.covariance
+        yield effect
+
+
+def _hash(arrays: Iterable[Any]) -> str:
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(np.ascontiguousarray(np.asarray(array, np.float64)).tobytes())
+    return digest.hexdigest()
+
+
+def _appending(path: str | os.PathLike[str]) -> io.BufferedWriter:
+    try:
+        return Path(path).open("ab")
+    except OSError as error:
+        raise UnwritableFile(path, error.strerror or str(error), "choose a place you may write to") from error
+
+
+def _write(path: str | os.PathLike[str], text: str) -> None:
+    try:
+        Path(path).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise UnwritableFile(path, error.strerror or str(error), "choose a place you may write to") from error
+
+
+def _add(file: io.BufferedWriter, line: str) -> None:
+    """Add a line and wait until it is on the disk."""
+    file.write(line.encode())
+    file.flush()
+    os.fsync(file.fileno())

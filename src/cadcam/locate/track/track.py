@@ -1,0 +1,314 @@
+"""A part followed through pictures: its print and its motion foretell where it is; what is lost is looked for again.
+
+A frame is searched only as far around the foretold lines as their covariance says: what lies farther, print or a shadow
+beside an edge, cannot pull the part away. Where the part's faces show more than the model knows of
+(`locate.track.texture`), that tells the pose together with the edges.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.camera.pose_estimate import PoseEstimate
+from cadcam.errors import BadValue, NothingInView
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.freedom import FREE, Freedom
+from cadcam.locate.locate import locate
+from cadcam.locate.location import FOUND, Location
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.locate.refine.options import EDGES
+from cadcam.locate.refine.refine import refine
+from cadcam.locate.track.frames import Frame
+from cadcam.locate.track.motion import Motion
+from cadcam.locate.track.texture import Followed, Texture
+
+_PATIENCE = 8  # frames between two searches without a start, once a part has been gone for long
+_SIGMAS, _BESIDE = 3.0, 1.0  # how far around foretold lines the photo's are looked for: sds, and px for lines of paint
+_LEAST_PX, _MOST_PX = 2.0, EDGES.search_px
+_FAR_PX, _CLEAR, _UNCERTAIN = 16.0, 0.7, 0.45  # so far from its last place a part must be clear, else it is this
+_ANYWHERE = ("followed", "searched")  # ways that do not lean on the last place
+_FORETOLD = -2  # constraints that a place foretold to some px gives back: a fit anywhere else would not count
+_BETTER = 0.2  # quality by which edges alone show that print has left the part
+_HELD = 0.3  # quality by its edges of a part that print holds
+_FOLLOWED = -5  # the same of a place that print tells: edges are met there that no fit laid onto them
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackedFrame:
+    """Where the part was in one frame.
+
+    location: by this frame's photos; where it was "followed", with print as earlier frames showed it. filtered: by all
+    frames so far (`locate.track.motion`), steadier and better where a frame shows little, but late by a share of what
+    the motion changed; None where the part was lost. how: "followed" (where the print on it led), "predicted" (near
+    where the motion led), "kept" (around the last pose), "recovered" (searched around the last pose, or around the
+    start), "searched" (without any start), "lost". Of a lost frame the location is the best that was there; its `found`
+    is False.
+    """
+
+    frame: Frame
+    location: Location
+    how: str
+    filtered: PoseEstimate | None = None
+
+    @property
+    def found(self) -> bool:
+        """Return whether the part was found."""
+        return self.location.found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """A frame of an earlier run: its index, where it showed the part (unfiltered; None where that was lost), and how.
+
+    photos: what it showed; without them the print on the part is learned anew.
+    """
+
+    index: int
+    pose: PoseEstimate | None
+    how: str = ""
+    photos: tuple[Photo, ...] = ()
+
+
+def track(
+    part: Part,
+    frames: Iterable[Frame],
+    start: Rigid | None = None,
+    *,
+    freedom: Freedom = FREE,
+    velocity: bool = True,
+    texture: bool = True,
+    history: Iterable[Step] = (),
+) -> Iterator[TrackedFrame]:
+    """Yield where the part is in each frame, one by one as they are asked for.
+
+    start: world_from_part (mm) in the first frame, roughly; without it the part is searched for. A frame is looked at
+    where the print on the part leads (`texture`), or near where the motion so far does (`velocity`: at constant
+    velocity; else where it was). Where that does not find the part, it is searched for around its last pose, then
+    without a start (not where its motion is restricted); a part that stays away is searched for less and less often. Of
+    poses that the part's symmetry allows, the one nearest to the last is taken.
+    history: frames of a run that this one continues, as if there had been no break. A frame without contrast is a loss.
+    Raises `NothingInView` where the start puts the part outside of the first photos.
+    """
+    tracker = Tracker(part, start, freedom=freedom, velocity=velocity, texture=texture)
+    for step in history:
+        tracker.recall(step)
+    for frame in frames:
+        yield tracker.next(frame)
+
+
+class Tracker:
+    """Follows a part frame by frame, as `track` does with the same arguments."""
+
+    def __init__(
+        self,
+        part: Part,
+        start: Rigid | None = None,
+        *,
+        freedom: Freedom = FREE,
+        velocity: bool = True,
+        texture: bool = True,
+    ) -> None:
+        if freedom is not FREE and start is None:
+            raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
+        self._part, self._freedom = part, freedom
+        self._memory = _Memory(_corners(part), start, velocity)
+        self._texture = Texture(part) if texture else None
+
+    def next(self, frame: Frame) -> TrackedFrame:
+        """Return where the part is in the next frame."""
+        followed = self._followed(frame.index, frame.photos)
+        how, location = _located(self._part, frame.photos, self._memory, self._freedom, frame.index, followed)
+        step = Step(frame.index, location.pose if location.found else None, how, frame.photos)
+        return TrackedFrame(frame, location, how, self._keep(step, followed))
+
+    def recall(self, step: Step) -> None:
+        """Take up a frame of an earlier run in the place of tracking it."""
+        self._keep(step, None if step.pose is None else self._followed(step.index, step.photos))
+
+    def _followed(self, index: int, photos: tuple[Photo, ...]) -> Followed | None:
+        """Return where the print on the part leads, None unless the part was found in the frame before."""
+        predicted = self._memory.predicted(index)
+        if self._texture is None or predicted is None or not photos:
+            return None
+        return self._texture.follow(photos, predicted.world_from_part, self._freedom)
+
+    def _keep(self, step: Step, followed: Followed | None) -> PoseEstimate | None:
+        """Take up a frame; return where the part is by all frames so far, None where it was lost."""
+        if self._texture is not None and step.photos:
+            misled = followed is not None and step.how != "followed"
+            if step.pose is None or misled:
+                self._texture.forget()
+            if step.pose is not None:
+                self._texture.keep(step.photos, step.pose, None if misled else followed)
+        return self._memory.keep(step.index, step.pose)
+
+
+class _Memory:
+    """What is known of the part's motion, and for how long it has been lost."""
+
+    def __init__(self, corners: Array, start: Rigid | None, velocity: bool) -> None:
+        self.last = start
+        self.misses = 0
+        self._corners = corners
+        centre = corners.mean(axis=0)
+        self._motion = Motion(centre, float(np.linalg.norm(corners - centre, axis=1).max()), velocity=velocity)
+        self._found_in: int | None = None
+
+    @property
+    def begins(self) -> bool:
+        """Return whether no frame has been seen yet."""
+        return self._found_in is None and not self.misses
+
+    def keep(self, index: int, pose: PoseEstimate | None) -> PoseEstimate | None:
+        """Take up a frame; return where the part is by all frames so far, None where it was lost."""
+        if pose is None:
+            self.misses += 1
+            self._motion.forget()
+            return None
+        self.misses, self.last, self._found_in = 0, pose.world_from_part, index
+        return self._motion.measured(index, pose)
+
+    def predicted(self, index: int) -> PoseEstimate | None:
+        """Return where the motion leads, None unless the part was found in the frame before."""
+        return self._motion.predicted(index)
+
+    def tracking(self, index: int) -> bool:
+        """Return whether the part was found in the frame before."""
+        return self._found_in == index - 1
+
+    def reach_px(self, predicted: PoseEstimate, photos: Sequence[Photo]) -> float:
+        """Return how far from a foretold pose's lines the photos' may lie."""
+        spread = max(_spread_px(self._corners, predicted, photo) for photo in photos)
+        return float(np.clip(_SIGMAS * spread + _BESIDE, _LEAST_PX, _MOST_PX))
+
+    def left(self, pose: PoseEstimate, photos: Sequence[Photo]) -> bool:
+        """Return whether a pose is far, in all photos, from where the part was last found."""
+        if self._found_in is None or self.last is None:
+            return False
+        return all(_moved_px(self._corners, self.last, pose.world_from_part, photo) > _FAR_PX for photo in photos)
+
+    def search_is_due(self) -> bool:
+        """Return whether to search without a start: after 2, 4, 8, 16, 24 ... misses; each has a chance to be wrong."""
+        return self.misses > 1 and (self.misses % _PATIENCE == 0 or self.misses & (self.misses - 1) == 0)
+
+    def nearest(self, location: Location) -> Location:
+        """Return the found pose, this or an alternative of it, that is nearest to the last one."""
+        if self.last is None:
+            return location
+        was = self.last @ self._corners
+        found = [location, *(other for other in location.alternatives if other.found)]
+        return min(found, key=lambda one: float(np.abs(one.pose.world_from_part @ self._corners - was).sum()))
+
+
+def _located(
+    part: Part, photos: tuple[Photo, ...], memory: _Memory, freedom: Freedom, index: int, followed: Followed | None
+) -> tuple[str, Location]:
+    """Return how and where the part was found, by the cheapest way that finds it; else the best of what was tried."""
+    where = memory.last or Rigid()
+    tried = [Location.nowhere(where, "not looked for")]
+    for how, attempt in _ways(part, photos, memory, freedom, index, followed):
+        try:
+            location = attempt()
+        except NothingInView as error:
+            if memory.begins:  # the caller's start, not ours
+                raise
+            tried[0] = Location.nowhere(where, str(error))
+            continue
+        except BadValue as error:  # a picture without contrast
+            tried[0] = Location.nowhere(where, str(error))
+            continue
+        if location.found:
+            location = memory.nearest(location)
+            if how in _ANYWHERE or location.quality >= _CLEAR or not memory.left(location.pose, photos):
+                return how, location
+            why = f"not certain: far from where the part was, which takes a quality of {_CLEAR} ({location.reason})"
+            location = replace(location, quality=_UNCERTAIN, reason=why)
+        tried.append(location)
+    return "lost", max(reversed(tried), key=lambda one: one.quality)
+
+
+def _ways(
+    part: Part, photos: tuple[Photo, ...], memory: _Memory, freedom: Freedom, index: int, followed: Followed | None
+) -> Iterator[tuple[str, Callable[[], Location]]]:
+    """Yield the ways to find the part, cheapest first."""
+    last, predicted = memory.last, memory.predicted(index)
+    if followed is not None:
+        yield "followed", lambda: _by_print(part, photos, followed, memory, freedom)
+    if predicted is not None:
+        yield "predicted", lambda: _foretold(part, photos, predicted, memory.reach_px(predicted, photos), freedom)
+    if last is not None and memory.tracking(index):
+        yield "kept", lambda: refine(part, photos, last, freedom=freedom)
+    if last is not None:
+        yield "recovered", lambda: locate(part, photos, last, freedom=freedom)
+    if freedom is FREE and (last is None or memory.search_is_due()):
+        yield "searched", lambda: locate(part, photos, freedom=freedom)
+
+
+def _foretold(
+    part: Part, photos: tuple[Photo, ...], predicted: PoseEstimate, reach_px: float, freedom: Freedom
+) -> Location:
+    """Return what lies near a foretold pose, and nothing farther away."""
+    options = replace(EDGES, search_px=reach_px)
+    given = _FORETOLD if reach_px < _MOST_PX else 0
+    return refine(part, photos, predicted.world_from_part, freedom=freedom, options=options, chosen=given, wider=False)
+
+
+def _by_print(part: Part, photos: tuple[Photo, ...], followed: Followed, memory: _Memory, freedom: Freedom) -> Location:
+    """Return the pose that print and the lines near it tell together.
+
+    That print is found again says that the part is still what was found; then edges must not deny it, no more.
+    """
+    there = followed.evidence
+    reach_px = memory.reach_px(PoseEstimate(there.world_from_part, there.covariance), photos)
+    location = refine(
+        part,
+        photos,
+        there.world_from_part,
+        freedom=freedom,
+        evidence=[there],
+        options=replace(EDGES, search_px=reach_px),
+        chosen=_FOLLOWED,
+        wider=False,
+    )
+    if location.quality < _CLEAR:
+        options = replace(EDGES, search_px=reach_px)
+        alone = refine(part, photos, there.world_from_part, freedom=freedom, options=options, wider=False)
+        if alone.quality > location.quality + _BETTER:
+            return replace(location, quality=0.0, reason="not found: edges are elsewhere than print leads")
+    location = replace(location, pose=replace(location.pose, from_noise=followed.fused(location.pose.from_noise)))
+    if not _HELD <= location.quality < FOUND:
+        return location
+    why = f"held by {followed.found} patches of print: {location.reason.removeprefix('not found: ')}"
+    return replace(location, quality=FOUND, reason=why)
+
+
+def _moved_px(corners: Array, one: Rigid, other: Rigid, photo: Photo) -> float:
+    """Return the largest distance (px) between the corners (N, 3) mm at two poses, of those that a photo images."""
+    place = photo.viewpoint.camera_from_world
+    apart = np.linalg.norm(
+        np.subtract(*(photo.camera.project((place @ pose) @ corners) for pose in (one, other))), axis=1
+    )
+    return float(np.nanmax(apart)) if np.isfinite(apart).any() else np.inf
+
+
+def _spread_px(corners: Array, pose: PoseEstimate, photo: Photo) -> float:
+    """Return the largest sd (px) of the corners (N, 3) mm in a photo, of those that it can see."""
+    camera_from_part = photo.viewpoint.camera_from_world @ pose.world_from_part
+    _, J = photo.camera.project_with_jacobian(camera_from_part @ corners)
+    J = J[np.isfinite(J).all(axis=(1, 2))] @ camera_from_part.rotation
+    if len(J) < len(corners):
+        return np.inf
+    S = J @ pose.point_covariance(corners) @ J.swapaxes(1, 2)
+    return float(np.sqrt(np.linalg.eigvalsh(S).max()))
+
+
+def _corners(part: Part) -> Array:
+    """Return the corners (8, 3) of the part's bounding box, mm."""
+    low, high = part.scene.mesh.bounds
+    pick = np.indices((2, 2, 2)).reshape(3, -1).T.astype(bool)
+    return np.asarray(np.where(pick, high, low), np.float64)

@@ -1,0 +1,205 @@
+"""A mesh as a distorting lens images it, roughly: triangles of pixels, and how far the exact image may be from them.
+
+Edges are straight in the plane u = (x, y)/z. There they are halved until the lens bends no piece by more than half of
+that from its chord, and only then are vertices distorted. Lens and camera are `Camera`'s own, in float64. Whoever draws
+the triangles `REACH_PX` wider than they are, pieces `PIECE_REACH_PX`, has every pixel that the mesh covers, and tests
+those exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Ids, Longs, Mask
+from cadcam.camera.camera import Camera
+from cadcam.geometry.rigid import Rigid
+from cadcam.render.cores import blocks, on_all_cores
+from cadcam.render.lines.clip import WIDEST, Frustum
+
+REACH_PX = 1.0  # of faces drawn as they are, of which there may be millions
+PIECE_REACH_PX = 8.0  # of pieces, which come from large faces: fewer of them are worth a wider margin
+_STRAIGHT_PX = 4.0  # shorter edges are not asked whether they bend
+_FARTHEST = 1e6  # |u| beyond this is less than 0.2 seconds of arc from the focal plane
+NEAR_SHARE = 1e-6  # of the farthest depth: what is nearer is cut off
+_MARGIN_PX = 2.0
+_ROUNDS = 96  # an edge of 1e9 px is 25 halvings a side
+_FACES = 1 << 15
+
+
+@dataclass(frozen=True, slots=True)
+class _Limits:
+    """What an edge may be that is not halved, px: bent from its chord, long, long where a lens ends in a kink."""
+
+    bend: float
+    longest: float
+    at_rim: float
+
+
+_WHOLE = _Limits(REACH_PX / 2, 64.0, 1.5)
+_PIECE = _Limits(PIECE_REACH_PX / 2, 512.0, PIECE_REACH_PX)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pieces:
+    """The rough image of a mesh in pixels.
+
+    `q` (V, 2) are the vertices; faces marked in `whole` (F,) are drawn as they are. The others are out of the picture
+    or replaced by triangles with corners `corners` (M, 3, 2), which belong to faces `face` (M,).
+    """
+
+    q: Array
+    whole: Mask
+    corners: Array
+    face: Ids
+
+
+def pieces(camera: Camera, camera_from_world: Rigid, vertices: Array, faces: Ids) -> Pieces:
+    """Return the image of a mesh (vertices mm, world frame) in a camera's distorted pixels."""
+    p = np.concatenate(on_all_cores(lambda b: camera_from_world @ vertices[b], blocks(len(vertices))))
+    frustum = _frustum(camera, near=NEAR_SHARE * max(float(p[:, 2].max()), 1e-300))
+    q, beyond = (
+        np.concatenate(part)
+        for part in zip(
+            *on_all_cores(lambda b: (camera.project(p[b]), _sides_beyond(frustum, p[b])), blocks(len(p))), strict=True
+        )
+    )
+
+    def sorted_out(block: slice) -> tuple[Mask, Mask]:
+        f = faces[block]
+        seen = (beyond[f[:, 0]] & beyond[f[:, 1]] & beyond[f[:, 2]]) == 0
+        whole = seen.copy()
+        whole[seen] = _straight(camera, frustum, p[f[seen]], q[f[seen]])
+        return whole, seen & ~whole
+
+    whole, split = (
+        np.concatenate(part) for part in zip(*on_all_cores(sorted_out, blocks(len(faces), _FACES)), strict=True)
+    )
+    chosen = np.flatnonzero(split)
+    corners, owner = _in_front(p[faces[chosen]], frustum.near)
+    corners, owner = _halved(camera, frustum, corners[..., :2] / corners[..., 2:], owner)
+    return Pieces(q, whole, corners, chosen[owner].astype(np.int32))
+
+
+def _sides_beyond(frustum: Frustum, p: Array) -> npt.NDArray[np.uint8]:
+    """Return a bit for each side of the frustum that points p (N, 3) in the camera frame lie beyond."""
+    x, y, z = p.T
+    (x0, y0), (x1, y1) = frustum.low, frustum.high
+    sides = (z < frustum.near, x < x0 * z, x > x1 * z, y < y0 * z, y > y1 * z)
+    bits = np.zeros(len(p), np.uint8)
+    for k, side in enumerate(sides):
+        bits |= side.astype(np.uint8) << np.uint8(k)
+    return bits
+
+
+def _frustum(camera: Camera, near: float) -> Frustum:
+    """Return what holds all that the camera images, with the last third of a degree that lines do without."""
+    frustum = Frustum.of(camera, near=near, margin_px=_MARGIN_PX)
+    low = np.where(frustum.low <= -WIDEST, -_FARTHEST, frustum.low)
+    return replace(frustum, low=low, high=np.where(frustum.high >= WIDEST, _FARTHEST, frustum.high))
+
+
+def _straight(camera: Camera, frustum: Frustum, p: Array, q: Array) -> Mask:
+    """Return which triangles p (N, 3, 3) in the camera frame have only edges that need not be halved."""
+    fine: Mask = np.asarray(np.isfinite(q).all(axis=(1, 2)) & (p[..., 2] > frustum.near).all(axis=1))
+    fine &= ~(_length(q) > _WHOLE.longest).any(axis=1)
+    asked = np.flatnonzero(fine)
+    u = p[asked][..., :2] / p[asked][..., 2:]
+    fine[asked] = ~_to_halve(camera, frustum, u, q[asked], _WHOLE).any(axis=1)
+    return fine
+
+
+def _halved(camera: Camera, frustum: Frustum, u: Array, owner: Longs) -> tuple[Array, Longs]:
+    """Return pixels (M, 3, 2) and owners of triangles u (N, 3, 2), halved as long as an edge needs it."""
+    kept: list[tuple[Array, Longs]] = [(np.zeros((0, 3, 2)), np.zeros(0, np.int64))]
+    for _ in range(_ROUNDS):
+        near_picture = ~_outside(frustum, u)
+        u, owner = u[near_picture], owner[near_picture]
+        if not len(u):
+            break
+        q = _image(camera, frustum, u)
+        halve = _to_halve(camera, frustum, u, q, _PIECE)
+        done = ~halve.any(axis=1)
+        kept.append((q[done], owner[done]))
+        u, owner = _halves(u[~done], np.where(halve[~done], _length(q[~done]), -1.0)), np.tile(owner[~done], 2)
+    order = np.argsort(np.concatenate([o for _, o in kept]), kind="stable")
+    return np.concatenate([q for q, _ in kept])[order], np.concatenate([o for _, o in kept])[order]
+
+
+def _to_halve(camera: Camera, frustum: Frustum, u: Array, q: Array, limits: _Limits) -> Mask:
+    """Return which edges (N, 3), k from corner k to the next, are too long or bent; symmetric in their ends."""
+    length = _length(q)
+    beyond = np.sum(u * u, axis=-1) >= frustum.radius**2
+    at_rim = beyond | np.roll(beyond, -1, axis=1)
+    halve: Mask = (length > limits.longest) | (at_rim & (length > limits.at_rim))
+    index = np.nonzero(~halve & ~at_rim & (length > _STRAIGHT_PX))
+    a, b = u[index], np.roll(u, -1, axis=1)[index]
+    qa, chord = q[index], (np.roll(q, -1, axis=1) - q)[index]
+    middle = _middle(a, b)
+    for at in (middle, _middle(a, middle), _middle(middle, b)):  # an edge bent like an S is straight in its middle
+        off = _image(camera, frustum, at) - qa
+        across = off[:, 0] * chord[:, 1] - off[:, 1] * chord[:, 0]
+        halve[index] |= np.abs(across) > limits.bend * length[index]
+    return halve
+
+
+def _halves(u: Array, length: Array) -> Array:
+    """Return triangles (2N, 3, 2): each u (N, 3, 2) halved at its longest edge by `length` (N, 3)."""
+    row, k = np.arange(len(u)), np.argmax(length, axis=1)
+    a, b, c = u[row, k], u[row, (k + 1) % 3], u[row, (k + 2) % 3]
+    middle = _middle(a, b)
+    return np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+
+
+def _middle(a: Array, b: Array) -> Array:
+    """Return where the direction half way between those of a and b (N, 2) passes the plane u; symmetric in them."""
+    wa, wb = (1 / np.sqrt(1 + np.sum(u * u, axis=-1, keepdims=True)) for u in (a, b))
+    return np.asarray((a * wa + b * wb) / (wa + wb))
+
+
+def _image(camera: Camera, frustum: Frustum, u: Array) -> Array:
+    """Return pixels of u (..., 2); beyond the valid radius the image goes on outwards in proportion, unfolded."""
+    radius = np.sqrt(np.sum(u * u, axis=-1))
+    shrink = np.minimum(1.0, frustum.radius * (1 - 1e-9) / np.maximum(radius, 1e-300))
+    inner = u * shrink[..., None]
+    m = camera.lens.project(np.concatenate([inner, np.ones((*u.shape[:-1], 1))], axis=-1))
+    return camera.pixel_of(m / shrink[..., None])
+
+
+def _outside(frustum: Frustum, u: Array) -> Mask:
+    """Return which triangles (N, 3, 2) lie wholly beyond one side of all that the camera images."""
+    highest, lowest = u.max(axis=1), u.min(axis=1)
+    out: Mask = np.any((highest < frustum.low) | (lowest > frustum.high), axis=1)
+    if np.isfinite(frustum.radius):
+        towards = u.mean(axis=1)
+        towards /= np.maximum(np.linalg.norm(towards, axis=1), 1e-300)[:, None]
+        out |= (np.einsum("nki,ni->nk", u, towards) > frustum.radius).all(axis=1)
+    return np.asarray(out)
+
+
+def _in_front(p: Array, near: float) -> tuple[Array, Longs]:
+    """Return the parts (M, 3, 3) of triangles p (N, 3, 3) with z >= near, and which triangle each is of."""
+    inside = p[..., 2] >= near
+    count = inside.sum(axis=1)
+    whole, one, two = (np.flatnonzero(count == n) for n in (3, 1, 2))
+    tip, odd = np.argmax(inside[one], axis=1), np.argmin(inside[two], axis=1)
+    a, b, c = (p[one, (tip + k) % 3] for k in range(3))
+    lone = np.stack([a, _cut(a, b, near), _cut(a, c, near)], axis=1)
+    o, b, c = (p[two, (odd + k) % 3] for k in range(3))
+    pair = [np.stack([b, c, _cut(c, o, near)], axis=1), np.stack([b, _cut(c, o, near), _cut(b, o, near)], axis=1)]
+    return np.concatenate([p[whole], lone, *pair]), np.concatenate([whole, one, two, two])
+
+
+def _cut(inside: Array, outside: Array, near: float) -> Array:
+    """Return where the edges from `inside` to `outside` (N, 3) pass z = near."""
+    t = (inside[:, 2] - near) / (inside[:, 2] - outside[:, 2])
+    out = inside + t[:, None] * (outside - inside)
+    out[:, 2] = near
+    return out
+
+
+def _length(q: Array) -> Array:
+    d = np.roll(q, -1, axis=1) - q
+    return np.asarray(np.hypot(d[..., 0], d[..., 1]))

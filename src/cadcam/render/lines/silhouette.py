@@ -1,0 +1,79 @@
+"""Which edges are silhouettes for an eye, which can change what is visible behind them, which turn away."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cadcam.arrays import Array, Ids, Mask
+from cadcam.cad.edges import edge_table
+from cadcam.cad.mesh import Mesh
+from cadcam.cad.topology import EdgeTable
+from cadcam.cad.winding import winding_number
+from cadcam.render.lines.occlusion import Occluders, part_boxes, solid_parts
+
+_EDGE_ON = 1e-12  # of the distance: a face whose plane the eye is this close to is seen edge-on
+
+
+class Topology:
+    """The edges of a mesh with what does not depend on the view."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh, self.bounds = mesh, mesh.bounds
+        self.table = edge_table(mesh)
+        self.pair = np.maximum(self.table.faces, 0)  # (E, 2): at a boundary the second is any face
+        self.solid = solid_parts(mesh, self.table)
+        self.two = self.table.count == 2
+        self.owner = mesh.part[self.table.faces[:, 0]]
+        self._boxes = part_boxes(mesh)
+        self.flipped = _flipped(mesh, self.table)
+
+    def shut(self, eye: Array) -> Mask:
+        """Return the parts (P,) that are watertight and do not hold the eye in their material."""
+        low, high = self._boxes
+        shut = self.solid.copy()
+        for part in np.flatnonzero(shut & (low <= eye).all(axis=1) & (eye <= high).all(axis=1)):
+            corners = self.mesh.vertices[self.mesh.faces[self.mesh.part == part]]
+            shut[part] = abs(winding_number(corners, eye)) < 0.5
+        return shut
+
+    def number_of(self, vertices: Ids) -> Ids:
+        """Return the edge (S,) that runs between two vertices (S, 2), either way round; -1 where there is none."""
+        n = np.int64(len(self.mesh.vertices))
+        own, wanted = (np.sort(v.astype(np.int64), axis=1) @ np.array([n, 1]) for v in (self.table.vertices, vertices))
+        if not len(own):
+            return np.full(len(wanted), -1, np.int32)
+        order = np.argsort(own)
+        at = order[np.minimum(np.searchsorted(own[order], wanted), len(own) - 1)]
+        return np.where(own[at] == wanted, at, -1).astype(np.int32)
+
+
+class Turn:
+    """How the edges stand to an eye: masks over the edges of the topology.
+
+    `silhouette`: joins two faces on the same side of it in the picture. `away`: hidden by its own solid, its faces
+    being turned away. `borders`: what lies behind it may be hidden on one side only.
+    """
+
+    def __init__(self, topology: Topology, occluders: Occluders, eye: Array) -> None:
+        table, pair = topology.table, topology.pair
+        height = occluders.heights(eye)
+        front = height > 0
+        one, other = front[pair[:, 0]], front[pair[:, 1]]
+        self.silhouette: Mask = topology.two & (one != (other ^ topology.flipped))
+        shut = topology.shut(eye)[topology.owner]
+        self.away: Mask = topology.two & shut & ~np.where(table.convex, one | other, one & other)
+        edge_on = np.abs(height) <= _EDGE_ON * np.abs(topology.bounds - eye).max()
+        self.borders: Mask = (self.silhouette & ~self.away) | ~topology.two
+        if edge_on.any():
+            self.borders |= edge_on[pair].any(axis=1)
+
+
+def _flipped(mesh: Mesh, table: EdgeTable) -> Mask:
+    """Return the edges (E,) whose two faces run along them the same way: their outsides are opposite."""
+    second = np.maximum(table.faces[:, 1], 0)
+    edges = np.arange(len(second))
+    corner = np.argmax(table.corner_edge[second] == edges[:, None], axis=1)
+    start = mesh.vertices[mesh.faces[second, corner]]
+    a, b = mesh.vertices[table.vertices[:, 0]], mesh.vertices[table.vertices[:, 1]]
+    nearer_a = np.sum((start - a) ** 2, axis=1) < np.sum((start - b) ** 2, axis=1)
+    return np.asarray(nearer_a & (table.count == 2))

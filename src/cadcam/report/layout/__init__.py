@@ -1,0 +1,1 @@
+"""Layouts for a person: words, plan, page; and as JSON."""

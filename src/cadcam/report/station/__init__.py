@@ -1,0 +1,1 @@
+"""What a station's calibration and measurements say: tables, plots, page."""

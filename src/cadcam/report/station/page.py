@@ -1,0 +1,156 @@
+"""Stations as one HTML file: map of the mechanics, calibrations, what was measured; nothing in it is fetched."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from cadcam import __version__
+from cadcam.arrays import Array
+from cadcam.report.page import page, section
+from cadcam.report.station.tables import calibration_tables, map_tables, trend_table
+from cadcam.report.table import Table
+from cadcam.station.cross import DeviationMap
+from cadcam.station.drawing import Trend
+from cadcam.station.gantry import GantryCalibration
+from cadcam.whole import write_whole
+
+_STYLE = """
+h1{font-size:1.5rem}.wide{overflow-x:auto}
+table{width:auto}th,td{text-align:right;padding:4px 12px 4px 0}.left{text-align:left}
+.wide .left:first-child{position:sticky;left:0;background:#fff}
+"""
+_WIDTH, _HEIGHT, _MARGIN, _CAPTION = 900.0, 620.0, 60.0, 300.0  # px; the largest, and the least that captions need
+_SIGMAS = 10.0  # by how much the ellipses of uncertainty are drawn larger than the arrows
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StationReport:
+    """What a page shows: calibrations by camera, entries of a log, and the trend of distances, where they are known."""
+
+    stations: Mapping[str, GantryCalibration]
+    log: Sequence[Mapping[str, Any]] = ()
+    trend: Trend | None = None
+
+
+def write_station_page(path: str | os.PathLike[str], report: StationReport) -> None:
+    """Write the report, whole or not at all."""
+    write_whole(path, station_page(report).encode())
+
+
+def station_page(report: StationReport) -> str:
+    """Return the report as one HTML document."""
+    maps = {name: s.map() for name, s in report.stations.items() if len(s.positions) > 1}
+    cameras = f"camera{'s' * (len(report.stations) != 1)} {', '.join(report.stations)}"
+    body = [f"<h1>Stations of {escape(cameras)}</h1>"]
+    if maps:
+        body.append(section("How the mechanics deviate over the work area", arrows(maps)))
+    for name, station in report.stations.items():
+        tables = calibration_tables(station)
+        if name in maps:
+            tables += map_tables([one.name for one in station.positions], maps[name])
+        body.append(section(f"Camera {name}", "".join(_table(t) for t in tables)))
+    if report.trend is not None:
+        body.append(section("Against the drawing", _table(trend_table(report.trend))))
+    if report.log:
+        body.append(section("Log", _table(_log_table(report.log))))
+    body.append(f'<p class="soft">cadcam {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC</p>')
+    return page("Stations", _STYLE, body)
+
+
+def arrows(maps: Mapping[str, DeviationMap]) -> str:
+    """Return the deviations of all cameras as arrows on one floor plan, SVG, with ellipses of their uncertainty."""
+    places = np.concatenate([m.positions for m in maps.values()])
+    low, high = places.min(axis=0), places.max(axis=0)
+    extent = np.maximum(high - low, 1.0)
+    px = float(min((_WIDTH - 2 * _MARGIN) / extent[0], _HEIGHT / extent[1]))
+    width = max(px * float(extent[0]), _CAPTION) + 2 * _MARGIN
+    height = px * float(extent[1]) + 2 * _MARGIN
+    most = max(float(np.linalg.norm(m.deviation, axis=1).max()) for m in maps.values()) or 1.0
+    gain = min(0.6 * px * min(_spacing(m.positions) for m in maps.values()), _MARGIN) / most  # px by mm of deviation
+    body = [
+        '<defs><marker id="tip" viewBox="0 0 6 6" refX="5" refY="3" markerWidth="6" markerHeight="6" orient="auto">'
+    ]
+    body.append('<path d="M0 0L6 3L0 6z" fill="#0072b2"/></marker></defs>')
+    over = []  # arrows may reach beyond their area, over another one's name
+    for name, seen in maps.items():
+        q = np.column_stack([(seen.positions[:, 0] - low[0]) * px, (high[1] - seen.positions[:, 1]) * px]) + _MARGIN
+        body.append(_area(q, seen.positions, name))
+        over += [_arrow(*row, gain) for row in zip(q, seen.deviation, seen.sigma, seen.positions, strict=True)]
+    body += over
+    body.append(
+        _text(_MARGIN / 2, 20.0, f"longest arrow {most:.1f} mm; ellipses: one sigma, {_SIGMAS:.0f} times", "start")
+    )
+    label = "deviations of the mechanics as arrows on the floor plan"
+    shape = f'viewBox="0 0 {width:.0f} {height:.0f}" style="max-width:{width:.0f}px"'
+    return f'<svg {shape} role="img" aria-label="{label}">{"".join(body)}</svg>'
+
+
+def _spacing(positions: Array) -> float:
+    """Return the least distance of two positions, mm."""
+    apart = np.linalg.norm(positions[:, None] - positions[None], axis=2)
+    return float(apart[~np.eye(len(positions), dtype=bool)].min())
+
+
+def _area(q: Array, positions: Array, name: str) -> str:
+    """Return a camera's area as a rectangle with its name and, in m, its corners."""
+    (x0, y0), (x1, y1) = q.min(axis=0), q.max(axis=0)
+    low, high = positions.min(axis=0) / 1000, positions.max(axis=0) / 1000
+    box = f'<rect x="{x0:.1f}" y="{y0:.1f}" width="{x1 - x0:.1f}" height="{y1 - y0:.1f}" fill="#f2f5f8" stroke="#ccd"/>'
+    said = f"camera {name}: x {low[0]:.1f} to {high[0]:.1f}, y {low[1]:.1f} to {high[1]:.1f} m"
+    return box + _text(float(x0), float(y1) + 34, said, "start")
+
+
+def _arrow(q: Any, m: Any, sigma: Any, position: Any, gain: float) -> str:
+    x, y = float(q[0]), float(q[1])
+    tip_x, tip_y = x + gain * float(m[0]), y - gain * float(m[1])
+    rx, ry = (max(0.5, _SIGMAS * gain * float(s)) for s in sigma)
+    said = f"({position[0]:.0f}, {position[1]:.0f}): {m[0]:+.2f}, {m[1]:+.2f} mm, sigma {sigma[0]:.2f}, {sigma[1]:.2f}"
+    return (
+        f'<g><title>{said}</title><circle cx="{x:.1f}" cy="{y:.1f}" r="2.5" fill="#222"/>'
+        f'<ellipse cx="{tip_x:.1f}" cy="{tip_y:.1f}" rx="{rx:.1f}" ry="{ry:.1f}" fill="#d55e00" fill-opacity="0.25"/>'
+        f'<path d="M{x:.1f} {y:.1f}L{tip_x:.1f} {tip_y:.1f}" stroke="#0072b2" stroke-width="2" '
+        'marker-end="url(#tip)"/></g>'
+    )
+
+
+def _log_table(log: Sequence[Mapping[str, Any]]) -> Table:
+    rows = tuple(
+        (
+            str(e.get("time", ""))[:19],
+            str(e["mark"]),
+            str(e.get("camera", "")),
+            *_xy(e["point_mm"]),
+            *_xy(e.get("half_width_95_mm")),
+        )
+        for e in log[-500:]
+    )
+    columns = ("time (UTC)", "mark", "camera", "x mm", "y mm", "+- x", "+- y")
+    return Table(f"{len(log)} measurements", columns, rows, columns[:3])
+
+
+def _xy(value: Any) -> tuple[str, str]:
+    return ("", "") if value is None else (f"{value[0]:.2f}", f"{value[1]:.2f}")
+
+
+def _table(table: Table) -> str:
+    """Return a table that scrolls by itself where the screen is narrower: what is said of it stays where it is."""
+    kinds = ['class="left"' if column in table.left else "" for column in table.columns]
+    head = "".join(f"<th {k}>{escape(c.strip())}</th>" for k, c in zip(kinds, table.columns, strict=True))
+    rows = "".join(
+        "<tr>" + "".join(f"<td {k}>{escape(cell)}</td>" for k, cell in zip(kinds, row, strict=True)) + "</tr>"
+        for row in table.rows
+    )
+    notes = "".join(f'<p class="soft">{escape(note)}</p>' for note in table.notes)
+    body = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+    return f'<h2>{escape(table.title)}</h2><div class="wide">{body}</div>{notes}'
+
+
+def _text(x: float, y: float, text: str, anchor: str) -> str:
+    return f'<text x="{x:.0f}" y="{y:.0f}" font-size="13" text-anchor="{anchor}" fill="#222">{escape(text)}</text>'

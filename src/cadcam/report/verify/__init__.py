@@ -1,0 +1,1 @@
+"""Verifications for a person: words, pictures, page; and as JSON."""

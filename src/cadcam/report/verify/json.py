@@ -1,0 +1,164 @@
+"""A verification as one JSON document: a record of `cadcam.record.export` with all that it follows from beside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from cadcam.files.jsontext import or_null, or_nulls
+from cadcam.record.export import record_as_json
+from cadcam.record.record import Deviation, Record, Source
+from cadcam.report.verify.words import assumptions, role, rule_words, weakest_direction
+from cadcam.verify.adjustment import CAUSES
+from cadcam.verify.deviation import EdgeDeviation, Extra, FeatureDeviation
+from cadcam.verify.judge import Verification
+from cadcam.verify.tolerance import Quantity
+from cadcam.verify.verdict import Judgement, Verdict
+
+_VERDICTS = {Verdict.PASS: "PASS", Verdict.FAIL: "FAIL"}  # of a record; all else is UNDECIDED
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Which part was verified, where and when, from which files; cameras: a line each."""
+
+    part: str
+    sources: tuple[Source, ...] = ()
+    cameras: tuple[str, ...] = ()
+    serial: str = ""
+    station: str = ""
+    time: datetime = field(default_factory=lambda: datetime.now(UTC))
+
+
+def record_of(found: Verification, origin: Origin) -> Record:
+    """Return what a store of measured parts keeps of a verification."""
+    return Record(
+        part=origin.part,
+        serial=origin.serial,
+        station=origin.station,
+        time=origin.time,
+        pose=None if found.verdict is Verdict.NOT_FOUND or found.inspection is None else found.inspection.pose,
+        quality=float(found.located.quality),
+        deviations=tuple(_deviation(j) for j in found.judgements if np.isfinite(j.deviation)),
+        verdict=_VERDICTS.get(found.verdict, "UNDECIDED"),
+        reason=found.reason,
+        sources=origin.sources,
+    )
+
+
+def verification_as_json(found: Verification, origin: Origin) -> dict[str, Any]:
+    """Return the document; its head is that of a record, so that `cadcam state add` takes it."""
+    head = record_as_json(record_of(found, origin))
+    out = head | {
+        "verdict_in_full": found.verdict.value,
+        "rule": rule_words(found),
+        "judgements": [_judgement(j) for j in found.judgements],
+        "cameras": list(origin.cameras),
+        "assumptions": assumptions(found),
+    }
+    seen = found.inspection
+    if seen is None or not seen.found:
+        return out
+    direction, sigma = weakest_direction(seen)
+    return out | {
+        "datum": list(seen.datum),
+        "left_out_of_datum": list(seen.left_out),
+        "weakest_direction": {"motion": direction, "sigma_mm": sigma},
+        "edge_error_px": seen.tau_px,
+        "noise_scale": seen.noise_scale,
+        "clutter": seen.clutter,
+        "seen_share": seen.seen_share,
+        "features": [_feature(f) | {"role": role(found, f)} for f in seen.features],
+        "edges": [_edge(e) for e in seen.edges],
+        "extra": [_extra(e) for e in seen.extra],
+    }
+
+
+def _deviation(j: Judgement) -> Deviation:
+    angle = j.limit.quantity is Quantity.ANGLE
+    scale = float(np.degrees(1.0)) if angle else 1.0
+    limit = scale * j.limit.value
+    return Deviation(
+        j.feature,
+        scale * j.deviation,
+        scale * j.U,
+        kind=j.limit.quantity.name.lower(),
+        unit="deg" if angle else "mm",
+        k=j.limit.k,
+        lower=-limit,
+        upper=limit,
+        verdict=_VERDICTS.get(j.verdict, "UNDECIDED"),
+    )
+
+
+def _judgement(j: Judgement) -> dict[str, Any]:
+    quantity = j.limit.quantity
+    out: dict[str, Any] = {"feature": j.feature, "kind": quantity.name.lower(), "verdict": j.verdict.value}
+    if quantity is not Quantity.PRESENCE:
+        scale = float(np.degrees(1.0)) if quantity is Quantity.ANGLE else 1.0
+        unit = quantity.unit
+        out |= {
+            f"limit_{unit}": scale * j.limit.value,
+            f"deviation_{unit}": or_null(scale * j.deviation),
+            f"expanded_uncertainty_{unit}": or_null(scale * j.U),
+            "k": j.limit.k,
+            "rule": j.limit.rule.value,
+        }
+    return out | {"reason": j.reason} | ({"remedy": j.remedy} if j.remedy else {})
+
+
+def _feature(f: FeatureDeviation) -> dict[str, Any]:
+    out: dict[str, Any] = {
+        "name": f.name,
+        "state": f.state.value,
+        "edges_expected": f.presence.expected,
+        "edges_seen": f.presence.seen,
+        "log_likelihood_ratio_present": f.presence.log_ratio,
+        "p_mm": or_nulls(f.p),
+    }
+    if f.why is not None:
+        out["why"] = f.why.value
+    if f.displacement is None:
+        return out
+    return out | {
+        "displacement_mm": f.vector.tolist(),
+        "size_mm": f.size,
+        "sigma_mm": f.sigma,
+        "directions_seen": f.seen.T.tolist(),
+        "displacement_in_directions_mm": f.displacement.value.tolist(),
+        "covariance_mm2": f.displacement.covariance.tolist(),
+        "covariance_by_cause_mm2": {c: getattr(f.displacement, c).tolist() for c in CAUSES},
+        "turn_deg": or_null(np.degrees(f.turn)),
+        "turn_sigma_deg": or_null(np.degrees(f.turn_sigma)),
+        "turn_axis": or_nulls(f.axis),
+        "p_value": or_null(f.p_value),
+    }
+
+
+def _edge(e: EdgeDeviation) -> dict[str, Any]:
+    return {
+        "part": e.part,
+        "kind": e.kind,
+        "chain": e.chain,
+        "photo": e.photo,
+        "features": list(e.features),
+        "deviation_mm": or_null(e.value),
+        "sigma_mm": or_null(e.sigma),
+        "variance_by_cause_mm2": dict(zip(CAUSES, or_nulls(e.variances), strict=True)),
+        "direction": or_nulls(e.direction),
+        "p_mm": or_nulls(e.p),
+        "mm_per_px": e.mm_per_px,
+        "places": e.places,
+        "places_seen": e.seen,
+        "off": e.off,
+        "stations_px_mm_mm": [or_nulls(row) for row in e.station.tolist()],
+    }
+
+
+def _extra(e: Extra) -> dict[str, Any]:
+    return {"photo": e.photo, "length_px": e.length_px, "q_px": e.q.mean(axis=0).tolist(), "near": e.near} | {
+        "p_mm": or_nulls(e.p)
+    }

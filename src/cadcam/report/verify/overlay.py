@@ -1,0 +1,189 @@
+"""A photo with the deviations of all edges in colour, as inline SVG: embedded, nothing fetched."""
+
+from __future__ import annotations
+
+import base64
+import os
+from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.image.picture import encoded
+from cadcam.image.svg import hex_color
+from cadcam.locate.photo import Photo
+from cadcam.report.verify.words import vector
+from cadcam.verify.deviation import EdgeDeviation, FeatureDeviation, State
+from cadcam.verify.inspection import Inspection
+from cadcam.verify.tolerance import Quantity
+from cadcam.verify.verdict import Judgement
+from cadcam.whole import write_whole
+
+# Okabe and Ito's hues: blue, pale grey, vermilion; told apart by people with any colour vision
+NEGATIVE, ZERO, POSITIVE = np.array([0.0, 0.45, 0.70]), np.array([0.85, 0.85, 0.85]), np.array([0.84, 0.37, 0.0])
+MISSING, EXTRA, UNSEEN = "#cc2fa0", "#f0e442", "#9a9a9a"
+_CORNER = 0.5  # SVG counts from the corner of the top-left pixel
+_MOST_TIMES, _LEAST_ARROW = 100.0, 40  # arrows are drawn at most so much longer, and not shorter than width / 40
+_ARROW_SHARE = 0.09  # of the photo's width: the longest arrow
+_LABEL_SHARE, _LETTER = 1 / 32, 0.62  # of the photo's width: a label's height; of that: a wide font's letter
+_APART = 8.0  # px from a label to what it names
+
+
+def deviation_color(value: float, full: float) -> str:
+    """Return the colour of a deviation (mm) on a scale from -full to full."""
+    share = float(np.clip(value / full, -1, 1)) if full > 0 else 0.0
+    end = POSITIVE if share > 0 else NEGATIVE
+    return hex_color(((1 - abs(share)) * ZERO + abs(share) * end).tolist())
+
+
+def full_scale(seen: Inspection) -> float:
+    """Return the deviation (mm), a round number, at which colours are full: that of most edges, at least 0.1."""
+    values = [abs(e.value) for e in seen.edges if np.isfinite(e.value)]
+    values += [f.size for f in seen.features if f.state is State.DISPLACED]
+    most = max(values, default=0.0)
+    return float(next((s for s in (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0) if most <= s), 20.0))
+
+
+def write_overlay_svg(
+    path: str | os.PathLike[str],
+    photo: Photo,
+    number: int,
+    seen: Inspection,
+    *,
+    judgements: Sequence[Judgement] = (),
+    quality: int = 85,
+) -> None:
+    """Write the <svg> as a picture of its own, whole or not at all."""
+    alone = overlay_svg(photo, number, seen, judgements=judgements, quality=quality).replace(
+        "<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1
+    )
+    write_whole(path, alone.encode())
+
+
+def overlay_svg(
+    photo: Photo, number: int, seen: Inspection, *, judgements: Sequence[Judgement] = (), quality: int = 85
+) -> str:
+    """Return the <svg> of a photo: edges in the colours of their deviations, displaced and missing features marked."""
+    width, height = photo.camera.size
+    data = base64.b64encode(encoded(photo.gray, "JPEG", quality=quality)).decode()
+    full = full_scale(seen)
+    body = [f'<image width="{width}" height="{height}" href="data:image/jpeg;base64,{data}"/>']
+    gone = {f.name for f in seen.features if f.state is State.MISSING}
+    body += [_edge(edge, full, gone) for edge in seen.edges if edge.photo == number]
+    for extra in seen.extra:
+        if extra.photo == number:
+            title = f"{extra.length_px:.0f} px that no edge explains, near {extra.near}"
+            body.append(_dots(extra.q, EXTRA, title))
+    body += _marks(photo, number, seen, width, judgements)
+    alt = escape(f"photo {number + 1} with the deviations of the part's edges in colour")
+    return (
+        f'<svg class="photo" viewBox="0 0 {width} {height}" role="img" aria-label="{alt}">' + "".join(body) + "</svg>"
+    )
+
+
+def _edge(edge: EdgeDeviation, full: float, gone: set[str]) -> str:
+    name = f"{edge.kind} {edge.chain} of {edge.part}"
+    if gone & set(edge.features):
+        return _line(edge.q, MISSING, f"{name}: missing", 2.5, dash=True)
+    if not np.isfinite(edge.value):
+        return _line(edge.q, UNSEEN, f"{name}: not seen", 1.2, dash=True)
+    title = f"{name}: {edge.value:+.3f} mm, U {2 * edge.sigma:.3f} mm (k 2), along {vector(edge.direction)}"
+    width = 3.5 if edge.off else 2.5
+    dark = _line(edge.q, "#000000", "", width + 1.5, opacity=0.45)
+    return dark + _line(edge.q, deviation_color(edge.value, full), title, width)
+
+
+def _line(q: Array, color: str, title: str, width: float, *, dash: bool = False, opacity: float = 1.0) -> str:
+    if len(q) < 2:
+        return ""
+    step = np.linalg.norm(np.diff(q, axis=0), axis=1)
+    runs = np.split(q + _CORNER, np.flatnonzero(step > 3 * np.median(step)) + 1)
+    path = "".join("M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in run) for run in runs if len(run) > 1)
+    style = f'fill="none" stroke="{color}" stroke-width="{width}" stroke-linecap="round"'
+    style += ' stroke-dasharray="4 5"' if dash else ""
+    style += f' stroke-opacity="{opacity}"' if opacity < 1 else ""
+    said = f"<title>{escape(title)}</title>" if title else ""
+    return f'<path d="{path}" {style}>{said}</path>' if path else ""
+
+
+def _dots(q: Array, color: str, title: str) -> str:
+    path = "".join(f"M{x + _CORNER:.1f} {y + _CORNER:.1f}h0" for x, y in q[::2])
+    said = f"<title>{escape(title)}</title>"
+    return f'<path d="{path}" stroke="{color}" stroke-width="3" stroke-linecap="round">{said}</path>'
+
+
+def _marks(photo: Photo, number: int, seen: Inspection, width: int, judgements: Sequence[Judgement]) -> list[str]:
+    """Return arrows of displaced features and labels of missing ones."""
+    camera_from_part = photo.viewpoint.camera_from_world @ seen.pose.world_from_part
+    shown = [f for f in seen.features if f.state in (State.DISPLACED, State.MISSING) and np.isfinite(f.p).all()]
+    moves = []
+    for f in shown:
+        ends = np.stack([f.p, f.p + (f.vector if f.state is State.DISPLACED else 0.0)])
+        q = photo.camera.project(camera_from_part @ ends)
+        if np.isfinite(q).all() and photo.camera.sees(q[0]):
+            moves.append((f, q[0], q[1] - q[0]))
+    longest = max((float(np.hypot(*d)) for _, _, d in moves), default=0.0)
+    times = min(max(_ARROW_SHARE * width / longest, 1.0), _MOST_TIMES) if longest > 0 else 1.0
+    arrows = [(q, times * d) for f, q, d in moves if np.hypot(*d) * times > width / _LEAST_ARROW]
+    out = [_arrow(q, d, width) for q, d in arrows]
+    labels, placed = [], list[Array]()
+    for f, q, d in moves:
+        q = q.copy()
+        while any(np.abs(q - other).max() < width / 26 for other in placed):
+            q[1] += width / 26
+        placed.append(q)
+        text = _label_text(f, judgements)
+        labels.append(_label(q, text, width, leftwards=_leftwards(q, d, text, width)))
+    if arrows:
+        scale = f"arrows: displacements x {times:.0f}"
+        labels.append(_label(np.array([8.0, 0.97 * photo.camera.height]), scale, width, leftwards=False))
+    if labels:
+        size = _LABEL_SHARE * width
+        style = 'font-family="sans-serif" fill="#ffffff" stroke="#000000" paint-order="stroke"'
+        out.append(f'<g class="labels" font-size="{size:.0f}" {style}>{"".join(labels)}</g>')
+    return out
+
+
+def _label_text(f: FeatureDeviation, judgements: Sequence[Judgement]) -> str:
+    """Return a feature's name with what was judged of its position, else with the displacement that the photo shows."""
+    if f.state is State.MISSING:
+        return f"{f.name}: missing"
+    for j in judgements:
+        if j.feature == f.name and j.limit.quantity is Quantity.POSITION and np.isfinite(j.U):
+            return f"{f.name}: {j.deviation:.2f} ± {j.U:.2f} mm"
+    return f"{f.name}: {f.size:.2f} ± {2 * f.sigma:.2f} mm"
+
+
+def _arrow(q: Array, d: Array, width: int) -> str:
+    end = q + d
+    size = width / 60
+    along = d / max(float(np.hypot(*d)), 1e-9)
+    across = np.array([-along[1], along[0]])
+    barbs = [end - size * (along + s * 0.5 * across) for s in (1, -1)]
+    points = [*q, *end, *barbs[0], *end, *barbs[1]]
+    x = [f"{v + _CORNER:.1f}" for v in points]
+    path = f"M{x[0]} {x[1]}L{x[2]} {x[3]}M{x[4]} {x[5]}L{x[6]} {x[7]}L{x[8]} {x[9]}"
+    return "".join(
+        f'<path d="{path}" fill="none" stroke="{color}" stroke-width="{w}" stroke-linejoin="round"/>'
+        for color, w in (("#000000", width / 130), ("#ffffff", width / 260))
+    )
+
+
+def _leftwards(q: Array, d: Array, text: str, width: int) -> bool:
+    """Return whether a label at q reaches to the left: away from its arrow, if there is room for it on that side."""
+    length = _label_length(text, width)
+    fits_left, fits_right = q[0] > length, width - q[0] > length
+    return bool(fits_left and (d[0] > 0 or not fits_right))
+
+
+def _label(q: Array, text: str, width: int, *, leftwards: bool) -> str:
+    size = _LABEL_SHARE * width
+    anchor = ' text-anchor="end"' if leftwards else ""
+    x = q[0] - _APART if leftwards else min(q[0] + _APART, max(width - _label_length(text, width), 0.0) + _APART)
+    place = f'x="{x:.0f}" y="{q[1] - 0.4 * size:.0f}"'
+    return f'<text {place}{anchor} stroke-width=".18em">{escape(text)}</text>'
+
+
+def _label_length(text: str, width: int) -> float:
+    return _APART + _LETTER * len(text) * _LABEL_SHARE * width

@@ -1,0 +1,174 @@
+"""Plots of a verification as inline SVG: tolerance bars, deviations of all edges, what makes the uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from html import escape
+
+import numpy as np
+
+from cadcam.report.verify.words import CAUSE_WORDS
+from cadcam.verify.deviation import FeatureDeviation
+from cadcam.verify.inspection import Inspection
+from cadcam.verify.tolerance import Quantity
+from cadcam.verify.verdict import Judgement, Verdict
+
+COLORS = {
+    Verdict.PASS: "#00785a",
+    Verdict.FAIL: "#c23b00",
+    Verdict.UNDECIDED: "#946200",
+    Verdict.NOT_FOUND: "#555555",
+}
+CAUSE_COLORS = {"noise": "#56b4e9", "edges": "#e69f00", "pose": "#009e73", "calibration": "#cc79a7"}
+_INK, _FAINT = "#222222", "#cfcfcf"
+_WIDTH = 380.0  # about a phone's width: there, letters keep their size
+
+
+def tolerance_bar(j: Judgement) -> str:
+    """Return a bar from -1.5 to 1.5 limits (0 to 1.5 for a distance): the limits, the deviation with its U."""
+    if j.limit.quantity is Quantity.PRESENCE or not np.isfinite(j.deviation):
+        return ""
+    distance = j.limit.quantity is Quantity.POSITION and j.limit.direction is None
+    low = 0.0 if distance else -1.5
+    width, height = 180.0, 26.0
+
+    def x(value: float) -> float:
+        return float((np.clip(value / j.limit.value, low, 1.5) - low) / (1.5 - low) * (width - 14) + 7)
+
+    color = COLORS[j.verdict]
+    limits = [1.0] if distance else [-1.0, 1.0]
+    left = x(0.0) if distance else x(-j.limit.value)
+    body = [f'<rect x="{left:.1f}" y="8" width="{x(j.limit.value) - left:.1f}" height="10" fill="#dcefe6"/>']
+    body += [_stroke(x(s * j.limit.value), 3, x(s * j.limit.value), 23, _INK, 1.5) for s in limits]
+    body.append(_stroke(x(0.0), 6, x(0.0), 20, "#888888", 1))
+    body.append(_stroke(x(j.deviation - j.U), 13, x(j.deviation + j.U), 13, color, 3))
+    shown = abs(j.deviation) <= 1.5 * j.limit.value
+    body.append(
+        f'<circle cx="{x(j.deviation):.1f}" cy="13" r="4.5" fill="{color if shown else "#ffffff"}" stroke="{color}" '
+        'stroke-width="2"/>'
+    )
+    said = f"deviation {j.deviation / j.limit.value:.2f} of the limit, U {j.U / j.limit.value:.2f} of it"
+    return (
+        f'<svg class="bar" viewBox="0 0 {width:.0f} {height:.0f}" role="img" aria-label="{said}">{"".join(body)}</svg>'
+    )
+
+
+def edges_plot(seen: Inspection) -> str:
+    """Return the deviations of all edges seen, sorted, with U (k 2)."""
+    edges = sorted((e for e in seen.edges if np.isfinite(e.value)), key=lambda e: e.value)
+    if not edges:
+        return ""
+    low = min(min(e.value - 2 * e.sigma for e in edges), 0.0)
+    high = max(max(e.value + 2 * e.sigma for e in edges), 0.0)
+    ticks = round_ticks(low, high)
+    height, left, right, top, bottom = 220.0, 46.0, _WIDTH - 8, 8.0, 196.0
+
+    def y(v: float) -> float:
+        return bottom - (v - ticks[0]) / (ticks[-1] - ticks[0]) * (bottom - top)
+
+    body = _level_lines(ticks, y, left, right, "mm")
+    for i, e in enumerate(edges):
+        x = left + (right - left) * (i + 0.5) / len(edges)
+        color = COLORS[Verdict.FAIL] if e.off else "#0072b2"
+        title = f"<title>{escape(f'{e.kind} {e.chain} of {e.part}: {e.value:+.3f} mm, U {2 * e.sigma:.3f}')}</title>"
+        bar = _stroke(x, y(e.value - 2 * e.sigma), x, y(e.value + 2 * e.sigma), color, 1.5)
+        body.append(f'<g>{bar}<circle cx="{x:.1f}" cy="{y(e.value):.1f}" r="2.6" fill="{color}"/>{title}</g>')
+    body.append(_text(left, height - 6, f"{len(edges)} edges, from the most negative to the most positive"))
+    return _svg(height, body, "deviations of all edges with their uncertainty")
+
+
+def stations_plot(seen: Inspection, name: str) -> str:
+    """Return the deviations along the edges of a feature, an edge after the other, with U (k 2)."""
+    edges = [e for e in seen.edges if name in e.features and np.isfinite(e.station[:, 1:]).all() and len(e.station)]
+    if not edges:
+        return ""
+    every = np.concatenate([e.station for e in edges])
+    low = min(float((every[:, 1] - 2 * every[:, 2]).min()), 0.0)
+    high = max(float((every[:, 1] + 2 * every[:, 2]).max()), 0.0)
+    ticks = round_ticks(low, high)
+    height, left, right, top, bottom = 190.0, 46.0, _WIDTH - 8, 8.0, 166.0
+
+    def y(v: float) -> float:
+        return bottom - (v - ticks[0]) / (ticks[-1] - ticks[0]) * (bottom - top)
+
+    body = _level_lines(ticks, y, left, right, "mm")
+    step, at = (right - left) / (len(every) + len(edges)), left
+    for k, e in enumerate(edges):
+        xs = at + step * (np.arange(len(e.station)) + 0.5)
+        upper = [(x, y(v + 2 * s)) for x, (_, v, s) in zip(xs, e.station, strict=True)]
+        lower = [(x, y(v - 2 * s)) for x, (_, v, s) in zip(xs, e.station, strict=True)]
+        outline = " ".join(f"{px:.1f},{py:.1f}" for px, py in upper + lower[::-1])
+        line = " ".join(f"{x:.1f},{y(v):.1f}" for x, (_, v, _s) in zip(xs, e.station, strict=True))
+        color = "#0072b2" if k % 2 else "#00785a"
+        title = f"<title>{escape(f'{e.kind} {e.chain}')}</title>"
+        body.append(
+            f'<g><polygon points="{outline}" fill="{color}" fill-opacity="0.18"/><polyline points="{line}" fill="none" '
+            f'stroke="{color}" stroke-width="2"/>'
+        )
+        points = list(zip(xs, e.station[:, 1], strict=True))
+        dots = "".join(f'<circle cx="{x:.1f}" cy="{y(v):.1f}" r="2.2" fill="{color}"/>' for x, v in points)
+        body.append(f"{dots}{title}</g>")
+        at += step * (len(e.station) + 1)
+    body.append(_text(left, height - 6, f"{len(edges)} edges, {len(every)} pieces; band: U (k 2)"))
+    return _svg(height, body, f"deviations along the edges of {name}")
+
+
+def shares_plot(features: Sequence[FeatureDeviation]) -> str:
+    """Return for each feature a bar of 2 sigma in mm, divided by the shares of its causes in the variance."""
+    known = [f for f in features if f.displacement is not None]
+    if not known:
+        return ""
+    most = max(2 * f.sigma for f in known)
+    row, left = 34.0, 8.0
+    height = row * len(known) + 44
+    body = []
+    for i, f in enumerate(known):
+        y, x = row * i + 4, left
+        body.append(_text(left, y + 11, f"{f.name}: 2 sigma {2 * f.sigma:.3f} mm"))
+        for cause, share in f.shares.items():
+            w = (_WIDTH - 2 * left) * share * 2 * f.sigma / most if most > 0 else 0.0
+            title = f"<title>{CAUSE_WORDS[cause]}: {share:.0%} of the variance</title>"
+            place = f'x="{x:.1f}" y="{y + 15:.1f}" width="{w:.1f}" height="12"'
+            body.append(f'<rect {place} fill="{CAUSE_COLORS[cause]}">{title}</rect>')
+            x += w
+    x = left
+    for k, (cause, color) in enumerate(CAUSE_COLORS.items()):
+        px, py = left + (k % 2) * _WIDTH / 2, height - 34 + 18 * (k // 2)
+        body.append(f'<rect x="{px:.0f}" y="{py:.0f}" width="11" height="11" fill="{color}"/>')
+        body.append(_text(px + 16, py + 10, CAUSE_WORDS[cause]))
+    return _svg(height + 6, body, "what makes the uncertainty of each feature")
+
+
+def round_ticks(low: float, high: float) -> list[float]:
+    """Return four to seven round numbers from below `low` to above `high`."""
+    span = max(high - low, 1e-6)
+    raw = span / 4
+    size = 10.0 ** np.floor(np.log10(raw))
+    step = float(next(m * size for m in (1, 2, 5, 10) if m * size >= raw))
+    first, last = int(np.floor(low / step)), int(np.ceil(high / step))
+    return [round(step * i, 9) for i in range(first, max(last, first + 1) + 1)]
+
+
+def _level_lines(
+    ticks: Sequence[float], y: Callable[[float], float], left: float, right: float, unit: str
+) -> list[str]:
+    out = []
+    for tick in ticks:
+        zero = tick == 0
+        out.append(_stroke(left, y(tick), right, y(tick), "#666666" if zero else _FAINT, 1.2 if zero else 0.8))
+        out.append(f'<text x="{left - 5:.0f}" y="{y(tick) + 4:.1f}" text-anchor="end" font-size="11">{tick:g}</text>')
+    out.append(_text(2, y(ticks[-1]) + 18, unit))
+    return out
+
+
+def _stroke(x0: float, y0: float, x1: float, y1: float, color: str, width: float) -> str:
+    return f'<path d="M{x0:.1f} {y0:.1f}L{x1:.1f} {y1:.1f}" stroke="{color}" stroke-width="{width:g}"/>'
+
+
+def _text(x: float, y: float, text: str) -> str:
+    return f'<text x="{x:.0f}" y="{y:.0f}" font-size="12" fill="{_INK}">{escape(text)}</text>'
+
+
+def _svg(height: float, body: Sequence[str], label: str) -> str:
+    head = f'<svg class="plot" viewBox="0 0 {_WIDTH:.0f} {height:.0f}" role="img" aria-label="{escape(label)}">'
+    return head + "".join(body) + "</svg>"

@@ -1,0 +1,1 @@
+"""Calibration boards: what they look like, and their points in a picture."""

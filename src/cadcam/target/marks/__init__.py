@@ -1,0 +1,1 @@
+"""Single marks: what they look like, found in a picture and fitted to its grey values."""

@@ -1,0 +1,188 @@
+"""A board as a camera sees it: each pixel's mean over its square, through any lens, at any pose.
+
+Within a pixel the map from picture to board is taken as linear; its curvature there is below 1e-4 px for any lens of
+use. Pixels that an ink border may cross are averaged over a lattice of `_SAMPLES` points (a Fibonacci lattice: its
+projections on both axes are evenly spaced, so that upright borders are as exact as slanted ones, and it is symmetric
+about the pixel's centre, so that what is off here is made up for across a mark); all others take the ink at their
+centre.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Protocol, TypeAlias
+
+import numpy as np
+
+from cadcam.arrays import Array, Mask, Picture
+from cadcam.camera.camera import Camera
+from cadcam.errors import BadValue
+from cadcam.geometry.rigid import Rigid
+from cadcam.target.marks.mark import Mark, Plate
+
+Reflectance: TypeAlias = Callable[[Array], Array]
+
+_SAMPLES, _GENERATOR = 377, 233  # consecutive Fibonacci numbers, odd ones
+_TOGETHER = 4000  # pixels averaged in one go
+
+
+class Printed(Protocol):
+    """What can be drawn: a calibration board, a plate with marks."""
+
+    @property
+    def outline(self) -> tuple[float, float, float, float]:
+        """Return (left, top, right, bottom) of all ink in mm."""
+
+    @property
+    def cell_mm(self) -> float:
+        """Return the white margin around the ink if none is asked for, mm."""
+
+    def black(self, p: Array) -> Mask:
+        """Return whether there is ink at p (..., 2) mm."""
+
+
+def board_picture(
+    pattern: Printed,
+    camera: Camera,
+    camera_from_board: Rigid,
+    *,
+    paper: float = 0.9,
+    ink: float = 0.1,
+    background: float = 0.5,
+    margin_mm: float | None = None,
+    blur_px: float = 0.0,
+    noise: float = 0.0,
+    rng: np.random.Generator | None = None,
+) -> Picture:
+    """Return the grey picture (H, W) of a board printed on paper with `margin_mm` of white around it (default a cell).
+
+    blur_px: sigma of a Gaussian point spread; noise: sigma of a grey value, with `rng`. Values are not clipped.
+    """
+    picture = _sharp(pattern, camera, camera_from_board, (paper, ink, background), margin_mm)
+    return _exposed(picture, blur_px, noise, rng)
+
+
+def marks_picture(
+    marks: Sequence[Mark],
+    camera: Camera,
+    camera_from_marks: Sequence[Rigid],
+    *,
+    paper: float = 0.9,
+    ink: float = 0.1,
+    background: float = 0.5,
+    margin_mm: float | None = None,
+    blur_px: float = 0.0,
+    noise: float = 0.0,
+    rng: np.random.Generator | None = None,
+) -> Picture:
+    """Return the grey picture (H, W) of marks at any poses, each on a square of paper; near ones hide far ones.
+
+    margin_mm: white around each mark (default half its radius). Marks behind the camera are refused, those beside the
+    picture left out. blur_px, noise: as for `board_picture`.
+    """
+    if len(marks) != len(camera_from_marks):
+        raise BadValue("poses", len(camera_from_marks), f"one for each of the {len(marks)} marks")
+    picture = np.full((camera.height, camera.width), float(background))
+    for k in np.argsort([-pose.translation[2] for pose in camera_from_marks]):
+        _paint(picture, marks[k], camera, camera_from_marks[k], (paper, ink), margin_mm)
+    return _exposed(picture, blur_px, noise, rng)
+
+
+def _paint(
+    picture: Array, mark: Mark, camera: Camera, pose: Rigid, levels: tuple[float, float], margin_mm: float | None
+) -> None:
+    """Lay one mark and its paper over a picture."""
+    margin = mark.radius / 2 if margin_mm is None else margin_mm
+    reach = mark.radius + margin + (mark.radius if mark.light else 0.0)
+    corners = pose @ np.array([[x, y, 0.0] for x in (-reach, reach) for y in (-reach, reach)])
+    if (corners[:, 2] <= 0).any():
+        raise BadValue(f"pose of {mark}", f"z from {corners[:, 2].min():.4g} mm", "in front of the camera")
+    q = camera.project(corners)
+    low = np.floor(np.nan_to_num(q.min(axis=0), nan=0)).astype(int) - 2
+    high = np.ceil(np.nan_to_num(q.max(axis=0), nan=0)).astype(int) + 3
+    (left, top), (right, bottom) = low.clip(0), np.minimum(high, camera.size)
+    if right <= left or bottom <= top:
+        return
+    window, part = camera.crop(left, top, (right - left, bottom - top)), picture[top:bottom, left:right]
+    plate = Plate((mark,), np.zeros((1, 2)))
+    on_black, on_white = (_sharp(plate, window, pose, (*levels, ground), margin) for ground in (0.0, 1.0))
+    part[...] = on_black + (on_white - on_black) * part
+
+
+def _sharp(
+    pattern: Printed,
+    camera: Camera,
+    camera_from_board: Rigid,
+    levels: tuple[float, float, float],
+    margin_mm: float | None,
+) -> Array:
+    paper, ink, background = levels
+    corners = _hit(camera, camera_from_board, _pixel_corners(camera))
+    place = _hit(camera, camera_from_board, camera.pixel_grid())
+    left, top, right, bottom = pattern.outline
+    margin = pattern.cell_mm if margin_mm is None else margin_mm
+    low, high = np.array([left - margin, top - margin]), np.array([right + margin, bottom + margin])
+
+    def reflectance(p: Array) -> Array:
+        sheet: Mask = np.asarray(np.isfinite(p).all(axis=-1) & (p >= low).all(axis=-1) & (p <= high).all(axis=-1))
+        p = np.where(sheet[..., None], p, low - 1.0)
+        return np.where(sheet, np.where(pattern.black(p), ink, paper), background)
+
+    picture: Array = reflectance(place)
+    mixed = _mixed(reflectance, corners, picture)
+    picture[mixed] = _averaged(reflectance, place[mixed], _slope(corners)[mixed])
+    return picture
+
+
+def _exposed(picture: Array, blur_px: float, noise: float, rng: np.random.Generator | None) -> Picture:
+    if blur_px:
+        from scipy.ndimage import gaussian_filter
+
+        picture = gaussian_filter(picture, blur_px, mode="nearest", truncate=6.0)
+    if noise and rng is not None:
+        picture = picture + rng.normal(0.0, noise, picture.shape)
+    return np.asarray(picture, dtype=np.float32)
+
+
+def _pixel_corners(camera: Camera) -> Array:
+    """Return the corners of all pixels (H + 1, W + 1, 2)."""
+    x, y = np.meshgrid(np.arange(camera.width + 1) - 0.5, np.arange(camera.height + 1) - 0.5)
+    return np.stack([x, y], axis=-1)
+
+
+def _slope(corners: Array) -> Array:
+    """Return how the place on the board moves with q at each pixel (H, W, 2, 2), by its corners."""
+    along = np.diff((corners[1:] + corners[:-1]) / 2, axis=1)
+    down = np.diff((corners[:, 1:] + corners[:, :-1]) / 2, axis=0)
+    return np.stack([along, down], axis=-1)
+
+
+def _hit(camera: Camera, camera_from_board: Rigid, q: Array) -> Array:
+    board_from_camera = camera_from_board.inv
+    ray = camera.unproject(q) @ board_from_camera.rotation.T
+    origin = board_from_camera.translation
+    with np.errstate(all="ignore"):
+        t = -origin[2] / ray[..., 2]
+        return np.where((t > 0)[..., None], origin[:2] + t[..., None] * ray[..., :2], np.nan)
+
+
+def _mixed(reflectance: Reflectance, corners: Array, middle: Array) -> Mask:
+    """Return the pixels that do not look the same at their middle, their corners and halfway between those."""
+    level, upright = (corners[:, 1:] + corners[:, :-1]) / 2, (corners[1:] + corners[:-1]) / 2
+    c, h, v = reflectance(corners), reflectance(level), reflectance(upright)
+    others = (c[:-1, :-1], c[:-1, 1:], c[1:, :-1], c[1:, 1:], h[:-1], h[1:], v[:, :-1], v[:, 1:])
+    mixed = np.zeros(middle.shape, dtype=bool)
+    for other in others:
+        mixed |= other != middle
+    return mixed
+
+
+def _averaged(reflectance: Reflectance, place: Array, slope: Array) -> Array:
+    index = np.arange(_SAMPLES) + 0.5  # by the half the points are symmetric about the pixel's centre
+    within = np.column_stack([index / _SAMPLES, index * _GENERATOR % _SAMPLES / _SAMPLES]) - 0.5
+    out = np.zeros(len(place))
+    for first in range(0, len(place), _TOGETHER):
+        block = slice(first, first + _TOGETHER)
+        points = place[block, None] + np.einsum("nij,sj->nsi", slope[block], within)
+        out[block] = reflectance(points).mean(axis=1)
+    return out

@@ -1,0 +1,146 @@
+"""The picture of a mark as a function of where it lies: the model that is fitted to grey values, with its slopes.
+
+A pixel's place on the mark is p = N_xy / N_z, N = H (m, 1), for the plane's homography H (mark from image, about the
+mark) and the pixel's coordinates m there. The mark is blurred by a Gaussian of s px; what share of ink a pixel then has
+is worked out in the core (mark.h), exactly for discs, straight borders and their corners. Then
+
+    I = (m + c (share(q) + b share(q) (1 - share(q)))) (1 + g . (u, v)),
+
+light that varies over the mark acting on ink and paper alike, and b the bend of the camera's response: a gamma makes
+what is half ink lighter or darker than the mean of ink and paper (chapter 5 of the dissertation). The share is the mean
+over the mark's motion d = (dx, dy) px while the shutter is open; d and -d are the same. The first nine parameters are
+x y * * c s m gx gy, the places of which `photometric.fitted` knows; the rest of the geometry follows, then b dx dy.
+The blur takes in the mean over a pixel's square, whose variance is 1/12 px^2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from cadcam.arrays import Array, Ids
+from cadcam.geometry import rotation as so3
+from cadcam.native.marks import LOOSE, Borders, picture, picture_with_slopes
+from cadcam.target.boards.photometric import BLUR, CONTRAST, Model
+from cadcam.target.marks.mark import Mark
+
+Matrix: TypeAlias = Callable[[Array, Array], Array]  # geometry (..., k), what is held (..., h) -> H (..., 3, 3)
+
+_LEVELS = (CONTRAST, BLUR, 6, 7, 8)  # c s m gx gy, before the bend
+_STEP = 1e-5
+
+
+@dataclass(frozen=True, slots=True)
+class Geometry:
+    """How a mark may lie: `count` parameters, the first two x, y in px; matrix: gives H of them."""
+
+    count: int
+    matrix: Matrix
+
+    @property
+    def places(self) -> Ids:
+        """Return where the geometry's parameters stand among all."""
+        return np.array([0, 1, 2, 3, *range(9, 5 + self.count)], dtype=np.int32)
+
+    @property
+    def free(self) -> int:
+        """Return the number of parameters that are always fitted; b dx dy come after them, then what is held."""
+        return self.count + len(_LEVELS)
+
+    @property
+    def levels(self) -> Ids:
+        """Return where c s m gx gy b dx dy stand."""
+        return np.array([*_LEVELS, *range(self.free, self.free + LOOSE)], dtype=np.int32)
+
+    @property
+    def motion(self) -> Ids:
+        """Return where dx dy stand."""
+        return self.levels[-2:]
+
+    def homography(self, parameters: Array) -> Array:
+        """Return H (B, 3, 3) of parameters (B, n)."""
+        return self.matrix(parameters[:, self.places], self.held(parameters))
+
+    def held(self, parameters: Array) -> Array:
+        """Return what is held (B, h) of parameters (B, n)."""
+        return parameters[:, self.free + LOOSE :]
+
+
+def affine(*, turned: bool, perspective: bool) -> Geometry:
+    """Return the plane without a camera: x y A11 A12 A22 [A21] [h1 h2], p = A (q - c) / (1 + h . (q - c)).
+
+    turned: whether the mark has a direction; else A is symmetric. perspective: whether h is free.
+    """
+    linear = 6 if turned else 5
+
+    def matrix(g: Array, held: Array) -> Array:
+        H = np.zeros((*g.shape[:-1], 3, 3))
+        x, y = g[..., 0], g[..., 1]
+        H[..., 0, 0], H[..., 0, 1], H[..., 1, 1] = g[..., 2], g[..., 3], g[..., 4]
+        H[..., 1, 0] = g[..., 5 if turned else 3]
+        H[..., :2, 2] = -(H[..., :2, 0] * x[..., None] + H[..., :2, 1] * y[..., None])
+        H[..., 2, 2] = 1.0
+        if perspective:
+            H[..., 2, :2] = g[..., linear:]
+            H[..., 2, 2] -= g[..., linear] * x + g[..., linear + 1] * y
+        return H
+
+    return Geometry(linear + 2 * perspective, matrix)
+
+
+def posed(*, turned: bool) -> Geometry:
+    """Return the plane as a camera sees it: x y, log of the depth, turns about the mark's x and y [and z] axes, rad.
+
+    Held (9): Q = L^-1 R by the depth, L (rays from the image's coordinates), R (camera from mark) at the start. H is
+    the inverse of [Q exp(w) e1, Q exp(w) e2, exp(k) (x, y, 1)].
+    """
+
+    def matrix(g: Array, held: Array) -> Array:
+        Q = held.reshape(*held.shape[:-1], 3, 3)
+        w = np.zeros((*g.shape[:-1], 3))
+        w[..., : 3 if turned else 2] = g[..., 3:]
+        M = Q @ so3.exp(w)
+        xy1 = np.concatenate([g[..., :2], np.ones_like(g[..., :1])], axis=-1)
+        M[..., 2] = xy1 * np.exp(g[..., 2:3])
+        return np.asarray(np.linalg.inv(M))
+
+    return Geometry(6 if turned else 5, matrix)
+
+
+def mark_model(mark: Mark, geometry: Geometry, *, loose: int = 0) -> Model:
+    """Return the model of a mark's picture; loose: how many of b dx dy are free too, the others are held.
+
+    Its pixels (B, P, 2), or through a lens (B, P, 8): u, v, then the coordinates m in which H acts and dm/dq (2, 2).
+    """
+    borders = Borders.of(mark.sectors, mark.full)
+
+    def model(parameters: Array, pixels: Array) -> tuple[Array, Array]:
+        H, dH = with_slopes(geometry, parameters[:, geometry.places], geometry.held(parameters))
+        return picture_with_slopes(borders, pixels, H, dH, parameters[:, geometry.levels], loose=loose)
+
+    return model
+
+
+def predicted(mark: Mark, geometry: Geometry, parameters: Array, pixels: Array) -> Array:
+    """Return the grey values (B, P) that `mark_model` gives, without their slopes."""
+    return picture(
+        Borders.of(mark.sectors, mark.full), pixels, geometry.homography(parameters), parameters[:, geometry.levels]
+    )
+
+
+def share_of_ink(mark: Mark, H: Array, pixels: Array, s: Array) -> Array:
+    """Return the share of ink (B, P) at pixels (B, P, 2 or 8) for H (B, 3, 3) and blurs s (B,) px."""
+    levels = np.zeros((len(H), len(_LEVELS) + LOOSE))
+    levels[:, 0], levels[:, 1] = 1.0, s
+    return picture(Borders.of(mark.sectors, mark.full), pixels, H, levels)
+
+
+def with_slopes(geometry: Geometry, g: Array, held: Array) -> tuple[Array, Array]:
+    """Return H (B, 3, 3) and its slopes (B, k, 3, 3), by central differences: exact to 1e-10 for these functions."""
+    k = geometry.count
+    shifted = g[:, None] + _STEP * np.concatenate([np.eye(k), -np.eye(k)])
+    H = geometry.matrix(shifted, np.broadcast_to(held[:, None], (len(g), 2 * k, held.shape[1])))
+    return geometry.matrix(g, held), (H[:, :k] - H[:, k:]) / (2 * _STEP)

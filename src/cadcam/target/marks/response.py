@@ -1,0 +1,71 @@
+"""Marks fitted with what a camera adds to their pictures, where residuals show it: a bent response, and motion.
+
+A camera that bends its response, by a gamma or by being overexposed, contradicts a straight one on all borders alike.
+A mark that moves while the shutter is open is blurred along its way and not across; a model without that makes up for
+it by a tilt, or takes borders for covered. Both are asked for by a score test on the fit that has neither.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cadcam.arrays import Array, Ids
+from cadcam.native.marks import LOOSE
+from cadcam.target.boards.photometric import BLUR, Fit, fitted, missed
+from cadcam.target.marks.mark import Mark
+from cadcam.target.marks.model import Geometry, mark_model
+from cadcam.target.marks.window import Window
+
+STRAIGHT, BENT, MOVED = 0, 1, LOOSE  # how many of b dx dy are fitted
+_SEEN = 30.0  # fall of chi-square from which they are: by chance once in 2e7 marks
+_LONG = 2.0  # blurs that a motion is long at least: a shorter one shifts nothing, and pixel squares can look like it
+_SHARPEST = 0.4  # of the blur that seems round: what is left of it at least when motion is taken out
+
+
+def fit_as_seen(mark: Mark, geometry: Geometry, start: Array, window: Window, q: Array) -> tuple[Fit, Ids]:
+    """Return the fit to whole windows, and how many of b dx dy (B,) are in it: all where it starts in motion."""
+
+    def part(loose: int, begin: Array, k: Ids) -> Fit:
+        some = window.subset(k)
+        model = mark_model(mark, geometry, loose=loose)
+        return fitted(model, begin, some.values, some.pixels, some.weight, q[k], some.size)
+
+    every = np.arange(len(q), dtype=np.int32)
+    if start[:, geometry.motion].any():
+        return part(MOVED, start, every), np.full(len(q), MOVED, np.int32)
+    fit = part(STRAIGHT, start, every)
+    bend, motion, moved = _asked(mark, geometry, fit, window)
+    loose = np.where(motion > _SEEN, MOVED, np.where(bend > _SEEN, BENT, STRAIGHT)) * fit.good
+    for count, begin in ((BENT, fit.parameters), (MOVED, moved)):
+        k = np.flatnonzero(loose == count).astype(np.int32)
+        if k.size:
+            fit = fit.replaced(part(count, begin[k], k), k)
+    return fit, loose.astype(np.int32)
+
+
+def _asked(mark: Mark, geometry: Geometry, fit: Fit, window: Window) -> tuple[Array, Array, Array]:
+    """Return by how much chi-square would fall (B,) by a bend, by motion besides, and parameters that have the motion.
+
+    What is asked of motions too short to matter is answered by 0.
+    A motion of l px towards the angle a adds l^2/24 (1 + cos 2(n - a)) to the variance of the blur across a border
+    whose normal lies at n. The round part is blur already; the rest changes the picture, to first order, by
+    l^2/(48 s) cos 2(n - a) times its slope by the blur s.
+    """
+    whole = mark_model(mark, geometry, loose=MOVED)
+
+    def directed(parameters: Array, pixels: Array) -> tuple[Array, Array]:
+        value, J = whole(parameters, pixels)  # whose slopes by a motion are 0 where there is none
+        x, y = J[..., 0].copy(), J[..., 1].copy()  # along the normal
+        xx, yy = x * x, y * y
+        by_blur = J[..., BLUR] / np.maximum(xx + yy, 1e-12)
+        J[..., -2], J[..., -1] = by_blur * (xx - yy), by_blur * (2 * x * y)
+        return value, J
+
+    n = geometry.free + BENT
+    (bend, both), step = missed(directed, fit, window.values, window.pixels, window.weight, free=(n, n + 2))
+    begin, s = fit.parameters.copy(), fit.parameters[:, BLUR]
+    l2 = 48 * s * np.hypot(step[:, n], step[:, n + 1])
+    turn = np.arctan2(step[:, n + 1], step[:, n]) / 2
+    begin[:, geometry.motion] = np.sqrt(l2)[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    begin[:, BLUR] = np.sqrt(np.maximum(s * s - l2 / 24, (_SHARPEST * s) ** 2))
+    return bend, np.where(l2 > (_LONG * s) ** 2, both - bend, 0.0), begin

@@ -1,0 +1,86 @@
+"""The pixels that marks are fitted to: windows about them, thinned out where ground and ink are plain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadcam.arrays import Array, Ids, Index, Mask, Picture
+from cadcam.target.boards.photometric import patches
+from cadcam.target.marks.mark import Mark
+
+MARGIN = 0.7  # of the radius: how much ground the window takes in; it tells varying light from a shift of the mark
+_LEAST_MARGIN, _MOST_MARGIN = 5.0, 12.0  # px of it
+_PLAIN = 4.0  # px from all borders, beyond which ground and ink are plain
+_ALIKE = 1.5  # sizes within this ratio are handled together
+_LARGE = 30.0  # px of radius, from which every second pixel near borders is enough
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Window:
+    """Grey values (B, P), pixels (B, P, 2 or 8), weights (B, P), shares of the windows outside the picture, sizes."""
+
+    values: Array
+    pixels: Array
+    weight: Array
+    outside: Array
+    size: Array
+
+    @classmethod
+    def around(
+        cls, gray: Picture, q: Array, image_from_mark: Array, mark: Mark, margin: float, step: int = 1
+    ) -> Window:
+        """Return the windows about marks at q (B, 2) px of shapes (B, 2, 2) px by mm; step: of rows and columns."""
+        radius = mark.radius
+        A = np.linalg.inv(image_from_mark)
+        major, minor = radius * np.linalg.svd(image_from_mark, compute_uv=False).T
+        reach = 1 + np.clip(margin * minor, _LEAST_MARGIN * min(margin / MARGIN, 1.0), _MOST_MARGIN) / minor
+        values, pixels, there = patches(gray, q, np.maximum(reach * major, 2.0), step)
+        p = pixels @ np.swapaxes(A, 1, 2) / radius
+        rho = np.sqrt(np.sum(p**2, axis=-1))
+        wanted = rho <= reach[:, None]
+        if step == 1:
+            wanted &= _telling(mark, rho, pixels, q, minor)
+        weight = (wanted & there).astype(np.float64)
+        outside = 1 - weight.sum(axis=1) / np.maximum(wanted.sum(axis=1), 1)
+        if len(q):  # only as many pixels as the largest window has
+            kept = np.argsort(~wanted, axis=1, kind="stable")[:, : wanted.sum(axis=1).max()]
+            values, weight = (np.take_along_axis(a, kept, axis=1) for a in (values, weight))
+            pixels = np.take_along_axis(pixels, kept[..., None], axis=1)
+        return cls(values, pixels, weight, outside, minor)
+
+    def subset(self, which: Index) -> Window:
+        """Return the windows that `which` selects."""
+        return Window(*(getattr(self, name)[which] for name in Window.__slots__))
+
+    def thinned(self, pixels: int) -> Window:
+        """Return the windows with about so many of their pixels at most, evenly spread."""
+        step = max(1, round(self.values.shape[1] / pixels))
+        kept = slice(None, None, step)
+        return Window(self.values[:, kept], self.pixels[:, kept], self.weight[:, kept], self.outside, self.size)
+
+    def only(self, i: int) -> tuple[Window, Mask]:
+        """Return the i-th window alone, with as many pixels as it has, and which of all (P,) those are."""
+        there = self.weight[i] > 0
+        one = self.subset(np.array([i]))
+        return Window(one.values[:, there], one.pixels[:, there], one.weight[:, there], one.outside, one.size), there
+
+
+def by_size(size: Array) -> list[Ids]:
+    """Return the numbers of the windows of about one size, group by group: side by side they have as many pixels."""
+    octave = np.floor(np.log(np.maximum(size, 1.0)) / np.log(_ALIKE))
+    return [np.flatnonzero(octave == k).astype(np.int32) for k in np.unique(octave)]
+
+
+def _telling(mark: Mark, rho: Array, pixels: Array, q: Array, minor: Array) -> Mask:
+    """Return which pixels are near a border, and of the plain rest every fifth: enough for its level and light."""
+    if not mark.concentric or not len(q) or minor.min() < 3 * _PLAIN:
+        return np.ones(rho.shape, bool)
+    borders = np.unique(mark.sectors[:, :2]) / mark.radius
+    near = np.zeros(rho.shape, bool)
+    for r in borders[borders > 0]:
+        near |= np.abs(rho - r) * minor[:, None] < _PLAIN
+    x, y = (np.rint(pixels[..., i] + q[:, None, i]).astype(int) for i in (0, 1))
+    near &= (minor[:, None] < _LARGE) | ((x + y) % 2 == 0)
+    return np.asarray(near | ((x + 2 * y) % 5 == 0))
