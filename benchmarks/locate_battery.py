@@ -4,10 +4,10 @@
 
 Every condition below (a camera, a surface, a light, a thing in the way, a sensor, a file) is drawn with other parts,
 views, cameras, grounds and starts by each seed; truth is exact. Starts are 10 to 20 degrees, 20 to 40 px and 5 to 10 %
-of the depth off, or there are none. Pictures come from benchmarks/battery_pictures.py, from cadcam's own photographs,
-from pyrender and, where it is installed, Mitsuba; each is written to a file and read again. Prints by condition: how
-many answers are right (a corner in view at most 2 px off), how many of those are called found, wrong ones called found
-(5 px off or more, or nothing to be found), errors, whether the covariances are true, and CPU time.
+of the depth off, or there are none. Pictures come from benchmarks/battery_pictures.py and, where it is installed,
+pyrender; each is written to a file and read again. Prints by condition: how many answers are right (a corner in view at
+most 2 px off), how many of those are called found, wrong ones called found (5 px off or more, or nothing to be found),
+errors, whether the covariances are true, and CPU time.
 """
 
 from __future__ import annotations
