@@ -85,6 +85,23 @@ def test_a_start_better_than_what_its_approach_leads_to_is_preferred(
     assert len(asked) == 3
 
 
+def test_a_pose_that_is_hardly_found_is_held_against_the_start(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a lattice of equal bays a pose one bay off was found with quality 0.58, from a start 2 mm off."""
+    pose = pose_of(rng)
+    aside = Rigid(translation=[150.0, 0, 0]) @ pose
+
+    def hardly(part: Part, photos: list[Photo], start: Rigid, **kwargs: object) -> object:
+        location, sights = refined(part, photos, start, **kwargs)
+        return (replace(location, quality=0.58, doubted=False), sights) if start is aside else (location, sights)
+
+    monkeypatch.setattr("cadcam.locate.locate.approach", lambda *_, **__: [Hypothesis(aside, 1.0, 0.5)])
+    monkeypatch.setattr("cadcam.locate.locate.refined", hardly)
+    found = locate(block(), [photo_of(pose, rng)], off(pose, rng, degrees=1, px=2))
+    assert largest_miss(found.pose.world_from_part, pose) < 1
+
+
 def test_of_answers_that_are_as_good_one_without_doubt_is_first() -> None:
     """A pose that needs a body of the part to be absent, half a lattice off, had 0.5619 and the right one 0.5612."""
     doubted, right = replace(told(Rigid(), 0.5619), doubted=True), told(Rigid(), 0.5612)

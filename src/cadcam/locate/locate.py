@@ -93,9 +93,12 @@ def _located(
 
     tried = _refined(part, photos, hypotheses[:most], freedom, options, chosen, basins, clear)
     every = not any(clear(*t) for t in tried if t[1].found)
-    if start is not None and not any(location.found and not location.doubted for _, location in tried):
+    quality = max((location.quality for _, location in tried if location.found and not location.doubted), default=0.0)
+    if start is not None and quality < _SURE:
         score = max(h.score for h in hypotheses)  # none is likelier than a start that is as good as said
-        tried += [(score, location) for location in _as_it_is(part, photos, start, reach, freedom, options, basins)]
+        # Where bays of a lattice are alike, a pose one bay off is found, too, if hardly: then the start is near enough.
+        far = max(options.search_px, reach.shift_px) if quality == 0 else None
+        tried += [(score, o) for o in _as_it_is(part, photos, start, far, freedom, options, basins)]
     ranked = _ranked(tried)
     score, best = ranked[0]
     alike = _alike(part, best) if start is None else []
@@ -131,17 +134,21 @@ def _as_it_is(
     part: Part,
     photos: Sequence[Photo],
     start: Rigid,
-    reach: Reach,
+    far: float | None,
     freedom: Freedom,
     options: EdgeOptions,
     basins: Basins,
 ) -> list[Location]:
-    """Return what refining a start finds with lines looked for nearby, and, if nothing, as far off as it may be."""
+    """Return what refining a start finds with lines looked for nearby, and, if nothing, up to `far` px away.
+
+    far: None where there is an answer already, and only a start that is nearly right could have a better one.
+    """
     done: list[Location] = []
-    for search_px in (options.search_px, max(options.search_px, reach.shift_px)):
+    for search_px in (options.search_px,) if far is None else (options.search_px, far):
         if not any(location.found for location in done) and not basins.hold(start, search_px):
             searching = replace(options, search_px=search_px)
-            location, sights = refined(part, photos, start, freedom=freedom, options=searching)
+            wider = far is not None
+            location, sights = refined(part, photos, start, freedom=freedom, options=searching, wider=wider)
             done.append(location)
             basins.add(location, sights)
     return done
