@@ -22,11 +22,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask, quantile
+from cadcam.arrays import Array, Longs, Mask, quantile
 from cadcam.errors import DegenerateGeometry
 from cadcam.native.grouped import Tried, averaged_fit
 
-Longs = npt.NDArray[np.int64]
 _FULL, _NONE = 2.5, 4.0  # standard deviations: up to the first a datum counts fully, beyond the second not at all
 _SETTLED = 0.02  # standard deviations that x may still move
 # Variances between groups, roots, in usual ones, and how much of the range each stands for: half-Cauchy.

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask, Picture
+from cadcam.arrays import Array, Ids, Longs, Mask, Picture
 from cadcam.errors import BadValue
 from cadcam.native.core import addresses, library
 
@@ -18,7 +18,6 @@ SECTORS = 8
 MARGIN, SPARE, SWEPT = 48, 3, 51  # CC_MARGIN, CC_SPARE, CC_SWEPT
 PLACE = np.dtype([("p", np.float32, 3), ("tangent", np.float32, 3), ("weight", np.float32)])
 Bytes = npt.NDArray[np.uint8]
-Longs = npt.NDArray[np.int64]
 
 
 class Planes(NamedTuple):

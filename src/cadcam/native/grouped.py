@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.errors import BadValue
 from cadcam.native.core import library
 
 UNKNOWNS = 16  # CC_UNKNOWNS
-Longs = npt.NDArray[np.int64]
 
 
 class _Grouped(c.Structure):

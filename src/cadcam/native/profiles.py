@@ -6,13 +6,11 @@ import ctypes as c
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Picture
+from cadcam.arrays import Array, Ids, Longs, Picture
 from cadcam.errors import BadValue, NotEnoughMemory
 from cadcam.native.core import addresses, library
 
-Longs = npt.NDArray[np.int64]
 STEP_SUMS, STEP_TERMS = 39, 9  # CC_STEP_SUMS, CC_STEP_TERMS
 BAND_BINS, BAND_KNOWN = 32, 3  # CC_BAND_BINS, CC_BAND_KNOWN
 LENS, PULLED, MOST_STEPS = 12, 9, 16  # CC_LENS; motions of cc_pull; CC_MOST_STEPS

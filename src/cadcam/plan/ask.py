@@ -12,13 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.plan.feature import LayoutFeature, plane_axes
 from cadcam.verify.tolerance import Limit, Quantity
 
-Longs = npt.NDArray[np.int64]
 _FREE = 1.0  # information, in units of a limit, along a straight edge: nothing is asked of it there
 
 

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from statistics import mode
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.cad.edges import FeatureEdges
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
@@ -24,7 +23,6 @@ from cadcam.plan.layout import Layout
 from cadcam.plan.look import Look, look
 from cadcam.render.view import Scene
 
-Longs = npt.NDArray[np.int64]
 _PIECE = 1 / 45  # of the part's diagonal: longest side of a piece that is painted
 _MOST = 400_000  # pieces
 _AT_ONCE = 20_000

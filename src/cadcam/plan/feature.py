@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask, frozen
+from cadcam.arrays import Array, Longs, Mask, frozen
 from cadcam.errors import BadValue
 from cadcam.render.view import Scene
 from cadcam.verify.tolerance import Limit, Quantity, Selection
 
-Longs = npt.NDArray[np.int64]
 _RIM = 8  # places on a circle's rim that have to be seen
 _STATIONS = 9  # on a straight edge
 _MOST_STATIONS = 48  # on the edges of a selection

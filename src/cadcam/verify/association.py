@@ -11,16 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask, quantile
+from cadcam.arrays import Array, Longs, Mask, quantile
 from cadcam.image.profile import candidates
 from cadcam.locate.lines.cells import Cells, measure
 from cadcam.locate.lines.edges import Projected
 from cadcam.locate.lines.sight import Sight
 from cadcam.verify.sightlines import REACH_PX, STEP_PX, Sightlines
 
-Longs = npt.NDArray[np.int64]
 CAPTURE_PX = 1.5  # how far an edge may be from the shifted model's and still support it
 ROOM_PX = 2.5  # beside a place that must be free of other lines, for a step to be fitted to the pixels there
 _APART = 1.5  # blurs: as far again, for other lines' own steps

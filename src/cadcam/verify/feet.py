@@ -11,14 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.cad.edges import EdgeKind
 from cadcam.verify.sightlines import Sightlines
 from cadcam.verify.surroundings import Surroundings
 
-Longs = npt.NDArray[np.int64]
 _FLAT = 0.95  # cosine between side and ground from which they count as one surface
 
 

@@ -14,9 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import noise_of
 from cadcam.locate.part import Part
@@ -24,7 +23,6 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.quality.light import Light
 from cadcam.verify.shown import Shown, Window
 
-Longs = npt.NDArray[np.int64]
 _RIM_PX = 4  # around a body's picture that counts too
 _BLUR_PX, _BLURRED_PX = 0.7, 3  # of the photo, about; how far it reaches
 _WORST = 9.0  # squared sigmas that a pixel is off at most

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.errors import DegenerateGeometry
 from cadcam.verify.adjustment import CAUSES, Adjustment, Estimate, FittedPose
 from cadcam.verify.alarms import either, tail_probability
@@ -16,7 +15,6 @@ from cadcam.verify.scatter import EdgeNoise, common_error, improbability, white_
 from cadcam.verify.sightlines import Sightlines
 from cadcam.verify.survey import Survey
 
-Longs = npt.NDArray[np.int64]
 SEEN_PX = 0.5  # standard deviation, in px, up to which a direction of displacement counts as seen
 UNSEEN_PX = 4.0  # standard deviation of a displacement, in px, in directions that are not seen
 STATION_PX = 24.0  # length of the pieces of an edge that are looked at one by one

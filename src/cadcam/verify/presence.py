@@ -14,14 +14,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.verify.association import CAPTURE_PX, Association, best_shift, supported
 from cadcam.verify.sightlines import Sightlines
 from cadcam.verify.surroundings import Surroundings, alike
 
-Longs = npt.NDArray[np.int64]
 LEAST_PLACES = 4  # of an edge that can say anything
 _DECOY_SHARE = 0.65  # of the reach at which decoys stand
 _CLEAR_PX = 3.5  # from its own place before a decoy counts

@@ -11,11 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Longs, Mask
 
-Longs = npt.NDArray[np.int64]
 _LEAST_PX, _MOST_PX = 1e-4, 3.0  # where tau is looked for
 _TRIES = 40
 _LEAST_FOR_SCALE = 5

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask
+from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.cad.edges import FeatureEdges
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
@@ -17,7 +16,6 @@ from cadcam.locate.quality.light import EVERY, Light, light_of, paints_of, surfa
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Scene
 
-Longs = npt.NDArray[np.int64]
 Window = tuple[slice, slice]
 _PAIR, _ONE = np.zeros((0, 2), np.int32), np.zeros(0, np.int32)
 _NO_EDGES = FeatureEdges(_PAIR, _PAIR, _ONE, _ONE, _ONE)

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask
+from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.camera.sensitivity import project_with_sensitivity
 from cadcam.camera.viewpoint import ErrorSource
 from cadcam.geometry.rigid import Rigid
@@ -19,7 +18,6 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render.lines.wireframe import LineOptions
 
-Longs = npt.NDArray[np.int64]
 STEP_PX, REACH_PX = 4.0, 7.0  # length of the cell that a place stands for, and how far to each side it reaches
 _LINES = LineOptions(margin_px=0.0)
 

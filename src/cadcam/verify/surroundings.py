@@ -9,14 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids
+from cadcam.arrays import Array, Ids, Longs
 from cadcam.locate.photo import Photo
 from cadcam.verify.shown import Shown
 from cadcam.verify.sightlines import Sightlines
 
-Longs = npt.NDArray[np.int64]
 FAINT = 0.02  # contrast below which an edge may well not show
 _SURE_WAY = 4.0  # sigmas of a change of brightness whose sign is sure
 _ASIDE_PX = 1.5  # where the sides are looked at: twins are farther apart than this

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -21,8 +20,6 @@ from cadcam.verify.shown import Shown
 from cadcam.verify.sightlines import Sightlines, sightlines
 from cadcam.verify.surroundings import FAINT, surroundings
 from cadcam.verify.tolerance import Selection, Tolerances
-
-Longs = npt.NDArray[np.int64]
 
 _LEAST_GUESSED = 12  # places from which a feature's own place is guessed
 _BESIDE_SHARE = 0.5  # of an edge's places that show one beside it, and none there

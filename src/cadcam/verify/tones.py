@@ -12,9 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask
+from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import noise_of
 from cadcam.locate.part import Part
@@ -22,7 +21,6 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.quality.light import Light
 from cadcam.verify.shown import Shown, Window
 
-Longs = npt.NDArray[np.int64]
 _RIM_PX = 3  # of the body's picture, which is blurred or another body's where that one is off
 _LEAST_PX = 60  # of a piece whose brightness counts: small ones are borders and corners
 _LAPSE = 0.02  # probability that the light is not as it was fitted

@@ -15,14 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.image.profile import StepSums, parabola, step_rests, step_sums
 from cadcam.locate.lines.cells import Cells
 from cadcam.locate.lines.edges import Projected
 from cadcam.locate.lines.sight import Sight
 from cadcam.native.profiles import band_gains
 
-Longs = npt.NDArray[np.int64]
 _BINS, _WIDTH = 28, 0.5  # px: by distance from the line
 _FAR = 5.5  # px: how far to each side; nearer, steps 1.5 and 3.5 px away can look the same
 FARTHEST_PX = 5.0  # how wide bands are at most

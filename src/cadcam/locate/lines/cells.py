@@ -9,15 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask
+from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.image.profile import Steps, StepSums, step_sums
 from cadcam.locate.lines.edges import Projected
 from cadcam.locate.lines.sight import Sight
 from cadcam.native.profiles import along_runs
 
-Longs = npt.NDArray[np.int64]
 _APART = 1.5  # blurs: a cell ends that far before the next line
 _PAST, _TWIN = 2.0, 3.0  # blurs: it ends that far beyond a twin, which must be as far away
 _LINEAR = 1.2  # blurs: how far off a linear fit is believed

@@ -9,9 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask
+from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.cad.edges import EdgeKind
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Ideal
@@ -19,7 +18,6 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.native.profiles import camera_rows, clearance, edge_rows
 from cadcam.render.lines.wireframe import Polylines
 
-Longs = npt.NDArray[np.int64]
 _CORNER = np.cos(np.radians(8.0))  # where a line turns by more, a new run begins
 _OWN_RUN = 4.0  # of its reach: along a run, how far a sample does not take the run itself for another line
 

@@ -21,16 +21,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.fit.grouped import GroupedFit
 from cadcam.image.chroma import values_at
 from cadcam.locate.lines.cells import Measured
 from cadcam.locate.lines.edges import Projected
 from cadcam.locate.lines.sight import Sight
 
-Longs = npt.NDArray[np.int64]
 _OF_BLUR = np.sqrt(np.pi) / 3
 _BESIDE = 3.0  # blurs from the line: there the sides have their own brightness
 _USUAL = (0.8, 0.6)  # g - 1 of cameras that bend their response, mean and sd

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask, quantile
+from cadcam.arrays import Array, Longs, Mask, quantile
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import Candidates, blur_of, candidates, noise_of
 from cadcam.locate.lines.edges import EdgeSamples, Projected, project, sample_lines
@@ -16,7 +15,6 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render.lines.wireframe import LineOptions
 
-Longs = npt.NDArray[np.int64]
 _LINES = LineOptions(margin_px=0.0)
 _STRONG = 240  # cells that tell the blur
 _TELLING, _ENOUGH = 3.0, 12  # blurs that a cell must reach to tell which it is; wide cells that are enough

@@ -9,11 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask
+from cadcam.arrays import Array, Ids, Longs, Mask
 
-Longs = npt.NDArray[np.int64]
 LEAST = 12  # samples that can tell anything at all
 _NOWHERE = 0.25  # share of a line's samples below which it is missed
 _BORDERS, _BEHIND = 32, 0.15  # directions of borders that are tried; share of the samples behind one that may be shown

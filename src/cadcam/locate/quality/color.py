@@ -18,9 +18,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask
+from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.chroma import values_at
 from cadcam.locate.lines.sight import Sight
@@ -28,7 +27,6 @@ from cadcam.locate.part import Part
 from cadcam.locate.quality.absent import behind_border
 from cadcam.locate.quality.worth import distinct_lines
 
-Longs = npt.NDArray[np.int64]
 _BESIDE = np.array([2.0, 3.0, 4.0])  # px from a line where its sides' colours are taken; codecs blur them so far
 _ROOM_PX, _CLEAR_PX = 2.5, 1.5  # room that a side needs, and what of it is left to the next line
 _ASKED, _TOGETHER = 400, 4  # samples that are asked, of all photos together; so many in a row are neighbours

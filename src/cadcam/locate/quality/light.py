@@ -11,12 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask, Picture, quantile
+from cadcam.arrays import Array, Ids, Longs, Mask, Picture, quantile
 from cadcam.locate.part import Part
 
-Longs = npt.NDArray[np.int64]
 EVERY = 5  # px between the pixels that the light is fitted to
 _ROUNDS = 8
 _PRIOR = 0.3  # sigma of the light's coefficients before anything is seen

@@ -7,12 +7,10 @@ Each straight stretch of a line that bends counts by itself: a corner that is ro
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids
+from cadcam.arrays import Array, Ids, Longs
 from cadcam.native.profiles import along_runs
 
-Longs = npt.NDArray[np.int64]
 _WORTH_PX = (10.0, 24.0)  # length from which a line is worth one constraint, and two
 _CORNER, _CORNERS = np.radians(30.0), 16  # by which a line turns from one stretch to the next; most stretches of one
 _BENT, _AROUND = 1 / 170, 3  # rad a px, on the mean of so many samples to each side: from there on a line is bent

@@ -12,9 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.errors import DegenerateGeometry
 from cadcam.fit.grouped import GroupedFit, grouped_fit
 from cadcam.locate.lines.cells import Measured
@@ -22,7 +21,6 @@ from cadcam.locate.lines.edges import Projected
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.refine.options import EdgeOptions
 
-Longs = npt.NDArray[np.int64]
 _USUAL_PX = 0.05  # by which edges are off as a whole
 _LIMB_PX = 0.2  # by which the border of a round surface is off: it darkens ever faster towards it, or brightens
 _UNEVEN = 0.4  # of what edges are off by as a whole: they are off by that beside, they turn and bend too

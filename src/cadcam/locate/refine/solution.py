@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from cadcam.arrays import Array, quantile
 from cadcam.fit.grouped import GroupedFit
@@ -25,7 +24,6 @@ from cadcam.locate.lines.sight import Sight, nearest_steps
 from cadcam.locate.refine.options import EdgeOptions
 from cadcam.locate.refine.regression import Regression
 
-Longs = npt.NDArray[np.int64]
 CLOSE_PX = 3  # px: how far from the lines their steps may be after the search
 _ON_LINE = 0.7  # px: steps this near are fitted on the line itself
 LOOSE_PX = 0.25  # by which edges of a good pose are seldom off as a whole

@@ -13,13 +13,13 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from cadcam.arrays import Array, Picture
+from cadcam.arrays import Array, Longs, Picture
 from cadcam.camera.camera import Camera
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.direction_field import DirectionField
 from cadcam.locate.views.aspects import PLACES, Aspect, Aspects
-from cadcam.native.fields import PLACE, Eye, Longs, Views, firsts
+from cadcam.native.fields import PLACE, Eye, Views, firsts
 
 _SAME = 0.02  # of the part's radius: poses whose corners differ by less are one
 _A = TypeVar("_A")

@@ -17,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.camera.camera import Camera
 from cadcam.errors import NothingInView
 from cadcam.geometry import rotation as so3
@@ -42,7 +42,7 @@ from cadcam.locate.search.climb import (
 from cadcam.locate.search.hypothesis import Hypothesis
 from cadcam.locate.views.aspects import Aspects
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
-from cadcam.native.fields import Longs, Views
+from cadcam.native.fields import Views
 
 _SWEPT_PX = 33.0  # the part's size in the field that it is swept over
 # And in that where evidence is judged, and how far off lines may be there, px. Finely noise is averaged, and lines are
