@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 
@@ -32,7 +32,7 @@ from cadcam.render.light import Lamp
 from quality import its_own_mirror_image
 
 WHITE = 0.9  # of the brightest hundredth of a picture
-QUIET = Noise(12_000, 20)
+SENSOR = Sensor(noise=Noise(12_000, 20))
 STEEL, DARK = (0.5, 0.5, 0.5), (0.07, 0.07, 0.07)
 PLAIN, GROUND = Surface(STEEL, 0.06), Surface((0.3, 0.3, 0.3), 0.15)
 
@@ -75,17 +75,13 @@ class Condition:
     cable: bool = False
     clutter: int = 3
     cut: float = 0.0
-    sensor: Sensor = field(default_factory=lambda: Sensor(noise=QUIET))
+    sensor: Sensor = SENSOR
     color: bool = False
     suffix: str = ".png"
     model: Callable[[Mesh, Path], Mesh] = lambda mesh, folder: mesh
     renderer: str = "own"
     search: str = ""  # "range": without a start in a declared range; "sphere": from anywhere
     absent: str = ""  # what is before the camera instead: "part", "mirrored"
-
-
-def _sensor(**effects: object) -> Sensor:
-    return Sensor(**{"noise": QUIET, **effects})  # type: ignore[arg-type]
 
 
 def _written(unit: str, suffix: str) -> Callable[[Mesh, Path], Mesh]:
@@ -107,22 +103,29 @@ def _doubled(mesh: Mesh, folder: Path) -> Mesh:
     return load(path, unit="mm")
 
 
-def _focal(size: tuple[int, int], field_deg: float, **more: object) -> Camera:
-    return Camera.from_focal(size, size[0] / 2 / np.tan(np.radians(field_deg) / 2), **more)  # type: ignore[arg-type]
+def _focal(width: int, field_deg: float) -> float:
+    """Return the focal length (px) of a camera whose picture, so wide (px), spans that field."""
+    return float(width / 2 / np.tan(np.radians(field_deg) / 2))
 
 
 CONDITIONS: dict[str, Condition] = {
     "plain": Condition(),
-    "wide, 90 deg": Condition(camera=lambda rng: _focal((960, 720), 90.0)),
-    "long lens, 6 deg": Condition(camera=lambda rng: _focal((800, 600), 6.0)),
-    "4 Mpx": Condition(camera=lambda rng: _focal((2400, 1700), 35.0)),
-    "640 x 480": Condition(camera=lambda rng: _focal((640, 480), 45.0)),
+    "wide, 90 deg": Condition(camera=lambda rng: Camera.from_focal((960, 720), _focal(960, 90.0))),
+    "long lens, 6 deg": Condition(camera=lambda rng: Camera.from_focal((800, 600), _focal(800, 6.0))),
+    "4 Mpx": Condition(camera=lambda rng: Camera.from_focal((2400, 1700), _focal(2400, 35.0))),
+    "640 x 480": Condition(camera=lambda rng: Camera.from_focal((640, 480), _focal(640, 45.0))),
     "principal point off": Condition(
-        camera=lambda rng: _focal((800, 600), 40.0, cx=400 + rng.uniform(120, 200), cy=300 - rng.uniform(80, 140))
+        camera=lambda rng: Camera.from_focal(
+            (800, 600), _focal(800, 40.0), cx=400 + rng.uniform(120, 200), cy=300 - rng.uniform(80, 140)
+        )
     ),
-    "aspect and skew": Condition(camera=lambda rng: _focal((800, 600), 40.0, fy=820.0, skew=rng.uniform(30, 60))),
+    "aspect and skew": Condition(
+        camera=lambda rng: Camera.from_focal((800, 600), _focal(800, 40.0), fy=820.0, skew=rng.uniform(30, 60))
+    ),
     "strong Brown-Conrady": Condition(
-        camera=lambda rng: _focal((800, 600), 65.0, lens=BrownConrady(-0.32, 0.13, 2e-3, -1.5e-3, -0.02))
+        camera=lambda rng: Camera.from_focal(
+            (800, 600), _focal(800, 65.0), lens=BrownConrady(-0.32, 0.13, 2e-3, -1.5e-3, -0.02)
+        )
     ),
     "fisheye": Condition(camera=lambda rng: Camera.from_focal((900, 900), 300.0, lens=Fisheye(0.03, -0.01, 2e-3, 0.0))),
     "print and grain": Condition(
@@ -131,7 +134,7 @@ CONDITIONS: dict[str, Condition] = {
     "glossy": Condition(part=Surface(STEEL, 0.05, gloss=0.8)),
     "metal": Condition(part=Surface((0.6, 0.6, 0.6), 0.04, metal=0.75, gloss=0.3)),
     "dark on dark": Condition(part=Surface(DARK, 0.1), ground=Surface((0.09, 0.09, 0.09), 0.15), clutter=4),
-    "low contrast": Condition(sensor=_sensor(gain=Gain(0.16, 0.45))),
+    "low contrast": Condition(sensor=replace(SENSOR, gain=Gain(0.16, 0.45))),
     "one hard lamp": Condition(lamps=1, ambient=0.12),
     "even light": Condition(lamps=0, ambient=1.0),
     "in colour": Condition(part=Surface((0.6, 0.2, 0.12), 0.08), ground=Surface((0.2, 0.28, 0.35), 0.25), color=True),
@@ -140,12 +143,12 @@ CONDITIONS: dict[str, Condition] = {
     "clutter": Condition(clutter=14, ground=Surface((0.3, 0.3, 0.3), 0.3, 8.0, 0.6)),
     "a third outside": Condition(cut=0.33),
     "JPEG 60": Condition(suffix=".jpg"),
-    "motion blur, 5 px": Condition(sensor=_sensor(motion=Motion((4.0, 3.0)))),
-    "out of focus, 3 px": Condition(sensor=_sensor(blur=Blur(0.0, 3.0))),
-    "vignetting": Condition(sensor=_sensor(vignetting=Vignetting(a2=-0.75))),
-    "gamma 1/2.2": Condition(sensor=_sensor(gamma=Gamma(1 / 2.2))),
-    "noise 6 %": Condition(sensor=_sensor(noise=Noise(600, 24))),
-    "sharpened": Condition(sensor=_sensor(edge_enhancement=EdgeEnhancement(0.6))),
+    "motion blur, 5 px": Condition(sensor=replace(SENSOR, motion=Motion((4.0, 3.0)))),
+    "out of focus, 3 px": Condition(sensor=replace(SENSOR, blur=Blur(0.0, 3.0))),
+    "vignetting": Condition(sensor=replace(SENSOR, vignetting=Vignetting(a2=-0.75))),
+    "gamma 1/2.2": Condition(sensor=replace(SENSOR, gamma=Gamma(1 / 2.2))),
+    "noise 6 %": Condition(sensor=replace(SENSOR, noise=Noise(600, 24))),
+    "sharpened": Condition(sensor=replace(SENSOR, edge_enhancement=EdgeEnhancement(0.6))),
     "12-bit TIFF": Condition(suffix=".12.tif"),
     "16-bit TIFF": Condition(suffix=".16.tif"),
     "model in metres": Condition(model=_written("m", ".obj")),

@@ -105,7 +105,9 @@ def main() -> None:
     parser.add_argument("--parts", type=int, default=2, help="pictures of a condition (default %(default)s)")
     parser.add_argument("--starts", type=int, default=3, help="rough starts of a picture (default %(default)s)")
     parser.add_argument("--part", default="", help="take this part alone (default: drawn)")
-    parser.add_argument("--only", nargs="+", choices=CONDITIONS, help="these conditions (default: all)")
+    parser.add_argument(
+        "--only", nargs="+", choices=CONDITIONS, metavar="CONDITION", help="these conditions, as the table names them"
+    )
     parser.add_argument("--keep", type=Path, help="folder to keep the pictures in, and to take those that are there")
     parser.add_argument("--list", action="store_true", help="tell every start that is not right and found, in words")
     a = parser.parse_args()

@@ -11,8 +11,8 @@ verify` the block is located first, from a start some pixels off.
 
 found: defects that are called what they are. present: missing bodies whose presence is a PASS. alarms: pictures in
 which any body is called displaced or missing that is not. in place, unclear: states of the bodies in view (of which an
-edge should show) that are as drawn. PASS, undecided,
-FAIL: verdicts on the presence of these. CPU: of locating, and of verifying, a picture, its median and the longest.
+edge should show) that are as drawn. PASS, undecided, FAIL: verdicts on the presence of these. CPU: of locating, and of
+verifying, a picture, its median and the longest.
 """
 
 from __future__ import annotations

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,10 +35,10 @@ def brown(p: Array, k1: float, k2: float, p1: float, p2: float, k3: float = 0.0)
     return x * g + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * g + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
 
 
-def only(path: Path, text: str | bytes, **options: object) -> NamedCamera:
+def only(path: Path, text: str | bytes, **options: Any) -> NamedCamera:
     """The one camera of a file with this content."""
     path.write_bytes(text.encode() if isinstance(text, str) else text)
-    cameras = read_cameras(path, **options).cameras  # type: ignore[arg-type]
+    cameras = read_cameras(path, **options).cameras
     assert len(cameras) == 1
     return cameras[0]
 

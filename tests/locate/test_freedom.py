@@ -61,7 +61,7 @@ def test_directions_without_length_are_refused() -> None:
     with pytest.raises(BadValue, match="normal of the plane"):
         Freedom.planar([0, 0, 0])
     with pytest.raises(BadValue, match="frame"):
-        Freedom(np.eye(6), "camera")  # type: ignore[arg-type]
+        Freedom(np.eye(6), "camera")  # type: ignore[arg-type]  # the mistake that is tested
 
 
 def test_signatures_show_a_freedom_in_a_few_words() -> None:

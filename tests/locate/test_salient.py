@@ -9,7 +9,7 @@ from cadcam.arrays import Picture
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, MissingCore
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.match.appearance import APPEARANCES, counted, of_model, of_photo
+from cadcam.locate.match.appearance import APPEARANCES, Appearance, counted, of_model, of_photo
 from cadcam.locate.match.salient import SalientOptions, corner_strength, salient_windows
 from cadcam.native import core
 from cadcam.render import open_renderer
@@ -67,11 +67,11 @@ def test_what_looks_the_same_nearby_is_left_out_unless_nobody_asks() -> None:
 
 
 @pytest.mark.parametrize("kind", APPEARANCES)
-def test_windows_of_a_part_lie_on_it(kind: str, rng: np.random.Generator) -> None:
+def test_windows_of_a_part_lie_on_it(kind: Appearance, rng: np.random.Generator) -> None:
     pose = pose_of(rng)
     view = open_renderer(block().scene, threads=1).render(CAMERA, pose, channels=Channel.IMAGE | Channel.DEPTH)
-    drawing = of_model(view, block().lines.draw(CAMERA, pose), kind)  # type: ignore[arg-type]
-    counts = counted(view, drawing, kind)  # type: ignore[arg-type]
+    drawing = of_model(view, block().lines.draw(CAMERA, pose), kind)
+    counts = counted(view, drawing, kind)
     windows = salient_windows(drawing, counts, view, pose, options=SalientOptions(count=10))
     assert len(windows) >= 5
     assert (np.diff(windows.strength) <= 0).all()

@@ -140,7 +140,7 @@ def test_no_photo_is_refused() -> None:
 )
 def test_a_range_of_views_that_is_none_is_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(BadValue, match=next(iter(wrong))):
-        ViewRange(**wrong)  # type: ignore[arg-type]
+        ViewRange(**wrong)  # type: ignore[arg-type]  # the mistake that is tested
 
 
 def test_a_range_allows_what_lies_within_its_cone() -> None:

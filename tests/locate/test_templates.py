@@ -134,12 +134,12 @@ def test_a_model_out_of_view_is_not_found(rng: np.random.Generator) -> None:
 )
 def test_a_wrong_option_is_refused_by_its_name_and_value(name: str, value: float) -> None:
     with pytest.raises(BadValue, match=f"^{name} is {value}"):
-        TemplateOptions(**{name: value})  # type: ignore[arg-type]
+        TemplateOptions(**{name: value})  # type: ignore[arg-type]  # the mistake that is tested
 
 
 def test_an_appearance_that_there_is_not_is_refused() -> None:
     with pytest.raises(UnknownName, match="did you mean 'lines'"):
-        TemplateOptions(appearance="line")  # type: ignore[arg-type]
+        TemplateOptions(appearance="line")  # type: ignore[arg-type]  # the mistake that is tested
 
 
 def test_a_camera_with_a_lens_is_matched_as_well(rng: np.random.Generator) -> None:

@@ -31,10 +31,10 @@ def learned(rng: np.random.Generator, covariance: np.ndarray = SURE) -> Texture:
 
 
 def followed(
-    texture: Texture, pose: Rigid, rng: np.random.Generator, *, start: Rigid, **how: tuple[float, ...]
+    texture: Texture, pose: Rigid, rng: np.random.Generator, *, start: Rigid, light: tuple[float, float] = (1, 0)
 ) -> Followed:
     """Return where print leads in a photo at camera_from_part `pose`."""
-    found = texture.follow([photo(pose, rng, **how)], start, FREE)  # type: ignore[arg-type]
+    found = texture.follow([photo(pose, rng, light=light)], start, FREE)
     assert found is not None
     return found
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,8 +34,8 @@ Install = Callable[..., Sighting]
 def sighting(monkeypatch: pytest.MonkeyPatch) -> Install:
     """Return a function that puts a stand-in in the place of what locates."""
 
-    def install(n: int, **given: object) -> Sighting:
-        made = Sighting(truth(n), **given)  # type: ignore[arg-type]
+    def install(n: int, **given: Any) -> Sighting:
+        made = Sighting(truth(n), **given)
         monkeypatch.setattr(module, "refine", made.refine)
         monkeypatch.setattr(module, "locate", made.locate)
         return made

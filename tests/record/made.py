@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime, timedelta
+from typing import Any
 
 import numpy as np
 
@@ -21,14 +22,14 @@ def pose(rng: np.random.Generator) -> PoseEstimate:
     return PoseEstimate(Rigid.exp(rng.normal(size=6) * [100, 100, 900, 1, 1, 1]), A @ A.T, B @ B.T, freedom, 37.5)
 
 
-def record(n: int = 0, **given: object) -> Record:
+def record(n: int = 0, **given: Any) -> Record:
     """Return the n-th part's record: measured n minutes after noon, its stiffener 0.1 n mm off, its face 0.2 deg."""
     deviations = (
         Deviation("stiffener", 0.1 * n, 0.25, lower=-1.0, upper=1.0, verdict="PASS"),
         Deviation("face", 0.2, 0.05, kind="angle", unit="deg", k=3.0, upper=0.5),
     )
     sources = (Source("photo", "pictures/ü 1.png", "ab" * 32), Source("cad", "bracket.step", "0c" * 32))
-    values: dict[str, object] = {
+    values: dict[str, Any] = {
         "part": "bracket",
         "serial": f"S{n:03d}",
         "station": "cell 3",
@@ -40,4 +41,4 @@ def record(n: int = 0, **given: object) -> Record:
         "deviations": deviations,
         "sources": sources,
     }
-    return Record(**(values | given))  # type: ignore[arg-type]
+    return Record(**(values | given))

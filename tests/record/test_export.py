@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -95,9 +96,9 @@ def test_another_suffix_is_refused(tmp_path: Path) -> None:
         lambda: Source("cad", "x", "AB" * 32),
     ],
 )
-def test_what_cannot_be_kept_is_refused_at_once(make: object) -> None:
+def test_what_cannot_be_kept_is_refused_at_once(make: Callable[[], object]) -> None:
     with pytest.raises(CadcamError):
-        make()  # type: ignore[operator]
+        make()
 
 
 def test_a_trend_has_the_mean_and_scatter_of_one_feature() -> None:

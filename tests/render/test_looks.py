@@ -183,4 +183,4 @@ def test_a_photo_shows_where_the_model_is_not_and_must_have_the_cameras_size() -
 @pytest.mark.parametrize("samples", [0, 17, 1.5])
 def test_samples_of_a_pixel_are_a_whole_number_a_side(samples: float) -> None:
     with pytest.raises(BadValue, match=r"supersampling is .* expected a whole number from 1 to 16"):
-        Look(supersampling=samples)  # type: ignore[arg-type]
+        Look(supersampling=samples)  # type: ignore[arg-type]  # the mistake that is tested

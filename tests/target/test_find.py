@@ -88,7 +88,7 @@ def test_coded_marks_tell_their_numbers() -> None:
     pose = Rigid(np.eye(3), [-67.0, 0.0, 400.0]) @ Rigid.exp([0, 0, 0, 0.4, 0, 0.1])
     picture = board_picture(plate, CAMERA, pose, blur_px=0.7)
     found = {one.number: one.pixel for one in find_marks(picture, like, any_number=True)}
-    assert sorted(found) == list(numbers)  # type: ignore[type-var]
+    assert set(found) == set(numbers)
     truth = CAMERA.project(pose @ plate.points)
     assert all(np.abs(found[n] - q).max() < 0.15 for n, q in zip(numbers, truth, strict=True))
     assert [one.number for one in find_marks(picture, like)] == [37]
