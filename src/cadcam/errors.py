@@ -182,7 +182,7 @@ class MissingExtra(CadcamError):
 
 
 class MissingCore(CadcamError):
-    """The compiled core is not there, which the raster renderer and the matching of templates need."""
+    """The compiled core is not there, which all work on pictures and parts needs but the ray and OpenGL renderers."""
 
     def __init__(
         self, why: str, what: str = "the raster renderer", instead: str = "use the renderer 'ray', or reinstall"

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.errors import UnreadableFile
+from cadcam.errors import BadValue, UnreadableFile
 from cadcam.files.matrix import pose_as_json, read_matrix, read_pose
+from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
 POSE = Rigid.look_at([100, 200, -900], [0, 0, 0])
@@ -56,6 +57,30 @@ def test_a_pose_in_json_is_that_of_a_camera_file(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_pose(saved(tmp_path, json.dumps(document))).translation, [0, 0, -1000])
     with pytest.raises(UnreadableFile, match="needs one pose"):
         read_pose(saved(tmp_path, "{}"))
+
+
+@pytest.mark.parametrize("decimals", [3, 4, 6, 9])
+def test_a_pose_written_with_few_decimals_is_the_nearest_exact_one(tmp_path: Path, decimals: int) -> None:
+    """Nine rounded numbers turn a rotation by less than their rounding together."""
+    few = "\n".join(" ".join(f"{v:.{decimals}f}" for v in row) for row in POSE.matrix)
+    pose = read_pose(saved(tmp_path, f"# camera_from_world, mm\n{few}\n"))
+    rounding = 0.5 * 10.0**-decimals
+    assert np.linalg.norm((pose.inv @ POSE).log()[3:]) <= 3 * rounding
+    assert np.abs(pose.rotation @ pose.rotation.T - np.eye(3)).max() <= so3.EXACT
+
+
+@pytest.mark.parametrize("R", [np.eye(3) * 1.01, np.diag([1.0, 1.0, -1.0]), np.eye(3) + np.eye(3, k=1) * 0.01])
+def test_what_no_rounding_explains_is_no_rotation(R: np.ndarray) -> None:
+    with pytest.raises(BadValue, match="rotation is off a rotation by"):
+        so3.written(R)
+    with pytest.raises(BadValue, match="rotation matrix 2 is off"):
+        so3.written(np.stack([np.eye(3), R]))
+
+
+def test_decimal_commas_are_named(tmp_path: Path) -> None:
+    text = "1,0 0,0 0,0 5,5\n0,0 1,0 0,0 0,0\n0 0 1 0\n"
+    with pytest.raises(UnreadableFile, match=r"line 2, number 1 is '1,0', not a number; write a decimal point"):
+        read_pose(saved(tmp_path, f"# camera_from_world, mm\n{text}"))
 
 
 def test_a_mirrored_pose_is_refused(tmp_path: Path) -> None:

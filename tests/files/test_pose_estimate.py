@@ -12,7 +12,13 @@ from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import UnreadableFile
 from cadcam.files.jsontext import parsed
 from cadcam.files.matrix import pose_as_json
-from cadcam.files.pose_estimate import pose_estimate_as_json, pose_estimate_at, read_part_pose, write_part_pose
+from cadcam.files.pose_estimate import (
+    pose_estimate_as_json,
+    pose_estimate_at,
+    read_part_pose,
+    read_view_pose,
+    write_part_pose,
+)
 from cadcam.files.text import read_text
 from cadcam.geometry.rigid import Rigid
 
@@ -64,6 +70,23 @@ def test_a_part_s_pose_is_understood_however_it_is_said(tmp_path: Path, saying: 
     (tmp_path / "pose").write_text(text)
     pose = read_part_pose(tmp_path / "pose", camera_from_world=CAMERA)
     np.testing.assert_allclose(pose.matrix, expected.matrix, atol=1e-12 * 600)
+
+
+@pytest.mark.parametrize("saying", SAYINGS)
+def test_a_view_of_the_part_is_understood_however_its_pose_is_said(tmp_path: Path, saying: str) -> None:
+    """What was located can be drawn: the camera sees the part where the part's pose has it."""
+    text, expected = SAYINGS[saying]
+    (tmp_path / "pose").write_text(text)
+    view = read_view_pose(tmp_path / "pose", camera_from_world=CAMERA)
+    np.testing.assert_allclose(view.matrix, (CAMERA @ expected).matrix, atol=1e-12 * 600)
+    alone = read_view_pose(tmp_path / "pose")  # the world is the camera
+    np.testing.assert_allclose(alone.matrix, POSE.matrix, atol=1e-12 * 600)
+
+
+def test_a_view_s_pose_that_does_not_say_which_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "pose").write_text("1 0 0 0\n0 1 0 0\n0 0 1 0")
+    with pytest.raises(UnreadableFile, match="such as '# camera_from_world, mm'"):
+        read_view_pose(tmp_path / "pose")
 
 
 @pytest.mark.parametrize("text", ["1 0 0 0\n0 1 0 0\n0 0 1 0", "{}", "# flange_from_part, mm\n1 0 0 0"])

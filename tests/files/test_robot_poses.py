@@ -175,7 +175,7 @@ def test_conventions_units_and_rotations_are_checked(tmp_path):
     with pytest.raises(UnreadableFile, match="not all zero"):
         read_robot_poses(tmp_path / "zero.txt", convention="abb")
     (tmp_path / "skew.txt").write_text("1 0.1 0 0  0 1 0 0  0 0 1 0\n")
-    with pytest.raises(UnreadableFile, match="rotation matrix of pose 1 is off a rotation by"):
+    with pytest.raises(UnreadableFile, match="rotation matrix 1 is off a rotation by"):
         read_robot_poses(tmp_path / "skew.txt", convention="matrix", unit="mm")
     (tmp_path / "columns.txt").write_text("1 0 0 0  0 1 0 0  0 0 1 0  5 6 7 1\n")
     with pytest.raises(UnreadableFile, match="last row of matrix 1 is"):

@@ -11,14 +11,15 @@ from cadcam.errors import NothingInView
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.locate import _ranked, locate
 from cadcam.locate.location import Location
-from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.refine.options import EDGES, EdgeOptions
-from cadcam.locate.refine.refine import refined
+from cadcam.locate.refine.options import EDGES
+from cadcam.locate.refine.refine import Refinement
 from cadcam.locate.search.hypothesis import Hypothesis
 
 from .moving import location as told
 from .scene import CAMERA, block, largest_miss, off, photo_of, pose_of
+
+around = Refinement.around
 
 
 @pytest.mark.parametrize(
@@ -52,13 +53,13 @@ def test_a_start_that_no_approach_helps_is_refined_nearby_before_far_off(
     """Among clutter a search of 40 px loses what lies 7 px off."""
     pose, asked = pose_of(rng), []
 
-    def noted(*args: object, options: EdgeOptions, **kwargs: object) -> object:
-        asked.append(options.search_px)
-        return refined(*args, options=options, **kwargs)
+    def noted(asks: Refinement, start: Rigid) -> object:
+        asked.append(asks.options.search_px)
+        return around(asks, start)
 
     aside = Hypothesis(Rigid(translation=[150.0, 0, 0]) @ pose, 1.0, 0.5)
     monkeypatch.setattr("cadcam.locate.locate.approach", lambda *_, **__: [aside])
-    monkeypatch.setattr("cadcam.locate.locate.refined", noted)
+    monkeypatch.setattr(Refinement, "around", noted)
     found = locate(block(), [photo_of(pose, rng)], off(pose, rng, degrees=2, px=3))
     assert found.found
     assert largest_miss(found.pose.world_from_part, pose) < 1
@@ -72,13 +73,13 @@ def test_a_start_better_than_what_its_approach_leads_to_is_preferred(
     pose, asked = pose_of(rng), []
     aside = Rigid(translation=[150.0, 0, 0]) @ pose
 
-    def half_believed(part: Part, photos: list[Photo], start: Rigid, **kwargs: object) -> object:
+    def half_believed(asks: Refinement, start: Rigid) -> object:
         asked.append(start)
-        location, sights = refined(part, photos, start, **kwargs)
+        location, sights = around(asks, start)
         return (replace(location, quality=0.7, doubted=doubted), sights) if start is aside else (location, sights)
 
     monkeypatch.setattr("cadcam.locate.locate.approach", lambda *_, **__: [Hypothesis(aside, 1.0, 0.5)])
-    monkeypatch.setattr("cadcam.locate.locate.refined", half_believed)
+    monkeypatch.setattr(Refinement, "around", half_believed)
     for doubted in (True, False):
         found = locate(block(), [photo_of(pose, rng)], off(pose, rng, degrees=1, px=2))
         assert (largest_miss(found.pose.world_from_part, pose) < 1) == doubted
@@ -92,12 +93,12 @@ def test_a_pose_that_is_hardly_found_is_held_against_the_start(
     pose = pose_of(rng)
     aside = Rigid(translation=[150.0, 0, 0]) @ pose
 
-    def hardly(part: Part, photos: list[Photo], start: Rigid, **kwargs: object) -> object:
-        location, sights = refined(part, photos, start, **kwargs)
+    def hardly(asks: Refinement, start: Rigid) -> object:
+        location, sights = around(asks, start)
         return (replace(location, quality=0.58, doubted=False), sights) if start is aside else (location, sights)
 
     monkeypatch.setattr("cadcam.locate.locate.approach", lambda *_, **__: [Hypothesis(aside, 1.0, 0.5)])
-    monkeypatch.setattr("cadcam.locate.locate.refined", hardly)
+    monkeypatch.setattr(Refinement, "around", hardly)
     found = locate(block(), [photo_of(pose, rng)], off(pose, rng, degrees=1, px=2))
     assert largest_miss(found.pose.world_from_part, pose) < 1
 
@@ -116,9 +117,9 @@ def test_a_hypothesis_that_leads_where_one_led_before_is_not_refined(
     """Whether that was found or not: turned and nearer, it is another pose in space and the same in the photo."""
     pose, asked = pose_of(rng), []
 
-    def noted(*args: object, **kwargs: object) -> tuple[Location, object]:
-        asked.append(args[2])
-        location, sights = refined(*args, **kwargs)
+    def noted(asks: Refinement, start: Rigid) -> tuple[Location, object]:
+        asked.append(start)
+        location, sights = around(asks, start)
         return replace(location, quality=0.4), sights
 
     nearer = Rigid(translation=-0.04 * (pose @ block().aspects.centre))
@@ -126,7 +127,7 @@ def test_a_hypothesis_that_leads_where_one_led_before_is_not_refined(
     monkeypatch.setattr(
         "cadcam.locate.locate.approach", lambda *_, **__: [Hypothesis(start, 1.0, 0.5) for start in starts]
     )
-    monkeypatch.setattr("cadcam.locate.locate.refined", noted)
+    monkeypatch.setattr(Refinement, "around", noted)
     monkeypatch.setattr(Photo, "calmed", lambda photo: photo)  # looked at once
     locate(block(), [photo_of(pose, rng)], off(pose, rng, degrees=0.3, px=2))
     assert len(asked) == 1

@@ -80,6 +80,8 @@ def test_a_missing_core_says_why_and_what_to_do(monkeypatch: pytest.MonkeyPatch,
             monkeypatch.setattr(core, "LIBRARY", path)
             with pytest.raises(MissingCore, match=f"{words}.*renderer 'ray'"):
                 core.library()
+        with pytest.raises(MissingCore, match=r"the fit to edges is not available: .*; reinstall"):
+            core.functions("the fit to edges", {})
     finally:
         core.library.cache_clear()
 

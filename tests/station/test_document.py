@@ -48,7 +48,7 @@ def spoiled(path, *keys, value):
 @pytest.mark.parametrize(
     ("keys", "value", "says"),
     [
-        (("format",), "x", "is no station file"),
+        (("format",), "x", "says its format is 'x'; only 'cadcam station' is read here"),
         (("version",), 9, "version 9"),
         (("positions", 3, "position_mm"), [1.0], "positions.3.position_mm"),
         (("positions", 0, "survey_mm", "a"), None, "has no 'a'"),

@@ -69,7 +69,7 @@ def test_a_file_says_what_it_says(tmp_path: Path) -> None:
         ("presence: required", "presence: perhaps", r"write presence: required"),
         ("    direction: [0, 3, 4]\n", "    direction: [0, 0, 0]\n", r"a vector that is not zero"),
         ("datum: [{part: plate}]", "datum: [{}]", r"does not say which edges"),
-        ("datum: [{part: plate}]", "datum: plate", r"is no list"),
+        ("datum: [{part: plate}]", "datum: plate", r"datum is not a list; write '- part: name' lines"),
     ],
 )
 def test_what_is_wrong_is_named_with_what_there_is(tmp_path: Path, old: str, new: str, said: str) -> None:

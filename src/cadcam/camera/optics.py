@@ -19,6 +19,7 @@ from cadcam.errors import BadValue
 WAVELENGTH_UM = 0.55  # green, amid what a monochrome sensor sees
 AIRY_SIGMA = 0.42  # of wavelength by f-number: the Gaussian nearest to the Airy disc's core
 _AIRY_RING = 2.44  # of the same: the diameter of the Airy disc's first dark ring
+PIXEL_PX2 = 1 / 12  # second moment of a pixel's own area
 TELE_DEG, WIDE_DEG = 15.0, 60.0  # thesis 5.2, its two names interchanged
 # focal lengths that makers of C-mount lenses offer, mm
 STANDARD_MM = (3.5, 4.0, 5.0, 6.0, 8.0, 9.0, 12.0, 16.0, 25.0, 35.0, 50.0, 75.0, 100.0)
@@ -122,9 +123,11 @@ class Optics:
 
     def diffraction_px(self, wavelength_um: float = WAVELENGTH_UM) -> float:
         """Return the diameter in px of the Airy disc to its first dark ring, 2.44 lambda N (1 + m)."""
-        _positive("wavelength", wavelength_um, "um")
-        effective = self._f_number * (1 + self.magnification)
-        return _AIRY_RING * wavelength_um / 1000 * effective / self.sensor.pitch_mm[0]
+        return _AIRY_RING * self._diffraction_px(wavelength_um)
+
+    def airy_sigma_px(self, wavelength_um: float = WAVELENGTH_UM) -> float:
+        """Return the sigma in px of the Gaussian nearest to the Airy disc's core, 0.42 lambda N (1 + m)."""
+        return AIRY_SIGMA * self._diffraction_px(wavelength_um)
 
     def motion_px(self, speed_mm_s: float, exposure_s: float) -> float:
         """Return by how many px what moves across the view at the distance is smeared: v t m by the pitch."""
@@ -145,6 +148,11 @@ class Optics:
         assert self.sensor.pixels is not None  # pitch_mm has said so
         c = self.camera_constant_mm
         return Camera.from_focal(self.sensor.pixels, c / pitch[0], fy=c / pitch[1])
+
+    def _diffraction_px(self, wavelength_um: float) -> float:
+        """Return wavelength by effective f-number, lambda N (1 + m), in px."""
+        _positive("wavelength", wavelength_um, "um")
+        return wavelength_um / 1000 * self._f_number * (1 + self.magnification) / self.sensor.pitch_mm[0]
 
     @property
     def _f_number(self) -> float:
@@ -217,8 +225,7 @@ def blur_sigma_px(optics: Optics, z_mm: float, *, pixel: bool = True) -> float:
     Defocus: a disc of diameter d, d^2/16. Diffraction: the Airy disc's core, sigma = 0.42 lambda N (1 + m). The pixel's
     own area: 1/12 px^2.
     """
-    airy = optics.diffraction_px() * AIRY_SIGMA / _AIRY_RING
-    return sqrt(optics.defocus_px(z_mm) ** 2 / 16 + airy**2 + (1 / 12 if pixel else 0.0))
+    return sqrt(optics.defocus_px(z_mm) ** 2 / 16 + optics.airy_sigma_px() ** 2 + (PIXEL_PX2 if pixel else 0.0))
 
 
 def _positive(what: str, value: float, unit: str) -> None:

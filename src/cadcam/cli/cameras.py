@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.output import say
@@ -14,16 +15,19 @@ if TYPE_CHECKING:
     from cadcam.geometry.rigid import Rigid
 
 POSE_HELP = """\
-pose file: a first line '# camera_from_world, mm' (or world_from_camera; or m, in ...), then a 3x4 or 4x4 matrix.
+pose file: a first line '# camera_from_world, mm' (or world_from_camera; or m, in ...), then a 3x4 or 4x4 matrix. Or
+where the part was found: JSON of `cadcam locate --pose-out`, or such a matrix of world_from_part or camera_from_part.
 """
 
 
 def camera_and_pose(camera_file: str, pose_file: str | None) -> tuple[Camera, Rigid]:
     """Return the camera of a file, ours or another program's, and its pose unless a pose file says another."""
-    from cadcam.files.matrix import read_pose
+    from cadcam.files.pose_estimate import read_view_pose
 
     known = read_any_camera(camera_file)
-    pose = read_pose(pose_file) if pose_file else known.camera_from_world
+    pose = known.camera_from_world
+    if pose_file:
+        pose = read_view_pose(pose_file, camera_from_world=pose)
     if pose is None:
         raise BadValue(
             f"the pose in {camera_file}",
@@ -41,17 +45,23 @@ def read_any_camera(camera_file: str) -> CameraFile:
 
 
 def _foreign(camera_file: str) -> CameraFile | None:
-    """Return what another program's camera file holds; None for ours, and for what no reader knows."""
+    """Return what another program's camera file holds; None for ours, and for what only ours could be."""
     from cadcam.errors import UnreadableFile
     from cadcam.files.camera import CameraFile
-    from cadcam.files.foreign.registry import format_of, read_cameras
+    from cadcam.files.foreign.registry import NAMES, format_of, read_cameras
     from cadcam.files.foreign.source import Source
 
     try:
         if format_of(Source(camera_file)).name == "cadcam":
             return None
     except UnreadableFile:
-        return None
+        if not Path(camera_file).is_file() or Path(camera_file).read_bytes()[:64].lstrip()[:1] in (b"", b"{"):
+            return None
+        raise UnreadableFile(
+            camera_file,
+            "is no camera file known by its content",
+            f"give one of {', '.join(NAMES)} (docs/camera-formats.md), or make one: cadcam calibrate",
+        ) from None
     found = read_cameras(camera_file)
     for note in found.notes:
         say(f"{camera_file}: {note}")

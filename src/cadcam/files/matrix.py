@@ -14,10 +14,12 @@ from cadcam.cad.units import MM, unit_name
 from cadcam.errors import CadcamError, UnknownName, UnreadableFile
 from cadcam.files.jsontext import Place, parsed
 from cadcam.files.text import TextFile, comments_of, number_in, read_text
+from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
 _DIRECTIONS = ("camera_from_world", "world_from_camera")
 _MOTIONS = ("new_from_old", "old_from_new")
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 
 
 def read_matrix(path: str | os.PathLike[str], *, rows: int, columns: int) -> Array:
@@ -36,6 +38,7 @@ def read_pose(path: str | os.PathLike[str]) -> Rigid:
         1 0 0 0
         0 1 0 0
         0 0 1 500
+    Three decimals of a rotation will do: the nearest exact one is taken.
     JSON: {"camera_from_world": {"rotation": [[...], ...], "translation_mm": [...]}}, as in a camera file; the name may
     be world_from_camera and the unit any of translation_m, translation_in ... A camera file with a pose serves, too.
     """
@@ -62,6 +65,7 @@ def rigid_in(file: TextFile, directions: tuple[str, str]) -> Rigid:
     matrix = _matrix(file, ((3, 4), (4, 4))).copy()
     matrix[:3, 3] *= mm
     try:
+        matrix[:3, :3] = so3.written(matrix[:3, :3])
         pose = Rigid.from_matrix(matrix)
     except CadcamError as error:
         raise UnreadableFile(file.path, f"is not a pose: {error}") from error
@@ -76,7 +80,7 @@ def pose_at(place: Place) -> Rigid:
         raise place.error("needs one translation with its unit", 'such as "translation_mm": [0, 0, 500]')
     rotation = place.at("rotation").array((3, 3))
     translation = place.at(f"translation_{keys[0]}").array((3,)) * MM[keys[0]]
-    return place.build(lambda: Rigid(rotation, translation))
+    return place.build(lambda: Rigid(so3.written(rotation), translation))
 
 
 def pose_as_json(b_from_a: Rigid) -> dict[str, Any]:
@@ -121,10 +125,19 @@ def _matrix(file: TextFile, shapes: tuple[tuple[int, int], ...]) -> Array:
 def _text_rows(file: TextFile) -> list[list[float]]:
     rows = []
     for number, line in enumerate(file.text.splitlines(), start=1):
-        cells = [c for c in re.split(r"[\s,;\[\]]+", line.split("#")[0]) if c]
+        cells = _cells(line.split("#")[0])
         if cells:
             rows.append([number_in(file, number, f"number {i}", c) for i, c in enumerate(cells, start=1)])
     return rows
+
+
+def _cells(line: str) -> list[str]:
+    """Return what blanks, commas, semicolons and brackets separate; commas inside what blanks separate are decimal."""
+    cells = [c for c in re.split(r"[\s;\[\]]+", line) if c]
+    with_commas = [c for c in cells if "," in c]
+    if len(cells) > 1 and with_commas and all(_DECIMAL_COMMA.fullmatch(c) for c in with_commas):
+        return cells  # `number_in` says what is wrong with them
+    return [c for cell in cells for c in cell.split(",") if c]
 
 
 def _json_rows(file: TextFile) -> list[list[float]]:

@@ -20,11 +20,9 @@ from cadcam.files.text import read_text
 from cadcam.geometry.rigid import Rigid
 from cadcam.whole import write_whole
 
-_DIRECTIONS = (
-    ("world_from_part", "part_from_world"),
-    ("camera_from_part", "part_from_camera"),
-    ("camera_from_world", "world_from_camera"),  # of a camera whose world is the part
-)
+_OF_PART = ("world_from_part", "part_from_world")
+_OF_CAMERA = ("camera_from_world", "world_from_camera")  # of a camera whose world is the part
+_DIRECTIONS = (_OF_PART, ("camera_from_part", "part_from_camera"), _OF_CAMERA)
 _KEYS = ("world_from_part", "sigma_mm", "sigma_deg", "from_noise", "from_calibration", "freedom", "degrees_of_freedom")
 
 
@@ -70,11 +68,24 @@ def read_part_pose(path: str | os.PathLike[str], *, camera_from_world: Rigid | N
     `camera_from_world`, by default the world is the camera. A result of `cadcam locate --json` serves, too. Raises
     `UnreadableFile` naming line or key.
     """
+    said, pose = _said(path, _OF_PART)
+    return pose if said is _OF_PART or camera_from_world is None else camera_from_world.inv @ pose
+
+
+def read_view_pose(path: str | os.PathLike[str], *, camera_from_world: Rigid | None = None) -> Rigid:
+    """Return camera_from_world (mm) of a camera whose world is the part: what `read_part_pose` reads, for an overlay.
+
+    world_from_part needs `camera_from_world` of the world that it is said in, by default that world is the camera.
+    """
+    said, pose = _said(path, _OF_CAMERA)
+    return camera_from_world @ pose if said is _OF_PART and camera_from_world is not None else pose
+
+
+def _said(path: str | os.PathLike[str], usual: tuple[str, str]) -> tuple[tuple[str, str], Rigid]:
+    """Return which motion a pose file says, or its inverse, and that motion; usual: what one that says none is to."""
     file = read_text(path)
-    said = next((pair for pair in _DIRECTIONS if any(name in file.text for name in pair)), _DIRECTIONS[0])
-    place = parsed(file) if file.text.lstrip().startswith("{") else None
-    if place is not None and isinstance(place.object.get("pose"), dict):
-        pose = pose_in(place.at("pose"), said)
-    else:
-        pose = rigid_in(file, said) if place is None else pose_in(place, said)
-    return pose if said is _DIRECTIONS[0] or camera_from_world is None else camera_from_world.inv @ pose
+    said = next((pair for pair in _DIRECTIONS if any(name in file.text for name in pair)), usual)
+    if not file.text.lstrip().startswith("{"):
+        return said, rigid_in(file, said)
+    place = parsed(file)
+    return said, pose_in(place.at("pose") if isinstance(place.object.get("pose"), dict) else place, said)

@@ -12,6 +12,7 @@ from cadcam.errors import CadcamError, UnknownName, UnreadableFile
 from cadcam.files.jsontext import parsed
 from cadcam.files.matrix import pose_in, read_pose, stated
 from cadcam.files.text import Line, TextFile, lines_of_cells, number_in, read_text, rows_of_cells
+from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.whole import write_whole
 
@@ -83,7 +84,7 @@ def _in_text(file: TextFile) -> Iterator[tuple[str, Rigid]]:
         cell = dict(zip(columns, line.cells, strict=True))
         numbers = np.array([number_in(file, line.number, c, cell[c]) for c in _NUMBERS])
         try:
-            pose = Rigid(numbers[:9].reshape(3, 3), numbers[9:] * mm)
+            pose = Rigid(so3.written(numbers[:9].reshape(3, 3)), numbers[9:] * mm)
         except CadcamError as error:
             raise UnreadableFile(file.path, f"line {line.number} is not a pose: {error}") from error
         yield cell.get("name", f"{i:04d}"), pose if direction == "camera_from_world" else pose.inv

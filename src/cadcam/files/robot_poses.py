@@ -74,17 +74,6 @@ def _w_last(q: Array) -> Array:
     return so3.from_quaternion(q[:, [3, 0, 1, 2]])
 
 
-def _rows(R: Array) -> Array:
-    """Return rotations that were written with few digits as exact ones; what is no rotation is refused."""
-    exact = so3.nearest(R)
-    worst = np.abs(exact - R).max(axis=(1, 2))
-    if worst.max(initial=0.0) > _ROUNDED or (np.linalg.det(R) <= 0).any():
-        i = int(np.argmax(worst))
-        raise BadValue(f"rotation matrix of pose {i + 1}", f"off a rotation by {worst[i]:.2g}", "an orthonormal matrix")
-    return exact
-
-
-_ROUNDED = 2e-3  # matrices typed with three digits pass
 _MATRIX = ("r11", "r12", "r13", "tx", "r21", "r22", "r23", "ty", "r31", "r32", "r33", "tz")
 _QUATERNION = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
@@ -126,7 +115,7 @@ CONVENTIONS: dict[str, Convention] = {
     ),
     "quaternion-xyzw": Convention(_QUATERNION, "", "quaternion, w last; unit stated", _w_last),
     "ros": Convention(_QUATERNION, "m", "geometry_msgs/Pose: quaternion, w last; position in m", _w_last),
-    "matrix": Convention(_MATRIX, "", "rows of the 3x4 or 4x4 matrix; unit stated", _rows),
+    "matrix": Convention(_MATRIX, "", "rows of the 3x4 or 4x4 matrix; unit stated", so3.written),
 }
 
 

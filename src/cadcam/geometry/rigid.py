@@ -11,8 +11,6 @@ from cadcam.arrays import Array, Floats, Index, frozen
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry import rotation as so3
 
-_ORTHONORMAL = 1e-6  # a rotation typed with six decimals passes; a scale or a reflection does not
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rigid:
@@ -29,7 +27,7 @@ class Rigid:
         R = frozen(self.rotation, "rotation", (3, 3), batched=True)
         t = frozen(self.translation, "translation", (3,), batched=True)
         defect = float(np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(initial=0.0))
-        if defect > _ORTHONORMAL or not np.all(np.linalg.det(R) > 0):
+        if defect > so3.EXACT or not np.all(np.linalg.det(R) > 0):
             raise BadValue(
                 "rotation",
                 f"off a rotation by {defect:.2g} (or mirrored)",

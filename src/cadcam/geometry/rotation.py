@@ -13,6 +13,9 @@ import numpy as np
 from cadcam.arrays import Array, Floats
 from cadcam.errors import BadValue
 
+EXACT = 1e-6  # how far R R^T of a rotation may be off the identity
+_ROUNDED = 2e-3  # ... of one with three decimals: 2 sqrt(3) 0.0005 at most
+
 
 def hat(w: Floats) -> Array:
     """Return the matrix of the cross product, `hat(w) @ v == cross(w, v)`; w (..., 3) -> (..., 3, 3)."""
@@ -108,6 +111,26 @@ def from_quaternion(q: Floats) -> Array:
     unit = given / length
     V = hat(unit[..., 1:])
     return np.asarray(np.eye(3) + 2.0 * unit[..., :1, None] * V + 2.0 * (V @ V))
+
+
+def written(R: Floats, *, exact: float = EXACT) -> Array:
+    """Return rotations (..., 3, 3) that somebody wrote with three decimals or more, made orthonormal.
+
+    One that is so to within `exact` comes back as it is, bit by bit. Raises `BadValue` on what no rounding explains: a
+    scale, a reflection, a matrix that is none.
+    """
+    R = np.asarray(R, dtype=np.float64)
+    off = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(-2, -1))
+    wrong = ~((off <= _ROUNDED) & (np.linalg.det(R) > 0))
+    if wrong.any():
+        at = np.argmax(wrong)
+        which = f"rotation matrix {at + 1}" if R.ndim > 2 else "rotation"
+        raise BadValue(
+            which,
+            f"off a rotation by {off.flat[at]:.2g} (or mirrored)",
+            "an orthonormal, right-handed 3x3 matrix, three decimals at least",
+        )
+    return np.asarray(np.where((off <= exact)[..., None, None], R, nearest(R)))
 
 
 def nearest(M: Floats) -> Array:

@@ -18,7 +18,7 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.quality.quality import SEARCHED
 from cadcam.locate.refine.basins import Basins
 from cadcam.locate.refine.options import EDGES, EdgeOptions
-from cadcam.locate.refine.refine import in_spite_of_noise, refined
+from cadcam.locate.refine.refine import Refinement, in_spite_of_noise
 from cadcam.locate.search.approach import REACH, Reach, approach
 from cadcam.locate.search.hypothesis import Hypothesis
 from cadcam.locate.search.search import search_once
@@ -147,8 +147,8 @@ def _as_it_is(
     for search_px in (options.search_px,) if far is None else (options.search_px, far):
         if not any(location.found for location in done) and not basins.hold(start, search_px):
             searching = replace(options, search_px=search_px)
-            wider = far is not None
-            location, sights = refined(part, photos, start, freedom=freedom, options=searching, wider=wider)
+            asked = Refinement(part, photos, freedom, options=searching, wider=far is not None)
+            location, sights = asked.around(start)
             done.append(location)
             basins.add(location, sights)
     return done
@@ -246,7 +246,8 @@ def _refined(
         if basins.hold(h.world_from_part, h.within_px):
             continue
         near = replace(options, search_px=h.within_px)
-        location, sights = refined(part, photos, h.world_from_part, freedom=freedom, options=near, chosen=chosen)
+        asked = Refinement(part, photos, freedom, options=near, chosen=chosen)
+        location, sights = asked.around(h.world_from_part)
         done.append((h.score, location))
         basins.add(location, sights)
     return done

@@ -25,9 +25,9 @@ static void add_shifted(const cc_field *f, int sector, int32_t x, int32_t y, int
     const int32_t from_x = imax(0, -x), to_x = imin(wide, f->width - x);
     if (from_x >= to_x) return;
     for (int32_t j = from_y; j < to_y; j++) {
-        const uint8_t *row = plane + (ptrdiff_t)(y + j) * f->width + x;
-        uint16_t *restrict out = sums + (size_t)j * (size_t)stride;
-        for (int32_t i = from_x; i < to_x; i++) out[i] = (uint16_t)(out[i] + row[i]);
+        const uint8_t *row = plane + (ptrdiff_t)(y + j) * f->width + (x + from_x);
+        uint16_t *restrict out = sums + (size_t)j * (size_t)stride + from_x;
+        for (int32_t i = 0; i < to_x - from_x; i++) out[i] = (uint16_t)(out[i] + row[i]);
     }
 }
 

@@ -10,6 +10,7 @@ import ctypes as c
 import sys
 import threading
 import weakref
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from cadcam.errors import BadValue, MissingCore, NotEnoughMemory
 
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 LIBRARY = Path(__file__).with_name("_raster" + _SUFFIX)
+Signatures = Mapping[str, tuple[object, Sequence[object]]]  # by name: types of result (None: none) and arguments
 LONGEST = 65535  # px along a side, samples counted: the lens table stores them in 16 bits
 
 
@@ -59,7 +61,7 @@ def library() -> c.CDLL:
     except OSError as error:
         raise MissingCore(f"{LIBRARY.name} cannot be loaded: {error}") from error
     pointer, i64, i32 = c.c_void_p, c.c_int64, c.c_int32
-    signatures: dict[str, tuple[object, list[object]]] = {
+    signatures: Signatures = {
         "cc_scene_new": (pointer, [pointer, pointer, i64, pointer, pointer, pointer, i64]),
         "cc_scene_free": (None, [pointer]),
         "cc_scene_hides": (None, [pointer, pointer, c.c_double, i64, pointer, pointer]),
@@ -74,10 +76,15 @@ def library() -> c.CDLL:
         "cc_variant": (c.c_char_p, []),
         "cc_choose_variant": (i32, [i32]),
     }
-    for name, (result, arguments) in signatures.items():
-        function = getattr(core, name)
-        function.restype, function.argtypes = result, arguments
-    return core
+    return _typed(core, signatures)
+
+
+def functions(what: str, signatures: Signatures) -> c.CDLL:
+    """Return the loaded core, these of its functions told their types; `MissingCore` says what is not there without."""
+    try:
+        return _typed(library(), signatures)
+    except MissingCore as error:
+        raise MissingCore(error.why, what, "reinstall") from None
 
 
 def variant() -> str:
@@ -187,6 +194,18 @@ class Workers:
 def addresses(*arrays: npt.NDArray[np.generic]) -> list[int]:
     """Return where arrays lie in memory, as the core takes them; whoever passes them on keeps them."""
     return [array.ctypes.data for array in arrays]
+
+
+def doubles(*arrays: Array) -> list[Array]:
+    """Return arrays as the core takes numbers: float64, row by row."""
+    return [np.ascontiguousarray(array, np.float64) for array in arrays]
+
+
+def _typed(core: c.CDLL, signatures: Signatures) -> c.CDLL:
+    for name, (result, arguments) in signatures.items():
+        function = getattr(core, name)
+        function.restype, function.argtypes = result, arguments
+    return core
 
 
 def _check_indices(what: str, indices: npt.NDArray[np.int32], below: int) -> None:

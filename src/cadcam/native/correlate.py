@@ -6,7 +6,6 @@ The interface is src/cadcam/native/correlate.h. What goes in is checked and made
 from __future__ import annotations
 
 import ctypes as c
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
@@ -14,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Picture
-from cadcam.errors import BadValue, MissingCore, NotEnoughMemory
-from cadcam.native.core import addresses, library
+from cadcam.errors import BadValue, NotEnoughMemory
+from cadcam.native.core import addresses, functions
 
 _LARGEST_FACTOR = 1024  # of a shrunken picture: STRIP in correlate.c
 _LONGEST = 32767  # px along a side: an index into the picture fits 31 bits
@@ -57,14 +56,17 @@ class _Spots(c.Structure):
 
 
 @cache
-def _function(name: str, result: type | None, *arguments: object) -> Callable[..., int]:
-    """Return a function of the core; raises `MissingCore`."""
-    try:
-        function = getattr(library(), name)
-    except MissingCore as error:
-        raise MissingCore(error.why, "matching of templates", "reinstall") from None
-    function.restype, function.argtypes = result, list(arguments)
-    return function  # type: ignore[no-any-return]  # ctypes' functions have no type
+def _core() -> c.CDLL:
+    pointer, i32 = c.c_void_p, c.c_int32
+    return functions(
+        "the matching of templates",
+        {
+            "cc_shrink": (None, [pointer, i32, pointer]),
+            "cc_find_spots": (None, [pointer]),
+            "cc_search_rows": (i32, [pointer, i32, i32]),
+            "cc_register_poses": (None, [pointer, pointer, pointer, i32]),
+        },
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,7 +128,7 @@ def shrunken(picture: Picture, factor: int) -> Picture:
     if not 1 <= factor <= _LARGEST_FACTOR:
         raise BadValue("factor", factor, f"a whole number from 1 to {_LARGEST_FACTOR}")
     out = np.zeros([-(-n // factor) for n in kept.shape], np.float32)
-    _function("cc_shrink", None, c.c_void_p, c.c_int32, c.c_void_p)(c.addressof(plane), factor, out.ctypes.data)
+    _core().cc_shrink(c.addressof(plane), factor, out.ctypes.data)
     return out
 
 
@@ -143,7 +145,7 @@ def spot_steps(picture: Picture, inner: Ids, outer: Ids, *, dark: bool, level: f
     response = np.full(kept.shape, -1.0, np.float32)
     steps = [(c.c_int32 * 8)(*column.tolist()) for column in (*inner.T, *outer.T)]
     task = _Spots(plane, *steps, reach, dark, level, response.ctypes.data)
-    _function("cc_find_spots", None, c.c_void_p)(c.addressof(task))
+    _core().cc_find_spots(c.addressof(task))
     return response
 
 
@@ -164,7 +166,7 @@ def searched(
         best.ctypes.data,
         which.ctypes.data,
     )
-    if _function("cc_search_rows", c.c_int32, c.c_void_p, c.c_int32, c.c_int32)(c.addressof(task), 0, len(kept)):
+    if _core().cc_search_rows(c.addressof(task), 0, len(kept)):
         raise NotEnoughMemory(f"there is not enough memory to search {kept.shape[1]} x {kept.shape[0]} px")
     return best, which
 
@@ -194,8 +196,7 @@ def registered(
         reach,
         template.radius,
     )
-    register = _function("cc_register_poses", None, c.c_void_p, c.c_void_p, c.c_void_p, c.c_int32)
-    register(c.addressof(task), moved.ctypes.data, score.ctypes.data, len(moved))
+    _core().cc_register_poses(c.addressof(task), moved.ctypes.data, score.ctypes.data, len(moved))
     return moved, np.clip(score, -1.0, 1.0)  # sums in single precision
 
 

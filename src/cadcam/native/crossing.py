@@ -9,7 +9,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs
 from cadcam.errors import NotEnoughMemory
-from cadcam.native.core import addresses, library
+from cadcam.native.core import addresses, doubles, functions
 
 Flat = tuple[Array, Array, Array, Array]  # ends a, b (N, 2) and inverse depths wa, wb (N,)
 
@@ -20,15 +20,15 @@ class _Flat(c.Structure):
 
 @cache
 def _core() -> c.CDLL:
-    core, flat, pointer = library(), c.POINTER(_Flat), c.c_void_p
-    core.cc_crossings.argtypes = [flat, flat, pointer, c.c_int64, pointer, pointer]
-    core.cc_crossings.restype = c.c_int64
-    return core
+    flat, pointer = c.POINTER(_Flat), c.c_void_p
+    return functions(
+        "the removal of hidden lines", {"cc_crossings": (c.c_int64, [flat, flat, pointer, c.c_int64, pointer, pointer])}
+    )
 
 
 def crossings(lines: Flat, borders: Flat, slack: Array) -> tuple[Longs, Array]:
     """Return (line index, fraction s of its image) of the crossings with borders, each lengthened by its slack (M,)."""
-    kept = [[np.ascontiguousarray(a, np.float64) for a in arrays] for arrays in (lines, borders, (slack,))]
+    kept = [doubles(*arrays) for arrays in (lines, borders, (slack,))]
     one, other = (_Flat(*addresses(*arrays), len(arrays[0])) for arrays in kept[:2])
     room = len(lines[0]) + len(borders[0])
     while True:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Longs, Mask, Picture
 from cadcam.errors import BadValue
-from cadcam.native.core import addresses, library
+from cadcam.native.core import addresses, functions
 
 SECTORS = 8
 MARGIN, SPARE, SWEPT = 48, 3, 51  # CC_MARGIN, CC_SPARE, CC_SWEPT
@@ -55,24 +55,21 @@ class _Views(c.Structure):
 
 @cache
 def _core() -> c.CDLL:
-    core = library()
     at, i64, i32, views = c.c_void_p, c.c_int64, c.c_int32, c.POINTER(_Views)
-    signatures: dict[str, list[object]] = {
-        "cc_reduce": [at, i64, i32, i32, i32, at],
-        "cc_straighten": [at, i32, i32, at, *[i32] * 3, at, at],
-        "cc_directions": [at, i32, i32, c.c_float, *[at] * 4],
-        "cc_halve": [at, i32, i32, *[at] * 3],
-        "cc_slide": [views, i32, at, *[i32] * 6, *[at] * 3],
-        "cc_sweep": [views, i32, at, i32, i32, *[at] * 3],
-        "cc_certainties": [views, i32, at, c.c_double, i64, at],
-        "cc_climb": [views, at, at, i32, at, i32, at],
-        "cc_firsts": [at, i64, i64, c.c_double, at, at],
-    }
-    for name, arguments in signatures.items():
-        function = getattr(core, name)
-        function.restype, function.argtypes = None, arguments
-    core.cc_firsts.restype = i64
-    return core
+    return functions(
+        "the search for parts",
+        {
+            "cc_reduce": (None, [at, i64, i32, i32, i32, at]),
+            "cc_straighten": (None, [at, i32, i32, at, *[i32] * 3, at, at]),
+            "cc_directions": (None, [at, i32, i32, c.c_float, *[at] * 4]),
+            "cc_halve": (None, [at, i32, i32, *[at] * 3]),
+            "cc_slide": (None, [views, i32, at, *[i32] * 6, *[at] * 3]),
+            "cc_sweep": (None, [views, i32, at, i32, i32, *[at] * 3]),
+            "cc_certainties": (None, [views, i32, at, c.c_double, i64, at]),
+            "cc_climb": (None, [views, at, at, i32, at, i32, at]),
+            "cc_firsts": (i64, [at, i64, i64, c.c_double, at, at]),
+        },
+    )
 
 
 def reduce(gray: Picture, k: int) -> Picture:

@@ -10,7 +10,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs
 from cadcam.errors import BadValue
-from cadcam.native.core import library
+from cadcam.native.core import addresses, doubles, functions
 
 UNKNOWNS = 16  # CC_UNKNOWNS
 
@@ -27,10 +27,7 @@ class _Grouped(c.Structure):
 
 @cache
 def _core() -> c.CDLL:
-    core = library()
-    core.cc_grouped_fit.argtypes = [c.POINTER(_Grouped), *[c.c_void_p] * 4]
-    core.cc_grouped_fit.restype = c.c_int32
-    return core
+    return functions("the fit of poses", {"cc_grouped_fit": (c.c_int32, [c.POINTER(_Grouped), *[c.c_void_p] * 4])})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,18 +59,13 @@ def averaged_fit(
     k, several, families = J.shape[1], (len(tried.prior), len(tried.family_prior)), len(tried.family_free)
     if k > UNKNOWNS:
         raise BadValue("parameters of a regression with groups", k, f"at most {UNKNOWNS}")
-    data = [_doubles(a) for a in (y, J, w)]
+    data = doubles(y, J, w)
     number = [np.ascontiguousarray(a, np.int64) for a in (group, tried.family)]
-    of_groups = [_doubles(a) for a in (of_group, tried.free, tried.expected, tried.variance, tried.share, tried.prior)]
-    of_families = [_doubles(a) for a in (tried.family_free, tried.family_variance, tried.family_prior)]
-    at = [a.ctypes.data for a in (*data, *number, *of_groups, *of_families)]
-    asked = _Grouped(*at, len(y), len(of_group), families, k, *several)
+    of_groups = doubles(of_group, tried.free, tried.expected, tried.variance, tried.share, tried.prior)
+    of_families = doubles(tried.family_free, tried.family_variance, tried.family_prior)
+    asked = _Grouped(*addresses(*data, *number, *of_groups, *of_families), len(y), len(of_group), families, k, *several)
     own, each = (k + 1) * (k + 4) // 2 + 1, (k + 1) * (k + 2) // 2 + k
     scratch = np.zeros((len(of_group) + families) * own + several[0] * several[1] * each)
     out = np.zeros(k), np.zeros((k, k)), np.zeros(several)
-    found = _core().cc_grouped_fit(c.byref(asked), scratch.ctypes.data, *(a.ctypes.data for a in out))
+    found = _core().cc_grouped_fit(c.byref(asked), *addresses(scratch, *out))
     return out if found else None
-
-
-def _doubles(a: Array) -> Array:
-    return np.ascontiguousarray(a, np.float64)

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bodies.h"
 #include "internal.h"
 #include "vectors.h"
 

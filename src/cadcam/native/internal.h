@@ -183,29 +183,6 @@ struct cc_worker {
 
 int variant_in_use(void); /* the instruction set in use: 0 baseline, 1 x86-64-v3 */
 
-/* The body of a function of the interface: that of the hot files of this name, in the instruction set in use. */
-#if CC_HAS_V3
-#define IN_USE(function, parameters, arguments) \
-    {                                           \
-        void function##_baseline parameters;    \
-        void function##_v3 parameters;          \
-        if (variant_in_use() == 1) function##_v3 arguments; \
-        else function##_baseline arguments;     \
-    }
-#else
-#define IN_USE(function, parameters, arguments) \
-    {                                           \
-        void function##_baseline parameters;    \
-        function##_baseline arguments;          \
-    }
-#endif
-int frame_look_baseline(cc_frame *frame);
-int frame_work_baseline(cc_frame *frame, cc_worker *worker);
-#if CC_HAS_V3
-int frame_look_v3(cc_frame *frame);
-int frame_work_v3(cc_frame *frame, cc_worker *worker);
-#endif
-
 void *aligned_block(size_t bytes); /* 64-byte aligned, not cleared; NULL where memory is short */
 void aligned_release(void *block);
 int sheet_reserve(sheet *s, size_t tiles); /* 0 where memory is short */

@@ -35,7 +35,7 @@ void cc_mask_region(const uint8_t *mask, int32_t width, int32_t height, int64_t 
 static void visit(const uint8_t *mask, int32_t width, int32_t height, int64_t *first, int64_t room, int64_t *at) {
     const uint8_t *bottom = mask + (int64_t)(height - 1) * width;
     for (int64_t y = 0; y < height; y++) {
-        const uint8_t *row = mask + y * width, *above = row - width;
+        const uint8_t *row = mask + y * width, *above = y ? row - width : NULL;
         for (int64_t x = 0; x < width; x++) {
             if (y) x = differing(row, above, x, width);
             if (x >= width || (!y && row[x] == (x ? bottom[x - 1] : 0))) continue;

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Mask
-from cadcam.native.core import library
+from cadcam.native.core import functions
 
 Box = tuple[int, int, int, int]
 _RUNS = 4  # changes a column that there is room for at once
@@ -17,16 +17,14 @@ _RUNS = 4  # changes a column that there is room for at once
 
 @cache
 def _core() -> c.CDLL:
-    core = library()
     pointer, i64, i32 = c.c_void_p, c.c_int64, c.c_int32
-    signatures: dict[str, tuple[object, list[object]]] = {
-        "cc_mask_region": (None, [pointer, i32, i32, pointer]),
-        "cc_mask_changes": (i64, [pointer, i32, i32, pointer, i64, pointer]),
-    }
-    for name, (result, arguments) in signatures.items():
-        function = getattr(core, name)
-        function.restype, function.argtypes = result, arguments
-    return core
+    return functions(
+        "the labelling of data sets",
+        {
+            "cc_mask_region": (None, [pointer, i32, i32, pointer]),
+            "cc_mask_changes": (i64, [pointer, i32, i32, pointer, i64, pointer]),
+        },
+    )
 
 
 def mask_region(mask: Mask) -> tuple[int, Box]:

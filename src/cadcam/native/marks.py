@@ -10,7 +10,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.errors import BadValue
-from cadcam.native.core import addresses, library
+from cadcam.native.core import addresses, doubles, functions
 
 _MOST_RADII, _MOST_TERMS = 128, 16  # CC_MARK_RADII, CC_MARK_TERMS
 _LEVELS, _ALWAYS, LOOSE = 8, 5, 3  # c s m gx gy b dx dy; of those the first always have slopes, the last need not
@@ -25,12 +25,9 @@ class _Mark(c.Structure):
 
 @cache
 def _core() -> c.CDLL:
-    core = library()
-    pointer, i64, i32 = c.c_void_p, c.c_int64, c.c_int32
-    arrays = [pointer] * 2
-    core.cc_mark_picture.argtypes = [c.POINTER(_Mark), i64, i64, i32, *arrays, i32, *arrays, i32, *arrays]
-    core.cc_mark_picture.restype = None
-    return core
+    i64, i32, arrays = c.c_int64, c.c_int32, [c.c_void_p] * 2
+    arguments = [c.POINTER(_Mark), i64, i64, i32, *arrays, i32, *arrays, i32, *arrays]
+    return functions("the fit of marks", {"cc_mark_picture": (None, arguments)})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +89,7 @@ def _drawn(
     count, pixels, width = places.shape
     if width not in (2, 8) or H.shape != (count, 3, 3) or levels.shape != (count, _LEVELS):
         raise BadValue("places", f"of shape {places.shape} for H {H.shape}", "(B, P, 2 or 8), H (B, 3, 3)")
-    places, H, dH, levels = (np.ascontiguousarray(a, np.float64) for a in (places, H, dH, levels))
+    places, H, dH, levels = doubles(places, H, dH, levels)
     value = np.zeros((count, pixels))
     slope = np.zeros((count, pixels, dH.shape[1] + _ALWAYS + loose) if slopes else 0)
     mark = borders._structure()

@@ -12,25 +12,23 @@ import numpy.typing as npt
 
 from cadcam.arrays import Picture
 from cadcam.errors import NotEnoughMemory
-from cadcam.native.core import addresses, library
+from cadcam.native.core import addresses, functions
 
 _kept = threading.local()  # the room of a thread: most of it is never touched, and fresh memory would be cleared
 
 
 @cache
 def _core() -> c.CDLL:
-    core = library()
     pointer, i64, i32 = c.c_void_p, c.c_int64, c.c_int32
-    signatures: dict[str, list[object]] = {
-        "cc_pack": [pointer, i64, i64, i32, pointer, i64],
-        "cc_pack_depth": [pointer, i32, i32, c.c_float, pointer, i64],
-        "cc_pack_normals": [pointer, pointer, i32, i32, pointer, i64],
-        "cc_pack_room": [i64, i64],
-    }
-    for name, arguments in signatures.items():
-        function = getattr(core, name)
-        function.restype, function.argtypes = i64, arguments
-    return core
+    return functions(
+        "the packing of PNG files",
+        {
+            "cc_pack": (i64, [pointer, i64, i64, i32, pointer, i64]),
+            "cc_pack_depth": (i64, [pointer, i32, i32, c.c_float, pointer, i64]),
+            "cc_pack_normals": (i64, [pointer, pointer, i32, i32, pointer, i64]),
+            "cc_pack_room": (i64, [i64, i64]),
+        },
+    )
 
 
 def packed_rows(rows: npt.NDArray[np.uint8], pixel_bytes: int) -> bytes:

@@ -4,33 +4,29 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "internal.h"
+#include "bodies.h"
 
 CC_API void cc_step_sums(const cc_picture *picture, int64_t n, const double *q, const double *normal,
                          const double *below, const double *above, const double *twins, double half_length, double blur,
-                         double dark, double bright, double *sums)
-    IN_USE(step_sums,
-           (const cc_picture *, int64_t, const double *, const double *, const double *, const double *, const double *,
-            double, double, double, double, double *),
-           (picture, n, q, normal, below, above, twins, half_length, blur, dark, bright, sums))
+                         double dark, double bright, double *sums) {
+    IN_USE(step_sums)(picture, n, q, normal, below, above, twins, half_length, blur, dark, bright, sums);
+}
 
-CC_API void cc_steps(int64_t n, const double *sums, const double *held, double *out)
-    IN_USE(steps, (int64_t, const double *, const double *, double *), (n, sums, held, out))
+CC_API void cc_steps(int64_t n, const double *sums, const double *held, double *out) {
+    IN_USE(steps)(n, sums, held, out);
+}
 
 CC_API void cc_step_residuals(const cc_picture *picture, int64_t n, const double *q, const double *normal,
                               const double *below, const double *above, const double *twins, double half_length,
-                              double blur, const double *sums, int32_t bins, double width, double *out)
-    IN_USE(step_residuals,
-           (const cc_picture *, int64_t, const double *, const double *, const double *, const double *, const double *,
-            double, double, const double *, int32_t, double, double *),
-           (picture, n, q, normal, below, above, twins, half_length, blur, sums, bins, width, out))
+                              double blur, const double *sums, int32_t bins, double width, double *out) {
+    IN_USE(step_residuals)(picture, n, q, normal, below, above, twins, half_length, blur, sums, bins, width, out);
+}
 
 CC_API void cc_candidates(const cc_picture *picture, int64_t n, const double *q, const double *normal,
-                          double half_length, int32_t reach, double least, int32_t most, double *offset, double *slope)
-    IN_USE(slope_extrema,
-           (const cc_picture *, int64_t, const double *, const double *, double, int32_t, double, int32_t, double *,
-            double *),
-           (picture, n, q, normal, half_length, reach, least, most, offset, slope))
+                          double half_length, int32_t reach, double least, int32_t most, double *offset,
+                          double *slope) {
+    IN_USE(slope_extrema)(picture, n, q, normal, half_length, reach, least, most, offset, slope);
+}
 
 /* What of a segment lies in the slab |t| <= half around a sample, in its axes: d along the normal, t along the line. */
 typedef struct {

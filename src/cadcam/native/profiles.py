@@ -9,7 +9,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Ids, Longs, Picture
 from cadcam.errors import BadValue, NotEnoughMemory
-from cadcam.native.core import addresses, library
+from cadcam.native.core import addresses, doubles, functions
 
 STEP_SUMS, STEP_TERMS = 39, 9  # CC_STEP_SUMS, CC_STEP_TERMS
 BAND_BINS, BAND_KNOWN = 32, 3  # CC_BAND_BINS, CC_BAND_KNOWN
@@ -22,26 +22,26 @@ class _Picture(c.Structure):
 
 @cache
 def _core() -> c.CDLL:
-    core = library()
     pointer, i64, i32, real, picture = c.c_void_p, c.c_int64, c.c_int32, c.c_double, c.POINTER(_Picture)
-    core.cc_step_sums.argtypes = [picture, i64, *[pointer] * 5, *[real] * 4, pointer]
-    core.cc_steps.argtypes = [i64, *[pointer] * 3]
-    core.cc_step_residuals.argtypes = [picture, i64, *[pointer] * 5, real, real, pointer, i32, real, pointer]
-    core.cc_band_gains.argtypes = [i64, i32, real, real, *[pointer] * 5, i32, pointer, pointer]
-    core.cc_band_gains.restype = i32
-    core.cc_candidates.argtypes = [picture, i64, pointer, pointer, real, i32, real, i32, pointer, pointer]
-    core.cc_clearance.argtypes = [i64, *[pointer] * 4, i64, *[pointer] * 3, *[real] * 3, *[pointer] * 4]
-    core.cc_clearance.restype = i32
-    core.cc_edge_rows.argtypes = [i64, *[pointer] * 6]
-    core.cc_camera_rows.argtypes = [i64, pointer, pointer, real, *[pointer] * 7]
-    core.cc_along_runs.argtypes = [i64, i32, pointer, pointer, i64, pointer]
-    core.cc_pull.argtypes = [i64, i32, i32, *[pointer] * 5, *[real] * 3, i32, pointer]
-    core.cc_met.argtypes = [i64, i32, pointer, pointer, i64, pointer, i64, pointer, *[real] * 3, pointer, pointer]
-    steps = ("step_sums", "steps", "step_residuals", "candidates")
-    names = (*steps, "edge_rows", "camera_rows", "along_runs", "pull", "met")
-    for name in (f"cc_{name}" for name in names):
-        getattr(core, name).restype = None
-    return core
+    return functions(
+        "the fit to edges",
+        {
+            "cc_step_sums": (None, [picture, i64, *[pointer] * 5, *[real] * 4, pointer]),
+            "cc_steps": (None, [i64, *[pointer] * 3]),
+            "cc_step_residuals": (None, [picture, i64, *[pointer] * 5, real, real, pointer, i32, real, pointer]),
+            "cc_band_gains": (i32, [i64, i32, real, real, *[pointer] * 5, i32, pointer, pointer]),
+            "cc_candidates": (None, [picture, i64, pointer, pointer, real, i32, real, i32, pointer, pointer]),
+            "cc_clearance": (i32, [i64, *[pointer] * 4, i64, *[pointer] * 3, *[real] * 3, *[pointer] * 4]),
+            "cc_edge_rows": (None, [i64, *[pointer] * 6]),
+            "cc_camera_rows": (None, [i64, pointer, pointer, real, *[pointer] * 7]),
+            "cc_along_runs": (None, [i64, i32, pointer, pointer, i64, pointer]),
+            "cc_pull": (None, [i64, i32, i32, *[pointer] * 5, *[real] * 3, i32, pointer]),
+            "cc_met": (
+                None,
+                [i64, i32, pointer, pointer, i64, pointer, i64, pointer, *[real] * 3, pointer, pointer],
+            ),
+        },
+    )
 
 
 def step_sums(
@@ -58,7 +58,7 @@ def step_sums(
     bright: float,
 ) -> Array:
     """Return what the pixels of each cell add up to (n, STEP_SUMS): what `steps` takes (profile.h)."""
-    gray, arrays = np.ascontiguousarray(gray, np.float32), _doubles(q, normal, below, above, twins)
+    gray, arrays = np.ascontiguousarray(gray, np.float32), doubles(q, normal, below, above, twins)
     out = np.zeros((len(arrays[0]), STEP_SUMS))
     places = addresses(*arrays)
     _core().cc_step_sums(_picture(gray), len(out), *places, half_length, blur, dark, bright, out.ctypes.data)
@@ -67,7 +67,7 @@ def step_sums(
 
 def steps(sums: Array, held: Array) -> Array:
     """Return (n, 9) of each cell: c, g, slopes below and above, noise, Qcc, Qgg, pixels, share clipped (profile.h)."""
-    sums, held = arrays = _doubles(sums, held)
+    sums, held = arrays = doubles(sums, held)
     out = np.zeros((len(sums), STEP_TERMS))
     _core().cc_steps(len(out), *addresses(*arrays, out))
     return out
@@ -91,7 +91,7 @@ def step_residuals(
 
     Bins of `width` px lie around the line (profile.h). The other arguments are those that the sums were made with.
     """
-    gray, arrays = np.ascontiguousarray(gray, np.float32), _doubles(q, normal, below, above, twins, sums)
+    gray, arrays = np.ascontiguousarray(gray, np.float32), doubles(q, normal, below, above, twins, sums)
     out = np.zeros((len(arrays[0]), 2 * bins + 1))
     *places, of = addresses(*arrays)
     _core().cc_step_residuals(_picture(gray), len(out), *places, half_length, blur, of, bins, width, out.ctypes.data)
@@ -102,13 +102,13 @@ def band_gains(
     rest: Array, number: Array, variance: Array, known: Array, room: Array, tried: Array, *, width: float, blur: float
 ) -> Array:
     """Return what steps at places tried (t,) beside lines explain (n, t) of what is left over (n, bins) (profile.h)."""
-    rest, number, variance, known, room, tried = arrays = _doubles(rest, number, variance, known, room, tried)
+    rest, number, variance, known, room, tried = arrays = doubles(rest, number, variance, known, room, tried)
     if not (rest.shape[1] <= BAND_BINS and known.shape[1] == BAND_KNOWN):
         raise BadValue("bins and known steps of a stretch", (rest.shape, known.shape), f"{BAND_BINS}, {BAND_KNOWN}")
     gain = np.zeros((len(rest), len(tried)))
     *given, places, out = addresses(*arrays, gain)
     if not _core().cc_band_gains(*rest.shape, width, blur, *given, len(tried), places, out):
-        raise MemoryError
+        raise NotEnoughMemory(f"there is not enough memory for {len(tried)} steps beside lines")
     return gain
 
 
@@ -116,7 +116,7 @@ def candidates(
     gray: Picture, q: Array, normal: Array, *, half_length: float, reach: int, least: float, most: int
 ) -> tuple[Array, Array]:
     """Return offset and slope (n, most) of the strongest slopes along the normals, nan where there are no more."""
-    gray, arrays = np.ascontiguousarray(gray, np.float32), _doubles(q, normal)
+    gray, arrays = np.ascontiguousarray(gray, np.float32), doubles(q, normal)
     offset, slope = np.zeros((len(arrays[0]), most)), np.zeros((len(arrays[0]), most))
     places = addresses(*arrays)
     _core().cc_candidates(
@@ -142,7 +142,7 @@ def clearance(
 
     And the lines there that are twins (n, 2, 2), with how far (n, 2) px no line beyond them is (profile.h).
     """
-    q, normal, arc, segments, segment_arc = _doubles(q, normal, arc, segments, segment_arc)
+    q, normal, arc, segments, segment_arc = doubles(q, normal, arc, segments, segment_arc)
     run, segment_run = np.ascontiguousarray(run, np.int32), np.ascontiguousarray(segment_run, np.int32)
     below, above = np.zeros(len(q)), np.zeros(len(q))
     twins, beyond = np.zeros((len(q), 2, 2)), np.zeros((len(q), 2))
@@ -158,7 +158,7 @@ def edge_rows(jacobian: Array, rotation: Array, p: Array, tangent: Array) -> tup
 
     jacobian (n, 2, 3): dq/d(point in the camera's frame). rotation (3, 3): camera from part; p, tangent (n, 3).
     """
-    arrays = _doubles(jacobian, rotation, p, tangent)
+    arrays = doubles(jacobian, rotation, p, tangent)
     normal, row = np.zeros((len(p), 2)), np.zeros((len(p), 6))
     _core().cc_edge_rows(len(p), *addresses(*arrays, normal, row))
     return normal, row
@@ -178,7 +178,7 @@ def camera_rows(
 
     lens: twelve coefficients by Brown and Conrady in OpenCV's order, none for a pinhole; nan too from `radius` on.
     """
-    arrays, told = _doubles(K, rotation, translation, p, tangent), _doubles(*([] if lens is None else [lens]))
+    arrays, told = doubles(K, rotation, translation, p, tangent), doubles(*([] if lens is None else [lens]))
     if lens is not None and told[0].shape != (LENS,):
         raise BadValue("coefficients of a lens", lens, f"{LENS} numbers")
     q, normal, row = np.zeros((len(p), 2)), np.zeros((len(p), 2)), np.zeros((len(p), 6))
@@ -192,7 +192,7 @@ def along_runs(values: Array, run: Ids, neighbours: int) -> Array:
 
     What is not finite does not count; 0 where nothing does.
     """
-    (values,), run = _doubles(values), np.ascontiguousarray(run, np.int32)
+    (values,), run = doubles(values), np.ascontiguousarray(run, np.int32)
     out = np.zeros(values.shape)
     wide = out.size // max(len(out), 1)
     _core().cc_along_runs(len(out), wide, *addresses(values, run), neighbours, out.ctypes.data)
@@ -214,10 +214,10 @@ def pulled(
 
     stiff: weights (k, k) that hold before (k,) + step near nil, and `before`.
     """
-    rows, offset, strength = arrays = _doubles(rows, offset, strength)
+    rows, offset, strength = arrays = doubles(rows, offset, strength)
     if not rows.shape[1] <= PULLED:
         raise BadValue("motions of lines that are pulled", rows.shape[1], f"at most {PULLED}")
-    prior = _doubles(*(stiff or ()))
+    prior = doubles(*(stiff or ()))
     x = np.zeros(rows.shape[1])
     weights = addresses(*prior) if prior else [None, None]
     _core().cc_pull(*offset.shape, len(x), *addresses(*arrays), *weights, soft, nothing, held, pulls, x.ctypes.data)
@@ -230,7 +230,7 @@ def met(offset: Array, slope: Array, first: Longs, moved: Array, *, on: float, f
     offset, slope (n, m): the steps of each sample, nan for none; those weaker than `faint` times another within
     `around` px do not count. first (lines,): the first sample of each line. A step within `on` px is met.
     """
-    offset, slope, moved = arrays = _doubles(offset, slope, moved)
+    offset, slope, moved = arrays = doubles(offset, slope, moved)
     if not offset.shape[1] <= MOST_STEPS:
         raise BadValue("steps of a sample that may be met", offset.shape[1], f"at most {MOST_STEPS}")
     first = np.ascontiguousarray(first, np.int64)
@@ -246,7 +246,3 @@ def met(offset: Array, slope: Array, first: Longs, moved: Array, *, on: float, f
 def _picture(gray: Picture) -> object:
     """Return a reference to the picture; `gray` must outlive the call."""
     return c.byref(_Picture(gray.ctypes.data, gray.shape[1], gray.shape[0]))
-
-
-def _doubles(*arrays: Array) -> list[Array]:
-    return [np.ascontiguousarray(a, np.float64) for a in arrays]

@@ -369,7 +369,7 @@ static void draw_band(const band bands[]) {
     if (now.cluster) draw_cluster(bands, now.cluster, now.part);
 }
 
-int VARIANT(frame_work)(cc_frame *f, cc_worker *worker) {
+int32_t VARIANT(frame_work)(cc_frame *f, cc_worker *worker) {
     band bands[GRIDS];
     const size_t row = (size_t)f->grids[f->n_grids - 1].tiles_x * TILE;
     if (!row_reserve(worker, row * 8)) return -1; /* sums and means: shade.c */

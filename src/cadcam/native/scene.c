@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "internal.h"
+#include "bodies.h"
 #if CC_HAS_V3
 #include <cpuid.h>
 #endif
@@ -351,21 +351,10 @@ CC_API cc_frame *cc_frame_new(const cc_scene *scene, const cc_view *view) {
 }
 
 CC_API void cc_frame_look(cc_frame *f) {
-    int last;
-#if CC_HAS_V3
-    if (variant_in_use() == 1) last = frame_look_v3(f);
-    else
-#endif
-        last = frame_look_baseline(f);
-    if (last) order_bands(f);
+    if (IN_USE(frame_look)(f)) order_bands(f);
 }
 
-CC_API int32_t cc_frame_work(cc_frame *f, cc_worker *worker) {
-#if CC_HAS_V3
-    if (variant_in_use() == 1) return frame_work_v3(f, worker);
-#endif
-    return frame_work_baseline(f, worker);
-}
+CC_API int32_t cc_frame_work(cc_frame *f, cc_worker *worker) { return IN_USE(frame_work)(f, worker); }
 
 CC_API void cc_frame_free(cc_frame *f) {
     if (!f) return;

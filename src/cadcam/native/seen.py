@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Mask, Picture
-from cadcam.native.core import addresses, library
+from cadcam.native.core import addresses, functions
 
 ALWAYS, FACING, TURNING = 0, 1, 2  # CC_ALWAYS ...: when an edge is drawn
 
@@ -40,14 +40,15 @@ class _Lines(c.Structure):
 
 @cache
 def _core() -> c.CDLL:
-    core = library()
     sight, pointer, real = c.POINTER(_Sight), c.c_void_p, c.c_double
-    core.cc_seen.argtypes = [sight, c.c_int64, pointer, pointer, pointer]
-    of_edges = (c.POINTER(_EyePoint), c.POINTER(_Edges), pointer, real, real, real, c.POINTER(_Lines))
-    core.cc_seen_edges.argtypes = [sight, *of_edges]
-    for name in ("cc_seen", "cc_seen_edges"):
-        getattr(core, name).restype = None
-    return core
+    of_edges = [c.POINTER(_EyePoint), c.POINTER(_Edges), pointer, real, real, real, c.POINTER(_Lines)]
+    return functions(
+        "the removal of hidden lines",
+        {
+            "cc_seen": (None, [sight, c.c_int64, pointer, pointer, pointer]),
+            "cc_seen_edges": (None, [sight, *of_edges]),
+        },
+    )
 
 
 class Sight:

@@ -5,7 +5,8 @@
 #include "vectors.h"
 
 enum { OWN = 5, TERMS = OWN + 2, CHUNK = 256, SUMS = TERMS * (TERMS + 1) / 2 + TERMS + 1 };
-enum { COUNTED = SUMS, CLIPPED, OF_TERMS }; /* what follows the sums in the caller's memory: CC_STEP_SUMS in all */
+enum { COUNTED = SUMS, CLIPPED, OF_TERMS }; /* what follows the sums in the caller's memory */
+_Static_assert(OF_TERMS + 1 == CC_STEP_SUMS, "profile.h says how much memory that is");
 #define TWIN 1e-4 /* variance of a pixel over that of a twin's contrast: it hardly matters but for twins out of sight */
 #define HELD 1e12  /* as good as infinite */
 #define SPREAD 3.0 /* blurs beyond which a step is level */

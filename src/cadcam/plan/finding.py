@@ -23,11 +23,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Array, Floats
-from cadcam.camera.optics import Optics
+from cadcam.camera.optics import PIXEL_PX2, Optics
 from cadcam.errors import BadValue
 
-_PIXEL = 1 / 12  # px^2: second moment of a pixel's own area
-_AIRY = 0.42 / 2.44  # sigma of the Airy disc's core by its diameter
 _THIN = 1e-3  # b/a below which a disc is seen edge-on
 
 
@@ -77,9 +75,8 @@ def blur_sigmas(optics: Optics | None, z_mm: Floats) -> Array:
     """
     z = np.asarray(z_mm, dtype=np.float64)
     if optics is None or optics.f_number is None:
-        return np.full(z.shape, np.sqrt(_PIXEL))
-    airy = optics.diffraction_px() * _AIRY
-    return np.asarray(np.sqrt(defocus(optics, z) ** 2 / 16 + airy**2 + _PIXEL))
+        return np.full(z.shape, np.sqrt(PIXEL_PX2))
+    return np.asarray(np.sqrt(defocus(optics, z) ** 2 / 16 + optics.airy_sigma_px() ** 2 + PIXEL_PX2))
 
 
 def defocus(optics: Optics | None, z_mm: Floats) -> Array:

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-import cadcam
 from cadcam.arrays import Array
 from cadcam.calibrate.handeye.conventions import ConventionFit
 from cadcam.calibrate.handeye.estimate import HandEyeEstimate
-from cadcam.files.jsontext import or_null, or_nulls
+from cadcam.files.jsontext import head_as_json, or_null, or_nulls
 from cadcam.files.matrix import pose_as_json
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
@@ -113,9 +112,7 @@ def hand_eye_as_json(estimate: HandEyeEstimate) -> dict[str, Any]:
     camera, target = _NAMES[estimate.mounting]
     noise = estimate.robot_noise
     return {
-        "format": FORMAT,
-        "version": VERSION,
-        "written_by": f"cadcam {cadcam.__version__}",
+        **head_as_json(FORMAT, VERSION),
         "mounting": estimate.mounting,
         camera: pose_as_json(_camera_pose(estimate)),
         f"{camera}_sigma": _sigmas(estimate.covariance_of_camera),

@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from cadcam import __version__
 from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, UnreadableFile
 from cadcam.files.camera import bare_camera_as_json, camera_at
-from cadcam.files.jsontext import Place, as_json, parsed
+from cadcam.files.jsontext import Place, as_json, head_as_json, parsed
 from cadcam.files.text import read_text
 from cadcam.station.gantry import GantryCalibration, Repeatability, Sighting, calibrate_gantry
 from cadcam.station.plane import PlaneCalibration, calibrate_position
@@ -36,10 +35,7 @@ def write_station(path: str | os.PathLike[str], station: GantryCalibration) -> N
 def read_station(path: str | os.PathLike[str]) -> GantryCalibration:
     """Return the calibration in a station file. Raises `UnreadableFile` naming the key."""
     place = parsed(read_text(path))
-    if place.object.get("format") != FORMAT:
-        raise UnreadableFile(path, "is no station file", "make one with `cadcam station calibrate`")
-    if place.object.get("version") != VERSION:
-        raise place.error(f"has version {place.object.get('version')}", f"this cadcam reads version {VERSION}")
+    place.check_head(FORMAT, VERSION, remedy=f"only {FORMAT!r} is read here: a file of `cadcam station calibrate`")
     plate = read_plate_in(place.at("plate"))
     lens = camera_at(place.at("lens")) if "lens" in place.object else None
     positions = [_position(one, plate, lens) for one in place.at("positions").items()]
@@ -101,9 +97,7 @@ def station_as_json(station: GantryCalibration) -> dict[str, Any]:
     """Return the document that `write_station` writes."""
     again = station.repeatability
     out: dict[str, Any] = {
-        "format": FORMAT,
-        "version": VERSION,
-        "software": f"cadcam {__version__}",
+        **head_as_json(FORMAT, VERSION),
         "camera": station.camera,
         "plate": plate_as_json(station.positions[0].placement.plate),
         "repeatability": {"covariance_mm2": again.covariance.tolist()}

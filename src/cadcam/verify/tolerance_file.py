@@ -51,7 +51,7 @@ def read_tolerances(path: str | os.PathLike[str]) -> Tolerances:
     place.only("k", "rule", "datum", "features")
     k = place.at("k").number() if "k" in place.object else _K
     rule = rule_at(place.at("rule")) if "rule" in place.object else Rule.GUARD_BAND
-    datum = tuple(_datum(item) for item in _items(place.at("datum"))) if "datum" in place.object else ()
+    datum = _datum(place.at("datum")) if "datum" in place.object else ()
     listed = place.at("features")
     features = tuple(_feature(name, listed.at(name), k, rule) for name in listed.object)
     if not features:
@@ -87,15 +87,11 @@ def _quoted(name: str) -> str:
     return name if plain else "'" + name.replace("'", "''") + "'"
 
 
-def _items(place: Place) -> list[Place]:
-    if not isinstance(place.value, list):
-        raise place.error("is no list", "write '- part: name' lines")
-    return [Place(place.path, (*place.keys, str(i)), value) for i, value in enumerate(place.value)]
-
-
-def _datum(place: Place) -> Selection:
-    place.only(*_WHERE)
-    return selection_at(place)
+def _datum(place: Place) -> tuple[Selection, ...]:
+    items = place.items("write '- part: name' lines")
+    for item in items:
+        item.only(*_WHERE)
+    return tuple(selection_at(item) for item in items)
 
 
 def _feature(name: str, place: Place, k: float, rule: Rule) -> Feature:

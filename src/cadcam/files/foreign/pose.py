@@ -8,21 +8,19 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.camera.opengl import EYE_FROM_CAMERA
-from cadcam.errors import UnreadableFile
+from cadcam.errors import BadValue, UnreadableFile
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
-
-_CLOSE = 1e-3  # a rotation written with four digits; made orthonormal. A scale or a reflection is refused
 
 Fail = Callable[[str, str], UnreadableFile]
 
 
 def rigid(rotation: Array, translation_mm: Array, fail: Fail) -> Rigid:
     """Return the motion; a rotation off by rounding is replaced by the nearest one, any other is refused."""
-    defect = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-    if not (defect <= _CLOSE and np.linalg.det(rotation) > 0):
-        raise fail(f"has a rotation that is none (off by {defect:.2g}, or mirrored)", "check the file")
-    return Rigid(rotation if defect <= 1e-12 else so3.nearest(rotation), translation_mm)
+    try:
+        return Rigid(so3.written(rotation, exact=1e-12), translation_mm)
+    except BadValue as error:
+        raise fail(f"has a rotation that is none: {error}", "check the file") from None
 
 
 def rigid_of_matrix(matrix: Array, mm: float, fail: Fail) -> Rigid:

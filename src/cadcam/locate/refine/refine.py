@@ -69,9 +69,7 @@ def refine(
     """
 
     def found_in(photos: Sequence[Photo]) -> Location:
-        return refined(
-            part, photos, start, freedom=freedom, evidence=evidence, options=options, chosen=chosen, wider=wider
-        )[0]
+        return Refinement(part, photos, freedom, evidence, options, chosen, wider).around(start)[0]
 
     return in_spite_of_noise(photos, found_in) if wider else found_in(photos)
 
@@ -86,29 +84,6 @@ def in_spite_of_noise(photos: Sequence[Photo], found_in: Callable[[Sequence[Phot
         return first
     second = found_in(calm)
     return second if second.found or second.quality > first.quality + _CLEARLY else first
-
-
-def refined(
-    part: Part,
-    photos: Sequence[Photo],
-    start: Rigid,
-    *,
-    freedom: Freedom = FREE,
-    evidence: Sequence[Evidence] = (),
-    options: EdgeOptions = EDGES,
-    chosen: int = 0,
-    wider: bool = True,
-) -> tuple[Location, Sequence[Sight]]:
-    """Return what `refine` does, and the photos with the part's lines as drawn within a pixel or two of that pose."""
-    if not photos:
-        raise BadValue("photos", "none", "at least one photo")
-    told = freedom.without(part.spin, start)
-    task = _Task(part, photos, told, evidence, options, chosen, wider)
-    best = task.from_start(start)
-    if wider:
-        best = task.in_color(task.again(best), start)
-    location = best.location
-    return location if told is freedom or part.spin is None else _turned_anyhow(location, part.spin), best.sights
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,16 +130,28 @@ class _Answer:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Task:
-    """What `refine` is asked, and the ways to an answer."""
+class Refinement:
+    """What `refine` is asked, but for the start, and the ways to an answer."""
 
     part: Part
     photos: Sequence[Photo]
-    freedom: Freedom
-    evidence: Sequence[Evidence]
-    options: EdgeOptions
-    chosen: int
-    wider: bool
+    freedom: Freedom = FREE
+    evidence: Sequence[Evidence] = ()
+    options: EdgeOptions = EDGES
+    chosen: int = 0
+    wider: bool = True
+
+    def around(self, start: Rigid) -> tuple[Location, Sequence[Sight]]:
+        """Return what `refine` does, and the photos with the part's lines as drawn within a pixel or two of it."""
+        if not self.photos:
+            raise BadValue("photos", "none", "at least one photo")
+        spin, told = self.part.spin, self.freedom.without(self.part.spin, start)
+        asked = replace(self, freedom=told)
+        best = asked.from_start(start)
+        if self.wider:
+            best = asked.in_color(asked.again(best), start)
+        location = best.location
+        return location if told is self.freedom or spin is None else _turned_anyhow(location, spin), best.sights
 
     def from_start(self, start: Rigid) -> _Answer:
         """Return what is found around a start."""
@@ -270,6 +257,7 @@ class _Task:
         return plain if unlike is None else plain.unlike(unlike, _EITHER)
 
     def answered(self, solution: Solution) -> _Answer:
+        """Return the answer that a solution gives."""
         location = location_of(self.part, solution, self.freedom, chosen=self.chosen, wider=self.wider)
         return _Answer(location, solution, solution.sights)
 

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cadcam import __version__
-from cadcam.files.jsontext import or_null, or_nulls
+from cadcam.files.jsontext import head_as_json, or_null, or_nulls
 from cadcam.plan.candidate import Candidate
 from cadcam.plan.layout import Layout
 from cadcam.plan.look import Why
@@ -26,9 +25,7 @@ def layout_as_json(
     """Return the document."""
     scene = layout.survey.scene
     out: dict[str, Any] = {
-        "format": "cadcam layout",
-        "version": 1,
-        "written_by": f"cadcam {__version__}",
+        **head_as_json("cadcam layout", 1),
         "scene": scene.name,
         "outcome": layout.outcome.value,
         "reason": headline(layout),
