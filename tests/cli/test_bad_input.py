@@ -70,6 +70,12 @@ CASES = [
     Case(
         "photo missing", OVERLAY, lambda j: (j / "photo.png").unlink(), ("photo.png", "no such file", "check the path")
     ),
+    Case(
+        "photo and model swapped",
+        ("overlay", "block.obj", "photo.png", *OVERLAY[3:]),
+        lambda j: None,
+        ("photo is 'block.obj'; expected a picture; photos come first, the model last (now 'photo.png')",),
+    ),
     Case("photo empty", OVERLAY, lambda j: spoil(j / "photo.png", b""), ("photo.png", "is empty")),
     Case("photo truncated", OVERLAY, lambda j: cut(j / "photo.png"), ("photo.png", "cut off")),
     Case(
@@ -168,6 +174,12 @@ CASES = [
         CALIBRATE,
         lambda j: spoil(j / "points.csv", "\n".join((j / "points.csv").read_text().splitlines()[:5])),
         ("4 given",),
+    ),
+    Case(
+        "camera file of another kind",
+        RENDER,
+        lambda j: spoil(j / "camera.json", "%YAML:1.2\nintrinsics:\n  f_u: 698.1\n"),
+        ("camera.json: is no camera file known by its content", "opencv"),
     ),
     Case("camera file cut", RENDER, lambda j: cut(j / "camera.json"), ("camera.json", "not JSON", "line")),
     Case(

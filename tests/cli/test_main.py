@@ -135,6 +135,37 @@ def test_an_unknown_option_points_to_the_help_that_lists_the_known_ones(
 
 
 @pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["overaly", "a.png"], "cadcam: unknown verb 'overaly'; did you mean 'overlay'? (known: "),
+        (["state", "lsit"], "cadcam state: unknown job 'lsit'; did you mean 'list'? (known: "),
+        (
+            ["render", "a.stl", "-o", "a.png", "--look", "plain"],
+            "cadcam render: unknown --look 'plain' (known: default, ",
+        ),
+        (["doctor", "--jason"], "cadcam doctor: unrecognized arguments: --jason; did you mean --json?; see "),
+        (["verify", "a.png", "a.stl", "--alarms", "1%"], "'1%' is not a share between 0 and 1, such as 0.01 for 1 %"),
+    ],
+)
+def test_a_slip_is_told_the_nearest_that_there_is(
+    words: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        cli.main(words)
+    assert stopped.value.code == 2
+    assert says in capsys.readouterr().err
+
+
+def test_without_a_place_for_results_the_work_is_done(tmp_path: Path) -> None:
+    """Some services close stdout and stderr before they start a program: Python then has none at all."""
+    command = [sys.executable, "-m", "cadcam", "render", "part.off", "--size", "20x10", "-o", "part.png"]
+    (tmp_path / "part.off").write_text("OFF\n4 4 0\n0 0 0\n9 0 0\n0 9 0\n0 0 9\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n")
+    quoted = " ".join(shlex.quote(word) for word in command)
+    assert subprocess.run(["sh", "-c", f"{quoted} >&- 2>&-"], cwd=tmp_path, check=False).returncode == 0
+    assert (tmp_path / "part.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
     ("raised", "code", "traced"),
     [
         (BadValue("size", 0, "more"), 2, False),

@@ -6,10 +6,11 @@ import argparse
 import re
 import shutil
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
-from cadcam.errors import BadValue
+from cadcam.errors import BadValue, UnknownName
 
 if TYPE_CHECKING:
     from cadcam.camera.observations import Observations
@@ -47,6 +48,18 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Say what is wrong with the command line and where more is to be read; exit with 2."""
         self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+    def unrecognized(self, arguments: Sequence[str]) -> NoReturn:
+        """Refuse arguments that nobody asked for; of an option the nearest that there is."""
+        near = get_close_matches(arguments[0].partition("=")[0], self._option_string_actions, n=1)
+        hint = f"; did you mean {near[0]}?" if near and near[0].startswith("--") else ""
+        self.error(f"unrecognized arguments: {' '.join(arguments)}{hint}")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Refuse what is none of an action's choices in the words of the library's own errors."""
+        if action.choices is not None and value not in action.choices:
+            what = "/".join(action.option_strings) or str(action.metavar or action.dest).split()[0].lower()
+            raise argparse.ArgumentError(None, str(UnknownName(what, str(value), map(str, action.choices))))
 
 
 def _filled(text: str) -> str:
@@ -221,6 +234,17 @@ def real(text: str) -> float:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
     if value != 0 and not _SMALLEST <= abs(value) <= _LARGEST:
         raise argparse.ArgumentTypeError(f"{text!r} is out of range; give 0, or a number between 1e-12 and 1e9 in size")
+    return value
+
+
+def share(text: str) -> float:
+    """Return the share in a text: a number between 0 and 1, neither of them."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 < value < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a share between 0 and 1, such as 0.01 for 1 %")
     return value
 
 

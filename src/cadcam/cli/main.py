@@ -13,6 +13,7 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
+from pathlib import Path
 
 from cadcam import __version__
 from cadcam.cli.arguments import Help, Parser
@@ -99,9 +100,10 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
+    _open_streams()
     arguments, unknown = parser().parse_known_args(argv)
     if unknown:  # a verb's help, not that of all of them, says what it knows
-        arguments.parser.error(f"unrecognized arguments: {' '.join(unknown)}")
+        arguments.parser.unrecognized(unknown)
     try:
         code: int = arguments.run(arguments) or 0
         sys.stdout.flush()
@@ -126,6 +128,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception:
         return _bug(arguments.verb)
     return code
+
+
+def _open_streams() -> None:
+    """Let stdout and stderr lead nowhere where they were closed, as some services do: no file gets their place."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115  open to the end
 
 
 def _too_much(error: MemoryError) -> str:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import real
 from cadcam.cli.output import say, working
+from cadcam.errors import BadValue
+from cadcam.image.suffixes import READABLE
 
 if TYPE_CHECKING:
     from cadcam.cad.load import LoadReport
@@ -22,6 +25,16 @@ def add_model_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tolerance", type=real, metavar="MM", help="STEP, IGES: largest distance of triangles from the true surface"
     )
+
+
+def check_order(photos: Sequence[str], model: str) -> None:
+    """Refuse a photo and a model that have changed places."""
+    from cadcam.cad.load import SUFFIXES
+
+    if model.lower().endswith(READABLE):
+        for photo in photos:
+            if photo.lower().endswith(SUFFIXES):
+                raise BadValue("photo", repr(photo), f"a picture; photos come first, the model last (now {model!r})")
 
 
 def load_as_asked(arguments: argparse.Namespace) -> tuple[Mesh, LoadReport]:

@@ -18,7 +18,7 @@ from cadcam.cli.locating import (
     start_as_asked,
     views_as_asked,
 )
-from cadcam.cli.models import add_model_options, load_as_asked, model_as_json
+from cadcam.cli.models import add_model_options, check_order, load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
 from cadcam.cli.photos import Shots, add_photo_options, read_shots
 from cadcam.cli.wires import LINE, LOOKS, add_line_options, style_of
@@ -85,6 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
         refuse(arguments, *LOOKS, why="where no lines are drawn", expected="-o FILE beside it")
     if arguments.pose_out:
         check_target(arguments.pose_out, (".json",))
+    check_order(arguments.photos, arguments.model)
     shots = read_shots(arguments.photos, arguments.camera, arguments.rig)
     start, freedom = start_as_asked(arguments, shots.photos[0].viewpoint), freedom_as_asked(arguments)
     views = views_as_asked(arguments)

@@ -17,7 +17,7 @@ from cadcam.cli.arguments import (
     verb,
 )
 from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, read_any_camera, view_as_json
-from cadcam.cli.models import add_model_options, load_as_asked, model_as_json
+from cadcam.cli.models import add_model_options, check_order, load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
 from cadcam.cli.wires import add_line_options, lines_as_json, lines_in_words, naming, scene_of, style_of, wireframe_of
 from cadcam.errors import BadValue, SizeMismatch
@@ -74,6 +74,7 @@ def add_to(verbs: Verbs) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Draw, write, report."""
     check_target(arguments.output, _SUFFIXES)
+    check_order([arguments.photo], arguments.model)
     _check_options(arguments)
     camera, pose, estimate = _camera(arguments)
     photo = _photo(arguments.photo, camera)

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cadcam.cli.arguments import POINTS_OPTIONS, Verbs, add_json, real, refuse, verb
+from cadcam.cli.arguments import Verbs, add_json, real, refuse, share, verb
 from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, start_as_asked
-from cadcam.cli.models import add_model_options, load_as_asked
+from cadcam.cli.models import add_model_options, check_order, load_as_asked
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
 from cadcam.cli.photos import Shots, add_photo_options, read_shots
 from cadcam.errors import BadValue
 from cadcam.image.suffixes import WRITABLE
 
 if TYPE_CHECKING:
+    from cadcam.geometry.rigid import Rigid
+    from cadcam.locate.freedom import Freedom
     from cadcam.locate.location import Location
     from cadcam.locate.part import Part
     from cadcam.report.verify.json import Origin
+    from cadcam.verify.inspection import InspectionOptions
     from cadcam.verify.judge import Verification
     from cadcam.verify.tolerance import Tolerances
 
@@ -69,7 +73,7 @@ def add_to(verbs: Verbs) -> None:
         "--reach", type=real, default=8.0, metavar="PX", help="how far displaced features are looked for (default 8)"
     )
     parser.add_argument(
-        "--alarms", type=real, default=0.01, metavar="SHARE", help="share of false alarms allowed (default 0.01)"
+        "--alarms", type=share, default=0.01, metavar="SHARE", help="share of false alarms allowed (default 0.01)"
     )
     parser.add_argument("--serial", help="which one of these parts, for the report")
     parser.add_argument("--station", help="where it was measured, for the report")
@@ -88,6 +92,8 @@ def add_to(verbs: Verbs) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Verify, report; return the exit code."""
+    from cadcam.verify.tolerance import whole_parts
+
     only = "--list" if arguments.list is not None else "--template"
     if arguments.list is not None or arguments.template:
         refuse(arguments, *_OF_A_VERDICT, why=f"beside {only}", expected="one of them: nothing is judged")
@@ -97,17 +103,20 @@ def run(arguments: argparse.Namespace) -> int:
     for path in arguments.output:
         check_target(path, (".yaml", ".yml") if arguments.template else _SUFFIXES)
     shots = _shots(arguments)
-    part = _part(arguments)
     if arguments.template:
-        _template(arguments, part, shots)
+        _template(arguments, _part(arguments), shots)
         return 0
     assert shots is not None  # `_shots` refuses
-    tolerances = _tolerances(arguments, part)
-    located = _located(arguments, part, shots)
-    return _verified(arguments, part, shots, located, tolerances)
+    asked = _asked(arguments, shots)
+    part = _part(arguments)
+    tolerances = whole_parts(part.scene) if asked.tolerances is None else asked.tolerances
+    tolerances.check(part.scene)
+    located = _located(arguments, part, shots, asked)
+    return _verified(arguments, part, shots, located, tolerances, asked)
 
 
 def _shots(arguments: argparse.Namespace) -> Shots | None:
+    check_order(arguments.photos, arguments.model)
     if arguments.photos:
         return read_shots(arguments.photos, arguments.camera, arguments.rig)
     if arguments.template:
@@ -126,45 +135,52 @@ def _part(arguments: argparse.Namespace) -> Part:
     return part
 
 
-def _tolerances(arguments: argparse.Namespace, part: Part) -> Tolerances:
-    from cadcam.verify.tolerance import whole_parts
-    from cadcam.verify.tolerance_file import read_tolerances
+@dataclass(frozen=True, slots=True, eq=False)
+class _Asked:
+    """What the command line and its files ask for: read before the model, which may take long."""
 
-    if arguments.tolerances is None:
-        return whole_parts(part.scene)
-    tolerances = read_tolerances(arguments.tolerances)
-    tolerances.check(part.scene)
-    return tolerances
+    tolerances: Tolerances | None
+    start: Rigid | None
+    freedom: Freedom
+    options: InspectionOptions
 
 
-def _located(arguments: argparse.Namespace, part: Part, shots: Shots) -> Location:
-    """Return where the part is, by what was said about it."""
-    from cadcam.cli.verbs.locate import located
+def _asked(arguments: argparse.Namespace, shots: Shots) -> _Asked:
     from cadcam.files.pose_estimate import read_part_pose
-    from cadcam.locate.refine.options import EdgeOptions
-    from cadcam.locate.refine.refine import refine
+    from cadcam.verify.inspection import InspectionOptions
+    from cadcam.verify.tolerance_file import read_tolerances
 
     view, freedom = shots.photos[0].viewpoint, freedom_as_asked(arguments)
     if arguments.start or arguments.points:
         refuse(arguments, "--pose", why="beside --start or --points", expected="one of them")
-    if not arguments.pose:
-        return located(part, shots, start_as_asked(arguments, view), freedom)
-    refuse(arguments, *POINTS_OPTIONS, why="without --points", expected="both, or leave it out")
+    start = start_as_asked(arguments, view)
+    if arguments.pose:
+        start = read_part_pose(arguments.pose, camera_from_world=view.camera_from_world)
+    tolerances = None if arguments.tolerances is None else read_tolerances(arguments.tolerances)
+    return _Asked(tolerances, start, freedom, InspectionOptions(reach_px=arguments.reach, alarms=arguments.alarms))
+
+
+def _located(arguments: argparse.Namespace, part: Part, shots: Shots, asked: _Asked) -> Location:
+    """Return where the part is, by what was said about it."""
+    from cadcam.cli.verbs.locate import located
+    from cadcam.locate.refine.options import EdgeOptions
+    from cadcam.locate.refine.refine import refine
+
+    if not arguments.pose or asked.start is None:
+        return located(part, shots, asked.start, asked.freedom)
+    options = EdgeOptions(search_px=_POSED_PX)
     with working("finding the part"):
-        pose = read_part_pose(arguments.pose, camera_from_world=view.camera_from_world)
-        return refine(part, shots.photos, pose, freedom=freedom, options=EdgeOptions(search_px=_POSED_PX))
+        return refine(part, shots.photos, asked.start, freedom=asked.freedom, options=options)
 
 
 def _verified(
-    arguments: argparse.Namespace, part: Part, shots: Shots, located: Location, tolerances: Tolerances
+    arguments: argparse.Namespace, part: Part, shots: Shots, located: Location, tolerances: Tolerances, asked: _Asked
 ) -> int:
-    from cadcam.verify.inspection import InspectionOptions
     from cadcam.verify.judge import verify
     from cadcam.verify.verdict import Verdict
 
-    options = InspectionOptions(reach_px=arguments.reach, alarms=arguments.alarms)
     with working("comparing edges"):
-        found = verify(part, shots.photos, located, tolerances, options=options, freedom=freedom_as_asked(arguments))
+        found = verify(part, shots.photos, located, tolerances, options=asked.options, freedom=asked.freedom)
     _report(arguments, shots, found, _origin(arguments, shots))
     if not found.judgements:
         return found.verdict.exit_code if found.verdict is Verdict.NOT_FOUND else 0
