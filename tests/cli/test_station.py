@@ -249,7 +249,7 @@ def test_wrong_input_is_one_clear_error(cadcam: Cadcam, folder: Path, name: str)
     ran = cadcam(*words)
     assert ran.code == 2
     assert says in ran.err
-    assert ran.err.count("cadcam station:") == 1
+    assert ran.err.count(f"{' '.join(['cadcam', *words[:2]])}: ") == 1
     assert "Traceback" not in ran.err
     assert sorted(folder.iterdir()) == before
 

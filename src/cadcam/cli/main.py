@@ -108,25 +108,25 @@ def main(argv: Sequence[str] | None = None) -> int:
         code: int = arguments.run(arguments) or 0
         sys.stdout.flush()
     except CadcamError as error:
-        print(f"cadcam {arguments.verb}: {error}", file=sys.stderr)
+        print(f"{arguments.parser.prog}: {error}", file=sys.stderr)
         return 2
     except MemoryError as error:
-        print(f"cadcam {arguments.verb}: {_too_much(error)}", file=sys.stderr)
+        print(f"{arguments.parser.prog}: {_too_much(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print(f"cadcam {arguments.verb}: interrupted", file=sys.stderr)
+        print(f"{arguments.parser.prog}: interrupted", file=sys.stderr)
         return 130
     except OSError as error:
         if error.errno not in (errno.EPIPE, errno.ENOSPC):
-            return _bug(arguments.verb)
+            return _bug(arguments.parser.prog)
         # only stdout can raise these here: files are read and written with errors of our own
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if error.errno == errno.EPIPE:  # the reader of a pipe had enough: cadcam ... | head
             return 0
-        print(f"cadcam {arguments.verb}: stdout cannot be written: {error.strerror}", file=sys.stderr)
+        print(f"{arguments.parser.prog}: stdout cannot be written: {error.strerror}", file=sys.stderr)
         return 2
     except Exception:
-        return _bug(arguments.verb)
+        return _bug(arguments.parser.prog)
     return code
 
 
@@ -142,10 +142,10 @@ def _too_much(error: MemoryError) -> str:
     return f"there is not enough memory for what was asked{reason}; ask for less, or for fewer things at a time"
 
 
-def _bug(verb: str) -> int:
+def _bug(prog: str) -> int:
     traceback.print_exc()
     print(
-        f"cadcam {verb}: this is a bug in cadcam {__version__}; please report it with the lines above",
+        f"{prog}: this is a bug in cadcam {__version__}; please report it with the lines above",
         file=sys.stderr,
     )
     return _BUG

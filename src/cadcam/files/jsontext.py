@@ -126,7 +126,8 @@ class Place:
         """Refuse a document of another format or version than these; stated: whether it has to say them."""
         given = self.object.get("format", None if stated else form)
         if given != form:
-            raise self.error(f"says its format is {given!r}", remedy or f"only {form!r} is read here")
+            said = "does not say its format" if given is None else f"says its format is {given!r}"
+            raise self.error(said, remedy or f"only {form!r} is read here")
         number = self.object.get("version", None if stated else version)
         if number != version:
             remedy = f"this cadcam ({cadcam.__version__}) reads version {version}; use a newer one"

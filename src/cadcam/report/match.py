@@ -54,6 +54,8 @@ def feature_table(matches: TemplateMatches) -> Table:
     title = f"{len(matches.features)} features, {int(np.sum(matches.features.chosen >= 0))} agree on one pose"
     columns = ("feature", "drawn x", "drawn y", "best", "second", "found x", "found y", "")
     agreeing = f"as many agreeing by chance: {matches.by_chance:.1g} poses expected"
+    if not np.isfinite(matches.by_chance):
+        agreeing = "too few agree to tell them from chance"
     notes = (agreeing,) if rows else ("the drawing has nothing there that is worth looking for in the photo",)
     return Table(title, columns, tuple(rows), ("",), notes)
 

@@ -27,6 +27,7 @@ table{width:auto}th,td{text-align:right;padding:4px 12px 4px 0}.left{text-align:
 .wide .left:first-child{position:sticky;left:0;background:#fff}
 """
 _WIDTH, _HEIGHT, _MARGIN, _CAPTION = 900.0, 620.0, 60.0, 300.0  # px; the largest, and the least that captions need
+_LATEST = 500  # entries of a log that a page shows
 _SIGMAS = 10.0  # by how much the ellipses of uncertainty are drawn larger than the arrows
 
 
@@ -78,12 +79,13 @@ def arrows(maps: Mapping[str, DeviationMap]) -> str:
         '<defs><marker id="tip" viewBox="0 0 6 6" refX="5" refY="3" markerWidth="6" markerHeight="6" orient="auto">'
     ]
     body.append('<path d="M0 0L6 3L0 6z" fill="#0072b2"/></marker></defs>')
-    over = []  # arrows may reach beyond their area, over another one's name
+    over, names = [], []  # arrows may reach beyond their area: names are written over all of them
     for name, seen in maps.items():
         q = np.column_stack([(seen.positions[:, 0] - low[0]) * px, (high[1] - seen.positions[:, 1]) * px]) + _MARGIN
-        body.append(_area(q, seen.positions, name))
+        body.append(_area(q))
+        names.append(_name(q, seen.positions, name))
         over += [_arrow(*row, gain) for row in zip(q, seen.deviation, seen.sigma, seen.positions, strict=True)]
-    body += over
+    body += [*over, *names]
     body.append(
         _text(_MARGIN / 2, 20.0, f"longest arrow {most:.1f} mm; ellipses: one sigma, {_SIGMAS:.0f} times", "start")
     )
@@ -98,13 +100,19 @@ def _spacing(positions: Array) -> float:
     return float(apart[~np.eye(len(positions), dtype=bool)].min())
 
 
-def _area(q: Array, positions: Array, name: str) -> str:
-    """Return a camera's area as a rectangle with its name and, in m, its corners."""
+def _area(q: Array) -> str:
+    """Return a camera's area as a rectangle."""
     (x0, y0), (x1, y1) = q.min(axis=0), q.max(axis=0)
+    return (
+        f'<rect x="{x0:.1f}" y="{y0:.1f}" width="{x1 - x0:.1f}" height="{y1 - y0:.1f}" fill="#f2f5f8" stroke="#ccd"/>'
+    )
+
+
+def _name(q: Array, positions: Array, name: str) -> str:
+    """Return the name of a camera's area, below it, and in m where it lies."""
     low, high = positions.min(axis=0) / 1000, positions.max(axis=0) / 1000
-    box = f'<rect x="{x0:.1f}" y="{y0:.1f}" width="{x1 - x0:.1f}" height="{y1 - y0:.1f}" fill="#f2f5f8" stroke="#ccd"/>'
     said = f"camera {name}: x {low[0]:.1f} to {high[0]:.1f}, y {low[1]:.1f} to {high[1]:.1f} m"
-    return box + _text(float(x0), float(y1) + 34, said, "start")
+    return _text(float(q[:, 0].min()), float(q[:, 1].max()) + 34, said, "start")
 
 
 def _arrow(q: Any, m: Any, sigma: Any, position: Any, gain: float) -> str:
@@ -126,13 +134,14 @@ def _log_table(log: Sequence[Mapping[str, Any]]) -> Table:
             str(e.get("time", ""))[:19],
             str(e["mark"]),
             str(e.get("camera", "")),
-            *_xy(e["point_mm"]),
-            *_xy(e.get("half_width_95_mm")),
+            *(cell for pair in zip(_xy(e["point_mm"]), _xy(e.get("half_width_95_mm")), strict=True) for cell in pair),
         )
-        for e in log[-500:]
+        for e in log[-_LATEST:]
     )
-    columns = ("time (UTC)", "mark", "camera", "x mm", "y mm", "+- x", "+- y")
-    return Table(f"{len(log)} measurements", columns, rows, columns[:3])
+    columns = ("time (UTC)", "mark", "camera", "x mm", "+-", "y mm", "+- ")
+    latest = f"; the latest {len(rows)}" if len(rows) < len(log) else ""
+    note = "+-: half of the 95 % interval"
+    return Table(f"{len(log)} measurements{latest}", columns, rows, columns[:3], (note,))
 
 
 def _xy(value: Any) -> tuple[str, str]:
@@ -142,15 +151,21 @@ def _xy(value: Any) -> tuple[str, str]:
 def _table(table: Table) -> str:
     """Return a table that scrolls by itself where the screen is narrower: what is said of it stays where it is."""
     kinds = ['class="left"' if column in table.left else "" for column in table.columns]
-    head = "".join(f"<th {k}>{escape(c.strip())}</th>" for k, c in zip(kinds, table.columns, strict=True))
+    head = "".join(f"<th {k}>{_said(c.strip())}</th>" for k, c in zip(kinds, table.columns, strict=True))
+    head = f"<thead><tr>{head}</tr></thead>" if any(c.strip() for c in table.columns) else ""
     rows = "".join(
-        "<tr>" + "".join(f"<td {k}>{escape(cell)}</td>" for k, cell in zip(kinds, row, strict=True)) + "</tr>"
+        "<tr>" + "".join(f"<td {k}>{_said(cell)}</td>" for k, cell in zip(kinds, row, strict=True)) + "</tr>"
         for row in table.rows
     )
-    notes = "".join(f'<p class="soft">{escape(note)}</p>' for note in table.notes)
-    body = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
-    return f'<h2>{escape(table.title)}</h2><div class="wide">{body}</div>{notes}'
+    notes = "".join(f'<p class="soft">{_said(note)}</p>' for note in table.notes)
+    return f'<h2>{_said(table.title)}</h2><div class="wide"><table>{head}<tbody>{rows}</tbody></table></div>{notes}'
+
+
+def _said(text: str) -> str:
+    """Return what a table for a terminal says, as a page writes it."""
+    return escape(text).replace("+-", "±")
 
 
 def _text(x: float, y: float, text: str, anchor: str) -> str:
-    return f'<text x="{x:.0f}" y="{y:.0f}" font-size="13" text-anchor="{anchor}" fill="#222">{escape(text)}</text>'
+    ink = 'fill="#222" stroke="#fff" stroke-width="4" paint-order="stroke"'  # legible over what it crosses
+    return f'<text x="{x:.0f}" y="{y:.0f}" font-size="13" text-anchor="{anchor}" {ink}>{escape(text)}</text>'
