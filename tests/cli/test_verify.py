@@ -81,6 +81,24 @@ def test_names_and_a_template_are_printed_without_a_photo(cadcam: Callable[..., 
     assert "  - part: rib 2" in template.out
 
 
+def test_a_template_of_what_a_photo_shows_can_be_verified(cadcam: Callable[..., Ran], cell: Path) -> None:
+    files = ("--camera", cell / "camera.json", "--pose", cell / "pose.txt", "-o", cell / "seen.yaml")
+    assert cadcam("verify", cell / "good.png", cell / "plate.glb", "--template", *files).code == 0
+    assert "  - part: rib 1\n" in (cell / "seen.yaml").read_text()
+    judged = cadcam("verify", cell / "good.png", cell / "plate.glb", "--tolerances", cell / "seen.yaml", *files[:4])
+    assert judged.code == 0
+    assert "rename me" in judged.out
+
+
+def test_wrong_words_are_told_before_the_model_is_read(cadcam: Callable[..., Ran], cell: Path) -> None:
+    """A large STEP file takes half a minute to load."""
+    (cell / "tolerances.yaml").write_text(TOLERANCES.replace("0.5", "a lot"))
+    (cell / "plate.glb").write_bytes(b"not a model")
+    ran = verified(cadcam, cell, "good.png")
+    assert ran.code == 2
+    assert "features.rib.position_mm" in ran.err
+
+
 def test_an_example_in_the_guide_is_a_valid_file(tmp_path: Path) -> None:
     import re
 

@@ -54,8 +54,10 @@ def test_the_unit_may_be_an_argument_but_not_contradict_the_header(tmp_path: Pat
     np.testing.assert_array_equal(read_points(path, unit="m").p_world, [[1000, 2000, 3000]])
     with pytest.raises(UnknownName, match=r"'mn'.*did you mean"):
         read_points(path, unit="mn")
-    with pytest.raises(UnreadableFile, match="m and mm at once"):
+    with pytest.raises(UnreadableFile, match="names the world point's columns in m; ask for no other unit, not for mm"):
         read_points(saved(tmp_path, "X_m,Y_m,Z_m,x_px,y_px\n1,2,3,4,5\n"), unit="mm")
+    with pytest.raises(UnreadableFile, match="in m and mm at once"):
+        read_points(saved(tmp_path, "X_m,Y_mm,Z_m,x_px,y_px\n1,2,3,4,5\n"))
     with pytest.raises(UnreadableFile, match="unknown unit 'furlong'"):
         read_points(saved(tmp_path, "X_furlong,Y,Z,x_px,y_px\n1,2,3,4,5\n"))
 

@@ -98,6 +98,9 @@ def lens_as_asked(arguments: argparse.Namespace) -> tuple[Lens | None, tuple[str
     if text is None:
         return None, ()
     model, _, terms = text.partition(":")
+    having = [name for name in LENSES if model in LENSES[name]().parameters]
+    if model not in LENSES and having:
+        raise BadValue("--lens", repr(text), f"MODEL:TERMS; {model} is of {', '.join(having)}: {having[0]}:{text}")
     if model not in LENSES:
         raise UnknownName("lens model", model, LENSES)
     known = LENSES[model]().parameters

@@ -141,10 +141,16 @@ def _world_columns(
 
 
 def _one_unit(file: TextFile, named: set[str], given: str | None) -> str:
-    said = named if given is None else named | {unit_name(given)}
-    if len(said) > 1:
-        raise UnreadableFile(file.path, f"the world point is in {' and '.join(sorted(said))} at once", "leave one unit")
-    return next(iter(said), "mm")
+    if len(named) > 1:
+        raise UnreadableFile(
+            file.path, f"the world point is in {' and '.join(sorted(named))} at once", "leave one unit"
+        )
+    in_file = next(iter(named), None)
+    asked = in_file or "mm" if given is None else unit_name(given)
+    if in_file not in (None, asked):
+        told = f"names the world point's columns in {in_file}"
+        raise UnreadableFile(file.path, told, f"ask for no other unit, not for {asked}")
+    return asked
 
 
 def pixel_columns(file: TextFile, header: tuple[str, ...], columns: Sequence[str] | None) -> tuple[int, int]:

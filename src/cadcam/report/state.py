@@ -68,14 +68,14 @@ def trend_tables(trend: Trend) -> list[Table]:
     rows = tuple((_time(r), r.serial, deviation_text(d), d.verdict) for r, d in trend.points)
     columns = ("time (UTC)", "serial", "deviation", "verdict")
     lines = Table(f"{trend.feature}, {counted(len(trend), 'part')}", columns, rows, ("time (UTC)", "serial", "verdict"))
-    mean, spread = with_sigma(trend.mean, trend.sigma if len(trend) > 1 else 0.0)
-    own = trend.measured_sigma
+    own, several = trend.measured_sigma, len(trend) > 1
+    mean, spread = with_sigma(trend.mean, trend.sigma if several else own)
     said = [
         (f"mean, {trend.unit}", mean),
-        (f"sigma from part to part, {trend.unit}", spread or "unknown: one part"),
+        (f"sigma from part to part, {trend.unit}", spread if several else "unknown: one part"),
         (f"of that the measurement's own, {trend.unit}", f"{own:.2g}"),
     ]
-    if len(trend) > 1 and trend.sigma > own:
+    if several and trend.sigma > own:
         said.append((f"of that the parts', {trend.unit}", f"{np.sqrt(trend.sigma**2 - own**2):.2g}"))
     return [lines, Table("Over all parts", ("", ""), tuple(said), ("",))]
 

@@ -101,7 +101,8 @@ def _add_filters(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--part", help="kind of part")
     group.add_argument("--serial", help="which one of them")
     group.add_argument("--station", help="where it was measured")
-    group.add_argument("--verdict", choices=("PASS", "FAIL", "UNDECIDED"), help="as a whole")
+    verdicts = ("PASS", "FAIL", "UNDECIDED")
+    group.add_argument("--verdict", type=str.upper, choices=verdicts, help="as a whole")
     group.add_argument("--since", type=_when, metavar="TIME", help="2026-03-01 or 2026-03-01T14:30, UTC")
     group.add_argument("--until", type=_when, metavar="TIME", help="as --since; a day counts to its end")
 

@@ -103,12 +103,13 @@ def run(arguments: argparse.Namespace) -> int:
     for path in arguments.output:
         check_target(path, (".yaml", ".yml") if arguments.template else _SUFFIXES)
     shots = _shots(arguments)
+    asked = None if shots is None else _asked(arguments, shots)
+    part = _part(arguments)
     if arguments.template:
-        _template(arguments, _part(arguments), shots)
+        _template(arguments, part, shots, asked)
         return 0
     assert shots is not None  # `_shots` refuses
-    asked = _asked(arguments, shots)
-    part = _part(arguments)
+    assert asked is not None
     tolerances = whole_parts(part.scene) if asked.tolerances is None else asked.tolerances
     tolerances.check(part.scene)
     located = _located(arguments, part, shots, asked)
@@ -225,16 +226,16 @@ def _origin(arguments: argparse.Namespace, shots: Shots) -> Origin:
     return Origin(Path(arguments.model).stem, tuple(sources), cameras, arguments.serial or "", arguments.station or "")
 
 
-def _template(arguments: argparse.Namespace, part: Part, shots: Shots | None) -> None:
+def _template(arguments: argparse.Namespace, part: Part, shots: Shots | None, asked: _Asked | None) -> None:
     """Write or print a tolerance file; with photos and a pose, of what these show."""
     from cadcam.verify.tolerance_file import template
     from cadcam.whole import write_whole
 
     seen: tuple[str, ...] = ()
-    if shots is not None:
+    if shots is not None and asked is not None:
         from cadcam.verify.sightlines import sightlines
 
-        pose = _located(arguments, part, shots).pose.world_from_part
+        pose = _located(arguments, part, shots, asked).pose.world_from_part
         shown = set(sightlines(part, shots.photos, pose)[0].part.tolist())
         seen = tuple(name for i, name in enumerate(part.scene.mesh.part_names) if i in shown)
     text = template(part.scene, seen=seen)
