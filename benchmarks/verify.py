@@ -20,11 +20,10 @@ each case ten minutes.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 
 import numpy as np
@@ -37,15 +36,14 @@ from cadcam.cad.parts.shipblock import ship_block
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.locate import locate
-from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Look, Scene
 from cadcam.verify.deviation import State
 from cadcam.verify.inspection import Inspection, inspect
-from cadcam.verify.judge import judged
-from cadcam.verify.tolerance import Feature, Limit, Quantity, Selection
+from cadcam.verify.tolerance import Limit, Quantity
 from cadcam.verify.verdict import Verdict
+from verify_blocks import across, blamed, built, drawn, in_words, table, verdict
 
 CAMERA = Camera.from_focal((768, 576), 1185.0)
 DISTANCE, BLUR, NOISE, LIMIT = 1550.0, 0.5, 3.0 / 255, 0.5
@@ -86,13 +84,6 @@ def block() -> Mesh:
     return whole.subset([name for name in whole.part_names if name != "pipe" and "flange" not in name])
 
 
-@cache
-def part() -> Part:
-    out = Part.of(block())
-    _ = out.lines
-    return out
-
-
 def pose(rng: np.random.Generator) -> Rigid:
     """Return camera_from_part of a camera that looks between two floors."""
     target = np.array([850.0, 640.0, 180.0]) + rng.normal(0, [40, 20, 30])
@@ -100,16 +91,6 @@ def pose(rng: np.random.Generator) -> Rigid:
     away = eye - target
     up = np.array([0.0, 0.0, 1.0]) + rng.normal(0, 0.15, 3)
     return Rigid.look_at(target + away / np.linalg.norm(away) * DISTANCE, target, up=up)
-
-
-def displaced(mesh: Mesh, name: str, by: Array | None) -> Mesh:
-    """Return the mesh with a part moved by a vector (3,) mm, or without it."""
-    mine = mesh.part == mesh.part_names.index(name)
-    if by is None:
-        return mesh.select(~mine)
-    vertices = mesh.vertices.copy()
-    vertices[np.unique(mesh.faces[mine])] += by
-    return replace(mesh, vertices=vertices)
 
 
 def lights(rng: np.random.Generator) -> Look:
@@ -136,7 +117,7 @@ def rendered(mesh: Mesh, camera_from_part: Rigid, look: Look) -> Picture:
 
 def shows(camera_from_part: Rigid, name: str | None, look: Look) -> bool:
     """Return whether enough of the block and of one of its parts is in the picture, the part's with contrast."""
-    lines = part().lines.draw(CAMERA, camera_from_part).visible
+    lines = drawn(block()).lines.draw(CAMERA, camera_from_part).visible
     q, normal, line = lines.points_along(2.0)
     inside = CAMERA.sees(q)
     if 2 * inside.sum() < LEAST_OF_ALL_PX or name is None:
@@ -158,10 +139,10 @@ def shots(case: str, pictures: int, seed: int) -> Iterator[tuple[Photo, Rigid, A
         camera_from_part, look = pose(rng), lights(rng)
         if not shows(camera_from_part, name, look):
             continue
-        across = rng.normal(size=3)
-        across -= camera_from_part.rotation[2] * (camera_from_part.rotation[2] @ across)
-        by = None if name is None or np.isnan(size) else size * across / np.linalg.norm(across)
-        clean = rendered(block() if name is None else displaced(block(), name, by), camera_from_part, look)
+        by = None if name is None or np.isnan(size) else across(camera_from_part, size, rng)
+        moved = {} if name is None or by is None else {name: by}
+        gone = () if name is None or by is not None else (name,)
+        clean = rendered(built(block(), moved, gone), camera_from_part, look)
         gray = np.clip(np.round((clean + rng.normal(0, NOISE, clean.shape)) * 255) / 255, 0, 1)
         start = Rigid.exp(rng.normal(0, 1, 6) * np.repeat([2.0, 2e-3], 3))
         made += 1
@@ -175,15 +156,15 @@ def study(case: str, pictures: int, seed: int) -> Tally:
     wanted = State.MISSING if np.isnan(size) else State.DISPLACED
     for photo, start, by in shots(case, pictures, seed):
         began = time.process_time()
-        located = locate(part(), [photo], start)
-        seen = inspect(part(), [photo], located.pose.world_from_part) if located.found else None
+        located = locate(drawn(block()), [photo], start)
+        seen = inspect(drawn(block()), [photo], located.pose.world_from_part) if located.found else None
         out.seconds.append(time.process_time() - began)
         out.pictures += 1
         if seen is None or not seen.found:
             out.lost += 1
             print(f"{case} {out.pictures}: {located.reason if seen is None else seen.reason}", file=sys.stderr)
             continue
-        flagged = {f.name: f.state for f in seen.features if f.state in (State.DISPLACED, State.MISSING)}
+        flagged = {f.name: f.state for f in seen.features if blamed(f)}
         out.found += flagged.get(name or "") is wanted
         out.alarms += bool(set(flagged) - {name})
         if set(flagged) - {name} or (name and flagged.get(name) is not wanted):
@@ -197,11 +178,8 @@ def study(case: str, pictures: int, seed: int) -> Tally:
 def tell(case: str, number: int, seen: Inspection, name: str | None) -> None:
     """Say on stderr what was not as it should be."""
     for f in seen.features:
-        if f.name == name or f.state in (State.DISPLACED, State.MISSING):
-            said = f"{f.presence.seen}/{f.presence.expected} edges, L {f.presence.log_ratio:.1f}, p {f.p_value:.1g}"
-            print(
-                f"{case} {number}: {f.name} {f.state.value}, {f.size:.2f} +- {f.sigma:.2f} mm, {said}", file=sys.stderr
-            )
+        if f.name == name or blamed(f):
+            print(f"{case} {number}: {f.name} {in_words(f)}", file=sys.stderr)
 
 
 def measure(out: Tally, seen: Inspection, name: str, by: Array | None) -> float:
@@ -209,8 +187,7 @@ def measure(out: Tally, seen: Inspection, name: str, by: Array | None) -> float:
     found = next((f for f in seen.features if f.name == name), None)
     if found is None or found.displacement is None:
         return 0.0
-    limit = Limit(Quantity.POSITION, LIMIT)
-    out.verdicts.append(judged(Feature(name, Selection(name), (limit,)), seen)[0].verdict)
+    out.verdicts.append(verdict(seen, name, Limit(Quantity.POSITION, LIMIT)))
     truth = found.seen.T @ (np.zeros(3) if by is None else by)
     off = found.displacement.value - truth
     root = np.linalg.cholesky(found.displacement.covariance)
@@ -243,15 +220,8 @@ def row(case: str, tally: Tally) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--pictures", type=int, default=200)
-    parser.add_argument("--case", action="append", choices=CASES)
-    parser.add_argument("--seed", type=int, default=1)
-    arguments = parser.parse_args()
     columns = "found | no pose | alarms | error mm | z rms | U mm | in U | PASS | FAIL | undecided | CPU ms"
-    print(f"| pictured | pictures | {columns} |\n|{'---|' * 13}")
-    for case in arguments.case or CASES:
-        print(row(case, study(case, arguments.pictures, arguments.seed)), flush=True)
+    table(__doc__, f"| pictured | pictures | {columns} |", CASES, 200, study, row)
 
 
 if __name__ == "__main__":

@@ -17,11 +17,10 @@ verifying, a picture, its median and the longest.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 
 import numpy as np
@@ -36,17 +35,16 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import to_gray
 from cadcam.image.sensor.presets import preset
 from cadcam.locate.locate import locate
-from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render import open_renderer
 from cadcam.render.light import Lamp, Light
 from cadcam.render.photograph import Photographer
 from cadcam.render.view import Channel
-from cadcam.verify.deviation import FeatureDeviation, State
+from cadcam.verify.deviation import State
 from cadcam.verify.inspection import inspect
-from cadcam.verify.judge import judged
-from cadcam.verify.tolerance import Feature, Limit, Quantity, Selection
+from cadcam.verify.tolerance import Limit, Quantity
 from cadcam.verify.verdict import Verdict
+from verify_blocks import across, blamed, built, drawn, in_words, table, verdict
 
 CAMERA = Camera.from_focal((960, 720), 1200.0)
 SAMPLES, DISPLACED_MM = 16, 4.0
@@ -93,13 +91,6 @@ def block() -> Mesh:
     return whole.subset([name for name in whole.part_names if "pipe" not in name and "flange" not in name])
 
 
-@cache
-def part() -> Part:
-    out = Part.of(block())
-    _ = out.lines
-    return out
-
-
 def pose(rng: np.random.Generator) -> Rigid:
     """Return camera_from_part of a camera that looks into the block from its open side."""
     target = np.array([2000.0, 750.0, 350.0]) + rng.uniform(-1, 1, 3) * [1000, 250, 250]
@@ -119,20 +110,9 @@ def lights(rng: np.random.Generator) -> Light:
 
 def in_view(camera_from_part: Rigid) -> list[str]:
     """Return the bodies that may be displaced or missing: enough of each is to be seen."""
-    view = open_renderer(part().scene).render(CAMERA, camera_from_part, channels=Channel.PART)
+    view = open_renderer(drawn(block()).scene).render(CAMERA, camera_from_part, channels=Channel.PART)
     count = np.bincount(view.part[view.part >= 0], minlength=len(block().part_names))
     return [n for n, k in zip(block().part_names, count, strict=True) if k >= LEAST_PX and n.startswith(SUBJECTS)]
-
-
-def built(moved: dict[str, Array], gone: tuple[str, ...]) -> Mesh:
-    """Return the block with bodies moved by vectors (3,) mm, and without others."""
-    mesh = block()
-    vertices, kept = mesh.vertices.copy(), np.ones(mesh.n_faces, bool)
-    for name, by in moved.items():
-        vertices[np.unique(mesh.faces[mesh.part == mesh.part_names.index(name)])] += by
-    for name in gone:
-        kept &= mesh.part != mesh.part_names.index(name)
-    return replace(mesh, vertices=vertices).select(kept)
 
 
 def photographed(mesh: Mesh, camera_from_part: Rigid, light: Light, rng: np.random.Generator) -> Picture:
@@ -153,18 +133,12 @@ def shots(case: str, pictures: int, seed: int) -> Iterator[Shot]:
         if len(names) < LEAST_BODIES:
             continue
         chosen = [str(name) for name in rng.permutation(names)]
-        moved = {name: _across(camera_from_part, rng) for name in chosen[:n_moved]}
+        moved = {name: across(camera_from_part, DISPLACED_MM, rng) for name in chosen[:n_moved]}
         gone = tuple(chosen[n_moved : n_moved + n_gone])
-        gray = photographed(built(moved, gone), camera_from_part, light, rng)
+        gray = photographed(built(block(), moved, gone), camera_from_part, light, rng)
         start = Rigid.exp(rng.normal(0, 1, 6) * np.repeat([3.0, 2e-3], 3))
         made += 1
         yield Shot(Photo.of(gray, CAMERA, camera_from_part), start, moved, gone)
-
-
-def _across(camera_from_part: Rigid, rng: np.random.Generator) -> Array:
-    across = rng.normal(size=3)
-    across -= camera_from_part.rotation[2] * (camera_from_part.rotation[2] @ across)
-    return np.asarray(DISPLACED_MM * across / np.linalg.norm(across))
 
 
 def study(case: str, pictures: int, seed: int) -> Tally:
@@ -179,10 +153,10 @@ def judge(out: Tally, case: str, shot: Shot) -> None:
     """Note how a picture came out; what was not as it should be is told on stderr."""
     out.pictures += 1
     began = time.process_time()
-    located = locate(part(), [shot.photo], shot.start)
+    located = locate(drawn(block()), [shot.photo], shot.start)
     out.locating.append(time.process_time() - began)
     began = time.process_time()
-    seen = inspect(part(), [shot.photo], located.pose.world_from_part) if located.found else None
+    seen = inspect(drawn(block()), [shot.photo], located.pose.world_from_part) if located.found else None
     out.verifying.append(time.process_time() - began)
     if seen is None or not seen.found:
         out.lost += 1
@@ -193,25 +167,16 @@ def judge(out: Tally, case: str, shot: Shot) -> None:
         truth = shot.truth(f.name)
         out.defects += truth is not State.IN_PLACE
         out.found += truth is not State.IN_PLACE and f.state is truth
-        alarm = f.state in (State.DISPLACED, State.MISSING) and f.state is not truth
+        alarm = blamed(f) and f.state is not truth
         wrong += alarm
-        presence = judged(Feature(f.name, Selection(f.name), (Limit(Quantity.PRESENCE, 1.0),)), seen)[0].verdict
+        presence = verdict(seen, f.name, Limit(Quantity.PRESENCE, 1.0))
         out.present += truth is State.MISSING and presence is Verdict.PASS
         if alarm or (truth is not State.IN_PLACE and f.state is not truth):
-            tell(case, out.pictures, f, truth)
+            print(f"{case} {out.pictures}: {f.name}, {truth.value}, is {in_words(f)}", file=sys.stderr)
         if truth is State.IN_PLACE and f.presence.expected:
             out.states.append(f.state)
             out.presences.append(presence)
     out.alarms += wrong > 0
-
-
-def tell(case: str, number: int, f: FeatureDeviation, truth: State) -> None:
-    """Say on stderr what was not as it should be."""
-    said = f"{f.presence.seen}/{f.presence.expected} edges, L {f.presence.log_ratio:.1f}, p {f.p_value:.1g}"
-    print(
-        f"{case} {number}: {f.name}, {truth.value}, is {f.state.value}, {f.size:.2f} +- {f.sigma:.2f} mm, {said}",
-        file=sys.stderr,
-    )
 
 
 def row(case: str, tally: Tally) -> str:
@@ -236,15 +201,8 @@ def row(case: str, tally: Tally) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--pictures", type=int, default=30)
-    parser.add_argument("--case", action="append", choices=CASES)
-    parser.add_argument("--seed", type=int, default=1)
-    arguments = parser.parse_args()
     columns = "found | present | no pose | alarms | bodies | in place | unclear | PASS | undecided | FAIL"
-    print(f"| pictured | pictures | {columns} | locate CPU ms | verify CPU ms |\n|{'---|' * 14}")
-    for case in arguments.case or CASES:
-        print(row(case, study(case, arguments.pictures, arguments.seed)), flush=True)
+    table(__doc__, f"| pictured | pictures | {columns} | locate CPU ms | verify CPU ms |", CASES, 30, study, row)
 
 
 if __name__ == "__main__":

@@ -88,6 +88,9 @@ def test_a_template_of_what_a_photo_shows_can_be_verified(cadcam: Callable[..., 
     judged = cadcam("verify", cell / "good.png", cell / "plate.glb", "--tolerances", cell / "seen.yaml", *files[:4])
     assert judged.code == 0
     assert "rename me" in judged.out
+    named = cadcam("verify", cell / "good.png", cell / "plate.glb", "--list", *files[:4], "-o", cell / "names.png")
+    assert named.code == 0
+    assert (cell / "names.png").exists()
 
 
 def test_wrong_words_are_told_before_the_model_is_read(cadcam: Callable[..., Ran], cell: Path) -> None:

@@ -248,6 +248,17 @@ def share(text: str) -> float:
     return value
 
 
+def opacity(text: str) -> float:
+    """Return the opacity in a text: a number from 0 to 1."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 <= value <= 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not an opacity from 0 (nothing) to 1 (opaque)")
+    return value
+
+
 def whole(text: str) -> int:
     """Return the whole number in a text, up to 1e9 in size."""
     return _whole(text, -int(_LARGEST), int(_LARGEST))

@@ -11,8 +11,8 @@ from cadcam.cli.arguments import (
     add_json,
     add_points_options,
     check_in_picture,
+    opacity,
     read_points_as_asked,
-    real,
     refuse,
     verb,
 )
@@ -62,7 +62,9 @@ def add_to(verbs: Verbs) -> None:
     parser.add_argument(
         "--mode", choices=("overlay", "side-by-side", "sum", "canny"), default="overlay", help="see below"
     )
-    parser.add_argument("--shaded", type=real, metavar="OPACITY", help="lay the shaded model under the lines, 0 to 1")
+    parser.add_argument(
+        "--shaded", type=opacity, metavar="OPACITY", help="lay the shaded model under the lines, 0 to 1"
+    )
     parser.add_argument(
         "--measure", action="store_true", help="also say how far the lines are from the photo's edges, in px"
     )

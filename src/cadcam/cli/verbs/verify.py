@@ -255,7 +255,8 @@ def _list(arguments: argparse.Namespace) -> None:
 
     for path in arguments.output:
         check_target(path, WRITABLE)
-    shots = read_shots(arguments.photos, arguments.camera, arguments.rig) if arguments.photos else None
+    shots = _shots(arguments) if arguments.photos else None
+    asked = None if shots is None else _asked(arguments, shots)
     part = _part(arguments)
     chosen = None if arguments.list is True else Selection(arguments.list)
     table = part_table(part.scene) if chosen is None else chain_table(part.scene, chosen)
@@ -270,9 +271,9 @@ def _list(arguments: argparse.Namespace) -> None:
     from cadcam.report.verify.names import names_on_paper, names_over_photo
 
     mesh = part.scene.mesh
-    if shots is not None:
+    if shots is not None and asked is not None:
         photo = shots.photos[0]
-        pose = photo.viewpoint.camera_from_world @ _located(arguments, part, shots).pose.world_from_part
+        pose = photo.viewpoint.camera_from_world @ _located(arguments, part, shots, asked).pose.world_from_part
         picture = names_over_photo(to_rgb(photo.gray), part.lines, photo.camera, pose, chosen)
     else:
         shown = mesh if chosen is None else mesh.subset(np.flatnonzero(chosen.bodies(part.scene)).tolist())
