@@ -40,6 +40,11 @@ class Quantity(Enum):
         """Return the unit in which limits are written."""
         return {Quantity.ANGLE: "deg", Quantity.PRESENCE: ""}.get(self, "mm")
 
+    @property
+    def per_unit(self) -> float:
+        """Return by what a value inside, mm or rad, is multiplied to be in that unit."""
+        return float(np.degrees(1.0)) if self is Quantity.ANGLE else 1.0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Selection:

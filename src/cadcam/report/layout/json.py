@@ -14,7 +14,6 @@ from cadcam.plan.look import Why
 from cadcam.plan.search import Score
 from cadcam.plan.what_if import WhatIf
 from cadcam.report.layout.words import assumptions, headline, pan_tilt, rule_words
-from cadcam.verify.tolerance import Quantity
 
 
 def layout_as_json(
@@ -100,9 +99,7 @@ def _camera(layout: Layout, i: int) -> dict[str, Any]:
 def _limit(layout: Layout, i: int) -> dict[str, Any]:
     seen, found = layout.survey, layout.assessment
     limit = seen.asked.limits[i]
-    angle = limit.quantity is Quantity.ANGLE
-    times = float(np.degrees(1.0)) if angle else 1.0
-    unit = "deg" if angle else "mm"
+    times, unit = limit.quantity.per_unit, limit.quantity.unit
     return {
         "feature": seen.scene.features[seen.asked.feature[i]].name,
         "quantity": limit.quantity.value,

@@ -15,7 +15,7 @@ from cadcam.plan.scene import CalibratedFrom, LayoutScene, Sigmas
 from cadcam.plan.search import Score
 from cadcam.plan.what_if import WhatIf
 from cadcam.report.table import Table
-from cadcam.verify.tolerance import Limit, Quantity, Rule
+from cadcam.verify.tolerance import Limit, Rule
 
 CAUSES = {"pixels": "pixel noise", "calibration": "calibration", "motion": "motion", "plane": "height of the plane"}
 
@@ -277,9 +277,7 @@ def pan_tilt(camera: Candidate) -> tuple[float, float]:
 
 def in_unit(limit: Limit, value: float) -> str:
     """Return a value of a limit's quantity with its unit."""
-    if limit.quantity is Quantity.ANGLE:
-        return f"{np.degrees(value):.3g} deg"
-    return f"{value:.3g} mm"
+    return f"{limit.quantity.per_unit * value:.3g} {limit.quantity.unit}"
 
 
 def vector(v: Array) -> str:

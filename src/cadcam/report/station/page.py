@@ -152,7 +152,7 @@ def _table(table: Table) -> str:
     """Return a table that scrolls by itself where the screen is narrower: what is said of it stays where it is."""
     kinds = ['class="left"' if column in table.left else "" for column in table.columns]
     head = "".join(f"<th {k}>{_said(c.strip())}</th>" for k, c in zip(kinds, table.columns, strict=True))
-    head = f"<thead><tr>{head}</tr></thead>" if any(c.strip() for c in table.columns) else ""
+    head = f"<thead><tr>{head}</tr></thead>" if table.headed else ""
     rows = "".join(
         "<tr>" + "".join(f"<td {k}>{_said(cell)}</td>" for k, cell in zip(kinds, row, strict=True)) + "</tr>"
         for row in table.rows

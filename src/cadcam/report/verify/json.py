@@ -78,15 +78,14 @@ def verification_as_json(found: Verification, origin: Origin) -> dict[str, Any]:
 
 
 def _deviation(j: Judgement) -> Deviation:
-    angle = j.limit.quantity is Quantity.ANGLE
-    scale = float(np.degrees(1.0)) if angle else 1.0
-    limit = scale * j.limit.value
+    quantity = j.limit.quantity
+    scale, limit = quantity.per_unit, quantity.per_unit * j.limit.value
     return Deviation(
         j.feature,
         scale * j.deviation,
         scale * j.U,
-        kind=j.limit.quantity.name.lower(),
-        unit="deg" if angle else "mm",
+        kind=quantity.name.lower(),
+        unit=quantity.unit,
         k=j.limit.k,
         lower=-limit,
         upper=limit,
@@ -98,8 +97,7 @@ def _judgement(j: Judgement) -> dict[str, Any]:
     quantity = j.limit.quantity
     out: dict[str, Any] = {"feature": j.feature, "kind": quantity.name.lower(), "verdict": j.verdict.value}
     if quantity is not Quantity.PRESENCE:
-        scale = float(np.degrees(1.0)) if quantity is Quantity.ANGLE else 1.0
-        unit = quantity.unit
+        scale, unit = quantity.per_unit, quantity.unit
         out |= {
             f"limit_{unit}": scale * j.limit.value,
             f"deviation_{unit}": or_null(scale * j.deviation),

@@ -16,12 +16,12 @@ from cadcam.report.verify.overlay import EXTRA, MISSING, UNSEEN, deviation_color
 from cadcam.report.verify.plots import COLORS, edges_plot, shares_plot, stations_plot, tolerance_bar
 from cadcam.report.verify.words import (
     assumptions,
+    feature_notes,
     in_unit,
     role,
     rule_words,
     shares_in_words,
     to_do,
-    unclear_words,
     vector,
     weakest_direction,
 )
@@ -142,13 +142,8 @@ def _features(found: Verification, seen: Inspection) -> str:
         for f in seen.features
         if f.state is not State.OUT_OF_VIEW
     )
-    notes = [
-        "Displacement against a pose fitted to the datum without the feature, ± 2 sigma, part axes, as far as the "
-        "photos show it. Chance: how probable such a displacement is of a feature in place."
-    ]
-    notes += [f"U{text[1:]}." for text in unclear_words(seen)]
-    if seen.left_out:
-        notes.append(f"Left out of the datum, for they do not agree with the rest: {', '.join(seen.left_out)}.")
+    notes = [f"{note[0].upper()}{note[1:]}.".replace("+-", "±") for note in feature_notes(seen)]
+    notes.insert(1, "Chance: how probable such a displacement is of a feature in place.")
     hidden = [f.name for f in seen.features if f.state is State.OUT_OF_VIEW]
     if hidden:
         notes.append(f"Not in view: {', '.join(hidden)}.")

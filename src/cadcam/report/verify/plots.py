@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from html import escape
 
 import numpy as np
@@ -22,6 +23,33 @@ COLORS = {
 CAUSE_COLORS = {"noise": "#56b4e9", "edges": "#e69f00", "pose": "#009e73", "calibration": "#cc79a7"}
 _INK, _FAINT = "#222222", "#cfcfcf"
 _WIDTH = 380.0  # about a phone's width: there, letters keep their size
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """What is plotted over a range of values: from the lowest of the ticks at the bottom to the highest at the top."""
+
+    height: float
+    ticks: Sequence[float]
+    left: float = 46.0
+    right: float = _WIDTH - 8
+
+    def y(self, value: float) -> float:
+        top, bottom = 8.0, self.height - 24
+        return bottom - (value - self.ticks[0]) / (self.ticks[-1] - self.ticks[0]) * (bottom - top)
+
+    def level_lines(self, unit: str) -> list[str]:
+        out = []
+        for tick in self.ticks:
+            y, zero = self.y(tick), tick == 0
+            out.append(_stroke(self.left, y, self.right, y, "#666666" if zero else _FAINT, 1.2 if zero else 0.8))
+            place = f'x="{self.left - 5:.0f}" y="{y + 4:.1f}"'
+            out.append(f'<text {place} text-anchor="end" font-size="11">{tick:g}</text>')
+        out.append(_text(2, self.y(self.ticks[-1]) + 18, unit))
+        return out
+
+    def caption(self, text: str) -> str:
+        return _text(self.left, self.height - 6, text)
 
 
 def tolerance_bar(j: Judgement) -> str:
@@ -60,21 +88,16 @@ def edges_plot(seen: Inspection) -> str:
         return ""
     low = min(min(e.value - 2 * e.sigma for e in edges), 0.0)
     high = max(max(e.value + 2 * e.sigma for e in edges), 0.0)
-    ticks = round_ticks(low, high)
-    height, left, right, top, bottom = 220.0, 46.0, _WIDTH - 8, 8.0, 196.0
-
-    def y(v: float) -> float:
-        return bottom - (v - ticks[0]) / (ticks[-1] - ticks[0]) * (bottom - top)
-
-    body = _level_lines(ticks, y, left, right, "mm")
+    frame = _Frame(220.0, round_ticks(low, high))
+    y, body = frame.y, frame.level_lines("mm")
     for i, e in enumerate(edges):
-        x = left + (right - left) * (i + 0.5) / len(edges)
+        x = frame.left + (frame.right - frame.left) * (i + 0.5) / len(edges)
         color = COLORS[Verdict.FAIL] if e.off else "#0072b2"
         title = f"<title>{escape(f'{e.kind} {e.chain} of {e.part}: {e.value:+.3f} mm, U {2 * e.sigma:.3f}')}</title>"
         bar = _stroke(x, y(e.value - 2 * e.sigma), x, y(e.value + 2 * e.sigma), color, 1.5)
         body.append(f'<g>{bar}<circle cx="{x:.1f}" cy="{y(e.value):.1f}" r="2.6" fill="{color}"/>{title}</g>')
-    body.append(_text(left, height - 6, f"{len(edges)} edges, from the most negative to the most positive"))
-    return _svg(height, body, "deviations of all edges with their uncertainty")
+    body.append(frame.caption(f"{len(edges)} edges, from the most negative to the most positive"))
+    return _svg(frame.height, body, "deviations of all edges with their uncertainty")
 
 
 def stations_plot(seen: Inspection, name: str) -> str:
@@ -85,14 +108,9 @@ def stations_plot(seen: Inspection, name: str) -> str:
     every = np.concatenate([e.station for e in edges])
     low = min(float((every[:, 1] - 2 * every[:, 2]).min()), 0.0)
     high = max(float((every[:, 1] + 2 * every[:, 2]).max()), 0.0)
-    ticks = round_ticks(low, high)
-    height, left, right, top, bottom = 190.0, 46.0, _WIDTH - 8, 8.0, 166.0
-
-    def y(v: float) -> float:
-        return bottom - (v - ticks[0]) / (ticks[-1] - ticks[0]) * (bottom - top)
-
-    body = _level_lines(ticks, y, left, right, "mm")
-    step, at = (right - left) / (len(every) + len(edges)), left
+    frame = _Frame(190.0, round_ticks(low, high))
+    y, body = frame.y, frame.level_lines("mm")
+    step, at = (frame.right - frame.left) / (len(every) + len(edges)), frame.left
     for k, e in enumerate(edges):
         xs = at + step * (np.arange(len(e.station)) + 0.5)
         upper = [(x, y(v + 2 * s)) for x, (_, v, s) in zip(xs, e.station, strict=True)]
@@ -109,8 +127,8 @@ def stations_plot(seen: Inspection, name: str) -> str:
         dots = "".join(f'<circle cx="{x:.1f}" cy="{y(v):.1f}" r="2.2" fill="{color}"/>' for x, v in points)
         body.append(f"{dots}{title}</g>")
         at += step * (len(e.station) + 1)
-    body.append(_text(left, height - 6, f"{len(edges)} edges, {len(every)} pieces; band: U (k 2)"))
-    return _svg(height, body, f"deviations along the edges of {name}")
+    body.append(frame.caption(f"{len(edges)} edges, {len(every)} pieces; band: U (k 2)"))
+    return _svg(frame.height, body, f"deviations along the edges of {name}")
 
 
 def shares_plot(features: Sequence[FeatureDeviation]) -> str:
@@ -131,7 +149,6 @@ def shares_plot(features: Sequence[FeatureDeviation]) -> str:
             place = f'x="{x:.1f}" y="{y + 15:.1f}" width="{w:.1f}" height="12"'
             body.append(f'<rect {place} fill="{CAUSE_COLORS[cause]}">{title}</rect>')
             x += w
-    x = left
     for k, (cause, color) in enumerate(CAUSE_COLORS.items()):
         px, py = left + (k % 2) * _WIDTH / 2, height - 34 + 18 * (k // 2)
         body.append(f'<rect x="{px:.0f}" y="{py:.0f}" width="11" height="11" fill="{color}"/>')
@@ -147,18 +164,6 @@ def round_ticks(low: float, high: float) -> list[float]:
     step = float(next(m * size for m in (1, 2, 5, 10) if m * size >= raw))
     first, last = int(np.floor(low / step)), int(np.ceil(high / step))
     return [round(step * i, 9) for i in range(first, max(last, first + 1) + 1)]
-
-
-def _level_lines(
-    ticks: Sequence[float], y: Callable[[float], float], left: float, right: float, unit: str
-) -> list[str]:
-    out = []
-    for tick in ticks:
-        zero = tick == 0
-        out.append(_stroke(left, y(tick), right, y(tick), "#666666" if zero else _FAINT, 1.2 if zero else 0.8))
-        out.append(f'<text x="{left - 5:.0f}" y="{y(tick) + 4:.1f}" text-anchor="end" font-size="11">{tick:g}</text>')
-    out.append(_text(2, y(ticks[-1]) + 18, unit))
-    return out
 
 
 def _stroke(x0: float, y0: float, x1: float, y1: float, color: str, width: float) -> str:

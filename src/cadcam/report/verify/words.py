@@ -91,6 +91,17 @@ def feature_table(found: Verification, seen: Inspection) -> Table:
         U = "" if f.displacement is None else f"+- {2 * f.sigma:.3f}"
         edges = f"{f.presence.seen}/{f.presence.expected}"
         rows.append((f.name, f.state.value, edges, size, U, moved, role(found, f)))
+    return Table(
+        "Features in view",
+        ("feature", "state", "edges seen", "displaced mm", "2 sigma", "vector mm", "role"),
+        tuple(rows),
+        ("feature", "state", "vector mm", "role"),
+        tuple(feature_notes(seen)),
+    )
+
+
+def feature_notes(seen: Inspection) -> list[str]:
+    """Return what is to be said of the table of features, a line each."""
     notes = [
         "displacement against a pose fitted to the datum without the feature, +- 2 sigma, in the part's axes, as far "
         "as the photos show it"
@@ -103,20 +114,14 @@ def feature_table(found: Verification, seen: Inspection) -> Table:
             f"{counted(len(seen.extra), 'curve')} inside the part that no edge of the model explains: shadows, dirt, "
             "or things that are not in the CAD"
         )
-    return Table(
-        "Features in view",
-        ("feature", "state", "edges seen", "displaced mm", "2 sigma", "vector mm", "role"),
-        tuple(rows),
-        ("feature", "state", "vector mm", "role"),
-        tuple(notes),
-    )
+    return notes
 
 
 def in_unit(j: Judgement) -> tuple[str, str, str]:
     """Return deviation, U and limit with their unit, as text."""
     if j.limit.quantity is Quantity.PRESENCE:
         return "", "", "required"
-    scale, unit = (np.degrees(1.0), "deg") if j.limit.quantity is Quantity.ANGLE else (1.0, "mm")
+    scale, unit = j.limit.quantity.per_unit, j.limit.quantity.unit
     limit = f"{scale * j.limit.value:.3g} {unit}"
     if not np.isfinite(j.deviation):
         return "", "", limit
