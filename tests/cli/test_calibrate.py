@@ -120,6 +120,15 @@ def test_a_wrong_option_is_one_message_and_exit_2(
     assert sorted(job.rglob("*")) == before
 
 
+def test_a_held_value_that_the_points_contradict_is_named(cadcam: Cadcam, job: Path) -> None:
+    """An aspect of 1.2 where it is 1.01: the fit is poor, and its table alone does not say why."""
+    ran = cadcam("calibrate", job / "points.csv", "--size", "320x240", "--fix", "aspect=1.2", "--fix", "skew=0")
+    assert ran.code == 0
+    assert "points.csv: warning: the points contradict what is held: left free, aspect would be 1." in ran.err
+    assert ", not 1.2; skew would be " in ran.err
+    assert "warning" not in cadcam("calibrate", job / "points.csv", "--size", "320x240", "--fix", "skew=0").err
+
+
 def test_points_in_a_plane_are_refused_and_the_old_file_stays(cadcam: Cadcam, job: Path) -> None:
     lines = (job / "points.csv").read_text().splitlines()
     flat = [line for line in lines if not line.split(",")[3].startswith("20")]

@@ -27,7 +27,7 @@ def add_estimate_options(parser: argparse.ArgumentParser, *, required: bool = Tr
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="hold a parameter: X Y Z mm, a b c skew degrees, aspect, focal U0 V0 px; may be repeated",
+        help="hold a parameter: X Y Z mm, a b c skew degrees, aspect, focal U0 V0 px; may be repeated (what the points contradict is said)",
     )
     parser.add_argument(
         "--lens",

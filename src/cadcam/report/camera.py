@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from cadcam.calibrate.held import Held
 from cadcam.camera import opengl
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
@@ -69,6 +70,17 @@ def parameter_table(estimate: CameraEstimate) -> Table:
         ("parameter", "unit", "meaning", "sigma"),
         quality_notes(estimate),
     )
+
+
+def held_words(estimate: CameraEstimate, held: Held) -> str:
+    """Return what points say against values that were held, with what they would be."""
+    said = []
+    for name in held.names:
+        scale, unit = shown_scale(name), MEANING[name][0]
+        value, sigma = with_sigma(scale * held.free.value(name), scale * held.free.sigma(name))
+        said.append(f"{name} would be {f'{value} +- {sigma} {unit}'.rstrip()}, not {scale * estimate.value(name):.6g}")
+    residuals = f"{held.free.thesis_residual:.3g} px a point in place of {estimate.thesis_residual:.3g}"
+    return f"the points contradict what is held: left free, {'; '.join(said)}; residual {residuals}"
 
 
 def pinhole_table(pinhole: ExtendedPinhole) -> Table:

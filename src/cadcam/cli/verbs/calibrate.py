@@ -161,16 +161,20 @@ def _written(arguments: argparse.Namespace, estimate: JointEstimate) -> list[str
 
 
 def _run_alone(arguments: argparse.Namespace, path: str) -> None:
+    from cadcam.calibrate.held import held_against
     from cadcam.files.camera import camera_as_json, write_camera
-    from cadcam.report.camera import estimate_tables
+    from cadcam.report.camera import estimate_tables, held_words
 
     if arguments.output:
         check_target(arguments.output, (".json",))
     observations = read_points_as_asked(arguments, path)
     with working(f"estimating a camera from {len(observations)} points"):
         estimate = estimate_as_asked(arguments, observations)
+        held = held_against(estimate, [text.partition("=")[0] for text in arguments.fix]) if arguments.fix else None
     if arguments.output:
         write_camera(arguments.output, estimate)
+    if held is not None and held.contradicted:
+        say(f"{path}: warning: {held_words(estimate, held)}")
     if arguments.json:
         print_json(camera_as_json(estimate))
     else:
