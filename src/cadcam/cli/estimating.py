@@ -27,7 +27,8 @@ def add_estimate_options(parser: argparse.ArgumentParser, *, required: bool = Tr
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="hold a parameter: X Y Z mm, a b c skew degrees, aspect, focal U0 V0 px; may be repeated (what the points contradict is said)",
+        help="hold a parameter: X Y Z mm, a b c skew degrees, aspect, focal U0 V0 px; may be repeated; values that the "
+        "points contradict are named",
     )
     parser.add_argument(
         "--lens",
