@@ -53,6 +53,8 @@ class Parser(argparse.ArgumentParser):
         """Refuse arguments that nobody asked for; of an option the nearest that there is."""
         near = get_close_matches(arguments[0].partition("=")[0], self._option_string_actions, n=1)
         hint = f"; did you mean {near[0]}?" if near and near[0].startswith("--") else ""
+        if arguments[0] in ("-o", "--output") and any(a.dest == "output" for a in self._get_positional_actions()):
+            hint = f"; here the output stands without {arguments[0]}"
         self.error(f"unrecognized arguments: {' '.join(arguments)}{hint}")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
@@ -231,10 +233,16 @@ def real(text: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number{_remedy(text)}") from None
     if value != 0 and not _SMALLEST <= abs(value) <= _LARGEST:
         raise argparse.ArgumentTypeError(f"{text!r} is out of range; give 0, or a number between 1e-12 and 1e9 in size")
     return value
+
+
+def _remedy(text: str) -> str:
+    if re.fullmatch(r"[+-]?\d+,\d+", text):
+        return "; write a decimal point, not a comma"
+    return "; give it alone, in the unit that the help names" if re.match(r"[+-]?\.?\d", text) else ""
 
 
 def share(text: str) -> float:
