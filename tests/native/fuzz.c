@@ -214,11 +214,23 @@ static void edges(void) {
     free(eyes), free(places), free(first), free(count), free(shift), free(score), free(sure), free(poses), free(scores);
 }
 
+/* Which of many poses are kept: in their order, each once, and as many as are asked for at most. */
+static void firsts(void) {
+    const int n = upto(40), most = upto(n);
+    double *corners = doubles(12 * n, 5);
+    uint8_t *scratch = malloc((size_t)n + 1);
+    int64_t *kept = malloc((size_t)most * 8 + 1);
+    const int64_t found = cc_firsts(corners, n, most, 3 * unit(), scratch, kept);
+    for (int64_t k = 0; k < found; k++)
+        if (found > most || kept[k] >= n || kept[k] < (k ? kept[k - 1] + 1 : 0)) exit(fprintf(stderr, "kept twice\n"));
+    free(corners), free(scratch), free(kept);
+}
+
 int main(int argc, char **argv) {
     const int n = argc > 1 ? atoi(argv[1]) : 100, first = argc > 2 ? atoi(argv[2]) : 0;
     for (int i = first; i < first + n; i++) {
         start(i);
-        one(i), edges(), lines_and_files();
+        one(i), edges(), firsts(), lines_and_files();
     }
     printf("%d scenes drawn with %s\n", n, cc_variant());
     return 0;

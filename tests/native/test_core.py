@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -14,7 +15,7 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Division
 from cadcam.errors import BadValue, MissingCore
 from cadcam.geometry.rigid import Rigid
-from cadcam.native import core
+from cadcam.native import core, fields, grouped, marks, profiles
 from cadcam.render.raster import RasterRenderer
 from cadcam.render.view import Scene
 
@@ -84,6 +85,28 @@ def test_a_missing_core_says_why_and_what_to_do(monkeypatch: pytest.MonkeyPatch,
             core.functions("the fit to edges", {})
     finally:
         core.library.cache_clear()
+
+
+def test_numbers_that_python_and_the_core_both_state_are_the_same() -> None:
+    """Memory is laid out by Python's: one that is too small would be written beyond."""
+    text = "".join(header.read_text() for header in SOURCES.glob("*.h"))
+    stated = {name: int(value) for name, value in re.findall(r"\b(CC_[A-Z_]+)(?: =)? (\d+)\b", text)}
+    ours = {
+        "CC_STEP_SUMS": profiles.STEP_SUMS,
+        "CC_STEP_TERMS": profiles.STEP_TERMS,
+        "CC_BAND_BINS": profiles.BAND_BINS,
+        "CC_BAND_KNOWN": profiles.BAND_KNOWN,
+        "CC_LENS": profiles.LENS,
+        "CC_MOST_STEPS": profiles.MOST_STEPS,
+        "CC_SECTORS": fields.SECTORS,
+        "CC_MARGIN": fields.MARGIN,
+        "CC_SPARE": fields.SPARE,
+        "CC_SWEPT": fields.SWEPT,
+        "CC_UNKNOWNS": grouped.UNKNOWNS,
+        "CC_MARK_RADII": marks._MOST_RADII,
+        "CC_MARK_TERMS": marks._MOST_TERMS,
+    }
+    assert {name: stated[name] for name in ours} == ours
 
 
 def fuzz(tmp_path: Path, scenes: int, vectors: str, harness: tuple[str, ...] = FUZZ) -> None:
