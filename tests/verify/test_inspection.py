@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from cadcam.locate.refine.refine import refine
 from cadcam.verify.adjustment import Estimate
 from cadcam.verify.deviation import State, Unclear
 from cadcam.verify.inspection import Inspection, InspectionOptions, _believed, _state, inspect
+from cadcam.verify.look import looked
 from cadcam.verify.measured import Displacement
 from cadcam.verify.presence import Presence
 from cadcam.verify.tolerance import Selection, Tolerances
@@ -35,6 +38,23 @@ def test_where_nothing_is_wrong_nothing_is_said(rng: np.random.Generator) -> Non
     assert flagged(seen) == {}
     assert seen.extra == ()
     assert {f.name for f in seen.features if f.state is State.IN_PLACE} == set(plate().part_names)
+
+
+def test_a_datum_that_would_carry_the_part_away_does_not_hold_it(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a small part half hidden few edges are seen: fitted to them it moved by 133 px, and out of view."""
+
+    def carried(*args: object) -> SimpleNamespace:
+        look = looked(*args)
+        pose = look.measured.adjustment.pose()
+        told = replace(pose, xi=pose.xi + np.array([20.0, 0, 0, 0, 0, 0]))
+        return SimpleNamespace(measured=SimpleNamespace(adjustment=SimpleNamespace(pose=lambda: told)))
+
+    monkeypatch.setattr("cadcam.verify.inspection.looked", carried)
+    seen = inspect(part(), [photo(plate(), rng)], off(rng))
+    assert not seen.found
+    assert re.search(r"do not hold the part: fitted to them it would move by \d\d px", seen.reason)
 
 
 def test_a_displaced_rib_is_found_with_its_vector(rng: np.random.Generator) -> None:

@@ -31,6 +31,10 @@ from cadcam.verify.unclear import why_doubtful, why_untold
 _SURVEYS, _REDRAW_PX = 3, 0.3  # while the datum moves lines by so much they are drawn again; so often at most
 _CONTRADICTS = 0.01  # probability below which a displacement is not that of a feature in place
 _LEAST_SEEN = 0.35  # of the datum's places that must show an edge for the pose to be believed
+_CARRIED = (
+    "the datum edges seen do not hold the part: fitted to them it would move by {:.0f} px, and edges were looked for "
+    "within {:.0f} px; take more features into the datum, or another photo"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +123,11 @@ def inspect(
         except DegenerateGeometry as error:
             return _not_found(survey, pose, F, str(error))
         xi = look.measured.adjustment.pose().xi
-        if quantile(np.abs(survey.lines.by_pose @ xi), 0.9) < _REDRAW_PX:
+        moved_px = quantile(np.abs(survey.lines.by_pose @ xi), 0.9)
+        if moved_px < _REDRAW_PX:
             break
+        if moved_px > options.reach_px:  # farther than edges were looked for: few of them, which tell too little
+            return _not_found(survey, pose, F, _CARRIED.format(moved_px, options.reach_px))
         pose = pose @ Rigid.exp(xi)  # from there other lines are seen, and fewer of the photo's are taken for them
     return _reported(case, looked_again(case, look), options)
 
