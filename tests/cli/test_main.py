@@ -145,6 +145,7 @@ def test_an_unknown_option_points_to_the_help_that_lists_the_known_ones(
         ),
         (["doctor", "--jason"], "cadcam doctor: unrecognized arguments: --jason; did you mean --json?; see "),
         (["board", "chessboard:9x6:25mm", "-o", "a.pdf"], "arguments: -o; here the output stands without -o; see "),
+        (["overlay", "a.png", "a.stl", "--shaded", "1.5"], "'1.5' is not an opacity from 0 (nothing) to 1 (opaque); "),
         (["lens", "--focal", "16mm"], "'16mm' is not a number; give it alone, in the unit that the help names"),
         (["lens", "--focal", "3,5"], "'3,5' is not a number; write a decimal point, not a comma"),
         (["verify", "a.png", "a.stl", "--alarms", "1%"], "'1%' is not a share between 0 and 1, such as 0.01 for 1 %"),
