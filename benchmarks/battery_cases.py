@@ -11,11 +11,29 @@ from pathlib import Path
 import numpy as np
 
 from battery_pictures import Stage, Surface, by_pyrender, radiance
+from battery_wrong import (
+    Model,
+    Told,
+    beside,
+    blurred,
+    flange,
+    focal,
+    lengthened,
+    mirrored,
+    one_bay_off,
+    other_holes,
+    other_lens,
+    other_size,
+    rack,
+    saturated,
+    stretched,
+    upside_down,
+)
 from cadcam.arrays import Array, Picture
 from cadcam.cad.load import load
 from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts import calibration_bench, machined_bracket, ship_block
-from cadcam.cad.parts.shape import box, circle, extruded, filled, prism, tube
+from cadcam.cad.parts.shape import box, circle, prism, tube
 from cadcam.cad.write import write
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Fisheye
@@ -29,21 +47,12 @@ from cadcam.image.sensor.video import EdgeEnhancement, Gain, Gamma
 from cadcam.locate.part import Part
 from cadcam.locate.views.view_range import ViewRange
 from cadcam.render.light import Lamp
-from quality import its_own_mirror_image
+from quality import ALIKE, its_own_mirror_image, least_px, visible_corners
 
 WHITE = 0.9  # of the brightest hundredth of a picture
 SENSOR = Sensor(noise=Noise(12_000, 20))
 STEEL, DARK = (0.5, 0.5, 0.5), (0.07, 0.07, 0.07)
 PLAIN, GROUND = Surface(STEEL, 0.06), Surface((0.3, 0.3, 0.3), 0.15)
-
-
-def flange() -> Mesh:
-    """Return a plate with six holes and a rim, and a slot that leaves it one pose only."""
-    holes = [circle((34 * np.cos(a), 34 * np.sin(a)), 4.5, 96) for a in np.arange(6) * np.pi / 3]
-    slot = np.array([(-6, -14), (14, -14), (14, -6), (-6, -6)], float)
-    plate = extruded([filled(circle((0, 0), 46, 384), [*holes, slot])], 0, 9, name="flange", color=None)
-    ring = extruded([filled(circle((0, 3), 20, 256), [circle((0, 3), 15, 256)])], 9, 26, name="rim", color=None)
-    return merge([plate, ring])
 
 
 def step_block() -> Mesh:
@@ -81,7 +90,19 @@ class Condition:
     model: Callable[[Mesh, Path], Mesh] = lambda mesh, folder: mesh
     renderer: str = "own"
     search: str = ""  # "range": without a start in a declared range; "sphere": from anywhere
-    absent: str = ""  # what is before the camera instead: "part", "mirrored"
+    absent: str = ""  # what is before the camera instead: "part", "mirrored", "upside down"
+    parts: tuple[str, ...] = ()  # of these, not of all
+    cad: Model | None = None  # makes the model that is given of the one that is photographed, corner by corner
+    kin: Model | None = None  # or one of its family, which stands where it does
+    told: Told | None = None  # makes the camera that is told of the one that took the picture
+    spoilt: Callable[[Picture], Picture] = lambda taken: taken
+    start: Callable[[Rigid, np.random.Generator], Rigid] | None = None  # makes starts of the true pose
+    twin: bool = False  # a second part of the same kind stands beside it
+
+    @property
+    def wrong(self) -> bool:
+        """Whether no answer may be right: another model or camera."""
+        return self.cad is not None or self.told is not None
 
 
 def _written(unit: str, suffix: str) -> Callable[[Mesh, Path], Mesh]:
@@ -161,8 +182,35 @@ CONDITIONS: dict[str, Condition] = {
     "no start, a third hidden": Condition(search="range", hidden=0.33),
     "absent": Condition(absent="part", clutter=6),
     "absent, no start": Condition(absent="part", clutter=6, search="range"),
-    "mirrored": Condition(absent="mirrored"),
+    "mirrored": Condition(absent="mirrored", spoilt=mirrored),
+    "mirrored, no start": Condition(absent="mirrored", spoilt=mirrored, search="range"),
+    "upside down": Condition(absent="upside down", spoilt=upside_down),
+    "half outside": Condition(cut=0.5),
+    "blurred by 4 px": Condition(spoilt=blurred(4.0)),
+    "saturated": Condition(spoilt=saturated),
+    "CAD 3 to 10 % stretched": Condition(cad=stretched(0.03, 0.10)),
+    "CAD 10 to 20 % stretched": Condition(cad=stretched(0.10, 0.20)),
+    "CAD 3 to 10 % longer": Condition(cad=lengthened(0.03, 0.10)),
+    "CAD stretched, no start": Condition(cad=stretched(0.05, 0.15), search="range"),
+    "CAD with other holes": Condition(kin=other_holes, parts=("flange",)),
+    "focal length 5 to 20 % off": Condition(told=focal(0.05, 0.20)),
+    "focal length off, wide": Condition(camera=lambda rng: _wide(rng), told=focal(0.05, 0.20)),
+    "focal length off, no start": Condition(told=focal(0.05, 0.20), search="range"),
+    "other lens": Condition(told=other_lens),
+    "lens not told": Condition(
+        camera=lambda rng: Camera.from_focal((800, 600), _focal(800, 65.0), lens=BrownConrady(-0.25, 0.08)),
+        told=other_lens,
+    ),
+    "other picture size": Condition(told=other_size),
+    "one bay off": Condition(parts=("rack",), start=one_bay_off),
+    "bays, no start": Condition(parts=("rack",), search="range"),
+    "two of a kind": Condition(twin=True, size=(0.3, 0.45)),
+    "two of a kind, no start": Condition(twin=True, size=(0.3, 0.45), search="range"),
 }
+
+
+def _wide(rng: np.random.Generator) -> Camera:
+    return Camera.from_focal((960, 720), _focal(960, rng.uniform(60, 80)))
 
 
 @dataclass(frozen=True)
@@ -179,11 +227,18 @@ class Case:
     starts: Sequence[Rigid | None]
     views: ViewRange
     seed: Sequence[int]
+    told: Camera  # which `locate` is given
+    places: Array  # (V, 3): where the model's corners are on the part that is photographed
+    corners: Array  # which of them are compared
+    truths: Sequence[Rigid]
+    possible: bool  # whether some pose of the model before the camera told shows what the picture does
 
 
 @cache
 def mesh_of(name: str, data: Path | None, fine: bool) -> Mesh:
     """Return a part; fine: as it is photographed, rounder than its model."""
+    if name == "rack":
+        return rack()
     if name in PARTS:
         return machined_bracket(sides=384) if fine and name == "bracket" else PARTS[name]()
     assert data is not None
@@ -195,6 +250,7 @@ def case_of(name: str, k: int, seed: int, data: Path | None, folder: Path, start
     chance = [seed, zlib.crc32(name.encode()), k]
     rng, condition = np.random.default_rng(chance), CONDITIONS[name]
     names = [*PARTS, *(f"nist_ctc_0{i}" for i in range(1, 6))] if data else list(PARTS)
+    names = list(condition.parts) or names
     if condition.absent == "mirrored":
         names = [n for n in names if not its_own_mirror_image(mesh_of(n, data, False))]
     which = only or names[int(np.random.default_rng(chance[:2]).permutation(len(names))[k % len(names)])]
@@ -208,13 +264,31 @@ def case_of(name: str, k: int, seed: int, data: Path | None, folder: Path, start
     truth = pose @ world_from_part
     from_part = truth @ middle
     rough = [_start(camera, truth, from_part, rng) for _ in range(starts)]
+    if condition.start:
+        rough = [condition.start(truth, rng) for _ in range(starts)]
     up = world_from_part.inv.rotation @ np.array([0, 0, 1.0])
     away = float(from_part[2])
     ranged = ViewRange(axis=up, half_angle_deg=75.0, distance_mm=(0.7 * away, 1.4 * away))
     views = {"": ViewRange(), "range": ranged, "sphere": ViewRange()}[condition.search]
-    part = Part.of(condition.model(model, folder))
+    given_model = condition.cad or condition.kin or (lambda mesh, rng: mesh)
+    part = Part.of(condition.model(given_model(model, rng), folder))
+    told = condition.told(camera, rng) if condition.told else camera
+    truths = [truth]
+    if condition.twin:
+        there = beside(traced.transformed(world_from_part), rng)
+        stage = replace(stage, things=[*stage.things, (traced.transformed(there @ world_from_part), stage.things[1][1])])
+        truths.append(pose @ there @ world_from_part)
+    alike = condition.cad is not None
+    places = model.vertices if alike else part.scene.mesh.vertices
+    corners, possible = np.arange(len(places)), not condition.absent
+    if condition.wrong and alike | (told is not camera):
+        corners = visible_corners(Part.of(model) if alike else part, camera, truth)
+        possible = least_px(camera.project(truth @ places[corners]), part.scene.mesh.vertices[corners], told, truth) < ALIKE
     given: list[Rigid | None] = [None] if condition.search else list(rough)
-    return Case(f"{name}: {which}", condition, part, camera, truth, world_from_part, stage, given, views, chance)
+    return Case(
+        f"{name}: {which}", condition, part, camera, truth, world_from_part, stage, given, views, chance,
+        told, places, corners, truths, possible,
+    )
 
 
 def _view(condition: Condition, camera: Camera, middle: Array, reach: float, rng: np.random.Generator) -> Rigid:
@@ -322,8 +396,7 @@ def picture_of(case: Case, folder: Path) -> Picture:
         linear = (by_pyrender if c.renderer == "pyrender" else radiance)(case.stage, case.camera, camera_from_world)
         clean = WHITE * linear / max(float(np.quantile(linear, 0.99)), 1e-6)
         taken = c.sensor.apply(clean, rng=np.random.default_rng(case.seed))
-        taken = taken[:, ::-1] if c.absent == "mirrored" else taken
-        _write(path, taken if c.color else to_gray(taken))
+        _write(path, c.spoilt(taken if c.color else to_gray(taken)))
     return read_picture(path, full_scale=4095 if ".12." in path.name else None)
 
 

@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from battery_cases import CONDITIONS, Case, case_of, picture_of
+from cadcam.arrays import Array
 from cadcam.errors import CadcamError, MissingExtra
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.locate import locate
@@ -68,13 +69,17 @@ def outcomes(case: Case, photo: Photo) -> Iterator[Outcome]:
         px, like = min((corner_error(case, pose @ same), k) for k, same in enumerate(case.part.symmetries))
         xi = ((pose @ case.part.symmetries[like]).inv @ case.truth).log()
         m2 = squared(xi, location.pose.covariance)
-        px = np.inf if case.condition.absent else px
+        px = px if case.possible else np.inf
         yield Outcome(name, case.name, px, m2, location.quality, location.found, cpu, location.reason)
 
 
 def corner_error(case: Case, pose: Rigid) -> float:
     """Return the largest distance in px between the pictures of a corner that is in view; inf where one is behind."""
-    p, t = (case.camera.project(T @ case.part.scene.mesh.vertices) for T in (pose, case.truth))
+    p = case.told.project(pose @ case.part.scene.mesh.vertices[case.corners])
+    return min(_farthest(case, p, case.camera.project(truth @ case.places[case.corners])) for truth in case.truths)
+
+
+def _farthest(case: Case, p: Array, t: Array) -> float:
     seen = case.camera.sees(t)
     d = np.linalg.norm(p[seen] - t[seen], axis=1)
     return float(d.max()) if len(d) and np.isfinite(d).all() else np.inf
@@ -119,14 +124,14 @@ def main() -> None:
             for k in range(a.parts):
                 case = case_of(name, k, a.seed, a.data, folder, a.starts, a.part)
                 try:
-                    photo = Photo.of(picture_of(case, folder), case.camera)
+                    photo = Photo.of(picture_of(case, folder), case.told)
                 except MissingExtra as error:
                     print(f"{name} left out: {error}")
                     break
                 answers = list(outcomes(case, photo))
                 results += answers
                 for o in answers if a.list else ():
-                    if not (o.right and o.found) and (o.found or not case.condition.absent):
+                    if not (o.right and o.found) and (o.found or case.possible):
                         print(
                             f"{o.case}: {o.px:.1f} px, quality {o.quality:.2f}, {o.cpu_s:.2f} s: {o.words}", flush=True
                         )

@@ -23,8 +23,9 @@ from pathlib import Path
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.spatial import cKDTree
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.cad.mesh import Mesh
 from cadcam.camera.camera import Camera
 from cadcam.errors import CadcamError
@@ -134,17 +135,27 @@ def answer(case: Case, trial: Trial) -> Answer:
 
 def explained(case: Case, part: Part, camera: Camera) -> bool:
     """Return whether a pose of this part before this camera brings visible corners within `ALIKE` px of the true."""
-    vertices = case.part.scene.mesh.vertices
-    ends = case.part.lines.draw(case.photo.camera, case.truth).visible.p
-    corner = (np.linalg.norm(vertices[:, None] - ends, axis=2) < 1e-6 * np.ptp(vertices)).any(axis=1)
-    q = case.photo.camera.project(case.truth @ vertices[corner])
+    corner = visible_corners(case.part, case.photo.camera, case.truth)
+    q = case.photo.camera.project(case.truth @ case.part.scene.mesh.vertices[corner])
+    return least_px(q, part.scene.mesh.vertices[corner], camera, case.truth) < ALIKE
+
+
+def visible_corners(part: Part, camera: Camera, pose: Rigid) -> Longs:
+    """Return the numbers of the corners at which visible lines of a part begin or end."""
+    vertices = part.scene.mesh.vertices
+    ends = part.lines.draw(camera, pose).visible.p
+    near = cKDTree(ends.reshape(-1, 3)).query(vertices)[0] < 1e-6 * np.ptp(vertices)
+    return np.flatnonzero(near)
+
+
+def least_px(q: Array, p: Array, camera: Camera, about: Rigid) -> float:
+    """Return how far off (px) the worst of corners p (n, 3) mm is from q (n, 2) px, at the pose that fits them best."""
 
     def off(xi: Array) -> Array:
-        p = (case.truth @ Rigid.exp(xi)) @ part.scene.mesh.vertices[corner]
-        return np.asarray(np.nan_to_num(camera.project(p) - q, nan=1e3).ravel())
+        return np.asarray(np.nan_to_num(camera.project((about @ Rigid.exp(xi)) @ p) - q, nan=1e3).ravel())
 
     best = least_squares(off, np.zeros(6), x_scale=[1, 1, 10, 0.01, 0.01, 0.01]).x
-    return float(np.linalg.norm(off(best).reshape(-1, 2), axis=1).max()) < ALIKE
+    return float(np.linalg.norm(off(best).reshape(-1, 2), axis=1).max())
 
 
 def vertex_set_error(case: Case, pose: Rigid) -> float:
@@ -160,8 +171,6 @@ def vertex_set_error(case: Case, pose: Rigid) -> float:
 
 def its_own_mirror_image(mesh: Mesh) -> bool:
     """Return whether a mesh looks the same mirrored along one of its axes: then its mirrored photo shows it."""
-    from scipy.spatial import cKDTree
-
     p = mesh.vertices - mesh.bounds.mean(axis=0)
     tree, near = cKDTree(p), 1e-3 * float(np.linalg.norm(mesh.size_mm))
     return any(bool(np.all(tree.query(p * flip)[0] < near)) for flip in 1 - 2 * np.eye(3))

@@ -19,6 +19,7 @@ from cadcam.locate.quality.quality import SEARCHED
 from cadcam.locate.refine.basins import Basins
 from cadcam.locate.refine.options import EDGES, EdgeOptions
 from cadcam.locate.refine.refine import Refinement, in_spite_of_noise
+from cadcam.locate.rivals import Rivals
 from cadcam.locate.search.approach import REACH, Reach, approach
 from cadcam.locate.search.hypothesis import Hypothesis
 from cadcam.locate.search.search import search_once
@@ -110,7 +111,9 @@ def _located(
         return replace(best, reason=why, alternatives=tuple(alike))
     if not (clear(score, best) or (every and _alone(part, best, tried))):
         return _uncertain(best, "lines elsewhere in the photos look nearly as much like the part", alike)
-    return _beside_rivals(part, ranked, alike)
+    if best.quality < _CLEAR:
+        best = Rivals(part, photos, freedom, options, chosen).beside(best)
+    return _beside_rivals(part, [(score, best), *ranked[1:]], alike) if best.found else best
 
 
 def _near(

@@ -8,6 +8,7 @@ from cadcam.arrays import Array
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.views.aspects import Aspects
+from cadcam.locate.views.likeness import Likeness, likenesses, mirror_image
 from cadcam.locate.views.symmetry import spin_of, symmetries
 from cadcam.render.embree import Caster
 from cadcam.render.lines.visible import LineDrawer
@@ -52,3 +53,13 @@ class Part:
     def spin(self) -> Array | None:
         """The twist (6,) of a turned part's rotation about its axis, which no photo shows; None of other parts."""
         return spin_of(self.scene.mesh, self.scene.edges)
+
+    @cached_property
+    def mirrored(self) -> Part:
+        """The part's mirror image."""
+        return Part(mirror_image(self.scene))
+
+    @cached_property
+    def likenesses(self) -> list[Likeness]:
+        """What the part is nearly like, itself elsewhere and its mirror image: poses that are easily mistaken."""
+        return likenesses(self.scene.mesh, self.scene.edges, self.mirrored.scene.mesh)

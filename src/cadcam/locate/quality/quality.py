@@ -37,7 +37,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Ids, Mask
+from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.lines.bands import FARTHEST_PX
 from cadcam.locate.lines.sight import Sight, in_noise
@@ -49,7 +49,7 @@ from cadcam.locate.quality.thin import Strips
 from cadcam.locate.quality.worth import distinct_lines, worth_of_lines, worth_of_stretches
 
 SEARCHED = 3  # constraints that the best of all poses of a part in a photo meets without it
-_ASKED = 450  # samples, of all photos together
+ASKED = 450  # samples, of all photos together
 _TOGETHER = 4  # of these in a row: neighbours must be neighbours
 _MUCH = 0.2  # share of constraints that is free, from which on bends are looked at
 _ABSENT, _SCATTER, _GAIN = 0.6, 20.0, 2.0  # what these cost
@@ -176,9 +176,8 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, s
     edges are off as a whole.
     """
     near = near_px(sights, scatter)
-    most = _ASKED // len(sights)
-    asked = (s.thinned(most, together=_TOGETHER, among=Strips.of(s.samples).room >= ROOM_PX) for s in sights)
-    photos = [_in_photo(s, world_from_part, near, constraints) for s in asked]
+    most = ASKED // len(sights)
+    photos = [_in_photo(with_room(s, most), world_from_part, near, constraints) for s in sights]
     n = max(sum(p.samples for p in photos), 1)
     extent = max((p.extent for p in photos), default=0.0)
     gone, of_gone = body_gone([(p.body, p.here) for p in photos])
@@ -193,6 +192,11 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, s
         gone=gone,
         without=of_gone,
     )
+
+
+def with_room(sight: Sight, most: int) -> Sight:
+    """Return a sight with about `most` of its samples, of those that have room to be told from the next line."""
+    return sight.thinned(most, together=_TOGETHER, among=Strips.of(sight.samples).room >= ROOM_PX)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -213,27 +217,50 @@ class _InPhoto:
         return len(self.here)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Lines:
+    """Samples (n,) of a part's lines in a photo: which they are, where, across what, on which line, and which show.
+
+    share (1 + shifts,): of them that show in place and after each shift (`locate.quality.shown`).
+    """
+
+    which: Longs
+    q: Array
+    normal: Array
+    run: Ids
+    here: Mask
+    share: Array
+
+    @classmethod
+    def of(cls, sight: Sight, world_from_part: Rigid, near: float) -> Lines:
+        """Return those of a sight at a pose; near: how near (px) to a line its step must be."""
+        at, samples = sight.project(world_from_part), sight.samples
+        which = np.flatnonzero(np.isfinite(at.q).all(axis=1))
+        strips, normal, run = Strips.of(samples.select(which)), at.normal[which], samples.run[which]
+        q = at.q[which] + strips.middle[:, None] * normal
+        if not len(which):
+            return cls(which, q, normal, run, np.zeros(0, bool), np.zeros(1))
+        here, share = shown(sight, q, normal, run, strips.room, near + strips.half)
+        crossed = here & along_chequers(sight.photo.gray, q, normal, run)
+        here, share[0] = here & ~crossed, max(share[0] - crossed.mean(), 0.0)
+        return cls(which, q, normal, run, here, share)
+
+
 def _in_photo(sight: Sight, world_from_part: Rigid, near: float, constraints: int) -> _InPhoto:
-    at, samples = sight.project(world_from_part), sight.samples
-    which = np.flatnonzero(np.isfinite(at.q).all(axis=1))
-    n, body = len(which), samples.part[which]
+    there = Lines.of(sight, world_from_part, near)
+    n, body, q = len(there.which), sight.samples.part[there.which], there.q
     if not n:
-        return _InPhoto(body, np.zeros(0, bool))
-    strips, normal, run = Strips.of(samples.select(which)), at.normal[which], samples.run[which]
-    q = at.q[which] + strips.middle[:, None] * normal
-    lines, length = distinct_lines(q, run)
-    here, share = shown(sight, q, normal, run, strips.room, near + strips.half)
-    crossed = here & along_chequers(sight.photo.gray, q, normal, run)
-    here, share[0] = here & ~crossed, max(share[0] - crossed.mean(), 0.0)
+        return _InPhoto(body, there.here)
+    lines, length = distinct_lines(q, there.run)
     worth = worth_of_lines(length)
-    absent = missed(here, lines)
+    absent = missed(there.here, lines)
     return _InPhoto(
         body,
-        here,
-        shown=n * float(share[0]),
-        by_chance=n * float(share[1:].mean()),
-        worth=worth if constraints < _MUCH * worth else worth_of_stretches(q, normal, run, lines, length),
+        there.here,
+        shown=n * float(there.share[0]),
+        by_chance=n * float(there.share[1:].mean()),
+        worth=worth if constraints < _MUCH * worth else worth_of_stretches(q, there.normal, there.run, lines, length),
         extent=float(np.hypot(*np.ptp(q, axis=0))),
         absent=float(absent.sum()),
-        hidden=float(absent[behind_border(q, here)].sum()) if absent.any() else 0.0,
+        hidden=float(absent[behind_border(q, there.here)].sum()) if absent.any() else 0.0,
     )

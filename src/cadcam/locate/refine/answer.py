@@ -14,7 +14,6 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.camera.pose_estimate import PoseEstimate
-from cadcam.fit.grouped import GroupedFit
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.lines.sight import Sight, in_noise
@@ -31,7 +30,6 @@ from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
 DOUBT = (0.25, 0.62)  # quality of a pose that half of the lines agree with: worth a second look
 _TOGETHER_PX = 0.005  # by which all edges of a photo are off together: light from one side bends alike beside them
 _FREE = 0.4  # share of the lines that any pose could be fitted to, more than of a box: little else speaks for a pose
-_FARTHEST_PX = 3.0  # an edge farther off is another one
 _UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose that nothing was measured of
 
 
@@ -71,10 +69,9 @@ def _evidence(part: Part, fitted: Solution, B: Array, chosen: int, wider: bool) 
     fits better stretched, nor where starts are known to be good (not `wider`).
     """
     pose, fit = fitted.pose, fitted.fit
-    scatter = _scatter(fit, sum(int(m.usable.sum()) for m in fitted.measured))
     told, color = in_color(part, fitted.sights, pose)
     bands = fitted.regression.bands and fitted.tells_lines and fit.between <= LOOSE_PX
-    ask = partial(judged, chosen=chosen, scatter=scatter, color=color, bands=bands)
+    ask = partial(judged, chosen=chosen, scatter=fitted.scatter, color=color, bands=bands)
     evidence = ask(told, pose, B)
     doubted = evidence.quality < FOUND or evidence.without > 0 or evidence.fitted > _FREE or fit.between > LOOSE_PX
     hides = in_noise(fitted.sights)  # there missing lines pass for faint ones
@@ -85,12 +82,6 @@ def _evidence(part: Part, fitted: Solution, B: Array, chosen: int, wider: bool) 
     if faint > 0:
         evidence = replace(ask(lit, pose, B), faint=faint)
     return evidence, doubted
-
-
-def _scatter(fit: GroupedFit, n: int) -> float:
-    """Return by how much (px, root mean square) edges, the first n data, are off as a whole, whatever they count."""
-    samples = np.bincount(fit.group[:n], minlength=len(fit.offset))
-    return float(np.sqrt(samples @ np.minimum(np.abs(fit.offset), _FARTHEST_PX) ** 2 / max(samples.sum(), 1)))
 
 
 def _reason(part: Part, estimate: PoseEstimate, evidence: Seen, fitted: Solution, photos: Sequence[Photo]) -> str:

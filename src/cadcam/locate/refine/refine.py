@@ -26,14 +26,14 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.color import in_color
 from cadcam.locate.quality.quality import seen
-from cadcam.locate.refine.agreement import BESIDE_BANDS_PX, SCATTERED_PX, agreed
+from cadcam.locate.refine.agreement import SCATTERED_PX, agreed
 from cadcam.locate.refine.answer import DOUBT, location_of, lost
 from cadcam.locate.refine.options import EDGES, EdgeOptions
 from cadcam.locate.refine.solution import CLOSE_PX, LOOSE_PX, Solution, solved
 
 _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
 _CLEARLY = 0.1  # quality by which an answer that is not found must be better to take the place of another one
-_LOOSER = 3.0  # times as much, that a fit is looser than another one
+_LOOSER, _LOOSER_BESIDE_BANDS = 3.0, 2.0  # times as much, that a fit is looser than another one
 _WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
 _WEAKEST, _BESIDE_PX = 3, 4.0  # motions along which a loose pose may be another one, and how far lines move by them
 _ABOUT = 0.25  # share of the lines that colour speaks for, from which on a pose is about right
@@ -103,6 +103,12 @@ class _Answer:
         """Return whether edges fit the pose only loosely."""
         return self.solution is not None and self.solution.fit.between > LOOSE_PX
 
+    @property
+    def scattered(self) -> bool:
+        """Return whether edges fit a pose beside bands so that some may lie on the far sides of these."""
+        fitted = self.solution
+        return fitted is not None and fitted.regression.bands and fitted.scatter > SCATTERED_PX
+
     def unlike(self, other: Solution, share: float) -> _Answer:
         """Return the answer with a share of the way to another solution as the sd of an error along it."""
         at = self.location.pose
@@ -116,13 +122,17 @@ class _Answer:
         """Return whether this answer is better than another.
 
         Edges of a loose fit count as met from farther off. Where one of the two is much looser, both are held to what
-        the other meets; beside bands, where lines lie on either side of these, the closer of two that are as good.
+        the other meets. Beside bands the closer of two is better, if both are found or as good: where some lines lie on
+        the far sides of bands, as clear as the near ones, more may show, but they do not agree.
         """
         quality = [self.location.quality, other.location.quality]
         both = [a.solution for a in (self, other) if a.solution is not None]
-        between, bands = [s.fit.between for s in both], any(s.regression.bands for s in both)
-        scattered = BESIDE_BANDS_PX if bands else SCATTERED_PX
-        if len(both) == 2 and max(between) > max(scattered, _LOOSER * min(between)):
+        bands = any(s.regression.bands for s in both)
+        between = [s.scatter if bands else s.fit.between for s in both]
+        looser = _LOOSER_BESIDE_BANDS if bands else _LOOSER
+        if len(both) == 2 and max(between) > max(SCATTERED_PX, looser * min(between)):
+            if bands and self.location.found and other.location.found:
+                return between[0] < between[1]
             quality = [seen(s.sights, s.pose, constraints=s.B.shape[1], scatter=0.0).quality for s in both]
             if bands and abs(quality[0] - quality[1]) < _CLEARLY:
                 return between[0] < between[1]
@@ -160,10 +170,12 @@ class Refinement:
     def again(self, best: _Answer) -> _Answer:
         """Return a doubtful or loose answer, or a better one: found wider around it, or narrowly beside it."""
         quality = best.location.quality
-        if quality <= DOUBT[0] or (quality >= DOUBT[1] and not best.loose):
+        in_doubt = quality < DOUBT[1] or best.loose
+        if quality <= DOUBT[0] or not (in_doubt or best.scattered):
             return best
-        best = self.farther(best)
-        return self.beside(best) if self.chosen or best.location.quality < DOUBT[1] else best
+        if in_doubt:
+            best = self.farther(best)
+        return self.beside(best) if self.chosen or best.location.quality < DOUBT[1] or best.scattered else best
 
     def farther(self, best: _Answer) -> _Answer:
         """Return an answer, or a better one of lines that are looked for farther off."""
@@ -175,11 +187,14 @@ class Refinement:
         return second if second.better_than(best) else best
 
     def beside(self, best: _Answer) -> _Answer:
-        """Return an answer, or the first better and closer fit among the poses beside it."""
-        if best.solution is None or not best.loose:
+        """Return a loose answer, or the first better and closer fit among the poses beside it."""
+        if best.solution is None or not (best.loose or best.scattered):
             return best
-        for pose in _beside(best.solution):
-            second = self.settled(*self.attracted(best.sights, pose, CLOSE_PX))
+        for start in _beside(best.solution):
+            sights, pose = self.attracted(best.sights, start, CLOSE_PX)
+            if max(s.moved_px(best.pose, pose) for s in best.sights) < _SAME_PX:
+                continue
+            second = self.settled(sights, pose)
             if not second.loose and second.better_than(best):
                 return second
         return best

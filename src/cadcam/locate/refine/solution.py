@@ -27,6 +27,7 @@ from cadcam.locate.refine.regression import Regression
 CLOSE_PX = 3  # px: how far from the lines their steps may be after the search
 _ON_LINE = 0.7  # px: steps this near are fitted on the line itself
 LOOSE_PX = 0.25  # by which edges of a good pose are seldom off as a whole
+_FARTHEST_PX = 3.0  # an edge farther off is another one
 _ROUNDS = (3, 8, 8, 8)  # reweightings in the first measurement, the second, and more where it is not settled
 _SETTLED_PX = 0.2  # by which nine tenths of the lines may move in the last step
 _EVERY = 4  # of how many samples one tells whether the camera's response is bent
@@ -55,6 +56,14 @@ class Solution:
     def moved(self) -> list[Array]:
         """Return by how much (n,) px the last step moved the samples of each photo along their normals."""
         return [at.row @ (self.B @ self.fit.x) for at in self.places]
+
+    @property
+    def scatter(self) -> float:
+        """Return by how much (px, root mean square) edges are off as a whole, whatever they count in the fit."""
+        n = sum(int(m.usable.sum()) for m in self.measured)
+        samples = np.bincount(self.fit.group[:n], minlength=len(self.fit.offset))
+        offset = np.minimum(np.abs(self.fit.offset), _FARTHEST_PX)
+        return float(np.sqrt(samples @ offset**2 / max(samples.sum(), 1)))
 
     @property
     def beside_bands(self) -> float:

@@ -1,0 +1,74 @@
+"""Which of two readings of the photos is the right one: told by the lines that only one of them has.
+
+Two readings, poses of a part or of another one, may have most lines in common; these say nothing of which it is, and
+a share of all lines hardly does. Of the right one the photos show the lines that the other lacks, of the wrong one they
+do not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadcam.arrays import Array, Mask
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.lines.sight import Sight
+from cadcam.locate.quality.absent import LEAST
+from cadcam.locate.quality.quality import ASKED, Lines, with_room
+
+_OWN_PX = 4.0  # a line farther than this from all of another reading's is its own
+_CLEARLY = 0.4  # share of its own lines that more must be shown of the right one
+
+
+@dataclass(frozen=True, slots=True)
+class Apart:
+    """How many samples lie on lines that only one reading has, or only the other, and the share of them shown."""
+
+    own: int
+    shown: float
+    others: int
+    others_shown: float
+
+    def __str__(self) -> str:
+        return f"{self.others_shown:.0%} of the lines that only it has are there, {self.shown:.0%} of the others"
+
+    @property
+    def against(self) -> bool:
+        """Return whether the photos show the other reading, and clearly so."""
+        enough = min(self.own, self.others) >= LEAST
+        return enough and self.others_shown - self.shown > _CLEARLY
+
+    @property
+    def open(self) -> bool:
+        """Return whether it cannot be told which of them the photos show."""
+        enough = min(self.own, self.others) >= LEAST
+        return not (enough and abs(self.others_shown - self.shown) > _CLEARLY)
+
+
+def told_apart(one: tuple[Sequence[Sight], Rigid], other: tuple[Sequence[Sight], Rigid], *, near: float) -> Apart:
+    """Return what tells two readings of the same photos apart, each of them sights and the pose that they were fitted to.
+
+    near: how near (px) to a line its step must be.
+    """
+    n, shown, most = np.zeros(2), np.zeros(2), ASKED // len(one[0])
+    for pair in zip(one[0], other[0], strict=True):
+        lines = [Lines.of(with_room(s, most), pose, near) for s, (_, pose) in zip(pair, (one, other), strict=True)]
+        every = [s.project(pose).q for s, (_, pose) in zip(pair, (one, other), strict=True)]
+        for k in range(2):
+            own = _away(lines[k].q, every[1 - k])
+            n[k] += own.sum()
+            shown[k] += (lines[k].here & own).sum()
+    share = shown / np.maximum(n, 1)
+    return Apart(int(n[0]), float(share[0]), int(n[1]), float(share[1]))
+
+
+def _away(q: Array, others: Array) -> Mask:
+    """Return which places q (n, 2) px lie away from all samples (m, 2) of another reading."""
+    from scipy.spatial import cKDTree
+
+    others = others[np.isfinite(others).all(axis=1)]
+    if not len(others):
+        return np.ones(len(q), bool)
+    return np.asarray(cKDTree(others).query(q)[0] > _OWN_PX)

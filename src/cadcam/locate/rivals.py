@@ -1,0 +1,106 @@
+"""Whether the photos show another reading of what was found: the part beside its place, or its mirror image.
+
+A part is nearly like itself one bay on, or turned over, and like its mirror image (`locate.views.likeness`). In each of
+these readings most lines are there; no share of missing lines tells them from a part that is partly hidden. Lines that
+only one of them has do (`locate.quality.apart`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from cadcam.errors import NothingInView
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.freedom import FREE, Freedom
+from cadcam.locate.lines.attraction import attracted
+from cadcam.locate.lines.sight import Sight
+from cadcam.locate.location import Location
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.locate.quality.apart import Apart, told_apart
+from cadcam.locate.refine.answer import DOUBT
+from cadcam.locate.refine.options import EdgeOptions
+from cadcam.locate.refine.refine import refined
+from cadcam.locate.search.approach import approach
+from cadcam.locate.views.likeness import Likeness
+
+_DOUBTED = 0.45  # quality of a pose where the photos show another reading
+_NEAR_PX = 2.0  # how near to lines their steps must be, of a pose that is good to a pixel
+_SEARCHED = 2  # hypotheses of the mirror image that are refined
+_LAID_PX = 5.0  # how far lines may be off that are laid over others
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rivals:
+    """What is asked of a found pose: the part in photos, how it may move, and constraints that its search met."""
+
+    part: Part
+    photos: Sequence[Photo]
+    freedom: Freedom
+    options: EdgeOptions
+    chosen: int
+
+    def beside(self, found: Location) -> Location:
+        """Return a found pose, the one that the photos show rather than it, or that they show the mirror image.
+
+        Where they do not tell the part from its mirror image, the reason says so.
+        """
+        undecided, own = False, (self._sights(self.part, found.pose.world_from_part), found.pose.world_from_part)
+        for like in self.part.likenesses:
+            start, part, freedom = self._reading(found, like)
+            sights = self._sights(part, start)
+            end = attracted(sights, start, freedom, search_px=_LAID_PX)
+            apart = told_apart(own, (sights, end), near=_NEAR_PX)
+            if apart.against and like.mirrored:
+                return _mirrored(found, apart)
+            if apart.against:
+                near = replace(self.options, search_px=_LAID_PX)
+                other, _ = refined(part, self.photos, end, freedom=freedom, options=near, chosen=self.chosen)
+                return other if other.found else _doubted(found, f"elsewhere the part is shown as well: {apart}")
+            undecided |= like.mirrored and apart.open
+        if found.quality < DOUBT[1]:
+            told = self._searched(found, own)
+            if told is not None:
+                return _mirrored(found, told)
+        either = "; of the part and its mirror image either may be seen"
+        return replace(found, reason=found.reason + either) if undecided else found
+
+    def _reading(self, found: Location, like: Likeness) -> tuple[Rigid, Part, Freedom]:
+        """Return where the part, or its mirror image, stands in another reading, and how it may move there."""
+        pose, freedom, motion = found.pose.world_from_part, self.freedom, like.motion
+        if freedom is not FREE and freedom.frame == "part":
+            freedom = Freedom(motion.inv.adjoint() @ freedom.basis)
+        return pose @ motion, self.part.mirrored if like.mirrored else self.part, freedom
+
+    def _searched(self, found: Location, own: tuple[Sequence[Sight], Rigid]) -> Apart | None:
+        """Return what tells the part from its mirror image where that is found around it and shown; None if it is not.
+
+        A pose that is wrong may lie farther from that of the mirror image than this from the part it is laid over.
+        """
+        for like in [like for like in self.part.likenesses if like.mirrored][:1]:
+            start, part, freedom = self._reading(found, like)
+            try:
+                hypotheses = approach(part, self.photos, start, freedom=freedom)[:_SEARCHED]
+            except NothingInView:
+                continue
+            for h in hypotheses:
+                near = replace(self.options, search_px=h.within_px)
+                image, sights = refined(part, self.photos, h.world_from_part, freedom=freedom, options=near)
+                apart = told_apart(own, (sights, image.pose.world_from_part), near=_NEAR_PX)
+                if image.found and apart.against:
+                    return apart
+        return None
+
+    def _sights(self, part: Part, pose: Rigid) -> list[Sight]:
+        sizes = {"step_px": self.options.step_px, "reach_px": 2 * self.options.reach_px}
+        return [Sight.of(part, photo, pose, **sizes) for photo in self.photos]
+
+
+def _mirrored(found: Location, apart: Apart) -> Location:
+    hand = "is it the part of the other hand, or the photo mirrored?"
+    return _doubted(found, f"the photos show the part's mirror image: {apart}; {hand}")
+
+
+def _doubted(found: Location, why: str) -> Location:
+    return replace(found, quality=min(found.quality, _DOUBTED), reason=f"not found: {why} ({found.reason})")

@@ -1,0 +1,181 @@
+"""What a part is nearly like: itself elsewhere, as one bay of a lattice is like the next, or its mirror image.
+
+Where most of a part is symmetric, a pose in which the rest is on the wrong side fits nearly as well as the right one,
+and so does the mirror image: the part of the other hand, or a photo that was mirrored on its way. Which of them a photo
+shows only the other edges tell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import permutations, product
+
+import numpy as np
+
+from cadcam.arrays import Array
+from cadcam.cad.edges import FeatureEdges
+from cadcam.cad.mesh import Mesh
+from cadcam.geometry.rigid import Rigid
+from cadcam.render.view import Scene
+
+_CLOSE = 0.01  # of the part's radius: how near to each other edges meet
+_COARSE = 0.03  # of it, in which shifts are counted
+_POINTS, _DENSE, _LAID = 400, 8_000, 120  # on the edges: that are compared, that they lie on, that tell the shift
+_FEW = 50  # of the points that tell whether a shift is worth a closer look
+_SHIFTS = 4  # that are tried of each turn, twice
+_LEAST, _SAME = 0.45, 0.995  # share of the edges that meets: of less nothing is taken for it, of more nothing differs
+_MOST = 6  # likenesses that are kept, of itself and of its mirror image
+_APART = 0.05  # of the part's radius: motions of which one moves no point so much farther than another are one
+_ALONG = np.cos(np.radians(3.0))  # edges this near to a direction run along it
+_QUARTERS = [
+    R
+    for axes in permutations(range(3))
+    for signs in product((1.0, -1.0), repeat=3)
+    if np.linalg.det(R := np.eye(3)[list(axes)] * np.array(signs)[:, None]) > 0
+]
+
+
+def mirror_image(scene: Scene) -> Scene:
+    """Return a scene mirrored in the plane across x through the middle of its box; edges and paint stay its own."""
+    mesh = scene.mesh
+    flip, normals = np.array([-1.0, 1.0, 1.0]), mesh.corner_normals
+    vertices = mesh.vertices * flip + [2 * mesh.bounds[:, 0].mean(), 0.0, 0.0]
+    if normals is not None:
+        normals = np.asarray(normals[:, ::-1] * flip, np.float32)
+    return replace(scene, mesh=replace(mesh, vertices=vertices, faces=mesh.faces[:, ::-1], corner_normals=normals))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Likeness:
+    """A motion part_from_part, or part_from_mirrored, after which this share of the edges lies on edges of the part."""
+
+    motion: Rigid
+    mirrored: bool
+    share: float
+
+
+def likenesses(mesh: Mesh, edges: FeatureEdges, image: Mesh) -> list[Likeness]:
+    """Return what a part of a mesh is nearly like: itself, and its mirror image, best first.
+
+    Where it looks the same, as symmetric parts do, nothing tells; such motions are left out, and a part that is its own
+    mirror image has none of these. Tried are quarter turns about the directions in which most edges run, each with the
+    shifts after which most points meet.
+    """
+    points = _even(mesh, edges, _POINTS)
+    if not len(points):
+        return []
+    target = _Target(mesh, edges, points)
+    found: list[Likeness] = []
+    for other, mirrored in ((mesh, False), (image, True)):
+        own = target.laid(other, edges, mirrored)
+        if not (mirrored and any(one.share > _SAME for one in own)):
+            found += [one for one in own if one.share <= _SAME][:_MOST]
+    return sorted(found, key=lambda one: -one.share)
+
+
+class _Target:
+    """The edges that others are laid on."""
+
+    def __init__(self, mesh: Mesh, edges: FeatureEdges, points: Array) -> None:
+        from scipy.spatial import cKDTree
+
+        self.points, self.corners, self.frame = points, _corners(mesh, edges), _directions(mesh, edges)
+        self.centre = points.mean(axis=0)
+        self.radius = float(np.linalg.norm(points - self.centre, axis=1).max())
+        self.tree = cKDTree(_even(mesh, edges, _DENSE))
+
+    def laid(self, mesh: Mesh, edges: FeatureEdges, mirrored: bool) -> list[Likeness]:
+        """Return how the edges of another mesh may be laid on these, best first."""
+        own, points, corners = _directions(mesh, edges), _even(mesh, edges, _POINTS), _corners(mesh, edges)
+        every = []
+        for quarter in _QUARTERS:
+            turn = self.frame @ quarter @ own.T
+            turned = points @ turn.T
+            shifts = _shifts(turned, self.points, self._coarse) + _shifts(corners @ turn.T, self.corners, self._coarse)
+            every += [self._settled(turned, turn, by, mirrored) for by in shifts if self._may_lie(turned + by)]
+        kept: list[Likeness] = []
+        for one in sorted((e for e in every if e.share >= _LEAST), key=lambda e: -e.share):
+            if all(self._apart(one.motion, k.motion) > _APART * self.radius for k in kept):
+                kept.append(one)
+        return kept
+
+    @property
+    def _coarse(self) -> float:
+        return _COARSE * self.radius
+
+    def _may_lie(self, points: Array) -> bool:
+        """Return whether enough of some points (n, 3) lie about the edges to be worth settling."""
+        few = points[:: len(points) // _FEW]
+        near = self.tree.query(few, distance_upper_bound=2 * self._coarse)[0]
+        return bool(np.mean(np.isfinite(near)) >= _LEAST)
+
+    def _settled(self, turned: Array, turn: Array, shift: Array, mirrored: bool) -> Likeness:
+        """Return points (n, 3) moved to where most of them lie on these edges."""
+        for within in (_COARSE, _CLOSE, _CLOSE):
+            apart, nearest = self.tree.query(turned + shift, distance_upper_bound=2 * within * self.radius)
+            close = np.isfinite(apart)
+            if close.any():
+                shift = shift + np.median(self.tree.data[nearest[close]] - turned[close] - shift, axis=0)
+        near = self.tree.query(turned + shift, distance_upper_bound=_CLOSE * self.radius)[0]
+        return Likeness(Rigid(turn, shift), mirrored, float(np.mean(np.isfinite(near))))
+
+    def _apart(self, one: Rigid, other: Rigid) -> float:
+        """Return how far two motions move points apart."""
+        few = self.points[:: len(self.points) // 20]
+        return float(np.linalg.norm(one @ few - other @ few, axis=1).max())
+
+
+def _shifts(p: Array, q: Array, step: float) -> list[Array]:
+    """Return shifts (3,) after which many points p (n, 3) lie near points q (m, 3), most first, in whole steps or so."""
+    if not len(p):
+        return []
+    few, others = (a[:: max(1, len(a) // _LAID)] for a in (p, q))
+    by = ((others[:, None] - few[None]) / step).reshape(-1, 3)
+    cell = np.round(by).astype(np.int64)
+    cell -= cell.min(axis=0)
+    _, at, count = np.unique(
+        np.ravel_multi_index(tuple(cell.T), tuple(cell.max(axis=0) + 1)), return_index=True, return_counts=True
+    )
+    cells, out = cell[at], []
+    for _ in range(min(_SHIFTS, len(cells))):
+        most = cells[int(np.argmax(count))]
+        out.append(np.asarray(step * by[np.abs(cell - most).max(axis=1) <= 1].mean(axis=0)))
+        count[np.abs(cells - most).max(axis=1) <= 2] = 0
+    return out
+
+
+def _even(mesh: Mesh, edges: FeatureEdges, n: int) -> Array:
+    """Return n points (n, 3) evenly along the edges; none where there are no edges."""
+    a, b = (mesh.vertices[edges.vertices[:, k]] for k in range(2))
+    ends = np.cumsum(np.linalg.norm(b - a, axis=1))
+    if not len(ends) or not ends[-1] > 0:
+        return np.zeros((0, 3))
+    at = (np.arange(n) + 0.5) / n * ends[-1]
+    on = np.searchsorted(ends, at)
+    t = (ends[on] - at) / np.diff(ends, prepend=0.0)[on]
+    return np.asarray(b[on] + t[:, None] * (a[on] - b[on]))
+
+
+def _corners(mesh: Mesh, edges: FeatureEdges) -> Array:
+    """Return the corners (n, 3) at which long edges end: shifts of lines along themselves do not bring them together."""
+    long = edges.lengths(mesh) > _COARSE * float(np.linalg.norm(mesh.size_mm))
+    return np.asarray(mesh.vertices[np.unique(edges.vertices[long])])
+
+
+def _directions(mesh: Mesh, edges: FeatureEdges) -> Array:
+    """Return three directions (3, 3), as columns: the one in which most edges run, the next one across it, and theirs."""
+    a, b = (mesh.vertices[edges.vertices[:, k]] for k in range(2))
+    length = np.linalg.norm(b - a, axis=1)
+    way = (b - a) / np.maximum(length, 1e-300)[:, None]
+    first = _mostly(way, length)
+    across = np.abs(way @ first) < np.sqrt(1 - _ALONG**2)
+    second = _mostly(way[across], length[across]) if across.any() else np.linalg.svd(first[None])[2][1]
+    second = second - (second @ first) * first
+    second /= np.linalg.norm(second)
+    return np.stack([first, second, np.cross(first, second)], axis=1)
+
+
+def _mostly(way: Array, length: Array) -> Array:
+    """Return the direction (3,) of these (n, 3) along which most length runs."""
+    tried = way[np.argsort(-length, kind="stable")[:_LAID]]
+    return np.asarray(tried[int(np.argmax((np.abs(tried @ way.T) > _ALONG) @ length))])
