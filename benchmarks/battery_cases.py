@@ -10,49 +10,24 @@ from pathlib import Path
 
 import numpy as np
 
+from battery_conditions import CONDITIONS, DARK, Condition
 from battery_pictures import Stage, Surface, by_pyrender, radiance
-from battery_wrong import (
-    Model,
-    Told,
-    beside,
-    blurred,
-    flange,
-    focal,
-    lengthened,
-    mirrored,
-    one_bay_off,
-    other_holes,
-    other_lens,
-    other_size,
-    rack,
-    saturated,
-    stretched,
-    upside_down,
-)
-from cadcam.arrays import Array, Picture
+from battery_wrong import beside, flange, rack
+from cadcam.arrays import Array, Longs, Picture
 from cadcam.cad.load import load
-from cadcam.cad.mesh import Mesh, merge
+from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts import calibration_bench, machined_bracket, ship_block
 from cadcam.cad.parts.shape import box, circle, prism, tube
-from cadcam.cad.write import write
 from cadcam.camera.camera import Camera
-from cadcam.camera.lens import BrownConrady, Fisheye
 from cadcam.geometry.rigid import Rigid
 from cadcam.geometry.rotation import exp
 from cadcam.image.picture import read_picture, to_gray, write_picture
-from cadcam.image.sensor.charge import Noise
-from cadcam.image.sensor.light import Blur, Motion, Vignetting
-from cadcam.image.sensor.sensor import Sensor
-from cadcam.image.sensor.video import EdgeEnhancement, Gain, Gamma
 from cadcam.locate.part import Part
 from cadcam.locate.views.view_range import ViewRange
 from cadcam.render.light import Lamp
 from quality import ALIKE, its_own_mirror_image, least_px, visible_corners
 
 WHITE = 0.9  # of the brightest hundredth of a picture
-SENSOR = Sensor(noise=Noise(12_000, 20))
-STEEL, DARK = (0.5, 0.5, 0.5), (0.07, 0.07, 0.07)
-PLAIN, GROUND = Surface(STEEL, 0.06), Surface((0.3, 0.3, 0.3), 0.15)
 
 
 def step_block() -> Mesh:
@@ -71,149 +46,6 @@ PARTS: dict[str, Callable[[], Mesh]] = {
 
 
 @dataclass(frozen=True)
-class Condition:
-    """What is special: all else is drawn plainly. hidden: share of the part behind a box; cut: outside the picture."""
-
-    camera: Callable[[np.random.Generator], Camera] = lambda rng: Camera.from_focal((800, 600), rng.uniform(800, 1500))
-    size: tuple[float, float] = (0.45, 0.75)  # of the part's diagonal over the picture's shorter side
-    part: Surface = PLAIN
-    ground: Surface = GROUND
-    lamps: int = 3
-    ambient: float = 0.45
-    hidden: float = 0.0
-    cable: bool = False
-    clutter: int = 3
-    cut: float = 0.0
-    sensor: Sensor = SENSOR
-    color: bool = False
-    suffix: str = ".png"
-    model: Callable[[Mesh, Path], Mesh] = lambda mesh, folder: mesh
-    renderer: str = "own"
-    search: str = ""  # "range": without a start in a declared range; "sphere": from anywhere
-    absent: str = ""  # what is before the camera instead: "part", "mirrored", "upside down"
-    parts: tuple[str, ...] = ()  # of these, not of all
-    cad: Model | None = None  # makes the model that is given of the one that is photographed, corner by corner
-    kin: Model | None = None  # or one of its family, which stands where it does
-    told: Told | None = None  # makes the camera that is told of the one that took the picture
-    spoilt: Callable[[Picture], Picture] = lambda taken: taken
-    start: Callable[[Rigid, np.random.Generator], Rigid] | None = None  # makes starts of the true pose
-    twin: bool = False  # a second part of the same kind stands beside it
-
-    @property
-    def wrong(self) -> bool:
-        """Whether no answer may be right: another model or camera."""
-        return self.cad is not None or self.told is not None
-
-
-def _written(unit: str, suffix: str) -> Callable[[Mesh, Path], Mesh]:
-    """Return what writes a model in a unit and reads it again."""
-    mm = {"m": 1000.0, "in": 25.4}[unit]
-
-    def round_trip(mesh: Mesh, folder: Path) -> Mesh:
-        path = folder / f"model_{unit}{suffix}"
-        write(mesh.scaled(1 / mm), path)
-        return load(path, unit=unit)
-
-    return round_trip
-
-
-def _doubled(mesh: Mesh, folder: Path) -> Mesh:
-    """Return the model as a file holds it that has the part twice in one place, as careless exports do."""
-    path = folder / "model_doubled.obj"
-    write(merge([mesh, mesh]), path)
-    return load(path, unit="mm")
-
-
-def _focal(width: int, field_deg: float) -> float:
-    """Return the focal length (px) of a camera whose picture, so wide (px), spans that field."""
-    return float(width / 2 / np.tan(np.radians(field_deg) / 2))
-
-
-CONDITIONS: dict[str, Condition] = {
-    "plain": Condition(),
-    "wide, 90 deg": Condition(camera=lambda rng: Camera.from_focal((960, 720), _focal(960, 90.0))),
-    "long lens, 6 deg": Condition(camera=lambda rng: Camera.from_focal((800, 600), _focal(800, 6.0))),
-    "4 Mpx": Condition(camera=lambda rng: Camera.from_focal((2400, 1700), _focal(2400, 35.0))),
-    "640 x 480": Condition(camera=lambda rng: Camera.from_focal((640, 480), _focal(640, 45.0))),
-    "principal point off": Condition(
-        camera=lambda rng: Camera.from_focal(
-            (800, 600), _focal(800, 40.0), cx=400 + rng.uniform(120, 200), cy=300 - rng.uniform(80, 140)
-        )
-    ),
-    "aspect and skew": Condition(
-        camera=lambda rng: Camera.from_focal((800, 600), _focal(800, 40.0), fy=820.0, skew=rng.uniform(30, 60))
-    ),
-    "strong Brown-Conrady": Condition(
-        camera=lambda rng: Camera.from_focal(
-            (800, 600), _focal(800, 65.0), lens=BrownConrady(-0.32, 0.13, 2e-3, -1.5e-3, -0.02)
-        )
-    ),
-    "fisheye": Condition(camera=lambda rng: Camera.from_focal((900, 900), 300.0, lens=Fisheye(0.03, -0.01, 2e-3, 0.0))),
-    "print and grain": Condition(
-        part=Surface(STEEL, 0.25, 6.0, 0.55), ground=Surface((0.35, 0.35, 0.35), 0.4, 8.0, 0.5)
-    ),
-    "glossy": Condition(part=Surface(STEEL, 0.05, gloss=0.8)),
-    "metal": Condition(part=Surface((0.6, 0.6, 0.6), 0.04, metal=0.75, gloss=0.3)),
-    "dark on dark": Condition(part=Surface(DARK, 0.1), ground=Surface((0.09, 0.09, 0.09), 0.15), clutter=4),
-    "low contrast": Condition(sensor=replace(SENSOR, gain=Gain(0.16, 0.45))),
-    "one hard lamp": Condition(lamps=1, ambient=0.12),
-    "even light": Condition(lamps=0, ambient=1.0),
-    "in colour": Condition(part=Surface((0.6, 0.2, 0.12), 0.08), ground=Surface((0.2, 0.28, 0.35), 0.25), color=True),
-    "a third hidden by a box": Condition(hidden=0.33),
-    "cables": Condition(cable=True),
-    "clutter": Condition(clutter=14, ground=Surface((0.3, 0.3, 0.3), 0.3, 8.0, 0.6)),
-    "a third outside": Condition(cut=0.33),
-    "JPEG 60": Condition(suffix=".jpg"),
-    "motion blur, 5 px": Condition(sensor=replace(SENSOR, motion=Motion((4.0, 3.0)))),
-    "out of focus, 3 px": Condition(sensor=replace(SENSOR, blur=Blur(0.0, 3.0))),
-    "vignetting": Condition(sensor=replace(SENSOR, vignetting=Vignetting(a2=-0.75))),
-    "gamma 1/2.2": Condition(sensor=replace(SENSOR, gamma=Gamma(1 / 2.2))),
-    "noise 6 %": Condition(sensor=replace(SENSOR, noise=Noise(600, 24))),
-    "sharpened": Condition(sensor=replace(SENSOR, edge_enhancement=EdgeEnhancement(0.6))),
-    "12-bit TIFF": Condition(suffix=".12.tif"),
-    "16-bit TIFF": Condition(suffix=".16.tif"),
-    "model in metres": Condition(model=_written("m", ".obj")),
-    "model in inches": Condition(model=_written("in", ".stl")),
-    "part there twice": Condition(model=_doubled),
-    "by pyrender": Condition(renderer="pyrender", part=Surface(STEEL, 0.15, gloss=0.6)),
-    "no start, 60 deg": Condition(search="range"),
-    "no start, anywhere": Condition(search="sphere"),
-    "no start, in clutter": Condition(search="range", clutter=14),
-    "no start, a third hidden": Condition(search="range", hidden=0.33),
-    "absent": Condition(absent="part", clutter=6),
-    "absent, no start": Condition(absent="part", clutter=6, search="range"),
-    "mirrored": Condition(absent="mirrored", spoilt=mirrored),
-    "mirrored, no start": Condition(absent="mirrored", spoilt=mirrored, search="range"),
-    "upside down": Condition(absent="upside down", spoilt=upside_down),
-    "half outside": Condition(cut=0.5),
-    "blurred by 4 px": Condition(spoilt=blurred(4.0)),
-    "saturated": Condition(spoilt=saturated),
-    "CAD 3 to 10 % stretched": Condition(cad=stretched(0.03, 0.10)),
-    "CAD 10 to 20 % stretched": Condition(cad=stretched(0.10, 0.20)),
-    "CAD 3 to 10 % longer": Condition(cad=lengthened(0.03, 0.10)),
-    "CAD stretched, no start": Condition(cad=stretched(0.05, 0.15), search="range"),
-    "CAD with other holes": Condition(kin=other_holes, parts=("flange",)),
-    "focal length 5 to 20 % off": Condition(told=focal(0.05, 0.20)),
-    "focal length off, wide": Condition(camera=lambda rng: _wide(rng), told=focal(0.05, 0.20)),
-    "focal length off, no start": Condition(told=focal(0.05, 0.20), search="range"),
-    "other lens": Condition(told=other_lens),
-    "lens not told": Condition(
-        camera=lambda rng: Camera.from_focal((800, 600), _focal(800, 65.0), lens=BrownConrady(-0.25, 0.08)),
-        told=other_lens,
-    ),
-    "other picture size": Condition(told=other_size),
-    "one bay off": Condition(parts=("rack",), start=one_bay_off),
-    "bays, no start": Condition(parts=("rack",), search="range"),
-    "two of a kind": Condition(twin=True, size=(0.3, 0.45)),
-    "two of a kind, no start": Condition(twin=True, size=(0.3, 0.45), search="range"),
-}
-
-
-def _wide(rng: np.random.Generator) -> Camera:
-    return Camera.from_focal((960, 720), _focal(960, rng.uniform(60, 80)))
-
-
-@dataclass(frozen=True)
 class Case:
     """A part before a camera: where it is, what else stands there, and the starts."""
 
@@ -228,9 +60,9 @@ class Case:
     views: ViewRange
     seed: Sequence[int]
     told: Camera  # which `locate` is given
+    truths: Sequence[Rigid]  # of parts of a kind, any of which may be found
     places: Array  # (V, 3): where the model's corners are on the part that is photographed
-    corners: Array  # which of them are compared
-    truths: Sequence[Rigid]
+    corners: Longs  # which of them are compared
     possible: bool  # whether some pose of the model before the camera told shows what the picture does
 
 
@@ -270,25 +102,33 @@ def case_of(name: str, k: int, seed: int, data: Path | None, folder: Path, start
     away = float(from_part[2])
     ranged = ViewRange(axis=up, half_angle_deg=75.0, distance_mm=(0.7 * away, 1.4 * away))
     views = {"": ViewRange(), "range": ranged, "sphere": ViewRange()}[condition.search]
-    given_model = condition.cad or condition.kin or (lambda mesh, rng: mesh)
-    part = Part.of(condition.model(given_model(model, rng), folder))
+    given = condition.cad or condition.kin
+    part = Part.of(condition.model(given(model, rng) if given else model, folder))
     told = condition.told(camera, rng) if condition.told else camera
     truths = [truth]
     if condition.twin:
-        there = beside(traced.transformed(world_from_part), rng)
-        stage = replace(stage, things=[*stage.things, (traced.transformed(there @ world_from_part), stage.things[1][1])])
-        truths.append(pose @ there @ world_from_part)
-    alike = condition.cad is not None
-    places = model.vertices if alike else part.scene.mesh.vertices
-    corners, possible = np.arange(len(places)), not condition.absent
-    if condition.wrong and alike | (told is not camera):
-        corners = visible_corners(Part.of(model) if alike else part, camera, truth)
-        possible = least_px(camera.project(truth @ places[corners]), part.scene.mesh.vertices[corners], told, truth) < ALIKE
-    given: list[Rigid | None] = [None] if condition.search else list(rough)
+        there = beside(traced.transformed(world_from_part), rng) @ world_from_part
+        second = (traced.transformed(there), stage.things[1][1])
+        stage, truths = replace(stage, things=[*stage.things, second]), [truth, pose @ there]
+    asked = _asked(condition, model, part, camera, told, truth)
+    once: list[Rigid | None] = [None]
+    which, given_starts = f"{name}: {which}", once if condition.search else list(rough)
     return Case(
-        f"{name}: {which}", condition, part, camera, truth, world_from_part, stage, given, views, chance,
-        told, places, corners, truths, possible,
+        which, condition, part, camera, truth, world_from_part, stage, given_starts, views, chance, told, truths, *asked
     )
+
+
+def _asked(
+    condition: Condition, model: Mesh, part: Part, camera: Camera, told: Camera, truth: Rigid
+) -> tuple[Array, Longs, bool]:
+    """Return where the corners of the model that is given are on the part, which are compared, and if they can be met."""
+    given = part.scene.mesh.vertices
+    places = given if condition.cad is None else model.vertices
+    if condition.cad is None and condition.told is None:
+        return places, np.arange(len(places)), not condition.absent
+    corners = visible_corners(part if condition.cad is None else Part.of(model), camera, truth)
+    least = least_px(camera.project(truth @ places[corners]), given[corners], told, truth)
+    return places, corners, least < ALIKE
 
 
 def _view(condition: Condition, camera: Camera, middle: Array, reach: float, rng: np.random.Generator) -> Rigid:

@@ -56,7 +56,7 @@ def stretched(least: float, most: float) -> Model:
 
 
 def lengthened(least: float, most: float) -> Model:
-    """Return what moves one end of a model, all that lies beyond the middle of its longest side, as a variant has it."""
+    """Return what moves one end of a model, all beyond the middle of its longest side, as a variant has it."""
 
     def model(mesh: Mesh, rng: np.random.Generator) -> Mesh:
         axis = int(np.argmax(mesh.size_mm))
@@ -130,8 +130,10 @@ def beside(mesh: Mesh, rng: np.random.Generator) -> Rigid:
     reach = float(np.hypot(*mesh.size_mm[:2]))
     angle = rng.uniform(0, 2 * np.pi)
     middle = np.append(mesh.bounds.mean(axis=0)[:2], 0.0)
-    return Rigid(translation=middle + 1.05 * reach * np.array([np.cos(angle), np.sin(angle), 0.0])) @ turn @ Rigid(
-        translation=-middle
+    return (
+        Rigid(translation=middle + 1.05 * reach * np.array([np.cos(angle), np.sin(angle), 0.0]))
+        @ turn
+        @ Rigid(translation=-middle)
     )
 
 

@@ -27,8 +27,18 @@ from cadcam.locate.views.likeness import Likeness
 
 _DOUBTED = 0.45  # quality of a pose where the photos show another reading
 _NEAR_PX = 2.0  # how near to lines their steps must be, of a pose that is good to a pixel
+_ROUNDS = 3  # times that a pose is left for another one
 _SEARCHED = 2  # hypotheses of the mirror image that are refined
 _LAID_PX = 5.0  # how far lines may be off that are laid over others
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Reading:
+    """Another reading of a found pose, where it puts the part, or the mirror image, and what tells it from that."""
+
+    like: Likeness
+    pose: Rigid
+    apart: Apart
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,32 +56,46 @@ class Rivals:
 
         Where they do not tell the part from its mirror image, the reason says so.
         """
-        undecided, own = False, (self._sights(self.part, found.pose.world_from_part), found.pose.world_from_part)
-        for like in self.part.likenesses:
-            start, part, freedom = self._reading(found, like)
-            sights = self._sights(part, start)
-            end = attracted(sights, start, freedom, search_px=_LAID_PX)
-            apart = told_apart(own, (sights, end), near=_NEAR_PX)
-            if apart.against and like.mirrored:
-                return _mirrored(found, apart)
-            if apart.against:
-                near = replace(self.options, search_px=_LAID_PX)
-                other, _ = refined(part, self.photos, end, freedom=freedom, options=near, chosen=self.chosen)
-                return other if other.found else _doubted(found, f"elsewhere the part is shown as well: {apart}")
-            undecided |= like.mirrored and apart.open
-        if found.quality < DOUBT[1]:
-            told = self._searched(found, own)
-            if told is not None:
-                return _mirrored(found, told)
+        if not self.part.likenesses:
+            return found
+        for _ in range(_ROUNDS):
+            pose = found.pose.world_from_part
+            own = self._sights(self.part, pose), pose
+            read = [self._read(found, like, own) for like in self.part.likenesses]
+            against = [one for one in read if one.apart.against]
+            if not against:
+                break
+            best = max(against, key=lambda one: one.apart.others_shown - one.apart.shown)
+            if best.like.mirrored:
+                return _mirrored(found, best.apart)
+            near = replace(self.options, search_px=_LAID_PX)
+            free = self._freedom(best.like)
+            other, _ = refined(self.part, self.photos, best.pose, freedom=free, options=near, chosen=self.chosen)
+            if not other.found:
+                return _doubted(found, f"elsewhere the part is shown as well: {best.apart}")
+            found = other
+        told = self._searched(found, own) if found.quality < DOUBT[1] else None
+        if told is not None:
+            return _mirrored(found, told)
+        undecided = any(one.like.mirrored and one.apart.open for one in read)
         either = "; of the part and its mirror image either may be seen"
         return replace(found, reason=found.reason + either) if undecided else found
 
-    def _reading(self, found: Location, like: Likeness) -> tuple[Rigid, Part, Freedom]:
-        """Return where the part, or its mirror image, stands in another reading, and how it may move there."""
-        pose, freedom, motion = found.pose.world_from_part, self.freedom, like.motion
-        if freedom is not FREE and freedom.frame == "part":
-            freedom = Freedom(motion.inv.adjoint() @ freedom.basis)
-        return pose @ motion, self.part.mirrored if like.mirrored else self.part, freedom
+    def _read(self, found: Location, like: Likeness, own: tuple[Sequence[Sight], Rigid]) -> _Reading:
+        """Return another reading, its lines pulled onto the photos' steps, and what tells it from the found one."""
+        start, part = found.pose.world_from_part @ like.motion, self._part(like)
+        sights = self._sights(part, start)
+        end = attracted(sights, start, self._freedom(like), search_px=_LAID_PX)
+        return _Reading(like, end, told_apart(own, (sights, end), near=_NEAR_PX))
+
+    def _part(self, like: Likeness) -> Part:
+        return self.part.mirrored if like.mirrored else self.part
+
+    def _freedom(self, like: Likeness) -> Freedom:
+        """Return how the part, or its mirror image, may move in another reading."""
+        if self.freedom is FREE or self.freedom.frame == "world":
+            return self.freedom
+        return Freedom(like.motion.inv.adjoint() @ self.freedom.basis)
 
     def _searched(self, found: Location, own: tuple[Sequence[Sight], Rigid]) -> Apart | None:
         """Return what tells the part from its mirror image where that is found around it and shown; None if it is not.
@@ -79,7 +103,7 @@ class Rivals:
         A pose that is wrong may lie farther from that of the mirror image than this from the part it is laid over.
         """
         for like in [like for like in self.part.likenesses if like.mirrored][:1]:
-            start, part, freedom = self._reading(found, like)
+            start, part, freedom = found.pose.world_from_part @ like.motion, self._part(like), self._freedom(like)
             try:
                 hypotheses = approach(part, self.photos, start, freedom=freedom)[:_SEARCHED]
             except NothingInView:

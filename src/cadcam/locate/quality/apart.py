@@ -48,7 +48,7 @@ class Apart:
 
 
 def told_apart(one: tuple[Sequence[Sight], Rigid], other: tuple[Sequence[Sight], Rigid], *, near: float) -> Apart:
-    """Return what tells two readings of the same photos apart, each of them sights and the pose that they were fitted to.
+    """Return what tells two readings of the same photos apart, each of them sights and a pose fitted to these.
 
     near: how near (px) to a line its step must be.
     """

@@ -24,7 +24,7 @@ _POINTS, _DENSE, _LAID = 400, 8_000, 120  # on the edges: that are compared, tha
 _FEW = 50  # of the points that tell whether a shift is worth a closer look
 _SHIFTS = 4  # that are tried of each turn, twice
 _LEAST, _SAME = 0.45, 0.995  # share of the edges that meets: of less nothing is taken for it, of more nothing differs
-_MOST = 6  # likenesses that are kept, of itself and of its mirror image
+_MOST = {False: 8, True: 4}  # likenesses that are kept, of the part and of its mirror image
 _APART = 0.05  # of the part's radius: motions of which one moves no point so much farther than another are one
 _ALONG = np.cos(np.radians(3.0))  # edges this near to a direction run along it
 _QUARTERS = [
@@ -69,7 +69,7 @@ def likenesses(mesh: Mesh, edges: FeatureEdges, image: Mesh) -> list[Likeness]:
     for other, mirrored in ((mesh, False), (image, True)):
         own = target.laid(other, edges, mirrored)
         if not (mirrored and any(one.share > _SAME for one in own)):
-            found += [one for one in own if one.share <= _SAME][:_MOST]
+            found += [one for one in own if one.share <= _SAME][: _MOST[mirrored]]
     return sorted(found, key=lambda one: -one.share)
 
 
@@ -92,7 +92,8 @@ class _Target:
             turn = self.frame @ quarter @ own.T
             turned = points @ turn.T
             shifts = _shifts(turned, self.points, self._coarse) + _shifts(corners @ turn.T, self.corners, self._coarse)
-            every += [self._settled(turned, turn, by, mirrored) for by in shifts if self._may_lie(turned + by)]
+            laid = [self._settled(turned, turn, by, mirrored) for by in shifts if self._may_lie(turned + by)]
+            every += laid if mirrored else [both for one in laid for both in (one, replace(one, motion=one.motion.inv))]
         kept: list[Likeness] = []
         for one in sorted((e for e in every if e.share >= _LEAST), key=lambda e: -e.share):
             if all(self._apart(one.motion, k.motion) > _APART * self.radius for k in kept):

@@ -1,0 +1,98 @@
+"""Parts that are nearly like themselves elsewhere, or like their mirror image, are not taken for these."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cadcam.cad.mesh import Mesh, merge
+from cadcam.cad.parts import machined_bracket
+from cadcam.camera.camera import Camera
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.freedom import FREE
+from cadcam.locate.locate import locate
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.locate.refine.options import EDGES
+from cadcam.locate.refine.refine import refine
+from cadcam.locate.rivals import Rivals
+from cadcam.render import open_renderer
+from cadcam.render.view import Scene
+
+from ..cad.solids import box
+
+CAMERA = Camera.from_focal((640, 480), 1000.0)
+BAY = 24.0
+RNG_SIGMA = 2 / 255
+
+
+def comb() -> Mesh:
+    """Return seven equal teeth on a bar, and a block on one of its ends."""
+    teeth = [box([BAY * k, 0, 10], [BAY * k + 12, 30, 26]) for k in range(7)]
+    return merge([box([0, 0, 0], [BAY * 6 + 12, 30, 10]), *teeth, box([-14, 0, 0], [0, 30, 40])])
+
+
+def hooked() -> Mesh:
+    """Return a plate that is its own mirror image but for a block that stands aside of both its middles."""
+    posts = [box([x, y, 12], [x + 16, y + 16, 24]) for x in (6, 98) for y in (6, 58)]
+    return merge([box([0, 0, 0], [120, 80, 12]), *posts, box([34, 6, 12], [58, 26, 36])])
+
+
+def photo_of(mesh: Mesh, pose: Rigid) -> Photo:
+    image = open_renderer(Scene.of(mesh)).render(CAMERA, pose).image.mean(axis=2)
+    noisy = image * 0.8 + RNG_SIGMA * np.random.default_rng(0).standard_normal(image.shape)
+    return Photo.of(np.clip(noisy, 0, 1).astype(np.float32), CAMERA)
+
+
+def looking(mesh: Mesh) -> Rigid:
+    middle = mesh.bounds.mean(axis=0)
+    return Rigid.look_at(middle + np.array([120.0, -330.0, 330.0]), middle)
+
+
+@pytest.mark.parametrize("n", [-1, 1])
+def test_a_lattice_is_told_from_itself_one_bay_on(n: int) -> None:
+    """Ask of a pose one bay off, as if it had been found: what comes back is the right one."""
+    part, pose = Part.of(comb()), looking(comb())
+    shifts = [like.motion.translation for like in part.likenesses if not like.mirrored]
+    assert any(np.allclose(s, [n * BAY, 0, 0], atol=1.0) for s in shifts)
+    photo = photo_of(comb(), pose)
+    wrong = refine(part, [photo], pose @ Rigid(translation=np.array([n * BAY, 0.0, 0.0])))
+    asked = Rivals(part, [photo], FREE, EDGES, 0)
+    right = asked.beside(wrong)
+    corners = part.scene.mesh.vertices
+    apart = CAMERA.project(right.pose.world_from_part @ corners) - CAMERA.project(pose @ corners)
+    assert right.found
+    assert np.abs(apart).max() < 0.5
+    kept = refine(part, [photo], pose)
+    assert asked.beside(kept).pose is kept.pose
+
+
+def test_the_part_of_the_other_hand_is_refused_and_the_right_one_is_not() -> None:
+    part, pose = Part.of(hooked()), looking(hooked())
+    best = next(like for like in part.likenesses if like.mirrored)
+    assert 0.6 < best.share < 0.995
+    right = locate(part, [photo_of(hooked(), pose)], pose)
+    assert right.found
+    assert "mirror" not in right.reason
+    other = part.mirrored.scene.mesh
+    there = photo_of(other, pose @ best.motion)
+    wrong = refine(part, [there], pose)
+    told = Rivals(part, [there], FREE, EDGES, 0).beside(wrong)
+    assert not told.found
+    assert "mirror image" in told.reason
+
+
+def test_what_only_lies_in_the_dark_is_said_to_be_open() -> None:
+    """The block that tells the hand is cut off: either may be seen, and the pose stays."""
+    plain = merge([hooked().subset([k]) for k in range(5)])
+    part, pose = Part.of(hooked()), looking(hooked())
+    photo = photo_of(plain, pose)
+    found = refine(part, [photo], pose)
+    told = Rivals(part, [photo], FREE, EDGES, 0).beside(found)
+    assert told.pose is found.pose
+    assert "either may be seen" in told.reason
+
+
+def test_what_is_its_own_mirror_image_has_no_other_hand() -> None:
+    likenesses = Part.of(machined_bracket()).likenesses
+    assert not any(like.mirrored for like in likenesses)
