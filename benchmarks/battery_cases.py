@@ -111,17 +111,15 @@ def case_of(name: str, k: int, seed: int, data: Path | None, folder: Path, start
         second = (traced.transformed(there), stage.things[1][1])
         stage, truths = replace(stage, things=[*stage.things, second]), [truth, pose @ there]
     asked = _asked(condition, model, part, camera, told, truth)
-    once: list[Rigid | None] = [None]
-    which, given_starts = f"{name}: {which}", once if condition.search else list(rough)
-    return Case(
-        which, condition, part, camera, truth, world_from_part, stage, given_starts, views, chance, told, truths, *asked
-    )
+    begin: list[Rigid | None] = [None] if condition.search else list(rough)
+    seen = camera, truth, world_from_part, stage
+    return Case(f"{name}: {which}", condition, part, *seen, begin, views, chance, told, truths, *asked)
 
 
 def _asked(
     condition: Condition, model: Mesh, part: Part, camera: Camera, told: Camera, truth: Rigid
 ) -> tuple[Array, Longs, bool]:
-    """Return where the corners of the model that is given are on the part, which are compared, and if they can be met."""
+    """Return where the corners of the model that is given are on the part, which are compared, if they can be met."""
     given = part.scene.mesh.vertices
     places = given if condition.cad is None else model.vertices
     if condition.cad is None and condition.told is None:

@@ -98,8 +98,8 @@ def _farthest(case: Case, p: Array, t: Array) -> float:
 def table(results: Sequence[Outcome]) -> Iterator[str]:
     """Yield a line a condition, and one of all."""
     yield (
-        "| condition | starts | right | of them found | wrong, called found (said to be open) | error, median / most, px"
-        " | normalised | CPU median / most, s |\n|---|---|---|---|---|---|---|---|"
+        "| condition | starts | right | of them found | wrong, called found (said to be open)"
+        " | error, median / most, px | normalised | CPU median / most, s |\n|---|---|---|---|---|---|---|---|"
     )
     for name in [*dict.fromkeys(o.condition for o in results), "all"]:
         own = [o for o in results if name in (o.condition, "all")]

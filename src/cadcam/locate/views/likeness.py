@@ -116,7 +116,7 @@ class _Target:
             apart, nearest = self.tree.query(turned + shift, distance_upper_bound=2 * within * self.radius)
             close = np.isfinite(apart)
             if close.any():
-                shift = shift + np.median(self.tree.data[nearest[close]] - turned[close] - shift, axis=0)
+                shift = shift + np.median(self.tree.data[np.asarray(nearest)[close]] - turned[close] - shift, axis=0)
         near = self.tree.query(turned + shift, distance_upper_bound=_CLOSE * self.radius)[0]
         return Likeness(Rigid(turn, shift), mirrored, float(np.mean(np.isfinite(near))))
 
@@ -127,7 +127,7 @@ class _Target:
 
 
 def _shifts(p: Array, q: Array, step: float) -> list[Array]:
-    """Return shifts (3,) after which many points p (n, 3) lie near points q (m, 3), most first, in whole steps or so."""
+    """Return shifts (3,) after which many points p (n, 3) lie near points q (m, 3), most first, to a step or so."""
     if not len(p):
         return []
     few, others = (a[:: max(1, len(a) // _LAID)] for a in (p, q))
@@ -158,13 +158,13 @@ def _even(mesh: Mesh, edges: FeatureEdges, n: int) -> Array:
 
 
 def _corners(mesh: Mesh, edges: FeatureEdges) -> Array:
-    """Return the corners (n, 3) at which long edges end: shifts of lines along themselves do not bring them together."""
+    """Return the corners (n, 3) at which long edges end: no shift of a line along itself brings these together."""
     long = edges.lengths(mesh) > _COARSE * float(np.linalg.norm(mesh.size_mm))
     return np.asarray(mesh.vertices[np.unique(edges.vertices[long])])
 
 
 def _directions(mesh: Mesh, edges: FeatureEdges) -> Array:
-    """Return three directions (3, 3), as columns: the one in which most edges run, the next one across it, and theirs."""
+    """Return three directions (3, 3), as columns: that in which most edges run, the next across it, the third."""
     a, b = (mesh.vertices[edges.vertices[:, k]] for k in range(2))
     length = np.linalg.norm(b - a, axis=1)
     way = (b - a) / np.maximum(length, 1e-300)[:, None]
