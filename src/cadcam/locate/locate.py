@@ -16,6 +16,7 @@ from cadcam.locate.location import FOUND, Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.quality import SEARCHED
+from cadcam.locate.refine.answer import DOUBT
 from cadcam.locate.refine.basins import Basins
 from cadcam.locate.refine.options import EDGES, EdgeOptions
 from cadcam.locate.refine.refine import Refinement, in_spite_of_noise
@@ -111,9 +112,11 @@ def _located(
         return replace(best, reason=why, alternatives=tuple(alike))
     if not (clear(score, best) or (every and _alone(part, best, tried))):
         return _uncertain(best, "lines elsewhere in the photos look nearly as much like the part", alike)
-    if best.quality < _CLEAR:
-        best = Rivals(part, photos, freedom, options, chosen).beside(best)
-    return _beside_rivals(part, [(score, best), *ranked[1:]], alike) if best.found else best
+    if best.quality < (_CLEAR if start is None else DOUBT[1]):
+        asked = Rivals(part, photos, freedom, options, chosen).beside(best)
+        alike = _alike(part, asked) if start is None and asked.pose is not best.pose else alike
+        ranked[0] = score, asked
+    return _beside_rivals(part, ranked, alike) if ranked[0][1].found else ranked[0][1]
 
 
 def _near(

@@ -18,7 +18,7 @@ from cadcam.locate.lines.sight import Sight
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality.apart import Apart, told_apart
+from cadcam.locate.quality.apart import Apart, Reading, told_apart
 from cadcam.locate.refine.answer import DOUBT
 from cadcam.locate.refine.options import EdgeOptions
 from cadcam.locate.refine.refine import refined
@@ -33,7 +33,7 @@ _LAID_PX = 5.0  # how far lines may be off that are laid over others
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Reading:
+class _Rival:
     """Another reading of a found pose, where it puts the part, or the mirror image, and what tells it from that."""
 
     like: Likeness
@@ -60,7 +60,7 @@ class Rivals:
             return found
         for _ in range(_ROUNDS):
             pose = found.pose.world_from_part
-            own = self._sights(self.part, pose), pose
+            own = Reading.of(self._sights(self.part, pose), pose, near=_NEAR_PX)
             read = [self._read(found, like, own) for like in self.part.likenesses]
             against = [one for one in read if one.apart.against]
             if not against:
@@ -81,12 +81,12 @@ class Rivals:
         either = "; of the part and its mirror image either may be seen"
         return replace(found, reason=found.reason + either) if undecided else found
 
-    def _read(self, found: Location, like: Likeness, own: tuple[Sequence[Sight], Rigid]) -> _Reading:
+    def _read(self, found: Location, like: Likeness, own: Reading) -> _Rival:
         """Return another reading, its lines pulled onto the photos' steps, and what tells it from the found one."""
         start, part = found.pose.world_from_part @ like.motion, self._part(like)
         sights = self._sights(part, start)
         end = attracted(sights, start, self._freedom(like), search_px=_LAID_PX)
-        return _Reading(like, end, told_apart(own, (sights, end), near=_NEAR_PX))
+        return _Rival(like, end, told_apart(own, Reading.of(sights, end, near=_NEAR_PX)))
 
     def _part(self, like: Likeness) -> Part:
         return self.part.mirrored if like.mirrored else self.part
@@ -97,7 +97,7 @@ class Rivals:
             return self.freedom
         return Freedom(like.motion.inv.adjoint() @ self.freedom.basis)
 
-    def _searched(self, found: Location, own: tuple[Sequence[Sight], Rigid]) -> Apart | None:
+    def _searched(self, found: Location, own: Reading) -> Apart | None:
         """Return what tells the part from its mirror image where that is found around it and shown; None if it is not.
 
         A pose that is wrong may lie farther from that of the mirror image than this from the part it is laid over.
@@ -111,7 +111,7 @@ class Rivals:
             for h in hypotheses:
                 near = replace(self.options, search_px=h.within_px)
                 image, sights = refined(part, self.photos, h.world_from_part, freedom=freedom, options=near)
-                apart = told_apart(own, (sights, image.pose.world_from_part), near=_NEAR_PX)
+                apart = told_apart(own, Reading.of(sights, image.pose.world_from_part, near=_NEAR_PX))
                 if image.found and apart.against:
                     return apart
         return None

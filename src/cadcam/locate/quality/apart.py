@@ -47,19 +47,28 @@ class Apart:
         return not (enough and abs(self.others_shown - self.shown) > _CLEARLY)
 
 
-def told_apart(one: tuple[Sequence[Sight], Rigid], other: tuple[Sequence[Sight], Rigid], *, near: float) -> Apart:
-    """Return what tells two readings of the same photos apart, each of them sights and a pose fitted to these.
+@dataclass(frozen=True, slots=True, eq=False)
+class Reading:
+    """The lines of a part at a pose: in each photo those that can tell, and where (n, 2) px all of them are."""
 
-    near: how near (px) to a line its step must be.
-    """
-    n, shown, most = np.zeros(2), np.zeros(2), ASKED // len(one[0])
-    for pair in zip(one[0], other[0], strict=True):
-        lines = [Lines.of(with_room(s, most), pose, near) for s, (_, pose) in zip(pair, (one, other), strict=True)]
-        every = [s.project(pose).q for s, (_, pose) in zip(pair, (one, other), strict=True)]
-        for k in range(2):
-            own = _away(lines[k].q, every[1 - k])
+    lines: Sequence[Lines]
+    every: Sequence[Array]
+
+    @classmethod
+    def of(cls, sights: Sequence[Sight], pose: Rigid, *, near: float) -> Reading:
+        """Return a reading; near: how near (px) to a line its step must be."""
+        most = ASKED // len(sights)
+        return cls([Lines.of(with_room(s, most), pose, near) for s in sights], [s.project(pose).q for s in sights])
+
+
+def told_apart(one: Reading, other: Reading) -> Apart:
+    """Return what tells two readings of the same photos apart."""
+    n, shown = np.zeros(2), np.zeros(2)
+    for k, (here, there) in enumerate(((one, other), (other, one))):
+        for lines, others in zip(here.lines, there.every, strict=True):
+            own = _away(lines.q, others)
             n[k] += own.sum()
-            shown[k] += (lines[k].here & own).sum()
+            shown[k] += (lines.here & own).sum()
     share = shown / np.maximum(n, 1)
     return Apart(int(n[0]), float(share[0]), int(n[1]), float(share[1]))
 
