@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from cadcam.errors import NothingInView
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.lines.attraction import attracted
@@ -19,16 +18,13 @@ from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.apart import Apart, Reading, told_apart
-from cadcam.locate.refine.answer import DOUBT
 from cadcam.locate.refine.options import EdgeOptions
 from cadcam.locate.refine.refine import refined
-from cadcam.locate.search.approach import approach
 from cadcam.locate.views.likeness import Likeness
 
 _DOUBTED = 0.45  # quality of a pose where the photos show another reading
 _NEAR_PX = 2.0  # how near to lines their steps must be, of a pose that is good to a pixel
 _ROUNDS = 3  # times that a pose is left for another one
-_SEARCHED = 2  # hypotheses of the mirror image that are refined
 _LAID_PX = 5.0  # how far lines may be off that are laid over others
 
 
@@ -61,7 +57,8 @@ class Rivals:
         for _ in range(_ROUNDS):
             pose = found.pose.world_from_part
             own = Reading.of(self._sights(self.part, pose), pose, near=_NEAR_PX)
-            read = [self._read(found, like, own) for like in self.part.likenesses]
+            every = (self._read(found, like, own) for like in self.part.likenesses)
+            read = [one for one in every if one is not None]
             against = [one for one in read if one.apart.against]
             if not against:
                 break
@@ -74,17 +71,19 @@ class Rivals:
             if not other.found:
                 return _doubted(found, f"elsewhere the part is shown as well: {best.apart}")
             found = other
-        told = self._searched(found, own) if found.quality < DOUBT[1] else None
-        if told is not None:
-            return _mirrored(found, told)
         undecided = any(one.like.mirrored and one.apart.open for one in read)
         either = "; of the part and its mirror image either may be seen"
         return replace(found, reason=found.reason + either) if undecided else found
 
-    def _read(self, found: Location, like: Likeness, own: Reading) -> _Rival:
-        """Return another reading, its lines pulled onto the photos' steps, and what tells it from the found one."""
+    def _read(self, found: Location, like: Likeness, own: Reading) -> _Rival | None:
+        """Return another reading, its lines pulled onto the photos' steps, and what tells it from the found one.
+
+        None where the found one's own lines are there in any case.
+        """
         start, part = found.pose.world_from_part @ like.motion, self._part(like)
         sights = self._sights(part, start)
+        if own.holds_against([s.project(start).q for s in sights]):
+            return None
         end = attracted(sights, start, self._freedom(like), search_px=_LAID_PX)
         return _Rival(like, end, told_apart(own, Reading.of(sights, end, near=_NEAR_PX)))
 
@@ -96,25 +95,6 @@ class Rivals:
         if self.freedom is FREE or self.freedom.frame == "world":
             return self.freedom
         return Freedom(like.motion.inv.adjoint() @ self.freedom.basis)
-
-    def _searched(self, found: Location, own: Reading) -> Apart | None:
-        """Return what tells the part from its mirror image where that is found around it and shown; None if it is not.
-
-        A pose that is wrong may lie farther from that of the mirror image than this from the part it is laid over.
-        """
-        for like in [like for like in self.part.likenesses if like.mirrored][:1]:
-            start, part, freedom = found.pose.world_from_part @ like.motion, self._part(like), self._freedom(like)
-            try:
-                hypotheses = approach(part, self.photos, start, freedom=freedom)[:_SEARCHED]
-            except NothingInView:
-                continue
-            for h in hypotheses:
-                near = replace(self.options, search_px=h.within_px)
-                image, sights = refined(part, self.photos, h.world_from_part, freedom=freedom, options=near)
-                apart = told_apart(own, Reading.of(sights, image.pose.world_from_part, near=_NEAR_PX))
-                if image.found and apart.against:
-                    return apart
-        return None
 
     def _sights(self, part: Part, pose: Rigid) -> list[Sight]:
         sizes = {"step_px": self.options.step_px, "reach_px": 2 * self.options.reach_px}

@@ -60,17 +60,23 @@ class Reading:
         most = ASKED // len(sights)
         return cls([Lines.of(with_room(s, most), pose, near) for s in sights], [s.project(pose).q for s in sights])
 
+    def own_lines(self, others: Sequence[Array]) -> tuple[int, float]:
+        """Return how many samples lie away from another reading's, in each photo at (m, 2) px, and how many show."""
+        n, shown = 0, 0
+        for lines, q in zip(self.lines, others, strict=True):
+            own = _away(lines.q, q)
+            n, shown = n + int(own.sum()), shown + int((lines.here & own).sum())
+        return n, shown / max(n, 1)
+
+    def holds_against(self, others: Sequence[Array]) -> bool:
+        """Return whether so many of its own lines are there that no others can show clearly more."""
+        n, shown = self.own_lines(others)
+        return n >= LEAST and shown >= 1 - _CLEARLY
+
 
 def told_apart(one: Reading, other: Reading) -> Apart:
     """Return what tells two readings of the same photos apart."""
-    n, shown = np.zeros(2), np.zeros(2)
-    for k, (here, there) in enumerate(((one, other), (other, one))):
-        for lines, others in zip(here.lines, there.every, strict=True):
-            own = _away(lines.q, others)
-            n[k] += own.sum()
-            shown[k] += (lines.here & own).sum()
-    share = shown / np.maximum(n, 1)
-    return Apart(int(n[0]), float(share[0]), int(n[1]), float(share[1]))
+    return Apart(*one.own_lines(other.every), *other.own_lines(one.every))
 
 
 def _away(q: Array, others: Array) -> Mask:
