@@ -19,7 +19,7 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.apart import Apart, Reading, told_apart
 from cadcam.locate.refine.options import EdgeOptions
-from cadcam.locate.refine.refine import refined
+from cadcam.locate.refine.refine import Refinement
 from cadcam.locate.views.likeness import Likeness
 
 _DOUBTED = 0.45  # quality of a pose where the photos show another reading
@@ -66,8 +66,8 @@ class Rivals:
             if best.like.mirrored:
                 return _mirrored(found, best.apart)
             near = replace(self.options, search_px=_LAID_PX)
-            free = self._freedom(best.like)
-            other, _ = refined(self.part, self.photos, best.pose, freedom=free, options=near, chosen=self.chosen)
+            asked = Refinement(self.part, self.photos, self._freedom(best.like), options=near, chosen=self.chosen)
+            other, _ = asked.around(best.pose)
             if not other.found:
                 return _doubted(found, f"elsewhere the part is shown as well: {best.apart}")
             found = other
