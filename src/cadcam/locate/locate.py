@@ -112,7 +112,7 @@ def _located(
         return replace(best, reason=why, alternatives=tuple(alike))
     if not (clear(score, best) or (every and _alone(part, best, tried))):
         return _uncertain(best, "lines elsewhere in the photos look nearly as much like the part", alike)
-    if best.quality < (_CLEAR if start is None else DOUBT[1]):
+    if start is None or best.quality < DOUBT[1]:
         asked = Rivals(part, photos, freedom, options, chosen).beside(best)
         alike = _alike(part, asked) if start is None and asked.pose is not best.pose else alike
         ranked[0] = score, asked
