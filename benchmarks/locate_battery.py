@@ -26,7 +26,8 @@ from pathlib import Path
 
 import numpy as np
 
-from battery_cases import CONDITIONS, Case, case_of, picture_of
+from battery_cases import Case, case_of, picture_of
+from battery_conditions import CONDITIONS
 from cadcam.arrays import Array
 from cadcam.errors import CadcamError, MissingExtra
 from cadcam.geometry.rigid import Rigid
