@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from cadcam.arrays import Array, Ids
@@ -9,7 +11,11 @@ from cadcam.cad.edges import FeatureEdges
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
 
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
 _SAMPLES = 400
+_FEW = 24  # shares in which points are asked about
 _MOST = 64  # points that are tried in place of another
 _SAME = 2e-3  # of the part's radius: a rotation that leaves the edges this near to each other is a symmetry
 _ROUND = np.radians(30.0)  # corners of a circle are no farther apart: with longer sides they would be edges
@@ -34,14 +40,19 @@ def symmetries(mesh: Mesh, edges: FeatureEdges) -> list[Rigid]:
     tree = cKDTree(rays)
     spacing = float(np.max(np.asarray(tree.query(rays, k=2)[0])[:, 1])) + tolerance
     lines = cKDTree(_dense(mesh, edges, tolerance) - centre)
+    some = [rays[k :: _FEW] for k in range(_FEW)]  # each from all over the part: most candidates fail with the first
     found = [np.eye(3)]
     for R in _candidates(corners, tolerance):
         if any(np.abs(R - known).max() < _APART for known in found):
             continue
-        moved = rays @ R.T
-        if np.max(tree.query(moved)[0]) < spacing and np.max(lines.query(moved)[0]) < 2 * tolerance:
+        if all(_within(tree, p @ R.T, spacing) and _within(lines, p @ R.T, 2 * tolerance) for p in some):
             found.append(R)
     return [Rigid(R, centre - R @ centre) for R in found]
+
+
+def _within(tree: cKDTree, points: Array, reach: float) -> bool:
+    """Return whether each of points (N, 3) has one of the tree nearer than `reach`."""
+    return bool(np.isfinite(tree.query(points, distance_upper_bound=reach)[0]).all())
 
 
 def spin_of(mesh: Mesh, edges: FeatureEdges) -> Array | None:
