@@ -20,7 +20,7 @@ from cadcam.files.pose_estimate import pose_estimate_at, read_part_pose
 from cadcam.files.text import read_text
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture, write_picture
-from cadcam.locate.views.aspects import Aspects
+from cadcam.locate.views.drawing import Drawer
 
 from .job import Ran
 from .locating import CAMERA, MIDDLE, MODELS, POSE, make_photo_job, photo, seen, write_start
@@ -70,7 +70,7 @@ def test_a_declared_range_of_views_is_searched_and_what_that_took_is_kept(
     (here / "found.json").write_text(cadcam(*search).out)
     assert off_mm(read_part_pose("found.json")) < 0.3
     (kept,) = (here / "kept").glob("*.npz")
-    monkeypatch.setattr(Aspects, "_drawn", lambda *_: pytest.fail("made again"))
+    monkeypatch.setattr(Drawer, "draw", lambda *_: pytest.fail("made again"))
     assert cadcam(*search).json["pose"] == json.loads(Path("found.json").read_text())["pose"]
     assert kept.exists()
 

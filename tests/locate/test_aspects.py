@@ -8,7 +8,8 @@ import pytest
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
-from cadcam.locate.views.aspects import PLACES, sphere_net
+from cadcam.locate.views.aspects import sphere_net
+from cadcam.locate.views.drawing import PLACES
 
 from ..cad.solids import box
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.native.fields import firsts
+from cadcam.native.fields import PLACE, SECTORS, Belief, Eye, Planes, Views, firsts
 
 
 @pytest.mark.parametrize(("most", "apart"), [(200, 0.0), (200, 0.4), (7, 0.4), (200, 9.0)])
@@ -20,3 +20,24 @@ def test_the_first_of_poses_that_are_near_each_other_is_kept(most: int, apart: f
 
 def test_of_no_poses_none_is_kept() -> None:
     assert len(firsts(np.zeros((0, 4, 3)), 5, 1.0)) == 0
+
+
+def test_what_an_edge_says_is_bounded_and_edges_are_judged_one_by_one(rng: np.random.Generator) -> None:
+    """Over a field that is equally sure everywhere the sum over lines is known; that of no places is nothing."""
+    sure, belief = 0.6, Belief(even=0.15, nats=4.0, most=4.0, seen=0.9)
+    planes = Planes(np.full((SECTORS, 40, 40), round(255 * sure), np.uint8), *np.zeros((2, SECTORS), np.float32))
+    eye = Eye(planes, np.array([[20.0, 0, 19.5], [0, 20.0, 19.5], [0, 0, 1]]), np.eye(3), np.zeros(3))
+    places = np.zeros(90, PLACE)
+    places["p"] = rng.uniform(-0.5, 0.5, (90, 3)) + np.array([0, 0, 1.5])
+    places["p"][60:] += [50, 0, 0]  # outside the picture: these say nothing
+    places["tangent"], places["weight"] = [1.0, 0, 0], 1.0
+    line = np.maximum(np.arange(90) - 19, 0).astype(np.int32)  # twenty on the first, then one each
+    poses = np.tile(np.concatenate([np.eye(3).ravel(), np.zeros(3)]), (3, 1))
+    share = np.array([1.0, 0.1, 1.0])
+    views = Views([eye], places, np.zeros((3, 1), np.int64), np.array([[90], [90], [0]], np.int32))
+    found = views.evidence(0, poses, 0.8, line, share, belief)
+    gain = np.bincount(line[:60], minlength=71)[None] * ((sure - 0.15) * 4.0 * share[:, None])
+    expected = np.log(0.1 + 0.9 * np.exp(np.minimum(gain, 4.0))).sum(axis=1)
+    assert gain.max() > 4.0 > gain[1].max() > 0
+    assert np.allclose(found[:2], expected[:2], rtol=1e-12)
+    assert found[2] == 0

@@ -169,7 +169,11 @@ static void edges(void) {
     cc_place *places = malloc((size_t)n_places * sizeof *places + 1);
     int64_t *first = malloc((size_t)(n_eyes * n_poses) * 8);
     int32_t *count = malloc((size_t)(n_eyes * n_poses) * 4), *shift = malloc((size_t)(n_poses * keep) * 8);
-    float *score = malloc((size_t)(n_poses * keep) * 4), *sure = malloc((size_t)(n_poses * (n_places + 1)) * 4);
+    float *score = malloc((size_t)(n_poses * keep) * 4);
+    const cc_belief belief = {0.15, 4, 4, 0.9};
+    int32_t *line = malloc((size_t)n_places * 4);
+    double *share = malloc((size_t)n_poses * 8), *nats = malloc((size_t)n_poses * 8);
+    double *gains = malloc((size_t)n_places * 8);
     double *poses = malloc((size_t)n_poses * 96), *scores = malloc((size_t)(n_poses * n_eyes) * 32), freedom[36] = {0};
     const double blur[] = {3, 1, 0.7};
     for (int e = 0; e < n_eyes; e++) {
@@ -180,6 +184,8 @@ static void edges(void) {
     }
     for (int i = 0; i < n_places; i++)
         for (int j = 0; j < 6; j++) ((float *)&places[i])[j] = upto(20) ? (float)around() * 3 : (float)wild();
+    for (int i = 0; i < n_places; i++) line[i] = upto(n_places - 1);
+    for (int k = 0; k < n_poses; k++) share[k] = unit();
     const int vicious = upto(2) == 0;
     for (int i = 0; i < n_places; i++) places[i].weight = vicious ? wild_weight() : (float)unit();
     for (int i = 0; i < n_eyes * n_poses; i++) first[i] = upto(n_places), count[i] = upto(n_places - (int)first[i]);
@@ -202,7 +208,9 @@ static void edges(void) {
         for (int i = 0; i < 2 * n_poses * keep; i++)
             if (shift[i] < 0 || shift[i] >= (i % 2 ? f->height : f->width))
                 exit(fprintf(stderr, "swept out of the field\n"));
-        cc_certainties(&v, e, poses, 0.8, n_places + 1, sure);
+        cc_evidence(&v, e, poses, 0.8, line, share, &belief, gains, nats);
+        for (int i = 0; i < n_poses; i++)
+            if (!isfinite(nats[i])) exit(fprintf(stderr, "the evidence is %g\n", nats[i]));
         free(sums), free(bytes);
     }
     cc_climb(&v, poses, freedom, n_free, blur, 2, scores);
@@ -211,7 +219,8 @@ static void edges(void) {
     for (int k = 0; k < n_poses; k++)
         if (!is_rotation(poses + 12 * k)) exit(fprintf(stderr, "a pose is no rotation any more\n"));
     for (int e = 0; e < n_eyes; e++) free((void *)eyes[e].field.planes), free((void *)eyes[e].field.mean);
-    free(eyes), free(places), free(first), free(count), free(shift), free(score), free(sure), free(poses), free(scores);
+    free(eyes), free(places), free(first), free(count), free(shift), free(score), free(poses), free(scores);
+    free(line), free(share), free(nats), free(gains);
 }
 
 /* Which of many poses are kept: in their order, each once, and as many as are asked for at most. */

@@ -23,6 +23,17 @@ def chained(ends: Array, points: Longs, group: npt.NDArray[np.integer]) -> tuple
     return np.array(order, np.int64), np.array(flipped, bool), np.array(chain, np.int32)
 
 
+def chain_of_each(ends: Array, points: Longs, group: npt.NDArray[np.integer]) -> Ids:
+    """Return the number of the chain (S,) that each segment is on, as `chained` joins them, in no order."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    partner = _partners(ends, points, group)
+    one = np.flatnonzero(partner >= 0)
+    links = coo_array((np.ones(len(one), bool), (one // 2, partner[one] // 2)), (len(points), len(points)))
+    return np.asarray(connected_components(links, directed=False)[1], np.int32)
+
+
 def _partners(ends: Array, points: Longs, group: npt.NDArray[np.integer]) -> Longs:
     """Return for each segment end (2 s + side) the end that continues it, -1 for none."""
     n = len(points)

@@ -108,9 +108,7 @@ def prepared(part: Part, photos: Sequence[Photo], views: ViewRange) -> Iterator[
     kept = 0 if folder is None else read_aspects(part, folder)
     if todo := unmade(part, photos, views):
         with progress("preparing the part", len(todo)) as step:
-            for key in todo:
-                part.aspects.aspect(*key)
-                step()
+            part.aspects.make(todo, step)
     yield
     if folder is not None and len(part.aspects.made) > kept:
         write_aspects(part, folder)

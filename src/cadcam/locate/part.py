@@ -42,7 +42,7 @@ class Part:
     @cached_property
     def aspects(self) -> Aspects:
         """What the part shows from every side, each aspect made when first asked for."""
-        return Aspects(self.lines)
+        return Aspects(self.scene)
 
     @cached_property
     def symmetries(self) -> list[Rigid]:

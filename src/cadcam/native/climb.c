@@ -265,17 +265,32 @@ static void judge(const cc_views *v, int64_t k, int32_t eye, const double *pose,
     }
 }
 
-void VARIANT(climb_certainties)(const cc_views *v, int32_t eye, const double *poses, double blur, int64_t stride,
-                                float *out) {
+/* The sum of ln(1 - seen + seen exp(gain)) over lines, no gain above `most`. */
+static double all_lines(const double *gain, int32_t lines, const cc_belief *belief) {
+    double sum = 0, product = 1; /* of which few logarithms are taken: 32 factors neither overflow nor vanish */
+    for (int32_t i = 0; i < lines; i++) {
+        product *= 1 - belief->seen + belief->seen * exp(lower(gain[i], belief->most));
+        if (i % 32 == 31) sum += log(product), product = 1;
+    }
+    return sum + log(product);
+}
+
+void VARIANT(climb_evidence)(const cc_views *v, int32_t eye, const double *poses, double blur, const int32_t *line,
+                             const double *share, const cc_belief *belief, double *scratch, double *out) {
+    const cc_eye *e = &v->eyes[eye];
     const kernel kernel = kernel_of(blur);
     for (int64_t k = 0; k < v->n_poses; k++) {
-        const rigid c = seen_by(&v->eyes[eye], poses + 12 * k);
-        const cc_place *places = v->places + v->first[k * v->n_eyes + eye];
-        for (int32_t i = 0; i < v->count[k * v->n_eyes + eye]; i++) {
+        const rigid c = seen_by(e, poses + 12 * k);
+        const int64_t first = v->first[k * v->n_eyes + eye], end = first + v->count[k * v->n_eyes + eye];
+        int32_t lines = 0;
+        for (int64_t i = first; i < end; i++) lines = imax(lines, line[i] + 1);
+        memset(scratch, 0, (size_t)lines * sizeof *scratch);
+        for (int64_t i = first; i < end; i++) {
             int sector;
-            const double best = best_at(&v->eyes[eye], &c, &places[i], &kernel, &sector);
-            out[k * stride + i] = best < 0 ? -1.0f : (float)(best / 255);
+            const double best = best_at(e, &c, &v->places[i], &kernel, &sector);
+            if (best >= 0) scratch[line[i]] += (best / 255 - belief->even) * (belief->nats * share[k]);
         }
+        out[k] = all_lines(scratch, lines, belief);
     }
 }
 

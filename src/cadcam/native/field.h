@@ -87,10 +87,16 @@ CC_API void cc_sweep(const cc_views *views, int32_t eye, const double *poses, in
 CC_API void cc_climb(const cc_views *views, double *poses, const double *freedom, int32_t n_free, const double *blur,
                      int32_t steps, double *scores);
 
-/* How sure a line runs at each place of each pose in one eye: the best under a Gaussian of `blur` px along the normal,
- * in [0, 1], -1 outside the picture. out (n_poses, stride): those of pose k, its count of them, from k stride on. */
-CC_API void cc_certainties(const cc_views *views, int32_t eye, const double *poses, double blur, int64_t stride,
-                           float *out);
+/* What a place says for a pose: nats times the certainty there less `even`; and of all places of a line at most `most`.
+ * A line is seen with probability `seen`, in [0, 1). */
+typedef struct { double even, nats, most, seen; } cc_belief;
+
+/* How much more likely the lines of each pose make the picture of one eye, in nats: the sum over them of
+ * ln(1 - seen + seen exp(what their places say)). At a place the best certainty under a Gaussian of `blur` px along the
+ * normal counts, in [0, 1]; outside the picture none. line: of each of the views' places, a number from 0;
+ * share (n_poses,): what part of `nats` a place of that pose is worth. Scratch of as many numbers as lines. */
+CC_API void cc_evidence(const cc_views *views, int32_t eye, const double *poses, double blur, const int32_t *line,
+                        const double *share, const cc_belief *belief, double *scratch, double *out);
 
 /* Which of n poses are kept, best first, as numbers: none of whose corners (n, 4, 3) is farther than `apart` from those
  * of one that is kept already is left out; at most `most`. Returns how many. kept (most,), scratch of n bytes. */

@@ -41,9 +41,9 @@ CC_API void cc_climb(const cc_views *views, double *poses, const double *freedom
     IN_USE(climb_poses)(views, poses, freedom, n_free, blur, steps, scores);
 }
 
-CC_API void cc_certainties(const cc_views *views, int32_t eye, const double *poses, double blur, int64_t stride,
-                           float *out) {
-    IN_USE(climb_certainties)(views, eye, poses, blur, stride, out);
+CC_API void cc_evidence(const cc_views *views, int32_t eye, const double *poses, double blur, const int32_t *line,
+                        const double *share, const cc_belief *belief, double *scratch, double *out) {
+    IN_USE(climb_evidence)(views, eye, poses, blur, line, share, belief, scratch, out);
 }
 
 CC_API void cc_straighten(const float *in, int32_t width, int32_t height, const float *nodes, int32_t step,

@@ -53,6 +53,19 @@ class _Views(c.Structure):
     )
 
 
+class Belief(NamedTuple):
+    """What a place says for a pose: nats times (certainty - even), at most `most` a line; how often lines are seen."""
+
+    even: float
+    nats: float
+    most: float
+    seen: float
+
+
+class _Belief(c.Structure):
+    _fields_ = tuple((name, c.c_double) for name in Belief._fields)
+
+
 @cache
 def _core() -> c.CDLL:
     at, i64, i32, views = c.c_void_p, c.c_int64, c.c_int32, c.POINTER(_Views)
@@ -65,7 +78,7 @@ def _core() -> c.CDLL:
             "cc_halve": (None, [at, i32, i32, *[at] * 3]),
             "cc_slide": (None, [views, i32, at, *[i32] * 6, *[at] * 3]),
             "cc_sweep": (None, [views, i32, at, i32, i32, *[at] * 3]),
-            "cc_certainties": (None, [views, i32, at, c.c_double, i64, at]),
+            "cc_evidence": (None, [views, i32, at, c.c_double, at, at, c.POINTER(_Belief), at, at]),
             "cc_climb": (None, [views, at, at, i32, at, i32, at]),
             "cc_firsts": (i64, [at, i64, i64, c.c_double, at, at]),
         },
@@ -201,14 +214,19 @@ class Views:
         )  # fmt: skip
         return poses, scores
 
-    def certainties(self, eye: int, poses: Array, blur: float) -> Picture:
-        """Return how sure a line runs at each place of each pose (N, most places of a run) in one eye, in [0, 1].
+    def evidence(self, eye: int, poses: Array, blur: float, line: Ids, share: Array, belief: Belief) -> Array:
+        """Return how much more likely the lines of poses (N, 12) make the picture of one eye (N,), in nats.
 
-        That is the best under a Gaussian of `blur` px along the normal; -1 outside the picture and beyond a run.
+        line: the number from 0 of the line that each place is on; share (N,): how much of its nats a place is worth.
+        Certainty is the best under a Gaussian of `blur` px along the normal; see field.h.
         """
-        poses = np.ascontiguousarray(poses, np.float64)
-        out = np.full((len(poses), int(self._count[:, eye].max(initial=0))), -1.0, np.float32)
-        _core().cc_certainties(self._given(len(poses)), eye, poses.ctypes.data, blur, out.shape[1], out.ctypes.data)
+        poses, share = np.ascontiguousarray(poses, np.float64), np.ascontiguousarray(share, np.float64)
+        line, out = np.ascontiguousarray(line, np.int32), np.zeros(len(poses))
+        scratch = np.zeros(int(line.max(initial=0)) + 1)
+        _core().cc_evidence(
+            self._given(len(poses)), eye, poses.ctypes.data, blur, *addresses(line, share), c.byref(_Belief(*belief)),
+            *addresses(scratch, out),
+        )  # fmt: skip
         return out
 
     def _given(self, n: int) -> object:

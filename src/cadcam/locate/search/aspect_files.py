@@ -16,19 +16,20 @@ import numpy as np
 
 from cadcam.errors import UnwritableFile
 from cadcam.locate.part import Part
-from cadcam.locate.views.aspects import PLACES, Aspect
+from cadcam.locate.views.aspects import Aspect
+from cadcam.locate.views.drawing import PLACES, SIZE
 from cadcam.native.fields import PLACE
 from cadcam.whole import write_whole
 
-_VERSION = 1  # of what an aspect is: files of another one have another name
+_VERSION = 2  # of what an aspect is: files of another one have another name
 _NAMES = ("key", "distance", "length", "count", "places", "chain", "line")
 _MOST_BYTES = 256 * 2**20  # of all files; the oldest ones go
 
 
 def file_of(part: Part, folder: Path) -> Path:
     """Return the file in which the aspects of a part are kept."""
-    scene, digest = part.scene, hashlib.sha256(f"{_VERSION} {PLACES}".encode())
-    for array in (scene.mesh.vertices, scene.mesh.faces, scene.edges.vertices, scene.edges.kind, part.aspects.net):
+    mesh, edges, digest = part.scene.mesh, part.scene.edges, hashlib.sha256(f"{_VERSION} {PLACES} {SIZE}".encode())
+    for array in (mesh.vertices, mesh.faces, mesh.part, edges.vertices, edges.kind, edges.chain, part.aspects.net):
         digest.update(np.ascontiguousarray(array).tobytes())
     return folder / f"{digest.hexdigest()[:32]}.npz"
 

@@ -13,21 +13,22 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from cadcam.arrays import Array, Longs, Picture
+from cadcam.arrays import Array, Ids, Longs
 from cadcam.camera.camera import Camera
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.direction_field import DirectionField
-from cadcam.locate.views.aspects import PLACES, Aspect, Aspects
-from cadcam.native.fields import PLACE, Eye, Views, firsts
+from cadcam.locate.views.aspects import Aspect, Aspects
+from cadcam.locate.views.drawing import PLACES
+from cadcam.native.fields import PLACE, Belief, Eye, Views, firsts
 
 _SAME = 0.02  # of the part's radius: poses whose corners differ by less are one
 _A = TypeVar("_A")
 _B = TypeVar("_B")
 _TOGETHER = 64  # poses that climb in one go
-_SEEN = 0.9  # the share of a part's edges that lighting lets one see
-_EVEN, _NATS, _APART_PX = 0.15, 4.0, 3.0  # certainty that says nothing; nats a sample; px between independent ones
-_MOST_NATS = 4.0  # what one edge can say
+# Certainty that says nothing; nats a sample; what one edge can say; the share of a part's edges that lighting lets see.
+_BELIEF = Belief(even=0.15, nats=4.0, most=4.0, seen=0.9)
+_APART_PX = 3.0  # px between independent samples
 _STEPS = 64  # more than an aspect has distances
 
 
@@ -73,31 +74,33 @@ def composed(a: Rigid, poses: Array) -> Array:
 
 def views_of(aspects: Aspects, stage: Stage, poses: Array, samples: int) -> Views:
     """Return what the eyes of a stage see of poses (N, 12) world_from_part: each the first samples of its aspect."""
+    return _views(stage, *_shown(aspects, stage, poses), samples)
+
+
+def _views(stage: Stage, shown: Sequence[Aspect], which: Longs, samples: int) -> Views:
+    """Return views of poses that show these of some aspects (N, eyes), each by its first samples."""
+    runs = [aspect.places[:samples] for aspect in shown]
+    count = np.array([len(run) for run in runs], np.int32)
+    first = np.cumsum(count) - count
+    places = np.concatenate([np.zeros(0, np.float32), *(run.view(np.float32) for run in runs)]).view(PLACE)
+    return Views(stage.eyes, places, first[which], count[which])
+
+
+def _shown(aspects: Aspects, stage: Stage, poses: Array) -> tuple[list[Aspect], Longs]:
+    """Return aspects, and which of them (N, eyes) the eyes of a stage see of poses (N, 12)."""
     R, t = poses[:, :9].reshape(-1, 3, 3), poses[:, 9:]
-    first = np.zeros((len(poses), len(stage.fields)), np.int64)
-    count = np.zeros(first.shape, np.int32)
-    runs, used = {}, 0
-    for e, camera_from_world in enumerate(stage.cameras_from_world):
-        eye = np.einsum("nji,nj->ni", R, camera_from_world.origin - t)  # in the part frame
-        net, step = aspects.nearest(eye)
-        key, number = np.unique(net * _STEPS + step, return_inverse=True)
-        at, n = np.zeros(len(key), np.int64), np.zeros(len(key), np.int32)
-        for k, (direction, distance) in enumerate(divmod(int(one), _STEPS) for one in key):
-            if (direction, distance) not in runs:
-                places = aspects.aspect(direction, distance).places[:samples]
-                runs[direction, distance] = (used, places)
-                used += len(places)
-            at[k], n[k] = runs[direction, distance][0], len(runs[direction, distance][1])
-        first[:, e], count[:, e] = at[number.ravel()], n[number.ravel()]
-    places = np.concatenate([np.zeros(0, np.float32), *(p.view(np.float32) for _, p in runs.values())]).view(PLACE)
-    return Views(stage.eyes, places, first, count)
+    eyes = np.stack([T.origin for T in stage.cameras_from_world]) - t[:, None]
+    net, step = aspects.nearest(np.einsum("nji,nej->nei", R, eyes).reshape(-1, 3))  # in the part frame
+    numbers, which = np.unique(net * _STEPS + step, return_inverse=True)
+    keys = [divmod(number, _STEPS) for number in numbers.tolist()]
+    aspects.make(keys)
+    return [aspects.made[key] for key in keys], which.reshape(len(poses), len(stage.fields))
 
 
 def climbed(aspects: Aspects, stage: Stage, poses: Array, freedom: Array, climb: Climb) -> tuple[Array, Array, Array]:
     """Return poses (N, 12) after climbing on a stage, their scores (N,) and agreements (N,)."""
     views = views_of(aspects, stage, poses, climb.samples)
-    some = [slice(k, k + _TOGETHER) for k in range(0, max(len(poses), 1), _TOGETHER)]
-    done = in_threads(lambda s: views.part(s).climb(poses[s], freedom, climb.blur), some)
+    done = in_threads(lambda s: views.part(s).climb(poses[s], freedom, climb.blur), _slices(len(poses)))
     poses, raw = (np.concatenate([d[k] for d in done]) for k in range(2))
     total = raw.sum(axis=1)
     score = (total[:, 0] - total[:, 1]) / np.sqrt(np.maximum(total[:, 2], 1e-9))
@@ -116,39 +119,34 @@ def evidence(aspects: Aspects, stage: Stage, poses: Array, blur: float = 0.8) ->
     """Return how much more likely the photos are if the part is there than if not (N,), in nats.
 
     Pictures are full of straight lines: that one of them runs along an edge by chance does not become less likely the
-    longer both are. So edges are judged one by one. An edge is seen with probability _SEEN, and then lines run along
+    longer both are. So edges are judged one by one. An edge is seen with some probability, and then lines run along
     most of it; what it can say for a pose is bounded, as is what it says against it where nothing is found.
     """
-    views = views_of(aspects, stage, poses, PLACES)
+    shown, which = _shown(aspects, stage, poses)
+    views = _views(stage, shown, which, PLACES)
+    line = np.concatenate([np.zeros(0, np.int32), *(aspect.line for aspect in shown)])
+    apart = np.array([aspect.length / max(len(aspect.places), 1) for aspect in shown])
     total = np.zeros(len(poses))
     for e, (field, camera_from_world) in enumerate(zip(stage.fields, stage.cameras_from_world, strict=True)):
-        sure = views.certainties(e, poses, blur)
         seen = composed(camera_from_world, poses)
         distance = np.linalg.norm(seen[:, :9].reshape(-1, 3, 3) @ aspects.centre + seen[:, 9:], axis=1)
         size = 2 * aspects.radius / distance * field.camera.fx
-        total += _of_edges(_aspects_of(aspects, camera_from_world, poses), sure, size)
+        total += _in_eye(views, e, poses, blur, line, np.minimum(apart[which[:, e]] * size / _APART_PX, 1.0))
     return total
 
 
-def _of_edges(shown: Sequence[Aspect], sure: Picture, size_px: Array) -> Array:
-    """Return what certainties (N, M) under the places of N aspects say for each, in nats; the part is size_px (N,)."""
-    n = np.array([min(len(aspect.places), sure.shape[1]) for aspect in shown], np.int64)
-    length = np.array([aspect.length for aspect in shown])
-    independent = np.minimum(length * size_px / np.maximum(n, 1) / _APART_PX, 1.0)
-    line = np.concatenate([np.zeros(0, np.int64), *(a.line[:k] for a, k in zip(shown, n.tolist(), strict=True))])
-    pose = np.repeat(np.arange(len(n)), n)
-    its = sure[np.arange(sure.shape[1]) < n[:, None]]
-    gain = np.where(its >= 0, (its - _EVEN) * (_NATS * independent[pose]), 0.0)
-    most = int(line.max(initial=0)) + 1
-    number = pose * most + line
-    of_line = np.minimum(np.bincount(number, gain, len(n) * most), _MOST_NATS)  # of lines that are not seen: 0, ln 1
-    return np.asarray(np.log(1 - _SEEN + _SEEN * np.exp(of_line)).reshape(-1, most).sum(axis=1))
+def _in_eye(views: Views, eye: int, poses: Array, blur: float, line: Ids, share: Array) -> Array:
+    """Return what one eye says for each pose (N,), in nats; share (N,): how independent places of its lines are."""
+
+    def of(some: slice) -> Array:
+        return views.part(some).evidence(eye, poses[some], blur, line, share[some], _BELIEF)
+
+    return np.concatenate(in_threads(of, _slices(len(poses))))
 
 
-def _aspects_of(aspects: Aspects, camera_from_world: Rigid, poses: Array) -> list[Aspect]:
-    R, t = poses[:, :9].reshape(-1, 3, 3), poses[:, 9:]
-    keys = aspects.nearest(np.einsum("nji,nj->ni", R, camera_from_world.origin - t))
-    return [aspects.aspect(*key) for key in zip(*(k.tolist() for k in keys), strict=True)]
+def _slices(n: int) -> list[slice]:
+    """Return what threads share out."""
+    return [slice(k, k + _TOGETHER) for k in range(0, max(n, 1), _TOGETHER)]
 
 
 def distinct(aspects: Aspects, poses: Array, score: Array, most: int, within: float = _SAME) -> list[int]:

@@ -231,8 +231,9 @@ def _promising(aspects: Aspects, scales: _Scales, eye: int, distance: float, loo
         stage = stages[min(climb.level, len(stages) - 1)]
         poses, score, _ = climbed(aspects, stage, poses, np.eye(6), climb)
         if climb is _CLIMBS[-1]:
-            beside = (climbed(aspects, stage, p, np.eye(6), _BESIDE)[1] for p in scales.beside(aspects, poses, 2))
-            score = score - np.maximum.reduce(list(beside))
+            moved = scales.beside(aspects, poses, 2)
+            beside = climbed(aspects, stage, np.concatenate(moved), np.eye(6), _BESIDE)[1]
+            score = score - beside.reshape(len(moved), len(poses)).max(axis=0)
         poses = poses[distinct(aspects, poses, score, climb.kept)]
     return poses
 
@@ -257,6 +258,7 @@ def _edges(aspects: Aspects, stage: Stage, numbers: Longs, distance: float) -> V
     """Return the edges to slide: of the net's directions `numbers` (N,) at a distance."""
     step = int(aspects.step_of(np.array([distance]))[0])
     used, which = np.unique(numbers, return_inverse=True)
+    aspects.make((int(k), step) for k in used)
     runs = [aspects.aspect(int(k), step).places[:_SWEPT] for k in used]
     count = np.array([len(run) for run in runs], np.int32)
     first = np.cumsum(count) - count
@@ -303,8 +305,8 @@ def _peaks(aspects: Aspects, scales: _Scales, poses: Array, size_px: float, blur
 
     Where lines are the part's there are fewer as soon as it is put elsewhere.
     """
-    here = _judged(aspects, scales, poses, size_px, blur)
-    beside = [_judged(aspects, scales, moved, size_px, blur) for moved in scales.beside(aspects, poses)]
+    every = [poses, *scales.beside(aspects, poses)]
+    here, *beside = _judged(aspects, scales, np.concatenate(every), size_px, blur).reshape(len(every), len(poses))
     return np.asarray(here - np.maximum.reduce(beside))
 
 

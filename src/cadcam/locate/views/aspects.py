@@ -9,32 +9,23 @@ and kept: a photo near a known pose needs a few of them, a search over the spher
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids
-from cadcam.camera.camera import Camera
-from cadcam.geometry.rigid import Rigid
-from cadcam.native.fields import PLACE
-from cadcam.render.lines.wireframe import LineOptions, Polylines
+from cadcam.locate.views.drawing import FILLED, SIZE, Drawer
+from cadcam.render.view import Scene
 
-if TYPE_CHECKING:
-    from cadcam.render.lines.visible import LineDrawer
-
-PLACES = 320  # samples of an aspect
 DIRECTIONS = 400
 _GOLDEN = 0.6180339887498949
-_SIZE, _FILLED = 1000, 0.9  # px of the picture in which lines are drawn, and the share of it that the part takes
 # Distances in radii at which aspects are made, a geometric series: from farther than the last a part shows the same.
 _NEAREST, _FARTHEST, _STEP = 1.3, 5.2, 2.0
 _CELLS = 32  # along a side of the cube that finds the nearest direction
-_SHORTEST = 0.004  # of the part's size: visible stretches below it are not worth a sample
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,13 +57,12 @@ class Aspects:
     net (V, 3): unit directions from the part's middle to the eye, about 10 degrees apart.
     """
 
-    def __init__(self, lines: LineDrawer) -> None:
-        mesh = lines.scene.mesh
-        low, high = mesh.bounds
+    def __init__(self, scene: Scene) -> None:
+        low, high = scene.mesh.bounds
         self.centre: Array = (low + high) / 2
         self.radius = float(np.linalg.norm(high - low) / 2)
         self.net = sphere_net(DIRECTIONS)
-        self._lines = lines
+        self._scene = scene
         self._made: dict[tuple[int, int], Aspect] = {}
 
     @property
@@ -103,20 +93,26 @@ class Aspects:
         """Return the aspect of a number of direction and of distance."""
         key = (int(direction), int(step))
         if key not in self._made:
-            self._made[key] = self._drawn(*key)
+            self.make([key])
         return self._made[key]
 
-    def _drawn(self, direction: int, step: int) -> Aspect:
-        distance = self.radius * _NEAREST * _STEP**step
-        towards = self.net[direction]
-        eye = self.centre + distance * towards
-        focal = _FILLED * _SIZE / 2 * math.sqrt(distance**2 - self.radius**2) / self.radius
-        up = np.eye(3)[np.argmin(np.abs(towards))]
-        pose = Rigid.look_at(eye, self.centre, up=up)
-        camera = Camera.from_focal((_SIZE, _SIZE), focal)
-        visible = self._lines.draw(camera, pose, options=LineOptions(chord_px=1.0)).visible
-        places, chain, line, length = _sampled(visible, pose)
-        return Aspect(towards, distance, places, chain, line, length / (_FILLED * _SIZE))
+    def make(self, keys: Iterable[tuple[int, int]], made: Callable[[], None] = lambda: None) -> None:
+        """Make those aspects, by numbers of direction and of distance, that are not made yet; call `made` after each.
+
+        Many at once are made faster.
+        """
+        todo = dict.fromkeys(key for key in keys if key not in self._made)
+        for step in dict.fromkeys(step for _, step in todo):
+            numbers = [direction for direction, its in todo if its == step]
+            distance = self.radius * _NEAREST * _STEP**step
+            for number, shown in zip(numbers, self._drawer.draw(self.net[numbers], distance), strict=True):
+                length = shown.length / (FILLED * SIZE)
+                self._made[number, step] = Aspect(self.net[number], distance, *shown[:3], length)
+                made()
+
+    @cached_property
+    def _drawer(self) -> Drawer:
+        return Drawer(self._scene, self.centre, self.radius)
 
 
 def sphere_net(n: int) -> Array:
@@ -151,33 +147,3 @@ def _cube_middles() -> Array:
             side[:, major], side[:, (major + 1) % 3], side[:, (major + 2) % 3] = sign, u, v
             sides.append(side / np.linalg.norm(side, axis=1, keepdims=True))
     return np.concatenate(sides)
-
-
-def _sampled(lines: Polylines, pose: Rigid) -> tuple[npt.NDArray[np.void], Ids, Ids, float]:
-    """Return PLACES places, their chains and lines, and the length of all lines (px): evenly spaced in the picture."""
-    line = lines.line_of_point
-    first = np.flatnonzero(line[1:] == line[:-1])
-    q, p = lines.q, lines.p
-    length = np.linalg.norm(q[first + 1] - q[first], axis=1)
-    of_line = np.bincount(line[first], length, minlength=len(lines))
-    kept = of_line[line[first]] > _SHORTEST * _SIZE
-    first, length = first[kept], length[kept]
-    total = float(length.sum())
-    if not total > 0:
-        return np.zeros(0, PLACE), np.zeros(0, np.int32), np.zeros(0, np.int32), 0.0
-    ends = np.cumsum(length)
-    rank = np.argsort(np.argsort(np.modf(np.arange(PLACES) * _GOLDEN)[0]))  # any first n of them are spread evenly
-    along = (rank + 0.5) / PLACES * total
-    k = np.minimum(np.searchsorted(ends, along, side="right"), len(ends) - 1)
-    share = np.clip(1 - (ends[k] - along) / length[k], 0, 1)
-    a, b = p[first[k]], p[first[k] + 1]
-    za, zb = (pose @ a)[:, 2], (pose @ b)[:, 2]
-    t = share * za / (share * za + (1 - share) * zb)
-    places = np.zeros(PLACES, PLACE)
-    places["p"] = a + t[:, None] * (b - a)
-    places["tangent"] = (b - a) / np.maximum(np.linalg.norm(b - a, axis=1), 1e-300)[:, None]
-    places["weight"] = 1.0
-    on = line[first[k]]
-    chain = np.where(lines.segment[first[k]] >= 0, lines.chain[on], -1).astype(np.int32)
-    _, number = np.unique(lines.chain[on], return_inverse=True)
-    return places, chain, number.ravel().astype(np.int32), total

@@ -40,7 +40,7 @@ def symmetries(mesh: Mesh, edges: FeatureEdges) -> list[Rigid]:
     tree = cKDTree(rays)
     spacing = float(np.max(np.asarray(tree.query(rays, k=2)[0])[:, 1])) + tolerance
     lines = cKDTree(_dense(mesh, edges, tolerance) - centre)
-    some = [rays[k :: _FEW] for k in range(_FEW)]  # each from all over the part: most candidates fail with the first
+    some = [rays[k::_FEW] for k in range(_FEW)]  # each from all over the part: most candidates fail with the first
     found = [np.eye(3)]
     for R in _candidates(corners, tolerance):
         if any(np.abs(R - known).max() < _APART for known in found):

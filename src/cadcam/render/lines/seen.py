@@ -20,7 +20,7 @@ from cadcam.cad.mesh import Mesh
 from cadcam.cad.topology import corner_points, is_solid, same_rows
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal
-from cadcam.native.seen import ALWAYS, FACING, TURNING, EdgesInSpace, EyePoint, Sight
+from cadcam.native.seen import ALWAYS, FACING, TURNING, EdgesInSpace, EyePoint, SeenLines, Sight
 from cadcam.render.lines.clip import FlatSegments, Frustum
 from cadcam.render.lines.occlusion import solid_parts
 from cadcam.render.lines.segments import FLAT, Segments
@@ -123,22 +123,33 @@ class SeenEdges:
         `view` holds DEPTH and NORMAL of the scene, and of whatever else may hide it; points `p` are in the scene's
         frame. Contours come edge by edge, each a chain of its own. Raises `MissingCore` without the compiled core.
         """
-        front = self._drawable.planes @ np.append(view.camera_from_world.origin, 1.0) > 0
-        return self._walked(view, front) if isinstance(view.camera.lens, Ideal) else self._traced(view, front)
+        return self._walked(view) if isinstance(view.camera.lens, Ideal) else self._traced(view)
 
-    def _walked(self, view: View, front: Mask) -> Polylines:
-        """Return the stretches where straight edges are straight in the picture: the core walks along them."""
+    def stretches(self, view: View, *, shortest_px: float = _SHORTEST_PX, bend_px: float = _CHORD_PX) -> SeenLines:
+        """Return the visible stretches of `drawable_edges` where straight edges are straight in the picture.
+
+        `draw`, of a camera without distortion, as plain arrays: `edge` numbers the drawable edges.
+        """
         eye = EyePoint(view.camera_from_world.matrix[:3], view.camera.K[:2], self._near)
-        lengths = {"step": _STEP_PX, "shortest": _SHORTEST_PX, "bend": _CHORD_PX}
-        found = self._edges.seen(_sight(view), eye, front, **lengths)
+        lengths = {"step": _STEP_PX, "shortest": shortest_px, "bend": bend_px}
+        return self._edges.seen(_sight(view), eye, self._front(view), **lengths)
+
+    def _front(self, view: View) -> Mask:
+        """Return which planes the camera is in front of."""
+        eye = np.append(view.camera_from_world.origin, 1.0)
+        return np.asarray(np.einsum("ij,j->i", self._drawable.planes, eye) > 0)  # for BLAS: too little to share out
+
+    def _walked(self, view: View) -> Polylines:
+        """Return the stretches where the core walks along straight edges."""
+        found = self.stretches(view)
         every, first = self._drawable.segments, found.edge[found.start[:-1]]
         of_line = (every.kind[first], every.part[first], every.chain[first])
         return Polylines(found.q, found.p, every.feature[found.edge], found.start, *of_line)
 
-    def _traced(self, view: View, front: Mask) -> Polylines:
+    def _traced(self, view: View) -> Polylines:
         """Return the stretches as the camera's lens bends them."""
         every = self._drawable.segments
-        number = np.flatnonzero(self._drawable.wanted(front))
+        number = np.flatnonzero(self._drawable.wanted(self._front(view)))
         p = view.camera_from_world @ self.scene.mesh.vertices
         a, b = (p[every.vertices[number, k]] for k in range(2))
         t0, t1, kept = Frustum.of(view.camera, near=self._near, margin_px=0.0).clip(a, b)

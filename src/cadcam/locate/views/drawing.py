@@ -1,0 +1,152 @@
+"""What a part shows to eyes around it, drawn quickly: places on its visible edges, evenly spread in small pictures.
+
+A search needs to know where edges are to a few thousandths of the part's size, but from hundreds of eyes. So pictures
+are rendered, whose own depth decides what is hidden (`render.lines.seen`), and places are chosen for many at once.
+What lies a pixel or two behind a border, such as the far side of a thin plate, may count as seen.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from cadcam.arrays import Array, Ids, Longs
+from cadcam.cad.chains import chain_of_each
+from cadcam.cad.topology import corner_points
+from cadcam.camera.camera import Camera
+from cadcam.geometry.rigid import Rigid
+from cadcam.native.fields import PLACE
+from cadcam.native.seen import SeenLines
+from cadcam.render.lines.seen import SeenEdges, drawable_edges
+from cadcam.render.raster import RasterRenderer
+from cadcam.render.view import Channel, Scene
+
+PLACES = 320  # samples of what an eye sees
+SIZE, FILLED = 400, 0.9  # px of a picture's side, and the share that the part takes: as large as `approach` has it
+_TOGETHER = 16  # pictures in which places are chosen at once
+_SHORTEST = 0.004  # of the picture: lines of which less is visible are not worth a place
+_BEND_PX = 0.1  # by how much a line may pass points of it that are left out
+_GOLDEN = 0.6180339887498949
+_RANK = np.argsort(np.argsort(np.modf(np.arange(PLACES) * _GOLDEN)[0]))  # any first n of them are spread evenly
+
+
+class Shown(NamedTuple):
+    """What an eye sees: places, chain and line (N,) as an `Aspect` has them, and the length of all lines in px."""
+
+    places: npt.NDArray[np.void]
+    chain: Ids
+    line: Ids
+    length: float
+
+
+class Drawer:
+    """Draws what a part within a ball shows: what does not depend on the eye is computed once."""
+
+    def __init__(self, scene: Scene, centre: Array, radius: float) -> None:
+        mesh, every = scene.mesh, drawable_edges(scene)
+        self._centre, self._radius = centre, radius
+        self._renderer = RasterRenderer(scene, backs=False, solid=every.solid)
+        self._seen = SeenEdges(scene, every)
+        self._segments, self._features = every.segments, len(scene.edges)
+        self._contours = int(scene.edges.chain.max(initial=-1)) + 1  # from where on lines are numbered that are none
+        self._vertices, self._parts = mesh.vertices, len(mesh.part_names)
+        self._points = np.zeros(len(mesh.vertices), np.int64)
+        self._points[mesh.faces.ravel()] = corner_points(mesh).ravel()
+
+    def draw(self, directions: Array, distance: float) -> Iterator[Shown]:
+        """Yield what eyes see in unit directions (N, 3) from the ball's middle, all at one distance (mm) from it."""
+        focal = FILLED * SIZE / 2 * math.sqrt(distance**2 - self._radius**2) / self._radius
+        camera = Camera.from_focal((SIZE, SIZE), focal)
+        poses = [self._pose(towards, distance) for towards in directions]
+        seen: list[SeenLines] = []
+        depths: list[Array] = []
+        for view in self._renderer.render_batch(camera, poses, channels=Channel.DEPTH | Channel.NORMAL):
+            seen.append(self._seen.stretches(view, shortest_px=0.0, bend_px=_BEND_PX))
+            depths.append(view.camera_from_world.matrix[2])
+            if len(seen) == _TOGETHER:
+                yield from self._chosen(seen, np.stack(depths))
+                seen, depths = [], []
+        if seen:
+            yield from self._chosen(seen, np.stack(depths))
+
+    def _pose(self, towards: Array, distance: float) -> Rigid:
+        up = np.eye(3)[np.argmin(np.abs(towards))]
+        return Rigid.look_at(self._centre + distance * towards, self._centre, up=up)
+
+    def _chosen(self, seen: Sequence[SeenLines], depth: Array) -> Iterator[Shown]:
+        """Yield what is shown of the lines of some pictures; depth (pictures, 4): rows that give z of a point."""
+        steps = _Steps.of(seen)
+        line = self._numbers(steps)
+        n = int(line.max(initial=0)) + 1
+        of_line = np.bincount(steps.picture * n + line, steps.length, len(seen) * n)
+        kept = np.flatnonzero(of_line[steps.picture * n + line] > _SHORTEST * SIZE)
+        kept = kept[np.argsort((steps.picture * n + line)[kept], kind="stable")]
+        steps, line = steps.select(kept), line[kept]
+        first = np.searchsorted(steps.picture, np.arange(len(seen) + 1))
+        for k, row in enumerate(depth):
+            own = slice(first[k], first[k + 1])
+            yield self._shown(steps.select(own), line[own], row)
+
+    def _shown(self, steps: _Steps, line: Longs, depth: Array) -> Shown:
+        """Return what is shown of the lines of one picture, each line's steps together."""
+        if not len(line):
+            return Shown(np.zeros(0, PLACE), np.zeros(0, np.int32), np.zeros(0, np.int32), 0.0)
+        ends = np.concatenate([[0.0], np.cumsum(steps.length)])
+        along = (_RANK + 0.5) / PLACES * ends[-1]
+        k = np.clip(np.searchsorted(ends, along, side="right") - 1, 0, len(line) - 1)
+        share = np.clip((along - ends[k]) / steps.length[k], 0, 1)
+        a, b = steps.a[k], steps.b[k]
+        za, zb = a @ depth[:3] + depth[3], b @ depth[:3] + depth[3]
+        places = np.zeros(PLACES, PLACE)
+        places["p"] = a + (share * za / (share * za + (1 - share) * zb))[:, None] * (b - a)
+        places["tangent"] = (b - a) / np.maximum(np.linalg.norm(b - a, axis=1), 1e-300)[:, None]
+        places["weight"] = 1.0
+        chain = np.where(line < self._contours, line, -1)[k].astype(np.int32)
+        numbers = np.unique(line[k], return_inverse=True)[1].ravel().astype(np.int32)
+        return Shown(places, chain, numbers, float(ends[-1]))
+
+    def _numbers(self, steps: _Steps) -> Longs:
+        """Return the number (N,) of the line that each step is on: its chain, or beyond those its contour."""
+        line = self._segments.chain[steps.edge].astype(np.int64)
+        contour = np.flatnonzero(steps.edge >= self._features)
+        if len(contour):
+            key = steps.picture[contour] * len(self._segments.edge) + steps.edge[contour]
+            every, which = np.unique(key, return_inverse=True)
+            picture, edge = np.divmod(every, len(self._segments.edge))
+            ends = self._segments.vertices[edge]
+            group = picture * self._parts + self._segments.part[edge]
+            line[contour] = self._contours + chain_of_each(self._vertices[ends], self._points[ends], group)[which]
+        return line
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Steps:
+    """Straight pieces of the lines in pictures: picture and edge (N,), ends a, b (N, 3) mm, length (N,) px."""
+
+    picture: Longs
+    edge: Ids
+    a: Array
+    b: Array
+    length: Array
+
+    @classmethod
+    def of(cls, seen: Sequence[SeenLines]) -> _Steps:
+        """Return the pieces of all lines."""
+        last = [np.zeros(len(one.q), bool) for one in seen]
+        for mark, one in zip(last, seen, strict=True):
+            mark[one.start[1:] - 1] = True
+        first = np.flatnonzero(~np.concatenate(last))
+        q, p = (np.concatenate([getattr(one, name) for one in seen]) for name in ("q", "p"))
+        picture = np.repeat(np.arange(len(seen)), [len(one.q) for one in seen])
+        edge = np.concatenate([one.edge for one in seen])
+        d = q[first + 1] - q[first]
+        return cls(picture[first], edge[first], p[first], p[first + 1], np.hypot(d[:, 0], d[:, 1]))
+
+    def select(self, which: Longs | slice) -> _Steps:
+        """Return the chosen ones."""
+        return _Steps(*(getattr(self, f.name)[which] for f in fields(self)))
