@@ -63,8 +63,10 @@ def test_a_bend_is_believed_when_it_is_told_and_not_for_being_usual() -> None:
     told, none, unknown = _weighed(1.2, 0.2**2), _weighed(0.05, 0.1**2), _weighed(0.4, 2.0**2)
     assert told is not None
     assert told.excess == pytest.approx(1.2, abs=0.06)
-    assert none is None
-    assert unknown is None
+    assert none is not None
+    assert unknown is not None
+    assert none.excess == unknown.excess == 0.0  # nothing is taken out,
+    assert none.sd < 0.05 < unknown.sd < 0.6  # but the doubt is told: up to a fifth of usual bends, by their odds
     doubtful = _weighed(0.9, 0.38**2)
     assert doubtful is not None
     assert 0.4 < doubtful.excess < 0.8
@@ -74,10 +76,26 @@ def test_a_bend_is_believed_when_it_is_told_and_not_for_being_usual() -> None:
 def test_what_looks_like_a_response_that_darkens_is_left_alone() -> None:
     """y = L^(1/g) of a camera has g of 1 or more: shadows and dark print beside bright borders look like less."""
     assert _weighed(-2.6, 0.3**2) is None
-    assert _weighed(-0.5, 0.1**2) is None
+    less = _weighed(-0.5, 0.1**2)
+    assert less is not None
+    assert less.excess == 0.0
+    assert less.sd < 0.01
     hardly = _weighed(0.1, 0.03**2)
     assert hardly is not None
     assert 0 < hardly.excess < 0.1
+
+
+@pytest.mark.parametrize(("excess", "sd"), [(0.05, 0.1), (0.4, 2.0), (0.3, 0.3)])
+def test_what_is_not_taken_out_is_an_error_of_its_mean_square(excess: float, sd: float) -> None:
+    """By adding up, as below: the root of the mean of (g - 1)^2, for nothing of it is taken out."""
+    bend = np.arange(0.0, 8.0, 1e-4)
+    usual = np.exp(-0.5 * ((bend - 0.8) / 0.6) ** 2)
+    likely = usual / usual.sum() * np.exp(-0.5 * ((excess - bend) / sd) ** 2)
+    odds = 0.25 * likely.sum() / np.exp(-0.5 * (excess / sd) ** 2)
+    told = _weighed(excess, sd**2)
+    assert told is not None
+    assert told.excess == 0.0
+    assert told.sd == pytest.approx(np.sqrt(odds / (1 + odds) * (likely @ bend**2) / likely.sum()), rel=1e-3)
 
 
 @pytest.mark.parametrize(("excess", "sd"), [(1.2, 0.2), (0.9, 0.38), (0.1, 0.03), (0.6, 0.2)])

@@ -40,8 +40,8 @@ class GroupedFit:
     excess: share by which variances within groups exceed the known ones; within, between: standard deviations beyond
     that, within groups and of the offset of a group of relative variance 1, of which alike is common to its family.
     weight (n,) in [0, 1]: how far each datum counts by itself; of_group (G,) the same of each group; offset (G,) each
-    group's mean residual, sd_offset (G,) its noise. group (n,): of each datum, family (G,): of each group. gain (k, n):
-    dx/dy, by which anything that shifts the data shifts x.
+    group's mean residual, sd_offset (G,) its noise, off (G,) the sd that the offset itself is taken to have. group
+    (n,): of each datum, family (G,): of each group. gain (k, n): dx/dy, by which what shifts the data shifts x.
     """
 
     x: Array
@@ -54,6 +54,7 @@ class GroupedFit:
     of_group: Array
     offset: Array
     sd_offset: Array
+    off: Array
     group: Longs
     family: Longs
     gain: Array
@@ -124,7 +125,7 @@ def grouped_fit(
     sd = 1 / np.sqrt(np.maximum(total, 1e-300))
     gain = sums.gain(w, of_group_then, off)
     within, between, alike = (math.sqrt(v) for v in (spread[1], off.own + off.alike, off.alike))
-    about = (weight, of_group, mean, sd, group, sums.family)
+    about = (weight, of_group, mean, sd, np.sqrt(sums.variance(off)), group, sums.family)
     return GroupedFit(x, covariance, spread[0], within, between, alike, *about, gain)
 
 

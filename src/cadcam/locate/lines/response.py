@@ -11,7 +11,7 @@ for what is added to the step, Phi (1 - Phi), has 1/6 of the slope's weight and 
 Edges of either sign and of unlike contrast contradict each other on one pose: so g - 1 is told by what they are off by
 as a whole, to 0.05 to 0.4. Whether there is a gamma is weighed against none by what each makes of that (a Bayes factor:
 R. Kass and A. Raftery, J. Am. Stat. Assoc. 90, 1995); what is taken out is the mean of both, so that a camera without
-gamma is measured as ever, and what is left of the doubt goes into the covariance.
+gamma is measured as ever, and what is left of the doubt goes into the covariance, where none is taken out, too.
 """
 
 from __future__ import annotations
@@ -34,13 +34,14 @@ _BESIDE = 3.0  # blurs from the line: there the sides have their own brightness
 _USUAL = (0.8, 0.6)  # g - 1 of cameras that bend their response, mean and sd
 _SELDOM = 0.25  # how many of those there are for one that does not
 _NEVER = 1e-6  # share of such cameras that the steps leave, below which nothing is told of a bend
-_DOUBT = 0.5  # probability of a bend up to which none is taken out
+_DOUBT = 0.5  # probability of a bend up to which none is taken out, but doubted
 _LEAST = 5.0  # degrees of freedom that tell anything
+_LIGHT = 0.05  # share of the variance of edges' offsets that light draws all towards dark, or towards bright
 
 
 @dataclass(frozen=True, slots=True)
 class Bend:
-    """A response y = L^(1/g): what excess = g - 1 is to be expected, and its sd."""
+    """A response y = L^(1/g): what excess = g - 1 is to be taken out, and by how much that may be wrong (rms)."""
 
     excess: float
     sd: float
@@ -54,16 +55,18 @@ def leanings(sight: Sight, at: Projected, which: Longs, blur: float) -> Array:
     return np.asarray(np.nan_to_num(lean))
 
 
-def bend_of(fit: GroupedFit, J: Array, lean: Array, group: Longs) -> Bend | None:
-    """Return how the response is bent as the edges of a straight fit tell, None where they speak for a straight one.
+def bend_of(fit: GroupedFit, J: Array, lean: Array, bright: Array, group: Longs) -> Bend | None:
+    """Return how the response is bent as the edges of a straight fit tell, None where they rule that out.
 
     J (n, k), lean (n,), group (n,): of some samples of each edge, and the number of its group in the fit. Regression of
-    the groups' offsets on how these follow the pose and the bend.
+    the groups' offsets on how these follow the pose and the bend. bright (n,): 1 or -1, to which side of each sample the
+    photo is brighter; light that draws all edges a little that way, or the other, looks much like a bend.
     """
     of, place = np.unique(group, return_inverse=True)
     n = np.bincount(place, minlength=1)
     root = np.sqrt(fit.of_group[of] / (fit.sd_offset[of] ** 2 + fit.between**2))
-    *pose, h = [root * np.bincount(place, column) / n for column in (*J.T, lean)]
+    drawn = np.sqrt(_LIGHT) * fit.off[group] * bright
+    *pose, h, light = [root * np.bincount(place, column) / n for column in (*J.T, lean, drawn)]
     r = root * fit.offset[of]
     A = np.array(pose).T
     h, r = (v - A @ np.linalg.lstsq(A, v)[0] for v in (h, r))
@@ -71,11 +74,12 @@ def bend_of(fit: GroupedFit, J: Array, lean: Array, group: Longs) -> Bend | None
     if dof < _LEAST or not h @ h > 0:
         return None
     excess = float(h @ r / (h @ h))
-    return _weighed(excess, float(np.sum((r - excess * h) ** 2) / (dof - 2) / (h @ h)))
+    by_light = float(h @ light / (h @ h))
+    return _weighed(excess, float(np.sum((r - excess * h) ** 2) / (dof - 2) / (h @ h)) + by_light**2)
 
 
 def _weighed(excess: float, variance: float) -> Bend | None:
-    """Return what to expect of a bend that was measured with this variance, None where there is hardly one."""
+    """Return what to expect of a bend that was measured with this variance, None where there is none."""
     usual, sd = _USUAL
     total = variance + sd**2
     mean, left = (excess * sd**2 + usual * variance) / total, variance * sd**2 / total
@@ -85,10 +89,10 @@ def _weighed(excess: float, variance: float) -> Bend | None:
     log_factor = 0.5 * (np.log(variance / total) + excess**2 / variance - (excess - usual) ** 2 / total)
     log_factor += np.log(above / _above(usual / sd))
     there = float(np.exp(-np.logaddexp(0.0, -np.log(_SELDOM) - log_factor)))
-    if there < _DOUBT:
-        return None
     hazard = float(np.exp(-0.5 * mean**2 / left)) / (np.sqrt(2 * np.pi) * above)
     mean, left = mean + np.sqrt(left) * hazard, left * (1 - hazard * (hazard + mean / np.sqrt(left)))
+    if there < _DOUBT:
+        return Bend(0.0, float(np.sqrt(there * (left + mean**2))))
     return Bend(there * mean, float(np.sqrt(there * (left + (1 - there) * mean**2))))
 
 

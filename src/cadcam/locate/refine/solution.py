@@ -90,10 +90,15 @@ class Solution:
     def _fitted(self, iterations: int) -> Solution:
         """Return the solution fitted once more to its steps, which lie on their lines."""
         on = self.regression.step(self.places, self.measured, self.evidence, self.B, iterations, on_lines=True)
-        if self.bent is not None:
-            by_bend = on.gain[:, : len(self.bent)] @ self.bent
-            on = replace(on, covariance=on.covariance + np.outer(by_bend, by_bend))
-        return replace(self, pose=self.before @ Rigid.exp(self.B @ on.x), fit=on)
+        return replace(self, pose=self.before @ Rigid.exp(self.B @ on.x), fit=on)._doubting(self.bent)
+
+    def _doubting(self, bent: Array | None) -> Solution:
+        """Return the solution with the doubt about the camera's response (n,) px in its covariance."""
+        if bent is None:
+            return self
+        by_bend = self.fit.gain[:, : len(bent)] @ bent
+        fit = replace(self.fit, covariance=self.fit.covariance + np.outer(by_bend, by_bend))
+        return replace(self, fit=fit, bent=bent)
 
 
 def solved(
@@ -154,12 +159,15 @@ def _unbent(last: Solution, iterations: int) -> Solution:
     group = np.concatenate([g[k] for g, k in zip(groups, told, strict=True)])
     rows = np.concatenate([at.row[k] for at, k in zip(places, few, strict=True)]) @ last.B
     lean = np.concatenate([leanings(*one) for one in zip(sights, places, few, blurs, strict=True)])
-    bend = bend_of(last.fit, rows, lean, group) if len(lean) else None
+    bright = np.concatenate([np.sign(m.contrast[k]) for m, k in zip(measured, few, strict=True)])
+    bend = bend_of(last.fit, rows, lean, bright, group) if len(lean) else None
     if bend is None:
         return last
     leans = [leanings(*one) for one in zip(sights, places, use, blurs, strict=True)]
-    lean = np.concatenate(leans)
-    return replace(last, measured=straightened(measured, leans, bend), bent=bend.sd * lean)._fitted(iterations)
+    bent = bend.sd * np.concatenate(leans)
+    if bend.excess == 0:
+        return last._doubting(bent)
+    return replace(last, measured=straightened(measured, leans, bend), bent=bent)._fitted(iterations)
 
 
 def _left(measured: Measured, moved: Array) -> Array:
