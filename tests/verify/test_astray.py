@@ -9,11 +9,12 @@ from cadcam.arrays import Array
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.photo import Photo
 from cadcam.verify.association import CAPTURE_PX
-from cadcam.verify.astray import Doubt, _possible
+from cadcam.verify.astray import Doubt, Group, _possible
 from cadcam.verify.deviation import State, Unclear
 from cadcam.verify.ground import uneven_edges
 from cadcam.verify.inspection import Inspection, inspect
 from cadcam.verify.presence import in_place_ratio
+from cadcam.verify.sightlines import pieces
 
 from .scene import CAMERA, POSE, displaced, part, photo, photographed, plate
 
@@ -73,13 +74,38 @@ def test_a_body_that_is_displaced_is_so_beside_shadows_too(rng: np.random.Genera
 
 
 def test_doubt_adds_what_edges_astray_explain() -> None:
-    """Of two of three edges: p + share (p_1 + p_2 + p_3) + share^2 (p_12 + p_13)."""
-    doubt = Doubt(3, 2, (0.5, 1.2))
-    assert doubt.p_value(1e-6, 0.01) == pytest.approx(1e-6 + 0.01 * 0.5 + 1e-4 * 1.2)
-    assert doubt.p_value(1e-6, 0.0) == 1e-6
-    assert doubt.p_value(0.5, 1.0) == 1.0
+    """Of two of three edges: p + sum c_e p_e + c_f sum c_e p_ef, f being the one that matters more."""
+    tried = np.array([0.1, 0.4, 0.0]), np.array([0.7, 0.0, 0.5])
+    chance = np.array([0.01, 0.02, 0.05])
+    doubt = Doubt(tuple(Group((e,)) for e in range(3)), 3, tried)
+    expected = 1e-6 + (0.01 * 0.1 + 0.02 * 0.4) + 0.02 * (0.01 * 0.7 + 0.05 * 0.5)
+    assert doubt.p_value(1e-6, chance) == pytest.approx(expected)
+    assert doubt.p_value(1e-6, np.zeros(3)) == 1e-6
+    assert doubt.p_value(0.5, np.full(3, 1.0)) == 1.0
     assert doubt.astray == 0  # two of three are off: it is rather displaced
-    assert Doubt(4, 2, (0.5, 1.2)).astray == 2
+    assert Doubt(tuple(Group((e,)) for e in range(4)), 4, tried[:1]).astray == 1
+    others = Doubt(tuple(Group((e,)) for e in range(4)), 1, tried[:1])
+    assert others.astray == 0  # the one that matters is not its own
+
+
+def test_edges_are_led_far_astray_more_rarely_and_oftenest_beside_uneven_ground() -> None:
+    uneven = {1: True, 2: False}
+    near = [Group((e,), 0.1).chance(0.02, uneven) for e in (1, 2, 3)]
+    assert near[0] > near[1] == near[2] > 0
+    assert Group((1, 2), 0.1).chance(0.02, uneven) == near[0]
+    far = [Group((2,), off).chance(0.02, uneven) for off in (1.0, 2.0)]
+    assert near[1] > far[0] == pytest.approx(2 * far[1])
+
+
+def test_the_rim_of_a_hole_is_several_pieces_and_a_straight_edge_one() -> None:
+    way = np.arange(48) * 2 * np.pi / 48
+    normal, edge = np.stack([np.cos(way), np.sin(way)], axis=1), np.zeros(48, np.int64)
+    rim = pieces(edge, normal)
+    assert np.bincount(rim).tolist() == [12] * 4
+    assert all((normal[rim == i] @ normal[rim == i].T).min() > -1e-9 for i in range(4))  # none faces two ways
+    assert not pieces(edge, np.tile([[-1.0, 1e-9], [-1.0, -1e-9]], (24, 1))).any()
+    assert not pieces(edge[:12], normal[:12]).any()  # less than a right angle
+    assert pieces(np.arange(48) // 24, np.tile([[0.6, 0.8]], (48, 1))).tolist() == [0] * 24 + [1] * 24
 
 
 def test_edges_go_astray_as_far_as_there_is_uneven_ground() -> None:

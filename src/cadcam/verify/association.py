@@ -17,7 +17,7 @@ from cadcam.image.profile import candidates
 from cadcam.locate.lines.cells import Cells, measure
 from cadcam.locate.lines.edges import Projected
 from cadcam.locate.lines.sight import Sight
-from cadcam.verify.sightlines import REACH_PX, STEP_PX, Sightlines
+from cadcam.verify.sightlines import REACH_PX, STEP_PX, Sightlines, pieces
 
 CAPTURE_PX = 1.5  # how far an edge may be from the shifted model's and still support it
 ROOM_PX = 2.5  # beside a place that must be free of other lines, for a step to be fitted to the pixels there
@@ -35,6 +35,7 @@ _TWIN_ERROR_PX, _TWIN_BLURS = 0.035, 3.5
 # an edge of a picture drawn with 4 x 4 samples a pixel (0.08 px measured; 0.004 with 12 x 12) which spans less of a
 # pixel than that.
 _ROW_ERROR_PX, _ROW_SPAN_PX = 0.05, 0.5
+_LEAST_STEP = 1e-3  # of brightness: fainter is none
 _TWIN_SHARE = 0.6  # of how far apart twins are by the model that they must be in the photo
 _PARALLEL = np.cos(np.radians(20.0))
 _NEAR_PX = 1.5  # shifts up to this are the nominal place
@@ -143,7 +144,8 @@ def _shifted(
     for number in np.unique(body[body >= 0]):
         for photo in np.unique(lines.photo[body == number]):
             rows = np.flatnonzero((body == number) & (lines.photo == photo))
-            normal, edge = lines.normal[rows], lines.edge[rows]
+            normal = lines.normal[rows]
+            edge = pieces(lines.edge[rows], normal)
             s = best_shift(found[rows], normal, free=free[rows], reach_px=reach_px)
             if np.hypot(*s) > _NEAR_PX and not _believed(free[rows], normal, edge, s, ought[rows]):
                 s = best_shift(found[rows], normal, reach_px=_NEAR_PX)
@@ -182,9 +184,25 @@ def _measured(
         offset[rows] = np.where(usable, found.offset, np.nan)
         sigma[rows] = np.where(usable, found.sigma, np.nan)
         step[rows] = np.where(clear, found.contrast, np.nan)
-        apart = np.abs(sight.samples.twins[:, :, 0]).min(axis=1) / cells.blur
-        common[rows] = np.where(np.isfinite(apart), _TWIN_ERROR_PX * (_TWIN_BLURS / np.maximum(apart, 1.0)) ** 4, 0.0)
+        index = np.flatnonzero(rows)
+        common[rows] = _by_twins(lines, index, sight.samples.twins[:, :, 0], step, cells.blur)
     return offset, sigma, np.hypot(common, _along_rows(lines)), step
+
+
+def _by_twins(lines: Sightlines, rows: Longs, away: Array, step: Array, blur: float) -> Array:
+    """Return the error (n,) px that twins bring to places `rows` (n,), `away` (n, 2) px along their normals.
+
+    What is left over of a twin's step is as large as that, and moves a fainter one by as much more.
+    """
+    out = np.zeros(len(rows))
+    for side in range(2):
+        twin = np.flatnonzero(np.isfinite(away[:, side]))
+        its = _places_at(lines, rows, rows[twin], away[twin, side])
+        ratio = np.abs(step[its]) / np.maximum(np.abs(step[rows[twin]]), _LEAST_STEP)
+        stronger = np.where((its >= 0) & np.isfinite(ratio), np.maximum(ratio, 1.0), 1.0)
+        blurs = np.maximum(np.abs(away[twin, side]) / blur, 1.0)
+        out[twin] = np.maximum(out[twin], stronger * _TWIN_ERROR_PX * (_TWIN_BLURS / blurs) ** 4)
+    return out
 
 
 def _along_rows(lines: Sightlines) -> Array:
@@ -294,7 +312,8 @@ def guessed_shifts(offset: Array, normal: Array, *, reach_px: float) -> Array:
 def _believed(offset: Array, normal: Array, edge: Longs, shift: Array, ought: Mask) -> bool:
     """Return whether a shift far from the nominal place is that of the feature, not of a line that happens to be there.
 
-    At least two edges must have moved so, and a good part of all places that ought (n,) to show an edge.
+    At least two edges, or pieces of a bent one, must have moved so, and a good part of all places that ought (n,) to
+    show an edge.
     """
     there = supported(offset, normal, shift)
     at = np.unique(edge, return_inverse=True)[1].reshape(-1)

@@ -3,16 +3,18 @@
 The errors of edges are taken to be Gaussian, and in an even light they are. A shadow leads single edges astray, by many
 sigmas: then a body of which one edge tells is called displaced, surely and wrongly. So edges are taken from a
 contaminated distribution (J. W. Tukey, 1960): each may be astray, and then tells nothing, with a probability that is
-counted in the picture itself, over the other bodies; but where all edges lie on even ground (`cadcam.verify.ground`)
-there is nothing that could lead them astray. A body in place whose edges e = 1 ... n may be astray shows a displacement
-as improbable as this one with the probability
+counted in the picture itself, over the other bodies; that goes by what lies beside it (`cadcam.verify.ground`), and by
+how far off it is, as few are led far. Where all edges lie on even ground there is nothing that could lead them astray.
+A body in place whose edges e = 1 ... n are astray with chances c_e shows a displacement as improbable as this one with
+the probability
 
-    p + share * sum_e p_e + share^2 * sum_f p_ef + ...,
+    p + sum_e c_e p_e + c_f sum_e c_e p_ef + ...,
 
-where p_e is that of its edges without e, 1 where these tell nothing, and e in the second sum is the edge that matters
-most. One edge alone is never sure, two that agree are if edges are rarely astray, and more soon are. Edges that are led
+where p_e is that of its edges without e, 1 where these tell nothing, and f is the edge that matters most. One edge
+alone is never sure, two that are off by much are if edges are rarely astray, and more soon are. Edges that are led
 astray together count as one, as far as they are off by little: parallel ones side by side, as the two of a plate's rim
-(what is beside both cannot be taken for both of them), and a body's feet, along which its own shadow lies.
+(what is beside both cannot be taken for both of them), and a body's feet, along which its own shadow lies. The few edges
+of other bodies that a body's place hangs on are doubted with its own: they may have led the pose astray.
 """
 
 from __future__ import annotations
@@ -23,34 +25,52 @@ from itertools import combinations
 
 import numpy as np
 
-from cadcam.arrays import Mask
+from cadcam.arrays import Array, Mask
 from cadcam.verify.alarms import AS_IN_PLACE
 from cadcam.verify.measured import Displacement, Measured
-from cadcam.verify.sightlines import REACH_PX, Sightlines
+from cadcam.verify.sightlines import REACH_PX, Sightlines, pieces
 
-# Share of edges that are astray in light with shadows before any are counted (24 of 1035 measured in photographs of a
-# block under a lamp), and how many edges that is worth.
+# Share of edges that are astray in light with shadows before any are counted, and how many edges that is worth; how
+# many times as often those beside uneven ground are; and how far off an edge may be for it, twice as far being twice as
+# rare (2970 edges measured in photographs of a block under a lamp; docs/benchmarks/verify.md).
 _USUAL, _BELIEVED = 0.02, 50
+_OFTEN = 4.0
+_FAR_PX = 0.4
 _UNEVEN = 0.2  # share of edges beside uneven ground from which all of that is believed
 _DOUBTED = 0.01  # probability, of a body in place, below which it is asked whether edges are astray
 _MOST = 4  # edges of a body that may be astray at once
 _PARALLEL, _MOST_OF_IT = np.cos(np.radians(20.0)), 0.5  # edges side by side: about parallel, over half of their length
 _DRAWN_PX = 1.0  # up to which both of them may be off by one cause
 _LOOKED_AT = 6  # edges of a body that may be one of them, those that are farthest off
+_HELD_BY = 3  # edges of other bodies that are doubted, as its place hangs on them
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Group:
+    """Edges of a body that are led astray together: their numbers, and how far off they are (px)."""
+
+    edges: tuple[int, ...]
+    off_px: float = 0.0
+
+    def chance(self, usual: float, uneven: Mapping[int, bool]) -> float:
+        """Return how probable it is that they are astray, and so far, if that `usual` share of edges is."""
+        often = _OFTEN if any(uneven.get(e, False) for e in self.edges) else 1.0
+        return min(1.0, usual * often * min(1.0, _FAR_PX / max(self.off_px, 1e-9)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Doubt:
     """What a body's edges say if some of them are astray.
 
-    edges: how many are measured, those side by side being one; gone: those that matter most, one after the other; sums:
-    of the probabilities without the first k - 1 of them and any other one, for each k; kept (n,): the feature's places
-    without all of them; rest: what these say.
+    groups: the edges that are measured, those side by side together: as many as `own` are the feature's, then come those
+    others that its place hangs on, as the pose is fitted to them; tried (k, groups): for each k the probabilities
+    without the first k - 1 that matter most and each of the others, 0 where that is not asked; kept (n,): the feature's
+    places without all that matter; rest: what these say.
     """
 
-    edges: int
-    gone: int = 0
-    sums: tuple[float, ...] = ()
+    groups: tuple[Group, ...]
+    own: int
+    tried: tuple[Array, ...] = ()
     kept: Mask = field(default_factory=lambda: np.zeros(0, bool))
     rest: Displacement | None = None
 
@@ -58,27 +78,40 @@ class Doubt:
     def of(cls, measured: Measured, number: int, *, doubted: bool = True) -> Doubt:
         """Return the doubt about a feature: none where it is not `doubted`, or its edges say that it is in place."""
         moved, rows = measured.moved(number), measured.members[number]
-        groups = side_by_side(measured, rows)
+        places = side_by_side(measured, rows)
+        own = len(places)
         if not doubted or moved is None or moved.p_value >= _DOUBTED:
-            return cls(len(groups))
-        left, kept = _farthest(measured, rows, groups), rows
-        sums: list[float] = []
+            return cls(tuple(Group(_edges(measured, place)) for place in places), own)
+        far, off_px = _off(measured, rows, places)
+        left = np.argsort(far)[::-1][:_LOOKED_AT].tolist()
+        for place, px in _holding(measured, rows):
+            left.append(len(places))
+            places, off_px = [*places, place], np.append(off_px, px)
+        groups = [Group(_edges(measured, place), float(px)) for place, px in zip(places, off_px, strict=True)]
+        kept, apart, tried = rows, rows, list[Array]()
         rest: Displacement | None = moved
         p = moved.p_value
-        while left and len(sums) < _MOST and p < AS_IN_PLACE:
-            tried = [kept & ~group for group in left]
-            says = [measured.displacement(mask) for mask in tried]
-            ps = [1.0 if s is None else s.p_value for s in says]
+        while left and len(tried) < _MOST and p < AS_IN_PLACE:
+            says = [measured.displacement(kept & ~places[i], apart=apart | places[i]) for i in left]
+            ps = np.zeros(len(groups))
+            ps[left] = [1.0 if s is None else s.p_value for s in says]
+            tried.append(ps)
             worst = int(np.argmax(ps))
-            sums.append(float(np.sum(ps)))
-            kept, rest, p = tried[worst], says[worst], ps[worst]
-            left.pop(worst)
-        return cls(len(groups), len(sums), tuple(sums), kept, rest)
+            rest, p = says[left.index(worst)], float(ps[worst])
+            kept, apart = kept & ~places[worst], apart | places[worst]
+            left.remove(worst)
+        return cls(tuple(groups), own, tuple(tried), kept, rest)
+
+    @property
+    def gone(self) -> int:
+        """Return how many of the edges matter: without them the others say in place, or nothing."""
+        return len(self.tried)
 
     @property
     def astray(self) -> int:
-        """Return how many of the edges are rather astray than displaced: hardly more than half of them."""
-        return self.gone if self.gone <= max(1, self.edges // 2) else 0
+        """Return how many of its edges are rather astray than displaced, and no others: hardly more than half of them."""
+        own = all(int(np.argmax(ps)) < self.own for ps in self.tried)
+        return self.gone if own and self.gone <= max(1, self.own // 2) else 0
 
     def in_place(self, moved: Displacement) -> bool:
         """Return whether the edges that are not astray say in place, in all directions in which all of them tell."""
@@ -92,24 +125,29 @@ class Doubt:
         """Return how probable what the other edges show is of a body in place; nan where they tell nothing."""
         return float("nan") if self.rest is None else self.rest.p_value
 
-    def p_value(self, p: float, share: float) -> float:
-        """Return how probable what the edges show is of a body in place, p if none and `share` of all are astray."""
-        return min(1.0, p + float(np.sum([share ** (k + 1) * s for k, s in enumerate(self.sums)])))
+    def p_value(self, p: float, chance: Array) -> float:
+        """Return how probable what the edges show is of a body in place, p if none is astray; chance (groups,)."""
+        together = 1.0
+        for ps in self.tried:
+            p += together * float(chance @ ps)
+            together *= float(chance[int(np.argmax(ps))])
+        return min(1.0, p)
 
 
-def shares(doubts: Sequence[Doubt], measured: Measured, uneven: Callable[[], Mapping[int, bool]]) -> list[float]:
-    """Return for each feature how often edges like its own are astray, by those of the others.
+def chances(doubts: Sequence[Doubt], measured: Measured, uneven: Callable[[], Mapping[int, bool]]) -> list[Array]:
+    """Return for each feature how probable it is of its groups of edges that they are astray, by those of the others.
 
     uneven: which edges lie beside uneven ground, asked for only where there is a doubt.
     """
     if not any(d.gone for d in doubts):
-        return [0.0] * len(doubts)
+        return [np.zeros(len(d.groups)) for d in doubts]
     beside = uneven()
-    edges, astray = sum(d.edges for d in doubts), sum(d.astray for d in doubts)
+    edges, astray = sum(d.own for d in doubts), sum(d.astray for d in doubts)
     out = []
     for d, rows in zip(doubts, measured.members, strict=True):
-        counted = (_USUAL * _BELIEVED + astray - d.astray) / (_BELIEVED + edges - d.edges)
-        out.append(counted * _possible(beside, set(measured.lines.edge[rows].tolist())))
+        counted = (_USUAL * _BELIEVED + astray - d.astray) / (_BELIEVED + edges - d.own)
+        usual = counted * _possible(beside, set(measured.lines.edge[rows].tolist()))
+        out.append(np.array([group.chance(usual, beside) for group in d.groups]))
     return out
 
 
@@ -122,17 +160,29 @@ def _possible(uneven: Mapping[int, bool], own: set[int]) -> float:
 
 
 def side_by_side(measured: Measured, rows: Mask) -> list[Mask]:
-    """Return the places (n,) of each of a feature's edges, parallel edges side by side together, and so its feet."""
+    """Return the places (n,) of each of a feature's edges, parallel edges side by side together, and so its feet.
+
+    An edge that is bent counts as several: what lies beside one side of a hole's rim does not move the others with it.
+    """
     lines, offset = measured.lines, np.abs(measured.adjustment.offset)
-    edges = np.unique(lines.edge[rows])
-    places = [rows & (lines.edge == e) for e in edges]
-    group = list(range(len(edges)))
-    for i, j in combinations(range(len(edges)), 2):
+    piece = pieces(lines.edge[rows], lines.normal[rows])
+    places = [_only(rows, piece == i) for i in np.unique(piece)]
+    group = list(range(len(places)))
+    for i, j in combinations(range(len(places)), 2):
+        if lines.edge[places[i]][0] == lines.edge[places[j]][0]:
+            continue
         little = max(np.median(offset[places[i]]), np.median(offset[places[j]])) < _DRAWN_PX
         feet = (measured.mate[places[i] | places[j]] >= 0).all()
         if little and (feet or _beside(lines.select(places[i]), lines.select(places[j]))):
             group = [group[i] if g == group[j] else g for g in group]
-    return [np.any([places[i] for i in range(len(edges)) if group[i] == g], axis=0) for g in sorted(set(group))]
+    return [np.any([places[i] for i in range(len(places)) if group[i] == g], axis=0) for g in sorted(set(group))]
+
+
+def _only(rows: Mask, some: Mask) -> Mask:
+    """Return which places (n,) are some of those of `rows`."""
+    out = np.zeros(len(rows), bool)
+    out[np.flatnonzero(rows)[some]] = True
+    return out
 
 
 def _beside(one: Sightlines, other: Sightlines) -> bool:
@@ -146,10 +196,38 @@ def _beside(one: Sightlines, other: Sightlines) -> bool:
     return bool(np.mean((apart.min(axis=1) < 2 * REACH_PX) & along) > _MOST_OF_IT)
 
 
-def _farthest(measured: Measured, rows: Mask, groups: Sequence[Mask]) -> list[Mask]:
-    """Return the groups of edges that are farthest off in their sigmas, against the pose without the feature."""
-    pose = measured.pose_without(rows)
-    assert pose is not None  # else no displacement is told
-    told = [measured.across(group, pose=pose) for group in groups]
-    far = [abs(value) / sigma for value, sigma, _ in told]
-    return [groups[i] for i in np.argsort(far)[::-1][:_LOOKED_AT]]
+def _off(measured: Measured, rows: Mask, places: Sequence[Mask]) -> tuple[Array, Array]:
+    """Return how far off groups of edges are, in their sigmas and in px, against the pose without the feature."""
+    pose = measured.pose_without(rows) if len(places) else None
+    if pose is None:
+        return np.zeros(len(places)), np.zeros(len(places))
+    worst = []
+    for place in places:
+        its = [place & (measured.lines.edge == e) for e in np.unique(measured.lines.edge[place])]
+        told = [np.abs(measured.across_px(edge, pose)) for edge in its]
+        worst.append(max(told, key=lambda t: t[0] / t[1]))
+    off, sigma = np.array(worst).T
+    return off / sigma, off
+
+
+def _edges(measured: Measured, rows: Mask) -> tuple[int, ...]:
+    return tuple(np.unique(measured.lines.edge[rows]).tolist())
+
+
+def _holding(measured: Measured, rows: Mask) -> list[tuple[Mask, float]]:
+    """Return the edges, of other bodies, that a feature's place hangs on most, and how far off (px) they are.
+
+    Those without which the pose that is fitted to all others moves the feature's lines by most.
+    """
+    whole, lines = measured.pose_without(rows), measured.lines
+    edges = np.unique(lines.edge[measured.adjustment.datum & ~np.isin(lines.edge, lines.edge[rows])])
+    told: list[tuple[float, Mask, float]] = []
+    for e in edges:
+        its = lines.edge == e
+        without = measured.pose_without(rows | its)
+        if whole is None or without is None:
+            told.append((np.inf, its, 0.0))
+            continue
+        moves = float(np.abs(lines.by_pose[rows] @ (without.xi - whole.xi)).max(initial=0.0))
+        told.append((moves, its, abs(measured.across_px(its, without)[0])))
+    return [(its, px) for _, its, px in sorted(told, key=lambda t: -t[0])[:_HELD_BY]]

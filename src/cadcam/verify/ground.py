@@ -22,12 +22,17 @@ _ASIDE = np.arange(2.0, 8.5)  # px from the edge at which brightness is looked a
 _ROOM_PX = 1.5  # beyond each of them that must show the same surface
 _RUN = 6  # places
 _SIGMAS, _LEAST = 6.0, 0.006  # of noise, and beside it, that brightness may change by
+_SIDES = 2
+_NOTHING = 1 << 62  # the number of what is none of the part's surfaces: it may be uneven too
 _SHARE = 0.25  # of the runs of an edge that must be uneven away from it
 
 
 def uneven_edges(survey: Survey, photos: Sequence[Photo]) -> dict[int, bool]:
-    """Return of each measured edge whether it lies beside uneven ground; left out where that is not seen."""
-    out: dict[int, bool] = {}
+    """Return of each measured edge whether it lies beside uneven ground; left out where that is not seen.
+
+    On one side uneven ground is enough; that it is even has to be seen on both.
+    """
+    told: dict[int, list[bool]] = {}
     offset = survey.matched.offset - np.einsum("ni,ni->n", survey.lines.by_point, survey.by[survey.lines.part])
     for i, photo in enumerate(photos):
         rows = np.flatnonzero((survey.lines.photo == i) & survey.matched.measured)
@@ -37,10 +42,10 @@ def uneven_edges(survey: Survey, photos: Sequence[Photo]) -> dict[int, bool]:
         for side in (-1.0, 1.0):
             gray, surface = _beside(survey, photo, survey.shown[i], rows, offset[rows], side)
             for e in np.unique(edge):
-                told = _uneven(gray[:, edge == e], surface[:, edge == e], noise)
-                if told is not None:
-                    out[int(e)] = out.get(int(e), False) or told
-    return out
+                uneven = _uneven(gray[:, edge == e], surface[:, edge == e], noise)
+                if uneven is not None:
+                    told.setdefault(int(e), []).append(uneven)
+    return {e: any(sides) for e, sides in told.items() if any(sides) or len(sides) == _SIDES}
 
 
 def _beside(survey: Survey, photo: Photo, shown: Shown, rows: Longs, offset: Array, side: float) -> tuple[Array, Longs]:
@@ -51,7 +56,7 @@ def _beside(survey: Survey, photo: Photo, shown: Shown, rows: Longs, offset: Arr
     q = survey.lines.q[rows] + side * offset[:, None] * normal
     at = q + _ASIDE[:, None, None] * normal
     gray = map_coordinates(photo.gray, (at[..., 1], at[..., 0]), order=1, mode="nearest")
-    number = shown.surface * (len(survey.by) + 1) + shown.part
+    number = np.where(shown.part >= 0, shown.surface * (len(survey.by) + 1) + shown.part, _NOTHING)
     surface, beyond = (number[_face(shown, p)] for p in (at, at + _ROOM_PX * normal))
     inside = photo.camera.sees(at + _ROOM_PX * normal)
     same = (surface == surface[0]) & (beyond == surface[0]) & inside

@@ -16,7 +16,7 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.verify.alarms import AS_IN_PLACE, false_discoveries_below, surely_below, tail_probability
 from cadcam.verify.association import CAPTURE_PX
-from cadcam.verify.astray import Doubt, shares, side_by_side
+from cadcam.verify.astray import Doubt, chances, side_by_side
 from cadcam.verify.deviation import EdgeDeviation, Extra, FeatureDeviation, State, Unclear
 from cadcam.verify.extra import unexplained
 from cadcam.verify.ground import uneven_edges
@@ -181,14 +181,14 @@ def _doubted(survey: Survey, measured: Measured, photos: Sequence[Photo]) -> tup
     """Return what is measured without edges astray of features that are in place, each one's doubt, and its p-value."""
     moved = [measured.moved(i) for i in range(len(measured.members))]
     doubts = [Doubt.of(measured, i, doubted=not _elsewhere(survey, i, moved[i])) for i in range(len(moved))]
-    often = shares(doubts, measured, lambda: uneven_edges(survey, photos))
+    often = chances(doubts, measured, lambda: uneven_edges(survey, photos))
     members, p_values = list(measured.members), []
-    for i, (found, doubt, share) in enumerate(zip(moved, doubts, often, strict=True)):
-        p_values.append(float("nan") if found is None else doubt.p_value(found.p_value, share))
-        if found is not None and share > 0 and doubt.in_place(found):
-            members[i], doubts[i], p_values[i] = doubt.kept, Doubt(doubt.edges), doubt.rest_p
-        elif share == 0:
-            doubts[i] = Doubt(doubt.edges)
+    for i, (found, doubt, chance) in enumerate(zip(moved, doubts, often, strict=True)):
+        p_values.append(float("nan") if found is None else doubt.p_value(found.p_value, chance))
+        if found is not None and chance.any() and doubt.in_place(found):
+            members[i], doubts[i], p_values[i] = doubt.kept, Doubt(doubt.groups, doubt.own), doubt.rest_p
+        elif not chance.any():
+            doubts[i] = Doubt(doubt.groups, doubt.own)
     return replace(measured, members=tuple(members), found={}), doubts, p_values
 
 

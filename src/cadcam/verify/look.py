@@ -13,6 +13,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render.view import Scene
+from cadcam.verify.alarms import AS_IN_PLACE
 from cadcam.verify.likeness import likenesses
 from cadcam.verify.measured import Measured
 from cadcam.verify.presence import Presence, Visibility, log_ratio, visibility
@@ -105,7 +106,8 @@ def looked_again(case: Case, look: Look) -> Look:
         for number in _suspects(case, look):
             to, gain = _likeliest(case, look, number)
             again = None if to is None else _redrawn_look(case, look, number, to)
-            if again is not None and again.explained(seen, clutter) + gain > before:
+            least = before + _least_gain(case, look, number)
+            if again is not None and again.explained(seen, clutter) + gain > least:
                 look = again
                 break
         else:
@@ -162,6 +164,16 @@ def _likeliest(case: Case, look: Look, number: int) -> tuple[Array | None, float
     return place, float(likeness[best] - likeness[0])
 
 
+def _least_gain(case: Case, look: Look, number: int) -> float:
+    """Return how much more of the photos (log likelihood) a body drawn elsewhere has to explain.
+
+    As much as an alarm takes, where its edges, measured from where it is drawn, say that it is in place.
+    """
+    moved = displaced(look.measured, number)
+    in_place = moved is not None and moved.p_value > AS_IN_PLACE
+    return sure(look.presence, OF_DISPLACED * case.alarms / (1 - OF_DISPLACED)) if in_place else 0.0
+
+
 def _with(by: Array, part: int, to: Array) -> Array:
     out = by.copy()
     out[part] = to
@@ -204,7 +216,7 @@ def _presences(case: Case, drawn: Part, survey: Survey) -> list[Presence]:
         body = survey.whole_part(i) if found.expected and found.log_ratio < DOUBTFUL else None
         if body is None:
             continue
-        told = tones.log_ratio(body, edges=found.log_ratio)
+        told = tones.log_ratio(body, edges=found.log_ratio, any_light=found.in_any_light)
         if min(found.log_ratio, told) < _RATHER_NOT and told < DOUBTFUL:
             told += _uncovered(case, survey, body)
         out[i] = replace(found, log_ratio=told)

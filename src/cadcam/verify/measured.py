@@ -17,6 +17,7 @@ from cadcam.verify.survey import Survey
 
 SEEN_PX = 0.5  # standard deviation, in px, up to which a direction of displacement counts as seen
 UNSEEN_PX = 4.0  # standard deviation of a displacement, in px, in directions that are not seen
+_USUAL_PX = 0.02  # common error of an edge: median of those of 2961 edges in photographs of a block under a lamp
 STATION_PX = 24.0  # length of the pieces of an edge that are looked at one by one
 
 
@@ -76,7 +77,8 @@ class Measured:
         whole = self.adjustment
         noise, tau = self.own_noise, 0.0
         if datum.any():
-            tau = common_error(whole.offset[datum], noise.of_rows(datum), whole.J[datum] @ whole.freedom)
+            J = whole.J[datum] @ whole.freedom
+            tau = common_error(whole.offset[datum], noise.of_rows(datum), J, usual=_USUAL_PX)
         noise = replace(noise, tau=np.hypot(noise.tau, tau))
         return replace(self, adjustment=replace(whole, errors=noise, datum=datum), tau_px=tau, found={})
 
@@ -112,14 +114,18 @@ class Measured:
             self.found[number] = self.displacement(self.members[number])
         return self.found[number]
 
-    def displacement(self, rows: Mask, *, along: Array | None = None) -> Displacement | None:
+    def displacement(
+        self, rows: Mask, *, along: Array | None = None, apart: Mask | None = None
+    ) -> Displacement | None:
         """Return how far the places were displaced as one; along (3,): in that direction alone. None: not told.
+
+        apart (n,): places to whose edges the pose is not fitted either, such as the others of the same body.
 
         The estimate takes into account that feet need not follow (`cadcam.verify.following`), that edges may disagree,
         and displacements along the line of sight. The probability is that of the edges where the body is in place, by
         their motion as one and by that estimate: feet that stay hide from the first what the second sees.
         """
-        told = self._told(rows, along)
+        told = self._told(rows, along, rows if apart is None else rows | apart)
         if told is None:
             return None
         basis, pose = told
@@ -137,15 +143,15 @@ class Measured:
 
     def p_value(self, rows: Mask) -> float:
         """Return how probable offsets like those of these places are if they are in place; nan: not told."""
-        told = self._told(rows, None)
+        told = self._told(rows, None, rows)
         return float("nan") if told is None else self._p_value(rows, *told)
 
-    def _told(self, rows: Mask, along: Array | None) -> tuple[Array, FittedPose] | None:
-        """Return the directions (3, m) in which these places tell a displacement, and the pose without them."""
+    def _told(self, rows: Mask, along: Array | None, apart: Mask) -> tuple[Array, FittedPose] | None:
+        """Return the directions (3, m) in which these places tell a displacement, and the pose without those apart."""
         if not rows.any():
             return None
         basis = self.directions(rows) if along is None else np.asarray(along, np.float64)[:, None]
-        pose = self.pose_without(rows)
+        pose = self.pose_without(apart)
         if pose is None or not np.abs(self.lines.by_point[rows] @ basis).max(initial=0.0) > 0:
             return None
         return basis, pose

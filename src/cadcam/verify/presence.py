@@ -40,6 +40,7 @@ class Presence:
     expected: int
     seen: int
     log_ratio: float
+    in_any_light: float = 0.0  # L where nothing is known of the light: each group has contrast as likely as not
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,21 +89,26 @@ def presence(evidence: EdgeEvidence, mine: Mask, *, clutter: float, elsewhere: f
 
     elsewhere: logarithm of the number of places where it was looked for, if it was found at another than its own.
     """
-    total = log_ratio(evidence, mine, visibility(evidence, ~mine), clutter)
+    others = visibility(evidence, ~mine)
+    total, any_light = (log_ratio(evidence, mine, others, clutter, contrast=c) for c in (None, 0.5))
     seen = int(evidence.seen[mine].sum())
-    return Presence(int(mine.sum()), seen, total - (elsewhere if seen else 0.0))
+    less = elsewhere if seen else 0.0
+    return Presence(int(mine.sum()), seen, total - less, any_light - less)
 
 
-def log_ratio(evidence: EdgeEvidence, mine: Mask, seen: Visibility, clutter: float) -> float:
-    """Return L of the edges `mine` (E,), group by group."""
+def log_ratio(
+    evidence: EdgeEvidence, mine: Mask, seen: Visibility, clutter: float, *, contrast: float | None = None
+) -> float:
+    """Return L of the edges `mine` (E,), group by group; contrast: probability that each has it, default by the light."""
     total = 0.0
     for group in np.unique(evidence.group[mine]):
         of = (evidence.group == group) & mine
         n, k = int(of.sum()), int(evidence.seen[of].sum())
-        contrast = min(seen.has_contrast(float(np.median(evidence.contrast[of]))), _SUREST)
+        by_light = min(seen.has_contrast(float(np.median(evidence.contrast[of]))), _SUREST)
+        there = by_light if contrast is None else contrast
         without = clutter**k * (1 - clutter) ** (n - k)
         hit = max(1 - seen.lapse, clutter + _LAPSE)
-        total += np.log(contrast * hit**k * (1 - hit) ** (n - k) + (1 - contrast) * without) - np.log(without)
+        total += np.log(there * hit**k * (1 - hit) ** (n - k) + (1 - there) * without) - np.log(without)
     return float(total)
 
 

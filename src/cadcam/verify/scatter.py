@@ -128,16 +128,18 @@ def improbability(offset: Array, noise: EdgeNoise, J: Array, K: Array) -> float:
     return float(noise.log_determinant() + np.linalg.slogdet(inner)[1] + np.linalg.slogdet(N)[1] + chi_square)
 
 
-def common_error(offset: Array, noise: EdgeNoise, J: Array) -> float:
+def common_error(offset: Array, noise: EdgeNoise, J: Array, *, usual: float | None = None) -> float:
     """Return tau (px), beside those that the noise has, of offsets (N,) that a motion with Jacobian J (N, k) explains.
 
     Where they are most probable by the restricted likelihood, which knows that the motion was fitted to the same
-    offsets. 0 where the noise alone explains them.
+    offsets. 0 where the noise alone explains them. usual (px): what it is in most photos, within a factor of e; few
+    edges that happen to agree then do not say that there is none.
     """
     sums = _Sums.of(np.column_stack([J, offset]), noise)
 
     def loss(log_tau: float) -> float:
-        return sums.improbability(noise.tau**2 + np.exp(2 * log_tau))
+        unusual = 0.0 if usual is None else (log_tau - np.log(usual)) ** 2
+        return sums.improbability(noise.tau**2 + np.exp(2 * log_tau)) + unusual
 
     low, high = np.log(_LEAST_PX), np.log(_MOST_PX)
     a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)

@@ -20,6 +20,7 @@ from cadcam.render.lines.wireframe import LineOptions
 
 STEP_PX, REACH_PX = 4.0, 7.0  # length of the cell that a place stands for, and how far to each side it reaches
 _LINES = LineOptions(margin_px=0.0)
+_BENT, _LEAST = np.pi / 2, 3  # turn by which pieces of one edge face different ways; places of a piece
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +71,26 @@ class Sightlines:
         It is perpendicular to the edge and to the line of sight: the one motion of the edge that the photo shows whole.
         """
         return self.by_point * self.mm_per_px[:, None]
+
+
+def pieces(edge: Longs, normal: Array) -> Longs:
+    """Return the number (N,) of the piece of its edge that each place is on: those of a bent edge face different ways.
+
+    An edge that bends by less than a right angle or so is one piece, the rim of a hole four.
+    """
+    out = np.zeros(len(edge), np.int64)
+    first = 0
+    for e in np.unique(edge):
+        rows = np.flatnonzero(edge == e)
+        way = np.arctan2(normal[rows, 1], normal[rows, 0])
+        middle = np.angle(np.exp(1j * way).sum())
+        number = np.floor(np.angle(np.exp(1j * (way - middle))) / _BENT + 0.5).astype(np.int64) % round(2 * np.pi / _BENT)
+        numbers, count = np.unique(number, return_counts=True)
+        long = numbers[count >= _LEAST] if (count >= _LEAST).any() else numbers[:1]
+        apart = np.abs(np.angle(np.exp(1j * _BENT * (number[:, None] - long))))
+        out[rows] = first + np.argmin(apart, axis=1)
+        first += len(long)
+    return out
 
 
 def sightlines(part: Part, photos: Sequence[Photo], world_from_part: Rigid) -> tuple[Sightlines, list[Sight]]:

@@ -3,7 +3,8 @@
 Pixels of the body's picture are taken together by what they show with the body and without it. The light, fitted to all
 the rest of the photo (`cadcam.locate.quality.light`), says how bright each of these surfaces is, and how surely; pieces
 of one surface err together. Either way the light may not be as it was fitted, for a shadow say, with a probability that
-no surface can make up for: then the tones are any that the photo has elsewhere, and edges that ought to show need not.
+no surface can make up for: then the tones are any that the photo has elsewhere, and edges that ought to show need not;
+where edges show that ought not to, they may also be those of what the body hides, as both lie in one shadow.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from cadcam.verify.shown import Shown, Window
 _RIM_PX = 3  # of the body's picture, which is blurred or another body's where that one is off
 _LEAST_PX = 60  # of a piece whose brightness counts: small ones are borders and corners
 _LAPSE = 0.02  # probability that the light is not as it was fitted
+_ONE_SHADOW = 0.05  # of these cases those in which a body looks as what it hides
 _UNEVEN = 0.006  # sigma of the brightness of pieces of one surface
 _BESIDE_PX = 14  # how far beside a body what it hides is looked at, and how far inside what is compared with it
 _ANY_MEAN, _ANY_SPREAD = 0.5, 0.3  # brightness of what is no part, and of the light as a whole
@@ -66,16 +68,21 @@ class Tones:
     world_from_part: Rigid
     shown: Sequence[Shown]
 
-    def log_ratio(self, body: int, *, edges: float = 0.0) -> float:
+    def log_ratio(self, body: int, *, edges: float = 0.0, any_light: float = 0.0) -> float:
         """Return the logarithm of the likelihood ratio of "there" to "not there" of part number `body`.
 
-        edges: what its edges say, which goes by the same light where they are not seen.
+        edges: what its edges say, which goes by the same light where they are not seen; any_light: what they say where
+        nothing is known of the light: if that is for it, it may look as what it hides in spite of the fitted light.
         """
         told = [self._in_photo(photo, shown, body) for photo, shown in zip(self.photos, self.shown, strict=True)]
         there, not_there, other = np.sum(told, axis=0)
         if not np.any(told):
             return edges
-        return _lapsing(edges + there, max(edges, 0.0) + other) - _lapsing(not_there, other)
+        lapsed = max(edges, 0.0) + other
+        if any_light > 0:
+            dim = np.logaddexp(np.log1p(-_ONE_SHADOW) + other, np.log(_ONE_SHADOW) + not_there)
+            lapsed = max(edges, any_light) + float(dim)
+        return _lapsing(edges + there, lapsed) - _lapsing(not_there, other)
 
     def _in_photo(self, photo: Photo, whole: Shown, body: int) -> tuple[float, float, float]:
         """Return the log densities of the tones with the body, without it, and in any other light."""
