@@ -27,7 +27,7 @@ import numpy as np
 
 import battery_cases as battery
 from battery_pictures import Surface, radiance
-from cadcam.arrays import Array, Picture
+from cadcam.arrays import Array, Mask, Picture
 from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts.shape import box, circle, extruded, filled
 from cadcam.geometry.rotation import exp
@@ -82,7 +82,7 @@ def fixture() -> Mesh:
     return merge([plate, *ribs, box((95, 55, 12), (135, 95, 42), name="block"), pin])
 
 
-def moved(where: Callable[[Array], Array], to: Callable[[Array], Array]) -> Warp:
+def moved(where: Callable[[Array], Mask], to: Callable[[Array], Array]) -> Warp:
     """Return what moves the vertices (N, 3) of a mesh that lie `where`."""
 
     def warp(mesh: Mesh) -> Mesh:
@@ -109,8 +109,8 @@ def of_body(name: str, to: Callable[[Array], Array] | None) -> Warp:
     return warp
 
 
-def near(centre: tuple[float, float], radius: float) -> Callable[[Array], Array]:
-    return lambda p: np.hypot(p[:, 0] - centre[0], p[:, 1] - centre[1]) < radius
+def near(centre: tuple[float, float], radius: float) -> Callable[[Array], Mask]:
+    return lambda p: np.asarray(np.hypot(p[:, 0] - centre[0], p[:, 1] - centre[1]) < radius)
 
 
 def shift(by: tuple[float, float, float]) -> Callable[[Array], Array]:
@@ -196,10 +196,10 @@ def verified(case: battery.Case, picture: Picture, defect: Defect) -> Verificati
     """Return the verdict on what a picture shows."""
     photo = Photo.of(picture, case.camera, case.truth)
     located = locate(case.part, [photo], None if case.starts[0] is None else case.truth.inv @ case.starts[0])
-    limits = (Limit(Quantity.PRESENCE, 1.0),)
+    limits = [Limit(Quantity.PRESENCE, 1.0)]
     if defect.quantity is not Quantity.PRESENCE:
-        limits = (Limit(defect.quantity, defect.limit), *limits)
-    asked = Tolerances((Feature("judged", defect.feature, limits),))
+        limits.insert(0, Limit(defect.quantity, defect.limit))
+    asked = Tolerances((Feature("judged", defect.feature, tuple(limits)),))
     return verify(case.part, [photo], located, asked)
 
 
@@ -257,7 +257,12 @@ def row(name: str, defect: Defect, out: Tally) -> str:
     if out.error:
         inside = np.mean(np.array(out.error) <= np.array(out.U))
         z = np.sqrt(np.mean(np.square(out.z)))
-        told = [f"{unit * np.median(out.error):.3f}", f"{unit * np.median(out.U):.3f}", f"{100 * inside:.0f} %", f"{z:.2f}"]
+        told = [
+            f"{unit * np.median(out.error):.3f}",
+            f"{unit * np.median(out.U):.3f}",
+            f"{100 * inside:.0f} %",
+            f"{z:.2f}",
+        ]
     cells = [name, str(out.pictures), str(out.lost), *counts, rest, str(out.alarms), *told]
     return "| " + " | ".join(cells) + " |"
 
@@ -269,7 +274,9 @@ def main() -> None:
     parser.add_argument("--condition", default="plain", choices=battery.CONDITIONS)
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
-    print(f"| pictured | pictures | no pose | PASS | FAIL | undecided | alarms | error | U | in U | z |\n|{'---|' * 11}")
+    print(
+        f"| pictured | pictures | no pose | PASS | FAIL | undecided | alarms | error | U | in U | z |\n|{'---|' * 11}"
+    )
     for name in arguments.defect or DEFECTS:
         defect, good, bad = DEFECTS[name], Tally(), Tally()
         for k, (case, fine, wrong) in enumerate(shots(defect, arguments.condition, arguments.pictures, arguments.seed)):

@@ -62,8 +62,8 @@ class Group:
 class Doubt:
     """What a body's edges say if some of them are astray.
 
-    groups: the edges that are measured, those side by side together: as many as `own` are the feature's, then come those
-    others that its place hangs on, as the pose is fitted to them; tried (k, groups): for each k the probabilities
+    groups: the edges that are measured, those side by side together: as many as `own` are the feature's, then come
+    those others that its place hangs on, as the pose is fitted to them; tried (k, groups): for each k the probabilities
     without the first k - 1 that matter most and each of the others, 0 where that is not asked; kept (n,): the feature's
     places without all that matter; rest: what these say.
     """
@@ -109,7 +109,7 @@ class Doubt:
 
     @property
     def astray(self) -> int:
-        """Return how many of its edges are rather astray than displaced, and no others: hardly more than half of them."""
+        """Return how many of its edges, and no others, are rather astray than displaced: hardly more than half."""
         own = all(int(np.argmax(ps)) < self.own for ps in self.tried)
         return self.gone if own and self.gone <= max(1, self.own // 2) else 0
 

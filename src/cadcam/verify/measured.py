@@ -17,7 +17,7 @@ from cadcam.verify.survey import Survey
 
 SEEN_PX = 0.5  # standard deviation, in px, up to which a direction of displacement counts as seen
 UNSEEN_PX = 4.0  # standard deviation of a displacement, in px, in directions that are not seen
-_USUAL_PX = 0.02  # common error of an edge: median of those of 2961 edges in photographs of a block under a lamp
+_USUAL_PX = 0.01  # common error of an edge in most photos
 STATION_PX = 24.0  # length of the pieces of an edge that are looked at one by one
 
 
@@ -114,9 +114,7 @@ class Measured:
             self.found[number] = self.displacement(self.members[number])
         return self.found[number]
 
-    def displacement(
-        self, rows: Mask, *, along: Array | None = None, apart: Mask | None = None
-    ) -> Displacement | None:
+    def displacement(self, rows: Mask, *, along: Array | None = None, apart: Mask | None = None) -> Displacement | None:
         """Return how far the places were displaced as one; along (3,): in that direction alone. None: not told.
 
         apart (n,): places to whose edges the pose is not fitted either, such as the others of the same body.

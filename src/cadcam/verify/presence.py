@@ -99,7 +99,7 @@ def presence(evidence: EdgeEvidence, mine: Mask, *, clutter: float, elsewhere: f
 def log_ratio(
     evidence: EdgeEvidence, mine: Mask, seen: Visibility, clutter: float, *, contrast: float | None = None
 ) -> float:
-    """Return L of the edges `mine` (E,), group by group; contrast: probability that each has it, default by the light."""
+    """Return L of the edges `mine` (E,), group by group; contrast: probability that it has it, default by the light."""
     total = 0.0
     for group in np.unique(evidence.group[mine]):
         of = (evidence.group == group) & mine

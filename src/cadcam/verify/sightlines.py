@@ -84,7 +84,9 @@ def pieces(edge: Longs, normal: Array) -> Longs:
         rows = np.flatnonzero(edge == e)
         way = np.arctan2(normal[rows, 1], normal[rows, 0])
         middle = np.angle(np.exp(1j * way).sum())
-        number = np.floor(np.angle(np.exp(1j * (way - middle))) / _BENT + 0.5).astype(np.int64) % round(2 * np.pi / _BENT)
+        number = np.floor(np.angle(np.exp(1j * (way - middle))) / _BENT + 0.5).astype(np.int64) % round(
+            2 * np.pi / _BENT
+        )
         numbers, count = np.unique(number, return_counts=True)
         long = numbers[count >= _LEAST] if (count >= _LEAST).any() else numbers[:1]
         apart = np.abs(np.angle(np.exp(1j * _BENT * (number[:, None] - long))))
