@@ -119,14 +119,14 @@ def shift(by: tuple[float, float, float]) -> Callable[[Array], Array]:
 
 def turn(centre: tuple[float, float], degrees: float) -> Callable[[Array], Array]:
     R, c = exp(np.array([0, 0, np.radians(degrees)])), np.array([*centre, 0.0])
-    return lambda p: (p - c) @ R.T + c
+    return lambda p: np.asarray((p - c) @ R.T + c)
 
 
 def widened(centre: tuple[float, float], by: float) -> Callable[[Array], Array]:
     def to(p: Array) -> Array:
         d = p - np.array([*centre, 0.0])
         d[:, 2] = 0
-        return p + by * d / np.linalg.norm(d, axis=1, keepdims=True)
+        return np.asarray(p + by * d / np.linalg.norm(d, axis=1, keepdims=True))
 
     return to
 

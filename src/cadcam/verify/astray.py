@@ -13,8 +13,8 @@ the probability
 where p_e is that of its edges without e, 1 where these tell nothing, and f is the edge that matters most. One edge
 alone is never sure, two that are off by much are if edges are rarely astray, and more soon are. Edges that are led
 astray together count as one, as far as they are off by little: parallel ones side by side, as the two of a plate's rim
-(what is beside both cannot be taken for both of them), and a body's feet, along which its own shadow lies. The few edges
-of other bodies that a body's place hangs on are doubted with its own: they may have led the pose astray.
+(what is beside both cannot be taken for both of them), and a body's feet, along which its own shadow lies. The few
+edges of other bodies that a body's place hangs on are doubted with its own: they may have led the pose astray.
 """
 
 from __future__ import annotations
