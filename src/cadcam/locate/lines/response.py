@@ -59,7 +59,7 @@ def bend_of(fit: GroupedFit, J: Array, lean: Array, bright: Array, group: Longs)
     """Return how the response is bent as the edges of a straight fit tell, None where they rule that out.
 
     J (n, k), lean (n,), group (n,): of some samples of each edge, and the number of its group in the fit. Regression of
-    the groups' offsets on how these follow the pose and the bend. bright (n,): 1 or -1, to which side of each sample the
+    the groups' offsets on how these follow the pose and the bend. bright (n,): 1 or -1, to which side of a sample the
     photo is brighter; light that draws all edges a little that way, or the other, looks much like a bend.
     """
     of, place = np.unique(group, return_inverse=True)
