@@ -30,7 +30,7 @@ from cadcam.plan.scene import CalibratedFrom, CameraType, LayoutScene, Mount
 from cadcam.plan.search import best_set, exhausted
 from cadcam.plan.what_if import what_if
 from cadcam.render.view import Scene
-from cadcam.verify.tolerance import Limit, Quantity
+from cadcam.verify.tolerances.tolerance import Limit, Quantity
 
 T = TypeVar("T")
 LIMITS = (Limit(Quantity.POSITION, 1.0),)

@@ -39,10 +39,10 @@ from cadcam.locate.locate import locate
 from cadcam.locate.photo import Photo
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Look, Scene
-from cadcam.verify.deviation import State
+from cadcam.verify.deviations.deviation import State
 from cadcam.verify.inspection import Inspection, inspect
-from cadcam.verify.tolerance import Limit, Quantity
-from cadcam.verify.verdict import Verdict
+from cadcam.verify.tolerances.tolerance import Limit, Quantity
+from cadcam.verify.tolerances.verdict import Verdict
 from verify_blocks import across, blamed, built, drawn, in_words, table, verdict
 
 CAMERA = Camera.from_focal((768, 576), 1185.0)

@@ -14,11 +14,11 @@ from cadcam.arrays import Array
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
-from cadcam.verify.deviation import FeatureDeviation, State
+from cadcam.verify.deviations.deviation import FeatureDeviation, State
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.judge import judged
-from cadcam.verify.tolerance import Feature, Limit, Selection
-from cadcam.verify.verdict import Verdict
+from cadcam.verify.tolerances.tolerance import Feature, Limit, Selection
+from cadcam.verify.tolerances.verdict import Verdict
 
 T = TypeVar("T")
 

@@ -26,7 +26,8 @@ from pathlib import Path
 import numpy as np
 
 import battery_cases as battery
-from battery_pictures import Surface, radiance
+from battery_conditions import CONDITIONS, PLAIN
+from battery_pictures import radiance
 from cadcam.arrays import Array, Mask, Picture
 from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts.shape import box, circle, extruded, filled
@@ -34,10 +35,10 @@ from cadcam.geometry.rotation import exp
 from cadcam.image.picture import to_gray
 from cadcam.locate.locate import locate
 from cadcam.locate.photo import Photo
-from cadcam.verify.deviation import State
+from cadcam.verify.deviations.deviation import State
 from cadcam.verify.judge import Verification, verify
-from cadcam.verify.tolerance import Feature, Limit, Quantity, Selection, Tolerances
-from cadcam.verify.verdict import Judgement, Verdict
+from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances
+from cadcam.verify.tolerances.verdict import Judgement, Verdict
 
 Warp = Callable[[Mesh], Mesh]
 
@@ -170,7 +171,7 @@ def pictured(case: battery.Case, warp: Warp, extra: Mesh | None) -> Picture:
     things = [(warp(mesh) if k == 1 else mesh, surface) for k, (mesh, surface) in enumerate(case.stage.things)]
     things = [(_placed(mesh, case) if k == 1 else mesh, surface) for k, (mesh, surface) in enumerate(things)]
     if extra is not None:
-        things.append((_placed(extra, case), Surface(battery.STEEL, 0.06)))
+        things.append((_placed(extra, case), PLAIN))
     linear = radiance(replace(case.stage, things=things), case.camera, case.truth @ case.world_from_part.inv)
     clean = battery.WHITE * linear / max(float(np.quantile(linear, 0.99)), 1e-6)
     taken = case.condition.sensor.apply(clean, rng=np.random.default_rng(case.seed))
@@ -271,7 +272,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pictures", type=int, default=6)
     parser.add_argument("--defect", action="append", choices=DEFECTS)
-    parser.add_argument("--condition", default="plain", choices=battery.CONDITIONS)
+    parser.add_argument(
+        "--condition",
+        default="plain",
+        choices=CONDITIONS,
+        metavar="CONDITION",
+        help="as in the table of locate_battery.py",
+    )
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     print(

@@ -40,10 +40,10 @@ from cadcam.render import open_renderer
 from cadcam.render.light import Lamp, Light
 from cadcam.render.photograph import Photographer
 from cadcam.render.view import Channel
-from cadcam.verify.deviation import State
+from cadcam.verify.deviations.deviation import State
 from cadcam.verify.inspection import inspect
-from cadcam.verify.tolerance import Limit, Quantity
-from cadcam.verify.verdict import Verdict
+from cadcam.verify.tolerances.tolerance import Limit, Quantity
+from cadcam.verify.tolerances.verdict import Verdict
 from verify_blocks import across, blamed, built, drawn, in_words, table, verdict
 
 CAMERA = Camera.from_focal((960, 720), 1200.0)

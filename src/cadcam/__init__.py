@@ -183,9 +183,9 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.verify.inspection import InspectionOptions as InspectionOptions
     from cadcam.verify.judge import Verification as Verification
     from cadcam.verify.judge import verify as _verify
-    from cadcam.verify.tolerance import Tolerances as Tolerances
-    from cadcam.verify.tolerance import whole_parts as whole_parts
-    from cadcam.verify.tolerance_file import read_tolerances as read_tolerances
+    from cadcam.verify.tolerances.file import read_tolerances as read_tolerances
+    from cadcam.verify.tolerances.tolerance import Tolerances as Tolerances
+    from cadcam.verify.tolerances.tolerance import whole_parts as whole_parts
 
     calibrate_camera = _calibrate  # `cadcam.calibrate` is the package
     compare_cameras = _compare
@@ -270,7 +270,7 @@ _HOME = {
     "TemplateMatches": "cadcam.locate.match.templates",
     "TemplateOptions": "cadcam.locate.match.templates",
     "TiltedBrownConrady": "cadcam.camera.lens",
-    "Tolerances": "cadcam.verify.tolerance",
+    "Tolerances": "cadcam.verify.tolerances.tolerance",
     "TrackLog": "cadcam.locate.track.log",
     "Verification": "cadcam.verify.judge",
     "ViewRange": "cadcam.locate.views.view_range",
@@ -341,7 +341,7 @@ _HOME = {
     "read_sensor": "cadcam.files.sensor",
     "read_station": "cadcam.station.document",
     "read_stations": "cadcam.station.document",
-    "read_tolerances": "cadcam.verify.tolerance_file",
+    "read_tolerances": "cadcam.verify.tolerances.file",
     "read_track": "cadcam.locate.track.log",
     "refine": "cadcam.locate.refine.refine",
     "repainted": "cadcam.render.looks",
@@ -358,7 +358,7 @@ _HOME = {
     "viewer_parameters": "cadcam.files.foreign.viewers",
     "visible_wireframe": "cadcam.render.lines.visible",
     "what_if": "cadcam.plan.what_if",
-    "whole_parts": "cadcam.verify.tolerance",
+    "whole_parts": "cadcam.verify.tolerances.tolerance",
     "write_camera": "cadcam.files.camera",
     "write_cameras": "cadcam.files.foreign.registry",
     "write_exr": "cadcam.image.exr",

@@ -105,7 +105,7 @@ def test_wrong_words_are_told_before_the_model_is_read(cadcam: Callable[..., Ran
 def test_an_example_in_the_guide_is_a_valid_file(tmp_path: Path) -> None:
     import re
 
-    from cadcam.verify.tolerance_file import read_tolerances
+    from cadcam.verify.tolerances.file import read_tolerances
 
     guide = Path(__file__).resolve().parents[2] / "docs" / "verify.md"
     (example,) = re.findall(r"```yaml\n(.*?)```", guide.read_text(), flags=re.DOTALL)

@@ -14,7 +14,7 @@ from cadcam.camera.sensor_format import sensor_format
 from cadcam.plan.feature import Kind, LayoutFeature
 from cadcam.plan.finding import Finder
 from cadcam.plan.scene import CameraType, LayoutScene, Mount, Sigmas
-from cadcam.verify.tolerance import Limit, Quantity
+from cadcam.verify.tolerances.tolerance import Limit, Quantity
 
 COLOR = (0.5, 0.5, 0.5)
 MIDDLE = np.array([200.0, 150.0, 60.0])

@@ -16,8 +16,8 @@ from cadcam.plan.layout import Survey, plan_layout, survey
 from cadcam.plan.predict import predict_points
 from cadcam.plan.scene import CalibratedFrom, Sigmas
 from cadcam.plan.what_if import rebuilt, what_if
-from cadcam.verify.tolerance import Limit, Quantity, Rule
-from cadcam.verify.verdict import Verdict, decided
+from cadcam.verify.tolerances.tolerance import Limit, Quantity, Rule
+from cadcam.verify.tolerances.verdict import Verdict, decided
 
 from .scenes import features, position, ring, scene
 

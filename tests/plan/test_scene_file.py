@@ -17,7 +17,7 @@ from cadcam.plan.mounts import arc, in_box
 from cadcam.plan.samples import write_samples
 from cadcam.plan.scene import CalibratedFrom, Sigmas
 from cadcam.plan.scene_file import read_layout_scene
-from cadcam.verify.tolerance import Quantity, Rule
+from cadcam.verify.tolerances.tolerance import Quantity, Rule
 
 from .scenes import MIDDLE, part, ring
 

@@ -14,7 +14,7 @@ from cadcam.plan.ask import Asked
 from cadcam.plan.assess import informations
 from cadcam.plan.layout import survey
 from cadcam.plan.search import Problem, best_set, exhausted, one_fewer, one_more, ranked
-from cadcam.verify.tolerance import Limit, Quantity
+from cadcam.verify.tolerances.tolerance import Limit, Quantity
 
 from .scenes import ring, scene
 

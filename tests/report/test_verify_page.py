@@ -25,8 +25,8 @@ from cadcam.report.verify.overlay import overlay_svg
 from cadcam.report.verify.page import verification_page, write_verification_page
 from cadcam.report.verify.words import to_do
 from cadcam.verify.judge import Verification, direction_words, verify
-from cadcam.verify.tolerance import Feature, Limit, Quantity, Selection, Tolerances
-from cadcam.verify.verdict import Verdict
+from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances
+from cadcam.verify.tolerances.verdict import Verdict
 
 from ..verify.scene import displaced, part, photo
 

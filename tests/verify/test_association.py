@@ -9,9 +9,9 @@ from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts.shape import box
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
-from cadcam.verify.association import ROOM_PX
-from cadcam.verify.survey import Survey, surveyed
-from cadcam.verify.tolerance import whole_parts
+from cadcam.verify.edges.association import ROOM_PX
+from cadcam.verify.edges.survey import Survey, surveyed
+from cadcam.verify.tolerances.tolerance import whole_parts
 
 from .scene import photo, plate
 

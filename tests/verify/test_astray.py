@@ -8,13 +8,13 @@ import pytest
 from cadcam.arrays import Array
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.photo import Photo
-from cadcam.verify.association import CAPTURE_PX
-from cadcam.verify.astray import Doubt, Group, _possible
-from cadcam.verify.deviation import State, Unclear
-from cadcam.verify.ground import uneven_edges
+from cadcam.verify.deviations.astray import Doubt, Group, _possible
+from cadcam.verify.deviations.deviation import State, Unclear
+from cadcam.verify.deviations.ground import uneven_edges
+from cadcam.verify.edges.association import CAPTURE_PX
+from cadcam.verify.edges.presence import in_place_ratio
+from cadcam.verify.edges.sightlines import pieces
 from cadcam.verify.inspection import Inspection, inspect
-from cadcam.verify.presence import in_place_ratio
-from cadcam.verify.sightlines import pieces
 
 from .scene import CAMERA, POSE, displaced, part, photo, photographed, plate
 

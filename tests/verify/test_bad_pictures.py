@@ -18,8 +18,8 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine.refine import refine
 from cadcam.verify.judge import Verification, verify
-from cadcam.verify.tolerance import Feature, Limit, Quantity, Selection, Tolerances
-from cadcam.verify.verdict import Verdict
+from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances
+from cadcam.verify.tolerances.verdict import Verdict
 
 from .scene import CAMERA, POSE, part, photographed, plate
 

@@ -7,10 +7,10 @@ import numpy as np
 from cadcam.cad.edges import EdgeKind
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.photo import Photo
-from cadcam.verify.feet import Feet
-from cadcam.verify.shown import Shown
-from cadcam.verify.sightlines import sightlines
-from cadcam.verify.surroundings import surroundings
+from cadcam.verify.edges.feet import Feet
+from cadcam.verify.edges.shown import Shown
+from cadcam.verify.edges.sightlines import sightlines
+from cadcam.verify.edges.surroundings import surroundings
 
 from .scene import CAMERA, POSE, part, photo, plate
 

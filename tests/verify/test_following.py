@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from cadcam.arrays import Array
-from cadcam.verify.adjustment import Adjustment, Estimate, FittedPose
-from cadcam.verify.following import following
-from cadcam.verify.scatter import EdgeNoise
+from cadcam.verify.adjustment.adjustment import Adjustment, Estimate, FittedPose
+from cadcam.verify.adjustment.following import following
+from cadcam.verify.adjustment.scatter import EdgeNoise
 
 SIGMA, TAU, PLACES = 0.1, 0.03, 12
 STILL = FittedPose(np.zeros(6), np.zeros((6, 6)), np.zeros((6, 0)))

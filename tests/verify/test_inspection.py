@@ -13,13 +13,13 @@ from cadcam.cad.mesh import merge
 from cadcam.cad.parts.shape import box
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.refine.refine import refine
-from cadcam.verify.adjustment import Estimate
-from cadcam.verify.deviation import State, Unclear
+from cadcam.verify.adjustment.adjustment import Estimate
+from cadcam.verify.bodies.look import looked
+from cadcam.verify.deviations.deviation import State, Unclear
+from cadcam.verify.deviations.measured import Displacement
+from cadcam.verify.edges.presence import Presence
 from cadcam.verify.inspection import Inspection, InspectionOptions, _believed, _state, inspect
-from cadcam.verify.look import looked
-from cadcam.verify.measured import Displacement
-from cadcam.verify.presence import Presence
-from cadcam.verify.tolerance import Selection, Tolerances
+from cadcam.verify.tolerances.tolerance import Selection, Tolerances
 
 from .scene import CAMERA, POSE, displaced, part, photo, photographed, plate
 

@@ -17,12 +17,12 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Look
-from cadcam.verify.deviation import State
+from cadcam.verify.deviations.deviation import State
+from cadcam.verify.edges.limbs import limb_errors
+from cadcam.verify.edges.shown import Shown
+from cadcam.verify.edges.sightlines import sightlines
+from cadcam.verify.edges.surroundings import surroundings
 from cadcam.verify.inspection import Inspection, inspect
-from cadcam.verify.limbs import limb_errors
-from cadcam.verify.shown import Shown
-from cadcam.verify.sightlines import sightlines
-from cadcam.verify.surroundings import surroundings
 
 from .scene import CAMERA, NOISE, POSE
 

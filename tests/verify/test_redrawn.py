@@ -9,9 +9,9 @@ import numpy as np
 from cadcam.cad.parts.shape import box
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
-from cadcam.verify.redrawn import redrawn
-from cadcam.verify.survey import surveyed
-from cadcam.verify.tolerance import whole_parts
+from cadcam.verify.bodies.redrawn import redrawn
+from cadcam.verify.edges.survey import surveyed
+from cadcam.verify.tolerances.tolerance import whole_parts
 
 from .scene import displaced, part, photo, plate
 

@@ -9,8 +9,8 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel
-from cadcam.verify.shown import Shown
-from cadcam.verify.tones import Tones
+from cadcam.verify.bodies.tones import Tones
+from cadcam.verify.edges.shown import Shown
 
 from .scene import CAMERA, POSE, part, photo, plate
 

@@ -7,9 +7,9 @@ import pytest
 
 from cadcam.arrays import Array
 from cadcam.errors import DegenerateGeometry
-from cadcam.verify.adjustment import Adjustment, FittedPose
-from cadcam.verify.alarms import either, false_discoveries_below, surely_below, tail_probability
-from cadcam.verify.scatter import EdgeNoise, common_error, improbability, white_scale
+from cadcam.verify.adjustment.adjustment import Adjustment, FittedPose
+from cadcam.verify.adjustment.alarms import either, false_discoveries_below, surely_below, tail_probability
+from cadcam.verify.adjustment.scatter import EdgeNoise, common_error, improbability, white_scale
 
 EDGES, PLACES, SIGMA = 24, 30, 0.15
 

@@ -9,8 +9,8 @@ import pytest
 
 from cadcam.cad.edges import EdgeKind
 from cadcam.errors import BadValue, CadcamError, UnknownName
-from cadcam.verify.tolerance import Quantity, Rule, Selection, runs, whole_parts
-from cadcam.verify.tolerance_file import read_tolerances, template
+from cadcam.verify.tolerances.file import read_tolerances, template
+from cadcam.verify.tolerances.tolerance import Quantity, Rule, Selection, runs, whole_parts
 
 from .scene import part
 

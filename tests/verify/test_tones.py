@@ -12,17 +12,17 @@ from cadcam.locate.lines.sight import Sight
 from cadcam.locate.photo import Photo
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel
-from cadcam.verify.association import nearby_edges, strays
-from cadcam.verify.deviation import State
+from cadcam.verify.bodies.likeness import likenesses
+from cadcam.verify.bodies.redrawn import redrawn
+from cadcam.verify.bodies.tones import Tones
+from cadcam.verify.deviations.deviation import State
+from cadcam.verify.edges.association import nearby_edges, strays
+from cadcam.verify.edges.shown import Shown
+from cadcam.verify.edges.sightlines import STEP_PX, sightlines
+from cadcam.verify.edges.surroundings import surroundings
+from cadcam.verify.edges.survey import surveyed
 from cadcam.verify.inspection import inspect
-from cadcam.verify.likeness import likenesses
-from cadcam.verify.redrawn import redrawn
-from cadcam.verify.shown import Shown
-from cadcam.verify.sightlines import STEP_PX, sightlines
-from cadcam.verify.surroundings import surroundings
-from cadcam.verify.survey import surveyed
-from cadcam.verify.tolerance import whole_parts
-from cadcam.verify.tones import Tones
+from cadcam.verify.tolerances.tolerance import whole_parts
 
 from .scene import CAMERA, POSE, displaced, part, photo, photographed, plate
 

@@ -7,12 +7,12 @@ import pytest
 
 from cadcam.geometry.rigid import Rigid
 from cadcam.report.verify.words import unclear_words
-from cadcam.verify.adjustment import Estimate
-from cadcam.verify.deviation import State, Unclear
+from cadcam.verify.adjustment.adjustment import Estimate
+from cadcam.verify.deviations.deviation import State, Unclear
+from cadcam.verify.deviations.measured import Displacement
+from cadcam.verify.deviations.unclear import _by_cause, why_doubtful
+from cadcam.verify.edges.presence import Presence
 from cadcam.verify.inspection import Inspection, inspect
-from cadcam.verify.measured import Displacement
-from cadcam.verify.presence import Presence
-from cadcam.verify.unclear import _by_cause, why_doubtful
 
 from .scene import part, photo, plate
 

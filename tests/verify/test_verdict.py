@@ -10,13 +10,13 @@ import pytest
 from scipy.stats import norm
 
 from cadcam.errors import BadValue
-from cadcam.verify.adjustment import Estimate
-from cadcam.verify.deviation import FeatureDeviation, State
+from cadcam.verify.adjustment.adjustment import Estimate
+from cadcam.verify.deviations.deviation import FeatureDeviation, State
+from cadcam.verify.edges.presence import Presence
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.judge import judged, together
-from cadcam.verify.presence import Presence
-from cadcam.verify.tolerance import Feature, Limit, Quantity, Rule, Selection
-from cadcam.verify.verdict import Verdict, decided, lengths, overall, towards
+from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Rule, Selection
+from cadcam.verify.tolerances.verdict import Verdict, decided, lengths, overall, towards
 
 LIMIT = Limit(Quantity.POSITION, 1.0, k=2.0)
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask
 from cadcam.plan.feature import LayoutFeature, plane_axes
-from cadcam.verify.tolerance import Limit, Quantity
+from cadcam.verify.tolerances.tolerance import Limit, Quantity
 
 _FREE = 1.0  # information, in units of a limit, along a straight edge: nothing is asked of it there
 

@@ -19,8 +19,8 @@ from cadcam.plan.evidence import Evidence, Together, symmetric, together
 from cadcam.plan.feature import Places
 from cadcam.plan.look import Look
 from cadcam.plan.predict import distinct_sources, shifts
-from cadcam.verify.tolerance import Limit, Rule
-from cadcam.verify.verdict import SIMPLE_SHARE
+from cadcam.verify.tolerances.tolerance import Limit, Rule
+from cadcam.verify.tolerances.verdict import SIMPLE_SHARE
 
 _AT_ONCE = 5_000_000  # numbers in the tables of shared errors: they are quadratic in the number of cameras
 HEIGHT = "plane"

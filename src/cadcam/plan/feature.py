@@ -11,7 +11,7 @@ import numpy as np
 from cadcam.arrays import Array, Longs, Mask, frozen
 from cadcam.errors import BadValue
 from cadcam.render.view import Scene
-from cadcam.verify.tolerance import Limit, Quantity, Selection
+from cadcam.verify.tolerances.tolerance import Limit, Quantity, Selection
 
 _RIM = 8  # places on a circle's rim that have to be seen
 _STATIONS = 9  # on a straight edge

@@ -53,8 +53,8 @@ from cadcam.plan.finding import Finder
 from cadcam.plan.mounts import arc, in_box
 from cadcam.plan.scene import CalibratedFrom, CameraType, LayoutScene, Mount, Seeing, Sigmas
 from cadcam.render.view import Scene
-from cadcam.verify.tolerance import Limit, Quantity, Rule, Selection
-from cadcam.verify.tolerance_file import limits_at, rule_at, selection_at
+from cadcam.verify.tolerances.file import limits_at, rule_at, selection_at
+from cadcam.verify.tolerances.tolerance import Limit, Quantity, Rule, Selection
 
 _TOP = (
     "part", "obstacles", "poses", "cameras", "mounts", "features", "noise", "calibration", "motion", "placement",

@@ -14,19 +14,19 @@ from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.verify.alarms import AS_IN_PLACE, false_discoveries_below, surely_below, tail_probability
-from cadcam.verify.association import CAPTURE_PX
-from cadcam.verify.astray import Doubt, chances, side_by_side
-from cadcam.verify.deviation import EdgeDeviation, Extra, FeatureDeviation, State, Unclear
-from cadcam.verify.extra import unexplained
-from cadcam.verify.ground import uneven_edges
-from cadcam.verify.look import DOUBTFUL, OF_DISPLACED, Case, Look, looked, looked_again, sure
-from cadcam.verify.measured import Displacement, Measured, told
-from cadcam.verify.presence import Presence, in_place_ratio
-from cadcam.verify.redrawn import off_px
-from cadcam.verify.survey import Survey, surveyed
-from cadcam.verify.tolerance import Tolerances, whole_parts
-from cadcam.verify.unclear import why_doubtful, why_untold
+from cadcam.verify.adjustment.alarms import AS_IN_PLACE, false_discoveries_below, surely_below, tail_probability
+from cadcam.verify.bodies.look import DOUBTFUL, OF_DISPLACED, Case, Look, looked, looked_again, sure
+from cadcam.verify.bodies.redrawn import off_px
+from cadcam.verify.deviations.astray import Doubt, chances, side_by_side
+from cadcam.verify.deviations.deviation import EdgeDeviation, Extra, FeatureDeviation, State, Unclear
+from cadcam.verify.deviations.extra import unexplained
+from cadcam.verify.deviations.ground import uneven_edges
+from cadcam.verify.deviations.measured import Displacement, Measured, told
+from cadcam.verify.deviations.unclear import why_doubtful, why_untold
+from cadcam.verify.edges.association import CAPTURE_PX
+from cadcam.verify.edges.presence import Presence, in_place_ratio
+from cadcam.verify.edges.survey import Survey, surveyed
+from cadcam.verify.tolerances.tolerance import Tolerances, whole_parts
 
 _SURVEYS, _REDRAW_PX = 3, 0.3  # while the datum moves lines by so much they are drawn again; so often at most
 _CONTRADICTS = 0.01  # probability below which a displacement is not that of a feature in place
@@ -65,9 +65,9 @@ class Inspection:
 
     pose: fitted to the datum's edges. datum: names of the bodies it was fitted to; left_out: those of them that do not
     agree with the others, and were not used (never of a stated datum). tau_px: common error of an edge; noise_scale:
-    scatter along edges over what the photos' noise predicts; clutter: see `cadcam.verify.presence`; seen_share: of the
-    datum's places, those where the photos show an edge. found: whether the part is where the pose has it; if not,
-    `reason` says why.
+    scatter along edges over what the photos' noise predicts; clutter: see `cadcam.verify.edges.presence`; seen_share:
+    of the datum's places, those where the photos show an edge. found: whether the part is where the pose has it; if
+    not, `reason` says why.
     """
 
     pose: PoseEstimate

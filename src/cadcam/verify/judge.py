@@ -12,11 +12,11 @@ from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.verify.alarms import AS_IN_PLACE
-from cadcam.verify.deviation import FeatureDeviation, State
+from cadcam.verify.adjustment.alarms import AS_IN_PLACE
+from cadcam.verify.deviations.deviation import FeatureDeviation, State
 from cadcam.verify.inspection import PLAIN_OPTIONS, Inspection, InspectionOptions, inspect
-from cadcam.verify.tolerance import Feature, Limit, Quantity, Tolerances
-from cadcam.verify.verdict import Judgement, Verdict, decided, overall, towards
+from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Tolerances
+from cadcam.verify.tolerances.verdict import Judgement, Verdict, decided, overall, towards
 
 _NAN = float("nan")
 _NAMED = 3  # features that fail, in the one line for people

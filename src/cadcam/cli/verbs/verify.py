@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from cadcam.report.verify.json import Origin
     from cadcam.verify.inspection import InspectionOptions
     from cadcam.verify.judge import Verification
-    from cadcam.verify.tolerance import Tolerances
+    from cadcam.verify.tolerances.tolerance import Tolerances
 
 _SUFFIXES = (".html", ".json")
 _OF_A_VERDICT = ("--tolerances", "--reach", "--alarms", "--serial", "--station")
@@ -92,7 +92,7 @@ def add_to(verbs: Verbs) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Verify, report; return the exit code."""
-    from cadcam.verify.tolerance import whole_parts
+    from cadcam.verify.tolerances.tolerance import whole_parts
 
     only = "--list" if arguments.list is not None else "--template"
     if arguments.list is not None or arguments.template:
@@ -149,7 +149,7 @@ class _Asked:
 def _asked(arguments: argparse.Namespace, shots: Shots) -> _Asked:
     from cadcam.files.pose_estimate import read_part_pose
     from cadcam.verify.inspection import InspectionOptions
-    from cadcam.verify.tolerance_file import read_tolerances
+    from cadcam.verify.tolerances.file import read_tolerances
 
     view, freedom = shots.photos[0].viewpoint, freedom_as_asked(arguments)
     if arguments.start or arguments.points:
@@ -178,7 +178,7 @@ def _verified(
     arguments: argparse.Namespace, part: Part, shots: Shots, located: Location, tolerances: Tolerances, asked: _Asked
 ) -> int:
     from cadcam.verify.judge import verify
-    from cadcam.verify.verdict import Verdict
+    from cadcam.verify.tolerances.verdict import Verdict
 
     with working("comparing edges"):
         found = verify(part, shots.photos, located, tolerances, options=asked.options, freedom=asked.freedom)
@@ -228,12 +228,12 @@ def _origin(arguments: argparse.Namespace, shots: Shots) -> Origin:
 
 def _template(arguments: argparse.Namespace, part: Part, shots: Shots | None, asked: _Asked | None) -> None:
     """Write or print a tolerance file; with photos and a pose, of what these show."""
-    from cadcam.verify.tolerance_file import template
+    from cadcam.verify.tolerances.file import template
     from cadcam.whole import write_whole
 
     seen: tuple[str, ...] = ()
     if shots is not None and asked is not None:
-        from cadcam.verify.sightlines import sightlines
+        from cadcam.verify.edges.sightlines import sightlines
 
         pose = _located(arguments, part, shots, asked).pose.world_from_part
         shown = set(sightlines(part, shots.photos, pose)[0].part.tolist())
@@ -251,7 +251,7 @@ def _list(arguments: argparse.Namespace) -> None:
     import numpy as np
 
     from cadcam.report.verify.names import chain_table, part_table
-    from cadcam.verify.tolerance import Selection
+    from cadcam.verify.tolerances.tolerance import Selection
 
     for path in arguments.output:
         check_target(path, WRITABLE)

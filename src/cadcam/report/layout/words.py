@@ -15,7 +15,7 @@ from cadcam.plan.scene import CalibratedFrom, LayoutScene, Sigmas
 from cadcam.plan.search import Score
 from cadcam.plan.what_if import WhatIf
 from cadcam.report.table import Table
-from cadcam.verify.tolerance import Limit, Rule
+from cadcam.verify.tolerances.tolerance import Limit, Rule
 
 CAUSES = {"pixels": "pixel noise", "calibration": "calibration", "motion": "motion", "plane": "height of the plane"}
 

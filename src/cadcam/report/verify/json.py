@@ -12,11 +12,11 @@ from cadcam.files.jsontext import or_null, or_nulls
 from cadcam.record.export import record_as_json
 from cadcam.record.record import Deviation, Record, Source
 from cadcam.report.verify.words import assumptions, role, rule_words, weakest_direction
-from cadcam.verify.adjustment import CAUSES
-from cadcam.verify.deviation import EdgeDeviation, Extra, FeatureDeviation
+from cadcam.verify.adjustment.adjustment import CAUSES
+from cadcam.verify.deviations.deviation import EdgeDeviation, Extra, FeatureDeviation
 from cadcam.verify.judge import Verification
-from cadcam.verify.tolerance import Quantity
-from cadcam.verify.verdict import Judgement, Verdict
+from cadcam.verify.tolerances.tolerance import Quantity
+from cadcam.verify.tolerances.verdict import Judgement, Verdict
 
 _VERDICTS = {Verdict.PASS: "PASS", Verdict.FAIL: "FAIL"}  # of a record; all else is UNDECIDED
 

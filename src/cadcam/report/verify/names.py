@@ -14,7 +14,7 @@ from cadcam.render.lines.wireframe import LineOptions, Polylines, Wireframe
 from cadcam.render.overlay import PART_COLORS
 from cadcam.render.view import Scene
 from cadcam.report.table import Table
-from cadcam.verify.tolerance import Selection, runs
+from cadcam.verify.tolerances.tolerance import Selection, runs
 
 _HALO = (0.0, 0.0, 0.0)
 _AROUND = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])

@@ -14,10 +14,10 @@ from cadcam.image.picture import encoded
 from cadcam.image.svg import hex_color
 from cadcam.locate.photo import Photo
 from cadcam.report.verify.words import vector
-from cadcam.verify.deviation import EdgeDeviation, FeatureDeviation, State
+from cadcam.verify.deviations.deviation import EdgeDeviation, FeatureDeviation, State
 from cadcam.verify.inspection import Inspection
-from cadcam.verify.tolerance import Quantity
-from cadcam.verify.verdict import Judgement
+from cadcam.verify.tolerances.tolerance import Quantity
+from cadcam.verify.tolerances.verdict import Judgement
 from cadcam.whole import write_whole
 
 # Okabe and Ito's hues: blue, pale grey, vermilion; told apart by people with any colour vision

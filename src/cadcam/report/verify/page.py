@@ -25,11 +25,11 @@ from cadcam.report.verify.words import (
     vector,
     weakest_direction,
 )
-from cadcam.verify.deviation import FeatureDeviation, State
+from cadcam.verify.deviations.deviation import FeatureDeviation, State
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.judge import Verification
-from cadcam.verify.tolerance import Quantity
-from cadcam.verify.verdict import Judgement, Verdict
+from cadcam.verify.tolerances.tolerance import Quantity
+from cadcam.verify.tolerances.verdict import Judgement, Verdict
 from cadcam.whole import write_whole
 
 _PLAIN = "#555555"  # of a state that is neither good nor bad

@@ -9,10 +9,10 @@ from html import escape
 import numpy as np
 
 from cadcam.report.verify.words import CAUSE_WORDS
-from cadcam.verify.deviation import FeatureDeviation
+from cadcam.verify.deviations.deviation import FeatureDeviation
 from cadcam.verify.inspection import Inspection
-from cadcam.verify.tolerance import Quantity
-from cadcam.verify.verdict import Judgement, Verdict
+from cadcam.verify.tolerances.tolerance import Quantity
+from cadcam.verify.tolerances.verdict import Judgement, Verdict
 
 COLORS = {
     Verdict.PASS: "#00785a",

@@ -21,7 +21,7 @@ from cadcam.image.profile import noise_of
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.light import Light
-from cadcam.verify.shown import Shown, Window
+from cadcam.verify.edges.shown import Shown, Window
 
 _RIM_PX = 4  # around a body's picture that counts too
 _BLUR_PX, _BLURRED_PX = 0.7, 3  # of the photo, about; how far it reaches

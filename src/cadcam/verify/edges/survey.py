@@ -12,14 +12,14 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render.view import Scene
-from cadcam.verify.association import SEARCH_ROOM_PX, Association, associated, guessed_shifts, nearby_edges
-from cadcam.verify.feet import Feet
-from cadcam.verify.limbs import limb_errors
-from cadcam.verify.presence import LEAST_PLACES, EdgeEvidence, Presence, clutter_of, presence
-from cadcam.verify.shown import Shown
-from cadcam.verify.sightlines import Sightlines, sightlines
-from cadcam.verify.surroundings import FAINT, surroundings
-from cadcam.verify.tolerance import Selection, Tolerances
+from cadcam.verify.edges.association import SEARCH_ROOM_PX, Association, associated, guessed_shifts, nearby_edges
+from cadcam.verify.edges.feet import Feet
+from cadcam.verify.edges.limbs import limb_errors
+from cadcam.verify.edges.presence import LEAST_PLACES, EdgeEvidence, Presence, clutter_of, presence
+from cadcam.verify.edges.shown import Shown
+from cadcam.verify.edges.sightlines import Sightlines, sightlines
+from cadcam.verify.edges.surroundings import FAINT, surroundings
+from cadcam.verify.tolerances.tolerance import Selection, Tolerances
 
 _LEAST_GUESSED = 12  # places from which a feature's own place is guessed
 _BESIDE_SHARE = 0.5  # of an edge's places that show one beside it, and none there
@@ -84,7 +84,7 @@ class Survey:
         return False
 
     def presence(self, number: int, *, elsewhere: float) -> Presence:
-        """Return the evidence that a feature is there; see `cadcam.verify.presence`."""
+        """Return the evidence that a feature is there; see `cadcam.verify.edges.presence`."""
         mine = np.isin(self.evidence.edge, np.unique(self.lines.edge[self.rows(number)]))
         return presence(self.evidence, mine, clutter=self.clutter, elsewhere=elsewhere)
 

@@ -17,7 +17,7 @@ from cadcam.image.profile import candidates
 from cadcam.locate.lines.cells import Cells, measure
 from cadcam.locate.lines.edges import Projected
 from cadcam.locate.lines.sight import Sight
-from cadcam.verify.sightlines import REACH_PX, STEP_PX, Sightlines, pieces
+from cadcam.verify.edges.sightlines import REACH_PX, STEP_PX, Sightlines, pieces
 
 CAPTURE_PX = 1.5  # how far an edge may be from the shifted model's and still support it
 ROOM_PX = 2.5  # beside a place that must be free of other lines, for a step to be fitted to the pixels there

@@ -20,7 +20,7 @@ from cadcam.image.profile import noise_of
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.light import Light
-from cadcam.verify.shown import Shown, Window
+from cadcam.verify.edges.shown import Shown, Window
 
 _RIM_PX = 3  # of the body's picture, which is blurred or another body's where that one is off
 _LEAST_PX = 60  # of a piece whose brightness counts: small ones are borders and corners

@@ -37,7 +37,7 @@ from cadcam.files.jsontext import Place
 from cadcam.files.text import read_text
 from cadcam.files.yamltext import parsed_yaml
 from cadcam.render.view import Scene
-from cadcam.verify.tolerance import Feature, Limit, Quantity, Rule, Selection, Tolerances
+from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Rule, Selection, Tolerances
 
 _WHERE = ("part", "chains", "box_mm", "kinds")
 _HOW = ("k", "rule", "direction")

@@ -13,7 +13,7 @@ from enum import Enum
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.verify.tolerance import Limit, Rule
+from cadcam.verify.tolerances.tolerance import Limit, Rule
 
 SIMPLE_SHARE = 1 / 3  # of the limit that U may be where simple acceptance decides (JCGM 106:2012, 8.2)
 

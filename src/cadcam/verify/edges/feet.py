@@ -3,7 +3,7 @@
 A foot is a contact line. A body that is lifted, or slides on the other, takes it along. One that sinks into the other
 does not: what is seen then is where its side meets the other's surface, and that line has slid up the side. The same
 line moves when the other body does. How a foot follows a displacement thus depends on which side of its ground that
-goes to, and it tells the displacement once both are considered (`cadcam.verify.following`).
+goes to, and it tells the displacement once both are considered (`cadcam.verify.adjustment.following`).
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask
 from cadcam.cad.edges import EdgeKind
-from cadcam.verify.sightlines import Sightlines
-from cadcam.verify.surroundings import Surroundings
+from cadcam.verify.edges.sightlines import Sightlines
+from cadcam.verify.edges.surroundings import Surroundings
 
 _FLAT = 0.95  # cosine between side and ground from which they count as one surface
 

@@ -8,8 +8,8 @@ from enum import Enum
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.verify.adjustment import CAUSES, Estimate
-from cadcam.verify.presence import Presence
+from cadcam.verify.adjustment.adjustment import CAUSES, Estimate
+from cadcam.verify.edges.presence import Presence
 
 
 class State(Enum):

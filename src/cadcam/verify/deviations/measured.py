@@ -8,12 +8,12 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask
 from cadcam.errors import DegenerateGeometry
-from cadcam.verify.adjustment import CAUSES, Adjustment, Estimate, FittedPose
-from cadcam.verify.alarms import either, tail_probability
-from cadcam.verify.following import following
-from cadcam.verify.scatter import EdgeNoise, common_error, improbability, white_scale
-from cadcam.verify.sightlines import Sightlines
-from cadcam.verify.survey import Survey
+from cadcam.verify.adjustment.adjustment import CAUSES, Adjustment, Estimate, FittedPose
+from cadcam.verify.adjustment.alarms import either, tail_probability
+from cadcam.verify.adjustment.following import following
+from cadcam.verify.adjustment.scatter import EdgeNoise, common_error, improbability, white_scale
+from cadcam.verify.edges.sightlines import Sightlines
+from cadcam.verify.edges.survey import Survey
 
 SEEN_PX = 0.5  # standard deviation, in px, up to which a direction of displacement counts as seen
 UNSEEN_PX = 4.0  # standard deviation of a displacement, in px, in directions that are not seen
@@ -119,9 +119,9 @@ class Measured:
 
         apart (n,): places to whose edges the pose is not fitted either, such as the others of the same body.
 
-        The estimate takes into account that feet need not follow (`cadcam.verify.following`), that edges may disagree,
-        and displacements along the line of sight. The probability is that of the edges where the body is in place, by
-        their motion as one and by that estimate: feet that stay hide from the first what the second sees.
+        The estimate takes into account that feet need not follow (`cadcam.verify.adjustment.following`), that edges may
+        disagree, and displacements along the line of sight. The probability is that of the edges where the body is in
+        place, by their motion as one and by that estimate: feet that stay hide from the first what the second sees.
         """
         told = self._told(rows, along, rows if apart is None else rows | apart)
         if told is None:
@@ -202,9 +202,10 @@ class Measured:
         return UNSEEN_PX * float(np.median(self.lines.mm_per_px[rows]))
 
     def improbability(self, body: int) -> float:
-        """Return how improbable (`cadcam.verify.scatter`) the datum's offsets, and a body's, are if that is displaced.
+        """Return how improbable the datum's offsets, and a body's, are if that is displaced.
 
-        What stands on it then is not told by its feet, nor it by its own.
+        In the sense of `cadcam.verify.adjustment.scatter`. What stands on it then is not told by its feet, nor it by
+        its own.
         """
         its = self.body == body
         rows = self.adjustment.datum | its | (self.mate == body)

@@ -14,7 +14,7 @@ from cadcam.locate.photo import Photo
 from cadcam.render import open_renderer
 from cadcam.render.lines.wireframe import LineOptions
 from cadcam.render.view import Channel, View
-from cadcam.verify.deviation import Extra
+from cadcam.verify.deviations.deviation import Extra
 
 LEAST_PX = 25.0  # shorter curves are texture, rust, dirt
 EXPLAINED_PX = 4.0

@@ -3,10 +3,10 @@
 The errors of edges are taken to be Gaussian, and in an even light they are. A shadow leads single edges astray, by many
 sigmas: then a body of which one edge tells is called displaced, surely and wrongly. So edges are taken from a
 contaminated distribution (J. W. Tukey, 1960): each may be astray, and then tells nothing, with a probability that is
-counted in the picture itself, over the other bodies; that goes by what lies beside it (`cadcam.verify.ground`), and by
-how far off it is, as few are led far. Where all edges lie on even ground there is nothing that could lead them astray.
-A body in place whose edges e = 1 ... n are astray with chances c_e shows a displacement as improbable as this one with
-the probability
+counted in the picture itself, over the other bodies; that goes by what lies beside it
+(`cadcam.verify.deviations.ground`), and by how far off it is, as few are led far. Where all edges lie on even ground
+there is nothing that could lead them astray. A body in place whose edges e = 1 ... n are astray with chances c_e shows
+a displacement as improbable as this one with the probability
 
     p + sum_e c_e p_e + c_f sum_e c_e p_ef + ...,
 
@@ -26,9 +26,9 @@ from itertools import combinations
 import numpy as np
 
 from cadcam.arrays import Array, Mask
-from cadcam.verify.alarms import AS_IN_PLACE
-from cadcam.verify.measured import Displacement, Measured
-from cadcam.verify.sightlines import REACH_PX, Sightlines, pieces
+from cadcam.verify.adjustment.alarms import AS_IN_PLACE
+from cadcam.verify.deviations.measured import Displacement, Measured
+from cadcam.verify.edges.sightlines import REACH_PX, Sightlines, pieces
 
 # Share of edges that are astray in light with shadows before any are counted, and how many edges that is worth; how
 # many times as often those beside uneven ground are; and how far off an edge may be for it, twice as far being twice as

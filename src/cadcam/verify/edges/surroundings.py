@@ -12,8 +12,8 @@ import numpy as np
 
 from cadcam.arrays import Array, Ids, Longs
 from cadcam.locate.photo import Photo
-from cadcam.verify.shown import Shown
-from cadcam.verify.sightlines import Sightlines
+from cadcam.verify.edges.shown import Shown
+from cadcam.verify.edges.sightlines import Sightlines
 
 FAINT = 0.02  # contrast below which an edge may well not show
 _SURE_WAY = 4.0  # sigmas of a change of brightness whose sign is sure

@@ -13,15 +13,15 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render.view import Scene
-from cadcam.verify.alarms import AS_IN_PLACE
-from cadcam.verify.likeness import likenesses
-from cadcam.verify.measured import Measured
-from cadcam.verify.presence import Presence, Visibility, log_ratio, visibility
-from cadcam.verify.redrawn import AGREES_PX, displaced, off_px, redrawn
-from cadcam.verify.survey import Survey, surveyed
-from cadcam.verify.tolerance import Tolerances
-from cadcam.verify.tones import Tones
-from cadcam.verify.uncovered import uncovered_ratio
+from cadcam.verify.adjustment.alarms import AS_IN_PLACE
+from cadcam.verify.bodies.likeness import likenesses
+from cadcam.verify.bodies.redrawn import AGREES_PX, displaced, off_px, redrawn
+from cadcam.verify.bodies.tones import Tones
+from cadcam.verify.bodies.uncovered import uncovered_ratio
+from cadcam.verify.deviations.measured import Measured
+from cadcam.verify.edges.presence import Presence, Visibility, log_ratio, visibility
+from cadcam.verify.edges.survey import Survey, surveyed
+from cadcam.verify.tolerances.tolerance import Tolerances
 
 OF_DISPLACED = 0.25  # of the alarms: a displacement that matters is far beyond any doubt, an absence is not
 DOUBTFUL = 2.0  # log likelihood ratio, 7 to 1, below which a part may not be there

@@ -11,8 +11,8 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.cad.edges import EdgeKind
-from cadcam.verify.sightlines import Sightlines
-from cadcam.verify.surroundings import Surroundings
+from cadcam.verify.edges.sightlines import Sightlines
+from cadcam.verify.edges.surroundings import Surroundings
 
 _LEAST_PX = 0.5  # by which limbs may be off, wherever they are seen
 

@@ -1,8 +1,8 @@
 """Is a feature there at all? Edges seen against edges that ought to be, weighed by what this very picture shows.
 
 Edges of a feature that should be visible are seen or not. Those between the same two surfaces have contrast, or lack
-it, together (`cadcam.verify.surroundings`): such a group is one piece of evidence. With contrast each of its edges is
-seen but for a lapse; without, and where the feature is not there, it seems seen where clutter lies. All three
+it, together (`cadcam.verify.edges.surroundings`): such a group is one piece of evidence. With contrast each of its
+edges is seen but for a lapse; without, and where the feature is not there, it seems seen where clutter lies. All three
 probabilities are counted in the picture itself: contrast and lapse over the edges of the other features, clutter over
 decoys, lines shifted to where the model has nothing. The log likelihood ratio L of "there" against "not there" is a sum
 over groups. By Wald's inequality (Sequential Analysis, 1947) a feature that is there gives L <= -T with probability of
@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask
-from cadcam.verify.association import CAPTURE_PX, Association, best_shift, supported
-from cadcam.verify.sightlines import Sightlines
-from cadcam.verify.surroundings import Surroundings, alike
+from cadcam.verify.edges.association import CAPTURE_PX, Association, best_shift, supported
+from cadcam.verify.edges.sightlines import Sightlines
+from cadcam.verify.edges.surroundings import Surroundings, alike
 
 LEAST_PLACES = 4  # of an edge that can say anything
 _DECOY_SHARE = 0.65  # of the reach at which decoys stand

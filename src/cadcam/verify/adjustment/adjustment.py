@@ -15,7 +15,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Mask
 from cadcam.errors import DegenerateGeometry
-from cadcam.verify.scatter import EdgeNoise
+from cadcam.verify.adjustment.scatter import EdgeNoise
 
 CAUSES = ("noise", "edges", "pose", "calibration")
 _BLIND = 1e-12  # of the largest: information that is rounding

@@ -13,8 +13,8 @@ import numpy as np
 
 from cadcam.arrays import Array, Mask
 from cadcam.locate.part import Part
-from cadcam.verify.measured import Displacement, Measured, told
-from cadcam.verify.survey import Survey
+from cadcam.verify.deviations.measured import Displacement, Measured, told
+from cadcam.verify.edges.survey import Survey
 
 AGREES_PX = 1.0  # up to which a body is drawn where it was found: its edges are then surely told from others
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from cadcam.verify.adjustment import CAUSES
-from cadcam.verify.deviation import Unclear
-from cadcam.verify.measured import Displacement, Measured
-from cadcam.verify.presence import Presence
-from cadcam.verify.survey import Survey
+from cadcam.verify.adjustment.adjustment import CAUSES
+from cadcam.verify.deviations.deviation import Unclear
+from cadcam.verify.deviations.measured import Displacement, Measured
+from cadcam.verify.edges.presence import Presence
+from cadcam.verify.edges.survey import Survey
 
 _MOST = 0.5  # of the places, or of the variance, that a reason has to account for
 _OF_CAUSE = {"pose": Unclear.POSE, "calibration": Unclear.CALIBRATION}  # else its own edges do not tell

@@ -10,12 +10,12 @@ from cadcam.arrays import Array, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.verify.association import SEARCH_ROOM_PX, associated, nearby_edges
-from cadcam.verify.presence import EdgeEvidence, log_ratio, visibility
-from cadcam.verify.shown import Shown
-from cadcam.verify.sightlines import Sightlines, sightlines
-from cadcam.verify.surroundings import surroundings
-from cadcam.verify.survey import Survey
+from cadcam.verify.edges.association import SEARCH_ROOM_PX, associated, nearby_edges
+from cadcam.verify.edges.presence import EdgeEvidence, log_ratio, visibility
+from cadcam.verify.edges.shown import Shown
+from cadcam.verify.edges.sightlines import Sightlines, sightlines
+from cadcam.verify.edges.surroundings import surroundings
+from cadcam.verify.edges.survey import Survey
 
 _INSIDE_PX = 3.0  # across the line, that must lie on the part that hides it
 

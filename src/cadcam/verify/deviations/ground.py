@@ -15,8 +15,8 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Longs
 from cadcam.image.profile import noise_of
 from cadcam.locate.photo import Photo
-from cadcam.verify.shown import Shown
-from cadcam.verify.survey import Survey
+from cadcam.verify.edges.shown import Shown
+from cadcam.verify.edges.survey import Survey
 
 _ASIDE = np.arange(2.0, 8.5)  # px from the edge at which brightness is looked at: farther than blur reaches
 _ROOM_PX = 1.5  # beyond each of them that must show the same surface
