@@ -113,7 +113,7 @@ def _located(
     if not (clear(score, best) or (every and _alone(part, best, tried))):
         return _uncertain(best, "lines elsewhere in the photos look nearly as much like the part", alike)
     if start is None or best.quality < DOUBT[1]:
-        asked = Rivals(part, photos, freedom, options, chosen).beside(best)
+        asked = Rivals(part, photos, freedom, options, chosen).beside(best, basins.sights(best.pose.world_from_part))
         alike = _alike(part, asked) if start is None and asked.pose is not best.pose else alike
         ranked[0] = score, asked
     return _beside_rivals(part, ranked, alike) if ranked[0][1].found else ranked[0][1]

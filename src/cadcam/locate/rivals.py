@@ -10,6 +10,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from cadcam.arrays import Array
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.lines.attraction import attracted
@@ -47,16 +50,18 @@ class Rivals:
     options: EdgeOptions
     chosen: int
 
-    def beside(self, found: Location) -> Location:
+    def beside(self, found: Location, sights: Sequence[Sight] | None = None) -> Location:
         """Return a found pose, the one that the photos show rather than it, or that they show the mirror image.
 
-        Where they do not tell the part from its mirror image, the reason says so.
+        sights: the part's lines as drawn about there, if they were. Where photos do not tell the part from its mirror
+        image, the reason says so.
         """
         if not self.part.likenesses:
             return found
         for _ in range(_ROUNDS):
             pose = found.pose.world_from_part
-            own = Reading.of(self._sights(self.part, pose), pose, near=_NEAR_PX)
+            sights = self._sights(self.part, pose) if sights is None else sights
+            own = Reading.of(sights, pose, near=_NEAR_PX)
             every = (self._read(found, like, own) for like in self.part.likenesses)
             read = [one for one in every if one is not None]
             against = [one for one in read if one.apart.against]
@@ -67,7 +72,7 @@ class Rivals:
                 return _mirrored(found, best.apart)
             near = replace(self.options, search_px=_LAID_PX)
             asked = Refinement(self.part, self.photos, self._freedom(best.like), options=near, chosen=self.chosen)
-            other, _ = asked.around(best.pose)
+            other, sights = asked.around(best.pose)
             if not other.found:
                 return _doubted(found, f"elsewhere the part is shown as well: {best.apart}")
             found = other
@@ -78,9 +83,13 @@ class Rivals:
     def _read(self, found: Location, like: Likeness, own: Reading) -> _Rival | None:
         """Return another reading, its lines pulled onto the photos' steps, and what tells it from the found one.
 
-        None where the found one's own lines are there in any case.
+        None where the found one's own lines are there in any case. Asked first, for they cost little, are edges that no
+        edge of the other reading is near to, seen or hidden; of contours nobody knows before they are drawn.
         """
         start, part = found.pose.world_from_part @ like.motion, self._part(like)
+        edges = [_edges_in(photo, part, start) for photo in self.photos]
+        if own.holds_against([np.concatenate(both) for both in zip(edges, own.contours, strict=True)]):
+            return None
         sights = self._sights(part, start)
         if own.holds_against([s.project(start).q for s in sights]):
             return None
@@ -99,6 +108,12 @@ class Rivals:
     def _sights(self, part: Part, pose: Rigid) -> list[Sight]:
         sizes = {"step_px": self.options.step_px, "reach_px": 2 * self.options.reach_px}
         return [Sight.of(part, photo, pose, **sizes) for photo in self.photos]
+
+
+def _edges_in(photo: Photo, part: Part, pose: Rigid) -> Array:
+    """Return points (n, 2) px along all edges of a part at a pose, hidden ones too; nan where a photo shows nothing."""
+    view = photo.viewpoint
+    return view.camera.project(view.camera_from_world @ pose @ part.edge_points)
 
 
 def _mirrored(found: Location, apart: Apart) -> Location:

@@ -49,16 +49,19 @@ class Apart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """The lines of a part at a pose: in each photo those that can tell, and where (n, 2) px all of them are."""
+    """The lines of a part at a pose: in each photo those that can tell, and where (n, 2) px all, and contours, are."""
 
     lines: Sequence[Lines]
     every: Sequence[Array]
+    contours: Sequence[Array]
 
     @classmethod
     def of(cls, sights: Sequence[Sight], pose: Rigid, *, near: float) -> Reading:
         """Return a reading; near: how near (px) to a line its step must be."""
         most = ASKED // len(sights)
-        return cls([Lines.of(with_room(s, most), pose, near) for s in sights], [s.project(pose).q for s in sights])
+        every = [s.project(pose).q for s in sights]
+        contours = [q[s.samples.chain < 0] for s, q in zip(sights, every, strict=True)]
+        return cls([Lines.of(with_room(s, most), pose, near) for s in sights], every, contours)
 
     def own_lines(self, others: Sequence[Array]) -> tuple[int, float]:
         """Return how many samples lie away from another reading's, in each photo at (m, 2) px, and how many show."""

@@ -26,6 +26,10 @@ class Basins:
         if location.quality > _WORTH:
             self._known.append((location.pose.world_from_part, sights))
 
+    def sights(self, pose: Rigid) -> Sequence[Sight] | None:
+        """Return the lines as seen at a pose that was refined, None where they were not remembered."""
+        return next((sights for known, sights in self._known if known is pose), None)
+
     def hold(self, start: Rigid, search_px: float) -> bool:
         """Return whether the lines of a start, looked for within search_px, come to lie on those of a known pose."""
         return any(self._leads(start, *known, search_px) for known in self._known)

@@ -61,7 +61,7 @@ def likenesses(mesh: Mesh, edges: FeatureEdges, image: Mesh) -> list[Likeness]:
     mirror image has none of these. Tried are quarter turns about the directions in which most edges run, each with the
     shifts after which most points meet.
     """
-    points = _even(mesh, edges, _POINTS)
+    points = even_points(mesh, edges, _POINTS)
     if not len(points):
         return []
     target = _Target(mesh, edges, points)
@@ -82,11 +82,11 @@ class _Target:
         self.points, self.corners, self.frame = points, _corners(mesh, edges), _directions(mesh, edges)
         self.centre = points.mean(axis=0)
         self.radius = float(np.linalg.norm(points - self.centre, axis=1).max())
-        self.tree = cKDTree(_even(mesh, edges, _DENSE))
+        self.tree = cKDTree(even_points(mesh, edges, _DENSE))
 
     def laid(self, mesh: Mesh, edges: FeatureEdges, mirrored: bool) -> list[Likeness]:
         """Return how the edges of another mesh may be laid on these, best first."""
-        own, points, corners = _directions(mesh, edges), _even(mesh, edges, _POINTS), _corners(mesh, edges)
+        own, points, corners = _directions(mesh, edges), even_points(mesh, edges, _POINTS), _corners(mesh, edges)
         every = []
         for quarter in _QUARTERS:
             turn = self.frame @ quarter @ own.T
@@ -145,7 +145,7 @@ def _shifts(p: Array, q: Array, step: float) -> list[Array]:
     return out
 
 
-def _even(mesh: Mesh, edges: FeatureEdges, n: int) -> Array:
+def even_points(mesh: Mesh, edges: FeatureEdges, n: int) -> Array:
     """Return n points (n, 3) evenly along the edges; none where there are no edges."""
     a, b = (mesh.vertices[edges.vertices[:, k]] for k in range(2))
     ends = np.cumsum(np.linalg.norm(b - a, axis=1))
