@@ -86,6 +86,26 @@ def test_the_common_error_of_edges_is_recovered(rng: np.random.Generator) -> Non
             assert np.mean(found) < 0.02
 
 
+def test_few_edges_that_happen_to_agree_do_not_say_that_edges_never_err(rng: np.random.Generator) -> None:
+    """Three edges, one motion: without a usual error half of the estimates are next to nothing, with it none is.
+
+    What many edges say is believed: of 24 the logarithm of a usual error eight times too small moves theirs by 1/40.
+    """
+    edge, along, J = geometry(rng)
+    few, one, none = edge < 3, J[:, :1], np.zeros((len(edge), 0))
+    sigma, usual = np.full(len(edge), SIGMA), 0.01
+    noise, plain = EdgeNoise.of(sigma, edge, along, usual), EdgeNoise.of(sigma, edge, along, 0.0)
+    some = EdgeNoise.of(sigma[few], edge[few], along[few], 0.0)
+    offsets = [sampled(rng, noise, J, none, np.zeros(6))[few] for _ in range(40)]
+    assert np.median([common_error(y, some, one[few]) for y in offsets]) < usual / 2
+    told = [common_error(y, some, one[few], usual=usual) for y in offsets]
+    assert usual / np.e < min(told)
+    assert max(told) < 10 * usual
+    err = EdgeNoise.of(sigma, edge, along, 8 * usual)
+    many = [common_error(sampled(rng, err, J, none, np.zeros(6)), plain, J, usual=usual) for _ in range(40)]
+    assert abs(np.mean(many) / (8 * usual) - 1) < 1 / 40 + 4 * np.std(many) / np.mean(many) / np.sqrt(40)
+
+
 def test_an_edge_that_is_known_to_err_does_not_make_the_others_err(rng: np.random.Generator) -> None:
     """One edge is off by 50 times what the others are: told so, what they have in common is found as without it."""
     edge, along, J = geometry(rng)

@@ -122,7 +122,7 @@ def _position(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection
         return _along(name, limit, seen)
     assert found.displacement is not None  # else the feature is unclear
     sigma = towards(found.displacement.value, found.displacement.covariance, limit)
-    if found.displacement.misfit > _DISAGREE and not _each_kept(name, limit, seen):
+    if found.displacement.misfit > _DISAGREE:
         return Judgement(name, limit, found.size, sigma, Verdict.UNDECIDED, "its edges do not agree on one place")
     verdict = decided(found.size, sigma, limit)
     reason = f"displaced by {_vector(found.vector)} mm"
@@ -138,12 +138,6 @@ def _position(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection
         reason += f", but a displacement {_towards(unseen)} would not show: {_ALONG}"
         return Judgement(name, limit, found.size, sigma, Verdict.UNDECIDED, reason, _ALONG)
     return Judgement(name, limit, found.size, sigma, verdict, reason)
-
-
-def _each_kept(name: str, limit: Limit, seen: Inspection) -> bool:
-    """Return whether every edge of a feature that is measured keeps the limit by itself: its place then does."""
-    own = [e for e in seen.edges if name in e.features and np.isfinite(e.sigma)]
-    return all(decided(e.value, e.sigma, limit) is Verdict.PASS for e in own)
 
 
 def _along(name: str, limit: Limit, seen: Inspection) -> Judgement:
