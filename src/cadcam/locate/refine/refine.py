@@ -105,9 +105,11 @@ class _Answer:
 
     @property
     def scattered(self) -> bool:
-        """Return whether edges fit a pose beside bands so that some may lie on the far sides of these."""
+        """Return whether edges fit a found pose beside bands so that some may lie on the far sides of these."""
         fitted = self.solution
-        return fitted is not None and fitted.regression.bands and fitted.scatter > SCATTERED_PX
+        if fitted is None or not self.location.found:
+            return False
+        return fitted.regression.bands and fitted.scatter > SCATTERED_PX
 
     def unlike(self, other: Solution, share: float) -> _Answer:
         """Return the answer with a share of the way to another solution as the sd of an error along it."""

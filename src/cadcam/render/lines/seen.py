@@ -125,7 +125,7 @@ class SeenEdges:
         """
         return self._walked(view) if isinstance(view.camera.lens, Ideal) else self._traced(view)
 
-    def stretches(self, view: View, *, shortest_px: float = _SHORTEST_PX, bend_px: float = _CHORD_PX) -> SeenLines:
+    def stretches(self, view: View, *, shortest_px: float, bend_px: float) -> SeenLines:
         """Return the visible stretches of `drawable_edges` where straight edges are straight in the picture.
 
         `draw`, of a camera without distortion, as plain arrays: `edge` numbers the drawable edges.
@@ -141,7 +141,7 @@ class SeenEdges:
 
     def _walked(self, view: View) -> Polylines:
         """Return the stretches where the core walks along straight edges."""
-        found = self.stretches(view)
+        found = self.stretches(view, shortest_px=_SHORTEST_PX, bend_px=_CHORD_PX)
         every, first = self._drawable.segments, found.edge[found.start[:-1]]
         of_line = (every.kind[first], every.part[first], every.chain[first])
         return Polylines(found.q, found.p, every.feature[found.edge], found.start, *of_line)
