@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -69,8 +70,8 @@ def lengthened(least: float, most: float) -> Model:
 
 def other_holes(mesh: Mesh, rng: np.random.Generator) -> Mesh:
     """Return the flange with another ring of holes: turned, one more or less, or on another circle."""
-    turned, fewer, more, wider = {"turn_deg": 30.0}, {"holes": 5}, {"holes": 8}, {"pitch_radius": 29.0}
-    return flange(**[turned, fewer, more, wider][int(rng.integers(4))])  # type: ignore[arg-type]  # numbers by name
+    turned, fewer, more = partial(flange, turn_deg=30.0), partial(flange, holes=5), partial(flange, holes=8)
+    return [turned, fewer, more, partial(flange, pitch_radius=29.0)][int(rng.integers(4))]()
 
 
 def focal(least: float, most: float) -> Told:

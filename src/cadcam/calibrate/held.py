@@ -37,6 +37,8 @@ def held_against(estimate: CameraEstimate, names: Sequence[str]) -> Held | None:
     from scipy.stats import chi2, f
 
     held = tuple(name for name in names if name not in estimate.free)
+    if not held:
+        return None
     still = {name: estimate.value(name) for name in NAMES if name not in (*estimate.free, *held)}
     lens = estimate.camera.lens
     terms = [name for name in lens.parameters if name in estimate.free]
@@ -44,7 +46,7 @@ def held_against(estimate: CameraEstimate, names: Sequence[str]) -> Held | None:
         free = calibrate(estimate.observations, estimate.camera.size, fixed=still, lens=lens, free_lens=terms)
     except CadcamError:
         return None
-    if not held or free.dof < 1:
+    if free.dof < 1:
         return None
     gained = max(estimate.sum_of_squares - free.sum_of_squares, 0.0)
     if estimate.stated_px is not None:
