@@ -2,7 +2,8 @@
 
 A part is nearly like itself one bay on, or turned over, and like its mirror image (`locate.views.likeness`). In each of
 these readings most lines are there; no share of missing lines tells them from a part that is partly hidden. Lines that
-only one of them has do (`locate.quality.apart`).
+only one of them has do (`locate.quality.apart`). Of a right pose its own lines show about as well as those that both
+have: that is asked first, of what the fit was told, and few other readings need be drawn.
 """
 
 from __future__ import annotations
@@ -20,12 +21,14 @@ from cadcam.locate.lines.sight import Sight
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality.apart import Apart, Reading, told_apart
+from cadcam.locate.quality.apart import Apart, Reading, away, shows_alike, told_apart
+from cadcam.locate.quality.quality import ASKED
 from cadcam.locate.refine.options import EdgeOptions
 from cadcam.locate.refine.refine import Refinement
 from cadcam.locate.views.likeness import Likeness
 
 _DOUBTED = 0.45  # quality of a pose where the photos show another reading
+_BELIEVED = 0.3  # weight in the fit from which on a sample shows
 _NEAR_PX = 2.0  # how near to lines their steps must be, of a pose that is good to a pixel
 _ROUNDS = 3  # times that a pose is left for another one
 _LAID_PX = 5.0  # how far lines may be off that are laid over others
@@ -56,13 +59,15 @@ class Rivals:
         sights: the part's lines as drawn about there, if they were. Where photos do not tell the part from its mirror
         image, the reason says so.
         """
-        if not self.part.likenesses:
-            return found
+        read: list[_Rival] = []
         for _ in range(_ROUNDS):
             pose = found.pose.world_from_part
+            likely = [like for like in self.part.likenesses if not self.holds(found, pose @ like.motion, like.mirrored)]
+            if not likely:
+                return found
             sights = self._sights(self.part, pose) if sights is None else sights
             own = Reading.of(sights, pose, near=_NEAR_PX)
-            every = (self._read(found, like, own) for like in self.part.likenesses)
+            every = (self._read(pose @ like.motion, like, own) for like in likely)
             read = [one for one in every if one is not None]
             against = [one for one in read if one.apart.against]
             if not against:
@@ -80,24 +85,36 @@ class Rivals:
         either = "; of the part and its mirror image either may be seen"
         return replace(found, reason=found.reason + either) if undecided else found
 
-    def _read(self, found: Location, like: Likeness, own: Reading) -> _Rival | None:
+    def holds(self, found: Location, other: Rigid, mirrored: bool = False) -> bool:
+        """Return whether lines of a found pose that none at another pose is near to show about as the rest of them do.
+
+        mirrored: whether that is one of the mirror image. Asked are its edges, hidden ones too, for these cost little;
+        contours, which nobody knows before they are drawn, it is taken to have where the found pose has them.
+        """
+        matches, part = found.matches, self._part(mirrored)
+        every = np.arange(len(matches))[:: max(1, len(matches) // ASKED)]
+        own = np.zeros(len(matches), bool)
+        for number, photo in enumerate(self.photos):
+            here = every[matches.photo[every] == number]
+            contours = matches.q[(matches.chain < 0) & (matches.photo == number)]
+            own[here] = away(matches.q[here], np.concatenate([_edges_in(photo, part, other), contours]))
+        shown = np.isfinite(matches.offset) & (matches.weight > _BELIEVED)
+        return shows_alike(own[every], shown[every])
+
+    def _read(self, start: Rigid, like: Likeness, own: Reading) -> _Rival | None:
         """Return another reading, its lines pulled onto the photos' steps, and what tells it from the found one.
 
-        None where the found one's own lines are there in any case. Asked first, for they cost little, are edges that no
-        edge of the other reading is near to, seen or hidden; of contours nobody knows before they are drawn.
+        None where the found one's own lines are there in any case.
         """
-        start, part = found.pose.world_from_part @ like.motion, self._part(like)
-        edges = [_edges_in(photo, part, start) for photo in self.photos]
-        if own.holds_against([np.concatenate(both) for both in zip(edges, own.contours, strict=True)]):
-            return None
+        part = self._part(like.mirrored)
         sights = self._sights(part, start)
         if own.holds_against([s.project(start).q for s in sights]):
             return None
         end = attracted(sights, start, self._freedom(like), search_px=_LAID_PX)
         return _Rival(like, end, told_apart(own, Reading.of(sights, end, near=_NEAR_PX)))
 
-    def _part(self, like: Likeness) -> Part:
-        return self.part.mirrored if like.mirrored else self.part
+    def _part(self, mirrored: bool) -> Part:
+        return self.part.mirrored if mirrored else self.part
 
     def _freedom(self, like: Likeness) -> Freedom:
         """Return how the part, or its mirror image, may move in another reading."""

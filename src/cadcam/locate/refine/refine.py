@@ -31,6 +31,7 @@ from cadcam.locate.refine.answer import DOUBT, location_of, lost
 from cadcam.locate.refine.options import EDGES, EdgeOptions
 from cadcam.locate.refine.solution import CLOSE_PX, LOOSE_PX, Solution, solved
 
+_PULLED_PX = 0.3  # by which lines are off that were pulled onto steps
 _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
 _CLEARLY = 0.1  # quality by which an answer that is not found must be better to take the place of another one
 _LOOSER, _LOOSER_BESIDE_BANDS = 3.0, 2.0  # times as much, that a fit is looser than another one
@@ -143,7 +144,11 @@ class _Answer:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refinement:
-    """What `refine` is asked, but for the start, and the ways to an answer."""
+    """What `refine` is asked, but for the start, and the ways to an answer.
+
+    least: quality that lines must have as they are pulled onto the photos' steps, which is about that after the fit;
+    else nothing is fitted.
+    """
 
     part: Part
     photos: Sequence[Photo]
@@ -152,6 +157,7 @@ class Refinement:
     options: EdgeOptions = EDGES
     chosen: int = 0
     wider: bool = True
+    least: float = 0.0
 
     def around(self, start: Rigid) -> tuple[Location, Sequence[Sight]]:
         """Return what `refine` does, and the photos with the part's lines as drawn within a pixel or two of it."""
@@ -167,7 +173,11 @@ class Refinement:
 
     def from_start(self, start: Rigid) -> _Answer:
         """Return what is found around a start."""
-        return self.settled(*self.attracted(self.sights(start), start, self.options.search_px))
+        sights, pose = self.attracted(self.sights(start), start, self.options.search_px)
+        constraints = self.freedom.at(pose).shape[1] + self.chosen
+        if self.least > 0 and seen(sights, pose, constraints=constraints, scatter=_PULLED_PX).quality < self.least:
+            return _Answer(lost(sights, pose, self.freedom, "too few of its lines are near the start"), None, sights)
+        return self.settled(sights, pose)
 
     def again(self, best: _Answer) -> _Answer:
         """Return a doubtful or loose answer, or a better one: found wider around it, or narrowly beside it."""
