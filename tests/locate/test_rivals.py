@@ -13,6 +13,7 @@ from cadcam.locate.freedom import FREE
 from cadcam.locate.locate import locate
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.locate.quality.apart import away
 from cadcam.locate.refine.options import EDGES
 from cadcam.locate.refine.refine import refine
 from cadcam.locate.rivals import Rivals
@@ -65,6 +66,24 @@ def test_a_lattice_is_told_from_itself_one_bay_on(n: int) -> None:
     assert np.abs(apart).max() < 0.5
     kept = refine(part, [photo], pose)
     assert asked.beside(kept).pose is kept.pose
+    assert asked.holds(kept, wrong.pose.world_from_part)
+    assert not asked.holds(wrong, kept.pose.world_from_part)
+    assert asked.rather(kept, wrong)
+    assert not asked.rather(wrong, kept)
+    assert not asked.rather(kept, kept)
+
+
+def test_own_places_are_those_that_no_other_is_near_to(rng: np.random.Generator) -> None:
+    """Farther than 4 px, to the 2 px of a cell on each axis; what lies far outside, or nowhere, is near to none."""
+    q, others = rng.uniform(0, 200, (400, 2)), rng.uniform(0, 200, (60, 2))
+    nearest = np.linalg.norm(q[:, None] - others, axis=2).min(axis=1)
+    nowhere = np.array([[np.nan, 1.0], [1e12, -1e12]])
+    own = away(q, np.concatenate([others, nowhere]))
+    assert not own[nearest <= 4].any()
+    assert own[nearest > 6 * np.sqrt(2)].all()
+    assert 0.1 < own.mean() < 0.9
+    assert away(q, nowhere).all()
+    assert away(q[:0], others).shape == (0,)
 
 
 def test_the_part_of_the_other_hand_is_refused_and_the_right_one_is_not() -> None:

@@ -102,7 +102,8 @@ def _located(
         # Where bays of a lattice are alike, a pose one bay off is found, too, if hardly: then the start is near enough.
         far = max(options.search_px, reach.shift_px) if quality == 0 else None
         tried += [(score, o) for o in _as_it_is(part, photos, start, far, freedom, options, basins)]
-    ranked = _ranked(tried)
+    rivals = Rivals(part, photos, freedom, options, chosen)
+    ranked = _told_apart(_ranked(tried), rivals)
     score, best = ranked[0]
     alike = _alike(part, best) if start is None else []
     if not best.found and outside is not None:
@@ -114,7 +115,7 @@ def _located(
     if not (clear(score, best) or (every and _alone(part, best, tried))):
         return _uncertain(best, "lines elsewhere in the photos look nearly as much like the part", alike)
     if start is None or best.quality < _ASKED:
-        asked = Rivals(part, photos, freedom, options, chosen).beside(best, basins.sights(best.pose.world_from_part))
+        asked = rivals.beside(best, basins.sights(best.pose.world_from_part))
         alike = _alike(part, asked) if start is None and asked.pose is not best.pose else alike
         ranked[0] = score, asked
     return _beside_rivals(part, ranked, alike) if ranked[0][1].found else ranked[0][1]
@@ -170,7 +171,21 @@ def _ranked(tried: Sequence[tuple[float, Location]]) -> list[tuple[float, Locati
     most = max(max(score for score, _ in tried), 1e-9)
     ranked = sorted(tried, key=lambda t: -(t[1].quality + _BY_SCORE * t[0] / most))
     least = max(FOUND, ranked[0][1].quality - _AS_GOOD)
-    first = next((t for t in ranked if t[1].quality >= least and not t[1].doubted), ranked[0])
+    return _first(ranked, lambda t: t[1].quality >= least and not t[1].doubted)
+
+
+def _told_apart(ranked: Sequence[tuple[float, Location]], rivals: Rivals) -> list[tuple[float, Location]]:
+    """Return them with one first that is as good as the first, and whose own lines show where those of that do not."""
+    best = ranked[0][1]
+    least = max(FOUND, best.quality - _AS_GOOD)
+    return _first(ranked, lambda t: t[1].quality >= least and rivals.rather(t[1], best))
+
+
+def _first(
+    ranked: Sequence[tuple[float, Location]], better: Callable[[tuple[float, Location]], bool]
+) -> list[tuple[float, Location]]:
+    """Return them with the first one first that is better, if there is one."""
+    first = next(filter(better, ranked), ranked[0])
     return [first, *(t for t in ranked if t is not first)]
 
 

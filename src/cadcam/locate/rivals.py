@@ -85,6 +85,13 @@ class Rivals:
         either = "; of the part and its mirror image either may be seen"
         return replace(found, reason=found.reason + either) if undecided else found
 
+    def rather(self, one: Location, other: Location) -> bool:
+        """Return whether of two found poses the lines that only the one has show, and those of the other do not."""
+        if one is other:
+            return False
+        poses = one.pose.world_from_part, other.pose.world_from_part
+        return not self.holds(other, poses[0]) and self.holds(one, poses[1])
+
     def holds(self, found: Location, other: Rigid, mirrored: bool = False) -> bool:
         """Return whether lines of a found pose that none at another pose is near to show about as the rest of them do.
 
