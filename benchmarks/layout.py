@@ -22,12 +22,12 @@ from cadcam.cad.parts import ship_block
 from cadcam.camera.sensor_format import sensor_format
 from cadcam.errors import UnseenFeatures
 from cadcam.geometry.rigid import Rigid
-from cadcam.plan.feature import Kind, LayoutFeature
-from cadcam.plan.finding import Finder
+from cadcam.plan.choice.search import best_set, exhausted
 from cadcam.plan.layout import plan_layout, survey
-from cadcam.plan.mounts import arc
-from cadcam.plan.scene import CalibratedFrom, CameraType, LayoutScene, Mount
-from cadcam.plan.search import best_set, exhausted
+from cadcam.plan.scene.feature import Kind, LayoutFeature
+from cadcam.plan.scene.scene import CalibratedFrom, CameraType, LayoutScene, Mount
+from cadcam.plan.scene.zones import arc
+from cadcam.plan.uncertainty.finding import Finder
 from cadcam.plan.what_if import what_if
 from cadcam.render.view import Scene
 from cadcam.verify.tolerances.tolerance import Limit, Quantity

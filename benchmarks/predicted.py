@@ -42,8 +42,8 @@ from cadcam.image.profile import steps
 from cadcam.image.sensor.charge import Exposure
 from cadcam.image.sensor.presets import GLOBAL_SHUTTER
 from cadcam.image.sensor.video import Gain
-from cadcam.plan.finding import Finder, circle_covariance
-from cadcam.plan.predict import predict_points
+from cadcam.plan.uncertainty.finding import Finder, circle_covariance
+from cadcam.plan.uncertainty.predict import predict_points
 from cadcam.render.light import LIGHTS
 from cadcam.render.photograph import Photographer, behind, blur_before
 from cadcam.render.view import Scene

@@ -12,7 +12,7 @@ from pathlib import Path
 import cadcam
 from cadcam.plan.coverage import coverage
 from cadcam.plan.pictures import coverage_pictures
-from cadcam.plan.samples import write_samples
+from cadcam.plan.scene.samples import write_samples
 from cadcam.report.layout.words import layout_tables, next_table
 from cadcam.report.table import show
 

@@ -126,10 +126,10 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.plan.layout import Layout as Layout
     from cadcam.plan.layout import next_views as next_views
     from cadcam.plan.layout import plan_layout as plan_layout
-    from cadcam.plan.predict import Prediction as Prediction
-    from cadcam.plan.predict import predict_points as predict_points
-    from cadcam.plan.scene import LayoutScene as LayoutScene
-    from cadcam.plan.scene_file import read_layout_scene as read_layout_scene
+    from cadcam.plan.scene.file import read_layout_scene as read_layout_scene
+    from cadcam.plan.scene.scene import LayoutScene as LayoutScene
+    from cadcam.plan.uncertainty.predict import Prediction as Prediction
+    from cadcam.plan.uncertainty.predict import predict_points as predict_points
     from cadcam.plan.what_if import what_if as what_if
     from cadcam.record.export import read_records as read_records
     from cadcam.record.export import write_records as write_records
@@ -228,7 +228,7 @@ _HOME = {
     "KnownMotion": "cadcam.camera.viewpoint",
     "Lamp": "cadcam.render.light",
     "Layout": "cadcam.plan.layout",
-    "LayoutScene": "cadcam.plan.scene",
+    "LayoutScene": "cadcam.plan.scene.scene",
     "Light": "cadcam.render.light",
     "LineCamera": "cadcam.camera.line_camera",
     "LineObservations": "cadcam.camera.line_camera",
@@ -253,7 +253,7 @@ _HOME = {
     "PlaneCamera": "cadcam.camera.plane_camera",
     "Plate": "cadcam.station.plate",
     "PoseEstimate": "cadcam.camera.pose_estimate",
-    "Prediction": "cadcam.plan.predict",
+    "Prediction": "cadcam.plan.uncertainty.predict",
     "Ray": "cadcam.geometry.ray",
     "Reach": "cadcam.locate.search.approach",
     "Record": "cadcam.record.record",
@@ -321,11 +321,11 @@ _HOME = {
     "parse_pattern": "cadcam.target.boards.pattern",
     "place_plate": "cadcam.station.plate",
     "plan_layout": "cadcam.plan.layout",
-    "predict_points": "cadcam.plan.predict",
+    "predict_points": "cadcam.plan.uncertainty.predict",
     "projection_map": "cadcam.calibrate.projection_map",
     "read_camera": "cadcam.files.camera",
     "read_cameras": "cadcam.files.foreign.registry",
-    "read_layout_scene": "cadcam.plan.scene_file",
+    "read_layout_scene": "cadcam.plan.scene.file",
     "read_matrix": "cadcam.files.matrix",
     "read_motion": "cadcam.files.matrix",
     "read_part_pose": "cadcam.files.pose_estimate",

@@ -11,9 +11,9 @@ import cadcam
 from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts.shape import box
 from cadcam.camera.sensor_format import sensor_format
-from cadcam.plan.feature import Kind, LayoutFeature
-from cadcam.plan.finding import Finder
-from cadcam.plan.scene import CameraType, LayoutScene, Mount, Sigmas
+from cadcam.plan.scene.feature import Kind, LayoutFeature
+from cadcam.plan.scene.scene import CameraType, LayoutScene, Mount, Sigmas
+from cadcam.plan.uncertainty.finding import Finder
 from cadcam.verify.tolerances.tolerance import Limit, Quantity
 
 COLOR = (0.5, 0.5, 0.5)

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import cadcam
-from cadcam.plan.assess import Outcome, outcome
-from cadcam.plan.candidate import Candidate, calibrated, candidates
-from cadcam.plan.feature import Kind, LayoutFeature
-from cadcam.plan.finding import Finder
+from cadcam.plan.assessment.assess import Outcome, outcome
 from cadcam.plan.layout import Survey, plan_layout, survey
-from cadcam.plan.predict import predict_points
-from cadcam.plan.scene import CalibratedFrom, Sigmas
+from cadcam.plan.scene.feature import Kind, LayoutFeature
+from cadcam.plan.scene.scene import CalibratedFrom, Sigmas
+from cadcam.plan.sight.candidate import Candidate, calibrated, candidates
+from cadcam.plan.uncertainty.finding import Finder
+from cadcam.plan.uncertainty.predict import predict_points
 from cadcam.plan.what_if import rebuilt, what_if
 from cadcam.verify.tolerances.tolerance import Limit, Quantity, Rule
 from cadcam.verify.tolerances.verdict import Verdict, decided

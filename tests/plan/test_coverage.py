@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from cadcam.plan.coverage import coverage, divided
-from cadcam.plan.feature import Kind, LayoutFeature
-from cadcam.plan.finding import Finder
 from cadcam.plan.layout import plan_layout, survey
 from cadcam.plan.pictures import camera_pictures, coverage_pictures
+from cadcam.plan.scene.feature import Kind, LayoutFeature
+from cadcam.plan.uncertainty.finding import Finder
 
 from .scenes import features, part, position, scene
 

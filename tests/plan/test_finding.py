@@ -8,7 +8,7 @@ import pytest
 from cadcam.camera.optics import Optics, blur_sigma_px
 from cadcam.camera.sensor_format import sensor_format
 from cadcam.errors import BadValue
-from cadcam.plan.finding import Finder, blur_sigmas, circle_covariance, defocus, edge_variance, outline
+from cadcam.plan.uncertainty.finding import Finder, blur_sigmas, circle_covariance, defocus, edge_variance, outline
 
 
 @pytest.mark.parametrize(

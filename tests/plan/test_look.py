@@ -11,12 +11,13 @@ import cadcam
 from cadcam.cad.mesh import merge
 from cadcam.cad.parts.shape import box
 from cadcam.camera.optics import Optics
-from cadcam.plan.candidate import Candidate, candidates
-from cadcam.plan.feature import Kind, LayoutFeature, Places
 from cadcam.plan.layout import survey
-from cadcam.plan.look import Look, Why, look
-from cadcam.plan.scene import CameraType, LayoutScene, Mount, Seeing
-from cadcam.plan.surroundings import Surroundings
+from cadcam.plan.scene.feature import Kind, LayoutFeature
+from cadcam.plan.scene.scene import CameraType, LayoutScene, Mount, Seeing
+from cadcam.plan.sight.candidate import Candidate, candidates
+from cadcam.plan.sight.look import Look, Why, look
+from cadcam.plan.sight.places import Places
+from cadcam.plan.sight.surroundings import Surroundings
 
 from .scenes import COLOR, MIDDLE, features, part, position, ring, scene
 

@@ -9,7 +9,7 @@ import cadcam
 from cadcam.arrays import Array
 from cadcam.camera.viewpoint import ErrorSource
 from cadcam.geometry.plane import Plane
-from cadcam.plan.predict import predict_points
+from cadcam.plan.uncertainty.predict import predict_points
 
 POINTS = np.array([[0.0, 0, 0], [300, -200, 50], [-250, 150, -80], [100, 220, 400]])
 SIGMA = 0.08

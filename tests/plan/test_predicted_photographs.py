@@ -1,4 +1,4 @@
-"""What `plan.finding` says of a mark is how its place scatters in photographs: light, lens, noise and finder."""
+"""How a mark's place is predicted to scatter is how it scatters in photographs: light, lens, noise and finder."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cadcam.image.picture import to_gray
 from cadcam.image.sensor.charge import Exposure
 from cadcam.image.sensor.presets import GLOBAL_SHUTTER
 from cadcam.image.sensor.video import Gain
-from cadcam.plan.finding import Finder, circle_covariance
+from cadcam.plan.uncertainty.finding import Finder, circle_covariance
 from cadcam.render.photograph import behind, blur_before
 from cadcam.target.marks.find import find_marks
 from cadcam.target.marks.mark import dot

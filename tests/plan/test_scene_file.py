@@ -10,13 +10,13 @@ import pytest
 import cadcam
 from cadcam.cad.write import write
 from cadcam.errors import UnreadableFile
-from cadcam.plan.candidate import candidates
-from cadcam.plan.feature import Kind
 from cadcam.plan.layout import plan_layout, survey
-from cadcam.plan.mounts import arc, in_box
-from cadcam.plan.samples import write_samples
-from cadcam.plan.scene import CalibratedFrom, Sigmas
-from cadcam.plan.scene_file import read_layout_scene
+from cadcam.plan.scene.feature import Kind
+from cadcam.plan.scene.file import read_layout_scene
+from cadcam.plan.scene.samples import write_samples
+from cadcam.plan.scene.scene import CalibratedFrom, Sigmas
+from cadcam.plan.scene.zones import arc, in_box
+from cadcam.plan.sight.candidate import candidates
 from cadcam.verify.tolerances.tolerance import Quantity, Rule
 
 from .scenes import MIDDLE, part, ring

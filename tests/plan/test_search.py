@@ -10,10 +10,11 @@ import pytest
 
 from cadcam.arrays import Array
 from cadcam.errors import BadValue
-from cadcam.plan.ask import Asked
-from cadcam.plan.assess import informations
+from cadcam.plan.assessment.asked import Asked
+from cadcam.plan.assessment.assess import informations
+from cadcam.plan.choice.problem import Problem
+from cadcam.plan.choice.search import best_set, exhausted, one_fewer, one_more, ranked
 from cadcam.plan.layout import survey
-from cadcam.plan.search import Problem, best_set, exhausted, one_fewer, one_more, ranked
 from cadcam.verify.tolerances.tolerance import Limit, Quantity
 
 from .scenes import ring, scene

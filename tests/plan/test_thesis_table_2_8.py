@@ -12,7 +12,7 @@ import pytest
 
 import cadcam
 from cadcam.camera.extended_pinhole import pixels_from_uv
-from cadcam.plan.predict import predict_points
+from cadcam.plan.uncertainty.predict import predict_points
 
 SIZE = (768, 576)
 BENT = {"lens": cadcam.BrownConrady(), "free_lens": ["k1"]}

@@ -48,6 +48,7 @@ def test_tool_is_content(command: tuple[str, ...]) -> None:
         ("plan/coverage.py", "import distributed", "Dask stays in dataset"),
         ("locate/part.py", "import sqlalchemy", "the database stays in record"),
         ("locate/lines/sight.py", "from cadcam.locate.quality import quality", "so do those within locate"),
+        ("plan/scene/scene.py", "from cadcam.plan.sight import look", "so do those within plan"),
         ("target/boards/board.py", "from cadcam.target.marks import mark", "so do those within target"),
     ],
 )

@@ -70,7 +70,12 @@ class Plane:
     @property
     def basis(self) -> Array:
         """Return two unit vectors (..., 3, 2) that span the plane."""
-        axis = np.eye(3)[np.argmin(np.abs(self.normal), axis=-1)]
-        first = np.cross(self.normal, axis)
-        first = first / np.linalg.norm(first, axis=-1, keepdims=True)
-        return np.stack([first, np.cross(self.normal, first)], axis=-1)
+        return np.stack(axes_across(self.normal), axis=-1)
+
+
+def axes_across(normal: Array) -> tuple[Array, Array]:
+    """Return two unit vectors (..., 3) across unit normals (..., 3) and each other; zero where a normal is."""
+    axis = np.eye(3)[np.argmin(np.abs(normal), axis=-1)]
+    first = np.cross(normal, axis)
+    first = first / np.maximum(np.linalg.norm(first, axis=-1, keepdims=True), np.finfo(float).tiny)
+    return first, np.cross(normal, first)

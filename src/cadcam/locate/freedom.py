@@ -9,6 +9,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Floats, frozen
 from cadcam.errors import BadValue
+from cadcam.geometry.plane import axes_across
 from cadcam.geometry.rigid import Rigid
 from cadcam.geometry.rotation import hat
 
@@ -42,7 +43,7 @@ class Freedom:
     def planar(cls, normal: Floats, *, frame: Frame = "world") -> Freedom:
         """Return two translations across `normal` (3,) and the rotation about it: a part that lies on a floor."""
         n = _unit(normal, "normal of the plane")
-        one, other = _across(n)
+        one, other = axes_across(n)
         zero = np.zeros(3)
         columns = [np.r_[one, zero], np.r_[other, zero], np.r_[zero, n]]
         return cls(np.stack(columns, axis=1), frame)
@@ -88,10 +89,3 @@ def _unit(direction: Floats, what: str) -> Array:
     if not length > 0:
         raise BadValue(what, v.tolist(), "three numbers, not all zero")
     return np.asarray(v / length)
-
-
-def _across(n: Array) -> tuple[Array, Array]:
-    """Return two unit vectors across n and each other."""
-    one = np.cross(n, np.eye(3)[int(np.argmin(np.abs(n)))])
-    one /= np.linalg.norm(one)
-    return one, np.cross(n, one)

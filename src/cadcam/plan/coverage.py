@@ -15,12 +15,12 @@ from cadcam.arrays import Array, Longs, Mask
 from cadcam.cad.edges import FeatureEdges
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
-from cadcam.plan.ask import Asked
-from cadcam.plan.assess import assess
-from cadcam.plan.feature import Places
-from cadcam.plan.finding import Finder
+from cadcam.plan.assessment.asked import Asked
+from cadcam.plan.assessment.assess import assess
 from cadcam.plan.layout import Layout
-from cadcam.plan.look import Look, look
+from cadcam.plan.sight.look import Look, look
+from cadcam.plan.sight.places import Places
+from cadcam.plan.uncertainty.finding import Finder
 from cadcam.render.view import Scene
 
 _PIECE = 1 / 45  # of the part's diagonal: longest side of a piece that is painted

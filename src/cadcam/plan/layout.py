@@ -11,14 +11,15 @@ import numpy as np
 from cadcam.arrays import Array, Mask
 from cadcam.errors import BadValue, UnknownName, UnseenFeatures
 from cadcam.geometry.rigid import Rigid
-from cadcam.plan.ask import Asked, asked_of
-from cadcam.plan.assess import Assessment, Outcome, assess, informations
-from cadcam.plan.candidate import Candidate, candidates
-from cadcam.plan.feature import Places
-from cadcam.plan.look import Look, Why, look
-from cadcam.plan.scene import LayoutScene
-from cadcam.plan.search import MEASURED, Found, Problem, Score, as_targets, best_set, one_fewer, one_more, ranked
-from cadcam.plan.surroundings import Surroundings
+from cadcam.plan.assessment.asked import Asked, asked_of
+from cadcam.plan.assessment.assess import Assessment, Outcome, assess, informations
+from cadcam.plan.choice.problem import MEASURED, Problem, Score, as_targets
+from cadcam.plan.choice.search import Found, best_set, one_fewer, one_more, ranked
+from cadcam.plan.scene.scene import LayoutScene
+from cadcam.plan.sight.candidate import Candidate, candidates
+from cadcam.plan.sight.look import Look, Why, look
+from cadcam.plan.sight.places import Places
+from cadcam.plan.sight.surroundings import Surroundings
 
 Step = Callable[[], None]
 

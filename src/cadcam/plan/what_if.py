@@ -11,12 +11,12 @@ from cadcam.camera.optics import STANDARD_MM
 from cadcam.camera.viewpoint import ErrorSource
 from cadcam.errors import CadcamError
 from cadcam.geometry.rigid import Rigid
-from cadcam.plan.assess import Assessment, Outcome, assess
-from cadcam.plan.candidate import Candidate, placed
-from cadcam.plan.finding import Finder
+from cadcam.plan.assessment.assess import Assessment, Outcome, assess
 from cadcam.plan.layout import Layout
-from cadcam.plan.look import Look, look
-from cadcam.plan.scene import CalibratedFrom, CameraType, LayoutScene, Sigmas
+from cadcam.plan.scene.scene import CalibratedFrom, CameraType, LayoutScene, Sigmas
+from cadcam.plan.sight.candidate import Candidate, placed
+from cadcam.plan.sight.look import Look, look
+from cadcam.plan.uncertainty.finding import Finder
 
 _NEARER, _FARTHER = 0.8, 1.25
 

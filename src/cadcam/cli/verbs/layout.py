@@ -12,10 +12,10 @@ from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
     from cadcam.arrays import Picture
-    from cadcam.plan.candidate import Candidate
+    from cadcam.plan.choice.problem import Score
     from cadcam.plan.coverage import Painting
     from cadcam.plan.layout import Layout, Survey
-    from cadcam.plan.search import Score
+    from cadcam.plan.sight.candidate import Candidate
     from cadcam.plan.what_if import WhatIf
 
 _OF_A_SET = ("-k", "--output", "--pictures", "--each", "--no-what-if")  # what --next, beside cameras, leaves out
@@ -108,7 +108,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _sample(arguments: argparse.Namespace) -> None:
-    from cadcam.plan.samples import write_samples
+    from cadcam.plan.scene.samples import write_samples
 
     written = write_samples(arguments.sample)
     if arguments.json:
@@ -118,9 +118,9 @@ def _sample(arguments: argparse.Namespace) -> None:
 
 
 def _survey(path: str) -> Survey:
-    from cadcam.plan.candidate import count_candidates
     from cadcam.plan.layout import survey
-    from cadcam.plan.scene_file import read_layout_scene
+    from cadcam.plan.scene.file import read_layout_scene
+    from cadcam.plan.sight.candidate import count_candidates
 
     with working(f"reading {path}"):
         scene = read_layout_scene(path)
@@ -161,7 +161,7 @@ def _next(arguments: argparse.Namespace, seen: Survey, have: tuple[int, ...]) ->
 
 def _report(arguments: argparse.Namespace, layout: Layout, following: list[tuple[Candidate, Score]]) -> int:
     from cadcam.files.jsontext import as_json
-    from cadcam.plan.assess import Outcome
+    from cadcam.plan.assessment.assess import Outcome
     from cadcam.plan.what_if import what_if
     from cadcam.report.layout.json import layout_as_json
     from cadcam.report.layout.words import layout_tables, next_table, sight_table

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from cadcam.files.jsontext import head_as_json, or_null, or_nulls
-from cadcam.plan.candidate import Candidate
+from cadcam.plan.choice.problem import Score
 from cadcam.plan.layout import Layout
-from cadcam.plan.look import Why
-from cadcam.plan.search import Score
+from cadcam.plan.sight.candidate import Candidate
+from cadcam.plan.sight.look import Why
 from cadcam.plan.what_if import WhatIf
 from cadcam.report.layout.words import assumptions, headline, pan_tilt, rule_words
 

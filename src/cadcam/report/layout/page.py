@@ -17,11 +17,11 @@ import numpy as np
 from cadcam import __version__
 from cadcam.arrays import Array, Picture
 from cadcam.image.picture import encoded
-from cadcam.plan.assess import Outcome
-from cadcam.plan.candidate import Candidate
+from cadcam.plan.assessment.assess import Outcome
+from cadcam.plan.choice.problem import Score
 from cadcam.plan.coverage import Painting
 from cadcam.plan.layout import Layout
-from cadcam.plan.search import Score
+from cadcam.plan.sight.candidate import Candidate
 from cadcam.plan.what_if import WhatIf
 from cadcam.report.layout.plan import floor_plan, ratio_bar
 from cadcam.report.layout.words import (

@@ -8,8 +8,8 @@ from html import escape
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.plan.candidate import Candidate
 from cadcam.plan.layout import Layout
+from cadcam.plan.sight.candidate import Candidate
 from cadcam.report.figures import BLUE, GREEN, ORANGE, PURPLE, SKY
 
 Point = tuple[float, float]

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.plan.assess import Outcome
-from cadcam.plan.candidate import Candidate
+from cadcam.plan.assessment.assess import Outcome
+from cadcam.plan.choice.problem import Score
 from cadcam.plan.layout import Layout, Survey
-from cadcam.plan.look import Why
-from cadcam.plan.scene import CalibratedFrom, LayoutScene, Sigmas
-from cadcam.plan.search import Score
+from cadcam.plan.scene.scene import CalibratedFrom, LayoutScene, Sigmas
+from cadcam.plan.sight.candidate import Candidate
+from cadcam.plan.sight.look import Why
 from cadcam.plan.what_if import WhatIf
 from cadcam.report.table import Table
 from cadcam.verify.tolerances.tolerance import Limit, Rule

@@ -13,12 +13,12 @@ from cadcam.arrays import Array
 from cadcam.camera.measurement import PIXELS
 from cadcam.camera.viewpoint import ErrorSource, Viewpoint
 from cadcam.geometry.rigid import Rigid
-from cadcam.plan.ask import Asked
-from cadcam.plan.candidate import Candidate
-from cadcam.plan.evidence import Evidence, Together, symmetric, together
-from cadcam.plan.feature import Places
-from cadcam.plan.look import Look
-from cadcam.plan.predict import distinct_sources, shifts
+from cadcam.plan.assessment.asked import Asked
+from cadcam.plan.sight.candidate import Candidate
+from cadcam.plan.sight.look import Look
+from cadcam.plan.sight.places import Places
+from cadcam.plan.uncertainty.evidence import Evidence, Together, symmetric, together
+from cadcam.plan.uncertainty.predict import distinct_sources, shifts
 from cadcam.verify.tolerances.tolerance import Limit, Rule
 from cadcam.verify.tolerances.verdict import SIMPLE_SHARE
 

@@ -20,11 +20,18 @@ from cadcam.arrays import Array, Mask
 from cadcam.camera.optics import Optics
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.geometry.rigid import Rigid
-from cadcam.plan.evidence import Evidence
-from cadcam.plan.feature import Places
-from cadcam.plan.finding import Finder, blur_sigmas, circle_covariance, defocus, edge_variance, point_covariance
-from cadcam.plan.scene import Seeing
-from cadcam.plan.surroundings import Surroundings
+from cadcam.plan.scene.scene import Seeing
+from cadcam.plan.sight.places import Places
+from cadcam.plan.sight.surroundings import Surroundings
+from cadcam.plan.uncertainty.evidence import Evidence
+from cadcam.plan.uncertainty.finding import (
+    Finder,
+    blur_sigmas,
+    circle_covariance,
+    defocus,
+    edge_variance,
+    point_covariance,
+)
 
 Codes = npt.NDArray[np.int8]
 _FLAT = 0.05  # px: a station's piece of an edge that is seen along itself is shorter

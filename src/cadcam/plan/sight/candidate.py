@@ -14,7 +14,7 @@ from cadcam.camera.viewpoint import ErrorSource, KnownMotion, Viewpoint
 from cadcam.errors import DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.geometry.rotation import hat
-from cadcam.plan.scene import CalibratedFrom, CameraType, LayoutScene, Mount, Sigmas
+from cadcam.plan.scene.scene import CalibratedFrom, CameraType, LayoutScene, Mount, Sigmas
 
 _ALONG = 1e-6  # sine of the angle to "up" from which a view is taken for vertical
 

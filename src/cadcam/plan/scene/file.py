@@ -48,10 +48,10 @@ from cadcam.files.text import read_text
 from cadcam.files.yamltext import parsed_yaml
 from cadcam.geometry.rigid import Rigid
 from cadcam.geometry.rotation import exp
-from cadcam.plan.feature import Kind, LayoutFeature
-from cadcam.plan.finding import Finder
-from cadcam.plan.mounts import arc, in_box
-from cadcam.plan.scene import CalibratedFrom, CameraType, LayoutScene, Mount, Seeing, Sigmas
+from cadcam.plan.scene.feature import Kind, LayoutFeature
+from cadcam.plan.scene.scene import CalibratedFrom, CameraType, LayoutScene, Mount, Seeing, Sigmas
+from cadcam.plan.scene.zones import arc, in_box
+from cadcam.plan.uncertainty.finding import Finder
 from cadcam.render.view import Scene
 from cadcam.verify.tolerances.file import limits_at, rule_at, selection_at
 from cadcam.verify.tolerances.tolerance import Limit, Quantity, Rule, Selection

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask
-from cadcam.plan.feature import LayoutFeature, plane_axes
+from cadcam.geometry.plane import axes_across
+from cadcam.plan.scene.feature import LayoutFeature
 from cadcam.verify.tolerances.tolerance import Limit, Quantity
 
 _FREE = 1.0  # information, in units of a limit, along a straight edge: nothing is asked of it there
@@ -99,5 +100,5 @@ def _basis(feature: LayoutFeature, limit: Limit) -> Array:
     along = feature.along if feature.along is not None else feature.normal if feature.plane_mm is not None else None
     if along is None:
         return np.eye(3)
-    out[:, 0], out[:, 1] = plane_axes(along)
+    out[:, 0], out[:, 1] = axes_across(along)
     return out

@@ -6,7 +6,7 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.errors import BadValue
-from cadcam.plan.feature import plane_axes
+from cadcam.geometry.plane import axes_across
 
 _MOST = 5000
 
@@ -48,7 +48,7 @@ def arc(centre: Array, radius: float, start_deg: float, end_deg: float, count: i
         raise BadValue("axis", axis.tolist(), "a vector that is not zero")
     z = axis / length
     x = np.array([1.0, 0, 0]) - z[0] * z
-    x = x / np.linalg.norm(x) if np.linalg.norm(x) > 1e-6 else plane_axes(z)[0]
+    x = x / np.linalg.norm(x) if np.linalg.norm(x) > 1e-6 else axes_across(z)[0]
     whole = abs(abs(end_deg - start_deg) - 360) < 1e-9
     angle = np.radians(np.linspace(start_deg, end_deg, count, endpoint=not whole))
     return np.asarray(centre + radius * (np.cos(angle)[:, None] * x + np.sin(angle)[:, None] * np.cross(z, x)))

@@ -16,8 +16,8 @@ from cadcam.camera.optics import Optics
 from cadcam.camera.sensor_format import SensorFormat
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
-from cadcam.plan.feature import LayoutFeature
-from cadcam.plan.finding import Finder
+from cadcam.plan.scene.feature import LayoutFeature
+from cadcam.plan.uncertainty.finding import Finder
 
 
 @dataclass(frozen=True, slots=True, eq=False)

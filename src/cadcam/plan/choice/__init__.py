@@ -1,0 +1,1 @@
+"""Which k cameras to take: how good a set is, and the search for the best."""
