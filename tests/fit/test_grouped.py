@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cadcam.errors import BadValue, DegenerateGeometry
-from cadcam.fit.grouped import grouped_fit
+from cadcam.fit.grouped import Groups, grouped_fit
 from cadcam.native.grouped import Tried, averaged_fit
 
 TRUTH = np.array([0.3, -0.2, 0.1])
@@ -29,7 +29,8 @@ def test_the_covariance_is_the_scatter_whatever_the_groups_do(
 ) -> None:
     z2 = []
     for _ in range(120):
-        fit = grouped_fit(*data(rng, between=between, excess=excess), usual=0.05)
+        y, J, variance, group = data(rng, between=between, excess=excess)
+        fit = grouped_fit(y, J, variance, Groups(group), usual=0.05)
         e = fit.x - TRUTH
         z2.append(e @ np.linalg.solve(fit.covariance, e) / 3)
     assert np.mean(z2) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 360))  # chi-square of 360: four of its sd
@@ -40,14 +41,15 @@ def test_leaving_the_groups_out_would_make_the_covariance_too_small(rng: np.rand
     z2 = []
     for _ in range(40):
         y, J, variance, group = data(rng, between=0.2)
-        fit = grouped_fit(y, J, variance, np.arange(len(group)), usual=0.05)
+        fit = grouped_fit(y, J, variance, Groups(np.arange(len(group))), usual=0.05)
         e = fit.x - TRUTH
         z2.append(e @ np.linalg.solve(fit.covariance, e) / 3)
     assert np.mean(z2) > 3
 
 
 def test_both_variances_are_found(rng: np.random.Generator) -> None:
-    fit = grouped_fit(*data(rng, groups=200, between=0.1, excess=3.0), usual=0.05)
+    y, J, variance, group = data(rng, groups=200, between=0.1, excess=3.0)
+    fit = grouped_fit(y, J, variance, Groups(group), usual=0.05)
     assert fit.between == pytest.approx(0.1, rel=0.2)  # 200 groups: 5 percent; the grid of variances: 30
     assert fit.excess == pytest.approx(3.0, rel=0.15)  # 2200 squares: 3 percent of 4
     assert fit.dof == pytest.approx(197, abs=8)
@@ -56,7 +58,7 @@ def test_both_variances_are_found(rng: np.random.Generator) -> None:
 def test_noise_told_too_small_by_one_factor_changes_nothing(rng: np.random.Generator) -> None:
     """A quarter of the variance, noisy and clear data alike: the excess makes up for it."""
     y, J, variance, group = data(rng, groups=100, excess=1.0)
-    right, told_less = (grouped_fit(y, J, variance / k, group, usual=0.05) for k in (1, 4))
+    right, told_less = (grouped_fit(y, J, variance / k, Groups(group), usual=0.05) for k in (1, 4))
     assert 1 + told_less.excess == pytest.approx(4 * (1 + right.excess), rel=0.01)
     sd = np.sqrt(np.diag(right.covariance))
     assert (np.abs(told_less.x - right.x) < 0.1 * sd).all()  # they stop within 0.02 of each other's answers
@@ -68,12 +70,14 @@ def test_groups_and_data_that_lie_far_off_do_not_count(rng: np.random.Generator)
     y[group < 4] += 1.5  # a tenth of the edges are shadows
     lone = rng.choice(np.flatnonzero(group >= 4), 20, replace=False)
     y[lone] += 3.0
-    fit = grouped_fit(y, J, variance, group, usual=0.05)
+    fit = grouped_fit(y, J, variance, Groups(group), usual=0.05)
     assert (fit.of_group[:4] == 0).all()
     assert (fit.weight[lone] == 0).all()
     e = fit.x - TRUTH
     assert e @ np.linalg.solve(fit.covariance, e) / 3 < 3
-    assert np.abs(grouped_fit(y, J, variance, group, usual=0.05, robust=False).x - TRUTH).max() > np.abs(e).max()
+    assert (
+        np.abs(grouped_fit(y, J, variance, Groups(group), usual=0.05, robust=False).x - TRUTH).max() > np.abs(e).max()
+    )
 
 
 def test_groups_that_turn_as_well_are_met_better_where_they_are_taken_to_be_uneven(rng: np.random.Generator) -> None:
@@ -84,7 +88,7 @@ def test_groups_that_turn_as_well_are_met_better_where_they_are_taken_to_be_unev
         turn, offset, tilt = rng.normal(size=(30, 3))[group], 0.3 * rng.normal(size=30), 0.15 * rng.normal(size=30)
         J = rng.normal(size=(30, 3))[group] + 0.3 * along[:, None] * turn
         y = J @ TRUTH + offset[group] + along * tilt[group] + 0.02 * rng.normal(size=360)
-        fits = [grouped_fit(y, J, np.full(360, 4e-4), group, usual=0.05, uneven=share) for share in (0.4, 0.0)]
+        fits = [grouped_fit(y, J, np.full(360, 4e-4), Groups(group), usual=0.05, uneven=share) for share in (0.4, 0.0)]
         errors = [fit.x - TRUTH for fit in fits]
         squares.append([e @ e for e in errors])
         z2.append([e @ np.linalg.solve(fit.covariance, e) / 3 for e, fit in zip(errors, fits, strict=True)])
@@ -100,7 +104,7 @@ def test_few_groups_do_not_run_away(rng: np.random.Generator) -> None:
         group = np.repeat(np.arange(9), 15)
         J = np.repeat(rng.normal(size=(9, 6)), 15, axis=0) + 0.1 * rng.normal(size=(135, 6))
         y = 0.05 * rng.normal(size=9)[group] + 0.1 * rng.normal(size=135)
-        fit = grouped_fit(y, J, np.full(135, 0.01), group, usual=0.05)
+        fit = grouped_fit(y, J, np.full(135, 0.01), Groups(group), usual=0.05)
         worst = max(worst, float(fit.x @ np.linalg.solve(fit.covariance, fit.x)) / 6)
     assert worst < 8  # the largest of 50 of an F distribution with six degrees of freedom over few
 
@@ -109,16 +113,16 @@ def test_exact_groups_have_no_offset(rng: np.random.Generator) -> None:
     y, J, variance, group = data(rng, between=0.2)
     exact = np.arange(40) >= 38
     y[group >= 38] = J[group >= 38] @ TRUTH
-    with_them = grouped_fit(y, J, np.where(group >= 38, 1e-8, variance), group, usual=0.05, exact=exact)
+    with_them = grouped_fit(y, J, np.where(group >= 38, 1e-8, variance), Groups(group, exact=exact), usual=0.05)
     assert np.abs((J @ (with_them.x - TRUTH))[group >= 38]).max() < 1e-3
 
 
 def test_gain_is_how_x_follows_the_data(rng: np.random.Generator) -> None:
     y, J, variance, group = data(rng)
-    fit = grouped_fit(y, J, variance, group, usual=0.05)
+    fit = grouped_fit(y, J, variance, Groups(group), usual=0.05)
     np.testing.assert_allclose(fit.gain @ J, np.eye(3), atol=1e-10)
     step = 1e-4 * rng.normal(size=len(y))
-    moved = grouped_fit(y + step, J, variance, group, usual=0.05).x - fit.x
+    moved = grouped_fit(y + step, J, variance, Groups(group), usual=0.05).x - fit.x
     assert np.abs(fit.gain @ step - moved).max() < 0.3 * np.abs(moved).max()  # the weights follow the data a little
 
 
@@ -173,16 +177,16 @@ def test_the_core_averages_as_plain_matrices_do(unit: float, rng: np.random.Gene
 def test_more_parameters_than_the_core_takes_are_refused(rng: np.random.Generator) -> None:
     group = np.repeat(np.arange(30), 3)
     with pytest.raises(BadValue, match="at most 16"):
-        grouped_fit(rng.normal(size=90), rng.normal(size=(90, 17)), np.ones(90), group, usual=0.05)
+        grouped_fit(rng.normal(size=90), rng.normal(size=(90, 17)), np.ones(90), Groups(group), usual=0.05)
 
 
 def test_what_the_data_leave_open_is_refused(rng: np.random.Generator) -> None:
     y, J, variance, group = data(rng)
     J[:, 2] = 2 * J[:, 1]
     with pytest.raises(DegenerateGeometry):
-        grouped_fit(y, J, variance, group, usual=0.05)
+        grouped_fit(y, J, variance, Groups(group), usual=0.05)
     with pytest.raises(DegenerateGeometry):
-        grouped_fit(y[:2], J[:2], variance[:2], group[:2], usual=0.05)
+        grouped_fit(y[:2], J[:2], variance[:2], Groups(group[:2]), usual=0.05)
 
 
 def test_groups_expected_to_be_off_count_less_and_the_covariance_knows(rng: np.random.Generator) -> None:
@@ -192,7 +196,9 @@ def test_groups_expected_to_be_off_count_less_and_the_covariance_knows(rng: np.r
     for _ in range(120):
         y, J, variance, group = data(rng, between=0.0)
         y = y + (off * rng.normal(size=40))[group]
-        fits = [grouped_fit(y, J, variance, group, usual=0.05, expected=expected) for expected in (off**2, None)]
+        fits = [
+            grouped_fit(y, J, variance, Groups(group, expected=expected), usual=0.05) for expected in (off**2, None)
+        ]
         errors = [fit.x - TRUTH for fit in fits]
         z2.append(errors[0] @ np.linalg.solve(fits[0].covariance, errors[0]) / 3)
         gain.append([e @ e for e in errors])
@@ -213,8 +219,8 @@ def test_groups_that_err_as_their_noise_does_move_x_no_more_than_noise(rng: np.r
     for _ in range(120):
         J = rng.normal(size=(40, 3))[group]
         y = J @ TRUTH + (0.1 * np.sqrt(relative) * rng.normal(size=40))[group] + 0.05 * rng.normal(size=len(group))
-        given = (y, J, np.full(len(y), 0.0025), group)
-        told, untold = (grouped_fit(*given, usual=0.05, relative=r, robust=False) for r in (relative, None))
+        given, both = (y, J, np.full(len(y), 0.0025)), (Groups(group, relative=relative), Groups(group))
+        told, untold = (grouped_fit(*given, groups, usual=0.05, robust=False) for groups in both)
         np.testing.assert_allclose(told.x, np.linalg.lstsq(J, y)[0], atol=1e-9)
         errors = [fit.x - TRUTH for fit in (told, untold)]
         squares.append([e @ e for e in errors])
@@ -238,8 +244,8 @@ def test_pieces_of_one_line_that_err_alike_leave_the_covariance_true(
     """Not told of the lines, pieces seem to say more than they do; of no offsets at all 12 lines cannot be sure."""
     z2 = []
     for _ in range(120):
-        given = families(rng, alike=alike, own=own)
-        fits = [grouped_fit(*given, usual=0.05, family=f) for f in (FAMILY, None)]
+        y, J, variance, group = families(rng, alike=alike, own=own)
+        fits = [grouped_fit(y, J, variance, Groups(group, family=f), usual=0.05) for f in (FAMILY, None)]
         z2.append([float((f.x - TRUTH) @ np.linalg.solve(f.covariance, f.x - TRUTH)) / 3 for f in fits])
     told, untold = np.mean(z2, axis=0)
     assert told < 1.0 + 4 * np.sqrt(2 / 360)  # chi-square of 360: four of its sd
@@ -251,7 +257,10 @@ def test_pieces_of_one_line_that_err_alike_leave_the_covariance_true(
 
 def test_what_lines_have_in_common_is_told_from_what_their_pieces_have(rng: np.random.Generator) -> None:
     """Of 40 pictures: each tells a variance between 12 lines to 40 %, so their mean to 7 %, the grid apart."""
-    fits = [grouped_fit(*families(rng, alike=0.1, own=0.03), usual=0.05, family=FAMILY) for _ in range(40)]
+    fits = []
+    for _ in range(40):
+        y, J, variance, group = families(rng, alike=0.1, own=0.03)
+        fits.append(grouped_fit(y, J, variance, Groups(group, family=FAMILY), usual=0.05))
     assert np.sqrt(np.mean([f.alike**2 for f in fits])) == pytest.approx(0.1, rel=0.3)
     own2 = [f.between**2 - f.alike**2 for f in fits]
     assert np.sqrt(np.mean(own2)) == pytest.approx(0.03, rel=0.5)
@@ -261,7 +270,7 @@ def test_what_lines_have_in_common_is_told_from_what_their_pieces_have(rng: np.r
 def test_gain_follows_what_lines_have_in_common(rng: np.random.Generator) -> None:
     """By 45 pieces with offsets of their own and of lines, as whole matrices have it."""
     y, J, variance, group = families(rng, alike=0.1, own=0.05)
-    fit, line = grouped_fit(y, J, variance, group, usual=0.05, family=FAMILY, robust=False), FAMILY[group]
+    fit, line = grouped_fit(y, J, variance, Groups(group, family=FAMILY), usual=0.05, robust=False), FAMILY[group]
     own, seen = fit.between**2 - fit.alike**2, variance * (1 + fit.excess) + fit.within**2
     V = np.diag(seen) + own * (group[:, None] == group) + fit.alike**2 * (line[:, None] == line)
     plain = np.linalg.solve(J.T @ np.linalg.solve(V, J), np.linalg.solve(V, J).T)
@@ -274,7 +283,9 @@ def test_what_is_expected_of_groups_but_is_not_there_costs_nothing(rng: np.rando
     squares = []
     for _ in range(120):
         y, J, variance, group = data(rng, between=0.0)
-        fits = [grouped_fit(y, J, variance, group, usual=0.05, expected=expected) for expected in (off**2, None)]
+        fits = [
+            grouped_fit(y, J, variance, Groups(group, expected=expected), usual=0.05) for expected in (off**2, None)
+        ]
         squares.append([float(np.sum((fit.x - TRUTH) ** 2)) for fit in fits])
     told, untold = np.mean(squares, axis=0)
     assert told < 1.1 * untold

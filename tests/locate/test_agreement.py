@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.fit.grouped import grouped_fit
+from cadcam.fit.grouped import Groups, grouped_fit
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.refine.agreement import agreed
 from cadcam.locate.refine.regression import Regression
@@ -22,7 +22,7 @@ def fitted(off: Array, rng: np.random.Generator) -> Solution:
     group = np.repeat(np.arange(GROUPS), EACH)
     row = rng.normal(size=(GROUPS, 6))[group] * [1, 1, 0.3, 200, 200, 300] + 0.05 * rng.normal(size=(len(group), 6))
     y = off[group] + SIGMA * rng.normal(size=len(group))
-    fit = grouped_fit(y, row, np.full(len(group), SIGMA**2), group, usual=0.05, robust=False)
+    fit = grouped_fit(y, row, np.full(len(group), SIGMA**2), Groups(group), usual=0.05, robust=False)
     seen = cast(
         Any,
         ([SimpleNamespace(row=row)], [SimpleNamespace(usable=np.ones(len(group), bool), doubt=np.zeros(len(group)))]),

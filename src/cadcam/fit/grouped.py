@@ -34,6 +34,24 @@ _PRIOR, _FAMILY_PRIOR = (np.log(np.gradient(r)) - np.log1p(r**2) for r in (_RANG
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Groups:
+    """Which of G groups each datum is of (n,), ascending numbers, none left out; and what is known of how groups err.
+
+    relative (G,): how the variances of their offsets compare, default all 1. expected (G,): variance between them that
+    is to be expected, default none. exact (G,): groups without an offset or scatter of their own, believed as they are;
+    whole families are. family (G,): ascending numbers of what groups belong to, default none to anything;
+    family_relative (F,): how the variances of what these have in common compare, default all 1.
+    """
+
+    of: Longs
+    relative: Array | None = None
+    expected: Array | None = None
+    exact: Mask | None = None
+    family: Longs | None = None
+    family_relative: Array | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class GroupedFit:
     """The parameters x (k,), their covariance (k, k), and what the data say about themselves.
 
@@ -75,29 +93,20 @@ def grouped_fit(
     y: Array,
     J: Array,
     variance: Array,
-    group: Longs,
+    groups: Groups,
     *,
     usual: float,
-    relative: Array | None = None,
-    expected: Array | None = None,
-    exact: Mask | None = None,
-    family: Longs | None = None,
-    family_relative: Array | None = None,
     uneven: float = 0.0,
     robust: bool = True,
     iterations: int = 12,
 ) -> GroupedFit:
-    """Return the fit of y (n,) by J (n, k) with known variances (n,) and ascending group numbers (n,), none left out.
+    """Return the fit of y (n,) by J (n, k) with known variances (n,) of data that err in groups.
 
-    usual: a usual standard deviation between groups. relative (G,): how the variances of their offsets compare, default
-    all 1. expected (G,): variance between them that is to be expected, default none. exact (G,): groups without an
-    offset or scatter of their own, believed as they are; whole families are. family (G,): ascending numbers of what
-    groups belong to, default none to anything; family_relative (F,): how the variances of what these have in common
-    compare, default all 1. uneven: groups that are off are so unevenly: within is at least this share of between.
-    Robust fits start from x = 0, near which half of the other data must lie. Raises `DegenerateGeometry` where the data
-    leave a parameter open.
+    usual: a usual standard deviation between groups. uneven: groups that are off are so unevenly: within is at least
+    this share of between. Robust fits start from x = 0, near which half of the other data must lie. Raises
+    `DegenerateGeometry` where the data leave a parameter open.
     """
-    sums = _Sums(y, J, group, relative, expected, exact, family, family_relative)
+    sums, group = _Sums(y, J, groups), groups.of
     free = sums.free[group]
     x, spread, off = np.zeros(J.shape[1]), (0.0, 0.0), _Off(usual**2, 0.0, 0.0)
     weight, of_group = np.ones(len(y)), np.ones(sums.n)
@@ -141,28 +150,19 @@ class _Off:
 class _Sums:
     """Sums over groups of one design."""
 
-    def __init__(
-        self,
-        y: Array,
-        J: Array,
-        group: Longs,
-        relative: Array | None,
-        expected: Array | None,
-        exact: Mask | None,
-        family: Longs | None,
-        family_relative: Array | None,
-    ) -> None:
-        self.y, self.J, self.group = y, J, group
-        self.first = np.flatnonzero(np.diff(group, prepend=-1))
+    def __init__(self, y: Array, J: Array, groups: Groups) -> None:
+        self.y, self.J, self.group = y, J, groups.of
+        self.first = np.flatnonzero(np.diff(groups.of, prepend=-1))
         self.n = len(self.first)
-        self.free = np.ones(self.n) if exact is None else np.asarray(1.0 - exact, np.float64)
-        self.relative = self.free if relative is None else relative * self.free
-        self.expected = np.zeros(self.n) if expected is None else expected * self.free
-        told = np.arange(self.n) if family is None else family
+        self.free = np.ones(self.n) if groups.exact is None else np.asarray(1.0 - groups.exact, np.float64)
+        self.relative = self.free if groups.relative is None else groups.relative * self.free
+        self.expected = np.zeros(self.n) if groups.expected is None else groups.expected * self.free
+        told = np.arange(self.n) if groups.family is None else groups.family
         self.first_of_family = np.flatnonzero(np.diff(told, prepend=-1))
         self.family = np.cumsum(np.diff(told, prepend=told[:1]) > 0, dtype=np.int64)
-        self.family_free = self.free[self.first_of_family] * (1.0 if family_relative is None else family_relative)
-        self.families_tried = slice(1) if family is None else slice(None)  # without: no variance between them
+        in_common = 1.0 if groups.family_relative is None else groups.family_relative
+        self.family_free = self.free[self.first_of_family] * in_common
+        self.families_tried = slice(1) if groups.family is None else slice(None)  # without: no variance between them
         if len(y) < J.shape[1]:
             raise DegenerateGeometry("too few edges were found to determine the pose")
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs
 from cadcam.errors import DegenerateGeometry
-from cadcam.fit.grouped import GroupedFit, grouped_fit
+from cadcam.fit.grouped import GroupedFit, Groups, grouped_fit
 from cadcam.locate.lines.cells import Measured
 from cadcam.locate.lines.edges import Projected
 from cadcam.locate.lines.sight import Sight
@@ -63,49 +63,39 @@ class Regression:
         variance = np.concatenate([*(m.sigma[m.usable] ** 2 for m in measured), other_variance])
         J = np.concatenate([*(at.row[m.usable] for at, m in zip(places, measured, strict=True)), rows]) @ B
         piece, line = np.concatenate([of[m.usable] for of, m in zip(self.pieces, measured, strict=True)]).T
-        if not self.bands:
-            return self._fitted(measured, y, J, variance, piece, None, iterations, on_lines)
         bright = -np.concatenate([np.sign(m.contrast[m.usable]) for m in measured])
-        drawn = np.append(np.concatenate([bright, np.zeros(len(other))]), 1.0)
-        J, y = np.column_stack([np.vstack([J, np.zeros(B.shape[1])]), drawn]), np.append(y, 0.0)
-        variance = np.append(variance, _DRAWN_PX**2)
-        return _undrawn(self._fitted(measured, y, J, variance, piece, line, iterations, on_lines), bright)
+        if self.bands:
+            drawn = np.append(np.concatenate([bright, np.zeros(len(other))]), 1.0)
+            J, y = np.column_stack([np.vstack([J, np.zeros(B.shape[1])]), drawn]), np.append(y, 0.0)
+            variance = np.append(variance, _DRAWN_PX**2)
+        groups = self._groups(measured, variance, piece, line, on_lines=on_lines)
+        fit = grouped_fit(y, J, variance, groups, usual=_USUAL_PX, uneven=_UNEVEN, iterations=iterations)
+        return _undrawn(fit, bright) if self.bands else fit
 
-    def _fitted(
-        self,
-        measured: Sequence[Measured],
-        y: Array,
-        J: Array,
-        variance: Array,
-        piece: Longs,
-        line: Longs | None,
-        iterations: int,
-        on_lines: bool,
-    ) -> GroupedFit:
-        """Return the fit of offsets, on pieces and lines, followed by what is known exactly."""
+    def _groups(
+        self, measured: Sequence[Measured], variance: Array, piece: Longs, line: Longs, *, on_lines: bool
+    ) -> Groups:
+        """Return the groups of offsets, by piece (n,) and, beside bands, line (n,), followed by what is known exactly.
+
+        variance: of all data. What is known exactly is a group each, and a family.
+        """
         group, n = _numbered(piece), len(piece)
         expected = _expected(self.sights, measured, group)
-        edges, exact = len(expected), len(y) - n
+        edges, exact = len(expected), len(variance) - n
         family, of_family = None, None
-        if line is not None:
+        if self.bands:
             of_line = _numbered(line)
             of_family = _relative(variance[:n], of_line, on_lines)
             begins = np.flatnonzero(np.diff(group, prepend=-1))
             family = np.concatenate([of_line[begins], len(of_family) + np.arange(exact)])
             of_family = np.concatenate([of_family, np.ones(exact)])
-        return grouped_fit(
-            y,
-            J,
-            variance,
+        return Groups(
             np.concatenate([group, edges + np.arange(exact)]),
-            usual=_USUAL_PX,
             relative=np.concatenate([_relative(variance[:n], group, on_lines), np.ones(exact)]),
-            uneven=_UNEVEN,
             expected=np.concatenate([expected, np.zeros(exact)]),
             exact=np.arange(edges + exact) >= edges,
             family=family,
             family_relative=of_family,
-            iterations=iterations,
         )
 
 
