@@ -38,10 +38,11 @@ from cadcam.fit.camera_model import CameraModel
 from cadcam.fit.least_squares import cofactor, minimise
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import to_gray
-from cadcam.image.profile import steps
+from cadcam.image.profile import step_sums
 from cadcam.image.sensor.charge import Exposure
 from cadcam.image.sensor.presets import GLOBAL_SHUTTER
 from cadcam.image.sensor.video import Gain
+from cadcam.native.profiles import StepCells
 from cadcam.plan.uncertainty.finding import Finder, circle_covariance
 from cadcam.plan.uncertainty.predict import predict_points
 from cadcam.render.light import LIGHTS
@@ -251,16 +252,8 @@ def _line(gray: Picture, corner: Array, along: Array, blur: float) -> tuple[Arra
     normal = np.array([-along[1], along[0]])
     s = np.arange(BEGIN + CELL, END - CELL + 1e-9, 2 * CELL)
     places, reach = corner + s[:, None] * along, np.full(len(s), REACH)
-    found = steps(
-        gray,
-        places,
-        np.tile(normal, (len(s), 1)),
-        below=reach,
-        above=reach,
-        half_length=CELL,
-        blur=blur,
-        held=np.full((len(s), 2), np.inf),
-    )
+    cells = StepCells(places, np.tile(normal, (len(s), 1)), reach, reach, CELL, blur)
+    found = step_sums(gray, cells).solved(np.full((len(s), 2), np.inf))
     slope, offset = np.polyfit(s, -found.moment / found.contrast, 1)
     n = normal - slope * along
     return n, float(n @ corner + offset)

@@ -35,12 +35,13 @@ from cadcam.camera.camera import Camera
 from cadcam.errors import CadcamError
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import to_gray
-from cadcam.image.profile import blur_of, steps
+from cadcam.image.profile import blur_of, step_sums
 from cadcam.image.sensor.charge import Blooming, Exposure, Noise, Smear
 from cadcam.image.sensor.light import Blur, Interlace, Motion, Vignetting
 from cadcam.image.sensor.presets import PRESETS
 from cadcam.image.sensor.sensor import Sensor
 from cadcam.image.sensor.video import EdgeEnhancement, Gain, Gamma, Jitter, Jpeg, Quantisation
+from cadcam.native.profiles import StepCells
 from cadcam.render.light import LIGHTS
 from cadcam.render.photograph import Photographer, behind, blur_before
 from cadcam.render.view import Scene
@@ -310,7 +311,7 @@ def edges(row: Row, pictures: int, seed: int) -> tuple[str, str]:
         seen = row.seen(radiance, rng)
         n, reach = np.broadcast_to(normal, q.shape), np.full(len(q), 8.0)
         blur = blur_of(seen, q, n, reach=reach, half_length=8.0)
-        found = steps(seen, q, n, below=reach, above=reach, half_length=8.0, blur=blur, held=np.zeros((len(q), 2)))
+        found = step_sums(seen, StepCells(q, n, reach, reach, 8.0, blur)).solved(np.zeros((len(q), 2)))
         shifts.append(found.moment / found.contrast)
     return f"{np.mean(shifts):+.3f}", f"{np.std(shifts):.4f}"
 

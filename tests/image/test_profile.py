@@ -7,9 +7,10 @@ import pytest
 from scipy.ndimage import map_coordinates
 from scipy.special import ndtr
 
-from cadcam.image.profile import blur_of, candidates, noise_of, step_sums, steps
+from cadcam.image.profile import blur_of, candidates, noise_of, step_sums
 from cadcam.native import profiles
 from cadcam.native.core import choose_variant
+from cadcam.native.profiles import StepCells
 
 BLUR = 0.8
 
@@ -32,17 +33,8 @@ def cell(
 ):
     normal = np.array([[np.cos(angle), np.sin(angle)]])
     side = np.array([reach])
-    return steps(
-        gray,
-        np.array([[31.5, 31.5]]),
-        normal,
-        below=side,
-        above=side,
-        half_length=half_length,
-        blur=BLUR,
-        held=np.full((1, 2), held),
-        twins=twins,
-    )
+    one = StepCells(np.array([[31.5, 31.5]]), normal, side, side, half_length, BLUR, twins)
+    return step_sums(gray, one).solved(np.full((1, 2), held))
 
 
 def position(found) -> float:
@@ -119,7 +111,7 @@ def test_every_instruction_set_gives_the_same_steps(rng: np.random.Generator) ->
     each = []
     for level in (0, -1):
         choose_variant(level)
-        sums = profiles.step_sums(gray, q, normal, side, side, twins, half_length=2.0, blur=BLUR, dark=-1.0, bright=2.0)
+        sums = profiles.step_sums(gray, StepCells(q, normal, side, side, 2.0, BLUR, twins), dark=-1.0, bright=2.0)
         each.append(profiles.steps(sums, held))
     np.testing.assert_allclose(each[0], each[1], rtol=1e-6, atol=1e-9)
 
@@ -165,7 +157,7 @@ def test_sums_of_pixels_give_any_steps_that_a_fit_from_the_pixels_would(rng: np.
     gray, reach, half = picture(0.6, 0.2, bend=0.01), 5.0, 2.0
     q, normal = np.array([[31.5, 31.5]]), np.array([[np.cos(0.6), np.sin(0.6)]])
     side = np.array([reach])
-    sums = step_sums(gray, q, normal, below=side, above=side, half_length=half, blur=BLUR)
+    sums = step_sums(gray, StepCells(q, normal, side, side, half, BLUR))
     y, x = np.mgrid[:64, :64]
     d = (x - 31.5) * normal[0, 0] + (y - 31.5) * normal[0, 1]
     t = (y - 31.5) * normal[0, 0] - (x - 31.5) * normal[0, 1]

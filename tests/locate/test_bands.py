@@ -20,7 +20,7 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.refine import refine as refinement
 from cadcam.locate.refine.refine import refine
 from cadcam.native.core import choose_variant
-from cadcam.native.profiles import band_gains
+from cadcam.native.profiles import StepCells, band_gains
 
 from .photos import noisy
 
@@ -116,27 +116,27 @@ def test_beside_bands_a_part_is_found_as_surely_as_is_said(
     assert untold > 1.5 * told
 
 
-def cells_of(gray: np.ndarray, rng: np.random.Generator, n: int) -> tuple[dict[str, np.ndarray], StepSums]:
+def cells_of(gray: np.ndarray, rng: np.random.Generator, n: int) -> tuple[StepCells, StepSums]:
     q, angle = rng.uniform(20, 180, (n, 2)), rng.uniform(0, 2 * np.pi, n)
     twins = np.tile([[-np.inf, 0.0], [np.inf, 0.0]], (n, 1, 1))
     twins[::2, 1] = [3.0, 0.1]
-    reach = {"below": rng.uniform(3, 6, n), "above": rng.uniform(3, 6, n)}
-    place = {"q": q, "normal": np.stack([np.cos(angle), np.sin(angle)], axis=1), "twins": twins, **reach}
-    return place, step_sums(gray, **place, half_length=2.0, blur=BLUR)
+    below, above = rng.uniform(3, 6, (2, n))
+    cells = StepCells(q, np.stack([np.cos(angle), np.sin(angle)], axis=1), below, above, 2.0, BLUR, twins)
+    return cells, step_sums(gray, cells)
 
 
 @pytest.mark.parametrize("level", [0, -1])
 def test_what_is_left_over_is_so_by_least_squares(level: int, rng: np.random.Generator) -> None:
     """Residuals of numpy's least squares, summed up by distance; the bell's integral is good to 8e-8."""
     gray = (0.5 + 0.1 * rng.normal(size=CAMERA.size[::-1])).astype(np.float32)
-    place, sums = cells_of(gray, rng, 20)
+    cells, sums = cells_of(gray, rng, 20)
     choose_variant(level)
-    rest, number, variance = step_rests(gray, sums=sums, **place, half_length=2.0, blur=BLUR, bins=24, width=0.5)
+    rest, number, variance = step_rests(gray, cells, sums, bins=24, width=0.5)
     for i in range(20):
-        offset = np.stack(np.meshgrid(np.arange(240), np.arange(200)), axis=-1).reshape(-1, 2) - place["q"][i]
-        nx, ny = place["normal"][i]
+        offset = np.stack(np.meshgrid(np.arange(240), np.arange(200)), axis=-1).reshape(-1, 2) - cells.q[i]
+        nx, ny = cells.normal[i]
         d, t = offset @ (nx, ny), offset @ (-ny, nx)
-        inside = (np.abs(t) <= 2) & (d >= -place["below"][i]) & (d <= place["above"][i])
+        inside = (np.abs(t) <= 2) & (d >= -cells.below[i]) & (d <= cells.above[i])
         d, t, y = d[inside], t[inside], gray.reshape(-1)[inside].astype(float)
         A = columns(d)
         if i % 2 == 0:

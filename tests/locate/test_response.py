@@ -7,11 +7,12 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.profile import steps
+from cadcam.image.profile import step_sums
 from cadcam.locate.lines.response import _OF_BLUR, _weighed
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine.refine import refine
+from cadcam.native.profiles import StepCells
 
 from ..cad.solids import box
 from .photos import CAMERA, noisy, shot, view
@@ -42,9 +43,9 @@ def test_a_step_moves_by_its_lean_for_a_unit_of_gamma(dark: float, bright: float
     blur, g = 1.0, 1.1
     fine = np.where(np.arange(64 * 20) < 32 * 20, dark, bright)
     row = (gaussian_filter1d(fine, 20 * blur).reshape(64, 20).mean(axis=1)) ** (1 / g)
-    cell = {"below": [6.0], "above": [6.0], "half_length": 2.0, "blur": blur, "held": np.full((1, 2), np.inf)}
-    arrays = {k: np.array(v) if isinstance(v, list) else v for k, v in cell.items()}
-    found = steps(np.tile(row.astype(np.float32), (16, 1)), np.array([[31.5, 8.0]]), np.array([[1.0, 0.0]]), **arrays)
+    side = np.array([6.0])
+    cell = StepCells(np.array([[31.5, 8.0]]), np.array([[1.0, 0.0]]), side, side, 2.0, blur)
+    found = step_sums(np.tile(row.astype(np.float32), (16, 1)), cell).solved(np.full((1, 2), np.inf))
     low, high = dark ** (1 / g), bright ** (1 / g)
     expected = -(g - 1) * _OF_BLUR * blur * (high - low) / (high + low)
     assert -found.moment[0] / found.contrast[0] == pytest.approx(expected, rel=0.15)

@@ -25,6 +25,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Picture, quantile
 from cadcam.native import profiles
+from cadcam.native.profiles import StepCells
 
 DARK, BRIGHT = 0.002, 0.998  # beyond these a pixel is clipped
 _ROWS = 48  # rows of a photo that tell its noise
@@ -32,7 +33,6 @@ _BLURS = np.array([0.5, 0.7, 0.95, 1.3, 1.8, 2.5, 3.5])  # px, tried in `blur_of
 _FAINTEST = 0.025  # contrast of steps that are looked for
 _SPREADS = (0.0, 0.7, 1.0, 1.4, 1.7)  # px, tried in `calming`
 _FEW = 8  # cells that tell the blur at least
-_ALONE = np.array([[-np.inf, 0.0], [np.inf, 0.0]])  # no twins
 _QUANTISED = 1.0 / 255 / math.sqrt(12.0)  # the least noise of an eight-bit photo
 
 
@@ -72,71 +72,20 @@ class StepSums:
         return Steps(c, g, out[:, 2:4], sd, sd * np.sqrt(Qcc), sd * np.sqrt(Qgg), clipped)
 
 
-def step_sums(
-    gray: Picture,
-    q: Array,
-    normal: Array,
-    *,
-    below: Array,
-    above: Array,
-    half_length: float,
-    blur: float,
-    twins: Array | None = None,
-) -> StepSums:
-    """Return the sums over cells at q (N, 2) px, `half_length` to both sides along the line.
-
-    below, above (N,): how far the cell reaches against and along the normal, px. blur: s of the step, px. twins
-    (N, 2, 2): other lines that step in the cell, one below and one above, at d = twins[..., 0] + twins[..., 1] t for
-    places t along the line; infinite where there is none.
-    """
-    twins = np.tile(_ALONE, (len(q), 1, 1)) if twins is None else twins
-    return StepSums(
-        profiles.step_sums(
-            gray, q, normal, below, above, twins, half_length=half_length, blur=blur, dark=DARK, bright=BRIGHT
-        )
-    )
-
-
-def steps(
-    gray: Picture,
-    q: Array,
-    normal: Array,
-    *,
-    below: Array,
-    above: Array,
-    half_length: float,
-    blur: float,
-    held: Array,
-    twins: Array | None = None,
-    noise: float = 0.0,
-) -> Steps:
-    """Return the steps in cells: `step_sums`, solved at once."""
-    sums = step_sums(gray, q, normal, below=below, above=above, half_length=half_length, blur=blur, twins=twins)
-    return sums.solved(held, noise=noise)
+def step_sums(gray: Picture, cells: StepCells) -> StepSums:
+    """Return what the pixels of cells add up to."""
+    return StepSums(profiles.step_sums(gray, cells, dark=DARK, bright=BRIGHT))
 
 
 def step_rests(
-    gray: Picture,
-    q: Array,
-    normal: Array,
-    sums: StepSums,
-    *,
-    below: Array,
-    above: Array,
-    half_length: float,
-    blur: float,
-    twins: Array,
-    bins: int,
-    width: float,
+    gray: Picture, cells: StepCells, sums: StepSums, *, bins: int, width: float
 ) -> tuple[Array, Array, Array]:
     """Return what steps with free slopes leave over of their cells' pixels, by distance from the line.
 
     Of N cells: sums of it and numbers of pixels (N, bins), in bins of `width` px whose middle is at the line, and the
-    variance (N,) of a pixel; brightness. sums: of the same cells, as `step_sums` returns them for the other arguments.
+    variance (N,) of a pixel; brightness. sums: of these cells.
     """
-    return profiles.step_residuals(
-        gray, q, normal, below, above, twins, sums.sums, half_length=half_length, blur=blur, bins=bins, width=width
-    )
+    return profiles.step_residuals(gray, cells, sums.sums, bins=bins, width=width)
 
 
 def noise_of(gray: Picture) -> float:
@@ -165,7 +114,7 @@ def blur_of(gray: Picture, q: Array, normal: Array, *, reach: Array, half_length
     free = np.zeros((len(q), 2))
     misfit = np.full(len(_BLURS), np.inf)
     for k, blur in enumerate(_BLURS if len(q) >= _FEW else ()):
-        sums = step_sums(gray, q, normal, below=reach, above=reach, half_length=half_length, blur=blur)
+        sums = step_sums(gray, StepCells(q, normal, reach, reach, half_length, blur))
         left = profiles.steps(sums.sums, free)[:, 4]
         left = left[np.isfinite(left)]
         misfit[k] = np.mean(np.log(left + _QUANTISED)) if len(left) >= _FEW else np.inf

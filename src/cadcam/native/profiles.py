@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes as c
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -14,6 +15,7 @@ from cadcam.native.core import addresses, doubles, functions
 STEP_SUMS, STEP_TERMS = 39, 9  # CC_STEP_SUMS, CC_STEP_TERMS
 BAND_BINS, BAND_KNOWN = 32, 3  # CC_BAND_BINS, CC_BAND_KNOWN
 LENS, PULLED, MOST_STEPS = 12, 9, 16  # CC_LENS; motions of cc_pull; CC_MOST_STEPS
+_ALONE = np.array([[-np.inf, 0.0], [np.inf, 0.0]])  # no twins
 
 
 class _Picture(c.Structure):
@@ -44,24 +46,39 @@ def _core() -> c.CDLL:
     )
 
 
-def step_sums(
-    gray: Picture,
-    q: Array,
-    normal: Array,
-    below: Array,
-    above: Array,
-    twins: Array,
-    *,
-    half_length: float,
-    blur: float,
-    dark: float,
-    bright: float,
-) -> Array:
+@dataclass(frozen=True, slots=True, eq=False)
+class StepCells:
+    """N cells on lines, in each of which a step of brightness across the line is fitted to the pixels.
+
+    q, normal (N, 2): the middle of the stretch of line, px, and the unit normal there. below, above (N,): how far the
+    cell reaches against and along the normal, px; half_length: how far along the line, both ways. blur: s of the step,
+    px. twins (N, 2, 2): other lines that step in the cell, one below and one above, at d = twins[..., 0] +
+    twins[..., 1] t for places t along the line, infinite where there is none; default none anywhere.
+    """
+
+    q: Array
+    normal: Array
+    below: Array
+    above: Array
+    half_length: float
+    blur: float
+    twins: Array | None = None
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def doubles(self) -> list[Array]:
+        """Return the arrays as the C core takes them: places, normals, reaches, twins."""
+        twins = np.tile(_ALONE, (len(self), 1, 1)) if self.twins is None else self.twins
+        return doubles(self.q, self.normal, self.below, self.above, twins)
+
+
+def step_sums(gray: Picture, cells: StepCells, *, dark: float, bright: float) -> Array:
     """Return what the pixels of each cell add up to (n, STEP_SUMS): what `steps` takes (profile.h)."""
-    gray, arrays = np.ascontiguousarray(gray, np.float32), doubles(q, normal, below, above, twins)
-    out = np.zeros((len(arrays[0]), STEP_SUMS))
-    places = addresses(*arrays)
-    _core().cc_step_sums(_picture(gray), len(out), *places, half_length, blur, dark, bright, out.ctypes.data)
+    gray, arrays = np.ascontiguousarray(gray, np.float32), cells.doubles()
+    out = np.zeros((len(cells), STEP_SUMS))
+    size, places = (cells.half_length, cells.blur), addresses(*arrays)
+    _core().cc_step_sums(_picture(gray), len(out), *places, *size, dark, bright, out.ctypes.data)
     return out
 
 
@@ -74,27 +91,16 @@ def steps(sums: Array, held: Array) -> Array:
 
 
 def step_residuals(
-    gray: Picture,
-    q: Array,
-    normal: Array,
-    below: Array,
-    above: Array,
-    twins: Array,
-    sums: Array,
-    *,
-    half_length: float,
-    blur: float,
-    bins: int,
-    width: float,
+    gray: Picture, cells: StepCells, sums: Array, *, bins: int, width: float
 ) -> tuple[Array, Array, Array]:
     """Return what steps leave over of each cell's pixels: sums and numbers (n, bins), a pixel's variance (n,).
 
-    Bins of `width` px lie around the line (profile.h). The other arguments are those that the sums were made with.
+    Bins of `width` px lie around the line (profile.h). sums: those of the cells.
     """
-    gray, arrays = np.ascontiguousarray(gray, np.float32), doubles(q, normal, below, above, twins, sums)
-    out = np.zeros((len(arrays[0]), 2 * bins + 1))
-    *places, of = addresses(*arrays)
-    _core().cc_step_residuals(_picture(gray), len(out), *places, half_length, blur, of, bins, width, out.ctypes.data)
+    gray, arrays = np.ascontiguousarray(gray, np.float32), [*cells.doubles(), *doubles(sums)]
+    out = np.zeros((len(cells), 2 * bins + 1))
+    size, (*places, of) = (cells.half_length, cells.blur), addresses(*arrays)
+    _core().cc_step_residuals(_picture(gray), len(out), *places, *size, of, bins, width, out.ctypes.data)
     return out[:, :bins], out[:, bins : 2 * bins], out[:, -1]
 
 

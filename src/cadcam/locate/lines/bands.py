@@ -20,7 +20,7 @@ from cadcam.image.profile import StepSums, parabola, step_rests, step_sums
 from cadcam.locate.lines.cells import Cells
 from cadcam.locate.lines.edges import Projected
 from cadcam.locate.lines.sight import Sight
-from cadcam.native.profiles import band_gains
+from cadcam.native.profiles import StepCells, band_gains
 
 _BINS, _WIDTH = 28, 0.5  # px: by distance from the line
 _FAR = 5.5  # px: how far to each side; nearer, steps 1.5 and 3.5 px away can look the same
@@ -151,11 +151,11 @@ def _stretches(sight: Sight, at: Projected, cells: Cells, where: Array) -> _Stre
     pieces = np.maximum(np.round(count / _TOGETHER), 1).astype(np.int64)[run]
     of = np.cumsum(np.diff(run * len(run) + place * pieces // count[run], prepend=-1) > 0) - 1
     some = slice(None, None, 1 + len(run) // _ENOUGH)
-    q, normal, twins = (a[some] for a in (*cells.placed(at, where), cells.twins))
+    placed, twins = cells.placed(at, where), cells.twins[some]
     below, above = np.minimum(cells.room[some], _FAR).T
-    cell = {"below": below, "above": above, "half_length": cells.half_length, "blur": cells.blur, "twins": twins}
-    sums = step_sums(sight.photo.gray, q, normal, **cell)
-    rest, number, variance = step_rests(sight.photo.gray, q, normal, sums, **cell, bins=_BINS, width=_WIDTH)
+    far = StepCells(placed.q[some], placed.normal[some], below, above, cells.half_length, cells.blur, twins)
+    sums = step_sums(sight.photo.gray, far)
+    rest, number, variance = step_rests(sight.photo.gray, far, sums, bins=_BINS, width=_WIDTH)
     first = np.flatnonzero(np.diff(of[some], prepend=-1))
     index = np.full(int(of[-1]) + 1, -1)
     index[of[some][first]] = np.arange(len(first))

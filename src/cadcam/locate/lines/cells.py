@@ -14,7 +14,7 @@ from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.image.profile import Steps, StepSums, step_sums
 from cadcam.locate.lines.edges import Projected
 from cadcam.locate.lines.sight import Sight
-from cadcam.native.profiles import along_runs
+from cadcam.native.profiles import StepCells, along_runs
 
 _APART = 1.5  # blurs: a cell ends that far before the next line
 _PAST, _TWIN = 2.0, 3.0  # blurs: it ends that far beyond a twin, which must be as far away
@@ -92,25 +92,16 @@ class Cells:
         held = along_runs(found.noise**2, run, _STRETCH)[:, None] / np.maximum(slope2, 1e-12)
         return replace(self, held=np.where(np.isfinite(held), held, 0.0)), sums
 
-    def placed(self, at: Projected, where: Array | None) -> tuple[Array, Array]:
-        """Return where the cells lie, and their normals, both (n, 2)."""
+    def placed(self, at: Projected, where: Array | None) -> StepCells:
+        """Return the cells in the picture; where (N,) px: how far along the normal each is shifted."""
         normal = at.normal[self.which]
         aside = self.bow if where is None else self.bow + where[self.which]
-        return at.q[self.which] + aside[:, None] * normal, normal
+        q = at.q[self.which] + aside[:, None] * normal
+        return StepCells(q, normal, self.below, self.above, self.half_length, self.blur, self.twins)
 
     def sums_at(self, sight: Sight, at: Projected, where: Array | None) -> StepSums:
         """Return what the cells' pixels add up to; where (N,) px: how far along the normal each cell is shifted."""
-        q, normal = self.placed(at, where)
-        return step_sums(
-            sight.photo.gray,
-            q,
-            normal,
-            below=self.below,
-            above=self.above,
-            half_length=self.half_length,
-            blur=self.blur,
-            twins=self.twins,
-        )
+        return step_sums(sight.photo.gray, self.placed(at, where))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
