@@ -83,9 +83,18 @@ def test_a_target_in_space_has_no_alternative(rng):
 
 
 def test_a_nearly_flat_target_reports_the_second_pose_too(rng):
+    """One is right, the other its mirror image about the line of sight, as far as noise of 0.5 px lets it be known."""
     p = np.vstack([SQUARE, 0.6 * SQUARE]) + [0, 0, 1] * rng.uniform(-2, 2, (8, 1))
-    found = locate_camera(seen(tilted(30.0, 3000.0), p, noise=0.5, rng=rng), CAMERA)
+    pose = tilted(30.0, 3000.0)
+    found = locate_camera(seen(pose, p, noise=0.5, rng=rng), CAMERA)
     assert found.alternative is not None
+    pair = [found, found.alternative]
+    off = [np.degrees(np.arccos(e.camera_from_world.rotation[:, 2] @ pose.rotation[:, 2])) for e in pair]
+    sigma = [np.degrees(np.hypot(e.sigma("a"), e.sigma("b"))) for e in pair]
+    right = int(np.argmin(off))
+    assert off[right] < 4 * sigma[right]
+    assert off[1 - right] == pytest.approx(2 * 30.0, abs=4 * sigma[1 - right])
+    assert max(e.rms_px for e in pair) < 2 * 0.5  # neither is ruled out
 
 
 def test_a_calibrated_flat_target_reports_it_too(rng):

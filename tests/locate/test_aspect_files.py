@@ -54,8 +54,10 @@ def test_a_damaged_file_counts_as_none(tmp_path: Path) -> None:
 def test_a_folder_that_cannot_be_written_to_keeps_nothing_and_harms_nothing(tmp_path: Path) -> None:
     one = part()
     one.aspects.aspect(3, 1)
-    (tmp_path / "file").write_text("")
+    (tmp_path / "file").write_text("kept")
     write_aspects(one, tmp_path / "file")
+    assert read_aspects(part(), tmp_path / "file") == 0
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("file", "kept")]
 
 
 def test_the_oldest_files_go_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

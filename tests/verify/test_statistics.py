@@ -58,8 +58,10 @@ def test_each_cause_is_felt(rng: np.random.Generator) -> None:
     rows = edge < 3
     adjustment = Adjustment(np.zeros(len(edge)), J, C, noise, np.ones(len(edge), bool))
     found = adjustment.estimate(rows, J[rows, :2], adjustment.pose(without=rows))
-    for cause in (found.noise, found.edges, found.pose, found.calibration):
+    causes = (found.noise, found.edges, found.pose, found.calibration)
+    for cause in causes:
         assert np.linalg.eigvalsh(cause)[0] > 0
+    np.testing.assert_allclose(sum(causes), found.covariance, rtol=1e-9)
 
 
 def test_a_calibration_error_that_the_pose_follows_does_not_count(rng: np.random.Generator) -> None:
