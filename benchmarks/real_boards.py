@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from cadcam.arrays import Array, Picture
-from cadcam.calibrate.boards import calibrate_boards, find_board
-from cadcam.calibrate.joint import calibrate_jointly
-from cadcam.calibrate.points import locate_camera
+from cadcam.calibrate.boards.boards import calibrate_boards, find_board
+from cadcam.calibrate.joint.joint import calibrate_jointly
+from cadcam.calibrate.points.points import locate_camera
 from cadcam.calibrate.rig.boards import calibrate_rig_boards
 from cadcam.calibrate.rig.rig import RigCamera, calibrate_rig
 from cadcam.camera.camera import Camera

@@ -14,12 +14,19 @@ from pathlib import Path
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.calibrate import variability
-from cadcam.calibrate.alternating import alternating_externals
-from cadcam.calibrate.points import Method, calibrate
-from cadcam.calibrate.projection_map import projection_map
-from cadcam.calibrate.repeated import model_of
-from cadcam.calibrate.variability import FirstOrder, Variability, first_order, markov_chain, monte_carlo, walk_of
+from cadcam.calibrate.points.points import Method, calibrate
+from cadcam.calibrate.variability import variability
+from cadcam.calibrate.variability.alternating import alternating_externals
+from cadcam.calibrate.variability.projection_map import projection_map
+from cadcam.calibrate.variability.repeated import model_of
+from cadcam.calibrate.variability.variability import (
+    FirstOrder,
+    Variability,
+    first_order,
+    markov_chain,
+    monte_carlo,
+    walk_of,
+)
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import NAMES
 from cadcam.camera.lens import BrownConrady

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import cadcam
-from cadcam.calibrate.next_view import next_views
+from cadcam.calibrate.boards.next_view import next_views
 from cadcam.target.marks.ideal import board_picture
 
 

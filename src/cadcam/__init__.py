@@ -14,27 +14,27 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.cad.load import load as load
     from cadcam.cad.load import load_with_report as load_with_report
     from cadcam.cad.mesh import Mesh as Mesh
-    from cadcam.calibrate.alternating import alternating_externals as alternating_externals
-    from cadcam.calibrate.boards import calibrate_boards as calibrate_boards
-    from cadcam.calibrate.boards import find_board as find_board
-    from cadcam.calibrate.flat import calibrate_line as calibrate_line
-    from cadcam.calibrate.flat import calibrate_plane as calibrate_plane
+    from cadcam.calibrate.boards.boards import calibrate_boards as calibrate_boards
+    from cadcam.calibrate.boards.boards import find_board as find_board
     from cadcam.calibrate.handeye.estimate import HandEyeEstimate as HandEyeEstimate
     from cadcam.calibrate.handeye.handeye import calibrate_hand_eye as calibrate_hand_eye
     from cadcam.calibrate.handeye.handeye import calibrate_hand_eye_from_poses as calibrate_hand_eye_from_poses
-    from cadcam.calibrate.joint import calibrate_jointly as calibrate_jointly
-    from cadcam.calibrate.joint import fit_jointly as fit_jointly
-    from cadcam.calibrate.measure import measure_points as measure_points
-    from cadcam.calibrate.nested import nested_advice as nested_advice
-    from cadcam.calibrate.points import calibrate as _calibrate
-    from cadcam.calibrate.points import locate_camera as locate_camera
-    from cadcam.calibrate.projection_map import projection_map as projection_map
+    from cadcam.calibrate.joint.joint import calibrate_jointly as calibrate_jointly
+    from cadcam.calibrate.joint.joint import fit_jointly as fit_jointly
+    from cadcam.calibrate.joint.nested import nested_advice as nested_advice
+    from cadcam.calibrate.measure.measure import measure_points as measure_points
+    from cadcam.calibrate.points.flat import calibrate_line as calibrate_line
+    from cadcam.calibrate.points.flat import calibrate_plane as calibrate_plane
+    from cadcam.calibrate.points.points import calibrate as _calibrate
+    from cadcam.calibrate.points.points import locate_camera as locate_camera
     from cadcam.calibrate.rig.boards import calibrate_rig_boards as calibrate_rig_boards
     from cadcam.calibrate.rig.rig import RigCamera as RigCamera
     from cadcam.calibrate.rig.rig import calibrate_rig as calibrate_rig
-    from cadcam.calibrate.variability import first_order as first_order
-    from cadcam.calibrate.variability import markov_chain as markov_chain
-    from cadcam.calibrate.variability import monte_carlo as monte_carlo
+    from cadcam.calibrate.variability.alternating import alternating_externals as alternating_externals
+    from cadcam.calibrate.variability.projection_map import projection_map as projection_map
+    from cadcam.calibrate.variability.variability import first_order as first_order
+    from cadcam.calibrate.variability.variability import markov_chain as markov_chain
+    from cadcam.calibrate.variability.variability import monte_carlo as monte_carlo
     from cadcam.camera.aperture import Aperture as Aperture
     from cadcam.camera.camera import Camera as Camera
     from cadcam.camera.estimate import CameraEstimate as CameraEstimate
@@ -277,16 +277,16 @@ _HOME = {
     "Viewpoint": "cadcam.camera.viewpoint",
     "Wireframe": "cadcam.render.lines.wireframe",
     "added": "cadcam.render.overlay",
-    "alternating_externals": "cadcam.calibrate.alternating",
+    "alternating_externals": "cadcam.calibrate.variability.alternating",
     "blended": "cadcam.render.overlay",
-    "calibrate_boards": "cadcam.calibrate.boards",
-    "calibrate_camera": "cadcam.calibrate.points:calibrate",
+    "calibrate_boards": "cadcam.calibrate.boards.boards",
+    "calibrate_camera": "cadcam.calibrate.points.points:calibrate",
     "calibrate_gantry": "cadcam.station.gantry",
     "calibrate_hand_eye": "cadcam.calibrate.handeye.handeye",
     "calibrate_hand_eye_from_poses": "cadcam.calibrate.handeye.handeye",
-    "calibrate_jointly": "cadcam.calibrate.joint",
-    "calibrate_line": "cadcam.calibrate.flat",
-    "calibrate_plane": "cadcam.calibrate.flat",
+    "calibrate_jointly": "cadcam.calibrate.joint.joint",
+    "calibrate_line": "cadcam.calibrate.points.flat",
+    "calibrate_plane": "cadcam.calibrate.points.flat",
     "calibrate_position": "cadcam.station.plane",
     "calibrate_rig": "cadcam.calibrate.rig.rig",
     "calibrate_rig_boards": "cadcam.calibrate.rig.boards",
@@ -295,22 +295,22 @@ _HOME = {
     "correlate": "cadcam.image.correlate",
     "edge_distances": "cadcam.render.overlay",
     "feature_edges": "cadcam.cad.edges",
-    "find_board": "cadcam.calibrate.boards",
+    "find_board": "cadcam.calibrate.boards.boards",
     "find_marks": "cadcam.target.marks.find",
-    "first_order": "cadcam.calibrate.variability",
-    "fit_jointly": "cadcam.calibrate.joint",
+    "first_order": "cadcam.calibrate.variability.variability",
+    "fit_jointly": "cadcam.calibrate.joint.joint",
     "load": "cadcam.cad.load",
     "load_with_report": "cadcam.cad.load",
-    "locate_camera": "cadcam.calibrate.points",
+    "locate_camera": "cadcam.calibrate.points.points",
     "locate_part": "cadcam.locate.locate:locate",
-    "markov_chain": "cadcam.calibrate.variability",
+    "markov_chain": "cadcam.calibrate.variability.variability",
     "match_templates": "cadcam.locate.match.templates",
     "measure_marks": "cadcam.station.measure:measure",
-    "measure_points": "cadcam.calibrate.measure",
-    "monte_carlo": "cadcam.calibrate.variability",
+    "measure_points": "cadcam.calibrate.measure.measure",
+    "monte_carlo": "cadcam.calibrate.variability.variability",
     "named_light": "cadcam.render.light",
     "named_look": "cadcam.render.looks",
-    "nested_advice": "cadcam.calibrate.nested",
+    "nested_advice": "cadcam.calibrate.joint.nested",
     "next_views": "cadcam.plan.layout",
     "open_renderer": "cadcam.render",
     "open_store": "cadcam.record.store",
@@ -322,7 +322,7 @@ _HOME = {
     "place_plate": "cadcam.station.plate",
     "plan_layout": "cadcam.plan.layout",
     "predict_points": "cadcam.plan.uncertainty.predict",
-    "projection_map": "cadcam.calibrate.projection_map",
+    "projection_map": "cadcam.calibrate.variability.projection_map",
     "read_camera": "cadcam.files.camera",
     "read_cameras": "cadcam.files.foreign.registry",
     "read_layout_scene": "cadcam.plan.scene.file",

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cadcam.arrays import Array
-from cadcam.calibrate.boards import (
+from cadcam.calibrate.boards.boards import (
     BoardCalibration,
     BoardPicture,
     BoardsDisagree,
@@ -17,7 +17,7 @@ from cadcam.calibrate.boards import (
     calibrate_boards,
     found_in,
 )
-from cadcam.calibrate.coverage import (
+from cadcam.calibrate.boards.coverage import (
     Coverage,
     cell_centres,
     coverage,
@@ -26,8 +26,8 @@ from cadcam.calibrate.coverage import (
     internal_sensitivity,
     sigma_of,
 )
-from cadcam.calibrate.joint import calibrate_jointly
-from cadcam.calibrate.next_view import next_views
+from cadcam.calibrate.boards.next_view import next_views
+from cadcam.calibrate.joint.joint import calibrate_jointly
 from cadcam.camera.camera import Camera
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import BrownConrady
@@ -254,7 +254,7 @@ def test_the_advice_keeps_its_promise(calibration: BoardCalibration, chess: list
 
 
 def test_advice_is_in_the_words_of_the_pose(calibration: BoardCalibration) -> None:
-    from cadcam.calibrate.coverage import tilts_deg
+    from cadcam.calibrate.boards.coverage import tilts_deg
 
     for one in next_views(calibration, count=3):
         right, lower = tilts_deg(one.camera_from_board.rotation[None])[0]
@@ -272,7 +272,7 @@ def test_the_well_known_stereo_pictures_calibrate_better_than_their_shipped_valu
     side: str, rms: float, shared: Callable[[str], object]
 ) -> None:
     """Three of thirteen pictures found whole; OpenCV's own corners leave 0.14 px a coordinate on this set."""
-    from cadcam.calibrate.boards import find_board
+    from cadcam.calibrate.boards.boards import find_board
 
     folder = shared("data/opencv_stereo_chess")
     found = [find_board(f"{folder}/{side}{n:02d}.jpg", parse_pattern("chessboard:9x6:25mm")) for n in (2, 5, 12, 13)]

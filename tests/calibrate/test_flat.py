@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.calibrate.flat import calibrate_line, calibrate_plane, measure_on_plane
+from cadcam.calibrate.points.flat import calibrate_line, calibrate_plane, measure_on_plane
 from cadcam.camera.camera import Camera
 from cadcam.camera.line_camera import LineCamera, LineObservations
 from cadcam.camera.observations import Observations

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.calibrate.alternating import alternating_externals
-from cadcam.calibrate.points import calibrate
-from cadcam.calibrate.variability import first_order, markov_chain, monte_carlo, walk_of
+from cadcam.calibrate.points.points import calibrate
+from cadcam.calibrate.variability.alternating import alternating_externals
+from cadcam.calibrate.variability.variability import first_order, markov_chain, monte_carlo, walk_of
 from cadcam.camera.extended_pinhole import NAMES
 from cadcam.camera.lens import BrownConrady
 
@@ -177,8 +177,8 @@ def test_the_printed_method_b_is_a_chain_that_has_not_mixed(printed, best, linea
 
 def test_steps_that_ignore_the_correlations_hardly_mix(best, linear):
     """The dissertation's generator moves each parameter by itself: a million such steps are some sixty draws."""
-    from cadcam.calibrate import variability
-    from cadcam.calibrate.repeated import model_of
+    from cadcam.calibrate.variability import variability
+    from cadcam.calibrate.variability.repeated import model_of
     from cadcam.fit.sampling import NotMixed, Walk, metropolis, refuse_unmixed
 
     noise = thesis_noise(linear[1])
@@ -235,7 +235,7 @@ def test_table_2_17_takes_poses_that_do_not_see_the_points(printed, linear):
 
 
 def seeing_poses(estimate, drawn):
-    from cadcam.calibrate.repeated import model_of
+    from cadcam.calibrate.variability.repeated import model_of
 
     model, _ = model_of(estimate)
     held = np.repeat(estimate.values[None, 6:], len(drawn), axis=0)

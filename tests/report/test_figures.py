@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.calibrate.projection_map import ProjectionMap
+from cadcam.calibrate.variability.projection_map import ProjectionMap
 from cadcam.errors import UnknownName
 from cadcam.report.figures import figure, write_figure
 from cadcam.report.variability_plots import _round_levels, _two_digits, write_map

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.calibrate.alternating import Alternating
-from cadcam.calibrate.projection_map import ProjectionMap
-from cadcam.calibrate.variability import FirstOrder, Variability
+from cadcam.calibrate.variability.alternating import Alternating
+from cadcam.calibrate.variability.projection_map import ProjectionMap
+from cadcam.calibrate.variability.variability import FirstOrder, Variability
 from cadcam.camera.extended_pinhole import NAMES
 from cadcam.report.variability import alternating_tables, correlation_table, map_table, markov_table, monte_carlo_table
 

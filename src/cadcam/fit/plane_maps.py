@@ -2,7 +2,7 @@
 
 One call fits B maps: p and q are (B, k, 2), w (B, k), and what comes back are matrices H (B, 3, 3) with
 (q, 1) ~ H (p, 1), scaled so that the third coordinate is positive at the points' centre. Points of weight 0 do not
-count, so that batches may mix numbers of points. For one map with its covariance see `calibrate.flat`.
+count, so that batches may mix numbers of points. For one map with its covariance see `calibrate.points.flat`.
 """
 
 from __future__ import annotations

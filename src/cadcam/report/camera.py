@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cadcam.calibrate.held import Held
+from cadcam.calibrate.points.held import Held
 from cadcam.camera import opengl
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate

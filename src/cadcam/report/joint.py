@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cadcam.calibrate.nested import Advice
+from cadcam.calibrate.joint.nested import Advice
 from cadcam.camera.extended_pinhole import INTERNALS
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.report.camera import MEANING, camera_table, shown_scale

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Floats, frozen
-from cadcam.calibrate.flat import calibrate_plane
+from cadcam.calibrate.points.flat import calibrate_plane
 from cadcam.camera.camera import Camera
 from cadcam.camera.observations import Observations
 from cadcam.camera.plane_camera import PlaneCamera, PlaneEstimate

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from cadcam.calibrate.boards import BoardCalibration, BoardPicture, calibrate_boards
+from cadcam.calibrate.boards.boards import BoardCalibration, BoardPicture, calibrate_boards
 from cadcam.calibrate.rig.rig import RigCamera, calibrate_rig
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import INTERNALS, internals_by_name

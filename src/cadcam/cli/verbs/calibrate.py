@@ -108,8 +108,8 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _run_jointly(arguments: argparse.Namespace) -> None:
-    from cadcam.calibrate.joint import estimate_of, fit_jointly
-    from cadcam.calibrate.nested import nested_advice
+    from cadcam.calibrate.joint.joint import estimate_of, fit_jointly
+    from cadcam.calibrate.joint.nested import nested_advice
     from cadcam.files.joint import joint_as_json
     from cadcam.fit.robust import Loss
     from cadcam.report.joint import joint_tables
@@ -161,7 +161,7 @@ def _written(arguments: argparse.Namespace, estimate: JointEstimate) -> list[str
 
 
 def _run_alone(arguments: argparse.Namespace, path: str) -> None:
-    from cadcam.calibrate.held import held_against
+    from cadcam.calibrate.points.held import held_against
     from cadcam.files.camera import camera_as_json, write_camera
     from cadcam.report.camera import estimate_tables, held_words
 

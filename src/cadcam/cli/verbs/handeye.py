@@ -195,7 +195,7 @@ def _camera(arguments: argparse.Namespace) -> Camera | CameraEstimate:
 
 def _boards(arguments: argparse.Namespace, camera: Camera | CameraEstimate) -> dict[str, Observations | None]:
     """Return what each picture shows of the board, by the stem of its file, None where it does not show it."""
-    from cadcam.calibrate.boards import board_views
+    from cadcam.calibrate.boards.boards import board_views
     from cadcam.target.boards.pattern import parse_pattern
 
     pattern = parse_pattern(arguments.board)

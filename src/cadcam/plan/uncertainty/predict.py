@@ -1,7 +1,7 @@
 """The uncertainty of points before they are measured: what `measure_points` would state, from where cameras stand.
 
-The same first-order propagation as `cadcam.calibrate.intersect`, without pixels: noise may differ from point to point
-and be larger along one axis of the picture than along the other, as blur and slant make it.
+The same first-order propagation as `cadcam.calibrate.measure.intersect`, without pixels: noise may differ from point to
+point and be larger along one axis of the picture than along the other, as blur and slant make it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Points in space from the pixels where calibrated cameras saw them, with all their uncertainty (thesis, section 2.3).
 
 Fixed cameras, a camera that moves by a known motion, points on known planes: `cadcam.camera.viewpoint` says where the
-cameras stand and what is uncertain about them, `cadcam.calibrate.intersect` holds the formulas.
+cameras stand and what is uncertain about them, `cadcam.calibrate.measure.intersect` holds the formulas.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from cadcam.arrays import Array, Floats, Mask, frozen
-from cadcam.calibrate.intersect import (
+from cadcam.calibrate.measure.intersect import (
     Found,
     Group,
     Reason,
@@ -25,7 +25,7 @@ from cadcam.calibrate.intersect import (
     startless,
     widest,
 )
-from cadcam.calibrate.suspects import refuse_if_explained
+from cadcam.calibrate.measure.suspects import refuse_if_explained
 from cadcam.camera.measurement import Measurement, PixelNoise
 from cadcam.camera.viewpoint import ErrorSource, Viewpoint
 from cadcam.errors import BadValue, DegenerateGeometry, UnknownName

@@ -14,8 +14,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadcam.arrays import Array, frozen
-from cadcam.calibrate.points import Method
-from cadcam.calibrate.repeated import estimates, free_of, model_of, refuse_method, response, seen_exactly, unwrapped
+from cadcam.calibrate.points.points import Method
+from cadcam.calibrate.variability.repeated import (
+    estimates,
+    free_of,
+    model_of,
+    refuse_method,
+    response,
+    seen_exactly,
+    unwrapped,
+)
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.camera_model import CameraModel

@@ -9,8 +9,8 @@ from typing import Literal, get_args
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.calibrate.linear import dlt_estimate, dlt_states, seen_from_the_front
-from cadcam.calibrate.refuse import mirrored_internals, refuse_as_good_as_flat, refuse_mirrored
+from cadcam.calibrate.points.linear import dlt_estimate, dlt_states, seen_from_the_front
+from cadcam.calibrate.points.refuse import mirrored_internals, refuse_as_good_as_flat, refuse_mirrored
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import EXTERNALS, INTERNALS, NAMES, internals_by_name, internals_of

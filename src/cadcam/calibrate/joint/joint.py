@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.calibrate import joint_start
+from cadcam.calibrate.joint import start as joint_start
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import INTERNALS, camera_of
 from cadcam.camera.joint_estimate import JointEstimate
