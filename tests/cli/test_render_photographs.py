@@ -12,7 +12,7 @@ import pytest
 from cadcam.cad.load import load
 from cadcam.camera.aperture import Aperture
 from cadcam.cli.photographs import LIGHTS as NAMES
-from cadcam.cli.verbs.sensor import generator
+from cadcam.cli.sensors import generator
 from cadcam.image.picture import read_picture
 from cadcam.image.sensor.presets import preset
 from cadcam.render.light import LIGHTS, named_light

@@ -49,6 +49,8 @@ def test_tool_is_content(command: tuple[str, ...]) -> None:
         ("locate/part.py", "import sqlalchemy", "the database stays in record"),
         ("locate/lines/sight.py", "from cadcam.locate.quality import quality", "so do those within locate"),
         ("calibrate/points/flat.py", "from cadcam.calibrate.joint import nested", "so do those within calibrate"),
+        ("cli/wires.py", "from cadcam.cli.verbs import overlay", "so do those within cli"),
+        ("cli/verbs/lens.py", "from cadcam.cli.verbs import compare", "verbs do not lean on each other"),
         ("plan/scene/scene.py", "from cadcam.plan.sight import look", "so do those within plan"),
         ("target/boards/board.py", "from cadcam.target.marks import mark", "so do those within target"),
     ],

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import refuse
 from cadcam.cli.cameras import read_any_camera
+from cadcam.cli.looks import scene_as_asked
 from cadcam.cli.models import load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, progress, say
-from cadcam.cli.verbs.render import scene_as_asked
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:

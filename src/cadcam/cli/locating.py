@@ -1,4 +1,4 @@
-"""What locating and its kin share on the command line: where the part is roughly, and how it may move from there."""
+"""What locating and its kin share on the command line: where the part is roughly, how it may move, its lines shown."""
 
 from __future__ import annotations
 
@@ -17,16 +17,20 @@ from cadcam.cli.arguments import (
     refuse,
 )
 from cadcam.cli.output import progress, working
-from cadcam.errors import BadValue, UnknownName
+from cadcam.cli.photos import Shots
+from cadcam.cli.wires import LINE, style_of
+from cadcam.errors import BadValue, NothingInView, UnknownName
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
+    from cadcam.arrays import Picture
     from cadcam.cad.mesh import Mesh
     from cadcam.camera.viewpoint import Viewpoint
     from cadcam.geometry.rigid import Rigid
     from cadcam.locate.freedom import Freedom
+    from cadcam.locate.location import Location
     from cadcam.locate.part import Part
     from cadcam.locate.photo import Photo
     from cadcam.locate.views.view_range import ViewRange
@@ -178,3 +182,46 @@ def part_as_asked(arguments: argparse.Namespace, mesh: Mesh) -> Part:
     from cadcam.locate.part import Part
 
     return Part(scene_of(arguments, mesh))
+
+
+def located(
+    part: Part, shots: Shots, start: Rigid | None, freedom: Freedom, views: ViewRange | None = None
+) -> Location:
+    """Return where the part is: from the start, else from where the camera's file has its world, else searched for."""
+    from cadcam.locate.locate import locate
+    from cadcam.locate.views.view_range import WHOLE_SPHERE
+
+    views = WHOLE_SPHERE if views is None else views
+    if start is not None:
+        with working("looking for the part"):
+            return locate(part, shots.photos, start, freedom=freedom)
+    if shots.camera_from_world is not None:
+        try:
+            location = locate(part, shots.photos, shots.camera_from_world, freedom=freedom)
+        except NothingInView:  # the file's world is something else
+            location = None
+        if location is not None and location.found:
+            return location
+    with prepared(part, shots.photos, views), working("looking for the part"):
+        return locate(part, shots.photos, views=views, freedom=freedom)
+
+
+def overlaid(
+    arguments: argparse.Namespace,
+    part: Part,
+    picture: Picture,
+    photo: Photo,
+    world_from_part: Rigid,
+    color: tuple[float, float, float] = LINE,
+) -> Picture:
+    """Return a picture with the part's visible lines at a pose; without any where the pose puts it out of view."""
+    from cadcam.image.picture import to_rgb
+    from cadcam.render.lines.wireframe import LineOptions
+    from cadcam.render.overlay import overlay
+
+    pose = photo.viewpoint.camera_from_world @ world_from_part
+    try:
+        wireframe = part.lines.draw(photo.camera, pose, options=LineOptions(hidden=arguments.hidden))
+    except NothingInView:
+        return to_rgb(picture)
+    return overlay(picture, wireframe, style=style_of(arguments, color=color))

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import color, named_color, refuse
 from cadcam.cli.photographs import WALL, add_photograph_options, check_photograph_options, is_photograph
-from cadcam.cli.verbs.sensor import add_sensor_options, generator
+from cadcam.cli.sensors import add_sensor_options, generator
+from cadcam.cli.wires import INK, draws_lines, scene_of, scene_without_edges, style_of
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
     from cadcam.arrays import Picture
+    from cadcam.cad.mesh import Mesh
     from cadcam.image.sensor.sensor import Sensor
     from cadcam.render.cutout import Cutout
     from cadcam.render.overlay import LineStyle
@@ -78,6 +80,14 @@ def look_of(arguments: argparse.Namespace) -> Look:
     return replace(look, supersampling=_SAMPLES, background=(0.0, 0.0, 0.0))
 
 
+def scene_as_asked(arguments: argparse.Namespace, mesh: Mesh) -> Scene:
+    """Return the scene in the colours asked for, with its edges where they are drawn: looking for them takes time."""
+    from cadcam.render.looks import repainted
+
+    scene = scene_of(arguments, mesh) if draws_lines(arguments) else scene_without_edges(mesh)
+    return repainted(scene, arguments.part_color or ())
+
+
 class Dress:
     """What is put around and on the shaded model, and how it becomes a file."""
 
@@ -134,7 +144,6 @@ def background(text: str) -> Color | Picture:
 
 def _soft(arguments: argparse.Namespace) -> LineStyle:
     """Return the style of edge lines on a shaded picture: as asked for, but not wholly opaque."""
-    from cadcam.cli.wires import INK, style_of
     from cadcam.render.cutout import SOFT
 
     style = style_of(arguments, color=INK)

@@ -13,16 +13,16 @@ from cadcam.cli.locating import (
     add_start_options,
     add_view_options,
     freedom_as_asked,
+    located,
+    overlaid,
     part_as_asked,
-    prepared,
     start_as_asked,
     views_as_asked,
 )
 from cadcam.cli.models import add_model_options, check_order, load_as_asked, model_as_json
-from cadcam.cli.output import check_target, print_json, print_tables, say, working
+from cadcam.cli.output import check_target, print_json, print_tables, say
 from cadcam.cli.photos import Shots, add_photo_options, read_shots
-from cadcam.cli.wires import LINE, LOOKS, add_line_options, style_of
-from cadcam.errors import NothingInView
+from cadcam.cli.wires import LINE, LOOKS, add_line_options
 from cadcam.image.suffixes import WRITABLE
 
 if TYPE_CHECKING:
@@ -30,12 +30,8 @@ if TYPE_CHECKING:
 
     from cadcam.arrays import Picture
     from cadcam.cad.load import LoadReport
-    from cadcam.geometry.rigid import Rigid
-    from cadcam.locate.freedom import Freedom
     from cadcam.locate.location import Location
     from cadcam.locate.part import Part
-    from cadcam.locate.photo import Photo
-    from cadcam.locate.views.view_range import ViewRange
 
 _REFUSED = (1.0, 0.15, 0.1)  # colour of lines that are not believed
 _EXAMPLES = f"""\
@@ -107,28 +103,6 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if location.found else NO
 
 
-def located(
-    part: Part, shots: Shots, start: Rigid | None, freedom: Freedom, views: ViewRange | None = None
-) -> Location:
-    """Return where the part is: from the start, else from where the camera's file has its world, else searched for."""
-    from cadcam.locate.locate import locate
-    from cadcam.locate.views.view_range import WHOLE_SPHERE
-
-    views = WHOLE_SPHERE if views is None else views
-    if start is not None:
-        with working("looking for the part"):
-            return locate(part, shots.photos, start, freedom=freedom)
-    if shots.camera_from_world is not None:
-        try:
-            location = locate(part, shots.photos, shots.camera_from_world, freedom=freedom)
-        except NothingInView:  # the file's world is something else
-            location = None
-        if location is not None and location.found:
-            return location
-    with prepared(part, shots.photos, views), working("looking for the part"):
-        return locate(part, shots.photos, views=views, freedom=freedom)
-
-
 def faults_in_words(shots: Shots) -> list[str]:
     """Return what is wrong with each photo in itself."""
     from cadcam.image.faults import faults_of
@@ -153,28 +127,6 @@ def _write_overlay(arguments: argparse.Namespace, part: Part, shots: Shots, loca
         for file, photo in zip(_photo_files(shots), shots.photos, strict=True)
     ]
     write_picture(arguments.output, drawn[0] if len(drawn) == 1 else _beside(drawn))
-
-
-def overlaid(
-    arguments: argparse.Namespace,
-    part: Part,
-    picture: Picture,
-    photo: Photo,
-    world_from_part: Rigid,
-    color: tuple[float, float, float] = LINE,
-) -> Picture:
-    """Return a picture with the part's visible lines at a pose; without any where the pose puts it out of view."""
-    from cadcam.errors import NothingInView
-    from cadcam.image.picture import to_rgb
-    from cadcam.render.lines.wireframe import LineOptions
-    from cadcam.render.overlay import overlay
-
-    pose = photo.viewpoint.camera_from_world @ world_from_part
-    try:
-        wireframe = part.lines.draw(photo.camera, pose, options=LineOptions(hidden=arguments.hidden))
-    except NothingInView:
-        return to_rgb(picture)
-    return overlay(picture, wireframe, style=style_of(arguments, color=color))
 
 
 def _beside(pictures: Sequence[Picture]) -> Picture:

@@ -8,17 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import Verbs, add_json, refuse, size, verb, whole
 from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, view_as_json
-from cadcam.cli.looks import add_look_options, check_look_options
+from cadcam.cli.looks import add_look_options, check_look_options, scene_as_asked
 from cadcam.cli.models import add_model_options, load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, say, working
 from cadcam.cli.wires import (
     add_line_options,
     check_line_options,
-    draws_lines,
     lines_in_words,
     naming,
-    scene_of,
-    scene_without_edges,
 )
 from cadcam.errors import BadValue
 from cadcam.image.suffixes import WRITABLE
@@ -119,14 +116,6 @@ def run(arguments: argparse.Namespace) -> None:
     else:
         print(in_words(arguments.channel, result))
         say(f"wrote {arguments.output} ({camera.width} x {camera.height} px)")
-
-
-def scene_as_asked(arguments: argparse.Namespace, mesh: Mesh) -> Scene:
-    """Return the scene in the colours asked for, with its edges where they are drawn: looking for them takes time."""
-    from cadcam.render.looks import repainted
-
-    scene = scene_of(arguments, mesh) if draws_lines(arguments) else scene_without_edges(mesh)
-    return repainted(scene, arguments.part_color or ())
 
 
 def _check_renderer_options(arguments: argparse.Namespace) -> None:

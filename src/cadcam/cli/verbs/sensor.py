@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 from cadcam.cli.arguments import Verbs, add_jobs, job, real, seed, verb
 from cadcam.cli.output import check_target, print_json, say
+from cadcam.cli.sensors import generator
 from cadcam.errors import BadValue
 from cadcam.image.suffixes import WRITABLE
-
-if TYPE_CHECKING:
-    from numpy.random import Generator
 
 _EXAMPLES = """\
   cadcam sensor show                                        the presets, and every effect with its numbers
@@ -101,21 +97,3 @@ def run_apply(arguments: argparse.Namespace) -> None:
     out = sensor.apply(picture, rng=generator(arguments.seed))
     write_picture(arguments.output, out)
     say(f"wrote {arguments.output} ({out.shape[1]} x {out.shape[0]} px): {sensor.name}: {', '.join(sensor.effects)}")
-
-
-def add_sensor_options(parser: argparse.ArgumentParser) -> None:
-    """Add --sensor and --seed, for verbs that make pictures."""
-    group = parser.add_argument_group("sensor")
-    group.add_argument(
-        "--sensor", metavar="PROFILE", help="what the camera does to the picture: a file or a preset (`cadcam sensor`)"
-    )
-    group.add_argument("--seed", type=seed, metavar="N", help="of its noise (default: 0)")
-
-
-def generator(start: int, path: str | None = None) -> Generator:
-    """Return the source of chance that --seed starts, for one of many pictures by its file's name."""
-    import zlib
-
-    import numpy as np
-
-    return np.random.default_rng([start] if path is None else [start, zlib.crc32(Path(path).name.encode())])

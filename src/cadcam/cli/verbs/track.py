@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import NO, Verbs, add_json, refuse, verb
-from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, part_as_asked, start_as_asked
+from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, overlaid, part_as_asked, start_as_asked
 from cadcam.cli.models import add_model_options, load_as_asked
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say
 from cadcam.cli.photos import add_photo_options, file_of, viewpoints_of
-from cadcam.cli.verbs.locate import overlaid
 from cadcam.cli.wires import LOOKS, add_line_options
 from cadcam.errors import BadValue
 

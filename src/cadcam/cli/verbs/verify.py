@@ -163,7 +163,7 @@ def _asked(arguments: argparse.Namespace, shots: Shots) -> _Asked:
 
 def _located(arguments: argparse.Namespace, part: Part, shots: Shots, asked: _Asked) -> Location:
     """Return where the part is, by what was said about it."""
-    from cadcam.cli.verbs.locate import located
+    from cadcam.cli.locating import located
     from cadcam.locate.refine.options import EdgeOptions
     from cadcam.locate.refine.refine import refine
 
