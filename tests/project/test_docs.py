@@ -1,7 +1,8 @@
-"""Documents, docstrings and comments name files, tests and modules that exist."""
+"""Documents, docstrings and comments name files, tests, modules and functions that exist."""
 
 from __future__ import annotations
 
+import ast
 import pkgutil
 import re
 from pathlib import Path
@@ -9,6 +10,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = ROOT / "src/cadcam"
+FILES = {"py", "json", "html", "yaml", "csv", "png"}
+DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef)
 DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
 SOURCES = [*DOCUMENTS, *(p for room in ("src", "benchmarks", "examples") for p in sorted((ROOT / room).rglob("*.py")))]
 
@@ -30,9 +34,14 @@ def test_every_test_named_exists(document: Path) -> None:
 
 
 def test_every_dotted_name_leads_somewhere() -> None:
-    named = {(p, name) for p in SOURCES for name in re.findall(r"`(cadcam(?:\.\w+)+)`", p.read_text())}
-    assert {name for _, name in named} >= {"cadcam.camera.sensitivity"}  # some are found
-    assert not [f"{p.relative_to(ROOT)}: {name}" for p, name in sorted(named) if not exists(name)]
+    """In full, or without `cadcam.`: of what begins with one of its rooms and is no file."""
+    rooms = "|".join(sorted(p.name for p in PACKAGE.iterdir() if p.is_dir()))
+    pattern = re.compile(rf"`(?:cadcam\.)?((?:{rooms})(?:\.\w+)+)`")
+    named = {
+        (p, name) for p in SOURCES for name in pattern.findall(p.read_text()) if name.rpartition(".")[2] not in FILES
+    }
+    assert {name for _, name in named} >= {"camera.sensitivity", "fit.grouped"}  # some are found
+    assert not [f"{p.relative_to(ROOT)}: {name}" for p, name in sorted(named) if not exists(f"cadcam.{name}")]
 
 
 def exists(name: str) -> bool:
@@ -41,6 +50,25 @@ def exists(name: str) -> bool:
     except (ImportError, AttributeError):
         return False
     return True
+
+
+def test_names_in_docstrings_are_names_of_the_code() -> None:
+    """Of those with an underscore, which no other word has; not in `files/foreign`, where others' names are."""
+    code, said = set(), []
+    for file in sorted(PACKAGE.rglob("*.py")):
+        tree = ast.parse(file.read_text())
+        documents = [d for n in ast.walk(tree) if isinstance(n, DOCUMENTED) and (d := ast.get_docstring(n))]
+        code |= {file.stem, *identifiers(tree)}
+        if "foreign" not in file.parts:
+            said += [(file.stem, name) for d in documents for name in re.findall(r"`(\w*[a-z]_\w+)`", d)]
+    assert len(said) > 100
+    assert not [(file, name) for file, name in said if name not in code]
+
+
+def identifiers(tree: ast.AST) -> set[str]:
+    """Return all names of the code, and strings that are names: keywords of files, attributes asked for by name."""
+    values = (value for node in ast.walk(tree) for _, value in ast.iter_fields(node))
+    return {value for value in values if isinstance(value, str) and value.isidentifier()}
 
 
 def test_a_dotted_name_may_lead_nowhere() -> None:

@@ -2,8 +2,8 @@
 
 A camera without distortion is drawn through `camera.opengl.projection_matrix`, so skew, aspect and principal point are
 exact; outlines then are those of OpenGL's own rasteriser, on its grid of 1/256 px. For any other camera the triangles
-are drawn roughly and a little too wide (`gl_pieces`), and each pixel centre is tested at its undistorted direction
-against the edges: no vertex of an outline is ever distorted, and outlines are exact to the rounding of single
+are drawn roughly and a little too wide (`render.gl.pieces`), and each pixel centre is tested at its undistorted
+direction against the edges: no vertex of an outline is ever distorted, and outlines are exact to the rounding of single
 precision, about 1e-7 of the focal length. Whichever face is found, its depth, normal and shading are computed in double
 precision at the exact direction of the pixel centre. Where two faces are closer in depth than 1e-7 of the scene's depth
 range, or of the depth itself, either may be seen.
@@ -28,7 +28,7 @@ from cadcam.render.view import PLAIN, Channel, Look, Scene, View, layers_of, wit
 class GlRenderer:
     """Renders a scene with OpenGL on EGL; obeys the `Renderer` protocol, and may be called from any thread.
 
-    `device` is an index or a part of a name (see `gl_context.probe`). All renderers of a process share one context a
+    `device` is an index or a part of a name (see `render.gl.probe`). All renderers of a process share one context a
     device. `close`, a `with` block, or the renderer's end give its memory on the GPU back. Raises `MissingExtra`
     without moderngl, `MissingOpenGL` where EGL does not answer, `NotEnoughMemory` for a mesh beyond the GPU's largest
     buffer.

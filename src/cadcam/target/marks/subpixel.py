@@ -7,7 +7,7 @@ The dissertation's method: the autocorrelation of a rotation-symmetric template 
 and f(x + dx, y + dy) is moved until it fits the correlation of template and picture best, in the root mean square of
 EQ 4.5 (printed without its root). The position is then at -(dx, dy): Tables 4.2 and 4.3 print (dx, dy), Table 4.1 has
 the position's signs. It needs the zero-mean correlation: without means taken off (EQ 7.1) nothing falls to exp(-8).
-What `mark_fit` does with the grey values themselves is better in every respect but simplicity.
+What `target.marks.fit` does with the grey values themselves is better in every respect but simplicity.
 """
 
 from __future__ import annotations
