@@ -8,6 +8,7 @@ measured with them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -51,6 +52,16 @@ class ErrorSource:
         return np.asarray(scale[:, None] * V * np.sqrt(np.maximum(w, 0.0)))
 
 
+def distinct_sources(sources: Sequence[ErrorSource]) -> list[ErrorSource]:
+    """Return the sources, those of one owner once."""
+    return [s for i, s in enumerate(sources) if index_of(sources, s) == i]
+
+
+def index_of(sources: Sequence[ErrorSource], source: ErrorSource) -> int:
+    """Return the first index of a source of the same owner."""
+    return next(k for k, s in enumerate(sources) if s.owner is source.owner)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownMotion:
     """How a camera was moved: new_from_old takes whatever is fixed to the camera from its old place to its new one.
@@ -87,6 +98,17 @@ class KnownMotion:
         Ad = to_point.inv.adjoint()
         local = np.diag([sigma_mm**2] * 3 + [sigma_rad**2] * 3)
         return KnownMotion(self.new_from_old, Ad @ local @ Ad.T)
+
+    def effects(self, centre: Floats, n: int) -> tuple[Array, Array]:
+        """Return how the errors of a camera before it was moved (n, n), and of the motion (n, 6), are errors after it.
+
+        The camera's in the n local coordinates of `cadcam.camera.sensitivity`; centre (3,): its focal centre before.
+        """
+        R = self.new_from_old.rotation
+        of_home, of_motion = np.eye(n), np.zeros((n, 6))
+        of_home[:3, :3] = of_home[3:6, 3:6] = R
+        of_motion[:3, :3], of_motion[:3, 3:], of_motion[3:6, 3:] = R, -R @ hat(centre), -R
+        return of_home, of_motion
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,11 +162,7 @@ class Viewpoint:
         cls, name: str, estimate: CameraEstimate, motion: KnownMotion, *, sigma_px: float | None = None
     ) -> Viewpoint:
         """Return the viewpoint of a calibrated camera moved away from its calibration (section 2.3.2, EQ 2.170)."""
-        R, F = motion.new_from_old.rotation, estimate.camera_from_world.origin
-        of_home = np.eye(len(estimate.cofactor))
-        of_home[:3, :3] = of_home[3:6, 3:6] = R
-        of_motion = np.zeros((len(of_home), 6))
-        of_motion[:3, :3], of_motion[:3, 3:], of_motion[3:6, 3:] = R, -R @ hat(F), -R
+        of_home, of_motion = motion.effects(estimate.camera_from_world.origin, len(estimate.cofactor))
         moving = (ErrorSource(f"motion to {name}", motion.covariance, motion), of_motion)
         pose = estimate.camera_from_world @ motion.new_from_old.inv
         view = _of(name, estimate, pose, sigma_px, (_calibration(name, estimate, of_home), moving))

@@ -16,7 +16,7 @@ from cadcam.camera.camera import Camera
 from cadcam.fit.layout import COPLANAR, Indices, extents, spread_subset, triples
 from cadcam.fit.p3p import p3p
 from cadcam.geometry import rotation as so3
-from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rigid import Rigid, by_twist
 
 _TRIPLES, _KEPT, _ITERATIONS = 6, 3, 30
 _SCREEN = 12  # points until the minima are known
@@ -94,8 +94,7 @@ def poses_of_views(camera: Camera, views: Views) -> TwoPoses:
 def pose_jacobian(camera: Camera, R: Array, t: Array, p: Array) -> tuple[Array, Array]:
     """Return pixels q (B, N, 2) and dq/dxi (B, N, 2, 6) of camera_from_target @ exp(xi) for points p (B, N, 3)."""
     q, J = camera.project_with_jacobian(p @ np.swapaxes(R, -1, -2) + t[:, None])
-    J = J @ R[:, None]
-    return q, np.concatenate([J, np.cross(p[..., None, :], J)], axis=-1)
+    return q, by_twist(p[..., None, :], J @ R[:, None])
 
 
 def _starts(camera: Camera, p: Array, q: Array) -> tuple[Array, Array]:

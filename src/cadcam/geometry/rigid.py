@@ -145,6 +145,14 @@ class Rigid:
         return f"Rigid(translation {t} mm, rotation vector {w} deg)"
 
 
+def by_twist(p: Array, by_point: Array) -> Array:
+    """Return d/dxi (..., 6) of what changes by by_point (..., 3) with points p (..., 3) that Rigid.exp(xi) moves.
+
+    dp = v + w x p; p broadcasts against by_point, and both are in the axes of xi: those of a in b_from_a @ exp(xi).
+    """
+    return np.concatenate([by_point, np.cross(p, by_point)], axis=-1)
+
+
 def _apply(R: Array, p: Array) -> Array:
     if R.ndim == 2:  # one product for many points: the common case, and the fast one
         return np.asarray(p @ R.T)

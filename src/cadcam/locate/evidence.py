@@ -9,7 +9,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Floats, frozen
 from cadcam.errors import BadValue
-from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rigid import Rigid, by_twist
 from cadcam.locate.photo import Photo
 
 _NEVER_FREE = 1e-9  # share of the largest variance below which a direction is not free
@@ -107,15 +107,10 @@ def rows_of(evidence: Sequence[Evidence], photos: Sequence[Photo], pose: Rigid) 
     return np.concatenate(y), np.concatenate(J), np.concatenate(variance)
 
 
-def pose_jacobian(p_part: Array, by_part: Array) -> Array:
-    """Return dq/dxi (N, 2, 6) of part points (N, 3) from dq/dp (N, 2, 3) in part axes, dp = v + w x p."""
-    return np.concatenate([by_part, np.cross(p_part[:, None, :], by_part)], axis=-1)
-
-
 def _projected(p: Array, photo: Photo, world_from_part: Rigid) -> tuple[Array, Array]:
     camera_from_part = photo.viewpoint.camera_from_world @ world_from_part
     q, J = photo.camera.project_with_jacobian(camera_from_part @ p)
-    return q, pose_jacobian(p, J @ camera_from_part.rotation)
+    return q, by_twist(p[:, None], J @ camera_from_part.rotation)
 
 
 def _positive(sigma: Floats) -> None:

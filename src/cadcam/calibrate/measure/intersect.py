@@ -19,7 +19,7 @@ from itertools import combinations
 import numpy as np
 
 from cadcam.arrays import Array, Mask
-from cadcam.camera.viewpoint import ErrorSource, Viewpoint
+from cadcam.camera.viewpoint import ErrorSource, Viewpoint, distinct_sources, index_of
 from cadcam.errors import BadValue
 from cadcam.fit.layout import Indices
 from cadcam.geometry.plane import Plane
@@ -71,7 +71,7 @@ class Group:
     def sources(self) -> list[ErrorSource]:
         """Return the error sources of the viewpoints and of the plane, each once."""
         height = [] if self.surface is None or self.surface.sigma_mm == 0 else [self.surface.source]
-        return distinct([source for view in self.viewpoints for source, _ in view.errors] + height)
+        return distinct_sources([source for view in self.viewpoints for source, _ in view.errors] + height)
 
     @property
     def _height_row(self) -> bool:
@@ -110,10 +110,10 @@ class Group:
             seen, J[:, at], effects = view.project(p)
             r[:, at] = q - seen
             for (source, _), D in zip(view.errors, effects, strict=True):
-                by_source[position(sources, source)][:, at] += D
+                by_source[index_of(sources, source)][:, at] += D
         if self.surface is not None and self._height_row:
             r[:, -1], J[:, -1] = -self.surface.plane.distance(p), self.surface.plane.normal
-            by_source[position(sources, self.surface.source)][:, -1] = -1.0
+            by_source[index_of(sources, self.surface.source)][:, -1] = -1.0
         own = np.broadcast_to(np.diag(np.sqrt(self.noise)), (n, rows, rows))
         roots = [D @ source.root for source, D in zip(sources, by_source, strict=True)]
         return Seen(r, J, by_source, np.concatenate([own, *roots], axis=-1))
@@ -245,16 +245,6 @@ def widest(group: Group, found: Found) -> tuple[Array, Array, Array]:
         gap, sigma = np.where(wider, near.gap, gap), np.where(wider, spread, sigma)
         angle = np.fmax(angle, np.minimum(near.angle, np.pi - near.angle))
     return gap, sigma, angle
-
-
-def distinct(sources: list[ErrorSource]) -> list[ErrorSource]:
-    """Return the sources, those of one owner once."""
-    return [s for i, s in enumerate(sources) if position(sources, s) == i]
-
-
-def position(sources: list[ErrorSource], source: ErrorSource) -> int:
-    """Return the first index of a source of the same owner."""
-    return next(k for k, s in enumerate(sources) if s.owner is source.owner)
 
 
 def _optimum(group: Group, p: Array) -> tuple[Array, Mask]:

@@ -19,15 +19,13 @@ from cadcam.calibrate.measure.intersect import (
     Group,
     Reason,
     Surface,
-    distinct,
-    position,
     solve,
     startless,
     widest,
 )
 from cadcam.calibrate.measure.suspects import refuse_if_explained
 from cadcam.camera.measurement import Measurement, PixelNoise
-from cadcam.camera.viewpoint import ErrorSource, Viewpoint
+from cadcam.camera.viewpoint import ErrorSource, Viewpoint, distinct_sources, index_of
 from cadcam.errors import BadValue, DegenerateGeometry, UnknownName
 from cadcam.fit.layout import Indices
 from cadcam.geometry.plane import Plane
@@ -135,7 +133,7 @@ class _Job:
                 yield Group(tuple(self.viewpoints[v] for v in who), rows, self.q[who][:, rows], self.surface)
 
     def _assembled(self, parts: list[_Part], refused: dict[int, str]) -> Measurement:
-        sources = distinct([source for part in parts for source, _ in part.effects])
+        sources = distinct_sources([source for part in parts for source, _ in part.effects])
         rows = _joined([part.rows for part in parts], int)
         keep = np.array([i for i in np.argsort(rows) if int(rows[i]) not in refused], dtype=int)
         seen_by = [part.seen_by for part in parts for _ in part.rows]
@@ -179,7 +177,7 @@ class _Part:
         """Return how these points move with a source's numbers, (n, 3, k); zero where it has no part in them."""
         own = [s for s, _ in self.effects]
         if any(s.owner is source.owner for s in own):
-            return self.effects[position(own, source)][1]
+            return self.effects[index_of(own, source)][1]
         return np.zeros((len(self.rows), 3, len(source.covariance)))
 
 

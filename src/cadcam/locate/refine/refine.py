@@ -15,8 +15,8 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.errors import BadValue, DegenerateGeometry
-from cadcam.geometry.rigid import Rigid
-from cadcam.locate.evidence import Evidence, pose_jacobian
+from cadcam.geometry.rigid import Rigid, by_twist
+from cadcam.locate.evidence import Evidence
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.lines.attraction import attracted
 from cadcam.locate.lines.bands import LEFT, MOST_PX
@@ -315,8 +315,8 @@ def _beside(fitted: Solution) -> list[Rigid]:
     for sight in fitted.sights:
         camera_from_part = sight.photo.viewpoint.camera_from_world @ fitted.pose
         q, J = sight.photo.camera.project_with_jacobian(camera_from_part @ sight.samples.p)
-        by_twist = pose_jacobian(sight.samples.p, J @ camera_from_part.rotation)
-        moved.append(by_twist[np.isfinite(q).all(axis=1)])
+        moves = by_twist(sight.samples.p[:, None], J @ camera_from_part.rotation)
+        moved.append(moves[np.isfinite(q).all(axis=1)])
     every = np.concatenate(moved) @ fitted.B
     r = np.linalg.qr(every.reshape(-1, every.shape[2]) / np.sqrt(len(every)))[1]  # |r x|: px, root mean square
     axes = np.linalg.eigh(r @ fitted.fit.covariance @ r.T)[1][:, -_WEAKEST:]

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Mask, Picture
 from cadcam.camera.camera import Camera
-from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rigid import Rigid, by_twist
 from cadcam.image.profile import noise_of
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.match.salient import corner_strength
@@ -280,9 +280,8 @@ def _rows(patches: Patches, canvas: Canvas, place: Rigid, pose: Rigid, level: in
     q, by_p = canvas.camera.project_with_jacobian(camera_from_part @ p)
     values = canvas.sampled(level, q)
     J = np.matmul(values[:, None, 1:], by_p)[:, 0] @ camera_from_part.rotation
-    J = np.concatenate([J, np.cross(p, J)], axis=1).reshape(-1, n, 6)
-    first, p = by_p[::n] @ camera_from_part.rotation, p[::n, None]
-    by_px = np.concatenate([first, np.cross(p, first)], axis=2)
+    J = by_twist(p, J).reshape(-1, n, 6)
+    by_px = by_twist(p[::n, None], by_p[::n] @ camera_from_part.rotation)
     brightness, look = values[:, 0].reshape(-1, n), patches.looks[level][facing]
     whole = np.isfinite(brightness).all(axis=1)
     brightness, look, J, by_px = brightness[whole], look[whole], J[whole], by_px[whole]

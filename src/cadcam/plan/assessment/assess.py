@@ -18,7 +18,7 @@ from cadcam.plan.sight.candidate import Candidate
 from cadcam.plan.sight.look import Look
 from cadcam.plan.sight.places import Places
 from cadcam.plan.uncertainty.evidence import Evidence, Together, symmetric, together
-from cadcam.plan.uncertainty.predict import distinct_sources, shifts
+from cadcam.plan.uncertainty.predict import shifts, sources_of
 from cadcam.verify.tolerances.tolerance import Limit, Rule
 from cadcam.verify.tolerances.verdict import SIMPLE_SHARE
 
@@ -94,7 +94,7 @@ def assess(
     """
     P, L = len(poses), len(asked)
     viewpoints = [c.viewpoint for c in chosen]
-    sources = distinct_sources(viewpoints)
+    sources = sources_of(viewpoints)
     E, at = _shifts(viewpoints, sources, places, poses, asked)
     evidence = _of_limits(looks, asked)
     prior = np.tile(asked.known, (P, 1, 1))

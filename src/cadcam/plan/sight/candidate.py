@@ -13,7 +13,6 @@ from cadcam.camera.sensitivity import project_with_sensitivity
 from cadcam.camera.viewpoint import ErrorSource, KnownMotion, Viewpoint
 from cadcam.errors import DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
-from cadcam.geometry.rotation import hat
 from cadcam.plan.scene.scene import CalibratedFrom, CameraType, LayoutScene, Mount, Sigmas
 
 _ALONG = 1e-6  # sine of the angle to "up" from which a view is taken for vertical
@@ -153,9 +152,5 @@ def _moved(
 ) -> tuple[tuple[ErrorSource, Array], ...]:
     """Return the errors of a camera that was calibrated at `home` and moved from there (`Viewpoint.moved`)."""
     motion = KnownMotion(pose.inv @ home).known_to(sigmas.position_mm, sigmas.rotation, about=home.origin)
-    R, F = motion.new_from_old.rotation, home.origin
-    of_home = np.eye(len(source.covariance))
-    of_home[:3, :3] = of_home[3:6, 3:6] = R
-    of_motion = np.zeros((len(of_home), 6))
-    of_motion[:3, :3], of_motion[:3, 3:], of_motion[3:6, 3:] = R, -R @ hat(F), -R
+    of_home, of_motion = motion.effects(home.origin, len(source.covariance))
     return (source, of_home), (ErrorSource("motion", motion.covariance, motion), of_motion)

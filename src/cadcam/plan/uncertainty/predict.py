@@ -15,7 +15,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Floats, Mask, frozen
 from cadcam.camera.measurement import PIXELS
-from cadcam.camera.viewpoint import ErrorSource, Viewpoint
+from cadcam.camera.viewpoint import ErrorSource, Viewpoint, distinct_sources, index_of
 from cadcam.errors import BadValue
 from cadcam.geometry.plane import Plane
 from cadcam.plan.uncertainty.evidence import Evidence, symmetric, together
@@ -84,7 +84,7 @@ def predict_points(
     shown = _shown(viewpoints, q, seen)
     W = np.asarray(np.linalg.inv(_noise(viewpoints, noise, len(points))))
     evidence = Evidence(J, W).where(shown)
-    sources = distinct_sources(viewpoints)
+    sources = sources_of(viewpoints)
     E, at = shifts(viewpoints, [v[2] for v in views], sources, len(points))
     E = np.where(shown[..., None, None], E, 0.0)
     exact = plane is not None and plane_sigma_mm == 0
@@ -108,10 +108,9 @@ def shifts(
     sizes = [0, *np.cumsum([len(s.covariance) for s in sources]).tolist()]
     at = [slice(a, b) for a, b in pairwise(sizes)]
     E = np.zeros((len(viewpoints), n, 2, sizes[-1]))
-    owners = [id(s.owner) for s in sources]
     for v, (view, of_view) in enumerate(zip(viewpoints, effects, strict=True)):
         for (source, _), D in zip(view.errors, of_view, strict=True):
-            E[v, :, :, at[owners.index(id(source.owner))]] += D @ source.root
+            E[v, :, :, at[index_of(sources, source)]] += D @ source.root
     return E, at
 
 
@@ -132,13 +131,9 @@ def _noise(viewpoints: Sequence[Viewpoint], noise: Floats | None, n: int) -> Arr
     return frozen(noise, "noise (viewpoints, points, 2, 2)", (len(viewpoints), n, 2, 2))
 
 
-def distinct_sources(viewpoints: Sequence[Viewpoint]) -> list[ErrorSource]:
+def sources_of(viewpoints: Sequence[Viewpoint]) -> list[ErrorSource]:
     """Return the error sources of the viewpoints, those of one owner once."""
-    sources: dict[int, ErrorSource] = {}
-    for view in viewpoints:
-        for source, _ in view.errors:
-            sources.setdefault(id(source.owner), source)
-    return list(sources.values())
+    return distinct_sources([source for view in viewpoints for source, _ in view.errors])
 
 
 def _causes(sources: Sequence[ErrorSource], at: Sequence[slice], by_number: Array) -> dict[str, Array]:
