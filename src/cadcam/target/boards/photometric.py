@@ -51,6 +51,22 @@ class Fit:
         return Fit(**arrays)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Pixels:
+    """Grey values (B, P) of B windows; their pixels (B, P, 2 or more), u, v relative to q (B, 2) first; weights (B, P).
+
+    What follows u, v is what else a model wants to know of a pixel.
+    """
+
+    values: Array
+    pixels: Array
+    weight: Array
+
+    def part(self, which: Index | slice) -> Pixels:
+        """Return the pixels of the windows that `which` selects."""
+        return Pixels(self.values[which], self.pixels[which], self.weight[which])
+
+
 def fit_corners(gray: Picture, q: Array, directions: Array, reach: Array, *, blur: float = 1.0) -> Fit:
     """Return the crossings of two edges near q (B, 2): chessboard corners.
 
@@ -69,7 +85,7 @@ def fit_corners(gray: Picture, q: Array, directions: Array, reach: Array, *, blu
     start[:, 6] = (values * weight).sum(axis=1) / n
     sign = _corner(start + np.eye(9)[4], pixels)[0] - start[:, 6:7]
     start[:, 4] = (sign * values * weight).sum(axis=1) / np.maximum((sign**2 * weight).sum(axis=1), 1e-9)
-    fit = fitted(_corner, start, values, pixels, weight, q, reach)
+    fit = fitted(_corner, start, Pixels(values, pixels, weight), q, reach)
     return replace(fit, good=fit.good & whole(weight, wanted))
 
 
@@ -92,7 +108,7 @@ def fit_discs(gray: Picture, q: Array, moments: Array, reach: Array) -> Fit:
     inside, outside = (rho2 < 1) & (weight > 0), (rho2 >= 1) & (weight > 0)
     start[:, 6] = (values * outside).sum(axis=1) / np.maximum(outside.sum(axis=1), 1)
     start[:, 4] = (values * inside).sum(axis=1) / np.maximum(inside.sum(axis=1), 1) - start[:, 6]
-    fit = fitted(_disc, start, values, pixels, weight, q, minor)
+    fit = fitted(_disc, start, Pixels(values, pixels, weight), q, minor)
     return replace(fit, good=fit.good & whole(weight, wanted))
 
 
@@ -170,37 +186,17 @@ def patches(gray: Picture, q: Array, reach: Array, step: int = 1) -> tuple[Array
     return values, pixels, np.asarray(there)
 
 
-def fitted(
-    model: Model,
-    start: Array,
-    values: Array,
-    pixels: Array,
-    weight: Array,
-    q: Array,
-    size: Array,
-    *,
-    iterations: int = _ITERATIONS,
-) -> Fit:
+def fitted(model: Model, start: Array, window: Pixels, q: Array, size: Array, *, iterations: int = _ITERATIONS) -> Fit:
     """Return the fit of a model whose first two parameters are x, y relative to q; size (B,): how far it may go, px.
 
-    pixels (B, P, 2 or more): u, v relative to q, and what else the model wants to know of a pixel. Parameters beyond
-    those by which the model gives slopes are held. iterations: at most.
+    Parameters beyond those by which the model gives slopes are held. iterations: at most.
     """
     count, n = start.shape
-    step = max(1, _TOGETHER // max(n * values.shape[1], 1))
-    parts = [
-        _minimised(
-            model,
-            start[i : i + step],
-            values[i : i + step],
-            pixels[i : i + step],
-            weight[i : i + step],
-            iterations=iterations,
-        )
-        for i in range(0, max(count, 1), step)
-    ]
-    parameters, covariance, cost = (np.concatenate(column) for column in zip(*parts, strict=True))
-    rms = np.sqrt(cost / np.maximum(weight.sum(axis=1), 1))
+    step = max(1, _TOGETHER // max(n * window.values.shape[1], 1))
+    parts = [slice(i, i + step) for i in range(0, max(count, 1), step)]
+    each = [_minimised(model, start[at], window.part(at), iterations=iterations) for at in parts]
+    parameters, covariance, cost = (np.concatenate(column) for column in zip(*each, strict=True))
+    rms = np.sqrt(cost / np.maximum(window.weight.sum(axis=1), 1))
     misfit = rms / np.maximum(np.abs(parameters[:, CONTRAST]), 1e-9)
     good = np.isfinite(parameters).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))
     good &= np.hypot(parameters[:, 0], parameters[:, 1]) < 0.5 * size
@@ -208,29 +204,25 @@ def fitted(
     return Fit(q + parameters[:, :2], covariance[:, :2, :2], parameters, misfit, good, np.ones(count))
 
 
-def missed(
-    model: Model, fit: Fit, values: Array, pixels: Array, weight: Array, *, free: tuple[int, ...]
-) -> tuple[Array, Array]:
+def missed(model: Model, fit: Fit, window: Pixels, *, free: tuple[int, ...]) -> tuple[Array, Array]:
     """Return by how much chi-square (F, B) would fall with the first `free` parameters of the model free.
 
     And the step (B, n) of the last of those. To first order, from where the fit without them ended, by the variance
     that would be left then (a score test).
     """
-    H, g, cost = _normal(model, fit.parameters, values, pixels, weight)
+    H, g, cost = _normal(model, fit.parameters, window)
     scale = 1 / np.sqrt(np.maximum(np.einsum("bii->bi", H), 1e-300))
     H, g = H * scale[:, :, None] * scale[:, None, :], g * scale
     steps = [-(np.linalg.pinv(H[:, :n, :n], rcond=1e-12, hermitian=True) @ g[:, :n, None])[..., 0] for n in free]
     falls = np.stack([-(g[:, :n] * step).sum(axis=1) for n, step in zip(free, steps, strict=True)])
-    left = np.maximum(cost - falls[-1], 1e-3 * cost) / np.maximum(weight.sum(axis=1) - free[-1], 1.0)
+    left = np.maximum(cost - falls[-1], 1e-3 * cost) / np.maximum(window.weight.sum(axis=1) - free[-1], 1.0)
     return np.asarray(falls / np.maximum(left, 1e-300)), np.asarray(steps[-1] * scale)
 
 
-def _minimised(
-    model: Model, start: Array, values: Array, pixels: Array, weight: Array, *, iterations: int
-) -> tuple[Array, Array, Array]:
+def _minimised(model: Model, start: Array, window: Pixels, *, iterations: int) -> tuple[Array, Array, Array]:
     """Return parameters, their covariance and sum of squares: Levenberg-Marquardt, a damping for each mark."""
     state, damping = start.copy(), np.full(len(start), 1e-3)
-    H, g, cost = _normal(model, state, values, pixels, weight)
+    H, g, cost = _normal(model, state, window)
     n = H.shape[1]
     going = np.arange(len(start))
     for _ in range(iterations):
@@ -240,7 +232,7 @@ def _minimised(
         trial = state[going]
         trial[:, :n] += step
         trial[:, BLUR] = np.abs(trial[:, BLUR]).clip(0.2, 50.0)
-        H2, g2, cost2 = _normal(model, trial, values[going], pixels[going], weight[going])
+        H2, g2, cost2 = _normal(model, trial, window.part(going))
         better = cost2 <= cost[going]
         won = going[better]
         settled = better & (np.hypot(step[:, 0], step[:, 1]) < _CLOSE) & (cost2 > (1 - _LEVEL) * cost[going])
@@ -249,7 +241,7 @@ def _minimised(
         going = going[~settled & (damping[going] < _STUCK)]
         if not going.size:
             break
-    noise = cost / np.maximum(weight.sum(axis=1) - n, 1.0)
+    noise = cost / np.maximum(window.weight.sum(axis=1) - n, 1.0)
     scale = 1 / np.sqrt(np.maximum(np.einsum("bii->bi", H), 1e-300))
     cofactor = np.linalg.pinv(H * scale[:, :, None] * scale[:, None, :], rcond=1e-12, hermitian=True)
     scale = np.minimum(scale, 1e6)  # a parameter that the pixels do not see at all
@@ -257,11 +249,12 @@ def _minimised(
     return state, noise[:, None, None] * cofactor, cost
 
 
-def _normal(model: Model, state: Array, values: Array, pixels: Array, weight: Array) -> tuple[Array, Array, Array]:
+def _normal(model: Model, state: Array, window: Pixels) -> tuple[Array, Array, Array]:
+    """Return J^T J, J^T r and r^T r of each window's weighted residuals r."""
     with np.errstate(all="ignore"):
-        predicted, J = model(state, pixels)
-    r = (predicted - values) * weight
-    J *= weight[..., None]
+        predicted, J = model(state, window.pixels)
+    r = (predicted - window.values) * window.weight
+    J *= window.weight[..., None]
     if not (np.isfinite(r).all() and np.isfinite(J).all()):
         r, J = np.nan_to_num(r, nan=1e3, posinf=1e3, neginf=1e3), np.nan_to_num(J)
     Jt = np.swapaxes(J, 1, 2)

@@ -28,7 +28,7 @@ def fit_as_seen(mark: Mark, geometry: Geometry, start: Array, window: Window, q:
     def part(loose: int, begin: Array, k: Ids) -> Fit:
         some = window.subset(k)
         model = mark_model(mark, geometry, loose=loose)
-        return fitted(model, begin, some.values, some.pixels, some.weight, q[k], some.size)
+        return fitted(model, begin, some, q[k], some.size)
 
     every = np.arange(len(q), dtype=np.int32)
     if start[:, geometry.motion].any():
@@ -62,7 +62,7 @@ def _asked(mark: Mark, geometry: Geometry, fit: Fit, window: Window) -> tuple[Ar
         return value, J
 
     n = geometry.free + BENT
-    (bend, both), step = missed(directed, fit, window.values, window.pixels, window.weight, free=(n, n + 2))
+    (bend, both), step = missed(directed, fit, window, free=(n, n + 2))
     begin, s = fit.parameters.copy(), fit.parameters[:, BLUR]
     l2 = 48 * s * np.hypot(step[:, n], step[:, n + 1])
     turn = np.arctan2(step[:, n + 1], step[:, n]) / 2

@@ -75,7 +75,7 @@ def _cleared(
         if clear.sum() <= 3 * geometry.free or np.array_equal(clear, weight):
             break
         weight = clear
-        fit = fitted(model, fit.parameters, window.values, window.pixels, weight, q, window.size)
+        fit = fitted(model, fit.parameters, replace(window, weight=weight), q, window.size)
     return fit, weight[0]
 
 
@@ -110,10 +110,10 @@ def _most_agreed(
             masks.append(away > half)
     n = len(masks)
     many = window.subset(np.zeros(n, np.int32))
-    weight = many.weight * np.array(masks)
+    many = replace(many, weight=many.weight * np.array(masks))
     starts, about = np.repeat(start, n, axis=0), np.repeat(q, n, axis=0)
-    fit = fitted(model, starts, many.values, many.pixels, weight, about, many.size, iterations=_QUICK)
-    r = (predicted(mark, geometry, fit.parameters, many.pixels) - many.values) * many.weight
+    fit = fitted(model, starts, many, about, many.size, iterations=_QUICK)
+    r = (predicted(mark, geometry, fit.parameters, many.pixels) - many.values) * window.weight
     limit = _limit(fit.parameters[:1], noise)
     cost = (r**2 / (r**2 + limit[:, None] ** 2)).sum(axis=1)
     whole = max(float(cost[0]), 1e-12)

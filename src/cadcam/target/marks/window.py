@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from cadcam.arrays import Array, Ids, Index, Mask, Picture
-from cadcam.target.boards.photometric import patches
+from cadcam.target.boards.photometric import Pixels, patches
 from cadcam.target.marks.mark import Mark
 
 MARGIN = 0.7  # of the radius: how much ground the window takes in; it tells varying light from a shift of the mark
@@ -18,12 +18,9 @@ _LARGE = 30.0  # px of radius, from which every second pixel near borders is eno
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Window:
-    """Grey values (B, P), pixels (B, P, 2 or 8), weights (B, P), shares of the windows outside the picture, sizes."""
+class Window(Pixels):
+    """The pixels of B marks, the share (B,) of each window that is outside the picture; the marks' sizes (B,) px."""
 
-    values: Array
-    pixels: Array
-    weight: Array
     outside: Array
     size: Array
 
@@ -52,7 +49,7 @@ class Window:
 
     def subset(self, which: Index) -> Window:
         """Return the windows that `which` selects."""
-        return Window(*(getattr(self, name)[which] for name in Window.__slots__))
+        return Window(*(getattr(self, f.name)[which] for f in fields(self)))
 
     def thinned(self, pixels: int) -> Window:
         """Return the windows with about so many of their pixels at most, evenly spread."""
