@@ -57,15 +57,14 @@ def resolve_contacts(
     result = kind.copy()
     solid = chosen[kind[chosen] != EdgeKind.BOUNDARY]
     if len(solid) and body.max() > 0:
-        tree = TriangleTree(mesh, body)
-        touch = _touch(mesh, table, tree, solid, body[table.faces[solid, 0]], tolerance, crease_angle)
+        touch = _Neighbours(mesh, table, body, tolerance).touch(solid, crease_angle)
         result[solid[touch.any]] = EdgeKind.CONTACT
         if not keep_flush:
             result[solid[touch.flush]] = -1
     free = chosen[kind[chosen] == EdgeKind.BOUNDARY]
     if len(free):
-        tree = TriangleTree(mesh, np.arange(mesh.n_faces))  # a boundary may end on its own body
-        touch = _touch(mesh, table, tree, free, table.faces[free, 0].astype(np.int64), tolerance, crease_angle)
+        every = np.arange(mesh.n_faces)  # a boundary may end on its own body
+        touch = _Neighbours(mesh, table, every, tolerance).touch(free, crease_angle)
         result[free[touch.any & touch.other]] = EdgeKind.CONTACT
         inner = touch.any & ~touch.other
         result[free[inner]] = np.where(touch.folded[inner], EdgeKind.CREASE, -1)
@@ -82,64 +81,68 @@ def bodies(mesh: Mesh, table: EdgeTable) -> Longs:
     return components(np.column_stack([face, table.faces[edge[valid], 0]]), mesh.n_faces)
 
 
-def _touch(
-    mesh: Mesh, table: EdgeTable, tree: TriangleTree, edges: Longs, own: Longs, tolerance: float, crease_angle: float
-) -> _Touch:
-    """Return what lies along each of the edges, apart from the body `own` of each."""
-    n = len(edges)
-    home = table.faces[edges, 0]
-    normals = mesh.face_normals
-    touched, folded, other = (np.zeros((n, len(PLACES)), bool) for _ in range(3))
-    points = _places(mesh, table, edges)
-    middle = np.unique(tree.touching(points[:, 1], tolerance, apart_from=own)[0])  # most edges touch nothing: ask once
-    at, face = tree.touching(points[middle].reshape(-1, 3), tolerance, apart_from=np.repeat(own[middle], len(PLACES)))
-    edge, place = middle[at // len(PLACES)], at % len(PLACES)
-    touched[edge, place] = True
-    other[edge, place] |= mesh.part[face] != mesh.part[home[edge]]
-    bend = np.abs(np.einsum("ij,ij->i", normals[face], normals[home[edge]])) < np.cos(crease_angle)
-    folded[edge[bend], place[bend]] = True
-    enough = touched.sum(axis=1) >= 2
-    flush = np.zeros(n, bool)
-    hit = np.flatnonzero(touched.all(axis=1))
-    for side in (0, 1):
-        flush[hit] |= _goes_on(mesh, table, tree, edges[hit], side, own[hit], tolerance, normals)
-    return _Touch(enough, flush, folded.sum(axis=1) >= 2, other.sum(axis=1) >= 2)
+class _Neighbours:
+    """What lies within a tolerance (mm) of a mesh's edges, apart from what their first face belongs to: owner (F,)."""
 
+    def __init__(self, mesh: Mesh, table: EdgeTable, owner: Longs, tolerance: float) -> None:
+        self._mesh, self._table, self._owner, self._tolerance = mesh, table, owner, tolerance
+        self._normals = mesh.face_normals
+        self._tree = TriangleTree(mesh, owner)
 
-def _places(mesh: Mesh, table: EdgeTable, edges: Longs) -> Array:
-    """Return the points (E, 3, 3) at which the edges are looked at."""
-    a, b = (mesh.vertices[table.vertices[edges, k]] for k in (0, 1))
-    return np.asarray(a[:, None] + PLACES[:, None] * (b - a)[:, None])
+    def touch(self, edges: Longs, crease_angle: float) -> _Touch:
+        """Return what lies along each of the edges."""
+        n, mesh, normals = len(edges), self._mesh, self._normals
+        home = self._table.faces[edges, 0]
+        touched, folded, other = (np.zeros((n, len(PLACES)), bool) for _ in range(3))
+        points = self._places(edges)
+        middle = np.unique(self._near(points[:, 1:2], edges)[0])  # most edges touch nothing: ask once
+        at, place, face = self._near(points[middle], edges[middle])
+        edge = middle[at]
+        touched[edge, place] = True
+        other[edge, place] |= mesh.part[face] != mesh.part[home[edge]]
+        bend = np.abs(np.einsum("ij,ij->i", normals[face], normals[home[edge]])) < np.cos(crease_angle)
+        folded[edge[bend], place[bend]] = True
+        enough = touched.sum(axis=1) >= 2
+        flush = np.zeros(n, bool)
+        hit = np.flatnonzero(touched.all(axis=1))
+        for side in (0, 1):
+            flush[hit] |= self._goes_on(edges[hit], side)
+        return _Touch(enough, flush, folded.sum(axis=1) >= 2, other.sum(axis=1) >= 2)
 
+    def _near(self, points: Array, edges: Longs) -> tuple[Longs, Longs, Longs]:
+        """Return which edge, of its k places which, and which face is there, of all that is near points (E, k, 3)."""
+        k, own = points.shape[1], self._owner[self._table.faces[edges, 0]]
+        at, face = self._tree.touching(points.reshape(-1, 3), self._tolerance, apart_from=np.repeat(own, k))
+        return at // k, at % k, face
 
-def _goes_on(
-    mesh: Mesh,
-    table: EdgeTable,
-    tree: TriangleTree,
-    edges: Longs,
-    side: int,
-    own: Longs,
-    tolerance: float,
-    normals: Array,
-) -> Mask:
-    """Return for which edges faces beyond the edge continue the face on the given side flat, in the same colour."""
-    face = table.faces[edges, side]
-    there = face >= 0
-    a, b = (mesh.vertices[table.vertices[edges, k]] for k in (0, 1))
-    outward = np.cross(b - a, normals[face])
-    length = np.linalg.norm(outward, axis=1, keepdims=True)
-    outward /= np.where(length > 0, length, 1)
-    inward = mesh.vertices[mesh.faces[face]].mean(axis=1) - a
-    outward *= -np.sign(np.einsum("ij,ij->i", outward, inward))[:, None]
-    beyond = _places(mesh, table, edges) + STEP * tolerance * outward[:, None]
-    at, found = tree.touching(beyond.reshape(-1, 3), tolerance, apart_from=np.repeat(own, len(PLACES)))
-    edge, place = at // len(PLACES), at % len(PLACES)
-    agree = np.einsum("ij,ij->i", normals[found], normals[face[edge]])
-    agree = np.where(table.count[edges[edge]] == 1, np.abs(agree), agree)
-    same = (agree > np.cos(np.radians(FLUSH_DEG))) & there[edge] & ~_colors_differ(mesh, face[edge], found)
-    result = np.zeros((len(edges), len(PLACES)), bool)
-    result[edge[same], place[same]] = True
-    return np.asarray(result.all(axis=1))
+    def _places(self, edges: Longs) -> Array:
+        """Return the points (E, 3, 3) at which the edges are looked at."""
+        a, b = self._ends(edges)
+        return np.asarray(a[:, None] + PLACES[:, None] * (b - a)[:, None])
+
+    def _ends(self, edges: Longs) -> tuple[Array, Array]:
+        ends = self._mesh.vertices[self._table.vertices[edges]]
+        return ends[:, 0], ends[:, 1]
+
+    def _goes_on(self, edges: Longs, side: int) -> Mask:
+        """Return for which edges faces beyond the edge continue the face on the given side flat, in the same colour."""
+        mesh, normals = self._mesh, self._normals
+        face = self._table.faces[edges, side]
+        there = face >= 0
+        a, b = self._ends(edges)
+        outward = np.cross(b - a, normals[face])
+        length = np.linalg.norm(outward, axis=1, keepdims=True)
+        outward /= np.where(length > 0, length, 1)
+        inward = mesh.vertices[mesh.faces[face]].mean(axis=1) - a
+        outward *= -np.sign(np.einsum("ij,ij->i", outward, inward))[:, None]
+        beyond = self._places(edges) + STEP * self._tolerance * outward[:, None]
+        edge, place, found = self._near(beyond, edges)
+        agree = np.einsum("ij,ij->i", normals[found], normals[face[edge]])
+        agree = np.where(self._table.count[edges[edge]] == 1, np.abs(agree), agree)
+        same = (agree > np.cos(np.radians(FLUSH_DEG))) & there[edge] & ~_colors_differ(mesh, face[edge], found)
+        result = np.zeros((len(edges), len(PLACES)), bool)
+        result[edge[same], place[same]] = True
+        return np.asarray(result.all(axis=1))
 
 
 def _colors_differ(mesh: Mesh, one: npt.NDArray[np.integer], other: npt.NDArray[np.integer]) -> Mask:

@@ -74,15 +74,18 @@ def _split(mesh: Mesh, needle: Longs, side: Longs, other: Longs) -> Mesh:
     """Replace each needle (a, b, c), b between c and a, and its neighbour (c, a, d) by (c, b, d) and (b, a, d)."""
     neighbour, k = other // 3, other % 3
     middle = mesh.faces[needle, (side + 2) % 3]
-    start, end = mesh.faces[neighbour, k], mesh.faces[neighbour, (k + 1) % 3]
-    apex = mesh.faces[neighbour, (k + 2) % 3]
+    start, end, apex = (mesh.faces[neighbour, (k + i) % 3] for i in range(3))
     faces, part, surface = mesh.faces.copy(), mesh.part.copy(), mesh.surface.copy()
     faces[neighbour] = np.column_stack([start, middle, apex])
     faces[needle] = np.column_stack([middle, end, apex])
     part[needle], surface[needle] = part[neighbour], surface[neighbour]
     normals = mesh.corner_normals
     if normals is not None:
-        normals = _split_normals(mesh, normals.copy(), needle, neighbour, k, middle, start, end)
+        at_start, at_end, at_apex = (normals[neighbour, (k + i) % 3] for i in range(3))
+        between = _between(at_start, at_end, *(mesh.vertices[i] for i in (start, middle, end)))
+        normals = normals.copy()
+        normals[neighbour] = np.stack([at_start, between, at_apex], axis=1)
+        normals[needle] = np.stack([between, at_end, at_apex], axis=1)
     paint = mesh.face_colors
     if paint is not None:
         paint = paint.copy()
@@ -90,23 +93,11 @@ def _split(mesh: Mesh, needle: Longs, side: Longs, other: Longs) -> Mesh:
     return replace(mesh, faces=faces, part=part, surface=surface, corner_normals=normals, face_colors=paint)
 
 
-def _split_normals(
-    mesh: Mesh,
-    normals: npt.NDArray[np.float32],
-    needle: Longs,
-    neighbour: Longs,
-    k: Longs,
-    middle: npt.NDArray[np.integer],
-    start: npt.NDArray[np.integer],
-    end: npt.NDArray[np.integer],
+def _between(
+    at_start: npt.NDArray[np.float32], at_end: npt.NDArray[np.float32], start: Array, middle: Array, end: Array
 ) -> npt.NDArray[np.float32]:
-    """Return corner normals with those of the split faces; at the middle, between those at both ends."""
-    at_start, at_end, at_apex = (normals[neighbour, (k + i) % 3] for i in range(3))
-    p, a, b = (mesh.vertices[i] for i in (middle, start, end))
-    share = np.linalg.norm(p - a, axis=1) / np.maximum(np.linalg.norm(b - a, axis=1), 1e-300)
+    """Return the unit normals (n, 3) at points between two ends, from those at the ends."""
+    share = np.linalg.norm(middle - start, axis=1) / np.maximum(np.linalg.norm(end - start, axis=1), 1e-300)
     between = at_start + np.clip(share, 0, 1)[:, None].astype(np.float32) * (at_end - at_start)
     length = np.linalg.norm(between, axis=1, keepdims=True)
-    between = between / np.where(length > 0, length, 1)
-    normals[neighbour] = np.stack([at_start, between, at_apex], axis=1)
-    normals[needle] = np.stack([between, at_end, at_apex], axis=1)
-    return normals
+    return np.asarray(between / np.where(length > 0, length, 1))
