@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.calibrate.joint.joint import calibrate_jointly, fit_jointly
 from cadcam.calibrate.joint.nested import nested_advice
 from cadcam.calibrate.points.points import calibrate
@@ -25,7 +25,6 @@ from cadcam.camera.observations import Observations
 from cadcam.errors import CadcamError
 from cadcam.fit.dlt import dlt
 from cadcam.fit.joint_start import homographies
-from cadcam.fit.layout import Indices
 from cadcam.report.table import with_sigma
 
 ALL = ("k1", "k2", "p1", "p2", "k3")
@@ -174,7 +173,7 @@ def _dots(folder: Path, camera: int) -> Observations:
     )
 
 
-def _matched(X: Array, seen: Array, P: Array, reach: float, fall: int) -> tuple[Indices, Indices]:
+def _matched(X: Array, seen: Array, P: Array, reach: float, fall: int) -> tuple[Longs, Longs]:
     """Dots and their marks within reach of a camera matrix that is refitted to them, the reach falling to 3 px."""
     none = np.zeros(0, dtype=int)
     while True:

@@ -10,12 +10,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import NAMES, OURS_FROM_THESIS, camera_of, internals_of
 from cadcam.camera.lens import Lens
 from cadcam.camera.sensitivity import project_batch, project_local, rotation_by_angles
-from cadcam.fit.layout import Indices
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
@@ -36,7 +35,7 @@ class CameraModel:
     q: Array
     free: tuple[str, ...]
     lens: Lens
-    columns: Indices = field(init=False)
+    columns: Longs = field(init=False)
     _angles: tuple[int, ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -115,11 +114,11 @@ class CameraModel:
         total = np.sum((self.pixels(states) - self.q) ** 2, axis=(-2, -1))
         return np.where(np.isfinite(total), total, np.inf)
 
-    def with_points(self, index: Indices) -> CameraModel:
+    def with_points(self, index: Longs) -> CameraModel:
         """Return the same model of some of the points."""
         return replace(self, p_world=self.p_world[index], q=self.q[index])
 
-    def of_states(self, index: Indices) -> CameraModel:
+    def of_states(self, index: Longs) -> CameraModel:
         """Return the model of some of the states: itself, unless each has observations of its own."""
         if self.q.ndim == 2:
             return self

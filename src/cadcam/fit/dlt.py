@@ -12,7 +12,7 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.errors import DegenerateGeometry, TooFewPoints, UnknownName
-from cadcam.fit.layout import distinct, refuse_flat
+from cadcam.fit.extents import distinct, refuse_flat
 
 Form = Literal["normalised", "c23"]
 FORMS: tuple[Form, ...] = ("normalised", "c23")

@@ -16,9 +16,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.errors import DegenerateGeometry, TooFewPoints
-from cadcam.fit.layout import Indices
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
@@ -29,7 +28,7 @@ _RANK = 1e-9
 _HALF_TURNS = np.stack([np.eye(3), np.diag([1.0, -1, -1]), np.diag([-1.0, 1, -1]), np.diag([-1.0, -1, 1])])
 
 
-def pairs(n: int) -> tuple[Indices, Indices]:
+def pairs(n: int) -> tuple[Longs, Longs]:
     """Return the indices (i, j), i < j, of all pairs of n poses, or of a regular part of them if they are very many."""
     i, j = np.triu_indices(n, 1)
     step = -(-len(i) // _PAIRS)

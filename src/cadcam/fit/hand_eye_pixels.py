@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.camera.lens import Lens
 from cadcam.camera.sensitivity import project_local
-from cadcam.fit.layout import Indices
 from cadcam.fit.many_poses import Views
 from cadcam.fit.schur import Blocks, Step
 from cadcam.geometry import rotation as so3
@@ -41,7 +40,7 @@ class InternalsPrior:
     covariance. No columns: the internals are fixed.
     """
 
-    columns: Indices
+    columns: Longs
     mean: Array
     root: Array
 

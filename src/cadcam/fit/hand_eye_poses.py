@@ -14,9 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.errors import DegenerateGeometry
-from cadcam.fit.layout import Indices
 from cadcam.fit.variance_components import variance_components
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
@@ -52,7 +51,7 @@ class HandEyePoses:
         D = np.concatenate([-chart @ flange_from_held.adjoint(), through], axis=-1)
         return np.concatenate([T.translation, r], axis=1), D, through @ self.covariance @ np.swapaxes(through, 1, 2)
 
-    def some(self, index: Indices) -> HandEyePoses:
+    def some(self, index: Longs) -> HandEyePoses:
         """Return some of the poses."""
         return HandEyePoses(self.base_from_flange[index], self.held_from_fixed[index], self.covariance[index])
 

@@ -12,11 +12,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Mask, component_major
+from cadcam.arrays import Array, Longs, Mask, component_major
 from cadcam.camera.extended_pinhole import INTERNALS
 from cadcam.camera.lens import Lens
 from cadcam.camera.sensitivity import project_in_camera
-from cadcam.fit.layout import Indices
 from cadcam.fit.schur import Blocks, Step
 from cadcam.geometry import rotation as so3
 
@@ -42,7 +41,7 @@ class JointState:
 class Control:
     """Free points: index (k, N) of the one that was seen, P for a fixed point; whitener (P, 3), 1/sigma in 1/mm."""
 
-    index: Indices
+    index: Longs
     whitener: Array
 
 
@@ -64,7 +63,7 @@ class JointModel:
     bump: Array | None = None
     control: Control | None = None
     priors: tuple[tuple[str, float, float], ...] = ()
-    _columns: Indices = field(init=False)
+    _columns: Longs = field(init=False)
     _all: bool = field(init=False)
     _plain: bool = field(init=False)
 
@@ -176,7 +175,7 @@ class JointModel:
         if not self._plain:
             stacked *= (self.measured[views] / self.noise[views, None])[:, None, None]
 
-    def _put_points(self, shared: Array, by_point: Array, index: Indices) -> None:
+    def _put_points(self, shared: Array, by_point: Array, index: Longs) -> None:
         assert self.control is not None
         view, point = np.nonzero(index < len(self.control.whitener))
         column = len(self.free) + 3 * index[view, point]

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.camera.camera import Camera
-from cadcam.fit.layout import COPLANAR, Indices, extents, spread_subset, triples
+from cadcam.fit.extents import COPLANAR, extents, spread_subset, triples
 from cadcam.fit.p3p import p3p
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid, by_twist
@@ -115,7 +115,7 @@ def _starts(camera: Camera, p: Array, q: Array) -> tuple[Array, Array]:
     return R, t
 
 
-def _spread(p: Array, seen: Array, count: int) -> Indices:
+def _spread(p: Array, seen: Array, count: int) -> Longs:
     """Return `count` indices of spread points; views of fewer points give padding in place of the rest."""
     chosen = np.flatnonzero(seen > 0)[spread_subset(p[seen > 0], count)]
     padding = np.flatnonzero(seen == 0)[: count - len(chosen)]
@@ -137,7 +137,7 @@ def _flipped(p: Array, R: Array, t: Array) -> tuple[Array, Array]:
 
 
 def _descended(
-    camera: Camera, views: Views, owner: Indices, R: Array, t: Array, iterations: int
+    camera: Camera, views: Views, owner: Longs, R: Array, t: Array, iterations: int
 ) -> tuple[Array, Array, Array]:
     """Levenberg-Marquardt on each pose by itself, all that still move as one batch."""
     R, t, damping = R.copy(), t.copy(), np.full(len(R), 1e-4)
@@ -162,7 +162,7 @@ def _descended(
     return so3.nearest(R), t, cost
 
 
-def _normal_equations(camera: Camera, R: Array, t: Array, views: Views, owner: Indices) -> tuple[Array, Array, Array]:
+def _normal_equations(camera: Camera, R: Array, t: Array, views: Views, owner: Longs) -> tuple[Array, Array, Array]:
     seen = views.seen[owner]
     q, J = pose_jacobian(camera, R, t, views.p[owner])
     r = (q - views.q[owner]) * seen[..., None]
@@ -172,7 +172,7 @@ def _normal_equations(camera: Camera, R: Array, t: Array, views: Views, owner: I
     return np.where(np.isfinite(cost), cost, np.inf), np.swapaxes(J, 1, 2) @ J, g
 
 
-def _two_lowest(owner: Indices, n: int, R: Array, cost: Array) -> tuple[Indices, Indices]:
+def _two_lowest(owner: Longs, n: int, R: Array, cost: Array) -> tuple[Longs, Longs]:
     """Return for each view the lowest minimum and the lowest that is another one, -1 where there is none."""
     first, second = np.full(n, -1), np.full(n, -1)
     for i in np.argsort(cost, kind="stable")[: np.count_nonzero(np.isfinite(cost))]:

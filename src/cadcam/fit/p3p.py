@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cadcam.arrays import Array
-from cadcam.fit.layout import Indices
+from cadcam.arrays import Array, Longs
 
 
 def p3p(p_world: Array, rays: Array) -> tuple[Array, Array]:
@@ -40,7 +39,7 @@ def _squared_sides(p: Array) -> tuple[Array, Array, Array]:
     )
 
 
-def _ratio_roots(p: Array, rays: Array) -> tuple[Array, Indices]:
+def _ratio_roots(p: Array, rays: Array) -> tuple[Array, Longs]:
     """Roots v = s3/s1 of Grunert's quartic and the triple each belongs to."""
     a2, b2, c2 = _squared_sides(p)
     ca, cb, cg = _cosines(rays)
@@ -68,7 +67,7 @@ def _ratio_roots(p: Array, rays: Array) -> tuple[Array, Indices]:
     return np.asarray(roots.ravel()), np.repeat(np.flatnonzero(usable), 4)
 
 
-def _distances(v: Array, owner: Indices, p: Array, rays: Array) -> tuple[Array, Indices]:
+def _distances(v: Array, owner: Longs, p: Array, rays: Array) -> tuple[Array, Longs]:
     """Distances (S, 3) along the rays, all positive."""
     a2, b2, c2 = (x[owner] for x in _squared_sides(p))
     ca, cb, cg = (x[owner] for x in _cosines(rays))

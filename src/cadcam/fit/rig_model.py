@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.fit.joint_model import OWN, JointModel, JointState
-from cadcam.fit.layout import Indices
 from cadcam.fit.schur import Blocks, Step
 from cadcam.geometry import rotation as so3
 
@@ -42,7 +41,7 @@ class RigModel:
 
     names: tuple[str, ...]
     cameras: tuple[JointModel, ...]
-    frames: tuple[Indices, ...]
+    frames: tuple[Longs, ...]
     count: int
 
     @property

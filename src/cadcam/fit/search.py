@@ -16,7 +16,7 @@ from cadcam.arrays import Array
 from cadcam.camera.extended_pinhole import EXTERNALS, camera_of
 from cadcam.errors import NotConverged
 from cadcam.fit.camera_model import CameraModel, angles, rotations_of
-from cadcam.fit.layout import spread_subset, triples
+from cadcam.fit.extents import spread_subset, triples
 from cadcam.fit.least_squares import Options, Solution, minimise
 from cadcam.fit.multistart import descend
 from cadcam.fit.p3p import p3p

@@ -12,12 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.errors import DegenerateMotions, InconsistentPoses
 from cadcam.fit import hand_eye
 from cadcam.fit.hand_eye import motions
 from cadcam.fit.hand_eye_poses import HandEyePoses, PosesFit, adjust_robustly
-from cadcam.fit.layout import Indices
 from cadcam.fit.screw import angles_and_slides, freedom, line_of
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
@@ -100,7 +99,7 @@ def refuse_strangers(poses: HandEyePoses, names: Sequence[str]) -> None:
     )
 
 
-def _orders(n: int) -> dict[str, Indices]:
+def _orders(n: int) -> dict[str, Longs]:
     """Return the orders that lists are apt to be in by mistake, as rows of the robot's poses (beyond them: none)."""
     rows = np.arange(n)
     orders = {"in reversed order": rows[::-1]}

@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.calibrate.joint.joint import JointFit
 from cadcam.errors import CadcamError, DegenerateGeometry, TooFewPoints
 from cadcam.fit.block_least_squares import minimise_blocks
 from cadcam.fit.joint_model import JointModel, JointState
-from cadcam.fit.layout import Indices
 
 _FOLDS = 10
 _HALF = 4  # points for a pose
@@ -71,11 +70,11 @@ def shared_values(model: JointModel, state: JointState) -> Array:
     return np.array([values[name] for name in model.free])
 
 
-def _views(state: JointState, index: Indices) -> JointState:
+def _views(state: JointState, index: Longs) -> JointState:
     return replace(state, R=state.R[index], t=state.t[index])
 
 
-def _shared(trained: JointState, poses: JointState, index: Indices) -> JointState:
+def _shared(trained: JointState, poses: JointState, index: Longs) -> JointState:
     return replace(trained, R=poses.R[index], t=poses.t[index])
 
 
@@ -93,6 +92,6 @@ def _errors(model: JointModel, state: JointState, side: int) -> Array:
     return np.asarray(replace(half, measured=at).residuals(posed)[at])
 
 
-def _alternate(measured: Mask) -> Indices:
+def _alternate(measured: Mask) -> Longs:
     """0, 1, 0, 1 ... along the measured points of each view."""
     return np.asarray((np.cumsum(measured, axis=1) - 1) % 2)

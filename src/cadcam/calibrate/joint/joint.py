@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.calibrate.joint import start as joint_start
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import INTERNALS, camera_of
@@ -19,9 +19,9 @@ from cadcam.camera.lens import Ideal, Lens
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints, UnknownName
 from cadcam.fit.block_least_squares import BlockSolution, minimise_blocks
+from cadcam.fit.extents import COLLINEAR, distinct
 from cadcam.fit.joint_model import BEND, OWN, Control, JointModel, JointState
 from cadcam.fit.joint_start import plane_frames
-from cadcam.fit.layout import COLLINEAR, Indices, distinct
 from cadcam.fit.levenberg_marquardt import Options
 from cadcam.fit.robust import Loss
 from cadcam.fit.square_root import Cofactors, factorise
@@ -229,7 +229,7 @@ def _control(model: JointModel, views: Sequence[Observations], sigma: float | Ma
 
 
 def _refuse_two_places(
-    model: JointModel, views: Sequence[Observations], place: Mapping[str, int], index: Indices
+    model: JointModel, views: Sequence[Observations], place: Mapping[str, int], index: Longs
 ) -> None:
     where = np.zeros((len(place) + 1, 3))
     where[index] = model.p

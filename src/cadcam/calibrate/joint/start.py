@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.calibrate.points.points import calibrate, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
@@ -22,7 +22,6 @@ from cadcam.errors import CadcamError, DegenerateGeometry, MirroredPoints, NotCo
 from cadcam.fit import joint_start as seeds
 from cadcam.fit.block_least_squares import BlockSolution, minimise_blocks
 from cadcam.fit.joint_model import BEND, JointModel, JointState
-from cadcam.fit.layout import Indices
 from cadcam.fit.levenberg_marquardt import Options
 
 _FLAT = 0.05  # thickness by length below which a field is taken as flat for a start
@@ -83,7 +82,7 @@ def _in_sight(model: JointModel, state: JointState) -> JointState:
     return _moved(state, _sought(model, state, camera_of(state.internals, (1, 1), model.lens_of(state)), blind))
 
 
-def _sought(model: JointModel, state: JointState, camera: Camera, index: Indices) -> dict[int, CameraEstimate]:
+def _sought(model: JointModel, state: JointState, camera: Camera, index: Longs) -> dict[int, CameraEstimate]:
     """Poses of views by a global search under a camera; those that find none are left out."""
     points, found = model.points(state), {}
     for j in index.tolist():
@@ -111,7 +110,7 @@ class _Flattened:
     axes: Array
     thick: Array
 
-    def at(self, index: Indices) -> _Flattened:
+    def at(self, index: Longs) -> _Flattened:
         return _Flattened(self.H[index], self.origin[index], self.axes[index], self.thick[index])
 
 

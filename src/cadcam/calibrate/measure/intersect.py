@@ -18,10 +18,9 @@ from itertools import combinations
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.camera.viewpoint import ErrorSource, Viewpoint, distinct_sources, index_of
 from cadcam.errors import BadValue
-from cadcam.fit.layout import Indices
 from cadcam.geometry.plane import Plane
 from cadcam.geometry.ray import Ray, nearest_to_all
 
@@ -63,7 +62,7 @@ class Group:
     """n points seen by the same V viewpoints: their rows in the whole, and their pixels (V, n, 2)."""
 
     viewpoints: tuple[Viewpoint, ...]
-    rows: Indices
+    rows: Longs
     q: Array
     surface: Surface | None
 

@@ -13,7 +13,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, Mask, frozen
+from cadcam.arrays import Array, Floats, Longs, Mask, frozen
 from cadcam.calibrate.measure.intersect import (
     Found,
     Group,
@@ -27,7 +27,6 @@ from cadcam.calibrate.measure.suspects import refuse_if_explained
 from cadcam.camera.measurement import Measurement, PixelNoise
 from cadcam.camera.viewpoint import ErrorSource, Viewpoint, distinct_sources, index_of
 from cadcam.errors import BadValue, DegenerateGeometry, UnknownName
-from cadcam.fit.layout import Indices
 from cadcam.geometry.plane import Plane
 
 Method = Literal["reprojection", "rays"]
@@ -210,7 +209,7 @@ def _pixel_noise(group: Group, G: Array) -> list[PixelNoise]:
     return list(out.values())
 
 
-def _noise_of(parts: list[_Part], keep: Indices) -> tuple[PixelNoise, ...]:
+def _noise_of(parts: list[_Part], keep: Longs) -> tuple[PixelNoise, ...]:
     """Return the pixel noise of all points, a part for each calibration that told it."""
     owners = {id(noise.owner): noise for part in parts for noise in part.noise}
     nothing = [np.zeros((len(part.rows), 3, 3)) for part in parts]

@@ -19,7 +19,7 @@ from cadcam.camera.observations import Observations
 from cadcam.camera.sensitivity import rotation_by_angles
 from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints, UnknownName
 from cadcam.fit.camera_model import CameraModel
-from cadcam.fit.layout import distinct, flatness, refuse_flat
+from cadcam.fit.extents import distinct, flatness, refuse_flat
 from cadcam.fit.least_squares import Solution, Stalled, cofactor
 from cadcam.fit.search import Effort, minima, polished
 

@@ -10,7 +10,7 @@ from cadcam.arrays import Array
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.observations import Observations
 from cadcam.errors import DegenerateGeometry, MirroredPoints, NotConverged
-from cadcam.fit.layout import flatness
+from cadcam.fit.extents import flatness
 
 _UNSUSPICIOUS_PX = 0.5  # rms of a coordinate that nobody doubts, where no sigma is stated
 _UNSUSPICIOUS_SIGMAS = 3.0

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.calibrate.joint.joint import JointFit, covariance_by_view, fit_jointly
 from cadcam.calibrate.rig import start as rig_start
 from cadcam.camera.camera import Camera
@@ -18,7 +18,6 @@ from cadcam.camera.rig_estimate import RigEstimate
 from cadcam.errors import BadValue, DegenerateGeometry, NotConverged, TooFewPoints
 from cadcam.fit.block_least_squares import BlockSolution, minimise_blocks
 from cadcam.fit.joint_model import OWN, JointModel, JointState
-from cadcam.fit.layout import Indices
 from cadcam.fit.levenberg_marquardt import Options
 from cadcam.fit.rig_model import RigModel, RigState
 from cadcam.fit.robust import Loss
@@ -92,7 +91,7 @@ def calibrate_rig(
 
 
 def _posed(
-    names: tuple[str, ...], fits: Sequence[JointFit], index: Sequence[Indices], labels: Sequence[str], origin: Array
+    names: tuple[str, ...], fits: Sequence[JointFit], index: Sequence[Longs], labels: Sequence[str], origin: Array
 ) -> tuple[RigModel, RigState]:
     """Return the rig's model, points counted from `origin`, and the state that the cameras' own calibrations give."""
     moved = _weighed([_about(fit, origin) for fit in fits], fits)

@@ -13,10 +13,9 @@ from itertools import combinations
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.errors import DegenerateGeometry, InconsistentViews
 from cadcam.fit.joint_model import JointModel, JointState
-from cadcam.fit.layout import Indices
 from cadcam.fit.rig_model import squared_misfits
 from cadcam.geometry.rigid import Rigid
 
@@ -39,12 +38,12 @@ class Alone:
     name: str
     model: JointModel
     state: JointState
-    frames: Indices
+    frames: Longs
     poses: Rigid
     covariance: Array
     longer: int
 
-    def misfits(self, index: Indices, poses: Rigid) -> Array:
+    def misfits(self, index: Longs, poses: Rigid) -> Array:
         """Return the mean squared distance (n,), px^2, of the points of some views if they had these poses."""
         state = self.state
         few = replace(state, R=state.R[index], t=state.t[index])
@@ -57,9 +56,9 @@ class _Pair:
 
     a: Alone
     b: Alone
-    frames: Indices
-    in_a: Indices
-    in_b: Indices
+    frames: Longs
+    in_a: Longs
+    in_b: Longs
 
     @classmethod
     def of(cls, a: Alone, b: Alone) -> _Pair:
@@ -199,7 +198,7 @@ def _refuse_some(pair: _Pair, base: Rigid, S_base: Array, deviation: Array, gros
     )
 
 
-def _explained(pair: _Pair, base: Rigid, S_base: Array, deviation: Array, bad: Indices, labels: Sequence[str]) -> str:
+def _explained(pair: _Pair, base: Rigid, S_base: Array, deviation: Array, bad: Longs, labels: Sequence[str]) -> str:
     """Return how else the bad frames' pictures may be meant, where that brings them near the others."""
     said = []
     for i in bad:

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from itertools import combinations
-from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.errors import DegenerateGeometry
-
-Indices: TypeAlias = npt.NDArray[np.intp]
 
 COLLINEAR = 1e-5  # width by length below which points are a line
 COPLANAR = 1e-4  # thickness by length below which points are a plane: 0.03 mm over 300 mm
@@ -50,7 +46,7 @@ def refuse_flat(p_world: Array, *, unknowns: int) -> None:
         )
 
 
-def spread_subset(p: Array, count: int) -> Indices:
+def spread_subset(p: Array, count: int) -> Longs:
     """Return the indices of `count` points (N, d) far from each other, the farthest from the rest first."""
     if len(p) <= count:
         return np.arange(len(p))
@@ -62,7 +58,7 @@ def spread_subset(p: Array, count: int) -> Indices:
     return np.array(chosen)
 
 
-def triples(p: Array, q: Array, count: int) -> Indices:
+def triples(p: Array, q: Array, count: int) -> Longs:
     """Return up to `count` triples (T, 3) of indices of well-spread points, those of the largest image area first."""
     pool = spread_subset(np.column_stack([q / max(np.ptp(q), 1e-300), p / max(np.ptp(p), 1e-300)]), 8)
     index = np.array(list(combinations(pool, 3)))
