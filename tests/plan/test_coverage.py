@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cadcam.plan import coverage as module
 from cadcam.plan.coverage import coverage, divided
 from cadcam.plan.layout import plan_layout, survey
 from cadcam.plan.pictures import camera_pictures, coverage_pictures
@@ -26,6 +27,14 @@ def test_pieces_are_small_and_make_up_the_surface() -> None:
         [pieces.face_areas[pieces.part == i].sum() for i in range(3)],
         [mesh.face_areas[mesh.part == i].sum() for i in range(3)],
     )
+
+
+def test_pieces_stay_large_rather_than_become_too_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = part()
+    monkeypatch.setattr(module, "_MOST", 200)
+    pieces = divided(mesh)
+    assert mesh.n_faces < pieces.n_faces <= 200
+    assert pieces.face_areas.sum() == pytest.approx(mesh.face_areas.sum())
 
 
 def test_a_camera_above_covers_what_looks_up_and_nothing_below() -> None:
