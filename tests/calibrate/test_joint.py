@@ -233,6 +233,7 @@ def test_a_bowed_board_is_measured_and_left_flat_it_spoils_the_camera(rng):
     for name, true in (("bend_x", 2.0), ("bend_y", -0.7), ("focal", 1080.0)):
         assert abs(found.value(name) - true) < 4 * found.sigma(name)
     assert found.rms_px == pytest.approx(0.1, rel=0.1)
+    assert found.residual == pytest.approx(np.sqrt(2) * found.rms_px)
     rigid = calibrate_jointly(views, SIZE)
     assert abs(rigid.value("focal") - 1080) > 5 * rigid.sigma("focal")
     with pytest.raises(BadValue, match="board to bend"):

@@ -295,6 +295,16 @@ def test_what_cannot_be_a_rig_is_refused(rng):
         found.mount("rigth")
 
 
+def test_a_camera_that_saw_nothing_or_a_frame_that_none_saw_is_no_part_of_a_rig(rng):
+    found = calibrate_rig(rig(rng, 2, 5).seen(rng, 0.3))
+    blind = (found.views[0], (None,) * 5)
+    with pytest.raises(BadValue, match=f"{found.names[1]!r}.*without anything seen"):
+        replace(found, views=blind)
+    dark = tuple((None, *views[1:]) for views in found.views)
+    with pytest.raises(BadValue, match=f"{found.frames[0]!r}.*without anything seen"):
+        replace(found, views=dark)
+
+
 def test_a_rig_file_round_trips_to_the_last_bit(rng, tmp_path):
     seen = rig(rng, 3, 6).seen(rng, 0.3)
     seen["top"] = without(seen["top"], 1)

@@ -117,6 +117,11 @@ def test_what_is_no_pinhole_is_refused() -> None:
         ExtendedPinhole.from_matrix([[1, 0, 0, 0], [0, 1, 0, 0], [1, 1, 0, 1]])
     with pytest.raises(BadValue, match="focal"):
         ExtendedPinhole(0, 0, 0, 0, 0, 0, 1, -800, 0, 300, 400)
+    with pytest.raises(BadValue, match="aspect"):
+        ExtendedPinhole(0, 0, 0, 0, 0, 0, 0, 800, 0, 300, 400)
+    for skew in (-np.pi / 2, np.pi / 2, 3.0):
+        with pytest.raises(BadValue, match="skew below 90 deg"):
+            ExtendedPinhole(0, 0, 0, 0, 0, 0, 1, 800, skew, 300, 400)
     with pytest.raises(BadValue, match="U0"):
         ExtendedPinhole(0, 0, 0, 0, 0, 0, 1, 800, 0, np.nan, 400)
     with pytest.raises(DegenerateGeometry, match="C23 = 1"):

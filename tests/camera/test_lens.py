@@ -11,6 +11,7 @@ from cadcam.camera.lens import (
     LENSES,
     BrownConrady,
     Division,
+    DoubleSphere,
     Fisheye,
     Ideal,
     Lens,
@@ -192,13 +193,26 @@ def test_bad_coefficients_are_refused() -> None:
     )
 
 
+@pytest.mark.parametrize("xi", [-0.95, -0.5, -0.1, 0.0, 0.4, 1.0])
+@pytest.mark.parametrize("alpha", [0.0, 0.2, 0.45, 0.55, 0.8, 1.0])
+def test_a_double_sphere_ends_where_its_curve_turns_or_has_its_pole(xi: float, alpha: float) -> None:
+    """Or at 90 degrees: up to there the image moves outwards, and an angle of 1e-6 beyond it is not imaged so."""
+    lens = DoubleSphere(xi, alpha)
+    rho, slope = lens._curve(np.linspace(0, lens.max_angle, 2000)[1:-1])
+    assert (rho > 0).all()
+    assert (slope > 0).all()
+    if lens.max_angle < np.pi / 2:
+        rho, slope = lens._curve(np.array([lens.max_angle + 1e-6]))
+        assert rho[0] < 0 or slope[0] < 0
+
+
 def test_the_quick_bound_never_reaches_beyond_the_fold(rng: np.random.Generator) -> None:
     """Three hundred decentred lenses: where the bound says that nothing folds, the search finds nothing either."""
     said = 0
     for _ in range(300):
         k1, k2, k3 = rng.normal(size=3) * [0.3, 0.1, 0.05]
-        p1, p2, s1, s3 = rng.normal(size=4) * 0.02
-        lens = BrownConrady(k1, k2, p1, p2, k3, s1=s1, s3=s3)
+        p1, p2, s1, s2, s3, s4 = rng.normal(size=6) * rng.choice([0.002, 0.02, 0.2], 6)
+        lens = BrownConrady(k1, k2, p1, p2, k3, s1=s1, s2=s2, s3=s3, s4=s4)
         radius = rng.uniform(0.1, 3)
         if lens._upright_to(radius):
             said += 1

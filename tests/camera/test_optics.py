@@ -8,6 +8,8 @@ from math import inf, isinf
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
+from scipy.special import j1
 
 from cadcam.camera.optics import (
     Optics,
@@ -174,6 +176,17 @@ def test_diffraction_is_the_airy_disc():
     assert optics.diffraction_px() == pytest.approx(2.44 * 0.55 * 8 / 3.45, rel=1e-6)
     near = Optics(sensor_format("IMX264"), 25.0, 50.0, 8.0)  # life-size: the effective f-number doubles
     assert near.diffraction_px() == pytest.approx(2 * optics.diffraction_px(), rel=1e-6)
+
+
+def test_the_core_of_the_airy_disc_is_nearly_a_gaussian():
+    """The nearest one to (2 J1(x)/x)^2, x = pi r/(lambda N), within its first dark ring, by squares over the area."""
+    optics = Optics(sensor_format("IMX264"), 25.0, 1e9, 8.0)
+    r = np.linspace(1e-6, 1.22, 2000)  # of lambda N
+    airy = (2 * j1(np.pi * r) / (np.pi * r)) ** 2
+    off = minimize_scalar(
+        lambda s: float(np.sum(r * (airy - np.exp(-(r**2) / (2 * s**2))) ** 2)), bounds=(0.2, 0.8), method="bounded"
+    )
+    assert optics.airy_sigma_px() == pytest.approx(off.x * 0.55 * 8 / 3.45, rel=0.02)  # 0.42 has two digits
 
 
 def test_blur_adds_by_its_second_moments():

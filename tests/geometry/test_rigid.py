@@ -116,6 +116,17 @@ def test_quaternion_and_matrix_are_inverse_maps(rng: np.random.Generator) -> Non
     assert np.allclose(so3.from_quaternion(q), R, rtol=0, atol=20 * EPS)
 
 
+def test_a_written_rotation_is_made_one_and_what_is_none_is_refused(rng: np.random.Generator) -> None:
+    R = so3.exp(random_twists(rng, (20,))[:, 3:])
+    mended = so3.written(np.round(R, 4))
+    assert np.abs(mended - R).max() < 2e-4  # of half a last digit in nine numbers
+    assert np.abs(mended @ np.swapaxes(mended, -1, -2) - np.eye(3)).max() < 20 * EPS
+    assert np.array_equal(so3.written(R), R)
+    for wrong in (np.diag([1.0, 1.0, 1.05]), np.diag([1.0, -1.0, 1.0])):
+        with pytest.raises(BadValue, match="rotation"):
+            so3.written(wrong)
+
+
 def test_nearest_rotation_is_a_rotation_even_of_a_mirror_image(rng: np.random.Generator) -> None:
     M = rng.normal(size=(40, 3, 3))
     R = so3.nearest(M)
