@@ -28,6 +28,7 @@ from cadcam.fit.joint_start import homographies
 from cadcam.report.table import with_sigma
 
 ALL = ("k1", "k2", "p1", "p2", "k3")
+_PX_BY_MM = 313.371  # of the chip that DBAT reports in mm
 
 
 def zhang_planar(folder: Path) -> list[str]:
@@ -75,44 +76,36 @@ def dbat_camcal(folder: Path) -> list[str]:
     )
     report = (folder / "dbatexports/camcal-dbatreport-model-1.txt").read_text()
     other = _opencv([v.p_world for v in views], [v.q for v in views], (2272, 1704), focal=2300.0)
-    per_mm, rows = 313.371, []
-    for name, title, column in (
-        ("focal", "Camera Constant:", "fy"),
-        ("V0", "px - principal", "cx"),
-        ("U0", "py - ", "cy"),
-    ):
-        value, sigma = _reported(report, title)
-        shift = 0.0 if name == "focal" else 0.5
-        sd = found.sigma(name)
-        rows.append(
-            (
-                f"{column} px",
-                *with_sigma(found.value(name), sd),
-                *with_sigma(value * per_mm - shift, sigma * per_mm),
-                _value(other, column, sd),
-            )
-        )
-    f = found.value("focal") / per_mm
-    for name, title, power, sign in (
-        ("k1", "K1 - radial", 2, -1),
-        ("k2", "K2 - radial", 4, -1),
-        ("k3", "K3 - radial", 6, -1),
-        ("p1", "P2 - decentering", 1, 1),
-        ("p2", "P1 - decentering", 1, -1),
-    ):
-        value, sigma = _reported(report, title)
-        scale = sign * f**power
-        sd = found.sigma(name)
-        shown = (*with_sigma(found.value(name), sd), *with_sigma(scale * value, abs(scale) * sigma))
-        rows.append((name, *shown, _value(other, name, sd)))
     sigma0 = float(np.sqrt(found.sum_of_squares / 3726))
-    rows.append(("sigma0 px", f"{sigma0:.6f}", "", "0.162168", "", ""))
+    rows = [*_beside_dbat(found, report, other), ("sigma0 px", f"{sigma0:.6f}", "", "0.162168", "", "")]
     return [
         "## A camera calibration sheet, 21 views of 100 dots, the dots' places estimated too (4 fixed)",
         *_table(("", "ours", "sigma", "published", "its sigma", "OpenCV (dots as published, guess given)"), rows),
         "Published by an independent bundle adjuster (DBAT 0.9.2), in mm; the sigmas of its K1 to P2 are without the "
         "focal length's share.",
     ]
+
+
+def _beside_dbat(found: JointEstimate, report: str, other: dict[str, float]) -> list[tuple[str, ...]]:
+    """Return the rows of parameters: ours, those of DBAT's report in our units, and OpenCV's."""
+    f = found.value("focal") / _PX_BY_MM
+    in_px = [("focal", "Camera Constant:", "fy", 0.0), ("V0", "px - principal", "cx", 0.5), ("U0", "py - ", "cy", 0.5)]
+    in_mm = [
+        ("k1", "K1 - radial", -(f**2)),
+        ("k2", "K2 - radial", -(f**4)),
+        ("k3", "K3 - radial", -(f**6)),
+        ("p1", "P2 - decentering", f),
+        ("p2", "P1 - decentering", -f),
+    ]
+    asked = [(name, title, column, f"{column} px", _PX_BY_MM, shift) for name, title, column, shift in in_px]
+    asked += [(name, title, name, name, scale, 0.0) for name, title, scale in in_mm]
+    rows: list[tuple[str, ...]] = []
+    for name, title, column, label, scale, shift in asked:
+        value, sigma = _reported(report, title)
+        sd = found.sigma(name)
+        ours, theirs = with_sigma(found.value(name), sd), with_sigma(scale * value - shift, abs(scale) * sigma)
+        rows.append((label, *ours, *theirs, _value(other, column, sd)))
+    return rows
 
 
 def openptv_cavity(folder: Path) -> list[str]:
