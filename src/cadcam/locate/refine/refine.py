@@ -206,7 +206,10 @@ class Refinement:
             sights, pose = self.attracted(best.sights, start, CLOSE_PX)
             if max(s.moved_px(best.pose, pose) for s in best.sights) < _SAME_PX:
                 continue
-            second = self.settled(sights, pose)
+            second = self.measured(sights, pose)
+            if second.loose:
+                continue
+            second = self.redrawn(second)
             if not second.loose and second.better_than(best):
                 return second
         return best
@@ -233,14 +236,18 @@ class Refinement:
 
     def settled(self, sights: Sequence[Sight], pose: Rigid) -> _Answer:
         """Return the answer at a pose, its lines as seen from there, or at the one that most edges agree on."""
-        answer = self.measured(sights, pose)
-        if answer.solution is not None and _away(sights, answer.solution.pose):
-            pose = answer.solution.pose
-            answer = self.measured(self.sights(pose, sights), pose)
+        answer = self.redrawn(self.measured(sights, pose))
         for closer in agreed(answer.solution) if self.wider and answer.solution is not None else ():
             other = self.measured(self.sights(closer, answer.sights), closer)
             answer = other if other.better_than(answer) else answer
         return answer
+
+    def redrawn(self, answer: _Answer) -> _Answer:
+        """Return an answer, or, where it lies so far off that others may be seen, what lines drawn there find."""
+        if answer.solution is None or not _away(answer.sights, answer.solution.pose):
+            return answer
+        pose = answer.solution.pose
+        return self.measured(self.sights(pose, answer.sights), pose)
 
     def measured(self, sights: Sequence[Sight], pose: Rigid) -> _Answer:
         """Return what the measurement of a pose close by finds.
