@@ -25,6 +25,8 @@ _CLIPPED = 0.7  # share of black or white pixels from which a cell tells nothing
 # Cells to each side on the same run that contrast, and noise and slopes are averaged with. What is averaged is far less
 # noisy than a cell's own, and the weights of an edge's samples then do not flicker.
 _CONTRAST, _STRETCH = 3, 10
+_LEAST_PAIRS = 4  # of neighbouring cells on a run that tell what noise makes of its slopes
+_MEDIAN_CHI2 = 0.4549  # of the square of a standard normal variable
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,10 +120,14 @@ class Measured:
     doubt: Array
 
 
-def measure(sight: Sight, at: Projected, cells: Cells, where: Array, *, sums: StepSums | None = None) -> Measured:
+def measure(
+    sight: Sight, at: Projected, cells: Cells, where: Array, *, sums: StepSums | None = None, as_lines: bool = False
+) -> Measured:
     """Return the steps' offsets by a linear fit at places `where` (N,) px along the samples' normals.
 
-    sums: of the cells there, if known.
+    sums: of the cells there, if known. as_lines: slopes are held as the mean of each run of cells asks for. Held as
+    each cell asks for, slopes that are lost in its noise draw all steps of a run one way, by more than their mean is
+    uncertain; nothing is drawn where they are free, at 1.4 times the noise.
 
     The fit holds near the step: a place must be right to about the blur.
     """
@@ -137,13 +143,43 @@ def measure(sight: Sight, at: Projected, cells: Cells, where: Array, *, sums: St
     sure = np.abs(found.contrast) > _SURE * found.sd_contrast  # before a chequered ground the sign changes along a line
     c = np.where(sure, found.contrast, c)
     more = np.sqrt(along_runs(found.noise**2, run, _STRETCH)) / found.noise
+    placed = sums.solved(_held_as_lines(sums, run), noise=0.5 * sight.noise) if as_lines else found
     with np.errstate(all="ignore"):
-        shift, sigma[which] = -found.moment / c, found.sd_moment * more / np.abs(c)
+        shift, sigma[which] = -placed.moment / c, placed.sd_moment * more / np.abs(c)
         near = np.abs(shift) < _LINEAR * max(cells.blur, 0.7)
         usable[which] = (np.abs(c) > _CLEAR * sd_c) & near & (found.clipped < _CLIPPED)
         offset[which] = where[which] + shift
     contrast[which], doubt[which] = c, cells.doubt
     return Measured(offset, sigma, contrast, usable, doubt)
+
+
+def _held_as_lines(sums: StepSums, run: Ids) -> Array:
+    """Return how firmly slopes (n, 2) are held for the mean of each run's steps: by its mean slope, or what is usual.
+
+    A slope's mean over k cells tells k times as much of it as one cell does, so it is held by that much less. How
+    large slopes are is told by these means, less what noise makes of them: over all runs by the median, and more for a
+    run whose own is more. What noise makes of slopes shows in how those of neighbouring cells differ.
+    """
+    found = sums.solved(np.zeros((len(run), 2)))
+    number = np.unique(run, return_inverse=True)[1].reshape(-1)
+    known = np.isfinite(found.slopes).all(axis=1) & np.isfinite(found.noise)
+    slopes, noise2 = np.where(known[:, None], found.slopes, 0.0), np.where(known, found.noise**2, 0.0)
+    count = np.maximum(np.bincount(number, known), 1.0)
+    mean = np.stack([np.bincount(number, s) for s in slopes.T], axis=1) / count[:, None]
+    pair = np.flatnonzero((number[1:] == number[:-1]) & known[1:] & known[:-1])
+    pairs = np.bincount(number[pair], minlength=len(count))
+    apart2 = 0.5 * (slopes[pair + 1] - slopes[pair]) ** 2
+    by_noise = np.stack([np.bincount(number[pair], a, len(count)) for a in apart2.T], axis=1)
+    told = pairs >= _LEAST_PAIRS
+    if not told.any():
+        return np.zeros((len(run), 2))
+    by_noise = by_noise[told] / (pairs * count)[told, None]
+    usual = max(float(np.median(mean[told] ** 2 / _MEDIAN_CHI2 - by_noise)), 0.0)
+    slope2 = np.maximum(usual, mean**2)
+    slope2[told] = np.maximum(usual, mean[told] ** 2 - by_noise)
+    noise2_of_run = np.bincount(number, noise2) / count
+    held = noise2_of_run[:, None] / np.maximum(count[:, None] * slope2, 1e-12)
+    return np.asarray(held[number])
 
 
 def _sd_contrast(sight: Sight, found: Steps, run: Ids) -> Array:

@@ -178,7 +178,7 @@ def _measured(
         rows = lines.photo == i
         at = Projected(lines.q[rows], lines.normal[rows], np.zeros((int(rows.sum()), 6)))
         cells = Cells.of(sight, at, half_length=STEP_PX / 2, reach_px=REACH_PX, room_px=ROOM_PX)
-        found = measure(sight, at, cells, expected[rows])
+        found = measure(sight, at, cells, expected[rows], as_lines=True)
         clear = (lines.room[rows] >= ROOM_PX + _APART * cells.blur) | free[rows]
         usable = found.usable & clear
         offset[rows] = np.where(usable, found.offset, np.nan)
