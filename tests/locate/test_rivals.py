@@ -11,6 +11,7 @@ from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import FREE
 from cadcam.locate.locate import locate
+from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.apart import away
@@ -115,3 +116,23 @@ def test_what_only_lies_in_the_dark_is_said_to_be_open() -> None:
 def test_what_is_its_own_mirror_image_has_no_other_hand() -> None:
     likenesses = Part.of(machined_bracket()).likenesses
     assert not any(like.mirrored for like in likenesses)
+
+
+@pytest.mark.parametrize("away", [0.0, 20.0])
+def test_lines_drawn_from_elsewhere_make_no_other_reading(away: float) -> None:
+    """A lattice whose ends are out of the picture looks the same one bay on: it stays where it was found.
+
+    Drawn from some way off other lines are hidden than at the pose; these would be the other bay's alone.
+    """
+    mesh = comb()
+    part = Part.of(mesh)
+    near = Camera.from_focal((240, 180), 1000.0)
+    middle = np.array([BAY * 3 + 6, 15.0, 20.0])
+    pose = Rigid.look_at(middle + np.array([30.0, -140.0, 160.0]), middle)
+    image = open_renderer(Scene.of(mesh)).render(near, pose).image.mean(axis=2)
+    photo = Photo.of(np.asarray(image * 0.8, np.float32), near)
+    found = refine(part, [photo], pose)
+    aside = pose @ Rigid(translation=np.array([away / 2, away, -away]))
+    sights = [Sight.of(part, photo, aside, step_px=EDGES.step_px, reach_px=2 * EDGES.reach_px)]
+    assert found.found
+    assert Rivals(part, [photo], FREE, EDGES, 0).beside(found, sights).pose is found.pose

@@ -17,6 +17,7 @@ from cadcam.locate.photo import Photo
 
 CAMERA = Camera.from_focal((160, 120), 900.0)
 FINE = 8  # samples a pixel, each way
+SLOPE, NOISE, PHOTOS = 1e-3, 0.01, 12  # brightness a px; of a pixel
 
 
 def disc(radius: float) -> np.ndarray:
@@ -62,3 +63,31 @@ def test_a_wide_blur_is_told_by_wide_cells(defocus: float) -> None:
     sight = Sight.of(part, Photo.of(gray, CAMERA), pose, step_px=4.0, reach_px=9.0)
     spread = np.sqrt(0.25 + 1 / 12 + defocus**2 / 4)
     assert sight.blur(sight.project(pose), half_length=2.0, reach_px=4.5) == pytest.approx(spread, rel=0.25)
+
+
+@pytest.mark.parametrize("as_lines", [True, False])
+def test_ground_that_slopes_less_than_a_cell_tells_draws_no_edge_as_a_whole(as_lines: bool) -> None:
+    """A plate that gets brighter to the right, by a tenth of the noise each px: its left and right edges stay.
+
+    The mean of an edge over its sigma, in the mean of 24, is 0 to within three of its own sigmas. Slopes held as each
+    cell asks for draw it by more than that.
+    """
+    camera = Camera.from_focal((320, 240), 900.0)
+    part = Part.of(prism([(-110, -90), (110, -90), (110, 90), (-110, 90)], 0, 40, name="plate"))
+    pose = Rigid(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, camera.fx + 40]))
+    x, y = ((np.arange(FINE * n) + 0.5) / FINE - 0.5 - c for n, c in zip(camera.size, camera.principal_point, strict=True))
+    inside = (np.abs(x) < 110) & (np.abs(y[:, None]) < 90)
+    fine = gaussian_filter(np.where(inside, 0.5 + SLOPE * x, 0.3), 0.5 * FINE)
+    sharp = fine.reshape(240, FINE, 320, FINE).mean(axis=(1, 3))
+    rng, drawn = np.random.default_rng(0), list[float]()
+    for _ in range(PHOTOS):
+        noisy = (sharp + NOISE * rng.standard_normal(sharp.shape)).astype(np.float32)
+        sight = Sight.of(part, Photo.of(noisy, camera), pose, step_px=4.0, reach_px=14.0)
+        at = sight.project(pose)
+        cells = Cells.of(sight, at, half_length=2.0, reach_px=7.0, room_px=2.5)
+        found = measure(sight, at, cells, np.zeros(len(sight.samples)), as_lines=as_lines)
+        for side in (-1, 1):
+            rows = found.usable & (np.abs(at.normal[:, 0]) > 0.9) & (side * (at.q[:, 0] - 160) > 0)
+            weight, along_x = 1 / found.sigma[rows] ** 2, np.sign(at.normal[rows, 0]) * found.offset[rows]
+            drawn.append(float(weight @ along_x / np.sqrt(weight.sum())))
+    assert bool(abs(np.mean(drawn)) < 3 / np.sqrt(len(drawn))) is as_lines

@@ -65,7 +65,8 @@ class Rivals:
             likely = [like for like in self.part.likenesses if not self.holds(found, pose @ like.motion, like.mirrored)]
             if not likely:
                 return found
-            sights = self._sights(self.part, pose) if sights is None else sights
+            if sights is None or any(s.moved_px(s.drawn, pose) > _NEAR_PX for s in sights):
+                sights = self._sights(self.part, pose)  # drawn elsewhere they have lines that are hidden here
             own = Reading.of(sights, pose, near=_NEAR_PX)
             every = (self._read(pose @ like.motion, like, own) for like in likely)
             read = [one for one in every if one is not None]
