@@ -11,8 +11,9 @@ verify` the block is located first, from a start some pixels off.
 
 found: defects that are called what they are. present: missing bodies whose presence is a PASS. alarms: pictures in
 which any body is called displaced or missing that is not. in place, unclear: states of the bodies in view (of which an
-edge should show) that are as drawn. PASS, undecided, FAIL: verdicts on the presence of these. CPU: of locating, and of
-verifying, a picture, its median and the longest.
+edge should show) that are as drawn. PASS, undecided, FAIL: verdicts on the presence of these. scatter: how far off
+their places edges of the block as drawn are as a whole, over what noise alone makes of that; a robust standard
+deviation. CPU: of locating, and of verifying, a picture, its median and the longest.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ from cadcam.render.light import Lamp, Light
 from cadcam.render.photograph import Photographer
 from cadcam.render.view import Channel
 from cadcam.verify.deviations.deviation import State
-from cadcam.verify.inspection import inspect
+from cadcam.verify.inspection import Inspection, inspect
 from cadcam.verify.tolerances.tolerance import Limit, Quantity
 from cadcam.verify.tolerances.verdict import Verdict
 from verify_blocks import across, blamed, built, drawn, in_words, table, verdict
@@ -81,6 +82,7 @@ class Tally:
     alarms: int = 0
     states: list[State] = field(default_factory=list)
     presences: list[Verdict] = field(default_factory=list)
+    scatter: list[float] = field(default_factory=list)
     locating: list[float] = field(default_factory=list)
     verifying: list[float] = field(default_factory=list)
 
@@ -162,6 +164,8 @@ def judge(out: Tally, case: str, shot: Shot) -> None:
         out.lost += 1
         print(f"{case} {out.pictures}: {located.reason if seen is None else seen.reason}", file=sys.stderr)
         return
+    if not shot.moved and not shot.gone:
+        out.scatter += off_by_noise(seen)
     wrong = 0
     for f in seen.features:
         truth = shot.truth(f.name)
@@ -179,6 +183,20 @@ def judge(out: Tally, case: str, shot: Shot) -> None:
     out.alarms += wrong > 0
 
 
+def off_by_noise(seen: Inspection) -> list[float]:
+    """Return of each edge without a twin its mean offset from the true place, over the sigma that noise gives it.
+
+    The world is the true block: at the true pose it is at the origin.
+    """
+    assert seen.measured is not None
+    m = seen.measured
+    fitted = m.adjustment.pose().xi
+    to_true_pose = (Rigid.exp(fitted) @ seen.pose.world_from_part.inv).log()
+    offset, noise = m.adjustment.offset - m.lines.by_pose @ to_true_pose, m.own_noise
+    sums = [np.bincount(noise.edge, x, noise.edges) for x in (offset / noise.sigma**2, 1 / noise.sigma**2)]
+    return list((sums[0] / np.sqrt(sums[1]))[noise.tau == 0])
+
+
 def row(case: str, tally: Tally) -> str:
     n, bodies = tally.pictures, max(len(tally.states), 1)
     found = f"{100 * tally.found / tally.defects:.1f} % of {tally.defects}" if tally.defects else ""
@@ -187,6 +205,7 @@ def row(case: str, tally: Tally) -> str:
         f"{100 * tally.presences.count(v) / bodies:.1f} %" for v in (Verdict.PASS, Verdict.UNDECIDED, Verdict.FAIL)
     ]
     times = [f"{1000 * np.median(t):.0f}, {1000 * np.max(t):.0f}" for t in (tally.locating, tally.verifying)]
+    scatter = f"{np.median(np.abs(tally.scatter)) / 0.6745:.2f}" if tally.scatter else ""
     cells = [
         case,
         str(n),
@@ -197,11 +216,11 @@ def row(case: str, tally: Tally) -> str:
         str(len(tally.states)),
         *states,
     ]
-    return "| " + " | ".join([*cells, *verdicts, *times]) + " |"
+    return "| " + " | ".join([*cells, *verdicts, scatter, *times]) + " |"
 
 
 def main() -> None:
-    columns = "found | present | no pose | alarms | bodies | in place | unclear | PASS | undecided | FAIL"
+    columns = "found | present | no pose | alarms | bodies | in place | unclear | PASS | undecided | FAIL | scatter"
     table(__doc__, f"| pictured | pictures | {columns} | locate CPU ms | verify CPU ms |", CASES, 30, study, row)
 
 

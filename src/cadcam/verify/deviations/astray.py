@@ -31,11 +31,12 @@ from cadcam.verify.deviations.measured import Displacement, Measured
 from cadcam.verify.edges.sightlines import REACH_PX, Sightlines, pieces
 
 # Share of edges that are astray in light with shadows before any are counted, and how many edges that is worth; how
-# many times as often those beside uneven ground are; and how far off an edge may be for it, twice as far being twice as
-# rare (2970 edges measured in photographs of a block under a lamp; docs/benchmarks/verify.md).
+# many times as often those beside uneven ground are; and how far off an edge may be for it, twice as far being four
+# times as rare, until it is rather another line of the photo (2970 edges measured in photographs of a block under a
+# lamp; docs/benchmarks/verify.md).
 _USUAL, _BELIEVED = 0.02, 50
 _OFTEN = 4.0
-_FAR_PX = 0.4
+_FAR_PX, _ANOTHER_PX = 0.25, 1.0
 _UNEVEN = 0.2  # share of edges beside uneven ground from which all of that is believed
 _DOUBTED = 0.01  # probability, of a body in place, below which it is asked whether edges are astray
 _MOST = 4  # edges of a body that may be astray at once
@@ -55,7 +56,8 @@ class Group:
     def chance(self, usual: float, uneven: Mapping[int, bool]) -> float:
         """Return how probable it is that they are astray, and so far, if that `usual` share of edges is."""
         often = _OFTEN if any(uneven.get(e, False) for e in self.edges) else 1.0
-        return min(1.0, usual * often * min(1.0, _FAR_PX / max(self.off_px, 1e-9)))
+        rare = (_FAR_PX / min(max(self.off_px, _FAR_PX), _ANOTHER_PX)) ** 2
+        return min(1.0, usual * often * rare)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
