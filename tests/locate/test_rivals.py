@@ -10,8 +10,8 @@ from cadcam.cad.parts import machined_bracket
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import FREE
-from cadcam.locate.locate import locate
 from cadcam.locate.lines.sight import Sight
+from cadcam.locate.locate import locate
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.apart import away

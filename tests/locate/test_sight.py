@@ -75,7 +75,7 @@ def test_ground_that_slopes_less_than_a_cell_tells_draws_no_edge_as_a_whole(as_l
     camera = Camera.from_focal((320, 240), 900.0)
     part = Part.of(prism([(-110, -90), (110, -90), (110, 90), (-110, 90)], 0, 40, name="plate"))
     pose = Rigid(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, camera.fx + 40]))
-    x, y = ((np.arange(FINE * n) + 0.5) / FINE - 0.5 - c for n, c in zip(camera.size, camera.principal_point, strict=True))
+    x, y = ((np.arange(FINE * n) + 0.5) / FINE - n / 2 for n in camera.size)
     inside = (np.abs(x) < 110) & (np.abs(y[:, None]) < 90)
     fine = gaussian_filter(np.where(inside, 0.5 + SLOPE * x, 0.3), 0.5 * FINE)
     sharp = fine.reshape(240, FINE, 320, FINE).mean(axis=(1, 3))

@@ -165,15 +165,15 @@ def _held_as_lines(sums: StepSums, run: Ids) -> Array:
     known = np.isfinite(found.slopes).all(axis=1) & np.isfinite(found.noise)
     slopes, noise2 = np.where(known[:, None], found.slopes, 0.0), np.where(known, found.noise**2, 0.0)
     count = np.maximum(np.bincount(number, known), 1.0)
-    mean = np.stack([np.bincount(number, s) for s in slopes.T], axis=1) / count[:, None]
+    mean = np.asarray(np.stack([np.bincount(number, s) for s in slopes.T], axis=1) / count[:, None])
     pair = np.flatnonzero((number[1:] == number[:-1]) & known[1:] & known[:-1])
     pairs = np.bincount(number[pair], minlength=len(count))
     apart2 = 0.5 * (slopes[pair + 1] - slopes[pair]) ** 2
-    by_noise = np.stack([np.bincount(number[pair], a, len(count)) for a in apart2.T], axis=1)
+    differ = np.stack([np.bincount(number[pair], a, len(count)) for a in apart2.T], axis=1)
     told = pairs >= _LEAST_PAIRS
     if not told.any():
         return np.zeros((len(run), 2))
-    by_noise = by_noise[told] / (pairs * count)[told, None]
+    by_noise = np.asarray(differ[told] / (pairs * count)[told, None], np.float64)
     usual = max(float(np.median(mean[told] ** 2 / _MEDIAN_CHI2 - by_noise)), 0.0)
     slope2 = np.maximum(usual, mean**2)
     slope2[told] = np.maximum(usual, mean[told] ** 2 - by_noise)
