@@ -95,7 +95,11 @@ def test_one_camera_of_many_is_chosen_by_name_or_number(cadcam: Run, tmp_path: P
     frame = document["frames"][0]
     document["frames"] = [{**frame, "file_path": "a.png"}, {**frame, "file_path": "b.png"}]
     chain.write_text(json.dumps(document))
-    assert "choose it with --camera NAME (a.png, b.png)" in cadcam("convert", chain, tmp_path / "o.json").err
+    said = cadcam("convert", chain, tmp_path / "o.json").err
+    assert "number of cameras is 2, and one is what a file of this format (cadcam camera file) holds" in said
+    assert (
+        "choose it with --camera NAME (a.png, b.png); all have the same K and lens, and differ in their poses" in said
+    )
     assert cadcam("convert", chain, tmp_path / "o.json", "--camera", "b.png").code == 0
     assert cadcam("convert", chain, tmp_path / "o.json", "--camera", "0").code == 0
     assert "did you mean 'b.png'" in cadcam("convert", chain, tmp_path / "o.json", "--camera", "b.pn").err
@@ -110,6 +114,8 @@ def test_one_camera_of_many_is_chosen_by_name_or_number(cadcam: Run, tmp_path: P
         (["plain.json", "o.dat", "--allow-loss", "lenz"], "unknown loss 'lenz'; did you mean 'lens'"),
         (["plain.json", "o.dat", "--from", "ros"], "is not YAML|has no|is refused"),
         (["plain.json", "o.json", "--size", "10x10"], "size is"),
+        (["plain.json", "o.dat", "--fit", "--pixel-um", "0.005"], r"--pixel-um is 0.005; expected .* um, such as 3.45"),
+        (["plain.json", "plain.json"], "plain.json: cannot be written: is an input of this command"),
     ],
 )
 def test_mistakes_end_with_2_and_the_remedy(
@@ -178,3 +184,9 @@ def test_the_verbs_take_other_programs_camera_files_as_they_are(cadcam: Run, job
     two = cadcam("render", job / "block.obj", "--camera", job / "two.json", "-o", job / "x.png")
     assert two.code == 2
     assert "cadcam convert --camera NAME" in two.err
+
+
+def test_a_place_that_was_in_metres_is_told_with_its_digits(cadcam: Run, tmp_path: Path) -> None:
+    """Lengths of a file without a unit, taken as mm: 0.0 would tell nobody that metres were meant."""
+    write_camera(tmp_path / "small.json", PLAIN, camera_from_world=Rigid(np.eye(3), [0.02, -0.3456, 0.0]))
+    assert "-0.0200, 0.3456, 0.0000" in cadcam("convert", tmp_path / "small.json", "-").out

@@ -56,7 +56,10 @@ def test_the_jobs_camera_with_its_lens_and_grey_pictures(cadcam: Cadcam, job: Pa
         (("--sensor", "phon"), "did you mean 'phone'"),
         (("--workers", "0"), "workers is 0"),
         (("--split", "a/b"), "split is 'a/b'"),
-        (("-o", "block.obj"), "block.obj"),
+        (("-o", "block.obj"), "block.obj: cannot be written: is an input of this command"),
+        (("-o", "block.obj/set"), "block.obj/set: cannot be written: '{job}/block.obj' is a file; name a folder"),
+        (("--fill", "0.9,0.4"), "(least, greatest), from 0.01 to 2"),
+        (("--fill", "0.5", "--distance-mm", "900"), "fill is given beside distance_mm"),
         (("--key-points", "lost.csv"), "lost.csv: no such file"),
     ],
 )
@@ -69,4 +72,29 @@ def test_what_is_wrong_is_one_message_and_exit_2(
     assert ran.out == ""
     errors = [line for line in ran.err.splitlines() if line.startswith("cadcam dataset: ")]
     assert len(errors) == 1
-    assert message in errors[0]
+    assert message.format(job=job) in errors[0]
+
+
+def test_poses_of_the_part_are_taken_as_the_help_calls_them(cadcam: Cadcam, job: Path) -> None:
+    """camera_from_part and its inverse put the part where camera_from_world does: its axes are the world."""
+    columns = "name,r11,r12,r13,r21,r22,r23,r31,r32,r33,tx,ty,tz\n"
+    said = []
+    for direction, shift in (
+        ("camera_from_world", "9,-7,500"),
+        ("camera_from_part", "9,-7,500"),
+        ("part_from_camera", "-9,7,-500"),
+    ):
+        (job / "poses.csv").write_text(f"# {direction}, mm\n{columns}a,1,0,0,0,1,0,0,0,1,{shift}\n")
+        ran = cadcam("dataset", job / "block.obj", "-o", job / direction, "--poses", job / "poses.csv", *SMALL)
+        assert ran.code == 0, ran.err
+        said.append((job / direction / "train/000000/scene_gt.json").read_text())
+    assert said[0] == said[1] == said[2]
+
+
+def test_what_differs_of_a_data_set_is_what_was_asked_for_and_not_what_follows_from_it(
+    cadcam: Cadcam, job: Path
+) -> None:
+    """Another distance brings another depth_scale; the first is what a user knows of."""
+    words = ("dataset", job / "block.obj", "-o", job / "set", "--views", "1", *SMALL)
+    assert cadcam(*words, "--distance-mm", "500").code == 0
+    assert "plan.around.distance_mm of the data set" in cadcam(*words, "--distance-mm", "50000").err

@@ -173,6 +173,10 @@ def test_arguments_that_cannot_be_are_refused(cadcam: Cadcam, small: Path, tmp_p
     assert "at most the 8 candidates" in cadcam("layout", small, "-k", 9).err
     assert "did you mean" in cadcam("layout", small, "--keep", "ring 11").err
     assert "no such file" in cadcam("layout", tmp_path / "none.yaml").err
+    (tmp_path / "taken").write_text("")
+    assert "is a file; name a folder" in cadcam("layout", small, "--pictures", tmp_path / "taken").err
+    assert "given beside --sample" in cadcam("layout", small, "--sample", tmp_path / "new").err
+    assert not (tmp_path / "new").exists()
     for ran in (cadcam("layout", small, "-o", "r.pdf"), cadcam("layout", small, "-k", -1)):
         assert ran.code == 2
 

@@ -108,6 +108,7 @@ def test_pictures_of_a_board_become_a_rig(cadcam: Cadcam, tmp_path: Path) -> Non
     [
         ((), "--size WxH"),
         (("--size", "640x480", "--board", "chessboard:9x6:25mm"), "folder without pictures"),
+        (("--camera", "third={folder}/thrid"), "thrid: no such file or folder"),
         (("--known", "top={folder}/right.json"), "top"),
         (("--known", "right"), "NAME=PATH"),
         (("--camera", "left={folder}/left"), "twice"),

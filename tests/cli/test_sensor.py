@@ -70,6 +70,14 @@ def test_render_shows_what_the_sensor_makes_of_the_model(cadcam: Cadcam, job: Pa
     ("words", "message"),
     [
         (("sensor", "apply", "phon", "photo.png", "-o", "a.png"), "did you mean 'phone'"),
+        (
+            ("sensor", "apply", "photo.png", "hall.json", "-o", "a.png"),
+            "profile first, then the picture (now 'hall.json')",
+        ),
+        (
+            ("sensor", "apply", "phone", "photo.png", "-o", "./photo.png"),
+            "is an input of this command, which would be lost",
+        ),
         (("sensor", "apply", "phone", "none.png", "-o", "a.png"), "no such file"),
         (("sensor", "apply", "phone", "photo.png", "-o", "a.txt"), "suffix"),
         (("sensor", "apply", "phone", "photo.png", "-o", "a.png", "--linearise", "0"), "gamma"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Callable
+from getpass import getuser
 from pathlib import Path
 
 import pytest
@@ -95,6 +96,13 @@ def test_the_last_day_counts_to_its_end(cadcam: Cadcam, here: Path) -> None:
         (("list", "--store", "three.jsonl"), "not an SQLite file"),
         (("list", "--store", "mysql://localhost/x"), "unknown kind of store 'mysql'"),
         (("list", "--store", "postgresql://u:secret@127.0.0.1:1/x"), "store postgresql+pg8000://u:***@127.0.0.1:1/x"),
+        (("list", "--store", "postgresql://127.0.0.1:1/x"), f"postgresql+pg8000://{getuser()}@127.0.0.1:1/x: Can't"),
+        (("list", "--store", "postgresql+nodriver://u@127.0.0.1:1/x"), "no driver is called 'nodriver'"),
+        (
+            ("list", "--store", "postgresql://u:secret@127.0.0.1:1/x?sslmode=require"),
+            "'sslmode'); leave it out, or name",
+        ),
+        (("list", "--since", "2026-03-02", "--until", "2026-03-01"), "after --until; expected a time before it"),
         (("add", "three.jsonl", "--store", "no/such/folder.sqlite"), "mkdir -p"),
         (("add", "nothing.json"), "no such file"),
         (("add", "empty.json"), "has no 'part'"),

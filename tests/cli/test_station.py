@@ -129,7 +129,10 @@ def test_the_map_is_printed_and_drawn(cadcam: Cadcam, folder: Path) -> None:
     ran = cadcam("station", "map", "station_6.json", "station_12.json", "--pairs", "--plot", "map.svg")
     assert ran.code == 0
     assert "Every calibration at every position" in ran.out
-    assert (folder / "map.svg").read_text().startswith("<?xml")
+    drawn = (folder / "map.svg").read_text()
+    assert drawn.startswith("<?xml")
+    assert drawn.count("<image ") >= 4  # two maps of two cameras, as pictures
+    assert "feComposite" not in drawn  # shaded triangles, which viewers mix to other colours than the scale's
     said = cadcam("station", "map", "station_6.json", "--reference", "plate_6_03.pgm", "--json").json
     assert said["maps"][0]["positions"][2]["deviation_mm"] == pytest.approx([0, 0])
 
@@ -139,12 +142,20 @@ def test_a_known_mark_recalibrates(cadcam: Cadcam, folder: Path) -> None:
     positions = {line.split(",")[0]: line for line in (folder / "day_positions.csv").read_text().splitlines()[1:]}
     row = next(line for line in pixels[1:] if positions[line.split(",")[1]].split(",")[1] == "6")
     (folder / "one.csv").write_text(f"{pixels[0]}\n{row}\n")
-    given = ("--pixels", "one.csv", "--positions", "day_positions.csv", "--known", "5000,20000")
-    ran = cadcam("station", "recalibrate", "station_6.json", *given, "-o", "new.json")
+    given = ("--pixels", "one.csv", "--positions", "day_positions.csv")
+    x, y = cadcam("station", "measure", *given, "--station", "station_6.json", "--json").json["measured"][0]["point_mm"]
+    known = ("--known", f"{x + 300!r},{y - 200!r}")
+    ran = cadcam("station", "recalibrate", "station_6.json", *given, *known, "-o", "new.json")
     assert ran.code == 0
     assert "taken off everywhere" in ran.out
-    again = cadcam("station", "measure", *given[:4], "--station", "new.json", "--json").json
-    assert again["measured"][0]["point_mm"] == pytest.approx([5000, 20000], abs=1e-6)
+    again = cadcam("station", "measure", *given, "--station", "new.json", "--json").json
+    assert again["measured"][0]["point_mm"] == pytest.approx([x + 300, y - 200], abs=1e-6)
+    assert "give -o FILE to take it off" in cadcam("station", "recalibrate", "station_6.json", *given, *known).out
+    metres = f"{x / 1000!r},{y / 1000!r}"
+    ran = cadcam("station", "recalibrate", "station_6.json", *given, "--known", metres, "-o", "wrong.json")
+    assert (ran.code, ran.out) == (2, "")
+    assert "mm from where the mark is measured; expected X,Y of this mark, in mm" in ran.err
+    assert not (folder / "wrong.json").exists()
 
 
 def test_the_report_stands_by_itself(cadcam: Cadcam, folder: Path) -> None:

@@ -40,6 +40,10 @@ CASES = [
     (("measure", "pixels.csv", *CAMERA, "--motion-sigma", "1,1"), "--motion-sigma"),
     (("measure", "pixels.csv", *CAMERA, "--joint"), "--joint"),
     (("decompose", "camera.json", "--rows", "uv"), "--rows"),
+    (("convert", "camera.json", "-", "--fit"), "--fit"),
+    (("convert", "camera.json", "-", "--pixel-um", "5"), "--pixel-um"),
+    (("convert", "camera.json", "-", "--unit", "m"), "--unit"),
+    (("convert", "camera.json", "a.py", "--unit", "m"), "--unit"),
     (("targets", "print", "coded:5:20mm:30mm:40mm", "a.svg", "--numbers", "1"), "--numbers"),
 ]
 

@@ -45,6 +45,11 @@ class Parser(argparse.ArgumentParser):
         verbs.type = str
         return verbs
 
+    @property
+    def positionals(self) -> list[argparse.Action]:
+        """Return what the arguments that stand by themselves are kept as."""
+        return self._get_positional_actions()
+
     def error(self, message: str) -> NoReturn:
         """Say what is wrong with the command line and where more is to be read; exit with 2."""
         self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
@@ -53,7 +58,7 @@ class Parser(argparse.ArgumentParser):
         """Refuse arguments that nobody asked for; of an option the nearest that there is."""
         near = get_close_matches(arguments[0].partition("=")[0], self._option_string_actions, n=1)
         hint = f"; did you mean {near[0]}?" if near and near[0].startswith("--") else ""
-        if arguments[0] in ("-o", "--output") and any(a.dest == "output" for a in self._get_positional_actions()):
+        if arguments[0] in ("-o", "--output") and any(a.dest == "output" for a in self.positionals):
             hint = f"; here the output stands without {arguments[0]}"
         self.error(f"unrecognized arguments: {' '.join(arguments)}{hint}")
 

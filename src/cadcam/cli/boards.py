@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import refuse
 from cadcam.cli.estimating import fixed_as_asked, lens_as_asked
-from cadcam.cli.output import check_target, print_json, print_tables, progress, say, working
+from cadcam.cli.output import check_folder, check_target, print_json, print_tables, progress, say, working
 from cadcam.cli.photos import picture_files
-from cadcam.errors import BadValue, UnwritableFile
+from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -101,8 +101,8 @@ def _check_options(arguments: argparse.Namespace) -> None:
     refuse(arguments, "--loss", why=beside, expected=by_rule)
     if arguments.method != "reprojection":
         raise BadValue("--method", arguments.method, "'reprojection' beside --board")
-    if arguments.pictures and Path(arguments.pictures).is_file():
-        raise UnwritableFile(arguments.pictures, "is a file", "name a folder")
+    if arguments.pictures:
+        check_folder(arguments.pictures)
 
 
 def _write_found(folder: str, found: Sequence[BoardPicture]) -> None:

@@ -43,7 +43,7 @@ from cadcam.cli.verbs import (
     variability,
     verify,
 )
-from cadcam.errors import CadcamError
+from cadcam.errors import CadcamError, UnwritableFile
 
 VERBS = (
     calibrate,
@@ -105,6 +105,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if unknown:  # a verb's help, not that of all of them, says what it knows
         arguments.parser.unrecognized(unknown)
     try:
+        _refuse_own_input(arguments)
         code: int = arguments.run(arguments) or 0
         sys.stdout.flush()
     except CadcamError as error:
@@ -114,7 +115,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"{arguments.parser.prog}: {_too_much(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print(f"{arguments.parser.prog}: interrupted", file=sys.stderr)
+        goes_on = "; the same command goes on where it was" if getattr(arguments, "resumes", False) else ""
+        print(f"{arguments.parser.prog}: interrupted{goes_on}", file=sys.stderr)
         return 130
     except OSError as error:
         if error.errno not in (errno.EPIPE, errno.ENOSPC):
@@ -128,6 +130,27 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception:
         return _bug(arguments.parser.prog)
     return code
+
+
+def _refuse_own_input(arguments: argparse.Namespace) -> None:
+    """Refuse an output that is one of the files named before the options: it would be gone."""
+    inputs = [a.dest for a in arguments.parser.positionals if a.dest != "output"]
+    named = [path for dest in inputs for path in _texts(getattr(arguments, dest, None))]
+    for out in _texts(getattr(arguments, "output", None)):
+        if any(_same_file(out, path) for path in named):
+            raise UnwritableFile(out, "is an input of this command, which would be lost", "give another name")
+
+
+def _texts(value: object) -> list[str]:
+    listed = value if isinstance(value, (list, tuple)) else [value]
+    return [text for text in listed if isinstance(text, str)]
+
+
+def _same_file(one: str, other: str) -> bool:
+    try:
+        return Path(one).is_file() and Path(one).samefile(other)
+    except (OSError, ValueError):
+        return False
 
 
 def _open_streams() -> None:

@@ -37,6 +37,19 @@ def check_target(path: str, suffixes: Sequence[str]) -> None:
             raise UnwritableFile(path, f"{place} is read-only", "choose another place, or change its permissions")
 
 
+def check_folder(path: str) -> None:
+    """Refuse a folder for results that could not be one later, as `check_target` does a file."""
+    target = Path(path)
+    try:
+        there = next(p for p in (target, *target.absolute().parents) if p.exists())
+    except OSError as error:  # a name too long for the system
+        raise UnwritableFile(path, error.strerror or str(error), "choose another name") from None
+    if not there.is_dir():
+        raise UnwritableFile(path, f"{str(there)!r} is a file", "name a folder, new or there already")
+    if not os.access(there, os.W_OK):
+        raise UnwritableFile(path, f"{there} is read-only", "choose another place, or change its permissions")
+
+
 def print_json(document: dict[str, Any]) -> None:
     """Print one JSON document to stdout."""
     from cadcam.files.jsontext import as_json

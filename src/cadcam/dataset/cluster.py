@@ -32,6 +32,12 @@ def on_cluster(job: Job, tasks: Iterable[Task], address: str) -> Iterator[Files]
     """
     require_dask()
     from distributed import Client, KilledWorker, as_completed
+    from distributed.comm import get_address_host_port
+
+    try:  # before there is a client, which cannot be closed without an address
+        get_address_host_port(address, strict=True)
+    except ValueError as error:
+        raise UnreachableCluster(address, str(error)) from None
 
     try:
         client = Client(address, timeout=_PATIENCE_S, set_as_default=False)

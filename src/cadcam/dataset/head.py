@@ -34,8 +34,8 @@ def head_of(plan: Plan, stage: Stage, layout: Layout, *, name: str, key_point_na
         "split": layout.split,
         "part": {"obj_id": OBJECT, "name": name, "sha256": _hash(mesh), "parts": list(mesh.part_names)},
         "key_points": {"names": list(key_point_names), "p_mm": stage.key_points.tolist()},
-        "depth_scale": stage.depth_step,
         "plan": _plan(plan),
+        "depth_scale": stage.depth_step,
         "props": [{"name": prop.name, "sha256": _hash(prop.scene.mesh)} for prop in stage.props],
     }
 
@@ -49,7 +49,9 @@ def begin(folder: Path, head: dict[str, Any]) -> None:
     if path.exists():
         old = _read(path)
         if isinstance(old.get("views"), int) and old["views"] > head["views"]:
-            raise BadValue("views", head["views"], f"at least {old['views']}, which {folder} has, or another folder")
+            raise BadValue(
+                "views", head["views"], f"at least {old['views']}, for which {folder} was begun, or another folder"
+            )
         was = _flat(old)
         for key, value in _flat(head).items():
             if key != "views" and was.get(key) != value:

@@ -101,10 +101,10 @@ class Plan:
             raise BadValue("focal_jitter_percent", 100 * self.focal_jitter, "0 to 20")
         if not 0 <= self.centre_jitter_px < math.inf:
             raise BadValue("centre_jitter_px", self.centre_jitter_px, "a number of px, at least 0")
-        check_span("fill", self.fill, 0.01, math.inf)
         if self.fill[1] > _CLOSEST:
             right = f"the part's diameter by the picture's shorter side, to {_CLOSEST:g}; closer by distance_mm"
             raise BadValue("fill", self.fill, right)
+        check_span("fill", self.fill, 0.01, _CLOSEST)
         if not 0 <= self.off_centre <= 1:
             raise BadValue("off_centre", self.off_centre, "a share of the picture's shorter side, 0 to 1")
         if not self.backgrounds:

@@ -108,6 +108,8 @@ class _Given:
         """Return the plan; what is refused is said with its key."""
         if self.has("poses") and (beside := [key for key in _DRAWN if self.has(key)]):
             raise BadValue(beside[0], "given beside poses", "one of them: poses say where the camera stands")
+        if self.has("fill") and self.has("distance_mm"):
+            raise BadValue("fill", "given beside distance_mm", "one of them: either says how far the camera stands")
         poses, sensor, points = self.text("poses"), self.text("sensor"), self.text("key_points")
         listed = tuple(read_poses(poses).values()) if poses else ()
         names, places = read_key_points(points) if points else ((), None)

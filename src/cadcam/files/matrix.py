@@ -19,6 +19,7 @@ from cadcam.geometry.rigid import Rigid
 
 _DIRECTIONS = ("camera_from_world", "world_from_camera")
 _MOTIONS = ("new_from_old", "old_from_new")
+POSES = (*_DIRECTIONS, "camera_from_part", "part_from_camera")  # of a list of poses: the part is the world
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 
 
@@ -88,16 +89,21 @@ def pose_as_json(b_from_a: Rigid) -> dict[str, Any]:
     return {"rotation": b_from_a.rotation.tolist(), "translation_mm": b_from_a.translation.tolist()}
 
 
-def pose_in(place: Place, directions: tuple[str, str] = _DIRECTIONS) -> Rigid:
-    """Return the first of two directions (mm) in a JSON object with either as key; default camera_from_world."""
+def pose_in(place: Place, directions: tuple[str, ...] = _DIRECTIONS) -> Rigid:
+    """Return the first of these directions (mm) in a JSON object with one of them as key; default camera_from_world."""
     said = [d for d in directions if d in place.object]
     if len(said) != 1:
         raise place.error("needs one pose", f'such as "{directions[0]}": {{"rotation": ..., "translation_mm": ...}}')
     pose = pose_at(place.at(said[0]))
-    return pose if said[0] == directions[0] else pose.inv
+    return pose if same_way(said[0], directions[0]) else pose.inv
 
 
-def stated(file: TextFile, directions: tuple[str, str] = _DIRECTIONS) -> tuple[str, float]:
+def same_way(direction: str, other: str) -> bool:
+    """Return whether two directions, such as camera_from_part and camera_from_world, lead to one frame."""
+    return direction.partition("_from_")[0] == other.partition("_from_")[0]
+
+
+def stated(file: TextFile, directions: tuple[str, ...] = _DIRECTIONS) -> tuple[str, float]:
     """Return direction and millimetres per unit as a comment line says them; `UnreadableFile` where none does."""
     said = re.compile(rf"({'|'.join(directions)})[\s,:]+(?:in\s+)?([A-Za-z]+)\.?")
     remedy = f"add a first line such as '# {directions[0]}, mm' (or {directions[1]}; or m, cm, in ...)"

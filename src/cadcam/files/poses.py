@@ -10,7 +10,7 @@ import numpy as np
 
 from cadcam.errors import CadcamError, UnknownName, UnreadableFile
 from cadcam.files.jsontext import parsed
-from cadcam.files.matrix import pose_in, read_pose, stated
+from cadcam.files.matrix import POSES, pose_in, read_pose, same_way, stated
 from cadcam.files.text import Line, TextFile, lines_of_cells, number_in, read_text, rows_of_cells
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
@@ -31,6 +31,7 @@ def read_poses(path: str | os.PathLike[str]) -> dict[str, Rigid]:
         # camera_from_world, mm
         name, r11, r12, r13, r21, r22, r23, r31, r32, r33, tx, ty, tz
         left, 1, 0, 0, 0, 1, 0, 0, 0, 1, -20, 0, 500
+    camera_from_part says the same of a part whose own axes are the world, and part_from_camera is its inverse.
     JSON: {"poses": [{"name": "left", "camera_from_world": {"rotation": [[...], ...], "translation_mm": [...]}}, ...]}.
     A folder: each .txt, .json or .csv file in it is a pose file as for `read_pose`, its name that of the pose.
     Raises `UnreadableFile` naming line or key.
@@ -69,11 +70,11 @@ def _in_json(file: TextFile) -> Iterator[tuple[str, Rigid]]:
     listed = 'write "poses": [{"name": ..., "camera_from_world": ...}, ...]'
     for i, place in enumerate(parsed(file).at("poses").items(listed)):
         name = place.at("name").text() if "name" in place.object else f"{i:04d}"
-        yield name, pose_in(place)
+        yield name, pose_in(place, POSES)
 
 
 def _in_text(file: TextFile) -> Iterator[tuple[str, Rigid]]:
-    direction, mm = stated(file)
+    direction, mm = stated(file, POSES)
     lines = lines_of_cells(file)
     columns = _columns(file, next(lines, Line(1, ())))
     for i, line in enumerate(lines):
@@ -87,7 +88,7 @@ def _in_text(file: TextFile) -> Iterator[tuple[str, Rigid]]:
             pose = Rigid(so3.written(numbers[:9].reshape(3, 3)), numbers[9:] * mm)
         except CadcamError as error:
             raise UnreadableFile(file.path, f"line {line.number} is not a pose: {error}") from error
-        yield cell.get("name", f"{i:04d}"), pose if direction == "camera_from_world" else pose.inv
+        yield cell.get("name", f"{i:04d}"), pose if same_way(direction, POSES[0]) else pose.inv
 
 
 def _columns(file: TextFile, head: Line) -> tuple[str, ...]:

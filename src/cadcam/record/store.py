@@ -12,6 +12,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
+from getpass import getuser
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -40,14 +41,17 @@ def open_store(where: str | os.PathLike[str], *, create: bool = True) -> Store:
     url = _url(os.fspath(where))
     if url.get_backend_name() == "sqlite":
         _check_file(str(url.database), create)
+    name = str(url.database) if url.get_backend_name() == "sqlite" else url.render_as_string(hide_password=True)
     try:
-        name = str(url.database) if url.get_backend_name() == "sqlite" else url.render_as_string(hide_password=True)
         store = Store(_engine(url), name)
     except ModuleNotFoundError as error:
         if error.name != "pg8000":
-            raise UnusableStore(str(where), f"its driver {error.name!r} is not installed", "install it") from error
+            raise UnusableStore(name, f"its driver {error.name!r} is not installed", "install it") from error
         raise MissingExtra("a store in PostgreSQL", "postgresql", "pg8000") from error
+    except exc.NoSuchModuleError:
+        raise UnusableStore(name, f"no driver is called {url.get_driver_name()!r}", "leave it out: pg8000") from None
     try:
+        store.reach()
         store.prepare(create=create)
     except BaseException:
         store.close()
@@ -122,6 +126,15 @@ class Store:
         chosen = sql.select(m.id).where(*wanted).order_by(m.time_utc.desc(), m.id.desc()).limit(newest)
         return self._records(chosen)
 
+    def reach(self) -> None:
+        """Connect once. Raises `UnusableStore`, also where the driver knows nothing of what the address asks for."""
+        try:
+            with self._transaction(self._engine):
+                pass
+        except TypeError as error:  # an argument of the driver's own `connect`
+            remedy = "leave it out, or name a driver that has it, such as postgresql+psycopg://"
+            raise UnusableStore(self.name, f"its driver does not take all of the address ({error})", remedy) from None
+
     def prepare(self, *, create: bool) -> None:
         """Make the tables where there are none; refuse those of another version."""
         with self._transaction(self._writing if create else self._engine) as connection:
@@ -188,7 +201,10 @@ def _url(where: str) -> sql.URL:
         raise BadValue("address of a store", repr(where), "a file, or postgresql://user@host:port/name") from None
     if url.get_backend_name() not in ("sqlite", "postgresql", "postgres"):
         raise UnknownName("kind of store", url.get_backend_name(), ("sqlite", "postgresql"))
-    return url.set(drivername=_DRIVERS.get(url.drivername, url.drivername))
+    url = url.set(drivername=_DRIVERS.get(url.drivername, url.drivername))
+    if url.drivername == _DRIVERS["postgresql"] and url.username is None:
+        return url.set(username=getuser())  # as PostgreSQL's own programs do; pg8000 does not
+    return url
 
 
 def _engine(url: sql.URL) -> sql.Engine:

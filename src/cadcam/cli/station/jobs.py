@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -121,6 +122,7 @@ def recalibrate(arguments: argparse.Namespace) -> None:
     from cadcam.report.station.tables import sighting_tables
     from cadcam.station.document import read_station, write_station
     from cadcam.station.measure import measure
+    from cadcam.station.rules import NEAR_MM
 
     if arguments.output:
         check_target(arguments.output, (".json",))
@@ -130,15 +132,19 @@ def recalibrate(arguments: argparse.Namespace) -> None:
     if len(seen) != 1:
         raise BadValue("marks for the re-calibration", len(seen), "one mark of known place")
     before = measure(station, seen)
-    after = station.recalibrated(seen[0], known, sigma_mm=arguments.known_sigma)
     off = [float(before.points[0, i] - known[i]) for i in (0, 1)]
+    if hypot(*off) > NEAR_MM:  # farther than calibrations reach: no camera that was knocked sees that from here
+        told = f"{arguments.known!r}, {hypot(*off):.0f} mm from where the mark is measured"
+        raise BadValue("--known", told, "X,Y of this mark, in mm and in the axes of the survey")
+    after = station.recalibrated(seen[0], known, sigma_mm=arguments.known_sigma)
     if arguments.json:
         print_json(
             {"camera": station.camera, "mark": seen[0].name, "off_mm": off, "sigma_mm": before.sigma[0, :2].tolist()}
         )
     else:
         print_tables(sighting_tables(before, seen)[:1])
-        print(f"off by {off[0]:+.2f}, {off[1]:+.2f} mm (x, y): taken off everywhere")
+        done = "taken off everywhere" if arguments.output else "give -o FILE to take it off everywhere"
+        print(f"off by {off[0]:+.2f}, {off[1]:+.2f} mm (x, y): {done}")
     if arguments.output:
         write_station(arguments.output, after)
         say(f"wrote {arguments.output}")

@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, names, real, size, verb
+from cadcam.cli.arguments import Verbs, add_json, names, real, refuse, size, verb
 from cadcam.cli.output import print_json, print_tables, say
 
 if TYPE_CHECKING:
-    from cadcam.files.foreign.model import Foreign, NamedCamera
+    from collections.abc import Sequence
+
+    from cadcam.files.foreign.model import Foreign, Format, NamedCamera
     from cadcam.files.foreign.registry import Written
     from cadcam.report.table import Table
 
@@ -26,6 +28,8 @@ formats: cadcam opencv ros colmap colmap-bin kalibr mrcal bop nerfstudio metasha
 Each is read by its content. By the suffix of OUT alone are written: .json cadcam, .cameramodel mrcal, .dat .cal halcon,
 .py blender, .gltf gltf, .usda usd. What each can hold: docs/camera-formats.md
 """
+_WRITING = ("--pixel-um", "--allow-loss", "--fit")
+_LEAST_UM, _MOST_UM = 0.1, 1000.0  # of a pixel: a light wave, and far more than any detector's
 _DESCRIPTION = """\
 Read a camera with its pose from one program's file and write it for another: every half pixel, axis, unit and lens
 term by the rules of both. What the new format cannot hold is said on stderr. If that moves pixels (lens, skew, aspect,
@@ -75,7 +79,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Read, tell, write."""
     from cadcam.files.foreign.registry import read_cameras
 
-    _check_losses(arguments.allow_loss)
+    _check_options(arguments)
     found = read_cameras(
         arguments.input,
         format_name=arguments.source_format,
@@ -91,13 +95,27 @@ def run(arguments: argparse.Namespace) -> None:
         print_tables([_table(found)])
 
 
-def _check_losses(allowed: tuple[str, ...]) -> None:
-    from cadcam.errors import UnknownName
+def _check_options(arguments: argparse.Namespace) -> None:
+    from cadcam.errors import BadValue, UnknownName
     from cadcam.files.foreign.model import PIXEL_LOSSES
 
-    for name in allowed:
+    for name in arguments.allow_loss:
         if name not in (*PIXEL_LOSSES, "all"):
             raise UnknownName("loss", name, (*PIXEL_LOSSES, "all"))
+    if arguments.output == "-":
+        refuse(arguments, *_WRITING, why="where nothing is written", expected="a file in place of -, or leave it out")
+    pitch = arguments.pixel_um
+    if pitch is not None and not _LEAST_UM <= pitch <= _MOST_UM:
+        raise BadValue(
+            "--pixel-um", f"{pitch:g}", f"a pixel's pitch from {_LEAST_UM:g} to {_MOST_UM:g} um, such as 3.45"
+        )
+
+
+def _refuse_unit(arguments: argparse.Namespace, formats: Sequence[Format]) -> None:
+    """Refuse --unit where every format that is met has a unit of its own."""
+    if all(form.unit is not None for form in formats):
+        told = " and ".join(dict.fromkeys(f"{form.title} is in {form.unit}" for form in formats))
+        refuse(arguments, "--unit", why="where nothing is left to it", expected=f"none: {told} by its rules")
 
 
 def _unit_of_input(arguments: argparse.Namespace) -> str | None:
@@ -109,13 +127,21 @@ def _unit_of_input(arguments: argparse.Namespace) -> str | None:
         return None
     named = arguments.source_format
     form = format_named(named) if named else format_of(Source(arguments.input))
+    target = [] if arguments.output == "-" else [_target_format(arguments)]
+    _refuse_unit(arguments, [form, *target])
     return arguments.unit if form.unit is None else None
 
 
-def _write(arguments: argparse.Namespace, found: Foreign) -> Written:
-    from cadcam.files.foreign.registry import format_for, format_named, write_cameras
+def _target_format(arguments: argparse.Namespace) -> Format:
+    from cadcam.files.foreign.registry import format_for, format_named
 
-    form = format_named(arguments.target_format) if arguments.target_format else format_for(arguments.output)
+    return format_named(arguments.target_format) if arguments.target_format else format_for(arguments.output)
+
+
+def _write(arguments: argparse.Namespace, found: Foreign) -> Written:
+    from cadcam.files.foreign.registry import write_cameras
+
+    form = _target_format(arguments)
     written = write_cameras(
         arguments.output,
         found,
@@ -143,10 +169,13 @@ def _table(found: Foreign) -> Table:
 
 
 def _row(named: NamedCamera) -> tuple[str, ...]:
+    import numpy as np
+
     c = named.camera
     terms = " ".join(f"{name} {value:.4g}" for name, value in c.lens.parameters.items() if value)
     pose = named.camera_from_world
-    place = "" if pose is None else ", ".join(f"{x:.1f}" for x in pose.origin)
+    decimals = 1 if pose is None or np.linalg.norm(pose.origin) >= 10 else 4  # of lengths in m that are taken as mm
+    place = "" if pose is None else ", ".join(f"{x:.{decimals}f}" for x in np.round(pose.origin, decimals) + 0.0)
     numbers = (f"{x:.3f}" for x in (c.fx, c.fy, *c.principal_point, c.skew))
     return (named.name, f"{c.width} x {c.height}", *numbers, f"{c.lens.name} {terms}".strip(), place)
 

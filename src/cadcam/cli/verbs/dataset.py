@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import Verbs, add_json, real, seed, size, verb, whole
 from cadcam.cli.models import add_model_options, load_as_asked, model_as_json
-from cadcam.cli.output import print_json, print_tables, progress, say, working
+from cadcam.cli.output import check_folder, print_json, print_tables, progress, say, working
 
 if TYPE_CHECKING:
     from cadcam.dataset.make import Made
@@ -64,6 +64,7 @@ def add_to(verbs: Verbs) -> None:
     group.add_argument("--split", default="train", metavar="NAME", help="BOP's name of the set (default train)")
     group.add_argument("--workers", type=whole, metavar="N", help="processes (default: one a core)")
     group.add_argument("--cluster", metavar="ADDRESS", help="a Dask scheduler's address, in place of processes")
+    parser.set_defaults(resumes=True)
     add_json(parser)
 
 
@@ -83,7 +84,7 @@ def _add_seeing(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument("--distance-mm", type=span, metavar="A,B", help="of the part's middle, in place of --fill")
     group.add_argument("--off-centre", type=real, metavar="S", help="share of the shorter side (default 0.1)")
-    group.add_argument("--poses", metavar="FILE", help="camera_from_part of each view, as `cadcam render --poses`")
+    group.add_argument("--poses", metavar="FILE", help="camera_from_part of each view: a poses file of `cadcam render`")
 
 
 def _add_looks(group: argparse._ArgumentGroup) -> None:
@@ -119,6 +120,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Make the data set, or go on with it; say what there is."""
     from cadcam.dataset.plan_file import read_plan
 
+    check_folder(arguments.output)
     plan = read_plan(arguments.plan, _options(arguments))
     if plan.camera.lens.parameters:
         say("pictures and labels are as seen through a lens, for which BOP has no place: it stands in view/*.json")

@@ -7,7 +7,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import NO, Verbs, add_json, refuse, verb, whole
-from cadcam.cli.output import check_target, print_json, print_tables, progress, say, working
+from cadcam.cli.output import check_folder, check_target, print_json, print_tables, progress, say, working
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
@@ -91,12 +91,18 @@ def add_to(verbs: Verbs) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Plan, report; return the exit code."""
     if arguments.sample is not None:
+        if arguments.scene is not None:
+            raise BadValue(
+                "scene", "given beside --sample", "one of them: --sample only writes two scenes to start from"
+            )
         _sample(arguments)
         return 0
     if arguments.scene is None:
         raise BadValue("scene", "not given", "a scene file; cadcam layout --sample FOLDER writes two to start from")
     for path in arguments.output:
         check_target(path, _SUFFIXES)
+    if arguments.pictures:
+        check_folder(arguments.pictures)
     seen = _survey(arguments.scene)
     have = seen.kept(arguments.keep)
     if arguments.next and have:

@@ -8,7 +8,7 @@ from cadcam.cli.arguments import Verbs, add_jobs, job, real, seed, verb
 from cadcam.cli.output import check_target, print_json, say
 from cadcam.cli.sensors import generator
 from cadcam.errors import BadValue
-from cadcam.image.suffixes import WRITABLE
+from cadcam.image.suffixes import READABLE, WRITABLE
 
 _EXAMPLES = """\
   cadcam sensor show                                        the presets, and every effect with its numbers
@@ -90,6 +90,9 @@ def run_apply(arguments: argparse.Namespace) -> None:
     from cadcam.image.sensor.video import Gamma
 
     check_target(arguments.output, WRITABLE)
+    if Path(arguments.profile).suffix.lower() in READABLE:
+        first = f"the profile first, then the picture (now {arguments.image!r})"
+        raise BadValue("PROFILE", f"{arguments.profile!r}, a picture", first)
     sensor = sensor_named(arguments.profile)
     picture = read_picture(arguments.image)
     if arguments.linearise is not None:

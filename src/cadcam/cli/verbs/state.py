@@ -48,7 +48,7 @@ def add_to(verbs: Verbs) -> None:
 
 
 def _address(arguments: argparse.Namespace) -> str:
-    return arguments.store or os.environ.get("CADCAM_STORE") or DEFAULT_STORE
+    return arguments.store or os.environ.get("CADCAM_STORE", "").strip() or DEFAULT_STORE
 
 
 def add_store_option(parser: argparse.ArgumentParser) -> None:
@@ -134,8 +134,9 @@ def run_add(arguments: argparse.Namespace) -> None:
 
 def _asked_for(arguments: argparse.Namespace) -> list[Record]:
     """Return the records that the filters let through, oldest first."""
+    asked = _asked(arguments)
     with _there(arguments) as store:
-        return store.query(**_asked(arguments))
+        return store.query(**asked)
 
 
 def _there(arguments: argparse.Namespace) -> Store:
@@ -215,6 +216,8 @@ def _asked(arguments: argparse.Namespace) -> dict[str, Any]:
         asked["since"] = asked["since"][0]
     if asked["until"] is not None:
         asked["until"] = asked["until"][1]
+    if asked["since"] and asked["until"] and asked["since"] > asked["until"]:
+        raise BadValue("--since", f"{asked['since']:%Y-%m-%d %H:%M}, after --until", "a time before it")
     return asked
 
 

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 from cadcam.cli.arguments import NO, Verbs, add_json, refuse, verb
 from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, overlaid, part_as_asked, start_as_asked
 from cadcam.cli.models import add_model_options, load_as_asked
-from cadcam.cli.output import check_target, print_json, print_tables, progress, say
+from cadcam.cli.output import check_folder, check_target, print_json, print_tables, progress, say
 from cadcam.cli.photos import add_photo_options, file_of, viewpoints_of
 from cadcam.cli.wires import LOOKS, add_line_options
-from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
     from cadcam.locate.part import Part
@@ -68,6 +67,7 @@ def add_to(verbs: Verbs) -> None:
     group.add_argument("--overlays", metavar="FOLDER", help="write each frame with the model's lines on it")
     group.add_argument("--overwrite", action="store_true", help="begin anew where a log is there already")
     add_line_options(parser, color_by="one")
+    parser.set_defaults(resumes=True)
     add_json(parser)
 
 
@@ -107,9 +107,9 @@ def _check_options(arguments: argparse.Namespace) -> None:
     check_target(arguments.output, (".jsonl",))
     if arguments.csv:
         check_target(arguments.csv, (".csv",))
-    if arguments.overlays and Path(arguments.overlays).is_file():
-        raise BadValue("--overlays", f"{arguments.overlays!r}, a file", "a folder")
-    if not arguments.overlays:
+    if arguments.overlays:
+        check_folder(arguments.overlays)
+    else:
         refuse(arguments, *LOOKS, why="where no lines are drawn", expected="--overlays FOLDER beside it")
         if not arguments.csv:
             shown = "--csv FILE or --overlays FOLDER beside it: the log holds both poses"

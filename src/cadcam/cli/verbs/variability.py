@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import (
@@ -20,8 +19,8 @@ from cadcam.cli.arguments import (
     whole,
 )
 from cadcam.cli.estimating import add_estimate_options, estimate_as_asked
-from cadcam.cli.output import print_json, print_tables, progress, say, working
-from cadcam.errors import BadValue, UnwritableFile
+from cadcam.cli.output import check_folder, print_json, print_tables, progress, say, working
+from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
     from cadcam.calibrate.variability.alternating import Alternating
@@ -145,14 +144,13 @@ def _check(arguments: argparse.Namespace) -> None:
     if arguments.plots is None:
         refuse(arguments, "--format", why="without --plots", expected="both, or leave it out")
     if arguments.alternate:
-        numbers("--alternate", arguments.alternate, 2)
+        numbers("--alternate", arguments.alternate, 2, form="2 numbers MM,DEG, such as 30,3")
     if arguments.plots:
         from cadcam.report.figures import figure
 
         with figure(1, 1):  # raises at once where the extra is missing
             pass
-        if Path(arguments.plots).exists() and not Path(arguments.plots).is_dir():
-            raise UnwritableFile(arguments.plots, "is a file", "name a folder for the figures")
+        check_folder(arguments.plots)
 
 
 def _studied(arguments: argparse.Namespace, estimate: CameraEstimate) -> _Studies:

@@ -193,7 +193,14 @@ def _chosen(named: list[NamedCamera], form: Format) -> tuple[list[NamedCamera], 
             f"the one camera of {len(named)} poses is written, without them"
         ]
     names = ", ".join(one.name for one in named[:8]) + (", ..." if len(named) > 8 else "")
-    raise BadValue(f"number of cameras for {form.title}", len(named), f"one: choose it with --camera NAME ({names})")
+    alike = "; all have the same K and lens, and differ in their poses" if _alike(named) else ""
+    given = f"{len(named)}, and one is what a file of this format ({form.title}) holds"
+    raise BadValue("number of cameras", given, f"one: choose it with --camera NAME ({names}){alike}")
+
+
+def _alike(named: list[NamedCamera]) -> bool:
+    first = named[0].camera
+    return all(largest_difference(one.camera, first) == 0 for one in named if one.camera is not first)
 
 
 def _pose_losses(named: list[NamedCamera], form: Format) -> list[Loss]:

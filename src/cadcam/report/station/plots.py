@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+_LONGEST_M = 1.5  # of an arrow on the floor: the largest deviation in an axis
 _FINE = 41  # places along each side, between the calibrated positions
 
 
@@ -26,10 +27,19 @@ def deviation_figure(stations: Mapping[str, GantryCalibration]) -> Figure:
         panels = drawn.subplots(1, 2, sharex=True, sharey=True)
         for axis, panel in enumerate(panels):
             for name, (xs, ys, values) in fields.items():
-                shown = panel.pcolormesh(
-                    xs, ys, values[..., axis], cmap="RdBu_r", vmin=-most, vmax=most, shading="gouraud"
+                half = [float(side[1] - side[0]) / 2 for side in (xs, ys)]
+                shown = panel.imshow(  # shaded triangles would do, but no viewer of SVG mixes their colours rightly
+                    values[..., axis],
+                    extent=(xs[0] - half[0], xs[-1] + half[0], ys[0] - half[1], ys[-1] + half[1]),
+                    origin="lower",
+                    cmap="RdBu_r",
+                    vmin=-most,
+                    vmax=most,
+                    interpolation="bilinear",
                 )
                 _positions(panel, name, stations[name], most)
+            panel.set_xlim(*_reach([xs for xs, _, _ in fields.values()]))
+            panel.set_ylim(*_reach([ys for _, ys, _ in fields.values()]))
             panel.set_aspect("equal")
             panel.set_xlabel("x, m")
             panel.set_title(f"deviation in {'xy'[axis]}, mm; arrows: both")
@@ -38,14 +48,18 @@ def deviation_figure(stations: Mapping[str, GantryCalibration]) -> Figure:
     return drawn
 
 
+def _reach(sides: Sequence[Array]) -> tuple[float, float]:
+    """Return from where to where an axis goes, so that no arrow at the border is cut off, m."""
+    return min(float(s[0]) for s in sides) - _LONGEST_M, max(float(s[-1]) for s in sides) + _LONGEST_M
+
+
 def _positions(panel: Axes, name: str, station: GantryCalibration, most: float) -> None:
     seen = station.map()
     x, y = (seen.positions / 1000).T
     panel.plot(x, y, ".", color=INK, markersize=3)
-    long = 1.5 / most  # the largest deviation is drawn 1.5 m long
+    long = _LONGEST_M / most
     u, v = seen.deviation.T * long
     panel.quiver(x, y, u, v, angles="xy", scale_units="xy", scale=1, color=BLUE, width=0.005)
-    panel.margins(0.07)
     place = (float(x.min()), float(y.max()))
     white = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5}
     panel.annotate(f"camera {name}", place, xytext=(4, -12), textcoords="offset points", bbox=white)
