@@ -226,7 +226,8 @@ def _frames(files: Mapping[str, Sequence[str]]) -> tuple[list[str], dict[str, li
 
 def _files(path: str, board: str | None) -> list[str]:
     if not Path(path).exists() and not set(path) & set("*?["):
-        raise UnreadableFile(path, "no such file or folder", "check the path: a folder of points files; or pictures with --board")
+        remedy = "check the path: a folder of points files; or pictures with --board"
+        raise UnreadableFile(path, "no such file or folder", remedy)
     if board:
         return picture_files([path])
     if not Path(path).is_dir():
