@@ -98,3 +98,15 @@ def test_what_differs_of_a_data_set_is_what_was_asked_for_and_not_what_follows_f
     words = ("dataset", job / "block.obj", "-o", job / "set", "--views", "1", *SMALL)
     assert cadcam(*words, "--distance-mm", "500").code == 0
     assert "plan.around.distance_mm of the data set" in cadcam(*words, "--distance-mm", "50000").err
+
+
+def test_an_interruption_says_that_the_same_command_goes_on(
+    cadcam: Cadcam, job: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("cadcam.dataset.make.make_dataset", interrupted)
+    ran = cadcam("dataset", job / "block.obj", "-o", job / "set", "--views", "1", *SMALL)
+    assert ran.code == 130
+    assert "cadcam dataset: interrupted; the same command goes on where it was" in ran.err

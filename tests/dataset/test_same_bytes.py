@@ -15,6 +15,7 @@ import pytest
 
 from cadcam import whole
 from cadcam.dataset import processes
+from cadcam.dataset.cluster import on_cluster
 from cadcam.dataset.layout import Layout
 from cadcam.dataset.make import make_dataset
 from cadcam.dataset.plan import Occluders
@@ -249,3 +250,12 @@ def _alive(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().split()[2] != "Z"
     except OSError:
         return False
+
+
+def test_an_address_without_its_port_is_refused_before_there_is_a_client(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A client of an address that cannot be parsed is never opened, and complains for 40 s when it is thrown away."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(distributed, "Client", None)
+    for address in ("127.0.0.1", "tcp://127.0.0.1"):
+        with pytest.raises(UnreachableCluster, match=f"no work can be done at '{address}'"):
+            next(on_cluster(None, (), address))  # type: ignore[arg-type]  # the job is not reached
