@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from cadcam.cli.arguments import Verbs, add_jobs, job, real, seed, verb
 from cadcam.cli.output import check_target, print_json, say
