@@ -18,6 +18,7 @@ from cadcam.native.profiles import StepCells, along_runs
 
 _APART = 1.5  # blurs: a cell ends that far before the next line
 _PAST, _TWIN = 2.0, 3.0  # blurs: it ends that far beyond a twin, which must be as far away
+_REACH = 4.0  # blurs: how far a cell has to reach to each side, for levels and slopes to be told from the step
 _LINEAR = 1.2  # blurs: how far off a linear fit is believed
 _CLEAR = 4.0  # sd of one cell: contrast of an edge that is there
 _SURE = 8.0  # sd of one cell: contrast that needs no neighbours
@@ -76,7 +77,7 @@ class Cells:
         samples = sight.samples
         rooms = ((samples.below, samples.beyond[:, 0]), (samples.above, samples.beyond[:, 1]))
         room = np.stack([_room(next_line, beyond, blur) for next_line, beyond in rooms], axis=1)
-        below, above = np.minimum(room, reach_px).T
+        below, above = np.minimum(room, max(reach_px, _REACH * blur)).T
         apart = np.abs(samples.twins[:, :, 0]).min(axis=1) > _TWIN * blur
         enough = (below >= room_px) & (above >= room_px)
         which = np.flatnonzero(apart & enough & np.isfinite(at.q).all(axis=1))

@@ -46,7 +46,8 @@ def location_of(part: Part, fitted: Solution, freedom: Freedom, *, chosen: int, 
     together = sum(
         (_TOGETHER_PX**2 * (G @ n) @ (G @ n).T for G, n in zip(gains, normals, strict=True)), np.zeros((6, 6))
     )
-    estimate = PoseEstimate(pose, B @ fit.covariance @ B.T + together, from_calibration, B, fit.dof)
+    covariance = B @ (fit.covariance + fitted.hidden_by_blur) @ B.T
+    estimate = PoseEstimate(pose, covariance + together, from_calibration, B, fit.dof)
     evidence, doubted = _evidence(part, fitted, B, chosen, wider)
     reason = _reason(part, estimate, evidence, fitted, photos)
     return Location(estimate, _matches(fitted), evidence.quality, reason, doubted=doubted)

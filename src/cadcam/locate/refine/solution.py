@@ -30,6 +30,7 @@ LOOSE_PX = 0.25  # by which edges of a good pose are seldom off as a whole
 _FARTHEST_PX = 3.0  # an edge farther off is another one
 _ROUNDS = (3, 8, 8, 8)  # reweightings in the first measurement, the second, and more where it is not settled
 _SETTLED_PX = 0.2  # by which nine tenths of the lines may move in the last step
+_HIDDEN, _ORDINARY_PX = 0.07, 0.9  # of the blur beyond an ordinary one: by which what lies beside an edge shifts it
 _EVERY = 4  # of how many samples one tells whether the camera's response is bent
 
 
@@ -70,6 +71,20 @@ class Solution:
         """Return the largest share of a photo's cells that lies beside bands (`locate.lines.bands`)."""
         looked = zip(self.sights, self.places, self.cells, strict=True)
         return max(share_beside_bands(*one, np.zeros(len(one[0].samples))) for one in looked)
+
+    @property
+    def hidden_by_blur(self) -> Array:
+        """Return the covariance (k, k) by what blur hides beside the edges, in the basis B.
+
+        A shadow, a rim or a bevel nearer than a blur or two is no step of its own any more but part of the edge's. It
+        shifts the clearest edges, which the pose rests on, as far as the faint ones, and what these are off by does not
+        tell it. What an ordinary blur hides is told by the scatter of the edges.
+        """
+        n = [int(m.usable.sum()) for m in self.measured]
+        shift = [_HIDDEN * np.sqrt(max(c.blur**2 - _ORDINARY_PX**2, 0.0)) for c in self.cells]
+        group = self.fit.group[: sum(n)]
+        moved = np.stack([np.bincount(group, row) for row in self.fit.gain[:, : sum(n)] * np.repeat(shift, n)])
+        return np.asarray(moved @ moved.T)
 
     @property
     def tells_lines(self) -> bool:
