@@ -18,8 +18,9 @@ Cramer-Rao bound; the fit reaches 1.1 times its root on wide cells with level gr
 
 from __future__ import annotations
 
+import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,6 +33,11 @@ _ROWS = 48  # rows of a photo that tell its noise
 _BLURS = np.array([0.5, 0.7, 0.95, 1.3, 1.8, 2.5, 3.5])  # px, tried in `blur_of`
 _FAINTEST = 0.025  # contrast of steps that are looked for
 _SPREADS = (0.0, 0.7, 1.0, 1.4, 1.7)  # px, tried in `calming`
+_CLEAR, _MUCH = 16.0, 0.12  # chi square, and by how much the blur's logarithm changes, of one that depends on direction
+_ACROSS = 0.05  # of the cells that run across the others at least, for that to be told
+_TRIED = np.array([(a, b, t) for a in np.log(_BLURS) for b in np.log(_BLURS) if b >= a for t in np.arange(8) * np.pi / 8])
+_AROUND = np.array(list(itertools.product((-0.5, 0.0, 0.5), repeat=3)))
+_FINER = 6  # times
 _FEW = 8  # cells that tell the blur at least
 _QUANTISED = 1.0 / 255 / math.sqrt(12.0)  # the least noise of an eight-bit photo
 
@@ -108,22 +114,107 @@ def noise_of(gray: Picture) -> float:
 def blur_of(gray: Picture, q: Array, normal: Array, *, reach: Array, half_length: float, default: float = 0.8) -> float:
     """Return the blur s (px) at which steps fit best in cells that lie on strong edges; `default` where none do.
 
-    reach (N,): how far the cells reach along the normal, both ways. What a fit leaves over varies far more from cell to
-    cell than with the blur, and cells that no blur fits leave most: only by which share it changes is asked of each.
+    reach (N,): how far the cells reach along the normal, both ways.
     """
-    free = np.zeros((len(q), 2))
-    misfit = np.full(len(_BLURS), np.inf)
-    for k, blur in enumerate(_BLURS if len(q) >= _FEW else ()):
-        sums = step_sums(gray, StepCells(q, normal, reach, reach, half_length, blur))
-        left = profiles.steps(sums.sums, free)[:, 4]
-        left = left[np.isfinite(left)]
-        misfit[k] = np.mean(np.log(left + _QUANTISED)) if len(left) >= _FEW else np.inf
-        if k and misfit[k] > misfit[k - 1]:
-            break
-    best = int(np.argmin(misfit))
-    if not np.isfinite(misfit[best]):
-        return default
-    return float(np.exp(parabola(np.log(_BLURS), misfit, best)))
+    found = _Misfits(gray, q, normal, reach, half_length).best()[0]
+    return found if np.isfinite(found) else default
+
+
+def blur_matrix(
+    gray: Picture, q: Array, normal: Array, *, reach: Array, half_length: float, default: float = 0.8
+) -> Array:
+    """Return the blur as a covariance B (2, 2) px^2: a step across the unit normal n is blurred by sqrt(n' B n).
+
+    As `blur_of` tells it, alike in all directions, but where the cells clearly ask for another blur in one direction
+    than in the other (a score test): motion while the shutter is open.
+    """
+    misfits = _Misfits(gray, q, normal, reach, half_length)
+    even, best = misfits.best()
+    if not np.isfinite(even):
+        even = default
+    elif misfits.depends(best):
+        return misfits.matrix()
+    return even**2 * np.eye(2)
+
+
+class _Misfits:
+    """What steps of several blurs leave over of their cells, and what that says of the blur.
+
+    It varies far more from cell to cell than with the blur, and cells that no blur fits leave most: only by which share
+    it changes is asked of each.
+    """
+
+    def __init__(self, gray: Picture, q: Array, normal: Array, reach: Array, half_length: float) -> None:
+        self.gray, self.cells = gray, StepCells(q, normal, reach, reach, half_length, _BLURS[0])
+        self.left = np.full((len(_BLURS), len(q)), np.nan)  # logarithms
+        self.mean = np.full(len(_BLURS), np.inf)
+        self.normal = normal
+
+    def ask(self, k: int) -> None:
+        """Fit steps of the k-th blur."""
+        sums = step_sums(self.gray, replace(self.cells, blur=_BLURS[k]))
+        found = profiles.steps(sums.sums, np.zeros((len(self.normal), 2)))[:, 4]
+        self.left[k] = np.log(found + _QUANTISED)
+        there = np.isfinite(found)
+        self.mean[k] = np.mean(self.left[k, there]) if there.sum() >= _FEW else np.inf
+
+    def best(self) -> tuple[float, int]:
+        """Return the blur at which the cells fit best together, nan where there are too few, and the nearest tried."""
+        for k in range(len(_BLURS) if len(self.normal) >= _FEW else 0):
+            self.ask(k)
+            if k and self.mean[k] > self.mean[k - 1]:
+                break
+        best = int(np.argmin(self.mean))
+        if not np.isfinite(self.mean[best]):
+            return np.nan, best
+        return float(np.exp(parabola(np.log(_BLURS), self.mean, best))), best
+
+    def depends(self, best: int) -> bool:
+        """Return whether the blur depends on the direction, clearly (a score test) and by much."""
+        if not 0 < best < len(_BLURS) - 1:
+            return False
+        apart, (falls, rises) = np.diff(np.log(_BLURS))[best - 1 : best + 1], np.diff(self.left[best - 1 : best + 2], axis=0)
+        slope, bend = 0.5 * (falls / apart[0] + rises / apart[1]), 2 * (rises / apart[1] - falls / apart[0]) / apart.sum()
+        there = np.isfinite(slope)
+        y, x = slope[there] - slope[there].mean(), self._doubled()[there]
+        x = x - x.mean(axis=0)
+        if not np.linalg.eigvalsh(x.T @ x)[0] > _ACROSS * len(x):
+            return False
+        towards = np.linalg.solve(x.T @ x, x.T @ y)
+        clear = x.T @ y @ np.linalg.solve((x * (y**2)[:, None]).T @ x, x.T @ y)
+        return bool(clear > _CLEAR and np.linalg.norm(towards) > _MUCH * bend[there].mean())
+
+    def matrix(self) -> Array:
+        """Return the covariance (2, 2) px^2 at which the cells fit best."""
+        for k in np.flatnonzero(np.isnan(self.left).all(axis=1)):
+            self.ask(int(k))
+        there = np.isfinite(self.left).all(axis=0)
+        left, x = self.left[:, there], self._doubled()[there]
+        far, middle = np.array([0.3, 0.3, np.pi / 8]), None
+        for _ in range(_FINER):
+            tried = _TRIED if middle is None else middle + far * _AROUND
+            middle = tried[int(np.argmin(_misfits(left, x, *tried.T)))]
+            far = 0.5 * far
+        across, along = np.exp(2 * middle[:2])
+        d = np.array([np.cos(middle[2]), np.sin(middle[2])])
+        return np.asarray(across * np.eye(2) + (along - across) * np.outer(d, d))
+
+    def _doubled(self) -> Array:
+        """Return cosine and sine (N, 2) of twice the normals' angles."""
+        nx, ny = self.normal.T
+        return np.stack([nx**2 - ny**2, 2 * nx * ny], axis=1)
+
+
+def _misfits(left: Array, x: Array, across: Array, along: Array, angle: Array) -> Array:
+    """Return what cells leave over on average (T,) by logarithms of the blur along an angle and across it (T,).
+
+    left (B, N): of each cell by blur; x (N, 2): cosine and sine of twice the normals' angles.
+    """
+    share = 0.5 + 0.5 * np.stack([np.cos(2 * angle), np.sin(2 * angle)], axis=1) @ x.T
+    small, large = np.exp(2 * across)[:, None], np.exp(2 * along)[:, None]
+    place = np.interp(0.5 * np.log(small + (large - small) * share), np.log(_BLURS), np.arange(len(_BLURS)))
+    k, cell = np.minimum(place.astype(int), len(_BLURS) - 2), np.arange(left.shape[1])
+    return np.asarray(np.mean(left[k, cell] + (place - k) * (left[k + 1, cell] - left[k, cell]), axis=1))
 
 
 def parabola(x: Array, y: Array, best: int) -> float:

@@ -99,7 +99,7 @@ def banded(
     if anew is not None and _any(apart)[stretches.of].mean() > _BESIDE:
         blur = _blur(sight, at, cells, where, anew)
         if abs(blur / cells.blur - 1) > _SAME:
-            return banded(sight, at, Cells.of(sight, at, where=where, blur=blur, **anew), where)
+            return banded(sight, at, Cells.of(sight, at, where=where, spread=(blur / cells.blur) ** 2 * cells.spread, **anew), where)
     drawn = _drawn(plain, sums, stretches.of)
     return cells, replace(told, doubt=LEFT * np.where(_any(apart)[stretches.of], drawn, 0.0)), sums
 
@@ -108,7 +108,8 @@ def _blur(sight: Sight, at: Projected, cells: Cells, where: Array, anew: Mapping
     """Return the blur at which steps fit best that know of bands."""
     tried, misfit = cells.blur * _BLURS, []
     for blur in tried:
-        _, told, sums = banded(sight, at, Cells.of(sight, at, where=where, blur=float(blur), **anew), where)
+        spread = (blur / cells.blur) ** 2 * cells.spread
+        _, told, sums = banded(sight, at, Cells.of(sight, at, where=where, spread=spread, **anew), where)
         noise = sums.solved(told.held).noise
         misfit.append(float(np.mean(np.log(noise[np.isfinite(noise)]))))
     best = int(np.argmin(misfit))

@@ -6,6 +6,7 @@ photo tells of the light there, so that a step is measured again at another plac
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from cadcam.native.profiles import StepCells, along_runs
 _APART = 1.5  # blurs: a cell ends that far before the next line
 _PAST, _TWIN = 2.0, 3.0  # blurs: it ends that far beyond a twin, which must be as far away
 _REACH = 4.0  # blurs: how far a cell has to reach to each side, for levels and slopes to be told from the step
+_ALIKE = 0.1  # share by which blurs differ that are taken for one
 _LINEAR = 1.2  # blurs: how far off a linear fit is believed
 _CLEAR = 4.0  # sd of one cell: contrast of an edge that is there
 _SURE = 8.0  # sd of one cell: contrast that needs no neighbours
@@ -36,7 +38,8 @@ class Cells:
 
     which (N,): numbers of the samples; below, above (N,) px; held (N, 2): how firmly the slopes are held
     (`image.profile.StepSums`); bow (N,) px: how far along the normal the step of a bent line lies beyond its
-    tangent, on the mean of the cell; half_length, blur (px). twins (N, 2, 2): other steps in them, as `EdgeSamples` has
+    tangent, on the mean of the cell; half_length px; spread (2, 2) px^2: the photo's blur (`image.profile.blur_matrix`), blurs (N,) px: across
+    the cells' lines. twins (N, 2, 2): other steps in them, as `EdgeSamples` has
     them; room (N, 2) px: how far they might reach below and above; doubt (N,) px: by which steps may be off all along a
     stretch of line. first: their sums at the places where they were laid out, which the first measurement needs again.
     """
@@ -47,7 +50,8 @@ class Cells:
     held: Array
     bow: Array
     half_length: float
-    blur: float
+    spread: Array
+    blurs: Array
     twins: Array
     room: Array
     doubt: Array
@@ -63,29 +67,43 @@ class Cells:
         reach_px: float,
         room_px: float,
         where: Array | None = None,
-        blur: float | None = None,
+        spread: Array | None = None,
     ) -> Cells:
         """Return the cells of a sight; room_px is what a cell needs on each side of its line.
 
-        where (N,) px along the normals: where the steps are about, default on the lines. blur: px, default as the
-        strongest lines show it.
+        where (N,) px along the normals: where the steps are about, default on the lines. spread (2, 2) px^2: the
+        blur, default as the strongest lines show it.
 
         The ground's slopes are held by what they are on average in the stretch of line around each cell, of which noise
         tells little: where the ground is level they cost nothing, where light bends it they are free.
         """
-        blur = sight.blur(at, half_length=half_length, reach_px=reach_px) if blur is None else blur
+        if spread is None:
+            spread = sight.blur(at, half_length=half_length, reach_px=reach_px)
+        blur = np.sqrt(np.einsum("ni,ij,nj->n", at.normal, spread, at.normal))
         samples = sight.samples
         rooms = ((samples.below, samples.beyond[:, 0]), (samples.above, samples.beyond[:, 1]))
         room = np.stack([_room(next_line, beyond, blur) for next_line, beyond in rooms], axis=1)
-        below, above = np.minimum(room, max(reach_px, _REACH * blur)).T
+        below, above = np.minimum(room, np.maximum(reach_px, _REACH * blur)[:, None]).T
         apart = np.abs(samples.twins[:, :, 0]).min(axis=1) > _TWIN * blur
         enough = (below >= room_px) & (above >= room_px)
         which = np.flatnonzero(apart & enough & np.isfinite(at.q).all(axis=1))
         free, bow = np.zeros((len(which), 2)), _bow(at, samples.run, half_length, blur)
-        light = (half_length, blur, samples.twins[which], room[which], np.zeros(len(which)))
+        light = (half_length, spread, blur[which], samples.twins[which], room[which], np.zeros(len(which)))
         cells = cls(which, below[which], above[which], free, bow[which], *light)
         cells, sums = cells.settled(sight, at, where)
         return replace(cells, first=sums)
+
+    @property
+    def blur(self) -> float:
+        """Return the blur (px) across the cells' lines, on average."""
+        return float(np.sqrt(np.mean(self.blurs**2))) if len(self.blurs) else float(np.sqrt(np.trace(self.spread) / 2))
+
+    def alike(self) -> list[tuple[Longs, float]]:
+        """Return numbers of cells of about the same blur, and that blur, px."""
+        if not len(self.blurs) or np.ptp(self.blurs) <= _ALIKE * self.blurs[0]:
+            return [(np.arange(len(self.blurs)), self.blur)]
+        of = np.round(np.log(self.blurs) / _ALIKE)
+        return [(own, float(self.blurs[own].mean())) for own in (np.flatnonzero(of == one) for one in np.unique(of))]
 
     def settled(self, sight: Sight, at: Projected, where: Array | None) -> tuple[Cells, StepSums]:
         """Return the cells with slopes held as the photo asks for, and their sums."""
@@ -104,7 +122,12 @@ class Cells:
 
     def sums_at(self, sight: Sight, at: Projected, where: Array | None) -> StepSums:
         """Return what the cells' pixels add up to; where (N,) px: how far along the normal each cell is shifted."""
-        return step_sums(sight.photo.gray, self.placed(at, where))
+        placed, alike = self.placed(at, where), self.alike()
+        if len(alike) == 1:
+            return step_sums(sight.photo.gray, placed)
+        each = [step_sums(sight.photo.gray, placed.select(own, blur)).sums for own, blur in alike]
+        order = np.argsort(np.concatenate([own for own, _ in alike]))
+        return StepSums(np.concatenate(each)[order])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,7 +170,7 @@ def measure(
     placed = sums.solved(_held_as_lines(sums, run), noise=0.5 * sight.noise) if as_lines else found
     with np.errstate(all="ignore"):
         shift, sigma[which] = -placed.moment / c, placed.sd_moment * more / np.abs(c)
-        near = np.abs(shift) < _LINEAR * max(cells.blur, 0.7)
+        near = np.abs(shift) < _LINEAR * np.maximum(cells.blurs, 0.7)
         usable[which] = (np.abs(c) > _CLEAR * sd_c) & near & (found.clipped < _CLIPPED)
         offset[which] = where[which] + shift
     contrast[which], doubt[which] = c, cells.doubt
@@ -197,12 +220,12 @@ def _sd_contrast(sight: Sight, found: Steps, run: Ids) -> Array:
     return np.sqrt(along_runs(variance, run, _CONTRAST))
 
 
-def _room(next_line: Array, beyond: Array, blur: float) -> Array:
+def _room(next_line: Array, beyond: Array, blur: Array) -> Array:
     """Return how far (N,) px cells may reach: short of the next line, or past it where it is a twin."""
     return np.maximum(next_line - _APART * blur, np.minimum(next_line + _PAST * blur, beyond - _APART * blur))
 
 
-def _bow(at: Projected, run: Ids, half_length: float, blur: float) -> Array:
+def _bow(at: Projected, run: Ids, half_length: float, blur: Array) -> Array:
     """Return how far (N,) px along the normals the steps of bent lines lie beyond their tangents, on their cells' mean.
 
     A line of curvature k is k t^2 / 2 off its tangent at t, so k half_length^2 / 6 on the mean, and blur moves its step

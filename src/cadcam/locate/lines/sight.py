@@ -9,7 +9,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask, quantile
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.profile import Candidates, blur_of, candidates, noise_of
+from cadcam.image.profile import Candidates, blur_matrix, candidates, noise_of
 from cadcam.locate.lines.edges import EdgeSamples, Projected, project, sample_lines
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -77,19 +77,19 @@ class Sight:
             clear=clear,
         )
 
-    def blur(self, at: Projected, *, half_length: float, reach_px: float) -> float:
-        """Return the blur of the photo's steps (px), from the strongest of the part's lines.
+    def blur(self, at: Projected, *, half_length: float, reach_px: float) -> Array:
+        """Return the blur of the photo's steps (2, 2) px^2 (`image.profile.blur_matrix`), from the part's lines.
 
-        A cell that is not much wider than a step shows nothing but a slope, which any larger blur fits as well: where
-        the blur seems to be large, wider cells are asked, if there is room for them.
+        From the strongest. A cell that is not much wider than a step shows nothing but a slope, which any larger blur
+        fits as well: where the blur seems to be large, wider cells are asked, if there is room for them.
         """
         blur, _ = self._blur(at, half_length, reach_px)
-        if blur <= reach_px / _TELLING:
+        if np.linalg.eigvalsh(blur)[-1] <= (reach_px / _TELLING) ** 2:
             return blur
         wide, cells = self._blur(at, half_length, 2 * reach_px)
         return wide if cells >= _ENOUGH else blur
 
-    def _blur(self, at: Projected, half_length: float, reach_px: float) -> tuple[float, int]:
+    def _blur(self, at: Projected, half_length: float, reach_px: float) -> tuple[Array, int]:
         """Return the blur, and from how many cells that reach so far."""
         free = np.flatnonzero(np.minimum(self.samples.below, self.samples.above) >= reach_px)
         found = self.candidates(at.q[free], at.normal[free], half_length=half_length, reach=2, most=1)
@@ -98,7 +98,7 @@ class Sight:
         best = best[strength[best] > 0]
         q = at.q[free[best]] + found.offset[best] * at.normal[free[best]]
         reach = np.full(len(best), reach_px - 1.0)
-        return blur_of(self.photo.gray, q, at.normal[free[best]], reach=reach, half_length=half_length), len(best)
+        return blur_matrix(self.photo.gray, q, at.normal[free[best]], reach=reach, half_length=half_length), len(best)
 
 
 def in_noise(sights: Sequence[Sight]) -> bool:

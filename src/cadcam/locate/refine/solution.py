@@ -80,10 +80,10 @@ class Solution:
         shifts the clearest edges, which the pose rests on, as far as the faint ones, and what these are off by does not
         tell it. What an ordinary blur hides is told by the scatter of the edges.
         """
-        n = [int(m.usable.sum()) for m in self.measured]
-        shift = [_HIDDEN * np.sqrt(max(c.blur**2 - _ORDINARY_PX**2, 0.0)) for c in self.cells]
-        group = self.fit.group[: sum(n)]
-        moved = np.stack([np.bincount(group, row) for row in self.fit.gain[:, : sum(n)] * np.repeat(shift, n)])
+        n = sum(int(m.usable.sum()) for m in self.measured)
+        beyond = [np.maximum(c.blurs**2 - _ORDINARY_PX**2, 0)[m.usable[c.which]] for c, m in zip(self.cells, self.measured)]
+        shift, group = _HIDDEN * np.sqrt(np.concatenate(beyond)), self.fit.group[:n]
+        moved = np.stack([np.bincount(group, row) for row in self.fit.gain[:, :n] * shift])
         return np.asarray(moved @ moved.T)
 
     @property
