@@ -7,7 +7,8 @@ import pytest
 from scipy.ndimage import map_coordinates
 from scipy.special import ndtr
 
-from cadcam.image.profile import blur_of, candidates, noise_of, step_sums
+from cadcam.image.profile import blur_matrix, blur_of, candidates, noise_of, step_sums
+from cadcam.image.sensor.light import Motion
 from cadcam.native import profiles
 from cadcam.native.core import choose_variant
 from cadcam.native.profiles import StepCells
@@ -189,6 +190,30 @@ def test_blur_is_told_by_how_well_steps_fit(blur: float, rng: np.random.Generato
     normal = np.tile([np.cos(0.5), np.sin(0.5)], (12, 1))
     found = blur_of(gray, 31.5 + along, normal, reach=np.full(12, 6.0), half_length=2.0)
     assert found == pytest.approx(blur, rel=0.12)  # half a step of the blurs tried is 17 percent
+
+
+@pytest.mark.parametrize("motion", [(0.0, 0.0), (4.0, 3.0), (0.0, -3.0)])
+def test_the_blur_of_motion_is_told_by_direction(motion: tuple[float, float], rng: np.random.Generator) -> None:
+    """A step across n is blurred by 0.7 px and by a box |n . d| wide, whose variance is a twelfth of its square."""
+    y, x = np.mgrid[:96, :96] - 47.5
+    sharp = (0.3 + 0.4 * ndtr((30 - np.hypot(x, y)) / 0.7)).astype(np.float32)
+    gray = Motion(motion).apply(sharp, rng) + 0.003 * rng.normal(size=sharp.shape)
+    angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    found = blur_matrix(gray.astype(np.float32), 47.5 + 30 * normal, normal, reach=np.full(60, 7.0), half_length=2.0)
+    true = 0.7**2 * np.eye(2) + np.outer(motion, motion) / 12
+    for n in ([1.0, 0.0], [0.0, 1.0], [0.8, 0.6], [-0.6, 0.8]):
+        assert np.sqrt(n @ found @ n) == pytest.approx(np.sqrt(n @ true @ n), rel=0.2)  # a box is no bell
+    if not any(motion):
+        np.testing.assert_array_equal(found, found[0, 0] * np.eye(2))
+
+
+def test_edges_of_one_direction_tell_one_blur(rng: np.random.Generator) -> None:
+    gray = (picture(0.5, 0.0, blur=0.9) + 0.003 * rng.normal(size=(64, 64))).astype(np.float32)
+    along = np.linspace(-16, 16, 24)[:, None] * [-np.sin(0.5), np.cos(0.5)]
+    normal = np.tile([np.cos(0.5), np.sin(0.5)], (24, 1))
+    found = blur_matrix(gray, 31.5 + along, normal, reach=np.full(24, 6.0), half_length=2.0)
+    np.testing.assert_array_equal(found, found[0, 0] * np.eye(2))
 
 
 def test_cells_full_of_texture_hardly_change_the_blur(rng: np.random.Generator) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
@@ -64,6 +66,29 @@ def test_a_wide_blur_is_told_by_wide_cells(defocus: float) -> None:
     spread = np.sqrt(0.25 + 1 / 12 + defocus**2 / 4)
     blur = sight.blur(sight.project(pose), half_length=2.0, reach_px=4.5)
     assert np.sqrt(np.linalg.eigvalsh(blur)) == pytest.approx(spread, rel=0.25)
+
+
+def test_cells_of_a_blurred_photo_reach_farther_across_blurred_edges_alone() -> None:
+    """Motion along x blurs the upright borders; level and slope cannot be told from a step within 2 blurs of it."""
+    part = Part.of(prism([(-40, -30), (40, -30), (40, 30), (-40, 30)], 0, 40, name="block"))
+    pose = Rigid(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, CAMERA.fx + 40]))
+    sight = Sight.of(part, Photo.of(disc(30.0), CAMERA), pose, step_px=4.0, reach_px=9.0)
+    at = sight.project(pose)
+    spread = np.diag([1.6**2, 0.6**2])
+    cells = Cells.of(sight, at, half_length=2.0, reach_px=4.5, room_px=2.5, spread=spread)
+    upright = np.abs(at.normal[cells.which, 0]) > 0.9
+    np.testing.assert_allclose(cells.blurs, np.where(upright, 1.6, 0.6))
+    np.testing.assert_allclose(np.minimum(cells.below, cells.above), np.where(upright, 6.4, 4.5))
+    each = cells.alike()
+    assert len(each) == 2
+    assert sorted(np.concatenate([own for own, _ in each])) == list(range(len(cells.which)))
+    sums = cells.sums_at(sight, at, None).sums
+    for own, blur in each:
+        one = replace(
+            cells, **{name: getattr(cells, name)[own] for name in ("which", "below", "above", "bow", "twins")}
+        )
+        alone = replace(one, blurs=np.full(len(own), blur)).sums_at(sight, at, None).sums
+        np.testing.assert_allclose(sums[own], alone, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("as_lines", [True, False])

@@ -33,11 +33,12 @@ _ROWS = 48  # rows of a photo that tell its noise
 _BLURS = np.array([0.5, 0.7, 0.95, 1.3, 1.8, 2.5, 3.5])  # px, tried in `blur_of`
 _FAINTEST = 0.025  # contrast of steps that are looked for
 _SPREADS = (0.0, 0.7, 1.0, 1.4, 1.7)  # px, tried in `calming`
-_CLEAR, _MUCH = 16.0, 0.12  # chi square, and by how much the blur's logarithm changes, of one that depends on direction
+_CLEAR, _MUCH = 16.0, 0.12  # of a blur that depends on direction: chi square, by how much its logarithm changes
 _ACROSS = 0.05  # of the cells that run across the others at least, for that to be told
-_TRIED = np.array([(a, b, t) for a in np.log(_BLURS) for b in np.log(_BLURS) if b >= a for t in np.arange(8) * np.pi / 8])
+_TURNS = np.arange(8) * np.pi / 8
+_TRIED = np.array([(a, b, t) for a in np.log(_BLURS) for b in np.log(_BLURS) if b >= a for t in _TURNS])
 _AROUND = np.array(list(itertools.product((-0.5, 0.0, 0.5), repeat=3)))
-_FINER = 6  # times
+_FIRST, _FINER = np.array([0.3, 0.3, np.pi / 8]), 6  # how far apart these are, halved so often
 _FEW = 8  # cells that tell the blur at least
 _QUANTISED = 1.0 / 255 / math.sqrt(12.0)  # the least noise of an eight-bit photo
 
@@ -145,14 +146,14 @@ class _Misfits:
     """
 
     def __init__(self, gray: Picture, q: Array, normal: Array, reach: Array, half_length: float) -> None:
-        self.gray, self.cells = gray, StepCells(q, normal, reach, reach, half_length, _BLURS[0])
+        self.gray, self.normal = gray, normal
+        self.cells = StepCells(q, normal, reach, reach, half_length, float(_BLURS[0]))
         self.left = np.full((len(_BLURS), len(q)), np.nan)  # logarithms
         self.mean = np.full(len(_BLURS), np.inf)
-        self.normal = normal
 
     def ask(self, k: int) -> None:
         """Fit steps of the k-th blur."""
-        sums = step_sums(self.gray, replace(self.cells, blur=_BLURS[k]))
+        sums = step_sums(self.gray, replace(self.cells, blur=float(_BLURS[k])))
         found = profiles.steps(sums.sums, np.zeros((len(self.normal), 2)))[:, 4]
         self.left[k] = np.log(found + _QUANTISED)
         there = np.isfinite(found)
@@ -173,15 +174,18 @@ class _Misfits:
         """Return whether the blur depends on the direction, clearly (a score test) and by much."""
         if not 0 < best < len(_BLURS) - 1:
             return False
-        apart, (falls, rises) = np.diff(np.log(_BLURS))[best - 1 : best + 1], np.diff(self.left[best - 1 : best + 2], axis=0)
-        slope, bend = 0.5 * (falls / apart[0] + rises / apart[1]), 2 * (rises / apart[1] - falls / apart[0]) / apart.sum()
+        near = slice(best - 1, best + 2)
+        apart = np.diff(np.log(_BLURS[near]))
+        falls, rises = np.diff(self.left[near], axis=0) / apart[:, None]
+        slope, bend = 0.5 * (falls + rises), 2 * (rises - falls) / apart.sum()
         there = np.isfinite(slope)
         y, x = slope[there] - slope[there].mean(), self._doubled()[there]
         x = x - x.mean(axis=0)
         if not np.linalg.eigvalsh(x.T @ x)[0] > _ACROSS * len(x):
             return False
-        towards = np.linalg.solve(x.T @ x, x.T @ y)
-        clear = x.T @ y @ np.linalg.solve((x * (y**2)[:, None]).T @ x, x.T @ y)
+        score = x.T @ y
+        towards = np.linalg.solve(x.T @ x, score)
+        clear = score @ np.linalg.pinv((x * (y**2)[:, None]).T @ x) @ score
         return bool(clear > _CLEAR and np.linalg.norm(towards) > _MUCH * bend[there].mean())
 
     def matrix(self) -> Array:
@@ -190,11 +194,11 @@ class _Misfits:
             self.ask(int(k))
         there = np.isfinite(self.left).all(axis=0)
         left, x = self.left[:, there], self._doubled()[there]
-        far, middle = np.array([0.3, 0.3, np.pi / 8]), None
+        far, tried = _FIRST, _TRIED
         for _ in range(_FINER):
-            tried = _TRIED if middle is None else middle + far * _AROUND
             middle = tried[int(np.argmin(_misfits(left, x, *tried.T)))]
-            far = 0.5 * far
+            tried, far = middle + far * _AROUND, 0.5 * far
+            tried[:, :2] = np.clip(tried[:, :2], *np.log(_BLURS[[0, -1]]))
         across, along = np.exp(2 * middle[:2])
         d = np.array([np.cos(middle[2]), np.sin(middle[2])])
         return np.asarray(across * np.eye(2) + (along - across) * np.outer(d, d))
@@ -206,7 +210,7 @@ class _Misfits:
 
 
 def _misfits(left: Array, x: Array, across: Array, along: Array, angle: Array) -> Array:
-    """Return what cells leave over on average (T,) by logarithms of the blur along an angle and across it (T,).
+    """Return what cells leave over on average (T,) by logarithms of the blur across an angle and along it (T,).
 
     left (B, N): of each cell by blur; x (N, 2): cosine and sine of twice the normals' angles.
     """

@@ -99,7 +99,8 @@ def banded(
     if anew is not None and _any(apart)[stretches.of].mean() > _BESIDE:
         blur = _blur(sight, at, cells, where, anew)
         if abs(blur / cells.blur - 1) > _SAME:
-            return banded(sight, at, Cells.of(sight, at, where=where, spread=(blur / cells.blur) ** 2 * cells.spread, **anew), where)
+            spread = (blur / cells.blur) ** 2 * cells.spread
+            return banded(sight, at, Cells.of(sight, at, where=where, spread=spread, **anew), where)
     drawn = _drawn(plain, sums, stretches.of)
     return cells, replace(told, doubt=LEFT * np.where(_any(apart)[stretches.of], drawn, 0.0)), sums
 

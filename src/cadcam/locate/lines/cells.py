@@ -38,10 +38,11 @@ class Cells:
 
     which (N,): numbers of the samples; below, above (N,) px; held (N, 2): how firmly the slopes are held
     (`image.profile.StepSums`); bow (N,) px: how far along the normal the step of a bent line lies beyond its
-    tangent, on the mean of the cell; half_length px; spread (2, 2) px^2: the photo's blur (`image.profile.blur_matrix`), blurs (N,) px: across
-    the cells' lines. twins (N, 2, 2): other steps in them, as `EdgeSamples` has
-    them; room (N, 2) px: how far they might reach below and above; doubt (N,) px: by which steps may be off all along a
-    stretch of line. first: their sums at the places where they were laid out, which the first measurement needs again.
+    tangent, on the mean of the cell; half_length px; spread (2, 2) px^2: the photo's blur
+    (`image.profile.blur_matrix`), blurs (N,) px: across each cell's line. twins (N, 2, 2): other steps in them, as
+    `EdgeSamples` has them; room (N, 2) px: how far they might reach below and above; doubt (N,) px: by which steps may
+    be off all along a stretch of line. first: their sums at the places where they were laid out, which the first
+    measurement needs again.
     """
 
     which: Longs

@@ -80,9 +80,11 @@ class Solution:
         shifts the clearest edges, which the pose rests on, as far as the faint ones, and what these are off by does not
         tell it. What an ordinary blur hides is told by the scatter of the edges.
         """
-        n = sum(int(m.usable.sum()) for m in self.measured)
-        beyond = [np.maximum(c.blurs**2 - _ORDINARY_PX**2, 0)[m.usable[c.which]] for c, m in zip(self.cells, self.measured)]
-        shift, group = _HIDDEN * np.sqrt(np.concatenate(beyond)), self.fit.group[:n]
+        blurs = [c.blurs[m.usable[c.which]] for c, m in zip(self.cells, self.measured, strict=True)]
+        shift = _HIDDEN * np.sqrt(np.maximum(np.concatenate(blurs) ** 2 - _ORDINARY_PX**2, 0.0))
+        n, group = len(shift), self.fit.group[: len(shift)]
+        if not shift.any():
+            return np.zeros_like(self.fit.covariance)
         moved = np.stack([np.bincount(group, row) for row in self.fit.gain[:, :n] * shift])
         return np.asarray(moved @ moved.T)
 
@@ -135,7 +137,7 @@ def solved(
     places = [s.project(pose) for s in sights]
     room = {"half_length": half, "reach_px": options.reach_px, "room_px": options.room_px}
     where = [nearest_steps(s, at, half_length=half, reach=CLOSE_PX) for s, at in zip(sights, places, strict=True)]
-    cells = [Cells.of(s, at, where=w, **room) for s, at, w in zip(sights, places, where, strict=True)]
+    cells = [Cells.of(s, at, where=w, spread=None, **room) for s, at, w in zip(sights, places, where, strict=True)]
     regression, on_lines = Regression.of(sights, options, bands=lines), False
     for number, iterations in enumerate(_ROUNDS):
         told = [(c, None if number else c.first) for c in cells]
