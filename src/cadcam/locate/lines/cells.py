@@ -6,7 +6,6 @@ photo tells of the light there, so that a step is measured again at another plac
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
