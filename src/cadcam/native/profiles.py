@@ -70,8 +70,8 @@ class StepCells:
     def select(self, which: Longs, blur: float) -> StepCells:
         """Return the chosen cells, for steps of this blur."""
         twins = None if self.twins is None else self.twins[which]
-        chosen = (a[which] for a in (self.q, self.normal, self.below, self.above))
-        return StepCells(*chosen, self.half_length, blur, twins)
+        q, normal, below, above = (a[which] for a in (self.q, self.normal, self.below, self.above))
+        return StepCells(q, normal, below, above, self.half_length, blur, twins)
 
     def doubles(self) -> list[Array]:
         """Return the arrays as the C core takes them: places, normals, reaches, twins."""
