@@ -184,9 +184,9 @@ class _Misfits:
         if not np.linalg.eigvalsh(x.T @ x)[0] > _ACROSS * len(x):
             return False
         score = x.T @ y
-        towards = np.linalg.solve(x.T @ x, score)
-        clear = score @ np.linalg.pinv((x * (y**2)[:, None]).T @ x) @ score
-        return bool(clear > _CLEAR and np.linalg.norm(towards) > _MUCH * bend[there].mean())
+        if not np.linalg.norm(np.linalg.solve(x.T @ x, score)) > _MUCH * bend[there].mean():
+            return False
+        return bool(score @ np.linalg.pinv((x * (y**2)[:, None]).T @ x) @ score > _CLEAR)
 
     def matrix(self) -> Array:
         """Return the covariance (2, 2) px^2 at which the cells fit best."""

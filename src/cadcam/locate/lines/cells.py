@@ -79,7 +79,7 @@ class Cells:
         """
         if spread is None:
             spread = sight.blur(at, half_length=half_length, reach_px=reach_px)
-        blur = np.sqrt(np.einsum("ni,ij,nj->n", at.normal, spread, at.normal))
+        blur = np.sqrt(((at.normal @ spread) * at.normal).sum(axis=1))
         samples = sight.samples
         rooms = ((samples.below, samples.beyond[:, 0]), (samples.above, samples.beyond[:, 1]))
         room = np.stack([_room(next_line, beyond, blur) for next_line, beyond in rooms], axis=1)

@@ -80,11 +80,11 @@ class Solution:
         shifts the clearest edges, which the pose rests on, as far as the faint ones, and what these are off by does not
         tell it. What an ordinary blur hides is told by the scatter of the edges.
         """
+        if max((c.blurs.max(initial=0.0) for c in self.cells), default=0.0) <= _ORDINARY_PX:
+            return np.zeros_like(self.fit.covariance)
         blurs = [c.blurs[m.usable[c.which]] for c, m in zip(self.cells, self.measured, strict=True)]
         shift = _HIDDEN * np.sqrt(np.maximum(np.concatenate(blurs) ** 2 - _ORDINARY_PX**2, 0.0))
         n, group = len(shift), self.fit.group[: len(shift)]
-        if not shift.any():
-            return np.zeros_like(self.fit.covariance)
         moved = np.stack([np.bincount(group, row) for row in self.fit.gain[:, :n] * shift])
         return np.asarray(moved @ moved.T)
 
