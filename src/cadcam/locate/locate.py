@@ -37,7 +37,7 @@ _STANDS_OUT, _CLEAR = (1.25, 1.1), 0.75
 # quality of 0.6 to 0.85 there, the best of eight elsewhere 0.3, and 0.0 where the part is absent.
 _ABOVE, _SURE = 0.3, 0.6  # quality beyond that of all others refined, and quality, that make a pose stand out
 _PROMISING = 0.25  # quality, before the fit, of a start that could be better than what was found
-_ASKED = 0.7  # quality of a pose near a start below which it is asked whether the photos show what is like it
+_ASKED = 0.62  # quality of a pose near a start below which it is asked whether the photos show what is like it
 _UNCERTAIN = 0.45  # quality of a pose that may as well be at another place
 _SAME, _BASIN = 0.02, 0.1  # radii: refined poses nearer to each other are one; starts nearer to a pose end in it
 _LOOKED_AT = 5_000  # pixels of a photo that tell whether anything can be seen in it
