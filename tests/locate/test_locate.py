@@ -86,6 +86,19 @@ def test_a_start_better_than_what_its_approach_leads_to_is_preferred(
     assert len(asked) == 3
 
 
+def test_a_start_without_promise_is_not_fitted_and_one_with_it_is(rng: np.random.Generator) -> None:
+    """Turned by 40 degrees, few of its lines lie on steps; 3 px off, pulled onto them, they show what the fit will."""
+    pose = pose_of(rng)
+    asked = Refinement(block(), [photo_of(pose, rng)], least=0.25)
+    found, _ = asked.around(off(pose, rng, degrees=2, px=3))
+    assert found.found
+    assert largest_miss(found.pose.world_from_part, pose) < 1
+    lost, _ = asked.around(off(pose, rng, degrees=40, px=60))
+    assert lost.quality == 0
+    assert "too few of its lines" in lost.reason
+    assert not np.isfinite(lost.matches.offset).any()
+
+
 def test_a_pose_that_is_hardly_found_is_held_against_the_start(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:

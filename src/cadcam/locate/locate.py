@@ -16,6 +16,7 @@ from cadcam.locate.location import FOUND, Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.quality import SEARCHED
+from cadcam.locate.refine.answer import DOUBT
 from cadcam.locate.refine.basins import Basins
 from cadcam.locate.refine.options import EDGES, EdgeOptions
 from cadcam.locate.refine.refine import Refinement, in_spite_of_noise
@@ -37,7 +38,6 @@ _STANDS_OUT, _CLEAR = (1.25, 1.1), 0.75
 # quality of 0.6 to 0.85 there, the best of eight elsewhere 0.3, and 0.0 where the part is absent.
 _ABOVE, _SURE = 0.3, 0.6  # quality beyond that of all others refined, and quality, that make a pose stand out
 _PROMISING = 0.25  # quality, before the fit, of a start that could be better than what was found
-_ASKED = 0.62  # quality of a pose near a start below which it is asked whether the photos show what is like it
 _UNCERTAIN = 0.45  # quality of a pose that may as well be at another place
 _SAME, _BASIN = 0.02, 0.1  # radii: refined poses nearer to each other are one; starts nearer to a pose end in it
 _LOOKED_AT = 5_000  # pixels of a photo that tell whether anything can be seen in it
@@ -114,7 +114,7 @@ def _located(
         return replace(best, reason=why, alternatives=tuple(alike))
     if not (clear(score, best) or (every and _alone(part, best, tried))):
         return _uncertain(best, "lines elsewhere in the photos look nearly as much like the part", alike)
-    if start is None or best.quality < _ASKED:
+    if start is None or best.quality < DOUBT[1]:
         asked = rivals.beside(best, basins.sights(best.pose.world_from_part))
         alike = _alike(part, asked) if start is None and asked.pose is not best.pose else alike
         ranked[0] = score, asked
