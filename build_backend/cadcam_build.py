@@ -48,6 +48,7 @@ ONCE = (
     "seen.c",
     "mark.c",
     "grouped.c",
+    "reweighted.c",
 )
 ONCE += ("pack.c", "pack_layers.c", "layers.c", "hide.c", "crossing.c")
 VARIANTS = {"_baseline": [], "_v3": ["-mavx2", "-mfma", "-mbmi", "-mbmi2"]}

@@ -7,7 +7,7 @@ import pytest
 
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.grouped import Groups, grouped_fit
-from cadcam.native.grouped import Tried, averaged_fit
+from cadcam.native.grouped import Tried, reweighted_fit
 
 TRUTH = np.array([0.3, -0.2, 0.1])
 FAMILY = np.repeat(np.arange(12), np.tile([2, 3, 4, 6], 3))
@@ -129,7 +129,7 @@ def test_gain_is_how_x_follows_the_data(rng: np.random.Generator) -> None:
 def plain_average(
     y: np.ndarray, J: np.ndarray, w: np.ndarray, group: np.ndarray, counts: np.ndarray, tried: Tried
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return what `averaged_fit` does, from the whole covariance matrix; groups that count half are half as many.
+    """Return what one round does, from the whole covariance matrix; groups that count half are half as many.
 
     Half a group is one of half the weights and twice the variance of its offset.
     """
@@ -164,14 +164,16 @@ def test_the_core_averages_as_plain_matrices_do(unit: float, rng: np.random.Gene
     of_family[5] = 0.0
     between = np.array([0.0, 1e-3, 0.1]), rng.uniform(-1, 0, 3)
     tried = Tried(free * 1.0, expected, variances, share, prior, family, of_family, *between)
-    found = averaged_fit(y, J, 1 / variance, group, counts, tried)
-    plain = plain_average(y, J, 1 / variance, group, counts, tried)
+    scatter = np.ones(15)
+    found = reweighted_fit(y, J, variance, group, counts, scatter, tried, uneven=0.0, robust=False, rounds=1)
+    x, covariance, p = plain_average(y, J, 1 / variance, group, counts, tried)
     assert found is not None
     scale = np.array([1, unit, 1])
-    np.testing.assert_allclose(found[0] * scale, plain[0] * scale, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(found.x * scale, x * scale, rtol=0, atol=1e-11)
     size = np.outer(scale, scale)
-    np.testing.assert_allclose(found[1] * size, plain[1] * size, rtol=1e-10, atol=1e-14)
-    np.testing.assert_allclose(found[2], plain[2], rtol=1e-9, atol=1e-12)  # what is less likely is left out
+    np.testing.assert_allclose(found.covariance * size, covariance * size, rtol=1e-10, atol=1e-14)
+    means = p.sum(axis=1) @ variances, p.sum(axis=1) @ share, p.sum(axis=0) @ between[0]
+    np.testing.assert_allclose([found.own, found.share, found.alike], means, rtol=1e-9, atol=1e-12)  # the unlikeliest
 
 
 def test_more_parameters_than_the_core_takes_are_refused(rng: np.random.Generator) -> None:

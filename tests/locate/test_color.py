@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 from cadcam.arrays import Array, Picture
 from cadcam.cad.parts.shape import box, prism
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.chroma import chroma_of, values_at
+from cadcam.image.chroma import chroma_of
 from cadcam.image.picture import to_gray
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
@@ -20,6 +20,7 @@ from cadcam.locate.quality.chequers import along_chequers
 from cadcam.locate.quality.color import by_color
 from cadcam.locate.refine.options import EDGES
 from cadcam.locate.refine.refine import refine
+from cadcam.native.profiles import values_at
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Scene
 

@@ -146,29 +146,38 @@ static void moves(void) {
 
 static void grouped(void) {
     const int groups = 1 + upto(12), k = 1 + upto(upto(9) ? 5 : CC_UNKNOWNS - 1), families = 1 + upto(groups - 1);
-    const int n = groups + upto(60), tried = 1 + upto(6), more = 1 + upto(4), each = (k + 1) * (k + 2) / 2 + k;
-    double *y = doubles(n, 1), *J = doubles(n * k, 5), *w = malloc((size_t)n * 8), *of = malloc((size_t)groups * 24);
-    double *what = malloc((size_t)tried * 24), *x = malloc((size_t)k * 8), *C = malloc((size_t)(k * k) * 8);
-    double *kin = malloc((size_t)families * 8), *theirs = malloc((size_t)more * 16);
-    double *p = malloc((size_t)(tried * more) * 8);
-    const int own = (k + 1) * (k + 4) / 2 + 1;
-    double *scratch = malloc((size_t)((groups + families) * own + tried * more * each) * 8);
+    const int n = groups + upto(60), tried = 1 + upto(6), more = 1 + upto(4), each = (k + 1) * (k + 2) / 2 + k + 1;
+    double *y = doubles(n, 1), *J = doubles(n * k, 5), *known = doubles(n, 1), *of = malloc((size_t)groups * 32);
+    double *what = malloc((size_t)tried * 24), *kin = malloc((size_t)families * 8), *theirs = malloc((size_t)more * 16);
+    const int own = (k + 1) * (k + 4) / 2 + 1, sums = (groups + families) * own + tried * more * each;
+    double *scratch = malloc((size_t)(sums + 4 * n + groups + k) * 8);
+    double *out[8];
+    const int sizes[8] = {k, k * k, n, groups, groups, groups, groups, n * k};
+    for (int i = 0; i < 8; i++) out[i] = malloc((size_t)sizes[i] * 8);
     int64_t *group = malloc((size_t)n * 8), *family = malloc((size_t)groups * 8);
-    for (int i = 0; i < n; i++) w[i] = unit(), group[i] = i * groups / n;
+    for (int i = 0; i < n; i++) known[i] = fabs(known[i]) + 1e-6, group[i] = i * groups / n;
     for (int i = 0; i < groups; i++) family[i] = i * families / groups;
     for (int i = 0; i < 3 * groups; i++) of[i] = upto(3) ? unit() : upto(1);
+    for (int i = 3 * groups; i < 4 * groups; i++) of[i] = upto(4) > 0;
     for (int i = 0; i < 3 * tried; i++) what[i] = unit();
     for (int i = 0; i < families; i++) kin[i] = upto(3) ? unit() : upto(1);
     for (int i = 0; i < 2 * more; i++) theirs[i] = unit();
-    const cc_grouped data = {.y = y, .J = J, .w = w, .group = group, .family = family,
-                             .of_group = of, .free = of + groups, .expected = of + 2 * groups,
-                             .variance = what, .share = what + tried, .prior = what + 2 * tried,
-                             .family_free = kin, .family_variance = theirs, .family_prior = theirs + more,
-                             .n = n, .groups = groups, .families = families,
-                             .k = k, .tried = tried, .family_tried = more};
-    cc_grouped_fit(&data, scratch, x, C, p);
-    free(y), free(J), free(w), free(of), free(what), free(x), free(C), free(p), free(scratch), free(group);
-    free(kin), free(theirs), free(family);
+    const cc_reweighted asked = {
+        .of = {.y = y, .J = J, .group = group, .family = family, .of_group = of, .free = of + groups,
+               .expected = of + 2 * groups, .variance = what, .share = what + tried, .prior = what + 2 * tried,
+               .family_free = kin, .family_variance = theirs, .family_prior = theirs + more, .n = n,
+               .groups = groups, .families = families, .k = k, .tried = tried, .family_tried = more},
+        .known = known, .scatter = of + 3 * groups, .uneven = upto(1) * unit(), .robust = upto(2) > 0,
+        .rounds = 1 + upto(8)};
+    cc_found found = {.x = out[0], .covariance = out[1], .counts = out[2], .of_group = out[3],
+                      .mean = out[4], .total = out[5], .off = out[6], .weighed = out[7]};
+    if (cc_reweighted_fit(&asked, scratch, &found))
+        for (int i = 0; i < n; i++)
+            if (isfinite(y[i]) && !(found.counts[i] >= 0 && found.counts[i] <= 1))
+                exit(fprintf(stderr, "a datum counts %g times\n", found.counts[i]));
+    for (int i = 0; i < 8; i++) free(out[i]);
+    free(y), free(J), free(known), free(of), free(what), free(scratch), free(group), free(kin), free(theirs);
+    free(family);
 }
 
 /* Marks of rings and sectors; their share of ink has no cause to leave [0, 1] but through wild homographies. */

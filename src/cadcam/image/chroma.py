@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cadcam.arrays import Array, Picture
+from cadcam.arrays import Picture
 from cadcam.image.picture import checked
 
 _LEAST = 1.5 / 255  # differences of channels that rounding makes
@@ -24,17 +24,3 @@ def chroma_of(picture: Picture) -> Picture | None:
     red, green, blue = np.moveaxis(values, 2, 0)
     out = np.stack([red - green, 0.5 * (red + green) - blue], axis=2)
     return out if float(np.abs(out).max()) > _LEAST else None
-
-
-def values_at(picture: Picture, q: Array) -> Array:
-    """Return the values (..., C) of a picture (H, W, C) at q (..., 2) px, linear between pixels; nan outside of it."""
-    height, width = picture.shape[:2]
-    x, y = np.clip(q[..., 0], 0, width - 1), np.clip(q[..., 1], 0, height - 1)
-    within = (x == q[..., 0]) & (y == q[..., 1])
-    x, y = np.where(within, x, 0.0), np.where(within, y, 0.0)
-    i, j = np.minimum(x.astype(np.int64), max(width - 2, 0)), np.minimum(y.astype(np.int64), max(height - 2, 0))
-    right, below = np.minimum(i + 1, width - 1), np.minimum(j + 1, height - 1)
-    u, v = (x - i)[..., None], (y - j)[..., None]
-    upper = (1 - u) * picture[j, i] + u * picture[j, right]
-    lower = (1 - u) * picture[below, i] + u * picture[below, right]
-    return np.asarray(np.where(within[..., None], (1 - v) * upper + v * lower, np.nan))

@@ -171,28 +171,72 @@ static void averaged(int32_t tried, int32_t k, const double *left, const double 
     }
 }
 
-CC_API int32_t cc_grouped_fit(const cc_grouped *d, double *scratch, double *x, double *covariance, double *p) {
-    const int32_t k = d->k, wide = k + 1, packed = wide * (wide + 1) / 2, tried = d->tried * d->family_tried;
-    const int64_t own = 1 + wide + packed; /* numbers of a group or family */
-    const sums g = {scratch, scratch + d->groups, scratch + d->groups * (1 + wide)};
+/* Where the sums of groups and families lie in scratch; returns what lies behind them. */
+static double *laid_out(const cc_grouped *d, double *scratch, sums *groups, sums *families) {
+    const int64_t wide = d->k + 1, own = 1 + wide + wide * (wide + 1) / 2;
     double *next = scratch + d->groups * own;
-    const sums family = {next, next + d->families, next + d->families * (1 + wide)};
-    double *left = next + d->families * own, *each_x = left + (int64_t)tried * packed;
-    double all[PACKED], some[PACKED], L[WIDE][WIDE], scale[WIDE], most = -INFINITY, sum = 0;
-    add_up(d, &g, all);
+    *groups = (sums){scratch, scratch + d->groups, scratch + d->groups * (1 + wide)};
+    *families = (sums){next, next + d->families, next + d->families * (1 + wide)};
+    return next + d->families * own;
+}
+
+/* Make likelihoods p, but for a factor in their logarithms, add up to 1; 0 where there are none. */
+static int likely(int32_t tried, double *p) {
+    double most = -INFINITY, sum = 0;
+    for (int32_t t = 0; t < tried; t++) most = p[t] > most ? p[t] : most;
+    for (int32_t t = 0; t < tried; t++) p[t] = p[t] - most > log(HARDLY) ? exp(p[t] - most) : 0, sum += p[t];
+    for (int32_t t = 0; t < tried; t++) p[t] /= sum;
+    return sum > 0;
+}
+
+int32_t cc_grouped_fit(const cc_grouped *d, double *scratch, double *p, double *x, double *covariance,
+                       cc_apart *apart) {
+    const int32_t k = d->k, packed = (k + 1) * (k + 2) / 2, tried = d->tried * d->family_tried;
+    sums groups, families;
+    double *left = laid_out(d, scratch, &groups, &families), *each_x = left + (int64_t)tried * packed;
+    double all[PACKED], some[PACKED], L[WIDE][WIDE], scale[WIDE];
+    add_up(d, &groups, all);
     for (int32_t t = 0, at = 0; t < d->tried; t++) {
-        const double log_groups = without_groups(d, &g, t, all, some, &family);
+        const double log_groups = without_groups(d, &groups, t, all, some, &families);
         for (int32_t u = 0; u < d->family_tried; u++, at++) {
             double *here = left + (int64_t)at * packed;
-            const double log_families = without_families(d, &family, u, some, here);
+            const double log_families = without_families(d, &families, u, some, here);
             if (!factored(here, k, L, scale, p + at)) return 0;
             p[at] += d->prior[t] + d->family_prior[u] - 0.5 * (log_groups + log_families);
-            most = p[at] > most ? p[at] : most;
         }
     }
-    for (int32_t t = 0; t < tried; t++) p[t] = p[t] - most > log(HARDLY) ? exp(p[t] - most) : 0, sum += p[t];
-    if (!(sum > 0)) return 0;
-    for (int32_t t = 0; t < tried; t++) p[t] /= sum;
+    if (!likely(tried, p)) return 0;
     averaged(tried, k, left, p, each_x, x, covariance);
+    *apart = (cc_apart){0, 0, 0};
+    for (int32_t at = 0; at < tried; at++) {
+        const int32_t t = at / d->family_tried;
+        apart->own += p[at] * d->variance[t], apart->share += p[at] * d->share[t];
+        apart->alike += p[at] * d->family_variance[at % d->family_tried];
+    }
     return 1;
+}
+
+void cc_weighed(const cc_grouped *d, double *scratch, const cc_apart *apart, double *weighed) {
+    const int32_t k = d->k, wide = k + 1;
+    sums g, family;
+    laid_out(d, scratch, &g, &family);
+    memset(family.total, 0, sizeof(double) * (size_t)d->families);
+    memset(family.sum, 0, sizeof(double) * (size_t)(d->families * wide));
+    for (int pass = 0; pass < 2; pass++) /* the sums of families, then what groups take with them */
+        for (int64_t of = 0; of < d->groups; of++) {
+            const int64_t in = d->family[of];
+            const double counts = d->of_group[of] > 1e-12 ? d->of_group[of] : 1e-12;
+            const double own = (apart->own * d->free[of] + apart->share * d->expected[of]) / counts;
+            const double grown = 1 + own * g.total[of], v = apart->alike * d->family_free[in];
+            double *sum = g.sum + of * wide, *common = family.sum + in * wide;
+            if (pass == 0) family.total[in] += g.total[of] / grown;
+            for (int32_t a = 0; a < k; a++) {
+                if (pass == 0) common[a] += sum[a] / grown;
+                else sum[a] = (own * sum[a] + v / (1 + v * family.total[in]) * common[a]) / grown;
+            }
+        }
+    for (int64_t i = 0; i < d->n; i++) {
+        const double w = d->w[i] * d->of_group[d->group[i]], *taken = g.sum + d->group[i] * wide;
+        for (int32_t a = 0; a < k; a++) weighed[i * k + a] = w * (d->J[i * k + a] - taken[a]);
+    }
 }

@@ -28,6 +28,23 @@ CC_API void cc_candidates(const cc_picture *picture, int64_t n, const double *q,
     IN_USE(slope_extrema)(picture, n, q, normal, half_length, reach, least, most, offset, slope);
 }
 
+CC_API void cc_values_at(const cc_picture *picture, int32_t channels, int64_t n, const double *q, double *values) {
+    const int64_t right = picture->width - 1, low = picture->height - 1;
+    for (int64_t k = 0; k < n; k++, values += channels) {
+        const double x = q[2 * k], y = q[2 * k + 1];
+        const int within = x >= 0 && x <= (double)right && y >= 0 && y <= (double)low;
+        const int64_t i = within ? (int64_t)x : 0, j = within ? (int64_t)y : 0;
+        const float *here = picture->pixels + (j * picture->width + i) * channels;
+        const float *next = here + (i < right) * channels, *below = here + (j < low) * picture->width * channels;
+        const float *last = below + (next - here);
+        const double u = x - (double)i, v = y - (double)j;
+        for (int32_t c = 0; c < channels; c++) {
+            const double upper = (1 - u) * here[c] + u * next[c], lower = (1 - u) * below[c] + u * last[c];
+            values[c] = within ? (1 - v) * upper + v * lower : NAN;
+        }
+    }
+}
+
 /* What of a segment lies in the slab |t| <= half around a sample, in its axes: d along the normal, t along the line. */
 typedef struct {
     double t0, d0, t1, d1;

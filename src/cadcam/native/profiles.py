@@ -33,6 +33,7 @@ def _core() -> c.CDLL:
             "cc_step_residuals": (None, [picture, i64, *[pointer] * 5, real, real, pointer, i32, real, pointer]),
             "cc_band_gains": (i32, [i64, i32, real, real, *[pointer] * 5, i32, pointer, pointer]),
             "cc_candidates": (None, [picture, i64, pointer, pointer, real, i32, real, i32, pointer, pointer]),
+            "cc_values_at": (None, [picture, i32, i64, pointer, pointer]),
             "cc_clearance": (i32, [i64, *[pointer] * 4, i64, *[pointer] * 3, *[real] * 3, *[pointer] * 4]),
             "cc_edge_rows": (None, [i64, *[pointer] * 6]),
             "cc_camera_rows": (None, [i64, pointer, pointer, real, *[pointer] * 7]),
@@ -135,6 +136,14 @@ def candidates(
         _picture(gray), len(offset), *places, half_length, reach, least, most, *addresses(offset, slope)
     )
     return offset, slope
+
+
+def values_at(picture: Picture, q: Array) -> Array:
+    """Return values (..., C) of a picture (H, W, C) at q (..., 2) px, linear between pixels; nan outside of it."""
+    picture, (places,) = np.ascontiguousarray(picture, np.float32), doubles(q)
+    out = np.zeros((*places.shape[:-1], picture.shape[2]))
+    _core().cc_values_at(_picture(picture), picture.shape[2], places.size // 2, *addresses(places, out))
+    return out
 
 
 def clearance(

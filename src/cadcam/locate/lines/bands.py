@@ -38,6 +38,7 @@ _PAST = 2.0  # blurs: cells reach so far beyond a band's end
 _SHORT = 1.5  # blurs: cells end that far before a step that they are not told of
 _BLURS = np.array([0.6, 0.72, 0.86, 1.0, 1.2])  # of the blur: tried where bands may have been taken for it
 _BESIDE = 0.3  # of the cells beside bands, from which on these may have been taken for blur
+_FEW_BANDS = 0.05  # of the cells of half the stretches: with fewer beside bands, no more are asked
 _SAME = 0.02  # by which a blur may be off
 LEFT, MOST_PX = 0.2, 0.5  # of how far a band drew the steps, what may be left of it; px, at most that far
 
@@ -73,11 +74,19 @@ class _Stretches:
 
 
 def share_beside_bands(sight: Sight, at: Projected, cells: Cells, where: Array) -> float:
-    """Return which share of a photo's cells lies beside bands; where (N,) px along the normals: where the steps are."""
+    """Return which share of a photo's cells lies beside bands; where (N,) px along the normals: where the steps are.
+
+    Half of the stretches of line tell that there are none, or about how few.
+    """
     if not len(cells.which):
         return 0.0
-    stretches = _stretches(sight, at, cells, where)
-    return float(_any(_found(stretches, cells.blur)[0])[stretches.of].mean())
+    for every in (2, 1):
+        stretches = _stretches(sight, at, cells, where, every=every)
+        beside = _any(_found(stretches, cells.blur)[0])[stretches.of]
+        share = float(beside[stretches.of >= 0].mean())
+        if share < _FEW_BANDS:
+            break
+    return share
 
 
 def banded(
@@ -145,14 +154,15 @@ def _drawn(without: StepSums, told: StepSums, of: Longs) -> Array:
         return np.asarray(np.fmin(np.abs(place[0] - place[1]), MOST_PX)[of + 1])
 
 
-def _stretches(sight: Sight, at: Projected, cells: Cells, where: Array) -> _Stretches:
-    """Return what fits leave over in the stretches of a photo's lines."""
+def _stretches(sight: Sight, at: Projected, cells: Cells, where: Array, *, every: int = 1) -> _Stretches:
+    """Return what fits leave over in the stretches of a photo's lines, or in one of so many of them."""
     run = sight.samples.run[cells.which].astype(np.int64)
     count = np.bincount(run)
     place = np.arange(len(run)) - (np.cumsum(count) - count)[run]
     pieces = np.maximum(np.round(count / _TOGETHER), 1).astype(np.int64)[run]
     of = np.cumsum(np.diff(run * len(run) + place * pieces // count[run], prepend=-1) > 0) - 1
-    some = slice(None, None, 1 + len(run) // _ENOUGH)
+    some = np.arange(0, len(run), 1 + len(run) // _ENOUGH)
+    some = some[of[some] % every == 0]
     placed, twins = cells.placed(at, where), cells.twins[some]
     below, above = np.minimum(cells.room[some], _FAR).T
     far = StepCells(placed.q[some], placed.normal[some], below, above, cells.half_length, cells.blur, twins)

@@ -24,10 +24,10 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs
 from cadcam.fit.grouped import GroupedFit
-from cadcam.image.chroma import values_at
 from cadcam.locate.lines.cells import Measured
 from cadcam.locate.lines.edges import Projected
 from cadcam.locate.lines.sight import Sight
+from cadcam.native.profiles import values_at
 
 _OF_BLUR = np.sqrt(np.pi) / 3
 _BESIDE = 3.0  # blurs from the line: there the sides have their own brightness

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from cadcam.arrays import Array, Ids, Mask, Picture
-from cadcam.image.chroma import values_at
+from cadcam.native.profiles import values_at
 
 _BESIDE_PX = (1.8, 2.6)  # from a line, where its sides' brightness is taken
 _LEAST = 0.08  # change of brightness that counts

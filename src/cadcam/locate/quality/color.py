@@ -21,11 +21,11 @@ import numpy as np
 
 from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.chroma import values_at
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.quality.absent import behind_border
 from cadcam.locate.quality.worth import distinct_lines
+from cadcam.native.profiles import values_at
 
 _BESIDE = np.array([2.0, 3.0, 4.0])  # px from a line where its sides' colours are taken; codecs blur them so far
 _ROOM_PX, _CLEAR_PX = 2.5, 1.5  # room that a side needs, and what of it is left to the next line
