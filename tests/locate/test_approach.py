@@ -62,6 +62,17 @@ def test_skew_and_a_strong_lens_change_nothing(rng: np.random.Generator) -> None
     assert error_px(BRACKET, camera, found[0].world_from_part, POSE) < RIGHT_PX
 
 
+@pytest.mark.parametrize(("away", "aside"), [(130.0, 0.0), (4.2, 1e5)])
+def test_a_part_far_from_the_camera_or_from_its_origin_is_approached_as_well(
+    away: float, aside: float, rng: np.random.Generator
+) -> None:
+    """A long lens tells depth by size alone; a part drawn in a ship's frame turns about a place far outside of it."""
+    part = Part.of(machined_bracket().transformed(Rigid(translation=np.array([aside, -0.4 * aside, 0.3 * aside]))))
+    camera, pose = Camera.from_focal((640, 480), 900.0 * away / 4.2), view(part, (1.0, 0.7, 0.9), away=away)
+    found = approach(part, [photo(part, pose, rng, camera=camera)], off(part, pose, (-8, 9, 7), 12, -0.06))
+    assert error_px(part, camera, found[0].world_from_part, pose) < RIGHT_PX
+
+
 def test_two_cameras_approach_together(rng: np.random.Generator) -> None:
     world_from_part = Rigid(so3.exp([0.2, -0.3, 0.1]), np.array([30.0, -20.0, 15.0]))
     poses = [POSE, view(BRACKET, (0.2, 1.0, 0.8))]

@@ -7,7 +7,7 @@ import pytest
 
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.freedom import FREE, Freedom
+from cadcam.locate.freedom import FREE, Freedom, aligned
 
 
 @pytest.fixture
@@ -67,3 +67,21 @@ def test_directions_without_length_are_refused() -> None:
 def test_signatures_show_a_freedom_in_a_few_words() -> None:
     assert repr(FREE) == "Freedom()"
     assert repr(Freedom.planar([0, 0, 1])) == "Freedom(3 of 6 twists, frame='world')"
+
+
+@pytest.mark.parametrize("freedom", [FREE, Freedom.planar([0.1, -0.3, 1.0]), Freedom.along([1, 2, 3])])
+def test_aligned_motions_are_the_same_ones_about_a_point_and_a_line_of_sight(
+    freedom: Freedom, pose: Rigid, rng: np.random.Generator
+) -> None:
+    point, sight = np.array([1e4, -4e3, 2e3]), rng.normal(size=3)
+    B = freedom.at(pose)
+    A = aligned(B, point, sight)
+    assert A.shape == B.shape
+    assert np.linalg.matrix_rank(A) == B.shape[1]
+    left = A - B @ np.linalg.lstsq(B, A)[0]
+    assert np.abs(left).max() < 1e-10 * np.linalg.norm(point)
+    turns = np.linalg.norm(A[3:], axis=0) > 1e-6
+    still = A[:3] + np.cross(A[3:].T, point).T  # how the point moves: a turn leaves it where it is, but along the turn
+    assert np.abs(np.cross(still.T, A[3:].T)[turns]).max(initial=0) < 1e-9 * np.linalg.norm(point)
+    if freedom is FREE:
+        np.testing.assert_allclose(np.cross(A[:3, 2], sight), 0, atol=1e-12)

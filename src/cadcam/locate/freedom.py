@@ -83,6 +83,22 @@ class Freedom:
 FREE = Freedom()
 
 
+def aligned(B: Array, point: Array, sight: Array) -> Array:
+    """Return a basis (6, k) of the twists that B (6, k) spans: as far as may be, motions along and about three axes.
+
+    point (3,), mm, is where the axes meet, of the part; sight (3,) is the last of them, from a camera to that point, in
+    the part's frame. A solver that damps each motion by itself then leaves them all free: in other axes a part far from
+    the camera cannot come nearer but by sliding, nor one far from its frame's origin turn.
+    """
+    one, other = axes_across(sight / np.linalg.norm(sight))
+    axes = np.stack([one, other, sight / np.linalg.norm(sight)], axis=1)
+    screws = np.block([[axes, hat(point) @ axes], [np.zeros((3, 3)), axes]])
+    if B.shape[1] == 6:
+        return screws
+    Q = np.linalg.qr(np.linalg.solve(screws, B))[0]
+    return np.asarray(screws @ Q @ np.linalg.eigh(Q.T @ (np.arange(6.0)[:, None] * Q))[1])
+
+
 def _unit(direction: Floats, what: str) -> Array:
     v = frozen(direction, what, (3,))
     length = float(np.linalg.norm(v))

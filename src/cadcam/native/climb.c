@@ -220,14 +220,43 @@ static void add_place(const cc_eye *e, const rigid *c, const cc_place *place, co
     add_row(q, J, place->weight * sum, moment / sum);
 }
 
+/* All motions F (6, 6) of a part seen by an eye, at a place p of it: along three axes, the last one the line of sight,
+ * and about them. Damped by itself each of them is free: in others a part far from its origin turns and slides at once,
+ * and one far from the camera comes nearer and slides. */
+static void axes_at(const rigid *c, const float *p, double *F) {
+    double a[3][3], d[3], length = 0, least = INFINITY;
+    for (int i = 0; i < 3; i++) d[i] = c->R[3 * i] * p[0] + c->R[3 * i + 1] * p[1] + c->R[3 * i + 2] * p[2] + c->t[i];
+    for (int i = 0; i < 3; i++) {
+        a[2][i] = c->R[i] * d[0] + c->R[3 + i] * d[1] + c->R[6 + i] * d[2], length += a[2][i] * a[2][i];
+    }
+    int side = 0;
+    for (int i = 0; i < 3; i++) {
+        a[2][i] /= sqrt(length) + 1e-300;
+        if (fabs(a[2][i]) < least) least = fabs(a[2][i]), side = i;
+    }
+    for (int i = 0; i < 3; i++) a[0][i] = ((i == side) - a[2][side] * a[2][i]) / sqrt(1 - least * least);
+    for (int i = 0; i < 3; i++) {
+        const int j = (i + 1) % 3, m = (i + 2) % 3;
+        a[1][i] = a[2][j] * a[0][m] - a[2][m] * a[0][j];
+    }
+    for (int of = 0; of < 3; of++)
+        for (int i = 0; i < 3; i++) {
+            const int j = (i + 1) % 3, m = (i + 2) % 3;
+            F[6 * i + of] = F[6 * (3 + i) + 3 + of] = a[of][i], F[6 * (3 + i) + of] = 0;
+            F[6 * i + 3 + of] = p[j] * a[of][m] - p[m] * a[of][j];
+        }
+}
+
 static void step(const cc_views *v, int64_t k, double *pose, const kernel *kernel, const double *freedom, int n) {
     equations q = {0};
+    double x[6], xi[6] = {0}, axes[36];
     for (int32_t e = 0; e < v->n_eyes; e++) {
         const rigid c = seen_by(&v->eyes[e], pose);
         const cc_place *places = v->places + v->first[k * v->n_eyes + e];
-        for (int32_t i = 0; i < v->count[k * v->n_eyes + e]; i++) add_place(&v->eyes[e], &c, &places[i], kernel, &q);
+        const int32_t count = v->count[k * v->n_eyes + e];
+        for (int32_t i = 0; i < count; i++) add_place(&v->eyes[e], &c, &places[i], kernel, &q);
+        if (n == 6 && count) axes_at(&c, places[0].p, axes), freedom = axes;
     }
-    double x[6], xi[6] = {0};
     q = along(&q, freedom, n);
     if (!solved(&q, n, x)) return;
     for (int i = 0; i < 6; i++)

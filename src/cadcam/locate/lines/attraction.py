@@ -15,7 +15,7 @@ import numpy as np
 
 from cadcam.arrays import Array, quantile
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.freedom import Freedom
+from cadcam.locate.freedom import Freedom, aligned
 from cadcam.locate.lines.sight import Sight
 from cadcam.native.profiles import pulled
 
@@ -32,9 +32,13 @@ _PULLS = 4  # Gauss-Newton steps on one set of candidates
 def attracted(sights: Sequence[Sight], start: Rigid, freedom: Freedom, *, search_px: float) -> Rigid:
     """Return the pose whose lines lie on the photos' steps, up to `search_px` off at the start."""
     few = [s.thinned(max(_SEARCHED // len(sights), 60)) for s in sights]
-    pose = start
+    p = np.concatenate([s.samples.p for s in few])
+    if not len(p):
+        return start
+    pose, middle = start, p.mean(axis=0)
     for reach, soft in schedule(search_px):
-        pose = _pulled(few, pose, freedom.at(pose), reach=reach, soft=soft)
+        B = aligned(freedom.at(pose), middle, few[0].towards(middle, pose))
+        pose = _pulled(few, pose, B, reach=reach, soft=soft)
     return pose
 
 

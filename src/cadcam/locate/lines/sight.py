@@ -44,6 +44,10 @@ class Sight:
         """Return the samples in the photo."""
         return project(self.samples, self.photo.camera, self.photo.viewpoint.camera_from_world @ world_from_part)
 
+    def towards(self, point: Array, world_from_part: Rigid) -> Array:
+        """Return the vector (3,) mm from the camera to a point (3,) of the part at a pose, in the part's frame."""
+        return point - (self.photo.viewpoint.camera_from_world @ world_from_part).origin
+
     def moved_px(self, one: Rigid, other: Rigid) -> float:
         """Return how far the lines lie apart between two poses: nine tenths of them at most that far."""
         few = self.select(slice(None, None, max(1, len(self.samples) // 60)))

@@ -22,6 +22,7 @@ import numpy as np
 
 from cadcam.arrays import Array, quantile
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.freedom import aligned
 from cadcam.locate.lines.attraction import pulled_onto
 from cadcam.locate.lines.sight import Sight
 from cadcam.native.profiles import met
@@ -79,6 +80,7 @@ def stretched(sights: Sequence[Sight], pose: Rigid, B: Array) -> Stretched:
     """
     few, k = [s.thinned(max(_ASKED // len(sights), 60)) for s in sights], B.shape[1]
     middle = _middle(sights)
+    B = aligned(B, middle, sights[0].towards(middle, pose))
     far = _Seen(few, pose, np.zeros(3), B, middle, _far(few, pose))
     as_it_is, trials = _tried(far, k)
     pulled = [

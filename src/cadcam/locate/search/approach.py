@@ -23,7 +23,7 @@ from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.direction_field import direction_fields
-from cadcam.locate.freedom import FREE, Freedom
+from cadcam.locate.freedom import FREE, Freedom, aligned
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.search.climb import Climb, Stage, climbed, composed, distinct, rigids_of, turned, views_of
@@ -76,7 +76,9 @@ def approach(
     `NothingInView` where the start puts the part outside every photo.
     """
     stages = _stages(part, photos, start, reach)
-    free = freedom.at(start)
+    centre = part.aspects.centre
+    camera = (stages[0].cameras_from_world[0] @ start).origin
+    free = aligned(freedom.at(start), centre, centre - camera)
     if free.shape[1] == 6:
         poses = _slid(part.aspects, stages[-1], start, reach)
     else:
