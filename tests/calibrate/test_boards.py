@@ -9,14 +9,6 @@ import numpy as np
 import pytest
 
 from cadcam.arrays import Array
-from cadcam.calibrate.boards.boards import (
-    BoardCalibration,
-    BoardPicture,
-    BoardsDisagree,
-    board_views,
-    calibrate_boards,
-    found_in,
-)
 from cadcam.calibrate.boards.coverage import (
     Coverage,
     cell_centres,
@@ -27,7 +19,15 @@ from cadcam.calibrate.boards.coverage import (
     sigma_of,
 )
 from cadcam.calibrate.boards.next_view import next_views
-from cadcam.calibrate.joint.joint import calibrate_jointly
+from cadcam.calibrate.boards.pictures import (
+    BoardCalibration,
+    BoardPicture,
+    BoardsDisagree,
+    board_views,
+    calibrate_boards,
+    found_in,
+)
+from cadcam.calibrate.joint.adjustment import calibrate_jointly
 from cadcam.camera.camera import Camera
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import BrownConrady
@@ -272,7 +272,7 @@ def test_the_well_known_stereo_pictures_calibrate_better_than_their_shipped_valu
     side: str, rms: float, shared: Callable[[str], object]
 ) -> None:
     """Three of thirteen pictures found whole; OpenCV's own corners leave 0.14 px a coordinate on this set."""
-    from cadcam.calibrate.boards.boards import find_board
+    from cadcam.calibrate.boards.pictures import find_board
 
     folder = shared("data/opencv_stereo_chess")
     found = [find_board(f"{folder}/{side}{n:02d}.jpg", parse_pattern("chessboard:9x6:25mm")) for n in (2, 5, 12, 13)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.points import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate, locate_camera
 from cadcam.camera.extended_pinhole import ExtendedPinhole, uv_from_pixel_matrix, uv_from_pixels
 from cadcam.camera.observations import Observations
 from cadcam.fit.dlt import dlt

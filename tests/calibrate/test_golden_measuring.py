@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.calibrate.measure.measure import measure_points
+from cadcam.calibrate.measure.points import measure_points
 from cadcam.camera.extended_pinhole import ExtendedPinhole, pixels_from_uv, uv_from_pixel_matrix
 from cadcam.camera.viewpoint import KnownMotion, Viewpoint
 from cadcam.fit.dlt import dlt

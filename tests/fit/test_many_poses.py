@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.points import locate_camera
+from cadcam.calibrate.points.camera import locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.observations import Observations
 from cadcam.fit.many_poses import Views, pose_jacobian, poses_of_views

@@ -11,7 +11,7 @@ import cadcam
 from cadcam.plan.assessment.assess import Outcome, outcome
 from cadcam.plan.layout import Survey, plan_layout, survey
 from cadcam.plan.scene.feature import Kind, LayoutFeature
-from cadcam.plan.scene.scene import CalibratedFrom, Sigmas
+from cadcam.plan.scene.layout_scene import CalibratedFrom, Sigmas
 from cadcam.plan.sight.candidate import Candidate, calibrated, candidates
 from cadcam.plan.uncertainty.finding import Finder
 from cadcam.plan.uncertainty.predict import predict_points

@@ -13,7 +13,7 @@ from cadcam.cad.parts.shape import box
 from cadcam.camera.optics import Optics
 from cadcam.plan.layout import survey
 from cadcam.plan.scene.feature import Kind, LayoutFeature
-from cadcam.plan.scene.scene import CameraType, LayoutScene, Mount, Seeing
+from cadcam.plan.scene.layout_scene import CameraType, LayoutScene, Mount, Seeing
 from cadcam.plan.sight.candidate import Candidate, candidates
 from cadcam.plan.sight.look import Look, Why, look
 from cadcam.plan.sight.places import Places

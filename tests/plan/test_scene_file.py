@@ -13,8 +13,8 @@ from cadcam.errors import UnreadableFile
 from cadcam.plan.layout import plan_layout, survey
 from cadcam.plan.scene.feature import Kind
 from cadcam.plan.scene.file import read_layout_scene
+from cadcam.plan.scene.layout_scene import CalibratedFrom, Sigmas
 from cadcam.plan.scene.samples import write_samples
-from cadcam.plan.scene.scene import CalibratedFrom, Sigmas
 from cadcam.plan.scene.zones import arc, in_box
 from cadcam.plan.sight.candidate import candidates
 from cadcam.verify.tolerances.tolerance import Quantity, Rule

@@ -186,7 +186,7 @@ def test_the_dissertation_s_bench_is_calibrated_from_pictures_of_its_targets() -
     Chi-square of the 11 parameters by their covariance: below its 95 % quantile 19.7. The first calibration takes the
     centres of the ellipses, the second those that the first camera gives.
     """
-    from cadcam.calibrate.points.points import calibrate
+    from cadcam.calibrate.points.camera import calibrate
 
     truth = ExtendedPinhole.from_vector(BENCH_CAMERA)
     camera, view = truth.camera((768, 576)), truth.camera_from_world

@@ -1,7 +1,7 @@
 """Poses of one known target in many views of one known camera, all views at once and without a guess.
 
 A flat target may look nearly the same in two poses; both are returned, for what else is known (a robot's motions) to
-choose. For a single view where only the picture counts, `cadcam.calibrate.points.points.locate_camera` searches harder.
+choose. For a single view where only the picture counts, `cadcam.calibrate.points.camera.locate_camera` searches harder.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from cadcam.plan.assessment.asked import Asked, asked_of
 from cadcam.plan.assessment.assess import Assessment, Outcome, assess, informations
 from cadcam.plan.choice.problem import MEASURED, Problem, Score, as_targets
 from cadcam.plan.choice.search import Found, best_set, one_fewer, one_more, ranked
-from cadcam.plan.scene.scene import LayoutScene
+from cadcam.plan.scene.layout_scene import LayoutScene
 from cadcam.plan.sight.candidate import Candidate, candidates
 from cadcam.plan.sight.look import Look, Why, look
 from cadcam.plan.sight.places import Places

@@ -13,7 +13,7 @@ from cadcam.errors import CadcamError
 from cadcam.geometry.rigid import Rigid
 from cadcam.plan.assessment.assess import Assessment, Outcome, assess
 from cadcam.plan.layout import Layout
-from cadcam.plan.scene.scene import CalibratedFrom, CameraType, LayoutScene, Sigmas
+from cadcam.plan.scene.layout_scene import CalibratedFrom, CameraType, LayoutScene, Sigmas
 from cadcam.plan.sight.candidate import Candidate, placed
 from cadcam.plan.sight.look import Look, look
 from cadcam.plan.uncertainty.finding import Finder

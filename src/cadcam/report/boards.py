@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from cadcam.calibrate.boards.boards import BoardCalibration
 from cadcam.calibrate.boards.coverage import Coverage
 from cadcam.calibrate.boards.next_view import NextView
+from cadcam.calibrate.boards.pictures import BoardCalibration
 from cadcam.calibrate.joint.nested import Advice
 from cadcam.files.joint import joint_as_json
 from cadcam.files.matrix import pose_as_json

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from cadcam.arrays import Array, Picture, frozen
-from cadcam.calibrate.boards.boards import BoardCalibration
+from cadcam.calibrate.boards.pictures import BoardCalibration
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import INTERNALS, internals_of
 from cadcam.camera.joint_estimate import JointEstimate

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask
-from cadcam.calibrate.joint.joint import JointFit
+from cadcam.calibrate.joint.adjustment import JointFit
 from cadcam.errors import CadcamError, DegenerateGeometry, TooFewPoints
 from cadcam.fit.block_least_squares import minimise_blocks
 from cadcam.fit.joint_model import JointModel, JointState

@@ -134,7 +134,7 @@ def _add_point_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Measure, print, write."""
-    from cadcam.calibrate.measure.measure import measure_points
+    from cadcam.calibrate.measure.points import measure_points
     from cadcam.files.pixels import measurement_as_json, read_pixels, write_measurement
     from cadcam.report.measure import measurement_tables
 

@@ -20,7 +20,7 @@ from cadcam.arrays import Array, Mask
 from cadcam.camera.optics import Optics
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.geometry.rigid import Rigid
-from cadcam.plan.scene.scene import Seeing
+from cadcam.plan.scene.layout_scene import Seeing
 from cadcam.plan.sight.places import Places
 from cadcam.plan.sight.surroundings import Surroundings
 from cadcam.plan.uncertainty.evidence import Evidence

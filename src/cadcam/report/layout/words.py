@@ -10,7 +10,7 @@ from cadcam.arrays import Array
 from cadcam.plan.assessment.assess import Outcome
 from cadcam.plan.choice.problem import Score
 from cadcam.plan.layout import Layout, Survey
-from cadcam.plan.scene.scene import CalibratedFrom, LayoutScene, Sigmas
+from cadcam.plan.scene.layout_scene import CalibratedFrom, LayoutScene, Sigmas
 from cadcam.plan.sight.candidate import Candidate
 from cadcam.plan.sight.look import Why
 from cadcam.plan.what_if import WhatIf

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array
-from cadcam.calibrate.joint.joint import JointFit, estimate_of, fit_jointly
+from cadcam.calibrate.joint.adjustment import JointFit, estimate_of, fit_jointly
 from cadcam.camera.camera import Camera
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import BrownConrady, Lens
