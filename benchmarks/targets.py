@@ -34,7 +34,7 @@ from cadcam.target.marks.find import FoundMark, find_marks
 from cadcam.target.marks.fit import fit_marks
 from cadcam.target.marks.ideal import board_picture, marks_picture
 from cadcam.target.marks.leaning import fit_both_tilts
-from cadcam.target.marks.mark import Mark, Plate, dot, dot_and_ring, inverted
+from cadcam.target.marks.mark import Mark, MarkSheet, dot, dot_and_ring, inverted
 from cadcam.target.marks.subpixel import Peak, centroid, parabola
 
 SIDE, FOCAL, RADIUS = 72, 800.0, 12.0  # px
@@ -236,7 +236,7 @@ def _nearest(q: Array, truth: Array) -> Array:
 def grid() -> None:
     """Compare a grid of dots found by us and by OpenCV."""
     camera = Camera.from_focal((640, 480), 800.0)
-    plate = Plate.grid((dot(14.0),), 7, 5, 30.0)
+    plate = MarkSheet.grid((dot(14.0),), 7, 5, 30.0)
     print("7 x 5 dots of 10 px radius or less, 640 x 480, noise 5, blur 1: rms error px (found of 35)\n")
     print("| tilt | find_marks with the camera | find_marks | cv2.findCirclesGrid |\n|---|---|---|---|")
     for tilt in TILTS:
@@ -274,7 +274,7 @@ def robust() -> None:
     """Count marks found under light that varies threefold, half hidden, and among clutter."""
     camera = Camera.from_focal((640, 480), 800.0)
     mark = dot_and_ring(10.0, 20.0, 30.0)
-    plate = Plate.grid((mark,), 4, 3, 60.0)
+    plate = MarkSheet.grid((mark,), 4, 3, 60.0)
     pose = Rigid(np.eye(3), np.array([-90.0, -60.0, 600.0]))
     truth = camera.project(pose @ plate.points)
     flat = board_picture(plate, camera, pose, blur_px=0.8, margin_mm=60.0)

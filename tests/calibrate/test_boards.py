@@ -10,7 +10,7 @@ import pytest
 
 from cadcam.arrays import Array
 from cadcam.calibrate.boards.coverage import (
-    Coverage,
+    BoardCoverage,
     cell_centres,
     coverage,
     coverage_picture,
@@ -204,7 +204,7 @@ def test_coverage_counts_every_point_and_measures_the_tilts(calibration: BoardCa
 def test_what_the_views_lack_is_said() -> None:
     counts = np.ones((6, 8))
     counts[4:, :3] = 0
-    seen = Coverage(counts, np.array([[-5.0, -20.0], [10.0, 25.0]]), np.ones(2), np.ones((6, 8)))
+    seen = BoardCoverage(counts, np.array([[-5.0, -20.0], [10.0, 25.0]]), np.ones(2), np.ones((6, 8)))
     assert seen.doubts() == [
         "no point was seen in the lower left corner",
         "the board was tilted sideways (about the board's vertical axis) over 15 deg only",

@@ -126,7 +126,7 @@ def test_edges_of_a_part_are_measured_in_all_directions(folder: Path) -> None:
     scene = read_layout_scene(folder / "scene.yaml")
     seen = survey(scene)
     i = [f.name for f in scene.features].index("post edges")
-    sees = [c for c, look in enumerate(seen.looks) if look.seen[:, i].all()]
+    sees = [c for c, view in enumerate(seen.visibility) if view.seen[:, i].all()]
     found = seen.assess(sees[:6])
     limit = int(np.flatnonzero(seen.asked.feature == i)[0])
     assert np.isfinite(found.sigma[:, limit]).all()

@@ -19,7 +19,7 @@ from cadcam.native import core
 from cadcam.render import memory
 from cadcam.render.embree import Caster
 from cadcam.render.lens_tables import plane_points, subdivided
-from cadcam.render.lines.occlusion import Occluders
+from cadcam.render.lines.occlusion import OccludingFaces
 from cadcam.render.raster import RasterRenderer
 from cadcam.render.ray import RayRenderer
 from cadcam.render.view import Channel, Look, Scene
@@ -355,7 +355,7 @@ def test_what_hides_a_point_in_space_is_what_rays_find(rng: np.random.Generator)
     """Corners, middles of faces and places in the air, from eyes all round and within: to the last one."""
     scene = Scene.of(ship_block(triangles=5000))
     mesh, caster = scene.mesh, Caster(scene.mesh)
-    renderer, rays = RasterRenderer(scene), Occluders(mesh, caster)
+    renderer, rays = RasterRenderer(scene), OccludingFaces(mesh, caster)
     middles = mesh.vertices[mesh.faces[rng.integers(mesh.n_faces, size=200)]].mean(axis=1)
     corners = mesh.vertices[rng.integers(len(mesh.vertices), size=200)]
     points = np.concatenate([corners, middles, caster.center + caster.radius * rng.uniform(-1, 1, (200, 3))])

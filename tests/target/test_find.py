@@ -13,7 +13,17 @@ from cadcam.errors import BadValue, TooFewMarks, UnknownName
 from cadcam.geometry.rigid import Rigid
 from cadcam.target.marks.find import FoundMark, find_marks
 from cadcam.target.marks.ideal import board_picture, marks_picture
-from cadcam.target.marks.mark import Mark, Plate, angle_mark, chess_mark, coded_ring, dot, dot_and_ring, inverted, ring
+from cadcam.target.marks.mark import (
+    Mark,
+    MarkSheet,
+    angle_mark,
+    chess_mark,
+    coded_ring,
+    dot,
+    dot_and_ring,
+    inverted,
+    ring,
+)
 from cadcam.target.marks.subpixel import centroid, parabola
 
 CAMERA = Camera.from_focal((320, 240), 500.0)
@@ -22,7 +32,7 @@ RADIUS = 12.5  # px of the marks below, if upright
 
 def _plate(mark: Mark, tilt: float = 0.0, **how: float) -> tuple[Picture, Array]:
     """Return a picture of 3 x 2 marks and where their centres are seen."""
-    plate = Plate.grid((mark,), 3, 2, 4.5 * mark.radius)
+    plate = MarkSheet.grid((mark,), 3, 2, 4.5 * mark.radius)
     middle = Rigid(np.eye(3), np.append(-plate.places.mean(axis=0), 0.0))
     turned = Rigid.exp([0, 0, 0, 0, 0, 0.3]) @ Rigid.exp([0, 0, 0, np.radians(tilt), 0, 0])
     pose = Rigid(np.eye(3), [1.0, 2.0, 500.0 * mark.radius / RADIUS]) @ turned @ middle
@@ -84,7 +94,7 @@ def test_marks_with_a_direction_tell_it() -> None:
 def test_coded_marks_tell_their_numbers() -> None:
     numbers = (5, 37, 83, 91)
     like = coded_ring(37, 16.0, 20.0, 30.0)
-    plate = Plate.grid(tuple(coded_ring(n, 16.0, 20.0, 30.0) for n in numbers), 4, 1, 45.0)
+    plate = MarkSheet.grid(tuple(coded_ring(n, 16.0, 20.0, 30.0) for n in numbers), 4, 1, 45.0)
     pose = Rigid(np.eye(3), [-67.0, 0.0, 400.0]) @ Rigid.exp([0, 0, 0, 0.4, 0, 0.1])
     picture = board_picture(plate, CAMERA, pose, blur_px=0.7)
     found = {one.number: one.pixel for one in find_marks(picture, like, any_number=True)}

@@ -20,7 +20,7 @@ from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import BrownConrady, Lens
 from cadcam.camera.observations import Observations
 from cadcam.errors import CadcamError, NoBoard, TooFewPoints
-from cadcam.fit.many_poses import Views, poses_of_views
+from cadcam.fit.many_poses import PaddedViews, poses_of_views
 from cadcam.image.picture import read_picture_with_info
 from cadcam.target.boards.board import Pattern
 from cadcam.target.boards.circles import disc_shift
@@ -167,7 +167,7 @@ def _unshifted(views: Sequence[Observations], camera: Camera, radius: float) -> 
     """Return the views with the shift of the discs' pictures taken off; poses hardly follow it, so it settles soon."""
     out = list(views)
     for _ in range(3):
-        both = poses_of_views(camera, Views.of([(v.p_world, v.q) for v in out]))
+        both = poses_of_views(camera, PaddedViews.of([(v.p_world, v.q) for v in out]))
         poses = both.chosen(np.zeros(len(out), dtype=int))
         for j, (view, found) in enumerate(zip(views, np.isfinite(both.sum_of_squares[:, 0]), strict=True)):
             out[j] = replace(view, q=view.q - disc_shift(camera, poses[j], view.p_world, radius)) if found else view

@@ -108,7 +108,7 @@ def _add_print(jobs: Verbs) -> None:
 
 def run_print(arguments: argparse.Namespace) -> None:
     """Write the sheet, and the plan."""
-    from cadcam.target.marks.mark import Plate, parse_mark
+    from cadcam.target.marks.mark import MarkSheet, parse_mark
     from cadcam.target.sheet import write_sheet
     from cadcam.whole import write_whole
 
@@ -119,7 +119,7 @@ def run_print(arguments: argparse.Namespace) -> None:
         refuse(arguments, "--numbers", why="without --grid", expected="both: a sheet of one mark has one number")
     columns, rows, spacing = _grid(arguments.grid)
     marks = _marks(parse_mark(arguments.mark), arguments.numbers, columns * rows)
-    plate = Plate.grid(marks, columns, rows, spacing)
+    plate = MarkSheet.grid(marks, columns, rows, spacing)
     width, height = write_sheet(arguments.output, plate, page=arguments.page)
     if arguments.plan:
         coded = arguments.numbers is not None

@@ -22,7 +22,7 @@ from cadcam.image.correlate import CorrelateOptions, Peaks, correlate
 from cadcam.image.template import Template
 from cadcam.locate.match.appearance import APPEARANCES, Appearance, counted, of_model, of_photo
 from cadcam.locate.match.closeness import closeness
-from cadcam.locate.match.consensus import Candidates, consensus, pose_of_matches
+from cadcam.locate.match.consensus import PlaceCandidates, consensus, pose_of_matches
 from cadcam.locate.match.salient import PLAIN_SALIENT, SalientOptions, Windows, salient_windows
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -238,7 +238,7 @@ def _agreed(
     feature = np.repeat(np.arange(len(features)), counts).astype(np.int32)
     if len(feature) < 4:
         return replace(_nothing(), features=features)
-    candidates = Candidates(
+    candidates = PlaceCandidates(
         feature,
         np.concatenate([p.q for p in features.peaks]),
         np.concatenate([p.angle for p in features.peaks]),

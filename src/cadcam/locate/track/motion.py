@@ -32,7 +32,7 @@ _REMEMBERED = 0.95  # of how well a filter foretold, from frame to frame
 _TINY = 1e-12  # share of the largest variance below which a direction was never free
 
 
-class Motion:
+class MotionFilter:
     """The motion of a part whose middle is `centre` (3,) mm and whose size is `radius` mm.
 
     velocity: whether it is expected to go on; else to stay, off by w in each frame.

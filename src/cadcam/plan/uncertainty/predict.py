@@ -72,7 +72,7 @@ def predict_points(
 
     noise (V, N, 2, 2) px^2: covariance of each point's pixels, such as `circle_covariance`; default sigma_px^2 of the
     viewpoint. seen (V, N): which viewpoint sees which point; default: where it lies in the picture. Nothing is hidden
-    here: ask `cadcam.plan.sight.look`. plane, plane_sigma_mm: as in `measure_points`. Raises `BadValue`.
+    here: ask `cadcam.plan.sight.visibility`. plane, plane_sigma_mm: as in `measure_points`. Raises `BadValue`.
     """
     points = frozen(p, "points", (None, 3))
     if not viewpoints:
