@@ -175,6 +175,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.station.plate import place_plate as place_plate
     from cadcam.target.boards.pattern import parse_pattern as parse_pattern
     from cadcam.target.marks.find import FoundMark as FoundMark
+    from cadcam.target.marks.find import MarkOptions as MarkOptions
     from cadcam.target.marks.find import find_marks as find_marks
     from cadcam.target.marks.mark import Mark as Mark
     from cadcam.target.marks.mark import parse_mark as parse_mark
@@ -238,6 +239,7 @@ _HOME = {
     "Look": "cadcam.render.view",
     "Loss": "cadcam.fit.robust",
     "Mark": "cadcam.target.marks.mark",
+    "MarkOptions": "cadcam.target.marks.find",
     "Measurement": "cadcam.camera.measurement",
     "Mesh": "cadcam.cad.mesh",
     "NamedCamera": "cadcam.files.foreign.model",

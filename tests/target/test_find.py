@@ -11,7 +11,7 @@ from cadcam.camera.extended_pinhole import ExtendedPinhole
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, TooFewMarks, UnknownName
 from cadcam.geometry.rigid import Rigid
-from cadcam.target.marks.find import FoundMark, find_marks
+from cadcam.target.marks.find import FoundMark, MarkOptions, find_marks
 from cadcam.target.marks.ideal import board_picture, marks_picture
 from cadcam.target.marks.mark import (
     Mark,
@@ -97,7 +97,7 @@ def test_coded_marks_tell_their_numbers() -> None:
     plate = MarkSheet.grid(tuple(coded_ring(n, 16.0, 20.0, 30.0) for n in numbers), 4, 1, 45.0)
     pose = Rigid(np.eye(3), [-67.0, 0.0, 400.0]) @ Rigid.exp([0, 0, 0, 0.4, 0, 0.1])
     picture = board_picture(plate, CAMERA, pose, blur_px=0.7)
-    found = {one.number: one.pixel for one in find_marks(picture, like, any_number=True)}
+    found = {one.number: one.pixel for one in find_marks(picture, like, options=MarkOptions(any_number=True))}
     assert set(found) == set(numbers)
     truth = CAMERA.project(pose @ plate.points)
     assert all(np.abs(found[n] - q).max() < 0.15 for n, q in zip(numbers, truth, strict=True))
@@ -117,7 +117,7 @@ def test_light_that_falls_threefold_loses_no_mark() -> None:
 def test_the_other_rules_are_near_on_upright_marks(rule: str) -> None:
     """To 0.1 px, which is what the dissertation expects of its method."""
     picture, truth = _plate(KINDS[2])
-    found = find_marks(picture, KINDS[2], subpixel=rule)
+    found = find_marks(picture, KINDS[2], options=MarkOptions(subpixel=rule))
     assert np.abs(_errors(found, truth)).max() < 0.1
     assert all(np.isnan(one.covariance).all() for one in found)
 
@@ -146,19 +146,21 @@ def test_bad_pictures_and_wishes_are_refused_with_a_reason(rng: np.random.Genera
     with pytest.raises(TooFewMarks, match="none was found of 3 marks dot:20mm"):
         find_marks(noise, mark, count=3)
     with pytest.raises(UnknownName, match="spots"):
-        find_marks(noise, mark, method="magic")
+        MarkOptions(method="magic")
     with pytest.raises(UnknownName, match="parabola"):
-        find_marks(noise, mark, subpixel="magic")
+        MarkOptions(subpixel="magic")
     with pytest.raises(BadValue, match="no number"):
-        find_marks(noise, mark, any_number=True)
+        find_marks(noise, mark, options=MarkOptions(any_number=True))
     with pytest.raises(BadValue, match="least, largest"):
         find_marks(noise, mark, radius_px=0.2)
     for radius in (161.0, np.nan, (5.0, np.inf)):
         with pytest.raises(BadValue, match="longer side of 160 px"):
             find_marks(noise, mark, radius_px=radius)
-    for wish in ({"count": 0}, {"least_score": np.nan}, {"margin": np.nan}, {"margin": -1.0}):
+    with pytest.raises(BadValue, match="count"):
+        find_marks(noise, mark, count=0)
+    for wish in ({"least_score": np.nan}, {"margin": np.nan}, {"margin": -1.0}):
         with pytest.raises(BadValue, match=next(iter(wish))):
-            find_marks(noise, mark, **wish)
+            MarkOptions(**wish)
 
 
 def test_the_best_are_returned_where_there_are_more() -> None:
@@ -227,4 +229,12 @@ def test_the_dissertation_s_bench_is_calibrated_from_pictures_of_its_targets() -
 @pytest.mark.parametrize("method", ["auto", "spots", "correlation", "blobs"])
 def test_a_mark_larger_than_the_picture_is_not_in_it(method: str, rng: np.random.Generator) -> None:
     for shape in ((3, 40), (7, 9), (40, 90)):
-        assert find_marks(rng.random(shape), dot_and_ring(8.0, 16.0, 24.0), radius_px=shape[1] / 2, method=method) == []
+        assert (
+            find_marks(
+                rng.random(shape),
+                dot_and_ring(8.0, 16.0, 24.0),
+                radius_px=shape[1] / 2,
+                options=MarkOptions(method=method),
+            )
+            == []
+        )
