@@ -41,14 +41,14 @@ _LIGHT = 0.05  # share of the variance of edges' offsets that light draws all to
 
 @dataclass(frozen=True, slots=True)
 class Bend:
-    """A response y = L^(1/g): what excess = g - 1 is to be taken out, and by how much that may be wrong (rms)."""
+    """A camera response y = L^(1/g): the excess g - 1 to be removed, and its uncertainty (rms)."""
 
     excess: float
     sd: float
 
 
 def leanings(sight: Sight, at: Projected, which: Longs, blur: float) -> Array:
-    """Return by how much (n,) px the steps of the chosen samples are moved along their normals for a unit of g - 1."""
+    """Return the shift (n,) px along the normal of each chosen sample's step for a unit of g - 1."""
     q, aside = at.q[which], _BESIDE * blur * at.normal[which]
     low, high = values_at(sight.photo.gray[..., None], np.stack([q - aside, q + aside]))[..., 0]
     lean = -_OF_BLUR * blur * (high - low) / np.maximum(high + low, 1e-3)
@@ -56,7 +56,7 @@ def leanings(sight: Sight, at: Projected, which: Longs, blur: float) -> Array:
 
 
 def bend_of(fit: GroupedFit, J: Array, lean: Array, bright: Array, group: Longs) -> Bend | None:
-    """Return how the response is bent as the edges of a straight fit tell, None where they rule that out.
+    """Return the bend of the response that the residuals of a straight fit show; None where they rule one out.
 
     J (n, k), lean (n,), group (n,): of some samples of each edge, and the number of its group in the fit. Regression of
     the groups' offsets on how these follow the pose and the bend. bright (n,): 1 or -1, to which side of a sample the
@@ -79,7 +79,7 @@ def bend_of(fit: GroupedFit, J: Array, lean: Array, bright: Array, group: Longs)
 
 
 def _weighed(excess: float, variance: float) -> Bend | None:
-    """Return what to expect of a bend that was measured with this variance, None where there is none."""
+    """Return the expected bend given a measured one with this variance, None where there is none."""
     usual, sd = _USUAL
     total = variance + sd**2
     mean, left = (excess * sd**2 + usual * variance) / total, variance * sd**2 / total

@@ -102,7 +102,7 @@ class Features:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TemplateMatches:
-    """What matching windows told of a part's place.
+    """What matching windows says about a part's pose.
 
     Matches (K): q (K, 2) px, p_part (K, 3) mm, covariance (K, 2, 2) px^2, photo (K,). pose: the one that most features
     agree on, None where not even four do; by_chance: how many poses as well supported one may expect if all peaks lay
@@ -233,7 +233,7 @@ def _peaks(look: Picture, template: Template, at: Array, options: TemplateOption
 def _agreed(
     features: Features, photos: Sequence[Photo], start: Rigid, options: TemplateOptions, rng: np.random.Generator
 ) -> TemplateMatches:
-    """Return the features with what most of them agree on."""
+    """Return the features with the pose that most of them agree on."""
     counts = np.array([len(p) for p in features.peaks], int)
     feature = np.repeat(np.arange(len(features)), counts).astype(np.int32)
     if len(feature) < 4:

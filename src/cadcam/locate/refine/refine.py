@@ -76,7 +76,7 @@ def refine(
 
 
 def in_spite_of_noise(photos: Sequence[Photo], found_in: Callable[[Sequence[Photo]], Location]) -> Location:
-    """Return what is found in photos; where that is nothing and noise hides lines, what is found in calmer ones."""
+    """Return what is found in the photos; if nothing, and noise hides lines, what is found in smoothed ones."""
     first = found_in(photos)
     if first.found:
         return first
@@ -89,7 +89,7 @@ def in_spite_of_noise(photos: Sequence[Photo], found_in: Callable[[Sequence[Phot
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Answer:
-    """What was found, what was measured for it, if anything, and the lines drawn for it."""
+    """A location, the solution it was measured by (None where nothing was), and the lines drawn for it."""
 
     location: Location
     solution: Solution | None
@@ -106,14 +106,14 @@ class _Answer:
 
     @property
     def scattered(self) -> bool:
-        """Return whether edges fit a found pose beside bands so that some may lie on the far sides of these."""
+        """Return whether edges of a found pose scatter so much beside bands that some may lie on their far sides."""
         fitted = self.solution
         if fitted is None or not self.location.found:
             return False
         return fitted.regression.bands and fitted.scatter > SCATTERED_PX
 
     def unlike(self, other: Solution, share: float) -> _Answer:
-        """Return the answer with a share of the way to another solution as the sd of an error along it."""
+        """Return the answer with one more error: a share of the way to another solution, as its standard deviation."""
         at = self.location.pose
         away = at.world_from_part.inv @ other.pose
         px = max(s.moved_px(self.pose, other.pose) for s in self.sights)
@@ -144,7 +144,7 @@ class _Answer:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refinement:
-    """What `refine` is asked, but for the start, and the ways to an answer.
+    """The arguments of `refine` but for the start, and the steps by which it reaches an answer.
 
     least: quality that lines must have as they are pulled onto the photos' steps, which is about that after the fit;
     else nothing is fitted.
@@ -190,7 +190,7 @@ class Refinement:
         return self.beside(best) if self.chosen or best.location.quality < DOUBT[1] or best.scattered else best
 
     def farther(self, best: _Answer) -> _Answer:
-        """Return an answer, or a better one of lines that are looked for farther off."""
+        """Return the answer, or a better one from lines looked for farther away."""
         wide_px = max(_WIDER * self.options.search_px, _WIDER_PX)
         sights, pose = self.attracted(best.sights, best.pose, wide_px)
         if best.location.found and max(s.moved_px(best.pose, pose) for s in sights) < _SAME_PX:
@@ -199,7 +199,7 @@ class Refinement:
         return second if second.better_than(best) else best
 
     def beside(self, best: _Answer) -> _Answer:
-        """Return a loose answer, or the first better and closer fit among the poses beside it."""
+        """Return a loose answer, or the first better and closer fit at a pose a little beside it."""
         if best.solution is None or not (best.loose or best.scattered):
             return best
         for start in _beside(best.solution):
@@ -235,7 +235,7 @@ class Refinement:
         return in_color(self.part, sights, pose)[1], pose, sights
 
     def settled(self, sights: Sequence[Sight], pose: Rigid) -> _Answer:
-        """Return the answer at a pose, its lines as seen from there, or at the one that most edges agree on."""
+        """Return the answer at a pose with its lines drawn from there, or at the pose that most edges agree on."""
         answer = self.redrawn(self.measured(sights, pose))
         for closer in agreed(answer.solution) if self.wider and answer.solution is not None else ():
             other = self.measured(self.sights(closer, answer.sights), closer)
@@ -243,14 +243,14 @@ class Refinement:
         return answer
 
     def redrawn(self, answer: _Answer) -> _Answer:
-        """Return an answer, or, where it lies so far off that others may be seen, what lines drawn there find."""
+        """Return the answer, with lines drawn anew if its pose lies so far off that other lines may be visible."""
         if answer.solution is None or not _away(answer.sights, answer.solution.pose):
             return answer
         pose = answer.solution.pose
         return self.measured(self.sights(pose, answer.sights), pose)
 
     def measured(self, sights: Sequence[Sight], pose: Rigid) -> _Answer:
-        """Return what the measurement of a pose close by finds.
+        """Return the answer that a measurement near a pose gives.
 
         Bands beside the lines are told only if edges then agree more closely, and closely where the part is not found
         without them: with a step more at every line anything fits, if loosely. Not where starts are known to be good,
@@ -268,7 +268,7 @@ class Refinement:
         return self.beside_bands(sights, pose, fitted, plain.location.found)
 
     def beside_bands(self, sights: Sequence[Sight], pose: Rigid, untold: Solution, found: bool) -> _Answer:
-        """Return the answer that is told of the bands, or the one that is not, and whether that one was found.
+        """Return the answer that models the bands, or else the one that does not; found: whether the latter was.
 
         First lines may all be off (`locate.refine.regression`), if there are enough. Where they then fit loosely, that
         leaves the pose to a few of them, and the better answer may be one that takes them for right.
@@ -313,7 +313,7 @@ def _away(sights: Sequence[Sight], pose: Rigid) -> bool:
 
 
 def _beside(fitted: Solution) -> list[Rigid]:
-    """Return poses beside that of a loose fit, along the motions of the lines in the photos that it tells least.
+    """Return poses beside that of a loose fit, along those motions of the lines that the photos determine least.
 
     Lines of thin plates seen edge-on may be taken for each other, all in the same sense: that too is a fit, if a loose
     one. Between it and the right pose lies a hill that no search from either climbs.
@@ -332,7 +332,7 @@ def _beside(fitted: Solution) -> list[Rigid]:
 
 
 def _turned_anyhow(location: Location, spin: Array) -> Location:
-    """Return the answer of a turned part, whose turn about its axis, a twist (6,), no photo tells."""
+    """Return the answer for a part of revolution: its turn about its axis, a twist (6,), shows in no photo."""
     pose = location.pose
     told = replace(
         pose,

@@ -112,7 +112,7 @@ def _numbered(of: Longs) -> Longs:
 
 
 def _relative(variance: Array, group: Longs, on_lines: bool) -> Array:
-    """Return how the variances compare (G,) by which groups are off as a whole: as those of their means by noise.
+    """Return the relative variances (G,) of the groups' offsets: in proportion to those of their means by noise.
 
     Shadows, reflections and texture add to a step of brightness as noise does: they shift it the less the higher it is,
     and are less alike along a longer edge. How much there is of them, which few edges tell poorly, then hardly moves
@@ -123,7 +123,7 @@ def _relative(variance: Array, group: Longs, on_lines: bool) -> Array:
 
 
 def _expected(sights: Sequence[Sight], measured: Sequence[Measured], group: Longs) -> Array:
-    """Return by how much groups beside bands and on borders of round surfaces are expected to be off (G,), px^2.
+    """Return the variance (G,) px^2 by which groups beside bands and on borders of round surfaces tend to be off.
 
     Towards such a border brightness changes with the root of the distance, which no slope of the ground describes.
     """

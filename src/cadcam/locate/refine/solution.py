@@ -36,7 +36,7 @@ _EVERY = 4  # of how many samples one tells whether the camera's response is ben
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """The refined pose, and what was measured for its last step from `before`, in `cells`: x in the basis B there.
+    """The refined pose with what was measured, in `cells`, for its last step from `before`: x in the basis B there.
 
     evidence: what else is known, as rows there; bent (n,) px: sd of what a bent response does to the usable samples.
     """
@@ -90,7 +90,7 @@ class Solution:
 
     @property
     def tells_lines(self) -> bool:
-        """Return whether more lines were measured than there are unknowns where all of them may be off."""
+        """Return whether more lines were measured than there are unknowns if every line has an offset of its own."""
         lines = (len(np.unique(s.samples.run[m.usable])) for s, m in zip(self.sights, self.measured, strict=True))
         return int(sum(lines)) > int(self.B.shape[1]) + 1
 
@@ -110,7 +110,7 @@ class Solution:
         return replace(self, pose=self.before @ Rigid.exp(self.B @ on.x), fit=on)._doubting(self.bent)
 
     def _doubting(self, bent: Array | None) -> Solution:
-        """Return the solution with the doubt about the camera's response (n,) px in its covariance."""
+        """Return the solution with the uncertainty (n,) px that the camera's response leaves in its covariance."""
         if bent is None:
             return self
         by_bend = self.fit.gain[:, : len(bent)] @ bent
@@ -163,7 +163,7 @@ def solved(
 
 
 def _unbent(last: Solution, iterations: int) -> Solution:
-    """Return the solution with what a bent response of the camera does to the steps taken out, where it shows.
+    """Return the solution with the effect of a nonlinear camera response on the steps removed, where it shows.
 
     Borders of round surfaces do not tell it: light shifts them as well, all to the inside.
     """
@@ -188,6 +188,6 @@ def _unbent(last: Solution, iterations: int) -> Solution:
 
 
 def _left(measured: Measured, moved: Array) -> Array:
-    """Return where to fit the steps after the lines moved: on the lines, but for edges that stay away from them."""
+    """Return where to fit the steps once the lines have moved: on the lines, except edges that stay away from them."""
     left = np.where(measured.usable, measured.offset, 0.0) - moved
     return np.where(np.abs(left) < _ON_LINE, 0.0, left) * measured.usable

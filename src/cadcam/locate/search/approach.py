@@ -94,7 +94,7 @@ def approach(
 
 
 def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> list[FieldLevel]:
-    """Return the stages of all photos that see the part at its start, finest first."""
+    """Return the levels of all photos that see the part at its start, finest first."""
     aspects, fields, places = part.aspects, [], []
     for photo in photos:
         pose = photo.viewpoint.camera_from_world
@@ -210,7 +210,7 @@ def _grid(aspects: Aspects, camera_from_part: Rigid, reach: Reach) -> Array:
 
 @lru_cache(maxsize=8)
 def _turns(reach_deg: float) -> Array:
-    """Return rotations (N, 3, 3) whose vectors fill a ball: a hexagonal net of tilts (0, 1), even turns (2) about z."""
+    """Return rotations (N, 3, 3) whose vectors fill a ball: a hexagonal grid of tilts, even steps about z."""
     n = math.ceil(reach_deg / _TILT_DEG) + 1
     i, j = (a.ravel() for a in np.meshgrid(np.arange(-2 * n, 2 * n + 1), np.arange(-2 * n, 2 * n + 1)))
     tilt = _TILT_DEG * np.stack([i + 0.5 * j, math.sqrt(0.75) * j], axis=1)

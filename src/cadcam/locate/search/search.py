@@ -85,7 +85,7 @@ def search(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE)
 
 
 def search_once(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE) -> list[Hypothesis]:
-    """Return what `search` returns with but one of the poses in which a symmetric part looks the same."""
+    """Return what `search` does, with only one of the equivalent poses of a symmetric part."""
     aspects, scales = part.aspects, _Scales(photos)
     looks = _rotations(part, views)
     rows = [
@@ -104,7 +104,7 @@ def search_once(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SP
 
 
 def _of_one_side(part: Part, eye: Array, poses: Array) -> Array:
-    """Return poses (N, 12), those of a turned part turned about its axis so that it is seen most along _AMONG_EQUALS.
+    """Return poses (N, 12), of a part of revolution the equivalent one that is seen most along _AMONG_EQUALS.
 
     Else what is approached and refined would be one pose in as many turns.
     """
@@ -224,7 +224,7 @@ def _distances(aspects: Aspects, camera: Camera, views: ViewRange) -> list[float
 
 
 def _promising(aspects: Aspects, scales: _Scales, eye: int, distance: float, looks: tuple[Longs, Array]) -> Array:
-    """Return what of a sweep at one distance over one photo stands up to finer fields: poses (N, 12)."""
+    """Return the poses (N, 12) of a sweep over one photo at one distance that survive on finer fields."""
     stages = scales.stages(eye, float(_size(aspects, scales.focal[eye], np.array(distance))))
     poses = _swept(aspects, stages[0], eye, distance, looks)
     for climb in _CLIMBS:
@@ -301,7 +301,7 @@ def _judged(aspects: Aspects, scales: _Scales, poses: Array, size_px: float, blu
 
 
 def _peaks(aspects: Aspects, scales: _Scales, poses: Array, size_px: float, blur: float) -> Array:
-    """Return the evidence (N,) for poses (N, 12) above the most that there is for the part a little beside each.
+    """Return the evidence (N,) for poses (N, 12) minus the largest evidence for the part a little beside each.
 
     Where lines are the part's there are fewer as soon as it is put elsewhere.
     """

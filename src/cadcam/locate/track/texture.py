@@ -102,7 +102,7 @@ class Texture:
         self._pull, self._pulls = np.zeros(6), 0.0
 
     def follow(self, photos: Sequence[Photo], start: Rigid, freedom: Freedom) -> Followed | None:
-        """Return where print says the part is, from a start some px off; None where it is not found again."""
+        """Return where print puts the part, from a start some px off; None where the print is not found again."""
         if not self._keyframes:
             return None
         views = _views(photos, start)

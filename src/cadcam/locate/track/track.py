@@ -252,14 +252,14 @@ def _ways(
 def _foretold(
     part: Part, photos: tuple[Photo, ...], predicted: PoseEstimate, reach_px: float, freedom: Freedom
 ) -> Location:
-    """Return what lies near a foretold pose, and nothing farther away."""
+    """Return what is found close to a predicted pose, and nothing farther away."""
     options = replace(EDGES, search_px=reach_px)
     given = _FORETOLD if reach_px < _MOST_PX else 0
     return refine(part, photos, predicted.world_from_part, freedom=freedom, options=options, chosen=given, wider=False)
 
 
 def _by_print(part: Part, photos: tuple[Photo, ...], followed: Followed, memory: _Memory, freedom: Freedom) -> Location:
-    """Return the pose that print and the lines near it tell together.
+    """Return the pose that print and the lines near it give together.
 
     That print is found again says that the part is still what was found; then edges must not deny it, no more.
     """
