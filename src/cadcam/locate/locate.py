@@ -98,7 +98,7 @@ def _located(
     every = not any(clear(*t) for t in tried if t[1].found)
     quality = max((location.quality for _, location in tried if location.found and not location.doubted), default=0.0)
     if start is not None and quality < _SURE:
-        score = max(h.score for h in hypotheses)  # no hypothesis is likelier than a start that is as good as the caller says
+        score = max(h.score for h in hypotheses)  # nothing is likelier than a good start
         # In a lattice of like bays a pose one bay off may be found, too; then the start is near enough.
         far = max(options.search_px, reach.shift_px) if quality == 0 else None
         tried += [(score, o) for o in _as_it_is(part, photos, start, far, freedom, options, basins)]
