@@ -12,10 +12,7 @@ from cadcam.fit.dlt import dlt
 from cadcam.geometry.ray import Ray
 from cadcam.geometry.rigid import Rigid
 
-
-def assert_golden(entry, value):
-    expected, tolerance = np.array(entry["value"], float), np.array(entry["tol"], float)
-    assert np.all(np.abs(np.asarray(value) - expected) <= tolerance), f"{entry['id']}: {value}, golden {expected}"
+from ..golden import assert_golden
 
 
 @pytest.fixture

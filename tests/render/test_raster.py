@@ -7,7 +7,6 @@ import gc
 import numpy as np
 import pytest
 
-from cadcam.cad.edges import FeatureEdges
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts import ship_block
 from cadcam.cad.parts.shape import box
@@ -25,6 +24,7 @@ from cadcam.render.ray import RayRenderer
 from cadcam.render.view import Channel, Look, Scene
 
 from .coverage import brute_force
+from .scenes import scene_of, views_of
 
 try:
     core.library()
@@ -43,13 +43,8 @@ CAMERAS = {
     "photogrammetric": Camera.from_focal(SMALL, 70.0, lens=InverseBrownConrady(0.25, -0.05, 1e-3, -2e-3)),
     "double sphere": Camera.from_focal(SMALL, 22.0, cx=30.1, lens=DoubleSphere(-0.2, 0.6)),
 }
-NO_EDGES = FeatureEdges(*(np.zeros((0, 2), np.int32),) * 2, *(np.zeros(0, np.int32),) * 3)
 HERE = Rigid()
 FLOAT = 2.0**-23  # one step of float32, relative
-
-
-def scene_of(mesh: Mesh) -> Scene:
-    return Scene.of(mesh, edges=NO_EDGES)
 
 
 def raster(vertices: np.ndarray, faces: np.ndarray, *, threads: int = 2) -> RasterRenderer:
@@ -150,15 +145,6 @@ BLOCK_CAMERAS = {
     "Brown-Conrady": Camera.from_focal((320, 240), 250.0, lens=BrownConrady(-0.25, 0.05, 1e-3, -1e-3)),
     "fisheye": Camera.from_focal((320, 240), 100.0, lens=Fisheye(0.03, -0.008)),
 }
-
-
-def views_of(mesh: Mesh) -> list[Rigid]:
-    low, high = mesh.bounds
-    middle, size = (low + high) / 2, high - low
-    return [
-        Rigid.look_at(middle + size * [1.1, 0.9, 1.3], middle),
-        Rigid.look_at(middle + size * [0.2, 0.1, 0.05], middle - size * [0.3, 0.4, 0.1]),
-    ]
 
 
 @pytest.mark.parametrize("samples", [1, 2])
