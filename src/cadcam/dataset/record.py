@@ -45,7 +45,7 @@ def files_of(take: Take, stage: Stage, layout: DatasetFiles) -> dict[str, bytes]
 
 
 def record_of(take: Take, stage: Stage, layout: DatasetFiles) -> dict[str, Any]:
-    """Return what is told of a view: its BOP and COCO entries as they stand in those files, and how it was made."""
+    """Return the record of a view: its BOP and COCO entries as they stand in those files, and how it was made."""
     shot = take.shot
     return {
         "view": shot.index,

@@ -52,7 +52,7 @@ def freedom(A: Rigid, *, length: float, floor: float) -> Undetermined:
     """Return the changes X <- exp(xi) X that motions A (m) answer to by less than `floor` in A X = X B.
 
     The answer is (Ad(A) - I) xi, rms over the motions, for a unit change of `length` mm or 1 rad: dimensionless. It is
-    nil if and only if exp(xi) commutes with every A: a slide along an axis that all rotations share, a turn about it
+    zero if and only if exp(xi) commutes with every A: a slide along an axis that all rotations share, a turn about it
     where they share the very line, every slide where nothing turns. Slides are looked at first and by themselves: noise
     would mix them with turns about lines far away.
     """

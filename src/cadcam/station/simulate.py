@@ -81,7 +81,7 @@ def calibrate_robot(
     """Return the calibration of one robot: the plate laid, surveyed and pictured at columns x rows positions.
 
     The repeatability is found as in a real hall: marks seen on several visits. pictures: a folder to which each
-    plate's picture is rendered, and in which the marks are then found; without it their pixels are told with noise.
+    plate's picture is rendered and its marks are found; without it their pixels are computed, with noise.
     """
     positions, true = [], []
     for k, at in enumerate(hall.gantry(name).grid(columns, rows, jitter_mm=jitter_mm, rng=rng)):

@@ -122,9 +122,9 @@ def calibrate_boards(
     points more than six robust sigmas (and 0.3 px) off, and views that `JointEstimate.outlier_views` names (twice the
     median residual, a chance below one in a thousand), the worst first, up to a quarter of all.
 
-    The centres of discs are seen beside the centres of their pictures: the shift is computed from the camera found,
-    taken off, and the camera found anew until it settles. Raises `BoardsDisagree` for pictures of several sizes or of
-    another board, `TooFewPoints` for less than three views, and what `calibrate_jointly` raises.
+    The centre of a disc is not imaged at the centre of its picture. The shift is computed with the camera found and
+    removed, and the camera is found anew, until it settles. Raises `BoardsDisagree` for pictures of several sizes or of
+    another board, `TooFewPoints` for fewer than three views, and what `calibrate_jointly` raises.
     """
     refuse_disagreeing(pictures)
     pictures = _without_copies(pictures)

@@ -312,7 +312,7 @@ def _from_pixels(done: _Adjusted, mounting: Mounting, names: tuple[str, ...]) ->
 
 
 def _robot_noise(fit: PosesFit) -> RobotNoise:
-    """Return sigmas with their own sigmas; where a variance is nil its sigma is that of the variance, as a bound."""
+    """Return sigmas with their own sigmas; where a variance is zero its sigma is that of the variance, as a bound."""
     sigma = np.sqrt(fit.variances)
     spread = np.sqrt(np.diag(fit.variances_covariance))
     own = np.where(sigma**2 > spread, spread / (2 * sigma), np.sqrt(spread))

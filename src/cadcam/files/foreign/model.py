@@ -1,4 +1,4 @@
-"""What a foreign format is: what it holds, how it is told from others, its reader and its writer."""
+"""What a foreign format is: what it holds, how it is recognised, its reader and its writer."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ A band ends in a step of its own, some pixels beside the line's. A fit that know
 by up to 0.5 px, the same all along the edge, and no covariance would tell. One cell hardly shows such a step in its
 noise, a stretch of them does: what the fits leave over is averaged along it, by distance from the line, and the step
 looked for there which explains most of it beyond what levels, slopes and known lines do (a score test). Of a step that
-explains clearly more than noise and grain would, every cell is told: it is a twin, like another line of the model.
+explains clearly more than noise and grain would, every cell then has a twin, as of another line of the model.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _INSIDE = 0.25  # px: so much farther cells reach at least
 _CLEAR = 20.0  # variances of noise and grain that a band explains
 _MAYBE = 0.5  # of that, as places half a pixel apart show it
 _PAST = 2.0  # blurs: cells reach so far beyond a band's end
-_SHORT = 1.5  # blurs: cells end that far before a step that they are not told of
+_SHORT = 1.5  # blurs: cells end that far before a step that they do not model
 _BLURS = np.array([0.6, 0.72, 0.86, 1.0, 1.2])  # of the blur: tried where bands may have been taken for it
 _BESIDE = 0.3  # of the cells beside bands, from which on these may have been taken for blur
 _FEW_BANDS = 0.05  # of the cells of half the stretches: with fewer beside bands, no more are asked

@@ -180,9 +180,9 @@ def measure(
 def _held_as_lines(sums: StepSums, run: Ids) -> Array:
     """Return how firmly slopes (n, 2) are held by each run as a whole: as its mean slope asks for, or the usual one.
 
-    A slope's mean over k cells tells k times as much of it as one cell does, so it is held by that much less. How
-    large slopes are is told by these means, less what noise makes of them: over all runs by the median, and more for a
-    run whose own is more. What noise makes of slopes shows in how those of neighbouring cells differ.
+    The mean slope over k cells has k times the information of one cell's, so it is held by that much less. How large
+    slopes are follows from these means, less what noise makes of them: the median over all runs, and more for a run
+    whose own is more. What noise makes of slopes shows in how those of neighbouring cells differ.
     """
     found = sums.solved(np.zeros((len(run), 2)))
     number = np.unique(run, return_inverse=True)[1].reshape(-1)

@@ -8,7 +8,7 @@ step of blur s fitted to it by least squares is off along its normal by
 
 for what is added to the step, Phi (1 - Phi), has 1/6 of the slope's weight and the slope itself 1 / (2 sqrt(pi)).
 
-Edges of either sign and of unlike contrast contradict each other on one pose: so g - 1 is told by what they are off by
+At one pose, edges of either sign and of unlike contrast contradict each other: g - 1 follows from what they are off by
 as a whole, to 0.05 to 0.4. Whether there is a gamma is weighed against none by what each makes of that (a Bayes factor:
 R. Kass and A. Raftery, J. Am. Stat. Assoc. 90, 1995); what is taken out is the mean of both, so that a camera without
 gamma is measured as ever, and what is left of the doubt goes into the covariance, where none is taken out, too.
@@ -33,7 +33,7 @@ _OF_BLUR = np.sqrt(np.pi) / 3
 _BESIDE = 3.0  # blurs from the line: there the sides have their own brightness
 _USUAL = (0.8, 0.6)  # g - 1 of cameras that bend their response, mean and sd
 _SELDOM = 0.25  # how many of those there are for one that does not
-_NEVER = 1e-6  # share of such cameras that the steps leave, below which nothing is told of a bend
+_NEVER = 1e-6  # share of such cameras that the steps leave, below which no bend is considered
 _DOUBT = 0.5  # probability of a bend up to which none is taken out, but doubted
 _LEAST = 5.0  # degrees of freedom that tell anything
 _LIGHT = 0.05  # share of the variance of edges' offsets that light draws all towards dark, or towards bright

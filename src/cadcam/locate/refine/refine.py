@@ -40,7 +40,7 @@ _WEAKEST, _BESIDE_PX = 3, 4.0  # motions along which a loose pose may be another
 _ABOUT = 0.25  # share of the lines that colour speaks for, from which on a pose is about right
 _AROUND_PX = (3.0, 5.0, 8.0)  # searches there
 _EITHER = np.sqrt(0.5)  # of the way to another answer that is as likely
-_BANDED = 0.15  # share of a photo's lines that lie beside bands, from which on these are told
+_BANDED = 0.15  # share of a photo's lines that lie beside bands, from which on these are modelled
 _SAME_PX = 0.5  # a search that ends this near to where it began, at a pose that was found, finds the same again
 _ANY_TURN = np.pi**2 / 3  # rad^2: variance of a turn that may be any
 
@@ -58,15 +58,17 @@ def refine(
 ) -> Location:
     """Return where the part stands, from a start world_from_part whose lines are off by no more than `search_px`.
 
-    photos: of one camera, of a rig, or of a moved camera, each with its viewpoint in the world. evidence: points and
-    lines of the part that are known otherwise. chosen: how many constraints the start met by being the best of many
-    poses in these photos; they prove nothing (`locate.quality.quality`). Where too little is seen to tell the pose the
-    answer has quality 0. wider: whether a doubtful answer is searched for once more, wider, from where it ended; lines
-    of a wrong pose often half agree. Where edges still fit only loosely, and the start was the best of many or the
-    answer is in doubt, poses beside it are tried too, narrowly. Where edges scatter, and most of them agree closely on
-    another pose, that one is looked at (`locate.refine.agreement`). None of it where the start is known to be good:
-    farther off there are only other lines. Where colour speaks for a doubtful answer it is about right: lines are
-    looked for once more from there, narrowly first.
+    photos: of one camera, of a rig, or of a moved camera, each with its viewpoint in the world. evidence: points, lines
+    or poses of the part that are known by other means. chosen: how many constraints the start meets only because it was
+    the best of many poses in these photos; they prove nothing (`locate.quality.quality`). Where too little is seen to
+    determine the pose, the answer has quality 0.
+
+    wider: whether other poses are tried where the answer is in doubt. (Where starts are known to be good, leave it out:
+    farther off there are only other lines.) They are: what a wider search finds from where the first one ended, as
+    lines of a wrong pose often half agree; where edges fit loosely, poses a little beside, if the start was the best of
+    many or the answer is still in doubt; where edges scatter, the pose that most of them agree on closely
+    (`locate.refine.agreement`); and where colour supports a doubtful answer, so that it must be about right, what is
+    found near it.
     """
 
     def found_in(photos: Sequence[Photo]) -> Location:
@@ -252,10 +254,10 @@ class Refinement:
     def measured(self, sights: Sequence[Sight], pose: Rigid) -> _Answer:
         """Return the answer that a measurement near a pose gives.
 
-        Bands beside the lines are told only if edges then agree more closely, and closely where the part is not found
-        without them: with a step more at every line anything fits, if loosely. Not where starts are known to be good,
-        nor for the many poses of a search that hold nothing. How far bands told and untold lead apart counts as an
-        error in either case.
+        Bands beside the lines are modelled only if edges then agree more closely, and closely where the part is not
+        found without them: with one more step at every line anything fits, if loosely. They are not where starts are
+        known to be good, nor for the many poses of a search that show nothing. How far the poses with and without bands
+        lie apart counts as an error in either case.
         """
         try:
             fitted = solved(sights, pose, self.freedom, self.evidence, self.options)

@@ -78,7 +78,7 @@ class Solution:
 
         A shadow, a rim or a bevel nearer than a blur or two is no step of its own any more but part of the edge's. It
         shifts the clearest edges, which the pose rests on, as far as the faint ones, and what these are off by does not
-        tell it. What an ordinary blur hides is told by the scatter of the edges.
+        tell it. What an ordinary blur hides shows in the scatter of the edges.
         """
         if max((c.blurs.max(initial=0.0) for c in self.cells), default=0.0) <= _ORDINARY_PX:
             return np.zeros_like(self.fit.covariance)
@@ -130,7 +130,7 @@ def solved(
 ) -> Solution:
     """Return the pose after measuring steps where they are first seen, then on the lines themselves.
 
-    bands: whether cells are told of bands beside the lines, which the model does not have (`locate.lines.bands`).
+    bands: whether cells model the bands beside the lines, which the part does not have (`locate.lines.bands`).
     lines: whether lines are taken to err as they do there (`locate.refine.regression`).
     """
     half = 0.5 * options.step_px
@@ -165,7 +165,7 @@ def solved(
 def _unbent(last: Solution, iterations: int) -> Solution:
     """Return the solution with the effect of a nonlinear camera response on the steps removed, where it shows.
 
-    Borders of round surfaces do not tell it: light shifts them as well, all to the inside.
+    Borders of round surfaces are left out: light shifts them as well, all to the inside.
     """
     sights, places, measured, blurs = last.sights, last.places, last.measured, [c.blur for c in last.cells]
     use = [np.flatnonzero(m.usable) for m in measured]

@@ -11,7 +11,7 @@ counts by how well it foretold the last frames, and what comes out is their mixt
 estimation of sampled stochastic processes", IEEE Trans. Automatic Control 10, 1965).
 
 Much of what edges err by is the same in every frame: a chamfer, print along an edge, the lens. It does not average out.
-So the covariance that is told is that of errors e = R^(1/2) u with one u in all frames: the pose is steadier than that
+So the stated covariance is that of errors e = R^(1/2) u with one u in all frames: the pose is steadier than that
 of single frames, not surer.
 """
 

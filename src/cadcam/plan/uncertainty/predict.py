@@ -115,7 +115,7 @@ def shifts(
 
 
 def _shown(viewpoints: Sequence[Viewpoint], q: Array, seen: Mask | None) -> Mask:
-    """Return which viewpoint sees which point (V, N), imaged at q (V, N, 2): as it is told, or where it can."""
+    """Return which viewpoint sees which point (V, N), imaged at q (V, N, 2): as stated, or wherever it can."""
     if seen is None:
         return np.stack([view.camera.sees(at) for view, at in zip(viewpoints, q, strict=True)])
     told = np.asarray(seen, bool)

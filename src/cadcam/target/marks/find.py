@@ -84,7 +84,7 @@ class FoundMark:
 class MarkOptions:
     """How marks are searched for, measured and judged.
 
-    method: the search: auto, spots, correlation or blobs (see above). subpixel: the rule for a mark's place:
+    method: the search: auto, spots, correlation or blobs (`target.marks.find`). subpixel: the rule for a mark's place:
     photometric, the fit; or, for upright marks, parabola, centroid, autocorrelation (EQ 4.1-4.5, continuous),
     autocorrelation-grid (in steps of 0.02 px). perspective: without a camera, fits the perspective of a plane with
     several borders: takes the shift of tilted marks off, for more noise. least_score: correlation with the grey values

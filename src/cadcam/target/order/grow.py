@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 _NEAR = 0.35  # of the plan's spacing: within it a mark is taken while the map grows
 _ROUNDS = 30
 _ENOUGH = 7  # marks from which a perspective is fitted
-_MANY = 24  # marks from which a lens' distortion is told from strays by a polynomial
+_MANY = 24  # marks from which a polynomial separates a lens' distortion from strays
 _REWEIGHTED = 5  # times
 _STRAY = 4.0  # robust sigmas at the end
 

@@ -5,7 +5,7 @@ camera that looks straight down. Here small groups of marks are compared with th
 that is nearly affine so near at hand; of plans up to a dozen four in every way, exact under perspective), the best are
 grown outward through the plane's own perspective, and what comes out must beat chance by a hundred to one. Work grows
 as (marks)^2. Then every other place where the plan would fit as well is sought: symmetric plans, and grids of which a
-part is seen, have several, and all of them are told.
+part is seen, have several, and all of them are returned.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def order_marks(
     tilt, mildly distorted; marks of it may be missing, others false, in any order. side: "kept" if the plan's axes turn
     as the picture's do (x right, y down), "mirrored" if not (y up, as drawings and robots have it), "any" if it is not
     known: a plan that is its own mirror image is then ambiguous. sigma_px: how well the marks obey a plane's
-    perspective. odds: orders are told apart that are so many times less likely.
+    perspective. odds: an order that is this many times less likely is ruled out.
 
     Raises `TooFewPoints` below four marks or places, `NoOrder` where nothing fits better than chance does: another
     plan, or too few marks of it.
