@@ -173,7 +173,7 @@ class Texture:
         return [Canvas.of(photo, self._corners, view) for photo, view in zip(photos, views, strict=True)]
 
     def _difference(self, one: Sequence[Rigid], other: Sequence[Rigid]) -> float:
-        """Return how differently photos show the part, from 1 on worth a keyframe; roll in the picture does not count."""
+        """Return how differently photos show the part, from 1 on worth a keyframe; roll in the picture is ignored."""
         a, b = (np.array([view.origin - self._middle for view in views]) for views in (one, other))
         far = np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)
         turned = np.arccos(np.clip((a * b).sum(axis=1) / (far[0] * far[1]), -1, 1))
