@@ -56,8 +56,3 @@ def thesis_mixtures(
             continue
         found.append(Mixture(alpha, camera, locate_camera(first, camera), locate_camera(second, camera)))
     return found
-
-
-def thesis_joint(first: Observations, second: Observations, size: tuple[int, int]) -> Mixture:
-    """Return the mixture of least total residual: what the thesis calls the joint calibration."""
-    return min(thesis_mixtures(first, second, size), key=lambda m: m.total)
