@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.calibrate.joint.joint import calibrate_jointly
+from cadcam.calibrate.joint.adjustment import calibrate_jointly
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady
 from cadcam.camera.observations import Observations

@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.calibrate.joint.joint import calibrate_jointly
-from cadcam.calibrate.points.points import calibrate, locate_camera
+from cadcam.calibrate.joint.adjustment import calibrate_jointly
+from cadcam.calibrate.points.camera import calibrate, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import ExtendedPinhole

@@ -29,7 +29,7 @@ import cadcam
 from cadcam.cad.parts import ship_block
 from cadcam.camera.camera import Camera
 from cadcam.dataset.make import make_dataset
-from cadcam.dataset.plan import Plan, Span
+from cadcam.dataset.plan import DatasetPlan, Span
 from cadcam.dataset.processes import cores
 from cadcam.dataset.shot import Director, Shot
 from cadcam.render.raster import RasterRenderer
@@ -41,8 +41,8 @@ TRIANGLES = 100_000
 Rate = tuple[float, float]  # views a second, CPU ms a view
 
 
-def plan_of(views: int, fill: Span) -> Plan:
-    return Plan(views, CAMERA, seed=1, fill=fill)
+def plan_of(views: int, fill: Span) -> DatasetPlan:
+    return DatasetPlan(views, CAMERA, seed=1, fill=fill)
 
 
 def shots(count: int, start: int, fill: Span) -> list[Shot]:

@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 
 from cadcam.arrays import Array
+from cadcam.calibrate.handeye.adjustment import calibrate_hand_eye, calibrate_hand_eye_from_poses, target_poses
 from cadcam.calibrate.handeye.estimate import HandEyeEstimate, Mounting
-from cadcam.calibrate.handeye.handeye import calibrate_hand_eye, calibrate_hand_eye_from_poses, target_poses
 from cadcam.camera.camera import Camera
 from cadcam.camera.observations import Observations
 from cadcam.errors import CadcamError

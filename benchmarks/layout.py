@@ -25,7 +25,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.plan.choice.search import best_set, exhausted
 from cadcam.plan.layout import plan_layout, survey
 from cadcam.plan.scene.feature import Kind, LayoutFeature
-from cadcam.plan.scene.scene import CalibratedFrom, CameraType, LayoutScene, Mount
+from cadcam.plan.scene.layout_scene import CalibratedFrom, CameraType, LayoutScene, Mount
 from cadcam.plan.scene.zones import arc
 from cadcam.plan.uncertainty.finding import Finder
 from cadcam.plan.what_if import what_if

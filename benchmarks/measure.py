@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.calibrate.measure.measure import METHODS, Method, measure_points
-from cadcam.calibrate.points.points import calibrate
+from cadcam.calibrate.measure.points import METHODS, Method, measure_points
+from cadcam.calibrate.points.camera import calibrate
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.observations import Observations

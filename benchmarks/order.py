@@ -19,7 +19,7 @@ from cadcam.arrays import Array, Ids
 from cadcam.camera.camera import Camera
 from cadcam.errors import NoOrder
 from cadcam.geometry.rigid import Rigid
-from cadcam.target.order.order import order_marks
+from cadcam.target.order.ordering import order_marks
 
 CAMERA = Camera.from_focal((768, 576), 900.0)
 NOISE = 0.3  # px

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.calibrate.points.points import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import EXTERNALS, NAMES, internals_of

@@ -25,7 +25,7 @@ import numpy as np
 from cadcam.arrays import Array, Picture
 from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts import ship_block
-from cadcam.calibrate.measure.measure import measure_points
+from cadcam.calibrate.measure.points import measure_points
 from cadcam.camera.aperture import Aperture
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate

@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 
 from cadcam.arrays import Array, Picture
-from cadcam.calibrate.boards.boards import calibrate_boards, find_board
-from cadcam.calibrate.joint.joint import calibrate_jointly
-from cadcam.calibrate.points.points import locate_camera
+from cadcam.calibrate.boards.pictures import calibrate_boards, find_board
+from cadcam.calibrate.joint.adjustment import calibrate_jointly
+from cadcam.calibrate.points.camera import locate_camera
+from cadcam.calibrate.rig.adjustment import RigCamera, calibrate_rig
 from cadcam.calibrate.rig.boards import calibrate_rig_boards
-from cadcam.calibrate.rig.rig import RigCamera, calibrate_rig
 from cadcam.camera.camera import Camera
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import BrownConrady

@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from cadcam.arrays import Array, Longs
-from cadcam.calibrate.joint.joint import calibrate_jointly, fit_jointly
+from cadcam.calibrate.joint.adjustment import calibrate_jointly, fit_jointly
 from cadcam.calibrate.joint.nested import nested_advice
-from cadcam.calibrate.points.points import calibrate
+from cadcam.calibrate.points.camera import calibrate
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import BrownConrady
 from cadcam.camera.observations import Observations

@@ -30,11 +30,11 @@ from cadcam.image.draw import draw_points, draw_polylines
 from cadcam.image.picture import read_picture, to_gray, write_picture
 from cadcam.target.boards.opencv import has_opencv
 from cadcam.target.marks.cross import Taps, surface, taps, template
-from cadcam.target.marks.find import FoundMark, find_marks
+from cadcam.target.marks.find import FoundMark, MarkOptions, find_marks
 from cadcam.target.marks.fit import fit_marks
 from cadcam.target.marks.ideal import board_picture, marks_picture
 from cadcam.target.marks.leaning import fit_both_tilts
-from cadcam.target.marks.mark import Mark, Plate, dot, dot_and_ring, inverted
+from cadcam.target.marks.mark import Mark, MarkSheet, dot, dot_and_ring, inverted
 from cadcam.target.marks.subpixel import Peak, centroid, parabola
 
 SIDE, FOCAL, RADIUS = 72, 800.0, 12.0  # px
@@ -236,7 +236,7 @@ def _nearest(q: Array, truth: Array) -> Array:
 def grid() -> None:
     """Compare a grid of dots found by us and by OpenCV."""
     camera = Camera.from_focal((640, 480), 800.0)
-    plate = Plate.grid((dot(14.0),), 7, 5, 30.0)
+    plate = MarkSheet.grid((dot(14.0),), 7, 5, 30.0)
     print("7 x 5 dots of 10 px radius or less, 640 x 480, noise 5, blur 1: rms error px (found of 35)\n")
     print("| tilt | find_marks with the camera | find_marks | cv2.findCirclesGrid |\n|---|---|---|---|")
     for tilt in TILTS:
@@ -245,8 +245,10 @@ def grid() -> None:
         rng = np.random.default_rng(3)
         picture = board_picture(plate, camera, pose, blur_px=1.0, noise=5 / 255, rng=rng).clip(0, 1)
         truth = camera.project(pose @ plate.points)
-        with_camera = find_marks(picture, dot(14.0), camera=camera, normal=pose.rotation[:, 2], margin=0.5)
-        plain = find_marks(picture, dot(14.0), margin=0.5)
+        with_camera = find_marks(
+            picture, dot(14.0), camera=camera, normal=pose.rotation[:, 2], options=MarkOptions(margin=0.5)
+        )
+        plain = find_marks(picture, dot(14.0), options=MarkOptions(margin=0.5))
         cells = [_matched(np.array([m.pixel for m in f]).reshape(-1, 2), truth) for f in (with_camera, plain)]
         print(f"| {tilt:.0f} | {cells[0]} | {cells[1]} | {_cv2_grid(picture, truth)} |")
     print()
@@ -274,7 +276,7 @@ def robust() -> None:
     """Count marks found under light that varies threefold, half hidden, and among clutter."""
     camera = Camera.from_focal((640, 480), 800.0)
     mark = dot_and_ring(10.0, 20.0, 30.0)
-    plate = Plate.grid((mark,), 4, 3, 60.0)
+    plate = MarkSheet.grid((mark,), 4, 3, 60.0)
     pose = Rigid(np.eye(3), np.array([-90.0, -60.0, 600.0]))
     truth = camera.project(pose @ plate.points)
     flat = board_picture(plate, camera, pose, blur_px=0.8, margin_mm=60.0)
@@ -300,7 +302,7 @@ def robust() -> None:
         noisy = (picture + rng.normal(0, 3 / 255, picture.shape)).clip(0, 1).astype(np.float32)
         cells = []
         for method in ("blobs", "spots", "correlation"):
-            found = find_marks(noisy, mark, radius_px=None if method == "blobs" else 20.0, method=method)
+            found = find_marks(noisy, mark, radius_px=None if method == "blobs" else 20.0, options=MarkOptions(method))
             q = np.array([m.pixel for m in found]).reshape(-1, 2)
             true = np.linalg.norm(q[:, None] - truth, axis=2).min(axis=1) < 3 if len(q) else np.zeros(0, bool)
             cells.append(f"{_matched(q, truth)}, {np.sum(~true)} false")
@@ -376,14 +378,14 @@ def _sets(data: Path) -> Iterator[Set]:
             f"visp_circles/0{k}",
             data / f"visp_circles/circles-0{k}.jpg",
             dot(20.0),
-            {"radius_px": (6.0, 40.0), "method": "blobs"},
+            {"radius_px": (6.0, 40.0), "options": MarkOptions("blobs")},
             None,
             "36",
         )
     for k in (1, 2, 3, 4):
         file = data / f"openptv_cavity/cal/cam{k}.tif"
         listed = np.loadtxt(file.with_suffix(".tif_targets"), skiprows=1, usecols=(1, 2))
-        options: dict[str, object] = {"radius_px": (3.0, 14.0), "method": "blobs"}
+        options: dict[str, object] = {"radius_px": (3.0, 14.0), "options": MarkOptions("blobs")}
         yield f"openptv_cavity/cam{k}", file, inverted(dot(2.0)), options, listed, "43-71 of 73"
     measured = _dbat(data / "dbat_camcal/pmexports/weighted-with-orient-2dpts.txt")
     for k, photo in enumerate(sorted((data / "dbat_camcal/images").glob("*.JPG"))[:3], 1):
@@ -392,16 +394,16 @@ def _sets(data: Path) -> Iterator[Set]:
             f"dbat_camcal/{photo.stem}",
             photo,
             dot(10.0),
-            {"radius_px": (4.0, 30.0), "method": "blobs"},
+            {"radius_px": (4.0, 30.0), "options": MarkOptions("blobs")},
             q,
             str(len(q)),
         )
     yield (
         "opencsp_dots/DSC03992", data / "opencsp_dots/data_measurement/images/DSC03992.JPG", dot(10.0),
-        {"radius_px": (2.5, 12.0), "method": "blobs"}, None, "about 4000",
+        {"radius_px": (2.5, 12.0), "options": MarkOptions("blobs")}, None, "about 4000",
     )  # fmt: skip
     for k in (1, 2):  # the white disc inside three rings, the widths of which differ from mark to mark
-        rings: dict[str, object] = {"radius_px": (6.0, 60.0), "method": "blobs", "margin": 0.15}
+        rings: dict[str, object] = {"radius_px": (6.0, 60.0), "options": MarkOptions("blobs", margin=0.15)}
         yield (
             f"cctag_rings/0{k}",
             data / f"cctag_rings/0{k}.png",

@@ -14,19 +14,19 @@ from pathlib import Path
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.calibrate.points.points import Method, calibrate
-from cadcam.calibrate.variability import variability
+from cadcam.calibrate.points.camera import Method, calibrate
 from cadcam.calibrate.variability.alternating import alternating_externals
-from cadcam.calibrate.variability.projection_map import projection_map
-from cadcam.calibrate.variability.repeated import model_of
-from cadcam.calibrate.variability.variability import (
+from cadcam.calibrate.variability.methods import (
     FirstOrder,
     Variability,
     first_order,
+    log_likelihood,
     markov_chain,
     monte_carlo,
     walk_of,
 )
+from cadcam.calibrate.variability.projection_map import projection_map
+from cadcam.calibrate.variability.repeated import model_of
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import NAMES
 from cadcam.camera.lens import BrownConrady
@@ -113,7 +113,7 @@ def unpreconditioned(noise: float, best: CameraEstimate) -> None:
     """Print what steps of each parameter by itself are worth, of a size that is accepted 23 % of the time."""
     first = first_order(best, sigma_px=noise)
     model, state = model_of(best)
-    density = variability._log_likelihood(model, state, noise)
+    density = log_likelihood(model, state, noise)
     generator = rng(4)
     factor = np.linalg.cholesky(first.covariance)
     starts = first.exact + generator.standard_normal((64, len(first.exact))) @ factor.T

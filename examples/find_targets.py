@@ -11,12 +11,12 @@ import numpy as np
 
 import cadcam
 from cadcam.target.marks.ideal import board_picture
-from cadcam.target.marks.mark import Plate, dot_and_ring
+from cadcam.target.marks.mark import MarkSheet, dot_and_ring
 
 
 def main() -> None:
     mark = dot_and_ring(10.0, 20.0, 30.0)
-    plate = Plate.grid((mark,), 3, 2, 60.0)
+    plate = MarkSheet.grid((mark,), 3, 2, 60.0)
     camera = cadcam.Camera.from_focal((480, 360), 700.0)
     tilted = cadcam.Rigid.exp([0, 0, 0, np.radians(40), 0, 0])
     away, centre = (cadcam.Rigid.exp([*t, 0, 0, 0]) for t in ((0, 0, 600), (-60, -30, 0)))

@@ -16,13 +16,13 @@ from PIL import Image
 import cadcam
 from cadcam.cad.parts import machined_bracket
 from cadcam.dataset.make import make_dataset
-from cadcam.dataset.plan import NOISE, PLAIN, Occluders, Plan
+from cadcam.dataset.plan import NOISE, PLAIN, DatasetPlan, Occluders
 from cadcam.locate.views.view_range import ViewRange
 
 
 def main(folder: Path) -> None:
     """Make eight views, from above and partly hidden, before plain and noisy backgrounds; check them."""
-    plan = Plan(
+    plan = DatasetPlan(
         views=8,
         camera=cadcam.Camera.from_focal((320, 240), 330.0),
         seed=1,

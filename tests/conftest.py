@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,6 +24,13 @@ def shared() -> Callable[[str], Path]:
         return path
 
     return find
+
+
+@pytest.fixture(scope="session")
+def golden(shared: Callable[[str], Path]) -> Callable[[str], dict[str, Any]]:
+    """Return a function giving one of the dissertation's values by its id: value, tolerance, what was printed."""
+    entries = {entry["id"]: entry for entry in json.loads(shared("thesis/golden.json").read_text())["results"]}
+    return lambda name: entries[name]
 
 
 @pytest.fixture

@@ -14,27 +14,27 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.cad.load import load as load
     from cadcam.cad.load import load_with_report as load_with_report
     from cadcam.cad.mesh import Mesh as Mesh
-    from cadcam.calibrate.boards.boards import calibrate_boards as calibrate_boards
-    from cadcam.calibrate.boards.boards import find_board as find_board
+    from cadcam.calibrate.boards.pictures import calibrate_boards as calibrate_boards
+    from cadcam.calibrate.boards.pictures import find_board as find_board
+    from cadcam.calibrate.handeye.adjustment import calibrate_hand_eye as calibrate_hand_eye
+    from cadcam.calibrate.handeye.adjustment import calibrate_hand_eye_from_poses as calibrate_hand_eye_from_poses
     from cadcam.calibrate.handeye.estimate import HandEyeEstimate as HandEyeEstimate
-    from cadcam.calibrate.handeye.handeye import calibrate_hand_eye as calibrate_hand_eye
-    from cadcam.calibrate.handeye.handeye import calibrate_hand_eye_from_poses as calibrate_hand_eye_from_poses
-    from cadcam.calibrate.joint.joint import calibrate_jointly as calibrate_jointly
-    from cadcam.calibrate.joint.joint import fit_jointly as fit_jointly
+    from cadcam.calibrate.joint.adjustment import calibrate_jointly as calibrate_jointly
+    from cadcam.calibrate.joint.adjustment import fit_jointly as fit_jointly
     from cadcam.calibrate.joint.nested import nested_advice as nested_advice
-    from cadcam.calibrate.measure.measure import measure_points as measure_points
+    from cadcam.calibrate.measure.points import measure_points as measure_points
+    from cadcam.calibrate.points.camera import calibrate as _calibrate
+    from cadcam.calibrate.points.camera import locate_camera as locate_camera
     from cadcam.calibrate.points.flat import calibrate_line as calibrate_line
     from cadcam.calibrate.points.flat import calibrate_plane as calibrate_plane
-    from cadcam.calibrate.points.points import calibrate as _calibrate
-    from cadcam.calibrate.points.points import locate_camera as locate_camera
+    from cadcam.calibrate.rig.adjustment import RigCamera as RigCamera
+    from cadcam.calibrate.rig.adjustment import calibrate_rig as calibrate_rig
     from cadcam.calibrate.rig.boards import calibrate_rig_boards as calibrate_rig_boards
-    from cadcam.calibrate.rig.rig import RigCamera as RigCamera
-    from cadcam.calibrate.rig.rig import calibrate_rig as calibrate_rig
     from cadcam.calibrate.variability.alternating import alternating_externals as alternating_externals
+    from cadcam.calibrate.variability.methods import first_order as first_order
+    from cadcam.calibrate.variability.methods import markov_chain as markov_chain
+    from cadcam.calibrate.variability.methods import monte_carlo as monte_carlo
     from cadcam.calibrate.variability.projection_map import projection_map as projection_map
-    from cadcam.calibrate.variability.variability import first_order as first_order
-    from cadcam.calibrate.variability.variability import markov_chain as markov_chain
-    from cadcam.calibrate.variability.variability import monte_carlo as monte_carlo
     from cadcam.camera.aperture import Aperture as Aperture
     from cadcam.camera.camera import Camera as Camera
     from cadcam.camera.estimate import CameraEstimate as CameraEstimate
@@ -127,7 +127,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.plan.layout import next_views as next_views
     from cadcam.plan.layout import plan_layout as plan_layout
     from cadcam.plan.scene.file import read_layout_scene as read_layout_scene
-    from cadcam.plan.scene.scene import LayoutScene as LayoutScene
+    from cadcam.plan.scene.layout_scene import LayoutScene as LayoutScene
     from cadcam.plan.uncertainty.predict import Prediction as Prediction
     from cadcam.plan.uncertainty.predict import predict_points as predict_points
     from cadcam.plan.what_if import what_if as what_if
@@ -175,11 +175,12 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.station.plate import place_plate as place_plate
     from cadcam.target.boards.pattern import parse_pattern as parse_pattern
     from cadcam.target.marks.find import FoundMark as FoundMark
+    from cadcam.target.marks.find import MarkOptions as MarkOptions
     from cadcam.target.marks.find import find_marks as find_marks
     from cadcam.target.marks.mark import Mark as Mark
     from cadcam.target.marks.mark import parse_mark as parse_mark
-    from cadcam.target.order.order import Ordering as Ordering
-    from cadcam.target.order.order import order_marks as order_marks
+    from cadcam.target.order.ordering import Ordering as Ordering
+    from cadcam.target.order.ordering import order_marks as order_marks
     from cadcam.verify.inspection import InspectionOptions as InspectionOptions
     from cadcam.verify.judge import Verification as Verification
     from cadcam.verify.judge import verify as _verify
@@ -228,7 +229,7 @@ _HOME = {
     "KnownMotion": "cadcam.camera.viewpoint",
     "Lamp": "cadcam.render.light",
     "Layout": "cadcam.plan.layout",
-    "LayoutScene": "cadcam.plan.scene.scene",
+    "LayoutScene": "cadcam.plan.scene.layout_scene",
     "Light": "cadcam.render.light",
     "LineCamera": "cadcam.camera.line_camera",
     "LineObservations": "cadcam.camera.line_camera",
@@ -238,13 +239,14 @@ _HOME = {
     "Look": "cadcam.render.view",
     "Loss": "cadcam.fit.robust",
     "Mark": "cadcam.target.marks.mark",
+    "MarkOptions": "cadcam.target.marks.find",
     "Measurement": "cadcam.camera.measurement",
     "Mesh": "cadcam.cad.mesh",
     "NamedCamera": "cadcam.files.foreign.model",
     "Observations": "cadcam.camera.observations",
     "OddRadial": "cadcam.camera.lens",
     "Optics": "cadcam.camera.optics",
-    "Ordering": "cadcam.target.order.order",
+    "Ordering": "cadcam.target.order.ordering",
     "Part": "cadcam.locate.part",
     "Peaks": "cadcam.image.correlate",
     "Photo": "cadcam.locate.photo",
@@ -257,7 +259,7 @@ _HOME = {
     "Ray": "cadcam.geometry.ray",
     "Reach": "cadcam.locate.search.approach",
     "Record": "cadcam.record.record",
-    "RigCamera": "cadcam.calibrate.rig.rig",
+    "RigCamera": "cadcam.calibrate.rig.adjustment",
     "RigEstimate": "cadcam.camera.rig_estimate",
     "Rigid": "cadcam.geometry.rigid",
     "SalientOptions": "cadcam.locate.match.salient",
@@ -279,42 +281,42 @@ _HOME = {
     "added": "cadcam.render.overlay",
     "alternating_externals": "cadcam.calibrate.variability.alternating",
     "blended": "cadcam.render.overlay",
-    "calibrate_boards": "cadcam.calibrate.boards.boards",
-    "calibrate_camera": "cadcam.calibrate.points.points:calibrate",
+    "calibrate_boards": "cadcam.calibrate.boards.pictures",
+    "calibrate_camera": "cadcam.calibrate.points.camera:calibrate",
     "calibrate_gantry": "cadcam.station.gantry",
-    "calibrate_hand_eye": "cadcam.calibrate.handeye.handeye",
-    "calibrate_hand_eye_from_poses": "cadcam.calibrate.handeye.handeye",
-    "calibrate_jointly": "cadcam.calibrate.joint.joint",
+    "calibrate_hand_eye": "cadcam.calibrate.handeye.adjustment",
+    "calibrate_hand_eye_from_poses": "cadcam.calibrate.handeye.adjustment",
+    "calibrate_jointly": "cadcam.calibrate.joint.adjustment",
     "calibrate_line": "cadcam.calibrate.points.flat",
     "calibrate_plane": "cadcam.calibrate.points.flat",
     "calibrate_position": "cadcam.station.plane",
-    "calibrate_rig": "cadcam.calibrate.rig.rig",
+    "calibrate_rig": "cadcam.calibrate.rig.adjustment",
     "calibrate_rig_boards": "cadcam.calibrate.rig.boards",
     "closeness": "cadcam.locate.match.closeness",
     "compare_cameras": "cadcam.fit.compare:compare",
     "correlate": "cadcam.image.correlate",
     "edge_distances": "cadcam.render.overlay",
     "feature_edges": "cadcam.cad.edges",
-    "find_board": "cadcam.calibrate.boards.boards",
+    "find_board": "cadcam.calibrate.boards.pictures",
     "find_marks": "cadcam.target.marks.find",
-    "first_order": "cadcam.calibrate.variability.variability",
-    "fit_jointly": "cadcam.calibrate.joint.joint",
+    "first_order": "cadcam.calibrate.variability.methods",
+    "fit_jointly": "cadcam.calibrate.joint.adjustment",
     "load": "cadcam.cad.load",
     "load_with_report": "cadcam.cad.load",
-    "locate_camera": "cadcam.calibrate.points.points",
+    "locate_camera": "cadcam.calibrate.points.camera",
     "locate_part": "cadcam.locate.locate:locate",
-    "markov_chain": "cadcam.calibrate.variability.variability",
+    "markov_chain": "cadcam.calibrate.variability.methods",
     "match_templates": "cadcam.locate.match.templates",
     "measure_marks": "cadcam.station.measure:measure",
-    "measure_points": "cadcam.calibrate.measure.measure",
-    "monte_carlo": "cadcam.calibrate.variability.variability",
+    "measure_points": "cadcam.calibrate.measure.points",
+    "monte_carlo": "cadcam.calibrate.variability.methods",
     "named_light": "cadcam.render.light",
     "named_look": "cadcam.render.looks",
     "nested_advice": "cadcam.calibrate.joint.nested",
     "next_views": "cadcam.plan.layout",
     "open_renderer": "cadcam.render",
     "open_store": "cadcam.record.store",
-    "order_marks": "cadcam.target.order.order",
+    "order_marks": "cadcam.target.order.ordering",
     "over_edges": "cadcam.render.overlay",
     "overlay": "cadcam.render.overlay",
     "parse_mark": "cadcam.target.marks.mark",

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,13 +18,6 @@ SIZE = (768, 576)
 def size() -> tuple[int, int]:
     """Return the picture size of chapters 2 and 3."""
     return SIZE
-
-
-@pytest.fixture(scope="session")
-def golden(shared: Callable[[str], Path]) -> Callable[[str], dict[str, Any]]:
-    """Return a function giving one entry of golden.json by its id."""
-    entries = {r["id"]: r for r in json.loads(shared("thesis/golden.json").read_text())["results"]}
-    return lambda name: entries[name]
 
 
 @pytest.fixture(scope="session")

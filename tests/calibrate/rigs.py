@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.calibrate.rig.rig import RigCamera
+from cadcam.calibrate.rig.adjustment import RigCamera
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady
 from cadcam.camera.observations import Observations

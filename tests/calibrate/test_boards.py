@@ -9,16 +9,8 @@ import numpy as np
 import pytest
 
 from cadcam.arrays import Array
-from cadcam.calibrate.boards.boards import (
-    BoardCalibration,
-    BoardPicture,
-    BoardsDisagree,
-    board_views,
-    calibrate_boards,
-    found_in,
-)
 from cadcam.calibrate.boards.coverage import (
-    Coverage,
+    BoardCoverage,
     cell_centres,
     coverage,
     coverage_picture,
@@ -27,7 +19,15 @@ from cadcam.calibrate.boards.coverage import (
     sigma_of,
 )
 from cadcam.calibrate.boards.next_view import next_views
-from cadcam.calibrate.joint.joint import calibrate_jointly
+from cadcam.calibrate.boards.pictures import (
+    BoardCalibration,
+    BoardPicture,
+    BoardsDisagree,
+    board_views,
+    calibrate_boards,
+    found_in,
+)
+from cadcam.calibrate.joint.adjustment import calibrate_jointly
 from cadcam.camera.camera import Camera
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import BrownConrady
@@ -204,7 +204,7 @@ def test_coverage_counts_every_point_and_measures_the_tilts(calibration: BoardCa
 def test_what_the_views_lack_is_said() -> None:
     counts = np.ones((6, 8))
     counts[4:, :3] = 0
-    seen = Coverage(counts, np.array([[-5.0, -20.0], [10.0, 25.0]]), np.ones(2), np.ones((6, 8)))
+    seen = BoardCoverage(counts, np.array([[-5.0, -20.0], [10.0, 25.0]]), np.ones(2), np.ones((6, 8)))
     assert seen.doubts() == [
         "no point was seen in the lower left corner",
         "the board was tilted sideways (about the board's vertical axis) over 15 deg only",
@@ -272,7 +272,7 @@ def test_the_well_known_stereo_pictures_calibrate_better_than_their_shipped_valu
     side: str, rms: float, shared: Callable[[str], object]
 ) -> None:
     """Three of thirteen pictures found whole; OpenCV's own corners leave 0.14 px a coordinate on this set."""
-    from cadcam.calibrate.boards.boards import find_board
+    from cadcam.calibrate.boards.pictures import find_board
 
     folder = shared("data/opencv_stereo_chess")
     found = [find_board(f"{folder}/{side}{n:02d}.jpg", parse_pattern("chessboard:9x6:25mm")) for n in (2, 5, 12, 13)]

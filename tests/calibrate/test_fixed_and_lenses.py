@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.points import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import EXTERNALS, INTERNALS, NAMES, ExtendedPinhole
 from cadcam.camera.lens import BrownConrady, Division, Fisheye, Ideal, OddRadial

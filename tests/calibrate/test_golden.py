@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.points import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate, locate_camera
 from cadcam.camera.extended_pinhole import ExtendedPinhole, uv_from_pixel_matrix, uv_from_pixels
 from cadcam.camera.observations import Observations
 from cadcam.fit.dlt import dlt
+
+from ..golden import assert_golden
 
 ANGLES = [3, 4, 5, 8]
 CHIP_CENTRE = np.array([288.0, 384.0])
@@ -24,11 +26,6 @@ def in_degrees(values):
     out = np.array(values[:11])
     out[ANGLES] = np.degrees(out[ANGLES])
     return out
-
-
-def assert_golden(entry, value):
-    expected, tolerance = np.array(entry["value"], float), np.array(entry["tol"], float)
-    assert np.all(np.abs(np.asarray(value) - expected) <= tolerance), f"{entry['id']}: {value}, golden {expected}"
 
 
 def residual(C, observations):

@@ -11,10 +11,7 @@ from cadcam.camera.observations import Observations
 from cadcam.camera.plane_camera import PlaneCamera
 from cadcam.fit.dlt import dlt
 
-
-def assert_golden(entry, value):
-    expected, tolerance = np.array(entry["value"], float), np.array(entry["tol"], float)
-    assert np.all(np.abs(np.asarray(value) - expected) <= tolerance), f"{entry['id']}: {value}, golden {expected}"
+from ..golden import assert_golden
 
 
 @pytest.fixture

@@ -5,17 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.calibrate.measure.measure import measure_points
+from cadcam.calibrate.measure.points import measure_points
 from cadcam.camera.extended_pinhole import ExtendedPinhole, pixels_from_uv, uv_from_pixel_matrix
 from cadcam.camera.viewpoint import KnownMotion, Viewpoint
 from cadcam.fit.dlt import dlt
 from cadcam.geometry.ray import Ray
 from cadcam.geometry.rigid import Rigid
 
-
-def assert_golden(entry, value):
-    expected, tolerance = np.array(entry["value"], float), np.array(entry["tol"], float)
-    assert np.all(np.abs(np.asarray(value) - expected) <= tolerance), f"{entry['id']}: {value}, golden {expected}"
+from ..golden import assert_golden
 
 
 @pytest.fixture

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.calibrate.handeye.handeye import calibrate_hand_eye, calibrate_hand_eye_from_poses
-from cadcam.calibrate.points.points import calibrate
+from cadcam.calibrate.handeye.adjustment import calibrate_hand_eye, calibrate_hand_eye_from_poses
+from cadcam.calibrate.points.camera import calibrate
 from cadcam.camera.camera import Camera
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue

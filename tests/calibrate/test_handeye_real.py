@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from cadcam.calibrate.handeye.handeye import calibrate_hand_eye_from_poses
+from cadcam.calibrate.handeye.adjustment import calibrate_hand_eye_from_poses
 from cadcam.errors import InconsistentPoses
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid

@@ -7,8 +7,8 @@ import re
 import numpy as np
 import pytest
 
+from cadcam.calibrate.handeye.adjustment import calibrate_hand_eye, calibrate_hand_eye_from_poses
 from cadcam.calibrate.handeye.conventions import conventions_that_fit
-from cadcam.calibrate.handeye.handeye import calibrate_hand_eye, calibrate_hand_eye_from_poses
 from cadcam.camera.camera import Camera
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, DegenerateMotions, InconsistentPoses, TooFewPoints, UnknownName

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cadcam.calibrate.points.camera import calibrate
 from cadcam.calibrate.points.held import held_against
-from cadcam.calibrate.points.points import calibrate
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import NAMES, ExtendedPinhole
 from cadcam.camera.observations import Observations

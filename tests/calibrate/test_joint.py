@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cadcam.calibrate.joint.joint import calibrate_jointly
+from cadcam.calibrate.joint.adjustment import calibrate_jointly
 from cadcam.calibrate.joint.thesis import thesis_mixtures
-from cadcam.calibrate.points.points import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Division, Fisheye, Ideal, OddRadial
 from cadcam.camera.observations import Observations

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, t
 
-from cadcam.calibrate.joint.joint import calibrate_jointly
+from cadcam.calibrate.joint.adjustment import calibrate_jointly
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady
 

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cadcam.calibrate.measure.measure import measure_points
+from cadcam.calibrate.measure.points import measure_points
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.observations import Observations
 from cadcam.camera.viewpoint import KnownMotion, Viewpoint

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from cadcam.arrays import Array
-from cadcam.calibrate.measure.measure import measure_points
-from cadcam.calibrate.points.points import calibrate
+from cadcam.calibrate.measure.points import measure_points
+from cadcam.calibrate.points.camera import calibrate
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.measurement import Measurement
 from cadcam.camera.observations import Observations

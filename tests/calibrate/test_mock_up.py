@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.points import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate, locate_camera
 from cadcam.camera.extended_pinhole import EXTERNALS, NAMES, ExtendedPinhole, internals_of
 from cadcam.camera.lens import Ideal
 from cadcam.fit.camera_model import CameraModel

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cadcam.calibrate.joint.adjustment import fit_jointly
 from cadcam.calibrate.joint.held_out import bootstrap_by_view, held_out_error
-from cadcam.calibrate.joint.joint import fit_jointly
 from cadcam.calibrate.joint.nested import ask, nested_advice
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.points import calibrate
+from cadcam.calibrate.points.camera import calibrate
 from cadcam.camera.camera import Camera
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, UnknownName

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
-from cadcam.calibrate.joint.joint import fit_jointly
-from cadcam.calibrate.measure.measure import measure_points
-from cadcam.calibrate.rig.rig import RigCamera, calibrate_rig
+from cadcam.calibrate.joint.adjustment import fit_jointly
+from cadcam.calibrate.measure.points import measure_points
+from cadcam.calibrate.rig.adjustment import RigCamera, calibrate_rig
 from cadcam.camera.extended_pinhole import internals_of
 from cadcam.camera.observations import Observations
 from cadcam.camera.rig_estimate import MOUNT, RigEstimate

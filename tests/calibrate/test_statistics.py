@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.points import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import EXTERNALS, NAMES, ExtendedPinhole, uv_from_pixel_matrix
 from cadcam.camera.lens import BrownConrady

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.points import calibrate
+from cadcam.calibrate.points.camera import calibrate
 from cadcam.calibrate.variability.alternating import alternating_externals
-from cadcam.calibrate.variability.variability import first_order, markov_chain, monte_carlo, walk_of
+from cadcam.calibrate.variability.methods import first_order, log_likelihood, markov_chain, monte_carlo, walk_of
 from cadcam.camera.extended_pinhole import NAMES
 from cadcam.camera.lens import BrownConrady
 
@@ -177,7 +177,6 @@ def test_the_printed_method_b_is_a_chain_that_has_not_mixed(printed, best, linea
 
 def test_steps_that_ignore_the_correlations_hardly_mix(best, linear):
     """The dissertation's generator moves each parameter by itself: a million such steps are some sixty draws."""
-    from cadcam.calibrate.variability import variability
     from cadcam.calibrate.variability.repeated import model_of
     from cadcam.fit.sampling import NotMixed, Walk, metropolis, refuse_unmixed
 
@@ -186,7 +185,7 @@ def test_steps_that_ignore_the_correlations_hardly_mix(best, linear):
     model, state = model_of(best[1])
     rng = np.random.default_rng(5)
     starts = first.exact + 2 * rng.standard_normal((64, 11)) @ np.linalg.cholesky(first.covariance).T
-    density = variability._log_likelihood(model, state, noise)
+    density = log_likelihood(model, state, noise)
     walk = walk_of(200_000)
     kept = metropolis(density, starts, np.diag(first.sigma), Walk(walk.steps, walk.burn_in, 10), rng=rng)
     with pytest.raises(NotMixed):

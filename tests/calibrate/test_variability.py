@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.points import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate, locate_camera
 from cadcam.calibrate.variability.alternating import alternating_externals
+from cadcam.calibrate.variability.methods import FirstOrder, first_order, markov_chain, monte_carlo, walk_of
 from cadcam.calibrate.variability.projection_map import projection_map
 from cadcam.calibrate.variability.repeated import response, seen_exactly
-from cadcam.calibrate.variability.variability import FirstOrder, first_order, markov_chain, monte_carlo, walk_of
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import EXTERNALS, NAMES, ExtendedPinhole
 from cadcam.camera.lens import Division

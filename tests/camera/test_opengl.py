@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -18,15 +17,11 @@ from cadcam.camera.extended_pinhole import ExtendedPinhole
 from cadcam.errors import BadValue
 
 Shared = Callable[[str], Path]
+Golden = Callable[[str], dict[str, Any]]
 
 
-def golden(shared: Shared, key: str) -> dict[str, Any]:
-    results = json.loads(shared("thesis/golden.json").read_text())["results"]
-    return next(r for r in results if r["id"] == key)
-
-
-def position_1(shared: Shared) -> ExtendedPinhole:
-    values = np.array(golden(shared, "dlt.pos1.params")["value"])
+def position_1(golden: Golden) -> ExtendedPinhole:
+    values = np.array(golden("dlt.pos1.params")["value"])
     values[[3, 4, 5, 8]] = np.radians(values[[3, 4, 5, 8]])
     return ExtendedPinhole.from_vector(values)
 
@@ -84,11 +79,11 @@ def test_viewport_is_table_3_6(shared: Shared) -> None:
     assert opengl.viewport(Camera.from_focal((768, 576), 800.0)) == printed
 
 
-def test_frustum_reproduces_table_3_7_and_its_corrected_bottom_and_top(shared: Shared) -> None:
+def test_frustum_reproduces_table_3_7_and_its_corrected_bottom_and_top(golden: Golden) -> None:
     """Table 3.2: any near works with all sides scaled; U points down, so bottom = U0 - 576, top = U0."""
-    entry = golden(shared, "gl.frustum_as_printed")
+    entry = golden("gl.frustum_as_printed")
     left, right, bottom, top, near = entry["value"]
-    e = position_1(shared)
+    e = position_1(golden)
     square = Camera.from_focal((768, 576), e.focal, cx=e.V0, cy=e.U0)
     f = opengl.frustum(square, near=near, far=1e5, pixel_corners=False)
     assert np.allclose([f.left, f.right, f.near], [left, right, near], rtol=0, atol=entry["tol"])
@@ -97,12 +92,12 @@ def test_frustum_reproduces_table_3_7_and_its_corrected_bottom_and_top(shared: S
     assert np.allclose(near_mm.left / 10.0, f.left / near, rtol=1e-12)
 
 
-def test_look_at_reproduces_the_corrected_table_3_8(shared: Shared) -> None:
+def test_look_at_reproduces_the_corrected_table_3_8(golden: Golden) -> None:
     """Table 3.4: centre = F - sign(det M) M2/|M2|, up = sign(det M) x first column of M^-1."""
-    e = position_1(shared)
+    e = position_1(golden)
     look = opengl.look_at(e.camera((768, 576)), e.camera_from_world)
     for value, key in ((look.center - look.eye, "gl.view_direction"), (look.up, "gl.up")):
-        entry = golden(shared, key)
+        entry = golden(key)
         assert np.allclose(value, entry["value"], rtol=0, atol=entry["tol"])
     M = e.matrix[:, :3]
     sign = np.sign(np.linalg.det(M))
@@ -122,26 +117,26 @@ def test_up_and_centre_hold_for_the_other_sign_of_det_m_too() -> None:
     assert np.allclose(look.up, up / np.linalg.norm(up), atol=1e-9)
 
 
-def test_the_printed_numbers_of_table_3_8_are_those_of_the_joint_calibration(shared: Shared) -> None:
+def test_the_printed_numbers_of_table_3_8_are_those_of_the_joint_calibration(golden: Golden) -> None:
     """Its direction and up belong to Table 2.24, with the direction reversed; its eye to Table 2.9."""
-    joint = golden(shared, "joint.alpha0.5")["printed"]["ext1"]
+    joint = golden("joint.alpha0.5")["printed"]["ext1"]
     e = ExtendedPinhole.from_vector([*joint[:3], *np.radians(joint[3:]), 1.007, 805.3, np.radians(-0.15), 318.7, 328.4])
     look = opengl.look_at(e.camera((768, 576)), e.camera_from_world)
-    entry = golden(shared, "gl.table3.8_from_joint")
+    entry = golden("gl.table3.8_from_joint")
     direction, up = np.array(entry["value"])
     assert np.allclose(look.center - look.eye, -direction, rtol=0, atol=entry["tol"])
     assert np.allclose(look.up, up, rtol=0, atol=entry["tol"])
     assert np.allclose(np.round([direction, up], 3), entry["printed"], rtol=0, atol=1.01e-3)
 
 
-def test_what_the_printed_formulas_do_to_position_1(shared: Shared) -> None:
+def test_what_the_printed_formulas_do_to_position_1(shared: Shared, golden: Golden) -> None:
     """golden gl.printed_formulas, rows: as printed; centre = F - M2; bottom and top corrected too.
 
     Columns: largest clip w (must be positive), mean window x minus V, mean row from the top minus U, against the
     pinhole with aspect 1 and skew 0, which is all that glFrustum was given.
     """
-    entry = golden(shared, "gl.printed_formulas")
-    e, X = position_1(shared), targets(shared)
+    entry = golden("gl.printed_formulas")
+    e, X = position_1(golden), targets(shared)
     square = Camera.from_focal((768, 576), e.focal, cx=e.V0, cy=e.U0)
     q = square.project(e.camera_from_world @ X)
     good = opengl.frustum(square, near=e.focal, far=1e5, pixel_corners=False)
@@ -170,19 +165,19 @@ def test_table_3_1_needs_its_signs(shared: Shared) -> None:
     assert abs((printed[0] * -near + printed[1]) / near - (-1)) > 0.5
 
 
-def test_near_of_table_3_2_leaves_five_millimetres(shared: Shared) -> None:
+def test_near_of_table_3_2_leaves_five_millimetres(shared: Shared, golden: Golden) -> None:
     """near = focal (805.9, read as mm) nearly clips the nearest template at 811.1 mm."""
-    e = position_1(shared)
+    e = position_1(golden)
     depth = (e.camera_from_world @ targets(shared))[:, 2].min()
     assert depth == pytest.approx(811.08, abs=0.01)
     assert 0 < depth - e.focal < 5.3
 
 
-def test_table_3_9_shows_the_half_pixel_of_the_viewport(shared: Shared) -> None:
+def test_table_3_9_shows_the_half_pixel_of_the_viewport(shared: Shared, golden: Golden) -> None:
     """The printed mean shift (0.55, 0.45) px is half a pixel, between pixel centres and corners: no perturbation."""
     rows = np.loadtxt(shared("thesis/tables/table_3_9.csv"), delimiter=",", skiprows=3)
     d = rows[:, :2] - rows[:, 2:4]
-    entry = golden(shared, "table3.9.differences")
+    entry = golden("table3.9.differences")
     found = [*d.mean(axis=0), *np.abs(d).mean(axis=0)]
     assert np.allclose(found, entry["value"], rtol=0, atol=1e-6)
     standard_error = d.std(axis=0, ddof=1) / np.sqrt(len(d))

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.calibrate.joint.joint import calibrate_jointly
-from cadcam.calibrate.points.points import calibrate, locate_camera
+from cadcam.calibrate.joint.adjustment import calibrate_jointly
+from cadcam.calibrate.points.camera import calibrate, locate_camera
 from cadcam.camera.lens import BrownConrady
 from cadcam.camera.observations import Observations
 from cadcam.files.camera import read_camera

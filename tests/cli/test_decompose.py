@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.points import calibrate
+from cadcam.calibrate.points.camera import calibrate
 from cadcam.camera.extended_pinhole import NAMES, ExtendedPinhole, uv_from_pixel_matrix, uv_matrix
 from cadcam.files.camera import write_camera
 from cadcam.files.points import read_points

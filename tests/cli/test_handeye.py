@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.calibrate.handeye.handeye import calibrate_hand_eye
+from cadcam.calibrate.handeye.adjustment import calibrate_hand_eye
 from cadcam.camera.camera import Camera
 from cadcam.camera.observations import Observations
 from cadcam.files.camera import read_camera, write_camera

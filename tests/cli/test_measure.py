@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.points import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.observations import Observations
 from cadcam.files.camera import write_camera

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cadcam.cad.load import load
-from cadcam.calibrate.points.points import locate_camera
+from cadcam.calibrate.points.camera import locate_camera
 from cadcam.files.camera import write_camera
 from cadcam.files.points import read_points
 from cadcam.image.picture import read_picture, write_picture

@@ -16,7 +16,7 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady
 from cadcam.cli.main import main
 from cadcam.files.camera import write_camera
-from cadcam.files.shot import Shot, write_pgm
+from cadcam.files.shot import ShotPosition, write_pgm
 from cadcam.record.store import open_store
 from cadcam.station.document import read_station, write_plate
 from cadcam.station.hall import Visit, make_hall
@@ -277,10 +277,14 @@ def pictured(tmp_path_factory: pytest.TempPathFactory) -> Path:
         marks, reflectors = hall.survey(0.02, hall.view_centre("6", at) - turn(0.02) @ middle, rng)
         name = f"p{k + 1}.pgm"
         surveyed[name] = reflectors
-        write_pgm(folder / name, hall_picture(hall, "6", at, marks, hall.visit(rng), rng), Shot(*at.tolist(), "6"))
+        write_pgm(
+            folder / name,
+            hall_picture(hall, "6", at, marks, hall.visit(rng), rng),
+            ShotPosition(*at.tolist(), "6"),
+        )
     at = np.array([7400.0, 16100.0])
     mark = hall.view_centre("6", at)[None] + 40.0
-    write_pgm(folder / "A.pgm", hall_picture(hall, "6", at, mark, Visit(), rng), Shot(*at.tolist(), "6"))
+    write_pgm(folder / "A.pgm", hall_picture(hall, "6", at, mark, Visit(), rng), ShotPosition(*at.tolist(), "6"))
     write_plate(folder / "plate.json", hall.plate)
     write_survey(folder / "survey.csv", hall.plate, surveyed)
     (folder / "truth.json").write_text(json.dumps(mark[0].tolist()))

@@ -13,7 +13,7 @@ from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture, write_picture
 from cadcam.target.marks.ideal import board_picture
-from cadcam.target.marks.mark import Plate, dot_and_ring
+from cadcam.target.marks.mark import MarkSheet, dot_and_ring
 
 from .job import Ran
 
@@ -22,7 +22,7 @@ TEXT = "dot-ring:8mm:16mm:24mm"
 
 @pytest.fixture
 def photo(tmp_path: Path) -> Path:
-    plate = Plate.grid((dot_and_ring(8.0, 16.0, 24.0),), 3, 1, 60.0)
+    plate = MarkSheet.grid((dot_and_ring(8.0, 16.0, 24.0),), 3, 1, 60.0)
     pose = Rigid(np.eye(3), [-60.0, 0.0, 400.0])
     write_picture(tmp_path / "photo.png", board_picture(plate, Camera.from_focal((240, 120), 400.0), pose, blur_px=0.8))
     return tmp_path / "photo.png"

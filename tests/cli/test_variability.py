@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.points import calibrate
-from cadcam.calibrate.variability.variability import first_order, monte_carlo
+from cadcam.calibrate.points.camera import calibrate
+from cadcam.calibrate.variability.methods import first_order, monte_carlo
 from cadcam.camera.observations import Observations
 from cadcam.files.points import read_points, write_points
 from cadcam.image.picture import read_picture_with_info

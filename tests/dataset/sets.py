@@ -11,7 +11,7 @@ import numpy as np
 from cadcam.cad.parts.shape import box
 from cadcam.camera.camera import Camera
 from cadcam.dataset.key_points import corners
-from cadcam.dataset.plan import NOISE, PLAIN, Occluders, Plan, middle_and_radius
+from cadcam.dataset.plan import NOISE, PLAIN, DatasetPlan, Occluders, middle_and_radius
 from cadcam.dataset.props import props_of
 from cadcam.dataset.shot import Director
 from cadcam.dataset.studio import Stage, Studio
@@ -27,13 +27,13 @@ def scene() -> Scene:
     return Scene.of(box((-HALF).tolist(), HALF.tolist(), name="block", color=(0.6, 0.5, 0.4)))
 
 
-def plan(views: int = 8, **changed: Any) -> Plan:
+def plan(views: int = 8, **changed: Any) -> DatasetPlan:
     """A plan with something of everything."""
     how: dict[str, Any] = {"seed": 5, "backgrounds": (PLAIN, NOISE), "occluders": Occluders((0, 3)), "fill": (0.5, 1.5)}
-    return Plan(**({"views": views, "camera": CAMERA} | how | changed))
+    return DatasetPlan(**({"views": views, "camera": CAMERA} | how | changed))
 
 
-def stage_and_director(of: Plan, part: Scene | None = None) -> tuple[Stage, Director]:
+def stage_and_director(of: DatasetPlan, part: Scene | None = None) -> tuple[Stage, Director]:
     part = part or scene()
     props = props_of(of.occluders, 2 * middle_and_radius(part.mesh)[1], of.seed)
     points = corners(part)[1] if of.key_points is None else of.key_points

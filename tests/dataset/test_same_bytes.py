@@ -16,7 +16,7 @@ import pytest
 from cadcam import whole
 from cadcam.dataset import processes
 from cadcam.dataset.cluster import on_cluster
-from cadcam.dataset.layout import Layout
+from cadcam.dataset.layout import DatasetFiles
 from cadcam.dataset.make import make_dataset
 from cadcam.dataset.plan import Occluders
 from cadcam.dataset.worker import Job, Task
@@ -121,7 +121,7 @@ def test_a_mistake_of_ours_in_a_worker_is_told_with_its_traceback(tmp_path: Path
     """It is no error of the caller's: the command line prints it as a bug."""
     broken = plan(1, sensor="no sensor")
     stage, director = stage_and_director(broken)
-    job = Job(stage, drawable_edges(stage.scene), Layout("train", "rgb"))
+    job = Job(stage, drawable_edges(stage.scene), DatasetFiles("train", "rgb"))
     with pytest.raises(RuntimeError, match=r"in a worker:\nTraceback(.|\n)*has no attribute 'apply'"):
         list(processes.on_processes(lambda: job, [Task(director.shot(0))], 1))
 

@@ -94,14 +94,14 @@ def samples(folder: Path, form: Format) -> list[dict[str, bytes]]:
 def test_whatever_is_done_to_a_file_only_a_cadcam_error_comes_out(tmp_path: Path, name: str) -> None:
     """Warnings are errors here, so nothing is read with a shrug either. 80 damages a file, a fixed seed."""
     from cadcam.files.foreign import registry
-    from cadcam.files.foreign.source import Source
+    from cadcam.files.foreign.source import ForeignFile
 
     form, chance = format_named(name), random.Random(20261121)
     said: list[str] = []
     for files in samples(tmp_path, form):
         for _ in range(80):
             hit = chance.choice([n for n in files if not n.startswith("points3D")])
-            source = Source(str(tmp_path / "x"), memory={**files, hit: damaged(files[hit], chance)})
+            source = ForeignFile(str(tmp_path / "x"), memory={**files, hit: damaged(files[hit], chance)})
             for choose in (lambda s: form, registry.format_of):
                 try:
                     registry._read(choose(source), source)

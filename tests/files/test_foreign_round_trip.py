@@ -15,7 +15,7 @@ from cadcam.errors import BadValue, UnreadableFile
 from cadcam.files.foreign.losses import prepared
 from cadcam.files.foreign.model import Foreign, NamedCamera
 from cadcam.files.foreign.registry import NAMES, format_for, format_named, format_of, read_cameras, write_cameras
-from cadcam.files.foreign.source import Source
+from cadcam.files.foreign.source import ForeignFile
 from cadcam.geometry.rigid import Rigid
 
 from .foreign_cameras import lenses_held, random_camera, random_lenses, random_pose
@@ -91,7 +91,7 @@ def test_what_is_written_is_recognised_by_its_content_alone(
         write_cameras(path, camera, format_name=name, camera_from_world=random_pose(rng))
         if not form.folder:
             path = path.rename(tmp_path / "no_suffix_at_all")
-        assert format_of(Source(str(path))).name == name
+        assert format_of(ForeignFile(str(path))).name == name
 
 
 @every_format

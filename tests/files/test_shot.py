@@ -9,11 +9,19 @@ import numpy as np
 import pytest
 
 from cadcam.errors import BadValue, UnreadableFile
-from cadcam.files.shot import Shot, header_shot, read_positions, read_shot, write_pgm, write_positions, write_sidecar
+from cadcam.files.shot import (
+    ShotPosition,
+    header_shot,
+    read_positions,
+    read_shot,
+    write_pgm,
+    write_positions,
+    write_sidecar,
+)
 from cadcam.image.picture import read_picture, write_picture
 
 NOON = datetime(2026, 3, 2, 12, 30, 5, tzinfo=UTC)
-SHOT = Shot(8175.4, 21616.93, "12", NOON)
+SHOT = ShotPosition(8175.4, 21616.93, "12", NOON)
 GRAY = np.linspace(0, 1, 12, dtype=np.float32).reshape(3, 4)
 
 
@@ -26,7 +34,7 @@ def test_a_pgm_carries_its_shot_and_its_grey_values(tmp_path):
 
 
 def test_positions_keep_every_digit(tmp_path):
-    shot = Shot(1 / 3, 2e5 / 7)
+    shot = ShotPosition(1 / 3, 2e5 / 7)
     write_pgm(tmp_path / "p.pgm", GRAY, shot)
     assert read_shot(tmp_path / "p.pgm") == shot
 
@@ -45,16 +53,18 @@ def test_any_other_picture_has_a_sidecar_or_a_line_in_a_list(tmp_path):
 
 
 def test_sources_complete_each_other(tmp_path):
-    write_pgm(tmp_path / "p.pgm", GRAY, Shot(1.0, 2.0))
-    assert read_shot(tmp_path / "p.pgm", {"p.pgm": Shot(1.0, 2.0, "12", NOON)}) == Shot(1.0, 2.0, "12", NOON)
+    write_pgm(tmp_path / "p.pgm", GRAY, ShotPosition(1.0, 2.0))
+    assert read_shot(tmp_path / "p.pgm", {"p.pgm": ShotPosition(1.0, 2.0, "12", NOON)}) == ShotPosition(
+        1.0, 2.0, "12", NOON
+    )
 
 
 @pytest.mark.parametrize(
     ("other", "says"),
     [
-        (Shot(8175.4, 21617.93, "12", NOON), r"the camera at \(8175.40, 21617.93\) mm, the header of"),
-        (Shot(8175.4, 21616.93, "6", NOON), "camera '6', the header of .* camera '12'"),
-        (Shot(8175.4, 21616.93, "12", NOON.replace(hour=13)), "the time 2026-03-02T13:30:05"),
+        (ShotPosition(8175.4, 21617.93, "12", NOON), r"the camera at \(8175.40, 21617.93\) mm, the header of"),
+        (ShotPosition(8175.4, 21616.93, "6", NOON), "camera '6', the header of .* camera '12'"),
+        (ShotPosition(8175.4, 21616.93, "12", NOON.replace(hour=13)), "the time 2026-03-02T13:30:05"),
     ],
 )
 def test_a_list_that_disagrees_with_the_header_is_refused(tmp_path, other, says):
@@ -96,7 +106,7 @@ def test_a_camera_that_would_change_the_header_is_not_written(tmp_path, camera):
 
 def test_what_is_no_position_is_refused(tmp_path):
     with pytest.raises(BadValue, match="camera position x"):
-        Shot(float("nan"), 0.0)
+        ShotPosition(float("nan"), 0.0)
     with pytest.raises(UnreadableFile, match="check the path"):
         header_shot(tmp_path / "none.pgm")
     (tmp_path / "p.pgm").write_bytes(b"P5\n#Camera pos: 1.2.3 4\n1 1\n255\n\0")

@@ -11,7 +11,7 @@ from cadcam.camera.lens import BrownConrady
 from cadcam.fit.block_least_squares import minimise_blocks
 from cadcam.fit.hand_eye_pixels import HandEyePixels, HandEyeState, InternalsPrior
 from cadcam.fit.hand_eye_poses import PATTERNS, HandEyePoses, adjust, adjust_robustly
-from cadcam.fit.many_poses import Views
+from cadcam.fit.many_poses import PaddedViews
 from cadcam.fit.schur import Step
 from cadcam.fit.variance_components import variance_components
 from cadcam.geometry import rotation as so3
@@ -154,7 +154,7 @@ def pixel_problem(rng, *, held, prior):
     covariance = np.zeros((len(internals),) * 2)
     covariance[[1, 3, 4, 5], [1, 3, 4, 5]] = [4.0, 1.0, 1.0, 1e-4]
     known = InternalsPrior.of(internals, covariance) if prior else InternalsPrior.fixed()
-    views = Views.of(list(zip(np.broadcast_to(points, (6, 20, 3)), q, strict=True)))
+    views = PaddedViews.of(list(zip(np.broadcast_to(points, (6, 20, 3)), q, strict=True)))
     problem = HandEyePixels(views, B, held, lens, known, 0.1, np.array([0.2, 0.001]))
     return problem, HandEyeState(X, Z, off, internals)
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.points import locate_camera
+from cadcam.calibrate.points.camera import locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.observations import Observations
-from cadcam.fit.many_poses import Views, pose_jacobian, poses_of_views
+from cadcam.fit.many_poses import PaddedViews, pose_jacobian, poses_of_views
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
@@ -29,7 +29,7 @@ def seen(rng, points, n, noise=0.2):
 def test_both_minima_are_those_of_the_search_of_one_view(rng, count):
     points = SQUARE if count == 4 else rng.uniform(-80, 80, (count, 3))
     views = seen(rng, points, 8)
-    found = poses_of_views(CAMERA, Views.of(views))
+    found = poses_of_views(CAMERA, PaddedViews.of(views))
     for i, (p, q) in enumerate(views):
         one = locate_camera(Observations(p, q), CAMERA)
         assert found.sum_of_squares[i, 0] == pytest.approx(one.sum_of_squares, rel=1e-6)
@@ -41,15 +41,15 @@ def test_both_minima_are_those_of_the_search_of_one_view(rng, count):
 def test_views_of_different_lengths_do_not_disturb_each_other(rng):
     points = rng.uniform(-80, 80, (20, 3))
     views = [(p[:k], q[:k]) for (p, q), k in zip(seen(rng, points, 4), (20, 5, 11, 16), strict=True)]
-    together = poses_of_views(CAMERA, Views.of(views))
+    together = poses_of_views(CAMERA, PaddedViews.of(views))
     for i, view in enumerate(views):
-        alone = poses_of_views(CAMERA, Views.of([view]))
+        alone = poses_of_views(CAMERA, PaddedViews.of([view]))
         np.testing.assert_allclose(together.translation[i, 0], alone.translation[0, 0], atol=1e-3)
 
 
 def test_points_on_a_line_have_no_pose(rng):
     line = np.outer(np.arange(5.0), [30.0, 0, 0])
-    found = poses_of_views(CAMERA, Views.of(seen(rng, line, 1)))
+    found = poses_of_views(CAMERA, PaddedViews.of(seen(rng, line, 1)))
     assert np.isinf(found.sum_of_squares).all()
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
@@ -26,12 +24,6 @@ def scene(rng):
     return (0.5 + 0.4 * rough / np.abs(rough).max()).astype(np.float32)
 
 
-@pytest.fixture
-def golden(shared):
-    entries = json.loads(shared("thesis/golden.json").read_text())["results"]
-    return {entry["id"]: entry for entry in entries}
-
-
 def point(shape=(41, 41), value=1.0):
     out = np.zeros(shape, np.float32)
     out[shape[0] // 2, shape[1] // 2] = value
@@ -51,16 +43,16 @@ def spread(picture):
 
 
 def test_gamma_is_eq_5_1_and_its_inverse_eq_5_2(golden, rng):
-    expected, back = golden["gamma"]["value"]
+    expected, back = golden("gamma")["value"]
     bent = Gamma(0.6).apply(np.full((1, 1), 128 / 255, np.float32), rng)
     assert 255 * bent[0, 0] == pytest.approx(expected, abs=4 * FLOAT32 * 255)
     assert 255 * Gamma(0.6).undo(bent)[0, 0] == pytest.approx(back, abs=8 * FLOAT32 * 255)
 
 
 def test_section_5_3_divides_six_nanoseconds_where_five_are_stated(golden):
-    stated, divided, pal = golden["jitter"]["value"]
+    stated, divided, pal = golden("jitter")["value"]
     assert Jitter(5.0, 90.0).worst_px == stated
-    assert Jitter(6.0, 90.0).worst_px == divided == pytest.approx(golden["jitter"]["printed"], abs=0.005)
+    assert Jitter(6.0, 90.0).worst_px == divided == pytest.approx(golden("jitter")["printed"], abs=0.005)
     assert Jitter(5.0).worst_px == pytest.approx(pal, rel=1e-12)  # the default: 52 us in 768 px
 
 

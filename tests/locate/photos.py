@@ -41,3 +41,9 @@ def noisy(clean: np.ndarray, sigma: float, rng: np.random.Generator) -> np.ndarr
 def photo(part: Part, camera_from_part: Rigid, rng: np.random.Generator, *, camera: Camera = CAMERA) -> Photo:
     """Return a photo with noise 0.01 by an exactly known camera whose frame is the world."""
     return Photo.of(noisy(shot(part, camera_from_part, camera), 0.01, rng), camera)
+
+
+def error_px(part: Part, camera: Camera, one: Rigid, other: Rigid) -> float:
+    """Return how far apart (px) two poses put the part's vertices at most."""
+    v = part.scene.mesh.vertices
+    return float(np.linalg.norm(camera.project(one @ v) - camera.project(other @ v), axis=1).max())

@@ -23,17 +23,12 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.search.approach import Reach, approach
 
 from ..cad.solids import box
-from .photos import CAMERA, photo, view
+from .photos import CAMERA, error_px, photo, view
 
 BRACKET = Part.of(machined_bracket())
 POSE = view(BRACKET, (1.0, 0.7, 0.9))
 # A pose is right if no vertex is off by more: edge refinement takes up what is up to 8 px off.
 RIGHT_PX = 4.0
-
-
-def error_px(part: Part, camera: Camera, one: Rigid, other: Rigid) -> float:
-    v = part.scene.mesh.vertices
-    return float(np.linalg.norm(camera.project(one @ v) - camera.project(other @ v), axis=1).max())
 
 
 def off(part: Part, pose: Rigid, turn_deg: tuple[float, float, float], shift: float, depth: float) -> Rigid:

@@ -8,7 +8,7 @@ import pytest
 from cadcam.arrays import Array, Ids
 from cadcam.camera.viewpoint import ErrorSource, Viewpoint
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.match.consensus import Candidates, consensus, pose_of_matches
+from cadcam.locate.match.consensus import PlaceCandidates, consensus, pose_of_matches
 from cadcam.locate.photo import Photo
 
 from .scene import CAMERA, off, pose_of
@@ -27,7 +27,7 @@ def points(rng: np.random.Generator, n: int) -> Array:
 
 def sought(
     truth: Rigid, p: Array, right: Array, wrong: int, rng: np.random.Generator, *, hidden: int = 0
-) -> Candidates:
+) -> PlaceCandidates:
     """Return the right place of every feature, less hidden ones, among wrong ones anywhere within 45 px."""
     n = len(p)
     q = CAMERA.project(truth @ p)
@@ -41,7 +41,7 @@ def sought(
     covariance = np.tile(SIGMA**2 * np.eye(2), (len(feature), 1, 1))
     photo: Ids = np.zeros(n, np.int32)
     at = np.concatenate([noisy, anywhere])
-    return Candidates(feature, at, angles, covariance, score, p, right, photo, 45.0, 0.35)
+    return PlaceCandidates(feature, at, angles, covariance, score, p, right, photo, 45.0, 0.35)
 
 
 def level(truth: Rigid, p: Array) -> Array:

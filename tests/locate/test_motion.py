@@ -8,7 +8,7 @@ import pytest
 from cadcam.arrays import Array
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.track.motion import Motion
+from cadcam.locate.track.motion import MotionFilter
 
 CENTRE, RADIUS = np.array([30.0, 20.0, 10.0]), 40.0
 FIRST = Rigid.exp([-20.0, 5.0, 400.0, 0.4, 0.2, -0.3])
@@ -43,7 +43,7 @@ def moved(n: int, uneven_mm: float, rng: np.random.Generator) -> list[Rigid]:
 
 
 def test_even_motion_measured_exactly_is_foretold_to_rounding() -> None:
-    motion, T = Motion(CENTRE, RADIUS), FIRST
+    motion, T = MotionFilter(CENTRE, RADIUS), FIRST
     exact = 1e-12 * np.eye(6)
     for k in range(30):
         motion.measured(k, PoseEstimate(T, exact))
@@ -54,7 +54,7 @@ def test_even_motion_measured_exactly_is_foretold_to_rounding() -> None:
 
 
 def test_nothing_is_foretold_after_a_gap() -> None:
-    motion = Motion(CENTRE, RADIUS)
+    motion = MotionFilter(CENTRE, RADIUS)
     assert motion.predicted(0) is None
     motion.measured(0, PoseEstimate(FIRST, SIGMA))
     assert motion.predicted(1) is not None
@@ -74,7 +74,7 @@ def test_filtered_poses_are_steadier_and_what_is_foretold_is_as_sure_as_told(une
     rng = np.random.default_rng(1)
     told, raw, filtered = [], [], []
     for _ in range(25):
-        motion = Motion(CENTRE, RADIUS)
+        motion = MotionFilter(CENTRE, RADIUS)
         for k, (T, e) in enumerate(zip(moved(30, uneven_mm, rng), draws(30, rng), strict=True)):
             Z = PoseEstimate(T @ Rigid.exp(e), SIGMA)
             ahead = motion.predicted(k)
@@ -94,7 +94,7 @@ def test_errors_that_repeat_in_every_frame_do_not_average_out_and_the_covariance
     rng = np.random.default_rng(2)
     squares = []
     for e in draws(80, rng):
-        motion = Motion(CENTRE, RADIUS)
+        motion = MotionFilter(CENTRE, RADIUS)
         for k, T in enumerate(moved(8, 0.02, rng)):
             last = motion.measured(k, PoseEstimate(T @ Rigid.exp(e), SIGMA))
         squares.append(normalised(last, T))
@@ -103,7 +103,7 @@ def test_errors_that_repeat_in_every_frame_do_not_average_out_and_the_covariance
 
 def test_a_sudden_stop_is_followed_within_two_frames() -> None:
     """5 mm a frame, then nothing: errors are 0.02 mm, so the frames must win over what is foretold."""
-    motion, T = Motion(CENTRE, RADIUS), FIRST
+    motion, T = MotionFilter(CENTRE, RADIUS), FIRST
     sure = PoseEstimate(T, SIGMA * 0.04)
     for k in range(20):
         T = T @ STEP if k < 17 else T
@@ -113,7 +113,7 @@ def test_a_sudden_stop_is_followed_within_two_frames() -> None:
 
 def test_a_restricted_motion_stays_restricted() -> None:
     """Along z alone: nothing is foretold, nor believed, in other directions."""
-    motion = Motion(CENTRE, RADIUS)
+    motion = MotionFilter(CENTRE, RADIUS)
     along = np.eye(6)[:, 2:3]
     for k in range(10):
         T = Rigid(np.eye(3), [0.0, 0.0, 400.0 + 3.0 * k])
@@ -128,7 +128,7 @@ def test_a_restricted_motion_stays_restricted() -> None:
 
 
 def test_the_calibration_s_share_is_the_same_in_every_frame() -> None:
-    motion = Motion(CENTRE, RADIUS)
+    motion = MotionFilter(CENTRE, RADIUS)
     for k in range(10):
         last = motion.measured(k, PoseEstimate(FIRST, SIGMA, 2 * SIGMA))
     np.testing.assert_array_equal(last.from_calibration, 2 * SIGMA)

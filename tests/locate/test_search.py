@@ -24,16 +24,11 @@ from cadcam.locate.search.search import search
 from cadcam.locate.views.view_range import ViewRange
 
 from ..cad.solids import box
-from .photos import CAMERA, noisy, photo, shot, view
+from .photos import CAMERA, error_px, noisy, photo, shot, view
 
 BRACKET = Part.of(machined_bracket())
 FROM_ABOVE = ViewRange(axis=np.array([0.6, 0.5, 1.0]), half_angle_deg=35.0, distance_mm=(350.0, 700.0))
 RIGHT_PX = 4.0
-
-
-def error_px(part: Part, camera: Camera, one: Rigid, other: Rigid) -> float:
-    v = part.scene.mesh.vertices
-    return float(np.linalg.norm(camera.project(one @ v) - camera.project(other @ v), axis=1).max())
 
 
 @pytest.mark.parametrize("direction", [(0.5, 0.7, 1.0), (0.9, 0.2, 1.0)])

@@ -16,7 +16,7 @@ from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.track.frames import Frame, Frames
 from cadcam.locate.track.log import TrackLog, head_of, track_to
 from cadcam.locate.track.texture import Followed, Texture
-from cadcam.locate.track.track import Step, TrackedFrame, track
+from cadcam.locate.track.track import LoggedFrame, TrackedFrame, track
 
 from .printed import CAMERA, FIRST, STEP, miss_mm, part, photo, truth
 
@@ -164,7 +164,7 @@ def test_a_run_that_goes_on_follows_the_print_as_if_there_had_been_no_break() ->
     frames = film(7)
     whole = list(track(part(), frames, FIRST))
     for cut in (1, 3, 5):
-        history = [Step(t.frame.index, t.location.pose, t.how, t.frame.photos) for t in whole[:cut]]
+        history = [LoggedFrame(t.frame.index, t.location.pose, t.how, t.frame.photos) for t in whole[:cut]]
         rest = list(track(part(), frames[cut:], FIRST, history=history))
         assert [t.how for t in rest] == [t.how for t in whole[cut:]]
         for one, other in zip(rest, whole[cut:], strict=True):

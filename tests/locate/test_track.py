@@ -22,7 +22,7 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.track import track as module
 from cadcam.locate.track.frames import Frame, Frames
 from cadcam.locate.track.log import COLUMNS, TrackLog, head_of, read_track, track_to
-from cadcam.locate.track.track import Step, track
+from cadcam.locate.track.track import LoggedFrame, track
 
 from .moving import CAMERA, FIRST, STEP, Sighting, block, frames, location, measured, truth
 
@@ -61,7 +61,7 @@ def test_rounding_does_not_grow_from_frame_to_frame(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(module, "refine", lambda part, photos, start, **_: location(start))
     still = [frame for _ in range(200) for frame in frames(1)]
     numbered = [replace(frame, index=i) for i, frame in enumerate(still)]
-    history = [Step(-2, measured(FIRST)), Step(-1, measured(FIRST @ STEP))]
+    history = [LoggedFrame(-2, measured(FIRST)), LoggedFrame(-1, measured(FIRST @ STEP))]
     *_, last = track(PART, numbered, history=history)
     R = last.location.pose.world_from_part.rotation
     assert np.abs(R @ R.T - np.eye(3)).max() < 20 * np.finfo(float).eps
@@ -139,7 +139,7 @@ def test_a_motion_out_of_the_pictures_is_a_loss_but_a_start_outside_is_an_error(
     with pytest.raises(NothingInView):
         next(track(PART, frames(1), FIRST))
     blind += [0, 1]
-    (lost,) = track(PART, frames(3)[2:], history=[Step(0, measured(FIRST)), Step(1, measured(FIRST))])
+    (lost,) = track(PART, frames(3)[2:], history=[LoggedFrame(0, measured(FIRST)), LoggedFrame(1, measured(FIRST))])
     assert (lost.how, lost.location.quality, len(lost.location.matches)) == ("lost", 0.0, 0)
 
 
@@ -173,7 +173,7 @@ def test_a_run_that_goes_on_is_one_that_never_stopped(sighting: Install) -> None
     sighting(30, hidden={4, 5, 9, 10, 11, 12, 13, 14, 15, 16, 17})
     whole = list(track(PART, frames(30), FIRST))
     for cut in range(1, 30):
-        history = [Step(t.frame.index, t.location.pose if t.found else None) for t in whole[:cut]]
+        history = [LoggedFrame(t.frame.index, t.location.pose if t.found else None) for t in whole[:cut]]
         rest = list(track(PART, frames(30)[cut:], FIRST, history=history))
         assert [t.how for t in rest] == [t.how for t in whole[cut:]], cut
         for one, other in zip(rest, whole[cut:], strict=True):

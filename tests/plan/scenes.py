@@ -12,7 +12,7 @@ from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts.shape import box
 from cadcam.camera.sensor_format import sensor_format
 from cadcam.plan.scene.feature import Kind, LayoutFeature
-from cadcam.plan.scene.scene import CameraType, LayoutScene, Mount, Sigmas
+from cadcam.plan.scene.layout_scene import CameraType, LayoutScene, Mount, Sigmas
 from cadcam.plan.uncertainty.finding import Finder
 from cadcam.verify.tolerances.tolerance import Limit, Quantity
 

@@ -9,9 +9,9 @@ import pytest
 
 import cadcam
 from cadcam.plan.assessment.assess import Outcome, outcome
-from cadcam.plan.layout import Survey, plan_layout, survey
+from cadcam.plan.layout import CandidateSurvey, plan_layout, survey
 from cadcam.plan.scene.feature import Kind, LayoutFeature
-from cadcam.plan.scene.scene import CalibratedFrom, Sigmas
+from cadcam.plan.scene.layout_scene import CalibratedFrom, Sigmas
 from cadcam.plan.sight.candidate import Candidate, calibrated, candidates
 from cadcam.plan.uncertainty.finding import Finder
 from cadcam.plan.uncertainty.predict import predict_points
@@ -22,7 +22,7 @@ from cadcam.verify.tolerances.verdict import Verdict, decided
 from .scenes import features, position, ring, scene
 
 
-def points_only(**changes: object) -> Survey:
+def points_only(**changes: object) -> CandidateSurvey:
     """Return a survey of features without a normal: their pixels' noise is that of the finder, in focus."""
     places = ([60.0, 80, 10], [260.0, 60, 10], [315.0, 115, 90])
     marks = tuple(LayoutFeature(f"p{i}", Kind.POINT, np.array(p), position(0.3)) for i, p in enumerate(places))
@@ -38,7 +38,7 @@ def test_points_are_assessed_as_they_are_predicted(moved: bool) -> None:
     for i, pose in enumerate(seen.poses):
         p = pose @ seen.places.centre
         views = [seen.candidates[c].viewpoint for c in chosen]
-        shown = np.array([seen.looks[c].seen[i] for c in chosen])
+        shown = np.array([seen.visibility[c].seen[i] for c in chosen])
         predicted = predict_points(views, p, seen=shown)
         several = shown.sum(axis=0) >= 2
         assert several.any()
@@ -87,7 +87,7 @@ def test_an_edge_s_place_and_direction_scatter_as_predicted() -> None:
     chosen, pose = (0, 2, 6, 8), seen.poses[0]
     predicted = seen.assess(chosen)
     rng, n = np.random.default_rng(4), 500
-    cameras = [seen.candidates[c] for c in chosen if seen.looks[c].seen[0, 0]]
+    cameras = [seen.candidates[c] for c in chosen if seen.visibility[c].seen[0, 0]]
     assert len(cameras) >= 2
     shift, turn = (np.array([_line(camera, seen, pose, rng, n) for camera in cameras])[..., i] for i in range(2))
     for found, limit, data in ((predicted.sigma[0, 0], 0, shift), (predicted.sigma[0, 1], 1, turn)):
@@ -100,7 +100,7 @@ def test_an_edge_s_place_and_direction_scatter_as_predicted() -> None:
         assert spread == pytest.approx(found, rel=3 / np.sqrt(2 * n) + 0.05)
 
 
-def _normal(camera: Candidate, seen: Survey) -> tuple[np.ndarray, np.ndarray]:
+def _normal(camera: Candidate, seen: CandidateSurvey) -> tuple[np.ndarray, np.ndarray]:
     """Return the direction (2,) across the edge's picture, and how it moves (2,) with the edge across itself."""
     view, (a, b) = camera.viewpoint, seen.places.ends[0]
     q, J, _ = view.project(np.array([a, (a + b) / 2, b]))
@@ -109,7 +109,7 @@ def _normal(camera: Candidate, seen: Survey) -> tuple[np.ndarray, np.ndarray]:
     return n, n @ J[1][:, 1:]  # the edge runs along x: it can move in y and z
 
 
-def _line(camera: Candidate, seen: Survey, pose: object, rng: np.random.Generator, n: int) -> np.ndarray:
+def _line(camera: Candidate, seen: CandidateSurvey, pose: object, rng: np.random.Generator, n: int) -> np.ndarray:
     """Return how far n lines lie off in the middle (px), and how much they turn (px by mm), (n, 2)."""
     view, stations = camera.viewpoint, seen.places.p
     _, _, effects = view.project(stations)
@@ -118,18 +118,18 @@ def _line(camera: Candidate, seen: Survey, pose: object, rng: np.random.Generato
     for (source, _), D in zip(view.errors, effects, strict=True):
         t = source.root @ rng.normal(size=(len(source.covariance), n))
         off += np.einsum("sik,kn,i->ns", D, t, normal)
-    sigma = seen.looks[seen.candidates.index(camera)].sigma_px[0, 0]
+    sigma = seen.visibility[seen.candidates.index(camera)].sigma_px[0, 0]
     off += rng.normal(scale=sigma * np.sqrt(len(stations)), size=off.shape)
     x = seen.places.from_middle
     return np.stack([off.mean(axis=1), off @ x / (x @ x)], axis=-1)
 
 
-def _rows(cameras: list[Candidate], seen: Survey, limit: int) -> tuple[np.ndarray, np.ndarray]:
+def _rows(cameras: list[Candidate], seen: CandidateSurvey, limit: int) -> tuple[np.ndarray, np.ndarray]:
     """Return how each camera's number moves with the edge (V, 2), and its weight."""
     rows = np.array([_normal(c, seen)[1] for c in cameras])
     variances = []
     for c in cameras:
-        o, (n, _) = seen.looks[seen.candidates.index(c)], _normal(c, seen)
+        o, (n, _) = seen.visibility[seen.candidates.index(c)], _normal(c, seen)
         S, evidence = (o.shift, o.evidence) if limit == 0 else (o.bend, o.turns)
         variances.append(n @ S[0, 0] @ n + 1 / (n @ evidence.W[0, 0] @ n))
     return rows, 1 / np.array(variances)
@@ -165,7 +165,7 @@ def test_one_camera_measures_on_a_known_plane_and_not_off_it() -> None:
     assert np.isnan(found.sigma[:, 1]).all()
     assert found.shares["plane"][0, 0] > 0
     # of the height only the slant of the view reaches the place on the plane
-    slant = np.tan(one.looks[0].incidence[0, 0])
+    slant = np.tan(one.visibility[0].incidence[0, 0])
     assert found.shares["plane"][0, 0] * found.sigma[0, 0] ** 2 == pytest.approx((0.1 * slant) ** 2, rel=0.05)
 
 

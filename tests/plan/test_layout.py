@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from cadcam.plan.choice.problem import MEASURED, Score
-from cadcam.plan.layout import Survey, next_views, plan_layout, survey
+from cadcam.plan.layout import CandidateSurvey, next_views, plan_layout, survey
 
 from .scenes import ring, scene
 
 
 @pytest.fixture(scope="module")
-def seen() -> Survey:
+def seen() -> CandidateSurvey:
     return survey(scene(8, mounts=(ring(8),)))
 
 
@@ -26,7 +26,7 @@ def same(score: Score) -> Any:
 
 @pytest.mark.parametrize(("k", "numbers"), [(1, (1, 2)), (2, (2, 3)), (3, (2, 3, 4)), (8, (7, 8))])
 def test_growth_is_told_for_one_camera_less_and_one_more_where_there_can_be(
-    seen: Survey, k: int, numbers: tuple[int, ...]
+    seen: CandidateSurvey, k: int, numbers: tuple[int, ...]
 ) -> None:
     """One camera alone measures nothing here, and there are eight."""
     layout = plan_layout(seen, k)
@@ -39,7 +39,7 @@ def test_growth_is_told_for_one_camera_less_and_one_more_where_there_can_be(
     assert not scores[-1].beats(layout.all_of_them)
 
 
-def test_a_role_is_what_is_lost_without_the_camera(seen: Survey) -> None:
+def test_a_role_is_what_is_lost_without_the_camera(seen: CandidateSurvey) -> None:
     layout = plan_layout(seen, 3)
     poses, limits = len(seen.poses), len(seen.asked)
 
@@ -50,12 +50,12 @@ def test_a_role_is_what_is_lost_without_the_camera(seen: Survey) -> None:
         others = tuple(c for c in layout.chosen if c != camera)
         assert role.without.value == same(seen.problem.score(others))
         assert role.only_it == int((measured(layout.chosen) & ~measured(others)).sum())
-        assert role.sees == int(seen.looks[camera].seen.all(axis=0).sum())
+        assert role.sees == int(seen.visibility[camera].seen.all(axis=0).sum())
     assert max(role.only_it for role in layout.roles) > 0
     assert {role.sees for role in layout.roles} != {0}
 
 
-def test_the_next_view_is_one_more_camera(seen: Survey) -> None:
+def test_the_next_view_is_one_more_camera(seen: CandidateSurvey) -> None:
     layout = plan_layout(seen, 2)
     (best, score), *others = next_views(seen, layout.chosen)
     assert best.name not in {camera.name for camera in layout.cameras}

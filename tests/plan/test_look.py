@@ -13,21 +13,21 @@ from cadcam.cad.parts.shape import box
 from cadcam.camera.optics import Optics
 from cadcam.plan.layout import survey
 from cadcam.plan.scene.feature import Kind, LayoutFeature
-from cadcam.plan.scene.scene import CameraType, LayoutScene, Mount, Seeing
+from cadcam.plan.scene.layout_scene import CameraType, LayoutScene, Mount, Seeing
 from cadcam.plan.sight.candidate import Candidate, candidates
-from cadcam.plan.sight.look import Look, Why, look
 from cadcam.plan.sight.places import Places
 from cadcam.plan.sight.surroundings import Surroundings
+from cadcam.plan.sight.visibility import Visibility, Why, seen_from
 
 from .scenes import COLOR, MIDDLE, features, part, position, ring, scene
 
 ALL_ROUND = Seeing(incidence=np.radians(89.0), blur_px=1e9, border_px=0.0, least_px=0.0)
 
 
-def looked(made: LayoutScene, candidate: Candidate, seeing: Seeing) -> Look:
+def looked(made: LayoutScene, candidate: Candidate, seeing: Seeing) -> Visibility:
     around = Surroundings(made.part, made.obstacles)
     places, poses = Places.of(made.features), tuple(made.poses.values())
-    return look(candidate.viewpoint, candidate.optics, places, poses, around, finder=made.finder, seeing=seeing)
+    return seen_from(candidate.viewpoint, candidate.optics, places, poses, around, finder=made.finder, seeing=seeing)
 
 
 @pytest.mark.parametrize("obstacle", [False, True], ids=["part alone", "behind a screen"])
@@ -62,7 +62,7 @@ def test_visible_is_what_the_renderer_draws(obstacle: bool, rng: np.random.Gener
     assert (behind > 0) == obstacle
 
 
-def one(eye: tuple[float, float, float], feature: LayoutFeature, seeing: Seeing, **lens: float) -> Look:
+def one(eye: tuple[float, float, float], feature: LayoutFeature, seeing: Seeing, **lens: float) -> Visibility:
     kind = replace(scene().cameras["cam"], **lens)
     mount = Mount("one", np.array([eye]), MIDDLE[None], ("cam",))
     made = scene(features=(feature,), mounts=(mount,), cameras={"cam": kind}, poses={"here": cadcam.Rigid()})

@@ -13,8 +13,8 @@ from cadcam.errors import UnreadableFile
 from cadcam.plan.layout import plan_layout, survey
 from cadcam.plan.scene.feature import Kind
 from cadcam.plan.scene.file import read_layout_scene
+from cadcam.plan.scene.layout_scene import CalibratedFrom, Sigmas
 from cadcam.plan.scene.samples import write_samples
-from cadcam.plan.scene.scene import CalibratedFrom, Sigmas
 from cadcam.plan.scene.zones import arc, in_box
 from cadcam.plan.sight.candidate import candidates
 from cadcam.verify.tolerances.tolerance import Quantity, Rule
@@ -126,7 +126,7 @@ def test_edges_of_a_part_are_measured_in_all_directions(folder: Path) -> None:
     scene = read_layout_scene(folder / "scene.yaml")
     seen = survey(scene)
     i = [f.name for f in scene.features].index("post edges")
-    sees = [c for c, look in enumerate(seen.looks) if look.seen[:, i].all()]
+    sees = [c for c, view in enumerate(seen.visibility) if view.seen[:, i].all()]
     found = seen.assess(sees[:6])
     limit = int(np.flatnonzero(seen.asked.feature == i)[0])
     assert np.isfinite(found.sigma[:, limit]).all()

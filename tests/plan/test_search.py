@@ -12,7 +12,7 @@ from cadcam.arrays import Array
 from cadcam.errors import BadValue
 from cadcam.plan.assessment.asked import Asked
 from cadcam.plan.assessment.assess import informations
-from cadcam.plan.choice.problem import Problem
+from cadcam.plan.choice.problem import SelectionProblem
 from cadcam.plan.choice.search import best_set, exhausted, one_fewer, one_more, ranked
 from cadcam.plan.layout import survey
 from cadcam.verify.tolerances.tolerance import Limit, Quantity
@@ -20,7 +20,7 @@ from cadcam.verify.tolerances.tolerance import Limit, Quantity
 from .scenes import ring, scene
 
 
-def random_problem(seed: int, *, candidates: int = 13, targets: int = 25, seen: float = 0.6) -> Problem:
+def random_problem(seed: int, *, candidates: int = 13, targets: int = 25, seen: float = 0.6) -> SelectionProblem:
     """Return cameras at random around random points; each sees some of them, across its ray alone."""
     rng = np.random.default_rng(seed)
     points = rng.uniform(-1, 1, (targets, 3))
@@ -36,7 +36,7 @@ def random_problem(seed: int, *, candidates: int = 13, targets: int = 25, seen: 
     basis[::4, :, 1:] = 0.0  # every fourth is judged along x alone
     limits = tuple(Limit(Quantity.POSITION, v) for v in rng.uniform(1, 4, targets))
     asked = Asked(np.arange(targets), limits, basis, np.zeros(targets, bool), np.zeros((targets, 3, 3)))
-    return Problem(information[:, None], asked)
+    return SelectionProblem(information[:, None], asked)
 
 
 @pytest.mark.parametrize("k", [2, 3, 4])
@@ -90,7 +90,7 @@ def reference(information: Array, asked: Asked, chosen: tuple[int, ...]) -> Arra
 
 def test_ratios_are_those_of_plain_linear_algebra() -> None:
     seen = survey(scene(10))
-    information = informations(seen.looks, seen.asked)
+    information = informations(seen.visibility, seen.asked)
     for chosen in ((0, 3, 6), (1, 2, 4, 8), tuple(range(10))):
         expected = reference(information, seen.asked, chosen).ravel()
         found = seen.problem.ratios(chosen)

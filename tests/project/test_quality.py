@@ -39,7 +39,7 @@ def test_tool_is_content(command: tuple[str, ...]) -> None:
         ("geometry/rigid.py", "from cadcam.camera.camera import Camera", "imports only go down"),
         ("cad/mesh.py", "from cadcam.image.picture import read_picture", "imports only go down"),
         ("render/view.py", "import cascadio", "CAD kernels stay in cad"),
-        ("calibrate/points/points.py", "import embreex", "Embree stays in render"),
+        ("calibrate/points/camera.py", "import embreex", "Embree stays in render"),
         ("camera/opengl.py", "import moderngl", "OpenGL stays in render"),
         ("image/edges.py", "import cv2", "OpenCV stays in target"),
         ("render/view.py", "import ctypes", "the C core stays in native"),
@@ -51,7 +51,7 @@ def test_tool_is_content(command: tuple[str, ...]) -> None:
         ("calibrate/points/flat.py", "from cadcam.calibrate.joint import nested", "so do those within calibrate"),
         ("cli/wires.py", "from cadcam.cli.verbs import overlay", "so do those within cli"),
         ("cli/verbs/lens.py", "from cadcam.cli.verbs import compare", "verbs do not lean on each other"),
-        ("plan/scene/scene.py", "from cadcam.plan.sight import look", "so do those within plan"),
+        ("plan/scene/layout_scene.py", "from cadcam.plan.sight import look", "so do those within plan"),
         ("target/boards/board.py", "from cadcam.target.marks import mark", "so do those within target"),
     ],
 )

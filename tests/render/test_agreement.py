@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.cad.edges import FeatureEdges
 from cadcam.cad.load import load
 from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts import calibration_bench, machined_bracket, ship_block
@@ -29,6 +28,7 @@ from cadcam.render.view import Look, Renderer, Scene, View
 
 from .agreement import FLOAT, Bound, Truth, bound_of, check
 from .coverage import brute_force
+from .scenes import scene_of
 
 SMALL, LARGE = (160, 120), (1000, 750)
 CAMERAS = {  # of 400 x 300 px; strongly distorted: corners move by 90 px, and the fisheye's lie beyond its 90 degrees
@@ -45,7 +45,6 @@ PARTS = {
     "block": lambda: ship_block(triangles=8_000),
 }
 STEP = ("nist_ctc_01_asme1_ap242", "nist_ctc_03_asme1_ap242", "nist_ctc_05_asme1_ap242")
-NO_EDGES = FeatureEdges(*(np.zeros((0, 2), np.int32),) * 2, *(np.zeros(0, np.int32),) * 3)
 WIDEST = Bound(2 / 256, 4 * FLOAT, 1e-5)
 
 
@@ -57,10 +56,6 @@ def views_of(mesh: Mesh) -> list[Rigid]:
         Rigid.look_at(middle + size * [0.9, 0.75, 1.05], middle),
         Rigid.look_at(middle + size * [0.2, 0.1, 0.05], middle - size * [0.3, 0.4, 0.1]),
     ]
-
-
-def scene_of(mesh: Mesh) -> Scene:
-    return Scene.of(mesh, edges=NO_EDGES)
 
 
 def opened(scene: Scene, name: str) -> Renderer:

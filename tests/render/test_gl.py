@@ -11,7 +11,6 @@ import threading
 import numpy as np
 import pytest
 
-from cadcam.cad.edges import FeatureEdges
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts import machined_bracket, ship_block
 from cadcam.camera.camera import Camera
@@ -22,9 +21,10 @@ from cadcam.render.gl import context as gl_context
 from cadcam.render.gl import scene as gl_scene
 from cadcam.render.gl.renderer import GlRenderer
 from cadcam.render.ray import RayRenderer
-from cadcam.render.view import Channel, Look, Scene
+from cadcam.render.view import Channel, Look
 
 from .agreement import Truth, bound_of, check
+from .scenes import scene_of, views_of
 
 needs_gl = pytest.mark.skipif(
     not gl_context.probe().available, reason=f"OpenGL on EGL does not answer: {gl_context.probe().reason}"
@@ -39,21 +39,6 @@ CAMERAS = {
     "fisheye": Camera.from_focal(SIZE, 150.0, cx=207.4, cy=141.1, lens=Fisheye(k1=-0.02)),
     "fisheye past its circle": Camera.from_focal(SIZE, 85.0, cx=207.4, cy=141.1, lens=Fisheye(k1=-0.02)),
 }
-NO_EDGES = FeatureEdges(*(np.zeros((0, 2), np.int32),) * 2, *(np.zeros(0, np.int32),) * 3)
-
-
-def scene_of(mesh: Mesh) -> Scene:
-    return Scene.of(mesh, edges=NO_EDGES)
-
-
-def views_of(mesh: Mesh) -> list[Rigid]:
-    """From outside, and from inside, where faces pass the camera's plane."""
-    low, high = mesh.bounds
-    middle, size = (low + high) / 2, high - low
-    return [
-        Rigid.look_at(middle + size * [1.1, 0.9, 1.3], middle),
-        Rigid.look_at(middle + size * [0.2, 0.1, 0.05], middle - size * [0.3, 0.4, 0.1]),
-    ]
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.cad.edges import FeatureEdges
 from cadcam.cad.mesh import Mesh
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Fisheye, Lens
@@ -23,8 +22,9 @@ from cadcam.render.gl.pieces import PIECE_REACH_PX, REACH_PX, pieces
 from cadcam.render.gl.tiles import tiles
 from cadcam.render.view import Scene
 
+from .scenes import NO_EDGES
+
 TRIANGLE = Mesh.single(np.array([[0, 0, 100.0], [50, 0, 100], [0, 50, 100]]), np.array([[0, 1, 2]]))
-NO_EDGES = FeatureEdges(*(np.zeros((0, 2), np.int32),) * 2, *(np.zeros(0, np.int32),) * 3)
 SCENE = Scene.of(TRIANGLE, edges=NO_EDGES)
 GPU = GlInfo(True, "NVIDIA H100", "NVIDIA Corporation", "4.6.0", False, 1)
 SOFTWARE = GlInfo(True, "llvmpipe (LLVM 15)", "Mesa", "4.5", True, 0)

@@ -7,7 +7,6 @@ import gc
 import numpy as np
 import pytest
 
-from cadcam.cad.edges import FeatureEdges
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts import ship_block
 from cadcam.cad.parts.shape import box
@@ -19,12 +18,13 @@ from cadcam.native import core
 from cadcam.render import memory
 from cadcam.render.embree import Caster
 from cadcam.render.lens_tables import plane_points, subdivided
-from cadcam.render.lines.occlusion import Occluders
+from cadcam.render.lines.occlusion import OccludingFaces
 from cadcam.render.raster import RasterRenderer
 from cadcam.render.ray import RayRenderer
 from cadcam.render.view import Channel, Look, Scene
 
 from .coverage import brute_force
+from .scenes import scene_of, views_of
 
 try:
     core.library()
@@ -43,13 +43,8 @@ CAMERAS = {
     "photogrammetric": Camera.from_focal(SMALL, 70.0, lens=InverseBrownConrady(0.25, -0.05, 1e-3, -2e-3)),
     "double sphere": Camera.from_focal(SMALL, 22.0, cx=30.1, lens=DoubleSphere(-0.2, 0.6)),
 }
-NO_EDGES = FeatureEdges(*(np.zeros((0, 2), np.int32),) * 2, *(np.zeros(0, np.int32),) * 3)
 HERE = Rigid()
 FLOAT = 2.0**-23  # one step of float32, relative
-
-
-def scene_of(mesh: Mesh) -> Scene:
-    return Scene.of(mesh, edges=NO_EDGES)
 
 
 def raster(vertices: np.ndarray, faces: np.ndarray, *, threads: int = 2) -> RasterRenderer:
@@ -150,15 +145,6 @@ BLOCK_CAMERAS = {
     "Brown-Conrady": Camera.from_focal((320, 240), 250.0, lens=BrownConrady(-0.25, 0.05, 1e-3, -1e-3)),
     "fisheye": Camera.from_focal((320, 240), 100.0, lens=Fisheye(0.03, -0.008)),
 }
-
-
-def views_of(mesh: Mesh) -> list[Rigid]:
-    low, high = mesh.bounds
-    middle, size = (low + high) / 2, high - low
-    return [
-        Rigid.look_at(middle + size * [1.1, 0.9, 1.3], middle),
-        Rigid.look_at(middle + size * [0.2, 0.1, 0.05], middle - size * [0.3, 0.4, 0.1]),
-    ]
 
 
 @pytest.mark.parametrize("samples", [1, 2])
@@ -355,7 +341,7 @@ def test_what_hides_a_point_in_space_is_what_rays_find(rng: np.random.Generator)
     """Corners, middles of faces and places in the air, from eyes all round and within: to the last one."""
     scene = Scene.of(ship_block(triangles=5000))
     mesh, caster = scene.mesh, Caster(scene.mesh)
-    renderer, rays = RasterRenderer(scene), Occluders(mesh, caster)
+    renderer, rays = RasterRenderer(scene), OccludingFaces(mesh, caster)
     middles = mesh.vertices[mesh.faces[rng.integers(mesh.n_faces, size=200)]].mean(axis=1)
     corners = mesh.vertices[rng.integers(len(mesh.vertices), size=200)]
     points = np.concatenate([corners, middles, caster.center + caster.radius * rng.uniform(-1, 1, (200, 3))])

@@ -9,7 +9,6 @@ import pytest
 from scipy.ndimage import binary_dilation, binary_erosion
 from scipy.spatial import ConvexHull, cKDTree
 
-from cadcam.cad.edges import FeatureEdges
 from cadcam.cad.mesh import Mesh
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Fisheye
@@ -17,7 +16,9 @@ from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry.rigid import Rigid
 from cadcam.render import open_renderer, ray
 from cadcam.render.ray import RayRenderer
-from cadcam.render.view import Channel, Look, Scene, nothing_in_view
+from cadcam.render.view import Channel, Look, nothing_in_view
+
+from .scenes import scene_of
 
 SIZE = (480, 360)
 CAMERAS = {
@@ -26,11 +27,6 @@ CAMERAS = {
     "distorted": Camera.from_focal(SIZE, 390.0, fy=382.0, cx=229.2, cy=188.9, lens=BrownConrady(k1=-0.28, k2=0.06)),
     "fisheye": Camera.from_focal(SIZE, 330.0, cx=247.4, cy=171.1, lens=Fisheye(k1=-0.02)),
 }
-NO_EDGES = FeatureEdges(*(np.zeros((0, 2), np.int32),) * 2, *(np.zeros(0, np.int32),) * 3)
-
-
-def scene_of(mesh: Mesh) -> Scene:
-    return Scene.of(mesh, edges=NO_EDGES)
 
 
 def gem(rng: np.random.Generator, n: int = 14) -> Mesh:

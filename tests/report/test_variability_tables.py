@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cadcam.calibrate.variability.alternating import Alternating
+from cadcam.calibrate.variability.methods import FirstOrder, Variability
 from cadcam.calibrate.variability.projection_map import ProjectionMap
-from cadcam.calibrate.variability.variability import FirstOrder, Variability
 from cadcam.camera.extended_pinhole import NAMES
 from cadcam.report.variability import alternating_tables, correlation_table, map_table, markov_table, monte_carlo_table
 

@@ -3,23 +3,14 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from cadcam.station.hall import make_hall
 from cadcam.station.simulate import calibrate_robot
-
-
-@pytest.fixture(scope="session")
-def golden(shared: Callable[[str], Path]) -> Callable[[str], dict[str, Any]]:
-    """Return a function giving an entry of the golden file by its id."""
-    entries = {e["id"]: e for e in json.loads(shared("thesis/golden.json").read_text())["results"]}
-    return lambda name: entries[name]
 
 
 @pytest.fixture(scope="session")

@@ -11,9 +11,19 @@ from cadcam.camera.extended_pinhole import ExtendedPinhole
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, TooFewMarks, UnknownName
 from cadcam.geometry.rigid import Rigid
-from cadcam.target.marks.find import FoundMark, find_marks
+from cadcam.target.marks.find import FoundMark, MarkOptions, find_marks
 from cadcam.target.marks.ideal import board_picture, marks_picture
-from cadcam.target.marks.mark import Mark, Plate, angle_mark, chess_mark, coded_ring, dot, dot_and_ring, inverted, ring
+from cadcam.target.marks.mark import (
+    Mark,
+    MarkSheet,
+    angle_mark,
+    chess_mark,
+    coded_ring,
+    dot,
+    dot_and_ring,
+    inverted,
+    ring,
+)
 from cadcam.target.marks.subpixel import centroid, parabola
 
 CAMERA = Camera.from_focal((320, 240), 500.0)
@@ -22,7 +32,7 @@ RADIUS = 12.5  # px of the marks below, if upright
 
 def _plate(mark: Mark, tilt: float = 0.0, **how: float) -> tuple[Picture, Array]:
     """Return a picture of 3 x 2 marks and where their centres are seen."""
-    plate = Plate.grid((mark,), 3, 2, 4.5 * mark.radius)
+    plate = MarkSheet.grid((mark,), 3, 2, 4.5 * mark.radius)
     middle = Rigid(np.eye(3), np.append(-plate.places.mean(axis=0), 0.0))
     turned = Rigid.exp([0, 0, 0, 0, 0, 0.3]) @ Rigid.exp([0, 0, 0, np.radians(tilt), 0, 0])
     pose = Rigid(np.eye(3), [1.0, 2.0, 500.0 * mark.radius / RADIUS]) @ turned @ middle
@@ -84,10 +94,10 @@ def test_marks_with_a_direction_tell_it() -> None:
 def test_coded_marks_tell_their_numbers() -> None:
     numbers = (5, 37, 83, 91)
     like = coded_ring(37, 16.0, 20.0, 30.0)
-    plate = Plate.grid(tuple(coded_ring(n, 16.0, 20.0, 30.0) for n in numbers), 4, 1, 45.0)
+    plate = MarkSheet.grid(tuple(coded_ring(n, 16.0, 20.0, 30.0) for n in numbers), 4, 1, 45.0)
     pose = Rigid(np.eye(3), [-67.0, 0.0, 400.0]) @ Rigid.exp([0, 0, 0, 0.4, 0, 0.1])
     picture = board_picture(plate, CAMERA, pose, blur_px=0.7)
-    found = {one.number: one.pixel for one in find_marks(picture, like, any_number=True)}
+    found = {one.number: one.pixel for one in find_marks(picture, like, options=MarkOptions(any_number=True))}
     assert set(found) == set(numbers)
     truth = CAMERA.project(pose @ plate.points)
     assert all(np.abs(found[n] - q).max() < 0.15 for n, q in zip(numbers, truth, strict=True))
@@ -107,7 +117,7 @@ def test_light_that_falls_threefold_loses_no_mark() -> None:
 def test_the_other_rules_are_near_on_upright_marks(rule: str) -> None:
     """To 0.1 px, which is what the dissertation expects of its method."""
     picture, truth = _plate(KINDS[2])
-    found = find_marks(picture, KINDS[2], subpixel=rule)
+    found = find_marks(picture, KINDS[2], options=MarkOptions(subpixel=rule))
     assert np.abs(_errors(found, truth)).max() < 0.1
     assert all(np.isnan(one.covariance).all() for one in found)
 
@@ -136,19 +146,21 @@ def test_bad_pictures_and_wishes_are_refused_with_a_reason(rng: np.random.Genera
     with pytest.raises(TooFewMarks, match="none was found of 3 marks dot:20mm"):
         find_marks(noise, mark, count=3)
     with pytest.raises(UnknownName, match="spots"):
-        find_marks(noise, mark, method="magic")
+        MarkOptions(method="magic")
     with pytest.raises(UnknownName, match="parabola"):
-        find_marks(noise, mark, subpixel="magic")
+        MarkOptions(subpixel="magic")
     with pytest.raises(BadValue, match="no number"):
-        find_marks(noise, mark, any_number=True)
+        find_marks(noise, mark, options=MarkOptions(any_number=True))
     with pytest.raises(BadValue, match="least, largest"):
         find_marks(noise, mark, radius_px=0.2)
     for radius in (161.0, np.nan, (5.0, np.inf)):
         with pytest.raises(BadValue, match="longer side of 160 px"):
             find_marks(noise, mark, radius_px=radius)
-    for wish in ({"count": 0}, {"least_score": np.nan}, {"margin": np.nan}, {"margin": -1.0}):
+    with pytest.raises(BadValue, match="count"):
+        find_marks(noise, mark, count=0)
+    for wish in ({"least_score": np.nan}, {"margin": np.nan}, {"margin": -1.0}):
         with pytest.raises(BadValue, match=next(iter(wish))):
-            find_marks(noise, mark, **wish)
+            MarkOptions(**wish)
 
 
 def test_the_best_are_returned_where_there_are_more() -> None:
@@ -186,7 +198,7 @@ def test_the_dissertation_s_bench_is_calibrated_from_pictures_of_its_targets() -
     Chi-square of the 11 parameters by their covariance: below its 95 % quantile 19.7. The first calibration takes the
     centres of the ellipses, the second those that the first camera gives.
     """
-    from cadcam.calibrate.points.points import calibrate
+    from cadcam.calibrate.points.camera import calibrate
 
     truth = ExtendedPinhole.from_vector(BENCH_CAMERA)
     camera, view = truth.camera((768, 576)), truth.camera_from_world
@@ -217,4 +229,12 @@ def test_the_dissertation_s_bench_is_calibrated_from_pictures_of_its_targets() -
 @pytest.mark.parametrize("method", ["auto", "spots", "correlation", "blobs"])
 def test_a_mark_larger_than_the_picture_is_not_in_it(method: str, rng: np.random.Generator) -> None:
     for shape in ((3, 40), (7, 9), (40, 90)):
-        assert find_marks(rng.random(shape), dot_and_ring(8.0, 16.0, 24.0), radius_px=shape[1] / 2, method=method) == []
+        assert (
+            find_marks(
+                rng.random(shape),
+                dot_and_ring(8.0, 16.0, 24.0),
+                radius_px=shape[1] / 2,
+                options=MarkOptions(method=method),
+            )
+            == []
+        )

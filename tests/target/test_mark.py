@@ -13,7 +13,7 @@ from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry.rigid import Rigid
 from cadcam.target.marks.ideal import board_picture, marks_picture
 from cadcam.target.marks.mark import (
-    Plate,
+    MarkSheet,
     angle_mark,
     bulls_eye,
     chess_mark,
@@ -84,7 +84,7 @@ def test_a_wrong_text_says_what_would_be_right(text: str, said: str) -> None:
 
 def test_marks_that_overlap_are_no_plate() -> None:
     with pytest.raises(BadValue, match="into each other"):
-        Plate.grid((dot(30.0),), 2, 2, 29.0)
+        MarkSheet.grid((dot(30.0),), 2, 2, 29.0)
 
 
 @pytest.mark.parametrize("mark", [MARKS[2], MARKS[4], inverted(MARKS[0])], ids=str)
@@ -93,7 +93,7 @@ def test_marks_on_their_own_paper_look_as_on_a_plate(mark) -> None:
     camera = Camera.from_focal((80, 80), 100.0)
     pose = Rigid([[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]], [1.0, 2.0, 200.0])
     alone = marks_picture([mark], camera, [pose], background=0.9)
-    plate = board_picture(Plate((mark,), np.zeros((1, 2))), camera, pose, background=0.9)
+    plate = board_picture(MarkSheet((mark,), np.zeros((1, 2))), camera, pose, background=0.9)
     assert np.allclose(alone, plate, atol=1e-6)
 
 
@@ -119,7 +119,7 @@ def _area(path: str, width: int) -> float:
 
 def test_a_printed_mark_has_true_scale(tmp_path: Path) -> None:
     """The dot's outermost points lie a radius from its centre, and the sheet is as many mm as it says."""
-    width, height = write_sheet(tmp_path / "mark.svg", Plate((dot(40.0),), np.zeros((1, 2))), page="a5")
+    width, height = write_sheet(tmp_path / "mark.svg", MarkSheet((dot(40.0),), np.zeros((1, 2))), page="a5")
     text = (tmp_path / "mark.svg").read_text()
     assert f'width="{width:g}mm"' in text
     assert (width, height) == (148, 210)
@@ -130,7 +130,7 @@ def test_a_printed_mark_has_true_scale(tmp_path: Path) -> None:
 
 
 def test_a_light_mark_is_a_hole_in_black_ground(tmp_path: Path) -> None:
-    write_sheet(tmp_path / "mark.pdf", Plate((inverted(dot(40.0)),), np.zeros((1, 2))))
+    write_sheet(tmp_path / "mark.pdf", MarkSheet((inverted(dot(40.0)),), np.zeros((1, 2))))
     text = (tmp_path / "mark.pdf").read_bytes().decode("latin-1")
     assert re.search(r"-40\.0+ -40\.0+ 80\.0+ 80\.0+ re", text)
     assert "f* Q" in text
@@ -138,7 +138,7 @@ def test_a_light_mark_is_a_hole_in_black_ground(tmp_path: Path) -> None:
 
 def test_a_sector_s_border_closes_at_its_corners(tmp_path: Path) -> None:
     mark = chess_mark(60.0)
-    write_sheet(tmp_path / "mark.svg", Plate((mark,), np.zeros((1, 2))))
+    write_sheet(tmp_path / "mark.svg", MarkSheet((mark,), np.zeros((1, 2))))
     path = re.search(r'fill-rule="evenodd" d="([^"]+)"', (tmp_path / "mark.svg").read_text())
     assert path is not None
     # 5 points of a 16-sided circle's quarter and the centre: sin(22.5 deg)/2 * 4 triangles of radius^2, twice

@@ -12,7 +12,7 @@ from cadcam.camera.lens import BrownConrady
 from cadcam.errors import BadValue, DegenerateGeometry, NoOrder, TooFewPoints, UnknownName
 from cadcam.fit.plane_maps import mapped
 from cadcam.geometry.rigid import Rigid
-from cadcam.target.order.order import order_marks
+from cadcam.target.order.ordering import order_marks
 from cadcam.target.order.seeds import seeds
 
 NOISE = 0.3  # px
@@ -234,7 +234,7 @@ def test_the_search_in_a_wrong_plan_ends(rng, monkeypatch):
             tried.append(1)
             yield starts
 
-    monkeypatch.setattr("cadcam.target.order.order.seeds", counted)
+    monkeypatch.setattr("cadcam.target.order.ordering.seeds", counted)
     q, _ = seen(rng, scattered(rng, 300), tilt=20)
     with pytest.raises(NoOrder):
         order_marks(q, scattered(rng, 300))

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shot:
+class PictureToMake:
     """A picture to make: the pose's name, camera_from_world, the file."""
 
     name: str
@@ -63,7 +63,7 @@ def run_batch(arguments: argparse.Namespace, suffixes: Sequence[str]) -> None:
         _say(said, kept)
 
 
-def shots_of(pattern: str, poses: Mapping[str, Rigid]) -> list[Shot]:
+def shots_of(pattern: str, poses: Mapping[str, Rigid]) -> list[PictureToMake]:
     """Return the pictures of a pattern such as views/{name}.png or {index:04d}.png; each has a file of its own."""
     shots = []
     for index, (name, pose) in enumerate(poses.items()):
@@ -73,7 +73,7 @@ def shots_of(pattern: str, poses: Mapping[str, Rigid]) -> list[Shot]:
             path = pattern.format(name=name, index=index)
         except (LookupError, ValueError, AttributeError) as error:
             raise BadValue("--output", f"{pattern!r} ({error})", "a pattern with {name} or {index:04d}") from None
-        shots.append(Shot(name, pose, path))
+        shots.append(PictureToMake(name, pose, path))
     paths = [shot.path for shot in shots]
     twice = next((path for path in paths if paths.count(path) > 1), None) if len(set(paths)) < len(paths) else None
     if twice is not None:
@@ -81,10 +81,12 @@ def shots_of(pattern: str, poses: Mapping[str, Rigid]) -> list[Shot]:
     return shots
 
 
-def written(output: Output, camera: Camera, shots: Sequence[Shot], *, threads: int) -> Iterator[dict[str, Any]]:
+def written(
+    output: Output, camera: Camera, shots: Sequence[PictureToMake], *, threads: int
+) -> Iterator[dict[str, Any]]:
     """Yield what is said of each file, in order, once it is there; files are packed while the next are rendered."""
 
-    def write(shot: Shot, frame: Any) -> dict[str, Any]:
+    def write(shot: PictureToMake, frame: Any) -> dict[str, Any]:
         said = {"output": shot.path, "name": shot.name, "empty": output.empty(frame)}
         return said | output.write(shot.path, frame)
 
@@ -105,7 +107,7 @@ def _check_options(arguments: argparse.Namespace) -> None:
     refuse(arguments, "--view", "--size", why="beside --poses", expected="neither: camera and poses decide")
 
 
-def _check_targets(shots: Sequence[Shot], suffixes: Sequence[str]) -> None:
+def _check_targets(shots: Sequence[PictureToMake], suffixes: Sequence[str]) -> None:
     """Check a file in each folder: the rest of it is alike."""
     one_a_folder = {Path(shot.path).parent: shot.path for shot in shots}
     for path in one_a_folder.values():

@@ -15,7 +15,7 @@ from cadcam.errors import BadValue
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from cadcam.calibrate.boards.boards import BoardCalibration, BoardPicture
+    from cadcam.calibrate.boards.pictures import BoardCalibration, BoardPicture
     from cadcam.target.boards.board import Pattern
 
 BOARD_HELP = """\
@@ -40,9 +40,9 @@ def add_board_options(parser: argparse.ArgumentParser) -> None:
 
 def run_boards(arguments: argparse.Namespace) -> None:
     """Find the board in all pictures, calibrate, print, write."""
-    from cadcam.calibrate.boards.boards import calibrate_boards
     from cadcam.calibrate.boards.coverage import coverage
     from cadcam.calibrate.boards.next_view import next_views
+    from cadcam.calibrate.boards.pictures import calibrate_boards
     from cadcam.calibrate.joint.nested import nested_advice
     from cadcam.report.boards import board_tables, boards_as_json
     from cadcam.target.boards.pattern import parse_pattern
@@ -79,7 +79,7 @@ def board_model_as_asked(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def found_boards(files: Sequence[str], pattern: Pattern) -> list[BoardPicture]:
     """Return what each picture shows of the board."""
-    from cadcam.calibrate.boards.boards import find_board
+    from cadcam.calibrate.boards.pictures import find_board
 
     found = []
     with progress("finding the board", len(files)) as step:

@@ -49,10 +49,10 @@ def _foreign(camera_file: str) -> CameraFile | None:
     from cadcam.errors import UnreadableFile
     from cadcam.files.camera import CameraFile
     from cadcam.files.foreign.registry import NAMES, format_of, read_cameras
-    from cadcam.files.foreign.source import Source
+    from cadcam.files.foreign.source import ForeignFile
 
     try:
-        if format_of(Source(camera_file)).name == "cadcam":
+        if format_of(ForeignFile(camera_file)).name == "cadcam":
             return None
     except UnreadableFile:
         if not Path(camera_file).is_file() or Path(camera_file).read_bytes()[:64].lstrip()[:1] in (b"", b"{"):

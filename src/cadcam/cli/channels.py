@@ -51,7 +51,7 @@ class Output(Protocol):
         ...
 
 
-class Views:
+class RenderedFrames:
     """Channels that a renderer makes; `save` writes one of them."""
 
     def __init__(
@@ -78,7 +78,7 @@ class Views:
         return not frame.mask.any()
 
 
-class Lines:
+class DrawnFrames:
     """The wireframe: on paper, or as SVG."""
 
     def __init__(self, scene: Scene, arguments: argparse.Namespace) -> None:
@@ -107,14 +107,14 @@ class Lines:
 
 def output_of(arguments: argparse.Namespace, scene: Scene, poses: Iterable[Rigid]) -> Output:
     """Return the channel asked for."""
-    views = partial(Views, scene, arguments)
+    views = partial(RenderedFrames, scene, arguments)
     match arguments.channel:
         case "shaded" if is_photograph(arguments):
             return Photographs(scene, arguments, Dress(arguments, scene))
         case "shaded":
             return views(Channel.IMAGE, Dress(arguments, scene).write, look_of(arguments))
         case "wireframe":
-            return Lines(scene, arguments)
+            return DrawnFrames(scene, arguments)
         case "depth":
             return views(Channel.DEPTH, partial(write_depth, step=_step_for(scene, poses)))
         case "normals":

@@ -46,7 +46,7 @@ def add_estimate_options(parser: argparse.ArgumentParser, *, required: bool = Tr
 
 def estimate_as_asked(arguments: argparse.Namespace, observations: Observations) -> CameraEstimate:
     """Return the estimate by the options of `add_estimate_options`."""
-    from cadcam.calibrate.points.points import calibrate, locate_camera
+    from cadcam.calibrate.points.camera import calibrate, locate_camera
 
     if arguments.internals:
         kept = "none: all internals are kept"

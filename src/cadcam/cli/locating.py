@@ -144,7 +144,7 @@ def start_as_asked(arguments: argparse.Namespace, view: Viewpoint) -> Rigid | No
 
         return read_part_pose(arguments.start, camera_from_world=view.camera_from_world)
     if arguments.points:
-        from cadcam.calibrate.points.points import locate_camera
+        from cadcam.calibrate.points.camera import locate_camera
 
         observations = read_points_as_asked(arguments, arguments.points)
         check_in_picture(observations, view.camera.size)

@@ -52,7 +52,7 @@ def is_photograph(arguments: argparse.Namespace) -> bool:
 
 
 def check_photograph_options(arguments: argparse.Namespace) -> None:
-    """Refuse options that would be ignored, and a lens that is told by halves, before the work starts."""
+    """Refuse options that would be ignored, and a lens that is half specified, before the work starts."""
     photograph = ("--light", "--f-number", "--lens", "--focus", "--samples")
     if arguments.channel != "shaded":
         here = f"with --channel {arguments.channel}"

@@ -6,14 +6,14 @@ import json
 from pathlib import Path
 from typing import Any
 
-from cadcam.dataset.layout import OBJECT, VIEWS_A_SCENE, Layout
+from cadcam.dataset.layout import OBJECT, VIEWS_A_SCENE, DatasetFiles
 from cadcam.errors import UnreadableFile
 from cadcam.whole import write_whole
 
 _BOP = {"camera": "scene_camera.json", "gt": "scene_gt.json", "info": "scene_gt_info.json"}
 
 
-def read_record(folder: Path, layout: Layout, index: int) -> dict[str, Any]:
+def read_record(folder: Path, layout: DatasetFiles, index: int) -> dict[str, Any]:
     """Return the record of a view. Raises `UnreadableFile`."""
     path = folder / layout.path("view", index)
     try:
@@ -23,7 +23,7 @@ def read_record(folder: Path, layout: Layout, index: int) -> dict[str, Any]:
     return record
 
 
-def assemble(folder: Path, layout: Layout, views: int, *, name: str, key_points: tuple[str, ...]) -> list[float]:
+def assemble(folder: Path, layout: DatasetFiles, views: int, *, name: str, key_points: tuple[str, ...]) -> list[float]:
     """Write BOP's files of every scene and COCO's of all views; return the visible share of the part in each view."""
     visible: list[float] = []
     images: list[str] = []
@@ -54,7 +54,7 @@ def _bop(records: list[dict[str, Any]], key: str) -> bytes:
     return ("{\n" + ",\n".join(lines) + "\n}\n").encode()
 
 
-def _image(record: dict[str, Any], layout: Layout) -> dict[str, Any]:
+def _image(record: dict[str, Any], layout: DatasetFiles) -> dict[str, Any]:
     width, height = record["camera"]["size_px"]
     path = layout.path(layout.picture, record["view"])
     return {"id": record["view"], "file_name": path, "width": width, "height": height}

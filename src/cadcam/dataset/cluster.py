@@ -1,7 +1,7 @@
 """Views made on a Dask cluster: the same files, from as many machines as it has. The only file that imports Dask.
 
 Workers need cadcam installed and nothing else: the model, the shots and the photos travel to them, the files back.
-Dask itself gives the work of a worker that dies to another; a worker that joins is told the job as it does.
+Dask itself gives the work of a worker that dies to another; a worker that joins later is given the job then.
 """
 
 from __future__ import annotations

@@ -10,8 +10,8 @@ from typing import Any
 
 import cadcam
 from cadcam.cad.mesh import Mesh
-from cadcam.dataset.layout import DATASET, OBJECT, Layout
-from cadcam.dataset.plan import Plan
+from cadcam.dataset.layout import DATASET, OBJECT, DatasetFiles
+from cadcam.dataset.plan import DatasetPlan
 from cadcam.dataset.studio import Stage
 from cadcam.errors import BadValue, UnreadableFile
 from cadcam.files.camera import bare_camera_as_json
@@ -23,7 +23,9 @@ from cadcam.whole import write_whole
 FORMAT, VERSION = "cadcam data set", 1
 
 
-def head_of(plan: Plan, stage: Stage, layout: Layout, *, name: str, key_point_names: tuple[str, ...]) -> dict[str, Any]:
+def head_of(
+    plan: DatasetPlan, stage: Stage, layout: DatasetFiles, *, name: str, key_point_names: tuple[str, ...]
+) -> dict[str, Any]:
     """Return the document that `dataset.json` holds."""
     mesh = stage.scene.mesh
     return {
@@ -72,7 +74,7 @@ def _read(path: Path) -> dict[str, Any]:
     return old
 
 
-def _plan(plan: Plan) -> dict[str, Any]:
+def _plan(plan: DatasetPlan) -> dict[str, Any]:
     """Return the plan as JSON; photos by name and size."""
     around = plan.around
     return {

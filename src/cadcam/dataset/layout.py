@@ -29,7 +29,7 @@ MODEL, MODEL_EDGES, MODELS_INFO = (
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class DatasetFiles:
     """The names of a data set's files, relative to its folder; `picture` is the folder of pictures: rgb or gray."""
 
     split: str

@@ -17,9 +17,9 @@ from cadcam.dataset.assembly import assemble
 from cadcam.dataset.cluster import on_cluster, require_dask
 from cadcam.dataset.head import begin, head_of
 from cadcam.dataset.key_points import corners
-from cadcam.dataset.layout import CAMERA, CONTACT, VIEWS_A_SCENE, Layout
+from cadcam.dataset.layout import CAMERA, CONTACT, VIEWS_A_SCENE, DatasetFiles
 from cadcam.dataset.model_files import write_model
-from cadcam.dataset.plan import Plan, middle_and_radius
+from cadcam.dataset.plan import DatasetPlan, middle_and_radius
 from cadcam.dataset.processes import cores, on_processes
 from cadcam.dataset.props import props_of
 from cadcam.dataset.record import DEEPEST
@@ -43,7 +43,7 @@ class Made:
     """What a run did: how many views it made, the visible share of the part in each of all, mm of a step of depth."""
 
     folder: Path
-    layout: Layout
+    layout: DatasetFiles
     new: int
     visible: tuple[float, ...]
     depth_step: float
@@ -62,7 +62,7 @@ class Made:
 def make_dataset(
     folder: str | Path,
     scene: Scene,
-    plan: Plan,
+    plan: DatasetPlan,
     *,
     name: str = "part",
     split: str = "train",
@@ -77,7 +77,7 @@ def make_dataset(
     told how many views are to be made and how many are there; on_view is called after each. Raises `BadValue` for a
     folder that holds another data set, `UnwritableFile`, `MissingExtra`, `WorkerDied`, `UnreachableCluster`.
     """
-    folder, layout = Path(folder), Layout(_named(split), "gray" if plan.gray else "rgb")
+    folder, layout = Path(folder), DatasetFiles(_named(split), "gray" if plan.gray else "rgb")
     _check_makers(workers, cluster)
     names, points = corners(scene) if plan.key_points is None else (plan.key_point_names, plan.key_points)
     props = props_of(plan.occluders, 2 * middle_and_radius(scene.mesh)[1], plan.seed)
@@ -112,7 +112,7 @@ def _check_makers(workers: int | None, cluster: str | None) -> None:
         require_dask()
 
 
-def missing(folder: Path, layout: Layout, views: int) -> list[int]:
+def missing(folder: Path, layout: DatasetFiles, views: int) -> list[int]:
     """Return the views of which a file is missing; half-written files of a run that was cut off are removed."""
     out: list[int] = []
     for first in range(0, views, VIEWS_A_SCENE):
@@ -136,7 +136,7 @@ def _swept(folder: Path) -> Iterator[str]:
 
 
 def _made(
-    stage: Stage, layout: Layout, director: Director, todo: list[int], workers: int, cluster: str | None
+    stage: Stage, layout: DatasetFiles, director: Director, todo: list[int], workers: int, cluster: str | None
 ) -> Generator[Files, None, None]:
     """Yield the files of views as they come."""
 

@@ -63,7 +63,7 @@ class Occluders:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Plan:
+class DatasetPlan:
     """The choices of a data set.
 
     camera: its internals; focal_jitter is a share of the focal length (sigma), centre_jitter_px moves the principal

@@ -37,7 +37,7 @@ import numpy as np
 from cadcam.cad.load import load
 from cadcam.camera.camera import Camera
 from cadcam.dataset.key_points import read_key_points
-from cadcam.dataset.plan import BOX, CYLINDER, NOISE, PLAIN, Lights, Occluders, Plan, Span
+from cadcam.dataset.plan import BOX, CYLINDER, NOISE, PLAIN, DatasetPlan, Lights, Occluders, Span
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
 from cadcam.files.camera import read_camera
 from cadcam.files.jsontext import Place
@@ -57,7 +57,7 @@ _DRAWN = ("from", "up", "roll_deg", "fill", "distance_mm", "off_centre")
 _VIEWS, _SIZE, _ANGLE_DEG = 100, (640, 480), 40.0
 
 
-def read_plan(path: str | os.PathLike[str] | None, options: Mapping[str, Any] | None = None) -> Plan:
+def read_plan(path: str | os.PathLike[str] | None, options: Mapping[str, Any] | None = None) -> DatasetPlan:
     """Return the plan in a file, with `options` over its keys. Raises `UnreadableFile` naming the key that is wrong."""
     place = Place("options", (), {}) if path is None else parsed_yaml(read_text(path))
     place.only(*KEYS)
@@ -104,7 +104,7 @@ class _Given:
             return default
         return (place.text(),) if isinstance(place.value, str) else place.texts()
 
-    def plan(self) -> Plan:
+    def plan(self) -> DatasetPlan:
         """Return the plan; what is refused is said with its key."""
         if self.has("poses") and (beside := [key for key in _DRAWN if self.has(key)]):
             raise BadValue(beside[0], "given beside poses", "one of them: poses say where the camera stands")
@@ -113,7 +113,7 @@ class _Given:
         poses, sensor, points = self.text("poses"), self.text("sensor"), self.text("key_points")
         listed = tuple(read_poses(poses).values()) if poses else ()
         names, places = read_key_points(points) if points else ((), None)
-        return Plan(
+        return DatasetPlan(
             views=self.whole("views", len(listed) or _VIEWS),
             seed=self.whole("seed", 0),
             camera=self._camera(),

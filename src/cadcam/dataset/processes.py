@@ -18,7 +18,7 @@ from cadcam.dataset.worker import Answer, Files, Job, Task, files_in
 from cadcam.errors import WorkerDied
 
 _TRIES = 3  # processes that may die over one view
-_AHEAD = 2  # views that a worker is told of: the next one waits in its pipe while it is at one
+_AHEAD = 2  # views given to a worker: the next one waits in its pipe while it is at one
 _PIPE_BYTES = 1 << 20  # so that all files of a view fit, and no worker waits until its pipe is read
 # not -m: as __main__ the module would hold a second set of the classes that its input is made of
 _COMMAND = (sys.executable, "-P", "-c", "from cadcam.dataset.worker import main; main()")
@@ -72,7 +72,7 @@ def _made(crew: list[_Worker], answers: _Answers, told: bytes, tasks: Iterator[T
 
 
 class _Worker:
-    """A process, and another in its place when it dies, which is told again what was not answered yet."""
+    """A process, and another in its place when it dies, which is asked again for what is still unanswered."""
 
     def __init__(self, answers: _Answers) -> None:
         self.under_way: deque[Task] = deque()

@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Mask
 from cadcam.camera.camera import Camera
-from cadcam.dataset.layout import OBJECT, Layout
+from cadcam.dataset.layout import OBJECT, DatasetFiles
 from cadcam.dataset.npz import arrays_file
-from cadcam.dataset.shot import Placed, Shot
+from cadcam.dataset.shot import PlacedOccluder, Shot
 from cadcam.dataset.studio import Stage, Take
 from cadcam.files.camera import bare_camera_as_json
 from cadcam.files.matrix import pose_as_json
@@ -29,7 +29,7 @@ DEEPEST = 65535
 _PX = 4  # decimals of pixels in records: far below what any measurement resolves
 
 
-def files_of(take: Take, stage: Stage, layout: Layout) -> dict[str, bytes]:
+def files_of(take: Take, stage: Stage, layout: DatasetFiles) -> dict[str, bytes]:
     """Return the content of a view's files by their paths, the record last."""
     mask = packed(_white(take.mask))
     content = {
@@ -44,8 +44,8 @@ def files_of(take: Take, stage: Stage, layout: Layout) -> dict[str, bytes]:
     return {layout.path(kind, take.shot.index): content[kind] for kind in layout.kinds()}
 
 
-def record_of(take: Take, stage: Stage, layout: Layout) -> dict[str, Any]:
-    """Return what is told of a view: its BOP and COCO entries as they stand in those files, and how it was made."""
+def record_of(take: Take, stage: Stage, layout: DatasetFiles) -> dict[str, Any]:
+    """Return the record of a view: its BOP and COCO entries as they stand in those files, and how it was made."""
     shot = take.shot
     return {
         "view": shot.index,
@@ -141,5 +141,5 @@ def _made(shot: Shot, stage: Stage) -> dict[str, Any]:
     }
 
 
-def _occluder(name: str, at: Placed) -> dict[str, Any]:
+def _occluder(name: str, at: PlacedOccluder) -> dict[str, Any]:
     return {"name": name, "prop": at.prop, "camera_from_occluder": pose_as_json(at.camera_from_occluder)}

@@ -9,7 +9,7 @@ import numpy as np
 
 from cadcam.arrays import Picture
 from cadcam.dataset.assembly import read_record
-from cadcam.dataset.layout import Layout
+from cadcam.dataset.layout import DatasetFiles
 from cadcam.dataset.studio import VISIBLE
 from cadcam.image.draw import draw_points, draw_polylines, draw_text
 from cadcam.image.picture import read_picture, to_rgb
@@ -21,7 +21,7 @@ _GREEN, _YELLOW, _RED, _BLUE = (0.0, 0.85, 0.35), (1.0, 0.85, 0.0), (1.0, 0.25, 
 _GAP = 4
 
 
-def contact_sheet(folder: Path, layout: Layout, views: int) -> bytes:
+def contact_sheet(folder: Path, layout: DatasetFiles, views: int) -> bytes:
     """Return a PNG of up to twelve views, evenly out of all.
 
     Edges green, hidden shares of the part blue, the visible box yellow, key points red: discs seen, crosses hidden.
@@ -37,7 +37,7 @@ def contact_sheet(folder: Path, layout: Layout, views: int) -> bytes:
     return packed((sheet.clip(0, 1) * np.float32(255) + np.float32(0.5)).astype(np.uint8))
 
 
-def _tile(folder: Path, layout: Layout, index: int) -> Picture:
+def _tile(folder: Path, layout: DatasetFiles, index: int) -> Picture:
     record = read_record(folder, layout, index)
     picture = to_rgb(read_picture(folder / layout.path(layout.picture, index)))
     if record["made"]["occluders"]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
-from cadcam.dataset.plan import PLAIN, Plan, Span, middle_and_radius
+from cadcam.dataset.plan import PLAIN, DatasetPlan, Span, middle_and_radius
 from cadcam.dataset.props import Prop
 from cadcam.geometry import rotation
 from cadcam.geometry.rigid import Rigid
@@ -35,7 +35,7 @@ class Backdrop:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Placed:
+class PlacedOccluder:
     """An occluder where it stands: its number among the props, camera_from_occluder."""
 
     prop: int
@@ -51,14 +51,14 @@ class Shot:
     camera_from_part: Rigid
     look: Look
     backdrop: Backdrop
-    occluders: tuple[Placed, ...]
+    occluders: tuple[PlacedOccluder, ...]
     sensor_seed: int
 
 
 class Director:
     """Draws the shots of a plan: what does not depend on the view is computed once."""
 
-    def __init__(self, plan: Plan, scene: Scene, props: tuple[Prop, ...]) -> None:
+    def __init__(self, plan: DatasetPlan, scene: Scene, props: tuple[Prop, ...]) -> None:
         self.plan, self.props = plan, props
         self.middle, self.radius = middle_and_radius(scene.mesh)
         self._jitters = plan.focal_jitter > 0 or plan.centre_jitter_px > 0
@@ -135,12 +135,12 @@ class Director:
         level, x, y = rng.uniform(0.05, 0.95), rng.uniform(), rng.uniform()
         return Backdrop(kind, float(level), (float(x), float(y)), int(rng.integers(2**63)))
 
-    def _occluders(self, camera_from_part: Rigid, rng: np.random.Generator) -> tuple[Placed, ...]:
+    def _occluders(self, camera_from_part: Rigid, rng: np.random.Generator) -> tuple[PlacedOccluder, ...]:
         """Return occluders on the way to places of the part, nearest first; one that finds no room is left out."""
         low, high = self.plan.occluders.count
         part = camera_from_part @ self.middle
         taken = [(part, self.radius)]
-        placed: list[tuple[float, Placed]] = []
+        placed: list[tuple[float, PlacedOccluder]] = []
         for _ in range(int(rng.integers(low, high + 1))):
             number = int(rng.integers(len(self.props)))
             prop = self.props[number]
@@ -151,7 +151,7 @@ class Director:
             taken.append((centre, prop.radius))
             # By the power of the eye to the bounding spheres: what is nearer by it is never behind (all are disjoint).
             power = float(centre @ centre) - prop.radius**2
-            placed.append((power, Placed(number, Rigid(turned, centre - turned @ prop.middle))))
+            placed.append((power, PlacedOccluder(number, Rigid(turned, centre - turned @ prop.middle))))
         return tuple(one for _, one in sorted(placed, key=lambda item: item[0]))
 
 

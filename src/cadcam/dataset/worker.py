@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from cadcam.dataset.layout import Layout
+from cadcam.dataset.layout import DatasetFiles
 from cadcam.dataset.record import files_of
 from cadcam.dataset.shot import Shot
 from cadcam.dataset.studio import Stage, Studio
@@ -29,7 +29,7 @@ class Job:
 
     stage: Stage
     edges: Drawable
-    layout: Layout
+    layout: DatasetFiles
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -31,7 +31,7 @@ _VIEWS = ("view", "camera", "viewpoint")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pixels:
+class ListedPixels:
     """Points' and viewpoints' names in the order of the file, pixels q (V, N, 2), NaN where not seen."""
 
     names: tuple[str, ...]
@@ -41,7 +41,7 @@ class Pixels:
     sha256: str
 
 
-def read_pixels(path: str | os.PathLike[str], *, columns: Sequence[str] | None = None) -> Pixels:
+def read_pixels(path: str | os.PathLike[str], *, columns: Sequence[str] | None = None) -> ListedPixels:
     """Return what a pixels file (layout: see this module) holds; columns: the two image columns if there are several.
 
     Raises `UnreadableFile` naming file, line, column, value and remedy.
@@ -70,7 +70,7 @@ def read_pixels(path: str | os.PathLike[str], *, columns: Sequence[str] | None =
     q = np.full((len(views), len(names), 2), np.nan)
     for (n, v), (_, pixel) in seen.items():
         q[row[v], place[n]] = pixel
-    return Pixels(names, views, q, file.path, file.sha256)
+    return ListedPixels(names, views, q, file.path, file.sha256)
 
 
 def _column(file: TextFile, header: tuple[str, ...], known: tuple[str, ...], what: str) -> int:
@@ -84,7 +84,7 @@ def _column(file: TextFile, header: tuple[str, ...], known: tuple[str, ...], wha
 
 
 def write_measurement(
-    path: str | os.PathLike[str], measured: Measurement, *, pixels: Pixels | None = None, joint: bool = False
+    path: str | os.PathLike[str], measured: Measurement, *, pixels: ListedPixels | None = None, joint: bool = False
 ) -> None:
     """Write measured points whole or not at all: .json with covariances, anything else as CSV.
 
@@ -107,7 +107,9 @@ def write_measurement(
 _QUALITY = ("gap_mm", "gap_sigma_mm", "angle_deg", "chi2", "dof")
 
 
-def measurement_as_json(measured: Measurement, *, pixels: Pixels | None = None, joint: bool = False) -> dict[str, Any]:
+def measurement_as_json(
+    measured: Measurement, *, pixels: ListedPixels | None = None, joint: bool = False
+) -> dict[str, Any]:
     """Return the points, each with covariance, budget and misfit, and where their pixels came from.
 
     joint: with the covariance of all points together too, 9 N^2 numbers.

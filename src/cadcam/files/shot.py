@@ -49,7 +49,7 @@ _COLUMNS = ("picture", "camera", "x_mm", "y_mm", "time")
 
 
 @dataclass(frozen=True, slots=True)
-class Shot:
+class ShotPosition:
     """The controller's position (x, y) in mm while a picture was taken; which camera took it and when, if known."""
 
     x: float
@@ -66,15 +66,18 @@ class Shot:
 
 
 def read_shot(
-    picture: str | os.PathLike[str], positions: Mapping[str, Shot] | None = None, *, positions_from: str = "positions"
-) -> Shot:
+    picture: str | os.PathLike[str],
+    positions: Mapping[str, ShotPosition] | None = None,
+    *,
+    positions_from: str = "positions",
+) -> ShotPosition:
     """Return where and when a picture was taken: by its header, its sidecar, and a list of positions by file name.
 
     positions: of `read_positions`, read from the file `positions_from`. Raises `UnreadableFile` where none of them
     speaks of the picture, or two of them disagree.
     """
     path = Path(picture)
-    told: list[tuple[str, Shot]] = []
+    told: list[tuple[str, ShotPosition]] = []
     if (header := header_shot(path)) is not None:
         told.append((f"the header of {path}", header))
     sidecar = path.with_name(path.name + ".json")
@@ -89,11 +92,11 @@ def read_shot(
     (first, shot), *others = told
     for where, other in others:
         _refuse_other(path, (first, shot), (where, other))
-        shot = Shot(shot.x, shot.y, shot.camera or other.camera, shot.time or other.time)
+        shot = ShotPosition(shot.x, shot.y, shot.camera or other.camera, shot.time or other.time)
     return shot
 
 
-def header_shot(picture: str | os.PathLike[str]) -> Shot | None:
+def header_shot(picture: str | os.PathLike[str]) -> ShotPosition | None:
     """Return what the header of a PGM or PPM picture says of position and time; None for others and without it."""
     path = Path(picture)
     try:
@@ -114,21 +117,21 @@ def header_shot(picture: str | os.PathLike[str]) -> Shot | None:
     camera, grab = _CAMERA.search(text), _GRAB.search(text)
     time = None if grab is None else _time(path, grab[1].strip(" ?\t\r"))
     try:
-        return Shot(x, y, "" if camera is None else camera[1].strip(), time)
+        return ShotPosition(x, y, "" if camera is None else camera[1].strip(), time)
     except BadValue as error:
         raise UnreadableFile(path, f"its header says {found[0]!r}: {error}") from None
 
 
-def read_sidecar(path: str | os.PathLike[str]) -> Shot:
+def read_sidecar(path: str | os.PathLike[str]) -> ShotPosition:
     """Return the shot in a sidecar file (layout: see this module)."""
     place = parsed(read_text(path))
     place.only("camera", "x_mm", "y_mm", "time")
     camera = place.at("camera").text() if "camera" in place.object else ""
     time = _time(path, place.at("time").text()) if "time" in place.object else None
-    return place.build(lambda: Shot(place.at("x_mm").number(), place.at("y_mm").number(), camera, time))
+    return place.build(lambda: ShotPosition(place.at("x_mm").number(), place.at("y_mm").number(), camera, time))
 
 
-def write_sidecar(picture: str | os.PathLike[str], shot: Shot) -> None:
+def write_sidecar(picture: str | os.PathLike[str], shot: ShotPosition) -> None:
     """Write the sidecar of a picture, PICTURE.json."""
     time = {} if shot.time is None else {"time": shot.time.isoformat()}
     camera = {"camera": shot.camera} if shot.camera else {}
@@ -136,7 +139,7 @@ def write_sidecar(picture: str | os.PathLike[str], shot: Shot) -> None:
     write_whole(path.with_name(path.name + ".json"), as_json({**camera, "x_mm": shot.x, "y_mm": shot.y, **time}))
 
 
-def read_positions(path: str | os.PathLike[str]) -> dict[str, Shot]:
+def read_positions(path: str | os.PathLike[str]) -> dict[str, ShotPosition]:
     """Return the shots by file name in a list of positions (layout: see this module); camera and time may be left out.
 
     Raises `UnreadableFile` naming line and column.
@@ -147,7 +150,7 @@ def read_positions(path: str | os.PathLike[str]) -> dict[str, Shot]:
     for name in ("picture", "x_mm", "y_mm"):
         if name not in header:
             raise UnreadableFile(path, f"has no column {name}", f"name the columns {', '.join(_COLUMNS)}")
-    out: dict[str, Shot] = {}
+    out: dict[str, ShotPosition] = {}
     for line in lines[1:]:
         if len(line.cells) != len(header):
             raise UnreadableFile(path, f"line {line.number} has {len(line.cells)} cells, the header {len(header)}")
@@ -159,7 +162,7 @@ def read_positions(path: str | os.PathLike[str]) -> dict[str, Shot]:
     return out
 
 
-def write_positions(path: str | os.PathLike[str], shots: Mapping[str, Shot]) -> None:
+def write_positions(path: str | os.PathLike[str], shots: Mapping[str, ShotPosition]) -> None:
     """Write a list of positions by file name."""
     rows = (
         [name, s.camera, repr(s.x), repr(s.y), "" if s.time is None else s.time.isoformat()]
@@ -168,7 +171,7 @@ def write_positions(path: str | os.PathLike[str], shots: Mapping[str, Shot]) -> 
     write_whole(path, rows_of_cells(_COLUMNS, rows))
 
 
-def write_pgm(path: str | os.PathLike[str], gray: npt.ArrayLike, shot: Shot | None = None) -> None:
+def write_pgm(path: str | os.PathLike[str], gray: npt.ArrayLike, shot: ShotPosition | None = None) -> None:
     """Write a grey picture (H, W) in [0, 1] as raw PGM of 8 bits, the shot in its header (Prog 3).
 
     Raises `BadValue` for a camera's name that such a header cannot hold.
@@ -180,7 +183,7 @@ def write_pgm(path: str | os.PathLike[str], gray: npt.ArrayLike, shot: Shot | No
     write_whole(path, f"P5\n{comment}{width} {height}\n255\n".encode() + data.tobytes())
 
 
-def _comment(shot: Shot) -> str:
+def _comment(shot: ShotPosition) -> str:
     if "#" in shot.camera or len(shot.camera.splitlines()) > 1:
         raise BadValue("camera", repr(shot.camera), "one line without #, as a PGM's header holds")
     grab = "" if shot.time is None else f" # grab: {_ctime(shot.time.astimezone(UTC))}"
@@ -225,13 +228,13 @@ def _comments(text: str) -> list[str]:
     return out
 
 
-def _row(file: TextFile, number: int, row: Mapping[str, str]) -> Shot:
+def _row(file: TextFile, number: int, row: Mapping[str, str]) -> ShotPosition:
     x, y = (number_in(file, number, f"column {name}", row[name]) for name in ("x_mm", "y_mm"))
     time = _time(file.path, row["time"]) if row.get("time") else None
-    return Shot(x, y, row.get("camera", ""), time)
+    return ShotPosition(x, y, row.get("camera", ""), time)
 
 
-def _refuse_other(picture: Path, one: tuple[str, Shot], other: tuple[str, Shot]) -> None:
+def _refuse_other(picture: Path, one: tuple[str, ShotPosition], other: tuple[str, ShotPosition]) -> None:
     (first, a), (second, b) = one, other
     if max(abs(a.x - b.x), abs(a.y - b.y)) > AGREE_MM:
         said = f"the camera at ({b.x:.2f}, {b.y:.2f}) mm, {first} at ({a.x:.2f}, {a.y:.2f})"

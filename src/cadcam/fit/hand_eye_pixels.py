@@ -14,7 +14,7 @@ import numpy as np
 from cadcam.arrays import Array, Longs
 from cadcam.camera.lens import Lens
 from cadcam.camera.sensitivity import project_local
-from cadcam.fit.many_poses import Views
+from cadcam.fit.many_poses import PaddedViews
 from cadcam.fit.schur import Blocks, Step
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
@@ -64,7 +64,7 @@ class HandEyePixels:
     camera_held: the flange holds the camera (eye-in-hand), else the target.
     """
 
-    views: Views
+    views: PaddedViews
     base_from_flange: Rigid
     camera_held: bool
     lens: Lens

@@ -84,7 +84,7 @@ class PosesFit:
         """Return how many degrees of freedom stand behind each of the twelve variances, (12,), at least 1.
 
         2 C^2 / var(C) (Satterthwaite, Biometrics Bulletin 1946): few where the robot's noise, known from few poses,
-        makes up the variance; inf where it is nil and the camera's known noise is all.
+        makes up the variance; inf where it is zero and the camera's known noise is all.
         """
         C = np.linalg.inv(self.information)
         slopes = np.einsum("pq,kqr,rp->kp", C, self._by_variance[0], C)  # of the variances C by those of the robot
@@ -96,7 +96,7 @@ class PosesFit:
     def small_sample(self) -> Array:
         """Return what the inverse information (12, 12) lacks as the robot's noise comes from the same poses.
 
-        Kenward and Roger, Biometrics 1997, equation 5, for variances that enter linearly; nil for many poses.
+        Kenward and Roger, Biometrics 1997, equation 5, for variances that enter linearly; zero for many poses.
         """
         C = np.linalg.inv(self.information)
         P, Q = self._by_variance
@@ -105,7 +105,7 @@ class PosesFit:
 
     @property
     def _spread(self) -> Array:
-        """Covariance (2, 2) of the variances, without those that are nil."""
+        """Covariance (2, 2) of the variances, without those that are zero."""
         there = self.variances > SMALLEST**2
         return np.asarray(self.variances_covariance * np.outer(there, there))
 

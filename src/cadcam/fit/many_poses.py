@@ -1,7 +1,7 @@
 """Poses of one known target in many views of one known camera, all views at once and without a guess.
 
 A flat target may look nearly the same in two poses; both are returned, for what else is known (a robot's motions) to
-choose. For a single view where only the picture counts, `cadcam.calibrate.points.points.locate_camera` searches harder.
+choose. For a single view where only the picture counts, `cadcam.calibrate.points.camera.locate_camera` searches harder.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _APART = 0.01  # Frobenius distance of two minima that count as two: 0.4 deg
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Views:
+class PaddedViews:
     """Points p (n, N, 3) mm and pixels q (n, N, 2) of n views, padded to the longest; seen (n, N): 1, padded 0."""
 
     p: Array
@@ -33,7 +33,7 @@ class Views:
     seen: Array
 
     @classmethod
-    def of(cls, points: Sequence[tuple[Array, Array]]) -> Views:
+    def of(cls, points: Sequence[tuple[Array, Array]]) -> PaddedViews:
         """Return the views of lists of points (N_i, 3) and pixels (N_i, 2), padded with their first ones."""
         longest = max(len(p) for p, _ in points)
         index = [np.where(np.arange(longest) < len(p), np.arange(longest), 0) for p, _ in points]
@@ -42,13 +42,13 @@ class Views:
         seen = np.stack([np.arange(longest) < len(p) for p, _ in points]).astype(np.float64)
         return cls(p, q, seen)
 
-    def thinned(self, count: int) -> Views:
+    def thinned(self, count: int) -> PaddedViews:
         """Return the same views with at most `count` points each, far from each other."""
         if self.p.shape[1] <= count:
             return self
         index = np.stack([_spread(p, s, count) for p, s in zip(self.p, self.seen, strict=True)])
         rows = np.arange(len(self))[:, None]
-        return Views(self.p[rows, index], self.q[rows, index], self.seen[rows, index])
+        return PaddedViews(self.p[rows, index], self.q[rows, index], self.seen[rows, index])
 
     def __len__(self) -> int:
         return len(self.p)
@@ -71,7 +71,7 @@ class TwoPoses:
         return Rigid(self.rotation[rows, which], self.translation[rows, which])
 
 
-def poses_of_views(camera: Camera, views: Views) -> TwoPoses:
+def poses_of_views(camera: Camera, views: PaddedViews) -> TwoPoses:
     """Return camera_from_target of every view: three-point poses on spread triples and their flips, refined."""
     starts = [_starts(camera, p[s > 0], q[s > 0]) for p, q, s in zip(views.p, views.q, views.seen, strict=True)]
     owner = np.repeat(np.arange(len(views)), [len(R) for R, _ in starts])
@@ -137,7 +137,7 @@ def _flipped(p: Array, R: Array, t: Array) -> tuple[Array, Array]:
 
 
 def _descended(
-    camera: Camera, views: Views, owner: Longs, R: Array, t: Array, iterations: int
+    camera: Camera, views: PaddedViews, owner: Longs, R: Array, t: Array, iterations: int
 ) -> tuple[Array, Array, Array]:
     """Levenberg-Marquardt on each pose by itself, all that still move as one batch."""
     R, t, damping = R.copy(), t.copy(), np.full(len(R), 1e-4)
@@ -162,7 +162,9 @@ def _descended(
     return so3.nearest(R), t, cost
 
 
-def _normal_equations(camera: Camera, R: Array, t: Array, views: Views, owner: Longs) -> tuple[Array, Array, Array]:
+def _normal_equations(
+    camera: Camera, R: Array, t: Array, views: PaddedViews, owner: Longs
+) -> tuple[Array, Array, Array]:
     seen = views.seen[owner]
     q, J = pose_jacobian(camera, R, t, views.p[owner])
     r = (q - views.q[owner]) * seen[..., None]

@@ -31,7 +31,7 @@ def angles_and_slides(T: Rigid) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Freedom:
+class Undetermined:
     """What motions leave open of the place of what they carry.
 
     slides (s, 3): orthonormal directions along which it may move; turns (k, 6): other twists, translation mm and
@@ -48,11 +48,11 @@ class Freedom:
         return bool(len(self.slides) + len(self.turns))
 
 
-def freedom(A: Rigid, *, length: float, floor: float) -> Freedom:
+def freedom(A: Rigid, *, length: float, floor: float) -> Undetermined:
     """Return the changes X <- exp(xi) X that motions A (m) answer to by less than `floor` in A X = X B.
 
     The answer is (Ad(A) - I) xi, rms over the motions, for a unit change of `length` mm or 1 rad: dimensionless. It is
-    nil if and only if exp(xi) commutes with every A: a slide along an axis that all rotations share, a turn about it
+    zero if and only if exp(xi) commutes with every A: a slide along an axis that all rotations share, a turn about it
     where they share the very line, every slide where nothing turns. Slides are looked at first and by themselves: noise
     would mix them with turns about lines far away.
     """
@@ -71,7 +71,7 @@ def freedom(A: Rigid, *, length: float, floor: float) -> Freedom:
     slides = np.concatenate([V[:, blind].T, _unit(turns[~turning, :3])])
     turns = turns[turning] * scale / np.linalg.norm(turns[turning, 3:], axis=1, keepdims=True)
     strongest = max(float(along[blind].max(initial=0.0)), float(others[open_].max(initial=0.0)))
-    return Freedom(slides, turns, float(np.sqrt(max(strongest, 0.0))))
+    return Undetermined(slides, turns, float(np.sqrt(max(strongest, 0.0))))
 
 
 def _unit(v: Array) -> Array:

@@ -40,7 +40,7 @@ def variance_components(
     """Return the variances of the sources `patterns` (k, d, d) for y (n, d), D (n, d, p) and M (n, d, d).
 
     start (k,): positive variances to begin with; prior (p, p): what is known of b beforehand, as an information matrix.
-    A variance that the data hold to be nil comes back as `floor` (k,), default 1e-8 of its start: every weight stays
+    A variance that the data hold to be zero comes back as `floor` (k,), default 1e-8 of its start: every weight stays
     finite.
     """
     floor = 1e-8 * start if floor is None else floor

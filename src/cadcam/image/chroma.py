@@ -1,4 +1,4 @@
-"""The colour of a picture without its brightness: two differences of its channels that are nil where it is grey.
+"""The colour of a picture without its brightness: two differences of its channels that are zero where it is grey.
 
 What is black and white is flat here, however high its contrast is. A surface keeps its hue in shade and gloss (the
 dichromatic reflection model: S. Shafer, Color Research and Application 10, 1985), and its chroma grows with the light

@@ -113,7 +113,7 @@ class Peaks:
 
 
 def correlate(gray: npt.ArrayLike, template: Template, *, options: CorrelateOptions = ANY_ANGLE) -> Peaks:
-    """Return the best peaks of a template in a grey picture (H, W) in [0, 1]; none is an answer too.
+    """Return the best peaks of a template in a grey picture (H, W) in [0, 1]; empty if there are none.
 
     The template lies wholly in the picture, to one pixel. Where nothing reaches least_score, the search is done once
     more with finer pixels. Raises `BadValue`, and `MissingCore` where cadcam was installed without its C core.

@@ -1,4 +1,4 @@
-"""What else tells where a part is: points and lines of it that were found in a photo by other means."""
+"""Additional observations of where a part is: points, lines or poses known by other means than its edges."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class LineEvidence:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseEvidence:
-    """A pose world_from_part known otherwise, with its covariance (6, 6) in part axes; zero across what is not free.
+    """A pose world_from_part known by other means, covariance (6, 6) in part axes; zero along what is not free.
 
     radius (mm): of the part; turns times it are comparable to shifts.
     """
@@ -95,7 +95,7 @@ Evidence = PointEvidence | LineEvidence | PoseEvidence
 
 
 def rows_of(evidence: Sequence[Evidence], photos: Sequence[Photo], pose: Rigid) -> tuple[Array, Array, Array]:
-    """Return offsets (m,), Jacobian (m, 6) and variances (m,) px^2 of all of it; nan where a camera does not see it."""
+    """Return offsets (m,), Jacobian (m, 6), variances (m,) px^2 of all evidence; nan where it is unseen."""
     y, J, variance = [np.zeros(0)], [np.zeros((0, 6))], [np.zeros(0)]
     for item in evidence:
         if not 0 <= item.photo < len(photos):

@@ -83,7 +83,7 @@ def _located(
     freedom: Freedom,
     options: EdgeOptions,
 ) -> Location:
-    """Return what `locate` finds in photos as they are, from hypotheses around a start or from all over the photos."""
+    """Return what `locate` finds in the photos as given, from hypotheses around a start or all over the photos."""
     most = _TRIED[start is None]
     if not hypotheses:
         hypotheses = [Hypothesis(Rigid() if start is None else start, 0.0, 0.0, options.search_px)]
@@ -98,8 +98,8 @@ def _located(
     every = not any(clear(*t) for t in tried if t[1].found)
     quality = max((location.quality for _, location in tried if location.found and not location.doubted), default=0.0)
     if start is not None and quality < _SURE:
-        score = max(h.score for h in hypotheses)  # none is likelier than a start that is as good as said
-        # Where bays of a lattice are alike, a pose one bay off is found, too, if hardly: then the start is near enough.
+        score = max(h.score for h in hypotheses)  # nothing is likelier than a good start
+        # In a lattice of like bays a pose one bay off may be found, too; then the start is near enough.
         far = max(options.search_px, reach.shift_px) if quality == 0 else None
         tried += [(score, o) for o in _as_it_is(part, photos, start, far, freedom, options, basins)]
     rivals = Rivals(part, photos, freedom, options, chosen)
@@ -124,7 +124,7 @@ def _located(
 def _near(
     part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach, freedom: Freedom
 ) -> tuple[list[Hypothesis], NothingInView | None]:
-    """Return what is found around a start, or nothing and what the approach said of a part larger than the photos.
+    """Return the hypotheses around a start; none, with the approach's error, where the part is larger than the photos.
 
     An approach moves the part as a whole about its middle. Where the camera stands within it, that is no small motion
     of the few lines in view; the start as it is may be near enough all the same.
@@ -147,7 +147,7 @@ def _as_it_is(
     options: EdgeOptions,
     basins: Basins,
 ) -> list[Location]:
-    """Return what refining a start finds with lines looked for nearby, and, if nothing, up to `far` px away.
+    """Return what refining the start itself finds: lines looked for nearby and, if that fails, up to `far` px away.
 
     far: None where there is an answer already, and only a start that is nearly right could have a better one.
     """
@@ -166,7 +166,7 @@ def _as_it_is(
 def _ranked(tried: Sequence[tuple[float, Location]]) -> list[tuple[float, Location]]:
     """Return score and location, best first: by quality, and by the score of the hypothesis that it came from.
 
-    Where a doubted one would be first, as it needs a body to be absent, one that is as good and needs nothing is.
+    A doubted one, which needs a body to be absent, gives way to one that is as good and needs no such thing.
     """
     most = max(max(score for score, _ in tried), 1e-9)
     ranked = sorted(tried, key=lambda t: -(t[1].quality + _BY_SCORE * t[0] / most))
@@ -175,7 +175,7 @@ def _ranked(tried: Sequence[tuple[float, Location]]) -> list[tuple[float, Locati
 
 
 def _told_apart(ranked: Sequence[tuple[float, Location]], rivals: Rivals) -> list[tuple[float, Location]]:
-    """Return them with one first that is as good as the first, and whose own lines show where those of that do not."""
+    """Return them led by one as good as the first whose own lines show, where the first one's own lines do not."""
     best = ranked[0][1]
     least = max(FOUND, best.quality - _AS_GOOD)
     return _first(ranked, lambda t: t[1].quality >= least and rivals.rather(t[1], best))
@@ -184,7 +184,7 @@ def _told_apart(ranked: Sequence[tuple[float, Location]], rivals: Rivals) -> lis
 def _first(
     ranked: Sequence[tuple[float, Location]], better: Callable[[tuple[float, Location]], bool]
 ) -> list[tuple[float, Location]]:
-    """Return them with the first one first that is better, if there is one."""
+    """Return them with the first one that is `better` moved to the front, if there is any."""
     first = next(filter(better, ranked), ranked[0])
     return [first, *(t for t in ranked if t is not first)]
 
@@ -215,7 +215,7 @@ def _elsewhere(part: Part, one: Rigid, other: Rigid) -> bool:
 
 
 def _alone(part: Part, best: Location, tried: Sequence[tuple[float, Location]]) -> bool:
-    """Return whether a pose is surely better than all that were refined elsewhere."""
+    """Return whether a pose is clearly better than everything that was refined at other places."""
     here = best.pose.world_from_part
     away = [o.quality for _, o in tried if _elsewhere(part, here, o.pose.world_from_part)]
     return best.quality >= max(_SURE, _ABOVE + max(away, default=1.0))

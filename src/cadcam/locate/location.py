@@ -15,7 +15,7 @@ FOUND = 0.5  # quality from which a pose counts as found: one threshold for all 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Location:
-    """A located part, or the best that was there.
+    """Where the part is, or the best pose that was tried.
 
     quality in [0, 1]: how sure it is that the pose is right; at least `FOUND` means found. reason: one line for
     people, why it is believed or not. alternatives: other poses that the photos allow nearly as well (symmetry, planar
@@ -31,7 +31,7 @@ class Location:
 
     @classmethod
     def nowhere(cls, world_from_part: Rigid, reason: str) -> Location:
-        """Return that nothing speaks for the part: quality 0, no matches; it was looked for at the pose."""
+        """Return the answer where nothing speaks for the part: quality 0, no matches, at the pose it was sought."""
         one, two, three, ids = np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0, np.int32)
         pose = PoseEstimate(world_from_part, np.zeros((6, 6)), freedom=np.zeros((6, 0)))
         return cls(pose, EdgeMatches(two, two, one, one, one, three, ids, ids), 0.0, reason)

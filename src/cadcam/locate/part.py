@@ -33,12 +33,12 @@ class Part:
 
     @cached_property
     def lines(self) -> LineDrawer:
-        """What draws the part's visible lines from anywhere."""
+        """The drawer of the part's visible lines, from any viewpoint."""
         return LineDrawer(self.scene, caster=self.caster)
 
     @cached_property
     def caster(self) -> Caster:
-        """What tells which rays meet the part."""
+        """The ray caster on the part's mesh."""
         return Caster(self.scene.mesh)
 
     @cached_property
@@ -53,7 +53,7 @@ class Part:
 
     @cached_property
     def spin(self) -> Array | None:
-        """The twist (6,) of a turned part's rotation about its axis, which no photo shows; None of other parts."""
+        """The twist (6,) of a part of revolution's turn about its axis, which no photo shows; None for others."""
         return spin_of(self.scene.mesh, self.scene.edges)
 
     @cached_property
@@ -68,5 +68,5 @@ class Part:
 
     @cached_property
     def likenesses(self) -> list[Likeness]:
-        """What the part is nearly like, itself elsewhere and its mirror image: poses that are easily mistaken."""
+        """Near-symmetries: motions that lay the part, or its mirror image, nearly on itself; easily mistaken."""
         return likenesses(self.scene.mesh, self.scene.edges, self.mirrored.scene.mesh)

@@ -54,7 +54,7 @@ class Photo:
         return cls(checked(picture), Viewpoint.exact(name, camera, pose, sigma_px=_EDGE_PX))
 
     def calmed(self) -> Photo:
-        """Return the photo with a picture in which noise hides fewer lines; itself where it hides none."""
+        """Return the photo with a smoothed picture in which noise hides fewer lines; itself where it hides none."""
         from scipy.ndimage import gaussian_filter
 
         spread = calming(noise_of(self.gray))

@@ -1,9 +1,10 @@
-"""Whether the photos show another reading of what was found: the part beside its place, or its mirror image.
+"""Tells a found pose from its look-alikes: the part one bay on, or turned over, or its mirror image.
 
-A part is nearly like itself one bay on, or turned over, and like its mirror image (`locate.views.likeness`). In each of
-these readings most lines are there; no share of missing lines tells them from a part that is partly hidden. Lines that
-only one of them has do (`locate.quality.apart`). Of a right pose its own lines show about as well as those that both
-have: that is asked first, of what the fit was told, and few other readings need be drawn.
+Moved by one bay, or turned over, a part may nearly coincide with itself, and so may its mirror image
+(`locate.views.likeness`). At such a pose, a rival, most lines are met as well, and no share of missing lines tells it
+from a part that is partly hidden. The lines that only one of the two poses has do (`locate.quality.apart`). At a right
+pose its own lines show about as often as those that both have. That is asked first, of the samples that the fit has
+measured already, so that few rivals need be drawn.
 """
 
 from __future__ import annotations
@@ -27,16 +28,16 @@ from cadcam.locate.refine.options import EdgeOptions
 from cadcam.locate.refine.refine import Refinement
 from cadcam.locate.views.likeness import Likeness
 
-_DOUBTED = 0.45  # quality of a pose where the photos show another reading
-_BELIEVED = 0.3  # weight in the fit from which on a sample shows
+_DOUBTED = 0.45  # quality given to a pose where the photos show a rival
+_BELIEVED = 0.3  # weight in the fit from which a sample counts as shown
 _NEAR_PX = 2.0  # how near to lines their steps must be, of a pose that is good to a pixel
-_ROUNDS = 3  # times that a pose is left for another one
-_LAID_PX = 5.0  # how far lines may be off that are laid over others
+_ROUNDS = 3  # how often a pose may be given up for a rival
+_LAID_PX = 5.0  # how far off a rival's lines may be before they are pulled onto the photos' steps
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rival:
-    """Another reading of a found pose, where it puts the part, or the mirror image, and what tells it from that."""
+    """An alternative reading of a found pose: where it puts the part or its mirror image, and what tells them apart."""
 
     like: Likeness
     pose: Rigid
@@ -45,7 +46,7 @@ class _Rival:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rivals:
-    """What is asked of a found pose: the part in photos, how it may move, and constraints that its search met."""
+    """Holds found poses against their rivals: the part in photos, how it may move, constraints that its search met."""
 
     part: Part
     photos: Sequence[Photo]
@@ -54,7 +55,7 @@ class Rivals:
     chosen: int
 
     def beside(self, found: Location, sights: Sequence[Sight] | None = None) -> Location:
-        """Return a found pose, the one that the photos show rather than it, or that they show the mirror image.
+        """Return the found pose, the rival that the photos show instead, or a refusal where they show the mirror image.
 
         sights: the part's lines as drawn about there, if they were. Where photos do not tell the part from its mirror
         image, the reason says so.
@@ -87,17 +88,17 @@ class Rivals:
         return replace(found, reason=found.reason + either) if undecided else found
 
     def rather(self, one: Location, other: Location) -> bool:
-        """Return whether of two found poses the lines that only the one has show, and those of the other do not."""
+        """Return whether the photos show the lines that only `one` has, and not those that only `other` has."""
         if one is other:
             return False
         poses = one.pose.world_from_part, other.pose.world_from_part
         return not self.holds(other, poses[0]) and self.holds(one, poses[1])
 
     def holds(self, found: Location, other: Rigid, mirrored: bool = False) -> bool:
-        """Return whether lines of a found pose that none at another pose is near to show about as the rest of them do.
+        """Return whether lines of a found pose that lie far from all lines of another pose show as often as the rest.
 
-        mirrored: whether that is one of the mirror image. Asked are its edges, hidden ones too, for these cost little;
-        contours, which nobody knows before they are drawn, it is taken to have where the found pose has them.
+        mirrored: whether the other pose is one of the mirror image. Its edges are projected, hidden ones too, which
+        costs little. Its contours are unknown until they are drawn, and taken to be where the found pose has them.
         """
         matches, part = found.matches, self._part(mirrored)
         every = np.arange(len(matches))[:: max(1, len(matches) // ASKED)]
@@ -110,7 +111,7 @@ class Rivals:
         return shows_alike(own[every], shown[every])
 
     def _read(self, start: Rigid, like: Likeness, own: Reading) -> _Rival | None:
-        """Return another reading, its lines pulled onto the photos' steps, and what tells it from the found one.
+        """Return a rival, its lines pulled onto the photos' steps, and what tells it from the found pose.
 
         None where the found one's own lines are there in any case.
         """

@@ -233,7 +233,7 @@ def pulled(
 ) -> Array:
     """Return the step (k,) by which lines with rows (n, k) are pulled onto steps `offset` (n, m) px off (profile.h).
 
-    stiff: weights (k, k) that hold before (k,) + step near nil, and `before`.
+    stiff: weights (k, k) that hold before (k,) + step near zero, and `before`.
     """
     rows, offset, strength = arrays = doubles(rows, offset, strength)
     if not rows.shape[1] <= PULLED:

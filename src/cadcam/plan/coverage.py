@@ -18,8 +18,8 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.plan.assessment.asked import Asked
 from cadcam.plan.assessment.assess import assess
 from cadcam.plan.layout import Layout
-from cadcam.plan.sight.look import Look, look
 from cadcam.plan.sight.places import Places
+from cadcam.plan.sight.visibility import Visibility, seen_from
 from cadcam.plan.uncertainty.finding import Finder
 from cadcam.render.view import Scene
 
@@ -66,7 +66,7 @@ class Painting:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Coverage:
+class SurfaceCoverage:
     """Pieces of the part's surface (its own frame), each in the pose that shows or measures it worst.
 
     cameras (F,): how many see it. U (F,) mm: k sigma of a point there along the direction that is known worst; NaN
@@ -107,7 +107,7 @@ class Coverage:
         return Painting(f"U = {self.k:g} sigma of a point", self.mesh, level, colors, words)
 
 
-def coverage(layout: Layout) -> Coverage:
+def coverage(layout: Layout) -> SurfaceCoverage:
     """Return how the chosen cameras cover the part.
 
     Pieces of about one place and normal that the same cameras see share the U of one of them: it varies slowly.
@@ -124,13 +124,13 @@ def coverage(layout: Layout) -> Coverage:
         if told:
             sigma = np.maximum(sigma, _sigma(layout, pose, middle, normal, seen, where))  # NaN stays
     k = mode(limit.k for limit in layout.survey.asked.limits)
-    return Coverage(mesh, cameras, k * sigma, k)
+    return SurfaceCoverage(mesh, cameras, k * sigma, k)
 
 
 def _seen(layout: Layout, pose: Rigid, p: Array, normal: Array) -> Mask:
     """Return which camera sees which point (V, n) of the part."""
     parts = [slice(first, first + _AT_ONCE) for first in range(0, len(p), _AT_ONCE)]
-    return np.concatenate([[w.seen[0] for w in _looks(layout, pose, p[i], normal[i])] for i in parts], axis=1)
+    return np.concatenate([[w.seen[0] for w in _visibility(layout, pose, p[i], normal[i])] for i in parts], axis=1)
 
 
 def _sigma(layout: Layout, pose: Rigid, p: Array, normal: Array, seen: Mask, where: Longs) -> Array:
@@ -140,17 +140,17 @@ def _sigma(layout: Layout, pose: Rigid, p: Array, normal: Array, seen: Mask, whe
     one = rows[first]
     if len(one):
         places, asked = Places.facing(p[one], normal[one]), Asked.of_positions(len(one))
-        found = assess(layout.cameras, _looks(layout, pose, p[one], normal[one]), places, [pose], asked)
+        found = assess(layout.cameras, _visibility(layout, pose, p[one], normal[one]), places, [pose], asked)
         out[rows] = found.sigma[0][of.reshape(-1)]
     return out
 
 
-def _looks(layout: Layout, pose: Rigid, p: Array, normal: Array) -> list[Look]:
+def _visibility(layout: Layout, pose: Rigid, p: Array, normal: Array) -> list[Visibility]:
     """Return what each chosen camera sees of points (n, 3) on surfaces with these normals."""
     scene, places = layout.survey.scene, Places.facing(p, normal)
     finder = scene.finder if scene.finder.sigma_px is not None else Finder(sigma_px=1.0)  # seen is seen by any
     return [
-        look(c.viewpoint, c.optics, places, [pose], layout.survey.surroundings, finder=finder, seeing=scene.seeing)
+        seen_from(c.viewpoint, c.optics, places, [pose], layout.survey.surroundings, finder=finder, seeing=scene.seeing)
         for c in layout.cameras
     ]
 

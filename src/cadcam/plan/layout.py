@@ -13,13 +13,13 @@ from cadcam.errors import BadValue, UnknownName, UnseenFeatures
 from cadcam.geometry.rigid import Rigid
 from cadcam.plan.assessment.asked import Asked, asked_of
 from cadcam.plan.assessment.assess import Assessment, Outcome, assess, informations
-from cadcam.plan.choice.problem import MEASURED, Problem, Score, as_targets
-from cadcam.plan.choice.search import Found, best_set, one_fewer, one_more, ranked
-from cadcam.plan.scene.scene import LayoutScene
+from cadcam.plan.choice.problem import MEASURED, Score, SelectionProblem, as_targets
+from cadcam.plan.choice.search import BestSet, best_set, one_fewer, one_more, ranked
+from cadcam.plan.scene.layout_scene import LayoutScene
 from cadcam.plan.sight.candidate import Candidate, candidates
-from cadcam.plan.sight.look import Look, Why, look
 from cadcam.plan.sight.places import Places
 from cadcam.plan.sight.surroundings import Surroundings
+from cadcam.plan.sight.visibility import Visibility, Why, seen_from
 
 Step = Callable[[], None]
 
@@ -28,7 +28,7 @@ def _nothing() -> None: ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Survey:
+class CandidateSurvey:
     """All candidates of a scene with what each sees: made once, asked many times.
 
     left_out: candidates of zones that would stand inside of something, with what.
@@ -36,11 +36,11 @@ class Survey:
 
     scene: LayoutScene
     candidates: tuple[Candidate, ...]
-    looks: tuple[Look, ...]
+    visibility: tuple[Visibility, ...]
     places: Places
     asked: Asked
     surroundings: Surroundings
-    problem: Problem
+    problem: SelectionProblem
     left_out: tuple[tuple[str, str], ...] = ()
 
     @property
@@ -60,7 +60,7 @@ class Survey:
         """Return what some candidates measure together."""
         return assess(
             [self.candidates[i] for i in chosen],
-            [self.looks[i] for i in chosen],
+            [self.visibility[i] for i in chosen],
             self.places,
             self.poses,
             self.asked,
@@ -87,10 +87,10 @@ class Layout:
     choice can beat. growth: the score by number of cameras around the chosen one.
     """
 
-    survey: Survey
+    survey: CandidateSurvey
     chosen: tuple[int, ...]
     assessment: Assessment
-    found: Found
+    found: BestSet
     roles: tuple[Role, ...]
     all_of_them: Score
     growth: tuple[tuple[int, Score], ...] = field(default=())
@@ -101,9 +101,9 @@ class Layout:
         return tuple(self.survey.candidates[i] for i in self.chosen)
 
     @property
-    def looks(self) -> tuple[Look, ...]:
+    def visibility(self) -> tuple[Visibility, ...]:
         """Return what each of them sees."""
-        return tuple(self.survey.looks[i] for i in self.chosen)
+        return tuple(self.survey.visibility[i] for i in self.chosen)
 
     @property
     def outcomes(self) -> list[Outcome]:
@@ -116,7 +116,7 @@ class Layout:
         return max(self.outcomes, key=lambda o: o.rank)
 
 
-def survey(scene: LayoutScene, *, step: Step = _nothing) -> Survey:
+def survey(scene: LayoutScene, *, step: Step = _nothing) -> CandidateSurvey:
     """Return what every candidate of a scene sees; step is called after each.
 
     Raises `BadValue` for a camera inside of the part or an obstacle, `UnseenFeatures` for features that none sees.
@@ -125,21 +125,30 @@ def survey(scene: LayoutScene, *, step: Step = _nothing) -> Survey:
     chosen, left_out = _outside(candidates(scene), around, scene)
     places = Places.of(scene.features)
     poses = tuple(scene.poses.values())
-    looks = []
+    visibility = []
     for candidate in chosen:
-        looks.append(
-            look(candidate.viewpoint, candidate.optics, places, poses, around, finder=scene.finder, seeing=scene.seeing)
+        visibility.append(
+            seen_from(
+                candidate.viewpoint, candidate.optics, places, poses, around, finder=scene.finder, seeing=scene.seeing
+            )
         )
         step()
-    _refuse_unseen(scene, looks)
+    _refuse_unseen(scene, visibility)
     asked = asked_of(scene.features, _plane_sigmas(scene))
-    return Survey(
-        scene, chosen, tuple(looks), places, asked, around, Problem(informations(looks, asked), asked), left_out
+    return CandidateSurvey(
+        scene,
+        chosen,
+        tuple(visibility),
+        places,
+        asked,
+        around,
+        SelectionProblem(informations(visibility, asked), asked),
+        left_out,
     )
 
 
 def plan_layout(
-    scene: LayoutScene | Survey, k: int | None = None, *, keep: Sequence[str] = (), step: Step = _nothing
+    scene: LayoutScene | CandidateSurvey, k: int | None = None, *, keep: Sequence[str] = (), step: Step = _nothing
 ) -> Layout:
     """Return the best k cameras (default: what the scene says) beside the fixed ones, and what they measure.
 
@@ -171,14 +180,14 @@ def plan_layout(
     )
 
 
-def next_views(seen: Survey, have: Sequence[int]) -> list[tuple[Candidate, Score]]:
+def next_views(seen: CandidateSurvey, have: Sequence[int]) -> list[tuple[Candidate, Score]]:
     """Return the other candidates with the score that each would bring to the cameras `have`, the best first."""
     order = ranked(seen.problem, have, range(len(seen.candidates)))
     return [(seen.candidates[i], score) for i, score in order]
 
 
-def _role(seen: Survey, chosen: Sequence[int], i: int) -> Role:
-    sees = seen.looks[i].seen
+def _role(seen: CandidateSurvey, chosen: Sequence[int], i: int) -> Role:
+    sees = seen.visibility[i].seen
     without = [c for c in chosen if c != i]
     poses = len(seen.poses)
     measured = _measured(seen, chosen, poses)
@@ -186,7 +195,7 @@ def _role(seen: Survey, chosen: Sequence[int], i: int) -> Role:
     return Role(int(sees.all(axis=0).sum()), seen.problem.score(without), int((measured & ~left).sum()))
 
 
-def _measured(seen: Survey, chosen: Sequence[int], poses: int) -> Mask:
+def _measured(seen: CandidateSurvey, chosen: Sequence[int], poses: int) -> Mask:
     return np.asarray((as_targets(seen.problem.ratios(chosen), poses) > MEASURED).all(axis=0))
 
 
@@ -216,13 +225,13 @@ def _outside(
     return tuple(kept), tuple(left_out)
 
 
-def _refuse_unseen(scene: LayoutScene, looks: Sequence[Look]) -> None:
-    seen = np.any([o.seen.any(axis=0) for o in looks], axis=0)
+def _refuse_unseen(scene: LayoutScene, visibility: Sequence[Visibility]) -> None:
+    seen = np.any([o.seen.any(axis=0) for o in visibility], axis=0)
     if seen.all():
         return
     lines = []
     for i in np.flatnonzero(~seen):
-        codes = Counter(int(c) for o in looks for c in o.why[:, i])
+        codes = Counter(int(c) for o in visibility for c in o.why[:, i])
         total = sum(codes.values())
         said = ", ".join(f"{Why(c).words} {n / total:.0%}" for c, n in codes.most_common())
         lines.append(f"{scene.features[i].name!r} ({said})")

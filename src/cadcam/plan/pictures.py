@@ -37,7 +37,7 @@ def camera_pictures(layout: Layout, *, pose: int = 0) -> list[Picture]:
     scene = world_scene(layout, seen.poses[pose])
     renderer, lines = open_renderer(scene), LineDrawer(scene)
     out = []
-    for candidate, what in zip(layout.cameras, layout.looks, strict=True):
+    for candidate, what in zip(layout.cameras, layout.visibility, strict=True):
         camera, camera_from_world = _smaller(candidate.camera), candidate.viewpoint.camera_from_world
         view = renderer.render(camera, camera_from_world, channels=Channel.IMAGE, look=_SHADED)
         picture = overlay(view.image, lines.draw(camera, camera_from_world), style=_LINES)

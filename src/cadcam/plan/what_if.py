@@ -13,9 +13,9 @@ from cadcam.errors import CadcamError
 from cadcam.geometry.rigid import Rigid
 from cadcam.plan.assessment.assess import Assessment, Outcome, assess
 from cadcam.plan.layout import Layout
-from cadcam.plan.scene.scene import CalibratedFrom, CameraType, LayoutScene, Sigmas
+from cadcam.plan.scene.layout_scene import CalibratedFrom, CameraType, LayoutScene, Sigmas
 from cadcam.plan.sight.candidate import Candidate, placed
-from cadcam.plan.sight.look import Look, look
+from cadcam.plan.sight.visibility import Visibility, seen_from
 from cadcam.plan.uncertainty.finding import Finder
 
 _NEARER, _FARTHER = 0.8, 1.25
@@ -91,11 +91,11 @@ def rebuilt(scene: LayoutScene, cameras: Sequence[Candidate], *, stretch: float 
     )
 
 
-def looks_of(layout: Layout, scene: LayoutScene, cameras: Sequence[Candidate]) -> tuple[Look, ...]:
+def looks_of(layout: Layout, scene: LayoutScene, cameras: Sequence[Candidate]) -> tuple[Visibility, ...]:
     """Return what some cameras see in the surroundings of a layout."""
     seen = layout.survey
     return tuple(
-        look(
+        seen_from(
             c.viewpoint, c.optics, seen.places, seen.poses, seen.surroundings, finder=scene.finder, seeing=scene.seeing
         )
         for c in cameras

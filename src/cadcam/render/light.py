@@ -19,9 +19,9 @@ from cadcam.errors import BadValue, UnknownName
 
 @dataclass(frozen=True, slots=True)
 class Lamp:
-    """A round lamp far away: `towards` it in the world's frame; size_deg is how large it looks: shadows are as soft.
+    """A distant round lamp in the direction `towards`, in the world's frame.
 
-    strength: the radiance of a white surface that faces it.
+    strength: the radiance of a white surface that faces it. size_deg: its angular diameter, which makes shadows soft.
     """
 
     towards: tuple[float, float, float]

@@ -99,7 +99,7 @@ class RasterRenderer:
             yield under_way.popleft().result()
 
     def hides(self, points: Array, eye: Array, *, tolerance: float) -> Mask:
-        """Return which points (N, 3) mm a face hides from the eye (3,), in space and exactly: as `occlusion.Occluders`.
+        """Return which points (N, 3) mm a face hides from the eye (3,), exactly, as `occlusion.OccludingFaces`.
 
         A face hides a point that lies more than `tolerance` mm off its plane, where it meets the way to the eye.
         """

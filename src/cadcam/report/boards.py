@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from cadcam.calibrate.boards.boards import BoardCalibration
-from cadcam.calibrate.boards.coverage import Coverage
+from cadcam.calibrate.boards.coverage import BoardCoverage
 from cadcam.calibrate.boards.next_view import NextView
+from cadcam.calibrate.boards.pictures import BoardCalibration
 from cadcam.calibrate.joint.nested import Advice
 from cadcam.files.joint import joint_as_json
 from cadcam.files.matrix import pose_as_json
@@ -24,7 +24,7 @@ _GOOD_GAIN = 0.9  # of the worst sigma: advice that leaves more is not worth a p
 
 
 def board_tables(
-    calibration: BoardCalibration, seen: Coverage, views: Sequence[NextView], nested: Advice | None = None
+    calibration: BoardCalibration, seen: BoardCoverage, views: Sequence[NextView], nested: Advice | None = None
 ) -> list[Table]:
     """Return all tables of a calibration from pictures of a board; `nested` says which parameters they show."""
     tables = [
@@ -109,7 +109,7 @@ def pictures_table(calibration: BoardCalibration) -> Table:
     )
 
 
-def coverage_table(seen: Coverage) -> Table:
+def coverage_table(seen: BoardCoverage) -> Table:
     """Return how many points fell into each part of the picture, and how sure each part is."""
     columns = tuple(f"{k + 1}" for k in range(seen.counts.shape[1]))
     rows = [
@@ -130,7 +130,7 @@ def coverage_table(seen: Coverage) -> Table:
     )
 
 
-def next_view_table(seen: Coverage, views: Sequence[NextView]) -> Table:
+def next_view_table(seen: BoardCoverage, views: Sequence[NextView]) -> Table:
     """Return the pictures to take next, in words."""
     useful = [a for a in views if a.after_px < _GOOD_GAIN * a.before_px]
     rows = tuple((str(k + 1), a.words(), f"{a.before_px:.3f} -> {a.after_px:.3f}") for k, a in enumerate(useful))
@@ -143,7 +143,7 @@ def next_view_table(seen: Coverage, views: Sequence[NextView]) -> Table:
     return Table("Take next", ("", "picture", "worst sigma px"), rows, ("picture",), (note,))
 
 
-def boards_as_json(calibration: BoardCalibration, seen: Coverage, views: Sequence[NextView]) -> dict[str, Any]:
+def boards_as_json(calibration: BoardCalibration, seen: BoardCoverage, views: Sequence[NextView]) -> dict[str, Any]:
     """Return the same as one JSON document."""
     return joint_as_json(calibration.estimate) | {
         "board": str(calibration.pattern),

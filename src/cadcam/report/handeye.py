@@ -17,7 +17,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.report.table import Table, matrix_rows, with_sigma
 
 FORMAT, VERSION = "cadcam hand-eye", 1
-_SCALE_SIGMAS, _SCALE_SHARE = 4.0, 0.005  # a target's size off by more of both is told
+_SCALE_SIGMAS, _SCALE_SHARE = 4.0, 0.005  # a target's size off by more than both is reported
 _FEW = 6  # poses
 _FEW_FREEDOM = 2.1  # coverage factor: 20 degrees of freedom
 _NAMES = {

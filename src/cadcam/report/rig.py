@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.calibrate.boards.boards import BoardCalibration
+from cadcam.calibrate.boards.pictures import BoardCalibration
 from cadcam.camera.rig_estimate import RelativePose, RigEstimate
 from cadcam.camera.sensitivity import twist_by_local
 from cadcam.geometry import rotation as so3

@@ -9,8 +9,8 @@ import numpy as np
 
 from cadcam.arrays import Array, Mask
 from cadcam.calibrate.variability.alternating import Alternating
+from cadcam.calibrate.variability.methods import FirstOrder, Variability
 from cadcam.calibrate.variability.projection_map import ProjectionMap
-from cadcam.calibrate.variability.variability import FirstOrder, Variability
 from cadcam.camera.extended_pinhole import EXTERNALS
 from cadcam.files.jsontext import or_nulls
 from cadcam.fit.sampling import R_HAT_GOOD

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cadcam.arrays import Array
+from cadcam.calibrate.variability.methods import FirstOrder, Variability
 from cadcam.calibrate.variability.projection_map import ProjectionMap
-from cadcam.calibrate.variability.variability import FirstOrder, Variability
 from cadcam.camera.extended_pinhole import EXTERNALS
 from cadcam.report.figures import BLUE, GREEN, INK, ORANGE, figure, write_figure
 from cadcam.report.variability import shown, unit

@@ -1,4 +1,4 @@
-"""Every calibration predicts what every other saw: mechanics and vision are told apart (Tables 6.9 to 6.11).
+"""Every calibration predicts what every other saw, which separates mechanics from vision (Tables 6.9 to 6.11).
 
 Calibration i, applied to the picture taken at position j, misses the surveyed marks there by d_ij. What the mechanics
 do differently at the two places comes back with the other sign in d_ji; the noise of pixels, and whatever else is not

@@ -35,7 +35,7 @@ class DistanceCheck:
 
 
 @dataclass(frozen=True, slots=True)
-class Trend:
+class DifferenceTrend:
     """What n differences say together, mm: mean, standard deviation, mean of the amounts, and tests.
 
     p_mean: how probable such a mean is if all differences were chance about zero (Student). slope: difference by
@@ -102,7 +102,7 @@ def independent(checks: Sequence[DistanceCheck]) -> tuple[DistanceCheck, ...]:
     return tuple(out)
 
 
-def trend(differences: Floats, lengths: Floats) -> Trend:
+def trend(differences: Floats, lengths: Floats) -> DifferenceTrend:
     """Return what differences (n,) mm of distances of these lengths (n,) mm say together.
 
     They have to be independent: no mark in two of them (`independent`). Raises `TooFewPoints` below three.
@@ -116,7 +116,9 @@ def trend(differences: Floats, lengths: Floats) -> Trend:
     mean, sd = float(d.mean()), float(d.std(ddof=1))
     t = abs(mean) / (sd / np.sqrt(len(d))) if sd > 0 else np.inf
     slope, slope_sigma, r = _line(d, L / 1000)
-    return Trend(len(d), mean, sd, float(np.abs(d).mean()), 2 * float(stdtr(len(d) - 1, -t)), slope, slope_sigma, r)
+    return DifferenceTrend(
+        len(d), mean, sd, float(np.abs(d).mean()), 2 * float(stdtr(len(d) - 1, -t)), slope, slope_sigma, r
+    )
 
 
 def _check(measured: Measurement, drawn: Mapping[str, Floats], one: str, other: str) -> DistanceCheck:

@@ -1,4 +1,4 @@
-"""How the mechanics deviate from place to place: a random field, told by what was seen at the calibrated positions.
+"""How the mechanics deviate from place to place: a random field, inferred from the calibrated positions.
 
 Deflection and twist are smooth and repeat (6.4.3.2), but between the calibrated positions nobody looked. Each axis is
 taken as an unknown constant plus a Gaussian field; whether it is twice differentiable or endlessly (Matern covariances

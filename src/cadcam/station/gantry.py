@@ -105,7 +105,7 @@ class GantryCalibration:
 
     @property
     def sigma_px(self) -> float:
-        """Return the noise of one pixel coordinate by all calibrations together, inf where none tells it."""
+        """Return the noise of one pixel coordinate by all calibrations together, inf where none determines it."""
         told = [one.estimate for one in self.positions if np.isfinite(one.estimate.noise_px)]
         return float(np.sqrt(np.mean([e.noise_px**2 for e in told]))) if told else np.inf
 

@@ -7,7 +7,7 @@ import os
 import numpy as np
 
 from cadcam.arrays import Array, Picture
-from cadcam.files.shot import Shot, write_pgm
+from cadcam.files.shot import ShotPosition, write_pgm
 from cadcam.geometry.rigid import Rigid
 from cadcam.station.hall import Hall, Visit
 from cadcam.target.marks.ideal import marks_picture
@@ -41,7 +41,12 @@ def hall_picture(
 
 
 def write_hall_picture(
-    path: str | os.PathLike[str], hall: Hall, shot: Shot, marks: Array, visit: Visit, rng: np.random.Generator
+    path: str | os.PathLike[str],
+    hall: Hall,
+    shot: ShotPosition,
+    marks: Array,
+    visit: Visit,
+    rng: np.random.Generator,
 ) -> None:
     """Write such a picture as PGM, the shot in its header."""
     write_pgm(path, hall_picture(hall, shot.camera, np.array([shot.x, shot.y]), marks, visit, rng), shot)

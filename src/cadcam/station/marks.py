@@ -64,7 +64,7 @@ def find_plate(gray: Picture, plate: Plate, look: MarkLook, *, lens: Camera | No
     Raises `TooFewMarks` below four, `NoOrder` where what is found is not this plate, `DegenerateGeometry` for two
     plates in view or an order that cannot be told, `BadValue` for marks that are burnt out.
     """
-    from cadcam.target.order.order import order_marks
+    from cadcam.target.order.ordering import order_marks
 
     found = _found(gray, look, lens)
     if len(found) < _FEWEST:

@@ -27,7 +27,7 @@ REPEATABILITY, MECHANICS, KNOWN_MARK = "repeatability", "mechanics between posit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Estimate:
+class PointEstimate:
     """One calibration's share in a measurement: its position, the point (2,) it estimates, its weights in x and y."""
 
     name: str
@@ -70,12 +70,14 @@ def measure(
 
 def estimates(
     station: GantryCalibration, sighting: Sighting, *, rule: Rule = "smooth", extrapolate: bool = False
-) -> tuple[Estimate, ...]:
+) -> tuple[PointEstimate, ...]:
     """Return what each calibration makes of a sighting and how much it counts, most first, as Prog 6 lists them."""
     W = _weights(station, [sighting], _Choice(rule, extrapolate, NEAR_MM))[:, 0]
     order = np.argsort(-np.abs(W).sum(axis=0))
     return tuple(
-        Estimate(one.name, one.position, one.predict(one.straight(sighting.q[None]), sighting.position)[0], W[:, i])
+        PointEstimate(
+            one.name, one.position, one.predict(one.straight(sighting.q[None]), sighting.position)[0], W[:, i]
+        )
         for i in order
         for one in (station.positions[i],)
         if np.any(W[:, i] != 0)

@@ -1,7 +1,7 @@
 """One calibration position: how the camera sees the floor around it, from one picture of a plate.
 
-The floor is told relative to where the controller says that the camera is: H takes p - position to pixels. A camera
-that were carried perfectly would have the same H everywhere; what H differs by is the mechanics.
+The floor is described relative to where the controller says that the camera is: H takes p - position to pixels. If the
+camera were carried perfectly, H would be the same everywhere; what it differs by is the mechanics.
 Source: "Industrial Vision" (1997), sections 6.3.2, 6.3.4, EQ 6.2-6.10, program calib.
 """
 

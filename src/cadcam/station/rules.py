@@ -1,7 +1,7 @@
 """How the calibrations around a position share in a measurement there: as weights that add up to one.
 
 Nearest, linear in a triangle of positions, general bilinear through four (EQ 6.13), or the thesis' own set of rules
-(6.4.3.5). Which positions surround a place is told by their Delaunay triangles, so that they need not lie on a perfect
+(6.4.3.5). Which positions surround a place follows from their Delaunay triangles, so they need not lie on a perfect
 grid: four positions are two triangles joined along the longer of their sides.
 """
 

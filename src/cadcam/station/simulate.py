@@ -12,7 +12,7 @@ from cadcam.arrays import Array, Floats
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal
 from cadcam.errors import TooFewPoints
-from cadcam.files.shot import Shot, write_positions
+from cadcam.files.shot import ShotPosition, write_positions
 from cadcam.files.text import rows_of_cells
 from cadcam.image.picture import read_picture, to_gray
 from cadcam.station.gantry import GantryCalibration, Repeatability, Sighting, calibrate_gantry
@@ -55,7 +55,7 @@ class Day:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Coverage:
+class DistanceErrors:
     """Distances measured between marks: true length, error and half the stated 95 % interval, each (n,) mm."""
 
     length: Array
@@ -81,7 +81,7 @@ def calibrate_robot(
     """Return the calibration of one robot: the plate laid, surveyed and pictured at columns x rows positions.
 
     The repeatability is found as in a real hall: marks seen on several visits. pictures: a folder to which each
-    plate's picture is rendered, and in which the marks are then found; without it their pixels are told with noise.
+    plate's picture is rendered and its marks are found; without it their pixels are computed, with noise.
     """
     positions, true = [], []
     for k, at in enumerate(hall.gantry(name).grid(columns, rows, jitter_mm=jitter_mm, rng=rng)):
@@ -133,7 +133,7 @@ def day(hall: Hall, rng: np.random.Generator, *, marks: int) -> Day:
 
 def distances(
     stations: Mapping[str, GantryCalibration], work: Day, *, rule: Rule = "smooth", longest_mm: float = 30_000.0
-) -> Coverage:
+) -> DistanceErrors:
     """Return the distances of each two marks of a day's work, up to a length, beside the truth.
 
     Raises `TooFewPoints` where all are longer.
@@ -148,7 +148,7 @@ def distances(
     if not rows:
         raise TooFewPoints("a day's work", 0, 1, of=f"distances up to {longest_mm:g} mm")
     columns = np.array(rows)
-    return Coverage(columns[:, 0], columns[:, 1], columns[:, 2])
+    return DistanceErrors(columns[:, 0], columns[:, 1], columns[:, 2])
 
 
 def write_inputs(folder: Path, station: GantryCalibration) -> None:
@@ -182,7 +182,7 @@ def write_day(folder: Path, hall: Hall, work: Day, rng: np.random.Generator, *, 
 
 
 def _pictured(
-    path: Path, hall: Hall, shot: Shot, marks: Array, visit: Visit, rng: np.random.Generator
+    path: Path, hall: Hall, shot: ShotPosition, marks: Array, visit: Visit, rng: np.random.Generator
 ) -> tuple[Array, float]:
     """Return the plate's pixels found in its rendered picture, and their noise."""
     write_hall_picture(path, hall, shot, marks, visit, rng)
@@ -194,5 +194,5 @@ def _lens(hall: Hall) -> Camera | None:
     return None if isinstance(hall.camera.lens, Ideal) else hall.camera
 
 
-def _shot(position: Array, camera: str) -> Shot:
-    return Shot(float(position[0]), float(position[1]), camera)
+def _shot(position: Array, camera: str) -> ShotPosition:
+    return ShotPosition(float(position[0]), float(position[1]), camera)

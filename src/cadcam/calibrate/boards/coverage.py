@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from cadcam.arrays import Array, Picture, frozen
-from cadcam.calibrate.boards.boards import BoardCalibration
+from cadcam.calibrate.boards.pictures import BoardCalibration
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import INTERNALS, internals_of
 from cadcam.camera.joint_estimate import JointEstimate
@@ -24,7 +24,7 @@ _HUES = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Coverage:
+class BoardCoverage:
     """Counts of points in the picture's cells (6, 8), upper left first; each view's tilts and distance.
 
     tilt_deg (k, 2): by how much the right side of the board, as seen, turns away from the camera, and its lower side.
@@ -67,7 +67,7 @@ class Coverage:
         return out
 
 
-def coverage(calibration: BoardCalibration) -> Coverage:
+def coverage(calibration: BoardCalibration) -> BoardCoverage:
     """Return where the points of a calibration's views were seen."""
     estimate = calibration.estimate
     width, height = estimate.camera.size
@@ -75,7 +75,7 @@ def coverage(calibration: BoardCalibration) -> Coverage:
     counts, _, _ = np.histogram2d(
         q[:, 1], q[:, 0], bins=(_CELLS[1], _CELLS[0]), range=((-0.5, height - 0.5), (-0.5, width - 0.5))
     )
-    return Coverage(
+    return BoardCoverage(
         counts,
         tilts_deg(estimate.poses.rotation),
         calibration.distance_mm,

@@ -13,8 +13,8 @@ from itertools import product
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.calibrate.boards.boards import BoardCalibration
 from cadcam.calibrate.boards.coverage import internal_sensitivity, part_of_picture, worst_sigmas
+from cadcam.calibrate.boards.pictures import BoardCalibration
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import INTERNALS, internals_of
 from cadcam.camera.sensitivity import project_local

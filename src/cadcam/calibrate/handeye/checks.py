@@ -48,7 +48,7 @@ WORDS = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Noise:
+class PoseNoise:
     """How precisely one pose is known, robot and camera together: rotation (rad), position (mm), by medians."""
 
     rotation: float
@@ -61,9 +61,9 @@ def refuse_inconsistent(poses: HandEyePoses, mounting: str, names: Sequence[str]
     `InconsistentPoses`: order, direction, unit, single poses. `DegenerateMotions`: what the motions leave open.
     """
     refuse_strangers(poses, names)
-    turning = Noise(_SIGMA_OF_MEDIAN * float(np.median(_angle_differences(poses))))
+    turning = PoseNoise(_SIGMA_OF_MEDIAN * float(np.median(_angle_differences(poses))))
     refuse_degenerate(poses, mounting, turning)
-    noise = Noise(turning.rotation, refuse_wrong_direction(poses, mounting))
+    noise = PoseNoise(turning.rotation, refuse_wrong_direction(poses, mounting))
     refuse_degenerate(poses, mounting, noise)
     start = hand_eye.park_martin(*motions(poses.base_from_flange, poses.held_from_fixed))
     refuse_gross_errors(poses, names, WORDS[mounting], start, noise)
@@ -109,7 +109,7 @@ def _orders(n: int) -> dict[str, Longs]:
     return orders
 
 
-def refuse_degenerate(poses: HandEyePoses, mounting: str, noise: Noise) -> None:
+def refuse_degenerate(poses: HandEyePoses, mounting: str, noise: PoseNoise) -> None:
     """Raise `DegenerateMotions` naming the directions that these motions, or their noise, leave undetermined."""
     A, _ = motions(poses.base_from_flange, poses.held_from_fixed)
     length = max(float(np.median(np.linalg.norm(poses.held_from_fixed.translation, axis=1))), 1e-6)
@@ -164,7 +164,9 @@ def refuse_wrong_direction(poses: HandEyePoses, mounting: str) -> float:
     return float(_SIGMA_OF_MEDIAN * given.translation)
 
 
-def refuse_gross_errors(poses: HandEyePoses, names: Sequence[str], words: Words, start: Rigid, noise: Noise) -> None:
+def refuse_gross_errors(
+    poses: HandEyePoses, names: Sequence[str], words: Words, start: Rigid, noise: PoseNoise
+) -> None:
     """Raise `InconsistentPoses` naming single poses that all others contradict."""
     sigma = np.maximum([noise.translation, noise.rotation], [1e-3, 1e-6])
     fixed = hand_eye.fixed_in_base(poses.base_from_flange, start, poses.held_from_fixed)
@@ -236,7 +238,7 @@ def _angle_differences(poses: HandEyePoses) -> Array:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reading:
+class ReadingFit:
     """How well one reading of the poses fits: medians over motions of the rotation (rad) and translation (mm) left.
 
     translation: with the scale of the camera's lengths that fits best; unscaled: with them as they are.
@@ -258,7 +260,7 @@ class Reading:
         return f"{np.degrees(self.rotation):.2g} deg and {self.translation:.2g} mm (medians)"
 
 
-def reading(poses: HandEyePoses) -> Reading:
+def reading(poses: HandEyePoses) -> ReadingFit:
     """Fit rotation, translation and a scale of the camera's lengths to all motions."""
     A, B = motions(poses.base_from_flange, poses.held_from_fixed)
     a, b = so3.log(A.rotation), so3.log(B.rotation)
@@ -268,7 +270,7 @@ def reading(poses: HandEyePoses) -> Reading:
     M = np.concatenate([A.rotation - np.eye(3), -t_B[..., None]], axis=-1).reshape(-1, 4)
     M[:, 3] /= (column := max(float(np.linalg.norm(M[:, 3])), 1e-300))
     scaled, unscaled = _solved(M, -A.translation), _solved(M[:, :3], t_B - A.translation)
-    return Reading(float(np.median(left)), scaled[1], float(scaled[0][3] / column), unscaled[1])
+    return ReadingFit(float(np.median(left)), scaled[1], float(scaled[0][3] / column), unscaled[1])
 
 
 def _solved(M: Array, right: Array) -> tuple[Array, float]:

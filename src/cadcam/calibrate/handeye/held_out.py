@@ -8,13 +8,13 @@ from cadcam.arrays import Array
 from cadcam.calibrate.handeye.estimate import HeldOut
 from cadcam.camera.camera import Camera
 from cadcam.fit.hand_eye_poses import PATTERNS, HandEyePoses, PosesFit
-from cadcam.fit.many_poses import Views
+from cadcam.fit.many_poses import PaddedViews
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
 
 def held_out(
-    poses: HandEyePoses, fit: PosesFit, *, held: bool, views: Views | None = None, camera: Camera | None = None
+    poses: HandEyePoses, fit: PosesFit, *, held: bool, views: PaddedViews | None = None, camera: Camera | None = None
 ) -> HeldOut:
     """Return each pose predicted by all the others: the fit without it, one exact linear step away.
 
@@ -73,7 +73,7 @@ def _without_each(fit: PosesFit) -> tuple[Array, Array]:
     return np.nan_to_num(shift), np.where(known, distance2, 0.0)
 
 
-def _distances(should: Rigid, seen: Rigid, views: Views | None, camera: Camera | None) -> tuple[Array, Array]:
+def _distances(should: Rigid, seen: Rigid, views: PaddedViews | None, camera: Camera | None) -> tuple[Array, Array]:
     """Return rms distances (n,) of pixels and of target points in mm."""
     if views is None or camera is None:
         return np.full(len(should.translation), np.nan), np.linalg.norm(should.translation - seen.translation, axis=1)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask
-from cadcam.calibrate.joint.joint import JointFit
+from cadcam.calibrate.joint.adjustment import JointFit
 from cadcam.errors import CadcamError, DegenerateGeometry, TooFewPoints
 from cadcam.fit.block_least_squares import minimise_blocks
 from cadcam.fit.joint_model import JointModel, JointState
@@ -22,7 +22,7 @@ def held_out_error(fit: JointFit, *, folds: int = _FOLDS) -> float:
     The views are left out in `folds` groups in turn. Of a left-out view every other point gives the pose, and the error
     is taken at the others; then the other way round. Unlike the residual it falls only as long as a richer model
     describes the camera and not the views. nan where the remaining views do not determine the internals. Raises
-    `TooFewPoints` for less than two views, or without any view of eight points.
+    `TooFewPoints` for fewer than two views, or without any view of eight points.
     """
     k = len(fit.views)
     if k < 2:

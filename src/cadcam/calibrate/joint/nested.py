@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadcam.arrays import Array
+from cadcam.calibrate.joint.adjustment import JointFit, fit_of
 from cadcam.calibrate.joint.held_out import held_out_error, shared_values
-from cadcam.calibrate.joint.joint import JointFit, fit_of
 from cadcam.camera.extended_pinhole import INTERNALS
 from cadcam.camera.lens import BrownConrady, Ideal
 from cadcam.errors import CadcamError, TooFewPoints

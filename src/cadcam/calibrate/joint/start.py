@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadcam.arrays import Array, Longs
-from cadcam.calibrate.points.points import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import INTERNALS, camera_of, internals_by_name, internals_of

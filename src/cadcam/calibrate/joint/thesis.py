@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.calibrate.points.points import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import ExtendedPinhole
@@ -56,8 +56,3 @@ def thesis_mixtures(
             continue
         found.append(Mixture(alpha, camera, locate_camera(first, camera), locate_camera(second, camera)))
     return found
-
-
-def thesis_joint(first: Observations, second: Observations, size: tuple[int, int]) -> Mixture:
-    """Return the mixture of least total residual: what the thesis calls the joint calibration."""
-    return min(thesis_mixtures(first, second, size), key=lambda m: m.total)

@@ -58,7 +58,7 @@ class Surface:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Group:
+class SharedView:
     """n points seen by the same V viewpoints: their rows in the whole, and their pixels (V, n, 2)."""
 
     viewpoints: tuple[Viewpoint, ...]
@@ -88,7 +88,7 @@ class Group:
         v = self.rays.direction
         return np.asarray(np.eye(3) - v[..., :, None] * v[..., None, :])
 
-    def only(self, keep: Mask) -> Group:
+    def only(self, keep: Mask) -> SharedView:
         """Return the group of some of its points."""
         return replace(self, rows=self.rows[keep], q=self.q[:, keep])
 
@@ -99,7 +99,7 @@ class Group:
         p = nearest_to_all(self.rays)
         return p if self.surface is None else self.surface.plane.foot(p)
 
-    def seen(self, p: Array) -> Seen:
+    def seen(self, p: Array) -> Linearised:
         """Return what the viewpoints see of points (n, 3) near the measured ones."""
         n, rows, sources = len(p), len(self.noise), self.sources
         r, J = np.zeros((n, rows)), np.zeros((n, rows, 3))
@@ -115,7 +115,7 @@ class Group:
             by_source[index_of(sources, self.surface.source)][:, -1] = -1.0
         own = np.broadcast_to(np.diag(np.sqrt(self.noise)), (n, rows, rows))
         roots = [D @ source.root for source, D in zip(sources, by_source, strict=True)]
-        return Seen(r, J, by_source, np.concatenate([own, *roots], axis=-1))
+        return Linearised(r, J, by_source, np.concatenate([own, *roots], axis=-1))
 
     def residuals(self, p: Array) -> Array:
         """Return the residuals of `seen` (n, m) alone."""
@@ -133,7 +133,7 @@ class Group:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Seen:
+class Linearised:
     """At points (n, 3): residuals r (n, m), J (n, m, 3), by source (n, m, k), root B (n, m, ...) of S = B B^T.
 
     m = 2 V pixel coordinates, and the height (mm) over the plane where that is not exact.
@@ -159,16 +159,16 @@ class Seen:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Found:
+class MeetingPoints:
     """Measured points of a group: points p (n, 3), gain G (n, 3, m), misfit (n,), and what is seen there."""
 
     p: Array
     gain: Array
     chi2: Array
-    seen: Seen
+    seen: Linearised
 
 
-def solve(group: Group, *, by_rays: bool, refuse: Refuse) -> Found:
+def solve(group: SharedView, *, by_rays: bool, refuse: Refuse) -> MeetingPoints:
     """Return the points of a group that has a start for every point, by rays or by weighted reprojection.
 
     Points without a settled optimum, or with a useless one, are refused; their numbers are still among the result.
@@ -184,12 +184,12 @@ def solve(group: Group, *, by_rays: bool, refuse: Refuse) -> Found:
     Qt = np.swapaxes(Q, -1, -2)
     gain = _gain_of_rays(group, seen) if by_rays else basis @ np.linalg.solve(R, Qt @ np.linalg.inv(L))
     misfit = np.sum(r**2, axis=-1) - np.sum((Qt @ r[..., None])[..., 0] ** 2, axis=-1)
-    found = Found(p, gain, np.maximum(misfit, 0.0), seen)
+    found = MeetingPoints(p, gain, np.maximum(misfit, 0.0), seen)
     _refuse_useless(group, found, refuse)
     return found
 
 
-def startless(group: Group, refuse: Refuse) -> Mask:
+def startless(group: SharedView, refuse: Refuse) -> Mask:
     """Refuse points (n,) without a start, behind a camera or where its lens images nothing; return which."""
     p, rays = group.start(), group.rays
     bad, why = _nowhere(group, p)
@@ -214,7 +214,7 @@ def _unseen(name: str) -> Reason:
     return lambda _: f"its rays meet where the lens of {name!r} images nothing"
 
 
-def _nowhere(group: Group, p: Array) -> tuple[Mask, str]:
+def _nowhere(group: SharedView, p: Array) -> tuple[Mask, str]:
     """Return which points (n,) have no start p, and why."""
     centres = np.array([view.camera_from_world.origin for view in group.viewpoints])
     names = ", ".join(repr(view.name) for view in group.viewpoints)
@@ -228,7 +228,7 @@ def _nowhere(group: Group, p: Array) -> tuple[Mask, str]:
     return np.asarray(~np.isfinite(p).all(axis=1)), why
 
 
-def widest(group: Group, found: Found) -> tuple[Array, Array, Array]:
+def widest(group: SharedView, found: MeetingPoints) -> tuple[Array, Array, Array]:
     """Return for each point the gap (mm) and its sigma of the pair of rays farthest apart, and the largest angle."""
     rays, n = group.rays, len(group.rows)
     gap, sigma, angle = (np.full(n, np.nan) for _ in range(3))
@@ -246,7 +246,7 @@ def widest(group: Group, found: Found) -> tuple[Array, Array, Array]:
     return gap, sigma, angle
 
 
-def _optimum(group: Group, p: Array) -> tuple[Array, Mask]:
+def _optimum(group: SharedView, p: Array) -> tuple[Array, Mask]:
     """Return the weighted reprojection optima from points p (n, 3), and which have not settled: those stay at p.
 
     A point that leaves the scene altogether has not settled either: numbers of its size overflow.
@@ -267,7 +267,7 @@ def _optimum(group: Group, p: Array) -> tuple[Array, Mask]:
     return np.where(stuck[:, None], start, p), stuck
 
 
-def _shortened(group: Group, p: Array, step: Array, cost: Array, L: Array) -> Array:
+def _shortened(group: SharedView, p: Array, step: Array, cost: Array, L: Array) -> Array:
     """Return the steps (n, 3), each quartered until the misfit does not rise and all cameras see the point."""
     share = np.ones((len(p), 1))
     for _ in range(12):
@@ -279,18 +279,18 @@ def _shortened(group: Group, p: Array, step: Array, cost: Array, L: Array) -> Ar
     return np.where(worse[:, None], 0.0, share * step)
 
 
-def _basis(group: Group) -> Array:
+def _basis(group: SharedView) -> Array:
     """Return the directions (3, 3), or (3, 2) on a plane, in which the points may move."""
     return np.eye(3) if group.surface is None else group.surface.basis
 
 
-def _gain_of_rays(group: Group, seen: Seen) -> Array:
+def _gain_of_rays(group: SharedView, seen: Linearised) -> Array:
     across = group.across
     each = [across[:, v] @ seen.back(v) for v in range(len(group.viewpoints))]
     return np.asarray(np.linalg.solve(across.sum(axis=1), np.concatenate(each, axis=-1)))
 
 
-def _refuse_useless(group: Group, found: Found, refuse: Refuse) -> None:
+def _refuse_useless(group: SharedView, found: MeetingPoints, refuse: Refuse) -> None:
     """Refuse points whose distance is as good as unknown: first-order sigmas would be fiction."""
     sigma = np.linalg.norm(found.gain @ found.seen.root, ord=2, axis=(-2, -1))
     reach = np.linalg.norm(found.p - np.array([v.camera_from_world.origin for v in group.viewpoints])[:, None], axis=-1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from cadcam.calibrate.points.points import calibrate
+from cadcam.calibrate.points.camera import calibrate
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import NAMES
 from cadcam.errors import CadcamError

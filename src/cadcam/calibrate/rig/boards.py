@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from cadcam.calibrate.boards.boards import BoardCalibration, BoardPicture, calibrate_boards
-from cadcam.calibrate.rig.rig import RigCamera, calibrate_rig
+from cadcam.calibrate.boards.pictures import BoardCalibration, BoardPicture, calibrate_boards
+from cadcam.calibrate.rig.adjustment import RigCamera, calibrate_rig
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import INTERNALS, internals_by_name
 from cadcam.camera.lens import Lens

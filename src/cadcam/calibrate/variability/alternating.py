@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadcam.arrays import Array, Mask, frozen
-from cadcam.calibrate.points.points import Method
+from cadcam.calibrate.points.camera import Method
+from cadcam.calibrate.variability.methods import Variability, blocks, independent, noise_of
 from cadcam.calibrate.variability.repeated import estimates, free_of, model_of, refuse_method, unwrapped
-from cadcam.calibrate.variability.variability import Variability, blocks, independent, noise_of
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import EXTERNALS, NAMES
 from cadcam.errors import BadValue, DegenerateGeometry

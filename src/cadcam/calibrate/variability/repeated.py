@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cadcam.arrays import Array, Mask
+from cadcam.calibrate.points.camera import METHODS, Method
 from cadcam.calibrate.points.linear import decomposed, derivatives
-from cadcam.calibrate.points.points import METHODS, Method
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import NAMES
 from cadcam.camera.lens import Ideal

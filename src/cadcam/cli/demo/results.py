@@ -14,7 +14,7 @@ Said = dict[str, Any]
 
 def bench_table(folder: Path, said: Sequence[Said]) -> Table:
     """Return the bench's camera beside what the dissertation printed."""
-    from cadcam.calibrate.points.points import calibrate
+    from cadcam.calibrate.points.camera import calibrate
     from cadcam.cli.demo.inputs import PRINTED
     from cadcam.files.points import read_points
     from cadcam.report.camera import compared

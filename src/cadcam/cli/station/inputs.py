@@ -14,23 +14,23 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cadcam.arrays import Array, Picture
-    from cadcam.files.pixels import Pixels
-    from cadcam.files.shot import Shot
+    from cadcam.files.pixels import ListedPixels
+    from cadcam.files.shot import ShotPosition
     from cadcam.station.gantry import GantryCalibration, Sighting
     from cadcam.station.marks import MarkLook
     from cadcam.station.plate import Plate
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Source:
+class PictureSource:
     """Pictures, or listed pixels in their place, and the positions of both."""
 
     pictures: tuple[str, ...]
-    pixels: Pixels | None
-    positions: Mapping[str, Shot] | None
+    pixels: ListedPixels | None
+    positions: Mapping[str, ShotPosition] | None
     positions_from: str
 
-    def shot(self, picture: str) -> Shot:
+    def shot(self, picture: str) -> ShotPosition:
         """Return where and when a picture was taken."""
         from cadcam.files.shot import read_shot
 
@@ -43,7 +43,7 @@ class Source:
         return listed
 
 
-def source(arguments: argparse.Namespace) -> Source:
+def source(arguments: argparse.Namespace) -> PictureSource:
     """Return what the command line names."""
     from cadcam.cli.photos import picture_files
     from cadcam.files.pixels import read_pixels
@@ -54,10 +54,10 @@ def source(arguments: argparse.Namespace) -> Source:
         pixels = read_pixels(arguments.pixels)
         if arguments.pictures:
             raise BadValue("--pixels", "given beside pictures", "one of the two")
-        return Source(pixels.views, pixels, positions, arguments.positions or "")
+        return PictureSource(pixels.views, pixels, positions, arguments.positions or "")
     if not arguments.pictures:
         raise BadValue("pictures", "none given", "pictures, or --pixels FILE with the marks in them")
-    return Source(tuple(picture_files(arguments.pictures)), None, positions, arguments.positions or "")
+    return PictureSource(tuple(picture_files(arguments.pictures)), None, positions, arguments.positions or "")
 
 
 def look_of(arguments: argparse.Namespace, plate: Plate, radius_px: float | None) -> MarkLook:
@@ -80,7 +80,7 @@ def look_of(arguments: argparse.Namespace, plate: Plate, radius_px: float | None
 
 def sightings(
     arguments: argparse.Namespace, stations: Mapping[str, GantryCalibration]
-) -> tuple[list[Sighting], list[Shot]]:
+) -> tuple[list[Sighting], list[ShotPosition]]:
     """Return the marks of the pictures, or of --pixels, and where and when they were seen."""
     given = source(arguments)
     found = []
@@ -106,7 +106,7 @@ def gray_picture(path: str) -> tuple[Picture, str]:
     return to_gray(picture), info.sha256
 
 
-def _station_of(picture: str, shot: Shot, stations: Mapping[str, GantryCalibration]) -> GantryCalibration:
+def _station_of(picture: str, shot: ShotPosition, stations: Mapping[str, GantryCalibration]) -> GantryCalibration:
     from cadcam.errors import UnknownName
 
     if not shot.camera:
@@ -118,7 +118,9 @@ def _station_of(picture: str, shot: Shot, stations: Mapping[str, GantryCalibrati
     return stations[shot.camera]
 
 
-def _in_picture(arguments: argparse.Namespace, picture: str, shot: Shot, station: GantryCalibration) -> Sighting:
+def _in_picture(
+    arguments: argparse.Namespace, picture: str, shot: ShotPosition, station: GantryCalibration
+) -> Sighting:
     from cadcam.station.gantry import Sighting
     from cadcam.station.marks import find_mark
 
@@ -137,7 +139,7 @@ def _in_picture(arguments: argparse.Namespace, picture: str, shot: Shot, station
     return Sighting(name, station.camera, _at(shot), q, covariance, picture)
 
 
-def _sighting(name: str, camera: str, shot: Shot, q: Array, sigma_px: float, picture: str) -> Sighting:
+def _sighting(name: str, camera: str, shot: ShotPosition, q: Array, sigma_px: float, picture: str) -> Sighting:
     from cadcam.station.gantry import Sighting
 
     return Sighting.of(name, camera, _at(shot), q, sigma_px=sigma_px, picture=picture)
@@ -147,14 +149,14 @@ def _sigma(arguments: argparse.Namespace, station: GantryCalibration) -> float:
     return station.sigma_px if arguments.sigma is None else float(arguments.sigma)
 
 
-def _listed(pixels: Pixels, view: str) -> list[tuple[str, Array]]:
+def _listed(pixels: ListedPixels, view: str) -> list[tuple[str, Array]]:
     import numpy as np
 
     row = pixels.q[pixels.views.index(view)]
     return [(name, q) for name, q in zip(pixels.names, row, strict=True) if np.isfinite(q).all()]
 
 
-def _at(shot: Shot) -> Array:
+def _at(shot: ShotPosition) -> Array:
     import numpy as np
 
     return np.array([shot.x, shot.y])

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from cadcam.cli.arguments import numbers
 from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say
-from cadcam.cli.station.inputs import Source, gray_picture, look_of, sightings, source
+from cadcam.cli.station.inputs import PictureSource, gray_picture, look_of, sightings, source
 from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
 
 if TYPE_CHECKING:
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from cadcam.arrays import Array
     from cadcam.camera.camera import Camera
     from cadcam.camera.measurement import Measurement
-    from cadcam.files.pixels import Pixels
-    from cadcam.files.shot import Shot
-    from cadcam.station.drawing import DistanceCheck, Trend
+    from cadcam.files.pixels import ListedPixels
+    from cadcam.files.shot import ShotPosition
+    from cadcam.station.drawing import DifferenceTrend, DistanceCheck
     from cadcam.station.gantry import Repeatability, Sighting
     from cadcam.station.plane import PlaneCalibration
     from cadcam.station.plate import Plate
@@ -168,7 +168,7 @@ def report(arguments: argparse.Namespace) -> None:
     say(f"wrote {arguments.output}")
 
 
-def _one_camera(given: str, shots: Mapping[str, Shot]) -> str:
+def _one_camera(given: str, shots: Mapping[str, ShotPosition]) -> str:
     said = {shot.camera: picture for picture, shot in shots.items() if shot.camera}
     if len(said) > 1:
         (one, a), (other, b) = list(said.items())[:2]
@@ -184,7 +184,7 @@ def _one_camera(given: str, shots: Mapping[str, Shot]) -> str:
 class _Finder:
     """Finds the plate in one picture after the other: how large its marks are, the first one tells the others."""
 
-    def __init__(self, arguments: argparse.Namespace, given: Source, plate: Plate, lens: Camera | None) -> None:
+    def __init__(self, arguments: argparse.Namespace, given: PictureSource, plate: Plate, lens: Camera | None) -> None:
         self.plate, self.lens, self._given, self._arguments = plate, lens, given, arguments
         self._radius: float | None = None
 
@@ -200,7 +200,7 @@ class _Finder:
         stated = self._arguments.sigma
         return found.q, found.sigma_px if stated is None else stated, sha256
 
-    def _listed(self, pixels: Pixels, picture: str) -> tuple[Array, float | None]:
+    def _listed(self, pixels: ListedPixels, picture: str) -> tuple[Array, float | None]:
         import numpy as np
 
         names = self.plate.mark_names
@@ -214,7 +214,7 @@ class _Finder:
 
 
 def _position(
-    arguments: argparse.Namespace, find: _Finder, survey: Mapping[str, Array], picture: str, shot: Shot
+    arguments: argparse.Namespace, find: _Finder, survey: Mapping[str, Array], picture: str, shot: ShotPosition
 ) -> PlaneCalibration:
     """Return the calibration of one position; what is wrong with its picture names the picture."""
     from cadcam.station.plane import calibrate_position, refuse_misfit
@@ -256,7 +256,7 @@ def _refuse_twice(seen: Sequence[Sighting]) -> None:
 
 def _against_drawing(
     arguments: argparse.Namespace, measured: Measurement
-) -> tuple[tuple[DistanceCheck, ...], Trend | None]:
+) -> tuple[tuple[DistanceCheck, ...], DifferenceTrend | None]:
     from cadcam.station.drawing import check_distances, independent, trend
     from cadcam.station.survey import read_drawing
 
@@ -287,7 +287,7 @@ def _check_as_json(check: DistanceCheck) -> dict[str, Any]:
 
 
 def _keep(
-    arguments: argparse.Namespace, measured: Measurement, seen: Sequence[Sighting], shots: Sequence[Shot]
+    arguments: argparse.Namespace, measured: Measurement, seen: Sequence[Sighting], shots: Sequence[ShotPosition]
 ) -> None:
     from cadcam.record.store import open_store
     from cadcam.station.log import records
@@ -301,7 +301,7 @@ def _keep(
         say(f"added {len(kept)} records to {store.name}")
 
 
-def _trend_of_log(log: Sequence[Mapping[str, Any]], drawing: str) -> Trend | None:
+def _trend_of_log(log: Sequence[Mapping[str, Any]], drawing: str) -> DifferenceTrend | None:
     """Return the trend of distances between marks of one block, by each mark's latest measurement, no mark twice."""
     from itertools import combinations
 

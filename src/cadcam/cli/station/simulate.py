@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from cadcam.report.table import Table
     from cadcam.station.gantry import GantryCalibration
     from cadcam.station.hall import Hall
-    from cadcam.station.simulate import Calibrated, Coverage
+    from cadcam.station.simulate import Calibrated, DistanceErrors
 
 _LONGEST = 30_000.0
 
@@ -116,7 +116,7 @@ def _map_table(found: dict[str, Calibrated]) -> Table:
     return Table("Mechanics and vision, told apart, beside the truth", columns, tuple(rows), columns[:1])
 
 
-def _cover_table(cover: Coverage) -> Table:
+def _cover_table(cover: DistanceErrors) -> Table:
     import numpy as np
 
     from cadcam.report.table import Table
@@ -130,7 +130,7 @@ def _cover_table(cover: Coverage) -> Table:
     return Table("A day's distances beside the truth", ("", ""), rows, ("",))
 
 
-def _as_json(found: dict[str, Calibrated], cover: Coverage) -> dict[str, Any]:
+def _as_json(found: dict[str, Calibrated], cover: DistanceErrors) -> dict[str, Any]:
     import numpy as np
 
     maps = {

@@ -108,7 +108,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _run_jointly(arguments: argparse.Namespace) -> None:
-    from cadcam.calibrate.joint.joint import estimate_of, fit_jointly
+    from cadcam.calibrate.joint.adjustment import estimate_of, fit_jointly
     from cadcam.calibrate.joint.nested import nested_advice
     from cadcam.files.joint import joint_as_json
     from cadcam.fit.robust import Loss

@@ -121,12 +121,12 @@ def _refuse_unit(arguments: argparse.Namespace, formats: Sequence[Format]) -> No
 def _unit_of_input(arguments: argparse.Namespace) -> str | None:
     """Return --unit unless IN's format has a unit of its own: then it is meant for OUT."""
     from cadcam.files.foreign.registry import format_named, format_of
-    from cadcam.files.foreign.source import Source
+    from cadcam.files.foreign.source import ForeignFile
 
     if arguments.unit is None:
         return None
     named = arguments.source_format
-    form = format_named(named) if named else format_of(Source(arguments.input))
+    form = format_named(named) if named else format_of(ForeignFile(arguments.input))
     target = [] if arguments.output == "-" else [_target_format(arguments)]
     _refuse_unit(arguments, [form, *target])
     return arguments.unit if form.unit is None else None

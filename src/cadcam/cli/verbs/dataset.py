@@ -161,7 +161,7 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
 
 @contextmanager
 def _bar(arguments: argparse.Namespace) -> Iterator[tuple[Any, Any]]:
-    """Yield what is told how many views there are, and what is called after each."""
+    """Yield a function that takes the number of views, and one that is called after each."""
     with ExitStack() as stack:
         step: list[Any] = []
 

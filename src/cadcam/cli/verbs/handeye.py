@@ -122,7 +122,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _estimate(arguments: argparse.Namespace) -> HandEyeEstimate:
-    from cadcam.calibrate.handeye.handeye import calibrate_hand_eye, calibrate_hand_eye_from_poses
+    from cadcam.calibrate.handeye.adjustment import calibrate_hand_eye, calibrate_hand_eye_from_poses
     from cadcam.files.poses import read_poses
     from cadcam.files.robot_poses import read_robot_numbers
 
@@ -171,7 +171,7 @@ def _base_from_flange(arguments: argparse.Namespace, robot: RobotNumbers, seen: 
 
 
 def _target_poses(views: Sequence[Observations], camera: Camera | CameraEstimate, labels: Sequence[str]) -> Rigid:
-    from cadcam.calibrate.handeye.handeye import target_poses
+    from cadcam.calibrate.handeye.adjustment import target_poses
 
     return target_poses(views, _held(camera), names=labels)
 
@@ -195,7 +195,7 @@ def _camera(arguments: argparse.Namespace) -> Camera | CameraEstimate:
 
 def _boards(arguments: argparse.Namespace, camera: Camera | CameraEstimate) -> dict[str, Observations | None]:
     """Return what each picture shows of the board, by the stem of its file, None where it does not show it."""
-    from cadcam.calibrate.boards.boards import board_views
+    from cadcam.calibrate.boards.pictures import board_views
     from cadcam.target.boards.pattern import parse_pattern
 
     pattern = parse_pattern(arguments.board)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from cadcam.arrays import Picture
     from cadcam.plan.choice.problem import Score
     from cadcam.plan.coverage import Painting
-    from cadcam.plan.layout import Layout, Survey
+    from cadcam.plan.layout import CandidateSurvey, Layout
     from cadcam.plan.sight.candidate import Candidate
     from cadcam.plan.what_if import WhatIf
 
@@ -123,7 +123,7 @@ def _sample(arguments: argparse.Namespace) -> None:
         say(f"wrote {path}")
 
 
-def _survey(path: str) -> Survey:
+def _survey(path: str) -> CandidateSurvey:
     from cadcam.plan.layout import survey
     from cadcam.plan.scene.file import read_layout_scene
     from cadcam.plan.sight.candidate import count_candidates
@@ -134,7 +134,7 @@ def _survey(path: str) -> Survey:
         return survey(scene, step=step)
 
 
-def _planned(arguments: argparse.Namespace, seen: Survey) -> Layout:
+def _planned(arguments: argparse.Namespace, seen: CandidateSurvey) -> Layout:
     from cadcam.plan.layout import plan_layout
 
     if arguments.k is not None and arguments.k < 0:
@@ -149,7 +149,7 @@ def _following(layout: Layout) -> list[tuple[Candidate, Score]]:
     return next_views(layout.survey, layout.chosen)
 
 
-def _next(arguments: argparse.Namespace, seen: Survey, have: tuple[int, ...]) -> None:
+def _next(arguments: argparse.Namespace, seen: CandidateSurvey, have: tuple[int, ...]) -> None:
     """Rank what comes next beside cameras that are there."""
     from cadcam.plan.layout import next_views
     from cadcam.report.layout.json import next_as_json, score_as_json

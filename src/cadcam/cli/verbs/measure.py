@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from cadcam.camera.measurement import Measurement
     from cadcam.camera.viewpoint import Viewpoint
     from cadcam.files.camera import CameraFile
-    from cadcam.files.pixels import Pixels
+    from cadcam.files.pixels import ListedPixels
     from cadcam.geometry.plane import Plane
 
 _EXAMPLES = """\
@@ -134,7 +134,7 @@ def _add_point_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Measure, print, write."""
-    from cadcam.calibrate.measure.measure import measure_points
+    from cadcam.calibrate.measure.points import measure_points
     from cadcam.files.pixels import measurement_as_json, read_pixels, write_measurement
     from cadcam.report.measure import measurement_tables
 
@@ -187,7 +187,7 @@ def _check_options(arguments: argparse.Namespace) -> None:
         refuse(arguments, "--joint", why="where no JSON is written", expected=json)
 
 
-def _rig_viewpoints(arguments: argparse.Namespace, pixels: Pixels) -> list[Viewpoint]:
+def _rig_viewpoints(arguments: argparse.Namespace, pixels: ListedPixels) -> list[Viewpoint]:
     """Return the rig's cameras in the order of the pixels file's views."""
     from cadcam.files.rig import read_rig
 
@@ -200,7 +200,7 @@ def _rig_viewpoints(arguments: argparse.Namespace, pixels: Pixels) -> list[Viewp
     return [known[view] for view in pixels.views]
 
 
-def _viewpoints(arguments: argparse.Namespace, pixels: Pixels) -> list[Viewpoint]:
+def _viewpoints(arguments: argparse.Namespace, pixels: ListedPixels) -> list[Viewpoint]:
     """Return the viewpoints in the order of the pixels file's views; each has to be given."""
     from cadcam.cli.cameras import read_any_camera
 

@@ -107,7 +107,7 @@ def _check_options(arguments: argparse.Namespace) -> None:
 def _camera(arguments: argparse.Namespace) -> tuple[Camera, Rigid, CameraEstimate | None]:
     if arguments.points is None:
         return (*camera_and_pose(arguments.camera, arguments.pose), None)
-    from cadcam.calibrate.points.points import locate_camera
+    from cadcam.calibrate.points.camera import locate_camera
 
     observations = read_points_as_asked(arguments, arguments.points)
     camera = read_any_camera(arguments.camera).camera

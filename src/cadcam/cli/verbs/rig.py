@@ -28,7 +28,7 @@ from cadcam.image.suffixes import READABLE
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from cadcam.calibrate.boards.boards import BoardCalibration
+    from cadcam.calibrate.boards.pictures import BoardCalibration
     from cadcam.camera.camera import Camera
     from cadcam.camera.rig_estimate import RigEstimate
 
@@ -153,7 +153,7 @@ def _from_boards(
     files: Mapping[str, Sequence[str | None]],
     known: Mapping[str, Camera],
 ) -> tuple[RigEstimate, Mapping[str, BoardCalibration]]:
-    from cadcam.calibrate.boards.boards import BoardPicture, find_board
+    from cadcam.calibrate.boards.pictures import BoardPicture, find_board
     from cadcam.calibrate.rig.boards import calibrate_rig_boards
     from cadcam.target.boards.pattern import parse_pattern
 
@@ -178,7 +178,7 @@ def _from_points(
     files: Mapping[str, Sequence[str | None]],
     known: Mapping[str, Camera],
 ) -> RigEstimate:
-    from cadcam.calibrate.rig.rig import RigCamera, calibrate_rig
+    from cadcam.calibrate.rig.adjustment import RigCamera, calibrate_rig
 
     pictures = "--board and pictures of it, or leave it out"
     refuse(arguments, "--free-skew", "--keep-all", why="without --board", expected=pictures)

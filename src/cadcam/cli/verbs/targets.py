@@ -108,7 +108,7 @@ def _add_print(jobs: Verbs) -> None:
 
 def run_print(arguments: argparse.Namespace) -> None:
     """Write the sheet, and the plan."""
-    from cadcam.target.marks.mark import Plate, parse_mark
+    from cadcam.target.marks.mark import MarkSheet, parse_mark
     from cadcam.target.sheet import write_sheet
     from cadcam.whole import write_whole
 
@@ -119,7 +119,7 @@ def run_print(arguments: argparse.Namespace) -> None:
         refuse(arguments, "--numbers", why="without --grid", expected="both: a sheet of one mark has one number")
     columns, rows, spacing = _grid(arguments.grid)
     marks = _marks(parse_mark(arguments.mark), arguments.numbers, columns * rows)
-    plate = Plate.grid(marks, columns, rows, spacing)
+    plate = MarkSheet.grid(marks, columns, rows, spacing)
     width, height = write_sheet(arguments.output, plate, page=arguments.page)
     if arguments.plan:
         coded = arguments.numbers is not None
@@ -193,7 +193,7 @@ def run_find(arguments: argparse.Namespace) -> int:
 def _find(arguments: argparse.Namespace, mark: Mark, file: str) -> list[FoundMark]:
     from cadcam.errors import SizeMismatch
     from cadcam.image.picture import read_picture, to_gray
-    from cadcam.target.marks.find import find_marks
+    from cadcam.target.marks.find import MarkOptions, find_marks
 
     gray = to_gray(read_picture(file))
     camera = None
@@ -204,18 +204,21 @@ def _find(arguments: argparse.Namespace, mark: Mark, file: str) -> list[FoundMar
     radius = arguments.radius
     if radius and len(radius) > 2:
         raise BadValue("--radius", radius, "one number, or two: from, to")
+    options = MarkOptions(
+        method=arguments.method,
+        subpixel=arguments.subpixel,
+        perspective=arguments.perspective,
+        least_score=arguments.least_score,
+        margin=arguments.margin,
+        any_number=arguments.any_number,
+    )
     marks = find_marks(
         gray,
         mark,
         radius_px=None if not radius else radius[0] if len(radius) == 1 else (radius[0], radius[1]),
         count=arguments.count,
-        method=arguments.method,
-        subpixel=arguments.subpixel,
         camera=camera,
-        perspective=arguments.perspective,
-        least_score=arguments.least_score,
-        margin=arguments.margin,
-        any_number=arguments.any_number,
+        options=options,
     )
     if arguments.output:
         _write_overlay(arguments.output, gray, mark, marks)

@@ -24,8 +24,8 @@ from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
     from cadcam.calibrate.variability.alternating import Alternating
+    from cadcam.calibrate.variability.methods import FirstOrder, Variability
     from cadcam.calibrate.variability.projection_map import ProjectionMap
-    from cadcam.calibrate.variability.variability import FirstOrder, Variability
     from cadcam.camera.estimate import CameraEstimate
     from cadcam.report.table import Table
 
@@ -154,8 +154,8 @@ def _check(arguments: argparse.Namespace) -> None:
 
 
 def _studied(arguments: argparse.Namespace, estimate: CameraEstimate) -> _Studies:
+    from cadcam.calibrate.variability.methods import first_order
     from cadcam.calibrate.variability.projection_map import projection_map
-    from cadcam.calibrate.variability.variability import first_order
 
     first = first_order(estimate, sigma_mm=arguments.sigma_mm, method=arguments.method)
     plane = numbers("--plane", arguments.plane, 4) if arguments.plane else None
@@ -171,7 +171,7 @@ def _studied(arguments: argparse.Namespace, estimate: CameraEstimate) -> _Studie
 
 
 def _monte_carlo(arguments: argparse.Namespace, estimate: CameraEstimate) -> Variability:
-    from cadcam.calibrate.variability.variability import BLOCK, monte_carlo
+    from cadcam.calibrate.variability.methods import BLOCK, monte_carlo
 
     with progress("Method A", -(-arguments.draws // BLOCK)) as step:
         return monte_carlo(
@@ -194,7 +194,7 @@ def _steps(arguments: argparse.Namespace, estimate: CameraEstimate) -> int:
 
 
 def _markov(arguments: argparse.Namespace, estimate: CameraEstimate, steps: int) -> Variability:
-    from cadcam.calibrate.variability.variability import chains_for, markov_chain, walk_of
+    from cadcam.calibrate.variability.methods import chains_for, markov_chain, walk_of
 
     chains = chains_for(steps)
     walk = walk_of(steps, chains)
@@ -204,7 +204,7 @@ def _markov(arguments: argparse.Namespace, estimate: CameraEstimate, steps: int)
 
 def _alternating(arguments: argparse.Namespace, estimate: CameraEstimate) -> Alternating:
     from cadcam.calibrate.variability.alternating import alternating_externals
-    from cadcam.calibrate.variability.variability import BLOCK
+    from cadcam.calibrate.variability.methods import BLOCK
 
     spread_mm, spread_deg = numbers("--alternate", arguments.alternate, 2)
     draws = arguments.draws or 2000

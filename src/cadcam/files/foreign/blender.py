@@ -17,11 +17,11 @@ import numpy as np
 
 from cadcam.camera.camera import Camera
 from cadcam.errors import UnreadableFile
-from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, Target
+from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, WriteOptions
 from cadcam.files.foreign.mrcal import literal
 from cadcam.files.foreign.opencv import whole
 from cadcam.files.foreign.pose import camera_from_world_of_eye, world_from_eye
-from cadcam.files.foreign.source import Source
+from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.jsontext import Place
 from cadcam.files.text import TextFile
 from cadcam.geometry.rigid import Rigid
@@ -53,13 +53,13 @@ if CAMERA["matrix_world"] is not None:
 """
 
 
-def recognises(source: Source) -> bool:
+def recognises(source: ForeignFile) -> bool:
     """Return whether this is such a snippet."""
     head = source.head()
     return bool(re.search(r"^CAMERA\s*=\s*\{", head, re.MULTILINE)) and "sensor_width" in head
 
 
-def read(source: Source) -> Foreign:
+def read(source: ForeignFile) -> Foreign:
     """Return the camera of the dict CAMERA in a snippet."""
     file = source.text()
     found = _DICT.search(file.text)
@@ -80,7 +80,7 @@ def read(source: Source) -> Foreign:
     return Foreign("blender", (NamedCamera(name if isinstance(name, str) else "camera", camera, _pose(root)),))
 
 
-def write(cameras: Sequence[NamedCamera], target: Target) -> Files:
+def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
     """Write the snippet of one camera."""
     named = cameras[0]
     sensor = named.camera.width * target.pixel_mm if target.pixel_mm else _SENSOR_MM

@@ -14,17 +14,17 @@ import numpy as np
 
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue
-from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, Target
+from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, WriteOptions
 from cadcam.files.foreign.opencv import whole
 from cadcam.files.foreign.pose import numbers, rigid
-from cadcam.files.foreign.source import Source
+from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.jsontext import Place, as_json, parsed
 from cadcam.geometry.rigid import Rigid
 
 _ONE, _SCENE = "camera.json", "scene_camera.json"
 
 
-def recognises(source: Source) -> bool:
+def recognises(source: ForeignFile) -> bool:
     """Return whether this is one of the two files, or a folder with one."""
     if source.is_folder:
         return source.has(_SCENE) or (source.has(_ONE) and '"depth_scale"' in source.head(_ONE))
@@ -32,7 +32,7 @@ def recognises(source: Source) -> bool:
     return '"cam_K"' in head or ('"depth_scale"' in head and '"fx"' in head)
 
 
-def read(source: Source) -> Foreign:
+def read(source: ForeignFile) -> Foreign:
     """Return the cameras of scene_camera.json if it is there, else that of camera.json."""
     if source.is_folder:
         one = parsed(source.text(_ONE)) if source.has(_ONE) else None
@@ -57,7 +57,7 @@ def read(source: Source) -> Foreign:
     return Foreign("bop", tuple(_of_image(name, scene.at(name), shape) for name in names))
 
 
-def write(cameras: Sequence[NamedCamera], target: Target) -> Files:
+def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
     """Write both files; images are numbered 0, 1 ... as BOP wants them."""
     first = cameras[0].camera
     for named in cameras:

@@ -17,9 +17,9 @@ from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Division, ExtendedUnified, FieldOfView, Fisheye, Ideal, Lens
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
-from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, Target
+from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, WriteOptions
 from cadcam.files.foreign.pose import numbers
-from cadcam.files.foreign.source import Source
+from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.text import TextFile, number_in
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
@@ -58,7 +58,7 @@ _BY_NAME = {model.name: model for model in _MODELS}
 _BY_NUMBER = {model.number: model for model in _MODELS}
 
 
-def recognises_text(source: Source) -> bool:
+def recognises_text(source: ForeignFile) -> bool:
     """Return whether this is cameras.txt, or a folder with it."""
     if source.is_folder:
         return source.has("cameras.txt")
@@ -66,7 +66,7 @@ def recognises_text(source: Source) -> bool:
     return bool(lines) and len(lines[0]) > 6 and lines[0][0].isdigit() and lines[0][1].isupper()
 
 
-def recognises_binary(source: Source) -> bool:
+def recognises_binary(source: ForeignFile) -> bool:
     """Return whether this is cameras.bin, or a folder with it."""
     if source.is_folder:
         return source.has("cameras.bin")
@@ -77,7 +77,7 @@ def recognises_binary(source: Source) -> bool:
     return 0 < count < 1 << 20 and model in range(18) and b"\0\0\0\0" in data[:8]
 
 
-def read_text(source: Source) -> Foreign:
+def read_text(source: ForeignFile) -> Foreign:
     """Return the cameras of images.txt if it is there, else those of cameras.txt."""
     file = source.text("cameras.txt" if source.is_folder else "")
     cameras = dict(_camera_lines(file))
@@ -85,7 +85,7 @@ def read_text(source: Source) -> Foreign:
     return _joined("colmap", source, cameras, poses)
 
 
-def read_binary(source: Source) -> Foreign:
+def read_binary(source: ForeignFile) -> Foreign:
     """Return the cameras of images.bin if it is there, else those of cameras.bin."""
     name = "cameras.bin" if source.is_folder else ""
     cameras = dict(_Binary(source.at(name), source.data(name)).cameras())
@@ -95,7 +95,7 @@ def read_binary(source: Source) -> Foreign:
     return _joined("colmap-bin", source, cameras, poses)
 
 
-def write_text(cameras: Sequence[NamedCamera], target: Target) -> Files:
+def write_text(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
     """Write cameras.txt, images.txt and an empty points3D.txt."""
     camera_lines, image_lines = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"], ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY,"]
     image_lines[0] += " TZ, CAMERA_ID, NAME; the next line would hold POINTS2D[]"
@@ -113,7 +113,7 @@ def write_text(cameras: Sequence[NamedCamera], target: Target) -> Files:
     }
 
 
-def write_binary(cameras: Sequence[NamedCamera], target: Target) -> Files:
+def write_binary(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
     """Write cameras.bin, images.bin and an empty points3D.bin, little-endian."""
     camera_data, image_data = struct.pack("<Q", len(cameras)), b""
     posed = 0
@@ -159,7 +159,7 @@ def _pose_numbers(camera_from_world: Rigid, mm: float) -> list[float]:
 _Pose = tuple[str, int, Array]  # name, camera, quaternion and translation
 
 
-def _joined(name: str, source: Source, cameras: dict[int, Camera], poses: list[_Pose]) -> Foreign:
+def _joined(name: str, source: ForeignFile, cameras: dict[int, Camera], poses: list[_Pose]) -> Foreign:
     if not cameras:
         raise UnreadableFile(source.path, "holds no camera", "is it cut off?")
     if not poses:

@@ -18,10 +18,10 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
 from cadcam.errors import UnreadableFile
-from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, Target
+from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, WriteOptions
 from cadcam.files.foreign.opencv import whole
 from cadcam.files.foreign.pose import camera_from_world_of_eye, numbers, world_from_eye
-from cadcam.files.foreign.source import Source
+from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.jsontext import Place, as_json, parsed
 from cadcam.files.text import text_of
 from cadcam.geometry import rotation as so3
@@ -31,7 +31,7 @@ _MAGIC, _JSON = b"glTF", 0x4E4F534A
 _DEEPEST = 1000
 
 
-def recognises(source: Source) -> bool:
+def recognises(source: ForeignFile) -> bool:
     """Return whether this is glTF with cameras."""
     if not source.is_folder and source.data()[:4] == _MAGIC:
         return b'"cameras"' in source.data()
@@ -39,7 +39,7 @@ def recognises(source: Source) -> bool:
     return '"asset"' in head and '"cameras"' in source.text().text
 
 
-def read(source: Source) -> Foreign:
+def read(source: ForeignFile) -> Foreign:
     """Return a camera for each node that has one; cameras without a node have no pose."""
     root = _document(source)
     version = root.at("asset").at("version").text()
@@ -57,7 +57,7 @@ def read(source: Source) -> Foreign:
     return Foreign("gltf", tuple(named or (NamedCamera(f"camera {i}", c) for i, c in enumerate(models))))
 
 
-def write(cameras: Sequence[NamedCamera], target: Target) -> Files:
+def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
     """Write a camera and a node for each; near and far are 1 mm and none."""
     models, nodes = [], []
     for i, named in enumerate(cameras):
@@ -76,7 +76,7 @@ def write(cameras: Sequence[NamedCamera], target: Target) -> Files:
     return {"": as_json(document)}
 
 
-def _document(source: Source) -> Place:
+def _document(source: ForeignFile) -> Place:
     data = source.data()
     if data[:4] != _MAGIC:
         return parsed(source.text())
@@ -88,7 +88,7 @@ def _document(source: Source) -> Place:
     return parsed(text_of(source.path, data[20 : 20 + length]))
 
 
-def _camera(place: Place, source: Source) -> Camera:
+def _camera(place: Place, source: ForeignFile) -> Camera:
     if place.object.get("type") != "perspective":
         raise place.error(f"is of type {json.dumps(place.object.get('type'))}", "only perspective cameras are read")
     lens = place.at("perspective")

@@ -20,9 +20,9 @@ from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Division, Ideal, InverseBrownConrady, Lens
 from cadcam.errors import UnreadableFile
-from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, Target
+from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, WriteOptions
 from cadcam.files.foreign.pose import numbers
-from cadcam.files.foreign.source import Source
+from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.text import TextFile, number_in
 from cadcam.geometry.rigid import Rigid
 
@@ -35,12 +35,12 @@ _POLYNOMIAL = ("Focus", *_POLY, *_DIVISION[2:])
 _POWERS = np.array([2, 4, 6, 1, 1])  # of the focal length, from Poly1..5 to k1 k2 k3 p2 p1
 
 
-def recognises(source: Source) -> bool:
+def recognises(source: ForeignFile) -> bool:
     """Return whether this is a HALCON parameter group of a camera."""
     return bool(re.search(r"^[ \t]*ParGroup\s*:\s*\w*Camera\s*:\s*Parameter", source.head(), re.MULTILINE))
 
 
-def read(source: Source) -> Foreign:
+def read(source: ForeignFile) -> Foreign:
     """Return the camera, with the pose in NAME.pose.dat where there is one."""
     file = source.text()
     values = _values(file)
@@ -70,7 +70,7 @@ def read(source: Source) -> Foreign:
     )
 
 
-def write(cameras: Sequence[NamedCamera], target: Target) -> Files:
+def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
     """Write one camera, and beside it its pose; the pixel pitch is that given, else 5 um (no pixel depends on it)."""
     named = cameras[0]
     camera, lens = named.camera, named.camera.lens

@@ -17,9 +17,9 @@ from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, DoubleSphere, ExtendedUnified, FieldOfView, Fisheye, Ideal, Lens
 from cadcam.errors import UnknownName
-from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, Target
+from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, WriteOptions
 from cadcam.files.foreign.pose import numbers, rigid_of_matrix
-from cadcam.files.foreign.source import Source
+from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.jsontext import Place
 from cadcam.files.yamltext import parsed_yaml
 from cadcam.geometry.rigid import Rigid
@@ -29,13 +29,13 @@ _OWN = {"pinhole": 0, "omni": 1, "eucm": 2, "ds": 2}  # numbers before fu, fv, p
 _TERMS = {"radtan": 4, "equidistant": 4, "fov": 1, "none": 0}
 
 
-def recognises(source: Source) -> bool:
+def recognises(source: ForeignFile) -> bool:
     """Return whether there is a cam0 with a camera_model."""
     head = source.head()
     return bool(re.search(r"^cam0\s*:", head, re.MULTILINE)) and "camera_model" in head
 
 
-def read(source: Source) -> Foreign:
+def read(source: ForeignFile) -> Foreign:
     """Return the cameras; the world is the IMU frame where every camera has T_cam_imu, else the first camera."""
     root = parsed_yaml(source.text())
     places = [root.at(name) for name in root.object if re.fullmatch(r"cam\d+", name)]
@@ -46,7 +46,7 @@ def read(source: Source) -> Foreign:
     return Foreign("kalibr", tuple(cameras), notes)
 
 
-def write(cameras: Sequence[NamedCamera], target: Target) -> Files:
+def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
     """Write the chain; names become cam0, cam1 ... as Kalibr wants them."""
     lines: list[str] = []
     for i, named in enumerate(cameras):

@@ -12,14 +12,14 @@ from cadcam.camera.difference import largest_difference
 from cadcam.camera.equivalent import equivalents
 from cadcam.camera.lens import LENSES, Ideal, Lens
 from cadcam.errors import CadcamError, NotConverged
-from cadcam.files.foreign.model import Holder, Holds, Loss, NamedCamera
+from cadcam.files.foreign.model import ConversionLoss, Holder, Holds, NamedCamera
 from cadcam.fit.lens import Refit, refitted
 
 
 class RefusedLoss(CadcamError):
     """A format cannot hold this camera, and the loss was not allowed."""
 
-    def __init__(self, title: str, losses: Collection[Loss], *, can_fit: bool) -> None:
+    def __init__(self, title: str, losses: Collection[ConversionLoss], *, can_fit: bool) -> None:
         names = ",".join(sorted({loss.what for loss in losses}))
         fit = "; or fit its nearest lens: --fit (fit=True)" if can_fit else ""
         super().__init__(
@@ -29,31 +29,33 @@ class RefusedLoss(CadcamError):
         self.losses = tuple(losses)
 
 
-def prepared(named: NamedCamera, form: Holder, *, fit: bool) -> tuple[NamedCamera, list[Loss]]:
+def prepared(named: NamedCamera, form: Holder, *, fit: bool) -> tuple[NamedCamera, list[ConversionLoss]]:
     """Return the camera as the format can hold it, and what that changed; the losses are not judged here."""
     camera, losses = _with_lens(named.camera, form.holds, fit=fit)
     for what, step, said in _STEPS:
         after = step(camera, form.holds)
         if after is not camera:
-            losses.append(Loss(what, said(camera), largest_difference(camera, after)))
+            losses.append(ConversionLoss(what, said(camera), largest_difference(camera, after)))
         camera = after
     if camera.skew and form.holds.skew == "ignored":
         said_skew = f"K01 = {camera.skew:.6g} px is written, but {form.title} itself ignores it"
-        losses.append(Loss("skew", said_skew, largest_difference(camera, _skewless(camera))))
+        losses.append(ConversionLoss("skew", said_skew, largest_difference(camera, _skewless(camera))))
     pose = named.camera_from_world
     if pose is not None and form.holds.pose == "no":
-        losses.append(Loss("pose", "where the camera stands is not kept"))
+        losses.append(ConversionLoss("pose", "where the camera stands is not kept"))
         pose = None
     if named.estimate is not None and not form.holds.estimate:
         n = len(named.estimate.observations)
-        losses.append(Loss("covariance", f"sigmas, covariance and the {n} observations behind them are not kept"))
+        losses.append(
+            ConversionLoss("covariance", f"sigmas, covariance and the {n} observations behind them are not kept")
+        )
     if not form.holds.size:
-        losses.append(Loss("size", f"the picture's size, {camera.width} x {camera.height} px, is not kept"))
+        losses.append(ConversionLoss("size", f"the picture's size, {camera.width} x {camera.height} px, is not kept"))
     out = NamedCamera(named.name, camera, pose, named.estimate if form.holds.estimate else None)
     return out, [*losses, *form.extra_losses(out)]
 
 
-def refuse(losses: Collection[Loss], allowed: Collection[str], title: str, *, can_fit: bool) -> None:
+def refuse(losses: Collection[ConversionLoss], allowed: Collection[str], title: str, *, can_fit: bool) -> None:
     """Raise `RefusedLoss` if a loss moves pixels and is not among those allowed ("all" allows any)."""
     refused = [loss for loss in losses if loss.moves_pixels and loss.what not in allowed]
     if refused and "all" not in allowed:
@@ -66,16 +68,16 @@ def fits(lens: Lens, holds: Holds) -> bool:
     return terms is not None and all(not value or name in terms for name, value in lens.parameters.items())
 
 
-def _with_lens(camera: Camera, holds: Holds, *, fit: bool) -> tuple[Camera, list[Loss]]:
+def _with_lens(camera: Camera, holds: Holds, *, fit: bool) -> tuple[Camera, list[ConversionLoss]]:
     for same in equivalents(camera):
         if fits(same.lens, holds):
             return same, []
     if not fit:
         less = replace(camera, lens=_less(camera.lens, holds))
-        return less, [Loss("lens", _said_of(camera.lens, less.lens), largest_difference(camera, less))]
+        return less, [ConversionLoss("lens", _said_of(camera.lens, less.lens), largest_difference(camera, less))]
     best = _nearest(camera, holds)
     text = f"{_words(camera.lens)} becomes {_words(best.camera.lens)}, rms {best.rms_px:.3g} px"
-    return best.camera, [Loss("fitted lens", text, best.max_px)]
+    return best.camera, [ConversionLoss("fitted lens", text, best.max_px)]
 
 
 def _said_of(lens: Lens, left: Lens) -> str:

@@ -18,9 +18,9 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Fisheye, Ideal, Lens
-from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, Target
+from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, WriteOptions
 from cadcam.files.foreign.pose import numbers, rigid_of_matrix
-from cadcam.files.foreign.source import Source
+from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.foreign.xmltext import Node, parsed_xml
 from cadcam.geometry.rigid import Rigid
 
@@ -28,13 +28,13 @@ CORNER = 0.5  # Metashape's (0, 0) is the corner of the top-left pixel, ours its
 _UNKNOWN = {"frame": ("k4", "p3", "p4"), "fisheye": ("p1", "p2", "p3", "p4")}
 
 
-def recognises(source: Source) -> bool:
+def recognises(source: ForeignFile) -> bool:
     """Return whether this is a document with sensors, or one calibration."""
     head = source.head()
     return bool(re.search(r"<calibration\b", head)) and ("<sensor" in head or "<projection>" in head)
 
 
-def read(source: Source) -> Foreign:
+def read(source: ForeignFile) -> Foreign:
     """Return the cameras that are aligned, or where there are none the sensors."""
     root = parsed_xml(source.text())
     version = root.element.get("version", "2")
@@ -55,7 +55,7 @@ def read(source: Source) -> Foreign:
     return Foreign("metashape", tuple(cameras or only), notes)
 
 
-def write(cameras: Sequence[NamedCamera], target: Target) -> Files:
+def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
     """Write a document with a sensor for each camera, and its transform where it has a pose."""
     sensors, placed = [], []
     for i, named in enumerate(cameras):

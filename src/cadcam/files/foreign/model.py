@@ -1,4 +1,4 @@
-"""What a foreign format is: what it holds, how it is told from others, its reader and its writer."""
+"""What a foreign format is: what it holds, how it is recognised, its reader and its writer."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Literal, Protocol, TypeAlias
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.errors import UnknownName
-from cadcam.files.foreign.source import Source
+from cadcam.files.foreign.source import ForeignFile
 from cadcam.geometry.rigid import Rigid
 
 Files: TypeAlias = Mapping[str, bytes]  # what a writer makes: content by name; "" is the path asked for
@@ -52,7 +52,7 @@ class Foreign:
 
 
 @dataclass(frozen=True, slots=True)
-class Loss:
+class ConversionLoss:
     """Something that a format has no place for: `what` names it, `text` says it, `px` how far it moves pixels."""
 
     what: str
@@ -91,7 +91,7 @@ class Holds:
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class WriteOptions:
     """How to write: the name asked for, millimetres per unit of length, pixel pitch in mm (None: not known)."""
 
     name: str
@@ -112,7 +112,7 @@ class Holder(Protocol):
         """Return what it has a place for."""
         ...
 
-    def extra_losses(self, named: NamedCamera, /) -> Sequence[Loss]:
+    def extra_losses(self, named: NamedCamera, /) -> Sequence[ConversionLoss]:
         """Return what else is lost of a camera that fits."""
         ...
 
@@ -125,9 +125,9 @@ class Format:
     title: str
     suffixes: tuple[str, ...]
     holds: Holds
-    recognises: Callable[[Source], bool]
-    read: Callable[[Source], Foreign]
-    write: Callable[[Sequence[NamedCamera], Target], Files]
+    recognises: Callable[[ForeignFile], bool]
+    read: Callable[[ForeignFile], Foreign]
+    write: Callable[[Sequence[NamedCamera], WriteOptions], Files]
     unit: str | None = None
     folder: bool = False
-    extra_losses: Callable[[NamedCamera], Sequence[Loss]] = lambda _: ()
+    extra_losses: Callable[[NamedCamera], Sequence[ConversionLoss]] = lambda _: ()

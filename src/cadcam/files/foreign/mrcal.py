@@ -19,9 +19,9 @@ from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, ExtendedUnified, Ideal, Lens
 from cadcam.errors import UnreadableFile
-from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, Target
+from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, WriteOptions
 from cadcam.files.foreign.pose import numbers
-from cadcam.files.foreign.source import Source
+from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.jsontext import Place
 from cadcam.files.text import TextFile
 from cadcam.geometry import rotation as so3
@@ -32,12 +32,12 @@ _STEREOGRAPHIC = ExtendedUnified(0.5, 1.0)
 _POSES = ("rt_cam_ref", "extrinsics")
 
 
-def recognises(source: Source) -> bool:
+def recognises(source: ForeignFile) -> bool:
     """Return whether this names a LENSMODEL."""
     return bool(re.search(r"""['"]lens_?model['"]\s*:\s*b?['"]LENSMODEL_""", source.head()))
 
 
-def read(source: Source) -> Foreign:
+def read(source: ForeignFile) -> Foreign:
     """Return the camera."""
     root = Place(source.path, (), literal(source.text()))
     name = next((n for n in ("lensmodel", "lens_model") if n in root.object), "lensmodel")
@@ -59,7 +59,7 @@ def read(source: Source) -> Foreign:
     return Foreign("mrcal", (NamedCamera("camera", camera, _pose(root, source.mm)),), notes)
 
 
-def write(cameras: Sequence[NamedCamera], target: Target) -> Files:
+def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
     """Write one camera; without a pose it stands at the reference."""
     named = cameras[0]
     camera = named.camera

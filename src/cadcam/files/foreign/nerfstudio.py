@@ -15,10 +15,10 @@ import numpy as np
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Fisheye, Ideal, Lens
 from cadcam.errors import BadValue
-from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, Target
+from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, WriteOptions
 from cadcam.files.foreign.opencv import whole
 from cadcam.files.foreign.pose import camera_from_world_of_eye, world_from_eye
-from cadcam.files.foreign.source import Source
+from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.jsontext import Place, as_json, parsed
 
 CORNER = 0.5  # nerfstudio's (0, 0) is the corner of the top-left pixel, ours its centre
@@ -26,13 +26,13 @@ _FISHEYE = ("k1", "k2", "k3", "k4")
 _BROWN = ("k1", "k2", "p1", "p2", "k3")
 
 
-def recognises(source: Source) -> bool:
+def recognises(source: ForeignFile) -> bool:
     """Return whether this is JSON with frames and transform matrices."""
     head = source.head()
     return '"frames"' in head and ('"fl_x"' in head or '"camera_angle_x"' in head or '"transform_matrix"' in head)
 
 
-def read(source: Source) -> Foreign:
+def read(source: ForeignFile) -> Foreign:
     """Return a camera for each frame; what a frame does not say is that of the file."""
     root = parsed(source.text())
     frames = root.at("frames")
@@ -60,7 +60,7 @@ def read(source: Source) -> Foreign:
     return Foreign("nerfstudio", tuple(cameras), notes)
 
 
-def write(cameras: Sequence[NamedCamera], target: Target) -> Files:
+def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
     """Write a frame for each camera that has a pose, each with its own intrinsics; one camera's stand at the top."""
     same = all(named.camera is cameras[0].camera for named in cameras)
     for named in cameras:
@@ -102,7 +102,7 @@ def _values(camera: Camera) -> dict[str, Any]:
     return {**head, "fl_x": camera.fx, "fl_y": camera.fy, "cx": cx, "cy": cy, **terms}
 
 
-def _camera(place: Place, source: Source) -> Camera:
+def _camera(place: Place, source: ForeignFile) -> Camera:
     size = (whole(place.at("w")), whole(place.at("h"))) if "w" in place.object else source.needed_size("this file")
     fx = _focal(place, "fl_x", "camera_angle_x", size[0])
     fy = _focal(place, "fl_y", "camera_angle_y", size[1]) if {"fl_y", "camera_angle_y"} & set(place.object) else fx

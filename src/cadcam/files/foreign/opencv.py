@@ -17,9 +17,9 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Fisheye, Ideal, Lens, TiltedBrownConrady, lens_from_opencv
-from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, Target
+from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, WriteOptions
 from cadcam.files.foreign.pose import numbers
-from cadcam.files.foreign.source import Source
+from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.foreign.xmltext import Node, parsed_xml
 from cadcam.files.jsontext import Place, parsed
 from cadcam.files.yamltext import parsed_yaml
@@ -43,14 +43,14 @@ _WIDTH, _HEIGHT = ("image_width", "image_Width", "width"), ("image_height", "ima
 _VIEWS = ("extrinsic_parameters", "Extrinsic_Parameters")
 
 
-def recognises(source: Source) -> bool:
+def recognises(source: ForeignFile) -> bool:
     """Return whether this is FileStorage with a camera matrix."""
     head = source.head()
     storage = re.match(r"\s*%YAML:1\.\d", head) or "opencv-matrix" in head or "<opencv_storage>" in head
     return bool(storage) and any(re.search(rf"\b{matrix}\b", head) for matrix, _ in _NAMES)
 
 
-def read(source: Source) -> Foreign:
+def read(source: ForeignFile) -> Foreign:
     """Return the cameras; one for each view where the file has extrinsic parameters."""
     root = _storage(source)
     size = _size(source, root)
@@ -69,7 +69,7 @@ def read(source: Source) -> Foreign:
     return Foreign("opencv", tuple(cameras), tuple(notes))
 
 
-def write(cameras: Sequence[NamedCamera], target: Target) -> Files:
+def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
     """Write one camera, YAML or (by the name's end) XML; its pose as the one view."""
     named = cameras[0]
     camera = named.camera
@@ -93,7 +93,7 @@ def coefficients(lens: Lens) -> Array:
     return c if isinstance(lens, Fisheye) else next(c[:n] for n in (5, 8, 12, 14) if not c[n:].any())
 
 
-def _storage(source: Source) -> Place:
+def _storage(source: ForeignFile) -> Place:
     head = source.head().lstrip()
     if head.startswith("<"):
         root = parsed_xml(source.text())
@@ -113,7 +113,7 @@ def _xml_value(node: Node) -> Any:
         return node.text()
 
 
-def _size(source: Source, root: Place) -> tuple[int, int]:
+def _size(source: ForeignFile, root: Place) -> tuple[int, int]:
     for width, height in zip(_WIDTH, _HEIGHT, strict=True):
         if width in root.object and height in root.object:
             return whole(root.at(width)), whole(root.at(height))

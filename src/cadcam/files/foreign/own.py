@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from cadcam.camera.lens import LENSES
 from cadcam.files.camera import FORMAT as OWN
 from cadcam.files.camera import camera_as_json, camera_file_of
-from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, Target
-from cadcam.files.foreign.source import Source
+from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, WriteOptions
+from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.jsontext import as_json
 
 
-def recognises(source: Source) -> bool:
+def recognises(source: ForeignFile) -> bool:
     """Return whether this is a camera file of ours, or written by hand after its rules."""
     head = source.head()
     return bool(re.search(rf'"format"\s*:\s*"{OWN}"', head)) or (
@@ -21,13 +21,13 @@ def recognises(source: Source) -> bool:
     )
 
 
-def read(source: Source) -> Foreign:
+def read(source: ForeignFile) -> Foreign:
     """Return the camera, with its estimate if it has one."""
     found = camera_file_of(source.text())
     return Foreign("cadcam", (NamedCamera("camera", found.camera, found.camera_from_world, found.estimate),))
 
 
-def write(cameras: Sequence[NamedCamera], target: Target) -> Files:
+def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
     """Write one camera with its pose, or its estimate with all that belongs to it."""
     named = cameras[0]
     if named.estimate is not None:

@@ -17,8 +17,8 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.difference import largest_difference
 from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
 from cadcam.files.foreign.losses import prepared, refuse
-from cadcam.files.foreign.model import Foreign, Format, Loss, NamedCamera, Target
-from cadcam.files.foreign.source import Source
+from cadcam.files.foreign.model import ConversionLoss, Foreign, Format, NamedCamera, WriteOptions
+from cadcam.files.foreign.source import ForeignFile
 from cadcam.geometry.rigid import Rigid
 from cadcam.whole import write_whole
 
@@ -65,7 +65,7 @@ class Written:
 
     format: str
     paths: tuple[str, ...]
-    losses: tuple[Loss, ...]
+    losses: tuple[ConversionLoss, ...]
     notes: tuple[str, ...]
     read_back_px: float
 
@@ -79,7 +79,7 @@ def format_named(name: str) -> Format:
     return found
 
 
-def format_of(source: Source) -> Format:
+def format_of(source: ForeignFile) -> Format:
     """Return the format that a file's content shows; `UnreadableFile` if none does."""
     if not source.is_folder and not source.data():
         raise UnreadableFile(source.path, "is empty", "copy it again from its source")
@@ -112,7 +112,7 @@ def read_cameras(
     file's lengths where its format has none; mm if not said, and a note says so. Raises `UnreadableFile`.
     """
     mm = MM[unit_name(unit)] if unit is not None else 1.0
-    source = Source(os.fspath(path), size=size, mm=mm)
+    source = ForeignFile(os.fspath(path), size=size, mm=mm)
     _refuse_missing(source)
     form = format_of(source) if format_name is None else format_named(format_name)
     if unit is not None and form.unit is not None and unit_name(unit) != form.unit:
@@ -147,7 +147,7 @@ def write_cameras(
     they are written to disk.
     """
     form = format_for(path) if format_name is None else format_named(format_name)
-    target = Target(os.fspath(path), _mm_written(form, unit), pixel_mm)
+    target = WriteOptions(os.fspath(path), _mm_written(form, unit), pixel_mm)
     named = _as_named(cameras, camera_from_world)
     chosen, notes = _chosen(named, form)
     with np.errstate(all="ignore"):
@@ -157,7 +157,7 @@ def write_cameras(
     refuse(losses, allow_loss, form.title, can_fit=not fit)
     ready = [one for one, _ in pairs]
     files = form.write(ready, target)
-    back = _read(form, Source(target.name, size=ready[0].camera.size, mm=target.mm, memory=files)).cameras
+    back = _read(form, ForeignFile(target.name, size=ready[0].camera.size, mm=target.mm, memory=files)).cameras
     px = max(largest_difference(meant.camera, found.camera) for meant, found in zip(ready, back, strict=True))
     if not (px < _WRONG_PX and _poses_agree(ready, back, form)):
         raise RuntimeError(f"{form.title} of {ready[0].camera} reads back {px:.3g} px off, or elsewhere")
@@ -203,11 +203,15 @@ def _alike(named: list[NamedCamera]) -> bool:
     return all(largest_difference(one.camera, first) == 0 for one in named if one.camera is not first)
 
 
-def _pose_losses(named: list[NamedCamera], form: Format) -> list[Loss]:
+def _pose_losses(named: list[NamedCamera], form: Format) -> list[ConversionLoss]:
     first = named[0].camera_from_world
     if form.holds.pose != "relative" or first is None or np.array_equal(first.matrix, np.eye(4)):
         return []
-    return [Loss("pose", "only where the cameras stand among each other is kept: the world becomes the first camera")]
+    return [
+        ConversionLoss(
+            "pose", "only where the cameras stand among each other is kept: the world becomes the first camera"
+        )
+    ]
 
 
 def _path_of(path: str, form: Format, name: str) -> str:
@@ -223,15 +227,17 @@ def _poses_agree(meant: Sequence[NamedCamera], found: Sequence[NamedCamera], for
     return all(a is None or (b is not None and np.allclose(a.matrix, b.matrix, rtol=1e-9, atol=1e-6)) for a, b in pairs)
 
 
-def _renamed(meant: Sequence[NamedCamera], found: Sequence[NamedCamera]) -> list[Loss]:
+def _renamed(meant: Sequence[NamedCamera], found: Sequence[NamedCamera]) -> list[ConversionLoss]:
     """Return the loss of names, which only several cameras need."""
     pairs = [f"{a.name} is now {b.name}" for a, b in zip(meant, found, strict=True) if a.name != b.name]
     return (
-        [Loss("names", ", ".join(pairs[:6]) + (", ..." if len(pairs) > 6 else ""))] if len(meant) > 1 and pairs else []
+        [ConversionLoss("names", ", ".join(pairs[:6]) + (", ..." if len(pairs) > 6 else ""))]
+        if len(meant) > 1 and pairs
+        else []
     )
 
 
-def _read(form: Format, source: Source) -> Foreign:
+def _read(form: Format, source: ForeignFile) -> Foreign:
     return _guarded(source.path, lambda: form.read(source))
 
 
@@ -248,7 +254,7 @@ def _guarded(path: str, job: Callable[[], T]) -> T:
         raise UnreadableFile(path, f"holds an impossible value ({error})", "is it the right file?") from None
 
 
-def _refuse_missing(source: Source) -> None:
+def _refuse_missing(source: ForeignFile) -> None:
     try:
         missing = not Path(source.path).exists()
     except (OSError, ValueError) as error:

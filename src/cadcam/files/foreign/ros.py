@@ -16,10 +16,10 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Fisheye, Lens, lens_from_opencv
-from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, Target
+from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, WriteOptions
 from cadcam.files.foreign.opencv import coefficients, whole
 from cadcam.files.foreign.pose import numbers
-from cadcam.files.foreign.source import Source
+from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.jsontext import Place
 from cadcam.files.yamltext import parsed_yaml
 
@@ -27,14 +27,14 @@ _FISHEYE = ("equidistant", "fisheye")
 _BROWN = ("plumb_bob", "rational_polynomial", "")
 
 
-def recognises(source: Source) -> bool:
+def recognises(source: ForeignFile) -> bool:
     """Return whether this names a distortion model and holds a camera matrix."""
     head = source.head()
     named = re.search(r"^[ \t]*distortion_model\s*:", head, re.MULTILINE)
     return bool(named) and bool(re.search(r"^[ \t]*(camera_matrix|[kK])\s*:", head, re.MULTILINE))
 
 
-def read(source: Source) -> Foreign:
+def read(source: ForeignFile) -> Foreign:
     """Return the camera."""
     root = parsed_yaml(source.text())
     matrix, distortion = (
@@ -53,7 +53,7 @@ def read(source: Source) -> Foreign:
     return Foreign("ros", (NamedCamera(name if isinstance(name, str) else "camera", camera),), _notes(root, K))
 
 
-def write(cameras: Sequence[NamedCamera], target: Target) -> Files:
+def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
     """Write one camera; the rectification is the identity and the projection matrix K itself."""
     named = cameras[0]
     camera = named.camera

@@ -14,7 +14,7 @@ MAX_BYTES = 256_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Source:
+class ForeignFile:
     """Where a reader reads: `path` as given, with what the caller says that the file does not.
 
     size: the picture's (width, height) for formats without one. mm: millimetres per unit of length for formats without

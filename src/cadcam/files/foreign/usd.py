@@ -22,9 +22,9 @@ from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
 from cadcam.camera.difference import largest_difference
 from cadcam.errors import UnreadableFile
-from cadcam.files.foreign.model import Files, Foreign, Format, Holds, Loss, NamedCamera, Target
+from cadcam.files.foreign.model import ConversionLoss, Files, Foreign, Format, Holds, NamedCamera, WriteOptions
 from cadcam.files.foreign.pose import camera_from_world_of_eye, numbers, world_from_eye
-from cadcam.files.foreign.source import Source
+from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.foreign.usdtext import Prim, parsed_usda
 from cadcam.files.jsontext import Place
 from cadcam.geometry import rotation as so3
@@ -33,14 +33,14 @@ _UNIT_MM = 10.0  # a scene unit of 1 cm, USD's default: focal lengths are then i
 _APERTURE_MM = 36.0  # the width written where no pixel pitch is known: no pixel depends on it
 
 
-def recognises(source: Source) -> bool:
+def recognises(source: ForeignFile) -> bool:
     """Return whether this is USD, in text or not."""
     if source.is_folder:
         return False
     return source.data()[:8] == b"PXR-USDC" or source.head().lstrip().startswith("#usda")
 
 
-def read(source: Source) -> Foreign:
+def read(source: ForeignFile) -> Foreign:
     """Return the cameras with their poses, the sizes from render products."""
     if source.data()[:8] == b"PXR-USDC":
         raise UnreadableFile(source.path, "is binary USD", "convert it: usdcat file.usd -o file.usda")
@@ -59,7 +59,7 @@ def read(source: Source) -> Foreign:
     return Foreign("usd", tuple(cameras))
 
 
-def write(cameras: Sequence[NamedCamera], target: Target) -> Files:
+def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
     """Write a stage of centimetres with a camera and a render product each."""
     names = _identifiers(cameras)
     lines = ["#usda 1.0", "(", f"    metersPerUnit = {_UNIT_MM / 1000!r}", '    upAxis = "Z"', ")", ""]
@@ -192,14 +192,16 @@ def _identifiers(cameras: Sequence[NamedCamera]) -> list[str]:
     return out
 
 
-def _losses(named: NamedCamera) -> list[Loss]:
+def _losses(named: NamedCamera) -> list[ConversionLoss]:
     """Return what USD's own rounding of the five numbers to floats does."""
     camera = named.camera
     rounded = {key: float(np.float32(value)) for key, value in _values(camera, _APERTURE_MM).items()}
     place = Place("", (), rounded)
     px = largest_difference(camera, replace(camera, K=_camera(place, camera.size).K))
     return [
-        Loss("precision", "the file keeps all digits, but USD itself rounds focal length and apertures to floats", px)
+        ConversionLoss(
+            "precision", "the file keeps all digits, but USD itself rounds focal length and apertures to floats", px
+        )
     ]
 
 

@@ -19,7 +19,7 @@ from cadcam.camera.opengl import projection_matrix
 from cadcam.errors import UnknownName
 from cadcam.files.foreign.blender import blender_values
 from cadcam.files.foreign.losses import prepared, refuse
-from cadcam.files.foreign.model import Holds, Loss, NamedCamera
+from cadcam.files.foreign.model import ConversionLoss, Holds, NamedCamera
 from cadcam.files.foreign.pose import numbers, world_from_eye
 from cadcam.geometry.rigid import Rigid
 
@@ -65,7 +65,7 @@ class Viewer:
     holds: Holds
     values: Callable[[Camera, Rigid, float, tuple[float, float]], dict[str, Any]]
 
-    def extra_losses(self, named: NamedCamera, /) -> Sequence[Loss]:
+    def extra_losses(self, named: NamedCamera, /) -> Sequence[ConversionLoss]:
         """Return nothing."""
         return ()
 

@@ -16,22 +16,22 @@ import numpy as np
 from cadcam.camera.camera import Camera
 from cadcam.camera.difference import picture_grid
 from cadcam.camera.lens import BrownConrady, Fisheye, Ideal, Lens
-from cadcam.files.foreign.model import Files, Foreign, Format, Holds, Loss, NamedCamera, Target
-from cadcam.files.foreign.source import Source
+from cadcam.files.foreign.model import ConversionLoss, Files, Foreign, Format, Holds, NamedCamera, WriteOptions
+from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.foreign.xmltext import Node, parsed_xml
 
 _PLAIN, _RADIAL = "perspectiveProjWithoutDistortion", "perspectiveProjWithDistortion"
 _FISHEYE = "ProjWithKannalaBrandtDistortion"
 
 
-def recognises(source: Source) -> bool:
+def recognises(source: ForeignFile) -> bool:
     """Return whether one of ViSP's models is named, or this is a tracker's configuration with its camera."""
     head = source.head()
     named = any(f"<type>{model}</type>" in head for model in (_PLAIN, _RADIAL, _FISHEYE))
     return named or ("<conf>" in head and "<u0>" in head and "<px>" in head)
 
 
-def read(source: Source) -> Foreign:
+def read(source: ForeignFile) -> Foreign:
     """Return a camera for each model in the file: ViSP files often have one with and one without distortion."""
     root = parsed_xml(source.text())
     cameras, notes = [], []
@@ -54,7 +54,7 @@ def read(source: Source) -> Foreign:
     return Foreign("visp", tuple(cameras), tuple(notes))
 
 
-def write(cameras: Sequence[NamedCamera], target: Target) -> Files:
+def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
     """Write a camera element for each camera."""
     lines = ['<?xml version="1.0"?>', "<root>"]
     for named in cameras:
@@ -127,12 +127,14 @@ def _planes(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return camera.normalised(q[seen]), d[seen, :2] / d[seen, 2:]
 
 
-def _losses(named: NamedCamera) -> list[Loss]:
+def _losses(named: NamedCamera) -> list[ConversionLoss]:
     if not isinstance(named.camera.lens, BrownConrady):
         return []
     px = _inverse_error(named.camera, _fitted_kdu(named.camera))
     return [
-        Loss("inverse", f"ViSP's pixel-to-metre conversion (kdu) will be off by up to {px:.3g} px; forward is exact")
+        ConversionLoss(
+            "inverse", f"ViSP's pixel-to-metre conversion (kdu) will be off by up to {px:.3g} px; forward is exact"
+        )
     ]
 
 

@@ -1,6 +1,6 @@
 """Effects on the charge: exposure, light smeared into other rows while it is carried away, full wells, noise.
 
-Charge is told in units of the full scale: 1 is the well that gives white at a gain of 1.
+Charge is counted in units of the full scale: 1 is the well that gives white at a gain of 1.
 """
 
 from __future__ import annotations

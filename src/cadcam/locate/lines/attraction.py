@@ -1,4 +1,4 @@
-"""Pulling a part's lines onto the photo's steps from some way off.
+"""Pulling a part's lines onto the photo's steps from some pixels away.
 
 Samples on the visible lines look along their normals for steps of brightness, several each. Every step attracts the
 line, the nearer the more: a sample's weight is shared among its steps and "none of them" as in a mixture of normal
@@ -73,7 +73,7 @@ def pulled_onto(
     """Return the step x (k,) by which N lines come onto their steps, of those (N, M) that each one sees.
 
     J (N, k) says how x moves the lines; offset, slope (N, M) where along the normals (px) steps are, and how steep, the
-    steepest first, nan for none. stiff: weights (k, k) and the vector `before` (k,): they hold before + x near nil, in
+    steepest first, nan for none. stiff: weights (k, k) and the vector `before` (k,): they hold before + x near zero, in
     units of a sample's pull.
     """
     size = np.abs(slope)

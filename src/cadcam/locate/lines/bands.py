@@ -4,7 +4,7 @@ A band ends in a step of its own, some pixels beside the line's. A fit that know
 by up to 0.5 px, the same all along the edge, and no covariance would tell. One cell hardly shows such a step in its
 noise, a stretch of them does: what the fits leave over is averaged along it, by distance from the line, and the step
 looked for there which explains most of it beyond what levels, slopes and known lines do (a score test). Of a step that
-explains clearly more than noise and grain would, every cell is told: it is a twin, like another line of the model.
+explains clearly more than noise and grain would, every cell then has a twin, as of another line of the model.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _INSIDE = 0.25  # px: so much farther cells reach at least
 _CLEAR = 20.0  # variances of noise and grain that a band explains
 _MAYBE = 0.5  # of that, as places half a pixel apart show it
 _PAST = 2.0  # blurs: cells reach so far beyond a band's end
-_SHORT = 1.5  # blurs: cells end that far before a step that they are not told of
+_SHORT = 1.5  # blurs: cells end that far before a step that they do not model
 _BLURS = np.array([0.6, 0.72, 0.86, 1.0, 1.2])  # of the blur: tried where bands may have been taken for it
 _BESIDE = 0.3  # of the cells beside bands, from which on these may have been taken for blur
 _FEW_BANDS = 0.05  # of the cells of half the stretches: with fewer beside bands, no more are asked
@@ -92,7 +92,7 @@ def share_beside_bands(sight: Sight, at: Projected, cells: Cells, where: Array) 
 def banded(
     sight: Sight, at: Projected, cells: Cells, where: Array, anew: Mapping[str, float] | None = None
 ) -> tuple[Cells, Cells, StepSums]:
-    """Return cells of the photo's true blur, cells that know of the bands beside their lines, and the sums of these.
+    """Return cells of the photo's true blur, the same cells with bands modelled, and the sums of the latter.
 
     where (N,) px along the normals: where the steps are. anew: how cells are laid out, where bands may have been taken
     for blur; then they are laid out once more.
@@ -115,7 +115,7 @@ def banded(
 
 
 def _blur(sight: Sight, at: Projected, cells: Cells, where: Array, anew: Mapping[str, float]) -> float:
-    """Return the blur at which steps fit best that know of bands."""
+    """Return the blur at which steps fit best with bands modelled."""
     tried, misfit = cells.blur * _BLURS, []
     for blur in tried:
         spread = (blur / cells.blur) ** 2 * cells.spread
@@ -131,7 +131,7 @@ def _any(apart: Array) -> npt.NDArray[np.bool_]:
 
 
 def _told(cells: Cells, of: Longs, apart: Array, end: Array) -> Cells:
-    """Return cells that know of steps `apart` (B, 2) px below and above, nan for none, and end before `end`."""
+    """Return cells that model steps `apart` (B, 2) px below and above, nan for none, and end before `end`."""
     apart, end = np.vstack([apart, [np.nan, np.nan]])[of], np.vstack([end, [np.inf, np.inf]])[of]
     twins, reach = cells.twins.copy(), np.stack([cells.below, cells.above], axis=1)
     there = np.isfinite(apart)
@@ -142,7 +142,7 @@ def _told(cells: Cells, of: Longs, apart: Array, end: Array) -> Cells:
 
 
 def _drawn(without: StepSums, told: StepSums, of: Longs) -> Array:
-    """Return by how much (n,) px the bands drew the steps of each cell's stretch."""
+    """Return by how much (n,) px the bands shifted the steps of each cell's stretch."""
     place = []
     for sums in (without, told):
         found = sums.solved(np.zeros((len(of), 2)))
@@ -155,7 +155,7 @@ def _drawn(without: StepSums, told: StepSums, of: Longs) -> Array:
 
 
 def _stretches(sight: Sight, at: Projected, cells: Cells, where: Array, *, every: int = 1) -> _Stretches:
-    """Return what fits leave over in the stretches of a photo's lines, or in one of so many of them."""
+    """Return the residuals of the step fits along stretches of a photo's lines, or along every so many of them."""
     run = sight.samples.run[cells.which].astype(np.int64)
     count = np.bincount(run)
     place = np.arange(len(run)) - (np.cumsum(count) - count)[run]
@@ -208,7 +208,7 @@ def _found(s: _Stretches, blur: float) -> tuple[Array, Array]:
 
 
 def _peak(gain: Array, best: int) -> float:
-    """Return where the parabola through the highest of some gains and its neighbours is highest."""
+    """Return the position of the maximum of the parabola through the largest gain and its two neighbours."""
     at, around = _TRIED[best], gain[max(best - 1, 0) : best + 2]
     if len(around) < 3 or not around.min() > 0 or _TRIED[best - 1] * _TRIED[best + 1] < 0:
         return float(at)

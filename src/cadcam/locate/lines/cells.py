@@ -99,14 +99,14 @@ class Cells:
         return float(np.sqrt(np.mean(self.blurs**2))) if len(self.blurs) else float(np.sqrt(np.trace(self.spread) / 2))
 
     def alike(self) -> list[tuple[Longs, float]]:
-        """Return numbers of cells of about the same blur, and that blur, px."""
+        """Return groups of cells of about the same blur: their numbers, and that blur, px."""
         if not len(self.blurs) or np.ptp(self.blurs) <= _ALIKE * self.blurs[0]:
             return [(np.arange(len(self.blurs)), self.blur)]
         of = np.round(np.log(self.blurs) / _ALIKE)
         return [(own, float(self.blurs[own].mean())) for own in (np.flatnonzero(of == one) for one in np.unique(of))]
 
     def settled(self, sight: Sight, at: Projected, where: Array | None) -> tuple[Cells, StepSums]:
-        """Return the cells with slopes held as the photo asks for, and their sums."""
+        """Return the cells with slopes held as firmly as the photo asks for, and their sums."""
         sums = self.sums_at(sight, at, where)
         found, run = sums.solved(np.zeros((len(self.which), 2)), noise=0.5 * sight.noise), sight.samples.run[self.which]
         slope2 = along_runs(found.slopes, run, _STRETCH) ** 2
@@ -178,11 +178,11 @@ def measure(
 
 
 def _held_as_lines(sums: StepSums, run: Ids) -> Array:
-    """Return how firmly slopes (n, 2) are held for the mean of each run's steps: by its mean slope, or what is usual.
+    """Return how firmly slopes (n, 2) are held by each run as a whole: as its mean slope asks for, or the usual one.
 
-    A slope's mean over k cells tells k times as much of it as one cell does, so it is held by that much less. How
-    large slopes are is told by these means, less what noise makes of them: over all runs by the median, and more for a
-    run whose own is more. What noise makes of slopes shows in how those of neighbouring cells differ.
+    The mean slope over k cells has k times the information of one cell's, so it is held by that much less. How large
+    slopes are follows from these means, less what noise makes of them: the median over all runs, and more for a run
+    whose own is more. What noise makes of slopes shows in how those of neighbouring cells differ.
     """
     found = sums.solved(np.zeros((len(run), 2)))
     number = np.unique(run, return_inverse=True)[1].reshape(-1)
@@ -226,7 +226,7 @@ def _room(next_line: Array, beyond: Array, blur: Array) -> Array:
 
 
 def _bow(at: Projected, run: Ids, half_length: float, blur: Array) -> Array:
-    """Return how far (N,) px along the normals the steps of bent lines lie beyond their tangents, on their cells' mean.
+    """Return the mean offset (N,) px along the normal, over each cell, of a curved line's step from its tangent.
 
     A line of curvature k is k t^2 / 2 off its tangent at t, so k half_length^2 / 6 on the mean, and blur moves its step
     towards the inside of the bend, by k blur^2 / 2. The neighbours on the line, s away, are k s^2 / 2 off.

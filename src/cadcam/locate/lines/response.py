@@ -8,7 +8,7 @@ step of blur s fitted to it by least squares is off along its normal by
 
 for what is added to the step, Phi (1 - Phi), has 1/6 of the slope's weight and the slope itself 1 / (2 sqrt(pi)).
 
-Edges of either sign and of unlike contrast contradict each other on one pose: so g - 1 is told by what they are off by
+At one pose, edges of either sign and of unlike contrast contradict each other: g - 1 follows from what they are off by
 as a whole, to 0.05 to 0.4. Whether there is a gamma is weighed against none by what each makes of that (a Bayes factor:
 R. Kass and A. Raftery, J. Am. Stat. Assoc. 90, 1995); what is taken out is the mean of both, so that a camera without
 gamma is measured as ever, and what is left of the doubt goes into the covariance, where none is taken out, too.
@@ -33,7 +33,7 @@ _OF_BLUR = np.sqrt(np.pi) / 3
 _BESIDE = 3.0  # blurs from the line: there the sides have their own brightness
 _USUAL = (0.8, 0.6)  # g - 1 of cameras that bend their response, mean and sd
 _SELDOM = 0.25  # how many of those there are for one that does not
-_NEVER = 1e-6  # share of such cameras that the steps leave, below which nothing is told of a bend
+_NEVER = 1e-6  # share of such cameras that the steps leave, below which no bend is considered
 _DOUBT = 0.5  # probability of a bend up to which none is taken out, but doubted
 _LEAST = 5.0  # degrees of freedom that tell anything
 _LIGHT = 0.05  # share of the variance of edges' offsets that light draws all towards dark, or towards bright
@@ -41,14 +41,14 @@ _LIGHT = 0.05  # share of the variance of edges' offsets that light draws all to
 
 @dataclass(frozen=True, slots=True)
 class Bend:
-    """A response y = L^(1/g): what excess = g - 1 is to be taken out, and by how much that may be wrong (rms)."""
+    """A camera response y = L^(1/g): the excess g - 1 to be removed, and its uncertainty (rms)."""
 
     excess: float
     sd: float
 
 
 def leanings(sight: Sight, at: Projected, which: Longs, blur: float) -> Array:
-    """Return by how much (n,) px the steps of the chosen samples are moved along their normals for a unit of g - 1."""
+    """Return the shift (n,) px along the normal of each chosen sample's step for a unit of g - 1."""
     q, aside = at.q[which], _BESIDE * blur * at.normal[which]
     low, high = values_at(sight.photo.gray[..., None], np.stack([q - aside, q + aside]))[..., 0]
     lean = -_OF_BLUR * blur * (high - low) / np.maximum(high + low, 1e-3)
@@ -56,7 +56,7 @@ def leanings(sight: Sight, at: Projected, which: Longs, blur: float) -> Array:
 
 
 def bend_of(fit: GroupedFit, J: Array, lean: Array, bright: Array, group: Longs) -> Bend | None:
-    """Return how the response is bent as the edges of a straight fit tell, None where they rule that out.
+    """Return the bend of the response that the residuals of a straight fit show; None where they rule one out.
 
     J (n, k), lean (n,), group (n,): of some samples of each edge, and the number of its group in the fit. Regression of
     the groups' offsets on how these follow the pose and the bend. bright (n,): 1 or -1, to which side of a sample the
@@ -79,7 +79,7 @@ def bend_of(fit: GroupedFit, J: Array, lean: Array, bright: Array, group: Longs)
 
 
 def _weighed(excess: float, variance: float) -> Bend | None:
-    """Return what to expect of a bend that was measured with this variance, None where there is none."""
+    """Return the expected bend given a measured one with this variance, None where there is none."""
     usual, sd = _USUAL
     total = variance + sd**2
     mean, left = (excess * sd**2 + usual * variance) / total, variance * sd**2 / total

@@ -23,7 +23,7 @@ _FAINT = 0.4  # of the strongest slope nearby: weaker ones are no edges
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sight:
-    """A photo, its noise (sd of a pixel), and the samples of the part's lines visible from where it was drawn."""
+    """A photo, its noise (sd of a pixel), and the samples of the part's lines visible from the pose `drawn`."""
 
     photo: Photo
     noise: float
@@ -49,7 +49,7 @@ class Sight:
         return point - (self.photo.viewpoint.camera_from_world @ world_from_part).origin
 
     def moved_px(self, one: Rigid, other: Rigid) -> float:
-        """Return how far the lines lie apart between two poses: nine tenths of them at most that far."""
+        """Return how far (px) the lines lie apart between two poses: the 0.9 quantile over the samples."""
         few = self.select(slice(None, None, max(1, len(self.samples) // 60)))
         apart = np.hypot(*(few.project(one).q - few.project(other).q).T)
         apart = apart[np.isfinite(apart)]
@@ -94,7 +94,7 @@ class Sight:
         return wide if cells >= _ENOUGH else blur
 
     def _blur(self, at: Projected, half_length: float, reach_px: float) -> tuple[Array, int]:
-        """Return the blur, and from how many cells that reach so far."""
+        """Return the blur, and the number of cells of that reach that it was found from."""
         free = np.flatnonzero(np.minimum(self.samples.below, self.samples.above) >= reach_px)
         found = self.candidates(at.q[free], at.normal[free], half_length=half_length, reach=2, most=1)
         strength = np.nan_to_num(np.abs(found.slope[:, 0]))
@@ -106,12 +106,12 @@ class Sight:
 
 
 def in_noise(sights: Sequence[Sight]) -> bool:
-    """Return whether lines are looked for in calmed photos, since noise hides them in those as they are."""
+    """Return whether lines are looked for in smoothed photos, because noise hides them in the originals."""
     return any(s.photo.calm is not None for s in sights)
 
 
 def nearest_steps(sight: Sight, at: Projected, *, half_length: float, reach: int) -> Array:
-    """Return where (N,) px along the normals the photo steps, the place nearest to the line; 0 where it does not."""
+    """Return the offset (N,) px along each normal of the photo's step nearest to the line; 0 where there is none."""
     found = sight.candidates(at.q, at.normal, half_length=half_length, reach=reach, most=3)
     strong = np.abs(found.slope) > _FAINT * np.abs(found.slope[:, :1])
     far = np.where(strong, np.abs(found.offset), np.inf)

@@ -49,7 +49,7 @@ def of_model(view: View, wireframe: Wireframe, kind: Appearance) -> Picture:
 
 
 def counted(view: View, drawing: Picture, kind: Appearance) -> Mask:
-    """Return which pixels of a drawing by `of_model` the model tells: the rest of the photo may hold anything.
+    """Return which pixels of a drawing by `of_model` the model determines: elsewhere the photo may hold anything.
 
     Of lines, what is near them: faces may be printed on, dirty, or welded. Of shades, the part without its border.
     """

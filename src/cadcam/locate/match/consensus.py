@@ -33,7 +33,7 @@ _MISFIT_PX = 0.3  # of drawings to photos, beside what the grey levels tell
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Candidates:
+class PlaceCandidates:
     """M places where F features may lie: feature (M,), q (M, 2) px, angle (M,) rad, covariance (M, 2, 2), score (M,).
 
     p_part, right (F, 3) mm and photo (F,) are the features' own: from p_part to right their window was not turned.
@@ -65,7 +65,7 @@ class Consensus:
 
 
 def consensus(
-    candidates: Candidates, photos: Sequence[Photo], start: Rigid, *, tolerance: float, rng: np.random.Generator
+    candidates: PlaceCandidates, photos: Sequence[Photo], start: Rigid, *, tolerance: float, rng: np.random.Generator
 ) -> Consensus | None:
     """Return the pose near `start` (world_from_part) that most features agree on to `tolerance` px, or None."""
     R, t, tried = _poses_of_triples(candidates, photos, start, rng)
@@ -144,7 +144,7 @@ def _calibration_share(problem: _Matches, pose: Rigid, J: Array, cofactor: Array
 
 
 def _poses_of_triples(
-    c: Candidates, photos: Sequence[Photo], start: Rigid, rng: np.random.Generator
+    c: PlaceCandidates, photos: Sequence[Photo], start: Rigid, rng: np.random.Generator
 ) -> tuple[Array, Array, int]:
     """Return the world_from_part (S) of random triples, where not far from the start, and how many were tried."""
     rotations, translations, tried = [np.zeros((0, 3, 3))], [np.zeros((0, 3))], 0
@@ -167,14 +167,14 @@ def _poses_of_triples(
     return np.concatenate(rotations), np.concatenate(translations), tried
 
 
-def _turns(c: Candidates, camera: Camera, camera_from_part: Rigid) -> Array:
+def _turns(c: PlaceCandidates, camera: Camera, camera_from_part: Rigid) -> Array:
     """Return by how much (M,) rad each candidate is turned against a pose."""
     side = camera.project(camera_from_part @ c.right) - camera.project(camera_from_part @ c.p_part)
     return np.asarray(c.angle - np.arctan2(side[:, 1], side[:, 0])[c.feature])
 
 
 def _triples(
-    c: Candidates, mine: npt.NDArray[np.intp], turn: Array, rng: np.random.Generator, count: int
+    c: PlaceCandidates, mine: npt.NDArray[np.intp], turn: Array, rng: np.random.Generator, count: int
 ) -> npt.NDArray[np.intp]:
     """Return triples (at most count, 3) of candidates of three features each, good ones oftener, none twice."""
     if len(np.unique(c.feature[mine])) < 3:
@@ -191,7 +191,7 @@ def _triples(
     return wide
 
 
-def _support(c: Candidates, photos: Sequence[Photo], R: Array, t: Array, tolerance: float) -> Array:
+def _support(c: PlaceCandidates, photos: Sequence[Photo], R: Array, t: Array, tolerance: float) -> Array:
     """Return how well each candidate agrees with poses (S, M), 0 to its score; of each feature only the best."""
     d2, turned = _misses(c, photos, R, t)
     value = np.where(turned < _turn_tolerance(c), c.score * np.maximum(0.0, 1 - d2 / tolerance**2), 0.0)
@@ -201,11 +201,11 @@ def _support(c: Candidates, photos: Sequence[Photo], R: Array, t: Array, toleran
     return np.where((value > 0) & (value == best), value, 0.0)
 
 
-def _turn_tolerance(c: Candidates) -> float:
+def _turn_tolerance(c: PlaceCandidates) -> float:
     return max(_TURN_SHARE * c.turn, _LEAST_TURN)
 
 
-def _misses(c: Candidates, photos: Sequence[Photo], R: Array, t: Array) -> tuple[Array, Array]:
+def _misses(c: PlaceCandidates, photos: Sequence[Photo], R: Array, t: Array) -> tuple[Array, Array]:
     """Return by how much (px^2, rad) candidates miss where poses have their features, (S, M); inf if unseen."""
     q, side = np.full((len(R), len(c.p_part), 2), np.nan), np.zeros((len(R), len(c.p_part), 2))
     for k, photo in enumerate(photos):
@@ -219,7 +219,7 @@ def _misses(c: Candidates, photos: Sequence[Photo], R: Array, t: Array) -> tuple
     return np.where(np.isfinite(d2), d2, np.inf), np.where(np.isfinite(turned), turned, np.inf)
 
 
-def _settled(c: Candidates, photos: Sequence[Photo], pose: Rigid, tolerance: float) -> tuple[Rigid, Ids]:
+def _settled(c: PlaceCandidates, photos: Sequence[Photo], pose: Rigid, tolerance: float) -> tuple[Rigid, Ids]:
     """Return the least-squares pose of the candidates that agree, and these, asked again until nothing changes."""
     chosen = np.zeros(0, np.int32)
     for _ in range(6):
@@ -234,7 +234,7 @@ def _settled(c: Candidates, photos: Sequence[Photo], pose: Rigid, tolerance: flo
     return pose, chosen
 
 
-def _by_chance(c: Candidates, agreeing: int, tolerance: float, tried: int) -> float:
+def _by_chance(c: PlaceCandidates, agreeing: int, tolerance: float, tried: int) -> float:
     """Return the expected number of poses, of those tried, with as many agreeing features by chance."""
     from scipy.stats import binom
 

@@ -22,7 +22,7 @@ from cadcam.image.correlate import CorrelateOptions, Peaks, correlate
 from cadcam.image.template import Template
 from cadcam.locate.match.appearance import APPEARANCES, Appearance, counted, of_model, of_photo
 from cadcam.locate.match.closeness import closeness
-from cadcam.locate.match.consensus import Candidates, consensus, pose_of_matches
+from cadcam.locate.match.consensus import PlaceCandidates, consensus, pose_of_matches
 from cadcam.locate.match.salient import PLAIN_SALIENT, SalientOptions, Windows, salient_windows
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -102,7 +102,7 @@ class Features:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TemplateMatches:
-    """What matching windows told of a part's place.
+    """What matching windows says about a part's pose.
 
     Matches (K): q (K, 2) px, p_part (K, 3) mm, covariance (K, 2, 2) px^2, photo (K,). pose: the one that most features
     agree on, None where not even four do; by_chance: how many poses as well supported one may expect if all peaks lay
@@ -233,12 +233,12 @@ def _peaks(look: Picture, template: Template, at: Array, options: TemplateOption
 def _agreed(
     features: Features, photos: Sequence[Photo], start: Rigid, options: TemplateOptions, rng: np.random.Generator
 ) -> TemplateMatches:
-    """Return the features with what most of them agree on."""
+    """Return the features with the pose that most of them agree on."""
     counts = np.array([len(p) for p in features.peaks], int)
     feature = np.repeat(np.arange(len(features)), counts).astype(np.int32)
     if len(feature) < 4:
         return replace(_nothing(), features=features)
-    candidates = Candidates(
+    candidates = PlaceCandidates(
         feature,
         np.concatenate([p.q for p in features.peaks]),
         np.concatenate([p.angle for p in features.peaks]),

@@ -25,7 +25,7 @@ def missed(shown: Mask, line: Longs) -> Array:
 
 
 def behind_border(q: Array, shown: Mask) -> Mask:
-    """Return which samples (n,) at q (n, 2) px lie on that side of a straight border where hardly any is shown.
+    """Return which samples (n,) at q (n, 2) px lie on a side of a straight border on which hardly any is shown.
 
     Of all borders that have such a side, the one with most samples there.
     """

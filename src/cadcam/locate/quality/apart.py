@@ -1,8 +1,8 @@
-"""Which of two readings of the photos is the right one: told by the lines that only one of them has.
+"""Which of two readings of the photos is right, as the lines say that only one of them has.
 
-Two readings, poses of a part or of another one, may have most lines in common; these say nothing of which it is, and
-a share of all lines hardly does. Of the right one the photos show the lines that the other lacks, of the wrong one they
-do not.
+A reading is a pose of the part, or of its mirror image. Two of them may have most lines in common. Common lines do not
+say which is right, and a share of all lines hardly does. But of the lines that only one reading has, the photos show
+those of the right one and not those of the wrong one.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from cadcam.locate.lines.sight import Sight
 from cadcam.locate.quality.absent import LEAST
 from cadcam.locate.quality.quality import ASKED, Lines, with_room
 
-_OWN_PX, _CELL_PX = 4.0, 2.0  # a line farther than this from all of another reading's is its own, to a cell
-_CLEARLY = 0.4  # share of its own lines that more must be shown of the right one
-_ALIKE = 0.5  # times as often as the rest, that own lines show of a right one: there 0.8 to 1.3, of wrong ones 0.3
+_OWN_PX, _CELL_PX = 4.0, 2.0  # a line farther than this from all others is its own; to one cell of a raster
+_CLEARLY = 0.4  # by how much larger a share of its own lines the right one must show
+_ALIKE = 0.5  # least ratio of shown own lines to shown common ones, of a right pose: there 0.8 to 1.3, else 0.3
 
 
 @dataclass(frozen=True, slots=True)
 class Apart:
-    """How many samples lie on lines that only one reading has, or only the other, and the share of them shown."""
+    """How many samples lie on lines that only one reading has, or only the other, and the shares of them shown."""
 
     own: int
     shown: float
@@ -43,14 +43,14 @@ class Apart:
 
     @property
     def open(self) -> bool:
-        """Return whether it cannot be told which of them the photos show."""
+        """Return whether the photos leave open which of the two they show."""
         enough = min(self.own, self.others) >= LEAST
         return not (enough and abs(self.others_shown - self.shown) > _CLEARLY)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """The lines of a part at a pose: in each photo those that can tell, and where (n, 2) px all are."""
+    """The lines of a part at a pose: in each photo the samples that can be judged, and where (n, 2) px all are."""
 
     lines: Sequence[Lines]
     every: Sequence[Array]
@@ -63,7 +63,7 @@ class Reading:
         return cls([Lines.of(with_room(s, most), pose, near) for s in sights], every)
 
     def own_lines(self, others: Sequence[Array]) -> tuple[int, float]:
-        """Return how many samples lie away from another reading's, in each photo at (m, 2) px, and how many show."""
+        """Return how many samples lie away from another reading's, at (m, 2) px in each photo, and the share shown."""
         n, shown = 0, 0
         for lines, q in zip(self.lines, others, strict=True):
             own = away(lines.q, q)
@@ -71,18 +71,18 @@ class Reading:
         return n, shown / max(n, 1)
 
     def holds_against(self, others: Sequence[Array]) -> bool:
-        """Return whether so many of its own lines are there that no others can show clearly more."""
+        """Return whether it shows so many of its own lines that no other reading can show clearly more."""
         n, shown = self.own_lines(others)
         return n >= LEAST and shown >= 1 - _CLEARLY
 
 
 def told_apart(one: Reading, other: Reading) -> Apart:
-    """Return what tells two readings of the same photos apart."""
+    """Return what distinguishes two readings of the same photos."""
     return Apart(*one.own_lines(other.every), *other.own_lines(one.every))
 
 
 def shows_alike(own: Mask, shown: Mask) -> bool:
-    """Return whether samples (n,) that only this reading has show about as often as those that another has, too."""
+    """Return whether samples (n,) that only this reading has show about as often as those that both have."""
     enough = min(own.sum(), (~own).sum()) >= LEAST
     return bool(enough and shown[own].mean() >= _ALIKE * shown[~own].mean())
 

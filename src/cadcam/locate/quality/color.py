@@ -42,7 +42,7 @@ _MOST_HIDDEN = 0.5  # share of the samples that may be hidden
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ByColor:
-    """What colour says of a sight's samples: which are hidden (N,), and the share of the others that it speaks for.
+    """What colour says about a sight's samples: which are hidden (N,), and the share of the rest that it supports.
 
     share: samples both of whose sides have the right colour, less those with a wrong one; 0 where colour tells nothing.
     """
@@ -52,7 +52,7 @@ class ByColor:
 
 
 def by_color(part: Part, sight: Sight, world_from_part: Rigid) -> ByColor:
-    """Return what the photo's colours say of a pose."""
+    """Return what the photo's colours say about a pose."""
     chroma, n = sight.photo.chroma, len(sight.samples)
     if chroma is None or not n:
         return ByColor(0.0, np.zeros(n, bool))
@@ -72,7 +72,7 @@ def by_color(part: Part, sight: Sight, world_from_part: Rigid) -> ByColor:
 
 
 def in_color(part: Part, sights: Sequence[Sight], world_from_part: Rigid) -> tuple[list[Sight], float]:
-    """Return sights without samples that colour tells to be hidden, and the share of the others that it speaks for.
+    """Return sights without the samples that colour shows to be hidden, and the share of the rest that it supports.
 
     Sights of photos in colour come back with a part of their samples, those of grey photos as they are.
     """

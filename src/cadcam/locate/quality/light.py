@@ -27,7 +27,7 @@ _FULL = 20  # pixels (of those looked at) of a surface that counts full
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Light:
-    """Brightness of surfaces: form (9,) with its covariance, a gain for each colour, and of what is no surface.
+    """A fitted light: form (9,) with its covariance, a gain for each colour, and the brightness of what is no surface.
 
     scale: how far surfaces are off, a robust standard deviation; mean, spread: of the brightness of surfaces.
     """

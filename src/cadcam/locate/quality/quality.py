@@ -50,12 +50,12 @@ from cadcam.locate.quality.worth import distinct_lines, worth_of_lines, worth_of
 
 SEARCHED = 3  # constraints that the best of all poses of a part in a photo meets without it
 ASKED = 450  # samples, of all photos together
-_TOGETHER = 4  # of these in a row: neighbours must be neighbours
-_MUCH = 0.2  # share of constraints that is free, from which on bends are looked at
+_TOGETHER = 4  # of these in a row: a sample is shown only if its neighbour on the line agrees
+_MUCH = 0.2  # free share of the constraints above which straight stretches of bent lines are counted, too
 _ABSENT, _SCATTER, _GAIN = 0.6, 20.0, 2.0  # what these cost
 _IN_DOUBT, _OTHER = (0.3, 0.75), 0.04  # quality at which other proportions are tried; what makes them others
 _ALWAYS = 1.1  # more than any quality
-_TOLD = 0.05  # gain worth words
+_TOLD = 0.05  # gain that is worth mentioning in the reason
 _SHARES = (0.0, 0.43, 0.95)  # net shares that make quality 0, 1/2 and 1
 _COLOR = 2  # constraints that tell which colour the part has
 _WITHOUT = (0.1, 0.5)  # quality at which a body is left out
@@ -135,7 +135,7 @@ def judged(
     color: float = 0.0,
     bands: bool = False,
 ) -> Seen:
-    """Return what `seen` does for a pose fitted along B (6, k), and in doubt whether other proportions fit better.
+    """Return `seen` for a pose fitted along B (6, k) and, in doubt, whether a model of other proportions fits better.
 
     chosen: how many constraints the start met by being the best of many poses. color: the share of the samples for
     which the colour on both sides speaks (`locate.quality.color`). bands: whether they lie beside the lines; then
@@ -195,13 +195,13 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, s
 
 
 def with_room(sight: Sight, most: int) -> Sight:
-    """Return a sight with about `most` of its samples, of those that have room to be told from the next line."""
+    """Return a sight with about `most` of its samples, of those far enough from the next line to be judged."""
     return sight.thinned(most, together=_TOGETHER, among=Strips.of(sight.samples).room >= ROOM_PX)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _InPhoto:
-    """What one photo shows of the samples that could tell: of each its body and whether it is here (n,), and sums."""
+    """What one photo shows of the samples that can be judged: the body of each, whether it is shown (n,), and sums."""
 
     body: Ids
     here: Mask
@@ -219,7 +219,7 @@ class _InPhoto:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lines:
-    """Samples (n,) of a part's lines in a photo: which they are, where, across what, on which line, and which show.
+    """Samples (n,) of a part's lines in a photo: their numbers, places, normals and runs, and which of them are shown.
 
     share (1 + shifts,): of them that show in place and after each shift (`locate.quality.shown`).
     """

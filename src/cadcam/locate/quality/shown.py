@@ -29,7 +29,7 @@ _SHIFTS = _FAR[:, None] * np.stack([np.cos(_AT), np.sin(_AT)], axis=1)  # px: in
 
 
 def near_px(sights: Sequence[Sight], scatter: float) -> float:
-    """Return how near a line its step must be where edges scatter by so much, px.
+    """Return how near (px) to its line a step must be, given by how much (px) edges scatter.
 
     In calmed photos no allowance is made for scatter: that there is for noise, not for another model.
     """
@@ -62,7 +62,7 @@ def shown(sight: Sight, q: Array, normal: Array, run: Ids, room: Array, near: Ar
 
 
 def _sd_place(sight: Sight, slope: Array, half_length: float) -> Array:
-    """Return what noise may shift steps (N, M) of these slopes by, px: nil but where noise hides lines.
+    """Return the sd (N, M) px by which noise may shift steps of these slopes; 0 unless noise hides lines.
 
     A step of slope a, smoothed to a width s by a filter of width f, bends by a / s^2 at its top; noise n of the slope
     bends it by sqrt(3/2) n / f.

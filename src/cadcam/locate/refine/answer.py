@@ -34,7 +34,7 @@ _UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose 
 
 
 def location_of(part: Part, fitted: Solution, freedom: Freedom, *, chosen: int, wider: bool) -> Location:
-    """Return what was measured as a location. chosen, wider: as for `locate.refine`."""
+    """Return the location that a solution stands for. chosen, wider: as for `locate.refine`."""
     sights, pose, fit = fitted.sights, fitted.pose, fitted.fit
     B = freedom.at(pose)
     n = [int(m.usable.sum()) for m in fitted.measured]

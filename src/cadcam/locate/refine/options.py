@@ -13,9 +13,10 @@ from cadcam.errors import BadValue
 class EdgeOptions:
     """How edges are looked for.
 
-    search_px: how far from the start's lines the photo's may lie. step_px: length of the cell that a sample stands for.
-    reach_px: how far to each side of a line its pixels are used; room_px: the least of that, nearer to another line a
-    sample is left out. group_px: length of edge that is taken to err as one.
+    search_px: how far the photo's edges may lie from the start's lines. step_px: distance between samples, which is
+    the length of the cell that each is measured in. reach_px: how far to each side of a line pixels are used; room_px:
+    the least of that: samples with less room beside another line are left out. group_px: length of edge whose samples
+    are taken to err together.
     """
 
     search_px: float = 8.0

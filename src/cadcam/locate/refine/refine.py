@@ -40,7 +40,7 @@ _WEAKEST, _BESIDE_PX = 3, 4.0  # motions along which a loose pose may be another
 _ABOUT = 0.25  # share of the lines that colour speaks for, from which on a pose is about right
 _AROUND_PX = (3.0, 5.0, 8.0)  # searches there
 _EITHER = np.sqrt(0.5)  # of the way to another answer that is as likely
-_BANDED = 0.15  # share of a photo's lines that lie beside bands, from which on these are told
+_BANDED = 0.15  # share of a photo's lines that lie beside bands, from which on these are modelled
 _SAME_PX = 0.5  # a search that ends this near to where it began, at a pose that was found, finds the same again
 _ANY_TURN = np.pi**2 / 3  # rad^2: variance of a turn that may be any
 
@@ -58,15 +58,17 @@ def refine(
 ) -> Location:
     """Return where the part stands, from a start world_from_part whose lines are off by no more than `search_px`.
 
-    photos: of one camera, of a rig, or of a moved camera, each with its viewpoint in the world. evidence: points and
-    lines of the part that are known otherwise. chosen: how many constraints the start met by being the best of many
-    poses in these photos; they prove nothing (`locate.quality.quality`). Where too little is seen to tell the pose the
-    answer has quality 0. wider: whether a doubtful answer is searched for once more, wider, from where it ended; lines
-    of a wrong pose often half agree. Where edges still fit only loosely, and the start was the best of many or the
-    answer is in doubt, poses beside it are tried too, narrowly. Where edges scatter, and most of them agree closely on
-    another pose, that one is looked at (`locate.refine.agreement`). None of it where the start is known to be good:
-    farther off there are only other lines. Where colour speaks for a doubtful answer it is about right: lines are
-    looked for once more from there, narrowly first.
+    photos: of one camera, of a rig, or of a moved camera, each with its viewpoint in the world. evidence: points, lines
+    or poses of the part that are known by other means. chosen: how many constraints the start meets only because it was
+    the best of many poses in these photos; they prove nothing (`locate.quality.quality`). Where too little is seen to
+    determine the pose, the answer has quality 0.
+
+    wider: whether other poses are tried where the answer is in doubt. (Where starts are known to be good, leave it out:
+    farther off there are only other lines.) They are: what a wider search finds from where the first one ended, as
+    lines of a wrong pose often half agree; where edges fit loosely, poses a little beside, if the start was the best of
+    many or the answer is still in doubt; where edges scatter, the pose that most of them agree on closely
+    (`locate.refine.agreement`); and where colour supports a doubtful answer, so that it must be about right, what is
+    found near it.
     """
 
     def found_in(photos: Sequence[Photo]) -> Location:
@@ -76,7 +78,7 @@ def refine(
 
 
 def in_spite_of_noise(photos: Sequence[Photo], found_in: Callable[[Sequence[Photo]], Location]) -> Location:
-    """Return what is found in photos; where that is nothing and noise hides lines, what is found in calmer ones."""
+    """Return what is found in the photos; if nothing, and noise hides lines, what is found in smoothed ones."""
     first = found_in(photos)
     if first.found:
         return first
@@ -89,7 +91,7 @@ def in_spite_of_noise(photos: Sequence[Photo], found_in: Callable[[Sequence[Phot
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Answer:
-    """What was found, what was measured for it, if anything, and the lines drawn for it."""
+    """A location, the solution it was measured by (None where nothing was), and the lines drawn for it."""
 
     location: Location
     solution: Solution | None
@@ -106,14 +108,14 @@ class _Answer:
 
     @property
     def scattered(self) -> bool:
-        """Return whether edges fit a found pose beside bands so that some may lie on the far sides of these."""
+        """Return whether edges of a found pose scatter so much beside bands that some may lie on their far sides."""
         fitted = self.solution
         if fitted is None or not self.location.found:
             return False
         return fitted.regression.bands and fitted.scatter > SCATTERED_PX
 
     def unlike(self, other: Solution, share: float) -> _Answer:
-        """Return the answer with a share of the way to another solution as the sd of an error along it."""
+        """Return the answer with one more error: a share of the way to another solution, as its standard deviation."""
         at = self.location.pose
         away = at.world_from_part.inv @ other.pose
         px = max(s.moved_px(self.pose, other.pose) for s in self.sights)
@@ -144,7 +146,7 @@ class _Answer:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refinement:
-    """What `refine` is asked, but for the start, and the ways to an answer.
+    """The arguments of `refine` but for the start, and the steps by which it reaches an answer.
 
     least: quality that lines must have as they are pulled onto the photos' steps, which is about that after the fit;
     else nothing is fitted.
@@ -190,7 +192,7 @@ class Refinement:
         return self.beside(best) if self.chosen or best.location.quality < DOUBT[1] or best.scattered else best
 
     def farther(self, best: _Answer) -> _Answer:
-        """Return an answer, or a better one of lines that are looked for farther off."""
+        """Return the answer, or a better one from lines looked for farther away."""
         wide_px = max(_WIDER * self.options.search_px, _WIDER_PX)
         sights, pose = self.attracted(best.sights, best.pose, wide_px)
         if best.location.found and max(s.moved_px(best.pose, pose) for s in sights) < _SAME_PX:
@@ -199,7 +201,7 @@ class Refinement:
         return second if second.better_than(best) else best
 
     def beside(self, best: _Answer) -> _Answer:
-        """Return a loose answer, or the first better and closer fit among the poses beside it."""
+        """Return a loose answer, or the first better and closer fit at a pose a little beside it."""
         if best.solution is None or not (best.loose or best.scattered):
             return best
         for start in _beside(best.solution):
@@ -235,7 +237,7 @@ class Refinement:
         return in_color(self.part, sights, pose)[1], pose, sights
 
     def settled(self, sights: Sequence[Sight], pose: Rigid) -> _Answer:
-        """Return the answer at a pose, its lines as seen from there, or at the one that most edges agree on."""
+        """Return the answer at a pose with its lines drawn from there, or at the pose that most edges agree on."""
         answer = self.redrawn(self.measured(sights, pose))
         for closer in agreed(answer.solution) if self.wider and answer.solution is not None else ():
             other = self.measured(self.sights(closer, answer.sights), closer)
@@ -243,19 +245,19 @@ class Refinement:
         return answer
 
     def redrawn(self, answer: _Answer) -> _Answer:
-        """Return an answer, or, where it lies so far off that others may be seen, what lines drawn there find."""
+        """Return the answer, with lines drawn anew if its pose lies so far off that other lines may be visible."""
         if answer.solution is None or not _away(answer.sights, answer.solution.pose):
             return answer
         pose = answer.solution.pose
         return self.measured(self.sights(pose, answer.sights), pose)
 
     def measured(self, sights: Sequence[Sight], pose: Rigid) -> _Answer:
-        """Return what the measurement of a pose close by finds.
+        """Return the answer that a measurement near a pose gives.
 
-        Bands beside the lines are told only if edges then agree more closely, and closely where the part is not found
-        without them: with a step more at every line anything fits, if loosely. Not where starts are known to be good,
-        nor for the many poses of a search that hold nothing. How far bands told and untold lead apart counts as an
-        error in either case.
+        Bands beside the lines are modelled only if edges then agree more closely, and closely where the part is not
+        found without them: with one more step at every line anything fits, if loosely. They are not where starts are
+        known to be good, nor for the many poses of a search that show nothing. How far the poses with and without bands
+        lie apart counts as an error in either case.
         """
         try:
             fitted = solved(sights, pose, self.freedom, self.evidence, self.options)
@@ -268,7 +270,7 @@ class Refinement:
         return self.beside_bands(sights, pose, fitted, plain.location.found)
 
     def beside_bands(self, sights: Sequence[Sight], pose: Rigid, untold: Solution, found: bool) -> _Answer:
-        """Return the answer that is told of the bands, or the one that is not, and whether that one was found.
+        """Return the answer that models the bands, or else the one that does not; found: whether the latter was.
 
         First lines may all be off (`locate.refine.regression`), if there are enough. Where they then fit loosely, that
         leaves the pose to a few of them, and the better answer may be one that takes them for right.
@@ -313,7 +315,7 @@ def _away(sights: Sequence[Sight], pose: Rigid) -> bool:
 
 
 def _beside(fitted: Solution) -> list[Rigid]:
-    """Return poses beside that of a loose fit, along the motions of the lines in the photos that it tells least.
+    """Return poses beside that of a loose fit, along those motions of the lines that the photos determine least.
 
     Lines of thin plates seen edge-on may be taken for each other, all in the same sense: that too is a fit, if a loose
     one. Between it and the right pose lies a hill that no search from either climbs.
@@ -332,7 +334,7 @@ def _beside(fitted: Solution) -> list[Rigid]:
 
 
 def _turned_anyhow(location: Location, spin: Array) -> Location:
-    """Return the answer of a turned part, whose turn about its axis, a twist (6,), no photo tells."""
+    """Return the answer for a part of revolution: its turn about its axis, a twist (6,), shows in no photo."""
     pose = location.pose
     told = replace(
         pose,

@@ -2,7 +2,7 @@
 
 A chamfer, a shadow or paint shifts all samples of an edge together: pieces of edge have an offset of their own
 (`fit.grouped`). Beside bands, which run along whole lines, that is not all. The pieces of a line err alike there, and
-what bands do to the steps beyond what is told of them (`locate.lines.bands`) draws all lines to the same side, towards
+what bands do to the steps beyond what is modelled (`locate.lines.bands`) draws all lines to the same side, towards
 dark or towards bright; it is one more unknown, of a usual size.
 """
 
@@ -24,7 +24,7 @@ from cadcam.locate.refine.options import EdgeOptions
 _USUAL_PX = 0.05  # by which edges are off as a whole
 _LIMB_PX = 0.2  # by which the border of a round surface is off: it darkens ever faster towards it, or brightens
 _UNEVEN = 0.4  # of what edges are off by as a whole: they are off by that beside, they turn and bend too
-_DRAWN_PX = 0.05  # by which bands draw all lines towards dark or bright, beyond what is told
+_DRAWN_PX = 0.05  # by which bands draw all lines towards dark or bright, beyond what is modelled
 _PIECES = 30  # groups that the edges are cut into at least
 
 
@@ -112,18 +112,18 @@ def _numbered(of: Longs) -> Longs:
 
 
 def _relative(variance: Array, group: Longs, on_lines: bool) -> Array:
-    """Return how the variances compare (G,) by which groups are off as a whole: as those of their means by noise.
+    """Return the relative variances (G,) of the groups' offsets: in proportion to those of their means by noise.
 
     Shadows, reflections and texture add to a step of brightness as noise does: they shift it the less the higher it is,
-    and are less alike along a longer edge. How much there is of them, which few edges tell poorly, then hardly moves
-    the pose, only what is told of it. on_lines: whether that is so.
+    and are less alike along a longer edge. How much there is of them, which a few edges determine poorly, then hardly
+    moves the pose but only its covariance. on_lines: whether that is so.
     """
     told = np.bincount(group, 1 / variance)
     return np.asarray(np.mean(told) / told if on_lines and len(told) else np.ones(len(told)))
 
 
 def _expected(sights: Sequence[Sight], measured: Sequence[Measured], group: Longs) -> Array:
-    """Return by how much groups beside bands and on borders of round surfaces are expected to be off (G,), px^2.
+    """Return the variance (G,) px^2 by which groups beside bands and on borders of round surfaces tend to be off.
 
     Towards such a border brightness changes with the root of the distance, which no slope of the ground describes.
     """

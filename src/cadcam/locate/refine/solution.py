@@ -36,7 +36,7 @@ _EVERY = 4  # of how many samples one tells whether the camera's response is ben
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """The refined pose, and what was measured for its last step from `before`, in `cells`: x in the basis B there.
+    """The refined pose with what was measured, in `cells`, for its last step from `before`: x in the basis B there.
 
     evidence: what else is known, as rows there; bent (n,) px: sd of what a bent response does to the usable samples.
     """
@@ -78,7 +78,7 @@ class Solution:
 
         A shadow, a rim or a bevel nearer than a blur or two is no step of its own any more but part of the edge's. It
         shifts the clearest edges, which the pose rests on, as far as the faint ones, and what these are off by does not
-        tell it. What an ordinary blur hides is told by the scatter of the edges.
+        tell it. What an ordinary blur hides shows in the scatter of the edges.
         """
         if max((c.blurs.max(initial=0.0) for c in self.cells), default=0.0) <= _ORDINARY_PX:
             return np.zeros_like(self.fit.covariance)
@@ -90,7 +90,7 @@ class Solution:
 
     @property
     def tells_lines(self) -> bool:
-        """Return whether more lines were measured than there are unknowns where all of them may be off."""
+        """Return whether more lines were measured than there are unknowns if every line has an offset of its own."""
         lines = (len(np.unique(s.samples.run[m.usable])) for s, m in zip(self.sights, self.measured, strict=True))
         return int(sum(lines)) > int(self.B.shape[1]) + 1
 
@@ -110,7 +110,7 @@ class Solution:
         return replace(self, pose=self.before @ Rigid.exp(self.B @ on.x), fit=on)._doubting(self.bent)
 
     def _doubting(self, bent: Array | None) -> Solution:
-        """Return the solution with the doubt about the camera's response (n,) px in its covariance."""
+        """Return the solution with the uncertainty (n,) px that the camera's response leaves in its covariance."""
         if bent is None:
             return self
         by_bend = self.fit.gain[:, : len(bent)] @ bent
@@ -130,7 +130,7 @@ def solved(
 ) -> Solution:
     """Return the pose after measuring steps where they are first seen, then on the lines themselves.
 
-    bands: whether cells are told of bands beside the lines, which the model does not have (`locate.lines.bands`).
+    bands: whether cells model the bands beside the lines, which the part does not have (`locate.lines.bands`).
     lines: whether lines are taken to err as they do there (`locate.refine.regression`).
     """
     half = 0.5 * options.step_px
@@ -163,9 +163,9 @@ def solved(
 
 
 def _unbent(last: Solution, iterations: int) -> Solution:
-    """Return the solution with what a bent response of the camera does to the steps taken out, where it shows.
+    """Return the solution with the effect of a nonlinear camera response on the steps removed, where it shows.
 
-    Borders of round surfaces do not tell it: light shifts them as well, all to the inside.
+    Borders of round surfaces are left out: light shifts them as well, all to the inside.
     """
     sights, places, measured, blurs = last.sights, last.places, last.measured, [c.blur for c in last.cells]
     use = [np.flatnonzero(m.usable) for m in measured]
@@ -188,6 +188,6 @@ def _unbent(last: Solution, iterations: int) -> Solution:
 
 
 def _left(measured: Measured, moved: Array) -> Array:
-    """Return where to fit the steps after the lines moved: on the lines, but for edges that stay away from them."""
+    """Return where to fit the steps once the lines have moved: on the lines, except edges that stay away from them."""
     left = np.where(measured.usable, measured.offset, 0.0) - moved
     return np.where(np.abs(left) < _ON_LINE, 0.0, left) * measured.usable

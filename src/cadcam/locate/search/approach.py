@@ -26,7 +26,7 @@ from cadcam.image.direction_field import direction_fields
 from cadcam.locate.freedom import FREE, Freedom, aligned
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.search.climb import Climb, Stage, climbed, composed, distinct, rigids_of, turned, views_of
+from cadcam.locate.search.climb import Climb, FieldLevel, climbed, composed, distinct, rigids_of, turned, views_of
 from cadcam.locate.search.hypothesis import Hypothesis
 from cadcam.locate.views.aspects import Aspects
 
@@ -95,8 +95,8 @@ def approach(
     return [Hypothesis(*each, within) for each in found]
 
 
-def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> list[Stage]:
-    """Return the stages of all photos that see the part at its start, finest first."""
+def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> list[FieldLevel]:
+    """Return the levels of all photos that see the part at its start, finest first."""
     aspects, fields, places = part.aspects, [], []
     for photo in photos:
         pose = photo.viewpoint.camera_from_world
@@ -112,7 +112,7 @@ def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> 
     if not fields:
         raise NothingInView("the start puts the part outside of every photo; check the start and the part's unit")
     levels = min(len(f) for f in fields)
-    return [Stage(tuple(f[k] for f in fields), tuple(places)) for k in range(levels)]
+    return [FieldLevel(tuple(f[k] for f in fields), tuple(places)) for k in range(levels)]
 
 
 def _span(aspects: Aspects, camera: Camera, camera_from_part: Rigid) -> tuple[Array, Array] | None:
@@ -133,7 +133,7 @@ def _region(span: tuple[Array, Array], camera: Camera, reach: Reach) -> tuple[in
     return None if (high - low).min() < 16 else (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
 
 
-def _slid(aspects: Aspects, stage: Stage, start: Rigid, reach: Reach) -> Array:
+def _slid(aspects: Aspects, stage: FieldLevel, start: Rigid, reach: Reach) -> Array:
     """Return the best poses (N, 12), world_from_part, of a grid around the start, each where it fits best."""
     poses, scores = [], []
     for eye, (field, camera_from_world) in enumerate(zip(stage.fields, stage.cameras_from_world, strict=True)):
@@ -171,7 +171,7 @@ def _spread(aspects: Aspects, photos: Sequence[Photo], start: Rigid, free: Array
     return np.concatenate([moved.rotation.reshape(-1, 9), moved.translation], axis=1)
 
 
-def _flips(aspects: Aspects, stage: Stage, poses: Array) -> Array:
+def _flips(aspects: Aspects, stage: FieldLevel, poses: Array) -> Array:
     """Return the mirror poses (M, 12) of those of poses (N, 12) from which the part's visible edges lie near a plane.
 
     From far away a plane of normal a looks the same at R and D R A, with the mirrors D = I - 2 v v' across the line of
@@ -212,7 +212,7 @@ def _grid(aspects: Aspects, camera_from_part: Rigid, reach: Reach) -> Array:
 
 @lru_cache(maxsize=8)
 def _turns(reach_deg: float) -> Array:
-    """Return rotations (N, 3, 3) whose vectors fill a ball: a hexagonal net of tilts (0, 1), even turns (2) about z."""
+    """Return rotations (N, 3, 3) whose vectors fill a ball: a hexagonal grid of tilts, even steps about z."""
     n = math.ceil(reach_deg / _TILT_DEG) + 1
     i, j = (a.ravel() for a in np.meshgrid(np.arange(-2 * n, 2 * n + 1), np.arange(-2 * n, 2 * n + 1)))
     tilt = _TILT_DEG * np.stack([i + 0.5 * j, math.sqrt(0.75) * j], axis=1)

@@ -42,7 +42,7 @@ class Climb(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Stage:
+class FieldLevel:
     """The fields of all photos at one level, and where their cameras stand."""
 
     fields: tuple[DirectionField, ...]
@@ -72,12 +72,12 @@ def composed(a: Rigid, poses: Array) -> Array:
     return np.concatenate([R.reshape(-1, 9), poses[:, 9:] @ a.rotation.T + a.translation], axis=1)
 
 
-def views_of(aspects: Aspects, stage: Stage, poses: Array, samples: int) -> Views:
-    """Return what the eyes of a stage see of poses (N, 12) world_from_part: each the first samples of its aspect."""
+def views_of(aspects: Aspects, stage: FieldLevel, poses: Array, samples: int) -> Views:
+    """Return what the cameras of a level see of poses (N, 12) world_from_part: the first samples of their aspects."""
     return _views(stage, *_shown(aspects, stage, poses), samples)
 
 
-def _views(stage: Stage, shown: Sequence[Aspect], which: Longs, samples: int) -> Views:
+def _views(stage: FieldLevel, shown: Sequence[Aspect], which: Longs, samples: int) -> Views:
     """Return views of poses that show these of some aspects (N, eyes), each by its first samples."""
     runs = [aspect.places[:samples] for aspect in shown]
     count = np.array([len(run) for run in runs], np.int32)
@@ -86,8 +86,8 @@ def _views(stage: Stage, shown: Sequence[Aspect], which: Longs, samples: int) ->
     return Views(stage.eyes, places, first[which], count[which])
 
 
-def _shown(aspects: Aspects, stage: Stage, poses: Array) -> tuple[list[Aspect], Longs]:
-    """Return aspects, and which of them (N, eyes) the eyes of a stage see of poses (N, 12)."""
+def _shown(aspects: Aspects, stage: FieldLevel, poses: Array) -> tuple[list[Aspect], Longs]:
+    """Return aspects, and which of them (N, eyes) the cameras of a level see of poses (N, 12)."""
     R, t = poses[:, :9].reshape(-1, 3, 3), poses[:, 9:]
     eyes = np.stack([T.origin for T in stage.cameras_from_world]) - t[:, None]
     net, step = aspects.nearest(np.einsum("nji,nej->nei", R, eyes).reshape(-1, 3))  # in the part frame
@@ -97,8 +97,10 @@ def _shown(aspects: Aspects, stage: Stage, poses: Array) -> tuple[list[Aspect], 
     return [aspects.made[key] for key in keys], which.reshape(len(poses), len(stage.fields))
 
 
-def climbed(aspects: Aspects, stage: Stage, poses: Array, freedom: Array, climb: Climb) -> tuple[Array, Array, Array]:
-    """Return poses (N, 12) after climbing on a stage, their scores (N,) and agreements (N,)."""
+def climbed(
+    aspects: Aspects, stage: FieldLevel, poses: Array, freedom: Array, climb: Climb
+) -> tuple[Array, Array, Array]:
+    """Return poses (N, 12) after climbing at one level, their scores (N,) and agreements (N,)."""
     views = views_of(aspects, stage, poses, climb.samples)
     done = in_threads(lambda s: views.part(s).climb(poses[s], freedom, climb.blur), _slices(len(poses)))
     poses, raw = (np.concatenate([d[k] for d in done]) for k in range(2))
@@ -108,15 +110,15 @@ def climbed(aspects: Aspects, stage: Stage, poses: Array, freedom: Array, climb:
 
 
 def in_threads(work: Callable[[_A], _B], items: Sequence[_A]) -> list[_B]:
-    """Return what the work makes of each item, one thread a core; the C core lets them run side by side."""
+    """Return the results of the work on all items, one thread a core: the C core does not hold Python's lock."""
     if len(items) < 2:
         return [work(item) for item in items]
     with ThreadPoolExecutor(min(os.cpu_count() or 1, len(items))) as pool:
         return list(pool.map(work, items))
 
 
-def evidence(aspects: Aspects, stage: Stage, poses: Array, blur: float = 0.8) -> Array:
-    """Return how much more likely the photos are if the part is there than if not (N,), in nats.
+def evidence(aspects: Aspects, stage: FieldLevel, poses: Array, blur: float = 0.8) -> Array:
+    """Return the log-likelihood ratio (N,), in nats, of the photos with the part at each pose and without it.
 
     Pictures are full of straight lines: that one of them runs along an edge by chance does not become less likely the
     longer both are. So edges are judged one by one. An edge is seen with some probability, and then lines run along
@@ -136,7 +138,7 @@ def evidence(aspects: Aspects, stage: Stage, poses: Array, blur: float = 0.8) ->
 
 
 def _in_eye(views: Views, eye: int, poses: Array, blur: float, line: Ids, share: Array) -> Array:
-    """Return what one eye says for each pose (N,), in nats; share (N,): how independent places of its lines are."""
+    """Return one camera's share in `evidence` (N,), nats; share (N,): how independent the places on its lines are."""
 
     def of(some: slice) -> Array:
         return views.part(some).evidence(eye, poses[some], blur, line, share[some], _BELIEF)

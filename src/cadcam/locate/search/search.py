@@ -28,7 +28,7 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.search.approach import Reach, approach
 from cadcam.locate.search.climb import (
     Climb,
-    Stage,
+    FieldLevel,
     climbed,
     composed,
     distinct,
@@ -85,7 +85,7 @@ def search(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE)
 
 
 def search_once(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE) -> list[Hypothesis]:
-    """Return what `search` returns with but one of the poses in which a symmetric part looks the same."""
+    """Return what `search` does, with only one of the equivalent poses of a symmetric part."""
     aspects, scales = part.aspects, _Scales(photos)
     looks = _rotations(part, views)
     rows = [
@@ -104,7 +104,7 @@ def search_once(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SP
 
 
 def _of_one_side(part: Part, eye: Array, poses: Array) -> Array:
-    """Return poses (N, 12), those of a turned part turned about its axis so that it is seen most along _AMONG_EQUALS.
+    """Return poses (N, 12), of a part of revolution the equivalent one that is seen most along _AMONG_EQUALS.
 
     Else what is approached and refined would be one pose in as many turns.
     """
@@ -155,12 +155,12 @@ class _Scales:
         self._places = tuple(photo.viewpoint.camera_from_world for photo in photos)
         self.focal = [math.sqrt(photo.camera.fx * photo.camera.fy) for photo in photos]
 
-    def stage(self, reduction: float) -> Stage:
+    def stage(self, reduction: float) -> FieldLevel:
         """Return the fields nearest to a reduction."""
         fields = (min(own, key=lambda f: abs(math.log(f.reduction / reduction))) for own in self._fields)
-        return Stage(tuple(fields), self._places)
+        return FieldLevel(tuple(fields), self._places)
 
-    def stages(self, eye: int, size: float) -> list[Stage]:
+    def stages(self, eye: int, size: float) -> list[FieldLevel]:
         """Return the fields in which a part of `size` px in one photo is about _SWEPT_PX large, then twice that ..."""
         known = [f.reduction for f in self._fields[eye]]
         chosen = [min(known, key=lambda k: abs(math.log(size / k / _SWEPT_PX)))]
@@ -224,7 +224,7 @@ def _distances(aspects: Aspects, camera: Camera, views: ViewRange) -> list[float
 
 
 def _promising(aspects: Aspects, scales: _Scales, eye: int, distance: float, looks: tuple[Longs, Array]) -> Array:
-    """Return what of a sweep at one distance over one photo stands up to finer fields: poses (N, 12)."""
+    """Return the poses (N, 12) of a sweep over one photo at one distance that survive on finer fields."""
     stages = scales.stages(eye, float(_size(aspects, scales.focal[eye], np.array(distance))))
     poses = _swept(aspects, stages[0], eye, distance, looks)
     for climb in _CLIMBS:
@@ -238,13 +238,13 @@ def _promising(aspects: Aspects, scales: _Scales, eye: int, distance: float, loo
     return poses
 
 
-def _swept(aspects: Aspects, stage: Stage, eye: int, distance: float, looks: tuple[Longs, Array]) -> Array:
+def _swept(aspects: Aspects, stage: FieldLevel, eye: int, distance: float, looks: tuple[Longs, Array]) -> Array:
     """Return the best poses (N, 12) at one distance, each where in one photo it fits best."""
     field, camera_from_world = stage.fields[eye], stage.cameras_from_world[eye]
     numbers, R = looks
     seen = np.concatenate([R.reshape(-1, 9), np.array([0, 0, distance]) - R @ aspects.centre], axis=1)
     world = composed(camera_from_world.inv, seen)
-    edges = _edges(aspects, Stage((field,), (camera_from_world,)), numbers, distance)
+    edges = _edges(aspects, FieldLevel((field,), (camera_from_world,)), numbers, distance)
     some = [slice(k, k + 2048) for k in range(0, len(world), 2048)]
     done = in_threads(lambda s: edges.part(s).sweep(0, world[s], keep=2, apart=2), some)
     shift, score = (np.concatenate([d[k] for d in done]) for k in range(2))
@@ -254,7 +254,7 @@ def _swept(aspects: Aspects, stage: Stage, eye: int, distance: float, looks: tup
     return composed(camera_from_world.inv, moved)
 
 
-def _edges(aspects: Aspects, stage: Stage, numbers: Longs, distance: float) -> Views:
+def _edges(aspects: Aspects, stage: FieldLevel, numbers: Longs, distance: float) -> Views:
     """Return the edges to slide: of the net's directions `numbers` (N,) at a distance."""
     step = int(aspects.step_of(np.array([distance]))[0])
     used, which = np.unique(numbers, return_inverse=True)
@@ -301,7 +301,7 @@ def _judged(aspects: Aspects, scales: _Scales, poses: Array, size_px: float, blu
 
 
 def _peaks(aspects: Aspects, scales: _Scales, poses: Array, size_px: float, blur: float) -> Array:
-    """Return the evidence (N,) for poses (N, 12) above the most that there is for the part a little beside each.
+    """Return the evidence (N,) for poses (N, 12) minus the largest evidence for the part a little beside each.
 
     Where lines are the part's there are fewer as soon as it is put elsewhere.
     """

@@ -34,7 +34,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.part import Part
 from cadcam.locate.track.frames import Frame, Frames
-from cadcam.locate.track.track import Step, TrackedFrame, Tracker
+from cadcam.locate.track.track import LoggedFrame, TrackedFrame, Tracker
 
 FORMAT, VERSION = "cadcam track", 2
 _MAX_BYTES = 4_000_000_000
@@ -129,10 +129,10 @@ class TrackLog:
         self.entries.append(entry)
         return entry
 
-    def steps(self) -> list[Step]:
+    def steps(self) -> list[LoggedFrame]:
         """Return the frames that are there, without their photos, for `track` to continue from."""
         return [
-            Step(entry["frame"], _pose_of(self.path, entry) if entry["found"] else None, entry["how"])
+            LoggedFrame(entry["frame"], _pose_of(self.path, entry) if entry["found"] else None, entry["how"])
             for entry in self.entries
         ]
 

@@ -11,7 +11,7 @@ counts by how well it foretold the last frames, and what comes out is their mixt
 estimation of sampled stochastic processes", IEEE Trans. Automatic Control 10, 1965).
 
 Much of what edges err by is the same in every frame: a chamfer, print along an edge, the lens. It does not average out.
-So the covariance that is told is that of errors e = R^(1/2) u with one u in all frames: the pose is steadier than that
+So the stated covariance is that of errors e = R^(1/2) u with one u in all frames: the pose is steadier than that
 of single frames, not surer.
 """
 
@@ -32,7 +32,7 @@ _REMEMBERED = 0.95  # of how well a filter foretold, from frame to frame
 _TINY = 1e-12  # share of the largest variance below which a direction was never free
 
 
-class Motion:
+class MotionFilter:
     """The motion of a part whose middle is `centre` (3,) mm and whose size is `radius` mm.
 
     velocity: whether it is expected to go on; else to stay, off by w in each frame.

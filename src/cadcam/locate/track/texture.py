@@ -7,7 +7,7 @@ edges tell, but not where it was then. So it is evidence beside the edges of eac
 
 A keyframe's pose is mended by what the edges of each frame that follows it say, and counts as so many frames' edges, up
 to `_FRAMES`: what they err by at random averages out, what changes with the view is forgotten. What they err by in all
-frames alike does not average out, so the covariance that is told does not shrink with the frames (as in
+frames alike does not average out, so the stated covariance does not shrink with the frames (as in
 `locate.track.motion`). All of it follows from the frames' photos and the poses that were found, so a run that was cut
 off can go through them again and be as if there had been no break.
 """
@@ -102,7 +102,7 @@ class Texture:
         self._pull, self._pulls = np.zeros(6), 0.0
 
     def follow(self, photos: Sequence[Photo], start: Rigid, freedom: Freedom) -> Followed | None:
-        """Return where print says the part is, from a start some px off; None where it is not found again."""
+        """Return where print puts the part, from a start some px off; None where the print is not found again."""
         if not self._keyframes:
             return None
         views = _views(photos, start)
@@ -173,7 +173,7 @@ class Texture:
         return [Canvas.of(photo, self._corners, view) for photo, view in zip(photos, views, strict=True)]
 
     def _difference(self, one: Sequence[Rigid], other: Sequence[Rigid]) -> float:
-        """Return how differently photos show the part, 1 where a keyframe is worth it; turns in the picture are nil."""
+        """Return how differently photos show the part, from 1 on worth a keyframe; roll in the picture is ignored."""
         a, b = (np.array([view.origin - self._middle for view in views]) for views in (one, other))
         far = np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)
         turned = np.arccos(np.clip((a * b).sum(axis=1) / (far[0] * far[1]), -1, 1))
@@ -190,6 +190,6 @@ def _inverse(A: Array) -> Array:
 
 
 def _root(A: Array) -> Array:
-    """Return the symmetric root; what rounding made negative counts as nil."""
+    """Return the symmetric root; what rounding made negative counts as zero."""
     values, axes = np.linalg.eigh(A)
     return np.asarray((axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T)

@@ -24,7 +24,7 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.refine.options import EDGES
 from cadcam.locate.refine.refine import refine
 from cadcam.locate.track.frames import Frame
-from cadcam.locate.track.motion import Motion
+from cadcam.locate.track.motion import MotionFilter
 from cadcam.locate.track.texture import Followed, Texture
 
 _PATIENCE = 8  # frames between two searches without a start, once a part has been gone for long
@@ -62,7 +62,7 @@ class TrackedFrame:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Step:
+class LoggedFrame:
     """A frame of an earlier run: its index, where it showed the part (unfiltered; None where that was lost), and how.
 
     photos: what it showed; without them the print on the part is learned anew.
@@ -82,7 +82,7 @@ def track(
     freedom: Freedom = FREE,
     velocity: bool = True,
     texture: bool = True,
-    history: Iterable[Step] = (),
+    history: Iterable[LoggedFrame] = (),
 ) -> Iterator[TrackedFrame]:
     """Yield where the part is in each frame, one by one as they are asked for.
 
@@ -123,10 +123,10 @@ class Tracker:
         """Return where the part is in the next frame."""
         followed = self._followed(frame.index, frame.photos)
         how, location = _located(self._part, frame.photos, self._memory, self._freedom, frame.index, followed)
-        step = Step(frame.index, location.pose if location.found else None, how, frame.photos)
+        step = LoggedFrame(frame.index, location.pose if location.found else None, how, frame.photos)
         return TrackedFrame(frame, location, how, self._keep(step, followed))
 
-    def recall(self, step: Step) -> None:
+    def recall(self, step: LoggedFrame) -> None:
         """Take up a frame of an earlier run in the place of tracking it."""
         self._keep(step, None if step.pose is None else self._followed(step.index, step.photos))
 
@@ -137,7 +137,7 @@ class Tracker:
             return None
         return self._texture.follow(photos, predicted.world_from_part, self._freedom)
 
-    def _keep(self, step: Step, followed: Followed | None) -> PoseEstimate | None:
+    def _keep(self, step: LoggedFrame, followed: Followed | None) -> PoseEstimate | None:
         """Take up a frame; return where the part is by all frames so far, None where it was lost."""
         if self._texture is not None and step.photos:
             misled = followed is not None and step.how != "followed"
@@ -156,7 +156,7 @@ class _Memory:
         self.misses = 0
         self._corners = corners
         centre = corners.mean(axis=0)
-        self._motion = Motion(centre, float(np.linalg.norm(corners - centre, axis=1).max()), velocity=velocity)
+        self._motion = MotionFilter(centre, float(np.linalg.norm(corners - centre, axis=1).max()), velocity=velocity)
         self._found_in: int | None = None
 
     @property
@@ -252,14 +252,14 @@ def _ways(
 def _foretold(
     part: Part, photos: tuple[Photo, ...], predicted: PoseEstimate, reach_px: float, freedom: Freedom
 ) -> Location:
-    """Return what lies near a foretold pose, and nothing farther away."""
+    """Return what is found close to a predicted pose, and nothing farther away."""
     options = replace(EDGES, search_px=reach_px)
     given = _FORETOLD if reach_px < _MOST_PX else 0
     return refine(part, photos, predicted.world_from_part, freedom=freedom, options=options, chosen=given, wider=False)
 
 
 def _by_print(part: Part, photos: tuple[Photo, ...], followed: Followed, memory: _Memory, freedom: Freedom) -> Location:
-    """Return the pose that print and the lines near it tell together.
+    """Return the pose that print and the lines near it give together.
 
     That print is found again says that the part is still what was found; then edges must not deny it, no more.
     """

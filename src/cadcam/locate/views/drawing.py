@@ -45,7 +45,7 @@ class Shown(NamedTuple):
 
 
 class Drawer:
-    """Draws what a part within a ball shows: what does not depend on the eye is computed once."""
+    """Draws what a part within a ball shows to an eye; what does not depend on the eye is computed once."""
 
     def __init__(self, scene: Scene, centre: Array, radius: float) -> None:
         mesh, every = scene.mesh, drawable_edges(scene)

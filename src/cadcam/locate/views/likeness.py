@@ -55,7 +55,7 @@ class Likeness:
 
 
 def likenesses(mesh: Mesh, edges: FeatureEdges, image: Mesh) -> list[Likeness]:
-    """Return what a part of a mesh is nearly like: itself, and its mirror image, best first.
+    """Return the motions that lay a part of a mesh, or its mirror image, nearly on itself, best first.
 
     Where it looks the same, as symmetric parts do, nothing tells; such motions are left out, and a part that is its own
     mirror image has none of these. Tried are quarter turns about the directions in which most edges run, each with the
@@ -127,7 +127,7 @@ class _Target:
 
 
 def _shifts(p: Array, q: Array, step: float) -> list[Array]:
-    """Return shifts (3,) after which many points p (n, 3) lie near points q (m, 3), most first, to a step or so."""
+    """Return shifts (3,) that bring many points p (n, 3) near points q (m, 3), most first, good to about a step."""
     if not len(p):
         return []
     few, others = (a[:: max(1, len(a) // _LAID)] for a in (p, q))

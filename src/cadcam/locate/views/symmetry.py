@@ -56,7 +56,7 @@ def _within(tree: cKDTree, points: Array, reach: float) -> bool:
 
 
 def spin_of(mesh: Mesh, edges: FeatureEdges) -> Array | None:
-    """Return the twist (6,) of the rotation about the axis of a turned part, mm and rad in its frame; None without one.
+    """Return the twist (6,) of a part of revolution's turn about its axis, mm and rad in its frame; None for others.
 
     All corners lie on circles about the axis, all around, and all edges run along these. That the circles have corners
     is the model's doing; no photo tells how far the part is turned.

@@ -15,8 +15,8 @@ from cadcam.camera.viewpoint import ErrorSource, Viewpoint
 from cadcam.geometry.rigid import Rigid
 from cadcam.plan.assessment.asked import Asked
 from cadcam.plan.sight.candidate import Candidate
-from cadcam.plan.sight.look import Look
 from cadcam.plan.sight.places import Places
+from cadcam.plan.sight.visibility import Visibility
 from cadcam.plan.uncertainty.evidence import Evidence, Together, symmetric, together
 from cadcam.plan.uncertainty.predict import shifts, sources_of
 from cadcam.verify.tolerances.tolerance import Limit, Rule
@@ -86,9 +86,9 @@ class Assessment:
 
 
 def assess(
-    chosen: Sequence[Candidate], looks: Sequence[Look], places: Places, poses: Sequence[Rigid], asked: Asked
+    chosen: Sequence[Candidate], visibility: Sequence[Visibility], places: Places, poses: Sequence[Rigid], asked: Asked
 ) -> Assessment:
-    """Return what cameras with their looks measure together.
+    """Return what cameras, with what each of them sees, measure together.
 
     Errors that they share, of one camera that is moved, are shared here too.
     """
@@ -96,7 +96,7 @@ def assess(
     viewpoints = [c.viewpoint for c in chosen]
     sources = sources_of(viewpoints)
     E, at = _shifts(viewpoints, sources, places, poses, asked)
-    evidence = _of_limits(looks, asked)
+    evidence = _of_limits(visibility, asked)
     prior = np.tile(asked.known, (P, 1, 1))
     parts = []
     step = max(1, _AT_ONCE // max(E.shape[-1], 1) ** 2)
@@ -106,20 +106,20 @@ def assess(
         parts.append(together(own, E[:, part], prior[part]))
     found = Together(*(np.concatenate([getattr(p, n) for p in parts]) for n in Together.__slots__))
     names = [s.name for s in sources]
-    return _assessed(asked, found, names, at, _count(looks, asked), P)
+    return _assessed(asked, found, names, at, _count(visibility, asked), P)
 
 
-def _of_limits(looks: Sequence[Look], asked: Asked) -> Evidence:
+def _of_limits(visibility: Sequence[Visibility], asked: Asked) -> Evidence:
     """Return the evidence (V, P * L) of each camera on what each limit is about."""
     turns = asked.turns[None, :, None, None]
 
     def part(name: str) -> Array:
         each = [
             np.where(turns, getattr(o.turns, name)[:, asked.feature], getattr(o.evidence, name)[:, asked.feature])
-            for o in looks
+            for o in visibility
         ]
         stacked = np.stack(each)
-        return stacked.reshape(len(looks), -1, *stacked.shape[-2:])
+        return stacked.reshape(len(visibility), -1, *stacked.shape[-2:])
 
     return Evidence(part("J"), part("W"))
 
@@ -145,17 +145,17 @@ def _shifts(
     return np.where(turns, (at_ends[1] - at_ends[0]) / np.where(turns, length, 1.0), at_ends[0]), at
 
 
-def informations(looks: Sequence[Look], asked: Asked) -> Array:
+def informations(visibility: Sequence[Visibility], asked: Asked) -> Array:
     """Return the information (V, P, L, 3, 3) of each camera by itself: what a search adds up."""
-    evidence = _of_limits(looks, asked)
+    evidence = _of_limits(visibility, asked)
     turns = asked.turns[:, None, None]
-    shift = np.stack([np.where(turns, o.bend[:, asked.feature], o.shift[:, asked.feature]) for o in looks])
+    shift = np.stack([np.where(turns, o.bend[:, asked.feature], o.shift[:, asked.feature]) for o in visibility])
     P, L = shift.shape[1:3]
-    return np.asarray(evidence.alone(shift.reshape(len(looks), P * L, 2, 2)).reshape(len(looks), P, L, 3, 3))
+    return np.asarray(evidence.alone(shift.reshape(len(visibility), P * L, 2, 2)).reshape(len(visibility), P, L, 3, 3))
 
 
-def _count(looks: Sequence[Look], asked: Asked) -> npt.NDArray[np.int64]:
-    return np.asarray(np.sum([o.seen[:, asked.feature] for o in looks], axis=0))
+def _count(visibility: Sequence[Visibility], asked: Asked) -> npt.NDArray[np.int64]:
+    return np.asarray(np.sum([o.seen[:, asked.feature] for o in visibility], axis=0))
 
 
 def _assessed(

@@ -41,7 +41,7 @@ class Score:
         return self.mean_log > other.mean_log + ROUNDING
 
 
-class Problem:
+class SelectionProblem:
     """Candidates' information on the limits in all poses, ready to be added up; poses and limits become T targets."""
 
     def __init__(self, information: Array, asked: Asked) -> None:
@@ -58,12 +58,12 @@ class Problem:
         self._groups = [(r, np.flatnonzero(rank == r)) for r in (1, 2, 3)]
         self.candidates, _, self.targets = each.shape
 
-    def hardest(self, chosen: Sequence[int]) -> Problem:
+    def hardest(self, chosen: Sequence[int]) -> SelectionProblem:
         """Return the problem of the targets that a set does worst alone: no set scores better on all than on these."""
         if self.targets <= _HARDEST * _SHARE:
             return self
         at = np.sort(np.argsort(self.ratios(chosen))[: max(_HARDEST, self.targets // _SHARE)])
-        part = object.__new__(Problem)
+        part = object.__new__(SelectionProblem)
         part._take(np.ascontiguousarray(self._each[..., at]), self._base[:, at], self._k[at], self._basis[at])
         return part
 

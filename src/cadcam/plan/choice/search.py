@@ -20,7 +20,7 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.errors import BadValue
 from cadcam.plan.choice.packed import determinant
-from cadcam.plan.choice.problem import ROUNDING, Problem, Score
+from cadcam.plan.choice.problem import ROUNDING, Score, SelectionProblem
 
 _SHARP = 4.0  # power of the soft minimum
 _TRIED = 4000  # sets that are tried out completely
@@ -32,7 +32,7 @@ Choice = tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class BestSet:
     """The best set found and its score; whether all sets were tried, how many or from how many starts; exchanges."""
 
     chosen: Choice
@@ -43,13 +43,13 @@ class Found:
 
 
 def best_set(
-    problem: Problem,
+    problem: SelectionProblem,
     k: int,
     *,
     fixed: Sequence[int] = (),
     step: Callable[[], None] = lambda: None,
     complete: bool | None = None,
-) -> Found:
+) -> BestSet:
     """Return the best set of k candidates, those of `fixed` among them and not counted; k may be 0.
 
     complete: try all sets; default where they are few. step: called at each stage, for a display of progress.
@@ -75,10 +75,10 @@ def best_set(
     assert best is not None
     chosen, n = _pairs_exchanged(problem, best[1], tuple(fixed), free)
     step()
-    return Found(tuple(sorted(chosen)), problem.score((*fixed, *chosen)), False, len(starts), exchanges + n)
+    return BestSet(tuple(sorted(chosen)), problem.score((*fixed, *chosen)), False, len(starts), exchanges + n)
 
 
-def exhausted(problem: Problem, k: int, *, fixed: Sequence[int] = ()) -> Found:
+def exhausted(problem: SelectionProblem, k: int, *, fixed: Sequence[int] = ()) -> BestSet:
     """Return the best of all sets of k candidates."""
     free = [c for c in range(problem.candidates) if c not in set(fixed)]
     best: tuple[Score, Choice] | None = None
@@ -94,10 +94,10 @@ def exhausted(problem: Problem, k: int, *, fixed: Sequence[int] = ()) -> Found:
         if best is None or scores[i].value > best[0].value:
             best = scores[i], (*head, after[i]) if k else ()
     assert best is not None
-    return Found(best[1], best[0], True, tried, 0)
+    return BestSet(best[1], best[0], True, tried, 0)
 
 
-def one_fewer(problem: Problem, chosen: Sequence[int], *, fixed: Sequence[int] = ()) -> Score:
+def one_fewer(problem: SelectionProblem, chosen: Sequence[int], *, fixed: Sequence[int] = ()) -> Score:
     """Return the score of a good set with one camera less than `chosen`: without its least needed, then exchanged."""
     free = [c for c in range(problem.candidates) if c not in set(fixed)]
     sets = [tuple(c for c in chosen if c != gone) for gone in chosen]
@@ -105,14 +105,14 @@ def one_fewer(problem: Problem, chosen: Sequence[int], *, fixed: Sequence[int] =
     return problem.score((*fixed, *_exchanged(problem, kept, tuple(fixed), free)[0]))
 
 
-def one_more(problem: Problem, chosen: Sequence[int], *, fixed: Sequence[int] = ()) -> Score:
+def one_more(problem: SelectionProblem, chosen: Sequence[int], *, fixed: Sequence[int] = ()) -> Score:
     """Return the score of a good set with one camera more: with the one that helps most, then exchanged."""
     free = [c for c in range(problem.candidates) if c not in set(fixed)]
     first = ranked(problem, (*fixed, *chosen), free)[0][0]
     return problem.score((*fixed, *_exchanged(problem, (*chosen, first), tuple(fixed), free)[0]))
 
 
-def ranked(problem: Problem, chosen: Sequence[int], among: Iterable[int]) -> list[tuple[int, Score]]:
+def ranked(problem: SelectionProblem, chosen: Sequence[int], among: Iterable[int]) -> list[tuple[int, Score]]:
     """Return candidates with the score of the set that each makes with the chosen ones, the best first."""
     added = [c for c in among if c not in set(chosen)]
     if not added:
@@ -134,7 +134,7 @@ def _by_softest(total: Array, ratios: Array) -> Array:
 
 
 def _greedy(
-    problem: Problem, k: int, fixed: Choice, free: Sequence[int], judge: Callable[[Array, Array], Array]
+    problem: SelectionProblem, k: int, fixed: Choice, free: Sequence[int], judge: Callable[[Array, Array], Array]
 ) -> Choice:
     chosen: Choice = ()
     for _ in range(k):
@@ -144,7 +144,7 @@ def _greedy(
     return chosen
 
 
-def _exchanged(problem: Problem, chosen: Choice, fixed: Choice, free: Sequence[int]) -> tuple[Choice, int]:
+def _exchanged(problem: SelectionProblem, chosen: Choice, fixed: Choice, free: Sequence[int]) -> tuple[Choice, int]:
     """Return the set after the best exchanges of one camera, as long as one helps, and how many were made."""
     score, n = problem.score((*fixed, *chosen)), 0
     while True:
@@ -161,7 +161,7 @@ def _exchanged(problem: Problem, chosen: Choice, fixed: Choice, free: Sequence[i
 
 
 def _best_addition(
-    problem: Problem, hard: Problem, kept: Choice, added: Sequence[int], floor: Score
+    problem: SelectionProblem, hard: SelectionProblem, kept: Choice, added: Sequence[int], floor: Score
 ) -> tuple[int, Score] | None:
     """Return the candidate that makes the best set with the kept ones, if that beats a score.
 
@@ -188,7 +188,9 @@ def _may_beat(bound: Score, floor: Score) -> bool:
     return bound.worst >= floor.worst * (1 - ROUNDING)
 
 
-def _pairs_exchanged(problem: Problem, chosen: Choice, fixed: Choice, free: Sequence[int]) -> tuple[Choice, int]:
+def _pairs_exchanged(
+    problem: SelectionProblem, chosen: Choice, fixed: Choice, free: Sequence[int]
+) -> tuple[Choice, int]:
     """Return the set after exchanges of two cameras at once, as long as one helps.
 
     Of the new pair the first is among the best by itself: how many of these are tried depends on how many there are.
@@ -200,7 +202,7 @@ def _pairs_exchanged(problem: Problem, chosen: Choice, fixed: Choice, free: Sequ
     return chosen, n
 
 
-def _pair_exchanged(problem: Problem, chosen: Choice, fixed: Choice, free: Sequence[int]) -> Choice | None:
+def _pair_exchanged(problem: SelectionProblem, chosen: Choice, fixed: Choice, free: Sequence[int]) -> Choice | None:
     """Return a better set with two cameras exchanged, or None."""
     score, pairs = problem.score((*fixed, *chosen)), list(combinations(range(len(chosen)), 2))
     promising, hard = max(1, _PAIRS // max(len(pairs) * len(free), 1)), problem.hardest((*fixed, *chosen))

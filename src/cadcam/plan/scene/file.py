@@ -49,7 +49,7 @@ from cadcam.files.yamltext import parsed_yaml
 from cadcam.geometry.rigid import Rigid
 from cadcam.geometry.rotation import exp
 from cadcam.plan.scene.feature import Kind, LayoutFeature
-from cadcam.plan.scene.scene import CalibratedFrom, CameraType, LayoutScene, Mount, Seeing, Sigmas
+from cadcam.plan.scene.layout_scene import CalibratedFrom, CameraType, LayoutScene, Mount, Seeing, Sigmas
 from cadcam.plan.scene.zones import arc, in_box
 from cadcam.plan.uncertainty.finding import Finder
 from cadcam.render.view import Scene

@@ -13,7 +13,7 @@ from cadcam.camera.sensitivity import project_with_sensitivity
 from cadcam.camera.viewpoint import ErrorSource, KnownMotion, Viewpoint
 from cadcam.errors import DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
-from cadcam.plan.scene.scene import CalibratedFrom, CameraType, LayoutScene, Mount, Sigmas
+from cadcam.plan.scene.layout_scene import CalibratedFrom, CameraType, LayoutScene, Mount, Sigmas
 
 _ALONG = 1e-6  # sine of the angle to "up" from which a view is taken for vertical
 

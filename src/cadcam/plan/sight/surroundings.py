@@ -9,7 +9,7 @@ from cadcam.arrays import Array, Mask
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
 from cadcam.render.embree import Caster
-from cadcam.render.lines.occlusion import Occluders
+from cadcam.render.lines.occlusion import OccludingFaces
 
 _TOLERANCE = 1e-4  # of the part's diagonal: how far off a face a feature on it may be given
 _DIRECTIONS = 48
@@ -54,7 +54,7 @@ class Surroundings:
 class _Body:
     def __init__(self, mesh: Mesh) -> None:
         self.caster = Caster(mesh)
-        self.occluders = Occluders(mesh, self.caster)
+        self.occluders = OccludingFaces(mesh, self.caster)
         self._low, self._high = mesh.bounds
 
     def holds(self, eye: Array) -> bool:

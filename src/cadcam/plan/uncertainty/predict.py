@@ -72,7 +72,7 @@ def predict_points(
 
     noise (V, N, 2, 2) px^2: covariance of each point's pixels, such as `circle_covariance`; default sigma_px^2 of the
     viewpoint. seen (V, N): which viewpoint sees which point; default: where it lies in the picture. Nothing is hidden
-    here: ask `cadcam.plan.sight.look`. plane, plane_sigma_mm: as in `measure_points`. Raises `BadValue`.
+    here: ask `cadcam.plan.sight.visibility`. plane, plane_sigma_mm: as in `measure_points`. Raises `BadValue`.
     """
     points = frozen(p, "points", (None, 3))
     if not viewpoints:
@@ -115,7 +115,7 @@ def shifts(
 
 
 def _shown(viewpoints: Sequence[Viewpoint], q: Array, seen: Mask | None) -> Mask:
-    """Return which viewpoint sees which point (V, N), imaged at q (V, N, 2): as it is told, or where it can."""
+    """Return which viewpoint sees which point (V, N), imaged at q (V, N, 2): as stated, or wherever it can."""
     if seen is None:
         return np.stack([view.camera.sees(at) for view, at in zip(viewpoints, q, strict=True)])
     told = np.asarray(seen, bool)

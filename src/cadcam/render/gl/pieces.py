@@ -17,7 +17,7 @@ from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.render.cores import blocks, on_all_cores
-from cadcam.render.lines.clip import WIDEST, Frustum
+from cadcam.render.lines.clip import WIDEST, ViewVolume
 
 REACH_PX = 1.0  # of faces drawn as they are, of which there may be millions
 PIECE_REACH_PX = 8.0  # of pieces, which come from large faces: fewer of them are worth a wider margin
@@ -83,7 +83,7 @@ def pieces(camera: Camera, camera_from_world: Rigid, vertices: Array, faces: Ids
     return Pieces(q, whole, corners, chosen[owner].astype(np.int32))
 
 
-def _sides_beyond(frustum: Frustum, p: Array) -> npt.NDArray[np.uint8]:
+def _sides_beyond(frustum: ViewVolume, p: Array) -> npt.NDArray[np.uint8]:
     """Return a bit for each side of the frustum that points p (N, 3) in the camera frame lie beyond."""
     x, y, z = p.T
     (x0, y0), (x1, y1) = frustum.low, frustum.high
@@ -94,14 +94,14 @@ def _sides_beyond(frustum: Frustum, p: Array) -> npt.NDArray[np.uint8]:
     return bits
 
 
-def _frustum(camera: Camera, near: float) -> Frustum:
+def _frustum(camera: Camera, near: float) -> ViewVolume:
     """Return what holds all that the camera images, with the last third of a degree that lines do without."""
-    frustum = Frustum.of(camera, near=near, margin_px=_MARGIN_PX)
+    frustum = ViewVolume.of(camera, near=near, margin_px=_MARGIN_PX)
     low = np.where(frustum.low <= -WIDEST, -_FARTHEST, frustum.low)
     return replace(frustum, low=low, high=np.where(frustum.high >= WIDEST, _FARTHEST, frustum.high))
 
 
-def _straight(camera: Camera, frustum: Frustum, p: Array, q: Array) -> Mask:
+def _straight(camera: Camera, frustum: ViewVolume, p: Array, q: Array) -> Mask:
     """Return which triangles p (N, 3, 3) in the camera frame have only edges that need not be halved."""
     fine: Mask = np.asarray(np.isfinite(q).all(axis=(1, 2)) & (p[..., 2] > frustum.near).all(axis=1))
     fine &= ~(_length(q) > _WHOLE.longest).any(axis=1)
@@ -111,7 +111,7 @@ def _straight(camera: Camera, frustum: Frustum, p: Array, q: Array) -> Mask:
     return fine
 
 
-def _halved(camera: Camera, frustum: Frustum, u: Array, owner: Longs) -> tuple[Array, Longs]:
+def _halved(camera: Camera, frustum: ViewVolume, u: Array, owner: Longs) -> tuple[Array, Longs]:
     """Return pixels (M, 3, 2) and owners of triangles u (N, 3, 2), halved as long as an edge needs it."""
     kept: list[tuple[Array, Longs]] = [(np.zeros((0, 3, 2)), np.zeros(0, np.int64))]
     for _ in range(_ROUNDS):
@@ -128,7 +128,7 @@ def _halved(camera: Camera, frustum: Frustum, u: Array, owner: Longs) -> tuple[A
     return np.concatenate([q for q, _ in kept])[order], np.concatenate([o for _, o in kept])[order]
 
 
-def _to_halve(camera: Camera, frustum: Frustum, u: Array, q: Array, limits: _Limits) -> Mask:
+def _to_halve(camera: Camera, frustum: ViewVolume, u: Array, q: Array, limits: _Limits) -> Mask:
     """Return which edges (N, 3), k from corner k to the next, are too long or bent; symmetric in their ends."""
     length = _length(q)
     beyond = np.sum(u * u, axis=-1) >= frustum.radius**2
@@ -159,7 +159,7 @@ def _middle(a: Array, b: Array) -> Array:
     return np.asarray((a * wa + b * wb) / (wa + wb))
 
 
-def _image(camera: Camera, frustum: Frustum, u: Array) -> Array:
+def _image(camera: Camera, frustum: ViewVolume, u: Array) -> Array:
     """Return pixels of u (..., 2); beyond the valid radius the image goes on outwards in proportion, unfolded."""
     radius = np.sqrt(np.sum(u * u, axis=-1))
     shrink = np.minimum(1.0, frustum.radius * (1 - 1e-9) / np.maximum(radius, 1e-300))
@@ -168,7 +168,7 @@ def _image(camera: Camera, frustum: Frustum, u: Array) -> Array:
     return camera.pixel_of(m / shrink[..., None])
 
 
-def _outside(frustum: Frustum, u: Array) -> Mask:
+def _outside(frustum: ViewVolume, u: Array) -> Mask:
     """Return which triangles (N, 3, 2) lie wholly beyond one side of all that the camera images."""
     highest, lowest = u.max(axis=1), u.min(axis=1)
     out: Mask = np.any((highest < frustum.low) | (lowest > frustum.high), axis=1)

@@ -18,7 +18,7 @@ _BORDER_STEP = 8.0  # px between the border points that bound the picture in u
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Frustum:
+class ViewVolume:
     """z >= near (mm), low <= u <= high and |u| < radius: a convex region that holds all the camera images."""
 
     near: float
@@ -27,7 +27,7 @@ class Frustum:
     radius: float
 
     @classmethod
-    def of(cls, camera: Camera, *, near: float, margin_px: float) -> Frustum:
+    def of(cls, camera: Camera, *, near: float, margin_px: float) -> ViewVolume:
         """Return the smallest one around the picture widened by `margin_px` on every side."""
         radius = camera.lens.valid_radius * (1 - 1e-9)
         u = _border_directions(camera, margin_px)

@@ -15,7 +15,7 @@ _ROUNDS = 48  # rejected hits a ray survives: each skips at least twice as far a
 _SURE = 100.0  # a face whose plane misses the point by this many tolerances is taken on Embree's word
 
 
-class Occluders:
+class OccludingFaces:
     """The faces of a mesh as obstacles.
 
     A face hides a point from an eye if it meets the open segment between them while the point lies more than the

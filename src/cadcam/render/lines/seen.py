@@ -21,7 +21,7 @@ from cadcam.cad.topology import corner_points, is_solid, same_rows
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal
 from cadcam.native.seen import ALWAYS, FACING, TURNING, EdgesInSpace, EyePoint, SeenLines, Sight
-from cadcam.render.lines.clip import FlatSegments, Frustum
+from cadcam.render.lines.clip import FlatSegments, ViewVolume
 from cadcam.render.lines.occlusion import solid_parts
 from cadcam.render.lines.segments import FLAT, Segments
 from cadcam.render.lines.stretches import Stretches
@@ -152,7 +152,7 @@ class SeenEdges:
         number = np.flatnonzero(self._drawable.wanted(self._front(view)))
         p = view.camera_from_world @ self.scene.mesh.vertices
         a, b = (p[every.vertices[number, k]] for k in range(2))
-        t0, t1, kept = Frustum.of(view.camera, near=self._near, margin_px=0.0).clip(a, b)
+        t0, t1, kept = ViewVolume.of(view.camera, near=self._near, margin_px=0.0).clip(a, b)
         lines = FlatSegments.of(a[kept], b[kept], t0[kept], t1[kept])
         number = number[kept]
         tracer = Tracer(self.scene, view.camera, every.select(number), number, lines, _CHORD_PX)

@@ -9,7 +9,7 @@ from cadcam.cad.edges import edge_table
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.topology import EdgeTable
 from cadcam.cad.winding import winding_number
-from cadcam.render.lines.occlusion import Occluders, part_boxes, solid_parts
+from cadcam.render.lines.occlusion import OccludingFaces, part_boxes, solid_parts
 
 _EDGE_ON = 1e-12  # of the distance: a face whose plane the eye is this close to is seen edge-on
 
@@ -54,7 +54,7 @@ class Turn:
     being turned away. `borders`: what lies behind it may be hidden on one side only.
     """
 
-    def __init__(self, topology: Topology, occluders: Occluders, eye: Array) -> None:
+    def __init__(self, topology: Topology, occluders: OccludingFaces, eye: Array) -> None:
         table, pair = topology.table, topology.pair
         height = occluders.heights(eye)
         front = height > 0

@@ -7,7 +7,7 @@ float64 and cut the edge into stretches of constant visibility; one point of eac
 nothing is sampled, and the ends of visible lines are exact to rounding.
 
 What visible means. A point of an edge is hidden if a face meets the open segment to the camera's centre while the
-point lies more than a tolerance off that face's plane (`occlusion.Occluders`). Hence:
+point lies more than a tolerance off that face's plane (`occlusion.OccludingFaces`). Hence:
 - the edge's own faces never hide it, nor do faces that coincide with it: the foot of a stiffener on a plate, coplanar
   overlaps, T-junctions. A sheet without thickness does not hide lines lying in it from either side.
 - an edge of a watertight part is hidden if its own faces turn away: both of them at a convex edge, either of them at a
@@ -30,9 +30,9 @@ from cadcam.cad.topology import corner_points
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.render.embree import Caster
-from cadcam.render.lines.clip import FlatSegments, Frustum
+from cadcam.render.lines.clip import FlatSegments, ViewVolume
 from cadcam.render.lines.crossing import crossings
-from cadcam.render.lines.occlusion import Occluders
+from cadcam.render.lines.occlusion import OccludingFaces
 from cadcam.render.lines.segments import Segments, contours, features
 from cadcam.render.lines.silhouette import Topology, Turn
 from cadcam.render.lines.stretches import Stretches
@@ -64,7 +64,7 @@ class LineDrawer:
         self.scene = scene
         caster = caster or Caster(mesh)
         self._diagonal, self._contact = 2 * caster.radius, contact_tolerance(mesh)
-        self._occluders = Occluders(mesh, caster)
+        self._occluders = OccludingFaces(mesh, caster)
         self._topology = Topology(mesh)
         self._edge = self._topology.number_of(scene.edges.vertices)
         self._points = np.zeros(len(mesh.vertices), np.int64)
@@ -75,7 +75,7 @@ class LineDrawer:
     def draw(self, camera: Camera, camera_from_world: Rigid, *, options: LineOptions = PLAIN_LINES) -> Wireframe:
         """Return the wireframe seen from `camera_from_world`; empty where the model is not in view."""
         near = 1e-5 * self._diagonal if options.near_mm is None else options.near_mm
-        frustum = Frustum.of(camera, near=near, margin_px=options.margin_px)
+        frustum = ViewVolume.of(camera, near=near, margin_px=options.margin_px)
         clipped = _Clipped(camera_from_world @ self.scene.mesh.vertices, frustum)
         turn = Turn(self._topology, self._occluders, camera_from_world.origin)
         every = self._segments(turn, options)
@@ -139,7 +139,7 @@ class LineDrawer:
 class _Clipped:
     """Points p (V, 3) mm of the camera frame, and what of segments between them lies within a frustum."""
 
-    def __init__(self, p: Array, frustum: Frustum) -> None:
+    def __init__(self, p: Array, frustum: ViewVolume) -> None:
         self._p, self._frustum = p, frustum
         self._inside = frustum.holds(p)
 

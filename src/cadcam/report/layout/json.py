@@ -11,7 +11,7 @@ from cadcam.files.jsontext import head_as_json, or_null, or_nulls
 from cadcam.plan.choice.problem import Score
 from cadcam.plan.layout import Layout
 from cadcam.plan.sight.candidate import Candidate
-from cadcam.plan.sight.look import Why
+from cadcam.plan.sight.visibility import Why
 from cadcam.plan.what_if import WhatIf
 from cadcam.report.layout.words import assumptions, headline, pan_tilt, rule_words
 
@@ -58,7 +58,7 @@ def score_as_json(score: Score) -> dict[str, Any]:
 
 
 def _camera(layout: Layout, i: int) -> dict[str, Any]:
-    camera, role, look = layout.cameras[i], layout.roles[i], layout.looks[i]
+    camera, role, view = layout.cameras[i], layout.roles[i], layout.visibility[i]
     pan, tilt = pan_tilt(camera)
     optics = camera.optics
     lens = {} if optics is None else {
@@ -85,11 +85,11 @@ def _camera(layout: Layout, i: int) -> dict[str, Any]:
         "without_it": score_as_json(role.without),
         "features": {
             name: {
-                "seen": [Why(int(w)).words for w in look.why[:, f]],
-                "mm_per_px": or_nulls(look.mm_per_px[:, f]),
-                "incidence_deg": or_nulls(np.degrees(look.incidence[:, f])),
-                "defocus_px": or_nulls(look.blur_px[:, f]),
-                "sigma_px": or_nulls(look.sigma_px[:, f]),
+                "seen": [Why(int(w)).words for w in view.why[:, f]],
+                "mm_per_px": or_nulls(view.mm_per_px[:, f]),
+                "incidence_deg": or_nulls(np.degrees(view.incidence[:, f])),
+                "defocus_px": or_nulls(view.blur_px[:, f]),
+                "sigma_px": or_nulls(view.sigma_px[:, f]),
             }
             for f, name in enumerate(names)
         },

@@ -120,7 +120,7 @@ def _limits(layout: Layout) -> str:
 def _cameras(layout: Layout) -> str:
     heads = ("camera", "lens", "position mm", "aims at mm", "pan, tilt", "focus", "field", "sharp", "sees", "why")
     rows = []
-    for number, (camera, role, look) in enumerate(zip(layout.cameras, layout.roles, layout.looks, strict=True), 1):
+    for number, (camera, role, view) in enumerate(zip(layout.cameras, layout.roles, layout.visibility, strict=True), 1):
         pan, tilt = pan_tilt(camera)
         focus, field_of_view, sharp = _optics(camera)
         cells = [
@@ -132,7 +132,7 @@ def _cameras(layout: Layout) -> str:
             focus,
             field_of_view,
             sharp,
-            f"{role.sees} of {look.seen.shape[1]} features",
+            f"{role.sees} of {view.seen.shape[1]} features",
             escape(why(role.without, role.only_it, camera)),
         ]
         rows.append(row(heads, cells))

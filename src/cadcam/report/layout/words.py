@@ -9,10 +9,10 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.plan.assessment.assess import Outcome
 from cadcam.plan.choice.problem import Score
-from cadcam.plan.layout import Layout, Survey
-from cadcam.plan.scene.scene import CalibratedFrom, LayoutScene, Sigmas
+from cadcam.plan.layout import CandidateSurvey, Layout
+from cadcam.plan.scene.layout_scene import CalibratedFrom, LayoutScene, Sigmas
 from cadcam.plan.sight.candidate import Candidate
-from cadcam.plan.sight.look import Why
+from cadcam.plan.sight.visibility import Why
 from cadcam.plan.what_if import WhatIf
 from cadcam.report.table import Table
 from cadcam.verify.tolerances.tolerance import Limit, Rule
@@ -54,10 +54,10 @@ def _cameras(layout: Layout) -> str:
 def camera_table(layout: Layout) -> Table:
     """Return where to mount each chosen camera, with which lens, and what it is there for."""
     rows = []
-    for camera, role, look in zip(layout.cameras, layout.roles, layout.looks, strict=True):
+    for camera, role, view in zip(layout.cameras, layout.roles, layout.visibility, strict=True):
         pan, tilt = pan_tilt(camera)
-        seen = look.seen
-        scale = f"{np.median(look.mm_per_px[seen]):.3f}" if seen.any() else ""
+        seen = view.seen
+        scale = f"{np.median(view.mm_per_px[seen]):.3f}" if seen.any() else ""
         of = f"{role.sees} of {seen.shape[1]}"
         places = (_xyz(camera.eye), _xyz(camera.aim), f"{pan:.1f}", f"{tilt:.1f}")
         said = why(role.without, role.only_it, camera)
@@ -144,13 +144,13 @@ def sight_table(layout: Layout, *, pose: int = 0) -> Table:
     rows = []
     names = [f.name for f in layout.survey.scene.features]
     for f, name in enumerate(names):
-        for camera, look in zip(layout.cameras, layout.looks, strict=True):
-            why_not = Why(int(look.why[pose, f]))
+        for camera, view in zip(layout.cameras, layout.visibility, strict=True):
+            why_not = Why(int(view.why[pose, f]))
             if why_not is not Why.SEEN:
                 rows.append((name, camera.name, why_not.words, "", "", "", ""))
                 continue
-            slant = float(np.degrees(look.incidence[pose, f]))
-            numbers = (look.mm_per_px[pose, f], look.blur_px[pose, f], look.sigma_px[pose, f])
+            slant = float(np.degrees(view.incidence[pose, f]))
+            numbers = (view.mm_per_px[pose, f], view.blur_px[pose, f], view.sigma_px[pose, f])
             scale, blur, sigma = (f"{x:.3f}" for x in numbers)
             rows.append((name, camera.name, "seen", scale, "" if np.isnan(slant) else f"{slant:.0f}", blur, sigma))
     heads = ("feature", "camera", "", "mm per px", "slant deg", "defocus px", "sigma px")
@@ -172,7 +172,9 @@ def what_if_table(changes: Sequence[WhatIf]) -> Table:
     return Table("What if", heads, tuple(rows), ("what if", ""), (note,))
 
 
-def next_table(seen: Survey, have: Sequence[int], order: Sequence[tuple[Candidate, Score]], *, most: int = 10) -> Table:
+def next_table(
+    seen: CandidateSurvey, have: Sequence[int], order: Sequence[tuple[Candidate, Score]], *, most: int = 10
+) -> Table:
     """Return the candidates that add most to the cameras there are."""
     now = seen.problem.score(have)
     rows = [("(as it is)", "", "", f"{now.worst:.2f}", str(now.unmeasured), "")]

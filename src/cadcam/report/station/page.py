@@ -17,7 +17,7 @@ from cadcam.report.page import page, section
 from cadcam.report.station.tables import calibration_tables, map_tables, trend_table
 from cadcam.report.table import Table
 from cadcam.station.cross import DeviationMap
-from cadcam.station.drawing import Trend
+from cadcam.station.drawing import DifferenceTrend
 from cadcam.station.gantry import GantryCalibration
 from cadcam.whole import write_whole
 
@@ -37,7 +37,7 @@ class StationReport:
 
     stations: Mapping[str, GantryCalibration]
     log: Sequence[Mapping[str, Any]] = ()
-    trend: Trend | None = None
+    trend: DifferenceTrend | None = None
 
 
 def write_station_page(path: str | os.PathLike[str], report: StationReport) -> None:

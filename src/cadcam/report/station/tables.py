@@ -11,9 +11,9 @@ from cadcam.camera.measurement import Measurement
 from cadcam.report.table import Table, with_sigma
 from cadcam.station.budget import budget_of
 from cadcam.station.cross import DeviationMap, Split
-from cadcam.station.drawing import DistanceCheck, Trend
+from cadcam.station.drawing import DifferenceTrend, DistanceCheck
 from cadcam.station.gantry import GantryCalibration, Sighting
-from cadcam.station.measure import Estimate
+from cadcam.station.measure import PointEstimate
 
 
 def calibration_tables(station: GantryCalibration) -> list[Table]:
@@ -113,7 +113,7 @@ def sighting_tables(measured: Measurement, sightings: Sequence[Sighting]) -> lis
     return [points, Table("What the uncertainty comes from", ("mark", *causes, "total"), shares, ("mark",), (note,))]
 
 
-def estimates_table(name: str, found: Sequence[Estimate]) -> Table:
+def estimates_table(name: str, found: Sequence[PointEstimate]) -> Table:
     """Return what each calibration made of one mark and how much it counted, as program bilinear said it (Prog 6)."""
     rows = tuple(
         (
@@ -132,7 +132,7 @@ def estimates_table(name: str, found: Sequence[Estimate]) -> Table:
     )
 
 
-def distance_tables(checks: Sequence[DistanceCheck], seen: Trend | None) -> list[Table]:
+def distance_tables(checks: Sequence[DistanceCheck], seen: DifferenceTrend | None) -> list[Table]:
     """Return distances and angles against the drawing (Table 6.12), and what their differences say together."""
     columns = ("marks", "measured mm", "+-", "drawn mm", "drawn - measured mm", "angle deg")
     rows = tuple(
@@ -150,7 +150,7 @@ def distance_tables(checks: Sequence[DistanceCheck], seen: Trend | None) -> list
     return out if seen is None else [*out, trend_table(seen)]
 
 
-def trend_table(seen: Trend) -> Table:
+def trend_table(seen: DifferenceTrend) -> Table:
     """Return the statistics of differences."""
     rows = (
         ("mean", f"{seen.mean:+.2f} +- {seen.standard_error:.2f} mm (t = {seen.t:.2f}, p = {seen.p_mean:.2g})"),

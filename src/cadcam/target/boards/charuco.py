@@ -31,7 +31,7 @@ class _Markers:
 def charuco_grid(gray: Picture, board: Charuco) -> tuple[Grid, Charuco]:
     """Return the board's inner corners in a picture, at the board's own cells, and the board as it turned out.
 
-    Boards of the legacy kind are told by their markers. Raises `NoBoard` saying which markers were seen instead.
+    Boards of the legacy kind are recognised by their markers. Raises `NoBoard` saying which markers were seen instead.
     """
     number, q = find_markers(gray, board.dictionary)
     if not len(number):

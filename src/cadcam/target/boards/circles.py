@@ -42,7 +42,7 @@ def disc_grid(
 ) -> Grid | None:
     """Return the largest grid of discs in a picture, dark ones or light ones, or None.
 
-    window: by the reduced picture's longer side, over which dark and light are told apart; larger than a disc.
+    window: by the reduced picture's longer side, over which dark and light are separated; larger than a disc.
     """
     small, full = reduced(gray, scale)
     blobs = elliptic_blobs(small, round(window * max(small.shape)), light=light)

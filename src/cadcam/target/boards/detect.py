@@ -17,7 +17,7 @@ from cadcam.target.boards.charuco import charuco_grid
 from cadcam.target.boards.chess import corner_grid, fitted_corners
 from cadcam.target.boards.circles import disc_grid, fitted_discs, radius_by_cell
 from cadcam.target.boards.grid import Grid
-from cadcam.target.boards.lattice import Placed, placed
+from cadcam.target.boards.lattice import PlacedLattice, placed
 from cadcam.target.boards.levels import scales
 from cadcam.target.boards.pattern import Charuco, Chessboard, CircleGrid
 
@@ -85,7 +85,7 @@ def detect(picture: npt.ArrayLike, pattern: Pattern) -> Detection:
         return _charuco(gray, pattern)
     tried: list[str] = []
     same: list[tuple[int, int, int]] = []
-    best: tuple[Grid, Placed, str] | None = None
+    best: tuple[Grid, PlacedLattice, str] | None = None
     for name, grid in _grids(gray, pattern):
         if grid is None:
             tried.append(f"{name}: nothing")
@@ -140,11 +140,11 @@ def _disc_grids(gray: Picture, board: CircleGrid) -> Iterator[tuple[str, Grid | 
             yield name, fitted_discs(gray, board.cells, q, radius, light=light, staggered=board.staggered)
 
 
-def _rank(grid: Grid, found: Placed) -> tuple[bool, int, float]:
+def _rank(grid: Grid, found: PlacedLattice) -> tuple[bool, int, float]:
     return found.fixed, len(found.points) - found.beyond, -float(np.median(grid.fit.misfit))
 
 
-def _refuse(found: Placed, pattern: Pattern) -> None:
+def _refuse(found: PlacedLattice, pattern: Pattern) -> None:
     """Raise `NoBoard` for a grid that is not this board's, or that may lie at several places of it."""
     seen = (-(-found.extent[0] // 2) if getattr(pattern, "staggered", False) else found.extent[0], found.extent[1])
     what = "discs" if isinstance(pattern, CircleGrid) else "inner corners"

@@ -42,7 +42,7 @@ class Lattice:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Placed:
+class PlacedLattice:
     """A lattice laid on a board: point numbers and marks of what fits; `extent`, its full (columns, rows).
 
     fixed: whether no other place on the board would have taken as many marks (turns of the board apart).
@@ -155,13 +155,13 @@ def _spans(staggered: bool) -> list[npt.NDArray[np.int64]]:
     return [cell @ m for m in unimodular]
 
 
-def placed(cells: npt.NDArray[np.integer], q: Array, color: npt.NDArray[np.integer], pattern: Pattern) -> Placed:
+def placed(cells: npt.NDArray[np.integer], q: Array, color: npt.NDArray[np.integer], pattern: Pattern) -> PlacedLattice:
     """Return N marks at `cells` of a lattice laid on the board so that most fall on points, upright if turns are alike.
 
     color (N,): +1 where the quadrants between the lattice's steps of like sign are dark, -1 where the others are; all 0
     for marks without such a thing. Never mirrored: a board is seen from its front.
     """
-    best: Placed | None = None
+    best: PlacedLattice | None = None
     rank: tuple[int, float] = (0, 0.0)
     places: list[tuple[int, int]] = []  # (marks on points, places with as many) for each turn
     for turn in _TURNS:
@@ -176,7 +176,7 @@ def placed(cells: npt.NDArray[np.integer], q: Array, color: npt.NDArray[np.integ
             best, rank = found, (len(found.points), upright)
     if best is None:
         nothing = np.zeros(0, dtype=np.intp)
-        return Placed(nothing, nothing, _extent(cells), False, len(cells))
+        return PlacedLattice(nothing, nothing, _extent(cells), False, len(cells))
     ways = sum(n for count, n in places if count == len(best.points))
     return replace(best, fixed=ways <= pattern.turns)
 
@@ -187,7 +187,9 @@ def _direction(cells: npt.NDArray[np.int64], q: Array) -> Array:
     return np.asarray(np.linalg.lstsq(A, q, rcond=None)[0][:2].T)
 
 
-def _best_shift(cells: npt.NDArray[np.int64], own: npt.NDArray[np.integer], pattern: Pattern) -> tuple[Placed, int]:
+def _best_shift(
+    cells: npt.NDArray[np.int64], own: npt.NDArray[np.integer], pattern: Pattern
+) -> tuple[PlacedLattice, int]:
     """Return where most marks fall on points of their own kind, by correlating the two sets; and at how many places."""
     from scipy.signal import correlate
 
@@ -207,7 +209,7 @@ def _best_shift(cells: npt.NDArray[np.int64], own: npt.NDArray[np.integer], patt
     point = np.where(inside, number[tuple(np.where(inside[:, None], place, 0).T)], -1)
     hit = point >= 0
     ways = int((counts == most).sum())
-    return Placed(point[hit], np.flatnonzero(hit), _extent(cells), ways == 1, int((~hit).sum())), ways
+    return PlacedLattice(point[hit], np.flatnonzero(hit), _extent(cells), ways == 1, int((~hit).sum())), ways
 
 
 def _occupied(cells: npt.NDArray[np.integer], frame: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:

@@ -52,7 +52,7 @@ class Fit:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pixels:
+class WindowPixels:
     """Grey values (B, P) of B windows; their pixels (B, P, 2 or more), u, v relative to q (B, 2) first; weights (B, P).
 
     What follows u, v is what else a model wants to know of a pixel.
@@ -62,9 +62,9 @@ class Pixels:
     pixels: Array
     weight: Array
 
-    def part(self, which: Index | slice) -> Pixels:
+    def part(self, which: Index | slice) -> WindowPixels:
         """Return the pixels of the windows that `which` selects."""
-        return Pixels(self.values[which], self.pixels[which], self.weight[which])
+        return WindowPixels(self.values[which], self.pixels[which], self.weight[which])
 
 
 def fit_corners(gray: Picture, q: Array, directions: Array, reach: Array, *, blur: float = 1.0) -> Fit:
@@ -85,7 +85,7 @@ def fit_corners(gray: Picture, q: Array, directions: Array, reach: Array, *, blu
     start[:, 6] = (values * weight).sum(axis=1) / n
     sign = _corner(start + np.eye(9)[4], pixels)[0] - start[:, 6:7]
     start[:, 4] = (sign * values * weight).sum(axis=1) / np.maximum((sign**2 * weight).sum(axis=1), 1e-9)
-    fit = fitted(_corner, start, Pixels(values, pixels, weight), q, reach)
+    fit = fitted(_corner, start, WindowPixels(values, pixels, weight), q, reach)
     return replace(fit, good=fit.good & whole(weight, wanted))
 
 
@@ -108,7 +108,7 @@ def fit_discs(gray: Picture, q: Array, moments: Array, reach: Array) -> Fit:
     inside, outside = (rho2 < 1) & (weight > 0), (rho2 >= 1) & (weight > 0)
     start[:, 6] = (values * outside).sum(axis=1) / np.maximum(outside.sum(axis=1), 1)
     start[:, 4] = (values * inside).sum(axis=1) / np.maximum(inside.sum(axis=1), 1) - start[:, 6]
-    fit = fitted(_disc, start, Pixels(values, pixels, weight), q, minor)
+    fit = fitted(_disc, start, WindowPixels(values, pixels, weight), q, minor)
     return replace(fit, good=fit.good & whole(weight, wanted))
 
 
@@ -186,7 +186,9 @@ def patches(gray: Picture, q: Array, reach: Array, step: int = 1) -> tuple[Array
     return values, pixels, np.asarray(there)
 
 
-def fitted(model: Model, start: Array, window: Pixels, q: Array, size: Array, *, iterations: int = _ITERATIONS) -> Fit:
+def fitted(
+    model: Model, start: Array, window: WindowPixels, q: Array, size: Array, *, iterations: int = _ITERATIONS
+) -> Fit:
     """Return the fit of a model whose first two parameters are x, y relative to q; size (B,): how far it may go, px.
 
     Parameters beyond those by which the model gives slopes are held. iterations: at most.
@@ -204,7 +206,7 @@ def fitted(model: Model, start: Array, window: Pixels, q: Array, size: Array, *,
     return Fit(q + parameters[:, :2], covariance[:, :2, :2], parameters, misfit, good, np.ones(count))
 
 
-def missed(model: Model, fit: Fit, window: Pixels, *, free: tuple[int, ...]) -> tuple[Array, Array]:
+def missed(model: Model, fit: Fit, window: WindowPixels, *, free: tuple[int, ...]) -> tuple[Array, Array]:
     """Return by how much chi-square (F, B) would fall with the first `free` parameters of the model free.
 
     And the step (B, n) of the last of those. To first order, from where the fit without them ended, by the variance
@@ -219,7 +221,7 @@ def missed(model: Model, fit: Fit, window: Pixels, *, free: tuple[int, ...]) -> 
     return np.asarray(falls / np.maximum(left, 1e-300)), np.asarray(steps[-1] * scale)
 
 
-def _minimised(model: Model, start: Array, window: Pixels, *, iterations: int) -> tuple[Array, Array, Array]:
+def _minimised(model: Model, start: Array, window: WindowPixels, *, iterations: int) -> tuple[Array, Array, Array]:
     """Return parameters, their covariance and sum of squares: Levenberg-Marquardt, a damping for each mark."""
     state, damping = start.copy(), np.full(len(start), 1e-3)
     H, g, cost = _normal(model, state, window)
@@ -249,7 +251,7 @@ def _minimised(model: Model, start: Array, window: Pixels, *, iterations: int) -
     return state, noise[:, None, None] * cofactor, cost
 
 
-def _normal(model: Model, state: Array, window: Pixels) -> tuple[Array, Array, Array]:
+def _normal(model: Model, state: Array, window: WindowPixels) -> tuple[Array, Array, Array]:
     """Return J^T J, J^T r and r^T r of each window's weighted residuals r."""
     with np.errstate(all="ignore"):
         predicted, J = model(state, window.pixels)

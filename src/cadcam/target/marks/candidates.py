@@ -20,7 +20,7 @@ from cadcam.target.marks.spots import spots
 
 METHODS = ("auto", "spots", "correlation", "blobs", "saddles")
 _STEP = 1.3  # from radius to radius, where a range is given
-_WINDOWS = (0.08, 0.025, 0.25)  # of the picture's longer side, over which blobs are told from their ground
+_WINDOWS = (0.08, 0.025, 0.25)  # of the picture's longer side, over which blobs are separated from their ground
 _LEVELS = (1.0, 0.5, 0.25)
 _LEAST_SIDE = 120  # px of a reduced picture
 _LEAST_CORRELATION = 0.5

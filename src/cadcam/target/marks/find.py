@@ -80,44 +80,67 @@ class FoundMark:
         return np.asarray(self.pixel + circle @ self.image_from_mark.T)
 
 
+@dataclass(frozen=True, slots=True)
+class MarkOptions:
+    """How marks are searched for, measured and judged.
+
+    method: the search: auto, spots, correlation or blobs (`target.marks.find`). subpixel: the rule for a mark's place:
+    photometric, the fit; or, for upright marks, parabola, centroid, autocorrelation (EQ 4.1-4.5, continuous),
+    autocorrelation-grid (in steps of 0.02 px). perspective: without a camera, fits the perspective of a plane with
+    several borders: takes the shift of tilted marks off, for more noise. least_score: correlation with the grey values
+    that a mark must reach. margin: width of the ground around a mark that is fitted with it, by the mark's radius;
+    must be less than the gap to whatever is next to it. any_number: of a coded mark, whichever number is read.
+    """
+
+    method: str = "auto"
+    subpixel: str = "photometric"
+    perspective: bool = False
+    least_score: float = _LEAST_SCORE
+    margin: float = MARGIN
+    any_number: bool = False
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise UnknownName("method", self.method, METHODS)
+        if self.subpixel not in SUBPIXEL:
+            raise UnknownName("sub-pixel rule", self.subpixel, SUBPIXEL)
+        if not 0 <= self.least_score <= 1:
+            raise BadValue("least_score", self.least_score, "a correlation from 0 to 1")
+        if not 0 < self.margin < np.inf:
+            raise BadValue("margin", self.margin, "a positive share of the radius")
+
+
+PLAIN_MARKS = MarkOptions()
+
+
 def find_marks(
     picture: npt.ArrayLike,
     mark: Mark,
     *,
     radius_px: float | tuple[float, float] | None = None,
     count: int | None = None,
-    method: str = "auto",
-    subpixel: str = "photometric",
     camera: Camera | None = None,
     normal: npt.ArrayLike | None = None,
     normal_sd: float = NORMAL_SD,
-    perspective: bool = False,
-    least_score: float = _LEAST_SCORE,
-    margin: float = MARGIN,
-    any_number: bool = False,
+    options: MarkOptions = PLAIN_MARKS,
 ) -> list[FoundMark]:
-    """Return the marks in a picture (H, W) or (H, W, 3), best first; none is an answer too.
+    """Return the marks in a picture (H, W) or (H, W, 3), best first; an empty list if there are none.
 
     radius_px: of the outermost border in the picture, or (least, largest); with it the fast search is used, without it
-    the size is measured. count: how many there are; `TooFewMarks` if fewer are found, the best if more. method: auto,
-    spots, correlation, blobs (see above). subpixel: photometric; or, for upright marks, parabola, centroid,
-    autocorrelation (EQ 4.1-4.5, continuous), autocorrelation-grid (in steps of 0.02 px). camera: fits each mark's pose,
-    so that perspective and lens do not shift it; normal (3,): of the marks' plane in the camera's frame, known to
-    normal_sd rad, which decides between the two tilts. perspective: without a camera, fits the perspective of a plane
-    with several borders: takes the shift of tilted marks off, for more noise. margin: ground by the radius that is
-    fitted too, less than the gap to what is next. any_number: of a coded mark, whichever number is read. Raises
-    `BadValue`, `UnknownName`.
+    the size is measured. count: how many there are; `TooFewMarks` if fewer are found, the best if more. camera: fits
+    each mark's pose, so that perspective and lens do not shift it; normal (3,): of the marks' plane in the camera's
+    frame, known to normal_sd rad, which decides between the two tilts. Raises `BadValue`, `UnknownName`.
     """
+    if count is not None and count < 1:
+        raise BadValue("count", count, "1 or more, or none where it is not known")
     gray = to_gray(picture)
-    search = _search(gray, mark, method, subpixel, any_number, radius_px is not None)
-    radii = _radii(radius_px, gray)
-    task = _Task(mark, search, radii, count, margin, least_score, any_number, perspective)
+    task = _Task(mark, _search(gray, mark, options, radius_px is not None), _radii(radius_px, gray), count, options)
     toward = None if normal is None else frozen(normal, "normal", (3,))
     found = []
     for one, fit in task.fits(gray):
         if camera is not None:
-            fit = fit_both_tilts(gray, one, camera, fit, normal=toward, normal_sd=normal_sd, margin=margin)
-        found += [_found(gray, one, fit, i, search, subpixel) for i in range(len(fit))]
+            fit = fit_both_tilts(gray, one, camera, fit, normal=toward, normal_sd=normal_sd, margin=options.margin)
+        found += [_found(gray, one, fit, i, task.search, options.subpixel) for i in range(len(fit))]
     found = _apart(sorted(found, key=lambda f: -f.score))
     if count is not None and len(found) < count:
         raise TooFewMarks(str(mark), len(found), count)
@@ -132,35 +155,25 @@ class _Task:
     search: str
     radii: tuple[float, float] | None
     count: int | None
-    margin: float
-    least_score: float
-    any_number: bool
-    perspective: bool
-
-    def __post_init__(self) -> None:
-        if self.count is not None and self.count < 1:
-            raise BadValue("count", self.count, "1 or more, or none where it is not known")
-        if not 0 <= self.least_score <= 1:
-            raise BadValue("least_score", self.least_score, "a correlation from 0 to 1")
-        if not 0 < self.margin < np.inf:
-            raise BadValue("margin", self.margin, "a positive share of the radius")
+    options: MarkOptions
 
     def fits(self, gray: Picture) -> Iterator[tuple[Mark, MarkFit]]:
         """Yield the fits that are marks, kind by kind."""
-        for one, seen in _kinds(gray, self.mark, self._near(gray), self.any_number):
+        margin = self.options.margin
+        for one, seen in _kinds(gray, self.mark, self._near(gray), self.options.any_number):
             clear = seen.subset(_right_size(seen.shapes, one, self.radii))
             most = _MOST if self.count is None else self.count + _FITTED
             if len(clear) > most or not self._rough:
-                clear = screened(gray, one, clear, most=most, margin=self.margin)
-            fit = fit_marks(gray, one, clear.q, clear.shapes, perspective=self.perspective, margin=self.margin)
-            yield one, fit.subset(_kept(fit, one, self.radii, self.least_score))
+                clear = screened(gray, one, clear, most=most, margin=margin)
+            fit = fit_marks(gray, one, clear.q, clear.shapes, perspective=self.options.perspective, margin=margin)
+            yield one, fit.subset(_kept(fit, one, self.radii, self.options.least_score))
 
     def _near(self, gray: Picture) -> Candidates:
         """Return candidates near enough for a fit to settle."""
         most = _MOST if self.count is None else 2 * self.count + _SPARE
         seen = candidates(gray, self.mark, self.search, self.radii)
-        seen = screened(gray, self.mark, seen, most=most, margin=self.margin, rough=self._rough)
-        return approached(gray, self.mark.rings, seen, self.margin, enough=self.count) if self._rough else seen
+        seen = screened(gray, self.mark, seen, most=most, margin=self.options.margin, rough=self._rough)
+        return approached(gray, self.mark.rings, seen, self.options.margin, enough=self.count) if self._rough else seen
 
     @property
     def _rough(self) -> bool:
@@ -168,21 +181,17 @@ class _Task:
         return self.search in ("spots", "correlation")
 
 
-def _search(gray: Picture, mark: Mark, method: str, subpixel: str, any_number: bool, known: bool) -> str:
-    """Return the search to use; raise for what cannot be asked."""
-    if method not in METHODS:
-        raise UnknownName("method", method, METHODS)
-    if subpixel not in SUBPIXEL:
-        raise UnknownName("sub-pixel rule", subpixel, SUBPIXEL)
-    if subpixel != "photometric" and not mark.concentric:
-        raise BadValue("subpixel", subpixel, f"'photometric' for {mark}, which does not look the same at any turn")
-    if any_number and mark.number is None:
-        raise BadValue("any_number", any_number, f"a coded mark; {mark} has no number")
+def _search(gray: Picture, mark: Mark, options: MarkOptions, known: bool) -> str:
+    """Return the search to use; raise for what cannot be asked of this mark or picture."""
+    if options.subpixel != "photometric" and not mark.concentric:
+        raise BadValue("subpixel", options.subpixel, f"'photometric' for {mark}, which differs from turn to turn")
+    if options.any_number and mark.number is None:
+        raise BadValue("any_number", options.any_number, f"a coded mark; {mark} has no number")
     if float(np.ptp(gray)) < _FLAT:
         raise BadValue("picture", f"one grey value ({float(gray.flat[0]):.3g}) everywhere", "a picture of marks")
-    if method == "auto":
+    if options.method == "auto":
         return "saddles" if mark.core is None else "spots" if known else "blobs"
-    return method
+    return options.method
 
 
 def _radii(radius_px: float | tuple[float, float] | None, gray: Picture) -> tuple[float, float] | None:

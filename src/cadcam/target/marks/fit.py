@@ -143,7 +143,7 @@ def fit_poses(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Seen:
+class CameraFit:
     """What a fit through a camera leaves: windows about q (B, 2), pixels kept in weight (B, P), parameters (B, n).
 
     L (B, 3, 3): rays from local coordinates about q; scale (B,): by which the start's centre is L (0, 0, 1).
@@ -161,7 +161,7 @@ class Seen:
 
 def seen_through(
     gray: Picture, mark: Mark, camera: Camera, starts: tuple[Rigid, ...], *, margin: float, blur: float
-) -> tuple[MarkFit, Seen]:
+) -> tuple[MarkFit, CameraFit]:
     """Return `fit_poses` with what it leaves for a closer look."""
     origin = np.array([pose.translation for pose in starts]).reshape(-1, 3)
     R = np.array([pose.rotation for pose in starts]).reshape(-1, 3, 3)
@@ -180,7 +180,7 @@ def seen_through(
     shapes = J @ np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)[..., :2]
     seen = predicted(mark, geometry, fit.parameters, window.pixels)
     result = replace(_result(replace(fit, q=centre), weight, shapes, window, seen), poses=poses)
-    return result, Seen(window, weight, fit.parameters, q, L, scale, fit.shared)
+    return result, CameraFit(window, weight, fit.parameters, q, L, scale, fit.shared)
 
 
 def _symmetric(S: Array) -> Array:

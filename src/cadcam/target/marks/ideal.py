@@ -18,7 +18,7 @@ from cadcam.arrays import Array, Mask, Picture
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
-from cadcam.target.marks.mark import Mark, Plate
+from cadcam.target.marks.mark import Mark, MarkSheet
 
 Reflectance: TypeAlias = Callable[[Array], Array]
 
@@ -104,7 +104,7 @@ def _paint(
     if right <= left or bottom <= top:
         return
     window, part = camera.crop(left, top, (right - left, bottom - top)), picture[top:bottom, left:right]
-    plate = Plate((mark,), np.zeros((1, 2)))
+    plate = MarkSheet((mark,), np.zeros((1, 2)))
     on_black, on_white = (_sharp(plate, window, pose, (*levels, ground), margin) for ground in (0.0, 1.0))
     part[...] = on_black + (on_white - on_black) * part
 

@@ -16,7 +16,7 @@ from cadcam.arrays import Array, Picture
 from cadcam.camera.camera import Camera
 from cadcam.geometry import rotation as so3
 from cadcam.native.marks import LOOSE, Borders, picture_with_slopes
-from cadcam.target.marks.fit import MarkFit, Seen, seen_through
+from cadcam.target.marks.fit import CameraFit, MarkFit, seen_through
 from cadcam.target.marks.mark import Mark
 from cadcam.target.marks.model import Geometry, posed, with_slopes
 from cadcam.target.marks.tilts import tilts, toward
@@ -131,7 +131,7 @@ class Tilt:
     turned: bool
 
     @classmethod
-    def of(cls, mark: Mark, camera: Camera, fit: MarkFit, seen: Seen, i: int) -> Tilt:
+    def of(cls, mark: Mark, camera: Camera, fit: MarkFit, seen: CameraFit, i: int) -> Tilt:
         """Return the misfit about the i-th fitted pose."""
         geometry = posed(turned=not mark.concentric)
         parameters = seen.parameters[i : i + 1]

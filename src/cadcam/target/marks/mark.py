@@ -237,7 +237,7 @@ def _parsed_code(parts: list[str], text: str) -> Mark:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Plate:
+class MarkSheet:
     """Marks at `places` (N, 2) mm in one plane: a calibration plate, or a sheet of marks to cut out.
 
     Its frame: z = 0, x to the right, y down the print. It can be drawn by `ideal.board_picture` and printed by
@@ -254,7 +254,7 @@ class Plate:
             raise BadValue("marks", [str(m) for m in self.marks][:5], "one mark at least, all dark or all light")
 
     @classmethod
-    def grid(cls, marks: tuple[Mark, ...], columns: int, rows: int, spacing_mm: float) -> Plate:
+    def grid(cls, marks: tuple[Mark, ...], columns: int, rows: int, spacing_mm: float) -> MarkSheet:
         """Return columns x rows marks `spacing_mm` apart, along the rows; one mark is repeated."""
         if min(columns, rows) < 1 or len(marks) not in (1, columns * rows):
             raise BadValue("grid of marks", f"{columns} x {rows} for {len(marks)} marks", "as many places as marks")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from cadcam.arrays import Array, Ids, Index, Mask, Picture
-from cadcam.target.boards.photometric import Pixels, patches
+from cadcam.target.boards.photometric import WindowPixels, patches
 from cadcam.target.marks.mark import Mark
 
 MARGIN = 0.7  # of the radius: how much ground the window takes in; it tells varying light from a shift of the mark
@@ -18,7 +18,7 @@ _LARGE = 30.0  # px of radius, from which every second pixel near borders is eno
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Window(Pixels):
+class Window(WindowPixels):
     """The pixels of B marks, the share (B,) of each window that is outside the picture; the marks' sizes (B,) px."""
 
     outside: Array

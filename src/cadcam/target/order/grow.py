@@ -8,7 +8,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.fit.plane_maps import affinities, mapped, perspectives
-from cadcam.target.order.plan import Plan, matched_once
+from cadcam.target.order.plan import MarkPlan, matched_once
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 _NEAR = 0.35  # of the plan's spacing: within it a mark is taken while the map grows
 _ROUNDS = 30
 _ENOUGH = 7  # marks from which a perspective is fitted
-_MANY = 24  # marks from which a lens' distortion is told from strays by a polynomial
+_MANY = 24  # marks from which a polynomial separates a lens' distortion from strays
 _REWEIGHTED = 5  # times
 _STRAY = 4.0  # robust sigmas at the end
 
 
-def grown(q: Array, plan: Plan, start: Ids, *, sigma_px: float) -> Ids:
+def grown(q: Array, plan: MarkPlan, start: Ids, *, sigma_px: float) -> Ids:
     """Return which mark of the plan each found mark q (N, 2) is, -1 for none, grown from `start` (N,) with three known.
 
     In turn: a map from pixels to plan through what is known (affine, then perspective); marks next to known ones taken
@@ -42,14 +42,14 @@ def grown(q: Array, plan: Plan, start: Ids, *, sigma_px: float) -> Ids:
     return without_strays(q, plan, index, sigma_px)
 
 
-def _in_plan(q: Array, plan: Plan, index: Ids) -> Array:
+def _in_plan(q: Array, plan: MarkPlan, index: Ids) -> Array:
     known = np.flatnonzero(index >= 0)
     fit = perspectives if len(known) >= _ENOUGH else affinities
     H = fit(q[None, known], plan.p[None, index[known]], np.ones((1, len(known))))[0]
     return mapped(H, q)
 
 
-def _taken(u: Array, plan: Plan, index: Ids, tree: cKDTree) -> Ids:
+def _taken(u: Array, plan: MarkPlan, index: Ids, tree: cKDTree) -> Ids:
     """Return the order of marks that fall on u (N, 2) in the plan."""
     ahead = np.asarray(np.isfinite(u).all(axis=1))
     place = np.where(ahead[:, None], u, plan.p.min(axis=0) - 1e6 * np.ptp(plan.p, axis=0).max())
@@ -64,7 +64,7 @@ def _taken(u: Array, plan: Plan, index: Ids, tree: cKDTree) -> Ids:
     return matched_once(mark.astype(np.int32), distance, near)
 
 
-def _off(u: Array, plan: Plan, index: Ids) -> Array:
+def _off(u: Array, plan: MarkPlan, index: Ids) -> Array:
     """Return how far (M, 2) the known neighbours of each mark of the plan lie from their places, by the median."""
     known = np.flatnonzero(index >= 0)
     off = np.full((len(plan), 2), np.nan)
@@ -79,7 +79,7 @@ def _medians(values: Array) -> Array:
     return np.where(count[:, None] > 2, middle, 0.0)
 
 
-def without_strays(q: Array, plan: Plan, index: Ids, sigma_px: float) -> Ids:
+def without_strays(q: Array, plan: MarkPlan, index: Ids, sigma_px: float) -> Ids:
     """Return the order (N,) without marks that lie beside their places; as it is where too few tell what beside is."""
     if (index >= 0).sum() < _ENOUGH:
         return index
@@ -99,14 +99,14 @@ def without_strays(q: Array, plan: Plan, index: Ids, sigma_px: float) -> Ids:
     return out
 
 
-def _like_neighbours(off: Array, plan: Plan, marks: Ids, trusted: Mask) -> Array:
+def _like_neighbours(off: Array, plan: MarkPlan, marks: Ids, trusted: Mask) -> Array:
     """Return what the residuals off (K, 2) px of the marks' neighbours are."""
     at = np.full((len(plan), 2), np.nan)
     at[marks[trusted]] = off[trusted]
     return _medians(at[plan.near])[marks]
 
 
-def _bent(off: Array, plan: Plan, marks: Ids, trusted: Mask) -> Array:
+def _bent(off: Array, plan: MarkPlan, marks: Ids, trusted: Mask) -> Array:
     """Return residuals (K, 2) as a cubic polynomial of the place: what a first term of radial distortion leaves.
 
     Reweighted by 1/(1 + (r/2s)^2), so that strays do not bend it.

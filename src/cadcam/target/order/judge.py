@@ -12,7 +12,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.fit.plane_maps import FITTERS, depths, mapped
-from cadcam.target.order.plan import Plan
+from cadcam.target.order.plan import MarkPlan
 from cadcam.target.order.seeds import DEEPEST
 
 _VIEWS = {"similarity": 1.0, "affine": 0.3, "perspective": 0.03}  # share of random matches that a camera could see
@@ -36,7 +36,7 @@ class Judged:
         return np.asarray((self.orders >= 0).sum(axis=1))
 
 
-def judged(q: Array, plan: Plan, orders: Ids) -> Judged:
+def judged(q: Array, plan: MarkPlan, orders: Ids) -> Judged:
     """Return how each of the orders (B, N) of marks q (N, 2) fits."""
     step = max(1, _TOGETHER // (18 * len(q)))
     parts = [_fitted(q, plan, orders[i : i + step]) for i in range(0, len(orders), step)]
@@ -44,7 +44,7 @@ def judged(q: Array, plan: Plan, orders: Ids) -> Judged:
     return Judged(orders, squares, {name: np.concatenate([m[name] for _, m in parts]) for name in FITTERS})
 
 
-def _fitted(q: Array, plan: Plan, orders: Ids) -> tuple[dict[str, Array], dict[str, Array]]:
+def _fitted(q: Array, plan: MarkPlan, orders: Ids) -> tuple[dict[str, Array], dict[str, Array]]:
     w = (orders >= 0).astype(np.float64)
     p = plan.p[np.where(orders >= 0, orders, 0)]
     seen = np.broadcast_to(q, (len(orders), *q.shape))
@@ -67,7 +67,7 @@ def _upright(H: Array, p: Array, w: Array) -> Mask:
     return np.asarray(np.sum(J**2, axis=(1, 2)) <= (_SLANT + 1 / _SLANT) * np.abs(np.linalg.det(J)))
 
 
-def costs(found: Judged, q: Array, plan: Plan, sigma_px: float) -> tuple[Array, list[str]]:
+def costs(found: Judged, q: Array, plan: MarkPlan, sigma_px: float) -> tuple[Array, list[str]]:
     """Return each order's cost (B,), minus its log likelihood up to a constant, and the map that explains it best.
 
     A residual costs r^2/(2 sigma^2), a parameter of the map log(extent/sigma) (a minimum description length, Rissanen
@@ -92,7 +92,7 @@ def _capped(x: Array) -> Array:
     return np.minimum(np.nan_to_num(x, posinf=1e5), 1e5)
 
 
-def _price(found: Judged, best: int, q: Array, plan: Plan) -> float:
+def _price(found: Judged, best: int, q: Array, plan: MarkPlan) -> float:
     """Return what it costs that a mark is false and one of the plan missing, beyond what matching them does."""
     n, k = len(q), int(found.known[best])
     visible = max(_visible(found.maps["perspective"][best], q, plan), k)
@@ -101,14 +101,14 @@ def _price(found: Judged, best: int, q: Array, plan: Plan) -> float:
     return max(_LEAST_PRICE, odds) + 1.0  # what a residual costs on average
 
 
-def _visible(H: Array, q: Array, plan: Plan) -> int:
+def _visible(H: Array, q: Array, plan: MarkPlan) -> int:
     """Return how many marks of the plan fall into the box of the found ones."""
     at = mapped(H, plan.p)
     with np.errstate(invalid="ignore"):
         return int(((at >= q.min(axis=0)) & (at <= q.max(axis=0))).all(axis=1).sum())
 
 
-def log_chance(found: Judged, b: int, q: Array, plan: Plan, sigma_px: float) -> float:
+def log_chance(found: Judged, b: int, q: Array, plan: MarkPlan, sigma_px: float) -> float:
     """Return log10 of how many orders as good as number b chance would give: the least over the kinds of map.
 
     Tests: twice C(n, s) P(m, s) choices of the s marks that fix a map, as far as a camera could see them so, times

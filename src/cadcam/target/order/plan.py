@@ -17,7 +17,7 @@ _CELLS_A_SPACING = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Plan:
+class MarkPlan:
     """M marks: places p (M, 2) in any unit, distance to the nearest other mark, nearest marks (M, k) and who is near.
 
     joined (M, M): whether one of two marks is among the nearest of the other, as 0 or 1.
@@ -29,7 +29,7 @@ class Plan:
     joined: Array
 
     @classmethod
-    def of(cls, places: Floats) -> Plan:
+    def of(cls, places: Floats) -> MarkPlan:
         """Return the plan of marks at places (M, 2). Raises `BadValue`, `TooFewPoints`, `DegenerateGeometry`."""
         from scipy.spatial import cKDTree
 
@@ -60,7 +60,7 @@ class NearestMark:
     Between two marks the answer may be either of them.
     """
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: MarkPlan) -> None:
         from scipy.ndimage import distance_transform_edt
 
         self._plan = plan

@@ -8,7 +8,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Ids
 from cadcam.fit.plane_maps import mapped, perspectives
-from cadcam.target.order.plan import NearestMark, Plan, areas, matched_once
+from cadcam.target.order.plan import MarkPlan, NearestMark, areas, matched_once
 
 _NEAR = 0.3  # of the spacing
 _NEIGHBOURS_KEPT = 1  # of those around the base that may fall beside a mark
@@ -17,7 +17,7 @@ _LEAST_SINE = 0.3
 _SPREAD = 24  # marks all over that are tried before the rest
 
 
-def rivals(q: Array, plan: Plan, index: Ids, signs: tuple[int, ...], *, fewer: int) -> Ids:
+def rivals(q: Array, plan: MarkPlan, index: Ids, signs: tuple[int, ...], *, fewer: int) -> Ids:
     """Return orders (B, N) that explain at most `fewer` marks less than the best of them, `index` among them.
 
     An affine map that carries the plan onto itself, as far as its marks were found, makes another order of one.
@@ -41,7 +41,7 @@ def rivals(q: Array, plan: Plan, index: Ids, signs: tuple[int, ...], *, fewer: i
     return np.unique([index, *orders], axis=0)
 
 
-def _base(plan: Plan, index: Ids) -> tuple[Ids | None, Ids]:
+def _base(plan: MarkPlan, index: Ids) -> tuple[Ids | None, Ids]:
     """Return three known marks of the plan amid the known ones, and their known neighbours."""
     known = index[index >= 0]
     middle = plan.p[known].mean(axis=0)
@@ -55,7 +55,7 @@ def _base(plan: Plan, index: Ids) -> tuple[Ids | None, Ids]:
     return None, known
 
 
-def _self_maps(plan: Plan, base: Ids, signs: tuple[int, ...]) -> tuple[Array, Array]:
+def _self_maps(plan: MarkPlan, base: Ids, signs: tuple[int, ...]) -> tuple[Array, Array]:
     """Return the affine maps (A, shift) of the base on all triples of neighbours."""
     k = plan.near.shape[1]
     pairs = np.array(list(permutations(range(k), 2)))
@@ -72,7 +72,7 @@ def _self_maps(plan: Plan, base: Ids, signs: tuple[int, ...]) -> tuple[Array, Ar
     return A, plan.p[first] - A @ plan.p[base[0]]
 
 
-def _places(q: Array, plan: Plan, index: Ids) -> Array:
+def _places(q: Array, plan: MarkPlan, index: Ids) -> Array:
     """Return each found mark's place on the plan (N, 2): its own, or where the map of the known ones has it."""
     known = np.flatnonzero(index >= 0)
     H = perspectives(q[None, known], plan.p[None, index[known]], np.ones((1, len(known))))[0]

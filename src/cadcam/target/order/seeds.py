@@ -9,7 +9,7 @@ from itertools import combinations, permutations
 import numpy as np
 
 from cadcam.arrays import Array, Ids
-from cadcam.target.order.plan import NEIGHBOURS, NearestMark, Plan, areas
+from cadcam.target.order.plan import NEIGHBOURS, MarkPlan, NearestMark, areas
 
 DEEPEST = 4.0  # ratio of largest to smallest depth over the marks
 _FEW = 12  # marks of a plan up to which every four of it are tried
@@ -27,12 +27,12 @@ _THIN = 0.05  # area of a sliver by the square of its longest side
 _LEAST_AREA = 0.02  # of the marks' box: a triangle that says something of a perspective
 
 
-def by_quads(q: Array, plan: Plan) -> bool:
+def by_quads(q: Array, plan: MarkPlan) -> bool:
     """Return whether marks and plan are few enough to try every four of it."""
     return len(plan) <= _FEW and len(q) <= _CROWD * len(plan)
 
 
-def seeds(q: Array, plan: Plan, signs: tuple[int, ...]) -> Iterator[list[Ids]]:
+def seeds(q: Array, plan: MarkPlan, signs: tuple[int, ...]) -> Iterator[list[Ids]]:
     """Yield lists of starts (N,), -1 where nothing is known yet, until all groups of marks have been tried.
 
     signs: 1 for a plan seen as it is drawn, -1 for its mirror image.
@@ -40,7 +40,7 @@ def seeds(q: Array, plan: Plan, signs: tuple[int, ...]) -> Iterator[list[Ids]]:
     return _from_quads(q, plan, signs) if by_quads(q, plan) else _from_triangles(q, plan, signs)
 
 
-def _from_triangles(q: Array, plan: Plan, signs: tuple[int, ...]) -> Iterator[list[Ids]]:
+def _from_triangles(q: Array, plan: MarkPlan, signs: tuple[int, ...]) -> Iterator[list[Ids]]:
     """Pairs of triangles make affine maps: those that carry the marks around one onto marks of the plan are kept."""
     triangles = _neighbouring(q)
     around = _around(q, triangles)
@@ -94,7 +94,7 @@ def _around(q: Array, triangles: Ids) -> Ids:
     return np.take_along_axis(near, order, axis=1)[:, :k]
 
 
-def _voted(q: Array, plan: Plan, triangles: Ids, around: Ids, corners: Ids, nearest: NearestMark) -> list[Ids]:
+def _voted(q: Array, plan: MarkPlan, triangles: Ids, around: Ids, corners: Ids, nearest: NearestMark) -> list[Ids]:
     Q = np.swapaxes(q[triangles[:, 1:]] - q[triangles[:, :1]], 1, 2)  # columns: two sides
     inverse = np.asarray(np.linalg.inv(Q), np.float64)
     P = np.swapaxes(plan.p[corners[:, 1:]] - plan.p[corners[:, :1]], 1, 2)
@@ -124,7 +124,7 @@ def _upright_enough(P: Array, inverse: Array) -> Array:
     return np.asarray(size < (_SLANT + 1 / _SLANT) * area)
 
 
-def _from_quads(q: Array, plan: Plan, signs: tuple[int, ...]) -> Iterator[list[Ids]]:
+def _from_quads(q: Array, plan: MarkPlan, signs: tuple[int, ...]) -> Iterator[list[Ids]]:
     """Four marks against every four of the plan in every order: exact under any perspective.
 
     The fourth is sum(l_i p_i) of the other three in the plan, sum(m_i q_i) in the picture; the perspective between them
@@ -198,7 +198,7 @@ def _local_quads(q: Array) -> Ids:
     return np.unique(np.sort(groups, axis=1), axis=0)
 
 
-def _tried(q: Array, plan: Plan, quad: Ids, fours: Ids, nearer: Array) -> list[Ids]:
+def _tried(q: Array, plan: MarkPlan, quad: Ids, fours: Ids, nearer: Array) -> list[Ids]:
     if not len(fours):
         return []
     corners = np.concatenate([q[quad[:3]].T, np.ones((1, 3))])

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadcam.arrays import Array, frozen
-from cadcam.calibrate.points.points import Method
+from cadcam.calibrate.points.camera import Method
 from cadcam.calibrate.variability.repeated import (
     estimates,
     free_of,
@@ -206,7 +206,7 @@ def markov_chain(
     walk = walk_of(1_000_000, chains) if walk is None else walk
     model, state = model_of(estimate)
     best = polished(model, state[None])[0].state
-    exact, density = free_of(model, model.parameters(best)), _log_likelihood(model, best, noise)
+    exact, density = free_of(model, model.parameters(best)), log_likelihood(model, best, noise)
     factor = noise * np.asarray(np.linalg.cholesky(cofactor(model.jacobian_by_parameters(best), model.free)))
     starts = _possible_starts(density, exact, _SPREAD * factor, chains, rng)
     kept = metropolis(density, starts, factor, walk, rng=rng, progress=progress)
@@ -260,16 +260,16 @@ def independent(
     return Variability(names, exact, values[None], noise, sigma_mm, failed, np.ones(n), full, 1.0)
 
 
-def _log_likelihood(model: CameraModel, state: Array, noise: float) -> LogDensity:
-    """Return log L (C,) of the free parameters (C, n), the others as in `state`."""
+def log_likelihood(model: CameraModel, state: Array, noise: float) -> LogDensity:
+    """Return log L (C,) as a function of the free parameters (C, n), the others as in `state`; noise: px."""
     held = model.parameters(state)
 
-    def log_likelihood(values: Array) -> Array:
+    def density(values: Array) -> Array:
         full = np.repeat(held[None], len(values), axis=0)
         full[:, model.columns] = values
         return np.asarray(-model.costs(model.from_parameters(full)) / (2 * noise**2))
 
-    return log_likelihood
+    return density
 
 
 def _possible_starts(density: LogDensity, exact: Array, factor: Array, chains: int, rng: np.random.Generator) -> Array:

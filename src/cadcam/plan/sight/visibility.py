@@ -20,7 +20,7 @@ from cadcam.arrays import Array, Mask
 from cadcam.camera.optics import Optics
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.geometry.rigid import Rigid
-from cadcam.plan.scene.scene import Seeing
+from cadcam.plan.scene.layout_scene import Seeing
 from cadcam.plan.sight.places import Places
 from cadcam.plan.sight.surroundings import Surroundings
 from cadcam.plan.uncertainty.evidence import Evidence
@@ -61,7 +61,7 @@ class Why(IntEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Look:
+class Visibility:
     """What a camera sees of F features in P poses.
 
     why (P, F) codes of `Why`; mm_per_px, incidence (rad; NaN without a normal), blur_px (diameter of a point's disc),
@@ -87,7 +87,7 @@ class Look:
         return np.asarray(self.why == Why.SEEN)
 
 
-def look(
+def seen_from(
     viewpoint: Viewpoint,
     optics: Optics | None,
     places: Places,
@@ -96,7 +96,7 @@ def look(
     *,
     finder: Finder,
     seeing: Seeing,
-) -> Look:
+) -> Visibility:
     """Return what a camera sees of the features at some places of the part in some poses (world_from_part)."""
     view = _View(viewpoint, optics, places, poses)
     share = _share_seen(view, surroundings, seeing)
@@ -104,7 +104,7 @@ def look(
     seen = why == Why.SEEN
     evidence, turns, sigma = _evidence(view, finder, seen, share.visible)
     J = view.J[:, view.central]
-    return Look(
+    return Visibility(
         why=why,
         mm_per_px=np.sqrt(2) / np.linalg.norm(J, axis=(-2, -1)),
         incidence=view.incidence,

@@ -27,7 +27,7 @@ from cadcam.fit import hand_eye
 from cadcam.fit.block_least_squares import BlockSolution, minimise_blocks
 from cadcam.fit.hand_eye_pixels import HandEyePixels, HandEyeState, InternalsPrior
 from cadcam.fit.hand_eye_poses import PATTERNS, SMALLEST, HandEyePoses, PosesFit, adjust, evaluated, smoothed
-from cadcam.fit.many_poses import TwoPoses, Views, pose_jacobian, poses_of_views
+from cadcam.fit.many_poses import PaddedViews, TwoPoses, pose_jacobian, poses_of_views
 from cadcam.fit.square_root import factorise
 from cadcam.fit.variance_components import variance_components
 from cadcam.geometry import rotation as so3
@@ -43,7 +43,7 @@ class _Seen:
     """What the camera contributes: views, camera, noise of a pixel, poses by picture alone, which are second ones."""
 
     observations: tuple[Observations, ...]
-    views: Views
+    views: PaddedViews
     camera: Camera
     noise_px: float
     camera_from_target: Rigid
@@ -156,7 +156,7 @@ def _seen(
     for name, o in zip(names, observations, strict=True):
         if len(o) < 4:
             raise TooFewPoints(f"the target's pose in picture {name!r}", len(o), 4)
-    views = Views.of([(o.p_world, o.q) for o in observations])
+    views = PaddedViews.of([(o.p_world, o.q) for o in observations])
     both = poses_of_views(camera, views)
     lost = np.flatnonzero(~np.isfinite(both.sum_of_squares[:, 0]))
     if lost.size:
@@ -312,7 +312,7 @@ def _from_pixels(done: _Adjusted, mounting: Mounting, names: tuple[str, ...]) ->
 
 
 def _robot_noise(fit: PosesFit) -> RobotNoise:
-    """Return sigmas with their own sigmas; where a variance is nil its sigma is that of the variance, as a bound."""
+    """Return sigmas with their own sigmas; where a variance is zero its sigma is that of the variance, as a bound."""
     sigma = np.sqrt(fit.variances)
     spread = np.sqrt(np.diag(fit.variances_covariance))
     own = np.where(sigma**2 > spread, spread / (2 * sigma), np.sqrt(spread))

@@ -14,13 +14,13 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array
-from cadcam.calibrate.joint.joint import JointFit, estimate_of, fit_jointly
+from cadcam.calibrate.joint.adjustment import JointFit, estimate_of, fit_jointly
 from cadcam.camera.camera import Camera
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import BrownConrady, Lens
 from cadcam.camera.observations import Observations
 from cadcam.errors import CadcamError, NoBoard, TooFewPoints
-from cadcam.fit.many_poses import Views, poses_of_views
+from cadcam.fit.many_poses import PaddedViews, poses_of_views
 from cadcam.image.picture import read_picture_with_info
 from cadcam.target.boards.board import Pattern
 from cadcam.target.boards.circles import disc_shift
@@ -122,9 +122,9 @@ def calibrate_boards(
     points more than six robust sigmas (and 0.3 px) off, and views that `JointEstimate.outlier_views` names (twice the
     median residual, a chance below one in a thousand), the worst first, up to a quarter of all.
 
-    The centres of discs are seen beside the centres of their pictures: the shift is computed from the camera found,
-    taken off, and the camera found anew until it settles. Raises `BoardsDisagree` for pictures of several sizes or of
-    another board, `TooFewPoints` for less than three views, and what `calibrate_jointly` raises.
+    The centre of a disc is not imaged at the centre of its picture. The shift is computed with the camera found and
+    removed, and the camera is found anew, until it settles. Raises `BoardsDisagree` for pictures of several sizes or of
+    another board, `TooFewPoints` for fewer than three views, and what `calibrate_jointly` raises.
     """
     refuse_disagreeing(pictures)
     pictures = _without_copies(pictures)
@@ -167,7 +167,7 @@ def _unshifted(views: Sequence[Observations], camera: Camera, radius: float) -> 
     """Return the views with the shift of the discs' pictures taken off; poses hardly follow it, so it settles soon."""
     out = list(views)
     for _ in range(3):
-        both = poses_of_views(camera, Views.of([(v.p_world, v.q) for v in out]))
+        both = poses_of_views(camera, PaddedViews.of([(v.p_world, v.q) for v in out]))
         poses = both.chosen(np.zeros(len(out), dtype=int))
         for j, (view, found) in enumerate(zip(views, np.isfinite(both.sum_of_squares[:, 0]), strict=True)):
             out[j] = replace(view, q=view.q - disc_shift(camera, poses[j], view.p_world, radius)) if found else view

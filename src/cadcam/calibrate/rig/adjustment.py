@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cadcam.arrays import Array, Longs
-from cadcam.calibrate.joint.joint import JointFit, covariance_by_view, fit_jointly
+from cadcam.calibrate.joint.adjustment import JointFit, covariance_by_view, fit_jointly
 from cadcam.calibrate.rig import start as rig_start
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import camera_of, internals_by_name

@@ -15,9 +15,9 @@ import numpy as np
 
 from cadcam.arrays import Array, Floats, Longs, Mask, frozen
 from cadcam.calibrate.measure.intersect import (
-    Found,
-    Group,
+    MeetingPoints,
     Reason,
+    SharedView,
     Surface,
     solve,
     startless,
@@ -114,7 +114,7 @@ class _Job:
                 solved.append((usable, found))
         return self._assembled([_part(group, found) for group, found in solved], refused)
 
-    def _groups(self, refused: dict[int, str]) -> Iterator[Group]:
+    def _groups(self, refused: dict[int, str]) -> Iterator[SharedView]:
         """Yield the points by who saw them; those seen by too few, or where a lens images nothing, are refused."""
         seen = np.asarray(np.isfinite(self.q).all(axis=-1))
         for view, q, here in zip(self.viewpoints, self.q, seen, strict=True):
@@ -129,7 +129,7 @@ class _Job:
                 )
                 refused.update((int(i), only) for i in rows)
             elif len(rows):
-                yield Group(tuple(self.viewpoints[v] for v in who), rows, self.q[who][:, rows], self.surface)
+                yield SharedView(tuple(self.viewpoints[v] for v in who), rows, self.q[who][:, rows], self.surface)
 
     def _assembled(self, parts: list[_Part], refused: dict[int, str]) -> Measurement:
         sources = distinct_sources([source for part in parts for source, _ in part.effects])
@@ -180,7 +180,7 @@ class _Part:
         return np.zeros((len(self.rows), 3, len(source.covariance)))
 
 
-def _part(group: Group, found: Found) -> _Part:
+def _part(group: SharedView, found: MeetingPoints) -> _Part:
     G, n = found.gain, len(group.rows)
     effects = [(s, -G @ D) for s, D in zip(group.sources, found.seen.by_source, strict=True)]
     gap, gap_sigma, angle = widest(group, found)
@@ -198,7 +198,7 @@ def _part(group: Group, found: Found) -> _Part:
     )
 
 
-def _pixel_noise(group: Group, G: Array) -> list[PixelNoise]:
+def _pixel_noise(group: SharedView, G: Array) -> list[PixelNoise]:
     """Return the points' covariances by the noise of pixels, a part for each calibration that told it."""
     out: dict[int, PixelNoise] = {}
     for v, view in enumerate(group.viewpoints):
@@ -226,7 +226,7 @@ def _joined(parts: list[Array], kind: type) -> Array:
     return np.concatenate(parts).astype(kind) if parts else np.zeros(0, dtype=kind)
 
 
-def _note(refused: dict[int, str], group: Group, which: Mask, reason: Reason) -> None:
+def _note(refused: dict[int, str], group: SharedView, which: Mask, reason: Reason) -> None:
     """Remember why points of a group are refused; the first reason stays."""
     for i in np.flatnonzero(which):
         refused.setdefault(int(group.rows[i]), reason(int(i)))

@@ -5,7 +5,7 @@ camera that looks straight down. Here small groups of marks are compared with th
 that is nearly affine so near at hand; of plans up to a dozen four in every way, exact under perspective), the best are
 grown outward through the plane's own perspective, and what comes out must beat chance by a hundred to one. Work grows
 as (marks)^2. Then every other place where the plan would fit as well is sought: symmetric plans, and grids of which a
-part is seen, have several, and all of them are told.
+part is seen, have several, and all of them are returned.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from cadcam.errors import BadValue, NoOrder, TooFewPoints, UnknownName
 from cadcam.fit.plane_maps import mapped
 from cadcam.target.order.grow import grown, without_strays
 from cadcam.target.order.judge import Judged, costs, judged, log_chance
-from cadcam.target.order.plan import FEWEST, Plan
+from cadcam.target.order.plan import FEWEST, MarkPlan
 from cadcam.target.order.rivals import rivals
 from cadcam.target.order.seeds import by_quads, seeds
 
@@ -84,7 +84,7 @@ def order_marks(
     tilt, mildly distorted; marks of it may be missing, others false, in any order. side: "kept" if the plan's axes turn
     as the picture's do (x right, y down), "mirrored" if not (y up, as drawings and robots have it), "any" if it is not
     known: a plan that is its own mirror image is then ambiguous. sigma_px: how well the marks obey a plane's
-    perspective. odds: orders are told apart that are so many times less likely.
+    perspective. odds: an order that is this many times less likely is ruled out.
 
     Raises `TooFewPoints` below four marks or places, `NoOrder` where nothing fits better than chance does: another
     plan, or too few marks of it.
@@ -95,14 +95,14 @@ def order_marks(
         raise BadValue("sigma_px", sigma_px, "a positive number of px")
     if not (np.isfinite(odds) and odds >= 1):
         raise BadValue("odds", odds, "a number of at least 1")
-    q, places = frozen(pixels, "pixels", (None, 2)), Plan.of(plan)
+    q, places = frozen(pixels, "pixels", (None, 2)), MarkPlan.of(plan)
     if len(q) < FEWEST:
         raise TooFewPoints("the order of marks", len(q), FEWEST)
     first = _chosen(q, places, _found(q, places, SIDES[side], sigma_px), sigma_px, odds)
     return replace(first, alternatives=(*first.alternatives, *_among_the_rest(q, places, first, side, sigma_px)))
 
 
-def _among_the_rest(q: Array, plan: Plan, first: Ordering, side: Side, sigma_px: float) -> tuple[Ids, ...]:
+def _among_the_rest(q: Array, plan: MarkPlan, first: Ordering, side: Side, sigma_px: float) -> tuple[Ids, ...]:
     """Return the order of a second plate like the first, among the marks that this leaves over, if there is one."""
     rest = np.flatnonzero(first.plan_index < 0)
     if len(rest) < max(_UNDECIDABLE + 1, _SECOND * len(first)):
@@ -118,7 +118,7 @@ def _among_the_rest(q: Array, plan: Plan, first: Ordering, side: Side, sigma_px:
     return (order,)
 
 
-def _found(q: Array, plan: Plan, signs: tuple[int, ...], sigma_px: float) -> Ids:
+def _found(q: Array, plan: MarkPlan, signs: tuple[int, ...], sigma_px: float) -> Ids:
     """Return the first orders (B, N) that explain enough marks, or the best of all that were tried, with their rivals.
 
     Of triangles 128 are tried: where one in twenty carries true marks only, as it does with one false mark to each true
@@ -151,14 +151,14 @@ def _found(q: Array, plan: Plan, signs: tuple[int, ...], sigma_px: float) -> Ids
     return best
 
 
-def _first(q: Array, plan: Plan, orders: Ids, sigma_px: float) -> tuple[Ids, float]:
+def _first(q: Array, plan: MarkPlan, orders: Ids, sigma_px: float) -> tuple[Ids, float]:
     """Return the best of some orders and log10 of its chance."""
     found = judged(q, plan, orders)
     b = int(np.argmin(costs(found, q, plan, sigma_px)[0]))
     return orders[b], log_chance(found, b, q, plan, sigma_px)
 
 
-def _grown(q: Array, plan: Plan, starts: list[Ids], sigma_px: float, *, until: float) -> Ids:
+def _grown(q: Array, plan: MarkPlan, starts: list[Ids], sigma_px: float, *, until: float) -> Ids:
     orders = []
     for start in starts:
         order = grown(q, plan, start, sigma_px=sigma_px)
@@ -169,7 +169,7 @@ def _grown(q: Array, plan: Plan, starts: list[Ids], sigma_px: float, *, until: f
     return np.unique(orders, axis=0) if orders else np.zeros((0, len(q)), np.int32)
 
 
-def _chosen(q: Array, plan: Plan, orders: Ids, sigma_px: float, odds: float) -> Ordering:
+def _chosen(q: Array, plan: MarkPlan, orders: Ids, sigma_px: float, odds: float) -> Ordering:
     found = judged(q, plan, orders)
     cost, kinds = costs(found, q, plan, sigma_px)
     ranked = np.argsort(cost, kind="stable")
@@ -206,7 +206,7 @@ def _rms(residuals: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(residuals**2, axis=1))))
 
 
-def _no_order(q: Array, plan: Plan, explained: int, log: float, rms: float) -> NoOrder:
+def _no_order(q: Array, plan: MarkPlan, explained: int, log: float, rms: float) -> NoOrder:
     tried = f"{len(q)} marks and a plan of {len(plan)}: no order fits"
     if explained < FEWEST:
         return NoOrder(f"{tried}; is it the right plan, in view with at least half of its marks?", explained, np.inf)
