@@ -40,6 +40,14 @@ def hooked() -> Mesh:
     return merge([box([0, 0, 0], [120, 80, 12]), *posts, box([34, 6, 12], [58, 26, 36])])
 
 
+def grillage() -> Mesh:
+    """Return a deck with girders and web frames at even pitches of 745 and 1333 mm, and what tells its ends apart."""
+    girders = [box([0, 740 + 745 * k, 15], [4000, 752 + 745 * k, 260]) for k in range(3)]
+    frames = [box([200 + 1333 * k, 0, 15], [212 + 1333 * k, 3000, 900]) for k in range(3)]
+    ends = [box([0, -12, 0], [4000, 0, 1200]), box([3300, 2300, 15], [3500, 2500, 300])]
+    return merge([box([0, 0, 0], [4000, 3000, 15]), *girders, *frames, *ends])
+
+
 def photo_of(mesh: Mesh, pose: Rigid) -> Photo:
     image = open_renderer(Scene.of(mesh)).render(CAMERA, pose).image.mean(axis=2)
     noisy = image * 0.8 + RNG_SIGMA * np.random.default_rng(0).standard_normal(image.shape)
@@ -111,6 +119,13 @@ def test_what_only_lies_in_the_dark_is_said_to_be_open() -> None:
     told = Rivals(part, [photo], FREE, EDGES, 0).beside(found)
     assert told.pose is found.pose
     assert "either may be seen" in told.reason
+
+
+def test_a_lattice_s_pitch_is_told_to_less_than_its_plates_are_thick() -> None:
+    """In a picture of one bay a plate's thickness is many px: a rival as far off as that is none."""
+    shifts = [like.motion.translation for like in Part.of(grillage()).likenesses if not like.mirrored]
+    for pitch in (745.0, -745.0):
+        assert any(np.allclose(s, [0, pitch, 0], atol=0.5) for s in shifts)
 
 
 def test_what_is_its_own_mirror_image_has_no_other_hand() -> None:

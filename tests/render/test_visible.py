@@ -19,7 +19,7 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Fisheye
 from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry.rigid import Rigid
-from cadcam.render.lines.visible import LineDrawer, visible_wireframe
+from cadcam.render.lines.visible import LineDrawer, edge_points, visible_wireframe
 from cadcam.render.lines.wireframe import LineOptions, Polylines, Wireframe
 from cadcam.render.view import Scene
 
@@ -347,3 +347,17 @@ def test_a_model_out_of_view_is_refused_with_numbers_and_tolerated_by_the_drawer
 def test_options_are_checked() -> None:
     with pytest.raises(BadValue, match="chord_px"):
         LineOptions(chord_px=0.0)
+
+
+def test_points_lie_densely_on_all_edges_however_near_the_camera_is() -> None:
+    scene = Scene.of(ship_block())
+    camera, centre = camera_of(), scene.mesh.bounds.mean(axis=0)
+    for away in (0.2, 2.0):
+        pose = Rigid.look_at(centre + away * np.linalg.norm(scene.mesh.size_mm) * np.array([0.3, -0.7, 0.6]), centre)
+        points = edge_points(scene, camera, pose, apart_px=3.0)
+        options = LineOptions(hidden=True, margin_px=0, contours=False)
+        drawn = LineDrawer(scene).draw(camera, pose, options=options)
+        q = np.concatenate([lines.q for lines in (drawn.visible, drawn.hidden)])
+        assert len(q) > 100
+        apart = np.array([np.linalg.norm(points - one, axis=1).min() for one in q])
+        assert apart.max() < 3.0

@@ -8,13 +8,11 @@ from cadcam.arrays import Array
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.views.aspects import Aspects
-from cadcam.locate.views.likeness import Likeness, even_points, likenesses, mirror_image
+from cadcam.locate.views.likeness import Likeness, likenesses, mirror_image
 from cadcam.locate.views.symmetry import spin_of, symmetries
 from cadcam.render.embree import Caster
 from cadcam.render.lines.visible import LineDrawer
 from cadcam.render.view import Scene
-
-_EDGE_POINTS = 4000
 
 
 class Part:
@@ -55,11 +53,6 @@ class Part:
     def spin(self) -> Array | None:
         """The twist (6,) of a part of revolution's turn about its axis, which no photo shows; None for others."""
         return spin_of(self.scene.mesh, self.scene.edges)
-
-    @cached_property
-    def edge_points(self) -> Array:
-        """Points (n, 3) mm evenly along its edges, of a part that fills a photo a few px from each other."""
-        return even_points(self.scene.mesh, self.scene.edges, _EDGE_POINTS)
 
     @cached_property
     def mirrored(self) -> Part:

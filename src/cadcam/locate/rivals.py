@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.lines.attraction import attracted
@@ -27,10 +26,12 @@ from cadcam.locate.quality.quality import ASKED
 from cadcam.locate.refine.options import EdgeOptions
 from cadcam.locate.refine.refine import Refinement
 from cadcam.locate.views.likeness import Likeness
+from cadcam.render.lines.visible import edge_points
 
 _DOUBTED = 0.45  # quality given to a pose where the photos show a rival
 _BELIEVED = 0.3  # weight in the fit from which a sample counts as shown
 _NEAR_PX = 2.0  # how near to lines their steps must be, of a pose that is good to a pixel
+_DENSE_PX = 3.0  # between points of an edge: less than what is near it
 _ROUNDS = 3  # how often a pose may be given up for a rival
 _LAID_PX = 5.0  # how far off a rival's lines may be before they are pulled onto the photos' steps
 
@@ -105,8 +106,10 @@ class Rivals:
         own = np.zeros(len(matches), bool)
         for number, photo in enumerate(self.photos):
             here = every[matches.photo[every] == number]
+            view = photo.viewpoint
+            edges = edge_points(part.scene, view.camera, view.camera_from_world @ other, apart_px=_DENSE_PX)
             contours = matches.q[(matches.chain < 0) & (matches.photo == number)]
-            own[here] = away(matches.q[here], np.concatenate([_edges_in(photo, part, other), contours]))
+            own[here] = away(matches.q[here], np.concatenate([edges, contours]))
         shown = np.isfinite(matches.offset) & (matches.weight > _BELIEVED)
         return shows_alike(own[every], shown[every])
 
@@ -134,12 +137,6 @@ class Rivals:
     def _sights(self, part: Part, pose: Rigid) -> list[Sight]:
         sizes = {"step_px": self.options.step_px, "reach_px": 2 * self.options.reach_px}
         return [Sight.of(part, photo, pose, **sizes) for photo in self.photos]
-
-
-def _edges_in(photo: Photo, part: Part, pose: Rigid) -> Array:
-    """Return points (n, 2) px along all edges of a part at a pose, hidden ones too; nan where a photo shows nothing."""
-    view = photo.viewpoint
-    return view.camera.project(view.camera_from_world @ pose @ part.edge_points)
 
 
 def _mirrored(found: Location, apart: Apart) -> Location:

@@ -18,13 +18,14 @@ from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
 from cadcam.render.view import Scene
 
+_EXACT, _CORNERS = 1e-3, 4  # of the radius: how near corners meet; how many tell a shift exactly
 _CLOSE = 0.01  # of the part's radius: how near to each other edges meet
 _COARSE = 0.03  # of it, in which shifts are counted
 _POINTS, _DENSE, _LAID = 400, 8_000, 120  # on the edges: that are compared, that they lie on, that tell the shift
 _FEW = 50  # of the points that tell whether a shift is worth a closer look
-_SHIFTS = 4  # that are tried of each turn, twice
+_SHIFTS = 8  # that are tried of each turn, twice: on a lattice those by one bay are behind many by no bay at all
 _LEAST, _SAME = 0.45, 0.995  # share of the edges that meets: of less nothing is taken for it, of more nothing differs
-_MOST = {False: 8, True: 4}  # likenesses that are kept, of the part and of its mirror image
+_MOST = {False: 12, True: 4}  # likenesses that are kept, of the part and of its mirror image
 _APART = 0.05  # of the part's radius: motions of which one moves no point so much farther than another are one
 _ALONG = np.cos(np.radians(3.0))  # edges this near to a direction run along it
 _QUARTERS = [
@@ -83,6 +84,7 @@ class _Target:
         self.centre = points.mean(axis=0)
         self.radius = float(np.linalg.norm(points - self.centre, axis=1).max())
         self.tree = cKDTree(even_points(mesh, edges, _DENSE))
+        self.corner_tree = cKDTree(self.corners)
 
     def laid(self, mesh: Mesh, edges: FeatureEdges, mirrored: bool) -> list[Likeness]:
         """Return how the edges of another mesh may be laid on these, best first."""
@@ -98,7 +100,28 @@ class _Target:
         for one in sorted((e for e in every if e.share >= _LEAST), key=lambda e: -e.share):
             if all(self._apart(one.motion, k.motion) > _APART * self.radius for k in kept):
                 kept.append(one)
-        return kept
+        return [self._sharpened(one, corners) for one in kept]
+
+    def _sharpened(self, like: Likeness, corners: Array) -> Likeness:
+        """Return a likeness shifted to where most corners (n, 3) lie on corners, if some do.
+
+        Edges tell a shift to about the thickness of the plates. A picture may show a few bays, where that is much.
+        """
+        from scipy.spatial import cKDTree
+
+        if not len(corners) or not len(self.corners):
+            return like
+        moved, near = like.motion @ corners, 2 * _CLOSE * self.radius
+        pairs = self.corner_tree.query_ball_point(moved, near)
+        by = np.concatenate([self.corners[k] - p for k, p in zip(pairs, moved, strict=True)])
+        if len(by) < _CORNERS:
+            return like
+        votes = cKDTree(by).query_ball_point(by, _EXACT * self.radius)
+        most = max(votes, key=len)
+        if len(most) < _CORNERS:
+            return like
+        shifted = Rigid(like.motion.rotation, like.motion.translation + by[most].mean(axis=0))
+        return replace(like, motion=shifted)
 
     @property
     def _coarse(self) -> float:

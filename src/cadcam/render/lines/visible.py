@@ -56,6 +56,19 @@ def visible_wireframe(
     return wireframe
 
 
+def edge_points(scene: Scene, camera: Camera, camera_from_world: Rigid, *, apart_px: float) -> Array:
+    """Return points (n, 2) px along all feature edges in the picture, hidden ones too, no farther apart than that."""
+    near = 1e-5 * float(np.linalg.norm(scene.mesh.size_mm))
+    clipped = _Clipped(camera_from_world @ scene.mesh.vertices, ViewVolume.of(camera, near=near, margin_px=apart_px))
+    lines, _ = clipped.segments(scene.edges.vertices)
+    first, last = (camera.project(np.column_stack([u, np.ones(len(u))])) for u in (lines.a, lines.b))
+    n = 1 + np.ceil(np.nan_to_num(np.hypot(*(last - first).T)) / apart_px).astype(np.int64)
+    line = np.repeat(np.arange(len(n)), n)
+    s = (np.arange(len(line)) - np.repeat(np.cumsum(n) - n, n)) / np.maximum(n - 1, 1)[line]
+    u = lines.a[line] + s[:, None] * (lines.b - lines.a)[line]
+    return camera.project(np.column_stack([u, np.ones(len(u))]))
+
+
 class LineDrawer:
     """Draws wireframes of a scene: what does not depend on the view is computed once."""
 
