@@ -51,8 +51,8 @@ from cadcam.target.boards.pattern import parse_pattern
 from cadcam.target.marks.find import find_marks
 from cadcam.target.marks.fit import fit_marks
 from cadcam.target.marks.ideal import board_picture, marks_picture
-from cadcam.target.marks.leaning import fit_both_tilts
 from cadcam.target.marks.mark import Mark, bulls_eye, dot, dot_and_ring, ring
+from cadcam.target.marks.pose_ambiguity import fit_both_tilts
 
 CAMERA = Camera.from_focal((480, 360), 500.0)
 RING = dot_and_ring(7.0, 14.0, 21.0)

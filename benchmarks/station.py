@@ -17,11 +17,11 @@ from cadcam.arrays import Array
 from cadcam.station.gantry import GantryCalibration, Sighting
 from cadcam.station.hall import Hall, Visit, make_hall
 from cadcam.station.hall_picture import hall_picture
+from cadcam.station.interpolation import RULES
 from cadcam.station.marks import MarkLook, find_mark, find_plate
 from cadcam.station.measure import measure
 from cadcam.station.plane import calibrate_position
 from cadcam.station.plate import place_plate
-from cadcam.station.rules import RULES
 from cadcam.station.simulate import calibrate_robot, day, distances
 from cadcam.target.marks.mark import parse_mark
 

@@ -33,8 +33,8 @@ from cadcam.target.marks.cross import Taps, surface, taps, template
 from cadcam.target.marks.find import FoundMark, MarkOptions, find_marks
 from cadcam.target.marks.fit import fit_marks
 from cadcam.target.marks.ideal import board_picture, marks_picture
-from cadcam.target.marks.leaning import fit_both_tilts
 from cadcam.target.marks.mark import Mark, MarkSheet, dot, dot_and_ring, inverted
+from cadcam.target.marks.pose_ambiguity import fit_both_tilts
 from cadcam.target.marks.subpixel import Peak, centroid, parabola
 
 SIDE, FOCAL, RADIUS = 72, 800.0, 12.0  # px

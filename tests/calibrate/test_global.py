@@ -38,7 +38,7 @@ def test_no_random_start_finds_a_better_calibration(study):
 def test_a_search_with_one_start_would_be_caught(study, monkeypatch):
     """Negative control: with one evenly spread rotation and no three-point pose the same comparison finds losses."""
     import cadcam.calibrate.points.camera as points
-    from cadcam.fit.search import Effort, minima
+    from cadcam.fit.global_search import Effort, minima
 
     poor = Effort(triples=0, keep=0, spread=1)
     monkeypatch.setattr(points, "minima", lambda model, internals, **_: minima(model, internals, effort=poor))

@@ -9,8 +9,8 @@ from cadcam.camera.extended_pinhole import ExtendedPinhole, uv_from_pixel_matrix
 from cadcam.errors import DegenerateGeometry, TooFewPoints, UnknownName
 from cadcam.fit.dlt import FORMS, dlt
 from cadcam.fit.extents import extents, flatness, refuse_flat, spread_subset, triples
+from cadcam.fit.global_search import spread_rotations
 from cadcam.fit.p3p import p3p
-from cadcam.fit.search import spread_rotations
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 

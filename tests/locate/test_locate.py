@@ -16,7 +16,7 @@ from cadcam.locate.refine.options import EDGES
 from cadcam.locate.refine.refine import Refinement
 from cadcam.locate.search.hypothesis import Hypothesis
 
-from .moving import location as told
+from .moving import location
 from .scene import CAMERA, block, largest_miss, off, photo_of, pose_of
 
 around = Refinement.around
@@ -118,9 +118,9 @@ def test_a_pose_that_is_hardly_found_is_held_against_the_start(
 
 def test_of_answers_that_are_as_good_one_without_doubt_is_first() -> None:
     """A pose that needs a body of the part to be absent, half a lattice off, had 0.5619 and the right one 0.5612."""
-    doubted, right = replace(told(Rigid(), 0.5619), doubted=True), told(Rigid(), 0.5612)
+    doubted, right = replace(location(Rigid(), 0.5619), doubted=True), location(Rigid(), 0.5612)
     assert _ranked([(1.0, doubted), (0.9, right)])[0][1] is right
-    for worse in (told(Rigid(), 0.3), told(Rigid(), 0.0)):
+    for worse in (location(Rigid(), 0.3), location(Rigid(), 0.0)):
         assert _ranked([(0.9, worse), (1.0, doubted)])[0][1] is doubted, "doubted, but the only one that holds"
 
 

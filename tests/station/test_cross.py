@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cadcam.errors import BadValue, TooFewPoints
-from cadcam.station.cross import cross_predictions, split
+from cadcam.station.cross_prediction import cross_predictions, split
 
 
 def test_exact_pairs_are_split_exactly(rng):

@@ -7,11 +7,11 @@ import pytest
 
 from cadcam.camera.plane_camera import PlaneCamera
 from cadcam.fit.dlt import dlt
-from cadcam.station.cross import split
+from cadcam.station.cross_prediction import split
 from cadcam.station.drawing import trend
+from cadcam.station.interpolation import rectangle_shares, rectangle_weights
 from cadcam.station.plane import column_scales
 from cadcam.station.plate import Plate, place_plate
-from cadcam.station.rules import rectangle_shares, rectangle_weights
 
 
 def assert_golden(entry, value, rtol=1e-12):

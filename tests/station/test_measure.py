@@ -9,8 +9,8 @@ from cadcam.errors import BadValue, TooFewPoints, UnknownName
 from cadcam.station.budget import LASER, VISION, Budget, budget_of
 from cadcam.station.gantry import Repeatability, Sighting, calibrate_gantry
 from cadcam.station.hall import Visit, make_hall
+from cadcam.station.interpolation import RULES
 from cadcam.station.measure import estimates, measure, repeatability
-from cadcam.station.rules import RULES
 from cadcam.station.simulate import calibrate_robot, day, distances, sight
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from cadcam.camera.plane_camera import PlaneCamera
 from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints
-from cadcam.station.cross import plate_effect
+from cadcam.station.cross_prediction import plate_effect
 from cadcam.station.plane import calibrate_position, local_scale, refuse_misfit
 from cadcam.station.plate import Plate, place_plate, turn
 

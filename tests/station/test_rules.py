@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cadcam.errors import BadValue, UnknownName
-from cadcam.station.rules import bilinear_weights, check_inside, weights
+from cadcam.station.interpolation import bilinear_weights, check_inside, weights
 
 X, Y = np.meshgrid([0.0, 4000.0, 8000.0], [0.0, 2000.0, 4000.0, 6000.0], indexing="ij")
 GRID = np.column_stack([X.ravel(), Y.ravel()])

@@ -18,9 +18,9 @@ from cadcam.image.sensor.video import Jitter
 from cadcam.native.marks import LOOSE
 from cadcam.target.marks.fit import fit_marks, fit_poses
 from cadcam.target.marks.ideal import marks_picture
-from cadcam.target.marks.leaning import fit_both_tilts
 from cadcam.target.marks.mark import Mark, angle_mark, chess_mark, coded_ring, dot, dot_and_ring, ring
 from cadcam.target.marks.model import affine, mark_model, posed, share_of_ink
+from cadcam.target.marks.pose_ambiguity import fit_both_tilts
 from cadcam.target.marks.tilts import tilts
 
 MARKS = [dot(20.0), ring(10.0, 20.0), dot_and_ring(10.0, 20.0, 30.0), angle_mark(10.0, 20.0, 30.0), chess_mark(30.0)]

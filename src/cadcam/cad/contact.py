@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Longs, Mask
+from cadcam.cad.box_tree import TriangleTree
 from cadcam.cad.edge_kind import EdgeKind
 from cadcam.cad.mesh import Mesh
-from cadcam.cad.nearby import TriangleTree
 from cadcam.cad.topology import EdgeTable, components, weld
 
 TOLERANCE_SHARE, TOLERANCE_MOST_MM = 1e-5, 0.5

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Picture
 from cadcam.errors import BadValue, UnreadableFile
-from cadcam.image.deep import deep_size, read_deep
+from cadcam.image.high_bit_depth import deep_size, read_deep
 
 if TYPE_CHECKING:
     from PIL import Image

@@ -59,8 +59,8 @@ CC_API int32_t cc_band_gains(int64_t n, int32_t bins, double width, double blur,
 CC_API void cc_candidates(const cc_picture *picture, int64_t n, const double *q, const double *normal,
                           double half_length, int32_t reach, double least, int32_t most, double *offset, double *slope);
 
-/* Write the values (n, channels) of a picture at places q (n, 2), linear between pixels; NaN outside of it. The channels
- * of a pixel lie side by side. */
+/* Write the values (n, channels) of a picture at places q (n, 2), linear between pixels; NaN outside of it. Channels of
+ * a pixel lie side by side. */
 CC_API void cc_values_at(const cc_picture *picture, int32_t channels, int64_t n, const double *q, double *values);
 
 /* How far along the normal, and against it, the nearest other line is: free of lines from -below to above, at most

@@ -10,7 +10,7 @@ import numpy as np
 from cadcam.arrays import Array, Floats, frozen
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, TooFewPoints
-from cadcam.station.cross import DeviationMap, deviation_map, view_covariance
+from cadcam.station.cross_prediction import DeviationMap, deviation_map, view_covariance
 from cadcam.station.field import DeviationField, fit_field
 from cadcam.station.plane import PlaneCalibration
 

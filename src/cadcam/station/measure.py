@@ -16,11 +16,11 @@ from cadcam.arrays import Array
 from cadcam.camera.measurement import Measurement, PixelNoise
 from cadcam.camera.viewpoint import ErrorSource
 from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints, UnknownName
-from cadcam.station.cross import plate_effect
+from cadcam.station.cross_prediction import plate_effect
 from cadcam.station.gantry import GantryCalibration, Repeatability, Sighting
+from cadcam.station.interpolation import NEAR_MM, RULES, Rule, check_inside, weights
 from cadcam.station.plane import PlaneCalibration
 from cadcam.station.plate import Plate
-from cadcam.station.rules import NEAR_MM, RULES, Rule, check_inside, weights
 
 CALIBRATION, SURVEY, PLATE = "calibration", "survey", "plate"
 REPEATABILITY, MECHANICS, KNOWN_MARK = "repeatability", "mechanics between positions", "re-calibration mark"
@@ -46,9 +46,10 @@ def measure(
 ) -> Measurement:
     """Return the marks' points (N, 3) mm in the survey's world, Z = 0, with every cause of their uncertainty.
 
-    rule: "smooth", the weights with the least predicted error (`DeviationField`), or those of `rules.weights`. Raises
-    `UnknownName` for a camera without a calibration, `BadValue` for a position outside of the calibrated ones, unless
-    `extrapolate`, and `DegenerateGeometry` for a pixel that does not show the floor.
+    rule: "smooth", the weights with the least predicted error (`DeviationField`), or those of
+    `station.interpolation.weights`. Raises `UnknownName` for a camera without a calibration, `BadValue` for a position
+    outside of the calibrated ones, unless `extrapolate`, and `DegenerateGeometry` for a pixel that does not show the
+    floor.
     """
     known = {stations.camera: stations} if isinstance(stations, GantryCalibration) else stations
     if rule not in RULES:

@@ -18,11 +18,11 @@ from cadcam.image.picture import read_picture, to_gray
 from cadcam.station.gantry import GantryCalibration, Repeatability, Sighting, calibrate_gantry
 from cadcam.station.hall import Hall, Visit
 from cadcam.station.hall_picture import write_hall_picture
+from cadcam.station.interpolation import Rule
 from cadcam.station.marks import MarkLook, find_plate
 from cadcam.station.measure import measure, repeatability
 from cadcam.station.plane import calibrate_position
 from cadcam.station.plate import place_plate
-from cadcam.station.rules import Rule
 from cadcam.station.survey import write_drawing, write_survey
 from cadcam.target.marks.mark import parse_mark
 from cadcam.whole import write_whole

@@ -10,7 +10,7 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.calibrate.points.linear import dlt_estimate, dlt_states, seen_from_the_front
-from cadcam.calibrate.points.refuse import mirrored_internals, refuse_as_good_as_flat, refuse_mirrored
+from cadcam.calibrate.points.refusals import mirrored_internals, refuse_as_good_as_flat, refuse_mirrored
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import EXTERNALS, INTERNALS, NAMES, internals_by_name, internals_of
@@ -20,8 +20,8 @@ from cadcam.camera.sensitivity import rotation_by_angles
 from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints, UnknownName
 from cadcam.fit.camera_model import CameraModel
 from cadcam.fit.extents import distinct, flatness, refuse_flat
+from cadcam.fit.global_search import Effort, minima, polished
 from cadcam.fit.least_squares import Solution, Stalled, cofactor
-from cadcam.fit.search import Effort, minima, polished
 
 Method = Literal["reprojection", "dlt", "dlt-c23"]
 METHODS: tuple[Method, ...] = get_args(Method)

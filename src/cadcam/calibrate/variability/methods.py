@@ -27,9 +27,9 @@ from cadcam.calibrate.variability.repeated import (
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.camera_model import CameraModel
+from cadcam.fit.global_search import polished
 from cadcam.fit.least_squares import cofactor
 from cadcam.fit.sampling import LogDensity, Progress, Walk, metropolis, refuse_unmixed
-from cadcam.fit.search import polished
 
 BLOCK = 256  # draws made together; their noise is drawn whole, so that more draws begin with the same ones
 CHAINS = 64

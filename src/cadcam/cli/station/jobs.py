@@ -121,8 +121,8 @@ def recalibrate(arguments: argparse.Namespace) -> None:
     """Take off everywhere what one known mark is off by."""
     from cadcam.report.station.tables import sighting_tables
     from cadcam.station.document import read_station, write_station
+    from cadcam.station.interpolation import NEAR_MM
     from cadcam.station.measure import measure
-    from cadcam.station.rules import NEAR_MM
 
     if arguments.output:
         check_target(arguments.output, (".json",))

@@ -16,7 +16,7 @@ from cadcam.arrays import Array
 from cadcam.report.page import page, section
 from cadcam.report.station.tables import calibration_tables, map_tables, trend_table
 from cadcam.report.table import Table
-from cadcam.station.cross import DeviationMap
+from cadcam.station.cross_prediction import DeviationMap
 from cadcam.station.drawing import DifferenceTrend
 from cadcam.station.gantry import GantryCalibration
 from cadcam.whole import write_whole

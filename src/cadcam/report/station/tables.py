@@ -10,7 +10,7 @@ import numpy as np
 from cadcam.camera.measurement import Measurement
 from cadcam.report.table import Table, with_sigma
 from cadcam.station.budget import budget_of
-from cadcam.station.cross import DeviationMap, Split
+from cadcam.station.cross_prediction import DeviationMap, Split
 from cadcam.station.drawing import DifferenceTrend, DistanceCheck
 from cadcam.station.gantry import GantryCalibration, Sighting
 from cadcam.station.measure import PointEstimate

@@ -16,8 +16,8 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Ids, Picture
 from cadcam.target.boards.grid import Grid, fitted_grid
 from cadcam.target.boards.lattice import grown
-from cadcam.target.boards.levels import reduced
 from cadcam.target.boards.photometric import BLUR, Fit, fit_corners
+from cadcam.target.boards.pyramid import reduced
 
 _RING = 24  # samples on the ring
 _MOST = 4000  # candidates

@@ -15,8 +15,8 @@ from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.target.boards.grid import Grid, fitted_grid, local_steps
 from cadcam.target.boards.lattice import grown, straightened
-from cadcam.target.boards.levels import reduced
 from cadcam.target.boards.photometric import Fit, fit_discs
+from cadcam.target.boards.pyramid import reduced
 
 _LEAST_AREA = 10.0  # px
 _FAINT = 0.12  # of the picture's own contrast

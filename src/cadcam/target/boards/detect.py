@@ -18,8 +18,8 @@ from cadcam.target.boards.chess import corner_grid, fitted_corners
 from cadcam.target.boards.circles import disc_grid, fitted_discs, radius_by_cell
 from cadcam.target.boards.grid import Grid
 from cadcam.target.boards.lattice import PlacedLattice, placed
-from cadcam.target.boards.levels import scales
 from cadcam.target.boards.pattern import Charuco, Chessboard, CircleGrid
+from cadcam.target.boards.pyramid import scales
 
 _SMOOTHINGS = (1.5, 1.0, 2.5, 4.0)  # px of the reduced picture
 _WINDOWS = (0.08, 0.03, 0.2)  # of the reduced picture's longer side

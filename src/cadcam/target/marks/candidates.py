@@ -12,7 +12,7 @@ from cadcam.errors import BadValue
 from cadcam.native.correlate import shrunken
 from cadcam.target.boards.chess import corner_candidates
 from cadcam.target.boards.circles import elliptic_blobs
-from cadcam.target.boards.levels import reduced
+from cadcam.target.boards.pyramid import reduced
 from cadcam.target.marks.cross import cross, template
 from cadcam.target.marks.fit import fit_marks, likeness
 from cadcam.target.marks.mark import Mark

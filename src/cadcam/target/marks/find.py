@@ -21,8 +21,8 @@ from cadcam.image.picture import to_gray
 from cadcam.target.marks.candidates import METHODS, Candidates, approached, candidates, screened
 from cadcam.target.marks.cross import surface, taps, template
 from cadcam.target.marks.fit import MarkFit, fit_marks
-from cadcam.target.marks.leaning import NORMAL_SD, fit_both_tilts
 from cadcam.target.marks.mark import Mark, renumbered
+from cadcam.target.marks.pose_ambiguity import NORMAL_SD, fit_both_tilts
 from cadcam.target.marks.ring_code import oriented, read
 from cadcam.target.marks.subpixel import Peak, centroid, parabola
 from cadcam.target.marks.window import MARGIN

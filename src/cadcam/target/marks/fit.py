@@ -21,7 +21,7 @@ from cadcam.native.marks import LOOSE
 from cadcam.target.boards.photometric import BLUR, CONTRAST, Fit
 from cadcam.target.marks.mark import Mark
 from cadcam.target.marks.model import Geometry, affine, posed, predicted, share_of_ink
-from cadcam.target.marks.uncovered import clear_fit
+from cadcam.target.marks.occlusion import clear_fit
 from cadcam.target.marks.window import MARGIN, Window, by_size
 
 _MOST_HIDDEN, _MOST_OUTSIDE = 0.6, 0.4  # of a window

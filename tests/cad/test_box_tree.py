@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
+from cadcam.cad.box_tree import TriangleTree
 from cadcam.cad.mesh import Mesh
-from cadcam.cad.nearby import TriangleTree
 
 
 @pytest.mark.parametrize("n_faces", [1, 3, 17, 400])

@@ -19,8 +19,8 @@ from cadcam.native.marks import LOOSE, Borders, picture_with_slopes
 from cadcam.target.marks.fit import CameraFit, MarkFit, seen_through
 from cadcam.target.marks.mark import Mark
 from cadcam.target.marks.model import Geometry, posed, with_slopes
+from cadcam.target.marks.occlusion import HIDDEN
 from cadcam.target.marks.tilts import tilts, toward
-from cadcam.target.marks.uncovered import HIDDEN
 from cadcam.target.marks.window import MARGIN
 
 NORMAL_SD = 0.1  # rad
