@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -120,8 +121,13 @@ def test_a_part_that_is_in_no_frame_is_not_found(cadcam: Cadcam, here: Path) -> 
         (lambda j: (j / "track.jsonl").write_text("{}\n"), TRACK, "not a log of tracked frames"),
         (lambda j: write_camera(j / "camera.json", CAMERA.resize((240, 180))), TRACK, "shots/0.png is 480 x 360 px"),
         (lambda _: None, (*TRACK[:-1], "track.txt"), "unknown suffix"),
+        (
+            lambda _: None,
+            ("track", MODEL, "shots", *TRACK[3:]),
+            "expected a folder, pattern or video; frames come first, the model last (now 'shots')",
+        ),
     ],
-    ids=["no frames", "fewer of one camera", "start", "not a log", "size", "suffix"],
+    ids=["no frames", "fewer of one camera", "start", "not a log", "size", "suffix", "swapped"],
 )
 def test_a_mistake_is_explained(
     cadcam: Cadcam, here: Path, change: Callable[[Path], object], words: tuple[str, ...], says: str
@@ -136,11 +142,14 @@ def test_a_mistake_is_explained(
 
 def test_another_camera_makes_another_log(cadcam: Cadcam, here: Path) -> None:
     cadcam(*TRACK)
-    assert "begun with another part_sha256" in cadcam(*TRACK, "--crease-angle", "100").err
+    other = cadcam(*TRACK, "--crease-angle", "100").err
+    assert re.search(r"begun with another part, unit or crease angle \(\w{8}, now \w{8}\); name", other)
+    assert "begun without --no-print; name" in cadcam(*TRACK, "--no-print").err
+    assert re.search(r"another start \(at [^()]* mm, now none\); name", cadcam(*TRACK[:5], *TRACK[7:]).err)
     write_camera("camera.json", CAMERA.__class__.from_focal((480, 360), 601))
     ran = cadcam(*TRACK)
     assert ran.code == 2
-    assert "begun with another cameras_sha256" in ran.err
+    assert "begun with another camera; name" in ran.err
     assert "--overwrite" in ran.err
 
 

@@ -143,6 +143,7 @@ def test_what_is_not_understood_is_refused_with_its_key(tmp_path: Path, change: 
         ('{"size_px": [640, 480], "size_px": [1, 1]}', "has the key 'size_px' twice"),
         ('{"fx_px": 1}', "has no 'size_px'"),
         ('{"size_px": [640, 480]}', "has no camera matrix"),
+        ('{"width": 640, "fx": 500}', r"is JSON, but no camera file \(it has width, fx\); the least that is read is"),
     ],
 )
 def test_broken_json_is_refused_with_its_place(tmp_path: Path, text: str, message: str) -> None:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 from cadcam.cli.arguments import real
 from cadcam.cli.output import say, working
 from cadcam.errors import BadValue
-from cadcam.image.suffixes import READABLE
 
 if TYPE_CHECKING:
     from cadcam.cad.load import LoadReport
@@ -27,14 +26,16 @@ def add_model_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def check_order(photos: Sequence[str], model: str) -> None:
-    """Refuse a photo and a model that have changed places."""
+def check_order(photos: Sequence[str], model: str, *, frames: bool = False) -> None:
+    """Refuse a photo and a model that have changed places; frames: photos may be folders, patterns and videos."""
     from cadcam.cad.load import SUFFIXES
 
-    if model.lower().endswith(READABLE):
+    what, expected = ("frames", "a folder, pattern or video") if frames else ("photo", "a picture")
+    if not model.lower().endswith(SUFFIXES):
         for photo in photos:
             if photo.lower().endswith(SUFFIXES):
-                raise BadValue("photo", repr(photo), f"a picture; photos come first, the model last (now {model!r})")
+                which = "frames come" if frames else "photos come"
+                raise BadValue(what, repr(photo), f"{expected}; {which} first, the model last (now {model!r})")
 
 
 def load_as_asked(arguments: argparse.Namespace) -> tuple[Mesh, LoadReport]:

@@ -61,6 +61,10 @@ def camera_file_of(file: TextFile) -> CameraFile:
     """Return what the text of a camera file holds, as `read_camera`."""
     place = parsed(file)
     place.check_head(FORMAT, VERSION, stated=False)  # first: a newer version may well have other keys
+    if place.object and not set(_KEYS) & set(place.object):
+        least = '{"size_px": [W, H], "fx_px": ..., "fy_px": ..., "cx_px": ..., "cy_px": ...}'
+        keys = ", ".join(list(place.object)[:3])
+        raise place.error(f"is JSON, but no camera file (it has {keys})", f"the least that is read is {least}")
     place.only(*_KEYS)
     camera = camera_at(place)
     posed = "camera_from_world" in place.object

@@ -37,6 +37,13 @@ from cadcam.locate.track.frames import Frame, Frames
 from cadcam.locate.track.track import LoggedFrame, TrackedFrame, Tracker
 
 FORMAT, VERSION = "cadcam track", 2
+_INPUTS = {  # entries of the head as a caller knows them
+    "software": "version",
+    "part_sha256": "part, unit or crease angle",
+    "cameras_sha256": "camera",
+    "freedom": "--freedom",
+}
+_SWITCHES = {"velocity": "--no-velocity", "texture": "--no-print"}  # entries that these turn off
 _MAX_BYTES = 4_000_000_000
 _POSE = ("x_mm", "y_mm", "z_mm", *(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)))
 _SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "sigma_rx_deg", "sigma_ry_deg", "sigma_rz_deg")
@@ -200,13 +207,29 @@ def _continued(path: str | os.PathLike[str], head: dict[str, Any]) -> list[dict[
         return []
     for key, value in json.loads(json.dumps(head)).items():
         if there.get(key) != value:
-            said, now = (json.dumps(v)[:60] for v in (there.get(key), value))
-            raise UnreadableFile(
-                path, f"was begun with another {key}: {said}, now {now}", "name a new log, or --overwrite this one"
-            )
+            reason = f"was begun {_differs(key, there.get(key), value)}"
+            raise UnreadableFile(path, reason, "name a new log, or --overwrite this one")
     if len(whole) < len(data):
         os.truncate(path, len(whole))
     return [_object(path, number, line) for number, line in enumerate(lines[1:], 2)]
+
+
+def _differs(key: str, there: Any, now: Any) -> str:
+    """Return how an entry of a log's head differs from this run's, in its reader's words."""
+    if key in _SWITCHES:
+        return f"with{'out' if there else ''} {_SWITCHES[key]}"
+    one, other = _brief(key, there), _brief(key, now)
+    values = f" ({one}, now {other})" if one != other else ""
+    return f"with another {_INPUTS.get(key, key)}{values}"
+
+
+def _brief(key: str, value: Any) -> str:
+    """Return an entry of a log's head in a few words; "" where the words would not help."""
+    if key == "start":
+        return "none" if value is None else "at {:.4g}, {:.4g}, {:.4g} mm".format(*value["translation_mm"])
+    if key in ("part_sha256", "software"):
+        return str(value)[:30] if key == "software" else str(value)[:8]
+    return ""
 
 
 def _check_head(path: str | os.PathLike[str], head: dict[str, Any]) -> None:
