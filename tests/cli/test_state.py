@@ -51,7 +51,7 @@ def test_a_record_is_shown_by_the_beginning_of_its_id(cadcam: Cadcam, here: Path
     assert cadcam("state", "show", ids[2], "--json").json["serial"] == "S2"
     wrong = cadcam("state", "show", "zzzzzz")
     assert wrong.code == 2
-    assert "that of 0 records" in wrong.err
+    assert "id is 'zzzzzz', the beginning of no ids in parts.sqlite; expected that of one record" in wrong.err
 
 
 def test_a_trend_tells_mean_and_sigma(cadcam: Cadcam, here: Path) -> None:
@@ -62,6 +62,20 @@ def test_a_trend_tells_mean_and_sigma(cadcam: Cadcam, here: Path) -> None:
     assert said["measured_sigma_mm"] == pytest.approx(0.01)
     assert "sigma from part to part, mm" in cadcam("state", "trend", "rib").out
     assert cadcam("state", "trend", "rip").err.count("did you mean 'rib'") == 1
+
+
+def test_where_nothing_fits_it_is_said_why(cadcam: Cadcam, here: Path) -> None:
+    """A list may well be empty; a trend of nothing is none."""
+    cadcam("state", "add", "three.jsonl")
+    unknown = "store parts.sqlite: unknown part 'brackets'; did you mean 'bracket'? (known: bracket)"
+    listed = cadcam("state", "list", "--part", "brackets")
+    assert (listed.code, listed.out, listed.err) == (0, "0 records\n\n", f"{unknown}\n")
+    trend = cadcam("state", "trend", "rib", "--part", "brackets")
+    assert (trend.code, trend.err) == (2, f"cadcam state trend: {unknown}\n")
+    both = ("--serial", "S0", "--verdict", "FAIL")
+    exported = cadcam("state", "export", "none.csv", *both).err
+    assert exported.startswith("store parts.sqlite: no record fits --serial, --verdict (3 records in all)\n")
+    assert "known: S0, S1, S2" in cadcam("state", "trend", "rib", "--serial", "S9").err
 
 
 def test_an_export_is_csv_for_people_and_json_for_another_store(cadcam: Cadcam, here: Path) -> None:
@@ -92,7 +106,7 @@ def test_the_last_day_counts_to_its_end(cadcam: Cadcam, here: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("list",), "parts.sqlite: no such file"),
+        (("list",), "parts.sqlite: no such file; check the path; `cadcam state add` begins a store"),
         (("list", "--store", "three.jsonl"), "not an SQLite file"),
         (("list", "--store", "mysql://localhost/x"), "unknown kind of store 'mysql'"),
         (("list", "--store", "postgresql://u:secret@127.0.0.1:1/x"), "store postgresql+pg8000://u:***@127.0.0.1:1/x"),
@@ -105,11 +119,13 @@ def test_the_last_day_counts_to_its_end(cadcam: Cadcam, here: Path) -> None:
         (("list", "--since", "2026-03-02", "--until", "2026-03-01"), "after --until; expected a time before it"),
         (("add", "three.jsonl", "--store", "no/such/folder.sqlite"), "mkdir -p"),
         (("add", "nothing.json"), "no such file"),
-        (("add", "empty.json"), "has no 'part'"),
+        (("add", "empty.json"), "is neither an export nor the JSON of `cadcam verify`"),
+        (("add", "table.csv"), "table.csv: is a table for spreadsheets; give the export as .json or .jsonl"),
     ],
 )
 def test_a_mistake_is_explained(cadcam: Cadcam, here: Path, words: tuple[str, ...], says: str) -> None:
     (here / "empty.json").write_text(json.dumps({}))
+    (here / "table.csv").write_text("part,serial\n")
     ran = cadcam("state", *words)
     assert ran.code == 2
     assert says in ran.err

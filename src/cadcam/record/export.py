@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from cadcam.errors import UnknownName
+from cadcam.errors import UnknownName, UnreadableFile
 from cadcam.files.jsontext import Place, as_json, parsed, parsed_line
 from cadcam.files.pose_estimate import pose_estimate_as_json, pose_estimate_at
 from cadcam.files.text import read_text
@@ -55,11 +55,15 @@ def read_records(path: str | os.PathLike[str]) -> list[Record]:
     Raises `UnreadableFile` naming line or key.
     """
     file = read_text(path, max_bytes=_MAX_BYTES)
+    if Path(path).suffix.lower() == ".csv":
+        raise UnreadableFile(path, "is a table for spreadsheets", "give the export as .json or .jsonl")
     if Path(path).suffix.lower() == ".jsonl":
         lines = ((i, text) for i, text in enumerate(file.text.splitlines(), 1) if text.strip())
         return [record_at(parsed_line(file.path, i, text)) for i, text in lines]
     place = parsed(file)
     if place.object.get("format") != FORMAT:
+        if not {"part", "deviations"} & set(place.object):
+            raise place.error("is neither an export nor the JSON of `cadcam verify`: it has no 'part'")
         return [record_at(place)]
     if place.object.get("version") != VERSION:
         raise place.error(f"has version {place.object.get('version')!r}", f"version {VERSION} is read here")

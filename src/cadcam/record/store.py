@@ -233,7 +233,7 @@ def _check_file(path: str, create: bool) -> None:
     if file.is_dir():
         raise UnusableStore(path, "is a folder", "name a file in it")
     if not file.exists() and not create:
-        raise UnusableStore(path, "no such file", "check the path")
+        raise UnusableStore(path, "no such file", "check the path; `cadcam state add` begins a store")
     if not file.parent.is_dir():
         raise UnusableStore(path, f"there is no folder {str(file.parent)!r}", f"make it first: mkdir -p {file.parent}")
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import Run, Verbs, add_jobs, add_json, job, verb, whole
 from cadcam.cli.output import check_target, print_json, print_tables, say
-from cadcam.errors import BadValue
+from cadcam.errors import BadValue, UnknownName, UnusableStore
 
 if TYPE_CHECKING:
     from cadcam.record.record import Record
@@ -132,11 +132,33 @@ def run_add(arguments: argparse.Namespace) -> None:
         say(f"{counted(len(records), 'record')} added to {store.name}")
 
 
-def _asked_for(arguments: argparse.Namespace) -> list[Record]:
-    """Return the records that the filters let through, oldest first."""
+def _asked_for(arguments: argparse.Namespace, *, needed: bool = False) -> list[Record]:
+    """Return the records that the filters let through, oldest first; where there are none, why is said or, if they are
+    `needed`, the error.
+    """
     asked = _asked(arguments)
     with _there(arguments) as store:
-        return store.query(**asked)
+        records = store.query(**asked)
+        if records:
+            return records
+        why = _why_none(store, asked)
+    if needed:
+        raise UnusableStore(store.name, why)
+    say(f"store {store.name}: {why}")
+    return []
+
+
+def _why_none(store: Store, asked: dict[str, Any]) -> str:
+    """Return why a store has no record that is all of what was asked for."""
+    from cadcam.report.table import counted
+
+    there = store.query()
+    for name in ("part", "serial", "station"):
+        known = {str(getattr(record, name)) for record in there} - {""}
+        if asked[name] is not None and asked[name] not in known:
+            return str(UnknownName(name, asked[name], known))
+    given = ", ".join(f"--{name}" for name, value in asked.items() if value is not None)
+    return f"no record fits {given} ({counted(len(there), 'record')} in all)" if given else "holds no records"
 
 
 def _there(arguments: argparse.Namespace) -> Store:
@@ -169,7 +191,8 @@ def run_show(arguments: argparse.Namespace) -> None:
     with _there(arguments) as store:
         found = store.query(id_begins=arguments.id)
     if len(found) != 1:
-        raise BadValue("id", f"{arguments.id!r}, that of {len(found)} records in {store.name}", "one that is listed")
+        told = f"the beginning of {len(found) or 'no'} ids in {store.name}"
+        raise BadValue("id", f"{arguments.id!r}, {told}", "that of one record, as `cadcam state list` prints it")
     if arguments.json:
         print_json(_as_json(found[0]))
     else:
@@ -181,7 +204,7 @@ def run_trend(arguments: argparse.Namespace) -> None:
     from cadcam.record.trend import trend
     from cadcam.report.state import trend_tables
 
-    seen = trend(_asked_for(arguments), arguments.feature, kind=arguments.kind)
+    seen = trend(_asked_for(arguments, needed=True), arguments.feature, kind=arguments.kind)
     if not arguments.json:
         print_tables(trend_tables(seen))
         return
