@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 import shlex
@@ -99,6 +100,19 @@ def test_marks_are_measured_logged_kept_and_compared(cadcam: Cadcam, folder: Pat
     said = cadcam(*MEASURE, *BOTH, "--drawing", "day_truth.csv", "--distance", "mark01,mark02", "--json").json
     assert len(said["distances"]) == 1
     assert len(said["measured"]) == 12
+
+
+def test_of_many_distances_the_table_shows_the_worst_and_a_file_all(cadcam: Cadcam, folder: Path) -> None:
+    ran = cadcam(*MEASURE, *BOTH, "--drawing", "day_truth.csv", "--csv", "all.csv")
+    table = ran.out.partition("Distances against the drawing")[2].partition("differences together")[0]
+    shown = [tuple(map(float, line.split()[3:7])) for line in table.splitlines() if " - mark" in line]
+    assert len(shown) == 20
+    assert "shown: the 20 of 66 that differ most for their uncertainty" in table
+    with (folder / "all.csv").open() as file:
+        every = list(csv.DictReader(file))
+    assert len(every) == 66
+    ratios = sorted(abs(float(r["drawn_less_measured_mm"])) / float(r["half_width_95_mm"]) for r in every)[::-1]
+    assert [abs(d) / U for _, U, _, d in shown] == pytest.approx(ratios[:20], rel=0.02)
 
 
 def test_what_was_measured_is_kept_even_if_nobody_reads_the_tables(
@@ -241,7 +255,12 @@ CASES = {
     "an unknown reference": (("station", "map", "station_6.json", "--reference", "x"), None, "unknown position 'x'"),
     "too few marks to simulate": (("station", "simulate", "--marks", "1"), None, "--marks is 1"),
     "no robot": (("station", "simulate", "--robots", ","), None, "robots of the hall is none"),
-    "a survey of negative noise": (("station", "simulate", "--survey-sigma", "-1"), None, "survey_mm of the hall is"),
+    "a survey of negative noise": (("station", "simulate", "--survey-sigma", "-1"), None, "--survey-sigma is -1.0; exp"),
+    "a negative deflection": (("station", "simulate", "--deflection", "-5"), None, "--deflection is -5.0; expected 0 or"),
+    "a look of marks that are listed": ((*MEASURE, *BOTH, "--mark", "dot:40mm"), None, "--mark is given beside --pixels"),
+    "a radius of marks that are listed": ((*CALIBRATE, "--radius", "8"), None, "--radius is given beside --pixels"),
+    "a table of no distances": ((*MEASURE, *BOTH, "--csv", "d.csv"), None, "--csv is given without --drawing"),
+    "a block that nobody keeps": ((*MEASURE, *BOTH, "--block", "B1"), None, "--block is given where nothing is kept"),
     "a sensor without a picture": (("station", "simulate", "--sensor", "phone"), None, "--sensor"),
     "an unknown sensor": (
         ("station", "simulate", "x", "--pictures", "--sensor", "fone"),

@@ -65,9 +65,10 @@ def pose_table(record: Record) -> Table:
 
 def trend_tables(trend: Trend) -> list[Table]:
     """Return a line for each part, and mean and scatter over them."""
-    rows = tuple((_time(r), r.serial, deviation_text(d), d.verdict) for r, d in trend.points)
-    columns = ("time (UTC)", "serial", "deviation", "verdict")
-    lines = Table(f"{trend.feature}, {counted(len(trend), 'part')}", columns, rows, ("time (UTC)", "serial", "verdict"))
+    rows = tuple((_time(r), r.part, r.serial, deviation_text(d), d.verdict) for r, d in trend.points)
+    columns = ("time (UTC)", "part", "serial", "deviation", "verdict")
+    left = tuple(column for column in columns if column != "deviation")
+    lines = Table(f"{trend.feature}, {counted(len(trend), 'record')}", columns, rows, left)
     own, several = trend.measured_sigma, len(trend) > 1
     mean, spread = with_sigma(trend.mean, trend.sigma if several else own)
     said = [

@@ -103,7 +103,12 @@ def gantry(
     twist_rad: float = 3e-4,
     rng: np.random.Generator,
 ) -> Gantry:
-    """Return a gantry of chance whose view's deviations differ by `deflection_mm` between its worst two places."""
+    """Return a gantry of chance whose view's deviations differ by `deflection_mm` between its worst two places.
+
+    Raises `BadValue` for a deflection below 0.
+    """
+    if not deflection_mm >= 0:
+        raise BadValue("deflection_mm of a gantry", deflection_mm, "0 or more")
     frequency = rng.uniform(-1.5, 1.5, (_WAVES, 2))
     shares = rng.normal(size=(_WAVES, 3)) * np.array([0.35, 0.35, 0.5])
     waves = np.column_stack([frequency, rng.uniform(0, 2 * np.pi, _WAVES), shares])

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cadcam.cli.arguments import numbers
+from cadcam.cli.arguments import numbers, refuse
 from cadcam.errors import BadValue, UnreadableFile
 
 if TYPE_CHECKING:
@@ -54,6 +54,8 @@ def source(arguments: argparse.Namespace) -> PictureSource:
         pixels = read_pixels(arguments.pixels)
         if arguments.pictures:
             raise BadValue("--pixels", "given beside pictures", "one of the two")
+        found = "pictures in its place: listed marks are found already"
+        refuse(arguments, "--mark", "--radius", why="beside --pixels", expected=found)
         return PictureSource(pixels.views, pixels, positions, arguments.positions or "")
     if not arguments.pictures:
         raise BadValue("pictures", "none given", "pictures, or --pixels FILE with the marks in them")

@@ -7,11 +7,12 @@ from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import numbers
+from cadcam.cli.arguments import numbers, refuse
 from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say
 from cadcam.cli.station.inputs import PictureSource, gray_picture, look_of, sightings, source
 from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
+from cadcam.whole import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -89,11 +90,17 @@ def map_deviations(arguments: argparse.Namespace) -> None:
 
 def measure_marks(arguments: argparse.Namespace) -> None:
     """Measure marks; print, compare with the drawing, keep."""
-    from cadcam.report.station.tables import distance_tables, estimates_table, sighting_tables
+    from cadcam.report.station.tables import distance_tables, distances_csv, estimates_table, sighting_tables
     from cadcam.station.document import read_stations
     from cadcam.station.log import append_log, log_entries
     from cadcam.station.measure import estimates, measure
 
+    if arguments.csv:
+        check_target(arguments.csv, (".csv",))
+    if not arguments.drawing:
+        refuse(arguments, "--distance", "--csv", why="without --drawing", expected="--drawing FILE with the marks' places")
+    if not (arguments.log or arguments.store):
+        refuse(arguments, "--block", why="where nothing is kept", expected="--log FILE or --store FILE beside it")
     stations = read_stations(arguments.station)
     seen, shots = sightings(arguments, stations)
     _refuse_twice(seen)
@@ -105,6 +112,9 @@ def measure_marks(arguments: argparse.Namespace) -> None:
         say(f"added {len(entries)} lines to {arguments.log}")
     if arguments.store:
         _keep(arguments, measured, seen, shots)
+    if arguments.csv:
+        write_whole(arguments.csv, distances_csv(checks).encode())
+        say(f"wrote {arguments.csv}")
     if arguments.json:
         print_json({"measured": entries, "distances": [_check_as_json(c) for c in checks]})
     else:
@@ -261,8 +271,6 @@ def _against_drawing(
     from cadcam.station.survey import read_drawing
 
     if not arguments.drawing:
-        if arguments.distance:
-            raise BadValue("--distance", "given without --drawing", "--drawing FILE with the marks' places")
         return (), None
     for pair in arguments.distance:
         if len(pair) != 2:

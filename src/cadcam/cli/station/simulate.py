@@ -53,6 +53,13 @@ def simulate(arguments: argparse.Namespace) -> None:
 def _check_options(arguments: argparse.Namespace) -> None:
     if not 4 <= arguments.marks <= 10_000:
         raise BadValue("--marks", arguments.marks, "4 to 10000")
+    for option, value in (
+        ("--deflection", arguments.deflection),
+        ("--survey-sigma", arguments.survey_sigma),
+        ("--noise", arguments.noise),
+    ):
+        if value < 0:
+            raise BadValue(option, value, "0 or more")
     if arguments.folder is None:
         refuse(arguments, "--pictures", why="without a folder", expected="a folder to write them to")
     if not arguments.pictures:

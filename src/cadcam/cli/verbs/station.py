@@ -56,7 +56,7 @@ def _add_pictures(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--positions", metavar="FILE", help="list of the pictures' positions")
     group.add_argument("--pixels", metavar="FILE", help="marks found by other means: name,view,x_px,y_px")
     group.add_argument("--sigma", type=real, metavar="PX", help="noise of one pixel coordinate (default: as found)")
-    group.add_argument("--mark", help="what the marks look like (default: as the plate file says)")
+    group.add_argument("--mark", help="what the marks look like in pictures (default: as the plate file says)")
     group.add_argument("--radius", metavar="PX[,PX]", help="radius of a mark in the picture, or its range")
 
 
@@ -127,6 +127,7 @@ def _add_measure(jobs: Verbs) -> None:
         metavar="A,B",
         help="only these distances; may be repeated",
     )
+    parser.add_argument("--csv", metavar="FILE", help="write all distances against the drawing: .csv")
     parser.add_argument("--explain", action="store_true", help="print what each calibration makes of each mark")
     parser.add_argument("--log", metavar="FILE", help="add the measurements to this log (JSON lines)")
     parser.add_argument("--store", metavar="FILE|URL", help="add a record for each mark to this store of product state")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,6 +16,9 @@ from cadcam.station.cross_prediction import DeviationMap, Split
 from cadcam.station.drawing import DifferenceTrend, DistanceCheck
 from cadcam.station.gantry import GantryCalibration, Sighting
 from cadcam.station.measure import PointEstimate
+
+_MOST = 20  # distances that a terminal shows
+_DISTANCE = ("marks", "measured mm", "+-", "drawn mm", "drawn - measured mm", "angle deg")
 
 
 def calibration_tables(station: GantryCalibration) -> list[Table]:
@@ -132,9 +137,18 @@ def estimates_table(name: str, found: Sequence[PointEstimate]) -> Table:
     )
 
 
-def distance_tables(checks: Sequence[DistanceCheck], seen: DifferenceTrend | None) -> list[Table]:
-    """Return distances and angles against the drawing (Table 6.12), and what their differences say together."""
-    columns = ("marks", "measured mm", "+-", "drawn mm", "drawn - measured mm", "angle deg")
+def distance_tables(checks: Sequence[DistanceCheck], seen: DifferenceTrend | None, *, most: int = _MOST) -> list[Table]:
+    """Return distances and angles against the drawing (Table 6.12), and what their differences say together.
+
+    most: of more distances than these, only those that differ most for their uncertainty.
+    """
+    shown = checks
+    notes = ["+-: half of the 95 % interval"]
+    if len(checks) > most:
+        shown = sorted(checks, key=lambda c: -abs(c.difference) / max(c.half_width, 1e-9))[:most]
+        notes.append(
+            f"shown: the {most} of {len(checks)} that differ most for their uncertainty; all of them: --csv FILE"
+        )
     rows = tuple(
         (
             f"{c.one} - {c.other}",
@@ -144,10 +158,22 @@ def distance_tables(checks: Sequence[DistanceCheck], seen: DifferenceTrend | Non
             f"{c.difference:+.2f}",
             f"{np.degrees(c.angle):+.3f}",
         )
-        for c in checks
+        for c in shown
     )
-    out = [Table("Distances against the drawing", columns, rows, columns[:1], ("+-: half of the 95 % interval",))]
+    out = [Table("Distances against the drawing", _DISTANCE, rows, _DISTANCE[:1], tuple(notes))]
     return out if seen is None else [*out, trend_table(seen)]
+
+
+def distances_csv(checks: Sequence[DistanceCheck]) -> str:
+    """Return all distances against the drawing as a table for spreadsheets, units in its header."""
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    columns = ("mark", "other", "measured_mm", "half_width_95_mm", "drawn_mm", "drawn_less_measured_mm", "angle_deg")
+    rows.writerow(columns)
+    for c in checks:
+        numbers = (c.measured, c.half_width, c.drawn, c.difference, float(np.degrees(c.angle)))
+        rows.writerow((c.one, c.other, *(f"{x:.6f}" for x in numbers)))
+    return text.getvalue()
 
 
 def trend_table(seen: DifferenceTrend) -> Table:
@@ -158,7 +184,7 @@ def trend_table(seen: DifferenceTrend) -> Table:
         ("mean amount", f"{seen.mean_abs:.2f} mm"),
         ("by length", f"{seen.slope:+.3f} +- {seen.slope_sigma:.3f} mm/m (r = {seen.correlation:+.3f})"),
     )
-    return Table(f"{seen.n} differences together", ("", ""), rows, ("",), (seen.verdict,))
+    return Table(f"{seen.n} differences together, of distances that share no mark", ("", ""), rows, ("",), (seen.verdict,))
 
 
 def map_as_json(camera: str, names: Sequence[str], deviations: DeviationMap) -> dict[str, Any]:
