@@ -183,6 +183,15 @@ def test_the_report_stands_by_itself(cadcam: Cadcam, folder: Path) -> None:
     assert not re.findall(r'(?:src|href)="(?!data:|#)', page)
     for text in ("Camera 6", "Camera 12", "12 measurements", "differences together", "<svg"):
         assert text in page
+    headings = re.findall(r"<h([23])>(.*?)</h", page)
+    assert [text for level, text in headings if level == "2"] == [
+        "How the mechanics deviate over the work area",
+        *("Camera 6", "Camera 12", "Against the drawing", "Log"),
+    ]
+    assert not [text for level, text in headings if level == "3" and text.startswith("Camera")]
+    caption = page.partition("</svg>")[2].partition("</section>")[0]
+    assert re.search(r"the longest is \d+\.\d mm\. Ellipses at the tips: one sigma, 10 times", caption)
+    assert "camera 6: x 4." in caption
     assert page.count("<table>") == page.count('<div class="wide"><table>') > 0  # each scrolls alone on a phone
 
 

@@ -26,7 +26,7 @@ h1{font-size:1.5rem}.wide{overflow-x:auto}
 table{width:auto}th,td{text-align:right;padding:4px 12px 4px 0}.left{text-align:left}
 .wide .left:first-child{position:sticky;left:0;background:#fff}
 """
-_WIDTH, _HEIGHT, _MARGIN, _CAPTION = 900.0, 620.0, 60.0, 300.0  # px; the largest, and the least that captions need
+_WIDTH, _HEIGHT, _MARGIN = 900.0, 620.0, 60.0  # px; the largest
 _LATEST = 500  # entries of a log that a page shows
 _SIGMAS = 10.0  # by how much the ellipses of uncertainty are drawn larger than the arrows
 
@@ -51,9 +51,9 @@ def station_page(report: StationReport) -> str:
     cameras = f"camera{'s' * (len(report.stations) != 1)} {', '.join(report.stations)}"
     body = [f"<h1>Stations of {escape(cameras)}</h1>"]
     if maps:
-        body.append(section("How the mechanics deviate over the work area", arrows(maps)))
+        body.append(section("How the mechanics deviate over the work area", arrows(maps) + _caption(maps)))
     for name, station in report.stations.items():
-        tables = calibration_tables(station)
+        tables = calibration_tables(station, named=False)
         if name in maps:
             tables += map_tables([one.name for one in station.positions], maps[name])
         body.append(section(f"Camera {name}", "".join(_table(t) for t in tables)))
@@ -71,7 +71,7 @@ def arrows(maps: Mapping[str, DeviationMap]) -> str:
     low, high = places.min(axis=0), places.max(axis=0)
     extent = np.maximum(high - low, 1.0)
     px = float(min((_WIDTH - 2 * _MARGIN) / extent[0], _HEIGHT / extent[1]))
-    width = max(px * float(extent[0]), _CAPTION) + 2 * _MARGIN
+    width = px * float(extent[0]) + 2 * _MARGIN
     height = px * float(extent[1]) + 2 * _MARGIN
     most = max(float(np.linalg.norm(m.deviation, axis=1).max()) for m in maps.values()) or 1.0
     gain = min(0.6 * px * min(_spacing(m.positions) for m in maps.values()), _MARGIN) / most  # px by mm of deviation
@@ -83,12 +83,9 @@ def arrows(maps: Mapping[str, DeviationMap]) -> str:
     for name, seen in maps.items():
         q = np.column_stack([(seen.positions[:, 0] - low[0]) * px, (high[1] - seen.positions[:, 1]) * px]) + _MARGIN
         body.append(_area(q))
-        names.append(_name(q, seen.positions, name))
+        names.append(_name(q, gain * seen.deviation * (1, -1), name))
         over += [_arrow(*row, gain) for row in zip(q, seen.deviation, seen.sigma, seen.positions, strict=True)]
     body += [*over, *names]
-    body.append(
-        _text(_MARGIN / 2, 20.0, f"longest arrow {most:.1f} mm; ellipses: one sigma, {_SIGMAS:.0f} times", "start")
-    )
     label = "deviations of the mechanics as arrows on the floor plan"
     shape = f'viewBox="0 0 {width:.0f} {height:.0f}" style="max-width:{width:.0f}px"'
     return f'<svg {shape} role="img" aria-label="{label}">{"".join(body)}</svg>'
@@ -108,11 +105,30 @@ def _area(q: Array) -> str:
     )
 
 
-def _name(q: Array, positions: Array, name: str) -> str:
-    """Return the name of a camera's area, below it, and in m where it lies."""
-    low, high = positions.min(axis=0) / 1000, positions.max(axis=0) / 1000
-    said = f"camera {name}: x {low[0]:.1f} to {high[0]:.1f}, y {low[1]:.1f} to {high[1]:.1f} m"
-    return _text(float(q[:, 0].min()), float(q[:, 1].max()) + 34, said, "start")
+def _name(q: Array, arrow: Array, name: str) -> str:
+    """Return the name of a camera's area, where the arrows leave it most room; arrow: from each place q (n, 2) on."""
+    along = np.linspace(0, 1, 5)[:, None, None]
+    taken = (q + along * arrow).reshape(-1, 2)
+    x, y = (np.linspace(low, high, 33)[3:-3] for low, high in zip(q.min(axis=0), q.max(axis=0), strict=True))
+    places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    room = np.linalg.norm((places[:, None] - taken) / (2.0, 1.0), axis=2).min(axis=1)  # words are wider than high
+    x0, y0 = places[int(np.argmax(room))].tolist()
+    return _text(x0, y0, f"camera {name}", "middle")
+
+
+def _caption(maps: Mapping[str, DeviationMap]) -> str:
+    """Return what the arrows mean, how long they are, and where the areas lie."""
+    most = max(float(np.linalg.norm(m.deviation, axis=1).max()) for m in maps.values())
+    areas = []
+    for name, seen in maps.items():
+        low, high = seen.positions.min(axis=0) / 1000, seen.positions.max(axis=0) / 1000
+        areas.append(f"camera {name}: x {low[0]:.1f} to {high[0]:.1f} m, y {low[1]:.1f} to {high[1]:.1f} m")
+    said = (
+        "Seen from above, x to the right, y up. An arrow leads from where the controller says that the view is to where "
+        f"it really is; the longest is {most:.1f} mm. Ellipses at the tips: one sigma, {_SIGMAS:.0f} times as large. "
+        "Grey: the calibrated areas."
+    )
+    return f'<p class="soft">{said}</p><p class="soft">{escape("; ".join(areas))}.</p>'
 
 
 def _arrow(q: Any, m: Any, sigma: Any, position: Any, gain: float) -> str:
@@ -158,7 +174,7 @@ def _table(table: Table) -> str:
         for row in table.rows
     )
     notes = "".join(f'<p class="soft">{_said(note)}</p>' for note in table.notes)
-    return f'<h2>{_said(table.title)}</h2><div class="wide"><table>{head}<tbody>{rows}</tbody></table></div>{notes}'
+    return f'<h3>{_said(table.title)}</h3><div class="wide"><table>{head}<tbody>{rows}</tbody></table></div>{notes}'
 
 
 def _said(text: str) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cadcam.camera.measurement import Measurement
-from cadcam.report.table import Table, with_sigma
+from cadcam.report.table import Table, counted, with_sigma
 from cadcam.station.budget import budget_of
 from cadcam.station.cross_prediction import DeviationMap, Split
 from cadcam.station.drawing import DifferenceTrend, DistanceCheck
@@ -21,8 +21,11 @@ _MOST = 20  # distances that a terminal shows
 _DISTANCE = ("marks", "measured mm", "+-", "drawn mm", "drawn - measured mm", "angle deg")
 
 
-def calibration_tables(station: GantryCalibration) -> list[Table]:
-    """Return one row for each calibrated position: fit, survey, and what a pixel is worth there."""
+def calibration_tables(station: GantryCalibration, *, named: bool = True) -> list[Table]:
+    """Return one row for each calibrated position: fit, survey, and what a pixel is worth there.
+
+    named: the title says which camera it is.
+    """
     columns = (
         "position",
         "x mm",
@@ -51,15 +54,8 @@ def calibration_tables(station: GantryCalibration) -> list[Table]:
         notes.append("repeatability is not stated: what is measured looks surer than it is")
     if station.recalibration is not None:
         notes.append(f"re-calibrated by mark {station.recalibration.sighting.name!r}")
-    return [
-        Table(
-            f"Camera {station.camera}: {len(rows)} calibrated positions",
-            columns,
-            tuple(rows),
-            columns[:1],
-            tuple(notes),
-        )
-    ]
+    title = f"Camera {station.camera}: " * named + counted(len(rows), "calibrated position")
+    return [Table(title, columns, tuple(rows), columns[:1], tuple(notes))]
 
 
 def map_tables(names: Sequence[str], deviations: DeviationMap) -> list[Table]:
@@ -79,12 +75,12 @@ def split_table(deviations: DeviationMap) -> Table:
     split = deviations.split
     m, seen, told = split.mechanics, deviations.vision, deviations.predicted
     rows = (
-        ("mechanics, standard deviation over the positions mm", f"{m[:, 0].std():.2f}", f"{m[:, 1].std():.2f}"),
-        ("mechanics, largest difference in the axis mm", f"{np.ptp(m[:, 0]):.2f}", f"{np.ptp(m[:, 1]):.2f}"),
-        ("vision, error of a single mark rms mm", f"{seen[0]:.3f}", f"{seen[1]:.3f}"),
-        ("   as pixels, survey and plate let expect mm", f"{told[0]:.3f}", f"{told[1]:.3f}"),
-        ("vision, by d_ij + d_ji of the plate's mean mm", f"{split.vision[0]:.3f}", f"{split.vision[1]:.3f}"),
-        ("left over by m_i - m_j, rms mm", f"{split.closure[0]:.3f}", f"{split.closure[1]:.3f}"),
+        ("mechanics, standard deviation over the positions, mm", f"{m[:, 0].std():.2f}", f"{m[:, 1].std():.2f}"),
+        ("mechanics, largest difference in the axis, mm", f"{np.ptp(m[:, 0]):.2f}", f"{np.ptp(m[:, 1]):.2f}"),
+        ("vision, rms error of a single mark, mm", f"{seen[0]:.3f}", f"{seen[1]:.3f}"),
+        ("   foretold by pixels, survey and plate, mm", f"{told[0]:.3f}", f"{told[1]:.3f}"),
+        ("vision, by d_ij + d_ji of the plate's mean, mm", f"{split.vision[0]:.3f}", f"{split.vision[1]:.3f}"),
+        ("left over by m_i - m_j, rms, mm", f"{split.closure[0]:.3f}", f"{split.closure[1]:.3f}"),
     )
     worst = f"the worst two positions differ by {split.worst:.2f} mm; {split.pairs} pairs of positions"
     return Table("Mechanics and vision, told apart", ("", "x", "y"), rows, ("",), (worst,))
@@ -184,7 +180,7 @@ def trend_table(seen: DifferenceTrend) -> Table:
         ("mean amount", f"{seen.mean_abs:.2f} mm"),
         ("by length", f"{seen.slope:+.3f} +- {seen.slope_sigma:.3f} mm/m (r = {seen.correlation:+.3f})"),
     )
-    return Table(f"{seen.n} differences together, of distances that share no mark", ("", ""), rows, ("",), (seen.verdict,))
+    return Table(f"{seen.n} differences together, of distances that share no mark", ("", ""), rows, ("",), (seen.verdict, "+-: one standard deviation"))
 
 
 def map_as_json(camera: str, names: Sequence[str], deviations: DeviationMap) -> dict[str, Any]:
