@@ -226,6 +226,7 @@ def test_a_sensor_has_a_format_a_chip_or_a_size():
         (lambda: Optics(HALF_INCH, 16.0, 10.0), "more than the focal length of 16 mm"),
         (lambda: Optics(HALF_INCH, 16.0, 16.0), "nothing nearer"),
         (lambda: Optics(HALF_INCH, 0.0, 10.0), "focal length is 0"),
+        (lambda: Optics(HALF_INCH, 0.016, 2000.0), "look over 179.4 degrees of width; expected mm: 0.016 m are 16 mm"),
         (lambda: Optics(HALF_INCH, float("nan"), 10.0), "focal length is nan"),
         (lambda: Optics(HALF_INCH, 16.0, 600.0, 0.0), "f-number is 0"),
         (lambda: Optics(HALF_INCH, 16.0, 600.0, image_circle_mm=6.0), "diagonal of the sensor .* 8 mm"),

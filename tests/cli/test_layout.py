@@ -15,6 +15,7 @@ import pytest
 
 from cadcam.cad.parts.shape import box
 from cadcam.cad.write import write
+from cadcam.report.layout.words import tur_words
 
 from .job import Ran
 
@@ -102,6 +103,28 @@ def test_the_next_camera_beside_those_that_are_there(cadcam: Cadcam, small: Path
     assert cadcam("layout", small, "-k", 0).code == 0
 
 
+def test_what_the_next_camera_adds_is_told_by_the_uncertainty_it_takes_off(cadcam: Cadcam, small: Path) -> None:
+    """The share is that of the U of both sets, planned one by one; of what was not measured before there is none."""
+    two = ("--keep", "ring 1", "--keep", "ring 4")
+    out = cadcam("layout", small, *two, "--next").out
+    row = next(line for line in out.splitlines() if re.match(r" +ring 7 ", line))
+    (said,) = re.findall(r"(\d+) % smaller$", row)
+
+    def turs(*keep: str) -> np.ndarray:
+        document = json.loads(cadcam("layout", small, *keep, "-k", 0, "--no-what-if", "--json").out)
+        return np.array([pose["tur"] for limit in document["limits"] for pose in limit["poses"].values()])
+
+    less = 1 - np.exp(np.mean(np.log(turs(*two) / turs(*two, "--keep", "ring 7"))))
+    assert float(said) == pytest.approx(100 * less, abs=0.51)
+    assert "smaller" not in cadcam("layout", small, "--keep", "ring 1", "--next").out
+
+
+def test_ratios_have_three_digits_and_none_is_no_ratio(cadcam: Cadcam, small: Path) -> None:
+    assert [tur_words(x) for x in (0.2, 9.994, 9.998, 14.34)] == ["0.20", "9.99", "10.0", "14.3"]
+    out = cadcam("layout", small, "-k", 2).out
+    assert re.search(r"^ +without ring \d +none ", out, re.M)
+
+
 def test_the_report_is_one_file_that_names_everything(cadcam: Cadcam, small: Path, tmp_path: Path) -> None:
     small.write_text(SCENE.replace("  mark:", "  'mark <b>&':"))
     ran = cadcam(
@@ -121,8 +144,12 @@ def test_the_report_is_one_file_that_names_everything(cadcam: Cadcam, small: Pat
         "What if",
         "Coverage",
         "sha256",
+        "bar: TUR from 0 to 6",
+        "1: below it nothing could ever PASS",
+        "3: what is wanted",
     ):
         assert words in page
+    assert ": 0% of the surface" not in page
     assert json.loads((tmp_path / "r.json").read_text())["outcome"] == "SUITABLE"
     assert len(list((tmp_path / "views").glob("*.png"))) == 3 + 2 * 2
 
@@ -140,6 +167,7 @@ WRONG = {
     "a lens that does not cover the sensor": ("image_circle_mm: 11.1", "image_circle_mm: 8", "corners would be dark"),
     "a focus inside the focal length": ("f_number: 8", "f_number: 8, focus_mm: 10", "nothing nearer has a real"),
     "f/0": ("f_number: 8", "f_number: 0", "f-number is 0"),
+    "a focal length in metres": ("focal_mm: 16", "focal_mm: 0.016", "expected mm: 0.016 m are 16 mm"),
     "a negative focal length": ("focal_mm: 16", "focal_mm: -16", "focal length is -16"),
     "an edge without length": ("[100, 0, 20]]", "[0, 0, 20]]", "two different points"),
     "a circle without normal": ("normal: [0, 0, 1], ", "", "without normal"),

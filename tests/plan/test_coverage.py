@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cadcam.plan import coverage as module
-from cadcam.plan.coverage import coverage, divided
+from cadcam.plan.coverage import coverage, coverage_steps, divided
 from cadcam.plan.layout import plan_layout, survey
 from cadcam.plan.pictures import camera_pictures, coverage_pictures
 from cadcam.plan.scene.feature import Kind, LayoutFeature
@@ -47,6 +47,14 @@ def test_a_camera_above_covers_what_looks_up_and_nothing_below() -> None:
     assert covered.shares[1:].sum() > 0.2
     assert covered.counted(3).words == ("no camera", "one camera", "2 cameras", "3 cameras")
     assert covered.counted(7).words[-2:] == ("4 cameras", "5 or more")
+
+
+def test_as_many_steps_are_shown_as_were_announced(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_AT_ONCE", 100)
+    layout, steps = plan_layout(scene(9)), []
+    pieces = divided(layout.survey.scene.part)
+    coverage(layout, pieces, step=lambda: steps.append(1))
+    assert len(steps) == coverage_steps(layout, pieces) >= 2
 
 
 def test_the_uncertainty_painted_is_that_of_a_point_feature_there() -> None:

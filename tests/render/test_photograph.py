@@ -24,7 +24,7 @@ from cadcam.image.sensor.sensor import Sensor
 from cadcam.render import open_renderer
 from cadcam.render.light import LIGHTS, Lamp, Light, named_light
 from cadcam.render.photograph import Photographer, behind, blur_before
-from cadcam.render.samples import sample_points
+from cadcam.render.samples import renderings, sample_points
 from cadcam.render.view import Channel, Scene
 
 EVEN = LIGHTS["even"]
@@ -71,6 +71,13 @@ def test_an_edge_out_of_focus_is_spread_by_the_disc_of_the_optics_and_moved_nowh
     # + 1/12: the derivative is taken between pixels
     assert spread @ middle**2 == pytest.approx(d**2 / 16 + 1 / 12 + 1 / 12, rel=4 / samples)
     assert np.allclose(row + row[::-1], 1, atol=FLOAT)
+
+
+@pytest.mark.parametrize("samples", [1, 2, 5, 64])
+def test_a_step_is_told_of_each_rendering(samples):
+    steps = []
+    Photographer(step_edge(700.0)).radiance(CAMERA, HERE, light=EVEN, samples=samples, step=lambda: steps.append(1))
+    assert len(steps) == renderings(samples) == len(sample_points(samples)) >= samples
 
 
 def test_what_is_in_focus_is_as_sharp_as_through_a_pinhole():

@@ -20,6 +20,7 @@ WAVELENGTH_UM = 0.55  # green, amid what a monochrome sensor sees
 AIRY_SIGMA = 0.42  # of wavelength by f-number: the Gaussian nearest to the Airy disc's core
 _AIRY_RING = 2.44  # of the same: the diameter of the Airy disc's first dark ring
 PIXEL_PX2 = 1 / 12  # second moment of a pixel's own area
+_WIDEST_DEG = 170.0  # no lens that keeps straight lines straight looks wider; the widest made have some 130
 TELE_DEG, WIDE_DEG = 15.0, 60.0  # thesis 5.2, its two names interchanged
 # focal lengths that makers of C-mount lenses offer, mm
 STANDARD_MM = (3.5, 4.0, 5.0, 6.0, 8.0, 9.0, 12.0, 16.0, 25.0, 35.0, 50.0, 75.0, 100.0)
@@ -40,6 +41,7 @@ class Optics:
 
     def __post_init__(self) -> None:
         _positive("focal length", self.focal_mm, "mm")
+        self._refuse_impossibly_wide()
         if not self.distance_mm > self.focal_mm:
             raise BadValue(
                 "distance",
@@ -54,6 +56,16 @@ class Optics:
                 f"{self.image_circle_mm:g} mm",
                 f"at least the diagonal of the sensor ({self.sensor.name}), {self.sensor.diagonal_mm:.4g} mm: its "
                 "corners would be dark; take a lens for a larger format or a smaller sensor",
+            )
+
+    def _refuse_impossibly_wide(self) -> None:
+        """Refuse a focal length that is none in mm."""
+        across = viewing_angle_deg(self.sensor.size_mm[0], self.focal_mm)
+        if across > _WIDEST_DEG:
+            raise BadValue(
+                "focal length",
+                f"{self.focal_mm:g} mm, which would look over {across:.1f} degrees of width",
+                f"mm: {self.focal_mm:g} m are {1000 * self.focal_mm:g} mm",
             )
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import given, real, refuse, whole
@@ -85,7 +85,16 @@ class Photographs:
         self._sensor = Sensor() if arguments.sensor is None else sensor_named(arguments.sensor)
         self._arguments, self._dress = arguments, dress
 
-    def frames(self, camera: Camera, poses: Iterable[Rigid]) -> Iterator[tuple[Cutout, Aperture | None]]:
+    @property
+    def renderings(self) -> int:
+        """How many renderings a frame is the mean of."""
+        from cadcam.render.samples import renderings
+
+        return renderings(self._samples)
+
+    def frames(
+        self, camera: Camera, poses: Iterable[Rigid], *, step: Callable[[], None] = lambda: None
+    ) -> Iterator[tuple[Cutout, Aperture | None]]:
         """Yield the radiance from each pose, and the opening through which it came."""
         from cadcam.render.photograph import blur_before
 
@@ -94,7 +103,7 @@ class Photographs:
             blur = blur_before(self._sensor, camera, aperture)
             yield (
                 self._photographer.radiance(
-                    camera, pose, light=self._light, aperture=aperture, blur_px=blur, samples=self._samples
+                    camera, pose, light=self._light, aperture=aperture, blur_px=blur, samples=self._samples, step=step
                 ),
                 aperture,
             )

@@ -17,7 +17,7 @@ from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
 from cadcam.plan.assessment.asked import Asked
 from cadcam.plan.assessment.assess import assess
-from cadcam.plan.layout import Layout
+from cadcam.plan.layout import Layout, Step, nothing
 from cadcam.plan.sight.places import Places
 from cadcam.plan.sight.visibility import Visibility, seen_from
 from cadcam.plan.uncertainty.finding import Finder
@@ -107,19 +107,20 @@ class SurfaceCoverage:
         return Painting(f"U = {self.k:g} sigma of a point", self.mesh, level, colors, words)
 
 
-def coverage(layout: Layout) -> SurfaceCoverage:
+def coverage(layout: Layout, pieces: Mesh | None = None, *, step: Step = nothing) -> SurfaceCoverage:
     """Return how the chosen cameras cover the part.
 
     Pieces of about one place and normal that the same cameras see share the U of one of them: it varies slowly.
+    pieces: the part `divided` already. step is called `coverage_steps` times on the way.
     """
-    mesh = divided(layout.survey.scene.part)
+    mesh = divided(layout.survey.scene.part) if pieces is None else pieces
     middle, normal = mesh.vertices[mesh.faces].mean(axis=1), mesh.face_normals
     size = _PIECE * float(np.linalg.norm(mesh.size_mm))
     where = np.column_stack([np.floor(middle / size), np.rint(2 * normal)]).astype(np.int64)
     told = layout.survey.scene.finder.sigma_px is not None
     cameras, sigma = np.full(len(middle), len(layout.cameras)), np.full(len(middle), 0.0 if told else np.nan)
     for pose in layout.survey.poses:
-        seen = _seen(layout, pose, middle, normal)
+        seen = _seen(layout, pose, middle, normal, step)
         cameras = np.minimum(cameras, seen.sum(axis=0))
         if told:
             sigma = np.maximum(sigma, _sigma(layout, pose, middle, normal, seen, where))  # NaN stays
@@ -127,10 +128,22 @@ def coverage(layout: Layout) -> SurfaceCoverage:
     return SurfaceCoverage(mesh, cameras, k * sigma, k)
 
 
-def _seen(layout: Layout, pose: Rigid, p: Array, normal: Array) -> Mask:
+def coverage_steps(layout: Layout, pieces: Mesh) -> int:
+    """Return how often `coverage` of these pieces calls its step."""
+    return len(layout.survey.poses) * len(_portions(pieces.n_faces))
+
+
+def _portions(n: int) -> list[slice]:
+    return [slice(first, first + _AT_ONCE) for first in range(0, n, _AT_ONCE)]
+
+
+def _seen(layout: Layout, pose: Rigid, p: Array, normal: Array, step: Step) -> Mask:
     """Return which camera sees which point (V, n) of the part."""
-    parts = [slice(first, first + _AT_ONCE) for first in range(0, len(p), _AT_ONCE)]
-    return np.concatenate([[w.seen[0] for w in _visibility(layout, pose, p[i], normal[i])] for i in parts], axis=1)
+    out = []
+    for i in _portions(len(p)):
+        out.append([w.seen[0] for w in _visibility(layout, pose, p[i], normal[i])])
+        step()
+    return np.concatenate(out, axis=1)
 
 
 def _sigma(layout: Layout, pose: Rigid, p: Array, normal: Array, seen: Mask, where: Longs) -> Array:

@@ -24,7 +24,8 @@ from cadcam.plan.sight.visibility import Visibility, Why, seen_from
 Step = Callable[[], None]
 
 
-def _nothing() -> None: ...
+def nothing() -> None:
+    """Do nothing: the step of whoever shows none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +117,7 @@ class Layout:
         return max(self.outcomes, key=lambda o: o.rank)
 
 
-def survey(scene: LayoutScene, *, step: Step = _nothing) -> CandidateSurvey:
+def survey(scene: LayoutScene, *, step: Step = nothing) -> CandidateSurvey:
     """Return what every candidate of a scene sees; step is called after each.
 
     Raises `BadValue` for a camera inside of the part or an obstacle, `UnseenFeatures` for features that none sees.
@@ -148,7 +149,7 @@ def survey(scene: LayoutScene, *, step: Step = _nothing) -> CandidateSurvey:
 
 
 def plan_layout(
-    scene: LayoutScene | CandidateSurvey, k: int | None = None, *, keep: Sequence[str] = (), step: Step = _nothing
+    scene: LayoutScene | CandidateSurvey, k: int | None = None, *, keep: Sequence[str] = (), step: Step = nothing
 ) -> Layout:
     """Return the best k cameras (default: what the scene says) beside the fixed ones, and what they measure.
 

@@ -7,6 +7,7 @@ thing before a sharp one, or behind it, covers just what it does through a real 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -79,18 +80,21 @@ class Photographer:
         aperture: Aperture | None = None,
         blur_px: float = 0.0,
         samples: int = SAMPLES,
+        step: Callable[[], None] = lambda: None,
     ) -> Cutout:
         """Return the linear radiance that falls on the pixels, cut out of its background; 1 is white at exposure 1.
 
         aperture: by default a pinhole, sharp at every depth. blur_px: sigma of all blur but the opening's disc and the
         pixel's area, see `blur_before`. samples: renderings that are averaged, rounded up to a power of two; 16 do for
-        edges, discs of blur of d px want some d^2. Whatever its number, nothing is moved.
+        edges, discs of blur of d px want some d^2. Whatever its number, nothing is moved. step is called after each of the
+        `renderings` of so many samples.
         """
         points, lens = sample_points(samples, blur_px), ThinLens(camera, aperture)
         color = np.zeros((camera.height, camera.width, 3), np.float32)
         alpha = np.zeros((camera.height, camera.width), np.float32)
         for pixel, opening, lamp in zip(points.pixel, points.opening, points.lamp, strict=True):
             self._add(color, alpha, lens.pinhole(camera_from_world, pixel, opening), light, lamp)
+            step()
         n = np.float32(len(points))
         return Cutout(camera, np.divide(color, n, dtype=np.float32), np.divide(alpha, n, dtype=np.float32))
 

@@ -33,6 +33,13 @@ class SamplePoints:
         return len(self.pixel)
 
 
+def renderings(n: int) -> int:
+    """Return how many points `sample_points` gives where n are asked for: n rounded up to a power of two."""
+    if n != int(n) or not 1 <= n <= MOST:
+        raise BadValue("samples", n, f"a whole number from 1 to {MOST}")
+    return 1 << int(np.ceil(np.log2(n)))
+
+
 def sample_points(n: int, blur_px: float = 0.0) -> SamplePoints:
     """Return n points of each kind: the middle of everything for 1, else n rounded up to a power of two.
 
@@ -40,14 +47,12 @@ def sample_points(n: int, blur_px: float = 0.0) -> SamplePoints:
     """
     if not 0 <= blur_px <= MOST_BLUR:
         raise BadValue("blur_px", blur_px, f"a number from 0 to {MOST_BLUR:g}")
-    if n != int(n) or not 1 <= n <= MOST:
-        raise BadValue("samples", n, f"a whole number from 1 to {MOST}")
-    if n == 1:
+    if renderings(n) == 1:
         middle = np.zeros((1, 2))
         return SamplePoints(middle, middle, middle)
     from scipy.stats.qmc import Sobol
 
-    half = 1 << int(np.ceil(np.log2(n))) >> 1
+    half = renderings(n) >> 1
     x = Sobol(6, scramble=False).random(half)
     x += 1 / (4 * half)  # with their mirror images, numbers then lie in the middle of equal shares
     x = np.concatenate([x, 1 - x])

@@ -202,19 +202,23 @@ def _page(path: str, layout: Layout, changes: tuple[WhatIf, ...], following: lis
     from cadcam.report.layout.page import LayoutReport, write_layout_page
 
     with working("drawing pictures"):
-        views, covered = camera_pictures(layout), _covered(layout)
+        views = camera_pictures(layout)
+    covered = _covered(layout)
     following = following or _following(layout)
     write_layout_page(path, LayoutReport(layout, changes, following, views, covered))
 
 
 def _covered(layout: Layout) -> list[tuple[Painting, list[tuple[str, Picture]]]]:
     """Return the part painted by its coverage: by number of cameras, and by uncertainty where that is known."""
-    from cadcam.plan.coverage import coverage
+    from cadcam.plan.coverage import coverage, coverage_steps, divided
     from cadcam.plan.pictures import coverage_pictures
 
-    covered = coverage(layout)
+    pieces = divided(layout.survey.scene.part)
+    with progress("looking at the surface", coverage_steps(layout, pieces)) as step:
+        covered = coverage(layout, pieces, step=step)
     paintings = (covered.counted(len(layout.cameras)), covered.measured())
-    return [(p, coverage_pictures(layout, p)) for p in paintings if p is not None]
+    with working("drawing pictures"):
+        return [(p, coverage_pictures(layout, p)) for p in paintings if p is not None]
 
 
 def _pictures(folder: str, layout: Layout) -> None:
@@ -225,7 +229,7 @@ def _pictures(folder: str, layout: Layout) -> None:
 
     with working("drawing pictures"):
         named = [(f"camera {c.name}", p) for c, p in zip(layout.cameras, camera_pictures(layout), strict=True)]
-        named += [(f"coverage {title}", p) for _, views in _covered(layout) for title, p in views]
+    named += [(f"coverage {title}", p) for _, views in _covered(layout) for title, p in views]
     for name, picture in named:
         path = Path(folder) / (re.sub(r"\W+", "_", name) + ".png")
         write_picture(path, picture)

@@ -10,7 +10,7 @@ from cadcam.cli.arguments import Verbs, add_json, refuse, size, verb, whole
 from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, view_as_json
 from cadcam.cli.looks import add_look_options, check_look_options, scene_as_asked
 from cadcam.cli.models import add_model_options, load_as_asked, model_as_json
-from cadcam.cli.output import check_target, print_json, say, working
+from cadcam.cli.output import check_target, print_json, progress, say, working
 from cadcam.cli.wires import (
     add_line_options,
     check_line_options,
@@ -24,6 +24,7 @@ from cadcam.render import RENDERERS
 if TYPE_CHECKING:
     from cadcam.cad.mesh import Mesh
     from cadcam.camera.camera import Camera
+    from cadcam.cli.channels import Output
     from cadcam.geometry.rigid import Rigid
     from cadcam.render.view import Scene
 
@@ -151,12 +152,24 @@ def _written(arguments: argparse.Namespace, scene: Scene, camera: Camera, pose: 
     from cadcam.cli.channels import output_of
     from cadcam.render.view import nothing_in_view
 
-    with working("rendering"), naming(arguments.model):
-        output = output_of(arguments, scene, [pose])
-        frame = next(output.frames(camera, [pose]))
+    with naming(arguments.model):
+        with working("preparing"):
+            output = output_of(arguments, scene, [pose])
+        frame = _frame(output, camera, pose)
         if output.empty(frame):
             raise nothing_in_view(scene.mesh, camera, pose)
         return output.write(arguments.output, frame)
+
+
+def _frame(output: Output, camera: Camera, pose: Rigid) -> Any:
+    """Return a frame; of a photograph's many renderings is shown how many are done."""
+    from cadcam.cli.photographs import Photographs
+
+    if isinstance(output, Photographs):
+        with progress("rendering", output.renderings) as step:
+            return next(output.frames(camera, [pose], step=step))
+    with working("rendering"):
+        return next(output.frames(camera, [pose]))
 
 
 def in_words(channel: str, result: Mapping[str, Any]) -> str:

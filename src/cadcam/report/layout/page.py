@@ -23,7 +23,7 @@ from cadcam.plan.coverage import Painting
 from cadcam.plan.layout import Layout
 from cadcam.plan.sight.candidate import Candidate
 from cadcam.plan.what_if import WhatIf
-from cadcam.report.layout.plan import floor_plan, ratio_bar
+from cadcam.report.layout.plan import NOTHING, WANTED, floor_plan, full_bar, ratio_bar
 from cadcam.report.layout.words import (
     assumptions,
     growth_words,
@@ -113,8 +113,14 @@ def _limits(layout: Layout) -> str:
         numbers = (_number(limit), _number(f"± {U}" if U else ""), _number(ratio))
         cells = [f"<b>{escape(name)}</b>", escape(what), *numbers, bar, cameras, tag, *plain]
         rows.append(row(heads, cells))
+    wanted = layout.survey.scene.tur
+    keys = (
+        f'<div class="legend"><span>bar: TUR from 0 to {full_bar(wanted):g}</span>'
+        f'<span><i style="background:{NOTHING};width:3px"></i>1: below it nothing could ever PASS</span>'
+        f'<span><i style="background:{WANTED};width:3px"></i>{wanted:g}: what is wanted</span></div>'
+    )
     note = f'<p class="soft">{escape(rule_words(layout.survey.scene))}. Directions are in part axes.</p>'
-    return section("What will be measured", cards(heads, "".join(rows)) + note)
+    return section("What will be measured", cards(heads, "".join(rows)) + keys + note)
 
 
 def _cameras(layout: Layout) -> str:
@@ -197,8 +203,11 @@ def _painted(painting: Painting, views: Sequence[tuple[str, Picture]]) -> str:
     cells = "".join(f"<div><h3>{escape(title)}</h3>{_image(picture, title)}</div>" for title, picture in views)
     keys = []
     for words, color, share in zip(painting.words, painting.colors, painting.shares, strict=True):
+        if share == 0:
+            continue
         rgb = ",".join(f"{255 * c:.0f}" for c in color)
-        keys.append(f'<span><i style="background:rgb({rgb})"></i>{escape(words)}: {share:.0%} of the surface</span>')
+        said = f"{share:.0%}" if share >= 0.005 else "less than 1%"
+        keys.append(f'<span><i style="background:rgb({rgb})"></i>{escape(words)}: {said} of the surface</span>')
     return f'<div class="two">{cells}</div><div class="legend">{"".join(keys)}</div>'
 
 

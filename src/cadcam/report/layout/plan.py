@@ -18,16 +18,22 @@ _WIDTH, _MARGIN = 560.0, 34.0
 _TALLEST = 520.0
 _HUES = (BLUE, ORANGE, GREEN, PURPLE, SKY, "#7a6500")
 _MOST_LINES = 1500
+NOTHING, WANTED = "#c23b00", "#111111"  # a bar's lines: at 1, where nothing could pass, and at what is wanted
+
+
+def full_bar(wanted: float) -> float:
+    """Return the ratio at the end of a bar."""
+    return max(2 * wanted, 1.5)
 
 
 def ratio_bar(ratio: float, wanted: float, color: str) -> str:
     """Return a bar of a test uncertainty ratio, 0 to twice what is wanted, with lines at 1 and at what is wanted."""
-    full = max(2 * wanted, 1.5)
+    full = full_bar(wanted)
 
     def x(value: float) -> float:
         return 4 + 142 * min(value / full, 1.0)
 
-    marks = [(1.0, "#c23b00"), (wanted, "#00785a")]
+    marks = [(1.0, NOTHING), (wanted, WANTED)]
     body = ['<rect x="4" y="7" width="142" height="10" fill="#eee"/>']
     body.append(f'<rect x="4" y="7" width="{x(ratio) - 4:.1f}" height="10" fill="{color}"/>')
     body += [f'<path d="M{x(v):.1f} 3V21" stroke="{c}" stroke-width="2"/>' for v, c in marks]

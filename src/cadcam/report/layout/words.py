@@ -8,7 +8,7 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.plan.assessment.assess import Outcome
-from cadcam.plan.choice.problem import Score
+from cadcam.plan.choice.problem import MEASURED, Score
 from cadcam.plan.layout import CandidateSurvey, Layout
 from cadcam.plan.scene.layout_scene import CalibratedFrom, LayoutScene, Sigmas
 from cadcam.plan.sight.candidate import Candidate
@@ -88,20 +88,20 @@ def search_words(layout: Layout) -> str:
     if not found.chosen:
         return "nothing was chosen: the cameras are those that are there"
     if found.complete and found.sets == 1:
-        return f"all candidates are taken; the worst TUR is {all_of_them.worst:.2f}"
+        return f"all candidates are taken; the worst TUR is {tur_words(all_of_them.worst)}"
     how = (
         f"all {found.sets} sets were tried: no other is better"
         if found.complete
         else f"{found.sets} starts, {found.exchanges} exchanges; not every set was tried"
     )
     unmeasured = f", {all_of_them.unmeasured} not measured even then" if all_of_them.unmeasured else ""
-    return f"{how}; with every candidate at once the worst TUR would be {all_of_them.worst:.2f}{unmeasured}"
+    return f"{how}; with every candidate at once the worst TUR would be {tur_words(all_of_them.worst)}{unmeasured}"
 
 
 def growth_words(layout: Layout) -> str:
     """Return what one camera less or more would do."""
     said = [
-        f"{n} cameras {score.worst:.2f}" + (f" ({score.unmeasured} limits not measured)" if score.unmeasured else "")
+        f"{n} cameras {tur_words(score.worst)}" + (f" ({score.unmeasured} limits not measured)" if score.unmeasured else "")
         for n, score in layout.growth
     ]
     return f"worst TUR by number of cameras: {', '.join(said)}"
@@ -134,7 +134,7 @@ def limit_cells(layout: Layout, i: int) -> tuple[str, ...]:
     cause = max(shares, key=lambda c: shares[c])
     by = f"{CAUSES.get(cause, cause)} {shares[cause]:.0%}"
     direction = vector(found.direction[pose, i])
-    U = in_unit(limit, limit.k * sigma)
+    U = f"{limit.quantity.per_unit * limit.k * sigma:#.3g}".rstrip(".") + f" {limit.quantity.unit}"
     return (name, what, in_unit(limit, limit.value), U, tur_words(ratio), str(cameras), outcome.value, by, direction,
             poses[pose])  # fmt: skip
 
@@ -164,7 +164,7 @@ def what_if_table(changes: Sequence[WhatIf]) -> Table:
     rows = [
         (w.change, "", "", "", "", w.impossible)
         if w.impossible
-        else (w.change, f"{w.worst:.2f}", str(w.suitable), str(w.marginal), str(w.failed), "")
+        else (w.change, tur_words(w.worst) if w.worst > 0 else "none", str(w.suitable), str(w.marginal), str(w.failed), "")
         for w in changes
     ]
     heads = ("what if", "worst TUR", "suitable", "marginal", "fail", "")
@@ -176,17 +176,32 @@ def next_table(
     seen: CandidateSurvey, have: Sequence[int], order: Sequence[tuple[Candidate, Score]], *, most: int = 10
 ) -> Table:
     """Return the candidates that add most to the cameras there are."""
-    now = seen.problem.score(have)
-    rows = [("(as it is)", "", "", f"{now.worst:.2f}", str(now.unmeasured), "")]
+    problem = seen.problem
+    now = problem.score(have)
+    rows = [("(as it is)", "", "", _worst(now), str(now.unmeasured), "")]
     for camera, score in list(order)[:most]:
-        better = f"{np.exp(score.mean_log - now.mean_log):.2f} times"
-        rows.append(
-            (camera.name, lens_words(camera), _xyz(camera.eye), f"{score.worst:.2f}", str(score.unmeasured), better)
-        )
+        less = less_uncertain(problem.ratios(have), problem.ratios([*have, seen.candidates.index(camera)]))
+        smaller = "" if less is None else f"{100 * less:.0f} % smaller"
+        rows.append((camera.name, lens_words(camera), _xyz(camera.eye), _worst(score), str(score.unmeasured), smaller))
     names = ", ".join(seen.candidates[i].name for i in have)
-    heads = ("next camera", "lens", "position mm", "worst TUR", "not measured", "TUR, mean")
-    note = "each by itself beside them; not measured: limits, over all poses"
+    heads = ("next camera", "lens", "position mm", "worst TUR", "not measured", "U, mean")
+    note = "each by itself beside them; not measured: limits, over all poses; worst TUR and U: of those that are measured"
     return Table(f"Next camera beside {names or 'none'}", heads, tuple(rows), ("next camera", "lens"), (note,))
+
+
+def less_uncertain(before: Array, after: Array) -> float | None:
+    """Return by what share the uncertainty of what was measured shrinks, geometric mean; None if nothing was.
+
+    before, after: the ratios limit/U (n,) of the same limits.
+    """
+    measured = before > MEASURED
+    if not measured.any():
+        return None
+    return float(1 - np.exp(np.mean(np.log(before[measured] / after[measured]))))
+
+
+def _worst(score: Score) -> str:
+    return tur_words(score.worst) if score.worst > 0 else "none"
 
 
 def assumptions(layout: Layout) -> list[str]:
@@ -253,13 +268,13 @@ def rule_words(scene: LayoutScene) -> str:
 
 
 def tur_words(ratio: float) -> str:
-    """Return a test uncertainty ratio to two digits behind the point below 10, else to one."""
-    return f"{ratio:.2f}" if ratio < 10 else f"{ratio:.1f}"
+    """Return a test uncertainty ratio to three digits."""
+    return f"{ratio:.2f}" if ratio < 9.995 else f"{ratio:.1f}"
 
 
 def ratio_words(ratio: float) -> str:
     """Return a ratio in words."""
-    return f"TUR {ratio:.2f}" if ratio > 0 else "not measured"
+    return f"TUR {tur_words(ratio)}" if ratio > 0 else "not measured"
 
 
 def lens_words(camera: Candidate) -> str:
