@@ -109,6 +109,24 @@ def test_without_a_convention_it_says_which_fit_and_stops(cadcam: Cadcam, cell: 
     assert "fanuc" in ran.out
 
 
+def test_a_reading_whose_convention_says_no_unit_is_tried_in_that_of_the_camera_s_lengths(
+    cadcam: Cadcam, cell: Path
+) -> None:
+    """Rotation vectors in m: what is left over stands in mm, and what to say for --robot-unit beside it."""
+    robot = read_robot_poses(cell / "robot.csv", convention="kuka")
+    rows = [" ".join(map(str, (*p.translation / 1000, *so3.log(p.rotation)))) for p in robot.values()]
+    (cell / "bare.txt").write_text("\n".join(rows) + "\n")
+    ran = cadcam(*words(cell, robot="bare.txt"))
+    assert ran.code == 2
+    assert "allows: ur, rotation-vector --robot-unit m\n" in ran.err
+    fits = [line.split() for line in ran.out.splitlines() if line.endswith("fits")]
+    assert [cells[:3] for cells in fits] == [[name, "m", "base_from_flange"] for name in ("ur", "rotation-vector")]
+    for *_, off, scale, _ in fits:
+        assert float(scale) == pytest.approx(1, abs=0.01)
+        assert 0.02 < float(off) < 2  # mm: pixels at 600 mm and the robot's 0.05 mm; read as mm a thousandth of it
+    assert "mm?" not in ran.out
+
+
 def test_camera_poses_do_in_place_of_pixels(cadcam: Cadcam, cell: Path) -> None:
     ran = cadcam(
         "handeye", cell / "robot.csv", "--convention", "kuka", "--mounting", "eye-in-hand",

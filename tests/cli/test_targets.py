@@ -36,7 +36,7 @@ def test_marks_are_printed_with_their_plan(cadcam: Callable[..., Ran], tmp_path:
     )  # fmt: skip
     assert ran.code == 0
     assert "95.00 x 95.00 mm" in ran.out
-    assert plan.read_text().splitlines()[:3] == ["id,x,y,z", "5,0,0,0", "7,55,0,0"]
+    assert plan.read_text().splitlines()[:3] == ["id,x_mm,y_mm,z_mm", "5,0,0,0", "7,55,0,0"]
     assert (tmp_path / "codes.pdf").read_bytes().startswith(b"%PDF")
 
 
@@ -49,9 +49,20 @@ def test_marks_are_found_written_and_drawn(cadcam: Callable[..., Ran], photo: Pa
     x = sorted(one["q"][0] for one in seen["marks"])
     assert x == pytest.approx([119.5 - 60, 119.5, 119.5 + 60], abs=0.02)
     with table.open(newline="") as file:
-        assert [(row["picture"], row["id"]) for row in csv.DictReader(file)] == [(str(photo), i) for i in "123"]
+        rows = list(csv.DictReader(file))
+    assert [(row["picture"], row["id"]) for row in rows] == [(str(photo), i) for i in "123"]
+    numbers = [column for column in rows[0] if column not in ("picture", "id", "number", "flags", "method")]
+    assert [c for c in numbers if not c.endswith(("_px", "_px2", "_deg"))] == ["score", "contrast"]  # without a unit
+    assert float(rows[0]["sigma_x_px"]) ** 2 == pytest.approx(seen["marks"][0]["covariance"][0][0], rel=1e-4)
     assert read_picture(drawn).shape == (120, 240, 3)
     assert "radius px" in cadcam("targets", "find", photo, "--mark", TEXT, "--radius", "12").out
+
+
+def test_a_mark_and_its_file_that_changed_places_are_told(cadcam: Callable[..., Ran]) -> None:
+    for words, what in ((("targets", "print"), "mark"), (("board",), "board")):
+        ran = cadcam(*words, "sheet.pdf", "dot:12mm")
+        assert ran.code == 2
+        assert f"{what} is 'sheet.pdf'; expected the {what} first, then the file: dot:12mm sheet.pdf" in ran.err
 
 
 def test_too_few_marks_are_exit_3_and_a_wrong_wish_is_exit_2(cadcam: Callable[..., Ran], photo: Path) -> None:

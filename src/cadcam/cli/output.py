@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cadcam.errors import UnknownName, UnwritableFile
+from cadcam.errors import BadValue, UnknownName, UnwritableFile
 
 if TYPE_CHECKING:
     from cadcam.report.table import Table
@@ -35,6 +35,12 @@ def check_target(path: str, suffixes: Sequence[str]) -> None:
     for place in (target, target.parent):
         if place.exists() and not os.access(place, os.W_OK):
             raise UnwritableFile(path, f"{place} is read-only", "choose another place, or change its permissions")
+
+
+def refuse_swapped(what: str, given: str, output: str, suffixes: Sequence[str]) -> None:
+    """Refuse a file to write that stands where the thing to draw on it belongs, and that thing in the file's place."""
+    if Path(given).suffix.lower() in suffixes and Path(output).suffix.lower() not in suffixes:
+        raise BadValue(what, repr(given), f"the {what} first, then the file: {output} {given}")
 
 
 def check_folder(path: str) -> None:

@@ -86,8 +86,8 @@ class Photographer:
 
         aperture: by default a pinhole, sharp at every depth. blur_px: sigma of all blur but the opening's disc and the
         pixel's area, see `blur_before`. samples: renderings that are averaged, rounded up to a power of two; 16 do for
-        edges, discs of blur of d px want some d^2. Whatever its number, nothing is moved. step is called after each of the
-        `renderings` of so many samples.
+        edges, discs of blur of d px want some d^2. Whatever its number, nothing is moved. step is called after
+        each rendering.
         """
         points, lens = sample_points(samples, blur_px), ThinLens(camera, aperture)
         color = np.zeros((camera.height, camera.width, 3), np.float32)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -85,25 +85,30 @@ def pose_table(estimate: HandEyeEstimate) -> Table:
     )
 
 
-def convention_table(fits: Sequence[ConventionFit]) -> Table:
-    """Return how every reading of a robot's numbers agrees with the camera's motion."""
+def convention_table(fits: Sequence[ConventionFit], units: Mapping[str, str]) -> Table:
+    """Return how every reading of a robot's numbers agrees with the camera's motion; units: of lengths, "" for mm."""
     rows = tuple(
         (
             f.convention,
+            units[f.convention] or "mm?",
             "flange_from_base" if f.inverted else "base_from_flange",
             f"{np.degrees(f.rotation):.3g}",
             f"{f.translation:.3g}",
-            f"{f.scale:.4g}",
+            f"{f.scale:.3f}",
             "fits" if f.fits else "",
         )
         for f in fits
     )
+    notes = [
+        "scale: the robot's lengths, read in this unit, by the camera's; 1 where they agree",
+        "mm?: neither the file nor the convention says a unit",
+    ]
     return Table(
         "Readings of the robot's numbers, against what the camera saw (medians over all motions)",
-        ("convention", "poses are", "rotation off deg", "position off mm", "scale", ""),
+        ("convention", "unit", "poses are", "rotation off deg", "position off mm", "scale", ""),
         rows,
-        ("convention", "poses are", ""),
-        ("scale: the robot's lengths by the camera's; 1 where both are in mm, 0.001 for a robot in m read as mm",),
+        ("convention", "unit", "poses are", ""),
+        tuple(notes if "" in {units[f.convention] for f in fits} else notes[:1]),
     )
 
 

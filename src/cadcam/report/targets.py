@@ -14,7 +14,7 @@ from cadcam.report.table import Table
 from cadcam.target.marks.find import FoundMark
 
 _COLUMNS = (
-    *("picture", "id", "x", "y", "sigma_x", "sigma_y", "covariance_xy", "size_px"),
+    *("picture", "id", "x_px", "y_px", "sigma_x_px", "sigma_y_px", "covariance_xy_px2", "radius_px"),
     *("angle_deg", "number", "score", "contrast", "blur_px", "flags", "method"),
 )
 
@@ -29,7 +29,7 @@ def marks_table(title: str, marks: Sequence[FoundMark]) -> Table:
         x, y = (f"{v:.3f}" for v in one.pixel)
         tail = (f"{one.size:.2f}", angle, number, f"{one.score:.4f}", " ".join(one.flags))
         rows.append((str(i + 1), x, y, *sigma, *tail))
-    columns = ("mark", "x px", "y px", "+- x", "+- y", "radius px", "angle deg", "number", "score", "flags")
+    columns = ("mark", "x px", "y px", "sigma x px", "sigma y px", "radius px", "angle deg", "number", "score", "flags")
     return Table(title, columns, tuple(rows), left=("flags",))
 
 

@@ -98,7 +98,9 @@ def measure_marks(arguments: argparse.Namespace) -> None:
     if arguments.csv:
         check_target(arguments.csv, (".csv",))
     if not arguments.drawing:
-        refuse(arguments, "--distance", "--csv", why="without --drawing", expected="--drawing FILE with the marks' places")
+        refuse(
+            arguments, "--distance", "--csv", why="without --drawing", expected="--drawing FILE with the marks' places"
+        )
     if not (arguments.log or arguments.store):
         refuse(arguments, "--block", why="where nothing is kept", expected="--log FILE or --store FILE beside it")
     stations = read_stations(arguments.station)

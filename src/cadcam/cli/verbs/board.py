@@ -6,8 +6,9 @@ import argparse
 
 from cadcam.cli.arguments import Verbs, verb
 from cadcam.cli.boards import BOARD_HELP
-from cadcam.cli.output import check_target
+from cadcam.cli.output import check_target, refuse_swapped
 
+_SHEETS = (".pdf", ".svg")
 _EXAMPLES = f"""\
   cadcam board chessboard:9x6:25mm board.pdf --page a4
   cadcam board charuco:8x11:20mm:15mm:5X5_100 board.svg
@@ -41,7 +42,8 @@ def run(arguments: argparse.Namespace) -> None:
     from cadcam.target.boards.pattern import parse_pattern
     from cadcam.target.sheet import write_sheet
 
-    check_target(arguments.output, (".pdf", ".svg"))
+    refuse_swapped("board", arguments.board, arguments.output, _SHEETS)
+    check_target(arguments.output, _SHEETS)
     pattern = parse_pattern(arguments.board)
     sheet = write_sheet(arguments.output, pattern, page=arguments.page)
     width, height = pattern.size_mm

@@ -154,13 +154,15 @@ def _base_from_flange(arguments: argparse.Namespace, robot: RobotNumbers, seen: 
     from cadcam.calibrate.handeye.conventions import conventions_that_fit
     from cadcam.report.handeye import convention_table
 
-    readings: dict[str, Rigid] = {}
-    for name in robot.possible:
-        with suppress(CadcamError):  # a matrix that is none, a unit out of range: not this convention
-            readings[name] = robot.poses(name, unit=arguments.robot_unit or robot.unit or "mm")
-    fits = conventions_that_fit(readings, seen(), mounting=arguments.mounting)
-    print_tables([convention_table(fits)])
-    good = [f"{f.convention}{' --inverted' * f.inverted}" for f in fits if f.fits]
+    poses, stated = seen(), arguments.robot_unit or robot.unit
+    readings, units = _readings(robot, dict.fromkeys(robot.possible, stated))
+    fits = conventions_that_fit(readings, poses, mounting=arguments.mounting)
+    guessed = {f.convention: _nearest_unit(f.scale) for f in fits if f.fits and not units[f.convention]}
+    if guessed:  # the camera's lengths tell in which unit the robot's are
+        readings, units = _readings(robot, dict.fromkeys(robot.possible, stated) | guessed)
+        fits = conventions_that_fit(readings, poses, mounting=arguments.mounting)
+    print_tables([convention_table(fits, units)])
+    good = [_as_options(f.convention, f.inverted, guessed.get(f.convention)) for f in fits if f.fits]
     raise BadValue(
         "--convention",
         "not given",
@@ -168,6 +170,31 @@ def _base_from_flange(arguments: argparse.Namespace, robot: RobotNumbers, seen: 
         if good
         else "one that the camera's motion allows, but none does: are pictures and poses paired rightly?",
     )
+
+
+def _readings(robot: RobotNumbers, stated: Mapping[str, str | None]) -> tuple[dict[str, Rigid], dict[str, str]]:
+    """Return the poses by convention, and the unit of each: as stated, else the convention's own, else "" (for mm)."""
+    from cadcam.files.robot_poses import CONVENTIONS
+
+    readings, units = {}, {}
+    for name, unit in stated.items():
+        units[name] = unit or CONVENTIONS[name].unit
+        with suppress(CadcamError):  # a matrix that is none, a unit out of range: not this convention
+            readings[name] = robot.poses(name, unit=units[name] or "mm")
+    return readings, units
+
+
+def _nearest_unit(scale: float) -> str:
+    """Return the unit of lengths that were read as mm and come out `scale` times as long as the camera's."""
+    import math
+
+    from cadcam.cad.units import MM
+
+    return min(("mm", "cm", "m", "in"), key=lambda unit: abs(math.log(max(scale, 1e-9) * MM[unit])))
+
+
+def _as_options(convention: str, inverted: bool, unit: str | None) -> str:
+    return f"{convention}{f' --robot-unit {unit}' if unit else ''}{' --inverted' * inverted}"
 
 
 def _target_poses(views: Sequence[Observations], camera: Camera | CameraEstimate, labels: Sequence[str]) -> Rigid:

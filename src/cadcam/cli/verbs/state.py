@@ -133,9 +133,7 @@ def run_add(arguments: argparse.Namespace) -> None:
 
 
 def _asked_for(arguments: argparse.Namespace, *, needed: bool = False) -> list[Record]:
-    """Return the records that the filters let through, oldest first; where there are none, why is said or, if they are
-    `needed`, the error.
-    """
+    """Return the records that the filters let through, oldest first; why there are none is said, or raised."""
     asked = _asked(arguments)
     with _there(arguments) as store:
         records = store.query(**asked)

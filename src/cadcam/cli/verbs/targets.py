@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from cadcam.cli.arguments import NO, Verbs, add_jobs, add_json, job, real, refuse, verb, whole
 from cadcam.cli.cameras import read_any_camera
-from cadcam.cli.output import check_target, print_json, print_tables, progress, say
+from cadcam.cli.output import check_target, print_json, print_tables, progress, refuse_swapped, say
 from cadcam.errors import BadValue
 from cadcam.image.suffixes import WRITABLE
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from cadcam.target.marks.find import FoundMark
     from cadcam.target.marks.mark import Mark
 
+_SHEETS = (".pdf", ".svg")
 _RULES = ("photometric", "parabola", "centroid", "autocorrelation", "autocorrelation-grid")
 MARK_HELP = """\
 marks (diameters, with their unit; light- before a mark: white on black):
@@ -61,7 +62,7 @@ _PRINT_EXAMPLES = f"""\
 
 {MARK_HELP}
 Print without "fit to page" and measure what is printed below the marks. --plan writes each mark's place in mm
-(id,x,y,z), x to the right, y down the print.
+(id,x_mm,y_mm,z_mm), x to the right, y down the print.
 """
 
 
@@ -112,7 +113,8 @@ def run_print(arguments: argparse.Namespace) -> None:
     from cadcam.target.sheet import write_sheet
     from cadcam.whole import write_whole
 
-    check_target(arguments.output, (".pdf", ".svg"))
+    refuse_swapped("mark", arguments.mark, arguments.output, _SHEETS)
+    check_target(arguments.output, _SHEETS)
     if arguments.plan:
         check_target(arguments.plan, (".csv",))
     if arguments.grid is None:
@@ -125,7 +127,7 @@ def run_print(arguments: argparse.Namespace) -> None:
         coded = arguments.numbers is not None
         names = [m.number if coded else i for i, m in enumerate(plate.marks)]
         lines = [f"{n},{x:.6g},{y:.6g},0" for n, (x, y) in zip(names, plate.places.tolist(), strict=True)]
-        write_whole(arguments.plan, ("\n".join(["id,x,y,z", *lines]) + "\n").encode())
+        write_whole(arguments.plan, ("\n".join(["id,x_mm,y_mm,z_mm", *lines]) + "\n").encode())
     across, down = plate.size_mm
     print(
         f"wrote {arguments.output}: {plate} on {width:.4g} x {height:.4g} mm; print it without scaling: the black area "

@@ -101,7 +101,8 @@ def search_words(layout: Layout) -> str:
 def growth_words(layout: Layout) -> str:
     """Return what one camera less or more would do."""
     said = [
-        f"{n} cameras {tur_words(score.worst)}" + (f" ({score.unmeasured} limits not measured)" if score.unmeasured else "")
+        f"{n} cameras {tur_words(score.worst)}"
+        + (f" ({score.unmeasured} limits not measured)" if score.unmeasured else "")
         for n, score in layout.growth
     ]
     return f"worst TUR by number of cameras: {', '.join(said)}"
@@ -164,7 +165,14 @@ def what_if_table(changes: Sequence[WhatIf]) -> Table:
     rows = [
         (w.change, "", "", "", "", w.impossible)
         if w.impossible
-        else (w.change, tur_words(w.worst) if w.worst > 0 else "none", str(w.suitable), str(w.marginal), str(w.failed), "")
+        else (
+            w.change,
+            tur_words(w.worst) if w.worst > 0 else "none",
+            str(w.suitable),
+            str(w.marginal),
+            str(w.failed),
+            "",
+        )
         for w in changes
     ]
     heads = ("what if", "worst TUR", "suitable", "marginal", "fail", "")
@@ -185,7 +193,9 @@ def next_table(
         rows.append((camera.name, lens_words(camera), _xyz(camera.eye), _worst(score), str(score.unmeasured), smaller))
     names = ", ".join(seen.candidates[i].name for i in have)
     heads = ("next camera", "lens", "position mm", "worst TUR", "not measured", "U, mean")
-    note = "each by itself beside them; not measured: limits, over all poses; worst TUR and U: of those that are measured"
+    note = (
+        "each by itself beside them; not measured: limits, over all poses; worst TUR and U: of those that are measured"
+    )
     return Table(f"Next camera beside {names or 'none'}", heads, tuple(rows), ("next camera", "lens"), (note,))
 
 

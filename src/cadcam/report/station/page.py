@@ -124,9 +124,9 @@ def _caption(maps: Mapping[str, DeviationMap]) -> str:
         low, high = seen.positions.min(axis=0) / 1000, seen.positions.max(axis=0) / 1000
         areas.append(f"camera {name}: x {low[0]:.1f} to {high[0]:.1f} m, y {low[1]:.1f} to {high[1]:.1f} m")
     said = (
-        "Seen from above, x to the right, y up. An arrow leads from where the controller says that the view is to where "
-        f"it really is; the longest is {most:.1f} mm. Ellipses at the tips: one sigma, {_SIGMAS:.0f} times as large. "
-        "Grey: the calibrated areas."
+        "Seen from above, x to the right, y up. An arrow leads from where the controller says that the view is to "
+        f"where it really is; the longest is {most:.1f} mm. Ellipses at the tips: one sigma, {_SIGMAS:.0f} times as "
+        "large. Grey: the calibrated areas."
     )
     return f'<p class="soft">{said}</p><p class="soft">{escape("; ".join(areas))}.</p>'
 

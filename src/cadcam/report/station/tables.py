@@ -180,7 +180,13 @@ def trend_table(seen: DifferenceTrend) -> Table:
         ("mean amount", f"{seen.mean_abs:.2f} mm"),
         ("by length", f"{seen.slope:+.3f} +- {seen.slope_sigma:.3f} mm/m (r = {seen.correlation:+.3f})"),
     )
-    return Table(f"{seen.n} differences together, of distances that share no mark", ("", ""), rows, ("",), (seen.verdict, "+-: one standard deviation"))
+    return Table(
+        f"{seen.n} differences together, of distances that share no mark",
+        ("", ""),
+        rows,
+        ("",),
+        (seen.verdict, "+-: one standard deviation"),
+    )
 
 
 def map_as_json(camera: str, names: Sequence[str], deviations: DeviationMap) -> dict[str, Any]:
