@@ -71,7 +71,7 @@ TEXT_CASES = [
     ("a.stl", STL.replace(b"vertex 1 0 0\n", b""), "2 corners"),
     ("a.stl", b"solid nothing\nfacet\nendsolid\n" + b" " * 60, "no geometry"),
     ("a.stl", b"\f solid a\nfacet normal 0 0 1\nendsolid", "no geometry"),
-    ("a.stl", b"x" * 200, "claims 2021161080 triangles"),
+    ("a.stl", b"x" * 200, "claims 2021161080 triangles but the 200 bytes of the file hold 2 and 16 bytes more"),
     ("a.obj", b"# only words\n", "no geometry"),
     ("a.obj", b"v 0 0 0\nv 1 1 1\n", "2 vertices but no faces"),
     ("a.obj", b"v 0 0 0\nv 1 1 1\nl 1 2\n", "no faces"),

@@ -21,8 +21,10 @@ from cadcam.dataset.make import make_dataset
 from cadcam.dataset.plan import Occluders
 from cadcam.dataset.worker import Job, Task
 from cadcam.errors import BadValue, MissingExtra, UnreachableCluster, UnreadableFile, UnwritableFile, WorkerDied
+from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture, write_picture
 from cadcam.render.lines.seen import drawable_edges
+from cadcam.render.view import Scene
 
 from .sets import contents, plan, same, scene, stage_and_director
 
@@ -173,12 +175,18 @@ def test_a_file_that_was_taken_away_is_made_again(straight: Path, tmp_path: Path
 def test_another_plan_part_or_fewer_views_are_refused_by_name(tmp_path: Path) -> None:
     make_dataset(tmp_path / "set", scene(), plan(2), workers=1)
     before = contents(tmp_path / "set")
-    with pytest.raises(BadValue, match=r"plan.seed of the data set in .* is 5; expected 6, as asked for now"):
+    seed = (
+        r"the data set in .* is begun with another seed \(5, now 6\); expected the same as at first, or another folder"
+    )
+    with pytest.raises(BadValue, match=seed):
         make_dataset(tmp_path / "set", scene(), plan(2, seed=6), workers=1)
     with pytest.raises(BadValue, match="views is 1; expected at least 2"):
         make_dataset(tmp_path / "set", scene(), plan(1), workers=1)
-    with pytest.raises(BadValue, match=r"plan.lights.head"):
+    with pytest.raises(BadValue, match=r"another lights.head"):
         make_dataset(tmp_path / "set", scene(), plan(2, lights=_brighter()), workers=1)
+    moved = Scene.of(scene().mesh.transformed(Rigid(np.eye(3), [1.0, 0, 0])))
+    with pytest.raises(BadValue, match=r"another part or unit \(\w{8}, now \w{8}\)"):
+        make_dataset(tmp_path / "set", moved, plan(2), workers=1)
     assert contents(tmp_path / "set") == before
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine/thesis.txt").write_text("keep")

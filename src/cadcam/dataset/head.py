@@ -21,6 +21,8 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.whole import write_whole
 
 FORMAT, VERSION = "cadcam data set", 1
+_DIGITS = 8  # of a hash, enough to tell two apart
+_WORDS = {"part.sha256": "part or unit", "part.name": "part", "plan.poses_sha256": "set of poses", "made_by": "version"}
 
 
 def head_of(
@@ -57,11 +59,18 @@ def begin(folder: Path, head: dict[str, Any]) -> None:
         was = _flat(old)
         for key, value in _flat(head).items():
             if key != "views" and was.get(key) != value:
-                expected = f"{shortened(value)}, as asked for now; or another folder"
-                raise BadValue(f"{key} of the data set in {folder}", shortened(was.get(key)), expected)
+                told = f"begun with another {_WORDS.get(key, key.removeprefix('plan.'))} ({_brief(was, key)}, now "
+                told += f"{_brief(_flat(head), key)})"
+                raise BadValue(f"the data set in {folder}", told, "the same as at first, or another folder")
     elif folder.is_dir() and any(folder.iterdir()):
         raise BadValue(f"folder {folder}", "not empty, and no data set", "an empty folder, or one that is not there")
     write_whole(path, as_json(head))
+
+
+def _brief(document: dict[str, Any], key: str) -> str:
+    """Return a leaf of a head in a few characters."""
+    value = document.get(key)
+    return str(value)[:_DIGITS] if key.endswith("sha256") and value is not None else shortened(value)
 
 
 def _read(path: Path) -> dict[str, Any]:

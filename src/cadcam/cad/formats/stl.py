@@ -25,10 +25,11 @@ def read_stl(path: Path, data: bytes) -> Model:
     if len(data) < _HEADER:
         raise UnreadableFile(path, f"is only {len(data)} bytes long, too short for an STL file", _AGAIN)
     claimed = _claimed(data)
-    room = (len(data) - _HEADER) / _RECORD.itemsize
+    room, over = divmod(len(data) - _HEADER, _RECORD.itemsize)
     raise UnreadableFile(
         path,
-        f"its header (byte 80) claims {claimed} triangles but the {len(data)} bytes of the file hold {room:.1f}: "
+        f"its header (byte 80) claims {claimed} triangles but the {len(data)} bytes of the file hold {room} "
+        f"and {over} bytes more: "
         + ("truncated, or not an STL file" if claimed > room else "damaged, or not an STL file"),
         _AGAIN,
     )
