@@ -20,6 +20,7 @@ from .job import CAMERA, POSE, Ran
 Cadcam = Callable[..., Ran]
 OVERLAY = ("overlay", "photo.png", "block.obj", "--camera", "camera.json", "-o", "out.png")
 RENDER = ("render", "block.obj", "--camera", "camera.json", "-o", "out.png")
+MEASURE = ("measure", "points.csv", "-o", "camera.json")
 CALIBRATE = ("calibrate", "points.csv", "--size", "320x240", "-o", "out.json")
 
 
@@ -66,7 +67,23 @@ class Case:
     says: tuple[str, ...]
 
 
+LOST = ("cannot be written: is an input of this command, which would be lost; give another name",)
 CASES = [
+    Case("output over the camera", ("compare", "a.json", "camera.json", "-o", "camera.json"), lambda j: None, LOST),
+    Case("output over a camera's file", (*MEASURE, "--camera", "left=camera.json"), lambda j: None, LOST),
+    Case("output over a camera that moved", (*MEASURE, "--placed", "left=x:camera.json"), lambda j: None, LOST),
+    Case(
+        "output over the internals",
+        (*CALIBRATE[:2], "--internals", "camera.json", "-o", "camera.json"),
+        lambda j: None,
+        LOST,
+    ),
+    Case(
+        "camera for points",
+        ("measure", "camera.json", "--camera", "camera.json"),
+        lambda j: None,
+        ("camera.json: is JSON, no table",),
+    ),
     Case(
         "photo missing", OVERLAY, lambda j: (j / "photo.png").unlink(), ("photo.png", "no such file", "check the path")
     ),

@@ -183,6 +183,10 @@ WRONG = {
     "no file": (["--moved", "away=left:none.txt"], "no such file"),
     "malformed": (["--moved", "away:left"], "VIEW=CAMERA:FILE"),
     "sigma": (["--motion-sigma", "0.1", "--moved", "away=left:motion.txt"], "MM,DEG"),
+    "noise": (
+        ["--moved", "away=left:motion.txt", "--sigma", "-1"],
+        r"--sigma is -1\.0; expected a positive number of px",
+    ),
     "plane": (["--moved", "away=left:motion.txt", "--plane", "0,0,1"], "NX,NY,NZ,D"),
     "output": (["-o", "points.xyz"], ".csv"),
     "distance": (["--moved", "away=left:motion.txt", "--distance", "A"], "two point names"),

@@ -85,6 +85,8 @@ camera axes x right, y down, z forward. Every verb explains itself: cadcam VERB 
 """
 
 
+_WRITTEN = ("output", "csv", "plot", "diagram")  # arguments that name files to be written anew
+_RESULTS = (*_WRITTEN, "pose_out", "log", "store")  # ... and those that a run may go on from
 _BUG = 70  # EX_SOFTWARE of sysexits.h: no line must take a crash for a part that failed
 
 
@@ -133,17 +135,22 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _refuse_own_input(arguments: argparse.Namespace) -> None:
-    """Refuse an output that is one of the files named before the options: it would be gone."""
-    inputs = [a.dest for a in arguments.parser.positionals if a.dest != "output"]
-    named = [path for dest in inputs for path in _texts(getattr(arguments, dest, None))]
-    for out in _texts(getattr(arguments, "output", None)):
-        if any(_same_file(out, path) for path in named):
+    """Refuse an output that is one of the files that are read: it would be gone."""
+    given = vars(arguments)
+    read = [path for dest, value in given.items() if dest not in _RESULTS for path in _files(value)]
+    for out in (text for dest in _WRITTEN for text in _texts(given.get(dest))):
+        if any(_same_file(out, path) for path in read):
             raise UnwritableFile(out, "is an input of this command, which would be lost", "give another name")
 
 
 def _texts(value: object) -> list[str]:
     listed = value if isinstance(value, (list, tuple)) else [value]
     return [text for text in listed if isinstance(text, str)]
+
+
+def _files(value: object) -> list[str]:
+    """Return what may name files in an argument: FILE, VIEW=FILE, VIEW=OF:FILE."""
+    return [file for text in _texts(value) for file in (text, text.partition("=")[2], text.rpartition(":")[2]) if file]
 
 
 def _same_file(one: str, other: str) -> bool:

@@ -71,7 +71,8 @@ def text_of(path: str | os.PathLike[str], data: bytes) -> TextFile:
 def lines_of_cells(file: TextFile) -> Iterator[Line]:
     """Yield every line that is not blank or a comment (#), cut into cells.
 
-    The first such line decides what separates cells: a tab, a semicolon, a comma, else any blanks.
+    The first such line decides what separates cells: a tab, a semicolon, a comma, else any blanks. Raises
+    `UnreadableFile` for JSON.
     """
     delimiter = None
     first = True
@@ -79,6 +80,8 @@ def lines_of_cells(file: TextFile) -> Iterator[Line]:
         text = raw.strip(" \r\n")
         if not text.strip() or text.lstrip().startswith("#"):
             continue
+        if first and text.lstrip()[0] == "{":
+            raise UnreadableFile(file.path, "is JSON, no table", "give a text file with a line of column names")
         if first:
             delimiter, first = next((d for d in _DELIMITERS if d in text), None), False
         if delimiter is None:

@@ -48,15 +48,19 @@ def rays_table(measured: Measurement) -> Table:
     p_value, rows = measured.p_value, []
     for i, name in enumerate(measured.names):
         gap, sigma, angle = measured.gap[i], measured.gap_sigma[i], measured.angle[i]
-        seen = [f"{gap:.2g}", f"{gap / sigma:.1f}", f"{np.degrees(angle):.1f}"] if np.isfinite(gap) else ["", "", ""]
+        seen = (
+            [f"{gap:.2g}" if gap < 100 else f"{gap:.0f}", f"{gap / sigma:.1f}", f"{np.degrees(angle):.1f}"]
+            if np.isfinite(gap)
+            else ["", "", ""]
+        )
         chance = f"{p_value[i]:.2g}" if measured.dof[i] > 0 else ""
         rows.append((name, *seen, chance, " ".join(measured.seen_by[i])))
     notes = (
-        "gap: the largest shortest distance between two rays; angle: the largest between two rays, deg",
+        "gap: the largest shortest distance between two rays; angle: the largest between two rays",
         "p: how likely chance alone makes a point fit as badly as this",
     )
     return Table(
-        "Rays", ("point", "gap, mm", "gap/sigma", "angle", "p", "views"), tuple(rows), ("point", "views"), notes
+        "Rays", ("point", "gap, mm", "gap/sigma", "angle, deg", "p", "views"), tuple(rows), ("point", "views"), notes
     )
 
 

@@ -29,8 +29,7 @@ def read_stl(path: Path, data: bytes) -> Model:
     raise UnreadableFile(
         path,
         f"its header (byte 80) claims {claimed} triangles but the {len(data)} bytes of the file hold {room} "
-        f"and {over} bytes more: "
-        + ("truncated, or not an STL file" if claimed > room else "damaged, or not an STL file"),
+        f"and {over} bytes more: {'truncated' if claimed > room else 'damaged'}, or not an STL file",
         _AGAIN,
     )
 

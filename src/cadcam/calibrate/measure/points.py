@@ -119,7 +119,9 @@ class _Job:
         seen = np.asarray(np.isfinite(self.q).all(axis=-1))
         for view, q, here in zip(self.viewpoints, self.q, seen, strict=True):
             for i in np.flatnonzero(here & ~np.isfinite(view.camera.unproject(q)).all(axis=-1)):
-                refused[int(i)] = f"the lens of {view.name!r} images nothing at pixel {q[i].tolist()} (column, row)"
+                size = "picture of {} x {} px".format(*view.camera.size)
+                x, y = q[i]
+                refused[int(i)] = f"the lens of {view.name!r} images nothing at x = {x:.6g}, y = {y:.6g} px ({size})"
         good = np.array([i not in refused for i in range(len(self.names))])
         for pattern in np.unique(seen.T, axis=0):
             rows, who = np.flatnonzero((pattern == seen.T).all(axis=1) & good), np.flatnonzero(pattern)

@@ -174,6 +174,8 @@ def _distances(measured: Measurement, pairs: Sequence[Sequence[str]]) -> list[di
 
 def _check_options(arguments: argparse.Namespace) -> None:
     """Refuse uncertainties of what is not there, what only JSON holds where none is written, and odd distances."""
+    if arguments.sigma is not None and not arguments.sigma > 0:
+        raise BadValue("--sigma", arguments.sigma, "a positive number of px")
     for pair in arguments.distance:
         if len(pair) != 2:
             raise BadValue("--distance", ",".join(pair), "two point names such as A,B")
