@@ -44,6 +44,15 @@ def test_sigmas_stand_beside_the_parameters_where_they_are_known(cadcam: Cadcam,
     assert document["estimate"]["parameters"]["focal_px"]["sigma"] == estimate.sigma("focal")
 
 
+def test_another_program_s_camera_file_is_taken_apart(cadcam: Cadcam, job: Path) -> None:
+    write_camera(job / "alone.json", CAMERA)
+    skewed = ("--to", "opencv", "--allow-loss", "skew")
+    assert cadcam("convert", job / "alone.json", job / "alone.yaml", *skewed).code == 0
+    ran = cadcam("decompose", job / "alone.yaml", "--json")
+    assert ran.code == 0, ran.err
+    np.testing.assert_allclose(ran.json["K_px"], CAMERA.K, rtol=1e-12)
+
+
 def test_opengl_values_need_a_picture_size(cadcam: Cadcam, job: Path) -> None:
     np.savetxt(job / "uv.txt", uv_matrix(CAMERA, POSE))
     without = cadcam("decompose", job / "uv.txt", "--rows", "uv")
@@ -68,7 +77,7 @@ def test_a_camera_without_a_pose_still_shows_its_matrix(cadcam: Cadcam, job: Pat
         (("camera.json", "--rows", "uv"), "neither: the file says both"),
         (("bad.txt", "--rows", "uv"), "bad.txt: line 2, number 3 is 'x'"),
         (("short.txt", "--rows", "uv"), "give a 3x4 matrix"),
-        (("flat.txt", "--rows", "uv"), "focal centre is at infinity"),
+        (("flat.txt", "--rows", "uv"), "flat.txt: holds no camera: M = C[:, :3] has no inverse"),
         (("camera.json", "--near", "-1"), "0 < near < far"),
     ],
 )

@@ -6,13 +6,15 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import Verbs, add_json, real, refuse, size, verb
+from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.output import print_json, print_tables
-from cadcam.errors import BadValue
+from cadcam.errors import BadValue, CadcamError, UnreadableFile
 
 if TYPE_CHECKING:
     from cadcam.files.camera import CameraFile
     from cadcam.report.table import Table
 
+_CAMERA_FILES = (".json", ".yaml", ".yml", ".xml")
 _EXAMPLES = """\
   cadcam decompose camera.json                            parameters with sigmas, K, pose, OpenGL
   cadcam decompose C.txt --rows uv --size 768x576         the dissertation's matrix: rows U (down), V (right), 1
@@ -36,7 +38,7 @@ def add_to(verbs: Verbs) -> None:
         description=_DESCRIPTION,
         examples=_EXAMPLES,
     )
-    parser.add_argument("file", help="text file with a 3x4 matrix, or a camera file (.json)")
+    parser.add_argument("file", help="text file with a 3x4 matrix, or a camera file (.json, .yaml, .xml)")
     parser.add_argument(
         "--rows", choices=("uv", "xy"), help="the matrix' rows: (U, V, 1) = (row, column, 1), or (x, y, 1)"
     )
@@ -57,18 +59,18 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _is_camera_file(path: str) -> bool:
-    return path.lower().endswith(".json")
+    return path.lower().endswith(_CAMERA_FILES)
 
 
 def _read(arguments: argparse.Namespace) -> CameraFile:
     from cadcam.camera.extended_pinhole import ExtendedPinhole, uv_from_pixel_matrix
-    from cadcam.files.camera import CameraFile, read_camera
+    from cadcam.files.camera import CameraFile
     from cadcam.files.matrix import read_matrix
 
     if _is_camera_file(arguments.file):
         says_both = "neither: the file says both"
         refuse(arguments, "--rows", "--size", why="beside a camera file", expected=says_both)
-        return read_camera(arguments.file)
+        return read_any_camera(arguments.file)
     matrix = read_matrix(arguments.file, rows=3, columns=4)
     if arguments.rows is None:
         raise BadValue(
@@ -77,7 +79,10 @@ def _read(arguments: argparse.Namespace) -> CameraFile:
             "uv for a matrix with rows (U, V, 1) = (row, column, 1), as the dissertation has it, or xy for rows "
             "(x, y, 1), as OpenCV and textbooks have it; nothing in the numbers tells which",
         )
-    pinhole = ExtendedPinhole.from_matrix(matrix if arguments.rows == "uv" else uv_from_pixel_matrix(matrix))
+    try:
+        pinhole = ExtendedPinhole.from_matrix(matrix if arguments.rows == "uv" else uv_from_pixel_matrix(matrix))
+    except CadcamError as error:
+        raise UnreadableFile(arguments.file, f"holds no camera: {error}") from None
     return CameraFile(pinhole.camera(arguments.size or (1, 1)), pinhole.camera_from_world)
 
 
