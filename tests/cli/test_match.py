@@ -51,6 +51,7 @@ def test_a_template_is_found_where_it_was_cut_out(cadcam: Callable[..., Ran], jo
     table = cadcam("match", photo, job / "corner.png")
     assert "gap" in table.out
     assert "1  1.0000" in table.out
+    assert "-0.00" not in table.out
 
 
 def test_what_is_not_there_is_exit_3_and_a_sentence(cadcam: Callable[..., Ran], job: Path, photo: Path) -> None:
@@ -81,6 +82,10 @@ def test_a_part_that_is_not_there_is_exit_3(cadcam: Callable[..., Ran], job: Pat
     ran = cadcam("match", job / "photo.png", job / "block.obj", "--camera", job / "camera.json")
     assert ran.code == 3
     assert "not found" in ran.out
+    write_picture(job / "photo.png", np.full((240, 320), 0.5))
+    none = cadcam("match", job / "photo.png", job / "block.obj", "--camera", job / "camera.json").out
+    assert "no more edges of the photo lie on the visible lines at the pose given than by chance" in none
+    assert "-0" not in none
 
 
 @pytest.mark.parametrize(
@@ -91,6 +96,8 @@ def test_a_part_that_is_not_there_is_exit_3(cadcam: Callable[..., Ran], job: Pat
         (["none.png"], "none.png"),
         (["photo.png", "-o", "where.svg"], "suffix"),
         (["photo.png", "--count", "0"], "count"),
+        (["points.csv"], "expected a picture (.png .jpg"),
+        (["large.png"], "large.png is 700 x 600 px, larger than the photo"),
         (["photo.png", "--mask", "small.png"], "small.png is 4 x 4 px; expected the template's 320 x 240 px"),
     ],
 )
@@ -98,7 +105,8 @@ def test_wrong_wishes_are_exit_2_with_one_message(
     words: list[str], said: str, cadcam: Callable[..., Ran], job: Path
 ) -> None:
     write_picture(job / "small.png", np.full((4, 4), 0.5))
-    at = [str(job / w) if w.endswith((".png", ".obj", ".svg")) else w for w in words]
+    write_picture(job / "large.png", np.random.default_rng(1).uniform(size=(600, 700)))
+    at = [str(job / w) if w.endswith((".png", ".obj", ".svg", ".csv")) else w for w in words]
     ran = cadcam("match", job / "photo.png", *at)
     assert ran.code == 2
     assert said in ran.err

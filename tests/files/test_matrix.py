@@ -69,12 +69,19 @@ def test_a_pose_written_with_few_decimals_is_the_nearest_exact_one(tmp_path: Pat
     assert np.abs(pose.rotation @ pose.rotation.T - np.eye(3)).max() <= so3.EXACT
 
 
-@pytest.mark.parametrize("R", [np.eye(3) * 1.01, np.diag([1.0, 1.0, -1.0]), np.eye(3) + np.eye(3, k=1) * 0.01])
+@pytest.mark.parametrize("R", [np.eye(3) * 1.01, np.eye(3) + np.eye(3, k=1) * 0.01])
 def test_what_no_rounding_explains_is_no_rotation(R: np.ndarray) -> None:
     with pytest.raises(BadValue, match="rotation is off a rotation by"):
         so3.written(R)
     with pytest.raises(BadValue, match="rotation matrix 2 is off"):
         so3.written(np.stack([np.eye(3), R]))
+
+
+def test_a_mirror_image_is_called_one() -> None:
+    with pytest.raises(BadValue, match=r"rotation is mirrored \(its determinant is negative\); expected"):
+        so3.written(np.diag([1.0, 1.0, -1.0]))
+    with pytest.raises(BadValue, match=r"rotation is mirrored \(its determinant is negative\); expected"):
+        Rigid(np.diag([1.0, 1.0, -1.0]), np.zeros(3))
 
 
 def test_decimal_commas_are_named(tmp_path: Path) -> None:

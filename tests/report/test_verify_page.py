@@ -51,6 +51,12 @@ def found() -> tuple[Verification, Photo]:
     return verify(part(), [taken], at(Rigid(), 1.0), ASKED), taken
 
 
+def test_the_serial_says_that_it_is_one(found: tuple[Verification, Photo]) -> None:
+    page = verification_page(found[0], [found[1]], replace(ORIGIN, serial="7"))
+    assert re.search(r"<p>serial 7 · \d{4}-", page)
+    assert "serial" not in verification_page(found[0], [found[1]], ORIGIN).partition("</header>")[0]
+
+
 def test_a_displaced_rib_fails_and_the_block_passes(found: tuple[Verification, Photo]) -> None:
     verdicts = {(j.feature, j.limit.quantity): j.verdict for j in found[0].judgements}
     assert found[0].verdict is Verdict.FAIL

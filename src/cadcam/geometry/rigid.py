@@ -28,11 +28,8 @@ class Rigid:
         t = frozen(self.translation, "translation", (3,), batched=True)
         defect = float(np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(initial=0.0))
         if defect > so3.EXACT or not np.all(np.linalg.det(R) > 0):
-            raise BadValue(
-                "rotation",
-                f"off a rotation by {defect:.2g} (or mirrored)",
-                "an orthonormal, right-handed 3x3 matrix",
-            )
+            told = so3.misfit(defect, exact=so3.EXACT)
+            raise BadValue("rotation", told, "an orthonormal, right-handed 3x3 matrix")
         object.__setattr__(self, "rotation", R)
         object.__setattr__(self, "translation", t)
 

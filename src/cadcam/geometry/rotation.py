@@ -127,10 +127,15 @@ def written(R: Floats, *, exact: float = EXACT) -> Array:
         which = f"rotation matrix {at + 1}" if R.ndim > 2 else "rotation"
         raise BadValue(
             which,
-            f"off a rotation by {off.flat[at]:.2g} (or mirrored)",
+            misfit(float(off.flat[at])),
             "an orthonormal, right-handed 3x3 matrix, three decimals at least",
         )
     return np.asarray(np.where((off <= exact)[..., None, None], R, nearest(R)))
+
+
+def misfit(off: float, *, exact: float = _ROUNDED) -> str:
+    """Return what a matrix is that is no rotation: off one by `off`, or, if that is nothing, mirrored."""
+    return f"off a rotation by {off:.2g}" if off > exact else "mirrored (its determinant is negative)"
 
 
 def nearest(M: Floats) -> Array:

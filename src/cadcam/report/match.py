@@ -30,7 +30,7 @@ def peaks_table(peaks: Peaks, title: str = "Peaks") -> Table:
                 f"{peaks.q[i, 0]:.3f}",
                 f"{peaks.q[i, 1]:.3f}",
                 f"{np.hypot(*sigma[i, :2]) / math.sqrt(2):.3f}",
-                f"{math.degrees(peaks.angle[i]):.2f}",
+                f"{round(math.degrees(peaks.angle[i]), 2) + 0.0:.2f}",  # + 0.0: no -0.00
                 f"{math.degrees(sigma[i, 2]):.3f}",
                 *((f"{peaks.scale[i]:.4f}", f"{sigma[i, 3]:.4f}") if scaled else ()),
             )
@@ -52,7 +52,7 @@ def feature_table(matches: TemplateMatches) -> Table:
             place = (f"{q[0]:.2f}", f"{q[1]:.2f}", f"peak {chosen + 1}")
         rows.append((str(i + 1), f"{x:.0f}", f"{y:.0f}", best[0], best[1], *place))
     title = f"{len(matches.features)} features, {int(np.sum(matches.features.chosen >= 0))} agree on one pose"
-    columns = ("feature", "drawn x", "drawn y", "best", "second", "found x", "found y", "")
+    columns = ("feature", "drawn x px", "drawn y px", "best", "second", "found x px", "found y px", "")
     agreeing = f"as many agreeing by chance: {matches.by_chance:.1g} poses expected"
     if not np.isfinite(matches.by_chance):
         agreeing = "too few agree to tell them from chance"

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import argparse
 import math
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import NO, Verbs, add_json, real, refuse, verb, whole
 from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, view_as_json
-from cadcam.cli.models import load_as_asked, model_as_json
+from cadcam.cli.models import check_order, load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
 from cadcam.errors import BadValue, SizeMismatch
 from cadcam.image.suffixes import READABLE, WRITABLE
 
 if TYPE_CHECKING:
+    from cadcam.arrays import Picture
     from cadcam.image.template import Template
     from cadcam.locate.match.closeness import Closeness
     from cadcam.locate.match.templates import TemplateMatches
@@ -92,16 +94,36 @@ def run(arguments: argparse.Namespace) -> int:
     """Match, write, report."""
     if arguments.output:
         check_target(arguments.output, WRITABLE)
+    check_order([arguments.photo], arguments.what)
     if arguments.what.lower().endswith(READABLE):
         template = "for a picture as template"
         refuse(arguments, *_PART_OPTIONS, why=template, expected="a CAD model, or leave it out")
         return _run_template(arguments)
+    _check_model(arguments.what)
     refuse(arguments, *_TEMPLATE_OPTIONS, why="for a CAD model", expected="a picture as template, or leave it out")
     if not arguments.camera:
         raise BadValue(
             "--camera", "missing", "the camera that took the photo, for a CAD model; or a picture as template"
         )
     return _run_part(arguments)
+
+
+def _check_model(what: str) -> None:
+    """Refuse what is neither a picture nor a CAD model: nobody should be asked for a camera first."""
+    from cadcam.cad.load import SUFFIXES
+
+    if not what.lower().endswith(SUFFIXES) and not Path(what).is_dir():
+        known = f"a picture ({' '.join(READABLE)}) or a CAD model ({' '.join(SUFFIXES)})"
+        raise BadValue("template", repr(what), known)
+
+
+def _check_size(arguments: argparse.Namespace, photo: Picture, template: Picture) -> None:
+    """Refuse a template that no turn makes fit into the photo, as where the two have changed places."""
+    least = min(arguments.scales)
+    if least * min(template.shape) > max(photo.shape):
+        (height, width), (h, w) = template.shape, photo.shape
+        told = f"{width} x {height} px, larger than the photo {arguments.photo}, {w} x {h} px"
+        raise BadValue(f"template {arguments.what}", told, "the photo first, then what is looked for in it")
 
 
 def _run_template(arguments: argparse.Namespace) -> int:
@@ -121,6 +143,7 @@ def _run_template(arguments: argparse.Namespace) -> int:
         either_sign=arguments.either_sign,
     )
     photo, template = to_gray(read_picture(arguments.photo)), _template(arguments)
+    _check_size(arguments, photo, template.gray)
     with working("matching"):
         peaks = correlate(photo, template, options=options)
     if arguments.output:
@@ -196,7 +219,11 @@ def _print_part(arguments: argparse.Namespace, matches: TemplateMatches, close: 
     print_tables(tables)
     where = "at the pose found" if matches.found else "at the pose given"
     print("found" if matches.found else f"not found: {_why_not(matches)}")
-    print(f"edges of the photo lie on {100 * close.total:.0f} % of the visible lines {where}, beyond chance")
+    share = round(100 * close.total)
+    if share > 0:
+        print(f"edges of the photo lie on {share} % of the visible lines {where}, beyond chance")
+    else:
+        print(f"no more edges of the photo lie on the visible lines {where} than by chance")
     if matches.found and matches.pose is not None:
         _print_pose(matches)
     _say_written(arguments)

@@ -11,7 +11,7 @@ from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked,
 from cadcam.cli.models import add_model_options, check_order, load_as_asked
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
 from cadcam.cli.photos import Shots, add_photo_options, read_shots
-from cadcam.errors import BadValue
+from cadcam.errors import BadValue, CadcamError, UnreadableFile
 from cadcam.image.suffixes import WRITABLE
 
 if TYPE_CHECKING:
@@ -111,7 +111,12 @@ def run(arguments: argparse.Namespace) -> int:
     assert shots is not None  # `_shots` refuses
     assert asked is not None
     tolerances = whole_parts(part.scene) if asked.tolerances is None else asked.tolerances
-    tolerances.check(part.scene)
+    try:
+        tolerances.check(part.scene)
+    except CadcamError as error:
+        if arguments.tolerances is None:
+            raise
+        raise UnreadableFile(arguments.tolerances, str(error)) from None
     located = _located(arguments, part, shots, asked)
     return _verified(arguments, part, shots, located, tolerances, asked)
 

@@ -70,7 +70,8 @@ def verification_page(found: Verification, photos: Sequence[Photo], origin: Orig
 
 
 def _head(found: Verification, origin: Origin) -> str:
-    where = " · ".join(t for t in (origin.serial, origin.station, f"{origin.time:%Y-%m-%d %H:%M} UTC") if t)
+    serial = f"serial {origin.serial}" if origin.serial else ""
+    where = " · ".join(t for t in (serial, origin.station, f"{origin.time:%Y-%m-%d %H:%M} UTC") if t)
     why = escape(found.reason.replace("+-", "±"))
     return (
         f'<header style="background:{COLORS[found.verdict]}"><h1>{escape(origin.part)}</h1>'
