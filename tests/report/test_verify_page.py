@@ -14,6 +14,7 @@ import pytest
 
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.files.jsontext import as_json
+from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.location import Location
 from cadcam.locate.matches import EdgeMatches
@@ -22,6 +23,7 @@ from cadcam.record.export import read_records
 from cadcam.record.record import Source
 from cadcam.report.verify.json import Origin, verification_as_json
 from cadcam.report.verify.overlay import overlay_svg
+from cadcam.report.locate import alternatives_table
 from cadcam.report.verify.page import verification_page, write_verification_page
 from cadcam.report.verify.words import to_do
 from cadcam.verify.judge import Verification, direction_words, verify
@@ -55,6 +57,13 @@ def test_the_serial_says_that_it_is_one(found: tuple[Verification, Photo]) -> No
     page = verification_page(found[0], [found[1]], replace(ORIGIN, serial="7"))
     assert re.search(r"<p>serial 7 · \d{4}-", page)
     assert "serial" not in verification_page(found[0], [found[1]], ORIGIN).partition("</header>")[0]
+
+
+def test_what_rounds_to_nothing_has_no_sign() -> None:
+    turned = Rigid(so3.exp(np.pi / 2 * np.array([-1e-9, 1.0, -1e-9])), [-1e-9, -84.0, -0.04])
+    other = replace(at(Rigid(), 0.9), alternatives=(at(turned, 0.8),))
+    (row,) = alternatives_table(other).rows
+    assert row == ("0.800", "90.0", "0.00, 1.00, 0.00", "0.0, -84.0, 0.0")
 
 
 def test_a_displaced_rib_fails_and_the_block_passes(found: tuple[Verification, Photo]) -> None:

@@ -151,7 +151,7 @@ def lost_stretches(entries: Sequence[Mapping[str, Any]]) -> list[tuple[int, int]
 
 
 def _three(v: Array, digits: int) -> str:
-    return ", ".join(f"{x + 0.0:.{digits}f}" for x in v)
+    return ", ".join(f"{x:.{digits}f}" for x in np.round(v, digits) + 0.0)  # + 0.0: no -0.00
 
 
 def _signed(v: Array) -> Array:
