@@ -21,9 +21,9 @@ from cadcam.locate.matches import EdgeMatches
 from cadcam.locate.photo import Photo
 from cadcam.record.export import read_records
 from cadcam.record.record import Source
+from cadcam.report.locate import alternatives_table
 from cadcam.report.verify.json import Origin, verification_as_json
 from cadcam.report.verify.overlay import overlay_svg
-from cadcam.report.locate import alternatives_table
 from cadcam.report.verify.page import verification_page, write_verification_page
 from cadcam.report.verify.words import to_do
 from cadcam.verify.judge import Verification, direction_words, verify
