@@ -97,7 +97,7 @@ def test_what_differs_of_a_data_set_is_what_was_asked_for_and_not_what_follows_f
     """Another distance brings another depth_scale; the first is what a user knows of."""
     words = ("dataset", job / "block.obj", "-o", job / "set", "--views", "1", *SMALL)
     assert cadcam(*words, "--distance-mm", "500").code == 0
-    assert "plan.around.distance_mm of the data set" in cadcam(*words, "--distance-mm", "50000").err
+    assert "is begun with another around.distance_mm (" in cadcam(*words, "--distance-mm", "50000").err
 
 
 def test_an_interruption_says_that_the_same_command_goes_on(
