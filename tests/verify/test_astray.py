@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from cadcam.arrays import Array
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.photo import Photo
-from cadcam.verify.deviations.astray import Doubt, Group, _possible
+from cadcam.verify.bodies.look import Case, elsewhere_by, looked, sure
+from cadcam.verify.bodies.redrawn import redrawn
+from cadcam.verify.deviations.astray import Doubt, Group, _possible, broken_edges
 from cadcam.verify.deviations.deviation import State, Unclear
 from cadcam.verify.deviations.ground import uneven_edges
-from cadcam.verify.edges.association import CAPTURE_PX
+from cadcam.verify.deviations.measured import Displacement
 from cadcam.verify.edges.presence import in_place_ratio
+from cadcam.verify.edges.shifts import CAPTURE_PX
 from cadcam.verify.edges.sightlines import pieces
-from cadcam.verify.inspection import Inspection, inspect
+from cadcam.verify.edges.survey import surveyed
+from cadcam.verify.inspection import Inspection, _state, inspect
+from cadcam.verify.tolerances.tolerance import whole_parts
 
 from .scene import CAMERA, POSE, displaced, part, photo, photographed, plate
 
@@ -96,6 +103,50 @@ def test_edges_are_led_far_astray_more_rarely_and_oftenest_beside_uneven_ground(
     far = [Group((2,), off).chance(0.02, uneven) for off in (0.4, 0.8, 1.0, 3.0)]
     assert near[1] > far[0] == pytest.approx(4 * far[1])
     assert far[1] > far[2] == far[3]  # that far off it is rather another line, wherever that is
+
+
+def test_edges_that_show_in_part_are_astray_the_more_often_and_farther() -> None:
+    for uneven in ({}, {1: True}):
+        near, far = ([Group((1, 2), off).chance(0.02, uneven, those) for those in ((), {2})] for off in (0.4, 0.8))
+        assert 0 < near[0] < near[1]
+        assert far[1] / far[0] > near[1] / near[0]
+    assert Group((1,), 0.4).chance(1.0, {1: True}, {1}) <= 1.0
+
+
+def test_an_edge_that_is_hidden_along_much_of_it_is_broken(rng: np.random.Generator) -> None:
+    gray = photographed(plate(), rng)
+    seen = inspect(part(), [Photo.of(gray, CAMERA, POSE)], Rigid()).survey
+    edge = np.bincount(seen.lines.edge[seen.matched.measured]).argmax()
+    q = seen.lines.q[seen.lines.edge == edge]
+    y, x = np.indices(gray.shape)
+    near = np.hypot(x - q[len(q) // 2, 0], y - q[len(q) // 2, 1]) < 0.2 * np.linalg.norm(q[-1] - q[0])
+    dirty = Photo.of(np.where(near, rng.uniform(size=gray.shape), gray).astype(np.float32), CAMERA, POSE)
+    assert edge not in broken_edges(seen)
+    assert edge in broken_edges(inspect(part(), [dirty], Rigid()).survey)
+
+
+def test_drawn_elsewhere_a_body_is_beyond_doubt_only_where_its_pixels_say_so(rng: np.random.Generator) -> None:
+    """A foot's shadow alone may not: the block stands in its place, and most of what it covers looks like that."""
+    mesh = part().scene.mesh
+    body, by = mesh.part_names.index("block"), np.zeros((len(mesh.part_names), 3))
+    by[body] = (6.0, 0.0, 0.0)
+    drawn = redrawn(part(), by)
+    assert drawn is not None
+    for shot, there in ((photo(displaced("block", by[body]), rng), True), (with_shadows(rng), False)):
+        asked = whole_parts(part().scene)
+        case = Case(part(), [shot], Rigid(), asked, np.eye(6), 8.0, 0.01)
+        look = looked(case, drawn, surveyed(drawn, [shot], Rigid(), asked, reach_px=8.0, by=by))
+        assert (elsewhere_by(case, look, body) > sure(look.presence, 0.01)) is there
+
+
+def test_edges_that_are_off_by_no_displacement_of_all_of_it_displace_nothing(rng: np.random.Generator) -> None:
+    """However improbable that is of a body in place: they contradict each other."""
+    moved = inspect(part(), [photo(displaced("block", np.array([1.5, 0.0, 0.0])), rng)], Rigid()).feature("block")
+    assert moved.displacement is not None
+    for share, state in ((1.0, State.DISPLACED), (0.01, State.UNCLEAR)):
+        told = replace(moved.displacement, value=share * moved.displacement.value)
+        found = Displacement(moved.seen, told, 1e-12, edges=4)
+        assert _state(moved.presence, found, True, 6.5, near=True)[0] is state
 
 
 def test_the_rim_of_a_hole_is_several_pieces_and_a_straight_edge_one() -> None:

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation
 
+from cadcam.cad.mesh import merge
+from cadcam.cad.parts.shape import circle, extruded, filled
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import noise_of
 from cadcam.locate.lines.sight import Sight
+from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel
@@ -43,6 +46,18 @@ def test_a_body_has_its_own_tones_and_where_it_is_missing_those_behind_it(rng: n
     body = plate().part_names.index(name)
     assert tones_of(photo(plate(), rng)).log_ratio(body) > 6.5
     assert tones_of(photo(displaced(name, None), rng)).log_ratio(body) < -6.5
+
+
+def test_a_round_body_has_its_tones_though_each_of_its_strips_is_narrow(rng: np.random.Generator) -> None:
+    """None of its 96 strips is wide enough to have one of its own: together they say that it is there, or gone."""
+    pin = extruded([filled(circle((-20, 0), 16, 96))], 12, 40, name="pin", color=(0.55, 0.55, 0.6))
+    whole = Part.of(merge([plate(), pin]))
+    for mesh, there in ((whole.scene.mesh, 1.0), (plate(), -1.0)):
+        shot = photo(mesh, rng)
+        tones = Tones(whole, [shot], Rigid(), [Shown.of(whole, shot, shot.viewpoint.camera_from_world)])
+        assert there * tones.log_ratio(5) > 6.5
+        state = inspect(whole, [shot], Rigid()).feature("pin").state
+        assert state is (State.IN_PLACE if there > 0 else State.MISSING)
 
 
 def test_a_shadow_on_a_body_does_not_make_it_missing(rng: np.random.Generator) -> None:

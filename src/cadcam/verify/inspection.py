@@ -15,16 +15,16 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.verify.adjustment.alarms import AS_IN_PLACE, false_discoveries_below, surely_below, tail_probability
-from cadcam.verify.bodies.look import DOUBTFUL, OF_DISPLACED, Case, Look, looked, looked_again, sure
+from cadcam.verify.bodies.look import DOUBTFUL, OF_DISPLACED, Case, Look, elsewhere_by, looked, looked_again, sure
 from cadcam.verify.bodies.redrawn import off_px
-from cadcam.verify.deviations.astray import Doubt, chances, side_by_side
+from cadcam.verify.deviations.astray import Doubt, broken_edges, chances, side_by_side
 from cadcam.verify.deviations.deviation import EdgeDeviation, Extra, FeatureDeviation, State, Unclear
 from cadcam.verify.deviations.extra import unexplained
 from cadcam.verify.deviations.ground import uneven_edges
 from cadcam.verify.deviations.measured import Displacement, Measured, told
 from cadcam.verify.deviations.unclear import why_doubtful, why_untold
-from cadcam.verify.edges.association import CAPTURE_PX
 from cadcam.verify.edges.presence import Presence, in_place_ratio
+from cadcam.verify.edges.shifts import CAPTURE_PX
 from cadcam.verify.edges.survey import Survey, surveyed
 from cadcam.verify.tolerances.tolerance import Tolerances, whole_parts
 
@@ -149,7 +149,7 @@ def _reported(case: Case, look: Look, options: InspectionOptions) -> Inspection:
     part, photos = look.drawn, case.photos
     survey, presence, measured = look.survey, look.presence, look.measured
     names = survey.names
-    measured, doubts, p_values = _doubted(survey, measured, photos)
+    measured, doubts, p_values = _doubted(case, look)
     presence = _placed(survey, presence, measured)
     features = _features(survey, presence, measured, doubts, p_values, options)
     edges = _edges(part, survey, measured, options)
@@ -177,11 +177,12 @@ def _reported(case: Case, look: Look, options: InspectionOptions) -> Inspection:
     )
 
 
-def _doubted(survey: Survey, measured: Measured, photos: Sequence[Photo]) -> tuple[Measured, list[Doubt], list[float]]:
+def _doubted(case: Case, look: Look) -> tuple[Measured, list[Doubt], list[float]]:
     """Return what is measured without edges astray of features that are in place, each one's doubt, and its p-value."""
+    survey, measured = look.survey, look.measured
     moved = [measured.moved(i) for i in range(len(measured.members))]
-    doubts = [Doubt.of(measured, i, doubted=not _elsewhere(survey, i, moved[i])) for i in range(len(moved))]
-    often = chances(doubts, measured, lambda: uneven_edges(survey, photos))
+    doubts = [Doubt.of(measured, i, doubted=not _elsewhere(case, look, i, moved[i])) for i in range(len(moved))]
+    often = chances(doubts, measured, lambda: uneven_edges(survey, case.photos), broken_edges(survey))
     members, p_values = list(measured.members), []
     for i, (found, doubt, chance) in enumerate(zip(moved, doubts, often, strict=True)):
         p_values.append(float("nan") if found is None else doubt.p_value(found.p_value, chance))
@@ -192,33 +193,38 @@ def _doubted(survey: Survey, measured: Measured, photos: Sequence[Photo]) -> tup
     return replace(measured, members=tuple(members), found={}), doubts, p_values
 
 
-def _elsewhere(survey: Survey, number: int, moved: Displacement | None) -> bool:
-    """Return whether a feature was drawn, and then measured, farther off than edges are taken for its own.
+def _elsewhere(case: Case, look: Look, number: int, moved: Displacement | None) -> bool:
+    """Return whether a feature was drawn, and then measured, farther off than edges are taken for its own, and surely.
 
-    All pixels that it covers then say so, not a few edges alone.
+    All pixels that it covers there or in its place then say so, as surely as an alarm has to be: not a few edges alone.
     """
+    survey = look.survey
     part = survey.whole_part(number)
     if part is None or not survey.by[part].any():
         return False
     drawn = off_px(survey, survey.members[number], survey.by[part])
-    return min(drawn, _px(survey, number, moved)) > CAPTURE_PX
+    if min(drawn, _px(survey, number, moved)) <= CAPTURE_PX:
+        return False
+    return elsewhere_by(case, look, part) >= sure(look.presence, OF_DISPLACED * case.alarms / (1 - OF_DISPLACED))
 
 
 def _placed(survey: Survey, presence: Sequence[Presence], measured: Measured) -> list[Presence]:
     """Return the evidence that features are there, with that of where those edges lie that are seen."""
     out = []
+    larger = np.unique(survey.lines.edge[survey.matched.growth != 0])
     for found, rows in zip(presence, measured.members, strict=True):
         pose = measured.pose_without(rows) if rows.any() and found.log_ratio > 0 else None
         if pose is None:
             out.append(found)
             continue
-        worst = []
+        worst, rim = [], []
         for group in side_by_side(measured, rows):
             its = [group & (measured.lines.edge == e) for e in np.unique(measured.lines.edge[group])]
             told = [measured.across_px(edge, pose) for edge in its]
             worst.append(max(told, key=lambda t: abs(t[0]) / t[1]))
+            rim.append(bool(np.isin(measured.lines.edge[group], larger).all()))
         offset, sigma = np.array(worst).T
-        more = in_place_ratio(offset, sigma, survey.clutter)
+        more = in_place_ratio(offset, sigma, survey.clutter, rim=np.array(rim))
         out.append(replace(found, log_ratio=found.log_ratio + more))
     return out
 
@@ -265,6 +271,8 @@ def _state(
         return State.UNCLEAR, Unclear.ALONE  # others ought to show, or the body is far off
     if not alarm and _believed(moved) is None:
         return State.UNCLEAR, None  # what cannot be told is not in place either
+    if alarm and moved.known and _of_none(moved) > AS_IN_PLACE:
+        return State.UNCLEAR, Unclear.CONTRADICTS  # its edges are off, but by no displacement of all of it
     return (State.DISPLACED if alarm else State.IN_PLACE), None
 
 
@@ -275,8 +283,12 @@ def _believed(moved: Displacement | None) -> Displacement | None:
     """
     if told(moved) is None or moved is None or moved.p_value <= AS_IN_PLACE:
         return told(moved)
-    found = moved.estimate
-    return None if tail_probability(found.value, found.covariance, np.inf) < _CONTRADICTS else moved
+    return None if _of_none(moved) < _CONTRADICTS else moved
+
+
+def _of_none(moved: Displacement) -> float:
+    """Return how probable a displacement as large as this is where there is none, by its own uncertainty."""
+    return tail_probability(moved.estimate.value, moved.estimate.covariance, np.inf)
 
 
 def _beyond(survey: Survey, number: int, moved: Displacement | None, options: InspectionOptions) -> bool:

@@ -110,10 +110,13 @@ def _by_surface(g: Array, n: Array, c: Ids) -> tuple[Array, Array, Ids, Array]:
     return middle, n[first], c[first], np.minimum(count / _FULL, 1.0)
 
 
-def surfaces(normal: Array, color: Ids) -> Longs:
-    """Return a number (N,) that pixels have in common which show one colour (N,) and about one normal (N, 3)."""
-    x, y, z = (np.rint(normal * _NORMALS).astype(np.int64) + int(_NORMALS)).T
-    base = 2 * int(_NORMALS) + 1
+def surfaces(normal: Array, color: Ids, *, steps: float = _NORMALS) -> Longs:
+    """Return a number (N,) that pixels have in common which show one colour (N,) and about one normal (N, 3).
+
+    steps: to a unit normal's component, within which normals are one.
+    """
+    x, y, z = (np.rint(normal * steps).astype(np.int64) + int(steps)).T
+    base = 2 * int(steps) + 1
     return np.asarray(((color.astype(np.int64) * base + x) * base + y) * base + z)
 
 

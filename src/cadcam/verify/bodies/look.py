@@ -164,6 +164,15 @@ def _likeliest(case: Case, look: Look, number: int) -> tuple[Array | None, float
     return place, float(likeness[best] - likeness[0])
 
 
+def elsewhere_by(case: Case, look: Look, part: int) -> float:
+    """Return how much likelier (log likelihood) a body is where it is drawn than in its place, by all its pixels."""
+    there = redrawn(case.part, _with(look.survey.by, part, np.zeros(3)))
+    if there is None:
+        return 0.0
+    (drawn, in_place), _ = likenesses(case.photos, case.world_from_part, [look.drawn, there], part, look.survey.shown)
+    return float(drawn - in_place)
+
+
 def _least_gain(case: Case, look: Look, number: int) -> float:
     """Return how much more of the photos (log likelihood) a body drawn elsewhere has to explain.
 
@@ -232,9 +241,11 @@ def _uncovered(case: Case, survey: Survey, body: int) -> float:
 
 
 def _by_its_edges(survey: Survey, number: int) -> Presence:
-    shift = np.hypot(*survey.matched.shift[survey.rows(number)].T).max(initial=0.0)
-    cells = np.pi * (shift / _CELL_PX) ** 2  # looked at before this one, the nearest first
-    return survey.presence(number, elsewhere=float(np.log(cells)) if shift > _CELL_PX else 0.0)
+    rows = survey.rows(number)
+    shift = np.hypot(*survey.matched.shift[rows].T).max(initial=0.0)
+    cells = max(np.pi * (shift / _CELL_PX) ** 2, 1.0)  # looked at before this one, the nearest first
+    sizes = max(2 * np.abs(survey.matched.growth[rows]).max(initial=0.0) / _CELL_PX, 1.0)
+    return survey.presence(number, elsewhere=float(np.log(cells * sizes)))
 
 
 def _there(presence: Sequence[Presence]) -> Mask:

@@ -19,7 +19,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import noise_of
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality.light import Light
+from cadcam.locate.quality.light import Light, surfaces
 from cadcam.verify.edges.shown import Shown, Window
 
 _RIM_PX = 3  # of the body's picture, which is blurred or another body's where that one is off
@@ -30,6 +30,7 @@ _UNEVEN = 0.006  # sigma of the brightness of pieces of one surface
 _BESIDE_PX = 14  # how far beside a body what it hides is looked at, and how far inside what is compared with it
 _ANY_MEAN, _ANY_SPREAD = 0.5, 0.3  # brightness of what is no part, and of the light as a whole
 _ONE_SURFACE = 0.995  # cosine between normals of one surface
+_ROUND_STEPS = 1.0  # to a unit normal's component within which the strips of a round surface are one piece
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,17 +47,29 @@ class _Pixels:
         face = shown.face[where]
         return cls(shown.normal[face], shown.color[face], shown.surface[face])
 
-    def log_density(self, light: Light, tones: Array, at: Longs) -> float:
-        """Return the log probability density of tones (r,) where the pixels `at` (r,) and their like are."""
-        if not len(at):
+    def log_density(self, light: Light, tones: Array, pieces: Sequence[Longs]) -> float:
+        """Return the log probability density of tones (r,), each that of a piece: of some of the n pixels."""
+        if not len(pieces):
             return 0.0
+        at = np.concatenate(pieces)
         _, first, kind = np.unique(self.surface[at], return_index=True, return_inverse=True)
-        mean, V = light.brightness(self.normal[at[first]], self.color[at[first]])
-        nothing = self.color[at[first]] < 0
+        of = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
+        share = np.zeros((len(pieces), len(first)))
+        np.add.at(share, (of, kind.reshape(-1)), 1.0)
+        share /= share.sum(axis=1, keepdims=True)
+        each, _ = self._brightness(light, at[first])
+        mean = share @ each
+        turned = np.maximum(share @ each**2 - mean**2, 0.0)  # a round piece has not one brightness
+        _, V = self._brightness(light, at[first][np.argmax(share, axis=1)])  # its strips are off together
+        return _log_normal(tones - mean, V + np.diag(_UNEVEN**2 + turned))
+
+    def _brightness(self, light: Light, at: Longs) -> tuple[Array, Array]:
+        """Return the brightness (r,) of what the pixels `at` (r,) show, and its covariance (r, r)."""
+        mean, V = light.brightness(self.normal[at], self.color[at])
+        nothing = self.color[at] < 0
         mean[nothing], V[nothing], V[:, nothing] = _ANY_MEAN, 0.0, 0.0
         V[nothing, nothing] = _ANY_SPREAD**2
-        kind = kind.reshape(-1)
-        return _log_normal(tones - mean[kind], V[np.ix_(kind, kind)] + _UNEVEN**2 * np.eye(len(kind)))
+        return mean, V
 
 
 @dataclass(frozen=True)
@@ -99,21 +112,32 @@ class Tones:
         camera_from_part = photo.viewpoint.camera_from_world @ self.world_from_part
         hidden = Shown.of(self.part, photo, camera_from_part, without=body, window=window)
         own, behind = _Pixels.of(shown, inside), _Pixels.of(hidden, inside)
-        pairs = _pairs(own.surface, behind.surface)
-        pieces = [np.flatnonzero(pairs == i) for i in np.flatnonzero(np.bincount(pairs) >= _LEAST_PX)]
+        pieces = _pieces(own, behind)
         if not pieces:
             return 0.0, 0.0, 0.0
         light = whole.light(photo, without=everywhere)
         gray = photo.gray[window].astype(np.float64)
         own_gray = gray[inside]
-        tones, at = np.array([np.median(own_gray[piece]) for piece in pieces]), np.array([p[0] for p in pieces])
+        tones = np.array([np.median(own_gray[piece]) for piece in pieces])
         other = _log_normal(tones - light.mean, light.spread**2 * np.eye(len(tones)) + _ANY_SPREAD**2)
         noise = noise_of(photo.gray)
         near = np.array([_from_beside(gray, noise, shown, hidden, its, _where(inside, p)) for p in pieces])
         known = np.isfinite(near[:, 0])
-        not_there = behind.log_density(light, tones[~known], at[~known])
+        not_there = behind.log_density(
+            light, tones[~known], [p for p, beside in zip(pieces, known, strict=True) if not beside]
+        )
         not_there += _log_normal(near[known, 0], np.diag(near[known, 1] ** 2))
-        return own.log_density(light, tones, at), not_there, other
+        return own.log_density(light, tones, pieces), not_there, other
+
+
+def _pieces(own: _Pixels, behind: _Pixels) -> list[Longs]:
+    """Return the pixels of each piece: one surface before one other, the narrow strips of a round surface together."""
+    pairs = _pairs(own.surface, behind.surface)
+    large = np.bincount(pairs)[pairs] >= _LEAST_PX
+    out = [np.flatnonzero(pairs == i) for i in np.unique(pairs[large])]
+    rest = np.flatnonzero(~large)
+    strips = _pairs(surfaces(own.normal[rest], own.color[rest], steps=_ROUND_STEPS), behind.surface[rest])
+    return out + [rest[strips == i] for i in np.flatnonzero(np.bincount(strips) >= _LEAST_PX)]
 
 
 def _around(mask: Mask, room: int) -> Window:

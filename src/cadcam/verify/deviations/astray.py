@@ -4,22 +4,23 @@ The errors of edges are taken to be Gaussian, and in an even light they are. A s
 sigmas: then a body of which one edge tells is called displaced, surely and wrongly. So edges are taken from a
 contaminated distribution (J. W. Tukey, 1960): each may be astray, and then tells nothing, with a probability that is
 counted in the picture itself, over the other bodies; that goes by what lies beside it
-(`cadcam.verify.deviations.ground`), and by how far off it is, as few are led far. Where all edges lie on even ground
-there is nothing that could lead them astray. A body in place whose edges e = 1 ... n are astray with chances c_e shows
-a displacement as improbable as this one with the probability
+(`cadcam.verify.deviations.ground`), by whether it shows wholly, and by how far off it surely is, as few are led far.
+Where all edges lie on even ground there is nothing that could lead them astray. A body in place whose edges
+e = 1 ... n are astray with chances c_e shows a displacement as improbable as this one with the probability
 
     p + sum_e c_e p_e + c_f sum_e c_e p_ef + ...,
 
 where p_e is that of its edges without e, 1 where these tell nothing, and f is the edge that matters most. One edge
 alone is never sure, two that are off by much are if edges are rarely astray, and more soon are. Edges that are led
 astray together count as one, as far as they are off by little: parallel ones side by side, as the two of a plate's rim
-(what is beside both cannot be taken for both of them), and a body's feet, along which its own shadow lies. The few
-edges of other bodies that a body's place hangs on are doubted with its own: they may have led the pose astray.
+(what is beside both cannot be taken for both of them), and a body's feet, along which its own shadow lies: where one of
+two is astray the other is in a quarter of cases. The few edges of other bodies that a body's place hangs on are doubted
+with its own: they may have led the pose astray.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 
@@ -29,14 +30,18 @@ from cadcam.arrays import Array, Mask
 from cadcam.verify.adjustment.alarms import AS_IN_PLACE
 from cadcam.verify.deviations.measured import Displacement, Measured
 from cadcam.verify.edges.sightlines import REACH_PX, Sightlines, pieces
+from cadcam.verify.edges.survey import Survey
 
 # Share of edges that are astray in light with shadows before any are counted, and how many edges that is worth; how
-# many times as often those beside uneven ground are; and how far off an edge may be for it, twice as far being four
-# times as rare, until it is rather another line of the photo (2970 edges measured in photographs of a block under a
-# lamp; docs/benchmarks/verify.md).
+# many times as often as these all together those are that show wholly, beside even ground; how many times as often as
+# those, again, such beside uneven ground, and such that show in part; and how far off an edge may be for it. Twice as
+# far off are four times as few of those that show wholly, and half as many of those that show in part, until it is
+# rather another line of the photo (2872 edges in photographs of a block under a lamp; docs/benchmarks/verify.md).
 _USUAL, _BELIEVED = 0.02, 50
-_OFTEN = 4.0
+_SELDOM, _OFTEN, _IN_PART = 0.3, 10.0, 2.0
+_WHOLLY = 0.9  # share of the places that an edge can be told at, where it shows wholly
 _FAR_PX, _ANOTHER_PX = 0.25, 1.0
+_SURELY = 2.0  # sigmas
 _UNEVEN = 0.2  # share of edges beside uneven ground from which all of that is believed
 _DOUBTED = 0.01  # probability, of a body in place, below which it is asked whether edges are astray
 _MOST = 4  # edges of a body that may be astray at once
@@ -48,16 +53,21 @@ _HELD_BY = 3  # edges of other bodies that are doubted, as its place hangs on th
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Group:
-    """Edges of a body that are led astray together: their numbers, and how far off they are (px)."""
+    """Edges of a body that are led astray together: their numbers, and how far off they surely are (px)."""
 
     edges: tuple[int, ...]
     off_px: float = 0.0
 
-    def chance(self, usual: float, uneven: Mapping[int, bool]) -> float:
-        """Return how probable it is that they are astray, and so far, if that `usual` share of edges is."""
-        often = _OFTEN if any(uneven.get(e, False) for e in self.edges) else 1.0
-        rare = (_FAR_PX / min(max(self.off_px, _FAR_PX), _ANOTHER_PX)) ** 2
-        return min(1.0, usual * often * rare)
+    def chance(self, usual: float, uneven: Mapping[int, bool], broken: Collection[int] = ()) -> float:
+        """Return how probable it is that they are astray, and so far, if that `usual` share of edges is.
+
+        uneven: edges beside uneven ground; broken: those that show in part.
+        """
+        often = _SELDOM * (_OFTEN if any(uneven.get(e, False) for e in self.edges) else 1.0)
+        in_part = any(e in broken for e in self.edges)
+        rare = _FAR_PX / min(max(self.off_px, _FAR_PX), _ANOTHER_PX)
+        often *= _IN_PART * rare if in_part else rare**2
+        return min(1.0, usual * often)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,9 +96,9 @@ class Doubt:
             return cls(tuple(Group(_edges(measured, place)) for place in places), own)
         far, off_px = _off(measured, rows, places)
         left = np.argsort(far)[::-1][:_LOOKED_AT].tolist()
-        for place, px in _holding(measured, rows):
+        for place in _holding(measured, rows):  # how far off these are is not known: the pose hangs on them
             left.append(len(places))
-            places, off_px = [*places, place], np.append(off_px, px)
+            places, off_px = [*places, place], np.append(off_px, 0.0)
         groups = [Group(_edges(measured, place), float(px)) for place, px in zip(places, off_px, strict=True)]
         kept, apart, tried = rows, rows, list[Array]()
         rest: Displacement | None = moved
@@ -136,10 +146,25 @@ class Doubt:
         return min(1.0, p)
 
 
-def chances(doubts: Sequence[Doubt], measured: Measured, uneven: Callable[[], Mapping[int, bool]]) -> list[Array]:
+def broken_edges(survey: Survey) -> set[int]:
+    """Return the edges that are measured at some of the places only at which they can be told from others.
+
+    A shadow's border that leads an edge astray hardly follows all of it.
+    """
+    edge, usable = survey.lines.edge, survey.usable
+    told = np.bincount(edge, survey.matched.measured & usable)
+    return set(np.flatnonzero((told > 0) & (told < _WHOLLY * np.bincount(edge, usable))).tolist())
+
+
+def chances(
+    doubts: Sequence[Doubt],
+    measured: Measured,
+    uneven: Callable[[], Mapping[int, bool]],
+    broken: Collection[int] = (),
+) -> list[Array]:
     """Return for each feature how probable it is of its groups of edges that they are astray, by those of the others.
 
-    uneven: which edges lie beside uneven ground, asked for only where there is a doubt.
+    uneven: which edges lie beside uneven ground, asked for only where there is a doubt; broken: see `broken_edges`.
     """
     if not any(d.gone for d in doubts):
         return [np.zeros(len(d.groups)) for d in doubts]
@@ -149,7 +174,7 @@ def chances(doubts: Sequence[Doubt], measured: Measured, uneven: Callable[[], Ma
     for d, rows in zip(doubts, measured.members, strict=True):
         counted = (_USUAL * _BELIEVED + astray - d.astray) / (_BELIEVED + edges - d.own)
         usual = counted * _possible(beside, set(measured.lines.edge[rows].tolist()))
-        out.append(np.array([group.chance(usual, beside) for group in d.groups]))
+        out.append(np.array([group.chance(usual, beside, broken) for group in d.groups]))
     return out
 
 
@@ -199,7 +224,7 @@ def _beside(one: Sightlines, other: Sightlines) -> bool:
 
 
 def _off(measured: Measured, rows: Mask, places: Sequence[Mask]) -> tuple[Array, Array]:
-    """Return how far off groups of edges are, in their sigmas and in px, against the pose without the feature."""
+    """Return how far off groups of edges are against the pose without the feature: in their sigmas, surely in px."""
     pose = measured.pose_without(rows) if len(places) else None
     if pose is None:
         return np.zeros(len(places)), np.zeros(len(places))
@@ -209,27 +234,26 @@ def _off(measured: Measured, rows: Mask, places: Sequence[Mask]) -> tuple[Array,
         told = [np.abs(measured.across_px(edge, pose)) for edge in its]
         worst.append(max(told, key=lambda t: t[0] / t[1]))
     off, sigma = np.array(worst).T
-    return off / sigma, off
+    return off / sigma, np.maximum(off - _SURELY * sigma, 0.0)
 
 
 def _edges(measured: Measured, rows: Mask) -> tuple[int, ...]:
     return tuple(np.unique(measured.lines.edge[rows]).tolist())
 
 
-def _holding(measured: Measured, rows: Mask) -> list[tuple[Mask, float]]:
-    """Return the edges, of other bodies, that a feature's place hangs on most, and how far off (px) they are.
+def _holding(measured: Measured, rows: Mask) -> list[Mask]:
+    """Return the edges, of other bodies, that a feature's place hangs on most.
 
     Those without which the pose that is fitted to all others moves the feature's lines by most.
     """
     whole, lines = measured.pose_without(rows), measured.lines
     edges = np.unique(lines.edge[measured.adjustment.datum & ~np.isin(lines.edge, lines.edge[rows])])
-    told: list[tuple[float, Mask, float]] = []
+    told: list[tuple[float, Mask]] = []
     for e in edges:
         its = lines.edge == e
         without = measured.pose_without(rows | its)
         if whole is None or without is None:
-            told.append((np.inf, its, 0.0))
+            told.append((np.inf, its))
             continue
-        moves = float(np.abs(lines.by_pose[rows] @ (without.xi - whole.xi)).max(initial=0.0))
-        told.append((moves, its, abs(measured.across_px(its, without)[0])))
-    return [(its, px) for _, its, px in sorted(told, key=lambda t: -t[0])[:_HELD_BY]]
+        told.append((float(np.abs(lines.by_pose[rows] @ (without.xi - whole.xi)).max(initial=0.0)), its))
+    return [its for _, its in sorted(told, key=lambda t: -t[0])[:_HELD_BY]]

@@ -13,19 +13,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask, quantile
+from cadcam.cad.edges import EdgeKind
 from cadcam.image.profile import candidates
 from cadcam.locate.lines.cells import Cells, measure
 from cadcam.locate.lines.edges import Projected
 from cadcam.locate.lines.sight import Sight
+from cadcam.verify.edges.shifts import CAPTURE_PX, NEAR_PX, all_round, best_shift, grown, supported
 from cadcam.verify.edges.sightlines import REACH_PX, STEP_PX, Sightlines, pieces
 
-CAPTURE_PX = 1.5  # how far an edge may be from the shifted model's and still support it
 ROOM_PX = 2.5  # beside a place that must be free of other lines, for a step to be fitted to the pixels there
 _APART = 1.5  # blurs: as far again, for other lines' own steps
 SEARCH_ROOM_PX = 1.5  # the same for an edge to be looked for
 _MOST = 6  # candidates a place
 _COARSE_PX = 0.3  # sigma of a candidate, about
-_GRID_PX = 0.75
 _NEIGHBOURS = 4  # places of other lines looked at near a candidate
 _ON_LINE_PX = 1.2  # across a line, that a candidate may be off to be taken for it
 # A twin's own step, blurred otherwise than it is taken to be, draws the fit: so far off at so many blurs (measured in
@@ -38,10 +38,6 @@ _ROW_ERROR_PX, _ROW_SPAN_PX = 0.05, 0.5
 _LEAST_STEP = 1e-3  # of brightness: fainter is none
 _TWIN_SHARE = 0.6  # of how far apart twins are by the model that they must be in the photo
 _PARALLEL = np.cos(np.radians(20.0))
-_NEAR_PX = 1.5  # shifts up to this are the nominal place
-_GAIN_SAMPLES, _GAIN_SHARE = 3.0, 0.10  # by which support elsewhere must exceed that of the nominal place
-_GUESSES, _GUESSES_APART_PX = 6, 2.0  # of a body's place
-_GUESS_SHARE = 0.5  # of the best one's support that others have
 _STRAYS = 3.5  # robust sigmas
 _LEAST_SAMPLES, _LEAST_SHARE = 3, 0.4  # of an edge that must agree before it counts as seen
 
@@ -54,7 +50,8 @@ class Association:
     px: the same measured, with its standard deviation by the photo's noise, nan where it cannot be; common (N,) px:
     error that a whole edge has beside that, by a twin or by lying along the pixels' rows. step (N,): change of
     brightness across the line at that place, be it an edge or not; nan where there is no room to tell. shift (N, 2) px:
-    by how much the feature that a place belongs to was found displaced in its photo, to about a pixel.
+    by how much the feature that a place belongs to was found displaced in its photo, to about a pixel; growth (N,) px:
+    by how much the rim that it is on was found larger, to about a pixel, 0 for what is no rim.
     """
 
     coarse: Array
@@ -63,6 +60,7 @@ class Association:
     common: Array
     step: Array
     shift: Array
+    growth: Array
 
     @property
     def support(self) -> Mask:
@@ -115,17 +113,18 @@ def associated(
     ought = np.ones(n, bool) if ought is None else ought
     free = np.where(_explained(lines, found, body, np.zeros((n, 2))), np.nan, found)
     coarse, shift = _shifted(lines, found, free, body, ought, reach_px=reach_px)
-    moved = np.hypot(*shift.T) > _NEAR_PX
+    moved = np.hypot(*shift.T) > NEAR_PX
     if moved.any():
         taken = _explained(lines, found, body, shift, by=moved)
         rest = np.where(np.isin(body, body[moved]), -1, body)
         left, left_free = np.where(taken, np.nan, found), np.where(taken, np.nan, free)
         at, by = _shifted(lines, left, left_free, rest, ought, reach_px=reach_px)
         coarse, shift = np.where(rest >= 0, at, coarse), np.where(rest[:, None] >= 0, by, shift)
+    growth = _rims(lines, found, coarse, body, shift, reach_px=reach_px)
     asked = body >= 0
     coarse[strays(coarse, np.full(n, _COARSE_PX), lines.edge, lines.along, asked, ought)] = np.nan
     expected = _expected(coarse, lines)
-    at_shift = np.einsum("ni,ni->n", lines.normal, shift)
+    at_shift = np.einsum("ni,ni->n", lines.normal, shift) + growth
     free = _told_from_twins(lines, sights, body, expected)
     places = np.where(np.isfinite(expected), expected, at_shift)
     first, *_ = _measured(lines, sights, places, free)
@@ -133,7 +132,7 @@ def associated(
     offset, sigma, common, step = _measured(lines, sights, np.where(np.isfinite(closer), closer, places), free)
     offset[~np.isfinite(coarse)] = np.nan
     offset[strays(offset, sigma, lines.edge, lines.along, asked, ought)] = np.nan
-    return Association(coarse, offset, np.where(np.isfinite(offset), sigma, np.nan), common, step, shift)
+    return Association(coarse, offset, np.where(np.isfinite(offset), sigma, np.nan), common, step, shift, growth)
 
 
 def _shifted(
@@ -147,11 +146,35 @@ def _shifted(
             normal = lines.normal[rows]
             edge = pieces(lines.edge[rows], normal)
             s = best_shift(found[rows], normal, free=free[rows], reach_px=reach_px)
-            if np.hypot(*s) > _NEAR_PX and not _believed(free[rows], normal, edge, s, ought[rows]):
-                s = best_shift(found[rows], normal, reach_px=_NEAR_PX)
+            if np.hypot(*s) > NEAR_PX and not _believed(free[rows], normal, edge, s, ought[rows]):
+                s = best_shift(found[rows], normal, reach_px=NEAR_PX)
             shift[rows] = s
             coarse[rows] = _nearest(found[rows], normal @ s)
     return coarse, shift
+
+
+def _rims(lines: Sightlines, found: Array, coarse: Array, body: Longs, shift: Array, *, reach_px: float) -> Array:
+    """Return by how many px (N,) rims are larger than drawn; coarse offsets and shifts of those that are become theirs.
+
+    A rim is an edge that faces several ways; it may be larger by more than a displacement of its body explains.
+    """
+    growth = np.zeros(len(lines))
+    rims = [e for e in np.unique(lines.edge[body >= 0]) if _faces_all_ways(lines, lines.edge == e)]
+    if not rims:
+        return growth
+    free = np.where(_explained(lines, found, lines.edge, np.zeros((len(lines), 2))), np.nan, found)
+    for e in rims:
+        rows = np.flatnonzero((lines.edge == e) & (body >= 0))
+        size, by = grown(found[rows], free[rows], lines.normal[rows], shift[rows[0]], reach_px=reach_px)
+        if size:
+            growth[rows], shift[rows] = size, by
+            coarse[rows] = _nearest(free[rows], lines.normal[rows] @ by + size)
+    return growth
+
+
+def _faces_all_ways(lines: Sightlines, rows: Mask) -> bool:
+    """Return whether places `rows` (N,) of one edge are on a rim: no contour, whose border is where light has it."""
+    return lines.kind[rows][0] != EdgeKind.CONTOUR and all_round(lines.normal[rows])
 
 
 def _expected(coarse: Array, lines: Sightlines) -> Array:
@@ -279,36 +302,6 @@ def _explained(lines: Sightlines, found: Array, body: Longs, shift: Array, *, by
     return out
 
 
-def best_shift(offset: Array, normal: Array, *, reach_px: float, free: Array | None = None) -> Array:
-    """Return the shift (2,) px that most of the candidates `offset` (n, K) support, to the grid's step.
-
-    free (n, K): those of them that may tell of a shift away from the nominal place, by default all.
-    """
-    grid = _grid(reach_px)
-    near = np.hypot(*grid.T) <= _NEAR_PX
-    score = np.zeros(len(grid))
-    score[near] = support(offset, normal, grid[near])
-    if not near.all():
-        score[~near] = support(offset if free is None else free, normal, grid[~near])
-    best = int(np.argmax(score - 1e-6 * np.hypot(*grid.T)))
-    gain = score[best] - score[near].max()
-    if gain <= max(_GAIN_SAMPLES, _GAIN_SHARE * len(offset)):
-        best = int(np.flatnonzero(near)[np.argmax(score[near] - 1e-6 * np.hypot(*grid[near].T))])
-    return np.asarray(grid[best])
-
-
-def guessed_shifts(offset: Array, normal: Array, *, reach_px: float) -> Array:
-    """Return shifts (k, 2) px that many of the candidates `offset` (n, K) support, best first, clearly apart."""
-    grid = _grid(reach_px)
-    score = support(offset, normal, grid) - 1e-6 * np.hypot(*grid.T)
-    out: list[Array] = []
-    least = _GUESS_SHARE * score.max()
-    while len(out) < _GUESSES and score.max() >= least:
-        out.append(grid[int(np.argmax(score))])
-        score[np.hypot(*(grid - out[-1]).T) < _GUESSES_APART_PX] = -np.inf
-    return np.array(out).reshape(-1, 2)
-
-
 def _believed(offset: Array, normal: Array, edge: Longs, shift: Array, ought: Mask) -> bool:
     """Return whether a shift far from the nominal place is that of the feature, not of a line that happens to be there.
 
@@ -320,24 +313,6 @@ def _believed(offset: Array, normal: Array, edge: Longs, shift: Array, ought: Ma
     n, k = np.bincount(at), np.bincount(at, there)
     share = there[ought].mean() if ought.any() else there.mean()
     return bool(((k >= n / 2) & (n >= _LEAST_SAMPLES)).sum() >= 2 and share >= _LEAST_SHARE)
-
-
-def supported(offset: Array, normal: Array, shift: Array) -> Mask:
-    """Return which places (n,) have a candidate (n, K) within `CAPTURE_PX` of a shift (2,)."""
-    off = np.abs(np.where(np.isfinite(offset), offset, np.inf) - (normal @ shift)[:, None])
-    return np.asarray((off <= CAPTURE_PX).any(axis=1))
-
-
-def support(offset: Array, normal: Array, shifts: Array) -> Array:
-    """Return how many places (n,) have a candidate (n, K) near each shift (m, 2); nearer ones count more."""
-    used = np.isfinite(offset).any(axis=1)
-    o = np.where(np.isfinite(offset[used]), offset[used], 1e6)
-    expected = shifts @ normal[used].T  # (m, n)
-    off = np.full(expected.shape, np.inf)
-    for k in range(o.shape[1]):
-        if (o[:, k] < 1e6).any():
-            np.minimum(off, np.abs(o[:, k] - expected), out=off)
-    return np.asarray(np.maximum(1 - (off / CAPTURE_PX) ** 2, 0).sum(axis=1))
 
 
 def strays(offset: Array, sigma: Array, edge: Longs, along: Array, asked: Mask, ought: Mask) -> Mask:
@@ -375,13 +350,6 @@ def _robust_line(t: Array, y: Array) -> tuple[float, float]:
 def _median(values: Array) -> float:
     """Return the median of numbers, none of them nan: what np.median does, quicker for a few of them."""
     return quantile(values, 0.5)
-
-
-def _grid(reach: float) -> Array:
-    steps = np.arange(-int(reach / _GRID_PX), int(reach / _GRID_PX) + 1) * _GRID_PX
-    x, y = np.meshgrid(steps, steps)
-    grid = np.stack([x.ravel(), y.ravel()], axis=1)
-    return np.asarray(grid[np.hypot(*grid.T) <= reach])
 
 
 def _nearest(found: Array, expected: Array) -> Array:

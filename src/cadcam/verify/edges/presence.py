@@ -16,8 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask
-from cadcam.verify.edges.association import CAPTURE_PX, Association, best_shift, supported
-from cadcam.verify.edges.sightlines import Sightlines
+from cadcam.verify.edges.association import Association
+from cadcam.verify.edges.shifts import CAPTURE_PX, best_shift, supported
+from cadcam.verify.edges.sightlines import Sightlines, pieces
 from cadcam.verify.edges.surroundings import Surroundings, alike
 
 LEAST_PLACES = 4  # of an edge that can say anything
@@ -30,6 +31,7 @@ _STEEP = 4.0  # of the curve from unseen to seen, by the logarithm of the contra
 _MIDDLES, _USUAL_MIDDLE = np.geomspace(0.004, 0.12, 33), 0.015  # contrasts that are seen half the time
 _SUREST = 0.998  # probability up to which a group is believed to have contrast
 _IN_PLACE, _LEAST_SIGMA_PX = 0.9, 0.05  # share of bodies' edges that are where they should be, as well as is believed
+_SIZES_PX = 16.0  # range of what a rim may be larger or smaller by
 _LAPSE = 0.01  # share of edges with ample contrast that are not seen, before any are counted
 
 
@@ -40,37 +42,42 @@ class Presence:
     expected: int
     seen: int
     log_ratio: float
-    in_any_light: float = 0.0  # L where nothing is known of the light: each group has contrast as likely as not
+    # L where nothing is known of the light: each group has contrast as likely as not, which no faint edge speaks for
+    in_any_light: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgeEvidence:
     """The edges (E,) with enough places to tell: number, group, expected contrast, and whether the edge is seen.
 
-    Edges of one group lie between the same two surfaces.
+    faint: whether it is so by a step only that is too faint to tell at each place. Edges of one group lie between the
+    same two surfaces. The pieces of a bent one that face different ways are several: what hides one side of a rim does
+    not hide the others.
     """
 
     edge: Longs
     group: Longs
     contrast: Array
     seen: Mask
+    faint: Mask
 
     @classmethod
     def of(cls, lines: Sightlines, rows: Mask, matched: Association, beside: Surroundings) -> EdgeEvidence:
         """Return the evidence of places `rows` (N,): edges seen at half of their places, or faintly along all of it."""
         support = matched.support
-        edge, at = np.unique(lines.edge[rows], return_inverse=True)
-        at = at.reshape(-1)
-        n = np.bincount(at, minlength=len(edge))
-        share = np.bincount(at, support[rows], minlength=len(edge)) / np.maximum(n, 1)
+        at = pieces(lines.edge[rows], lines.normal[rows])
+        n = np.bincount(at)
+        share = np.bincount(at, support[rows]) / np.maximum(n, 1)
         long = np.flatnonzero(n >= LEAST_PLACES)
         index = np.flatnonzero(rows)
         places = [index[at == i] for i in long]
+        edge = np.array([lines.edge[p[0]] for p in places], np.int64)
         normal = np.array([np.median(beside.normal[p], axis=0) for p in places]).reshape(-1, 2, 3)
         color = np.array([np.median(beside.color[p], axis=0) for p in places]).reshape(-1, 2).astype(np.int32)
         contrast = np.array([abs(np.median(beside.contrast[p])) for p in places])
         faint = np.array([_steps_somewhat(matched.step[p]) for p in places], bool)
-        return cls(edge[long], alike(normal, color), contrast, (share[long] >= 0.5) | faint)
+        plain = share[long] >= 0.5
+        return cls(edge, alike(normal, color), contrast, plain | faint, faint & ~plain)
 
 
 def _steps_somewhat(step: Array) -> bool:
@@ -90,7 +97,8 @@ def presence(evidence: EdgeEvidence, mine: Mask, *, clutter: float, elsewhere: f
     elsewhere: logarithm of the number of places where it was looked for, if it was found at another than its own.
     """
     others = visibility(evidence, ~mine)
-    total, any_light = (log_ratio(evidence, mine, others, clutter, contrast=c) for c in (None, 0.5))
+    total = log_ratio(evidence, mine, others, clutter)
+    any_light = log_ratio(evidence, mine & ~evidence.faint, others, clutter, contrast=0.5)
     seen = int(evidence.seen[mine].sum())
     less = elsewhere if seen else 0.0
     return Presence(int(mine.sum()), seen, total - less, any_light - less)
@@ -141,23 +149,36 @@ def visibility(evidence: EdgeEvidence, others: Mask) -> Visibility:
     return Visibility(middle, (float((ample & ~seen).sum()) + 0.5) / (float(ample.sum()) + 0.5 / _LAPSE))
 
 
-def in_place_ratio(offset: Array, sigma: Array, clutter: float) -> float:
+def in_place_ratio(offset: Array, sigma: Array, clutter: float, *, rim: Mask | None = None) -> float:
     """Return what the places (n,) px of edges that are seen add to L: those of clutter lie anywhere, a body's in place.
 
     Clutter that is seen in a share of places within `CAPTURE_PX` has the density -log(1 - clutter) / (2 CAPTURE_PX)
     there; of what is seen, the nearest one, divided by that share. A body may as well be displaced: then this tells
-    nothing.
+    nothing, but for the pieces of a rim (n,) that is larger than drawn: what they are off agrees.
     """
     density = -np.log1p(-clutter) / (2 * CAPTURE_PX * clutter)
     s = np.maximum(sigma, _LEAST_SIGMA_PX)
     there = np.exp(-0.5 * (offset / s) ** 2) / (np.sqrt(2 * np.pi) * s)
     in_place = np.log(_IN_PLACE * there / density + 1 - _IN_PLACE).sum()
-    return float(np.logaddexp(in_place, 0.0) - np.log(2.0))
+    displaced = 0.0 if rim is None or not rim.any() else np.logaddexp(0.0, _as_one(offset[rim], s[rim], density))
+    return float(np.logaddexp(in_place, displaced) - np.log(2.0 if displaced == 0.0 else 3.0))
+
+
+def _as_one(offset: Array, sigma: Array, density: float) -> float:
+    """Return the logarithm of how much likelier pieces (n,) px all off by one value, any, are than those of clutter."""
+    weight = sigma**-2.0
+    mean = float(offset @ weight / weight.sum())
+    agree = -0.5 * float((weight * (offset - mean) ** 2).sum()) - float(np.log(np.sqrt(2 * np.pi) * sigma).sum())
+    anywhere = np.log(_SIZES_PX) + len(offset) * np.log(density)
+    return float(agree + 0.5 * np.log(2 * np.pi / weight.sum()) - anywhere)
 
 
 def edges_seen(lines: Sightlines, rows: Mask, support: Mask) -> Mask:
-    """Return for each edge with enough of the places `rows` (N,) whether at least half of these have support."""
-    at = np.unique(lines.edge[rows], return_inverse=True)[1].reshape(-1)
+    """Return for each edge with enough of the places `rows` (N,) whether at least half of these have support.
+
+    As in `EdgeEvidence`, a bent one is several.
+    """
+    at = pieces(lines.edge[rows], lines.normal[rows])
     n = np.bincount(at)
     share = np.bincount(at, support[rows]) / np.maximum(n, 1)
     return np.asarray(share[n >= LEAST_PLACES] >= 0.5)

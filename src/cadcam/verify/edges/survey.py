@@ -12,10 +12,11 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render.view import Scene
-from cadcam.verify.edges.association import SEARCH_ROOM_PX, Association, associated, guessed_shifts, nearby_edges
+from cadcam.verify.edges.association import SEARCH_ROOM_PX, Association, associated, nearby_edges
 from cadcam.verify.edges.feet import Feet
 from cadcam.verify.edges.limbs import limb_errors
 from cadcam.verify.edges.presence import LEAST_PLACES, EdgeEvidence, Presence, clutter_of, presence
+from cadcam.verify.edges.shifts import guessed_shifts
 from cadcam.verify.edges.shown import Shown
 from cadcam.verify.edges.sightlines import Sightlines, sightlines
 from cadcam.verify.edges.surroundings import FAINT, surroundings

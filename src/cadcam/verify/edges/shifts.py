@@ -1,0 +1,100 @@
+"""Where the photo's edges near a feature's lines say that it is: the shift, and the growth of a rim, that most support.
+
+Offsets of candidates along the lines' normals, a few at each place, are asked which of them agree: those of a rigid
+shift s are n . s, those of a rim that is larger all round are equal.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cadcam.arrays import Array, Mask
+from cadcam.verify.edges.sightlines import pieces
+
+CAPTURE_PX = 1.5  # how far an edge may be from the shifted model's and still support it
+NEAR_PX = 1.5  # shifts up to this are the nominal place
+_GRID_PX = 0.75
+_GAIN_SAMPLES, _GAIN_SHARE = 3.0, 0.10  # by which support elsewhere must exceed that of the nominal place
+_GUESSES, _GUESSES_APART_PX = 6, 2.0  # of a body's place
+_GUESS_SHARE = 0.5  # of the best one's support that others have
+_WAYS = 3  # pieces of a rim, facing different ways, that tell its size from a shift
+
+
+def best_shift(offset: Array, normal: Array, *, reach_px: float, free: Array | None = None) -> Array:
+    """Return the shift (2,) px that most of the candidates `offset` (n, K) support, to the grid's step.
+
+    free (n, K): those of them that may tell of a shift away from the nominal place, by default all.
+    """
+    grid = _grid(reach_px)
+    near = np.hypot(*grid.T) <= NEAR_PX
+    score = np.zeros(len(grid))
+    score[near] = support(offset, normal, grid[near])
+    if not near.all():
+        score[~near] = support(offset if free is None else free, normal, grid[~near])
+    best = int(np.argmax(score - 1e-6 * np.hypot(*grid.T)))
+    gain = score[best] - score[near].max()
+    if gain <= max(_GAIN_SAMPLES, _GAIN_SHARE * len(offset)):
+        best = int(np.flatnonzero(near)[np.argmax(score[near] - 1e-6 * np.hypot(*grid[near].T))])
+    return np.asarray(grid[best])
+
+
+def guessed_shifts(offset: Array, normal: Array, *, reach_px: float) -> Array:
+    """Return shifts (k, 2) px that many of the candidates `offset` (n, K) support, best first, clearly apart."""
+    grid = _grid(reach_px)
+    score = support(offset, normal, grid) - 1e-6 * np.hypot(*grid.T)
+    out: list[Array] = []
+    least = _GUESS_SHARE * score.max()
+    while len(out) < _GUESSES and score.max() >= least:
+        out.append(grid[int(np.argmax(score))])
+        score[np.hypot(*(grid - out[-1]).T) < _GUESSES_APART_PX] = -np.inf
+    return np.array(out).reshape(-1, 2)
+
+
+def all_round(normal: Array) -> bool:
+    """Return whether an edge with these normals (n, 2) faces so many ways that its size is told from a shift."""
+    return len(np.unique(pieces(np.zeros(len(normal), np.int64), normal))) >= _WAYS
+
+
+def grown(offset: Array, free: Array, normal: Array, shift: Array, *, reach_px: float) -> tuple[float, Array]:
+    """Return by how many px a rim is larger (along its normals) than drawn, and the shift (2,) px with that; 0 if none.
+
+    offset, free (n, K): its candidates, and those that no other line of the model explains; shift (2,) px: of its body.
+    What it has to gain over the nominal size is what a shift has to, and all round: in most of each of its pieces.
+    """
+    piece = pieces(np.zeros(len(normal), np.int64), normal)
+    near = shift + _grid(NEAR_PX)
+    nominal = float(support(offset, normal, near).max())
+    sizes = np.arange(-int(reach_px / _GRID_PX), int(reach_px / _GRID_PX) + 1) * _GRID_PX
+    scores = np.array([support(free - g, normal, near) for g in sizes])
+    size, place = np.unravel_index(np.argmax(scores), scores.shape)
+    if scores[size, place] - nominal <= max(_GAIN_SAMPLES, _GAIN_SHARE * len(offset)):
+        return 0.0, shift
+    there = supported(free - sizes[size], normal, near[place])
+    if (2 * np.bincount(piece, there) < np.bincount(piece)).any():
+        return 0.0, shift
+    return float(sizes[size]), near[place]
+
+
+def supported(offset: Array, normal: Array, shift: Array) -> Mask:
+    """Return which places (n,) have a candidate (n, K) within `CAPTURE_PX` of a shift (2,)."""
+    off = np.abs(np.where(np.isfinite(offset), offset, np.inf) - (normal @ shift)[:, None])
+    return np.asarray((off <= CAPTURE_PX).any(axis=1))
+
+
+def support(offset: Array, normal: Array, shifts: Array) -> Array:
+    """Return how many places (n,) have a candidate (n, K) near each shift (m, 2); nearer ones count more."""
+    used = np.isfinite(offset).any(axis=1)
+    o = np.where(np.isfinite(offset[used]), offset[used], 1e6)
+    expected = shifts @ normal[used].T  # (m, n)
+    off = np.full(expected.shape, np.inf)
+    for k in range(o.shape[1]):
+        if (o[:, k] < 1e6).any():
+            np.minimum(off, np.abs(o[:, k] - expected), out=off)
+    return np.asarray(np.maximum(1 - (off / CAPTURE_PX) ** 2, 0).sum(axis=1))
+
+
+def _grid(reach: float) -> Array:
+    steps = np.arange(-int(reach / _GRID_PX), int(reach / _GRID_PX) + 1) * _GRID_PX
+    x, y = np.meshgrid(steps, steps)
+    grid = np.stack([x.ravel(), y.ravel()], axis=1)
+    return np.asarray(grid[np.hypot(*grid.T) <= reach])

@@ -1,0 +1,54 @@
+"""Where candidates say that a feature is: displaced as one, or larger all round."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cadcam.arrays import Array
+from cadcam.verify.edges.shifts import all_round, best_shift, grown
+
+NORMALS = np.stack([np.cos(t := np.arange(24) * 2 * np.pi / 24), np.sin(t)], axis=1)
+REACH = 8.0
+
+
+def candidates(offset: Array, rng: np.random.Generator) -> Array:
+    """Return candidates (n, 3): the rim's own among others that lie anywhere."""
+    other = rng.uniform(-REACH, REACH, (len(offset), 2))
+    return np.column_stack([other[:, 0], offset + rng.normal(0, 0.1, len(offset)), other[:, 1]])
+
+
+@pytest.mark.parametrize("size", [-5.0, -2.5, 2.5, 6.0])
+@pytest.mark.parametrize("shown", [slice(None), slice(0, 15)])
+def test_a_rim_that_is_larger_is_found_so(rng: np.random.Generator, size: float, shown: slice) -> None:
+    """To the grid's step, of which half a shift's may be a part; a little more than half of it is enough."""
+    n = NORMALS[shown]
+    found = candidates(np.full(len(n), size), rng)
+    growth, by = grown(found, found, n, np.zeros(2), reach_px=REACH)
+    assert np.abs(growth + n @ by - size).max() < 1.0
+
+
+def test_a_rim_that_is_displaced_is_not_larger(rng: np.random.Generator) -> None:
+    found = candidates(NORMALS @ [3.0, -2.0], rng)
+    by = best_shift(found, NORMALS, reach_px=REACH)
+    assert np.hypot(*(by - [3.0, -2.0])) < 1.1
+    assert grown(found, found, NORMALS, by, reach_px=REACH)[0] == 0.0
+
+
+def test_neither_is_one_of_which_a_side_alone_is_off(rng: np.random.Generator) -> None:
+    """A shadow's border beside it: the other side is in its place."""
+    found = candidates(np.where(NORMALS[:, 0] > 0.3, 3.0, 0.0), rng)
+    assert grown(found, found, NORMALS, np.zeros(2), reach_px=REACH)[0] == 0.0
+
+
+def test_what_other_lines_explain_makes_no_rim_larger(rng: np.random.Generator) -> None:
+    found = candidates(np.full(24, 3.0), rng)
+    free = np.where(np.abs(found - 3.0) < 0.6, np.nan, found)
+    assert grown(found, free, NORMALS, np.zeros(2), reach_px=REACH)[0] == 0.0
+
+
+def test_only_what_faces_several_ways_tells_its_size() -> None:
+    assert all_round(NORMALS)
+    assert all_round(NORMALS[:14])
+    assert not all_round(NORMALS[:8])
+    assert not all_round(np.tile([[0.6, 0.8]], (24, 1)))
