@@ -143,8 +143,10 @@ def test_edges_that_are_off_by_no_displacement_of_all_of_it_displace_nothing(rng
     """However improbable that is of a body in place: they contradict each other."""
     moved = inspect(part(), [photo(displaced("block", np.array([1.5, 0.0, 0.0])), rng)], Rigid()).feature("block")
     assert moved.displacement is not None
-    for share, state in ((1.0, State.DISPLACED), (0.01, State.UNCLEAR)):
-        told = replace(moved.displacement, value=share * moved.displacement.value)
+    alike, apart = 1.0, 50.0  # misfits
+    for share, misfit in ((1.0, alike), (1.0, apart), (0.01, alike), (0.01, apart)):
+        state = State.UNCLEAR if share < 1 and misfit == apart else State.DISPLACED
+        told = replace(moved.displacement, value=share * moved.displacement.value, misfit=misfit)
         found = Displacement(moved.seen, told, 1e-12, edges=4)
         assert _state(moved.presence, found, True, 6.5, near=True)[0] is state
 

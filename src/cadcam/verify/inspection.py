@@ -21,7 +21,7 @@ from cadcam.verify.deviations.astray import Doubt, broken_edges, chances, side_b
 from cadcam.verify.deviations.deviation import EdgeDeviation, Extra, FeatureDeviation, State, Unclear
 from cadcam.verify.deviations.extra import unexplained
 from cadcam.verify.deviations.ground import uneven_edges
-from cadcam.verify.deviations.measured import Displacement, Measured, told
+from cadcam.verify.deviations.measured import DISAGREE, Displacement, Measured, told
 from cadcam.verify.deviations.unclear import why_doubtful, why_untold
 from cadcam.verify.edges.presence import Presence, in_place_ratio
 from cadcam.verify.edges.shifts import CAPTURE_PX
@@ -271,7 +271,7 @@ def _state(
         return State.UNCLEAR, Unclear.ALONE  # others ought to show, or the body is far off
     if not alarm and _believed(moved) is None:
         return State.UNCLEAR, None  # what cannot be told is not in place either
-    if alarm and moved.known and _of_none(moved) > AS_IN_PLACE:
+    if alarm and moved.estimate.misfit > DISAGREE and _of_none(moved) > AS_IN_PLACE:
         return State.UNCLEAR, Unclear.CONTRADICTS  # its edges are off, but by no displacement of all of it
     return (State.DISPLACED if alarm else State.IN_PLACE), None
 

@@ -14,6 +14,7 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.verify.adjustment.alarms import AS_IN_PLACE
 from cadcam.verify.deviations.deviation import FeatureDeviation, State
+from cadcam.verify.deviations.measured import DISAGREE
 from cadcam.verify.inspection import PLAIN_OPTIONS, Inspection, InspectionOptions, inspect
 from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Tolerances
 from cadcam.verify.tolerances.verdict import Judgement, Verdict, decided, overall, towards
@@ -30,7 +31,6 @@ _LESS_OF = {
     "pose": "take more of the part into the picture",
     "calibration": "calibrate the camera better",
 }
-_DISAGREE = 9.0  # misfit from which edges do not tell one displacement
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,7 +122,7 @@ def _position(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection
         return _along(name, limit, seen)
     assert found.displacement is not None  # else the feature is unclear
     sigma = towards(found.displacement.value, found.displacement.covariance, limit)
-    if found.displacement.misfit > _DISAGREE:
+    if found.displacement.misfit > DISAGREE:
         return Judgement(name, limit, found.size, sigma, Verdict.UNDECIDED, "its edges do not agree on one place")
     verdict = decided(found.size, sigma, limit)
     reason = f"displaced by {_vector(found.vector)} mm"

@@ -18,6 +18,7 @@ from cadcam.verify.edges.survey import Survey
 SEEN_PX = 0.5  # standard deviation, in px, up to which a direction of displacement counts as seen
 UNSEEN_PX = 4.0  # standard deviation of a displacement, in px, in directions that are not seen
 _USUAL_PX = 0.01  # common error of an edge in most photos
+DISAGREE = 9.0  # misfit from which edges do not tell one displacement
 STATION_PX = 24.0  # length of the pieces of an edge that are looked at one by one
 
 
