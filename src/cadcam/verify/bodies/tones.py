@@ -30,6 +30,7 @@ _UNEVEN = 0.006  # sigma of the brightness of pieces of one surface
 _BESIDE_PX = 14  # how far beside a body what it hides is looked at, and how far inside what is compared with it
 _ANY_MEAN, _ANY_SPREAD = 0.5, 0.3  # brightness of what is no part, and of the light as a whole
 _ONE_SURFACE = 0.995  # cosine between normals of one surface
+_ROUND_SHARE = 0.25  # of a body's picture that narrow strips have where it is round: a flat one's have a tenth
 _ROUND_STEPS = 1.0  # to a unit normal's component within which the strips of a round surface are one piece
 
 
@@ -131,11 +132,16 @@ class Tones:
 
 
 def _pieces(own: _Pixels, behind: _Pixels) -> list[Longs]:
-    """Return the pixels of each piece: one surface before one other, the narrow strips of a round surface together."""
+    """Return the pixels of each piece: one surface before one other; of a round body, narrow strips together.
+
+    The narrow pieces of a body that is mostly flat are its borders and corners: they say nothing.
+    """
     pairs = _pairs(own.surface, behind.surface)
     large = np.bincount(pairs)[pairs] >= _LEAST_PX
     out = [np.flatnonzero(pairs == i) for i in np.unique(pairs[large])]
     rest = np.flatnonzero(~large)
+    if len(rest) < _ROUND_SHARE * len(pairs):
+        return out
     strips = _pairs(surfaces(own.normal[rest], own.color[rest], steps=_ROUND_STEPS), behind.surface[rest])
     return out + [rest[strips == i] for i in np.flatnonzero(np.bincount(strips) >= _LEAST_PX)]
 
