@@ -225,15 +225,20 @@ def _cable(part: Mesh, pose: Rigid, s: float, rng: np.random.Generator) -> Mesh:
     return mesh.transformed(pose.inv @ Rigid(translation=middle * (1 - 1.3 * s / middle[2])))
 
 
-def picture_of(case: Case, folder: Path) -> Picture:
-    """Return the case's picture as its file is read; the file is made if it is not there."""
+def light_of(case: Case) -> Picture:
+    """Return the light (H, W, 3) that falls on the case's pixels, linear, its brightest hundredth at WHITE."""
+    camera_from_world = case.truth @ case.world_from_part.inv
+    draw = by_pyrender if case.condition.renderer == "pyrender" else radiance
+    linear = draw(case.stage, case.camera, camera_from_world)
+    return np.asarray(WHITE * linear / max(float(np.quantile(linear, 0.99)), 1e-6), np.float32)
+
+
+def picture_of(case: Case, folder: Path, light: Callable[[Case], Picture] = light_of) -> Picture:
+    """Return the case's picture as its file is read; the file is made if it is not there, of its light."""
     c = case.condition
     path = folder / ("_".join([case.name.split(": ")[1].replace(" ", "-"), *map(str, case.seed)]) + c.suffix)
     if not path.exists():
-        camera_from_world = case.truth @ case.world_from_part.inv
-        linear = (by_pyrender if c.renderer == "pyrender" else radiance)(case.stage, case.camera, camera_from_world)
-        clean = WHITE * linear / max(float(np.quantile(linear, 0.99)), 1e-6)
-        taken = c.sensor.apply(clean, rng=np.random.default_rng(case.seed))
+        taken = c.sensor.apply(light(case), rng=np.random.default_rng(case.seed))
         _write(path, c.spoilt(taken if c.color else to_gray(taken)))
     return read_picture(path, full_scale=4095 if ".12." in path.name else None)
 

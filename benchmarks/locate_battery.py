@@ -38,7 +38,10 @@ from locate_errors import CLOSE_PX, NEAR_PX, squared
 
 @dataclass(frozen=True)
 class Outcome:
-    """How one start ended: px of the corner that is farthest off (inf: nothing to be found), xi' C^-1 xi, and costs."""
+    """How one start ended: px of the corner that is farthest off (inf: nothing to be found), xi' C^-1 xi, and costs.
+
+    mm: how far the middle of the corners is off.
+    """
 
     condition: str
     case: str
@@ -48,6 +51,7 @@ class Outcome:
     found: bool
     cpu_s: float
     words: str
+    mm: float = np.nan
 
     @property
     def right(self) -> bool:
@@ -81,7 +85,9 @@ def outcomes(case: Case, photo: Photo) -> Iterator[Outcome]:
         xi = ((pose @ case.part.symmetries[like]).inv @ case.truth).log()
         m2 = squared(xi, location.pose.covariance)
         px = px if case.possible else np.inf
-        yield Outcome(name, case.name, px, m2, location.quality, location.found, cpu, location.reason)
+        middle = case.part.scene.mesh.vertices.mean(axis=0)
+        mm = float(np.linalg.norm(pose @ case.part.symmetries[like] @ middle - case.truth @ middle))
+        yield Outcome(name, case.name, px, m2, location.quality, location.found, cpu, location.reason, mm)
 
 
 def corner_error(case: Case, pose: Rigid) -> float:

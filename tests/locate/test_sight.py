@@ -78,7 +78,7 @@ def test_cells_of_a_blurred_photo_reach_farther_across_blurred_edges_alone() -> 
     cells = Cells.of(sight, at, half_length=2.0, reach_px=4.5, room_px=2.5, spread=spread)
     upright = np.abs(at.normal[cells.which, 0]) > 0.9
     np.testing.assert_allclose(cells.blurs, np.where(upright, 1.6, 0.6))
-    np.testing.assert_allclose(np.minimum(cells.below, cells.above), np.where(upright, 6.4, 4.5))
+    np.testing.assert_allclose(np.minimum(cells.below, cells.above), np.where(upright, 4.8, 4.5))
     each = cells.alike()
     assert len(each) == 2
     assert sorted(np.concatenate([own for own, _ in each])) == list(range(len(cells.which)))

@@ -18,7 +18,7 @@ from cadcam.native.profiles import StepCells, along_runs
 
 _APART = 1.5  # blurs: a cell ends that far before the next line
 _PAST, _TWIN = 2.0, 3.0  # blurs: it ends that far beyond a twin, which must be as far away
-_REACH = 4.0  # blurs: how far a cell has to reach to each side, for levels and slopes to be told from the step
+_REACH = 3.0  # blurs: how far a cell has to reach to each side, for levels and slopes to be told from the step
 _ALIKE = 0.1  # share by which blurs differ that are taken for one
 _LINEAR = 1.2  # blurs: how far off a linear fit is believed
 _CLEAR = 4.0  # sd of one cell: contrast of an edge that is there

@@ -72,7 +72,9 @@ def _evidence(part: Part, fitted: Solution, B: Array, chosen: int, wider: bool) 
     pose, fit = fitted.pose, fitted.fit
     told, color = in_color(part, fitted.sights, pose)
     bands = fitted.regression.bands and fitted.tells_lines and fitted.scatter <= LOOSE_PX
-    ask = partial(judged, chosen=chosen, scatter=fitted.scatter, color=color, bands=bands)
+    hidden = fitted.hidden_px
+    scatter = float(np.hypot(fitted.scatter, np.sqrt(np.mean(hidden**2)))) if hidden.any() else fitted.scatter
+    ask = partial(judged, chosen=chosen, scatter=scatter, color=color, bands=bands)
     evidence = ask(told, pose, B)
     doubted = evidence.quality < FOUND or evidence.without > 0 or evidence.fitted > _FREE or fit.between > LOOSE_PX
     hides = in_noise(fitted.sights)  # there missing lines pass for faint ones

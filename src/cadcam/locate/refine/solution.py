@@ -73,17 +73,24 @@ class Solution:
         return max(share_beside_bands(*one, np.zeros(len(one[0].samples))) for one in looked)
 
     @property
-    def hidden_by_blur(self) -> Array:
-        """Return the covariance (k, k) by what blur hides beside the edges, in the basis B.
+    def hidden_px(self) -> Array:
+        """Return by how much (n,) px (sd) what blur hides beside the edges shifts the usable samples.
 
         A shadow, a rim or a bevel nearer than a blur or two is no step of its own any more but part of the edge's. It
         shifts the clearest edges, which the pose rests on, as far as the faint ones, and what these are off by does not
         tell it. What an ordinary blur hides shows in the scatter of the edges.
         """
         if max((c.blurs.max(initial=0.0) for c in self.cells), default=0.0) <= _ORDINARY_PX:
-            return np.zeros_like(self.fit.covariance)
+            return np.zeros(sum(int(m.usable.sum()) for m in self.measured))
         blurs = [c.blurs[m.usable[c.which]] for c, m in zip(self.cells, self.measured, strict=True)]
-        shift = _HIDDEN * np.sqrt(np.maximum(np.concatenate(blurs) ** 2 - _ORDINARY_PX**2, 0.0))
+        return np.asarray(_HIDDEN * np.sqrt(np.maximum(np.concatenate(blurs) ** 2 - _ORDINARY_PX**2, 0.0)))
+
+    @property
+    def hidden_by_blur(self) -> Array:
+        """Return the covariance (k, k) of the pose by what blur hides beside the edges, in the basis B."""
+        shift = self.hidden_px
+        if not shift.any():
+            return np.zeros_like(self.fit.covariance)
         n, group = len(shift), self.fit.group[: len(shift)]
         moved = np.stack([np.bincount(group, row) for row in self.fit.gain[:, :n] * shift])
         return np.asarray(moved @ moved.T)
