@@ -154,17 +154,17 @@ def _shifts(p: Array, q: Array, step: float) -> list[Array]:
     if not len(p):
         return []
     few, others = (a[:: max(1, len(a) // _LAID)] for a in (p, q))
-    by = ((others[:, None] - few[None]) / step).reshape(-1, 3)
+    by = ((others[:, None] - few[None]) / step).reshape(-1, 3).T.copy()
     cell = np.round(by).astype(np.int64)
-    cell -= cell.min(axis=0)
+    cell -= cell.min(axis=1, keepdims=True)
     _, at, count = np.unique(
-        np.ravel_multi_index(tuple(cell.T), tuple(cell.max(axis=0) + 1)), return_index=True, return_counts=True
+        np.ravel_multi_index(tuple(cell), tuple(cell.max(axis=1) + 1)), return_index=True, return_counts=True
     )
-    cells, out = cell[at], []
-    for _ in range(min(_SHIFTS, len(cells))):
-        most = cells[int(np.argmax(count))]
-        out.append(np.asarray(step * by[np.abs(cell - most).max(axis=1) <= 1].mean(axis=0)))
-        count[np.abs(cells - most).max(axis=1) <= 2] = 0
+    cells, out = cell[:, at], []
+    for _ in range(min(_SHIFTS, cells.shape[1])):
+        most = cells[:, int(np.argmax(count)), None]
+        out.append(np.asarray(step * by[:, np.abs(cell - most).max(axis=0) <= 1].mean(axis=1)))
+        count[np.abs(cells - most).max(axis=0) <= 2] = 0
     return out
 
 
