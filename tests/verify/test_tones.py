@@ -13,11 +13,12 @@ from cadcam.image.profile import noise_of
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.locate.quality.light import fitted_light
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel
 from cadcam.verify.bodies.likeness import likenesses
 from cadcam.verify.bodies.redrawn import redrawn
-from cadcam.verify.bodies.tones import Tones
+from cadcam.verify.bodies.tones import Tones, _Pixels
 from cadcam.verify.deviations.deviation import State
 from cadcam.verify.edges.association import nearby_edges, strays
 from cadcam.verify.edges.shown import Shown
@@ -58,6 +59,19 @@ def test_a_round_body_has_its_tones_though_each_of_its_strips_is_narrow(rng: np.
         assert there * tones.log_ratio(5) > 6.5
         state = inspect(whole, [shot], Rigid()).feature("pin").state
         assert state is (State.IN_PLACE if there > 0 else State.MISSING)
+
+
+def test_the_pieces_of_one_surface_are_off_their_tone_together() -> None:
+    """What lies before and behind cuts a face into pieces: light that is not as fitted changes all of them alike."""
+    normal, color = np.tile([0.0, 0.0, 1.0], (90, 1)), np.zeros(90, np.int32)
+    surface = np.zeros(90, np.int64)
+    pixels = _Pixels(normal, color, surface)
+    light = fitted_light(
+        np.full((40, 40), 0.5, np.float32), np.tile([0.0, 0.0, 1.0], (40, 40, 1)), np.zeros((40, 40), np.int32)
+    )
+    pieces = [np.arange(k, k + 30) for k in (0, 30, 60)]
+    alike, apart = (pixels.log_density(light, 0.5 + 0.1 * np.array(way), pieces) for way in ([1, 1, 1], [1, -1, 1]))
+    assert alike > apart + 6.5
 
 
 def test_a_shadow_on_a_body_does_not_make_it_missing(rng: np.random.Generator) -> None:

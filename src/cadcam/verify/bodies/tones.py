@@ -58,11 +58,11 @@ class _Pixels:
         share = np.zeros((len(pieces), len(first)))
         np.add.at(share, (of, kind.reshape(-1)), 1.0)
         share /= share.sum(axis=1, keepdims=True)
-        each, _ = self._brightness(light, at[first])
+        each, V = self._brightness(light, at[first])
         mean = share @ each
         turned = np.maximum(share @ each**2 - mean**2, 0.0)  # a round piece has not one brightness
-        _, V = self._brightness(light, at[first][np.argmax(share, axis=1)])  # its strips are off together
-        return _log_normal(tones - mean, V + np.diag(_UNEVEN**2 + turned))
+        mostly = np.argmax(share, axis=1)  # pieces of one surface are off together, as are the strips of a round one
+        return _log_normal(tones - mean, V[np.ix_(mostly, mostly)] + np.diag(_UNEVEN**2 + turned))
 
     def _brightness(self, light: Light, at: Longs) -> tuple[Array, Array]:
         """Return the brightness (r,) of what the pixels `at` (r,) show, and its covariance (r, r)."""
