@@ -10,6 +10,7 @@ from scipy.special import ndtr
 
 from cadcam.cad.parts.shape import box
 from cadcam.camera.camera import Camera
+from cadcam.errors import DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import StepSums, step_rests, step_sums
 from cadcam.locate.lines.bands import banded
@@ -19,6 +20,7 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine import refine as refinement
 from cadcam.locate.refine.refine import refine
+from cadcam.locate.refine.solution import Solution
 from cadcam.native.core import choose_variant
 from cadcam.native.profiles import StepCells, band_gains
 
@@ -114,6 +116,23 @@ def test_beside_bands_a_part_is_found_as_surely_as_is_said(
     untold = normalised()
     assert told < 1.6
     assert untold > 1.5 * told
+
+
+def test_lines_beside_bands_that_leave_the_pose_open_are_no_pose(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each line may be drawn by its band: then few lines that gave a pose as long as none was do so no more."""
+
+    def open_beside_bands(self: Solution) -> Solution:
+        raise DegenerateGeometry("its lines do not determine the pose")
+
+    sight, pose = sighted(noisy(plate(3.0, 0.1), 0.01, rng))
+    monkeypatch.setattr(Solution, "tells_lines", property(lambda self: False))
+    monkeypatch.setattr(Solution, "beside_its_bands", open_beside_bands)
+    part = Part.of(box((-60, -40, 0), (60, 40, 40), name="plate"))
+    found = refine(part, [sight.photo], pose)
+    assert not found.found
+    assert "do not determine the pose" in found.reason
 
 
 def cells_of(gray: np.ndarray, rng: np.random.Generator, n: int) -> tuple[StepCells, StepSums]:

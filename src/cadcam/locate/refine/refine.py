@@ -279,9 +279,10 @@ class Refinement:
         for lines in (True, False) if untold.tells_lines else (False,):
             try:
                 told = solved(sights, pose, self.freedom, self.evidence, self.options, bands=True, lines=lines)
+                answer = self.answered(told if lines else told.beside_its_bands())
             except DegenerateGeometry:
                 continue
-            answer, unlike = self.answered(told if lines else told.beside_its_bands()), unlike or told
+            unlike = unlike or told
             closer = told.fit.between < untold.fit.between and (found or not answer.loose)
             if answer.location.found and closer and (best is None or answer.better_than(best)):
                 best = answer.unlike(untold, LEFT)
@@ -289,7 +290,10 @@ class Refinement:
                 break
         if best is not None:
             return best
-        plain = self.answered(untold.beside_its_bands())
+        try:
+            plain = self.answered(untold.beside_its_bands())
+        except DegenerateGeometry as error:  # its lines, each of which bands may draw, leave the pose open
+            return _Answer(lost(sights, pose, self.freedom, str(error)), None, sights)
         return plain if unlike is None else plain.unlike(unlike, _EITHER)
 
     def answered(self, solution: Solution) -> _Answer:
