@@ -111,13 +111,15 @@ class _Target:
 
         if not len(corners) or not len(self.corners):
             return like
-        moved, near = like.motion @ corners, 2 * _CLOSE * self.radius
+        some = corners[:: max(1, len(corners) // _POINTS)]  # each of them among all: large models have thousands
+        moved, near = like.motion @ some, 2 * _CLOSE * self.radius
         pairs = self.corner_tree.query_ball_point(moved, near)
         by = np.concatenate([self.corners[k] - p for k, p in zip(pairs, moved, strict=True)])
         if len(by) < _CORNERS:
             return like
-        votes = cKDTree(by).query_ball_point(by, _EXACT * self.radius)
-        most = max(votes, key=len)
+        tree, exact = cKDTree(by), _EXACT * self.radius
+        votes = np.asarray(tree.query_ball_point(by, exact, return_length=True))
+        most = tree.query_ball_point(by[int(np.argmax(votes))], exact)
         if len(most) < _CORNERS:
             return like
         shifted = Rigid(like.motion.rotation, like.motion.translation + by[most].mean(axis=0))
