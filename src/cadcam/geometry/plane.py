@@ -9,6 +9,7 @@ import numpy as np
 from cadcam.arrays import Array, Floats, frozen
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.ray import Ray
+from cadcam.geometry.rotation import hat
 
 _COLLINEAR = 1e-9  # width by length below which points give no plane
 _GRAZING = 1e-12  # sine of the angle between ray and plane below which they do not meet
@@ -75,7 +76,8 @@ class Plane:
 
 def axes_across(normal: Array) -> tuple[Array, Array]:
     """Return two unit vectors (..., 3) across unit normals (..., 3) and each other; zero where a normal is."""
-    axis = np.eye(3)[np.argmin(np.abs(normal), axis=-1)]
-    first = np.cross(normal, axis)
-    first = first / np.maximum(np.linalg.norm(first, axis=-1, keepdims=True), np.finfo(float).tiny)
-    return first, np.cross(normal, first)
+    crossed = hat(normal)
+    axis = np.eye(3)[np.abs(normal).argmin(axis=-1)]
+    first = crossed @ axis[..., None]
+    first = first / np.maximum(np.sqrt((first**2).sum(axis=-2, keepdims=True)), np.finfo(float).tiny)
+    return first[..., 0], (crossed @ first)[..., 0]

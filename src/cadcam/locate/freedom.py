@@ -90,9 +90,10 @@ def aligned(B: Array, point: Array, sight: Array) -> Array:
     the part's frame. A solver that damps each motion by itself then leaves them all free: in other axes a part far from
     the camera cannot come nearer but by sliding, nor one far from its frame's origin turn.
     """
-    one, other = axes_across(sight / np.linalg.norm(sight))
-    axes = np.stack([one, other, sight / np.linalg.norm(sight)], axis=1)
-    screws = np.block([[axes, hat(point) @ axes], [np.zeros((3, 3)), axes]])
+    along = sight / np.linalg.norm(sight)
+    axes = np.array([*axes_across(along), along]).T
+    screws = np.zeros((6, 6))
+    screws[:3, :3], screws[:3, 3:], screws[3:, 3:] = axes, hat(point) @ axes, axes
     if B.shape[1] == 6:
         return screws
     Q = np.linalg.qr(np.linalg.solve(screws, B))[0]
