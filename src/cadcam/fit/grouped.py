@@ -128,9 +128,10 @@ def _tried(groups: Groups, scatter: Array, usual: float) -> Tried:
     n = len(scatter)
     expected = np.zeros(n) if groups.expected is None else groups.expected * scatter
     shares = (0.0, 1.0) if expected.any() else (0.0,)
-    told = np.arange(n) if groups.family is None else groups.family
-    family = np.cumsum(np.diff(told, prepend=told[:1]) > 0, dtype=np.int64)
-    first_of_family = np.flatnonzero(np.diff(told, prepend=-1))
+    family = first_of_family = np.arange(n)
+    if groups.family is not None:
+        begins = np.diff(groups.family, prepend=-1) > 0
+        family, first_of_family = np.cumsum(begins) - 1, np.flatnonzero(begins)
     families = slice(1) if groups.family is None else slice(None)  # without: no variance between them
     return Tried(
         scatter if groups.relative is None else groups.relative * scatter,

@@ -65,28 +65,35 @@ static void add_up(const cc_grouped *d, const sums *g, double *all) {
     squares(g, d->groups, wide);
 }
 
-/* What is left of the sums where groups have offsets, also of those of families; returns the log of the determinant
- * that these add. */
+/* Add what is left of a group's sums, a share, to those of its family. */
+static void add_to_family(const cc_grouped *d, const sums *g, int64_t of, double share, const sums *family) {
+    const int32_t wide = d->k + 1;
+    const double *sum = g->sum + of * wide;
+    double *families = family->sum + d->family[of] * wide;
+    for (int32_t a = 0; a < wide; a++) families[a] += share * sum[a];
+    family->total[d->family[of]] += share * g->total[of];
+}
+
+/* What is left of the sums where groups have offsets, also of those of families, unless that is null; returns the log of
+ * the determinant that these add. */
 static double without_groups(const cc_grouped *d, const sums *g, int32_t t, const double *all, double *left,
                              const sums *family) {
     const int32_t wide = d->k + 1, packed = wide * (wide + 1) / 2;
     logs added = {0, 1};
     memcpy(left, all, sizeof(double) * (size_t)packed);
-    memset(family->total, 0, sizeof(double) * (size_t)d->families);
-    memset(family->sum, 0, sizeof(double) * (size_t)(d->families * wide));
+    if (family) memset(family->total, 0, sizeof(double) * (size_t)d->families);
+    if (family) memset(family->sum, 0, sizeof(double) * (size_t)(d->families * wide));
     for (int64_t of = 0; of < d->groups; of++) {
         const double v = d->variance[t] * d->free[of] + d->share[t] * d->expected[of];
         const double counts = d->of_group[of] > 1e-12 ? d->of_group[of] : 1e-12, total = g->total[of];
-        const double grown = v > 0 && total > 0 ? 1 + v * total / counts : 1, *sum = g->sum + of * wide;
-        double *families = family->sum + d->family[of] * wide;
-        for (int32_t a = 0; a < wide; a++) families[a] += sum[a] / grown;
-        family->total[d->family[of]] += total / grown;
+        const double grown = v > 0 && total > 0 ? 1 + v * total / counts : 1;
+        if (family) add_to_family(d, g, of, 1 / grown, family);
         if (grown == 1) continue;
         const double f = v / grown / counts, *square = g->square + of * packed;
         for (int32_t s = 0; s < packed; s++) left[s] -= f * square[s];
         times(&added, grown, counts);
     }
-    squares(family, d->families, wide);
+    if (family) squares(family, d->families, wide);
     return added.log + log(added.product);
 }
 
@@ -95,6 +102,7 @@ static double without_families(const cc_grouped *d, const sums *family, int32_t 
     const int32_t packed = (d->k + 1) * (d->k + 2) / 2;
     logs added = {0, 1};
     memcpy(left, all, sizeof(double) * (size_t)packed);
+    if (!(d->family_variance[u] > 0)) return 0;
     for (int64_t of = 0; of < d->families; of++) {
         const double v = d->family_variance[u] * d->family_free[of], total = family->total[of];
         if (!(v > 0 && total > 0)) continue;
@@ -195,9 +203,12 @@ int32_t cc_grouped_fit(const cc_grouped *d, double *scratch, double *p, double *
     sums groups, families;
     double *left = laid_out(d, scratch, &groups, &families), *each_x = left + (int64_t)tried * packed;
     double all[PACKED], some[PACKED], L[WIDE][WIDE], scale[WIDE];
+    const sums *asked = NULL; /* where families have no offsets in any try, nobody asks for their sums */
+    for (int32_t u = 0; u < d->family_tried; u++)
+        if (d->family_variance[u] > 0) asked = &families;
     add_up(d, &groups, all);
     for (int32_t t = 0, at = 0; t < d->tried; t++) {
-        const double log_groups = without_groups(d, &groups, t, all, some, &families);
+        const double log_groups = without_groups(d, &groups, t, all, some, asked);
         for (int32_t u = 0; u < d->family_tried; u++, at++) {
             double *here = left + (int64_t)at * packed;
             const double log_families = without_families(d, &families, u, some, here);
