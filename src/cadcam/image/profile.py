@@ -31,6 +31,7 @@ from cadcam.native.profiles import StepCells
 DARK, BRIGHT = 0.002, 0.998  # beyond these a pixel is clipped
 _ROWS = 48  # rows of a photo that tell its noise
 _BLURS = np.array([0.5, 0.7, 0.95, 1.3, 1.8, 2.5, 3.5])  # px, tried in `blur_of`
+_USUAL = 1  # the blur of these, or the next, that most lenses have
 _FAINTEST = 0.025  # contrast of steps that are looked for
 _SPREADS = (0.0, 0.7, 1.0, 1.4, 1.7)  # px, tried in `calming`
 _CLEAR, _MUCH = 16.0, 0.12  # of a blur that depends on direction: chi square, by how much its logarithm changes
@@ -149,10 +150,11 @@ class _Misfits:
         self.gray, self.normal = gray, normal
         self.cells = StepCells(q, normal, reach, reach, half_length, float(_BLURS[0]))
         self.left = np.full((len(_BLURS), len(q)), np.nan)  # logarithms
-        self.mean = np.full(len(_BLURS), np.inf)
+        self.mean, self.asked = np.full(len(_BLURS), np.inf), set[int]()
 
     def ask(self, k: int) -> None:
         """Fit steps of the k-th blur."""
+        self.asked.add(k)
         sums = step_sums(self.gray, replace(self.cells, blur=float(_BLURS[k])))
         found = profiles.steps(sums.sums, np.zeros((len(self.normal), 2)))[:, 4]
         self.left[k] = np.log(found + _QUANTISED)
@@ -160,11 +162,16 @@ class _Misfits:
         self.mean[k] = np.mean(self.left[k, there]) if there.sum() >= _FEW else np.inf
 
     def best(self) -> tuple[float, int]:
-        """Return the blur at which the cells fit best together, nan where there are too few, and the nearest tried."""
-        for k in range(len(_BLURS) if len(self.normal) >= _FEW else 0):
-            self.ask(k)
-            if k and self.mean[k] > self.mean[k - 1]:
-                break
+        """Return the blur at which the cells fit best together, nan where there are too few, and the nearest tried.
+
+        Downhill from an ordinary blur, until blurs to both sides fit worse.
+        """
+        ask = {_USUAL, _USUAL + 1} if len(self.normal) >= _FEW else set()
+        while ask:
+            for k in ask:
+                self.ask(k)
+            best = int(np.argmin(self.mean))
+            ask = {max(best - 1, 0), min(best + 1, len(_BLURS) - 1)} - self.asked
         best = int(np.argmin(self.mean))
         if not np.isfinite(self.mean[best]):
             return np.nan, best
@@ -190,8 +197,8 @@ class _Misfits:
 
     def matrix(self) -> Array:
         """Return the covariance (2, 2) px^2 at which the cells fit best."""
-        for k in np.flatnonzero(np.isnan(self.left).all(axis=1)):
-            self.ask(int(k))
+        for k in set(range(len(_BLURS))) - self.asked:
+            self.ask(k)
         there = np.isfinite(self.left).all(axis=0)
         left, x = self.left[:, there], self._doubled()[there]
         far, tried = _FIRST, _TRIED
