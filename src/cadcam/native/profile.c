@@ -167,7 +167,7 @@ int32_t cc_clearance(int64_t n, const double *q, const double *normal, const int
 static void edge_row(const double D[2][3], const double *p, const double *t, double *normal, double *row) {
     const double x = D[0][0] * t[0] + D[0][1] * t[1] + D[0][2] * t[2];
     const double y = D[1][0] * t[0] + D[1][1] * t[1] + D[1][2] * t[2];
-    double length = hypot(x, y), v[3];
+    double length = sqrt(x * x + y * y), v[3];
     length = length > 1e-300 ? length : 1e-300;
     normal[0] = -y / length, normal[1] = x / length;
     for (int k = 0; k < 3; k++) v[k] = normal[0] * D[0][k] + normal[1] * D[1][k];

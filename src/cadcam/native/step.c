@@ -74,7 +74,7 @@ INLINE void add_terms(equations *e, pixels *p, double blur, const twin *twins, c
     const int sums = terms * (terms + 1) / 2 + terms + 1;
     const double dark = e->dark - e->first, bright = e->bright - e->first;
     d4 sum[SUMS];
-    memcpy(sum, e->sum, sizeof sum);
+    for (int s = 0; s < sums; s++) sum[s] = e->sum[s];
     for (int k = 0; k < 4; k++) p->d[p->n + k] = p->t[p->n + k] = p->value[p->n + k] = 0;
     for (int k = 0; k < p->n; k += 4) {
         d4 f[TERMS], d = *(const d4 *)(p->d + k), value = *(const d4 *)(p->value + k), step, bell;
@@ -94,7 +94,7 @@ INLINE void add_terms(equations *e, pixels *p, double blur, const twin *twins, c
         sum[s] = fused_d(value, value, sum[s]);
         e->clipped -= ((value <= dark) | (value >= bright)) & there;
     }
-    memcpy(e->sum, sum, sizeof(d4) * (size_t)sums);
+    for (int s = 0; s < sums; s++) e->sum[s] = sum[s];
     e->count += p->n, p->n = 0;
 }
 
@@ -152,20 +152,24 @@ static void add_row(equations *e, pixels *some, const float *row, const float *e
     }
 }
 
-/* The pixels of row y between the cell's four sides: |along| <= half and -below .. above across, linear in x. */
-static void span(const double *q, const double *n, double dy, double below, double above, double half, double *lo,
-                 double *hi) {
-    double tx = -n[1], ty = n[0];
-    double side[2][3] = {{n[0], -below - n[1] * dy, above - n[1] * dy}, {tx, -half - ty * dy, half - ty * dy}};
-    for (int k = 0; k < 2; k++) {
-        double a = side[k][0];
-        if (fabs(a) < 1e-9) {
-            if (side[k][1] > 0 || side[k][2] < 0) *lo = INFINITY;
-            continue;
-        }
-        *lo = upper(*lo, side[k][a > 0 ? 1 : 2] / a + q[0]);
-        *hi = lower(*hi, side[k][a > 0 ? 2 : 1] / a + q[0]);
-    }
+/* Two opposite sides of a cell: what a row dy below the sample has between them, from lo + lean dy to hi + lean dy right
+ * of it; or, if they are level, all of it where lean dy is from lo to hi. */
+typedef struct {
+    double lo, hi, lean;
+    int level;
+} sides;
+
+/* Those with least <= a dx + b dy <= most. */
+static sides sides_of(double a, double b, double least, double most) {
+    if (fabs(a) < 1e-9) return (sides){least, most, b, 1};
+    const double over = 1 / a;
+    return (sides){(a > 0 ? least : most) * over, (a > 0 ? most : least) * over, -b * over, 0};
+}
+
+INLINE void cut(const sides *s, double dy, double *lo, double *hi) {
+    const double at = s->lean * dy;
+    if (!s->level) *lo = upper(*lo, s->lo + at), *hi = lower(*hi, s->hi + at);
+    else if (at < s->lo || at > s->hi) *lo = INFINITY;
 }
 
 /* Add the pixels of the cell; 0 where it leaves the picture. */
@@ -178,11 +182,12 @@ static int gather(const cc_picture *p, const double *q, const double *n, double 
     double wide = fabs(reach * n[0]) + fabs(half * tx), high = fabs(reach * n[1]) + fabs(half * ty);
     if (!(cx - wide >= 0 && cx + wide <= p->width - 1 && cy - high >= 0 && cy + high <= p->height - 1)) return 0;
     e->first = p->pixels[(int64_t)cy * p->width + (int64_t)cx];
+    const sides across = sides_of(n[0], n[1], -below, above), along = sides_of(tx, ty, -half, half);
     for (int y = (int)ceil(cy - high); y <= (int)floor(cy + high); y++) {
-        double dy = y - q[1], lo = cx - wide, hi = cx + wide;
-        span(q, n, dy, below, above, half, &lo, &hi);
+        double dy = y - q[1], lo = cx - wide - q[0], hi = cx + wide - q[0];
+        cut(&across, dy, &lo, &hi), cut(&along, dy, &lo, &hi);
         if (!(lo <= hi)) continue;
-        const int x0 = (int)ceil(lo), count = (int)floor(hi) - x0 + 1;
+        const int x0 = (int)ceil(q[0] + lo), count = (int)floor(q[0] + hi) - x0 + 1;
         const double dx = x0 - q[0];
         add_row(e, &some, p->pixels + (int64_t)y * p->width + x0, p->pixels + (int64_t)p->height * p->width, count,
                 dx * n[0] + dy * n[1], n[0], dx * tx + dy * ty, tx, blur);
@@ -246,25 +251,25 @@ INLINE void solve(const double *sum, const int terms, const double *held, double
     out[5] = Q[0], out[6] = Q[1], out[7] = count, out[8] = sum[CLIPPED] / count;
 }
 
-/* Take up the twins whose steps reach into the cell. */
-static void set_twins(equations *e, const double *twins, double below, double above, double half, double blur) {
-    e->terms = OWN;
+/* Equations without pixels, with the twins whose steps reach into the cell. */
+static void begin(equations *e, const double *twins, double below, double above, double half, double blur) {
+    e->left = NULL, e->dark = e->bright = 0, e->count = 0, e->clipped = (l4){0}, e->terms = OWN;
     for (int k = 0; k < 2; k++) {
         const double at = twins[2 * k], slope = twins[2 * k + 1], far = SPREAD * blur + half * fabs(slope);
         if (k ? at < above + far : at > -below - far) e->twins[e->terms++ - OWN] = (twin){at, slope, k ? 1 : -1};
     }
+    for (int s = 0; s < e->terms * (e->terms + 1) / 2 + e->terms + 1; s++) e->sum[s] = four_d(0);
 }
 
 void VARIANT(step_sums)(const cc_picture *picture, int64_t n, const double *q, const double *normal,
                         const double *below, const double *above, const double *twins, double half_length, double blur,
                         double dark, double bright, double *sums) {
     for (int64_t i = 0; i < n; i++) {
-        equations e;
-        memset(&e, 0, sizeof e);
-        e.dark = (float)dark, e.bright = (float)bright;
         double *o = sums + CC_STEP_SUMS * i;
         memset(o, 0, CC_STEP_SUMS * sizeof *o);
-        set_twins(&e, twins + 4 * i, below[i], above[i], half_length, blur);
+        equations e;
+        begin(&e, twins + 4 * i, below[i], above[i], half_length, blur);
+        e.dark = (float)dark, e.bright = (float)bright;
         if (!gather(picture, q + 2 * i, normal + 2 * i, below[i], above[i], half_length, blur, &e)) continue;
         const int used = e.terms * (e.terms + 1) / 2 + e.terms + 1;
         for (int s = 0; s < used; s++) o[s] = (e.sum[s][0] + e.sum[s][1]) + (e.sum[s][2] + e.sum[s][3]);
@@ -294,8 +299,7 @@ void VARIANT(step_residuals)(const cc_picture *picture, int64_t n, const double 
         double *o = out + (2 * bins + 1) * i, explained = 0, Q[2];
         residuals left = {.from = -0.5 * bins * width, .width = width, .sum = o, .number = o + bins, .count = bins};
         equations e;
-        memset(&e, 0, sizeof e);
-        set_twins(&e, twins + 4 * i, below[i], above[i], half_length, blur);
+        begin(&e, twins + 4 * i, below[i], above[i], half_length, blur);
         const int terms = e.terms, known = terms == (int)s[OF_TERMS];
         if (!known || !factors(s, terms, free, left.x, &explained, Q)) continue;
         e.left = &left;
