@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.locate.locate import locate
+from cadcam.locate.in_photos import locate
 from cadcam.locate.photo import Photo
 from locate_bound import REACH, bound, information
 from locate_errors import Outcome, Summary, auc, judged, summary

@@ -31,7 +31,7 @@ from battery_conditions import CONDITIONS
 from cadcam.arrays import Array
 from cadcam.errors import CadcamError, MissingExtra
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.locate import locate
+from cadcam.locate.in_photos import locate
 from cadcam.locate.photo import Photo
 from locate_errors import CLOSE_PX, NEAR_PX, squared
 

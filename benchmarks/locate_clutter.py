@@ -12,7 +12,7 @@ import argparse
 import time
 from pathlib import Path
 
-from cadcam.locate.locate import locate
+from cadcam.locate.in_photos import locate
 from locate_errors import NEAR_PX, vertex_error
 from locate_sets import PhotoSet
 

@@ -28,7 +28,7 @@ from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.geometry.rotation import exp
 from cadcam.image.picture import write_picture
-from cadcam.locate.locate import locate
+from cadcam.locate.in_photos import locate
 from cadcam.locate.location import FOUND
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo

@@ -35,7 +35,7 @@ from cadcam.arrays import Array, Picture
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.locate import locate
+from cadcam.locate.in_photos import locate
 from cadcam.locate.photo import Photo
 from edge_trackers import Ended, Gray8, Job, Rapid, Schedule, Tracker, Visp, visp_program
 from locate import least_scatter

@@ -20,7 +20,7 @@ from cadcam.arrays import Array
 from cadcam.geometry.rotation import hat
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.photo import Photo
-from cadcam.locate.refine.refine import refine
+from cadcam.locate.refine.refinement import refine
 from locate_bound import information
 from locate_sets import PhotoSet
 

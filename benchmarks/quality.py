@@ -31,11 +31,11 @@ from cadcam.camera.camera import Camera
 from cadcam.errors import CadcamError
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import LUMA
-from cadcam.locate.locate import locate
+from cadcam.locate.in_photos import locate
 from cadcam.locate.location import FOUND
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.refine.refine import refine
+from cadcam.locate.refine.refinement import refine
 from locate_errors import auc
 from locate_sets import Case, PhotoSet, exact_cases, real_cases
 

@@ -35,7 +35,7 @@ from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts.shipblock import ship_block
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.locate import locate
+from cadcam.locate.in_photos import locate
 from cadcam.locate.photo import Photo
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Look, Scene

@@ -33,7 +33,7 @@ from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts.shape import box, circle, extruded, filled
 from cadcam.geometry.rotation import exp
 from cadcam.image.picture import to_gray
-from cadcam.locate.locate import locate
+from cadcam.locate.in_photos import locate
 from cadcam.locate.photo import Photo
 from cadcam.verify.deviations.deviation import State
 from cadcam.verify.judge import Verification, verify

@@ -35,7 +35,7 @@ from cadcam.cli.wires import scene_without_edges
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import to_gray
 from cadcam.image.sensor.presets import preset
-from cadcam.locate.locate import locate
+from cadcam.locate.in_photos import locate
 from cadcam.locate.photo import Photo
 from cadcam.render import open_renderer
 from cadcam.render.light import Lamp, Light

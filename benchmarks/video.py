@@ -25,10 +25,10 @@ from cadcam.arrays import Array, Picture
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture, to_rgb, write_picture
-from cadcam.locate.locate import locate
+from cadcam.locate.in_photos import locate
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.track.track import TrackedFrame, track
+from cadcam.locate.track.tracker import TrackedFrame, track
 from cadcam.render.overlay import LineStyle, edge_distances, overlay, side_by_side
 from video_print import straightened, told_and_shown
 from video_sets import Clip, box_symmetries, clips, frames_of, part_of, triangle

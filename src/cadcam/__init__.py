@@ -103,7 +103,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.image.sensor.sensor import Sensor as Sensor
     from cadcam.image.template import Template as Template
     from cadcam.locate.freedom import Freedom as Freedom
-    from cadcam.locate.locate import locate as _locate
+    from cadcam.locate.in_photos import locate as _locate
     from cadcam.locate.location import Location as Location
     from cadcam.locate.match.closeness import Closeness as Closeness
     from cadcam.locate.match.closeness import ClosenessOptions as ClosenessOptions
@@ -115,13 +115,13 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.locate.part import Part as Part
     from cadcam.locate.photo import Photo as Photo
     from cadcam.locate.refine.options import EdgeOptions as EdgeOptions
-    from cadcam.locate.refine.refine import refine as refine
+    from cadcam.locate.refine.refinement import refine as refine
     from cadcam.locate.search.approach import Reach as Reach
     from cadcam.locate.track.frames import Frames as Frames
     from cadcam.locate.track.log import TrackLog as TrackLog
     from cadcam.locate.track.log import read_track as read_track
     from cadcam.locate.track.log import track_to as track_to
-    from cadcam.locate.track.track import track as track
+    from cadcam.locate.track.tracker import track as track
     from cadcam.locate.views.view_range import ViewRange as ViewRange
     from cadcam.plan.layout import Layout as Layout
     from cadcam.plan.layout import next_views as next_views
@@ -304,7 +304,7 @@ _HOME = {
     "load": "cadcam.cad.load",
     "load_with_report": "cadcam.cad.load",
     "locate_camera": "cadcam.calibrate.points.camera",
-    "locate_part": "cadcam.locate.locate:locate",
+    "locate_part": "cadcam.locate.in_photos:locate",
     "markov_chain": "cadcam.calibrate.variability.methods",
     "match_templates": "cadcam.locate.match.templates",
     "measure_marks": "cadcam.station.measure:measure",
@@ -345,14 +345,14 @@ _HOME = {
     "read_stations": "cadcam.station.document",
     "read_tolerances": "cadcam.verify.tolerances.file",
     "read_track": "cadcam.locate.track.log",
-    "refine": "cadcam.locate.refine.refine",
+    "refine": "cadcam.locate.refine.refinement",
     "repainted": "cadcam.render.looks",
     "sensor_format": "cadcam.camera.sensor_format",
     "sensor_named": "cadcam.files.sensor",
     "side_by_side": "cadcam.render.overlay",
     "solve_optics": "cadcam.camera.optics",
     "standard_view": "cadcam.render.standard_view",
-    "track": "cadcam.locate.track.track",
+    "track": "cadcam.locate.track.tracker",
     "track_to": "cadcam.locate.track.log",
     "trend": "cadcam.record.trend",
     "uv_from_pixel_matrix": "cadcam.camera.extended_pinhole",

@@ -19,7 +19,7 @@ from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine import refine as refinement
-from cadcam.locate.refine.refine import refine
+from cadcam.locate.refine.refinement import refine
 from cadcam.locate.refine.solution import Solution
 from cadcam.native.core import choose_variant
 from cadcam.native.profiles import StepCells, band_gains

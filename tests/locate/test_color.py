@@ -19,7 +19,7 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.quality.chequers import along_chequers
 from cadcam.locate.quality.color import by_color
 from cadcam.locate.refine.options import EDGES
-from cadcam.locate.refine.refine import refine
+from cadcam.locate.refine.refinement import refine
 from cadcam.native.profiles import values_at
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Scene

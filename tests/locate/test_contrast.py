@@ -10,7 +10,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.contrast import showing
-from cadcam.locate.refine.refine import refine
+from cadcam.locate.refine.refinement import refine
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Look
 

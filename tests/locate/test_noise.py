@@ -7,7 +7,7 @@ import pytest
 
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import calming, candidates
-from cadcam.locate.locate import locate
+from cadcam.locate.in_photos import locate
 from cadcam.locate.photo import Photo
 
 from .scene import CAMERA, block, largest_miss, off, photo_of, pose_of

@@ -11,8 +11,8 @@ from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.proportions import Stretched, _pulled, stretched
-from cadcam.locate.quality.quality import judged
-from cadcam.locate.refine.refine import refine
+from cadcam.locate.quality.support import judged
+from cadcam.locate.refine.refinement import refine
 from cadcam.native.profiles import met
 
 from ..cad.solids import box

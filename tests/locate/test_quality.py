@@ -8,14 +8,14 @@ import pytest
 from cadcam.cad.parts import machined_bracket
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import Freedom
-from cadcam.locate.locate import locate
+from cadcam.locate.in_photos import locate
 from cadcam.locate.location import FOUND
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.absent import behind_border, body_gone
-from cadcam.locate.quality.quality import SEARCHED, Seen
+from cadcam.locate.quality.support import SEARCHED, Seen
 from cadcam.locate.quality.worth import distinct_lines, worth_of_stretches
-from cadcam.locate.refine.refine import refine
+from cadcam.locate.refine.refinement import refine
 from cadcam.locate.views.view_range import ViewRange
 
 from ..cad.solids import box

@@ -19,9 +19,9 @@ import pytest
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture
-from cadcam.locate.locate import locate
+from cadcam.locate.in_photos import locate
 from cadcam.locate.photo import Photo
-from cadcam.locate.track.track import track
+from cadcam.locate.track.tracker import track
 
 PATH = Path(__file__).resolve().parents[2] / "benchmarks" / "video_sets.py"
 

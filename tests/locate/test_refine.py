@@ -22,9 +22,9 @@ from cadcam.locate.evidence import LineEvidence, PointEvidence
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality.quality import SEARCHED
+from cadcam.locate.quality.support import SEARCHED
 from cadcam.locate.refine.options import EdgeOptions
-from cadcam.locate.refine.refine import refine
+from cadcam.locate.refine.refinement import refine
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Look
 

@@ -11,7 +11,7 @@ from cadcam.image.profile import step_sums
 from cadcam.locate.lines.response import _OF_BLUR, _weighed
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.refine.refine import refine
+from cadcam.locate.refine.refinement import refine
 from cadcam.native.profiles import StepCells
 
 from ..cad.solids import box

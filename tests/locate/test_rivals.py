@@ -11,12 +11,12 @@ from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import FREE
 from cadcam.locate.lines.sight import Sight
-from cadcam.locate.locate import locate
+from cadcam.locate.in_photos import locate
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.apart import away
 from cadcam.locate.refine.options import EDGES
-from cadcam.locate.refine.refine import refine
+from cadcam.locate.refine.refinement import refine
 from cadcam.locate.rivals import Rivals
 from cadcam.render import open_renderer
 from cadcam.render.view import Scene

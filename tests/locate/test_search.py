@@ -16,11 +16,11 @@ from cadcam.errors import BadValue
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture
-from cadcam.locate.locate import locate
+from cadcam.locate.in_photos import locate
 from cadcam.locate.location import FOUND
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.search.search import search
+from cadcam.locate.search.without_start import search
 from cadcam.locate.views.view_range import ViewRange
 
 from ..cad.solids import box

@@ -16,7 +16,7 @@ from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.track.frames import Frame, Frames
 from cadcam.locate.track.log import TrackLog, head_of, track_to
 from cadcam.locate.track.texture import Followed, Texture
-from cadcam.locate.track.track import LoggedFrame, TrackedFrame, track
+from cadcam.locate.track.tracker import LoggedFrame, TrackedFrame, track
 
 from .printed import CAMERA, FIRST, STEP, miss_mm, part, photo, truth
 

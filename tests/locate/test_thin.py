@@ -7,7 +7,7 @@ import numpy as np
 from cadcam.cad.mesh import merge
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
-from cadcam.locate.quality.quality import seen
+from cadcam.locate.quality.support import seen
 from cadcam.locate.quality.shown import ROOM_PX
 from cadcam.locate.quality.thin import Strips
 

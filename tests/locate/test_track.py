@@ -22,7 +22,7 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.track import track as module
 from cadcam.locate.track.frames import Frame, Frames
 from cadcam.locate.track.log import COLUMNS, TrackLog, head_of, read_track, track_to
-from cadcam.locate.track.track import LoggedFrame, track
+from cadcam.locate.track.tracker import LoggedFrame, track
 
 from .moving import CAMERA, FIRST, STEP, Sighting, block, frames, location, measured, truth
 

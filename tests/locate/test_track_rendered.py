@@ -10,7 +10,7 @@ import numpy as np
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.photo import Photo
 from cadcam.locate.track.frames import Frame
-from cadcam.locate.track.track import TrackedFrame, track
+from cadcam.locate.track.tracker import TrackedFrame, track
 
 from .scene import block, largest_miss, off, photo_of, pose_of
 

@@ -10,7 +10,7 @@ import pytest
 from cadcam.arrays import Array
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.photo import Photo
-from cadcam.verify.bodies.look import Case, elsewhere_by, looked, sure
+from cadcam.verify.bodies.findings import Case, elsewhere_by, looked, sure
 from cadcam.verify.bodies.redrawn import redrawn
 from cadcam.verify.deviations.astray import Doubt, Group, _possible, broken_edges
 from cadcam.verify.deviations.deviation import State, Unclear

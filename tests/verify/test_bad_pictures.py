@@ -16,7 +16,7 @@ from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.refine.refine import refine
+from cadcam.locate.refine.refinement import refine
 from cadcam.verify.judge import Verification, verify
 from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances
 from cadcam.verify.tolerances.verdict import Verdict

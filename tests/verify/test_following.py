@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cadcam.arrays import Array
-from cadcam.verify.adjustment.adjustment import Adjustment, Estimate, FittedPose
+from cadcam.verify.adjustment.datum_fit import Adjustment, Estimate, FittedPose
 from cadcam.verify.adjustment.following import following
 from cadcam.verify.adjustment.scatter import EdgeNoise
 

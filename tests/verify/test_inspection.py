@@ -12,9 +12,9 @@ import pytest
 from cadcam.cad.mesh import merge
 from cadcam.cad.parts.shape import box
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.refine.refine import refine
-from cadcam.verify.adjustment.adjustment import Estimate
-from cadcam.verify.bodies.look import looked
+from cadcam.locate.refine.refinement import refine
+from cadcam.verify.adjustment.datum_fit import Estimate
+from cadcam.verify.bodies.findings import looked
 from cadcam.verify.deviations.deviation import State, Unclear
 from cadcam.verify.deviations.measured import Displacement
 from cadcam.verify.edges.presence import Presence

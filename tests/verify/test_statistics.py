@@ -7,7 +7,7 @@ import pytest
 
 from cadcam.arrays import Array
 from cadcam.errors import DegenerateGeometry
-from cadcam.verify.adjustment.adjustment import Adjustment, FittedPose
+from cadcam.verify.adjustment.datum_fit import Adjustment, FittedPose
 from cadcam.verify.adjustment.alarms import either, false_discoveries_below, surely_below, tail_probability
 from cadcam.verify.adjustment.scatter import EdgeNoise, common_error, improbability, white_scale
 

@@ -7,7 +7,7 @@ import pytest
 
 from cadcam.geometry.rigid import Rigid
 from cadcam.report.verify.words import unclear_words
-from cadcam.verify.adjustment.adjustment import Estimate
+from cadcam.verify.adjustment.datum_fit import Estimate
 from cadcam.verify.deviations.deviation import State, Unclear
 from cadcam.verify.deviations.measured import Displacement
 from cadcam.verify.deviations.unclear import _by_cause, why_doubtful

@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import norm
 
 from cadcam.errors import BadValue
-from cadcam.verify.adjustment.adjustment import Estimate
+from cadcam.verify.adjustment.datum_fit import Estimate
 from cadcam.verify.deviations.deviation import FeatureDeviation, State
 from cadcam.verify.edges.presence import Presence
 from cadcam.verify.inspection import Inspection

@@ -106,7 +106,7 @@ def views_as_asked(arguments: argparse.Namespace) -> ViewRange:
 def prepared(part: Part, photos: Sequence[Photo], views: ViewRange) -> Iterator[None]:
     """Make what a search of the part needs, or take it from the cache's folder; afterwards keep there what was made."""
     from cadcam.locate.search.aspect_files import read_aspects, write_aspects
-    from cadcam.locate.search.search import unmade
+    from cadcam.locate.search.without_start import unmade
 
     folder = cache_folder()
     kept = 0 if folder is None else read_aspects(part, folder)
@@ -188,7 +188,7 @@ def located(
     part: Part, shots: Shots, start: Rigid | None, freedom: Freedom, views: ViewRange | None = None
 ) -> Location:
     """Return where the part is: from the start, else from where the camera's file has its world, else searched for."""
-    from cadcam.locate.locate import locate
+    from cadcam.locate.in_photos import locate
     from cadcam.locate.views.view_range import WHOLE_SPHERE
 
     views = WHOLE_SPHERE if views is None else views

@@ -22,9 +22,9 @@ from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.apart import Apart, Reading, away, shows_alike, told_apart
-from cadcam.locate.quality.quality import ASKED
+from cadcam.locate.quality.support import ASKED
 from cadcam.locate.refine.options import EdgeOptions
-from cadcam.locate.refine.refine import Refinement
+from cadcam.locate.refine.refinement import Refinement
 from cadcam.locate.views.likeness import Likeness
 from cadcam.render.lines.visible import edge_points
 

@@ -15,7 +15,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.verify.adjustment.alarms import AS_IN_PLACE, false_discoveries_below, surely_below, tail_probability
-from cadcam.verify.bodies.look import DOUBTFUL, OF_DISPLACED, Case, Look, elsewhere_by, looked, looked_again, sure
+from cadcam.verify.bodies.findings import DOUBTFUL, OF_DISPLACED, Case, Look, elsewhere_by, looked, looked_again, sure
 from cadcam.verify.bodies.redrawn import off_px
 from cadcam.verify.deviations.astray import Doubt, broken_edges, chances, side_by_side
 from cadcam.verify.deviations.deviation import EdgeDeviation, Extra, FeatureDeviation, State, Unclear

@@ -170,7 +170,7 @@ def _located(arguments: argparse.Namespace, part: Part, shots: Shots, asked: _As
     """Return where the part is, by what was said about it."""
     from cadcam.cli.locating import located
     from cadcam.locate.refine.options import EdgeOptions
-    from cadcam.locate.refine.refine import refine
+    from cadcam.locate.refine.refinement import refine
 
     if not arguments.pose or asked.start is None:
         return located(part, shots, asked.start, asked.freedom)

@@ -16,7 +16,7 @@ from cadcam.arrays import Array, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.quality.absent import LEAST
-from cadcam.locate.quality.quality import ASKED, Lines, with_room
+from cadcam.locate.quality.support import ASKED, Lines, with_room
 
 _OWN_PX, _CELL_PX = 4.0, 2.0  # a line farther than this from all others is its own; to one cell of a raster
 _CLEARLY = 0.4  # by how much larger a share of its own lines the right one must show

@@ -1,7 +1,7 @@
 """What a solution tells: the pose with its covariance, what the photos show of the part there, and the samples.
 
 The covariance is that of noise and of edges that err as a whole, with what the calibration adds; the quality is that of
-`locate.quality.quality`, looked at again without lines that the light hides where it would just not do.
+`locate.quality.support`, looked at again without lines that the light hides where it would just not do.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.color import in_color
 from cadcam.locate.quality.contrast import showing
-from cadcam.locate.quality.quality import Seen, judged
+from cadcam.locate.quality.support import Seen, judged
 from cadcam.locate.refine.solution import LOOSE_PX, Solution
 from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
 

@@ -34,7 +34,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.part import Part
 from cadcam.locate.track.frames import Frame, Frames
-from cadcam.locate.track.track import LoggedFrame, TrackedFrame, Tracker
+from cadcam.locate.track.tracker import LoggedFrame, TrackedFrame, Tracker
 
 FORMAT, VERSION = "cadcam track", 2
 _INPUTS = {  # entries of the head as a caller knows them

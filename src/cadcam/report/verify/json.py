@@ -12,7 +12,7 @@ from cadcam.files.jsontext import or_null, or_nulls
 from cadcam.record.export import record_as_json
 from cadcam.record.record import Deviation, Record, Source
 from cadcam.report.verify.words import assumptions, role, rule_words, weakest_direction
-from cadcam.verify.adjustment.adjustment import CAUSES
+from cadcam.verify.adjustment.datum_fit import CAUSES
 from cadcam.verify.deviations.deviation import EdgeDeviation, Extra, FeatureDeviation
 from cadcam.verify.judge import Verification
 from cadcam.verify.tolerances.tolerance import Quantity

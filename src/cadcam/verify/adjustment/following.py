@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cadcam.arrays import Array, Mask
-from cadcam.verify.adjustment.adjustment import CAUSES, Adjustment, Estimate, FittedPose
+from cadcam.verify.adjustment.datum_fit import CAUSES, Adjustment, Estimate, FittedPose
 
 _ALIKE = 10.0  # steps to a unit normal's component within which grounds are one
 _DIRECTIONS = 200  # of displacements that are asked which sides there are

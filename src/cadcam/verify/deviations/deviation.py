@@ -8,7 +8,7 @@ from enum import Enum
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.verify.adjustment.adjustment import CAUSES, Estimate
+from cadcam.verify.adjustment.datum_fit import CAUSES, Estimate
 from cadcam.verify.edges.presence import Presence
 
 

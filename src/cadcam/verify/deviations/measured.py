@@ -8,7 +8,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask
 from cadcam.errors import DegenerateGeometry
-from cadcam.verify.adjustment.adjustment import CAUSES, Adjustment, Estimate, FittedPose
+from cadcam.verify.adjustment.datum_fit import CAUSES, Adjustment, Estimate, FittedPose
 from cadcam.verify.adjustment.alarms import either, tail_probability
 from cadcam.verify.adjustment.following import following
 from cadcam.verify.adjustment.scatter import EdgeNoise, common_error, improbability, white_scale

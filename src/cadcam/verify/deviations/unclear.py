@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cadcam.verify.adjustment.adjustment import CAUSES
+from cadcam.verify.adjustment.datum_fit import CAUSES
 from cadcam.verify.deviations.deviation import Unclear
 from cadcam.verify.deviations.measured import Displacement, Measured
 from cadcam.verify.edges.presence import Presence

@@ -2,7 +2,7 @@
 
 Lines are drawn with hidden ones removed, pulled onto the photo's steps (`locate.lines.attraction`), the pose is solved
 from the steps near it (`locate.refine.solution`), and believed only where the photo shows far more of the part's edges
-than chance would (`locate.quality.quality`). Where that is in doubt, lines are looked for again: wider, beside the
+than chance would (`locate.quality.support`). Where that is in doubt, lines are looked for again: wider, beside the
 pose, by colour.
 """
 
@@ -25,7 +25,7 @@ from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.color import in_color
-from cadcam.locate.quality.quality import seen
+from cadcam.locate.quality.support import seen
 from cadcam.locate.refine.agreement import SCATTERED_PX, agreed
 from cadcam.locate.refine.answer import DOUBT, location_of, lost
 from cadcam.locate.refine.options import EDGES, EdgeOptions
@@ -60,7 +60,7 @@ def refine(
 
     photos: of one camera, of a rig, or of a moved camera, each with its viewpoint in the world. evidence: points, lines
     or poses of the part that are known by other means. chosen: how many constraints the start meets only because it was
-    the best of many poses in these photos; they prove nothing (`locate.quality.quality`). Where too little is seen to
+    the best of many poses in these photos; they prove nothing (`locate.quality.support`). Where too little is seen to
     determine the pose, the answer has quality 0.
 
     wider: whether other poses are tried where the answer is in doubt. (Where starts are known to be good, leave it out:

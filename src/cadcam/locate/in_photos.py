@@ -15,15 +15,15 @@ from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.location import FOUND, Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality.quality import SEARCHED
+from cadcam.locate.quality.support import SEARCHED
 from cadcam.locate.refine.answer import DOUBT
 from cadcam.locate.refine.basins import Basins
 from cadcam.locate.refine.options import EDGES, EdgeOptions
-from cadcam.locate.refine.refine import Refinement, in_spite_of_noise
+from cadcam.locate.refine.refinement import Refinement, in_spite_of_noise
 from cadcam.locate.rivals import Rivals
 from cadcam.locate.search.approach import REACH, Reach, approach
 from cadcam.locate.search.hypothesis import Hypothesis
-from cadcam.locate.search.search import search_once
+from cadcam.locate.search.without_start import search_once
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 
 _RIVAL = 0.85  # share of the best hypothesis' score that makes another one as good

@@ -17,12 +17,12 @@ from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import FREE, Freedom
-from cadcam.locate.locate import locate
+from cadcam.locate.in_photos import locate
 from cadcam.locate.location import FOUND, Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine.options import EDGES
-from cadcam.locate.refine.refine import refine
+from cadcam.locate.refine.refinement import refine
 from cadcam.locate.track.frames import Frame
 from cadcam.locate.track.motion import MotionFilter
 from cadcam.locate.track.texture import Followed, Texture
